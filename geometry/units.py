@@ -1,0 +1,112 @@
+"""Quantity strings such as ``"5 mm"`` at the edges, SI floats inside."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from pydantic import ValidationInfo
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+
+if TYPE_CHECKING:
+    import pint
+    from pydantic import GetCoreSchemaHandler
+
+_NUMBER_AND_UNIT = re.compile(r"\s*([+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|inf|nan))\s*(.*?)\s*", re.S)
+# pint evaluates its argument, so only names joined by * and / with one-digit powers reach it
+_UNIT = re.compile(r"[A-Za-zµμ°]+(?:\s*(?:\*\*|\^)\s*-?[0-9])?(?:\s*[*/ ]\s*[A-Za-zµμ°]+(?:\s*(?:\*\*|\^)\s*-?[0-9])?)*")
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A physical quantity as a pydantic annotation: text with a unit in files, an SI float in Python.
+
+    Args:
+        name: what it is, for messages ("length").
+        si: its SI unit, as pint reads it.
+        unit: the unit in which it is written and shown.
+        low, high: the bounds, SI; ``low`` itself is excluded where ``above`` is set.
+    """
+
+    name: str
+    si: str
+    unit: str
+    low: float
+    high: float
+    above: bool = False
+
+    @property
+    def allowed(self) -> str:
+        """The range in words, in the unit in which it is shown."""
+        low, high = (f"{shown(bound, self.si, self.unit):.6g} {self.unit}" for bound in (self.low, self.high))
+        return f"a {self.name} with its unit, such as '5 {self.unit}', {'above' if self.above else 'from'} {low}, at most {high}"
+
+    def parse(self, text: str) -> float:
+        """Return the SI value of ``text``; raises ``ValueError`` saying what is wrong with it."""
+        match = _NUMBER_AND_UNIT.fullmatch(text) if len(text) <= 80 else None
+        if match is None:
+            raise ValueError("not a number with a unit")
+        number, unit = match.groups()
+        if not unit:
+            raise ValueError("the unit is missing")
+        return self.checked(float(number) * _factor(unit, self.si))
+
+    def checked(self, value: float) -> float:
+        """Return ``value`` if it lies within the bounds; raises ``ValueError`` otherwise."""
+        # a relative slack of 1e-12 lets a bound pass through a change of unit
+        low = self.low * (1 - math.copysign(1e-12, self.low)) if not self.above else self.low
+        if not math.isfinite(value):
+            raise ValueError("not a finite number")
+        if value < low or (self.above and value == self.low) or value > self.high * (1 + 1e-12):
+            raise ValueError("out of range")
+        return value
+
+    def text(self, value: float) -> str:
+        """Write an SI value so that reading it gives the same float again."""
+        short = f"{shown(value, self.si, self.unit):.12g} {self.unit}"
+        return short if self.parse(short) == value else f"{value!r} {self.si}"
+
+    def _validate(self, value: Any, info: ValidationInfo) -> float:
+        try:
+            if isinstance(value, str):
+                return self.parse(value)
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                raise ValueError("not a quantity")
+            if info.context and info.context.get("units_required"):
+                raise ValueError("the unit is missing")
+            return self.checked(float(value))
+        except (ValueError, OverflowError) as fault:
+            raise PydanticCustomError("quantity", "{allowed} ({why})", {"allowed": self.allowed, "why": str(fault)}) from None
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Tell pydantic how to read and, as JSON, write the quantity."""
+        write = core_schema.plain_serializer_function_ser_schema(self.text, when_used="json-unless-none")
+        return core_schema.with_info_plain_validator_function(self._validate, serialization=write)
+
+
+def shown(value: float, si: str, unit: str) -> float:
+    """Convert an SI value to the unit in which it is shown."""
+    return value / _factor(unit, si)
+
+
+@lru_cache(maxsize=256)
+def _factor(unit: str, si: str) -> float:
+    import pint  # 0.2 s, and only where a unit string is read
+
+    if not _UNIT.fullmatch(unit):
+        raise ValueError(f"{unit!r} is no unit")
+    try:
+        return float(_registry().Quantity(1.0, unit).to(si).magnitude)
+    except (pint.PintError, AttributeError, TypeError, AssertionError):
+        pass
+    raise ValueError(f"{unit!r} is no unit that converts to {si}")
+
+
+@lru_cache(maxsize=1)
+def _registry() -> pint.UnitRegistry[float]:
+    import pint
+
+    return pint.UnitRegistry()

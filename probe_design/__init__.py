@@ -1,0 +1,1 @@
+"""Sensitivity, optimisation, report and command line."""

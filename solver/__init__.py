@@ -1,0 +1,1 @@
+"""A scene in, stresses out: one evaluator per level of fidelity behind one small interface."""
