@@ -163,6 +163,18 @@ class Probe(Frozen):
         """Nominal end area A_1 of the outer block, groove not subtracted."""
         return math.pi * (self.tube_radius - self.hole_radius) * (self.tube_radius + self.hole_radius)
 
+    @property
+    def groove_footprint(self) -> float:
+        """Area that the groove takes from the outer block's film end, m^2: eq. (G1), zero without one.
+
+        Int_{-b}^{b} [sqrt(Ro^2 - y^2) - sqrt(Ri^2 - y^2)] dy with b half the groove's width.
+        """
+        if self.groove is None:
+            return 0.0
+        b = self.groove.width / 2
+        outside, inside = (b * math.sqrt(r * r - b * b) + r * r * math.asin(b / r) for r in (self.tube_radius, self.hole_radius))
+        return outside - inside
+
 
 def mm(length: float) -> Words:
     """Write a length for a message: ``5 mm``."""

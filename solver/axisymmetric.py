@@ -1,0 +1,169 @@
+"""Level 3: finite elements in the meridian plane, refined until the error asked for is reached."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import partial
+from time import perf_counter
+
+import numpy as np
+
+from geometry.errors import Refusal
+from geometry.grading import Floats
+from geometry.meridian import Body, Fineness, Section, Sphere, mesh
+from geometry.probe import Material
+from geometry.scene import Scene
+from solver.base_states import BaseStates, base_states
+from solver.details import details
+from solver.film_forces import FilmForces, outputs
+from solver.quadrilateral import elements
+from solver.result import Result
+
+# order and grading rise together: errors fall by about 5 from one level to the next
+LEVELS = tuple(
+    Fineness(growth, corner, order)
+    for growth, corner, order in ((1.4, 0.05, 3), (1.4, 0.02, 4), (1.2, 0.008, 5), (1.0, 0.003, 6), (0.85, 0.001, 7))
+)
+LEAST_DROP = 4.0  # by which errors are trusted to fall from one level to the next
+HALF_SPACE = 1e4  # radius and depth of what stands for a half-space, in sizes of probe and inclusion
+
+
+@dataclass(frozen=True)
+class Axisymmetric:
+    """Second-order finite elements of the meridian plane: bonded or frictionless, one sphere on the axis at most."""
+
+    name: str = "axisymmetric"
+    summary: str = "2D finite elements; tumour on the probe's axis; 1e-4 to 1e-2 in 0.2 to 10 s"
+
+    def refusal(self, scene: Scene) -> str | None:
+        """Say which kind of thing in the scene is not rotationally symmetric, or None."""
+        at = scene.placement
+        if scene.contact.interface == "unilateral":
+            return "contact.interface = 'unilateral' needs the evaluator contact"
+        if at.tilt != 0:
+            return "placement.tilt other than 0 needs the evaluator solid"
+        if len(scene.inclusion) > 1:
+            return "several inclusions need the evaluator equivalent-inclusion or solid"
+        for body in scene.inclusion:
+            if body.diameter is None:
+                return "an inclusion that is no sphere needs the evaluator equivalent-inclusion or solid"
+            if math.hypot(body.x - at.x, body.y - at.y) > 1e-9 * body.diameter:
+                return "an inclusion off the probe's axis needs the evaluator equivalent-inclusion or solid"
+        return None
+
+    def evaluate(self, scene: Scene, accuracy: float = 0.01) -> Result:
+        """Refine until ratio, stresses and stiffness are within ``accuracy`` and log_sensitivity within 5 times that.
+
+        Raises:
+            Refusal: the scene is of another kind.
+            SolveError: a linear system could not be solved to a small residual.
+        """
+        start = perf_counter()
+        why = self.refusal(scene)
+        if why is not None:
+            raise Refusal("evaluator", self.name, why)
+        films, left_out = converged(scene, accuracy)
+        told = outputs(scene, films)
+        warnings = (*told.pop("warnings"), *left_out)
+        if told["error_estimate"] is None or films.error_under(scene) > accuracy:
+            reached = f"error bounds of {films.error_under(scene):.2g} reached, accuracy {accuracy:g} asked for"
+            warnings = (*warnings, f"{reached}: what stands in the way is listed, or finer meshes are needed")
+        return Result(self.name, perf_counter() - start, **told, warnings=warnings)
+
+
+def converged(scene: Scene, accuracy: float) -> tuple[FilmForces, list[str]]:
+    """Return film forces on the first mesh that meets ``accuracy``, or on the finest, and lines on what was left out."""
+    history: list[list[BaseStates]] = []
+    while True:
+        history.append([_states(scene, section, LEVELS[len(history)]) for section in sections(scene)])
+        films, numerical, left_out = _bounded(scene, history)
+        if len(history) < 2:
+            continue
+        small = films.error_under(scene) <= accuracy or numerical.error_under(scene) <= accuracy / 10
+        if (small and _slope_error(history) <= 5 * accuracy) or len(history) == len(LEVELS):
+            return films, left_out
+
+
+def sections(scene: Scene) -> tuple[Section, ...]:
+    """Return the meridian sections whose film forces bracket the scene's: one if it is rotationally symmetric.
+
+    Material added to the tissue's sides adds energy to every state, so that in the order of
+    symmetric matrices F(inscribed cylinder) <= F <= F(circumscribed cylinder), eq. (A1).
+    """
+    tissue, at, probe = scene.tissue, scene.placement, scene.probe
+    sphere = next((Sphere((body.diameter or 0.0) / 2, body.depth) for body in scene.inclusion), None)
+    if tissue.shape == "cylinder":
+        off = math.hypot(at.x, at.y)
+        radii, depth = sorted({tissue.radius - off, tissue.radius + off}), tissue.depth
+    elif tissue.shape == "block":
+        x, y = abs(at.x), abs(at.y)
+        radii = [min(tissue.length / 2 - x, tissue.breadth / 2 - y), math.hypot(tissue.length / 2 + x, tissue.breadth / 2 + y)]
+        depth = tissue.depth
+    else:
+        size = max(probe.tube_radius, probe.core_height, probe.tube_height, 0.0 if sphere is None else sphere.radius + sphere.depth)
+        radii, depth = [HALF_SPACE * size], HALF_SPACE * size
+    section = partial(
+        Section,
+        probe.inner_radius,
+        probe.hole_radius,
+        probe.tube_radius,
+        probe.core_height,
+        probe.tube_height,
+        tissue_depth=depth,
+        sphere=sphere,
+    )
+    return tuple(section(tissue_radius=radius) for radius in radii)
+
+
+def _states(scene: Scene, section: Section, fineness: Fineness) -> BaseStates:
+    materials: dict[Body, Material] = {Body.TISSUE: scene.tissue, Body.INNER: scene.probe.inner, Body.OUTER: scene.probe.outer}
+    materials |= {Body.INCLUSION: body for body in scene.inclusion}
+    interface = scene.contact.interface
+    assert interface != "unilateral"  # refused above
+    return base_states(elements(mesh(section, fineness), fineness.order), section, materials, interface)
+
+
+def _bounded(scene: Scene, history: list[list[BaseStates]]) -> tuple[FilmForces, FilmForces, list[str]]:
+    """Return film forces with all their errors, the same with the meshes' errors alone, and what was left out."""
+    forces = [np.mean([state.forces for state in states], axis=0) for states in history]
+    slope = np.mean([state.slope for state in history[-1]], axis=0) if scene.target is not None else None
+    numerical = _discretisation(forces) + np.max([state.rounding for state in history[-1]], axis=0)
+    left_out, errors = [], numerical.copy()
+    for name, change in _changes(scene, [state.forces for state in history[-1]], forces[-1]):
+        effect = FilmForces(forces[-1], change).ratio_error
+        left_out.append(f"left out: {name}, changes the ratio by at most about {effect:.2g}, counted in error_estimate")
+        errors += change
+    return FilmForces(forces[-1], errors, slope), FilmForces(forces[-1], numerical), left_out
+
+
+def _discretisation(forces: list[Floats]) -> Floats:
+    """Bound on the last mesh's error, eq. (A2): its change from the mesh before, or a fourth of the change before that.
+
+    Errors fall by about 5 a level, so that the change is about 4 times the error that is left. Each
+    force is bounded on its own, so that changes of opposite sign cannot hide each other.
+    """
+    changes = [np.abs(fine - coarse) for coarse, fine in zip(forces[:-1], forces[1:], strict=True)]
+    faded = [change / LEAST_DROP**age for age, change in enumerate(reversed(changes[-2:]))]
+    return np.asarray(np.max(faded, axis=0)) if faded else np.abs(forces[-1])
+
+
+def _slope_error(history: list[list[BaseStates]]) -> float:
+    """Relative change of log_sensitivity by the last refinement, less the 1e-5 absolute that is always allowed."""
+    last = [FilmForces(states[0].forces, states[0].rounding, states[0].slope).log_sensitivity or 0.0 for states in history[-2:]]
+    change = max(0.0, abs(last[1] - last[0]) - 5e-6)
+    return change / max(abs(last[1]), 1e-300) if change else 0.0
+
+
+def _changes(scene: Scene, bracket: list[Floats], forces: Floats) -> list[tuple[str, Floats]]:
+    """Name what the meridian plane does not show and bound its change of the film forces."""
+    found = [(detail.name, detail.change(forces)) for detail in details(scene.probe)]
+    if len(bracket) == 2:
+        # F lies between the bracket's ends: |F - mean|_ij <= sqrt(d_i d_j), d the diagonal of half the width
+        half = np.sqrt(np.maximum(np.diag(np.abs(bracket[1] - bracket[0])) / 2, 0.0))
+        found.append(("the tissue's sides are not round about the probe's axis", np.outer(half, half)))
+    if scene.tissue.shape == "half-space":
+        found.append((f"the tissue beyond {HALF_SPACE:g} probe sizes", np.abs(forces) / HALF_SPACE))
+    return found
+
+

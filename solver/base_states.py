@@ -1,0 +1,137 @@
+"""The two base states of a scene: the base of one block moved down by one unit, the other held.
+
+Film forces are energies of pairs of states, F_ij = u_i^T K u_j: consistent reactions, which
+converge at twice the rate of the displacements. K is affine in every Young's modulus, so the
+derivative of F_ij by the modulus of a body is the part of that energy inside it (the states are
+their own adjoints).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.linalg import splu
+
+from geometry.errors import SolveError
+from geometry.grading import Floats
+from geometry.meridian import Body, Section
+from geometry.probe import Material
+from solver.quadrilateral import Elements, Ints, lame
+
+NDArrayBool = NDArray[np.bool_]
+LARGEST_RESIDUAL = 1e-9  # relative, row by row; direct solves leave about 1e-14
+
+
+@dataclass(frozen=True)
+class BaseStates:
+    """Film forces per unit displacement of the blocks' bases.
+
+    Attributes:
+        forces: F_ij, force on block i (0 inner, 1 outer) per unit displacement of base j, N/m, shape (2, 2).
+        slope: dF_ij / d ln E of the inclusion, shape (2, 2); zero without one.
+        rounding: bound on what rounding changes in ``forces``, shape (2, 2).
+        unknowns: number of unknowns solved for.
+    """
+
+    forces: Floats
+    slope: Floats
+    rounding: Floats
+    unknowns: int
+
+
+def base_states(
+    grid: Elements, section: Section, materials: Mapping[Body, Material], interface: Literal["bonded", "frictionless"]
+) -> BaseStates:
+    """Solve both base states on one factorisation.
+
+    Raises:
+        SolveError: the residual of the solution is too large to be trusted.
+    """
+    stiffness = _element_stiffness(grid, materials)
+    number = _numbering(grid, interface)
+    dofs = number[grid.functions].reshape(len(grid.functions), -1)
+    matrix = _assemble(stiffness, dofs, number.max() + 1)
+    fixed, moved = _supports(grid, number, section)
+    states = _solve(matrix, fixed, moved)
+    inside = grid.body == Body.INCLUSION
+    local = states[dofs[inside]]  # (elements, dofs, 2)
+    slope = np.einsum("eai,eab,ebj->ij", local, stiffness[inside], local, optimize=True)
+    return BaseStates(states.T @ (matrix @ states), slope, _rounding(matrix, states), matrix.shape[0] - int(fixed.sum()))
+
+
+def _element_stiffness(grid: Elements, materials: Mapping[Body, Material]) -> Floats:
+    moduli, ratios = np.zeros(len(Body)), np.zeros(len(Body))
+    for body, material in materials.items():
+        moduli[body], ratios[body] = material.youngs_modulus, material.poisson_ratio
+    two_mu, lam = lame(moduli[grid.body], ratios[grid.body])
+    return two_mu[:, None, None] * grid.shear + lam[:, None, None] * grid.volume
+
+
+def _numbering(grid: Elements, interface: str) -> Ints:
+    """Number each shape function's u_r and u_z, shape (functions, 2): those that meet on z = 0 share u_z, and u_r where bonded."""
+    on_block = np.zeros(len(grid.degree), dtype=bool)
+    on_block[grid.functions[(grid.body == Body.INNER) | (grid.body == Body.OUTER)]] = True
+    surface = _on(grid, z=0.0)
+
+    def places(functions: NDArrayBool) -> dict[tuple[float, ...], int]:
+        return {(float(grid.degree[k]), *np.sort(grid.ends[k, :, 0]).tolist()): int(k) for k in np.flatnonzero(functions)}
+
+    tissue, owner = places(surface & ~on_block), np.arange(2 * len(on_block)).reshape(-1, 2)
+    for place, k in places(surface & on_block).items():
+        partner = tissue[place]
+        owner[k, 1] = owner[partner, 1]
+        if interface == "bonded":
+            owner[k, 0] = owner[partner, 0]
+    return np.unique(owner, return_inverse=True)[1].reshape(-1, 2)
+
+
+def _on(grid: Elements, z: float | None = None, r: float | None = None) -> NDArrayBool:
+    """The shape functions that do not vanish on a line of constant z or r."""
+    axis, value = (1, z) if r is None else (0, r)
+    return np.asarray(np.all(grid.ends[:, :, axis] == value, axis=1))
+
+
+def _assemble(stiffness: Floats, dofs: Ints, size: int) -> sp.csc_array:
+    width = dofs.shape[1]
+    rows, columns = np.repeat(dofs, width, axis=1).ravel(), np.tile(dofs, (1, width)).ravel()
+    return sp.coo_array((stiffness.ravel(), (rows, columns)), shape=(size, size)).tocsc()
+
+
+def _supports(grid: Elements, number: Ints, section: Section) -> tuple[NDArrayBool, Floats]:
+    """Which dofs are prescribed, shape (dofs,), and their values in both states, shape (dofs, 2)."""
+    fixed, moved = np.zeros(number.max() + 1, dtype=bool), np.zeros((number.max() + 1, 2))
+    fixed[number[_on(grid, r=0.0), 0]] = True
+    fixed[number[_on(grid, z=-section.tissue_depth)]] = True
+    for state, (body, top) in enumerate(((Body.INNER, section.inner_height), (Body.OUTER, section.outer_height))):
+        of_block = np.zeros(len(grid.degree), dtype=bool)
+        of_block[grid.functions[grid.body == body]] = True
+        base = of_block & _on(grid, z=top)
+        fixed[number[base]] = True
+        moved[number[base & (grid.degree == 1), 1], state] = -1.0  # the edges' own functions add nothing to a constant
+    return fixed, moved
+
+
+def _solve(matrix: sp.csc_array, fixed: NDArrayBool, moved: Floats) -> Floats:
+    free = np.flatnonzero(~fixed)
+    rows = matrix[free]
+    factor = splu(rows[:, free].tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    states = moved.copy()
+    for _ in range(2):  # the second pass refines
+        states[free] -= factor.solve(rows @ states)
+    scale = abs(rows) @ np.abs(states)
+    residual = np.max(np.abs(rows @ states) / np.maximum(scale, np.finfo(float).tiny))
+    if not residual <= LARGEST_RESIDUAL:
+        raise SolveError(f"the linear system was not solved: relative residual {residual:.1e}, allowed {LARGEST_RESIDUAL:.0e}")
+    return states
+
+
+def _rounding(matrix: sp.csc_array, states: Floats) -> Floats:
+    """Ten standard deviations of u^T K u when every entry of K carries an independent rounding error."""
+    squares = states**2
+    variance = squares.T @ (matrix.power(2) @ squares)
+    return np.asarray(10 * np.finfo(float).eps * np.sqrt(variance))

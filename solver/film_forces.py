@@ -1,0 +1,117 @@
+"""From film forces per unit displacement to stresses, ratio, sensitivity and their errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from geometry.grading import Floats
+from geometry.scene import Scene
+
+LINEAR_STRAIN = 0.05  # beyond it, linear elasticity is no longer good to about as much
+
+
+@dataclass(frozen=True)
+class FilmForces:
+    """Forces F_ij on film i (0 inner, 1 outer) per unit displacement of base j, with bounds on their errors.
+
+    Attributes:
+        forces: N/m, symmetric, shape (2, 2).
+        errors: absolute, >= 0, shape (2, 2).
+        slope: d forces / d ln E_object, shape (2, 2), or None without a target.
+    """
+
+    forces: Floats
+    errors: Floats
+    slope: Floats | None = None
+
+    @property
+    def totals(self) -> Floats:
+        """Force on each film per unit indentation of the whole base, N/m: eq. (F1), F_i = sum_j F_ij."""
+        return np.asarray(self.forces.sum(axis=1))
+
+    @property
+    def relative_errors(self) -> Floats:
+        """Bounds on the relative errors of both stresses at a given indentation; inf where a total is zero."""
+        with np.errstate(divide="ignore"):
+            return np.asarray(self.errors.sum(axis=1) / np.abs(self.totals))
+
+    @property
+    def log_sensitivity(self) -> float | None:
+        """d ln(F_0 / F_1) / d ln E_object, eq. (F2)."""
+        if self.slope is None:
+            return None
+        inner, outer = self.slope.sum(axis=1) / self.totals
+        return float(inner - outer)
+
+    @property
+    def ratio_error(self) -> float:
+        """Bound on the relative error of the ratio: eq. (F3), (1 + e_0) / (1 - e_1) - 1, inf from e_1 = 1 on."""
+        inner, outer = self.relative_errors
+        return float((1 + inner) / (1 - outer) - 1) if inner < 1 and outer < 1 else np.inf
+
+    @property
+    def stiffness_error(self) -> float:
+        """Bound on the relative error of the total force per indentation."""
+        return float(self.errors.sum() / abs(self.totals.sum()))
+
+    def error_under(self, scene: Scene) -> float:
+        """Largest relative error bound of ratio, both stresses and stiffness at the scene's kind of load."""
+        shared = self.stiffness_error if scene.load.force is not None else 0.0
+        return max(self.ratio_error, float(self.relative_errors.max()) + shared, self.stiffness_error)
+
+
+def outputs(scene: Scene, films: FilmForces) -> dict[str, Any]:
+    """Return the fields of a ``Result`` that follow from film forces, warnings included."""
+    areas = np.array([scene.probe.inner_area, scene.probe.outer_area])
+    indentation = scene.load.indentation
+    if indentation is None:
+        indentation = float((scene.load.force or 0.0) / films.totals.sum())
+    stress = films.totals * indentation / areas
+    film = scene.probe.film
+    charge = stress * areas * film.charge_per_force if film is not None else (None, None)
+    told, reasons = _ratio(scene, films, areas)
+    return {
+        "stress_inner": float(stress[0]),
+        "stress_outer": float(stress[1]),
+        "stiffness": float(films.totals.sum()),
+        "charge_inner": None if charge[0] is None else float(charge[0]),
+        "charge_outer": None if charge[1] is None else float(charge[1]),
+        **told,
+        "warnings": (*reasons, *_beyond_linear(scene, stress, indentation)),
+    }
+
+
+def _ratio(scene: Scene, films: FilmForces, areas: Floats) -> tuple[dict[str, float | None], list[str]]:
+    for name, error in zip(("stress_inner", "stress_outer"), films.relative_errors, strict=True):
+        if error >= 1:
+            told = dict.fromkeys(("ratio", "log_sensitivity", "error_estimate"))
+            return told, [f"ratio, log_sensitivity and error_estimate are null: {name} is below its own error"]
+    reasons = []
+    if films.slope is None:
+        how = "several inclusions and none marked target = true" if scene.inclusion else "the scene has no inclusion"
+        reasons.append(f"log_sensitivity is null: {how}")
+    inner, outer = films.totals / areas
+    return {
+        "ratio": float(inner / outer),
+        "log_sensitivity": films.log_sensitivity,
+        "error_estimate": films.ratio_error,
+    }, reasons
+
+
+def _beyond_linear(scene: Scene, stress: Floats, indentation: float) -> list[str]:
+    probe = scene.probe
+    strains = {
+        "the inner block": abs(stress[0]) / probe.inner.youngs_modulus,
+        "the outer block": abs(stress[1]) / probe.outer.youngs_modulus,
+        "the tissue": indentation / probe.tube_radius,
+    }
+    where, strain = max(strains.items(), key=lambda item: item[1])
+    if strain <= LINEAR_STRAIN:
+        return []
+    return [
+        f"linear elasticity is exact for small loads only: a strain of about {strain:.2g} in {where} is above {LINEAR_STRAIN}; "
+        f"below {LINEAR_STRAIN / strain:.2g} of this load it holds"
+    ]

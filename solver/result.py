@@ -1,0 +1,85 @@
+"""What every evaluator takes and returns."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, Protocol
+
+from geometry.scene import Scene
+
+
+@dataclass(frozen=True)
+class Decision:
+    """One line of the plan: a feature of the scene, whether it is modelled and why.
+
+    Attributes:
+        effect: estimated relative change of the ratio by the feature.
+        tolerance: the relative change that the accuracy asked for allows.
+    """
+
+    feature: str
+    modelled: bool
+    effect: float
+    tolerance: float
+    reason: str
+
+
+@dataclass(frozen=True)
+class Result:
+    """What an evaluator says of a scene, at the scene's load; ``None`` where a warning gives the reason.
+
+    Attributes:
+        stress_inner, stress_outer: force on each film over the block's nominal end area, Pa, compression positive.
+        ratio: ``stress_inner / stress_outer``; at zero load its limit.
+        log_sensitivity: d ln(ratio) / d ln(E_object) of the target inclusion.
+        stiffness: force on the base per indentation, N/m.
+        charge_inner, charge_outer: film charges by the paper's eq. (12), C.
+        error_estimate: bound on the relative error of ``ratio``.
+        evaluator: the level that answered.
+        seconds: what the answer cost.
+        equivalent_modulus: Pa; of ``published`` alone.
+        plan: what was modelled and what was left out.
+        warnings: one line each.
+    """
+
+    evaluator: str
+    seconds: float
+    stress_inner: float | None = None
+    stress_outer: float | None = None
+    ratio: float | None = None
+    log_sensitivity: float | None = None
+    stiffness: float | None = None
+    charge_inner: float | None = None
+    charge_outer: float | None = None
+    error_estimate: float | None = None
+    equivalent_modulus: float | None = None
+    plan: tuple[Decision, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the JSON object of ``probe-design evaluate``."""
+        return asdict(self)
+
+
+class Evaluator(Protocol):
+    """One level of fidelity.
+
+    Attributes:
+        name: as on the command line.
+        summary: one line for ``--help``: what it models, its usual error and cost.
+    """
+
+    name: str
+    summary: str
+
+    def refusal(self, scene: Scene) -> str | None:
+        """Say which *kind* of thing in the scene this level cannot take, or None."""
+        ...
+
+    def evaluate(self, scene: Scene, accuracy: float) -> Result:
+        """Answer to within ``accuracy`` (relative, on ratio, stresses and stiffness), or as well as possible with a warning.
+
+        Raises:
+            Refusal: the scene is of a kind that this level cannot take.
+        """
+        ...

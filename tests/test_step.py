@@ -1,0 +1,393 @@
+"""The STEP files, read by other means than those of ``geometry.step``, against formulas written out here."""
+
+import builtins
+import math
+import re
+import struct
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+from scipy.integrate import quad
+
+from geometry import drawing, solids, step
+from geometry.errors import ExportError, InputError, MissingLibrary
+from geometry.probe import Base, Film, Groove, Material, Probe
+
+RUBBER = Material(youngs_modulus=1e6, poisson_ratio=0.4)
+NAMES = ["inner", "outer", "film-inner", "film-outer", "base"]
+
+
+def make(inner_radius=5e-3, area_ratio=3.7, gap=1e-4, height=5e-3, groove=(2e-3, 1e-3), **others) -> Probe:
+    cut = None if groove is None else Groove(width=groove[0], depth=groove[1])
+    heights = {} if "inner_height" in others else {"height": height}
+    sizes = {} if "outer_radius" in others else {"area_ratio": area_ratio}
+    blocks = {"inner": RUBBER, "outer": RUBBER}
+    return Probe(inner_radius=inner_radius, gap=gap, groove=cut, **heights, **sizes, **blocks, **others)
+
+
+def read(path: Path):
+    """The shape in a STEP file, through the plain reader (``geometry.step`` uses the one with names and colours)."""
+    cq = solids.cadquery()
+    from OCP.STEPControl import STEPControl_Reader
+
+    reader = STEPControl_Reader()
+    assert int(reader.ReadFile(str(path))) == 1
+    reader.TransferRoots()
+    return cq.Shape.cast(reader.OneShape())
+
+
+def numbers(text: str, entity: str, index: int) -> list[float]:
+    """The ``index``-th last number of each entity of that name in STEP text."""
+    return [float(arguments.split(",")[index]) for arguments in re.findall(rf"= {entity}\(([^)]*)\)", text)]
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("step")
+    step.export(make(), folder)
+    return folder
+
+
+class TestFiles:
+    def test_paths_and_nothing_else(self, tmp_path):
+        paths = step.export(make(), tmp_path / "new" / "folder é")
+        assert [path.name for path in paths] == [f"{name}.step" for name in [*NAMES, "assembly"]]
+        assert sorted(paths) == sorted((tmp_path / "new" / "folder é").iterdir())
+
+    @pytest.mark.parametrize("name", [*NAMES, "assembly"])
+    def test_text_declares_millimetres_and_the_part_by_name(self, exported, name):
+        text = (exported / f"{name}.step").read_text()
+        assert text.startswith("ISO-10303-21;")
+        assert text.rstrip().endswith("END-ISO-10303-21;")
+        assert set(re.findall(r"LENGTH_UNIT\(\)[^;]*SI_UNIT\(([^)]*)\)", text)) == {".MILLI.,.METRE."}
+        products = re.findall(r"PRODUCT\('([^']*)'", text)
+        assert sorted(products) == (sorted(["probe", *NAMES]) if name == "assembly" else [name])
+
+    def test_radii_stand_in_the_text(self, exported):
+        # Ro^2 = hole^2 + r2^2 / (A2/A1), in mm
+        outer = math.sqrt(5.1**2 + 25 / 3.7)
+        assert numbers((exported / "inner.step").read_text(), "CYLINDRICAL_SURFACE", -1) == pytest.approx([5.0], rel=1e-12)
+        found = sorted(numbers((exported / "outer.step").read_text(), "CYLINDRICAL_SURFACE", -1))
+        assert found == pytest.approx([5.1, outer], rel=1e-12)
+
+    def test_volumes(self, exported):
+        outer = math.sqrt(5.1**2 + 25 / 3.7)
+        groove = quad(lambda y: math.sqrt(outer**2 - y**2) - math.sqrt(5.1**2 - y**2), -1, 1, epsabs=1e-13)[0]
+        ring = math.pi * (outer**2 - 5.1**2)
+        # defaults of the base: flange 1.25 Ro wide and 0.3 Ro thick, step 0.2 Ro high
+        base = math.pi * outer**3 * (0.2 + 1.25**2 * 0.3)
+        wanted = {"inner": math.pi * 125, "outer": ring * 5 - groove, "film-inner": math.pi * 25 * 0.11}
+        wanted |= {"film-outer": (ring - groove) * 0.11, "base": base}
+        found = {name: read(exported / f"{name}.step").Volume() for name in NAMES}
+        assert found == pytest.approx(wanted, rel=1e-9)
+        assert read(exported / "assembly.step").Volume() == pytest.approx(sum(wanted.values()), rel=1e-9)
+
+    def test_each_file_is_one_valid_closed_solid(self, exported):
+        for name in NAMES:
+            shape = read(exported / f"{name}.step")
+            assert (shape.ShapeType(), shape.isValid(), len(shape.Shells())) == ("Solid", True, 1)
+            assert shape.Shells()[0].wrapped.Closed()
+        whole = read(exported / "assembly.step")
+        assert len(whole.Solids()) == 5
+        assert whole.isValid()
+
+    def test_groove_opens_towards_plus_x_at_the_film_end(self, exported):
+        cq = solids.cadquery()
+        outer = read(exported / "outer.step").Solids()[0]
+        assert not outer.isInside(cq.Vector(5.4, 0, 4.5))
+        assert not outer.isInside(cq.Vector(5.4, 0.99, 4.01))
+        for inside in ((5.4, 0, 3.99), (5.4, 1.01, 4.5), (-5.4, 0, 4.5), (0, 5.4, 4.5)):
+            assert outer.isInside(cq.Vector(*inside))
+        film = read(exported / "film-outer.step").Solids()[0]
+        assert not film.isInside(cq.Vector(5.4, 0, 5.05))
+        assert film.isInside(cq.Vector(-5.4, 0, 5.05))
+
+    def test_distances_between_the_parts_of_the_assembly(self, exported):
+        parts = {solid.Volume(): solid for solid in read(exported / "assembly.step").Solids()}
+        wanted = {name: read(exported / f"{name}.step").Volume() for name in NAMES}
+        inner, outer, film_inner, film_outer, base = (
+            parts[min(parts, key=lambda volume, size=size: abs(volume - size))] for size in wanted.values()
+        )
+        assert inner.distance(outer) == pytest.approx(0.1, rel=1e-6)
+        assert base.distance(inner) == pytest.approx(0.11, rel=1e-6)
+        assert base.distance(outer) == pytest.approx(0.11, rel=1e-6)
+        for touching in ((inner, film_inner), (outer, film_outer), (film_inner, base), (film_outer, base)):
+            assert touching[0].distance(touching[1]) == pytest.approx(0, abs=1e-9)
+            assert touching[0].intersect(touching[1]).Volume() == pytest.approx(0, abs=1e-9)
+
+    def test_assembly_keeps_names_and_colours(self, exported):
+        colours = numbers_of_colours((exported / "assembly.step").read_text())
+        assert sorted(colours) == pytest.approx(sorted(sum(solids.COLOURS.values(), ())), abs=1e-6)
+        from cadquery import Assembly
+
+        back = Assembly.importStep(str(exported / "assembly.step"))
+        found = {child.name: child.color.toTuple()[:3] for child in back.children}
+        assert set(found) == set(NAMES)
+        for name, colour in solids.COLOURS.items():
+            assert found[name] == pytest.approx(colour, abs=1e-6)
+
+
+def test_assembly_in_memory_has_the_same_names_colours_and_volume(exported):
+    whole = solids.assembly(make())
+    assert [part.name for part in whole.children] == NAMES
+    for part in whole.children:
+        assert part.color.toTuple()[:3] == pytest.approx(solids.COLOURS[part.name], abs=1e-6)
+    assert whole.toCompound().Volume() == pytest.approx(read(exported / "assembly.step").Volume(), rel=1e-12)
+
+
+def numbers_of_colours(text: str) -> list[float]:
+    return [float(value) for row in re.findall(r"COLOUR_RGB\('',([^)]*)\)", text) for value in row.split(",")]
+
+
+class TestBase:
+    @pytest.mark.parametrize("core", [2.0e-3, 2.5e-3, 3.5e-3])
+    def test_unequal_heights_put_each_film_on_its_face(self, tmp_path, core):
+        probe = make(inner_radius=2.5e-3, area_ratio=0.12, gap=0.22e-3, groove=None, inner_height=core, outer_height=2.5e-3)
+        step.export(probe, tmp_path)
+        part = {name: read(tmp_path / f"{name}.step") for name in NAMES}
+        assert part["base"].distance(part["film-inner"]) == pytest.approx(0, abs=1e-9)
+        assert part["base"].distance(part["film-outer"]) == pytest.approx(0, abs=1e-9)
+        # the blocks never touch the base: a film's thickness, or half the gap beside the step
+        closest = 0.11
+        assert min(part["base"].distance(part[name]) for name in ("inner", "outer")) == pytest.approx(closest, rel=1e-6)
+
+    def test_heights_that_differ_by_rounding_give_a_flat_base(self, tmp_path):
+        step.export(make(inner_height=5e-3, outer_height=math.nextafter(5e-3, 1)), tmp_path)
+        assert len(read(tmp_path / "base.step").Faces()) == 5
+
+    def test_given_sizes(self, tmp_path):
+        base = Base(rigid=True, flange_radius=9e-3, thickness=3e-3, step_height=2e-3)
+        step.export(make(base=base, film=Film(thickness=50e-6)), tmp_path)
+        box = read(tmp_path / "base.step").BoundingBox(1e-6)
+        assert (box.xmax, box.zmin, box.zmax) == pytest.approx((9, 5.05, 10.05), abs=1e-5)
+
+    def test_flange_as_wide_as_the_tube_is_one_cylinder(self, tmp_path):
+        probe = make(outer_radius=6e-3, base=Base(rigid=True, flange_radius=6e-3))
+        step.export(probe, tmp_path)
+        assert len(read(tmp_path / "base.step").Faces()) == 3
+
+    def test_flange_narrower_than_the_tube_is_refused(self, tmp_path):
+        with pytest.raises(InputError, match=r"^probe\.base\.flange_radius = 5 mm: allowed: at least .* 6 mm$"):
+            step.export(make(outer_radius=6e-3, base=Base(rigid=True, flange_radius=5e-3)), tmp_path)
+        assert list(tmp_path.iterdir()) == []
+
+
+class TestFootprint:
+    @pytest.mark.parametrize("width", [1e-6, 2e-3, 10e-3, 10.1999e-3])
+    @pytest.mark.parametrize("ratio", [0.02, 3.7, 50])
+    def test_against_quadrature(self, width, ratio):
+        probe = make(area_ratio=ratio, groove=(width, 1e-3))
+        hole, tube, a = probe.hole_radius * 1e3, probe.tube_radius * 1e3, width * 1e3 / 2
+
+        def chord(angle):  # y = a sin(angle) takes the root's singularity at the hole's edge away
+            y = a * math.sin(angle)
+            return (math.sqrt(tube**2 - y**2) - math.sqrt(hole**2 - y**2)) * a * math.cos(angle)
+
+        wanted = quad(chord, -math.pi / 2, math.pi / 2, epsabs=0, epsrel=1e-11)[0] * 1e-6
+        assert solids.groove_footprint(probe) == pytest.approx(wanted, rel=1e-9)
+
+    def test_none_without_groove(self):
+        assert solids.groove_footprint(make(groove=None)) == 0
+
+
+class TestExtremes:
+    @pytest.mark.parametrize("radius", [1e-4, 5e-2])
+    @pytest.mark.parametrize("gap", [1e-6, 5e-3])
+    @pytest.mark.parametrize(("slenderness", "ratio"), [(0.02, 0.02), (20, 50), (0.02, 50), (20, 0.02)])
+    def test_probes_at_the_ends_of_their_ranges(self, tmp_path, radius, gap, slenderness, ratio):
+        height, hole = slenderness * radius, radius + gap
+        probe = make(radius, ratio, gap, height, groove=(1.999 * hole, 0.999 * height))
+        step.export(probe, tmp_path)
+        tube2 = hole**2 + radius**2 / ratio
+        assert read(tmp_path / "inner.step").Volume() == pytest.approx(math.pi * radius**2 * height * 1e9, rel=1e-6)
+        groove = solids.groove_footprint(probe) * 0.999 * height
+        wanted = (math.pi * (tube2 - hole**2) * height - groove) * 1e9
+        assert read(tmp_path / "outer.step").Volume() == pytest.approx(wanted, rel=1e-6)
+
+    def test_groove_almost_as_wide_as_the_hole(self, tmp_path):
+        # the corner on the hole's wall lies at x = Ri sqrt(2e-9): found by OCC it was off by 1e-4 mm
+        step.export(make(groove=(2 * 5.1e-3 * (1 - 1e-9), 2e-3)), tmp_path)
+        assert read(tmp_path / "film-outer.step").isValid()
+
+    @pytest.mark.parametrize("depth", [5e-3 * (1 - 1e-9), 1e-11])
+    def test_below_the_modellers_tolerance_it_fails_loudly(self, tmp_path, depth):
+        with pytest.raises(ExportError, match=r"outer") as fault:
+            step.export(make(groove=(2e-3, depth)), tmp_path)
+        assert "\n" not in str(fault.value)
+        assert list(tmp_path.iterdir()) == []
+
+
+def tamper(monkeypatch, name, change):
+    """Export with one builder working from other parameters than the checks."""
+    built = getattr(solids, name)
+    monkeypatch.setattr(solids, name, lambda probe: change(built, probe))
+
+
+def wider(**changes):
+    return lambda built, probe: built(probe.model_copy(update=changes))
+
+
+class TestTampering:
+    @pytest.mark.parametrize(
+        ("builder", "change", "message"),
+        [
+            ("inner_block", wider(inner_radius=5e-3 * (1 + 3e-6)), r"^inner\.step: volume = 392\.70\d*, expected 392\.69\d*"),
+            ("inner_block", wider(height=5e-3 * (1 - 3e-6)), r"^inner\.step: volume"),
+            ("outer_block", wider(gap=1e-4 * (1 + 1e-3)), r"^outer\.step: "),
+            ("outer_block", wider(groove=None), r"^outer\.step: number of ends = 2, expected 3"),
+            ("outer_block", wider(groove=Groove(width=2e-3, depth=1.1e-3)), r"^outer\.step: volume"),
+            (
+                "outer_block",
+                lambda built, probe: built(probe).mirror("YZ"),
+                r"^outer\.step: middle x of the groove's side = -5\.\d+",
+            ),
+            ("inner_film", wider(film=Film(thickness=111e-6)), r"^film-inner\.step: volume"),
+            ("outer_film", wider(groove=None), r"^film-outer\.step: number of walls = 0, expected 2"),
+            ("base", wider(base=Base(rigid=True, thickness=9e-3)), r"^base\.step: volume"),
+            (
+                "inner_block",
+                lambda built, probe: built(probe).translate((1e-6, 0, 0)),
+                r"inner: distance of its axis from z = 1e-06",
+            ),
+            ("inner_block", lambda built, probe: built(probe).translate((0, 0, 1e-3)), r"^inner\.step: z of the face at 0 mm"),
+            ("inner_block", lambda built, probe: built(probe).Shells()[0], r"^inner\.step: shape = Shell"),
+        ],
+    )
+    def test_wrong_part_fails_and_leaves_the_old_files(self, tmp_path, monkeypatch, builder, change, message):
+        (tmp_path / "inner.step").write_text("old")
+        tamper(monkeypatch, builder, change)
+        with pytest.raises(ExportError, match=message) as fault:
+            step.export(make(), tmp_path)
+        assert "\n" not in str(fault.value)
+        assert [path.name for path in tmp_path.iterdir()] == ["inner.step"]
+        assert (tmp_path / "inner.step").read_text() == "old"
+
+    def test_wrong_unit(self, tmp_path, monkeypatch):
+        written = step._write
+
+        def in_metres(shapes, path):
+            written(shapes, path)
+            path.write_text(path.read_text().replace(".MILLI.,.METRE.", "$,.METRE."))
+
+        monkeypatch.setattr(step, "_write", in_metres)
+        with pytest.raises(ExportError, match=r"^inner\.step: unit = \$,\.METRE\., expected \.MILLI\.,\.METRE\.$"):
+            step.export(make(), tmp_path)
+        assert list(tmp_path.iterdir()) == []
+
+    def test_assembly_with_parts_inside_each_other(self, tmp_path, monkeypatch):
+        monkeypatch.setattr(step, "_check_body", lambda where, shape, expected: expected)
+        tamper(monkeypatch, "inner_block", wider(inner_radius=5.2e-3))
+        with pytest.raises(ExportError, match=r"^assembly\.step: inner and outer: common volume = [1-9]"):
+            step.export(make(), tmp_path)
+        assert list(tmp_path.iterdir()) == []
+
+    def test_assembly_with_a_part_lost(self, tmp_path, monkeypatch):
+        monkeypatch.setattr(step, "_write", writer_without_base(step._write))
+        with pytest.raises(ExportError, match=r"^assembly\.step: parts = .*'probe/film-outer'\], expected .*'probe/base'\]$"):
+            step.export(make(), tmp_path)
+        assert list(tmp_path.iterdir()) == []
+
+
+def writer_without_base(written):
+    def write(shapes, path):
+        written({name: shapes[name] for name in shapes if name != "base" or len(shapes) == 1}, path)
+
+    return write
+
+
+class TestInterruption:
+    @pytest.mark.parametrize("name", ["inner.step", "assembly.step"])
+    def test_ctrl_c_while_writing_leaves_the_old_file(self, tmp_path, monkeypatch, name):
+        (tmp_path / name).write_text("old")
+        written = step._write
+
+        def interrupted(shapes, path):
+            written(shapes, path)
+            if path.name == name:
+                raise KeyboardInterrupt
+
+        monkeypatch.setattr(step, "_write", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            step.export(make(), tmp_path)
+        assert [path.name for path in tmp_path.iterdir()] == [name]
+        assert (tmp_path / name).read_text() == "old"
+
+    def test_modellers_exception_becomes_one_line(self, tmp_path, monkeypatch):
+        def failing(probe):
+            return solids.cadquery().Edge.makeCircle(-1.0)
+
+        monkeypatch.setattr(solids, "inner_film", failing)
+        with pytest.raises(ExportError, match=r"^film-inner: the modeller fails: Standard_ConstructionError") as fault:
+            step.export(make(), tmp_path)
+        assert "\n" not in str(fault.value)
+
+    def test_stdout_stays_clean_where_occ_is_talkative(self, tmp_path, capfd):
+        solids.cadquery()
+        from OCP.Message import Message, Message_Gravity
+
+        printers = list(Message.DefaultMessenger_s().Printers())
+        assert printers
+        levels = [printer.GetTraceLevel() for printer in printers]
+        try:
+            for printer in printers:  # as OCC has it by itself; cadquery 2.8 turns it down, earlier ones do not
+                printer.SetTraceLevel(Message_Gravity.Message_Trace)
+            step.export(make(), tmp_path)
+            drawing.draw(make(), tmp_path / "probe.png")
+        finally:
+            for printer, level in zip(printers, levels, strict=True):
+                printer.SetTraceLevel(level)
+        assert capfd.readouterr() == ("", "")
+        assert len(list(Message.DefaultMessenger_s().Printers())) == len(printers)
+
+
+class TestMissingLibrary:
+    def test_message_names_the_package(self, tmp_path, monkeypatch):
+        imported = builtins.__import__
+
+        def without_gl(name, *arguments, **options):
+            if name == "cadquery":
+                raise ImportError("libGL.so.1: cannot open shared object file: No such file or directory")
+            return imported(name, *arguments, **options)
+
+        monkeypatch.delitem(sys.modules, "cadquery", raising=False)
+        monkeypatch.setattr(builtins, "__import__", without_gl)
+        for use in (lambda: step.export(make(), tmp_path), lambda: drawing.draw(make(), tmp_path / "probe.png")):
+            with pytest.raises(MissingLibrary, match=r"libGL\.so\.1.*apt install libgl1") as fault:
+                use()
+            assert "\n" not in str(fault.value)
+        assert list(tmp_path.iterdir()) == []
+
+
+class TestDrawing:
+    def test_png_of_its_size_written_whole(self, tmp_path):
+        path = drawing.draw(make(inner_height=5e-3, outer_height=6e-3), tmp_path / "probe.png")
+        data = path.read_bytes()
+        assert data[:8] == b"\x89PNG\r\n\x1a\n"
+        assert struct.unpack(">II", data[16:24]) == (2400, 1350)
+        assert list(tmp_path.iterdir()) == [path]
+
+    @pytest.mark.parametrize(("gap", "height", "groove"), [(1e-6, 0.1e-3, None), (5e-3, 100e-3, (5e-3, 50e-3))])
+    def test_extremes(self, tmp_path, gap, height, groove):
+        drawing.draw(make(gap=gap, height=height, groove=groove), tmp_path / "probe.png")
+
+    def test_outlines_enclose_the_area_that_the_solids_have_in_the_plane(self):
+        probe = make(inner_height=4e-3, outer_height=5e-3)
+        cq = solids.cadquery()
+        plane = cq.Face.makePlane(100, 100, (0, 0, 0), (0, 1, 0))
+        for name, polygons in drawing.outlines(probe).items():
+            area = sum(abs(sum(a * d - b * c for (a, b), (c, d) in zip(p, p[1:] + p[:1], strict=True))) / 2 for p in polygons)
+            assert area == pytest.approx(plane.intersect(solids.parts(probe)[name]).Area(), rel=1e-9), name
+
+    @pytest.mark.parametrize(
+        ("length", "text"), [(5.0, "5"), (11.44849, "11.4485"), (0.001, "0.001"), (0.0001, "0.0001"), (100.0, "100")]
+    )
+    def test_numbers(self, length, text):
+        assert drawing.number(length) == text
+
+
+def test_no_draft_folders_in_the_system_folder(tmp_path):
+    before = set(Path(tempfile.gettempdir()).glob(".*.step.*"))
+    step.export(make(), tmp_path)
+    assert set(Path(tempfile.gettempdir()).glob(".*.step.*")) == before
