@@ -13,26 +13,27 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Feature:
-    """An interval [low, high] near which cells are no larger than ``growth * (distance + size)``."""
+    """An interval [low, high] near which cells are no larger than ``growth * (rate * distance + size)``."""
 
     low: float
     high: float
     size: float
+    rate: float = 1.0
 
     @classmethod
-    def point(cls, at: float, size: float) -> Feature:
+    def point(cls, at: float, size: float, rate: float = 1.0) -> Feature:
         """Return a feature at one point."""
-        return cls(at, at, size)
+        return cls(at, at, size, rate)
 
     def cell_size(self, x: Floats) -> Floats:
         """Cell size per unit growth at the points ``x``."""
-        return np.maximum(np.maximum(self.low - x, x - self.high), 0.0) + self.size
+        return self.rate * np.maximum(np.maximum(self.low - x, x - self.high), 0.0) + self.size
 
 
 def graded(breaks: Sequence[float], features: Sequence[Feature], growth: float) -> Floats:
     """Return increasing nodes on ``breaks[0] .. breaks[-1]`` that contain every break exactly.
 
-    Cells follow h(x) = growth * min over features of (distance + size) by equidistributing the
+    Cells follow h(x) = growth * min over features of (rate * distance + size) by equidistributing the
     integral of 1/h between consecutive breaks, so their number grows with the logarithm of the scales.
     """
     pieces = [_piece(low, high, features, growth)[:-1] for low, high in zip(breaks[:-1], breaks[1:], strict=True)]

@@ -22,6 +22,8 @@ import numpy as np
 
 from geometry.grading import Feature, Floats, graded, with_midpoints
 
+SPHERE_CELL = 0.4  # cells near the sphere per unit growth, in its radii
+
 
 class Body(IntEnum):
     """The bodies of the meridian plane."""
@@ -118,9 +120,10 @@ def _columns(section: Section, fineness: Fineness) -> Floats:
     if section.sphere is not None:
         box = _Box.around(section.sphere, section)
         breaks.add(box.right)
-        features.append(Feature(0.0, box.right, 0.6 * section.sphere.radius))
-        # between a sphere and a plane near it the field varies over sqrt(clearance * radius)
-        features += [Feature.point(0.0, np.sqrt(gap * section.sphere.radius)) for gap in (box.cover, box.clearance)]
+        features.append(Feature(0.0, box.right, SPHERE_CELL * section.sphere.radius))
+        # between a sphere and a plane near it the field varies over sqrt(clearance * radius), and
+        # the parabolas that stand for arcs have to follow the sphere to a small part of the clearance
+        features += [Feature.point(0.0, 0.5 * np.sqrt(gap * section.sphere.radius), 0.5) for gap in (box.cover, box.clearance)]
     return graded(sorted(breaks), features, fineness.growth)
 
 
@@ -132,7 +135,7 @@ def _rows(low: float, high: float, section: Section, fineness: Fineness) -> Floa
     ]
     if section.sphere is not None:
         box = _Box.around(section.sphere, section)
-        features.append(Feature(box.low, box.high, 0.6 * section.sphere.radius))
+        features.append(Feature(box.low, box.high, SPHERE_CELL * section.sphere.radius))
     return graded([low, high], features, fineness.growth)
 
 

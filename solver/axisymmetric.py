@@ -128,29 +128,31 @@ def _bounded(scene: Scene, history: list[list[BaseStates]]) -> tuple[FilmForces,
     """Return film forces with all their errors, the same with the meshes' errors alone, and what was left out."""
     forces = [np.mean([state.forces for state in states], axis=0) for states in history]
     slope = np.mean([state.slope for state in history[-1]], axis=0) if scene.target is not None else None
-    numerical = _discretisation(forces) + np.max([state.rounding for state in history[-1]], axis=0)
+    numerical = _discretisation(forces) + np.max([state.rounding.sum(axis=1) for state in history[-1]], axis=0)
     left_out, errors = [], numerical.copy()
     for name, change in _changes(scene, [state.forces for state in history[-1]], forces[-1]):
-        effect = FilmForces(forces[-1], change).ratio_error
+        effect = FilmForces(forces[-1], change.sum(axis=1)).ratio_error
         left_out.append(f"left out: {name}, changes the ratio by at most about {effect:.2g}, counted in error_estimate")
-        errors += change
+        errors += change.sum(axis=1)
     return FilmForces(forces[-1], errors, slope), FilmForces(forces[-1], numerical), left_out
 
 
 def _discretisation(forces: list[Floats]) -> Floats:
-    """Bound on the last mesh's error, eq. (A2): its change from the mesh before, or a fourth of the change before that.
+    """Bound on the error of the last mesh's total forces, shape (2,), eq. (A2).
 
-    Errors fall by about 5 a level, so that the change is about 4 times the error that is left. Each
-    force is bounded on its own, so that changes of opposite sign cannot hide each other.
+    Errors fall by about 5 a level, so that the change from the mesh before is about 4 times the
+    error that is left; a fourth of the change before that guards against a change that is small by
+    chance, and a tenth of the single forces' changes against changes that cancel in their sum.
     """
-    changes = [np.abs(fine - coarse) for coarse, fine in zip(forces[:-1], forces[1:], strict=True)]
-    faded = [change / LEAST_DROP**age for age, change in enumerate(reversed(changes[-2:]))]
-    return np.asarray(np.max(faded, axis=0)) if faded else np.abs(forces[-1])
+    changes = [fine - coarse for coarse, fine in zip(forces[:-1], forces[1:], strict=True)]
+    sizes = [np.abs(change.sum(axis=1)) + 0.1 * np.abs(change).sum(axis=1) for change in changes[-2:]]
+    faded = [size / LEAST_DROP**age for age, size in enumerate(reversed(sizes))]
+    return np.asarray(np.max(faded, axis=0)) if faded else np.abs(forces[-1]).sum(axis=1)
 
 
 def _slope_error(history: list[list[BaseStates]]) -> float:
     """Relative change of log_sensitivity by the last refinement, less the 1e-5 absolute that is always allowed."""
-    last = [FilmForces(states[0].forces, states[0].rounding, states[0].slope).log_sensitivity or 0.0 for states in history[-2:]]
+    last = [FilmForces(states[0].forces, states[0].rounding[0], states[0].slope).log_sensitivity or 0.0 for states in history[-2:]]
     change = max(0.0, abs(last[1] - last[0]) - 5e-6)
     return change / max(abs(last[1]), 1e-300) if change else 0.0
 

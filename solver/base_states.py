@@ -53,15 +53,28 @@ def base_states(
         SolveError: the residual of the solution is too large to be trusted.
     """
     stiffness = _element_stiffness(grid, materials)
+    condensed, recovery = _condensed(stiffness, 2 * grid.skeleton)
     number = _numbering(grid, interface)
-    dofs = number[grid.functions].reshape(len(grid.functions), -1)
-    matrix = _assemble(stiffness, dofs, number.max() + 1)
+    dofs = number[grid.functions[:, : grid.skeleton]].reshape(len(condensed), -1)
+    matrix = _assemble(condensed, dofs, number.max() + 1)
     fixed, moved = _supports(grid, number, section)
     states = _solve(matrix, fixed, moved)
     inside = grid.body == Body.INCLUSION
-    local = states[dofs[inside]]  # (elements, dofs, 2)
+    edge = states[dofs[inside]]  # (elements, dofs, 2)
+    local = np.concatenate([edge, recovery[inside] @ edge], axis=1)
     slope = np.einsum("eai,eab,ebj->ij", local, stiffness[inside], local, optimize=True)
     return BaseStates(states.T @ (matrix @ states), slope, _rounding(matrix, states), matrix.shape[0] - int(fixed.sum()))
+
+
+def _condensed(stiffness: Floats, edge: int) -> tuple[Floats, Floats]:
+    """Eliminate each element's inside, whose dofs come after its first ``edge``.
+
+    Returns the condensed matrices and what gives the inside from the edge: inside = recovery @ edge.
+    """
+    inside = stiffness[:, edge:, edge:]
+    recovery = -np.linalg.solve(inside, stiffness[:, edge:, :edge])
+    condensed = stiffness[:, :edge, :edge] + stiffness[:, :edge, edge:] @ recovery
+    return (condensed + condensed.transpose(0, 2, 1)) / 2, recovery
 
 
 def _element_stiffness(grid: Elements, materials: Mapping[Body, Material]) -> Floats:
@@ -73,9 +86,12 @@ def _element_stiffness(grid: Elements, materials: Mapping[Body, Material]) -> Fl
 
 
 def _numbering(grid: Elements, interface: str) -> Ints:
-    """Number each shape function's u_r and u_z, shape (functions, 2): those that meet on z = 0 share u_z, and u_r where bonded."""
+    """Number the u_r and u_z of each shape function on corners and edges, shape (functions, 2): those that meet on z = 0 share u_z, and u_r where bonded.
+
+    Functions of elements' insides, which are eliminated, have none.
+    """
     on_block = np.zeros(len(grid.degree), dtype=bool)
-    on_block[grid.functions[(grid.body == Body.INNER) | (grid.body == Body.OUTER)]] = True
+    on_block[grid.functions[(grid.body == Body.INNER) | (grid.body == Body.OUTER), : grid.skeleton]] = True
     surface = _on(grid, z=0.0)
 
     def places(functions: NDArrayBool) -> dict[tuple[float, ...], int]:
@@ -109,7 +125,7 @@ def _supports(grid: Elements, number: Ints, section: Section) -> tuple[NDArrayBo
     fixed[number[_on(grid, z=-section.tissue_depth)]] = True
     for state, (body, top) in enumerate(((Body.INNER, section.inner_height), (Body.OUTER, section.outer_height))):
         of_block = np.zeros(len(grid.degree), dtype=bool)
-        of_block[grid.functions[grid.body == body]] = True
+        of_block[grid.functions[grid.body == body, : grid.skeleton]] = True
         base = of_block & _on(grid, z=top)
         fixed[number[base]] = True
         moved[number[base & (grid.degree == 1), 1], state] = -1.0  # the edges' own functions add nothing to a constant

@@ -15,11 +15,11 @@ LINEAR_STRAIN = 0.05  # beyond it, linear elasticity is no longer good to about 
 
 @dataclass(frozen=True)
 class FilmForces:
-    """Forces F_ij on film i (0 inner, 1 outer) per unit displacement of base j, with bounds on their errors.
+    """Forces F_ij on film i (0 inner, 1 outer) per unit displacement of base j, with bounds on what they add up to.
 
     Attributes:
         forces: N/m, symmetric, shape (2, 2).
-        errors: absolute, >= 0, shape (2, 2).
+        errors: bounds on the errors of ``totals``, N/m, >= 0, shape (2,).
         slope: d forces / d ln E_object, shape (2, 2), or None without a target.
     """
 
@@ -36,7 +36,7 @@ class FilmForces:
     def relative_errors(self) -> Floats:
         """Bounds on the relative errors of both stresses at a given indentation; inf where a total is zero."""
         with np.errstate(divide="ignore"):
-            return np.asarray(self.errors.sum(axis=1) / np.abs(self.totals))
+            return np.asarray(self.errors / np.abs(self.totals))
 
     @property
     def log_sensitivity(self) -> float | None:

@@ -27,13 +27,14 @@ CHUNK = 200  # elements integrated at once, which bounds the memory
 class Elements:
     """Elements with their numbering and the parts of their stiffness that do not depend on moduli.
 
-    ``s`` is the number of shape functions of an element, (p+1)^2.
+    ``s`` is the number of shape functions of an element, (p+1)^2; the first 4 p of them, its
+    ``skeleton``, belong to corners and edges, and they come first in the whole numbering too.
 
     Attributes:
         functions: element to shape function numbers, shape (n, s); blocks and tissue have their own on z = 0.
-        ends: the two ends (r, z) of the edge that a shape function belongs to, twice the same point
-            for a corner, NaN in an element's inside; m, shape (functions, 2, 2).
-        degree: 1 for a corner's function, 2 to p on an edge, 0 inside; shape (functions,).
+        ends: the two ends (r, z) of the edge that a skeleton function belongs to, twice the same point
+            for a corner; m, shape (skeleton functions, 2, 2).
+        degree: 1 for a corner's function, 2 to p on an edge; shape (skeleton functions,).
         shear: stiffness per unit 2 mu, shape (n, 2 s, 2 s), in m; dofs in the order u_r, u_z of each function.
         volume: stiffness per unit lambda, likewise.
         body: the body of each element, shape (n,).
@@ -45,6 +46,11 @@ class Elements:
     shear: Floats
     volume: Floats
     body: Ints
+
+    @property
+    def skeleton(self) -> int:
+        """Number of shape functions on an element's corners and edges, 4 p."""
+        return 4 * int(self.degree.max())
 
 
 def elements(mesh: MeridianMesh, order: int) -> Elements:
@@ -81,7 +87,8 @@ def _skfem_mesh(mesh: MeridianMesh) -> skfem.MeshQuad2:
 def _places(basis: Any, order: int) -> tuple[Floats, Ints]:
     """Where each shape function lives, and its degree along its edge."""
     corners = basis.mesh.p.T
-    ends, degree = np.full((basis.N, 2, 2), np.nan), np.zeros(basis.N, dtype=np.int64)
+    size = basis.nodal_dofs.size + basis.facet_dofs.size
+    ends, degree = np.zeros((size, 2, 2)), np.zeros(size, dtype=np.int64)
     ends[basis.nodal_dofs[0]] = corners[: basis.nodal_dofs.shape[1], None]
     degree[basis.nodal_dofs[0]] = 1
     for k in range(order - 1):
