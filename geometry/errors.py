@@ -34,7 +34,7 @@ class InputError(ProbeError, ValueError):
         super().__init__(_one_line(f"{key} = {_short(value)}: allowed: {allowed}"))
 
 
-class Refusal(InputError):
+class Refusal(InputError):  # noqa: N818 - the error is the scene's, not the program's
     """A scene that an evaluator cannot take; ``allowed`` says which can."""
 
 
@@ -46,7 +46,7 @@ class ExportError(ProbeError):
     """A part that, read back from its file, is not what the parameters say."""
 
 
-class MissingLibrary(ProbeError):
+class MissingLibrary(ProbeError):  # noqa: N818 - says what is missing
     """A system library that a dependency needs; the text names the package to install."""
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +37,7 @@ def graded(breaks: Sequence[float], features: Sequence[Feature], growth: float) 
     Cells follow h(x) = growth * min over features of (rate * distance + size) by equidistributing the
     integral of 1/h between consecutive breaks, so their number grows with the logarithm of the scales.
     """
-    pieces = [_piece(low, high, features, growth)[:-1] for low, high in zip(breaks[:-1], breaks[1:], strict=True)]
+    pieces = [_piece(low, high, features, growth)[:-1] for low, high in pairwise(breaks)]
     return np.concatenate([*pieces, [breaks[-1]]])
 
 

@@ -1,13 +1,13 @@
-"""Block-structured quadrilateral meshes of the meridian half-plane r >= 0, z <= 0 in the tissue.
+r"""Block-structured quadrilateral meshes of the meridian half-plane r >= 0, z <= 0 in the tissue.
 
 Tissue is cut into a strip under the surface, a box around the sphere and the rest. All
 lines in the box are rays from the sphere's centre, so no cell can turn inside out:
 
     z = 0    +-----------------------------+      strip: as thick as the cover allows
              +---------+-------------------+
-             |\\  top  /|                   |
-             | (sphere) side    right       |      box: three ring blocks outside the
-             |/ bottom\\|                   |      sphere, three inside, a core in the middle
+             |\  top  /|                   |
+             | (sphere) side   right       |      box: three ring blocks outside the
+             |/ bottom\|                   |      sphere, three inside, a core in the middle
              +---------+-------------------+
              |           bottom            |
     z = -H   +-----------------------------+
@@ -140,7 +140,8 @@ def _rows(low: float, high: float, section: Section, fineness: Fineness) -> Floa
 
 
 def _blocks(section: Section, fineness: Fineness, columns: Floats) -> list[Part]:
-    inner, outer = columns[columns <= section.inner_radius], columns[(columns >= section.hole_radius) & (columns <= section.tube_radius)]
+    inner = columns[columns <= section.inner_radius]
+    outer = columns[(columns >= section.hole_radius) & (columns <= section.tube_radius)]
     at_core, at_hole, at_edge = section.corner_scales
     sides = ((Body.INNER, inner, section.inner_height, at_core), (Body.OUTER, outer, section.outer_height, min(at_hole, at_edge)))
     parts = []
@@ -154,9 +155,8 @@ def _tissue(section: Section, fineness: Fineness, columns: Floats) -> list[Part]
     if section.sphere is None:
         return [(Body.TISSUE, _tensor(columns, _rows(-section.tissue_depth, 0.0, section, fineness)))]
     box = _Box.around(section.sphere, section)
-    strip, middle, bottom = (
-        _rows(low, high, section, fineness) for low, high in ((box.high, 0.0), (box.low, box.high), (-section.tissue_depth, box.low))
-    )
+    rooms = ((box.high, 0.0), (box.low, box.high), (-section.tissue_depth, box.low))
+    strip, middle, bottom = (_rows(low, high, section, fineness) for low, high in rooms)
     beside = columns[columns >= box.right]
     tissue = [_tensor(columns, strip), _tensor(beside, middle), _tensor(columns, bottom)]
     within = with_midpoints(columns[columns <= box.right])

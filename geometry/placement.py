@@ -66,7 +66,9 @@ def lateral_reach(body: Inclusion, samples: int = 720) -> float:
     q = shape_matrix(body)
     angles = (2 * math.pi * k / samples for k in range(samples))
     directions = ((math.cos(angle), math.sin(angle)) for angle in angles)
-    return max(n * body.x + m * body.y + math.sqrt(n * n * q[0][0] + 2 * n * m * q[0][1] + m * m * q[1][1]) for n, m in directions)
+    return max(
+        n * body.x + m * body.y + math.sqrt(n * n * q[0][0] + 2 * n * m * q[0][1] + m * m * q[1][1]) for n, m in directions
+    )
 
 
 def _check_probe(scene: Scene) -> None:
@@ -74,7 +76,10 @@ def _check_probe(scene: Scene) -> None:
     if tissue.shape == "cylinder":
         rooms = [("tissue.radius", tissue.radius, math.hypot(at.x, at.y) + reach)]
     elif tissue.shape == "block":
-        rooms = [("tissue.length", tissue.length, 2 * (abs(at.x) + reach)), ("tissue.breadth", tissue.breadth, 2 * (abs(at.y) + reach))]
+        rooms = [
+            ("tissue.length", tissue.length, 2 * (abs(at.x) + reach)),
+            ("tissue.breadth", tissue.breadth, 2 * (abs(at.y) + reach)),
+        ]
     else:
         rooms = []
     for key, room, used in rooms:

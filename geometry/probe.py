@@ -35,10 +35,15 @@ class Material(Frozen):
 
 
 class Base(Frozen):
-    """The base that both blocks hang under: a step below a wider flange.
+    """The base that both blocks hang under: a step as wide as the probe below a wider flange.
 
-    Rigid, or elastic with a modulus and a Poisson ratio. The dimensions serve the
-    CAD model; left out, they follow from the probe (see ``Probe.base_sizes``).
+    Rigid, or elastic with a modulus and a Poisson ratio. The dimensions serve the CAD model;
+    left out, they follow from the probe (see ``geometry.solids.base_sizes``).
+
+    Attributes:
+        flange_radius: at least the probe's outer radius.
+        thickness: of the flange.
+        step_height: from the upper face of the higher of the two films to the flange's lower face.
     """
 
     rigid: bool = False
@@ -70,6 +75,7 @@ class Film(Frozen):
 
     The defaults are the paper's: 110 um (section 2.1), Table 1 for ``d31``, ``d32``, ``d33``. It
     gives no ``psi1``, ``psi2`` of eq. (12): zero means that lateral stresses add no charge.
+    The adhesive counts in the solvers only: it is not part of the CAD model's stack.
     """
 
     thickness: Length = 110e-6
@@ -165,15 +171,18 @@ class Probe(Frozen):
 
     @property
     def groove_footprint(self) -> float:
-        """Area that the groove takes from the outer block's film end, m^2: eq. (G1), zero without one.
+        """Area in m^2 that the groove takes from the outer block's film end: eq. (G1); zero without a groove.
 
-        Int_{-b}^{b} [sqrt(Ro^2 - y^2) - sqrt(Ri^2 - y^2)] dy with b half the groove's width.
+        The integral over |y| < a of sqrt(Ro^2 - y^2) - sqrt(Ri^2 - y^2), with a = width/2, Ri the hole's and Ro the tube's
+        radius. Half a chord strip of a disc is S(R) = a sqrt(R^2 - a^2) + R^2 asin(a/R); the footprint is S(Ro) - S(Ri).
         """
         if self.groove is None:
             return 0.0
-        b = self.groove.width / 2
-        outside, inside = (b * math.sqrt(r * r - b * b) + r * r * math.asin(b / r) for r in (self.tube_radius, self.hole_radius))
-        return outside - inside
+        a, inner, outer = self.groove.width / 2, self.hole_radius, self.tube_radius
+        x_inner, x_outer = (math.sqrt((radius - a) * (radius + a)) for radius in (inner, outer))
+        # a (x_o - x_i) written without the difference of two nearly equal roots, for thin walls
+        flat = a * (outer - inner) * (outer + inner) / (x_outer + x_inner)
+        return flat + outer**2 * math.asin(a / outer) - inner**2 * math.asin(a / inner)
 
 
 def mm(length: float) -> Words:

@@ -33,7 +33,6 @@ def cadquery() -> Any:
 
     Raises:
         MissingLibrary: a system library such as ``libGL.so.1`` is absent; the text names the package to install.
-
     """
     try:
         with warnings.catch_warnings():  # what its dependencies say while they load is nothing that a user can act on:
@@ -55,7 +54,6 @@ class BaseSizes:
         flange_radius: radius of the flange.
         thickness: of the flange.
         step_height: from the higher of the two films to the flange, so that the flange stays whole.
-
     """
 
     flange_radius: float
@@ -68,7 +66,6 @@ def base_sizes(probe: Probe) -> BaseSizes:
 
     Raises:
         InputError: the flange is narrower than the tube.
-
     """
     given, radius = probe.base, probe.tube_radius
     flange = 1.25 * radius if given.flange_radius is None else given.flange_radius
@@ -89,21 +86,6 @@ def film_tops(probe: Probe) -> tuple[float, float]:
     return (outer, outer) if math.isclose(inner, outer, rel_tol=1e-14) else (inner, outer)
 
 
-def groove_footprint(probe: Probe) -> float:
-    """Area in m^2 that the groove takes from the outer block's film end; zero without a groove.
-
-    The integral over |y| < a of sqrt(Ro^2 - y^2) - sqrt(Ri^2 - y^2), with a = width/2, Ri the hole's and Ro the tube's
-    radius. Half a chord strip of a disc is S(R) = a sqrt(R^2 - a^2) + R^2 asin(a/R); the footprint is S(Ro) - S(Ri).
-    """
-    if probe.groove is None:
-        return 0.0
-    a, inner, outer = probe.groove.width / 2, probe.hole_radius, probe.tube_radius
-    x_inner, x_outer = (math.sqrt((radius - a) * (radius + a)) for radius in (inner, outer))
-    # a (x_o - x_i) written without the difference of two nearly equal roots, for thin walls
-    flat = a * (outer - inner) * (outer + inner) / (x_outer + x_inner)
-    return flat + outer**2 * math.asin(a / outer) - inner**2 * math.asin(a / inner)
-
-
 def inner_block(probe: Probe) -> Any:
     """Build the solid cylinder."""
     return _ring(0.0, probe.inner_radius, 0.0, probe.core_height)
@@ -114,7 +96,6 @@ def outer_block(probe: Probe) -> Any:
 
     Raises:
         ExportError: the groove does not leave one body.
-
     """
     tube = _ring(probe.hole_radius, probe.tube_radius, 0.0, probe.tube_height)
     if probe.groove is None:
@@ -132,7 +113,6 @@ def outer_film(probe: Probe) -> Any:
 
     Raises:
         ExportError: the groove does not leave one body.
-
     """
     thickness, bottom = film_thickness(probe), probe.tube_height
     ring = _ring(probe.hole_radius, probe.tube_radius, bottom, bottom + thickness)
@@ -146,7 +126,6 @@ def base(probe: Probe) -> Any:
 
     Raises:
         InputError: see ``base_sizes``.
-
     """
     sizes, radius, (low, side) = base_sizes(probe), probe.tube_radius, film_tops(probe)
     flange = max(low, side) + sizes.step_height
@@ -163,7 +142,6 @@ def parts(probe: Probe) -> dict[str, Any]:
         ExportError: the modeller cannot build a part, as with sizes near its tolerance of 1e-7 mm.
         InputError: see ``base_sizes``.
         MissingLibrary: see ``cadquery``.
-
     """
     cadquery()
     builders = {"inner": inner_block, "outer": outer_block, "film-inner": inner_film, "film-outer": outer_film, "base": base}
@@ -186,7 +164,6 @@ def assembly(probe: Probe) -> Any:
 
     Raises:
         ExportError, InputError, MissingLibrary: see ``parts``.
-
     """
     cq = cadquery()
     whole = cq.Assembly(name="probe")

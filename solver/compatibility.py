@@ -26,7 +26,6 @@ from solver import half_space
 
 SX = half_space.SX
 
-RINGS = 3  # per block
 
 
 @dataclass(frozen=True)
@@ -57,11 +56,11 @@ class Block:
         x = 4 * (1 + self.nu) * (1 - 2 * self.nu) * shape**2
         return self.E * (1 + stiffening * x / (1 + x))
 
-    def circles(self) -> list[SX]:
+    def circles(self, rings: int) -> list[SX]:
         """Radii of the circles that cut the block into rings, narrow where pressure peaks: at its edges."""
         solid = isinstance(self.hole, float) and self.hole == 0.0
-        steps = np.arange(0 if not solid else 1, RINGS + 1)
-        share = np.sin(steps * np.pi / (2 * RINGS)) if solid else (1 - np.cos(steps * np.pi / RINGS)) / 2
+        steps = np.arange(0 if not solid else 1, rings + 1)
+        share = np.sin(steps * np.pi / (2 * rings)) if solid else (1 - np.cos(steps * np.pi / rings)) / 2
         return [self.hole + float(fraction) * (self.radius - self.hole) for fraction in share]
 
 
@@ -87,31 +86,31 @@ class Ball:
     on_axis: bool = True
 
 
-def film_forces(inner: Block, outer: Block, layer: Layer, balls: Sequence[Ball]) -> SX:
-    """Return F_ij, force on block i per unit displacement of base j, N/m; a 2 x 2 casadi matrix."""
-    circles, rings = _rings(inner, outer)
-    areas = np.pi * ca.vertcat(*(c**2 for c in circles))
-    ring_areas = ca.mtimes(rings.T, areas)
-    tissue = ca.mtimes([rings.T, _disc_work(circles, layer), rings])
+def film_forces(inner: Block, outer: Block, layer: Layer, balls: Sequence[Ball], rings: int) -> SX:
+    """Return F_ij, force on block i per unit displacement of base j, N/m; a 2 x 2 casadi matrix.
+
+    Each block is cut into ``rings`` rings of uniform pressure; with one the blocks press evenly.
+    """
+    circles = inner.circles(rings) + outer.circles(rings)
+    cut = _from_discs_to_rings(rings)
+    areas = np.pi * ca.mtimes(cut.T, ca.vertcat(*circles) ** 2)
+    work = ca.mtimes([cut.T, _disc_work(circles, layer), cut])
     for ball in balls:
-        tissue += _inclusion_work(circles, rings, layer, ball)
-    give = [block.height / block.apparent_modulus for block in (inner, outer) for _ in range(RINGS)]
-    compliance = tissue / ca.mtimes(ring_areas, ring_areas.T) + ca.diag(ca.vertcat(*give) / ring_areas)
-    bases = ca.SX(np.kron(np.eye(2), np.ones((RINGS, 1))))
+        work += _inclusion_work(circles, cut, layer, ball)
+    give = [block.height / block.apparent_modulus for block in (inner, outer) for _ in range(rings)]
+    compliance = work / ca.mtimes(areas, areas.T) + ca.diag(ca.vertcat(*give) / areas)
+    bases = ca.SX(np.kron(np.eye(2), np.ones((rings, 1))))
     return ca.mtimes(bases.T, ca.ldl_solve(bases, *ca.ldl(compliance)))
 
 
-def _rings(inner: Block, outer: Block) -> tuple[list[SX], Any]:
-    """Return all circles and the matrix that makes rings from discs, shape (circles, 2 RINGS)."""
-    circles = inner.circles() + outer.circles()
-    rings = np.zeros((len(circles), 2 * RINGS))
-    for k in range(RINGS):
-        rings[k, k] = 1.0
-        rings[RINGS + k + 1, RINGS + k] = 1.0
-        rings[RINGS + k, RINGS + k] = -1.0
-        if k > 0:
-            rings[k - 1, k] = -1.0
-    return circles, ca.DM(rings)
+def _from_discs_to_rings(rings: int) -> Any:
+    """The matrix that makes rings as differences of discs, shape (2 rings + 1, 2 rings)."""
+    solid, tube = np.eye(rings) - np.eye(rings, k=1), np.zeros((rings + 1, rings))
+    tube[1:] = np.eye(rings)
+    tube[:-1] -= np.eye(rings)
+    cut = np.zeros((2 * rings + 1, 2 * rings))
+    cut[:rings, :rings], cut[rings:, rings:] = solid, tube
+    return ca.DM(cut)
 
 
 def _disc_work(circles: list[SX], layer: Layer) -> SX:
@@ -127,13 +126,13 @@ def _disc_work(circles: list[SX], layer: Layer) -> SX:
     return W
 
 
-def _inclusion_work(circles: list[SX], rings: Any, layer: Layer, ball: Ball) -> SX:
+def _inclusion_work(circles: list[SX], cut: Any, layer: Layer, ball: Ball) -> SX:
     """Eq. (C2) for unit pressures on the rings, integrated point by point over the ball."""
     k_v, k_d = polarisabilities(layer, ball)
-    total = ca.SX.zeros(rings.shape[1], rings.shape[1])
+    total = ca.SX.zeros(cut.shape[1], cut.shape[1])
     for r, z, volume in _points(ball):
-        discs = [ca.vertcat(*half_space.strain(a, r, z, layer.E, layer.nu)) for a in circles]
-        rr, hoop, zz, rz = ca.vertsplit(ca.mtimes(ca.horzcat(*discs), rings))
+        discs = ca.vertcat(*half_space.strain(circles, r, z, layer.E, layer.nu))
+        rr, hoop, zz, rz = ca.vertsplit(ca.mtimes(discs, cut))
         trace = rr + hoop + zz
         total += volume * (k_v - k_d / 3) * ca.mtimes(trace.T, trace)
         for part, times in ((rr, 1), (hoop, 1), (zz, 1), (rz, 2)):

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from scipy.integrate import quad
 
-from geometry import drawing, solids, step
+from geometry import drawing, solids, step, step_check, step_writer
 from geometry.errors import ExportError, InputError, MissingLibrary
 from geometry.probe import Base, Film, Groove, Material, Probe
 
@@ -186,10 +186,10 @@ class TestFootprint:
             return (math.sqrt(tube**2 - y**2) - math.sqrt(hole**2 - y**2)) * a * math.cos(angle)
 
         wanted = quad(chord, -math.pi / 2, math.pi / 2, epsabs=0, epsrel=1e-11)[0] * 1e-6
-        assert solids.groove_footprint(probe) == pytest.approx(wanted, rel=1e-9)
+        assert probe.groove_footprint == pytest.approx(wanted, rel=1e-9)
 
     def test_none_without_groove(self):
-        assert solids.groove_footprint(make(groove=None)) == 0
+        assert make(groove=None).groove_footprint == 0
 
 
 class TestExtremes:
@@ -202,7 +202,7 @@ class TestExtremes:
         step.export(probe, tmp_path)
         tube2 = hole**2 + radius**2 / ratio
         assert read(tmp_path / "inner.step").Volume() == pytest.approx(math.pi * radius**2 * height * 1e9, rel=1e-6)
-        groove = solids.groove_footprint(probe) * 0.999 * height
+        groove = probe.groove_footprint * 0.999 * height
         wanted = (math.pi * (tube2 - hole**2) * height - groove) * 1e9
         assert read(tmp_path / "outer.step").Volume() == pytest.approx(wanted, rel=1e-6)
 
@@ -265,26 +265,26 @@ class TestTampering:
         assert (tmp_path / "inner.step").read_text() == "old"
 
     def test_wrong_unit(self, tmp_path, monkeypatch):
-        written = step._write
+        written = step_writer.write
 
         def in_metres(shapes, path):
             written(shapes, path)
             path.write_text(path.read_text().replace(".MILLI.,.METRE.", "$,.METRE."))
 
-        monkeypatch.setattr(step, "_write", in_metres)
+        monkeypatch.setattr(step_writer, "write", in_metres)
         with pytest.raises(ExportError, match=r"^inner\.step: unit = \$,\.METRE\., expected \.MILLI\.,\.METRE\.$"):
             step.export(make(), tmp_path)
         assert list(tmp_path.iterdir()) == []
 
     def test_assembly_with_parts_inside_each_other(self, tmp_path, monkeypatch):
-        monkeypatch.setattr(step, "_check_body", lambda where, shape, expected: expected)
+        monkeypatch.setattr(step_check, "check_body", lambda where, shape, expected: expected)
         tamper(monkeypatch, "inner_block", wider(inner_radius=5.2e-3))
         with pytest.raises(ExportError, match=r"^assembly\.step: inner and outer: common volume = [1-9]"):
             step.export(make(), tmp_path)
         assert list(tmp_path.iterdir()) == []
 
     def test_assembly_with_a_part_lost(self, tmp_path, monkeypatch):
-        monkeypatch.setattr(step, "_write", writer_without_base(step._write))
+        monkeypatch.setattr(step_writer, "write", writer_without_base(step_writer.write))
         with pytest.raises(ExportError, match=r"^assembly\.step: parts = .*'probe/film-outer'\], expected .*'probe/base'\]$"):
             step.export(make(), tmp_path)
         assert list(tmp_path.iterdir()) == []
@@ -301,14 +301,14 @@ class TestInterruption:
     @pytest.mark.parametrize("name", ["inner.step", "assembly.step"])
     def test_ctrl_c_while_writing_leaves_the_old_file(self, tmp_path, monkeypatch, name):
         (tmp_path / name).write_text("old")
-        written = step._write
+        written = step_writer.write
 
         def interrupted(shapes, path):
             written(shapes, path)
             if path.name == name:
                 raise KeyboardInterrupt
 
-        monkeypatch.setattr(step, "_write", interrupted)
+        monkeypatch.setattr(step_writer, "write", interrupted)
         with pytest.raises(KeyboardInterrupt):
             step.export(make(), tmp_path)
         assert [path.name for path in tmp_path.iterdir()] == [name]
