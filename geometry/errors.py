@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import reprlib
+
 
 class Words(str):
     """A description in place of a value ("missing"), shown without quotes."""
@@ -31,7 +33,7 @@ class InputError(ProbeError, ValueError):
 
     def __init__(self, key: str, value: object, allowed: str) -> None:
         self.key, self.value, self.allowed = key, value, allowed
-        super().__init__(_one_line(f"{key} = {_short(value)}: allowed: {allowed}"))
+        super().__init__(_one_line(f"{_shortened(key, 120)} = {_short(value)}: allowed: {allowed}"))
 
 
 class Refusal(InputError):  # noqa: N818 - the error is the scene's, not the program's
@@ -50,10 +52,34 @@ class MissingLibrary(ProbeError):  # noqa: N818 - says what is missing
     """A system library that a dependency needs; the text names the package to install."""
 
 
-def _short(value: object, limit: int = 60) -> str:
-    text = repr(value)
-    return text if len(text) <= limit else text[: limit - 3] + "..."
+class _Repr(reprlib.Repr):
+    """Short descriptions of values as a TOML file has them, of any depth and size."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlevel, self.maxdict, self.maxlist = 3, 4, 6
+        self.maxstring = self.maxother = 100
+
+    def repr_bool(self, value: bool, level: int) -> str:
+        return str(value).lower()
+
+    def repr_int(self, value: int, level: int) -> str:
+        # Python refuses to write integers of more than 4300 digits
+        return self.repr_str(str(value), level).strip("'") if value.bit_length() < 10_000 else f"<{value.bit_length()} bits>"
+
+
+_REPR = _Repr()
+
+
+def _short(value: object) -> str:
+    return _shortened(str(value) if isinstance(value, Words) else _REPR.repr(value), 200)
+
+
+def _shortened(text: str, limit: int) -> str:
+    half = limit // 2 - 2
+    return text if len(text) <= limit else f"{text[:half]}...{text[-half:]}"
 
 
 def _one_line(text: str) -> str:
-    return " ".join(text.split())
+    """Write blanks as one space and what cannot be printed, such as a terminal's control codes, as escapes."""
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in " ".join(text.split()))

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from geometry.errors import InputError, Words
 from geometry.units import Quantity
 
-LENGTH = Quantity("length", "m", "mm", 0.0, 10.0, above=True)
+LENGTH = Quantity("length", "m", "mm", 1e-9, 10.0)
 Length = Annotated[float, LENGTH]
 Thickness = Annotated[float, Quantity("length", "m", "mm", 0.0, 10.0)]
 Position = Annotated[float, Quantity("position", "m", "mm", -10.0, 10.0)]
@@ -18,6 +18,7 @@ Modulus = Annotated[float, Quantity("modulus", "Pa", "Pa", 1e-3, 1e13)]
 ChargePerForce = Annotated[float, Quantity("charge per force", "C/N", "pC/N", -1e-8, 1e-8)]
 PoissonRatio = Annotated[float, Field(ge=0.0, lt=0.5, description="a number from 0 to below 0.5")]
 Number = Annotated[float, Field(ge=-100.0, le=100.0, description="a number from -100 to 100")]
+AreaRatio = Annotated[float, Field(ge=1e-4, le=1e4)]
 Interface = Literal["bonded", "frictionless", "unilateral"]
 
 
@@ -102,7 +103,7 @@ class Probe(Frozen):
     """
 
     inner_radius: Length
-    area_ratio: Annotated[float, Field(ge=1e-4, le=1e4, description="a number from 1e-4 to 1e4")] | None = None
+    area_ratio: AreaRatio | None = Field(default=None, description="a number from 1e-4 to 1e4")
     outer_radius: Length | None = None
     gap: Length
     height: Length | None = None
@@ -116,24 +117,28 @@ class Probe(Frozen):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        sizes = {"area_ratio": self.area_ratio, "outer_radius": self.outer_radius}
         if (self.area_ratio is None) == (self.outer_radius is None):
-            raise InputError("area_ratio", _given(sizes), "exactly one of area_ratio and outer_radius")
-        heights = {"height": self.height, "inner_height": self.inner_height, "outer_height": self.outer_height}
-        if [value is not None for value in heights.values()] not in ([True, False, False], [False, True, True]):
-            raise InputError("height", _given(heights), "either height, or both inner_height and outer_height")
-        if self.tube_radius <= self.hole_radius:
-            key, value = next((key, value) for key, value in sizes.items() if value is not None)
-            raise InputError(key, value, f"an outer radius above inner_radius + gap = {mm(self.hole_radius)}")
+            raise InputError(*_given(self, "area_ratio", "outer_radius"), "exactly one of area_ratio and outer_radius")
+        heights = ("height", "inner_height", "outer_height")
+        if [getattr(self, key) is not None for key in heights] not in ([True, False, False], [False, True, True]):
+            raise InputError(*_given(self, *heights), "either height, or both inner_height and outer_height")
+        self._check_wall()
         self._check_groove()
         return self
+
+    def _check_wall(self) -> None:
+        if self.tube_radius - self.hole_radius >= 1e-9 * self.tube_radius:
+            return
+        given = {"outer_radius": self.outer_radius} if self.area_ratio is None else {"area_ratio": self.area_ratio}
+        least = f"an outer radius, now {mm(self.tube_radius)}, above inner_radius + gap = {mm(self.hole_radius)}"
+        raise InputError(*_shown(given), least)
 
     def _check_groove(self) -> None:
         if self.groove is None:
             return
         for key, limit, what in (("width", 2 * self.hole_radius, "hole diameter"), ("depth", self.tube_height, "height")):
             size = getattr(self.groove, key)
-            if size >= limit:
+            if reaches(size, limit):
                 raise InputError(f"groove.{key}", mm(size), f"below the outer block's {what} of {mm(limit)}")
 
     @property
@@ -190,5 +195,20 @@ def mm(length: float) -> Words:
     return Words(f"{length * 1e3:.6g} mm")
 
 
-def _given(values: dict[str, float | None]) -> Words:
-    return Words(" and ".join(key for key, value in values.items() if value is not None) or "missing")
+def reaches(size: float, limit: float) -> bool:
+    """Whether ``size`` is at least ``limit``, but for the rounding by which "10.2 mm" and twice "5.1 mm" may differ."""
+    return size >= limit - 1e-12 * abs(limit)
+
+
+def _given(probe: Probe, *keys: str) -> tuple[str, Words]:
+    """Return the first key that is given and, as text, its value and the others that are given; else the first key."""
+    return _shown({key: getattr(probe, key) for key in keys if getattr(probe, key) is not None} or {keys[0]: None})
+
+
+def _shown(values: dict[str, float | None]) -> tuple[str, Words]:
+    (first, *_), texts = values, [_text(key, value) for key, value in values.items()]
+    return first, Words(" and ".join(texts).removeprefix(f"{first} = "))
+
+
+def _text(key: str, value: float | None) -> str:
+    return f"{key} = {'missing' if value is None else f'{value:g}' if key == 'area_ratio' else mm(value)}"

@@ -11,7 +11,10 @@ from geometry.errors import InputError, Words
 from geometry.probe import Frozen, Interface, Length, Material, Position, Probe
 from geometry.units import Quantity
 
-Degrees = Annotated[float, Field(ge=-360.0, le=360.0, description="an angle in degrees, a number from -360 to 360")]
+Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]
+Diameters = Annotated[tuple[Length, Length, Length], Field(strict=False)]
+Orientation = Annotated[tuple[Degrees, Degrees, Degrees], Field(strict=False)]
+FileName = Annotated[str, Field(min_length=1, max_length=1000, pattern=r"^[^\x00-\x1f]+$")]
 Tilt = Annotated[float, Quantity("angle", "rad", "deg", -1.5533430342749532, 1.5533430342749532)]
 Force = Annotated[float, Quantity("force", "N", "N", 0.0, 1e9)]
 Indentation = Annotated[float, Quantity("indentation", "m", "um", 0.0, 10.0)]
@@ -57,9 +60,9 @@ class Inclusion(Material):
     """
 
     diameter: Length | None = None
-    diameters: Annotated[tuple[Length, Length, Length], Field(strict=False)] | None = None
-    orientation: Annotated[tuple[Degrees, Degrees, Degrees], Field(strict=False)] = (0.0, 0.0, 0.0)
-    surface: str | None = None
+    diameters: Diameters | None = Field(default=None, description="three lengths with their units, ['8 mm', '6 mm', '5 mm']")
+    orientation: Orientation = Field(default=(0.0, 0.0, 0.0), description="three numbers from -360 to 360, degrees")
+    surface: FileName | None = Field(default=None, description="the name of an STL or STEP file")
     depth: Length
     x: Position = 0.0
     y: Position = 0.0
@@ -68,8 +71,12 @@ class Inclusion(Material):
     @model_validator(mode="after")
     def _one_shape(self) -> Self:
         if sum(shape is not None for shape in (self.diameter, self.diameters, self.surface)) != 1:
-            raise InputError("diameter", Words("not one shape"), "exactly one of diameter, diameters and surface")
+            raise InputError("diameter", self._shapes(), "exactly one of diameter, diameters and surface")
         return self
+
+    def _shapes(self) -> Words:
+        given = [key for key in ("diameter", "diameters", "surface") if getattr(self, key) is not None]
+        return Words("given beside " + " and ".join(given[1:]) if given else "missing")
 
 
 class Contact(Frozen):
@@ -102,9 +109,13 @@ class Load(Frozen):
     @model_validator(mode="after")
     def _one(self) -> Self:
         if (self.force is None) == (self.indentation is None):
-            given = "missing" if self.force is None else "force and indentation"
+            given = "missing" if self.force is None else f"{self.force:g} N and indentation = {self.indentation:g} m"
             raise InputError("force", Words(given), "exactly one of force and indentation")
         return self
+
+
+MOST_INCLUSIONS = 1000
+Inclusions = Annotated[tuple[Inclusion, ...], Field(strict=False, max_length=MOST_INCLUSIONS)]
 
 
 class Scene(Frozen):
@@ -112,7 +123,7 @@ class Scene(Frozen):
 
     probe: Probe
     tissue: Tissue
-    inclusion: Annotated[tuple[Inclusion, ...], Field(strict=False)] = ()
+    inclusion: Inclusions = Field(default=(), description=f"up to {MOST_INCLUSIONS} tables, each headed [[inclusion]]")
     contact: Contact = Contact()
     placement: Placement = Placement()
     load: Load

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ValidationError
-from pydantic_core import ErrorDetails
+from pydantic import ValidationError
 
 from geometry.errors import InputError, Words
-from geometry.scene import BlockTissue, CylinderTissue, HalfSpaceTissue, Scene
-from geometry.units import Quantity
+from geometry.refusals import most_telling
+from geometry.scene import Scene
 
 LARGEST_FILE = 1_000_000  # bytes; a scene has a few hundred
+# tomllib's time and the depth of what it returns grow with the parts of a dotted key; a scene's keys have three
+_LONG_KEY = re.compile(r"(?:\.[^.\n]*){100}")
 
 
-def read_scene(path: Path) -> Scene:
+def read_scene(path: Path | str) -> Scene:
     """Read the scene file at ``path``.
 
     Raises:
@@ -27,10 +29,14 @@ def read_scene(path: Path) -> Scene:
 
 def scene_from_toml(text: str, name: str = "scene") -> Scene:
     """Read a scene from TOML text; ``name`` stands in messages. Raises ``InputError``."""
+    if _LONG_KEY.search(text):
+        raise InputError(name, Words("a line with 100 dots"), "a TOML scene file with fewer dots in each line")
     try:
         data = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as fault:
+    except tomllib.TOMLDecodeError as fault:
         raise InputError(name, Words(f"not TOML: {fault}"), "a TOML scene file") from None
+    except (ValueError, RecursionError):  # as Python's limits on the digits of integers and on the depth of calls
+        raise InputError(name, Words("TOML with a huge integer or deep nesting"), "a TOML scene file") from None
     if not data:
         raise InputError(name, Words("empty"), "a scene with [probe], [tissue] and [load]")
     return scene_from_dict(data)
@@ -41,7 +47,7 @@ def scene_from_dict(data: dict[str, Any]) -> Scene:
     try:
         return Scene.model_validate(data, context={"units_required": True})
     except ValidationError as refused:
-        raise _first(refused, data) from None
+        raise most_telling(refused) from None
 
 
 def scene_to_dict(scene: Scene) -> dict[str, Any]:
@@ -57,77 +63,16 @@ def scene_to_toml(scene: Scene) -> str:
     return tomli_w.dumps(scene_to_dict(scene))
 
 
-def _text(path: Path) -> str:
+def _text(path: Path | str) -> str:
     try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise InputError("scene file", str(path), f"a TOML file of at most {LARGEST_FILE} bytes")
-        return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        raise InputError("scene file", str(path), "a TOML file, which is UTF-8 text") from None
+        with Path(path).open("rb") as file:
+            content = file.read(LARGEST_FILE + 1)  # no more: devices and pipes have no size to ask for
     except (OSError, ValueError) as fault:
-        if isinstance(fault, InputError):
-            raise
         reason = getattr(fault, "strerror", None) or str(fault)
         raise InputError("scene file", str(path), f"a TOML file that can be read ({reason})") from None
-
-
-def _first(refused: ValidationError, data: dict[str, Any]) -> InputError:
-    """Turn the most telling of pydantic's errors into one line: an unknown key before what it left missing."""
-    error = min(refused.errors(), key=lambda error: error["type"] != "extra_forbidden")
-    key, given = _key(error), error["input"]
-    if error["type"] == "extra_forbidden":
-        return InputError(key, given, "one of " + ", ".join(_model(error).model_fields))
-    if error["type"] in ("union_tag_invalid", "union_tag_not_found"):
-        return InputError("tissue.shape", _given(data), "'cylinder', 'block' or 'half-space'")
-    if error["type"] == "missing":
-        return InputError(key, Words("missing"), _what(error) or "a value")
-    cause = error.get("ctx", {}).get("error")
-    if isinstance(cause, InputError):
-        return InputError(f"{key}.{cause.key}".lstrip("."), cause.value, cause.allowed)
-    if error["type"] == "quantity":
-        return InputError(key, given, error["msg"].removeprefix("allowed: "))
-    return InputError(key, given, _what(error) or error["msg"].removeprefix("Input should be "))
-
-
-def _given(data: dict[str, Any]) -> object:
-    tissue = data.get("tissue")
-    return tissue.get("shape", Words("missing")) if isinstance(tissue, dict) else tissue
-
-
-def _path(error: ErrorDetails) -> list[str | int]:
-    """The keys as they stand in the file: without the tag that pydantic adds for the tissue's shape."""
-    path = list(error["loc"])
-    if path[:1] == ["tissue"] and len(path) > 1:
-        del path[1]
-    return path
-
-
-def _key(error: ErrorDetails) -> str:
-    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in _path(error)).lstrip(".")
-
-
-def _model(error: ErrorDetails) -> type[BaseModel]:
-    """The model that the key at fault belongs to."""
-    if error["loc"][0] == "tissue":
-        return {"cylinder": CylinderTissue, "block": BlockTissue, "half-space": HalfSpaceTissue}[str(error["loc"][1])]
-    model: type[BaseModel] = Scene
-    for part in error["loc"][:-1]:
-        if isinstance(part, str):
-            model = _models_in(model.model_fields[part].annotation)
-    return model
-
-
-def _models_in(annotation: Any) -> type[BaseModel]:
-    while not isinstance(annotation, type) or not issubclass(annotation, BaseModel):
-        annotation = next(a for a in annotation.__args__ if a is not Ellipsis and a is not type(None))
-    return annotation
-
-
-def _what(error: ErrorDetails) -> str | None:
-    """What the model says of the field at fault: its range with units, or its description."""
-    names = [part for part in error["loc"] if isinstance(part, str)]
-    field = _model({**error, "loc": tuple(names)}).model_fields.get(names[-1])
-    if field is None:
-        return None
-    described = [note.allowed for note in field.metadata if isinstance(note, Quantity)]
-    return described[0] if described else field.description
+    if len(content) > LARGEST_FILE:
+        raise InputError("scene file", str(path), f"a TOML file of at most {LARGEST_FILE} bytes")
+    try:
+        return content.decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError:
+        raise InputError("scene file", str(path), "a TOML file, which is UTF-8 text") from None

@@ -16,8 +16,10 @@ if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler
 
 _NUMBER_AND_UNIT = re.compile(r"\s*([+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|inf|nan))\s*(.*?)\s*", re.S)
-# pint evaluates its argument, so only names joined by * and / with one-digit powers reach it
-_UNIT = re.compile(r"[A-Za-zµμ°]+(?:\s*(?:\*\*|\^)\s*-?[0-9])?(?:\s*[*/ ]\s*[A-Za-zµμ°]+(?:\s*(?:\*\*|\^)\s*-?[0-9])?)*")
+_NAME = r"[A-Za-zµμ°]+(?:\s*(?:\*\*|\^)\s*-?[0-9])?"
+# pint evaluates its argument, so only names joined by *, / and blanks with one-digit powers reach it; every blank has one
+# place in the pattern, so that refusing takes linear time
+_UNIT = re.compile(rf"{_NAME}(?:(?:\s*[*/]\s*|\s+){_NAME})*")
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,7 @@ class Quantity:
         name: what it is, for messages ("length").
         si: its SI unit, as pint reads it.
         unit: the unit in which it is written and shown.
-        low, high: the bounds, SI; ``low`` itself is excluded where ``above`` is set.
+        low, high: the bounds, SI.
     """
 
     name: str
@@ -36,13 +38,13 @@ class Quantity:
     unit: str
     low: float
     high: float
-    above: bool = False
 
     @property
     def allowed(self) -> str:
         """The range in words, in the unit in which it is shown."""
         low, high = (f"{shown(bound, self.si, self.unit):.6g} {self.unit}" for bound in (self.low, self.high))
-        return f"a {self.name} with its unit, such as '5 {self.unit}', {'above' if self.above else 'from'} {low}, at most {high}"
+        article = "an" if self.name[0] in "aeiou" else "a"
+        return f"{article} {self.name} with its unit, such as '5 {self.unit}', from {low} to {high}"
 
     def parse(self, text: str) -> float:
         """Return the SI value of ``text``; raises ``ValueError`` saying what is wrong with it."""
@@ -56,13 +58,12 @@ class Quantity:
 
     def checked(self, value: float) -> float:
         """Return ``value`` if it lies within the bounds; raises ``ValueError`` otherwise."""
-        # a relative slack of 1e-12 lets a bound pass through a change of unit
-        low = self.low * (1 - math.copysign(1e-12, self.low)) if not self.above else self.low
         if not math.isfinite(value):
             raise ValueError("not a finite number")
-        if value < low or (self.above and value == self.low) or value > self.high * (1 + 1e-12):
+        inside = min(max(value, self.low), self.high)
+        if not math.isclose(value, inside, rel_tol=1e-12):  # so that a bound passes through a change of unit
             raise ValueError("out of range")
-        return value
+        return inside
 
     def text(self, value: float) -> str:
         """Write an SI value so that reading it gives the same float again."""
@@ -99,8 +100,11 @@ def _factor(unit: str, si: str) -> float:
     if not _UNIT.fullmatch(unit):
         raise ValueError(f"{unit!r} is no unit")
     try:
-        return float(_registry().Quantity(1.0, unit).to(si).magnitude)
-    except (pint.PintError, AttributeError, TypeError, AssertionError):
+        given, wanted = (_registry().Quantity(1.0, name).to_root_units() for name in (unit, si))
+        # by units, not by dimensions, for which an angle, a count and a solid angle are all the same
+        if given.units == wanted.units:
+            return float(given.magnitude / wanted.magnitude)
+    except (pint.PintError, ArithmeticError, AssertionError, AttributeError, TypeError, ValueError):
         pass
     raise ValueError(f"{unit!r} is no unit that converts to {si}")
 

@@ -1,0 +1,183 @@
+"""The command line: arguments in, one table or one JSON object out, one line for every refusal."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+VERBS = ("evaluate", "optimize", "export")
+PLANNED = ("plan", "curve", "detectability", "scan", "estimate", "sweep", "tradeoff", "read", "calibrate", "check")
+EVALUATORS = "auto, published, closed-form, axisymmetric"
+CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
+
+
+class Verbs(click.Group):
+    """The verbs; one that does not exist is refused with those that do."""
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        """Look a verb up."""
+        verb = args[0]
+        if verb in VERBS:
+            return super().resolve_command(ctx, args)
+        later = f" ({verb} is planned, not built yet)" if verb in PLANNED else ""
+        raise click.UsageError(f"verb = {verb!r}: allowed: {', '.join(VERBS)}{later}")
+
+
+@click.group(cls=Verbs, context_settings=CONTEXT)
+@click.version_option(package_name="probe-design")
+def cli() -> None:
+    """Design, check and export tactile palpation probes.
+
+    A scene file (TOML) says which probe is pressed on which tissue; README shows one.
+    """
+
+
+@cli.command()
+@click.argument("scene", type=click.Path(path_type=Path))
+@click.option("--evaluator", default="auto", show_default=True, help=f"Level of fidelity: {EVALUATORS}.")
+@click.option("--accuracy", default="0.01", show_default=True, help="Relative error that ratio, stresses and stiffness may have.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def evaluate(scene: Path, evaluator: str, accuracy: str, as_json: bool) -> None:
+    """Say what both films feel, and how well their ratio tells E_object.
+
+    \b
+    published     the paper's equations as printed: an equivalent modulus, no stresses
+    closed-form   formulas, milliseconds, 5 to 50 %: spheres anywhere
+    axisymmetric  finite elements, 0.2 to 20 s, 1e-2 to 1e-4: one sphere on the probe's axis
+    auto          axisymmetric; refuses rather than answer worse than --accuracy
+    """  # noqa: D301
+    from geometry.scene_file import read_scene
+    from probe_design.console import message, result_table, show, working
+    from solver import evaluate as run
+
+    with working(f"evaluating {scene}"):
+        result = run(read_scene(scene), evaluator, _accuracy(accuracy))
+    if as_json:
+        _print_json(result.as_dict())
+        return
+    show(result_table(result))
+    for warning in result.warnings:
+        message(f"warning: {warning}")
+
+
+@cli.command()
+@click.argument("scene", type=click.Path(path_type=Path), required=False)
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder for the design, STEP files and report.")
+@click.option("--outer-radius", help="Limit of the probe's outer radius, such as '8 mm'.  [default: 1.4 times the start's]")
+@click.option("--starts", default=8, show_default=True, type=click.IntRange(1, 100), help="Local searches.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def optimize(scene: Path | None, output: Path, outer_radius: str | None, starts: int, as_json: bool) -> None:
+    """Find a probe that tells E_object better than SCENE's, prove it by finite elements, export it.
+
+    Without SCENE the built-in one is improved: the paper's materials, gap, groove and films on a
+    cylinder of tissue with one 8 mm tumour. The search varies inner radius, A2/A1, gap, height and
+    both moduli; the ten best designs are judged by a model that the search did not see. Exit code 1
+    if that model sees no gain.
+    """
+    from geometry.scene_file import read_scene
+    from probe_design.builtin import builtin_scene
+    from probe_design.console import message, show, stages
+    from probe_design.optimize import optimize as run
+    from probe_design.report import levels_table, summary, write_all
+
+    start = builtin_scene() if scene is None else read_scene(scene)
+    limit = None if outer_radius is None else _length("outer-radius", outer_radius)
+    with stages() as progress:
+        optimum = run(start, progress, limit, starts)
+        files = write_all(optimum, output, progress)
+    if as_json:
+        _print_json(summary(optimum, files))
+    else:
+        show(levels_table(optimum))
+        message(f"wrote {len(files)} files to {output}; begin with {output / 'report.html'}")
+    if optimum.status == "no-gain":
+        message(f"no gain: {optimum.baseline.judged.evaluator} sees no design that beats the start")
+        raise SystemExit(1)
+
+
+@cli.command()
+@click.argument("scene", type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder for the STEP files.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def export(scene: Path, output: Path, as_json: bool) -> None:
+    """Write SCENE's probe as STEP files in millimetres, each read back and measured, and a drawing."""
+    from geometry.scene_file import read_scene
+    from probe_design.console import message, working
+
+    with working("building the solids"):
+        from geometry.drawing import draw
+        from geometry.step import export as write
+
+        probe = read_scene(scene).probe
+        files = [*write(probe, output), draw(probe, output / "drawing.png")]
+    if as_json:
+        _print_json({"files": [str(file) for file in files]})
+    else:
+        message(f"wrote {', '.join(file.name for file in files)} to {output}")
+
+
+def main() -> None:
+    """Run the program: 0 good, 1 failure, 2 bad input, 130 interrupted; never a traceback."""
+    sys.exit(_run())
+
+
+def _run() -> int:
+    from geometry.errors import ProbeError
+
+    try:
+        code = cli.main(prog_name="probe-design", standalone_mode=False)
+        return code if isinstance(code, int) else 0
+    except click.exceptions.NoArgsIsHelpError as help_page:
+        click.echo(help_page.format_message())
+        return 0
+    except click.ClickException as refused:
+        return _fail(" ".join(refused.format_message().split()), 2)
+    except ProbeError as refused:
+        return _fail(str(refused), refused.exit_code)
+    except (KeyboardInterrupt, click.Abort):
+        return _fail("interrupted; nothing half-written is left", 130)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains again on the way out
+        return 1
+    except OSError as fault:
+        return _fail(f"{fault.filename or 'output'}: {fault.strerror or fault}", 1)
+    except MemoryError:
+        return _fail("out of memory: ask for less with a larger --accuracy", 1)
+    except Exception as fault:  # the last line of defence of "never a traceback"
+        if os.environ.get("PROBE_DESIGN_DEBUG"):
+            raise
+        text = " ".join(f"{type(fault).__name__}: {fault}".split())
+        return _fail(f"a defect of the program: {text[:200]}; PROBE_DESIGN_DEBUG=1 shows where", 1)
+
+
+def _fail(text: str, code: int) -> int:
+    print(f"probe-design: {text}", file=sys.stderr)
+    return code
+
+
+def _accuracy(text: str) -> float:
+    from geometry.errors import InputError
+
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError("accuracy", text, "a number above 0 and below 1, such as 0.01") from None
+
+
+def _length(key: str, text: str) -> float:
+    from geometry.errors import InputError
+    from geometry.probe import LENGTH
+
+    try:
+        return LENGTH.parse(text)
+    except ValueError as fault:
+        raise InputError(key, text, f"{LENGTH.allowed} ({fault})") from None
+
+
+def _print_json(value: dict[str, Any]) -> None:
+    print(json.dumps(value, allow_nan=False))

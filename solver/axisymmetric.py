@@ -16,7 +16,7 @@ from geometry.probe import Material
 from geometry.scene import Scene
 from solver.base_states import BaseStates, base_states
 from solver.details import details
-from solver.film_forces import FilmForces, outputs
+from solver.film_forces import Bound, FilmForces, outputs
 from solver.quadrilateral import elements
 from solver.result import Result
 
@@ -73,16 +73,19 @@ class Axisymmetric:
 
 
 def converged(scene: Scene, accuracy: float) -> tuple[FilmForces, list[str]]:
-    """Return film forces on the first mesh that meets ``accuracy``, or on the finest, and lines on what was left out."""
+    """Return film forces on the first mesh that meets ``accuracy``, or on the finest, and lines on what stands in the way."""
     history: list[list[BaseStates]] = []
     while True:
         history.append([_states(scene, section, LEVELS[len(history)]) for section in sections(scene)])
-        films, numerical, left_out = _bounded(scene, history)
-        if len(history) < 2:
+        if len(history) == 1:
             continue
+        films, numerical, notes = _bounded(scene, history)
         small = films.error_under(scene) <= accuracy or numerical.error_under(scene) <= accuracy / 10
-        if (small and _slope_error(history) <= 5 * accuracy) or len(history) == len(LEVELS):
-            return films, left_out
+        slope_error = _slope_error(history)
+        if (small and slope_error <= 5 * accuracy) or len(history) == len(LEVELS):
+            if scene.target is not None and slope_error > 5 * accuracy:
+                notes.append(f"log_sensitivity is good to about {slope_error:.1g} of itself only")
+            return films, notes
 
 
 def sections(scene: Scene) -> tuple[Section, ...]:
@@ -126,15 +129,16 @@ def _states(scene: Scene, section: Section, fineness: Fineness) -> BaseStates:
 
 def _bounded(scene: Scene, history: list[list[BaseStates]]) -> tuple[FilmForces, FilmForces, list[str]]:
     """Return film forces with all their errors, the same with the meshes' errors alone, and what was left out."""
-    forces = [np.mean([state.forces for state in states], axis=0) for states in history]
-    slope = np.mean([state.slope for state in history[-1]], axis=0) if scene.target is not None else None
-    numerical = _discretisation(forces) + np.max([state.rounding.sum(axis=1) for state in history[-1]], axis=0)
-    left_out, errors = [], numerical.copy()
-    for name, change in _changes(scene, [state.forces for state in history[-1]], forces[-1]):
-        effect = FilmForces(forces[-1], change.sum(axis=1)).ratio_error
-        left_out.append(f"left out: {name}, changes the ratio by at most about {effect:.2g}, counted in error_estimate")
-        errors += change.sum(axis=1)
-    return FilmForces(forces[-1], errors, slope), FilmForces(forces[-1], numerical), left_out
+    levels = [np.mean([state.forces for state in states], axis=0) for states in history]
+    forces, slope = levels[-1], np.mean([state.slope for state in history[-1]], axis=0)
+    rounding = np.max([state.rounding.sum(axis=1) for state in history[-1]], axis=0)
+    numerical = bound = Bound.independent(_discretisation(levels) + rounding, forces)
+    left_out = []
+    for name, change in _changes(scene, [state.forces for state in history[-1]], forces):
+        left_out.append(f"left out: {name}, changes the ratio by at most about {change.log_ratio:.2g}, counted in error_estimate")
+        bound += change
+    films = FilmForces(forces, bound, slope if scene.target is not None else None)
+    return films, FilmForces(forces, numerical), left_out
 
 
 def _discretisation(forces: list[Floats]) -> Floats:
@@ -152,20 +156,19 @@ def _discretisation(forces: list[Floats]) -> Floats:
 
 def _slope_error(history: list[list[BaseStates]]) -> float:
     """Relative change of log_sensitivity by the last refinement, less the 1e-5 absolute that is always allowed."""
-    last = [FilmForces(states[0].forces, states[0].rounding[0], states[0].slope).log_sensitivity or 0.0 for states in history[-2:]]
-    change = max(0.0, abs(last[1] - last[0]) - 5e-6)
-    return change / max(abs(last[1]), 1e-300) if change else 0.0
+    coarse, fine = (FilmForces(s[0].forces, Bound(np.zeros(2), 0.0), s[0].slope).log_sensitivity or 0.0 for s in history[-2:])
+    excess = abs(fine - coarse) - 1e-5
+    return excess / abs(fine) if excess > 0 and fine else 0.0
 
 
-def _changes(scene: Scene, bracket: list[Floats], forces: Floats) -> list[tuple[str, Floats]]:
+def _changes(scene: Scene, bracket: list[Floats], forces: Floats) -> list[tuple[str, Bound]]:
     """Name what the meridian plane does not show and bound its change of the film forces."""
-    found = [(detail.name, detail.change(forces)) for detail in details(scene.probe)]
+    found = [(detail.name, detail.bound(forces)) for detail in details(scene.probe)]
     if len(bracket) == 2:
-        # F lies between the bracket's ends: |F - mean|_ij <= sqrt(d_i d_j), d the diagonal of half the width
-        half = np.sqrt(np.maximum(np.diag(np.abs(bracket[1] - bracket[0])) / 2, 0.0))
-        found.append(("the tissue's sides are not round about the probe's axis", np.outer(half, half)))
+        # the mean is answered: half the width would do if all went evenly between the two
+        near, far = (end.sum(axis=1) for end in bracket)
+        change = Bound(np.abs(far - near), float(abs(np.log(np.abs(far / near)) @ [1.0, -1.0])))
+        found.append(("the tissue's sides are not round about the probe's axis", change))
     if scene.tissue.shape == "half-space":
-        found.append((f"the tissue beyond {HALF_SPACE:g} probe sizes", np.abs(forces) / HALF_SPACE))
+        found.append((f"the tissue beyond {HALF_SPACE:g} probe sizes", Bound(np.abs(forces).sum(axis=1) / HALF_SPACE, 1 / HALF_SPACE)))
     return found
-
-

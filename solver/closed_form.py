@@ -19,7 +19,7 @@ from geometry.grading import Floats
 from geometry.scene import Inclusion, Scene
 from solver.compatibility import Ball, Block, Layer, film_forces
 from solver.details import details
-from solver.film_forces import FilmForces, outputs
+from solver.film_forces import Bound, FilmForces, outputs
 from solver.result import Result
 
 PROBE = (
@@ -30,6 +30,7 @@ TISSUE = ("tissue_depth", "tissue_modulus", "tissue_poisson")
 BALL = ("radius", "depth", "offset", "modulus", "poisson")
 RINGS = 3  # per block
 LEAST_COVER = 0.1  # of an inclusion, in its diameters
+LARGEST_ERROR = 3.0  # of ln(ratio): beyond it the formulas say nothing
 LEAST_DEPTH = 0.1  # of the tissue, in outer radii
 
 
@@ -131,13 +132,12 @@ class ClosedForm:
             raise Refusal("evaluator", self.name, why)
         shape, values = parameters(scene)
         forces, slope, shares = (np.array(part) for part in function(shape)(values))
-        error = math.expm1(_log_error(scene, shape, values, forces, shares))
-        if not (np.all(np.isfinite(forces)) and np.all(forces.sum(axis=1) > 0) and math.isfinite(error)):
+        error = _log_error(scene, shape, values, forces, shares)
+        if not (np.all(np.isfinite(forces)) and np.all(forces.sum(axis=1) > 0) and error < LARGEST_ERROR):
             raise Refusal("evaluator", self.name, "scenes in which both films are pressed; this one needs the evaluator axisymmetric")
-        told = outputs(scene, FilmForces(forces, np.zeros(2), slope if scene.target is not None else None))
-        told["error_estimate"] = error
-        if error > accuracy:
-            told["warnings"] += (f"an error bound of {error:.2g} is what the formulas reach, accuracy {accuracy:g} asked for",)
+        told = outputs(scene, FilmForces(forces, Bound(np.zeros(2), error), slope if scene.target is not None else None))
+        if told["error_estimate"] > accuracy:
+            told["warnings"] += (f"an error bound of {told['error_estimate']:.2g} is what the formulas reach, accuracy {accuracy:g} asked for",)
         return Result(self.name, perf_counter() - start, **told)
 
 
@@ -153,7 +153,7 @@ def _log_error(scene: Scene, shape: Shape, values: Floats, forces: Floats, share
     probe_and_tissue = len(PROBE) + len(TISSUE)
     even = np.array(function(replace(shape, rings=1))(values)[0])
     bare = np.array(function(replace(shape, on_axis=(), target=None))(values[:probe_and_tissue])[0])
-    extra = sum(FilmForces(forces, detail.change(forces).sum(axis=1)).ratio_error for detail in details(scene.probe))
+    extra = sum(detail.bound(forces).log_ratio for detail in details(scene.probe))
     rings, inclusions = abs(_log_ratio(even, forces)), abs(_log_ratio(bare, forces))
     return float(0.05 + 0.6 * rings + inclusions + 0.3 * _sides(scene, forces) + 0.3 * np.abs(shares).sum() + extra)
 

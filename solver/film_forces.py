@@ -14,17 +14,42 @@ LINEAR_STRAIN = 0.05  # beyond it, linear elasticity is no longer good to about 
 
 
 @dataclass(frozen=True)
+class Bound:
+    """How far film forces may be off.
+
+    Attributes:
+        totals: of each film's total force, N/m, >= 0, shape (2,).
+        log_ratio: of ln(ratio); what shifts both films alike shifts it less than the totals.
+    """
+
+    totals: Floats
+    log_ratio: float
+
+    @classmethod
+    def independent(cls, totals: Floats, forces: Floats) -> Bound:
+        """Return the bound where the two films' errors know nothing of each other, eq. (F3)."""
+        with np.errstate(divide="ignore"):
+            inner, outer = totals / np.abs(forces.sum(axis=1))
+        worst = max(inner, outer)
+        return cls(totals, float(-np.log1p(-inner) - np.log1p(-outer)) if worst < 1 else np.inf)
+
+    def __add__(self, other: Bound) -> Bound:
+        """Return the bound on both errors together."""
+        return Bound(self.totals + other.totals, self.log_ratio + other.log_ratio)
+
+
+@dataclass(frozen=True)
 class FilmForces:
-    """Forces F_ij on film i (0 inner, 1 outer) per unit displacement of base j, with bounds on what they add up to.
+    """Forces F_ij on film i (0 inner, 1 outer) per unit displacement of base j, with a bound on their errors.
 
     Attributes:
         forces: N/m, symmetric, shape (2, 2).
-        errors: bounds on the errors of ``totals``, N/m, >= 0, shape (2,).
+        bound: on what they may be off.
         slope: d forces / d ln E_object, shape (2, 2), or None without a target.
     """
 
     forces: Floats
-    errors: Floats
+    bound: Bound
     slope: Floats | None = None
 
     @property
@@ -36,7 +61,7 @@ class FilmForces:
     def relative_errors(self) -> Floats:
         """Bounds on the relative errors of both stresses at a given indentation; inf where a total is zero."""
         with np.errstate(divide="ignore"):
-            return np.asarray(self.errors / np.abs(self.totals))
+            return np.asarray(self.bound.totals / np.abs(self.totals))
 
     @property
     def log_sensitivity(self) -> float | None:
@@ -48,19 +73,21 @@ class FilmForces:
 
     @property
     def ratio_error(self) -> float:
-        """Bound on the relative error of the ratio: eq. (F3), (1 + e_0) / (1 - e_1) - 1, inf from e_1 = 1 on."""
-        inner, outer = self.relative_errors
-        return float((1 + inner) / (1 - outer) - 1) if inner < 1 and outer < 1 else np.inf
+        """Bound on the relative error of the ratio."""
+        return float(np.expm1(min(self.bound.log_ratio, 700.0)))
 
     @property
     def stiffness_error(self) -> float:
         """Bound on the relative error of the total force per indentation."""
-        return float(self.errors.sum() / abs(self.totals.sum()))
+        return float(self.bound.totals.sum() / abs(self.totals.sum()))
 
     def error_under(self, scene: Scene) -> float:
-        """Largest relative error bound of ratio, both stresses and stiffness at the scene's kind of load."""
-        shared = self.stiffness_error if scene.load.force is not None else 0.0
-        return max(self.ratio_error, float(self.relative_errors.max()) + shared, self.stiffness_error)
+        """Largest relative error bound of ratio, both stresses and stiffness at the scene's kind of load.
+
+        Under a force the stresses are shares of it, so that the ratio's error bounds theirs.
+        """
+        stresses = self.ratio_error if scene.load.force is not None else float(self.relative_errors.max())
+        return max(self.ratio_error, stresses, self.stiffness_error)
 
 
 def outputs(scene: Scene, films: FilmForces) -> dict[str, Any]:
@@ -86,7 +113,7 @@ def outputs(scene: Scene, films: FilmForces) -> dict[str, Any]:
 
 def _ratio(scene: Scene, films: FilmForces, areas: Floats) -> tuple[dict[str, float | None], list[str]]:
     for name, error in zip(("stress_inner", "stress_outer"), films.relative_errors, strict=True):
-        if error >= 1:
+        if error >= 1 or not np.isfinite(films.bound.log_ratio):
             told = dict.fromkeys(("ratio", "log_sensitivity", "error_estimate"))
             return told, [f"ratio, log_sensitivity and error_estimate are null: {name} is below its own error"]
     reasons = []

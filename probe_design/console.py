@@ -1,0 +1,67 @@
+"""What a person sees: tables, progress and messages; everything but results goes to standard error."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from solver.result import Result
+
+UNITS = {
+    "stress_inner": "Pa", "stress_outer": "Pa", "ratio": "", "log_sensitivity": "", "stiffness": "N/m", "charge_inner": "C",
+    "charge_outer": "C", "error_estimate": "", "equivalent_modulus": "Pa",
+}  # fmt: skip
+
+
+def message(text: str) -> None:
+    """Write one line to standard error."""
+    print(f"probe-design: {text}", file=sys.stderr, flush=True)
+
+
+def result_table(result: Result) -> Table:
+    """Return the results of one evaluation as a table; what is null is left out, its reason is a warning."""
+    table = Table(title=f"{result.evaluator}, {result.seconds:.2g} s")
+    for heading in ("quantity", "value", "unit"):
+        table.add_column(heading, justify="right" if heading == "value" else "left")
+    values = result.as_dict()
+    for key, unit in UNITS.items():
+        if values[key] is not None:
+            table.add_row(key, f"{values[key]:.6g}", unit)
+    return table
+
+
+def show(table: Table) -> None:
+    """Write a table to standard output."""
+    Console(soft_wrap=True).print(table)
+
+
+@contextmanager
+def working(text: str) -> Iterator[None]:
+    """Show on a terminal that something is being computed."""
+    with Console(stderr=True).status(text):
+        yield
+
+
+@contextmanager
+def stages() -> Iterator[Any]:
+    """Yield a function (stage, done, total) that shows a bar per stage, or lines where there is no terminal."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda stage, done, total: message(f"{stage}: {done} of {total}") if done in (0, total) else None
+        return
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console) as bars:
+        tasks: dict[str, Any] = {}
+
+        def update(stage: str, done: int, total: int) -> None:
+            task = tasks.setdefault(stage, None) or bars.add_task(stage, total=total)
+            tasks[stage] = task
+            bars.update(task, completed=done)
+
+        yield update
