@@ -39,12 +39,6 @@ def semi_axes(body: Inclusion) -> Matrix:
     return [[entry * diameter / 2 for entry, diameter in zip(row, diameters, strict=True)] for row in rotation]
 
 
-def shape_matrix(body: Inclusion) -> Matrix:
-    """The matrix Q of the ellipsoid (p-c)^T Q^-1 (p-c) <= 1, 3 x 3, in m^2: R diag(a^2) R^T with semi-axes a."""
-    axes = semi_axes(body)
-    return [[_dot(row, column) for column in axes] for row in axes]
-
-
 def overlap(one: Inclusion, other: Inclusion) -> bool:
     """Whether two ellipsoids overlap or touch.
 

@@ -129,9 +129,8 @@ class Probe(Frozen):
     def _check_wall(self) -> None:
         if self.tube_radius - self.hole_radius >= 1e-9 * self.tube_radius:
             return
-        given = {"outer_radius": self.outer_radius} if self.area_ratio is None else {"area_ratio": self.area_ratio}
         least = f"an outer radius, now {mm(self.tube_radius)}, above inner_radius + gap = {mm(self.hole_radius)}"
-        raise InputError(*_shown(given), least)
+        raise InputError(*_given(self, "outer_radius", "area_ratio"), least)
 
     def _check_groove(self) -> None:
         if self.groove is None:
@@ -201,14 +200,11 @@ def reaches(size: float, limit: float) -> bool:
 
 
 def _given(probe: Probe, *keys: str) -> tuple[str, Words]:
-    """Return the first key that is given and, as text, its value and the others that are given; else the first key."""
-    return _shown({key: getattr(probe, key) for key in keys if getattr(probe, key) is not None} or {keys[0]: None})
+    """Return the first key that has a value and, as text, its value and the others' values; else the first key."""
+    first, *others = [key for key in keys if getattr(probe, key) is not None] or keys[:1]
+    return first, Words(" and ".join([_text(probe, first), *(f"{key} = {_text(probe, key)}" for key in others)]))
 
 
-def _shown(values: dict[str, float | None]) -> tuple[str, Words]:
-    (first, *_), texts = values, [_text(key, value) for key, value in values.items()]
-    return first, Words(" and ".join(texts).removeprefix(f"{first} = "))
-
-
-def _text(key: str, value: float | None) -> str:
-    return f"{key} = {'missing' if value is None else f'{value:g}' if key == 'area_ratio' else mm(value)}"
+def _text(probe: Probe, key: str) -> str:
+    value = getattr(probe, key)
+    return "missing" if value is None else f"{value:g}" if key == "area_ratio" else mm(value)

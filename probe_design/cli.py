@@ -67,7 +67,9 @@ def evaluate(scene: Path, evaluator: str, accuracy: str, as_json: bool) -> None:
 
 @cli.command()
 @click.argument("scene", type=click.Path(path_type=Path), required=False)
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder for the design, STEP files and report.")
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder for the design, STEP files and report."
+)
 @click.option("--outer-radius", help="Limit of the probe's outer radius, such as '8 mm'.  [default: 1.4 times the start's]")
 @click.option("--starts", default=8, show_default=True, type=click.IntRange(1, 100), help="Local searches.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from geometry.errors import InputError
+from geometry.grading import Floats
 from geometry.scene import Scene
 from probe_design.objective import objective_of
 from probe_design.search import search
@@ -25,14 +26,14 @@ class Candidate:
 
     Attributes:
         scene: the scene with this probe.
-        searched, judged: the closed form's and the judge's results; ``searched`` is None where the formulas refuse.
+        searched, judged: the closed form's and the judge's results.
         searched_objective, judged_objective: standard deviations of ln E_object, smaller is better.
     """
 
     scene: Scene
-    searched: Result | None
+    searched: Result
     judged: Result
-    searched_objective: float | None
+    searched_objective: float
     judged_objective: float
 
 
@@ -70,20 +71,24 @@ def optimize(scene: Scene, progress: Progress, outer_radius: float | None = None
         Refusal: closed form or judge cannot take the scene.
     """
     if scene.target is None:
-        raise InputError("inclusion.target", "none", "one inclusion, or one of several marked target = true: its modulus is to be told")
+        raise InputError(
+            "inclusion.target", "none", "one inclusion, or one of several marked target = true: its modulus is to be told"
+        )
     room = space(scene, outer_radius)
     progress("judging the start", 0, 1)
     baseline = _candidate(scene)
     progress("judging the start", 1, 1)
     designs = search(room, starts, lambda done, total: progress("searching with the closed form", done, total))
     candidates = _judged(_workshop_scenes(room, designs), progress)
-    gained = bool(candidates) and candidates[0].judged_objective < baseline.judged_objective * (1 - 5 * ACCURACY) / (1 + 5 * ACCURACY)
+    gained = bool(candidates) and candidates[0].judged_objective < baseline.judged_objective * (1 - 5 * ACCURACY) / (
+        1 + 5 * ACCURACY
+    )
     return Optimum("improved" if gained else "no-gain", baseline, candidates)
 
 
-def _workshop_scenes(room: Space, designs: object) -> list[Scene]:
+def _workshop_scenes(room: Space, designs: Floats) -> list[Scene]:
     scenes: list[Scene] = []
-    for design in designs.T:  # type: ignore[attr-defined]
+    for design in designs.T:
         scene = room.scene_of(design)
         if scene is not None and scene not in scenes:
             scenes.append(scene)

@@ -64,7 +64,11 @@ def summary(optimum: Optimum, files: Sequence[Path]) -> dict[str, Any]:
         "result": best.judged.as_dict(),
         "baseline_result": start.judged.as_dict(),
         "candidates": [
-            {"objective": _finite(c.judged_objective), "searched_objective": _finite(c.searched_objective), "design": scene_to_dict(c.scene)}
+            {
+                "objective": _finite(c.judged_objective),
+                "searched_objective": _finite(c.searched_objective),
+                "design": scene_to_dict(c.scene),
+            }
             for c in optimum.candidates
         ],
     }
@@ -73,7 +77,9 @@ def summary(optimum: Optimum, files: Sequence[Path]) -> dict[str, Any]:
 def level_rows(optimum: Optimum) -> list[Row]:
     """Return the comparison: quantity, start, optimum."""
     start, best = optimum.baseline, optimum.best
-    rows = [(name, one, other) for (name, one), (_, other) in zip(_design(start.scene.probe), _design(best.scene.probe), strict=True)]
+    rows = [
+        (name, one, other) for (name, one), (_, other) in zip(_design(start.scene.probe), _design(best.scene.probe), strict=True)
+    ]
     for level, pick in (("closed-form", _searched), (JUDGE, _judged)):
         for (name, one), (_, other) in zip(pick(start), pick(best), strict=True):
             rows.append((f"{name} by {level}", one, other))
@@ -95,11 +101,25 @@ def candidates_csv(optimum: Optimum) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     names = [name for name, _ in _design(optimum.baseline.scene.probe)]
-    writer.writerow(["design", *names, "objective closed-form", f"objective {JUDGE}", "ratio", "log_sensitivity", "error_estimate"])
+    writer.writerow(
+        ["design", *names, "objective closed-form", f"objective {JUDGE}", "ratio", "log_sensitivity", "error_estimate"]
+    )
     for name, candidate in [("start", optimum.baseline), *((f"{k + 1}", c) for k, c in enumerate(optimum.candidates))]:
         judged = candidate.judged
-        results = (candidate.searched_objective, candidate.judged_objective, judged.ratio, judged.log_sensitivity, judged.error_estimate)
-        writer.writerow([name, *(value for _, value in _design(candidate.scene.probe)), *(f"{v:.6g}" if v is not None else "" for v in results)])
+        results = (
+            candidate.searched_objective,
+            candidate.judged_objective,
+            judged.ratio,
+            judged.log_sensitivity,
+            judged.error_estimate,
+        )
+        writer.writerow(
+            [
+                name,
+                *(value for _, value in _design(candidate.scene.probe)),
+                *(f"{v:.6g}" if v is not None else "" for v in results),
+            ]
+        )
     return text.getvalue()
 
 
@@ -123,7 +143,9 @@ def _headline(optimum: Optimum) -> str:
     start, best = optimum.baseline.judged_objective, optimum.best.judged_objective
     if optimum.status == "no-gain":
         return f"No gain: {JUDGE} sees no design that beats the start, whose standard deviation of ln E_object is {start:.3g}."
-    return f"The standard deviation of ln E_object falls from {start:.3g} to {best:.3g}, by {JUDGE}, which the search did not see."
+    return (
+        f"The standard deviation of ln E_object falls from {start:.3g} to {best:.3g}, by {JUDGE}, which the search did not see."
+    )
 
 
 def _design(probe: Probe) -> list[tuple[str, str]]:
@@ -140,8 +162,10 @@ def _design(probe: Probe) -> list[tuple[str, str]]:
 
 
 def _searched(candidate: Candidate) -> list[tuple[str, str]]:
-    sensitivity = candidate.searched.log_sensitivity if candidate.searched else None
-    return [("log-sensitivity", _number(sensitivity)), ("sd of ln E_object", _number(candidate.searched_objective))]
+    return [
+        ("log-sensitivity", _number(candidate.searched.log_sensitivity)),
+        ("sd of ln E_object", _number(candidate.searched_objective)),
+    ]
 
 
 def _judged(candidate: Candidate) -> list[tuple[str, str]]:

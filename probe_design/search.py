@@ -7,6 +7,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from geometry.grading import Floats
@@ -35,7 +36,7 @@ def search(space: Space, starts: int, progress: Callable[[int, int], None]) -> F
         found.append(_polished(space, solver, screened[:, k]))
     progress(starts, starts)
     designs = np.concatenate([np.array(found).T, screened], axis=1)
-    designs = designs[:, space.admits(designs * 1.0) | _nearly(space, designs)]
+    designs = designs[:, _nearly(space, designs)]
     values = np.array(cost.map(designs.shape[1])(np.log(designs))).ravel()
     return _distinct(designs[:, np.argsort(np.where(np.isfinite(values), values, np.inf))])
 
@@ -45,7 +46,6 @@ def log_objective(space: Space) -> Any:
     shape, values = parameters(space.scene)
     x = ca.SX.sym("x", 6)
     v = ca.exp(x)
-    probe = space.scene.probe
     design = dict(zip(PROBE, values[: len(PROBE)], strict=True))
     design |= {"inner_radius": v[0], "gap": v[2], "outer_radius": space.derived_radius(ca.vertsplit(v))}
     design |= {"inner_height": v[3], "outer_height": v[3], "inner_modulus": v[4], "outer_modulus": v[5]}
@@ -54,7 +54,6 @@ def log_objective(space: Space) -> Any:
     sensitivity = slopes[0] / totals[0] - slopes[1] / totals[1]
     shares = totals / ca.sum1(totals)
     information = Noise.of(space.scene).information(sensitivity, shares[0], shares[1])
-    assert probe.inner_radius > 0
     return ca.Function("log_objective", [x], [-0.5 * ca.log(information)])
 
 
@@ -72,17 +71,24 @@ def _ipopt(space: Space, cost: Any) -> Any:
     v = ca.vertsplit(ca.exp(x))
     radius = space.derived_radius(v)
     constraints = ca.vertcat(radius / space.outer_radius, (radius - v[0] - v[2]) / space.wall)
-    quiet = {"ipopt.print_level": 0, "print_time": 0, "ipopt.sb": "yes", "error_on_fail": False, "show_eval_warnings": False}
+    quiet: dict[str, Any] = {
+        "ipopt.print_level": 0,
+        "print_time": 0,
+        "ipopt.sb": "yes",
+        "error_on_fail": False,
+        "show_eval_warnings": False,
+    }
     choices = {"ipopt.hessian_approximation": "limited-memory", "ipopt.max_iter": 80, "ipopt.tol": 1e-6}
     return ca.nlpsol("search", "ipopt", {"x": x, "f": cost(x), "g": constraints}, quiet | choices)
 
 
 def _polished(space: Space, solver: Any, start: Floats) -> Floats:
     bounds = {"lbx": np.log(space.low), "ubx": np.log(space.high), "lbg": [0.0, 1.0], "ubg": [1.0, np.inf]}
-    return np.exp(np.array(solver(x0=np.log(start), **bounds)["x"]).ravel())
+    optimum: Floats = np.exp(np.array(solver(x0=np.log(start), **bounds)["x"]).ravel())
+    return optimum
 
 
-def _nearly(space: Space, designs: Floats) -> Floats:
+def _nearly(space: Space, designs: Floats) -> NDArray[np.bool_]:
     """IPOPT meets constraints to about 1e-8; rounding for the workshop takes care of the rest."""
     radius = space.derived_radius(designs)
     room = (radius <= space.outer_radius * (1 + 1e-6)) & (radius - designs[0] - designs[2] >= space.wall * (1 - 1e-6))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from geometry.errors import InputError
 from geometry.grading import Floats
@@ -16,7 +17,7 @@ from geometry.scene import Scene
 VARIABLES = ("inner_radius", "area_ratio", "gap", "height", "inner_modulus", "outer_modulus")
 LEAST_GAP, LARGEST_GAP = 0.1e-3, 0.5e-3  # m: the paper found wider gaps "less robust"
 LEAST_WALL = 0.5e-3  # m: thinner sleeves of elastomer are not handled well
-MODULI = (10e3, 10e6)  # Pa: soft silicone gel to firm rubber
+MODULI = (10e3, 1e6)  # Pa: soft silicone gel to rubber a tenth as stiff as the paper's base, which counts as rigid
 DIGITS = 3  # of moduli; lengths are rounded to 0.01 mm
 
 
@@ -41,7 +42,7 @@ class Space:
         """Outer radius of designs x (variables first), from A2/A1."""
         return ((x[0] + x[2]) ** 2 + x[0] ** 2 / x[1]) ** 0.5
 
-    def admits(self, x: Floats) -> Floats:
+    def admits(self, x: Floats) -> NDArray[np.bool_]:
         """Which designs, shape (6, n), meet the constraints."""
         radius = self.derived_radius(x)
         return np.asarray((radius <= self.outer_radius) & (radius - x[0] - x[2] >= self.wall))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from time import perf_counter
 
 import numpy as np
@@ -104,7 +105,9 @@ def sections(scene: Scene) -> tuple[Section, ...]:
         radii = [min(tissue.length / 2 - x, tissue.breadth / 2 - y), math.hypot(tissue.length / 2 + x, tissue.breadth / 2 + y)]
         depth = tissue.depth
     else:
-        size = max(probe.tube_radius, probe.core_height, probe.tube_height, 0.0 if sphere is None else sphere.radius + sphere.depth)
+        size = max(
+            probe.tube_radius, probe.core_height, probe.tube_height, 0.0 if sphere is None else sphere.radius + sphere.depth
+        )
         radii, depth = [HALF_SPACE * size], HALF_SPACE * size
     section = partial(
         Section,
@@ -121,7 +124,8 @@ def sections(scene: Scene) -> tuple[Section, ...]:
 
 def _states(scene: Scene, section: Section, fineness: Fineness) -> BaseStates:
     materials: dict[Body, Material] = {Body.TISSUE: scene.tissue, Body.INNER: scene.probe.inner, Body.OUTER: scene.probe.outer}
-    materials |= {Body.INCLUSION: body for body in scene.inclusion}
+    if scene.inclusion:
+        materials[Body.INCLUSION] = scene.inclusion[0]
     interface = scene.contact.interface
     assert interface != "unilateral"  # refused above
     return base_states(elements(mesh(section, fineness), fineness.order), section, materials, interface)
@@ -148,7 +152,7 @@ def _discretisation(forces: list[Floats]) -> Floats:
     error that is left; a fourth of the change before that guards against a change that is small by
     chance, and a tenth of the single forces' changes against changes that cancel in their sum.
     """
-    changes = [fine - coarse for coarse, fine in zip(forces[:-1], forces[1:], strict=True)]
+    changes = [fine - coarse for coarse, fine in pairwise(forces)]
     sizes = [np.abs(change.sum(axis=1)) + 0.1 * np.abs(change).sum(axis=1) for change in changes[-2:]]
     faded = [size / LEAST_DROP**age for age, size in enumerate(reversed(sizes))]
     return np.asarray(np.max(faded, axis=0)) if faded else np.abs(forces[-1]).sum(axis=1)
@@ -170,5 +174,7 @@ def _changes(scene: Scene, bracket: list[Floats], forces: Floats) -> list[tuple[
         change = Bound(np.abs(far - near), float(abs(np.log(np.abs(far / near)) @ [1.0, -1.0])))
         found.append(("the tissue's sides are not round about the probe's axis", change))
     if scene.tissue.shape == "half-space":
-        found.append((f"the tissue beyond {HALF_SPACE:g} probe sizes", Bound(np.abs(forces).sum(axis=1) / HALF_SPACE, 1 / HALF_SPACE)))
+        found.append(
+            (f"the tissue beyond {HALF_SPACE:g} probe sizes", Bound(np.abs(forces).sum(axis=1) / HALF_SPACE, 1 / HALF_SPACE))
+        )
     return found

@@ -74,7 +74,7 @@ def _condensed(stiffness: Floats, edge: int) -> tuple[Floats, Floats]:
     Returns the condensed matrices and what gives the inside from the edge: inside = recovery @ edge.
     """
     inside = stiffness[:, edge:, edge:]
-    recovery = -np.linalg.solve(inside, stiffness[:, edge:, :edge])
+    recovery = np.asarray(np.linalg.solve(inside, -stiffness[:, edge:, :edge]), dtype=float)
     condensed = stiffness[:, :edge, :edge] + stiffness[:, :edge, edge:] @ recovery
     return (condensed + condensed.transpose(0, 2, 1)) / 2, recovery
 
@@ -88,7 +88,9 @@ def _element_stiffness(grid: Elements, materials: Mapping[Body, Material]) -> Fl
 
 
 def _numbering(grid: Elements, interface: str) -> Ints:
-    """Number the u_r and u_z of each shape function on corners and edges, shape (functions, 2): those that meet on z = 0 share u_z, and u_r where bonded.
+    """Number the u_r and u_z of each shape function on corners and edges, shape (functions, 2).
+
+    Those that meet on z = 0 share u_z, and u_r where bonded.
 
     Functions of elements' insides, which are eliminated, have none.
     """

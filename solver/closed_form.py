@@ -62,7 +62,9 @@ def function(shape: Shape) -> Any:
     p = ca.SX.sym("p", len(PROBE) + len(TISSUE) + len(BALL) * len(shape.on_axis))
     r2, gap, ro, hi, ho, ei, ni, eo, no, depth, et, nt = ca.vertsplit(p[: len(PROBE) + len(TISSUE)])
     bodies = [ca.vertsplit(p[k : k + len(BALL)]) for k in range(len(PROBE) + len(TISSUE), p.shape[0], len(BALL))]
-    balls = [Ball(*body, on_axis=on_axis) for body, on_axis in zip(bodies, shape.on_axis, strict=True)]
+    balls = [
+        Ball(body[0], body[1], body[2], body[3], body[4], on_axis) for body, on_axis in zip(bodies, shape.on_axis, strict=True)
+    ]
     layer = Layer(depth if shape.nodes else None, et, nt, shape.nodes)
     forces = film_forces(Block(0.0, r2, hi, ei, ni), Block(r2 + gap, ro, ho, eo, no), layer, balls, shape.rings)
     slope = ca.SX.zeros(2, 2)
@@ -134,10 +136,14 @@ class ClosedForm:
         forces, slope, shares = (np.array(part) for part in function(shape)(values))
         error = _log_error(scene, shape, values, forces, shares)
         if not (np.all(np.isfinite(forces)) and np.all(forces.sum(axis=1) > 0) and error < LARGEST_ERROR):
-            raise Refusal("evaluator", self.name, "scenes in which both films are pressed; this one needs the evaluator axisymmetric")
+            raise Refusal(
+                "evaluator", self.name, "scenes in which both films are pressed; this one needs the evaluator axisymmetric"
+            )
         told = outputs(scene, FilmForces(forces, Bound(np.zeros(2), error), slope if scene.target is not None else None))
         if told["error_estimate"] > accuracy:
-            told["warnings"] += (f"an error bound of {told['error_estimate']:.2g} is what the formulas reach, accuracy {accuracy:g} asked for",)
+            told["warnings"] += (
+                f"an error bound of {told['error_estimate']:.2g} is what the formulas reach, accuracy {accuracy:g} asked for",
+            )
         return Result(self.name, perf_counter() - start, **told)
 
 

@@ -27,7 +27,6 @@ from solver import half_space
 SX = half_space.SX
 
 
-
 @dataclass(frozen=True)
 class Block:
     """A block as a ring (a disc if ``hole`` is 0): radii, height, modulus, Poisson's ratio; casadi scalars."""

@@ -65,7 +65,7 @@ class FilmForces:
 
     @property
     def log_sensitivity(self) -> float | None:
-        """d ln(F_0 / F_1) / d ln E_object, eq. (F2)."""
+        """Log-sensitivity of the ratio, eq. (F2): S = d ln(F_0 / F_1) / d ln E_object."""
         if self.slope is None:
             return None
         inner, outer = self.slope.sum(axis=1) / self.totals

@@ -61,7 +61,9 @@ def modulus_from_compatibility(a: float, d: float, D: float, nu: float, E_matrix
 
 def modulus_printed(a: float, d: float, D: float, nu: float, E_matrix: float, E_object: float) -> float:
     """Eq. (8): E_eq = 4 E_m E_o (1-nu^2) d^2 / [E_o (1-nu)^2 (4 d^2 + 3 a D) + 3 a D E_m]."""
-    return 4 * E_matrix * E_object * (1 - nu**2) * d**2 / (E_object * (1 - nu) ** 2 * (4 * d**2 + 3 * a * D) + 3 * a * D * E_matrix)
+    return (
+        4 * E_matrix * E_object * (1 - nu**2) * d**2 / (E_object * (1 - nu) ** 2 * (4 * d**2 + 3 * a * D) + 3 * a * D * E_matrix)
+    )
 
 
 def layer_shortenings(sigma: float, a: float, nu_1: float, nu_2: float, E_1: float) -> tuple[float, float, float]:
@@ -132,6 +134,8 @@ class Published:
         body, tissue = scene.inclusion[0], scene.tissue
         sizes = (scene.probe.tube_radius, body.depth, body.diameter or 0.0)
         modulus = modulus_printed(*sizes, tissue.poisson_ratio, tissue.youngs_modulus, body.youngs_modulus)
-        why_null = "stresses, ratio and error_estimate are null: the paper's equations give an equivalent modulus, not film stresses"
+        why_null = (
+            "stresses, ratio and error_estimate are null: the paper's equations give an equivalent modulus, not film stresses"
+        )
         defects = "defects of the equations, kept as printed: " + "; ".join(DEFECTS)
         return Result(self.name, perf_counter() - start, equivalent_modulus=modulus, warnings=(why_null, defects))

@@ -69,8 +69,11 @@ class Evaluator(Protocol):
         summary: one line for ``--help``: what it models, its usual error and cost.
     """
 
-    name: str
-    summary: str
+    @property
+    def name(self) -> str: ...  # noqa: D102
+
+    @property
+    def summary(self) -> str: ...  # noqa: D102
 
     def refusal(self, scene: Scene) -> str | None:
         """Say which *kind* of thing in the scene this level cannot take, or None."""
