@@ -30,6 +30,13 @@ def written_whole(path: Path) -> Iterator[Path]:
         os.rmdir(folder)
 
 
+def check_writable(folder: Path) -> None:
+    """Make sure that files can be written into ``folder``, making it if needed. Raises ``OSError``."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryFile(dir=folder):
+        pass
+
+
 def write_text(path: Path, text: str) -> Path:
     """Write UTF-8 text whole; returns ``path``."""
     with written_whole(path) as draft:

@@ -24,8 +24,8 @@ def most_telling(refused: ValidationError) -> InputError:
     key = _key(error)
     if isinstance(cause, InputError):
         return InputError(f"{key}.{cause.key}".lstrip("."), cause.value, cause.allowed)
-    if error["type"] in _TAGGED:
-        given = error["input"].get("shape", Words("missing")) if isinstance(error["input"], Mapping) else error["input"]
+    if error["type"] in _TAGGED and isinstance(error["input"], Mapping):
+        given = error["input"].get("shape", Words("missing"))
         return InputError("tissue.shape", given, "'cylinder', 'block' or 'half-space'")
     given = Words("missing") if error["type"] == "missing" else error["input"]
     return InputError(key or "scene", given, _allowed(error))

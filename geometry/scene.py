@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from geometry import placement
 from geometry.errors import InputError, Words
@@ -43,7 +44,18 @@ class HalfSpaceTissue(Material):
     shape: Literal["half-space"]
 
 
-Tissue = Annotated[CylinderTissue | BlockTissue | HalfSpaceTissue, Field(discriminator="shape")]
+def _shape(tissue: object) -> str | None:
+    """The tag of a tissue; a value that is no text stays out of pydantic's own message, which cannot write every integer."""
+    shape = tissue.get("shape") if isinstance(tissue, Mapping) else getattr(tissue, "shape", None)
+    return shape if isinstance(shape, str) else None
+
+
+Tissue = Annotated[
+    Annotated[CylinderTissue, Tag("cylinder")]
+    | Annotated[BlockTissue, Tag("block")]
+    | Annotated[HalfSpaceTissue, Tag("half-space")],
+    Discriminator(_shape),
+]
 
 
 class Inclusion(Material):

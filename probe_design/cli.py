@@ -81,6 +81,7 @@ def optimize(scene: Path | None, output: Path, outer_radius: str | None, starts:
     both moduli; the ten best designs are judged by a model that the search did not see. Exit code 1
     if that model sees no gain.
     """
+    from geometry.files import check_writable
     from geometry.scene_file import read_scene
     from probe_design.builtin import builtin_scene
     from probe_design.console import message, show, stages
@@ -89,6 +90,7 @@ def optimize(scene: Path | None, output: Path, outer_radius: str | None, starts:
 
     start = builtin_scene() if scene is None else read_scene(scene)
     limit = None if outer_radius is None else _length("outer-radius", outer_radius)
+    check_writable(output)  # before the minutes, not after them
     with stages() as progress:
         optimum = run(start, progress, limit, starts)
         files = write_all(optimum, output, progress)
@@ -129,8 +131,6 @@ def main() -> None:
 
 
 def _run() -> int:
-    from geometry.errors import ProbeError
-
     try:
         code = cli.main(prog_name="probe-design", standalone_mode=False)
         return code if isinstance(code, int) else 0
@@ -138,9 +138,7 @@ def _run() -> int:
         click.echo(help_page.format_message())
         return 0
     except click.ClickException as refused:
-        return _fail(" ".join(refused.format_message().split()), 2)
-    except ProbeError as refused:
-        return _fail(str(refused), refused.exit_code)
+        return _fail(refused.format_message(), 2)
     except (KeyboardInterrupt, click.Abort):
         return _fail("interrupted; nothing half-written is left", 130)
     except BrokenPipeError:
@@ -150,15 +148,22 @@ def _run() -> int:
         return _fail(f"{fault.filename or 'output'}: {fault.strerror or fault}", 1)
     except MemoryError:
         return _fail("out of memory: ask for less with a larger --accuracy", 1)
-    except Exception as fault:  # the last line of defence of "never a traceback"
-        if os.environ.get("PROBE_DESIGN_DEBUG"):
-            raise
-        text = " ".join(f"{type(fault).__name__}: {fault}".split())
-        return _fail(f"a defect of the program: {text[:200]}; PROBE_DESIGN_DEBUG=1 shows where", 1)
+    except Exception as fault:  # the toolkit's own errors, and the last line of defence of "never a traceback"
+        return _explained(fault)
+
+
+def _explained(fault: Exception) -> int:
+    from geometry.errors import ProbeError  # costs 0.2 s, which --help need not pay
+
+    if isinstance(fault, ProbeError):
+        return _fail(str(fault), fault.exit_code)
+    if os.environ.get("PROBE_DESIGN_DEBUG"):
+        raise fault
+    return _fail(f"a defect of the program: {type(fault).__name__}: {str(fault)[:200]}; PROBE_DESIGN_DEBUG=1 shows where", 1)
 
 
 def _fail(text: str, code: int) -> int:
-    print(f"probe-design: {text}", file=sys.stderr)
+    print("probe-design:", *text.split(), file=sys.stderr)
     return code
 
 

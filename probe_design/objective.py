@@ -60,9 +60,8 @@ def objective(information: Iterable[float]) -> float:
 
 def objective_of(scene: Scene, result: Result) -> float:
     """Return the objective of one evaluated scene; inf where the evaluator could not tell the sensitivity."""
-    if result.log_sensitivity is None or result.stress_inner is None or result.stress_outer is None:
+    if result.log_sensitivity is None or not result.ratio:
         return math.inf
-    inner, outer = result.stress_inner * scene.probe.inner_area, result.stress_outer * scene.probe.outer_area
-    if not inner * outer:
-        return math.inf
-    return objective([Noise.of(scene).information(result.log_sensitivity, inner / (inner + outer), outer / (inner + outer))])
+    forces = result.ratio * scene.probe.inner_area / scene.probe.outer_area  # inner over outer, also at zero load
+    shares = (forces / (1 + forces), 1 / (1 + forces))
+    return objective([Noise.of(scene).information(result.log_sensitivity, *shares)])

@@ -26,7 +26,8 @@ LEVELS = tuple(
     Fineness(growth, corner, order)
     for growth, corner, order in ((1.4, 0.05, 3), (1.4, 0.02, 4), (1.2, 0.008, 5), (1.0, 0.003, 6), (0.85, 0.001, 7))
 )
-LEAST_DROP = 4.0  # by which errors are trusted to fall from one level to the next
+UNSEEN_DROP = 1.4  # by which errors are trusted to fall from one level to the next before it is seen
+LEAST_SHARE = 1.5  # of the last change: the least that the error bound keeps
 HALF_SPACE = 1e4  # radius and depth of what stands for a half-space, in sizes of probe and inclusion
 
 
@@ -41,16 +42,16 @@ class Axisymmetric:
         """Say which kind of thing in the scene is not rotationally symmetric, or None."""
         at = scene.placement
         if scene.contact.interface == "unilateral":
-            return "contact.interface = 'unilateral' needs the evaluator contact"
+            return "none built yet for contact.interface = 'unilateral' (planned: contact)"
         if at.tilt != 0:
-            return "placement.tilt other than 0 needs the evaluator solid"
+            return "none built yet for placement.tilt other than 0 (planned: solid)"
         if len(scene.inclusion) > 1:
-            return "several inclusions need the evaluator equivalent-inclusion or solid"
+            return "closed-form for several inclusions (planned: equivalent-inclusion, solid)"
         for body in scene.inclusion:
             if body.diameter is None:
-                return "an inclusion that is no sphere needs the evaluator equivalent-inclusion or solid"
+                return "none built yet for an inclusion that is no sphere (planned: equivalent-inclusion, solid)"
             if math.hypot(body.x - at.x, body.y - at.y) > 1e-9 * body.diameter:
-                return "an inclusion off the probe's axis needs the evaluator equivalent-inclusion or solid"
+                return "closed-form for an inclusion off the probe's axis (planned: equivalent-inclusion, solid)"
         return None
 
     def evaluate(self, scene: Scene, accuracy: float = 0.01) -> Result:
@@ -81,7 +82,8 @@ def converged(scene: Scene, accuracy: float) -> tuple[FilmForces, list[str]]:
         if len(history) == 1:
             continue
         films, numerical, notes = _bounded(scene, history)
-        small = films.error_under(scene) <= accuracy or numerical.error_under(scene) <= accuracy / 10
+        left_out = films.error_under(scene) - numerical.error_under(scene)
+        small = films.error_under(scene) <= accuracy or (left_out > accuracy and numerical.error_under(scene) <= accuracy / 2)
         slope_error = _slope_error(history)
         if (small and slope_error <= 5 * accuracy) or len(history) == len(LEVELS):
             if scene.target is not None and slope_error > 5 * accuracy:
@@ -148,14 +150,16 @@ def _bounded(scene: Scene, history: list[list[BaseStates]]) -> tuple[FilmForces,
 def _discretisation(forces: list[Floats]) -> Floats:
     """Bound on the error of the last mesh's total forces, shape (2,), eq. (A2).
 
-    Errors fall by about 5 a level, so that the change from the mesh before is about 4 times the
-    error that is left; a fourth of the change before that guards against a change that is small by
-    chance, and a tenth of the single forces' changes against changes that cancel in their sum.
+    If errors fall by q from level to level, 1 / (q - 1) of the last change is left. Errors usually
+    fall by 5, but no more than UNSEEN_DROP is trusted before a second change shows q, and never
+    less than LEAST_SHARE of the change is kept. A tenth of the single forces' changes guards
+    against changes that cancel in their sum.
     """
-    changes = [fine - coarse for coarse, fine in pairwise(forces)]
-    sizes = [np.abs(change.sum(axis=1)) + 0.1 * np.abs(change).sum(axis=1) for change in changes[-2:]]
-    faded = [size / LEAST_DROP**age for age, size in enumerate(reversed(sizes))]
-    return np.asarray(np.max(faded, axis=0)) if faded else np.abs(forces[-1]).sum(axis=1)
+    changes = [np.abs(change.sum(axis=1)) + 0.1 * np.abs(change).sum(axis=1) for change in (b - a for a, b in pairwise(forces))]
+    if len(changes) == 1:
+        return np.asarray(changes[0] / (UNSEEN_DROP - 1))
+    drop = np.clip(changes[-2] / np.maximum(changes[-1], 1e-300), 1.2, None)
+    return np.asarray(np.maximum(changes[-1] * np.maximum(LEAST_SHARE, 1 / (drop - 1)), changes[-2] / 10))
 
 
 def _slope_error(history: list[list[BaseStates]]) -> float:
@@ -175,6 +179,6 @@ def _changes(scene: Scene, bracket: list[Floats], forces: Floats) -> list[tuple[
         found.append(("the tissue's sides are not round about the probe's axis", change))
     if scene.tissue.shape == "half-space":
         found.append(
-            (f"the tissue beyond {HALF_SPACE:g} probe sizes", Bound(np.abs(forces).sum(axis=1) / HALF_SPACE, 1 / HALF_SPACE))
+            (f"the tissue beyond {HALF_SPACE:g} probe sizes", Bound(np.abs(forces.sum(axis=1)) * 4 / HALF_SPACE, 4 / HALF_SPACE))
         )
     return found

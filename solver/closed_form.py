@@ -111,15 +111,15 @@ class ClosedForm:
     def refusal(self, scene: Scene) -> str | None:
         """Say which kind of thing in the scene the formulas do not know, or None."""
         if scene.contact.interface == "unilateral":
-            return "contact.interface = 'unilateral' needs the evaluator contact"
+            return "none built yet for contact.interface = 'unilateral' (planned: contact)"
         if scene.placement.tilt != 0:
-            return "placement.tilt other than 0 needs the evaluator solid"
+            return "none built yet for placement.tilt other than 0 (planned: solid)"
         if any(body.diameter is None for body in scene.inclusion):
-            return "an inclusion that is no sphere needs the evaluator equivalent-inclusion or solid"
+            return "none built yet for an inclusion that is no sphere (planned: equivalent-inclusion, solid)"
         if any(body.depth - body.diameter / 2 < LEAST_COVER * body.diameter for body in scene.inclusion if body.diameter):
-            return f"inclusions covered by {LEAST_COVER:g} diameters of tissue or more; less needs the evaluator axisymmetric"
+            return f"axisymmetric for an inclusion covered by less than {LEAST_COVER:g} of its diameter"
         if scene.tissue.shape != "half-space" and scene.tissue.depth < LEAST_DEPTH * scene.probe.tube_radius:
-            return f"tissue deeper than {LEAST_DEPTH:g} outer radii; less needs the evaluator axisymmetric"
+            return f"axisymmetric for tissue thinner than {LEAST_DEPTH:g} outer radii"
         return None
 
     def evaluate(self, scene: Scene, accuracy: float = 0.01) -> Result:
@@ -137,7 +137,7 @@ class ClosedForm:
         error = _log_error(scene, shape, values, forces, shares)
         if not (np.all(np.isfinite(forces)) and np.all(forces.sum(axis=1) > 0) and error < LARGEST_ERROR):
             raise Refusal(
-                "evaluator", self.name, "scenes in which both films are pressed; this one needs the evaluator axisymmetric"
+                "evaluator", self.name, "axisymmetric, as the formulas break down for this scene"
             )
         told = outputs(scene, FilmForces(forces, Bound(np.zeros(2), error), slope if scene.target is not None else None))
         if told["error_estimate"] > accuracy:

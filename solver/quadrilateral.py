@@ -113,10 +113,10 @@ def _edge_signs(basis: Any, order: int) -> Floats:
 
 def _matrices(basis: Any, order: int) -> tuple[Floats, Floats]:
     """Integrate 2 mu eps:eps and lambda (P div u)^2 over each ring element, P the projection."""
-    value = np.stack([np.broadcast_to(field[0].value, basis.dx.shape) for field in basis.basis], axis=-1)
+    value = np.stack([np.broadcast_to(np.asarray(field[0]), basis.dx.shape) for field in basis.basis], axis=-1)
     slope = np.stack([field[0].grad for field in basis.basis], axis=-1)  # (2, n, quadrature, s)
     signs = _edge_signs(basis, order)[:, None]
-    radius = basis.global_coordinates().value[0]
+    radius = np.asarray(basis.global_coordinates())[0]
     weight = 2 * np.pi * radius * basis.dx
     pressure = _pressure_functions(basis.X, order)
     parts = []

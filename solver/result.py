@@ -76,7 +76,7 @@ class Evaluator(Protocol):
     def summary(self) -> str: ...  # noqa: D102
 
     def refusal(self, scene: Scene) -> str | None:
-        """Say which *kind* of thing in the scene this level cannot take, or None."""
+        """Say which evaluator can take what in the scene is of a *kind* that this level cannot, or None if it can."""
         ...
 
     def evaluate(self, scene: Scene, accuracy: float) -> Result:

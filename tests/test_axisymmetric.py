@@ -1,0 +1,232 @@
+"""The axisymmetric evaluator against two independent codes, closed forms and laws of physics."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import Expected, expected, named
+
+from geometry import Contact, CylinderTissue, HalfSpaceTissue, Inclusion, Load, Material, Placement, Probe, Refusal, Scene
+from solver import evaluate
+from solver.axisymmetric import LEVELS, Axisymmetric, _states, sections
+from solver.result import Result
+
+SHARED, EXTRA = expected("axisymmetric"), expected("extra")
+# the stresses and stiffness of the shared set are up to 9e-5 too high, see reference/README.md
+SHARED_SLACK = 1e-4
+WRONG_SENSITIVITY = "published-materials-frictionless"  # 1.3 % low in the shared set, see reference/README.md
+
+
+def name(one: Expected) -> str:
+    return one.name
+
+
+def deviations(result: Result, one: Expected) -> list[float]:
+    pairs = [
+        (result.ratio, one.ratio),
+        (result.stress_inner, one.stress_inner),
+        (result.stress_outer, one.stress_outer),
+        (result.stiffness, one.stiffness),
+    ]
+    return [abs(found / true - 1) for found, true in pairs if found is not None]
+
+
+@pytest.mark.parametrize("one", SHARED, ids=name)
+@pytest.mark.parametrize("accuracy", [0.02, 0.001])
+def test_shared_references_are_met_to_the_accuracy_asked_for(one: Expected, accuracy: float) -> None:
+    result = evaluate(one.scene, "axisymmetric", accuracy)
+    assert max(deviations(result, one)) <= accuracy
+    assert deviations(result, one)[0] <= result.error_estimate <= accuracy
+    if one.log_sensitivity is not None and one.name != WRONG_SENSITIVITY:
+        assert result.log_sensitivity == pytest.approx(one.log_sensitivity, rel=5 * accuracy)
+
+
+def test_sensitivity_that_the_shared_set_has_wrong() -> None:
+    # 0.00132841: exact differentiation of an independent code (benchmarks/reference_axisymmetric.py), confirmed by
+    # its own central differences; the shared set prints 0.00131083
+    result = evaluate(named("axisymmetric", WRONG_SENSITIVITY).scene, "axisymmetric", 0.001)
+    assert result.log_sensitivity == pytest.approx(0.00132841, rel=2e-3)
+
+
+@pytest.mark.parametrize("one", EXTRA, ids=name)
+def test_extremes_are_right_within_their_own_estimate(one: Expected) -> None:
+    result = evaluate(one.scene, "axisymmetric", 0.02)
+    assert result.ratio is not None
+    ratio, *others = deviations(result, one)
+    assert ratio <= result.error_estimate
+    if result.error_estimate <= 0.02:
+        assert max(others) <= 0.02
+        assert one.log_sensitivity is None or result.log_sensitivity == pytest.approx(one.log_sensitivity, rel=0.1, abs=1e-5)
+    else:
+        assert any("error bounds" in warning for warning in result.warnings)
+
+
+def test_errors_fall_from_level_to_level() -> None:
+    one = named("axisymmetric", "soft-cyst")
+    errors = []
+    for level in LEVELS[:4]:
+        totals = _states(one.scene, sections(one.scene)[0], level).forces.sum(axis=1)
+        errors.append(abs(totals.sum() / (one.stiffness * (1 - 2.2e-5)) - 1))  # the shared value is 2.2e-5 too high
+    assert errors[1] < errors[0] / 3
+    assert errors[3] < errors[0] / 100
+
+
+def squeezed_block(radius_per_height: float, nu: float) -> float:
+    """Apparent modulus over E of the inner block, bonded to the base and to tissue a million times stiffer."""
+    block = Material(youngs_modulus=1e3, poisson_ratio=nu)
+    probe = Probe(inner_radius=0.01, outer_radius=0.02, gap=1e-3, height=0.01 / radius_per_height, inner=block, outer=block)
+    tissue = CylinderTissue(shape="cylinder", radius=0.1, depth=0.05, youngs_modulus=1e11, poisson_ratio=0.3)
+    scene = Scene(probe=probe, tissue=tissue, load=Load(indentation=1e-6))
+    forces = _states(scene, sections(scene)[0], LEVELS[2]).forces
+    return float(forces[0, 0] * probe.core_height / (1e3 * probe.inner_area))
+
+
+@pytest.mark.parametrize(
+    ("radius_per_height", "nu", "apparent"),
+    # an independent code's values, PHYSICS section 7
+    [
+        (1, 0.3, 1.118576),
+        (1, 0.49, 1.502552),
+        (1, 0.4999, 1.544227),
+        (5, 0.3, 1.290414),
+        (5, 0.49, 7.021501),
+        (5, 0.4999, 13.034977),
+    ],
+)
+def test_bonded_cylinder(radius_per_height: float, nu: float, apparent: float) -> None:
+    assert squeezed_block(radius_per_height, nu) == pytest.approx(apparent, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("radius_per_depth", "nu", "kappa"), [(1, 0.3, 2.4835), (1, 0.45, 3.0914), (2, 0.3, 4.3532), (2, 0.4, 5.2985)]
+)
+def test_rigid_punch_on_a_bonded_layer(radius_per_depth: float, nu: float, kappa: float) -> None:
+    # kappa = P (1-nu^2) / (2 E a w), frictionless; an independent code's values, PHYSICS section 7
+    a, E = 0.01, 1e3
+    probe = Probe(
+        inner_radius=a,
+        outer_radius=1.2 * a,
+        gap=1e-3,
+        height=a,
+        inner=Material(youngs_modulus=1e10, poisson_ratio=0.3),
+        outer=Material(youngs_modulus=1e-3, poisson_ratio=0.3),
+    )
+    tissue = CylinderTissue(shape="cylinder", radius=10 * a, depth=a / radius_per_depth, youngs_modulus=E, poisson_ratio=nu)
+    result = evaluate(
+        Scene(probe=probe, tissue=tissue, contact=Contact(interface="frictionless"), load=Load(indentation=1e-6)), accuracy=1e-3
+    )
+    assert result.stiffness * (1 - nu**2) / (2 * E * a) == pytest.approx(kappa, rel=2e-4)
+
+
+@pytest.mark.parametrize("nu", [0.3, 0.45])
+def test_bonded_rigid_punch_on_a_half_space(nu: float) -> None:
+    # P = 2 E a w ln(3-4nu) / ((1+nu)(1-2nu)), Mossakovskii's closed form (PHYSICS section 7: the flat punch times a factor)
+    a, E = 0.01, 1e3
+    stiff = Material(youngs_modulus=1e8, poisson_ratio=0.3)
+    probe = Probe(inner_radius=0.9 * a, outer_radius=a, gap=1e-5, height=a / 10, inner=stiff, outer=stiff)
+    tissue = HalfSpaceTissue(shape="half-space", youngs_modulus=E, poisson_ratio=nu)
+    result = evaluate(Scene(probe=probe, tissue=tissue, load=Load(indentation=1e-6)), accuracy=2e-3)
+    exact = 2 * E * a * np.log(3 - 4 * nu) / ((1 + nu) * (1 - 2 * nu))
+    assert result.stiffness == pytest.approx(exact, rel=1e-3)
+
+
+def test_sensitivity_is_the_derivative_of_the_ratio() -> None:
+    scene = named("axisymmetric", "nearly-incompressible").scene
+
+    def at(factor: float) -> Result:
+        body = scene.inclusion[0]
+        stiffer = body.model_copy(update={"youngs_modulus": body.youngs_modulus * factor})
+        return evaluate(scene.model_copy(update={"inclusion": (stiffer,)}))
+
+    step = 1.001
+    difference = np.log(at(step).ratio / at(1 / step).ratio) / (2 * np.log(step))
+    assert at(1.0).log_sensitivity == pytest.approx(difference, rel=1e-4)
+
+
+def test_inclusion_of_matrix_modulus_vanishes() -> None:
+    scene = named("axisymmetric", "shallow").scene
+    same = scene.inclusion[0].model_copy(
+        update={"youngs_modulus": scene.tissue.youngs_modulus, "poisson_ratio": scene.tissue.poisson_ratio}
+    )
+    with_it, without = (evaluate(scene.model_copy(update={"inclusion": bodies}), accuracy=1e-3) for bodies in ((same,), ()))
+    assert with_it.ratio == pytest.approx(without.ratio, rel=1e-3)
+
+
+def test_scale_of_lengths_and_of_moduli() -> None:
+    scene = named("axisymmetric", "equal-areas-small").scene
+    probe, tissue, body = scene.probe, scene.tissue, scene.inclusion[0]
+
+    def soft(material: Material) -> dict[str, float]:
+        return {"youngs_modulus": material.youngs_modulus * 7}
+
+    smaller = Scene(
+        probe=Probe(
+            inner_radius=probe.inner_radius / 10,
+            area_ratio=probe.area_ratio,
+            gap=probe.gap / 10,
+            height=probe.core_height / 10,
+            inner=probe.inner.model_copy(update=soft(probe.inner)),
+            outer=probe.outer.model_copy(update=soft(probe.outer)),
+        ),
+        tissue=tissue.model_copy(update=soft(tissue) | {"radius": tissue.radius / 10, "depth": tissue.depth / 10}),
+        inclusion=(body.model_copy(update=soft(body) | {"diameter": body.diameter / 10, "depth": body.depth / 10}),),
+        load=Load(force=1e-3),
+    )
+    one, other = evaluate(scene), evaluate(smaller)
+    assert other.ratio == pytest.approx(one.ratio, rel=1e-9)
+    assert other.stiffness == pytest.approx(one.stiffness * 7 / 10, rel=1e-9)
+    forces = other.stress_inner * smaller.probe.inner_area + other.stress_outer * smaller.probe.outer_area
+    assert forces == pytest.approx(1e-3, rel=1e-12)
+
+
+def test_zero_load_gives_the_linear_limit() -> None:
+    scene = named("axisymmetric", "shallow").scene
+    one, zero = evaluate(scene), evaluate(scene.model_copy(update={"load": Load(force=0.0)}))
+    assert (zero.stress_inner, zero.stress_outer) == (0.0, 0.0)
+    assert zero.ratio == one.ratio
+
+
+def test_large_load_warns_of_linearity() -> None:
+    scene = named("axisymmetric", "shallow").scene.model_copy(update={"load": Load(force=1.0)})
+    assert any("linear elasticity" in warning for warning in evaluate(scene).warnings)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"placement": Placement(x=1e-3)},
+        {"placement": Placement(tilt=0.01)},
+        {"contact": Contact(interface="unilateral")},
+        {"inclusion": (Inclusion(diameters=(8e-3, 8e-3, 6e-3), depth=0.01, youngs_modulus=1e5, poisson_ratio=0.45),)},
+    ],
+)
+def test_other_kinds_are_refused(change: dict[str, object]) -> None:
+    scene = named("axisymmetric", "shallow").scene.model_copy(update=change)
+    with pytest.raises(Refusal, match="axisymmetric"):
+        Axisymmetric().evaluate(scene)
+
+
+def test_groove_is_left_out_and_counted() -> None:
+    one = named("solid", "groove-on-axis")  # 3D finite elements, a block of tissue
+    result = evaluate(one.scene, "axisymmetric", 0.01)
+    assert abs(result.ratio / one.ratio - 1) <= result.error_estimate + one.uncertainty
+    assert any("groove" in warning for warning in result.warnings)
+    assert any("sides" in warning for warning in result.warnings)
+    with pytest.raises(Refusal, match="accuracy"):
+        evaluate(one.scene, "auto", 0.01)
+
+
+def test_stress_below_its_own_error_has_no_ratio() -> None:
+    scene = named("axisymmetric", "shallow").scene
+    soft = scene.probe.model_copy(
+        update={"film": None, "groove": None, "outer": Material(youngs_modulus=1e-3, poisson_ratio=0.0)}
+    )
+    rigid = soft.inner.model_copy(update={"youngs_modulus": 1e13})
+    scene = scene.model_copy(update={"probe": soft.model_copy(update={"inner": rigid})})
+    result = evaluate(scene, "axisymmetric")
+    if result.ratio is None:
+        assert result.log_sensitivity is None
+        assert result.error_estimate is None
+        assert any("null" in warning for warning in result.warnings)
+    else:
+        assert np.isfinite([result.ratio, result.log_sensitivity, result.error_estimate]).all()
