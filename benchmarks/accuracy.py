@@ -15,7 +15,13 @@ from geometry import Scene, read_scene
 from solver import Result, evaluate
 
 FOLDER = Path(__file__).parents[1] / "tests" / "reference" / "axisymmetric"
-SETTINGS = (("closed-form", 0.01), ("axisymmetric", 0.05), ("axisymmetric", 0.01), ("axisymmetric", 0.001), ("axisymmetric", 0.0001))
+SETTINGS = (
+    ("closed-form", 0.01),
+    ("axisymmetric", 0.05),
+    ("axisymmetric", 0.01),
+    ("axisymmetric", 0.001),
+    ("axisymmetric", 0.0001),
+)
 
 
 def main() -> None:

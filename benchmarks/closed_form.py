@@ -7,6 +7,7 @@ the true error and of true over stated error, which must stay below 1.
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
 import numpy as np
 
@@ -45,7 +46,7 @@ def draw(rng: np.random.Generator) -> Scene:
     def between(low: float, high: float) -> float:
         return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
-    def material(modulus: float) -> dict[str, float]:
+    def material(modulus: float) -> dict[str, Any]:
         return {"youngs_modulus": modulus, "poisson_ratio": float(rng.choice([rng.uniform(0, 0.49), 0.45, 0.48, 0.499]))}
 
     radius, tissue, size = between(0.5e-3, 10e-3), between(5e2, 2e4), between(1e-3, 20e-3)

@@ -83,6 +83,7 @@ def optimize(scene: Path | None, output: Path, outer_radius: str | None, starts:
     """
     from geometry.files import check_writable
     from geometry.scene_file import read_scene
+    from geometry.solids import cadquery
     from probe_design.builtin import builtin_scene
     from probe_design.console import message, show, stages
     from probe_design.optimize import optimize as run
@@ -90,7 +91,8 @@ def optimize(scene: Path | None, output: Path, outer_radius: str | None, starts:
 
     start = builtin_scene() if scene is None else read_scene(scene)
     limit = None if outer_radius is None else _length("outer-radius", outer_radius)
-    check_writable(output)  # before the minutes, not after them
+    check_writable(output)  # what would fail after the search fails before it
+    cadquery()
     with stages() as progress:
         optimum = run(start, progress, limit, starts)
         files = write_all(optimum, output, progress)

@@ -115,7 +115,7 @@ class Published:
     def refusal(self, scene: Scene) -> str | None:
         """Say what in the scene the paper's equations have no symbol for, or None."""
         if len(scene.inclusion) != 1 or scene.inclusion[0].diameter is None:
-            return "axisymmetric or closed-form unless there is exactly one spherical inclusion: eq. (8) has one diameter and one depth"
+            return "axisymmetric or closed-form unless there is exactly one sphere: eq. (8) has one diameter, one depth"
         body, at = scene.inclusion[0], scene.placement
         if at.tilt != 0 or math.hypot(body.x - at.x, body.y - at.y) > 1e-9 * scene.inclusion[0].diameter:
             return "closed-form for an inclusion off the axis of an upright probe"

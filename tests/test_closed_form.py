@@ -21,13 +21,11 @@ SCENES = expected("axisymmetric") + expected("extra") + expected("solid")
 
 @pytest.mark.parametrize("one", SCENES, ids=lambda one: one.name)
 def test_stated_error_is_not_below_the_true_one(one: Expected) -> None:
-    try:
-        result = evaluate(one.scene, "closed-form")
-    except Refusal as refused:
-        assert "axisymmetric" in refused.allowed
-        body = one.scene.inclusion[0]
-        assert body.depth / body.diameter - 0.5 < 0.1
+    if any(body.depth / body.diameter - 0.5 < 0.1 for body in one.scene.inclusion):
+        with pytest.raises(Refusal, match="axisymmetric"):
+            evaluate(one.scene, "closed-form")
         return
+    result = evaluate(one.scene, "closed-form")
     assert abs(result.ratio / one.ratio - 1) <= result.error_estimate + one.uncertainty
 
 
@@ -86,7 +84,14 @@ def test_strain_on_the_axis_is_boussinesq() -> None:
 @pytest.mark.parametrize(
     ("radius_per_height", "nu", "apparent"),
     # bonded at both ends, an independent code's values, PHYSICS section 7
-    [(1, 0.3, 1.118576), (1, 0.49, 1.502552), (1, 0.4999, 1.544227), (5, 0.3, 1.290414), (5, 0.49, 7.021501), (5, 0.4999, 13.034977)],
+    [
+        (1, 0.3, 1.118576),
+        (1, 0.49, 1.502552),
+        (1, 0.4999, 1.544227),
+        (5, 0.3, 1.290414),
+        (5, 0.49, 7.021501),
+        (5, 0.4999, 13.034977),
+    ],
 )
 def test_apparent_modulus_is_within_its_stated_12_percent(radius_per_height: float, nu: float, apparent: float) -> None:
     half = Block(0.0, 1.0, 0.5 / radius_per_height, 1.0, nu)  # one end free to widen: half of a bonded cylinder

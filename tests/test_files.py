@@ -11,9 +11,14 @@ from geometry.files import check_writable, write_text, written_whole
 
 def test_replaces_the_old_file_only_when_the_new_one_is_whole(tmp_path: Path) -> None:
     path = write_text(tmp_path / "folder" / "a.txt", "old")
-    with pytest.raises(KeyboardInterrupt), written_whole(path) as draft:
-        draft.write_text("half")
-        raise KeyboardInterrupt
+
+    def interrupted() -> None:
+        with written_whole(path) as draft:
+            draft.write_text("half")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
     assert path.read_text() == "old"
     write_text(path, "new")
     assert path.read_text() == "new"

@@ -73,7 +73,7 @@ def test_search_stays_in_bounds_and_finds_better_than_it_screened() -> None:
     values = np.array(cost.map(designs.shape[1])(np.log(designs))).ravel()
     assert np.all(np.diff(values) >= 0)
     assert np.all(room.derived_radius(designs) <= 8e-3 * (1 + 1e-6))
-    assert np.all((designs.T >= room.low * 0.999) & (designs.T <= room.high * 1.001))
+    assert np.all((room.low * 0.999 <= designs.T) & (room.high * 1.001 >= designs.T))
     apart = [np.max(np.abs(np.log(designs[:, i] / designs[:, j]))) for i in range(10) for j in range(i)]
     assert min(apart) > 0.05
 
