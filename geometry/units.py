@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
+from decimal import Decimal
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -54,7 +55,7 @@ class Quantity:
         number, unit = match.groups()
         if not unit:
             raise ValueError("the unit is missing")
-        return self.checked(float(number) * _factor(unit, self.si))
+        return self.checked(_times(number, _factor(unit, self.si)))
 
     def checked(self, value: float) -> float:
         """Return ``value`` if it lies within the bounds; raises ``ValueError`` otherwise."""
@@ -91,6 +92,15 @@ class Quantity:
 def shown(value: float, si: str, unit: str) -> float:
     """Convert an SI value to the unit in which it is shown."""
     return value / _factor(unit, si)
+
+
+def _times(number: str, factor: float) -> float:
+    """Multiply in decimals where the factor is 1/1000 or the like: "3.53 mm" is the float 0.00353, no neighbour of it."""
+    divisor = round(1 / factor) if 1e-15 < factor < 1 else 1
+    value = float(number)
+    if divisor == 1 or not math.isfinite(value) or not math.isclose(divisor * factor, 1.0, rel_tol=1e-15):
+        return value * factor
+    return float(Decimal(number) / divisor)
 
 
 @lru_cache(maxsize=256)

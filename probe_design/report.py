@@ -126,7 +126,7 @@ def candidates_csv(optimum: Optimum) -> str:
 def page(optimum: Optimum, files: Sequence[str]) -> str:
     """Return the report as an HTML page."""
     warnings = dict.fromkeys(optimum.best.judged.warnings)
-    candidates = [line.split(",") for line in candidates_csv(optimum).splitlines()]
+    candidates = list(csv.reader(io.StringIO(candidates_csv(optimum))))
     return Template(PAGE.read_text(encoding="utf-8")).substitute(
         headline=escape(_headline(optimum)),
         levels=_html_table(("quantity", "start", "optimum"), level_rows(optimum)),
