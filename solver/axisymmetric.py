@@ -9,6 +9,7 @@ from itertools import pairwise
 from time import perf_counter
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from geometry.errors import Refusal
 from geometry.grading import Floats
@@ -65,7 +66,8 @@ class Axisymmetric:
         why = self.refusal(scene)
         if why is not None:
             raise Refusal("evaluator", self.name, why)
-        films, left_out = converged(scene, accuracy)
+        with threadpool_limits(1, user_api="blas"):  # many small products: more threads only wait for each other
+            films, left_out = converged(scene, accuracy)
         told = outputs(scene, films)
         warnings = (*told.pop("warnings"), *left_out)
         if told["error_estimate"] is None or films.error_under(scene) > accuracy:

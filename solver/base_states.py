@@ -15,16 +15,14 @@ from typing import Literal
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.sparse.linalg import splu
 
-from geometry.errors import SolveError
 from geometry.grading import Floats
 from geometry.meridian import Body, Section
 from geometry.probe import Material
+from solver.parts import Parts
 from solver.quadrilateral import Elements, Ints, lame
 
 NDArrayBool = NDArray[np.bool_]
-LARGEST_RESIDUAL = 1e-9  # relative, row by row; direct solves leave about 1e-14
 
 
 @dataclass(frozen=True)
@@ -56,16 +54,17 @@ def base_states(
     condensed, recovery = _condensed(stiffness, 2 * grid.skeleton)
     number = _numbering(grid, interface)
     dofs = number[grid.functions[:, : grid.skeleton]].reshape(len(condensed), -1)
-    matrix = _assemble(condensed, dofs, number.max() + 1)
-    fixed, moved = _supports(grid, number, section)
-    states = _solve(matrix, fixed, moved)
+    fixed, lift = _supports(grid, number, section)
     inside = grid.body == Body.INCLUSION
-    edge = states[dofs[inside]]  # (elements, dofs, 2)
-    if len(edge):
-        edge[:, 1:8:2] -= edge[0, 1].copy()  # a rigid shift has no energy, but in a stiff inclusion it has rounding errors
+    corners = np.unique(dofs[inside, 1:8:2])
+    blocks = (grid.body == Body.INNER) | (grid.body == Body.OUTER)
+    tissue, block, ball = (_assemble(condensed[group], dofs[group], len(lift)) for group in (~inside & ~blocks, blocks, inside))
+    parts = Parts(tissue, block, ball, lift, corners)
+    v, hidden = parts.solve(fixed)
+    edge = parts.strained_inclusion(v)[dofs[inside]]  # (elements, dofs, 2)
     local = np.concatenate([edge, recovery[inside] @ edge], axis=1)
     slope = np.einsum("eai,eab,ebj->ij", local, stiffness[inside], local, optimize=True)
-    return BaseStates(states.T @ (matrix @ states), slope, _rounding(matrix, states), matrix.shape[0] - int(fixed.sum()))
+    return BaseStates(parts.energy(v), slope, parts.rounding(v) + hidden, int((~fixed).sum()))
 
 
 def _condensed(stiffness: Floats, edge: int) -> tuple[Floats, Floats]:
@@ -123,35 +122,13 @@ def _assemble(stiffness: Floats, dofs: Ints, size: int) -> sp.csc_array:
 
 
 def _supports(grid: Elements, number: Ints, section: Section) -> tuple[NDArrayBool, Floats]:
-    """Which dofs are prescribed, shape (dofs,), and their values in both states, shape (dofs, 2)."""
-    fixed, moved = np.zeros(number.max() + 1, dtype=bool), np.zeros((number.max() + 1, 2))
+    """Which dofs are prescribed, shape (dofs,), and each state's block moved rigidly with its base, shape (dofs, 2)."""
+    fixed, lift = np.zeros(number.max() + 1, dtype=bool), np.zeros((number.max() + 1, 2))
     fixed[number[_on(grid, r=0.0), 0]] = True
     fixed[number[_on(grid, z=-section.tissue_depth)]] = True
     for state, (body, top) in enumerate(((Body.INNER, section.inner_height), (Body.OUTER, section.outer_height))):
         of_block = np.zeros(len(grid.degree), dtype=bool)
         of_block[grid.functions[grid.body == body, : grid.skeleton]] = True
-        base = of_block & _on(grid, z=top)
-        fixed[number[base]] = True
-        moved[number[base & (grid.degree == 1), 1], state] = -1.0  # the edges' own functions add nothing to a constant
-    return fixed, moved
-
-
-def _solve(matrix: sp.csc_array, fixed: NDArrayBool, moved: Floats) -> Floats:
-    free = np.flatnonzero(~fixed)
-    rows = matrix[free]
-    factor = splu(rows[:, free].tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    states = moved.copy()
-    for _ in range(2):  # the second pass refines
-        states[free] -= factor.solve(rows @ states)
-    scale = abs(rows) @ np.abs(states)
-    residual = np.max(np.abs(rows @ states) / np.maximum(scale, np.finfo(float).tiny))
-    if not residual <= LARGEST_RESIDUAL:
-        raise SolveError(f"the linear system was not solved: relative residual {residual:.1e}, allowed {LARGEST_RESIDUAL:.0e}")
-    return states
-
-
-def _rounding(matrix: sp.csc_array, states: Floats) -> Floats:
-    """Ten standard deviations of u^T K u when every entry of K carries an independent rounding error."""
-    squares = states**2
-    variance = squares.T @ (matrix.power(2) @ squares)
-    return np.asarray(10 * np.finfo(float).eps * np.sqrt(variance))
+        fixed[number[of_block & _on(grid, z=top)]] = True
+        lift[number[of_block & (grid.degree == 1), 1], state] = -1.0  # the edges' own functions add nothing to a constant
+    return fixed, lift

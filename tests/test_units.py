@@ -187,6 +187,8 @@ class TestGarbage:
         assert kind.low <= value <= kind.high
 
 
-@pytest.mark.parametrize(("text", "si"), [("3.53 mm", 0.00353), ("8.01 mm", 0.00801), ("110 um", 0.00011), ("0.1 mm", 0.0001), ("35.3 cm", 0.353)])
+@pytest.mark.parametrize(
+    ("text", "si"), [("3.53 mm", 0.00353), ("8.01 mm", 0.00801), ("110 um", 0.00011), ("0.1 mm", 0.0001), ("35.3 cm", 0.353)]
+)
 def test_decimal_lengths_are_the_nearest_float(text: str, si: float) -> None:
     assert LENGTH.parse(text) == si
