@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
-from geometry.errors import InputError
+from geometry.errors import InputError, Refusal
 from geometry.grading import Floats
 from geometry.scene import Scene
 from probe_design.objective import objective_of
@@ -26,12 +28,12 @@ class Candidate:
 
     Attributes:
         scene: the scene with this probe.
-        searched, judged: the closed form's and the judge's results.
+        searched, judged: the closed form's and the judge's results; the former is None where the formulas refuse.
         searched_objective, judged_objective: standard deviations of ln E_object, smaller is better.
     """
 
     scene: Scene
-    searched: Result
+    searched: Result | None
     judged: Result
     searched_objective: float
     judged_objective: float
@@ -101,11 +103,21 @@ def _judged(scenes: list[Scene], progress: Progress) -> tuple[Candidate, ...]:
     judged = []
     for k, scene in enumerate(scenes):
         progress(f"judging candidates by {JUDGE}", k, len(scenes))
-        judged.append(_candidate(scene))
+        with suppress(Refusal):  # a design that cannot be judged is no candidate
+            judged.append(_candidate(scene))
     progress(f"judging candidates by {JUDGE}", len(scenes), len(scenes))
     return tuple(sorted(judged, key=lambda candidate: candidate.judged_objective))
 
 
 def _candidate(scene: Scene) -> Candidate:
-    searched, judged = evaluate(scene, "closed-form", ACCURACY), evaluate(scene, JUDGE, ACCURACY)
-    return Candidate(scene, searched, judged, objective_of(scene, searched), objective_of(scene, judged))
+    searched, judged = _searched(scene), evaluate(scene, JUDGE, ACCURACY)
+    return Candidate(
+        scene, searched, judged, math.inf if searched is None else objective_of(scene, searched), objective_of(scene, judged)
+    )
+
+
+def _searched(scene: Scene) -> Result | None:
+    try:
+        return evaluate(scene, "closed-form", ACCURACY)
+    except Refusal:
+        return None

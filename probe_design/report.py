@@ -163,7 +163,7 @@ def _design(probe: Probe) -> list[tuple[str, str]]:
 
 def _searched(candidate: Candidate) -> list[tuple[str, str]]:
     return [
-        ("log-sensitivity", _number(candidate.searched.log_sensitivity)),
+        ("log-sensitivity", _number(candidate.searched.log_sensitivity if candidate.searched else None)),
         ("sd of ln E_object", _number(candidate.searched_objective)),
     ]
 
@@ -179,7 +179,7 @@ def _judged(candidate: Candidate) -> list[tuple[str, str]]:
 
 
 def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}"
+    return "-" if value is None or not math.isfinite(value) else f"{value:.4g}"
 
 
 def _finite(value: float | None) -> float | None:

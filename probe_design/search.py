@@ -85,6 +85,8 @@ def _ipopt(space: Space, cost: Any) -> Any:
 def _polished(space: Space, solver: Any, start: Floats) -> Floats:
     bounds = {"lbx": np.log(space.low), "ubx": np.log(space.high), "lbg": [0.0, 1.0], "ubg": [1.0, np.inf]}
     optimum: Floats = np.exp(np.array(solver(x0=np.log(start), **bounds)["x"]).ravel())
+    if solver.stats()["return_status"] == "User_Requested_Stop":  # how casadi passes on Ctrl-C
+        raise KeyboardInterrupt
     return optimum
 
 

@@ -11,7 +11,7 @@ from time import perf_counter
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from geometry.errors import Refusal
+from geometry.errors import Refusal, SolveError
 from geometry.grading import Floats
 from geometry.meridian import Body, Fineness, Section, Sphere, mesh
 from geometry.probe import Material
@@ -34,7 +34,7 @@ HALF_SPACE = 1e4  # radius and depth of what stands for a half-space, in sizes o
 
 @dataclass(frozen=True)
 class Axisymmetric:
-    """Second-order finite elements of the meridian plane: bonded or frictionless, one sphere on the axis at most."""
+    """High-order finite elements of the meridian plane: bonded or frictionless, one sphere on the axis at most."""
 
     name: str = "axisymmetric"
     summary: str = "2D finite elements; tumour on the probe's axis; 1e-4 to 1e-2 in 0.2 to 10 s"
@@ -55,13 +55,29 @@ class Axisymmetric:
                 return "closed-form for an inclusion off the probe's axis (planned: equivalent-inclusion, solid)"
         return None
 
+    def evaluate_within(self, scene: Scene, accuracy: float) -> Result:
+        """Answer as ``evaluate`` does, but only if every bound is below ``accuracy``.
+
+        Raises:
+            Refusal: see ``evaluate``; and where the accuracy is out of reach.
+        """
+        result, reached = self._answer(scene, accuracy)
+        if reached > accuracy:
+            raise Refusal(
+                "accuracy", accuracy, f"{reached:.2g} or more for this scene (--evaluator axisymmetric answers with that error)"
+            )
+        return result
+
     def evaluate(self, scene: Scene, accuracy: float = 0.01) -> Result:
         """Refine until ratio, stresses and stiffness are within ``accuracy`` and log_sensitivity within 5 times that.
 
         Raises:
-            Refusal: the scene is of another kind.
-            SolveError: a linear system could not be solved to a small residual.
+            Refusal: the scene is of another kind, or so extreme that its equations cannot be solved in double precision.
         """
+        return self._answer(scene, accuracy)[0]
+
+    def _answer(self, scene: Scene, accuracy: float) -> tuple[Result, float]:
+        """Return the result and the largest of the bounds on ratio, stresses and stiffness."""
         start = perf_counter()
         why = self.refusal(scene)
         if why is not None:
@@ -70,17 +86,25 @@ class Axisymmetric:
             films, left_out = converged(scene, accuracy)
         told = outputs(scene, films)
         warnings = (*told.pop("warnings"), *left_out)
-        if told["error_estimate"] is None or films.error_under(scene) > accuracy:
-            reached = f"error bounds of {films.error_under(scene):.2g} reached, accuracy {accuracy:g} asked for"
-            warnings = (*warnings, f"{reached}: what stands in the way is listed, or finer meshes are needed")
-        return Result(self.name, perf_counter() - start, **told, warnings=warnings)
+        reached = films.error_under(scene)
+        if reached > accuracy:
+            text = f"error bounds of {reached:.2g} reached, accuracy {accuracy:g} asked for"
+            warnings = (*warnings, f"{text}: what stands in the way is listed, or finer meshes are needed")
+        return Result(self.name, perf_counter() - start, **told, warnings=warnings), reached
 
 
 def converged(scene: Scene, accuracy: float) -> tuple[FilmForces, list[str]]:
     """Return film forces on the first mesh that meets ``accuracy``, or on the finest, and lines on what stands in the way."""
     history: list[list[BaseStates]] = []
+    found: tuple[FilmForces, list[str]] | None = None
     while True:
-        history.append([_states(scene, section, LEVELS[len(history)]) for section in sections(scene)])
+        try:
+            history.append([_states(scene, section, LEVELS[len(history)]) for section in sections(scene)])
+        except SolveError as fault:
+            if found is None:
+                extremes = "scenes whose sizes and moduli lie closer together"
+                raise Refusal("evaluator", "axisymmetric", f"{extremes} ({fault})") from fault
+            return found[0], [*found[1], f"the next finer mesh was not used: {fault}"]
         if len(history) == 1:
             continue
         films, numerical, notes = _bounded(scene, history)
@@ -91,6 +115,7 @@ def converged(scene: Scene, accuracy: float) -> tuple[FilmForces, list[str]]:
             if scene.target is not None and slope_error > 5 * accuracy:
                 notes.append(f"log_sensitivity is good to about {slope_error:.1g} of itself only")
             return films, notes
+        found = films, notes
 
 
 def sections(scene: Scene) -> tuple[Section, ...]:

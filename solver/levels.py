@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from geometry.errors import InputError, Refusal
+from geometry.errors import InputError
 from geometry.scene import Scene
 from solver.result import Evaluator, Result
 
@@ -44,12 +44,11 @@ def evaluate(scene: Scene, name: str = AUTO, accuracy: float = 0.01) -> Result:
     Raises:
         InputError: no such evaluator or accuracy.
         Refusal: the scene is of a kind that the evaluator cannot take, or ``auto`` cannot reach the accuracy.
-        SolveError: a linear system could not be solved to a small residual.
     """
     if not 0 < accuracy < 1:
         raise InputError("accuracy", accuracy, "a number above 0 and below 1, such as 0.01")
-    result = evaluator("axisymmetric" if name == AUTO else name).evaluate(scene, accuracy)
-    if name == AUTO and result.error_estimate is not None and result.error_estimate > accuracy:
-        reached = f"{result.error_estimate:.2g} or more for this scene (--evaluator axisymmetric answers with that error)"
-        raise Refusal("accuracy", accuracy, reached)
-    return result
+    if name == AUTO:
+        from solver.axisymmetric import Axisymmetric
+
+        return Axisymmetric().evaluate_within(scene, accuracy)
+    return evaluator(name).evaluate(scene, accuracy)
