@@ -113,7 +113,7 @@ def outputs(scene: Scene, films: FilmForces) -> dict[str, Any]:
 
 def _ratio(scene: Scene, films: FilmForces, areas: Floats) -> tuple[dict[str, float | None], list[str]]:
     for name, error in zip(("stress_inner", "stress_outer"), films.relative_errors, strict=True):
-        if error >= 1 or not np.isfinite(films.bound.log_ratio):
+        if error >= 1:
             told = dict.fromkeys(("ratio", "log_sensitivity", "error_estimate"))
             return told, [f"ratio, log_sensitivity and error_estimate are null: {name} is below its own error"]
     reasons = []
