@@ -1,70 +1,58 @@
-"""One-dimensional node distributions graded towards features."""
+"""Node distributions of a fixed number of cells that are smooth functions of what they are graded to.
+
+All functions take and return floats or complex numbers (for derivatives by complex steps), shape
+(...,), one entry per design.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Lengths = Any  # a float, or an array of floats or complex numbers, shape (...,)
 
 
-@dataclass(frozen=True)
-class Feature:
-    """An interval [low, high] near which cells are no larger than ``growth * (rate * distance + size)``."""
+def smooth_min(*lengths: Lengths) -> Any:
+    """Return a length below the smallest of ``lengths`` by at most the root of their number, without a kink: eq. (M1).
 
-    low: float
-    high: float
-    size: float
-    rate: float = 1.0
-
-    @classmethod
-    def point(cls, at: float, size: float, rate: float = 1.0) -> Feature:
-        """Return a feature at one point."""
-        return cls(at, at, size, rate)
-
-    def cell_size(self, x: Floats) -> Floats:
-        """Cell size per unit growth at the points ``x``."""
-        return self.rate * np.maximum(np.maximum(self.low - x, x - self.high), 0.0) + self.size
-
-
-def graded(breaks: Sequence[float], features: Sequence[Feature], growth: float) -> Floats:
-    """Return increasing nodes on ``breaks[0] .. breaks[-1]`` that contain every break exactly.
-
-    Cells follow h(x) = growth * min over features of (rate * distance + size) by equidistributing the
-    integral of 1/h between consecutive breaks, so their number grows with the logarithm of the scales.
+    (sum_i s_i^-2)^(-1/2); all positive.
     """
-    pieces = [_piece(low, high, features, growth)[:-1] for low, high in pairwise(breaks)]
-    return np.concatenate([*pieces, [breaks[-1]]])
+    return sum(length**-2 for length in lengths) ** -0.5
 
 
-def with_midpoints(nodes: Floats) -> Floats:
-    """Return the nodes with the middle of every cell between them, shape (2 n - 1,)."""
-    out = np.empty(2 * len(nodes) - 1)
-    out[::2], out[1::2] = nodes, (nodes[:-1] + nodes[1:]) / 2
-    return out
+def smooth_max(a: Lengths, b: Lengths, blur: Lengths) -> Any:
+    """Return a length above the larger of two by at most ``blur / 2``, without a kink."""
+    return (a + b + ((a - b) ** 2 + blur**2) ** 0.5) / 2
 
 
-def _piece(low: float, high: float, features: Sequence[Feature], growth: float) -> Floats:
-    x = _samples(low, high, features)
-    density = 1.0 / (growth * np.min([feature.cell_size(x) for feature in features], axis=0))
-    count = np.concatenate([[0.0], np.cumsum(np.diff(x) * (density[1:] + density[:-1]) / 2)])
-    cells = max(1, int(np.ceil(count[-1])))
-    nodes = np.interp(np.linspace(0.0, count[-1], cells + 1), count, x)
-    nodes[0], nodes[-1] = low, high
+def folds(low: float, high: float, low_size: float | None = None, high_size: float | None = None) -> float:
+    """How many times cells grow e-fold between two ends: the integral of which ``graded`` gives each cell its share."""
+    return float(sum(np.log1p((high - low) / size) for size in (low_size, high_size) if size is not None))
+
+
+def graded(low: Lengths, high: Lengths, cells: int, low_size: Lengths | None = None, high_size: Lengths | None = None) -> Any:
+    """Return the ``cells + 1`` nodes on ``low .. high``, shape (..., cells + 1), whose cells grow away from the ends: eq. (M2).
+
+    Cells have the same share of the integral of 1 / (x - low + low_size) + 1 / (high - x + high_size);
+    an end without a size draws no cells to it. With t = x - low and L = high - low the share up to t is
+    ln[(t + a) (L + b) / (a (L - t + b))], which is solved for t.
+    """
+    t = np.arange(cells + 1) / cells
+    low, length = np.asarray(low)[..., None], np.asarray(high - low)[..., None]
+    a, b = (None if size is None else np.asarray(size)[..., None] for size in (low_size, high_size))
+    if a is None and b is None:
+        share = t + 0 * length
+    elif b is None:
+        share = np.expm1(t * np.log1p(length / a)) * a / length
+    elif a is None:
+        share = 1 - np.expm1((1 - t) * np.log1p(length / b)) * b / length
+    else:
+        total = np.log1p(length / a) + np.log1p(length / b)
+        c = a / (length + b) * np.exp(t * total)
+        share = (c * (length + b) - a) / (1 + c) / length
+    nodes = low + share * length
+    nodes[..., 0], nodes[..., -1] = low[..., 0], high
     return nodes
-
-
-def _samples(low: float, high: float, features: Sequence[Feature]) -> Floats:
-    """Points that resolve every feature: geometric steps of 10 % away from it."""
-    length = high - low
-    points = [np.linspace(low, high, 33)]
-    for feature in features:
-        scale = min(feature.size, length)
-        steps = scale * np.expm1(np.arange(0.0, np.log1p(length / scale) + 0.1, 0.1))
-        points += [end + sign * steps for end in (feature.low, feature.high, low, high) for sign in (-1.0, 1.0)]
-    x = np.unique(np.concatenate(points))
-    return np.concatenate([[low], x[(x > low) & (x < high)], [high]])

@@ -1,239 +1,227 @@
-r"""Block-structured quadrilateral meshes of the meridian half-plane r >= 0, z <= 0 in the tissue.
+r"""Block-structured quadrilateral meshes of the meridian half-plane: fixed topology, nodes smooth in the design.
 
-Tissue is cut into a strip under the surface, a box around the sphere and the rest. All
-lines in the box are rays from the sphere's centre, so no cell can turn inside out:
+Tissue (z <= 0) is cut into a strip under the surface, a box around the sphere and the rest. All lines in the box are rays
+from the sphere's centre, so no cell can turn inside out; arcs are exact. Cells at a singular corner are cut into
+geometric layers, which their neighbours do not see:
 
-    z = 0    +-----------------------------+      strip: as thick as the cover allows
-             +---------+-------------------+
-             |\  top  /|                   |
-             | (sphere) side   right       |      box: three ring blocks outside the
-             |/ bottom\|                   |      sphere, three inside, a core in the middle
-             +---------+-------------------+
+    z = 0    +-----------------------------+
+             +---------+-------------------+      +-------+
+             |\  top  /|                   |      |\      |   one layer of a
+             | (sphere) side   right       |      | +---+ |   cell towards its
+             |/ bottom\|                   |      | |   | |   lower left corner
+             +---------+-------------------+      +-+---+-+
              |           bottom            |
     z = -H   +-----------------------------+
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from enum import IntEnum
+from functools import lru_cache
+from itertools import pairwise, product
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from geometry.grading import Feature, Floats, graded, with_midpoints
+from geometry.frame import Fineness, Frame, Kind, Layout, frame
+from geometry.grading import Floats
+from geometry.section import Body, Section
 
-SPHERE_CELL = 0.4  # cells near the sphere per unit growth, in its radii
-
-
-class Body(IntEnum):
-    """The bodies of the meridian plane."""
-
-    TISSUE = 0
-    INNER = 1
-    OUTER = 2
-    INCLUSION = 3
-
-
-@dataclass(frozen=True)
-class Fineness:
-    """How fine a mesh is: cells grow by ``growth`` per distance, the first at a corner is ``corner`` of its scale.
-
-    ``order`` is the polynomial order that is meant to go with it.
-    """
-
-    growth: float
-    corner: float
-    order: int = 3
+Ints = NDArray[np.int64]
+TENSOR, OUTSIDE, INSIDE, CORE = range(4)
+LAYER = 0.15  # ratio of sizes from one layer at a corner to the next
+SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+Vertex = tuple[int, int]  # number of the radius, number of the level
+Cell = tuple[int, Body, tuple[Vertex, ...], tuple[int, int]]  # shape, body, vertices, circles
 
 
-@dataclass(frozen=True)
-class Sphere:
-    """A sphere on the axis: radius and depth of the centre, m."""
-
-    radius: float
-    depth: float
-
-
-@dataclass(frozen=True)
-class Section:
-    """The meridian section of a rotationally symmetric scene; lengths in m.
-
-    ``inner_radius`` < ``hole_radius`` < ``tube_radius`` < ``tissue_radius``.
-    """
-
-    inner_radius: float
-    hole_radius: float
-    tube_radius: float
-    inner_height: float
-    outer_height: float
-    tissue_radius: float
-    tissue_depth: float
-    sphere: Sphere | None = None
-
-    @property
-    def corner_scales(self) -> tuple[float, float, float]:
-        """The length on which each block corner's stress singularity lives, at r2, Ri and Ro."""
-        gap, wall = self.hole_radius - self.inner_radius, self.tube_radius - self.hole_radius
-        return (
-            min(self.inner_radius, self.inner_height, gap, self.tissue_depth),
-            min(wall, self.outer_height, gap, self.tissue_depth),
-            min(wall, self.outer_height, self.tissue_radius - self.tube_radius, self.tissue_depth),
-        )
-
-    @property
-    def floor_scale(self) -> float:
-        """The length on which the singularity lives where the tissue's side meets the table."""
-        return min(self.tissue_radius - self.tube_radius, self.tissue_depth)
-
-
-@dataclass(frozen=True)
-class MeridianMesh:
-    """Nine-node quadrilaterals.
+@dataclass(frozen=True, eq=False)
+class Topology:
+    """Elements by the lines of their cells; the same for all sections of a kind.
 
     Attributes:
-        cells: node coordinates (r, z) in m, shape (n, 9, 2); nodes in the order of the corners
-            counter-clockwise, the edges' middles (bottom, right, top, left), the centre.
-        body: the body of each cell, shape (n,), values of ``Body``.
+        layout: numbers of the lines.
+        shape: TENSOR between lines, OUTSIDE or INSIDE the sphere between rays, or in its CORE; shape (n,).
+        vertices: radius and level of the cell's corners, counter-clockwise; in a ring, of its side of the box, twice;
+            shape (n, 4, 2).
+        circles: the two circles of the cell in a ring, shape (n, 2).
+        corners: the element's in the cell's unit square, counter-clockwise, shape (n, 4, 2).
+        body: of ``Body``, shape (n,).
     """
 
-    cells: Floats
-    body: np.ndarray[tuple[int], np.dtype[np.int64]]
+    layout: Layout
+    shape: Ints
+    vertices: Ints
+    circles: Ints
+    corners: Floats
+    body: Ints
 
 
-def mesh(section: Section, fineness: Fineness) -> MeridianMesh:
-    """Mesh a section; cells of blocks and tissue meet node to node on z = 0."""
-    columns = _columns(section, fineness)
-    parts = _tissue(section, fineness, columns) + _blocks(section, fineness, columns)
-    body = np.concatenate([np.full(len(cells), int(body)) for body, cells in parts])
-    return MeridianMesh(np.concatenate([cells for _, cells in parts]) + 0.0, body)  # + 0.0: no negative zeros
+@lru_cache(maxsize=64)
+def topology(kind: Kind, fineness: Fineness) -> Topology:
+    """Return the elements of every mesh of a kind."""
+    layout = Layout(kind, fineness)
+    singular = set(_singular(layout))
+    cut = [_layers(cell, singular, fineness.layers) for cell in _cells(layout)]
+    shape, body, vertices, circles = (np.array(column) for column in zip(*(cell for cell, _ in cut), strict=True))
+    repeat = np.array([len(quads) for _, quads in cut])
+    corners = np.concatenate([quads for _, quads in cut])
+    shape, body, vertices, circles = (np.repeat(x, repeat, axis=0) for x in (shape, body, vertices, circles))
+    return Topology(layout, shape, vertices, circles, corners, body)
 
 
-Part = tuple[Body, Floats]
+def nodes(section: Section, mesh: Topology, places: Floats) -> Any:
+    """Return points (r, z) of all elements, shape (..., n, places, 2), at ``places`` of the unit square, shape (places, 2)."""
+    return _mapped(frame(section, mesh.layout), mesh, places)
 
 
-def _columns(section: Section, fineness: Fineness) -> Floats:
-    radii = (section.inner_radius, section.hole_radius, section.tube_radius)
-    scales = zip(radii, section.corner_scales, strict=True)
-    features = [Feature.point(r, fineness.corner * scale) for r, scale in scales]
-    features.append(Feature.point(section.tissue_radius, fineness.corner * section.floor_scale))
-    breaks = {0.0, *radii, section.tissue_radius}
-    if section.sphere is not None:
-        box = _Box.around(section.sphere, section)
-        breaks.add(box.right)
-        features.append(Feature(0.0, box.right, SPHERE_CELL * section.sphere.radius))
-        # between a sphere and a plane near it the field varies over sqrt(clearance * radius), and
-        # the parabolas that stand for arcs have to follow the sphere to a small part of the clearance
-        features += [Feature.point(0.0, 0.5 * np.sqrt(gap * section.sphere.radius), 0.5) for gap in (box.cover, box.clearance)]
-    return graded(sorted(breaks), features, fineness.growth)
+def labels(mesh: Topology) -> Floats:
+    """Return points (r, z) that tell the elements' corners apart, from a mesh without dimensions, shape (n, 4, 2)."""
+    layout, (radii, levels) = mesh.layout, 1 + mesh.vertices.reshape(-1, 2).max(axis=0)
+    box = [layout.row[name] for name in ("low", "high")] if "low" in layout.row else [0, 2]
+    edge = layout.column.get("box", 1)
+    outside, inside = (np.linspace(0.0, 1.0, rings + 1) for rings in layout.rings)
+    radius = 0.4 * min(edge, box[1] - box[0])
+    core = 0.4 * radius / np.hypot(edge, box[1] - box[0])
+    flat = Frame(np.arange(float(radii)), np.arange(float(levels)), outside, inside, (box[0] + box[1]) / 2, radius, core)
+    return np.asarray(np.round(_mapped(flat, mesh, SQUARE), 9)) + 0.0  # + 0.0: no negative zeros
 
 
-def _rows(low: float, high: float, section: Section, fineness: Fineness) -> Floats:
-    """Levels z of the tissue, graded to its surface, its bottom and the sphere."""
-    features = [
-        Feature.point(0.0, fineness.corner * min(section.corner_scales)),
-        Feature.point(-section.tissue_depth, fineness.corner * section.floor_scale),
-    ]
-    if section.sphere is not None:
-        box = _Box.around(section.sphere, section)
-        features.append(Feature(box.low, box.high, SPHERE_CELL * section.sphere.radius))
-    return graded([low, high], features, fineness.growth)
+def bilinear(places: Floats) -> Floats:
+    """Shares of the unit square's corners at points of it, (..., 2) to (..., 4)."""
+    u, v = places[..., 0], places[..., 1]
+    return np.stack([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v], axis=-1)
 
 
-def _blocks(section: Section, fineness: Fineness, columns: Floats) -> list[Part]:
-    inner = columns[columns <= section.inner_radius]
-    outer = columns[(columns >= section.hole_radius) & (columns <= section.tube_radius)]
-    at_core, at_hole, at_edge = section.corner_scales
-    sides = ((Body.INNER, inner, section.inner_height, at_core), (Body.OUTER, outer, section.outer_height, min(at_hole, at_edge)))
-    parts = []
-    for body, across, height, scale in sides:
-        ends = [Feature.point(z, fineness.corner * scale) for z in (0.0, height)]
-        parts.append((body, _tensor(across, graded([0.0, height], ends, fineness.growth))))
-    return parts
+def _mapped(lines: Frame, mesh: Topology, places: Floats) -> Any:
+    """Map the elements' corners to the cells' unit squares and these to the plane."""
+    within = bilinear(places) @ mesh.corners  # (n, places, 2)
+    rings = (mesh.shape == OUTSIDE) | (mesh.shape == INSIDE)
+    share = bilinear(np.where(rings[:, None, None], within * [1.0, 0.0], within))
+    r, z = (
+        np.einsum("npc,...nc->...np", share, along[..., mesh.vertices[..., axis]])
+        for axis, along in enumerate((lines.radii, lines.levels))
+    )
+    if np.any(rings):
+        r, z = _around(lines, mesh, r, z, within[..., 1])
+    return np.stack([r, z], axis=-1)
 
 
-def _tissue(section: Section, fineness: Fineness, columns: Floats) -> list[Part]:
-    if section.sphere is None:
-        return [(Body.TISSUE, _tensor(columns, _rows(-section.tissue_depth, 0.0, section, fineness)))]
-    box = _Box.around(section.sphere, section)
-    rooms = ((box.high, 0.0), (box.low, box.high), (-section.tissue_depth, box.low))
-    strip, middle, bottom = (_rows(low, high, section, fineness) for low, high in rooms)
-    beside = columns[columns >= box.right]
-    tissue = [_tensor(columns, strip), _tensor(beside, middle), _tensor(columns, bottom)]
-    within = with_midpoints(columns[columns <= box.right])
-    return [(Body.TISSUE, cells) for cells in tissue] + _box_parts(box, fineness, within, with_midpoints(middle))
+def _around(lines: Frame, mesh: Topology, r: Any, z: Any, v: Floats) -> tuple[Any, Any]:
+    """Move points of the box's sides along their rays into the rings, and those of the box's grid into the core."""
+    centre, sphere, core = (np.asarray(x)[..., None, None] for x in (lines.centre, lines.sphere, lines.core))
+    out, ins, mid = (np.flatnonzero(mesh.shape == shape) for shape in (OUTSIDE, INSIDE, CORE))
+    for ring, fractions in ((out, lines.outside), (ins, lines.inside)):
+        x, y = r[..., ring, :], z[..., ring, :] - centre
+        start, end = (fractions[..., mesh.circles[ring, k], None] for k in (0, 1))
+        t, arc = start + (end - start) * v[ring], sphere / (x**2 + y**2) ** 0.5
+        scale = arc + t * (1 - arc) if ring is out else core + t * (arc - core)
+        r[..., ring, :], z[..., ring, :] = scale * x, centre + scale * y
+    r[..., mid, :], z[..., mid, :] = core * r[..., mid, :], centre + core * (z[..., mid, :] - centre)
+    return r, z
 
 
-@dataclass(frozen=True)
-class _Box:
-    """The box 0 <= r <= right, low <= z <= high round a sphere, between one and two radii from its centre."""
-
-    sphere: Sphere
-    right: float
-    high: float
-    low: float
-    cover: float
-    clearance: float
-
-    @classmethod
-    def around(cls, sphere: Sphere, section: Section) -> _Box:
-        s, d = sphere.radius, sphere.depth
-        cover, clearance, beside = d - s, section.tissue_depth - d - s, section.tissue_radius - s
-        above, below, right = (s + min(room / 2, s) for room in (cover, clearance, beside))
-        return cls(sphere, right, above - d, -d - below, cover, clearance)
-
-    @property
-    def core_scale(self) -> float:
-        """The core is the box shrunk about the sphere's centre until its corners lie at 0.6 radii."""
-        far = max(abs(self.high + self.sphere.depth), abs(self.low + self.sphere.depth))
-        return float(0.6 * self.sphere.radius / np.hypot(self.right, far))
+def _cells(layout: Layout) -> Iterator[Cell]:
+    """Yield all cells, before those at corners are cut."""
+    column = layout.column
+    yield from _tissue(layout)
+    layers = (None, Body.FILM, Body.ADHESIVE)
+    inner, outer = range(column["inner"] + 1), range(column["hole"], column["tube"] + 1)
+    blocks = ((Body.INNER, inner, layout.inner), (Body.OUTER, outer, layout.outer))
+    for (block, across, levels), rows in zip(blocks, layout.blocks, strict=True):
+        ends = [0, *(rows + k * layout.layer for k in range(layout.kind.films + 1))]
+        for body, (first, last) in zip(layers, pairwise(ends), strict=False):
+            yield from _grid(body or block, across, levels[first : last + 1])
+    if layout.kind.base is not None:
+        yield from _base(layout)
 
 
-def _box_parts(box: _Box, fineness: Fineness, across: Floats, levels: Floats) -> list[Part]:
-    """The blocks of the box; ``across`` and ``levels`` contain the cells' middles."""
-    centre = np.array([0.0, -box.sphere.depth])
-    grid = np.stack(np.meshgrid(across, levels, indexing="ij"), axis=-1)
-    sides = (grid[::-1, -1], grid[-1, ::-1], grid[:, 0])  # top, right and bottom, each counted clockwise backwards
-    outside, inside = (with_midpoints(fractions) for fractions in _ring_fractions(box, fineness))
-    parts = [(Body.INCLUSION, _quadrilaterals(centre + box.core_scale * (grid - centre)))]
-    for side in (sides[0], sides[1], sides[2]):
-        ray = side - centre
-        arc = centre + box.sphere.radius * ray / np.hypot(ray[:, :1], ray[:, 1:])
-        parts.append((Body.TISSUE, _ruled(arc, side, outside)))
-        parts.append((Body.INCLUSION, _ruled(centre + box.core_scale * ray, arc, inside)))
-    return parts
+def _grid(body: Body, radii: Sequence[int], levels: Sequence[int]) -> Iterator[Cell]:
+    for (a, b), (c, d) in product(pairwise(radii), pairwise(levels)):
+        yield TENSOR, body, ((a, c), (b, c), (b, d), (a, d)), (0, 0)
 
 
-def _ring_fractions(box: _Box, fineness: Fineness) -> tuple[Floats, Floats]:
-    """Where circles cut the rays between sphere and box and between core and sphere, as fractions 0 .. 1.
-
-    Under a thin cover the strip is thin too, and block corners may lie beside the pole, where the
-    rays are long: cells then shrink towards the strip.
-    """
-    longest = np.hypot(box.right, max(box.high + box.sphere.depth, -box.low - box.sphere.depth)) - box.sphere.radius
-    strip = Feature.point(1.0, -box.high / longest)
-    outside = graded([0.0, 1.0], [strip, Feature(0.0, 1.0, 0.6)], fineness.growth)
-    return outside, graded([0.0, 1.0], [Feature(0.0, 1.0, 0.9)], fineness.growth)
-
-
-def _ruled(start: Floats, end: Floats, fractions: Floats) -> Floats:
-    """Cells between two curves of corresponding points; the curves themselves are met exactly."""
-    v = fractions[None, :, None]
-    points = np.where(v == 1.0, end[:, None], start[:, None] + v * (end - start)[:, None])
-    return _quadrilaterals(points)
+def _tissue(layout: Layout) -> Iterator[Cell]:
+    """Yield the tissue's cells row by row from the surface, then the sphere with what is around it."""
+    radii, low, high = list(range(layout.column["side"] + 1)), layout.row.get("low", 0), layout.row.get("high", 0)
+    for top in range(layout.row["surface"], 0, -1):
+        ended = {line for group in layout.merged.get(top, []) for line in group[1:-1]}
+        for group in layout.merged.get(top, []):
+            yield from _merging(group, top, layout.middles[top])
+        first = layout.column["box"] if low < top <= high else 0
+        for a, b in pairwise(radii):
+            if a >= first and not {a, b} & ended:
+                yield from _grid(Body.TISSUE, (a, b), (top - 1, top))
+        radii = [line for line in radii if line not in ended]
+    if "box" in layout.column:
+        yield from _sphere(layout, [line for line in radii if line <= layout.column["box"]])
 
 
-def _tensor(across: Floats, levels: Floats) -> Floats:
-    return _quadrilaterals(np.stack(np.meshgrid(with_midpoints(across), with_midpoints(levels), indexing="ij"), axis=-1))
+def _merging(columns: tuple[int, ...], top: int, middle: int) -> Iterator[Cell]:
+    """Yield the four cells by which three columns become one: left, right, between and below."""
+    a, b, c, d = columns
+    floor = top - 1
+    left, right = ((a, floor), (b, middle), (b, top), (a, top)), ((c, middle), (d, floor), (d, top), (c, top))
+    between, below = ((b, middle), (c, middle), (c, top), (b, top)), ((a, floor), (d, floor), (c, middle), (b, middle))
+    for vertices in (left, right, between, below):
+        yield TENSOR, Body.TISSUE, vertices, (0, 0)
 
 
-def _quadrilaterals(points: Floats) -> Floats:
-    """Cut a (2m+1, 2n+1, 2) array of points into m n nine-node cells, counter-clockwise."""
-    corners = ((0, 0), (2, 0), (2, 2), (0, 2), (1, 0), (2, 1), (1, 2), (0, 1), (1, 1))
-    m, n = (size - 2 for size in points.shape[:2])
-    cells = np.stack([points[i : i + m : 2, j : j + n : 2] for i, j in corners], axis=2).reshape(-1, 9, 2)
-    return cells if _turns_left(cells[0]) else cells[:, [0, 3, 2, 1, 7, 6, 5, 4, 8]]
+def _sphere(layout: Layout, radii: Sequence[int]) -> Iterator[Cell]:
+    """Yield the cells of the box: rings on its three sides (each counted so that cells are right-handed) and the core."""
+    edge, low, high = radii[-1], layout.row["low"], layout.row["high"]
+    top = [((a, high), (b, high)) * 2 for a, b in pairwise(radii)]
+    right = [((edge, d), (edge, c)) * 2 for c, d in pairwise(range(low, high + 1))]
+    bottom = [((b, low), (a, low)) * 2 for a, b in pairwise(radii)]
+    rings = ((OUTSIDE, Body.TISSUE), (INSIDE, Body.INCLUSION))
+    for (shape, body), count in zip(rings, layout.rings, strict=True):
+        for side, circle in product(top + right + bottom, range(count)):
+            yield shape, body, side, (circle, circle + 1)
+    for _, body, vertices, circles in _grid(Body.INCLUSION, radii, range(low, high + 1)):
+        yield CORE, body, vertices, circles
 
 
-def _turns_left(cell: Floats) -> bool:
-    (a, b), (c, d) = cell[1] - cell[0], cell[3] - cell[0]
-    return bool(a * d - b * c > 0)
+def _base(layout: Layout) -> Iterator[Cell]:
+    """Yield the cells of an elastic base: boss, step and flange."""
+    column, kind = layout.column, layout.kind
+    levels: Sequence[int] = layout.base
+    inner = (*range(column["inner"] + 1), layout.middle)
+    outer = (layout.middle, *range(column["hole"], column["tube"] + 1))
+    if kind.base:
+        yield from _grid(Body.BASE, inner if kind.base < 0 else outer, levels[:2])
+        levels = levels[1:]
+    whole = (*inner, *outer[1:])
+    yield from _grid(Body.BASE, whole, levels)
+    if kind.flange:
+        yield from _grid(Body.BASE, layout.flange, levels[layout.step :])
+
+
+def _singular(layout: Layout) -> Iterator[tuple[int, int]]:
+    """Yield the corners (radius, level) with singular stresses: the blocks', and where the tissue's side meets the floor."""
+    column, surface = layout.column, layout.row["surface"]
+    tops = layout.inner[layout.blocks[0]], layout.outer[layout.blocks[1]]
+    for radius, top in zip(("inner", "hole", "tube"), (tops[0], tops[1], tops[1]), strict=True):
+        yield column[radius], surface
+        yield column[radius], top
+    yield column["side"], layout.row["floor"]
+
+
+def _layers(cell: Cell, singular: set[tuple[int, int]], layers: int) -> tuple[Cell, Floats]:
+    """Cut a cell's unit square into geometric layers towards its singular corner, if it has one; shape (elements, 4, 2)."""
+    shape, _, vertices, _ = cell
+    found = [k for k, vertex in enumerate(vertices) if vertex in singular]
+    if shape != TENSOR or not found or layers == 0:
+        return cell, SQUARE[None]
+    (k,) = found  # two cells at least lie between any two singular corners
+    quads = [LAYER**layers * SQUARE]
+    for layer in range(layers):
+        x, y = LAYER**layer, LAYER ** (layer + 1)
+        quads += [np.array([[y, 0.0], [x, 0.0], [x, x], [y, y]]), np.array([[0.0, y], [y, y], [x, x], [0.0, x]])]
+    turned = np.stack(quads)
+    for axis, far in enumerate(SQUARE[k]):
+        if far:
+            turned[..., axis] = 1 - turned[..., axis]
+            turned = turned[:, ::-1]
+    return cell, turned

@@ -14,7 +14,8 @@ LENGTH = Quantity("length", "m", "mm", 1e-9, 10.0)
 Length = Annotated[float, LENGTH]
 Thickness = Annotated[float, Quantity("length", "m", "mm", 0.0, 10.0)]
 Position = Annotated[float, Quantity("position", "m", "mm", -10.0, 10.0)]
-Modulus = Annotated[float, Quantity("modulus", "Pa", "Pa", 1e-3, 1e13)]
+MODULUS = Quantity("modulus", "Pa", "Pa", 1e-3, 1e13)
+Modulus = Annotated[float, MODULUS]
 ChargePerForce = Annotated[float, Quantity("charge per force", "C/N", "pC/N", -1e-8, 1e-8)]
 PoissonRatio = Annotated[float, Field(ge=0.0, lt=0.5, description="a number from 0 to below 0.5")]
 Number = Annotated[float, Field(ge=-100.0, le=100.0, description="a number from -100 to 100")]

@@ -10,8 +10,8 @@ from typing import Any
 
 import click
 
-VERBS = ("evaluate", "optimize", "export")
-PLANNED = ("plan", "curve", "detectability", "scan", "estimate", "sweep", "tradeoff", "read", "calibrate", "check")
+VERBS = ("evaluate", "curve", "optimize", "export")
+PLANNED = ("plan", "detectability", "scan", "estimate", "sweep", "tradeoff", "read", "calibrate", "check")
 EVALUATORS = "auto, published, closed-form, axisymmetric"
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
@@ -63,6 +63,44 @@ def evaluate(scene: Path, evaluator: str, accuracy: str, as_json: bool) -> None:
     show(result_table(result))
     for warning in result.warnings:
         message(f"warning: {warning}")
+
+
+@cli.command()
+@click.argument("scene", type=click.Path(path_type=Path))
+@click.option("--from", "low", default="1 kPa", show_default=True, help="Smallest Young's modulus of the inclusion.")
+@click.option("--to", "high", default="1 MPa", show_default=True, help="Largest Young's modulus of the inclusion.")
+@click.option(
+    "--points", default=50, show_default=True, type=click.IntRange(2, 100_000), help="Moduli, evenly on a logarithmic scale."
+)
+@click.option("--accuracy", default="0.01", show_default=True, help="Relative error that the ratio may have at every modulus.")
+@click.option("--plot", "picture", type=click.Path(path_type=Path), help="Draw the curve to this .png, .svg or .pdf file.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def curve(scene: Path, low: str, high: str, points: int, accuracy: str, picture: Path | None, as_json: bool) -> None:
+    """Say how ratio and log-sensitivity depend on the inclusion's Young's modulus.
+
+    All moduli follow exactly from one factorisation, so that a thousand cost as much as ten. The scene is one that
+    `axisymmetric` takes: one sphere on the probe's axis.
+    """
+    from geometry.scene_file import read_scene
+    from probe_design.console import curve_table, message, show, working
+    from probe_design.curve_plot import check_format, plot
+    from solver import curve as run
+
+    found = read_scene(scene)
+    if picture is not None:
+        check_format(picture)  # what would fail after the work fails before it
+    with working(f"curve of {scene}"):
+        told = run(found, _moduli(low, high, points), _accuracy(accuracy))
+    if picture is not None:
+        plot(told, picture, found.inclusion[0].youngs_modulus, found.tissue.youngs_modulus)
+    if as_json:
+        _print_json(told.as_dict())
+        return
+    show(curve_table(told))
+    for warning in told.warnings:
+        message(f"warning: {warning}")
+    if picture is not None:
+        message(f"wrote {picture}")
 
 
 @cli.command()
@@ -179,13 +217,33 @@ def _accuracy(text: str) -> float:
 
 
 def _length(key: str, text: str) -> float:
-    from geometry.errors import InputError
     from geometry.probe import LENGTH
 
+    return _quantity(LENGTH, key, text)
+
+
+def _quantity(kind: Any, key: str, text: str) -> float:
+    from geometry.errors import InputError
+
     try:
-        return LENGTH.parse(text)
+        return float(kind.parse(text))
     except ValueError as fault:
-        raise InputError(key, text, f"{LENGTH.allowed} ({fault})") from None
+        raise InputError(key, text, f"{kind.allowed} ({fault})") from None
+
+
+def _moduli(low: str, high: str, points: int) -> Any:
+    """Moduli from ``low`` to ``high``, both met exactly."""
+    import numpy as np
+
+    from geometry.errors import InputError
+    from geometry.probe import MODULUS
+
+    first, last = _quantity(MODULUS, "from", low), _quantity(MODULUS, "to", high)
+    if not first < last:
+        raise InputError("to", high, f"a modulus above from = {low!r}")
+    moduli = np.geomspace(first, last, points)
+    moduli[0], moduli[-1] = first, last
+    return moduli
 
 
 def _print_json(value: dict[str, Any]) -> None:

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from solver.result import Result
+from solver.result import Curve, Result
 
 UNITS = {
     "stress_inner": "Pa", "stress_outer": "Pa", "ratio": "", "log_sensitivity": "", "stiffness": "N/m", "charge_inner": "C",
@@ -33,6 +33,17 @@ def result_table(result: Result) -> Table:
     for key, unit in UNITS.items():
         if values[key] is not None:
             table.add_row(key, f"{values[key]:.6g}", unit)
+    return table
+
+
+def curve_table(curve: Curve, most: int = 25) -> Table:
+    """Return a curve as a table, of ``most`` rows at most; what is null is a dash."""
+    table = Table(title=f"{curve.evaluator}, {len(curve.ratio)} moduli in {curve.seconds:.2g} s")
+    for heading in ("youngs_modulus, Pa", "ratio", "log_sensitivity", "error_estimate"):
+        table.add_column(heading, justify="right")
+    step = -(-len(curve.ratio) // most)
+    for row in list(zip(curve.youngs_modulus, curve.ratio, curve.log_sensitivity, curve.error_estimate, strict=True))[::step]:
+        table.add_row(*("-" if value is None else f"{value:.{digits}g}" for value, digits in zip(row, (4, 6, 4, 2), strict=True)))
     return table
 
 

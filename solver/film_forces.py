@@ -46,11 +46,13 @@ class FilmForces:
         forces: N/m, symmetric, shape (2, 2).
         bound: on what they may be off.
         slope: d forces / d ln E_object, shape (2, 2), or None without a target.
+        sensitivity_error: estimate of the absolute error of the log-sensitivity.
     """
 
     forces: Floats
     bound: Bound
     slope: Floats | None = None
+    sensitivity_error: float = 0.0
 
     @property
     def totals(self) -> Floats:
@@ -62,6 +64,13 @@ class FilmForces:
         """Bounds on the relative errors of both stresses at a given indentation; inf where a total is zero."""
         with np.errstate(divide="ignore"):
             return np.asarray(self.bound.totals / np.abs(self.totals))
+
+    @property
+    def buried(self) -> str | None:
+        """Name of a stress that is below its own error, if there is one."""
+        return next(
+            (name for name, error in zip(("stress_inner", "stress_outer"), self.relative_errors, strict=True) if error >= 1), None
+        )
 
     @property
     def log_sensitivity(self) -> float | None:
@@ -99,33 +108,29 @@ def outputs(scene: Scene, films: FilmForces) -> dict[str, Any]:
     stress = films.totals * indentation / areas
     film = scene.probe.film
     charge = stress * areas * film.charge_per_force if film is not None else (None, None)
-    told, reasons = _ratio(scene, films, areas)
+    reasons = []
+    if films.slope is None:
+        how = "several inclusions and none marked target = true" if scene.inclusion else "the scene has no inclusion"
+        reasons.append(f"log_sensitivity is null: {how}")
+    if films.buried is not None:
+        reasons = [f"ratio, log_sensitivity and error_estimate are null: {films.buried} is below its own error"]
     return {
         "stress_inner": float(stress[0]),
         "stress_outer": float(stress[1]),
         "stiffness": float(films.totals.sum()),
         "charge_inner": None if charge[0] is None else float(charge[0]),
         "charge_outer": None if charge[1] is None else float(charge[1]),
-        **told,
+        **ratio(scene, films),
         "warnings": (*reasons, *_beyond_linear(scene, stress, indentation)),
     }
 
 
-def _ratio(scene: Scene, films: FilmForces, areas: Floats) -> tuple[dict[str, float | None], list[str]]:
-    for name, error in zip(("stress_inner", "stress_outer"), films.relative_errors, strict=True):
-        if error >= 1:
-            told = dict.fromkeys(("ratio", "log_sensitivity", "error_estimate"))
-            return told, [f"ratio, log_sensitivity and error_estimate are null: {name} is below its own error"]
-    reasons = []
-    if films.slope is None:
-        how = "several inclusions and none marked target = true" if scene.inclusion else "the scene has no inclusion"
-        reasons.append(f"log_sensitivity is null: {how}")
-    inner, outer = films.totals / areas
-    return {
-        "ratio": float(inner / outer),
-        "log_sensitivity": films.log_sensitivity,
-        "error_estimate": films.ratio_error,
-    }, reasons
+def ratio(scene: Scene, films: FilmForces) -> dict[str, float | None]:
+    """Return ratio, its log-sensitivity and its error; all None where a stress is below its own error."""
+    if films.buried is not None:
+        return dict.fromkeys(("ratio", "log_sensitivity", "error_estimate"))
+    inner, outer = films.totals / [scene.probe.inner_area, scene.probe.outer_area]
+    return {"ratio": float(inner / outer), "log_sensitivity": films.log_sensitivity, "error_estimate": films.ratio_error}
 
 
 def _beyond_linear(scene: Scene, stress: Floats, indentation: float) -> list[str]:

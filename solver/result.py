@@ -61,6 +61,31 @@ class Result:
         return asdict(self)
 
 
+@dataclass(frozen=True)
+class Curve:
+    """What an evaluator says of a scene for many Young's moduli of its target inclusion; arrays of one length.
+
+    Attributes:
+        youngs_modulus: of the target, Pa.
+        ratio, log_sensitivity: see ``Result``; None where ``stress_outer`` is below its own error.
+        error_estimate: bound on the relative error of each ratio.
+        evaluator, seconds, plan, warnings: see ``Result``.
+    """
+
+    evaluator: str
+    seconds: float
+    youngs_modulus: tuple[float, ...]
+    ratio: tuple[float | None, ...]
+    log_sensitivity: tuple[float | None, ...]
+    error_estimate: tuple[float | None, ...]
+    plan: tuple[Decision, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the JSON object of ``probe-design curve``."""
+        return asdict(self)
+
+
 class Evaluator(Protocol):
     """One level of fidelity.
 

@@ -8,9 +8,12 @@ from scenes import Expected, expected, named
 
 from geometry import Contact, CylinderTissue, HalfSpaceTissue, Inclusion, Load, Material, Placement, Probe, Refusal, Scene
 from solver import evaluate
-from solver.axisymmetric import LEVELS, Axisymmetric, _states, sections
+from solver.axisymmetric import Axisymmetric
+from solver.converged import sample
+from solver.convergence import LEVELS
 from solver.film_forces import Bound, FilmForces, outputs
 from solver.result import Result
+from solver.sections import sections
 
 SHARED, EXTRA = expected("axisymmetric"), expected("extra")
 # the stresses and stiffness of the shared set are up to 9e-5 too high, see reference/README.md
@@ -66,7 +69,8 @@ def test_errors_fall_from_level_to_level() -> None:
     one = named("axisymmetric", "soft-cyst")
     errors = []
     for level in LEVELS[:4]:
-        totals = _states(one.scene, sections(one.scene)[0], level).forces.sum(axis=1)
+        of = sections(one.scene)
+        totals = sample(of.section, of, one.scene, level).totals[0]
         errors.append(abs(totals.sum() / (one.stiffness * (1 - 2.2e-5)) - 1))  # the shared value is 2.2e-5 too high
     assert errors[1] < errors[0] / 3
     assert errors[3] < errors[0] / 100
@@ -78,7 +82,8 @@ def squeezed_block(radius_per_height: float, nu: float) -> float:
     probe = Probe(inner_radius=0.01, outer_radius=0.02, gap=1e-3, height=0.01 / radius_per_height, inner=block, outer=block)
     tissue = CylinderTissue(shape="cylinder", radius=0.1, depth=0.05, youngs_modulus=1e11, poisson_ratio=0.3)
     scene = Scene(probe=probe, tissue=tissue, load=Load(indentation=1e-6))
-    forces = _states(scene, sections(scene)[0], LEVELS[2]).forces
+    of = sections(scene)
+    forces = sample(of.section, of, scene, LEVELS[3]).forces[0]
     return float(forces[0, 0] * probe.core_height / (1e3 * probe.inner_area))
 
 

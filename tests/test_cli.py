@@ -69,7 +69,7 @@ def test_charges_follow_equation_12(tmp_path: Path) -> None:
         (("evaluate", SCENE, "--evaluator", "magic"), ("evaluator", "magic", "axisymmetric")),
         (("evaluate", SCENE, "--evaluator", "solid"), ("evaluator", "solid", "not built")),
         (("evaluate", SCENE, "--evaluator", "equivalent-inclusion"), ("not built",)),
-        (("conjure", SCENE), ("conjure", "evaluate, optimize, export")),
+        (("conjure", SCENE), ("conjure", "evaluate, curve, optimize, export")),
         (("plan", SCENE), ("plan", "not built yet")),
         (("evaluate",), ("SCENE",)),
         (("evaluate", SCENE, "--colour"), ("--colour",)),

@@ -82,7 +82,7 @@ def test_bare_import_loads_nothing_heavy(module: str) -> None:
 def test_reading_a_scene_loads_nothing_heavy() -> None:
     path = ROOT / "tests" / "reference" / "axisymmetric" / "shallow.toml"
     found = modules_after(f"from geometry import read_scene; read_scene({str(path)!r})")
-    assert found & (HEAVY | {"casadi", "skfem"}) == set()
+    assert found & (HEAVY | {"casadi"}) == set()
 
 
 def modules_after(code: str) -> set[str]:

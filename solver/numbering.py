@@ -1,0 +1,137 @@
+"""Numbers of unknowns and the sparsity pattern of a mesh: computed once for all sections of a kind."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from geometry.grading import Floats
+from geometry.meridian import Topology, labels
+from geometry.section import Body
+
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+Interface = Literal["bonded", "frictionless"]
+
+
+@dataclass(frozen=True)
+class Numbering:
+    """Unknowns of a condensed system: u_r and u_z of the functions on corners and edges, 8 p for each element.
+
+    Attributes:
+        gather: from unknowns to the elements' own values, shape (8 p n, unknowns); edges' odd functions change
+            their sign where an element runs along the edge the other way. Its transpose adds elements' forces up.
+        lift: the elements' own values of each state's rigid shift of a block, for the tissue's elements alone, shape
+            (n, 8 p, 2); blocks, whose shift strains nothing, are told without it.
+        rows, starts: of the system's matrix in compressed columns.
+        slots: for each entry of the elements' matrices its place in the data, or one beyond the last; shape (n (8 p)^2,).
+        signs: of the elements' own values, shape (n, 8 p).
+        vertical: the elements' own values that a shift along z sets to 1, shape (8 p,).
+    """
+
+    gather: sp.csr_array
+    lift: Floats
+    rows: Ints
+    starts: Ints
+    slots: Ints
+    signs: Floats
+    vertical: Floats
+
+    @property
+    def unknowns(self) -> int:
+        """Size of the system."""
+        return len(self.starts) - 1
+
+    def assemble(self, stiffness: Floats) -> sp.csc_array:
+        """Add up the elements' matrices, shape (n, 8 p, 8 p)."""
+        signed = self.signs[:, :, None] * stiffness * self.signs[:, None]
+        data = np.bincount(self.slots, weights=signed.ravel(), minlength=len(self.rows) + 1)[:-1]
+        return sp.csc_array((data, self.rows, self.starts), shape=(self.unknowns,) * 2)
+
+
+@lru_cache(maxsize=32)
+def numbering(mesh: Topology, order: int, interface: Interface) -> Numbering:
+    """Number the unknowns of a mesh at one order."""
+    probe = (mesh.body != Body.TISSUE) & (mesh.body != Body.INCLUSION)
+    functions, signs, ends = _functions(labels(mesh), probe, order)
+    owner, fixed, under = _ties(mesh, ends, interface)
+    number = np.full(owner.max() + 1, -1)
+    free = np.setdiff1d(np.unique(owner), owner[fixed])
+    number[free] = np.arange(len(free))
+    dofs = number[owner[functions]].transpose(0, 2, 1).reshape(len(functions), -1)
+    lift = np.zeros((len(functions), 2, functions.shape[1], 2))
+    lift[:, 1] = np.where(probe[:, None, None], 0.0, -under[functions])
+    both = np.concatenate([signs, signs], axis=1)
+    vertical = np.zeros((2, functions.shape[1]))
+    vertical[1, :4] = 1.0
+    return Numbering(
+        _gather(dofs, both, len(free)), lift.reshape(len(functions), -1, 2), *_pattern(dofs, len(free)), both, vertical.ravel()
+    )
+
+
+def _functions(corners: Floats, probe: Bools, order: int) -> tuple[Ints, Floats, Floats]:
+    """Number the functions on corners and edges, those of the probe apart from those of the tissue.
+
+    Returns the elements' functions and signs, shape (n, 4 p) both, and for each function its edge's two ends, or its
+    corner twice, with 0 (tissue) or 1 (probe) and its degree: (r, z, r, z, probe, degree).
+    """
+    n = len(corners)
+    points = np.concatenate([corners, np.broadcast_to(probe[:, None, None], (n, 4, 1))], axis=2).reshape(-1, 3)
+    _, first, vertex = np.unique(points, axis=0, return_index=True, return_inverse=True)
+    points, vertex = points[first], vertex.reshape(n, 4)
+    start, end = (vertex[:, list(ends)] for ends in ((0, 1, 3, 0), (1, 2, 2, 3)))  # bottom, right, top, left, along u and v
+    pairs, edge = np.unique(np.sort(np.stack([start, end], axis=-1).reshape(-1, 2), axis=1), axis=0, return_inverse=True)
+    degree = np.arange(2, order + 1)
+    along = len(points) + edge.reshape(n, 4, 1) * (order - 1) + degree - 2
+    turned = np.where((start > end)[:, :, None] & (degree % 2 == 1), -1.0, 1.0)
+    functions = np.concatenate([vertex, along.reshape(n, -1)], axis=1)
+    signs = np.concatenate([np.ones((n, 4)), turned.reshape(n, -1)], axis=1)
+    at_vertex = np.concatenate([points[:, :2], points[:, :2], points[:, 2:], np.ones((len(points), 1))], axis=1)
+    at_edge = np.repeat(
+        np.concatenate([points[pairs[:, 0], :2], points[pairs[:, 1], :2], points[pairs[:, 0], 2:]], axis=1), order - 1, axis=0
+    )
+    return functions, signs, np.concatenate([at_vertex, np.column_stack([at_edge, np.tile(degree, len(pairs))])])
+
+
+def _ties(mesh: Topology, ends: Floats, interface: Interface) -> tuple[Ints, Bools, Floats]:
+    """What holds at the supports and between blocks and tissue.
+
+    Returns for u_r and u_z of each function the dof that stands for it and whether it is held, shape (functions, 2),
+    and for the functions under the inner and the outer block their value in a unit shift, shape (functions, 2).
+    """
+    layout, (r0, z0, r1, z1, probe, degree) = mesh.layout, ends.T
+    surface, column = layout.row["surface"], layout.column
+    on = (z0 == surface) & (z1 == surface)
+    owner = np.arange(2 * len(ends)).reshape(-1, 2)
+    tissue = {key: k for k, key in enumerate(map(tuple, ends[:, [0, 2, 5]])) if on[k] and not probe[k]}
+    for k in np.flatnonzero(on & (probe == 1)):
+        partner = tissue[tuple(ends[k, [0, 2, 5]])]
+        owner[k] = owner[partner] if interface == "bonded" else [owner[k, 0], owner[partner, 1]]
+    fixed = np.zeros((len(ends), 2), dtype=bool)
+    fixed[:, 0] = (r0 == 0) & (r1 == 0)
+    tops = {layout.inner[-1], layout.outer[-1]} if layout.kind.base is None else {layout.base[-1]}
+    held = [0, *tops]
+    fixed[np.isin(z0, held) & np.isin(z1, held) & (z0 == z1)] = True
+    spans = ((0, column["inner"]), (column["hole"], column["tube"]))
+    under = [on & (degree == 1) & (low <= r0) & (r0 <= high) for low, high in spans]
+    return owner, fixed, np.stack(under, axis=-1).astype(float)
+
+
+def _gather(dofs: Ints, signs: Floats, unknowns: int) -> sp.csr_array:
+    free = np.flatnonzero(dofs.ravel() >= 0)
+    return sp.csr_array((signs.ravel()[free], (free, dofs.ravel()[free])), shape=(dofs.size, unknowns))
+
+
+def _pattern(dofs: Ints, unknowns: int) -> tuple[Ints, Ints, Ints]:
+    """Rows and column starts of the matrix, and the place of every entry of the elements' matrices in it."""
+    row, column = dofs[:, :, None], dofs[:, None, :]
+    key = np.where((row >= 0) & (column >= 0), column * unknowns + row, unknowns**2).ravel()
+    keys, slots = np.unique(key, return_inverse=True)
+    keys = keys[keys < unknowns**2]
+    starts = np.searchsorted(keys, np.arange(unknowns + 1) * unknowns)
+    return (keys % unknowns).astype(np.int32), starts.astype(np.int32), slots
