@@ -1,9 +1,10 @@
-"""Make the scenes of ``tests/reference/extra``: corners of the range of designs, the rest drawn at random by name.
+"""Make the scenes of ``tests/reference/extra`` and ``extreme``: corners of the range of designs, the rest drawn by name.
 
 What a scene does not wish for is drawn log-uniformly from ``RANGES`` (Poisson's ratios from ``POISSON``) until the bodies
 fit, by a generator seeded with the scene's name, so that adding scenes changes no other.
 
-Usage: ``python benchmarks/generate_extra_scenes.py FOLDER``; then ``reference_axisymmetric.py`` for the answers.
+Usage: ``python benchmarks/generate_extra_scenes.py FOLDER``, a folder named ``extra`` or ``extreme``; then
+``reference_axisymmetric.py FOLDER`` for the answers.
 """
 
 from __future__ import annotations
@@ -14,8 +15,10 @@ import zlib
 from pathlib import Path
 from typing import Any
 
+import extra_scenes
+import extreme_scenes
 import numpy as np
-from extra_scenes import SCENES, Wishes
+from extra_scenes import Wishes
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from geometry import read_scene
@@ -32,6 +35,7 @@ RANGES = {
     "diameter": (0.5, 40),
     "cover": (0.005, 2),
 }
+SETS = {"extra": extra_scenes.SCENES, "extreme": extreme_scenes.SCENES}
 SMALLEST_GAP, LARGEST_GAP, LARGEST_RADIUS, LARGEST_DEPTH = 0.005, 5, 50, 60
 POISSON = [0.0, 0.2, 0.3, 0.4, 0.45, 0.48, 0.49, 0.499, 0.4999]
 
@@ -147,7 +151,7 @@ def load(scene: dict[str, Any], by_force: bool) -> str:
 def main(folder: Path) -> None:
     """Write every scene into the folder and read it back."""
     folder.mkdir(parents=True, exist_ok=True)
-    for name, wishes in SCENES.items():
+    for name, wishes in SETS[folder.name].items():
         draw = Draw(name, wishes)
         found = next(scene for scene in (attempt(draw) for _ in range(5000)) if scene is not None)
         path = folder / f"{name}.toml"

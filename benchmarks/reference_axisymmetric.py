@@ -1,15 +1,23 @@
 """Reference solutions of axisymmetric scenes by NGSolve, independent of ``solver``.
 
-The problem: linear elasticity of a cylinder of tissue bonded at its bottom, two concentric blocks under a rigid base,
-a bonded or frictionless interface, at most one sphere on the axis (PHYSICS.md sections 5 and 7).
+The problem: linear elasticity of a cylinder of tissue bonded at its bottom, two concentric blocks, a bonded or
+frictionless interface, at most one sphere on the axis (PHYSICS.md sections 5 and 7). Between each block and the base lie,
+if the scene has a film, the film (its modulus) and, if it has a thickness, the adhesive (its modulus, or the film's), both
+with ``FILM_POISSON``, which no scene gives, both bonded to all that they touch. A rigid base holds them, or the blocks'
+ends. The elastic base (``reference_outline``) is bonded to the machine: its upper face moves as a rigid plane, the rest
+of its surface is free of traction.
 
 The method: displacements of order 6 to 12 (no locking near incompressibility) on curved triangles that netgen grades by
 the local feature size, refined geometrically (factor 1/8) towards every singular corner, the tissue's bottom edge
-included. With u_1, u_2 the displacements for the base of one block moved down by one unit and the other held,
-F_ij = a(u_i, u_j) are the film forces: their error is the square of the energy norm's. The value is that of the finest
-mesh; ``relative_uncertainty`` is the largest change from the mesh before, coarser in size, order and corner layers at once.
+included. With u_1, u_2 the displacements for a jump of one unit inserted between one block and what is above it, and all
+that the machine holds at rest, F_ij = a(u_i, u_j) are the film forces: their error is the square of the energy norm's.
+F_i0 + F_i1 is the force on film i when the machine moves by one unit, for that is both jumps and a rigid shift. The
+energies are integrals over the fields: of the matrix's rounding, which the modulus of a stiff or nearly incompressible
+body multiplies, they see the square only. The value is that of the finest mesh; ``relative_uncertainty`` is the largest
+change from the mesh before, coarser in size, order and corner layers at once.
 
-Usage, after ``pip install ngsolve``: ``python benchmarks/reference_axisymmetric.py SCENE.toml ...``
+Usage, after ``pip install ngsolve``: ``python benchmarks/reference_axisymmetric.py SCENE.toml ...``; a folder in place of
+a scene means all its scenes and writes its ``expected.json``
 """
 
 from __future__ import annotations
@@ -24,28 +32,20 @@ from typing import Any
 
 import ngsolve as ngs
 import numpy as np
-from netgen.geom2d import SplineGeometry
-from netgen.meshing import MeshingParameters
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from reference_outline import ADHESIVE, BASE, ENDS, FILM, INCLUSION, INNER, NAMES, OUTER, TISSUE, Refinement, held, make_mesh
+
 from geometry import Material, Scene, read_scene
 
-OUTSIDE, TISSUE, INCLUSION, INNER, OUTER = range(5)
-NAMES = {TISSUE: "tissue", INCLUSION: "inclusion", INNER: "inner", OUTER: "outer"}
-BASES = ("base_inner", "base_outer")
+FILM_POISSON = 0.3  # of film and adhesive
 SENSITIVITY_FLOOR = 1e-4  # below it the error of log_sensitivity counts relative to this, see ``difference``
-
-
-@dataclass(frozen=True)
-class Refinement:
-    """One mesh: element size over local feature size, polynomial order, geometric layers at the corners."""
-
-    size: float
-    order: int
-    layers: int
-
-
 LADDER = (Refinement(0.9, 6, 6), Refinement(0.7, 8, 8), Refinement(0.55, 10, 10), Refinement(0.4, 12, 12))
+BLOCKS, ABOVE = "inner|outer", "film|adhesive|base"
+SHIFTS = 3  # solutions with the inclusion's shift from the one before
+
+Part = tuple[str, int, tuple[int, ...]]
+"""Bodies, and which components their u_r and the summands of their u_z are."""
 
 
 @dataclass(frozen=True)
@@ -61,151 +61,112 @@ class Reference:
     seconds: float = 0.0
 
 
-@dataclass(frozen=True)
-class Edge:
-    """A straight edge or, with ``centre``, a quarter circle about a point on the axis; lengths in inner radii."""
-
-    start: tuple[float, float]
-    end: tuple[float, float]
-    left: int
-    right: int
-    name: str = "free"
-    centre: float | None = None
-
-    def point(self, t: float) -> np.ndarray:
-        """Return the point at parameter 0 <= t <= 1."""
-        a, b = np.array(self.start), np.array(self.end)
-        if self.centre is None:
-            return np.asarray(a + t * (b - a))
-        c, angle = np.array([0.0, self.centre]), t * math.pi / 2
-        return np.asarray(c + math.cos(angle) * (a - c) + math.sin(angle) * (b - c))
-
-    def distance(self, p: np.ndarray) -> float:
-        """Distance of a point with r >= 0 from the edge."""
-        a, b = np.array(self.start), np.array(self.end)
-        if self.centre is not None:
-            if (p[1] > self.centre) != (a[1] + b[1] > 2 * self.centre):  # beside the other quarter: an end is nearest
-                return min(math.dist(p, a), math.dist(p, b))
-            return float(abs(math.hypot(p[0], p[1] - self.centre) - max(a[0], b[0])))
-        t = np.clip((p - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
-        return float(np.hypot(*(p - a - t * (b - a))))
-
-
-def outline(scene: Scene) -> list[Edge]:
-    """Return the meridian plane's edges: r >= 0, tissue below z = 0, lengths in units of the inner radius."""
-    probe, tissue, unit = scene.probe, scene.tissue, scene.probe.inner_radius
-    off_axis = len(scene.inclusion) > 1 or any(body.x or body.y or body.diameter is None for body in scene.inclusion)
-    if off_axis or tissue.shape != "cylinder" or not probe.base.rigid or scene.contact.interface == "unilateral":
-        raise ValueError("the reference takes tissue in a cylinder, one sphere on the axis, a rigid base, no lift-off")
-    r1, r2, r3, rt = 1.0, probe.hole_radius / unit, probe.tube_radius / unit, tissue.radius / unit
-    bottom, h1, h2 = -tissue.depth / unit, probe.core_height / unit, probe.tube_height / unit
-    edges = [
-        Edge((0, 0), (r1, 0), INNER, TISSUE, "contact"),
-        Edge((r1, 0), (r2, 0), OUTSIDE, TISSUE),
-        Edge((r2, 0), (r3, 0), OUTER, TISSUE, "contact"),
-        Edge((r3, 0), (rt, 0), OUTSIDE, TISSUE),
-        Edge((rt, 0), (rt, bottom), OUTSIDE, TISSUE),
-        Edge((rt, bottom), (0, bottom), OUTSIDE, TISSUE, "bottom"),
-        Edge((0, 0), (0, h1), OUTSIDE, INNER, "axis"),
-        Edge((0, h1), (r1, h1), OUTSIDE, INNER, BASES[0]),
-        Edge((r1, h1), (r1, 0), OUTSIDE, INNER),
-        Edge((r2, 0), (r2, h2), OUTSIDE, OUTER),
-        Edge((r2, h2), (r3, h2), OUTSIDE, OUTER, BASES[1]),
-        Edge((r3, h2), (r3, 0), OUTSIDE, OUTER),
-    ]
-    if not scene.inclusion:
-        return [*edges, Edge((0, bottom), (0, 0), OUTSIDE, TISSUE, "axis")]
-    radius, centre = scene.inclusion[0].diameter / 2 / unit, -scene.inclusion[0].depth / unit  # type: ignore[operator]
-    south, east, north = (0, centre - radius), (radius, centre), (0, centre + radius)
-    return [
-        *edges,
-        Edge((0, bottom), south, OUTSIDE, TISSUE, "axis"),
-        Edge(south, north, OUTSIDE, INCLUSION, "axis"),
-        Edge(north, (0, 0), OUTSIDE, TISSUE, "axis"),
-        Edge(south, east, INCLUSION, TISSUE, "sphere", centre),
-        Edge(east, north, INCLUSION, TISSUE, "sphere", centre),
-    ]
-
-
-def sizes(edges: list[Edge], size: float) -> list[tuple[float, float, float]]:
-    """Return mesh sizes (r, z, h) along the edges: ``size`` times the distance to the next edge of the same body."""
-    found: list[tuple[float, float, float]] = []
-    for edge in edges:
-        t, bodies, length = 0.0, {edge.left, edge.right} - {OUTSIDE}, math.dist(edge.start, edge.end)
-        others = [o for o in edges if bodies & {o.left, o.right} and not {edge.start, edge.end} & {o.start, o.end}]
-        while t < 1.0:
-            for s in (t, 1.0 - t):  # from both ends, for an end may have the smaller features
-                p = edge.point(s)
-                found.append((float(p[0]), float(p[1]), size * min([0.5 * length, *(o.distance(p) for o in others)])))
-            t += 0.3 * min(found[-1][2], found[-2][2]) / length
+def materials(scene: Scene) -> dict[int, Material]:
+    """Return the material of each body."""
+    probe = scene.probe
+    found: dict[int, Material] = {TISSUE: scene.tissue, INNER: probe.inner, OUTER: probe.outer}
+    if scene.inclusion:
+        found[INCLUSION] = scene.inclusion[0]
+    if probe.film is not None:
+        moduli = {FILM: probe.film.youngs_modulus, ADHESIVE: probe.film.adhesive_modulus or probe.film.youngs_modulus}
+        found |= {k: Material(youngs_modulus=modulus, poisson_ratio=FILM_POISSON) for k, modulus in moduli.items()}
+    if probe.base.youngs_modulus is not None and probe.base.poisson_ratio is not None:
+        found[BASE] = Material(youngs_modulus=probe.base.youngs_modulus, poisson_ratio=probe.base.poisson_ratio)
     return found
 
 
-def make_mesh(scene: Scene, refinement: Refinement) -> ngs.Mesh:
-    """Build the graded, curved mesh with geometric layers at every corner of the blocks and of the tissue's bottom."""
-    edges = outline(scene)
-    geometry = SplineGeometry()
-    singular = {p for edge in edges if edge.name in {"contact", "bottom", *BASES} for p in (edge.start, edge.end) if p[0] > 0}
-    index = {p: geometry.AddPoint(*p, hpref=float(p in singular)) for p in {edge.start: 0 for edge in edges}}
-    for edge in edges:
-        shape: list[Any] = ["line", index[edge.start], index[edge.end]]
-        if edge.centre is not None:
-            radius, pole = max(edge.start[0], edge.end[0]), edge.start if edge.start[0] == 0 else edge.end
-            shape = ["spline3", index[edge.start], geometry.AddPoint(radius, pole[1]), index[edge.end]]
-        geometry.Append(shape, leftdomain=edge.left, rightdomain=edge.right, bc=edge.name)
-    for number, name in NAMES.items():
-        geometry.SetMaterial(number, name)
-    parameters = MeshingParameters(maxh=1e9, grading=0.5 * refinement.size)
-    for r, z, h in sizes(edges, refinement.size):
-        parameters.RestrictH(r, z, 0.0, h)
-    mesh = ngs.Mesh(geometry.GenerateMesh(mp=parameters))
-    mesh.RefineHP(refinement.layers)
-    mesh.Curve(refinement.order)
-    return mesh
+class Problem:
+    """The discrete problem on one mesh.
+
+    Its unknowns are u_z and u_r of each region. To u_z belong two given fields: in the blocks the jump at their ends; in the
+    tissue a shift at the sphere, which the inclusion lacks: there u_z counts from it, for a rigid shift has no energy.
+    Near the mean displacement of a stiff inclusion, the shift leaves its modulus nothing to multiply the rounding of.
+    """
+
+    def __init__(self, scene: Scene, refinement: Refinement) -> None:
+        self.mesh, self.order, self.filled = make_mesh(scene, refinement), refinement.order, bool(scene.inclusion)
+        self.fill(scene)
+        regions = [".*"] if scene.contact.interface == "bonded" else ["tissue|inclusion", f"{BLOCKS}|{ABOVE}"]
+        above = len(regions) + 2
+        self.parts: list[Part] = [("tissue", 3, (0, 2)), ("inclusion", 3, (0,)), (BLOCKS, above, (0, 1)), (ABOVE, above, (0,))]
+        self.space = ngs.FESpace(self.spaces("|".join(held(scene.probe)), regions))
+
+    def fill(self, scene: Scene) -> None:
+        """Take the bodies' materials from a scene."""
+        bodies = materials(scene)
+        young = self.mesh.MaterialCF({NAMES[k]: body.youngs_modulus for k, body in bodies.items()})
+        poisson = self.mesh.MaterialCF({NAMES[k]: body.poisson_ratio for k, body in bodies.items()})
+        self.mu, self.lam = young / (2 * (1 + poisson)), young * poisson / ((1 + poisson) * (1 - 2 * poisson))
+
+    def spaces(self, rest: str, regions: list[str]) -> list[ngs.H1]:
+        """Return the spaces of u_z, jump, shift and u_r of each region."""
+        within = [self.mesh.Materials(region) for region in regions]
+        given = [ngs.H1(self.mesh, order=1, definedon=self.mesh.Materials(region)) for region in (BLOCKS, "tissue")]
+        radial = [ngs.H1(self.mesh, order=self.order, dirichlet=rest + "|axis", definedon=region) for region in within]
+        return [ngs.H1(self.mesh, order=self.order, dirichlet=rest), *given, *radial]
+
+    def strain(self, components: Any, part: Part) -> tuple[Any, Any]:
+        """Return (e_r, e_theta, e_z) and the engineering shear in a part."""
+        _, radial, (axial, *more) = part
+        across, along = (ngs.grad(components[k]) for k in (radial, axial))
+        along = sum((ngs.grad(components[k]) for k in more), along)
+        return (across[0], components[radial] / ngs.x, along[1]), across[1] + along[0]
+
+    def energy(self, u: Any, v: Any) -> Any:
+        """Return the work of the stress of strain u on strain v, per volume, times 2 pi r."""
+        (e, shear_u), (f, shear_v) = u, v
+        product = sum(i * j for i, j in zip(e, f, strict=True)) + shear_u * shear_v / 2
+        return 2 * math.pi * ngs.x * (self.lam * sum(e) * sum(f) + 2 * self.mu * product)
+
+    def states(self) -> list[ngs.GridFunction]:
+        """Solve for the displacements under a unit jump at each block's end."""
+        u, v = self.space.TnT()
+        form = ngs.BilinearForm(self.space, symmetric=True, condense=True)
+        for part in self.parts:
+            where = ngs.dx(definedon=self.mesh.Materials(part[0]), bonus_intorder=4)
+            form += self.energy(self.strain(u, part), self.strain(v, part)) * where
+        form.Assemble()
+        free = self.space.FreeDofs(coupling=True)
+        for given in (1, 2):
+            free[self.space.Range(given).start : self.space.Range(given).stop] = False
+        inverse = form.mat.Inverse(free, "sparsecholesky")
+        return [self.state(form, inverse, end) for end in ENDS]
+
+    def state(self, form: ngs.BilinearForm, inverse: Any, end: str) -> ngs.GridFunction:
+        """Solve for one jump; again with the inclusion's shift, once it is known."""
+        shift, inclusion = 0.0, self.mesh.Materials("inclusion")
+        for _ in range(SHIFTS if self.filled else 1):
+            found = ngs.GridFunction(self.space)
+            found.components[1].Set(-1.0, definedon=self.mesh.Boundaries(end))
+            if self.filled:
+                found.components[2].Set(shift, definedon=self.mesh.Boundaries("sphere"))
+            for _ in range(2):  # the second pass is iterative refinement
+                found.vec.data -= inverse * (form.mat * found.vec).Evaluate()
+            found.vec.data += form.harmonic_extension * found.vec
+            if self.filled:
+                area = ngs.Integrate(1.0, self.mesh, definedon=inclusion)
+                shift += ngs.Integrate(found.components[0], self.mesh, order=2 * self.order, definedon=inclusion) / area
+        return found
+
+    def work(self, states: list[ngs.GridFunction], part: Part) -> np.ndarray:
+        """Return a(u_i, u_j) over a part, in N per m of displacement and per inner radius."""
+        u, v = (self.strain(state.components, part) for state in states)
+        densities = ngs.CoefficientFunction((self.energy(u, u), self.energy(u, v), self.energy(v, v))).Compile()
+        found = ngs.Integrate(densities, self.mesh, order=2 * self.order + 5, definedon=self.mesh.Materials(part[0]))
+        return np.array([[found[0], found[1]], [found[1], found[2]]])
+
+
+def film_forces(scene: Scene, refinement: Refinement) -> tuple[np.ndarray, np.ndarray]:
+    """Find F_ij (N per m of displacement) and dF_ij / d ln E_object on one mesh."""
+    problem, unit = Problem(scene, refinement), scene.probe.inner_radius
+    states = problem.states()
+    works = [problem.work(states, part) * unit for part in problem.parts]
+    return np.asarray(sum(works)), works[1]
 
 
 def solve(scene: Scene, refinement: Refinement) -> Reference:
-    """Find the film forces of both base states on one mesh, and what follows from them."""
-    mesh, p = make_mesh(scene, refinement), refinement.order
-    bodies: dict[int, Material] = {TISSUE: scene.tissue, INNER: scene.probe.inner, OUTER: scene.probe.outer}
-    if scene.inclusion:
-        bodies[INCLUSION] = scene.inclusion[0]
-    young = mesh.MaterialCF({NAMES[k]: body.youngs_modulus for k, body in bodies.items()})
-    poisson = mesh.MaterialCF({NAMES[k]: body.poisson_ratio for k, body in bodies.items()})
-    mu, lam = young / (2 * (1 + poisson)), young * poisson / ((1 + poisson) * (1 - 2 * poisson))
-
-    def energy(ur: Any, uz: Any, vr: Any, vz: Any) -> Any:
-        """Return the work of the stress of u on the strain of v, per volume, times 2 pi r."""
-        (e, shear_u), (f, shear_v) = (
-            ((ngs.grad(a)[0], a / ngs.x, ngs.grad(b)[1]), ngs.grad(a)[1] + ngs.grad(b)[0]) for a, b in ((ur, uz), (vr, vz))
-        )
-        product = sum(i * j for i, j in zip(e, f, strict=True)) + shear_u * shear_v / 2
-        return 2 * math.pi * ngs.x * (lam * sum(e) * sum(f) + 2 * mu * product)
-
-    held = "|".join(["bottom", *BASES])
-    regions = [".*"] if scene.contact.interface == "bonded" else ["tissue|inclusion", "inner|outer"]
-    spaces = [ngs.H1(mesh, order=p, dirichlet=held)]
-    spaces += [ngs.H1(mesh, order=p, dirichlet=held + "|axis", definedon=mesh.Materials(region)) for region in regions]
-    space = ngs.FESpace(spaces)
-    (uz, *ur), (vz, *vr) = space.TnT()
-    form = ngs.BilinearForm(space, symmetric=True, condense=True)
-    for region, u, v in zip(regions, ur, vr, strict=True):
-        form += energy(u, uz, v, vz) * ngs.dx(definedon=mesh.Materials(region), bonus_intorder=4)
-    form.Assemble()
-    inverse = form.mat.Inverse(space.FreeDofs(coupling=True), "sparsecholesky")
-    states = [ngs.GridFunction(space) for _ in BASES]
-    for base, state in zip(BASES, states, strict=True):
-        state.components[0].Set(-1.0, definedon=mesh.Boundaries(base))
-        for _ in range(2):  # the second pass is iterative refinement
-            state.vec.data -= inverse * (form.mat * state.vec).Evaluate()
-    forces = np.array([[ngs.InnerProduct(form.mat * i.vec, j.vec) for j in states] for i in states])
-    slopes = np.zeros((2, 2))
-    if scene.inclusion:
-        for state in states:
-            state.vec.data += form.harmonic_extension * state.vec
-        where, fields = ngs.dx("inclusion", bonus_intorder=2 * p), [state.components[1::-1] for state in states]
-        slopes = np.array([[ngs.Integrate(energy(*i, *j) * where, mesh) for j in fields] for i in fields])
-    return summary(scene, forces * scene.probe.inner_radius, slopes * scene.probe.inner_radius)
+    """Find the stresses on one mesh, and what follows from them."""
+    return summary(scene, *film_forces(scene, refinement))
 
 
 def summary(scene: Scene, forces: np.ndarray, slopes: np.ndarray) -> Reference:
@@ -239,12 +200,30 @@ def reference(scene: Scene, tolerance: float = 1e-6) -> Reference:
     return replace(fine, relative_uncertainty=uncertainty, seconds=time.perf_counter() - start)
 
 
-def main(paths: list[str]) -> None:
+def printed(path: Path) -> Reference:
+    """Find the reference of a scene file and print it as one JSON object."""
+    found = reference(read_scene(path))
+    print(json.dumps({"scene": path.stem} | asdict(found)), flush=True)
+    return found
+
+
+def entry(found: Reference) -> dict[str, float]:
+    """Return the values as ``expected.json`` names them."""
+    units = {"stress_inner": "_pa", "stress_outer": "_pa", "stiffness": "_n_per_m"}
+    values = {f"{key}{units.get(key, '')}": value for key, value in asdict(found).items() if key != "seconds"}
+    return {key: value for key, value in values.items() if value is not None}
+
+
+def main(paths: list[Path]) -> None:
     """Print one JSON object per scene file."""
     ngs.SetNumThreads(1)
     for path in paths:
-        print(json.dumps({"scene": Path(path).stem} | asdict(reference(read_scene(Path(path))))), flush=True)
+        if path.is_dir():
+            entries = {scene.stem: entry(printed(scene)) for scene in sorted(path.glob("*.toml"))}
+            (path / "expected.json").write_text(json.dumps(entries, indent=1) + "\n", encoding="utf-8")
+        else:
+            printed(path)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main([Path(name) for name in sys.argv[1:]])

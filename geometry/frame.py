@@ -89,8 +89,9 @@ class Layout:
         merged: rows below the surface, by the number of their upper level, in which lines end: triples of columns become one,
             their middle meets the level ``middles`` within the row; the columns' four lines.
         inner, outer: numbers of the levels of each block from the surface to its base, film layers included.
-        middle, flange: numbers of the radii of an elastic base within the gap and from the tube to the flange's edge.
-        base: numbers of the levels of an elastic base, from the lower film to the top.
+        bridge, flange: numbers of the radii of an elastic base across the gap and from the tube to the flange's edge.
+        boss: numbers of the levels of an elastic base between the lower and the higher film.
+        base: from there to the top.
         rings: number of rings of cells between sphere and box, and between core and sphere.
     """
 
@@ -129,16 +130,20 @@ class Layout:
         middle, top = (first + sum(self.blocks[:k]) + k * kind.films * self.layer for k in (1, 2))
         self.inner = (first - 1, *range(first, middle))
         self.outer = (first - 1, *range(middle, top))
-        self.step, self.thick, self.overhang = n(2), n(2), n(2) * kind.flange
-        self.middle, self.flange, self.base = -1, (-1,), (-1,)
+        self.step, self.thick, self.overhang = n(4), n(2), n(2) * kind.flange
+        self.bridge, self.flange, self.boss, self.base = (-1,), (-1,), (-1,), (-1,)
         if kind.base is None:
             return top
-        self.middle = self.column["side"] + 1
-        self.flange = (self.column["tube"], *range(self.middle + 1, self.middle + 1 + self.overhang))
+        extra = self.column["side"] + 1
+        self.bridge = (self.column["inner"], *range(extra, extra + 3), self.column["hole"])
+        self.flange = (self.column["tube"], *range(extra + 3, extra + 3 + self.overhang))
         if kind.base == 0:  # one level for both films' upper faces
             self.outer = (*self.outer[:-1], self.inner[-1])
-        films = sorted({self.inner[-1], self.outer[-1]}, reverse=kind.base > 0)
-        self.base = (*films, *range(top, top + self.step + self.thick))
+        low, high = sorted((self.inner[-1], self.outer[-1]), reverse=kind.base > 0)
+        if kind.base != 0:
+            self.boss = (low, *range(top, top + self.step - 1), high)
+            top += self.step - 1
+        self.base = (high, *range(top, top + self.step + self.thick))
         return top + self.step + self.thick
 
 
@@ -166,7 +171,7 @@ def frame(section: Section, layout: Layout) -> Frame:
     radii = [_joined(_radii(s, box, sphere), layout.columns)]
     if layout.kind.base is not None:
         levels += _base_levels(s, layout)
-        radii.append(np.asarray((s.inner_radius + s.hole_radius) / 2)[..., None])
+        radii.append(graded(s.inner_radius, s.hole_radius, 4)[..., 1:-1])
         if layout.kind.flange:
             radii.append(graded(s.tube_radius, s.flange_radius, layout.overhang)[..., 1:])
     levels.append(_middles(levels[0], layout))
@@ -299,7 +304,10 @@ def _film_levels(s: Section, layout: Layout, height: Any) -> list[Any]:
 
 
 def _base_levels(s: Section, layout: Layout) -> list[Any]:
-    step = (s.inner_height if layout.kind.base == 1 else s.outer_height) + s.film + s.adhesive
+    low, high = (s.outer_height, s.inner_height) if layout.kind.base == 1 else (s.inner_height, s.outer_height)
+    films, corner = s.film + s.adhesive, s.corner_size
+    step = high + films
+    boss = [] if layout.kind.base == 0 else [graded(low + films, step, layout.step, corner, corner)[..., 1:-1]]
     flange = step + s.step_height
-    top = graded(flange, flange + s.flange_thickness, layout.thick)
-    return [graded(step, flange, layout.step)[..., 1:], top[..., 1:]]
+    top = graded(flange, flange + s.flange_thickness, layout.thick, s.step_height)
+    return [*boss, graded(step, flange, layout.step, corner, corner)[..., 1:], top[..., 1:]]

@@ -72,8 +72,11 @@ def topology(kind: Kind, fineness: Fineness) -> Topology:
     return Topology(layout, shape, vertices, circles, corners, body)
 
 
-def nodes(section: Section, mesh: Topology, places: Floats) -> Any:
-    """Return points (r, z) of all elements, shape (..., n, places, 2), at ``places`` of the unit square, shape (places, 2)."""
+def nodes(section: Section, mesh: Topology, places: Floats, chosen: Ints | None = None) -> Any:
+    """Return points (r, z) of all or some elements at ``places`` of the unit square, (places, 2); (..., n, places, 2)."""
+    if chosen is not None:
+        shape, vertices, circles = mesh.shape[chosen], mesh.vertices[chosen], mesh.circles[chosen]
+        mesh = Topology(mesh.layout, shape, vertices, circles, mesh.corners[chosen], mesh.body[chosen])
     return _mapped(frame(section, mesh.layout), mesh, places)
 
 
@@ -185,17 +188,14 @@ def _sphere(layout: Layout, radii: Sequence[int]) -> Iterator[Cell]:
 
 def _base(layout: Layout) -> Iterator[Cell]:
     """Yield the cells of an elastic base: boss, step and flange."""
-    column, kind = layout.column, layout.kind
-    levels: Sequence[int] = layout.base
-    inner = (*range(column["inner"] + 1), layout.middle)
-    outer = (layout.middle, *range(column["hole"], column["tube"] + 1))
+    column, kind, middle = layout.column, layout.kind, len(layout.bridge) // 2
+    inner = (*range(column["inner"]), *layout.bridge[: middle + 1])
+    outer = (*layout.bridge[middle:], *range(column["hole"] + 1, column["tube"] + 1))
     if kind.base:
-        yield from _grid(Body.BASE, inner if kind.base < 0 else outer, levels[:2])
-        levels = levels[1:]
-    whole = (*inner, *outer[1:])
-    yield from _grid(Body.BASE, whole, levels)
+        yield from _grid(Body.BASE, inner if kind.base < 0 else outer, layout.boss)
+    yield from _grid(Body.BASE, (*inner, *outer[1:]), layout.base)
     if kind.flange:
-        yield from _grid(Body.BASE, layout.flange, levels[layout.step :])
+        yield from _grid(Body.BASE, layout.flange, layout.base[layout.step :])
 
 
 def _singular(layout: Layout) -> Iterator[tuple[int, int]]:
@@ -206,6 +206,10 @@ def _singular(layout: Layout) -> Iterator[tuple[int, int]]:
         yield column[radius], surface
         yield column[radius], top
     yield column["side"], layout.row["floor"]
+    if layout.kind.flange:
+        yield column["tube"], layout.base[layout.step]
+    if layout.kind.base:
+        yield layout.bridge[len(layout.bridge) // 2], layout.boss[-1]
 
 
 def _layers(cell: Cell, singular: set[tuple[int, int]], layers: int) -> tuple[Cell, Floats]:

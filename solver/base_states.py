@@ -71,6 +71,7 @@ class BaseStates:
         model: what was solved.
         v: the unknowns of both states, shape (unknowns, 2).
         own: all values of the elements in both states, rigid shifts taken out, shape (n, 2 s, 2).
+        shift: these shifts along z, shape (n, 2).
         forces: F_ij, force on block i (0 inner, 1 outer) per unit displacement of base j, N/m, shape (2, 2).
         rounding: bound on what rounding changes in ``forces``, shape (2, 2).
     """
@@ -78,6 +79,7 @@ class BaseStates:
     model: Model
     v: Floats
     own: Floats
+    shift: Floats
     forces: Floats
     rounding: Floats
 
@@ -118,13 +120,13 @@ def base_states(model: Model) -> BaseStates:
     system = model.system
     lift = system.numbering.lift
     v, left = system.solve(np.zeros((system.numbering.unknowns, 2)), lift, passes=2)
-    own = system.own(v, lift)
+    own, shift = system.own(v, lift), system.shifts(v, lift)
     forces = np.einsum("eai,eaj->ij", own, system.stiffness @ own)
     hidden = np.abs(left.T @ system.factor.solve(left))  # what the forces would change if the equations were met exactly
     # ten standard deviations of the energy when every entry of the matrices carries an independent rounding error
     variance = np.einsum("eai,eaj->ij", own**2, system.stiffness**2 @ own**2)
     rounding = 10 * np.finfo(float).eps * np.sqrt(variance) + hidden
-    return BaseStates(model, v, model.whole(own), forces, rounding)
+    return BaseStates(model, v, model.whole(own), shift, forces, rounding)
 
 
 def _moduli(mesh: Topology, materials: Materials) -> tuple[Floats, Floats]:

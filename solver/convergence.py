@@ -26,7 +26,7 @@ LEVELS = (
 )
 COARSE_ENOUGH = (3e-3, 3e-4)  # accuracies below which the first, the second level is left out
 UNSEEN_DROP = 1.5  # by which errors are trusted to fall from one level to the next before it is seen
-LEAST_SHARE = 1.0  # of the last change: the least that the error bound keeps
+LEAST_SHARE = 1.5  # of the last change: the least that the error bound keeps
 GUARD = 0.3  # of the largest change that eq. (A3) allows
 LEAST_MEMORY = 0.1  # of the change before that
 

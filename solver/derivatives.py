@@ -12,7 +12,7 @@ velocities are derivatives by complex steps of the map from lengths to nodes.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,14 +20,11 @@ from geometry.grading import Floats
 from geometry.meridian import nodes
 from geometry.section import Body
 from solver.base_states import Model
+from solver.numbering import Ints
 from solver.quadrilateral import Geometry, gradients, lame, projected
 from solver.shapes import Shapes
 
 STEP = 1e-30  # of the complex step, relative: nothing is subtracted, so that it can be this small
-SHEAR = np.diag([1.0, 0.5, 0.5, 1.0, 1.0, 0.0])  # eps:eps of the strains below
-SHEAR[1, 2] = SHEAR[2, 1] = 0.5
-DILATION = np.array([1.0, 0.0, 0.0, 1.0, 1.0, 0.0])
-PROJECTED = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
 
 def variables(model: Model) -> tuple[str, ...]:
@@ -54,56 +51,79 @@ def energy_derivatives(model: Model, whole: Floats, inside: Body) -> tuple[Float
     return parts[0], parts[1]
 
 
-def velocities(model: Model) -> Floats:
-    """Derivatives of all nodes by ln of each given length, shape (lengths, n, s, 2)."""
+def velocities(model: Model, chosen: Ints) -> Floats:
+    """Derivatives of the chosen elements' nodes by ln of each given length, shape (lengths, elements, s, 2)."""
     given, section = model.section.given, model.section
     steps = np.eye(len(given)) * STEP
     moved = {name: getattr(section, name) * (1 + 1j * steps[k]) for k, name in enumerate(given)}
-    return np.asarray(nodes(replace(section, **moved), model.mesh, model.shapes.places).imag / STEP)
+    return np.asarray(nodes(replace(section, **moved), model.mesh, model.shapes.places, chosen).imag / STEP)
 
 
-def strains(at: Geometry, shapes: Shapes, whole: Floats) -> Floats:
-    """u_r,r, u_r,z, u_z,r, u_z,z, u_r / r and the projected dilation at the Gauss points, shape (n, q, 6, m)."""
-    n, s, m = len(whole), len(shapes.degrees), whole.shape[-1]
-    u = whole.reshape(n, 2, s, m)
-    by_r, by_z, hoop = gradients(at, shapes)
-    out = np.empty((n, by_r.shape[1], 6, m))
-    for k, (slope, component) in enumerate(((by_r, 0), (by_z, 0), (by_r, 1), (by_z, 1), (hoop, 0))):
-        np.matmul(slope, u[:, component], out=out[:, :, k])
-    out[:, :, 5] = projected(at, shapes, out[:, :, 0] + out[:, :, 3] + out[:, :, 4])
-    return out
+@dataclass(frozen=True)
+class _Fields:
+    """Displacement gradients of m fields at the Gauss points, and what works on them; (n, q, m) each.
+
+    Attributes:
+        slopes: u_r,r, u_r,z, u_z,r, u_z,z.
+        hoop: u_r / r.
+        dilation, pressure: D = div u and its projection P.
+        stresses: conjugate to the slopes and to the hoop strain, with lambda P in place of lambda D, times w.
+    """
+
+    slopes: tuple[Floats, ...]
+    hoop: Floats
+    dilation: Floats
+    pressure: Floats
+    stresses: tuple[Floats, ...]
 
 
-def _by_lengths(model: Model, whole: Floats, chosen: np.ndarray) -> Floats:
-    at = Geometry(model.at.radius[chosen], model.at.weight[chosen], model.at.inverse[chosen])
-    shapes, m = model.shapes, whole.shape[-1]
-    found = strains(at, shapes, whole[chosen])
-    flat = found.reshape(-1, m)
+def _fields(model: Model, whole: Floats, chosen: Ints) -> _Fields:
+    at, shapes, m = model.at.of(chosen), model.shapes, whole.shape[-1]
+    u = whole[chosen].reshape(len(chosen), 2, -1, m)
+    slopes, hoop = gradients(at, shapes, u)
+    rr, rz, zr, zz = slopes
+    dilation = rr + zz + hoop
+    pressure = projected(at, shapes, dilation)
+    two_mu, lam = (at.weight[..., None] * modulus[chosen, None, None] for modulus in (model.two_mu, model.lam))
+    shear, pushed = two_mu / 2 * (rz + zr), lam * pressure
+    stresses = two_mu * rr + pushed, shear, shear, two_mu * zz + pushed, two_mu * hoop + pushed
+    return _Fields(slopes, hoop, dilation, pressure, (*stresses, pushed))
+
+
+def _by_lengths(model: Model, whole: Floats, chosen: Ints) -> Floats:
+    """Derivatives by ln of every length, shape (lengths, m, m)."""
+    at, found = model.at.of(chosen), _fields(model, whole, chosen)
+    stresses = np.concatenate([stress.reshape(-1, whole.shape[-1]) for stress in found.stresses], axis=0)
     out = []
-    for velocity in velocities(model)[:, chosen]:
-        form = _forms(at, shapes, velocity, model.two_mu[chosen], model.lam[chosen])
-        out.append(flat.T @ (form @ found).reshape(-1, m))
+    for velocity in velocities(model, chosen):
+        half = stresses.T @ np.concatenate(_moved(at, model.shapes, velocity, found))
+        out.append(half + half.T)
     return np.array(out)
 
 
-def _forms(at: Geometry, shapes: Shapes, velocity: Floats, two_mu: Floats, lam: Floats) -> Floats:
-    """The quadratic forms of the strains whose sum is the energy's change, eqs. (G1), (G2); shape (n, q, 6, 6)."""
-    along = np.stack([velocity.transpose(0, 2, 1) @ slope.T for slope in shapes.tangents], axis=-1)  # (n, 2, q, 2): dV / d(u, v)
-    L = np.einsum("naqk,nqkj->nqaj", along, at.inverse)
+def _moved(at: Geometry, shapes: Shapes, velocity: Floats, found: _Fields) -> list[Floats]:
+    """What each stress works on when the nodes move: half the energy's change, eqs. (G1), (G2); six arrays (n q, m)."""
+    along = [velocity[..., k] @ slope.T for k in (0, 1) for slope in shapes.tangents]  # dV_k / du, dV_k / dv
+    (Vrr, Vrz), (Vzr, Vzz) = (
+        [at.inverse[..., 0, j] * u + at.inverse[..., 1, j] * v for j in (0, 1)] for u, v in (along[:2], along[2:])
+    )
     turn = (velocity[..., 0] @ shapes.geometry.T) / at.radius
-    tau = (L[..., 0, 0] + L[..., 1, 1] + turn)[..., None, None]
-    B = np.zeros((*turn.shape, 6, 6))
-    B[..., 0:2, 0:2] = B[..., 2:4, 2:4] = L.swapaxes(-1, -2)
-    B[..., 4, 4] = turn
-    shear = -SHEAR @ B
-    volume = -np.einsum("...k,j->...kj", DILATION @ B, PROJECTED)
-    both = np.outer(DILATION, PROJECTED)
-    shear = shear + shear.swapaxes(-1, -2) + tau * SHEAR
-    volume = volume + volume.swapaxes(-1, -2) + tau * (both + both.T - np.outer(PROJECTED, PROJECTED))
-    return np.asarray(at.weight[..., None, None] * (two_mu[:, None, None, None] * shear + lam[:, None, None, None] * volume))
+    half = (Vrr + Vzz + turn)[..., None] / 2  # tau / 2
+    rr, rz, zr, zz, turn = (x[..., None] for x in (Vrr, Vrz, Vzr, Vzz, turn))
+    (ur, uz, wr, wz), hoop = found.slopes, found.hoop
+    moved = [
+        (half - rr) * ur - zr * uz,
+        (half - zz) * uz - rz * ur,
+        (half - rr) * wr - zr * wz,
+        (half - zz) * wz - rz * wr,
+        (half - turn) * hoop,
+        # lambda P works on tau (D - P / 2) where the five stresses give it tau D / 2
+        half * (found.dilation - found.pressure),
+    ]
+    return [x.reshape(-1, x.shape[-1]) for x in moved]
 
 
-def _by_materials(model: Model, whole: Floats, chosen: np.ndarray) -> tuple[Floats, Floats]:
+def _by_materials(model: Model, whole: Floats, chosen: Ints) -> tuple[Floats, Floats]:
     """Derivatives by ln E and by nu of every body, (bodies, m, m) each; 2 mu = E / (1 + nu), lambda = 2 mu nu / (1 - 2 nu)."""
     moduli, ratios = [], []
     for body, material in model.materials.items():

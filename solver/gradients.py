@@ -51,7 +51,7 @@ def gradients(scene: Scene, sample: Sample, names: tuple[str, ...] | None = None
     if unknown:
         raise InputError("variable", unknown[0], ", ".join(values(scene)))
     chain = np.array([_chain(scene, sample, name) for name in chosen])  # (v, section variables)
-    logs = _logs(sample)
+    logs = by_section(sample)
     areas = _areas(scene, sample)
     totals, f = sample.totals, logs.totals  # (k, 2), (k, section variables, 2)
     log_stress = f - areas
@@ -72,14 +72,14 @@ def gradients(scene: Scene, sample: Sample, names: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True)
-class _Logs:
+class SectionDerivatives:
     """Derivatives of ln of the films' totals, (k, v, 2), and of the log-sensitivities, (k, v), by the section's variables."""
 
     totals: Floats
     sensitivity: Floats
 
 
-def _logs(sample: Sample) -> _Logs:
+def by_section(sample: Sample) -> SectionDerivatives:
     """Differentiate energies; the states' own change enters the slope F' alone, eq. (G3).
 
     F' = dF / d ln E = t u^T K_b u:  dF' = 2 u'^T dK u + t u^T dK_b u,  u' = du / d ln E.
@@ -95,12 +95,12 @@ def _logs(sample: Sample) -> _Logs:
     totals = sample.totals[:, None]
     logs = forces.sum(axis=-1) / totals
     if du is None:
-        return _Logs(logs, np.zeros(logs.shape[:2]))
+        return SectionDerivatives(logs, np.zeros(logs.shape[:2]))
     slope = np.einsum("kai,kvab,kbj->kvij", du, dK, u, optimize=True)
     slope = slope + slope.swapaxes(-1, -2)
     slope += t[:, None, None, None] * np.einsum("kai,vab,kbj->kvij", u, inside, u, optimize=True)
     change = slope.sum(axis=-1) / totals - sample.slope.sum(axis=-1)[:, None] / totals * logs
-    return _Logs(logs, change[..., 0] - change[..., 1])
+    return SectionDerivatives(logs, change[..., 0] - change[..., 1])
 
 
 def _stiffness(totals: Floats, logs: Floats) -> Floats:

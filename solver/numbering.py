@@ -19,7 +19,7 @@ Bools = NDArray[np.bool_]
 Interface = Literal["bonded", "frictionless"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Numbering:
     """Unknowns of a condensed system: u_r and u_z of the functions on corners and edges, 8 p for each element.
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from geometry.errors import SolveError
 from geometry.grading import Floats
-from solver.shapes import Shapes
+from solver.shapes import Ints, Shapes
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,10 @@ class Geometry:
     radius: Floats
     weight: Floats
     inverse: Floats
+
+    def of(self, chosen: Ints) -> Geometry:
+        """Return the geometry of some of the elements."""
+        return Geometry(self.radius[chosen], self.weight[chosen], self.inverse[chosen])
 
 
 def geometry(nodes: Floats, shapes: Shapes) -> Geometry:
@@ -48,42 +52,46 @@ def geometry(nodes: Floats, shapes: Shapes) -> Geometry:
     return Geometry(radius, 2 * np.pi * radius * area * shapes.weights, inverse)
 
 
-def gradients(at: Geometry, shapes: Shapes) -> tuple[Floats, Floats, Floats]:
-    """Return dN/dr, dN/dz and N/r of all functions at all points, each of shape (n, q, s)."""
-    x, y = shapes.slope
-    along = [at.inverse[..., 0, k, None] * x + at.inverse[..., 1, k, None] * y for k in (0, 1)]
-    return along[0], along[1], shapes.value / at.radius[..., None]
+def gradients(at: Geometry, shapes: Shapes, u: Floats) -> tuple[tuple[Floats, ...], Floats]:
+    """Return u_r,r, u_r,z, u_z,r, u_z,z and u_r / r at all points, (n, q, m) each, of values u, (n, 2, s, m)."""
+    (xr, xz), (yr, yz) = (at.inverse[..., k, :, None].transpose(2, 0, 1, 3) for k in (0, 1))
+    slopes: list[Floats] = []
+    for component in (0, 1):
+        by_x, by_y = (slope @ u[:, component] for slope in shapes.slope)
+        slopes += [xr * by_x + yr * by_y, xz * by_x + yz * by_y]
+    return tuple(slopes), (shapes.value @ u[:, 0]) / at.radius[..., None]
 
 
 def matrices(at: Geometry, shapes: Shapes) -> tuple[Floats, Floats]:
     """Integrate eps:eps and (P div u)^2, P the projection, over each ring element.
 
     Returns two arrays of shape (n, 2, s, 2, s), the components r and z before the functions: the stiffness per unit 2 mu
-    and per unit lambda.
+    and per unit lambda. Integrals are products of metric coefficients, (n, points), with tables of the functions'
+    products, so that they run at the speed of large matrix products.
     """
-    by_r, by_z, hoop = gradients(at, shapes)
-    shear, volume = (np.empty((len(by_r), 2, by_r.shape[2], 2, by_r.shape[2])) for _ in range(2))
-    moments, mass = _dilation(at, shapes, by_r, by_z, hoop)
-    root = np.sqrt(at.weight)[..., None]
-    for array in (by_r, by_z, hoop):
-        array *= root
-    rr, zz, rz = _products(by_r, by_r), _products(by_z, by_z), _products(by_z, by_r)
-    shear[:, 0, :, 0], shear[:, 1, :, 1] = rr + zz / 2 + _products(hoop, hoop), zz + rr / 2
-    shear[:, 0, :, 1], shear[:, 1, :, 0] = rz / 2, rz.transpose(0, 2, 1) / 2
-    flat = moments.reshape(len(moments), moments.shape[1], -1)
-    volume[:] = (flat.transpose(0, 2, 1) @ np.linalg.solve(mass, flat)).reshape(volume.shape)
-    return shear, volume
+    n, s, table = len(at.weight), len(shapes.degrees), shapes.products
+    (xr, xz), (yr, yz) = (at.inverse[..., k, :].transpose(2, 0, 1) for k in (0, 1))  # x, y: the unit square's; r, z
+    w, q = at.weight, at.weight.shape[1]
+    shear = np.empty((n, 2, s, 2, s))
+    rr = np.concatenate([w / at.radius**2, *(w * (a * b + c * d / 2) for a, b, c, d in _pairs(xr, yr, xz, yz))], axis=1)
+    zz = np.concatenate([w * (a * b + c * d / 2) for a, b, c, d in _pairs(xz, yz, xr, yr)], axis=1)
+    rz = np.concatenate([w / 2 * a * b for a in (xz, yz) for b in (xr, yr)], axis=1)
+    shear[:, 0, :, 0] = (rr @ table.even).reshape(n, s, s)
+    shear[:, 1, :, 1] = (zz @ table.even[q:]).reshape(n, s, s)
+    shear[:, 0, :, 1] = (rz @ table.odd).reshape(n, s, s)
+    shear[:, 1, :, 0] = shear[:, 0, :, 1].transpose(0, 2, 1)
+    moments = np.empty((n, shapes.pressure.shape[1], 2, s))
+    moments[:, :, 0] = (np.concatenate([w * xr, w * yr, w / at.radius], axis=1) @ table.dilation).reshape(n, -1, s)
+    moments[:, :, 1] = (np.concatenate([w * xz, w * yz], axis=1) @ table.dilation[: 2 * q]).reshape(n, -1, s)
+    flat = moments.reshape(n, -1, 2 * s)
+    mass = (w @ table.mass).reshape(n, flat.shape[1], -1)
+    volume = flat.transpose(0, 2, 1) @ (np.linalg.inv(mass) @ flat)
+    return shear, volume.reshape(shear.shape)
 
 
-def _products(a: Floats, b: Floats) -> Floats:
-    return a.transpose(0, 2, 1) @ b
-
-
-def _dilation(at: Geometry, shapes: Shapes, by_r: Floats, by_z: Floats, hoop: Floats) -> tuple[Floats, Floats]:
-    """Moments of the dilation of every displacement with every pressure, (n, m, 2, s), and the pressures' mass, (n, m, m)."""
-    weighted = (at.weight[..., None] * shapes.pressure).transpose(0, 2, 1)
-    moments = np.stack([weighted @ (by_r + hoop), weighted @ by_z], axis=2)
-    return moments, weighted @ shapes.pressure
+def _pairs(x: Floats, y: Floats, also_x: Floats, also_y: Floats) -> tuple[tuple[Floats, ...], ...]:
+    """Factors of X X, X Y + Y X and Y Y in a product of two slopes, and of the same by the other coordinate."""
+    return (x, x, also_x, also_x), (x, y, also_x, also_y), (y, y, also_y, also_y)
 
 
 def projected(at: Geometry, shapes: Shapes, dilation: Floats) -> Floats:

@@ -18,7 +18,7 @@ from geometry.grading import Floats
 from geometry.section import Body
 from solver.base_states import BaseStates
 
-TOLERANCE = 1e-9  # of the film forces, relative, at both ends of the range of moduli
+TOLERANCE = 1e-10  # of the film forces, relative, at both ends of the range; states are good to its root
 MOST_STEPS = 60
 
 
@@ -83,6 +83,7 @@ def response(states: BaseStates, low: float, high: float, body: Body = Body.INCL
         raise SolveError(f"the section has no {body.name.lower()}")
     space = _Space(states, inside)
     ends = np.array([low, high])
+    tolerance = max(TOLERANCE, float(np.max(states.rounding) / np.max(np.abs(states.forces))))
     found = space.response(body)
     for _ in range(MOST_STEPS):
         before = found.forces(ends)[0]
@@ -90,9 +91,9 @@ def response(states: BaseStates, low: float, high: float, body: Body = Body.INCL
         found = space.response(body)
         after = found.forces(ends)[0]
         change = np.abs(after - before).max(axis=(1, 2)) / np.abs(after).max(axis=(1, 2))
-        if not grown or np.all(change < TOLERANCE):
+        if not grown or np.all(change < tolerance):
             return found
-    raise SolveError(f"the curve from {low:g} to {high:g} times the modulus was not found to {TOLERANCE:g}")
+    raise SolveError(f"the curve from {low:g} to {high:g} times the modulus was not found to {tolerance:.0e}")
 
 
 def tangent(states: BaseStates, body: Body = Body.INCLUSION) -> Response:

@@ -19,6 +19,23 @@ Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
+class Products:
+    """Products of two functions i, j at the q points, with N a function, X and Y its slopes and P a pressure.
+
+    Attributes:
+        even: N N, X X, X Y + Y X and Y Y, shape (4 q, s^2).
+        odd: X X, X Y, Y X and Y Y, shape (4 q, s^2).
+        dilation: P X, P Y and P N, shape (3 q, m s).
+        mass: P P, shape (q, m^2).
+    """
+
+    even: Floats
+    odd: Floats
+    dilation: Floats
+    mass: Floats
+
+
+@dataclass(frozen=True)
 class Shapes:
     """Functions of order p; s = (p+1)^2 of them, the first 4 p on corners and edges.
 
@@ -30,6 +47,7 @@ class Shapes:
         pressure: polynomials of total degree below p at the points, shape (q, p (p+1) / 2).
         places: nodes (u, v) by whose positions an element's geometry is told, shape (s, 2).
         geometry, tangents: interpolation from these nodes to the points, shapes (q, s) and (2, q, s).
+        products: of the functions, from which elements' matrices are sums.
     """
 
     order: int
@@ -42,6 +60,7 @@ class Shapes:
     places: Floats
     geometry: Floats
     tangents: Floats
+    products: Products
 
     @property
     def skeleton(self) -> int:
@@ -62,7 +81,21 @@ def shapes(order: int) -> Shapes:
     lobatto = (1 - np.cos(np.linspace(0, np.pi, order + 1))) / 2
     places = np.stack(np.meshgrid(lobatto, lobatto, indexing="ij"), axis=-1).reshape(-1, 2)
     known = np.linalg.inv(functions(places, degrees)[0])
-    return Shapes(order, degrees, points, np.outer(w, w).ravel(), value, slope, pressure, places, value @ known, slope @ known)
+    geometry, tangents, weights = value @ known, slope @ known, np.outer(w, w).ravel()
+    tables = _products(value, slope, pressure)
+    return Shapes(order, degrees, points, weights, value, slope, pressure, places, geometry, tangents, tables)
+
+
+def _products(value: Floats, slope: Floats, pressure: Floats) -> Products:
+    def table(*pairs: tuple[Floats, Floats]) -> Floats:
+        return np.concatenate([(a[:, :, None] * b[:, None]).reshape(len(a), -1) for a, b in pairs])
+
+    x, y = slope
+    crossed = table((x, y))
+    mirrored = table((y, x))
+    even = np.concatenate([table((value, value), (x, x)), crossed + mirrored, table((y, y))])
+    odd = np.concatenate([table((x, x)), crossed, mirrored, table((y, y))])
+    return Products(even, odd, table((pressure, x), (pressure, y), (pressure, value)), table((pressure, pressure)))
 
 
 def functions(points: Floats, degrees: Ints) -> tuple[Floats, Floats]:

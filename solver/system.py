@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.sparse.linalg import splu
 
 from geometry.errors import SolveError
 from geometry.grading import Floats
+from solver.factor import Factor, factorise
 from solver.numbering import Numbering
 
 LARGEST_RESIDUAL = 1e-9  # relative, in the 2-norm; direct solves leave about 1e-16
@@ -32,20 +32,26 @@ class System:
     numbering: Numbering
     stiffness: Floats
     matrix: Any
-    factor: Any
+    factor: Factor
 
     @classmethod
     def of(cls, numbering: Numbering, stiffness: Floats) -> System:
         """Assemble and factorise."""
         matrix = numbering.assemble(stiffness)
-        options = {"SymmetricMode": True}
-        return cls(numbering, stiffness, matrix, splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options))
+        return cls(numbering, stiffness, matrix, factorise(matrix, numbering))
 
     def own(self, v: Floats, lift: Floats | float = 0.0) -> Floats:
         """The elements' own values of displacements v (unknowns, k) and lift (n, 8 p, k), rigid shifts taken out; (n, 8 p, k)."""
-        local = (self.numbering.gather @ v).reshape(*self.stiffness.shape[:2], -1) + lift
+        local = self._local(v, lift)
         up = self.numbering.vertical
         return np.asarray(local - local[:, None, np.argmax(up)] * up[:, None])
+
+    def shifts(self, v: Floats, lift: Floats | float = 0.0) -> Floats:
+        """The rigid shifts along z that ``own`` takes out, shape (n, k)."""
+        return self._local(v, lift)[:, np.argmax(self.numbering.vertical)]
+
+    def _local(self, v: Floats, lift: Floats | float) -> Floats:
+        return np.asarray((self.numbering.gather @ v).reshape(*self.stiffness.shape[:2], -1) + lift)
 
     def add_up(self, forces: Floats) -> Floats:
         """Add the elements' forces, shape (n, 8 p, k), to those of the unknowns."""

@@ -1,0 +1,191 @@
+"""Outline and mesh of the reference code: the meridian plane of probe, layers, base and tissue.
+
+The tissue lies below z = 0, lengths are in inner radii. On each block lie its film and, above it, its adhesive, both as
+wide as the block. The elastic base is that of ``geometry.solids``: a step of the tube's radius below a flange; where the
+two stacks differ in height its lower face steps in the middle of the gap. Without ``[probe.film]`` blocks meet the base.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import ngsolve as ngs
+import numpy as np
+from netgen.geom2d import SplineGeometry
+from netgen.meshing import MeshingParameters
+
+from geometry import Film, Probe, Scene
+from geometry.solids import base_sizes
+
+OUTSIDE, TISSUE, INCLUSION, INNER, OUTER, FILM, ADHESIVE, BASE = range(8)
+NAMES = dict(enumerate(["tissue", "inclusion", "inner", "outer", "film", "adhesive", "base"], 1))
+ENDS = ("end_inner", "end_outer")  # the blocks' film ends, where the film forces are taken
+SINGULAR = {"contact", "bottom", "layer", "top", "lower", *ENDS}  # the edges that end in singular corners
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """One mesh: element size over local feature size, polynomial order, geometric layers at the corners."""
+
+    size: float
+    order: int
+    layers: int
+
+
+@dataclass(frozen=True)
+class Edge:
+    """A straight edge or, with ``centre``, a quarter circle about a point on the axis; lengths in inner radii."""
+
+    start: tuple[float, float]
+    end: tuple[float, float]
+    left: int
+    right: int
+    name: str = "free"
+    centre: float | None = None
+
+    def point(self, t: float) -> np.ndarray:
+        """Return the point at parameter 0 <= t <= 1."""
+        a, b = np.array(self.start), np.array(self.end)
+        if self.centre is None:
+            return np.asarray(a + t * (b - a))
+        c, angle = np.array([0.0, self.centre]), t * math.pi / 2
+        return np.asarray(c + math.cos(angle) * (a - c) + math.sin(angle) * (b - c))
+
+    def distance(self, p: np.ndarray) -> float:
+        """Distance of a point with r >= 0 from the edge."""
+        a, b = np.array(self.start), np.array(self.end)
+        if self.centre is not None:
+            if (p[1] > self.centre) != (a[1] + b[1] > 2 * self.centre):  # beside the other quarter: an end is nearest
+                return min(math.dist(p, a), math.dist(p, b))
+            return float(abs(math.hypot(p[0], p[1] - self.centre) - max(a[0], b[0])))
+        t = np.clip((p - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
+        return float(np.hypot(*(p - a - t * (b - a))))
+
+
+def outline(scene: Scene) -> list[Edge]:
+    """Return the meridian plane's edges, r >= 0.
+
+    Raises:
+        ValueError: the scene is not axisymmetric, its tissue has no end, or its contact may open.
+    """
+    off_axis = len(scene.inclusion) > 1 or any(body.x or body.y or body.diameter is None for body in scene.inclusion)
+    off_axis = off_axis or scene.placement != type(scene.placement)() or scene.probe.groove is not None
+    if off_axis or scene.tissue.shape != "cylinder" or scene.contact.interface == "unilateral":
+        raise ValueError("the reference takes tissue in a cylinder, one sphere on the axis, no groove, no lift-off")
+    return tissue(scene) + blocks(scene.probe)
+
+
+def tissue(scene: Scene) -> list[Edge]:
+    """Return the edges of tissue and inclusion, those under the blocks included."""
+    unit, body = scene.probe.inner_radius, scene.tissue
+    assert body.shape == "cylinder"  # outline has asked
+    r2, r3, rt, bottom = (x / unit for x in (scene.probe.hole_radius, scene.probe.tube_radius, body.radius, -body.depth))
+    edges = [
+        Edge((0, 0), (1, 0), INNER, TISSUE, "contact"),
+        Edge((1, 0), (r2, 0), OUTSIDE, TISSUE),
+        Edge((r2, 0), (r3, 0), OUTER, TISSUE, "contact"),
+        Edge((r3, 0), (rt, 0), OUTSIDE, TISSUE),
+        Edge((rt, 0), (rt, bottom), OUTSIDE, TISSUE),
+        Edge((rt, bottom), (0, bottom), OUTSIDE, TISSUE, "bottom"),
+    ]
+    if not scene.inclusion:
+        return [*edges, Edge((0, bottom), (0, 0), OUTSIDE, TISSUE, "axis")]
+    radius, centre = scene.inclusion[0].diameter / 2 / unit, -scene.inclusion[0].depth / unit  # type: ignore[operator]
+    south, east, north = (0, centre - radius), (radius, centre), (0, centre + radius)
+    return [
+        *edges,
+        Edge((0, bottom), south, OUTSIDE, TISSUE, "axis"),
+        Edge(south, north, OUTSIDE, INCLUSION, "axis"),
+        Edge(north, (0, 0), OUTSIDE, TISSUE, "axis"),
+        Edge(south, east, INCLUSION, TISSUE, "sphere", centre),
+        Edge(east, north, INCLUSION, TISSUE, "sphere", centre),
+    ]
+
+
+def blocks(probe: Probe) -> list[Edge]:
+    """Return the edges of blocks, films, adhesives and base."""
+    unit, elastic = probe.inner_radius, not probe.base.rigid
+    radii = ((0.0, 1.0), (probe.hole_radius / unit, probe.tube_radius / unit))
+    edges, tops = [], []
+    for body, height, (a, b), end in zip((INNER, OUTER), (probe.core_height, probe.tube_height), radii, ENDS, strict=True):
+        bodies, levels = [body, *layers(probe.film)], [0.0, height / unit]
+        levels += [(height + above) / unit for above in stack(probe.film)]
+        for this, low, high, above in zip(bodies, levels, levels[1:], [*bodies[1:], BASE if elastic else OUTSIDE], strict=False):
+            name = end if this == body else "layer" if above not in (OUTSIDE, BASE) else "top" if not elastic else "layer"
+            edges.append(Edge((a, low), (a, high), OUTSIDE, this, "free" if a else "axis"))
+            edges.append(Edge((a, high), (b, high), above, this, name))
+            edges.append(Edge((b, high), (b, low), OUTSIDE, this))
+        tops.append(levels[-1])
+    return edges + (base(probe, tops) if elastic else [])
+
+
+def layers(film: Film | None) -> list[int]:
+    """Return the bodies on each block."""
+    return [] if film is None else [FILM, ADHESIVE] if film.adhesive_thickness > 0 else [FILM]
+
+
+def stack(film: Film | None) -> list[float]:
+    """Return the heights of the layers' upper faces over the block's end, in m."""
+    return [] if film is None else [film.thickness, film.thickness + film.adhesive_thickness][: len(layers(film))]
+
+
+def base(probe: Probe, tops: list[float]) -> list[Edge]:
+    """Return the free edges of the elastic base, its axis and its upper face."""
+    unit, measures, (low, side) = probe.inner_radius, base_sizes(probe), tops
+    if math.isclose(low, side, rel_tol=1e-14):
+        side = low
+    r2, r3, wide = (radius / unit for radius in (probe.hole_radius, probe.tube_radius, measures.flange_radius))
+    middle = (1.0 + r2) / 2
+    flange = max(low, side) + measures.step_height / unit
+    top = flange + measures.thickness / unit
+    between = [(1.0, tops[0]), (r2, tops[1])] if low == side else [(1.0, low), (middle, low), (middle, side), (r2, side)]
+    shoulder = [(r3, flange), (wide, flange)] if wide > r3 else []
+    outside = [(r3, tops[1]), *shoulder, (wide, top)]
+    edges = [Edge(p, q, BASE, OUTSIDE, "lower") for line in (between, outside) for p, q in pairwise(line)]
+    return [*edges, Edge((0, top), (wide, top), OUTSIDE, BASE, "top"), Edge((0, tops[0]), (0, top), OUTSIDE, BASE, "axis")]
+
+
+def held(probe: Probe) -> list[str]:
+    """Return the names of the edges that do not move."""
+    return ["bottom", *(ENDS if probe.base.rigid and probe.film is None else ["top"])]
+
+
+def sizes(edges: list[Edge], size: float) -> list[tuple[float, float, float]]:
+    """Return mesh sizes (r, z, h) along the edges: ``size`` times the distance to the next edge of the same body."""
+    found: list[tuple[float, float, float]] = []
+    for edge in edges:
+        t, bodies, length = 0.0, {edge.left, edge.right} - {OUTSIDE}, math.dist(edge.start, edge.end)
+        others = [o for o in edges if bodies & {o.left, o.right} and not {edge.start, edge.end} & {o.start, o.end}]
+        while t < 1.0:
+            for s in (t, 1.0 - t):  # from both ends, for an end may have the smaller features
+                p = edge.point(s)
+                found.append((float(p[0]), float(p[1]), size * min([0.5 * length, *(o.distance(p) for o in others)])))
+            t += 0.3 * min(found[-1][2], found[-2][2]) / length
+    return found
+
+
+def make_mesh(scene: Scene, refinement: Refinement) -> ngs.Mesh:
+    """Build the graded, curved mesh with geometric layers at every corner of the probe and of the tissue's bottom."""
+    edges = outline(scene)
+    geometry = SplineGeometry()
+    singular = {p for edge in edges if edge.name in SINGULAR for p in (edge.start, edge.end) if p[0] > 0}
+    points = {p: None for edge in edges for p in (edge.start, edge.end)}
+    index = {p: geometry.AddPoint(*p, hpref=float(p in singular)) for p in points}
+    for edge in edges:
+        shape: list[Any] = ["line", index[edge.start], index[edge.end]]
+        if edge.centre is not None:
+            radius, pole = max(edge.start[0], edge.end[0]), edge.start if edge.start[0] == 0 else edge.end
+            shape = ["spline3", index[edge.start], geometry.AddPoint(radius, pole[1]), index[edge.end]]
+        geometry.Append(shape, leftdomain=edge.left, rightdomain=edge.right, bc=edge.name)
+    for number, name in NAMES.items():
+        geometry.SetMaterial(number, name)
+    parameters = MeshingParameters(maxh=1e9, grading=0.5 * refinement.size)
+    for r, z, h in sizes(edges, refinement.size):
+        parameters.RestrictH(r, z, 0.0, h)
+    mesh = ngs.Mesh(geometry.GenerateMesh(mp=parameters))
+    mesh.RefineHP(refinement.layers)
+    mesh.Curve(refinement.order)
+    return mesh

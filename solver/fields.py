@@ -1,0 +1,135 @@
+"""Displacements and strains of base states anywhere in tissue without inclusions.
+
+Without a sphere every element of the tissue is a quadrilateral with straight sides, whose map is inverted by Newton's
+method; the polynomials are then evaluated where they stand, so that strains are as accurate as the elements are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from geometry.errors import InputError
+from geometry.frame import frame
+from geometry.grading import Floats
+from geometry.meridian import SQUARE, bilinear, nodes
+from geometry.section import Body
+from solver.base_states import BaseStates
+from solver.numbering import Ints
+from solver.shapes import functions
+
+CHUNK = 20_000  # points evaluated at once, which bounds the memory
+NEWTON = 12
+
+
+@dataclass(frozen=True)
+class Strains:
+    """Both base states (last axis: inner, outer block's base moved by one unit) at m points.
+
+    Attributes:
+        displacement: u_r, u_z per unit displacement, shape (m, 2, 2).
+        strain: eps_rr, eps_zz, eps_hoop and eps_rz (half the engineering shear) per unit, 1/m, shape (m, 4, 2).
+    """
+
+    displacement: Floats
+    strain: Floats
+
+
+@dataclass(frozen=True)
+class TissueField:
+    """Base states, without an inclusion, as functions of position."""
+
+    states: BaseStates
+
+    def at(self, r: Floats, z: Floats) -> Strains:
+        """Evaluate at points 0 <= r <= tissue radius, -tissue depth <= z <= 0 (z out of the tissue), arrays of one shape (m,).
+
+        Raises:
+            InputError: a point lies outside the tissue, or there is an inclusion.
+        """
+        if "sphere_radius" in self.states.model.section.given:
+            raise InputError("inclusion", "one", "no inclusion: the field is that of the base states without tumours")
+        points = np.stack(np.broadcast_arrays(np.atleast_1d(r), np.atleast_1d(z)), axis=-1).astype(float)
+        self._check(points)
+        parts = [self._chunk(points[low : low + CHUNK]) for low in range(0, len(points), CHUNK)]
+        if not parts:
+            return Strains(np.zeros((0, 2, 2)), np.zeros((0, 4, 2)))
+        return Strains(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+    def _check(self, points: Floats) -> None:
+        s = self.states.model.section
+        r, z = points.T
+        inside = (r >= 0) & (r <= s.tissue_radius) & (z <= 0) & (z >= -s.tissue_depth)
+        if not np.all(inside):
+            far = points[np.flatnonzero(~inside)[0]]
+            allowed = f"0 <= r <= {s.tissue_radius:g}, {-s.tissue_depth:g} <= z <= 0, m"
+            raise InputError("points", f"r = {far[0]:g}, z = {far[1]:g}", allowed)
+
+    def _chunk(self, points: Floats) -> tuple[Floats, Floats]:
+        element, places, jacobian = self._locate(points)
+        model = self.states.model
+        value, slope = functions(places, model.shapes.degrees)
+        slope = np.einsum("kms,mkj->jms", slope, np.linalg.inv(jacobian))
+        own = self.states.own[element].reshape(len(points), 2, -1, 2)
+        u = np.einsum("ms,mcsi->mci", value, own)
+        by_r, by_z = (np.einsum("ms,mcsi->mci", along, own) for along in slope)
+        radius = points[:, :1]
+        hoop = np.where(radius > 0, u[:, 0] / np.where(radius > 0, radius, 1.0), by_r[:, 0])  # u_r / r -> u_r,r on the axis
+        strain = np.stack([by_r[:, 0], by_z[:, 1], hoop, (by_z[:, 0] + by_r[:, 1]) / 2], axis=1)
+        u[:, 1] += self.states.shift[element]
+        return u, strain
+
+    def _locate(self, points: Floats) -> tuple[Ints, Floats, Floats]:
+        """Return for each point its element, the place in its unit square and the Jacobian d(r, z) / d(u, v), (m, 2, 2)."""
+        radii, levels, table, tissue, corners = self._lookup
+        column = np.clip(np.searchsorted(radii, points[:, 0], side="right") - 1, 0, len(radii) - 2)
+        row = np.clip(np.searchsorted(levels, points[:, 1], side="right") - 1, 0, len(levels) - 2)
+        candidates = table[row, column]
+        quads = corners[candidates]  # (m, candidates, 4, 2)
+        sides, away = np.roll(quads, -1, axis=2) - quads, points[:, None, None] - quads
+        left = sides[..., 0] * away[..., 1] - sides[..., 1] * away[..., 0]  # positive inside, for each side
+        size = np.abs(sides).sum(axis=(2, 3))[..., None] ** 2
+        best = np.argmax((left / size).min(axis=2), axis=1)
+        chosen = candidates[np.arange(len(points)), best]
+        return tissue[chosen], *_inverted(corners[chosen], points)
+
+    @cached_property
+    def _lookup(self) -> tuple[Any, ...]:
+        """Lines of the tissue, and for each row and column between them the elements in it (repeated to one length)."""
+        model = self.states.model
+        layout = model.mesh.layout
+        lines = frame(model.section, layout)
+        radii, levels = lines.radii[: layout.column["side"] + 1], lines.levels[: layout.row["surface"] + 1]
+        tissue = np.flatnonzero(model.mesh.body == Body.TISSUE)
+        corners = nodes(model.section, model.mesh, SQUARE, tissue)
+        low, high = corners.min(axis=1), corners.max(axis=1)
+        middles = [(line[1:] + line[:-1]) / 2 for line in (radii, levels)]
+        halves = [(line[1:] - line[:-1]) / 2 for line in (radii, levels)]
+        across, along = (
+            (low[:, k] < (middles[k] + halves[k] * (1 - 1e-9))[:, None])
+            & (high[:, k] > (middles[k] - halves[k] * (1 - 1e-9))[:, None])
+            for k in (0, 1)
+        )  # (columns or rows, elements)
+        found = [[np.flatnonzero(row & column) for column in across] for row in along]
+        most = max(len(some) for row in found for some in row)
+        table = np.array([[np.resize(some, most) for some in row] for row in found])
+        return radii, levels, table, tissue, corners
+
+
+def _inverted(corners: Floats, points: Floats) -> tuple[Floats, Floats]:
+    """Places in the unit squares of quadrilaterals, (m, 4, 2), that are mapped to points, (m, 2), and the Jacobians there."""
+    places = np.full(points.shape, 0.5)
+    for _ in range(NEWTON):
+        off = points - np.einsum("mc,mcx->mx", bilinear(places), corners)
+        places += np.linalg.solve(_jacobian(corners, places), off[..., None])[..., 0]
+    places = np.clip(places, 0.0, 1.0)
+    return places, _jacobian(corners, places)
+
+
+def _jacobian(corners: Floats, places: Floats) -> Floats:
+    u, v = places[:, :1], places[:, 1:]
+    a, b, c, d = np.moveaxis(corners, 1, 0)
+    return np.stack([(1 - v) * (b - a) + v * (c - d), (1 - u) * (d - a) + u * (c - b)], axis=-1)
