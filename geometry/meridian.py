@@ -103,10 +103,8 @@ def _mapped(lines: Frame, mesh: Topology, places: Floats) -> Any:
     within = bilinear(places) @ mesh.corners  # (n, places, 2)
     rings = (mesh.shape == OUTSIDE) | (mesh.shape == INSIDE)
     share = bilinear(np.where(rings[:, None, None], within * [1.0, 0.0], within))
-    r, z = (
-        np.einsum("npc,...nc->...np", share, along[..., mesh.vertices[..., axis]])
-        for axis, along in enumerate((lines.radii, lines.levels))
-    )
+    corners = (along[..., mesh.vertices[..., axis], None] for axis, along in enumerate((lines.radii, lines.levels)))
+    r, z = ((share @ along)[..., 0] for along in corners)
     if np.any(rings):
         r, z = _around(lines, mesh, r, z, within[..., 1])
     return np.stack([r, z], axis=-1)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from geometry.grading import Floats, Lengths, smooth_min
+from geometry.grading import Lengths, smooth_min
 
 # how far from the axis the box round a sphere may end, in the sphere's radii
 NEAREST_BOX, WIDEST_BOX = 1.25, 2.5
@@ -32,7 +32,7 @@ class Section:
 
     ``inner_radius`` < ``hole_radius`` < ``tube_radius`` < ``tissue_radius``; 0 where there is no sphere, film,
     adhesive or elastic base. A sphere's centre lies on the axis. ``flange_thickness`` and ``step_height`` are the base's,
-    see ``geometry.solids.BaseSizes``.
+    see ``geometry.solids.BaseSizes``. ``mesh_size``, if not zero, takes the place of ``corner_size``.
     """
 
     inner_radius: Lengths
@@ -49,11 +49,13 @@ class Section:
     flange_radius: Lengths = 0.0
     flange_thickness: Lengths = 0.0
     step_height: Lengths = 0.0
+    mesh_size: Lengths = 0.0
 
     @property
     def given(self) -> tuple[str, ...]:
         """Names of the lengths that are not zero: those by which outputs can be differentiated."""
-        return tuple(field.name for field in fields(self) if np.all(getattr(self, field.name) != 0))
+        names = (field.name for field in fields(self) if field.name != "mesh_size")
+        return tuple(name for name in names if np.all(getattr(self, name) != 0))
 
     @property
     def cover(self) -> Any:
@@ -85,6 +87,8 @@ class Section:
     @property
     def corner_size(self) -> Any:
         """The size to which the mesh is graded at the blocks' corners."""
+        if np.all(self.mesh_size != 0):
+            return self.mesh_size
         return smooth_min(self.block_size, self.layer / 4)
 
     def box_limits(self) -> tuple[Any, Any]:
@@ -93,8 +97,3 @@ class Section:
         step = smooth_min((NEAREST_BOX - 1) * s, beside / 3)
         reach = smooth_min((WIDEST_BOX - 1) * s, 2 * beside / 3)
         return s + step, s + reach
-
-
-def as_floats(section: Section) -> Floats:
-    """Return all lengths in the order of the fields, shape (14,) or (14, n)."""
-    return np.array([getattr(section, field.name) for field in fields(section)])

@@ -88,7 +88,7 @@ class BaseStates:
         inside = self.model.mesh.body == body
         model, u = self.model, self.own[inside]
         stiffness = model.two_mu[inside, None, None] * model.shear[inside] + model.lam[inside, None, None] * model.volume[inside]
-        return np.asarray(np.einsum("eai,eaj->ij", u, stiffness @ u))
+        return products(u, stiffness @ u)
 
 
 def model(section: Section, materials: Materials, interface: Interface, fineness: Fineness, kind: Kind | None = None) -> Model:
@@ -121,12 +121,17 @@ def base_states(model: Model) -> BaseStates:
     lift = system.numbering.lift
     v, left = system.solve(np.zeros((system.numbering.unknowns, 2)), lift, passes=2)
     own, shift = system.own(v, lift), system.shifts(v, lift)
-    forces = np.einsum("eai,eaj->ij", own, system.stiffness @ own)
+    forces = products(own, system.stiffness @ own)
     hidden = np.abs(left.T @ system.factor.solve(left))  # what the forces would change if the equations were met exactly
     # ten standard deviations of the energy when every entry of the matrices carries an independent rounding error
-    variance = np.einsum("eai,eaj->ij", own**2, system.stiffness**2 @ own**2)
+    variance = products(own**2, system.stiffness**2 @ own**2)
     rounding = 10 * np.finfo(float).eps * np.sqrt(variance) + hidden
     return BaseStates(model, v, model.whole(own), shift, forces, rounding)
+
+
+def products(a: Floats, b: Floats) -> Floats:
+    """Return sums a_i^T b_j over all elements, of arrays (n, size, i) and (n, size, j), shape (i, j)."""
+    return np.asarray(a.reshape(-1, a.shape[-1]).T @ b.reshape(-1, b.shape[-1]))
 
 
 def _moduli(mesh: Topology, materials: Materials) -> tuple[Floats, Floats]:

@@ -15,6 +15,7 @@ from solver.convergence import Sample
 from solver.derivatives import energy_derivatives, variables
 from solver.response import tangent
 
+NEGLIGIBLE = 1e-8
 OUTPUTS = ("ratio", "stress_inner", "stress_outer", "stiffness", "log_sensitivity")
 MATERIALS = {
     "tissue": Body.TISSUE, "probe.inner": Body.INNER, "probe.outer": Body.OUTER, "inclusion": Body.INCLUSION,
@@ -88,7 +89,7 @@ def by_section(sample: Sample) -> SectionDerivatives:
     whole, u, du = sample.states.own, np.broadcast_to(np.eye(2), (len(t), 2, 2)), None
     if Body.INCLUSION in model.materials:
         spanned = sample.response or tangent(sample.states)
-        whole, (u, du) = spanned.whole(), spanned.states_at(t)
+        whole, u, du = _narrowed(spanned.whole(), *spanned.states_at(t))
     rest, inside = energy_derivatives(model, whole, Body.INCLUSION)
     dK = rest + t[:, None, None, None] * inside
     forces = np.einsum("kai,kvab,kbj->kvij", u, dK, u, optimize=True)
@@ -101,6 +102,16 @@ def by_section(sample: Sample) -> SectionDerivatives:
     slope += t[:, None, None, None] * np.einsum("kai,vab,kbj->kvij", u, inside, u, optimize=True)
     change = slope.sum(axis=-1) / totals - sample.slope.sum(axis=-1)[:, None] / totals * logs
     return SectionDerivatives(logs, change[..., 0] - change[..., 1])
+
+
+def _narrowed(whole: Floats, u: Floats, du: Floats) -> tuple[Floats, Floats, Floats]:
+    """Leave out of a basis what no state has more than NEGLIGIBLE of; shapes (n, s, m), (k, m, 2), (k, m, 2)."""
+    both = np.concatenate([u, du]).transpose(1, 0, 2).reshape(u.shape[1], -1)
+    scale = np.sqrt(np.einsum("esm,esm->m", whole, whole))
+    turn, size, _ = np.linalg.svd(scale[:, None] * both, full_matrices=False)
+    turn = turn[:, size > NEGLIGIBLE * size[0]]
+    down = scale[:, None] * turn
+    return whole @ (turn / scale[:, None]), down.T @ u, down.T @ du
 
 
 def _stiffness(totals: Floats, logs: Floats) -> Floats:

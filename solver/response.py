@@ -9,17 +9,18 @@ error in the forces is the square of the states' error.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from geometry.errors import SolveError
 from geometry.grading import Floats
 from geometry.section import Body
-from solver.base_states import BaseStates
+from solver.base_states import BaseStates, products
+from solver.numbering import Ints
 
 TOLERANCE = 1e-10  # of the film forces, relative, at both ends of the range; states are good to its root
 MOST_STEPS = 60
+NOTHING_NEW = 1e-20  # share of a vector's energy that is left beside the basis
 
 
 @dataclass(frozen=True)
@@ -106,56 +107,46 @@ def tangent(states: BaseStates, body: Body = Body.INCLUSION) -> Response:
 class _Space:
     """A growing basis, orthonormal in K, with the body's energies on it."""
 
-    def __init__(self, states: BaseStates, inside: Any) -> None:
-        self.states, self.inside = states, inside
-        self.system = states.model.system
-        edge = self.system.stiffness.shape[1]
+    def __init__(self, states: BaseStates, inside: Ints) -> None:
+        self.states, self.inside, self.system = states, inside, states.model.system
+        size, unknowns = self.system.stiffness.shape[1], len(states.v)
         skeleton, s = states.model.shapes.skeleton, len(states.model.shapes.degrees)
-        own = states.own.reshape(-1, 2, s, 2)[:, :, :skeleton].reshape(-1, edge, 2)
-        self.u = own[inside]
-        self.basis, self.local = np.zeros((states.v.shape[0], 0)), np.zeros((len(inside), edge, 0))
-        self.last = self.u
+        own = states.own.reshape(-1, 2, s, 2)[:, :, :skeleton].reshape(-1, size, 2)[inside]
+        self.basis, self.times = np.zeros((unknowns, 0)), np.zeros((unknowns, 0))  # v_k and K v_k
+        self.local, self.pushed = own, self.system.stiffness[inside] @ own  # of u_1, u_2, v_1 ... in the body, and K_b of them
+        self.energy = products(own, self.pushed)
+        self.last = self.pushed
 
     def grow(self) -> bool:
         """Add K^-1 K_b of the newest vectors; return whether anything new came."""
-        stiffness = self.system.stiffness
-        forces = np.zeros((*stiffness.shape[:2], self.last.shape[-1]))
-        forces[self.inside] = stiffness[self.inside] @ self.last
-        new = self.system.factor.solve(self.system.add_up(forces))
-        new = self._orthonormal(new)
+        whole = np.zeros((*self.system.stiffness.shape[:2], self.last.shape[-1]))
+        whole[self.inside] = self.last
+        forces = self.system.add_up(whole)
+        new, forces = self._orthonormal(self.system.factor.solve(forces), forces)
         if not new.shape[1]:
             return False
-        self.basis = np.concatenate([self.basis, new], axis=1)
-        self.last = self.system.own(new)[self.inside]
-        self.local = np.concatenate([self.local, self.last], axis=2)
+        self.basis, self.times = np.hstack([self.basis, new]), np.hstack([self.times, forces])
+        local = self.system.own(new)[self.inside]
+        self.last = self.system.stiffness[self.inside] @ local
+        across, corner = products(self.local, self.last), products(local, self.last)
+        self.local, self.pushed = np.concatenate([self.local, local], axis=2), np.concatenate([self.pushed, self.last], axis=2)
+        self.energy = np.block([[self.energy, across], [across.T, corner]])
         return True
 
-    def _orthonormal(self, new: Floats) -> Floats:
-        """Make vectors orthonormal in K to the basis and to each other; drop those that are nothing new."""
-        size = np.sqrt(np.einsum("ik,ik->k", new, self._times(new)))
+    def _orthonormal(self, new: Floats, times: Floats) -> tuple[Floats, Floats]:
+        """Make vectors, given with K times them, orthonormal in K to the basis and each other; drop what is nothing new."""
+        scale = 1 / np.sqrt(np.maximum(np.einsum("ik,ik->k", new, times), 1e-300))
+        new, times = new * scale, times * scale
         for _ in range(2):
-            new = new - self.basis @ (self.basis.T @ self._times(new)) if self.basis.shape[1] else new
-        gram = new.T @ self._times(new)
-        scale = np.where(size > 0, size, 1.0)
-        values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
-        keep = values > 1e-20
-        new = (new / scale) @ (vectors[:, keep] / np.sqrt(values[keep]))
-        return np.asarray(new)
-
-    def _times(self, v: Floats) -> Floats:
-        return np.asarray(self.system.matrix @ v)
+            overlap = self.times.T @ new
+            new, times = new - self.basis @ overlap, times - self.times @ overlap
+        gram = new.T @ times
+        values, vectors = np.linalg.eigh((gram + gram.T) / 2)
+        turn = vectors[:, values > NOTHING_NEW] / np.sqrt(values[values > NOTHING_NEW])
+        return new @ turn, times @ turn
 
     def response(self, body: Body) -> Response:
         """Diagonalise the body's energy on the basis."""
-        pushed = self.system.stiffness[self.inside] @ np.concatenate([self.u, self.local], axis=-1)
-        u, v = pushed[..., :2], pushed[..., 2:]
-        inside = np.einsum("eai,eaj->ij", self.u, u)
-        share, turn = np.linalg.eigh(np.einsum("eai,eaj->ij", self.local, v))
-        return Response(
-            body,
-            self.states,
-            self.basis @ turn,
-            np.clip(share, 0.0, 1.0),
-            inside,
-            turn.T @ np.einsum("eai,eaj->ij", self.local, u),
-        )
+        share, turn = np.linalg.eigh(self.energy[2:, 2:])
+        coupling = turn.T @ self.energy[2:, :2]
+        return Response(body, self.states, self.basis @ turn, np.clip(share, 0.0, 1.0), self.energy[:2, :2], coupling)
