@@ -121,11 +121,10 @@ class _Space:
         """Add K^-1 K_b of the newest vectors; return whether anything new came."""
         whole = np.zeros((*self.system.stiffness.shape[:2], self.last.shape[-1]))
         whole[self.inside] = self.last
-        forces = self.system.add_up(whole)
-        new, forces = self._orthonormal(self.system.factor.solve(forces), forces)
+        new, times = self._orthonormal(self.system.factor.solve(self.system.add_up(whole)))
         if not new.shape[1]:
             return False
-        self.basis, self.times = np.hstack([self.basis, new]), np.hstack([self.times, forces])
+        self.basis, self.times = np.hstack([self.basis, new]), np.hstack([self.times, times])
         local = self.system.own(new)[self.inside]
         self.last = self.system.stiffness[self.inside] @ local
         across, corner = products(self.local, self.last), products(local, self.last)
@@ -133,13 +132,15 @@ class _Space:
         self.energy = np.block([[self.energy, across], [across.T, corner]])
         return True
 
-    def _orthonormal(self, new: Floats, times: Floats) -> tuple[Floats, Floats]:
-        """Make vectors, given with K times them, orthonormal in K to the basis and each other; drop what is nothing new."""
-        scale = 1 / np.sqrt(np.maximum(np.einsum("ik,ik->k", new, times), 1e-300))
-        new, times = new * scale, times * scale
+    def _orthonormal(self, new: Floats) -> tuple[Floats, Floats]:
+        """Make vectors orthonormal in K to the basis and each other; drop what is nothing new. Returns them and K times them.
+
+        K times them is computed afresh: near incompressibility it is not the forces that they were solved for.
+        """
+        new = new / np.sqrt(np.maximum(np.einsum("ik,ik->k", new, self.system.matrix @ new), 1e-300))
         for _ in range(2):
-            overlap = self.times.T @ new
-            new, times = new - self.basis @ overlap, times - self.times @ overlap
+            new = new - self.basis @ (self.times.T @ new)
+        times = self.system.matrix @ new
         gram = new.T @ times
         values, vectors = np.linalg.eigh((gram + gram.T) / 2)
         turn = vectors[:, values > NOTHING_NEW] / np.sqrt(values[values > NOTHING_NEW])
