@@ -81,6 +81,7 @@ def curve(scene: Path, low: str, high: str, points: int, accuracy: str, picture:
     All moduli follow exactly from one factorisation, so that a thousand cost as much as ten. The scene is one that
     `axisymmetric` takes: one sphere on the probe's axis.
     """
+    from geometry.files import check_writable
     from geometry.scene_file import read_scene
     from probe_design.console import curve_table, message, show, working
     from probe_design.curve_plot import check_format, plot
@@ -89,6 +90,7 @@ def curve(scene: Path, low: str, high: str, points: int, accuracy: str, picture:
     found = read_scene(scene)
     if picture is not None:
         check_format(picture)  # what would fail after the work fails before it
+        check_writable(picture.parent)
     with working(f"curve of {scene}"):
         told = run(found, _moduli(low, high, points), _accuracy(accuracy))
     if picture is not None:

@@ -7,6 +7,7 @@ import pytest
 from scenes import Expected, expected, named
 
 from geometry import Contact, CylinderTissue, HalfSpaceTissue, Inclusion, Load, Material, Placement, Probe, Refusal, Scene
+from geometry.frame import Fineness
 from solver import evaluate
 from solver.axisymmetric import Axisymmetric
 from solver.converged import sample
@@ -15,14 +16,15 @@ from solver.film_forces import Bound, FilmForces, outputs
 from solver.result import Result
 from solver.sections import sections
 
-SHARED, EXTRA = expected("axisymmetric"), expected("extra")
-# the stresses and stiffness of the shared set are up to 9e-5 too high, see reference/README.md
-SHARED_SLACK = 1e-4
+SHARED = expected("axisymmetric")
+# origins in reference/README.md: corners of the range of designs; elastic bases and films; tissue without end
+KEPT = [(folder, one) for folder in ("extra", "extreme", "layers", "half-space") for one in expected(folder)]
+SHARED_SLACK = 1e-4  # the stresses and stiffness of the shared set are up to 9e-5 too high, see reference/README.md
 WRONG_SENSITIVITY = "published-materials-frictionless"  # 1.3 % low in the shared set, see reference/README.md
 
 
-def name(one: Expected) -> str:
-    return one.name
+def name(one: Expected | tuple[str, Expected]) -> str:
+    return one.name if isinstance(one, Expected) else f"{one[0]}/{one[1].name}"
 
 
 def deviations(result: Result, one: Expected) -> list[float]:
@@ -36,44 +38,59 @@ def deviations(result: Result, one: Expected) -> list[float]:
 
 
 @pytest.mark.parametrize("one", SHARED, ids=name)
-@pytest.mark.parametrize("accuracy", [0.02, 0.001])
+@pytest.mark.parametrize("accuracy", [0.05, 0.01, 0.001, 0.0001])
 def test_shared_references_are_met_to_the_accuracy_asked_for(one: Expected, accuracy: float) -> None:
     result = evaluate(one.scene, "axisymmetric", accuracy)
-    assert max(deviations(result, one)) <= accuracy
-    assert deviations(result, one)[0] <= result.error_estimate <= accuracy
+    ratio, *others = deviations(result, one)
+    assert ratio <= result.error_estimate <= accuracy
+    assert result.error_estimate <= max(20 * ratio, accuracy)
+    assert max(others) <= accuracy + SHARED_SLACK * (accuracy < 1e-3)
     if one.log_sensitivity is not None and one.name != WRONG_SENSITIVITY:
-        assert result.log_sensitivity == pytest.approx(one.log_sensitivity, rel=5 * accuracy)
+        assert result.log_sensitivity == pytest.approx(one.log_sensitivity, rel=5 * accuracy, abs=1e-6)
+    if accuracy == 1e-4 and one.log_sensitivity is not None and one.name != WRONG_SENSITIVITY:
+        assert result.log_sensitivity == pytest.approx(one.log_sensitivity, rel=1e-4, abs=1e-6)
 
 
 def test_sensitivity_that_the_shared_set_has_wrong() -> None:
     # 0.00132841: exact differentiation of an independent code (benchmarks/reference_axisymmetric.py), confirmed by
     # its own central differences; the shared set prints 0.00131083
     result = evaluate(named("axisymmetric", WRONG_SENSITIVITY).scene, "axisymmetric", 0.001)
-    assert result.log_sensitivity == pytest.approx(0.00132841, rel=2e-3)
+    assert result.log_sensitivity == pytest.approx(0.00132841, rel=1e-3)
 
 
-@pytest.mark.parametrize("one", EXTRA, ids=name)
-def test_extremes_are_right_within_their_own_estimate(one: Expected) -> None:
-    result = evaluate(one.scene, "axisymmetric", 0.02)
-    assert result.ratio is not None
-    ratio, *others = deviations(result, one)
-    assert ratio <= result.error_estimate
-    if result.error_estimate <= 0.02:
-        assert max(others) <= 0.02
-        assert one.log_sensitivity is None or result.log_sensitivity == pytest.approx(one.log_sensitivity, rel=0.1, abs=1e-5)
-    else:
-        assert any("error bounds" in warning for warning in result.warnings)
+@pytest.mark.parametrize("one", KEPT, ids=name)
+@pytest.mark.parametrize("accuracy", [0.02, 0.001])
+def test_extremes_are_right_within_their_own_estimate(one: tuple[str, Expected], accuracy: float) -> None:
+    true = one[1]
+    result = evaluate(true.scene, "axisymmetric", accuracy)
+    ratio, *others = deviations(result, true)
+    assert ratio <= result.error_estimate <= accuracy
+    assert max(others) <= accuracy
+    if true.log_sensitivity is not None:
+        assert result.log_sensitivity == pytest.approx(true.log_sensitivity, rel=5 * accuracy, abs=1e-5)
 
 
-def test_errors_fall_from_level_to_level() -> None:
-    one = named("axisymmetric", "soft-cyst")
-    errors = []
-    for level in LEVELS[:4]:
-        of = sections(one.scene)
-        totals = sample(of.section, of, one.scene, level).totals[0]
-        errors.append(abs(totals.sum() / (one.stiffness * (1 - 2.2e-5)) - 1))  # the shared value is 2.2e-5 too high
-    assert errors[1] < errors[0] / 3
-    assert errors[3] < errors[0] / 100
+@pytest.mark.parametrize(
+    ("folder", "scene"), [("axisymmetric", "soft-cyst"), ("extreme", "incompressible-six-nines"), ("extra", "force-load-mixed")]
+)
+def test_errors_fall_by_half_an_order_of_magnitude_a_level(folder: str, scene: str) -> None:
+    """Order, corner layers and cells rise together: convergence is exponential, not a power of the cells' size."""
+    one = named(folder, scene)
+    of, stiffness = sections(one.scene), one.stiffness * (1 - (2.2e-5 if folder == "axisymmetric" else 0.0))  # see SHARED_SLACK
+    errors = [abs(sample(of.section, of, one.scene, level).totals.sum() / stiffness - 1) for level in LEVELS[:5]]
+    rates = np.log(np.array(errors[:-1]) / errors[1:])
+    assert np.mean(rates) > np.log(3)
+    assert errors[4] < 1e-5
+
+
+@pytest.mark.parametrize("order", [3, 4, 5])
+def test_rate_of_convergence_with_the_order_of_corner_layers(order: int) -> None:
+    """A corner's singularity is cut off where its layers end: each layer takes a constant factor off the error."""
+    one = named("extra", "no-inclusion-incompressible")
+    of = sections(one.scene)
+    totals = [sample(of.section, of, one.scene, Fineness(1, layers, order)).totals.sum() for layers in (0, 1, 2, 3, 8)]
+    changes = np.abs(np.array(totals[:-1]) - totals[-1])
+    assert np.all(changes[1:] < changes[:-1] / 3)
 
 
 def squeezed_block(radius_per_height: float, nu: float) -> float:
@@ -103,25 +120,23 @@ def test_bonded_cylinder(radius_per_height: float, nu: float, apparent: float) -
     assert squeezed_block(radius_per_height, nu) == pytest.approx(apparent, rel=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("radius_per_depth", "nu", "kappa"), [(1, 0.3, 2.4835), (1, 0.45, 3.0914), (2, 0.3, 4.3532), (2, 0.4, 5.2985)]
-)
+HALF = 0.499999  # stands for 1/2: the layers' kappa changes by less than 2e-5
+# kappa = P (1-nu^2) / (2 E a w), a frictionless flat punch on a bonded layer; an independent code's values, PHYSICS section 7
+LAYERS = [(0.2 * k, HALF, kappa) for k, kappa in enumerate(
+    (1.2806, 1.6837, 2.2129, 2.8602, 3.6187, 4.4870, 5.4683, 6.5681, 7.7929, 9.1495), start=1
+)] + [(1, 0.3, 2.4835), (1, 0.4, 2.7938), (1, 0.45, 3.0914), (2, 0.3, 4.3532), (2, 0.4, 5.2985), (2, 0.45, 6.4206)]  # fmt: skip
+
+
+@pytest.mark.parametrize(("radius_per_depth", "nu", "kappa"), LAYERS)
 def test_rigid_punch_on_a_bonded_layer(radius_per_depth: float, nu: float, kappa: float) -> None:
-    # kappa = P (1-nu^2) / (2 E a w), frictionless; an independent code's values, PHYSICS section 7
     a, E = 0.01, 1e3
-    probe = Probe(
-        inner_radius=a,
-        outer_radius=1.2 * a,
-        gap=1e-3,
-        height=a,
-        inner=Material(youngs_modulus=1e10, poisson_ratio=0.3),
-        outer=Material(youngs_modulus=1e-3, poisson_ratio=0.3),
-    )
-    tissue = CylinderTissue(shape="cylinder", radius=10 * a, depth=a / radius_per_depth, youngs_modulus=E, poisson_ratio=nu)
-    result = evaluate(
-        Scene(probe=probe, tissue=tissue, contact=Contact(interface="frictionless"), load=Load(indentation=1e-6)), accuracy=1e-3
-    )
-    assert result.stiffness * (1 - nu**2) / (2 * E * a) == pytest.approx(kappa, rel=2e-4)
+    stiff, soft = (Material(youngs_modulus=modulus, poisson_ratio=0.3) for modulus in (1e10, 1e-3))
+    probe = Probe(inner_radius=a, outer_radius=1.2 * a, gap=1e-3, height=a, inner=stiff, outer=soft)
+    tissue = CylinderTissue(shape="cylinder", radius=100 * a, depth=a / radius_per_depth, youngs_modulus=E, poisson_ratio=nu)
+    scene = Scene(probe=probe, tissue=tissue, contact=Contact(interface="frictionless"), load=Load(indentation=1e-6))
+    of = sections(scene)
+    stiffness = sample(of.section, of, scene, LEVELS[4]).totals.sum()
+    assert stiffness * (1 - nu**2) / (2 * E * a) == pytest.approx(kappa, rel=1e-4)
 
 
 @pytest.mark.parametrize("nu", [0.3, 0.45])
@@ -131,9 +146,9 @@ def test_bonded_rigid_punch_on_a_half_space(nu: float) -> None:
     stiff = Material(youngs_modulus=1e8, poisson_ratio=0.3)
     probe = Probe(inner_radius=0.9 * a, outer_radius=a, gap=1e-5, height=a / 10, inner=stiff, outer=stiff)
     tissue = HalfSpaceTissue(shape="half-space", youngs_modulus=E, poisson_ratio=nu)
-    result = evaluate(Scene(probe=probe, tissue=tissue, load=Load(indentation=1e-6)), accuracy=2e-3)
+    result = evaluate(Scene(probe=probe, tissue=tissue, load=Load(indentation=1e-6)), accuracy=1e-4)
     exact = 2 * E * a * np.log(3 - 4 * nu) / ((1 + nu) * (1 - 2 * nu))
-    assert result.stiffness == pytest.approx(exact, rel=1e-3)
+    assert result.stiffness == pytest.approx(exact, rel=1e-4)
 
 
 def test_sensitivity_is_the_derivative_of_the_ratio() -> None:
