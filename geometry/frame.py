@@ -17,6 +17,7 @@ SPHERE_CELL = 0.4  # size of the cells beside a sphere, in its radii, to which i
 
 
 FOLDS = 1.8  # e-folds by which cells may grow from one to the next on the coarsest mesh
+MANY = 2.0  # times the coarsest mesh's cells: beyond it no lines end, for the three columns under a gap were too few
 THIN = 12.0  # features of the blocks: under thinner tissue no lines end, for the corners are felt below it
 
 
@@ -104,7 +105,8 @@ class Layout:
             levels[1:1] = ["low", "high"]
         gap = range(names.index("inner"), names.index("hole"))
         # three columns below a gap become one; other numbers do not, but for a single one on each side of the box's edge
-        self.columns = tuple(cells if k in gap and not kind.thin else n(cells) for k, cells in enumerate(kind.columns))
+        self.merging = not kind.thin and fineness.cells < MANY
+        self.columns = tuple(cells if k in gap and self.merging else n(cells) for k, cells in enumerate(kind.columns))
         self.rows, self.blocks, self.rings = (tuple(n(cells) for cells in part) for part in (kind.rows, kind.blocks, kind.rings))
         self.column = dict(zip(names, np.cumsum([0, *self.columns]).tolist(), strict=True))
         self.row = dict(zip(levels, np.cumsum([0, *self.rows]).tolist(), strict=True))
@@ -117,12 +119,13 @@ class Layout:
         """Which columns become one in which row."""
         surface = self.row["surface"]
         inner, hole, tube = (self.column[name] for name in ("inner", "hole", "tube"))
-        if self.kind.thin:
+        if not self.merging:
             return {}
         wide: list[tuple[int, ...]] = [(tube - 1, tube, tube + 1, tube + 2)]
+        first = surface - self.fineness.count(1)  # rows grow thinner as cells multiply, the gap does not
         if hole - inner != 3:
-            return {surface - 2: wide}
-        return {surface - 1: [(inner, inner + 1, inner + 2, hole)], surface - 2: [(inner - 1, inner, hole, hole + 1), *wide]}
+            return {first - 1: wide}
+        return {first: [(inner, inner + 1, inner + 2, hole)], first - 1: [(inner - 1, inner, hole, hole + 1), *wide]}
 
     def _stack(self, first: int) -> int:
         """Number the levels above the surface, from ``first``, and the radii beyond the tissue's; return the next level."""

@@ -53,9 +53,8 @@ def gradients(scene: Scene, sample: Sample, names: tuple[str, ...] | None = None
         raise InputError("variable", unknown[0], ", ".join(values(scene)))
     chain = np.array([_chain(scene, sample, name) for name in chosen])  # (v, section variables)
     logs = by_section(sample)
-    areas = _areas(scene, sample)
     totals, f = sample.totals, logs.totals  # (k, 2), (k, section variables, 2)
-    log_stress = f - areas
+    log_stress = f - areas(scene, sample)
     if scene.load.indentation is None:
         log_stress = log_stress - _stiffness(totals, f)[..., None]
     logarithmic = {
@@ -119,7 +118,7 @@ def _stiffness(totals: Floats, logs: Floats) -> Floats:
     return np.asarray((logs * totals[:, None]).sum(axis=-1) / totals.sum(axis=-1)[:, None])
 
 
-def _areas(scene: Scene, sample: Sample) -> Floats:
+def areas(scene: Scene, sample: Sample) -> Floats:
     """Derivatives of ln of the end areas by the section's variables, shape (v, 2)."""
     names, probe = variables(sample.states.model), scene.probe
     out = np.zeros((len(names), 2))
@@ -148,11 +147,11 @@ def _chain(scene: Scene, sample: Sample, name: str) -> Floats:
 
 
 def _values(scene: Scene, sample: Sample) -> dict[str, Floats]:
-    totals, areas = sample.totals, np.array([scene.probe.inner_area, scene.probe.outer_area])
+    totals, ends = sample.totals, np.array([scene.probe.inner_area, scene.probe.outer_area])
     stiffness = totals.sum(axis=1)
     moved = scene.load.indentation
     indentation = (scene.load.force or 0.0) / stiffness if moved is None else np.full(len(totals), moved)
-    stress = totals * indentation[:, None] / areas
-    ratio = totals[:, 0] / totals[:, 1] * areas[1] / areas[0]
+    stress = totals * indentation[:, None] / ends
+    ratio = totals[:, 0] / totals[:, 1] * ends[1] / ends[0]
     found = (ratio, stress[:, 0], stress[:, 1], stiffness, sample.log_sensitivity)
     return dict(zip(OUTPUTS, found, strict=True))
