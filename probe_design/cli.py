@@ -48,7 +48,7 @@ def evaluate(scene: Path, evaluator: str, accuracy: str, as_json: bool) -> None:
     \b
     published     the paper's equations as printed: an equivalent modulus, no stresses
     closed-form   formulas, milliseconds, 5 to 50 %: spheres anywhere
-    axisymmetric  finite elements, 0.2 to 20 s, 1e-2 to 1e-4: one sphere on the probe's axis
+    axisymmetric  finite elements, 0.1 to 10 s, 1e-2 to 1e-4: one sphere on the probe's axis
     auto          axisymmetric; refuses rather than answer worse than --accuracy
     """  # noqa: D301
     from geometry.scene_file import read_scene

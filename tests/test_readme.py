@@ -13,12 +13,13 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))}
 INSTALL = "python3 -m venv .venv && .venv/bin/pip install -c constraints.txt -e . && .venv/bin/probe-design optimize -o out"
 TEST = "python3 -m venv .venv && .venv/bin/pip install -c constraints.txt -e '.[test]' && .venv/bin/pytest"
 
 
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"```{language}\n(.*?)```", README, re.S)
+def blocks(language: str, page: str = README) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", page, re.S)
 
 
 LINES = [line.removeprefix("$ ") for block in blocks("bash") + blocks("console") for line in block.splitlines()]
@@ -66,7 +67,7 @@ def numbers(table: str, row: str) -> list[float]:
     return [float(cell) for cell in re.findall(r"[│|]\s+([0-9.e+-]+)\s+(?=[│|])", line)]
 
 
-@pytest.mark.parametrize("snippet", blocks("python"))
+@pytest.mark.parametrize("snippet", [snippet for page in PAGES.values() for snippet in blocks("python", page)])
 def test_snippet_runs(snippet: str, folder: Path) -> None:
     ended = subprocess.run([sys.executable, "-W", "error", "-c", snippet], cwd=folder, capture_output=True, text=True, timeout=60)
     assert ended.returncode == 0, ended.stderr
@@ -78,5 +79,7 @@ def test_scene_in_readme_is_the_example() -> None:
 
 
 def test_relative_links_exist() -> None:
-    for target in re.findall(r"\]\(([^)]+)\)", README):
-        assert (ROOT / target).exists(), target
+    for name, page in PAGES.items():
+        folder = ROOT if name == "README.md" else ROOT / "docs"
+        for target in re.findall(r"\]\(([^)]+)\)", page):
+            assert (folder / target).exists(), (name, target)
