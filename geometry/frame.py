@@ -123,7 +123,7 @@ class Layout:
             return {}
         wide: list[tuple[int, ...]] = [(tube - 1, tube, tube + 1, tube + 2)]
         first = surface - self.fineness.count(1)  # rows grow thinner as cells multiply, the gap does not
-        if hole - inner != 3:
+        if hole - inner != 3 or self.kind.box == 1:  # the box's edge goes down from between the gap's columns
             return {first - 1: wide}
         return {first: [(inner, inner + 1, inner + 2, hole)], first - 1: [(inner - 1, inner, hole, hole + 1), *wide]}
 

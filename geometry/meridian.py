@@ -113,6 +113,8 @@ def _mapped(lines: Frame, mesh: Topology, places: Floats) -> Any:
 def _around(lines: Frame, mesh: Topology, r: Any, z: Any, v: Floats) -> tuple[Any, Any]:
     """Move points of the box's sides along their rays into the rings, and those of the box's grid into the core."""
     centre, sphere, core = (np.asarray(x)[..., None, None] for x in (lines.centre, lines.sphere, lines.core))
+    kind = np.result_type(r, z, centre, sphere, core, lines.outside, lines.inside)  # complex if any is
+    r, z = r.astype(kind), z.astype(kind)
     out, ins, mid = (np.flatnonzero(mesh.shape == shape) for shape in (OUTSIDE, INSIDE, CORE))
     for ring, fractions in ((out, lines.outside), (ins, lines.inside)):
         x, y = r[..., ring, :], z[..., ring, :] - centre

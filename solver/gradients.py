@@ -47,10 +47,11 @@ def gradients(scene: Scene, sample: Sample, names: tuple[str, ...] | None = None
     Raises:
         InputError: a name is none of the scene's variables.
     """
-    chosen = tuple(values(scene)) if names is None else names
-    unknown = [name for name in chosen if name not in values(scene)]
+    known = _differentiable(scene, sample)
+    chosen = known if names is None else names
+    unknown = [name for name in chosen if name not in known]
     if unknown:
-        raise InputError("variable", unknown[0], ", ".join(values(scene)))
+        raise InputError("variable", unknown[0], ", ".join(known))
     chain = np.array([_chain(scene, sample, name) for name in chosen])  # (v, section variables)
     logs = by_section(sample)
     totals, f = sample.totals, logs.totals  # (k, 2), (k, section variables, 2)
@@ -69,6 +70,12 @@ def gradients(scene: Scene, sample: Sample, names: tuple[str, ...] | None = None
     for change in derivatives.values():  # by the inclusion's modulus: that of each value, not of the states
         change[:, [name == "inclusion.youngs_modulus" for name in chosen]] /= sample.times[:, None]
     return Gradients(chosen, found, derivatives)
+
+
+def _differentiable(scene: Scene, sample: Sample) -> tuple[str, ...]:
+    """The scene's variables; not each height alone where an elastic base lies level on both films: it would get a step."""
+    level = sample.states.model.mesh.layout.kind.base == 0
+    return tuple(name for name in values(scene) if not (level and name in ("probe.inner_height", "probe.outer_height")))
 
 
 @dataclass(frozen=True)
