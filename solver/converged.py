@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 
@@ -70,7 +70,7 @@ def converged(scene: Scene, accuracy: float, moduli: Floats | None = None) -> Co
         SolveError: the scene's equations cannot be solved in double precision.
     """
     plain = sections(scene)
-    rough = sample(plain.section, plain, scene, LEVELS[0], moduli)
+    rough = cache(lambda: sample(plain.section, plain, scene, LEVELS[0], moduli))
     changes = list(_left_out(scene, plain, rough, moduli))
     layers = [change for change in changes if change.feature in ("film compliance", "elastic base")]
     chosen = plain
@@ -86,7 +86,9 @@ def converged(scene: Scene, accuracy: float, moduli: Floats | None = None) -> Co
         small = reached <= accuracy or (reached - least > accuracy and least <= accuracy / 2)
         return small and all(_sensitive_enough(one, accuracy) for one in numerical)
 
-    found, errors, why = refined(lambda level: rough if level == LEVELS[0] and chosen is plain else solve(level), accuracy, good)
+    found, errors, why = refined(
+        lambda level: rough() if level == LEVELS[0] and chosen is plain else solve(level), accuracy, good
+    )
     films = _films(scene, found, errors, left_out)
     return Converged(films, found, tuple(_decisions(changes, accuracy)), tuple(_notes(scene, films, left_out, accuracy, why)))
 
@@ -120,16 +122,16 @@ def _middle(moduli: Floats, tissue: float) -> float:
     return float(np.sqrt(low * high))
 
 
-def _left_out(scene: Scene, plain: Sections, rough: Sample, moduli: Floats | None) -> Iterable[Change]:
+def _left_out(scene: Scene, plain: Sections, rough: Callable[[], Sample], moduli: Floats | None) -> Iterable[Change]:
     """Bound what round blocks on a rigid base and round tissue leave out, from the coarsest mesh."""
-    none = np.zeros(len(rough.forces))
+    none = np.zeros(1 if moduli is None else len(moduli))
     for detail in details(scene.probe):
-        yield Change(detail.name, tuple(detail.bound(forces) for forces in rough.forces), none)
+        yield Change(detail.name, tuple(detail.bound(forces) for forces in rough().forces), none)
     if plain.bracket:
-        yield _sides(scene, plain, rough, moduli)
+        yield _sides(scene, plain, rough(), moduli)
     if scene.tissue.shape == "half-space":
         share = 4 / HALF_SPACE
-        bounds = tuple(Bound(share * np.abs(totals), share) for totals in rough.totals)
+        bounds = tuple(Bound(share * np.abs(totals), share) for totals in rough().totals)
         yield Change(f"the tissue beyond {HALF_SPACE:g} probe sizes", bounds, none)
 
 
