@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from geometry.errors import SolveError
 from geometry.frame import Fineness, Kind
 from geometry.frame import kind as kind_of
 from geometry.grading import Floats
@@ -25,6 +26,7 @@ from solver.shapes import Shapes, shapes
 from solver.system import System
 
 Materials = Mapping[Body, Material]
+LARGEST = 1e9  # bytes of all element matrices; the whole takes about four times as much
 
 
 @dataclass(frozen=True)
@@ -95,10 +97,13 @@ def model(section: Section, materials: Materials, interface: Interface, fineness
     """Integrate, condense and factorise.
 
     Raises:
-        SolveError: the mesh has a cell without area.
+        SolveError: the mesh has a cell without area, or too many cells.
     """
     mesh = topology(kind or kind_of(section), fineness)
     functions = shapes(fineness.order)
+    size = 16 * len(mesh.body) * (2 * len(functions.degrees)) ** 2
+    if size > LARGEST:
+        raise SolveError(f"its element matrices need {size / 1e9:.1f} GB, allowed {LARGEST / 1e9:g} GB")
     at = geometry(nodes(section, mesh, functions.places), functions)
     two_mu, lam = _moduli(mesh, materials)
     n, s = len(mesh.body), len(functions.degrees)
