@@ -183,7 +183,7 @@ def _notes(
     reached = max(one.error_under(scene) for one in films)
     if reached > accuracy:
         text = f"error bounds of {reached:.2g} reached, accuracy {accuracy:g} asked for"
-        yield text + (f"; the next finer mesh was not used: {why}" if why else ": what stands in the way is listed")
+        yield text + (f"; no finer mesh helped: {why}" if why else ": what stands in the way is listed")
     worst = max((one.sensitivity_error / max(abs(one.log_sensitivity or 0.0), 2e-6 / accuracy) for one in films), default=0.0)
     if scene.target is not None and worst > 5 * accuracy:
         yield f"log_sensitivity is good to about {worst:.1g} of itself only"

@@ -99,7 +99,7 @@ def refined(
             if good(*found):
                 return *found, None
     assert found is not None  # there are more than two levels
-    return *found, "it is the finest"
+    return *found, "this is the finest"
 
 
 def errors(history: Sequence[Sample]) -> Errors:
