@@ -31,6 +31,7 @@ from geometry.section import Body, Section
 
 Ints = NDArray[np.int64]
 TENSOR, OUTSIDE, INSIDE, CORE = range(4)
+GOLDEN = (5**0.5 - 1) / 2
 LAYER = 0.15  # ratio of sizes from one layer at a corner to the next
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 Vertex = tuple[int, int]  # number of the radius, number of the level
@@ -83,13 +84,19 @@ def nodes(section: Section, mesh: Topology, places: Floats, chosen: Ints | None 
 def labels(mesh: Topology) -> Floats:
     """Return points (r, z) that tell the elements' corners apart, from a mesh without dimensions, shape (n, 4, 2)."""
     layout, (radii, levels) = mesh.layout, 1 + mesh.vertices.reshape(-1, 2).max(axis=0)
-    box = [layout.row[name] for name in ("low", "high")] if "low" in layout.row else [0, 2]
-    edge = layout.column.get("box", 1)
+    low, high = (line_label(layout.row.get(name, k)) for k, name in enumerate(("low", "high")))
+    edge = line_label(layout.column.get("box", 1))
     outside, inside = (np.linspace(0.0, 1.0, rings + 1) for rings in layout.rings)
-    radius = 0.4 * min(edge, box[1] - box[0])
-    core = 0.4 * radius / np.hypot(edge, box[1] - box[0])
-    flat = Frame(np.arange(float(radii)), np.arange(float(levels)), outside, inside, (box[0] + box[1]) / 2, radius, core)
+    radius = 0.4 * min(edge, high - low)
+    core = 0.4 * radius / np.hypot(edge, high - low)
+    lines = line_label(np.arange(radii)), line_label(np.arange(levels))
+    flat = Frame(*lines, outside, inside, (low + high) / 2, radius, core)
     return np.asarray(np.round(_mapped(flat, mesh, SQUARE), 9)) + 0.0  # + 0.0: no negative zeros
+
+
+def line_label(number: Any) -> Any:
+    """The coordinate by which ``labels`` knows a line: close to its number, but no line falls on a layer between two others."""
+    return np.round(number + 0.3 * np.modf(number * GOLDEN)[0], 9)
 
 
 def bilinear(places: Floats) -> Floats:

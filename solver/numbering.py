@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from geometry.grading import Floats
-from geometry.meridian import Topology, labels
+from geometry.meridian import Topology, labels, line_label
 from geometry.section import Body
 
 Ints = NDArray[np.int64]
@@ -105,7 +105,7 @@ def _ties(mesh: Topology, ends: Floats, interface: Interface) -> tuple[Ints, Boo
     and for the functions under the inner and the outer block their value in a unit shift, shape (functions, 2).
     """
     layout, (r0, z0, r1, z1, probe, degree) = mesh.layout, ends.T
-    surface, column = layout.row["surface"], layout.column
+    surface, column = line_label(layout.row["surface"]), {name: line_label(number) for name, number in layout.column.items()}
     on = (z0 == surface) & (z1 == surface)
     owner = np.arange(2 * len(ends)).reshape(-1, 2)
     tissue = {key: k for k, key in enumerate(map(tuple, ends[:, [0, 2, 5]])) if on[k] and not probe[k]}
@@ -115,7 +115,7 @@ def _ties(mesh: Topology, ends: Floats, interface: Interface) -> tuple[Ints, Boo
     fixed = np.zeros((len(ends), 2), dtype=bool)
     fixed[:, 0] = (r0 == 0) & (r1 == 0)
     tops = {layout.inner[-1], layout.outer[-1]} if layout.kind.base is None else {layout.base[-1]}
-    held = [0, *tops]
+    held = [0.0, *(line_label(top) for top in tops)]
     fixed[np.isin(z0, held) & np.isin(z1, held) & (z0 == z1)] = True
     spans = ((0, column["inner"]), (column["hole"], column["tube"]))
     under = [on & (degree == 1) & (low <= r0) & (r0 <= high) for low, high in spans]
