@@ -133,13 +133,15 @@ class Layout:
         middle, top = (first + sum(self.blocks[:k]) + k * kind.films * self.layer for k in (1, 2))
         self.inner = (first - 1, *range(first, middle))
         self.outer = (first - 1, *range(middle, top))
-        self.step, self.thick, self.overhang = n(4), n(2), n(2) * kind.flange
+        self.step, self.thick, self.overhang = n(4), n(4), n(4) * kind.flange
         self.bridge, self.flange, self.boss, self.base = (-1,), (-1,), (-1,), (-1,)
         if kind.base is None:
             return top
         extra = self.column["side"] + 1
-        self.bridge = (self.column["inner"], *range(extra, extra + 3), self.column["hole"])
-        self.flange = (self.column["tube"], *range(extra + 3, extra + 3 + self.overhang))
+        self.half = n(4)  # columns of either half of the bridge
+        self.bridge = (self.column["inner"], *range(extra, extra + 2 * self.half - 1), self.column["hole"])
+        extra += 2 * self.half - 1
+        self.flange = (self.column["tube"], *range(extra, extra + self.overhang))
         if kind.base == 0:  # one level for both films' upper faces
             self.outer = (*self.outer[:-1], self.inner[-1])
         low, high = sorted((self.inner[-1], self.outer[-1]), reverse=kind.base > 0)
@@ -174,9 +176,9 @@ def frame(section: Section, layout: Layout) -> Frame:
     radii = [_joined(_radii(s, box, sphere), layout.columns)]
     if layout.kind.base is not None:
         levels += _base_levels(s, layout)
-        radii.append(graded(s.inner_radius, s.hole_radius, 4)[..., 1:-1])
+        radii.append(_bridge(s, layout))
         if layout.kind.flange:
-            radii.append(graded(s.tube_radius, s.flange_radius, layout.overhang)[..., 1:])
+            radii.append(graded(s.tube_radius, s.flange_radius, layout.overhang, s.corner_size)[..., 1:])
     levels.append(_middles(levels[0], layout))
     rays = (np.zeros(0), np.zeros(0), 0.0, 0.0, 0.0)
     if sphere is not None:
@@ -298,6 +300,14 @@ def _block(s: Section, height: Any) -> _Breaks:
     return _Breaks([0 * height, height], [s.corner_size, s.corner_size], [5])
 
 
+def _bridge(s: Section, layout: Layout) -> Any:
+    """Radii of an elastic base across the gap, graded to its ends and to the step in its middle."""
+    middle, sign = (s.inner_radius + s.hole_radius) / 2, layout.kind.base
+    step = s.corner_size if not sign else smooth_min(s.corner_size, sign * (s.inner_height - s.outer_height))
+    breaks = _Breaks([s.inner_radius, middle, s.hole_radius], [s.corner_size, step, s.corner_size], [1, 1])
+    return _joined(breaks, (layout.half, layout.half))[..., 1:-1]
+
+
 def _film_levels(s: Section, layout: Layout, height: Any) -> list[Any]:
     levels, top = [], height
     for thickness in (s.film, s.adhesive)[: layout.kind.films]:
@@ -312,5 +322,5 @@ def _base_levels(s: Section, layout: Layout) -> list[Any]:
     step = high + films
     boss = [] if layout.kind.base == 0 else [graded(low + films, step, layout.step, corner, corner)[..., 1:-1]]
     flange = step + s.step_height
-    top = graded(flange, flange + s.flange_thickness, layout.thick, s.step_height)
+    top = graded(flange, flange + s.flange_thickness, layout.thick, smooth_min(s.step_height, corner))
     return [*boss, graded(step, flange, layout.step, corner, corner)[..., 1:], top[..., 1:]]

@@ -209,7 +209,8 @@ def of_probe(mesh: Topology) -> np.ndarray:
 
 
 def rounding(s: Section) -> float:
-    return 8 * np.finfo(float).eps * float(s.tissue_radius + s.tissue_depth)
+    sizes = s.tissue_radius + s.tissue_depth, s.inner_height + s.outer_height + s.flange_thickness + s.step_height
+    return 8 * np.finfo(float).eps * sum(sizes)
 
 
 def spread(points: np.ndarray, number: np.ndarray) -> float:
