@@ -110,7 +110,7 @@ class Layout:
         self.rows, self.blocks, self.rings = (tuple(n(cells) for cells in part) for part in (kind.rows, kind.blocks, kind.rings))
         self.column = dict(zip(names, np.cumsum([0, *self.columns]).tolist(), strict=True))
         self.row = dict(zip(levels, np.cumsum([0, *self.rows]).tolist(), strict=True))
-        self.layer = n(1)
+        self.layer = n(3)
         top = self._stack(self.row["surface"] + 1)
         self.merged = self._merged()
         self.middles = dict(zip(self.merged, range(top, top + len(self.merged)), strict=True))
@@ -311,7 +311,7 @@ def _bridge(s: Section, layout: Layout) -> Any:
 def _film_levels(s: Section, layout: Layout, height: Any) -> list[Any]:
     levels, top = [], height
     for thickness in (s.film, s.adhesive)[: layout.kind.films]:
-        levels.append(graded(top, top + thickness, layout.layer)[..., 1:])
+        levels.append(graded(top, top + thickness, layout.layer, s.corner_size, s.corner_size)[..., 1:])
         top = top + thickness
     return levels
 

@@ -58,6 +58,11 @@ class Section:
         return tuple(name for name in names if np.all(getattr(self, name) != 0))
 
     @property
+    def given_layers(self) -> bool:
+        """Whether there is a film or an elastic base."""
+        return bool(np.all(self.film != 0) or np.all(self.flange_thickness != 0))
+
+    @property
     def cover(self) -> Any:
         """Tissue above the sphere."""
         return self.sphere_depth - self.sphere_radius

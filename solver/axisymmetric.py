@@ -102,5 +102,8 @@ class Axisymmetric:
             try:
                 return converged(scene, accuracy, moduli)
             except SolveError as fault:
+                if moduli is not None and "curve from" in str(fault):
+                    span = f"{np.min(moduli):g} to {np.max(moduli):g} Pa"
+                    raise Refusal("youngs_modulus", span, f"a narrower range ({fault})") from fault
                 extremes = "scenes whose sizes and moduli lie closer together"
                 raise Refusal("evaluator", self.name, f"{extremes} ({fault})") from fault

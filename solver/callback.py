@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import casadi
@@ -12,6 +13,7 @@ from geometry.errors import ProbeError
 from geometry.frame import kind as kind_of
 from geometry.grading import Floats
 from geometry.scene import Scene
+from geometry.solids import base_sizes
 from geometry.variables import changed
 from solver.axisymmetric import Axisymmetric
 from solver.converged import sample
@@ -41,6 +43,7 @@ class FilmCallback(casadi.Callback):  # type: ignore[misc]
 
     def __init__(self, scene: Scene, variables: tuple[str, ...], accuracy: float = 0.01) -> None:
         super().__init__()
+        scene = _explicit(scene)
         self.scene, self.variables = scene, variables
         found = Axisymmetric().converged(scene, accuracy)
         gradients(scene, found.sample, variables)  # refuses unknown names
@@ -100,6 +103,16 @@ class FilmCallback(casadi.Callback):  # type: ignore[misc]
             except ProbeError:
                 continue
         return None
+
+
+def _explicit(scene: Scene) -> Scene:
+    """Write down what would follow from other numbers, a base's default sizes and an adhesive's modulus: they stay as x moves."""
+    data, probe = scene.model_dump(exclude_unset=True), scene.probe
+    if probe.base.youngs_modulus is not None:
+        data["probe"]["base"] |= asdict(base_sizes(probe))
+    if probe.film is not None and probe.film.adhesive_thickness > 0:
+        data["probe"]["film"]["adhesive_modulus"] = probe.film.adhesive_modulus or probe.film.youngs_modulus
+    return Scene.model_validate(data)
 
 
 class _Jacobian(casadi.Callback):  # type: ignore[misc]

@@ -24,6 +24,7 @@ from solver.result import Decision
 from solver.sections import HALF_SPACE, Sections, sections, with_layers
 
 NEGLIGIBLE = 0.05  # of the accuracy: films and base that change less are left out
+LAYERED = 2.0  # times the meshes' errors where films or a base are modelled: their corners are graded less finely
 SLACK = 1.2  # on the bracket of tissue that is not round: within it the ratio need not be monotone
 
 
@@ -107,7 +108,10 @@ def sample(
         shift = _middle(moduli, scene.tissue.youngs_modulus)
         ratio = scene.inclusion[0].poisson_ratio
         materials[Body.INCLUSION] = Material(youngs_modulus=shift, poisson_ratio=ratio)
-    states = base_states(model(section, materials, interface, level, kind))
+    try:
+        states = base_states(model(section, materials, interface, level, kind))
+    except np.linalg.LinAlgError as fault:  # Poisson's ratio within rounding of 1/2
+        raise SolveError(f"an element's matrix cannot be inverted: {fault}") from fault
     if moduli is None:
         slope = states.slope() if scene.inclusion else np.zeros((2, 2))
         return Sample(states.forces[None], slope[None], states, np.ones(1))
@@ -141,7 +145,8 @@ def _sides(scene: Scene, plain: Sections, rough: Sample, moduli: Floats | None) 
     ends = []
     for section in plain.bracket:
         try:  # on a mesh of one topology errors cancel in the difference
-            ends.append(sample(section, plain, scene, LEVELS[0], moduli, kind))
+            with np.errstate(all="ignore"):  # lengths may be in another order; the mesh's areas tell
+                ends.append(sample(section, plain, scene, LEVELS[0], moduli, kind))
         except SolveError:
             ends.append(sample(section, plain, scene, LEVELS[0], moduli))
     totals = SLACK * np.max([np.abs(end.totals - rough.totals) for end in ends], axis=0)
@@ -155,8 +160,9 @@ def _sides(scene: Scene, plain: Sections, rough: Sample, moduli: Floats | None) 
 def _films(scene: Scene, found: Sample, errors: Errors, changes: Iterable[Change] = ()) -> tuple[FilmForces, ...]:
     films = []
     for k, forces in enumerate(found.forces):
-        bound = Bound.independent(errors.totals[k], forces)
-        told = float(errors.sensitivity[k])
+        margin = LAYERED if found.states.model.section.given_layers else 1.0
+        bound = Bound.independent(margin * errors.totals[k], forces)
+        told = margin * float(errors.sensitivity[k])
         for change in changes:
             bound, told = bound + change.bounds[k], told + float(change.sensitivity[k])
         films.append(FilmForces(forces, bound, found.slope[k] if scene.target is not None else None, told))

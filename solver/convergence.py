@@ -95,11 +95,18 @@ def refined(
                 raise
             return *found, str(fault)
         if len(history) > 1:
-            found = history[-1], errors(history)
-            if good(*found):
-                return *found, None
+            latest = history[-1], errors(history)
+            if found is None or _worst(*latest) < _worst(*found):  # rounding may grow from mesh to mesh: the best is kept
+                found = latest
+            if good(*latest):
+                return *latest, None
     assert found is not None  # there are more than two levels
     return *found, "this is the finest"
+
+
+def _worst(sample: Sample, bounds: Errors) -> float:
+    """The largest relative error bound of a film's force."""
+    return float(np.max(bounds.totals / np.maximum(np.abs(sample.totals), 1e-300)))
 
 
 def errors(history: Sequence[Sample]) -> Errors:
