@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.optimize import brentq
@@ -307,14 +307,6 @@ def test_designs_near_the_papers_fit_on_its_mesh(key: str, factor: float) -> Non
     s = section(**PAPER | {key: factor * (DEFAULTS | PAPER)[key]})
     assert_covered_once(s, mesh_of(start))
     assert (mesh_of(s) is mesh_of(start)) == (kind_of(s) == kind_of(start))
-
-
-@few
-@given(numbers, st.integers(0, 999))
-def test_nodes_are_smooth(case: dict[str, float], seed: int) -> None:
-    """Derivatives along a random change of all numbers: complex steps against central differences, whose rate is 2."""
-    assume(abs(math.log(case.get("sphere", 2.0))) > 0.05)  # where ``section`` itself has a kink
-    assert_smooth(case, dict(zip(case, np.random.default_rng(seed).uniform(-1, 1, len(case)), strict=True)))
 
 
 def test_nodes_are_smooth_where_the_limits_of_the_spheres_box_change_places() -> None:
