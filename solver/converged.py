@@ -188,7 +188,8 @@ def _notes(
             yield f"left out: {change.feature}, changes the ratio by at most about {change.effect:.2g}, counted in error_estimate"
     reached = max(one.error_under(scene) for one in films)
     if reached > accuracy:
-        text = f"error bounds of {reached:.2g} reached, accuracy {accuracy:g} asked for"
+        bounds = f"error bounds of {reached:.2g}" if reached < 1 else "error bounds no smaller than the values themselves"
+        text = f"{bounds} reached, accuracy {accuracy:g} asked for"
         yield text + (f"; no finer mesh helped: {why}" if why else ": what stands in the way is listed")
     worst = max((one.sensitivity_error / max(abs(one.log_sensitivity or 0.0), 2e-6 / accuracy) for one in films), default=0.0)
     if scene.target is not None and worst > 5 * accuracy:
