@@ -54,7 +54,7 @@ def curve(scene: Scene, moduli: Floats, accuracy: float) -> Curve:
 def gradients(scene: Scene, moduli: Floats, accuracy: float) -> dict[str, Floats]:
     """Find d ln ratio / d ln x along the curve for each variable x of ``designs.VARIABLES``, and what ``curve`` finds."""
     sample = Axisymmetric().converged(scene, accuracy, moduli).sample
-    logs = by_section(sample).totals - areas(scene, sample)
+    logs = by_section(sample).totals - areas(scene, sample.states.model)
     found = {}
     for k, name in enumerate(variables(sample.states.model)):
         body, _, what = name.partition("_")

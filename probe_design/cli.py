@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from pathlib import Path
@@ -10,9 +9,13 @@ from typing import Any
 
 import click
 
-VERBS = ("evaluate", "curve", "optimize", "export")
-PLANNED = ("plan", "detectability", "scan", "estimate", "sweep", "tradeoff", "read", "calibrate", "check")
-EVALUATORS = "auto, published, closed-form, axisymmetric"
+from probe_design.arguments import length, modulus, number, print_json
+from probe_design.cli_estimate import estimate
+from probe_design.cli_maps import detectability, scan
+
+VERBS = ("evaluate", "curve", "scan", "detectability", "estimate", "optimize", "export")
+PLANNED = ("plan", "sweep", "tradeoff", "read", "calibrate", "check")
+EVALUATORS = "auto, published, closed-form, equivalent-inclusion, axisymmetric"
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
@@ -46,19 +49,21 @@ def evaluate(scene: Path, evaluator: str, accuracy: str, as_json: bool) -> None:
     """Say what both films feel, and how well their ratio tells E_object.
 
     \b
-    published     the paper's equations as printed: an equivalent modulus, no stresses
-    closed-form   formulas, milliseconds, 5 to 50 %: spheres anywhere
-    axisymmetric  finite elements, 0.1 to 10 s, 1e-2 to 1e-4: one sphere on the probe's axis
-    auto          axisymmetric; refuses rather than answer worse than --accuracy
+    published             the paper's equations as printed: an equivalent modulus, no stresses
+    closed-form           formulas, milliseconds, 5 to 50 %: spheres anywhere
+    equivalent-inclusion  finite elements and scattering, 0.3 to 5 s, 1e-2 to 1e-3: tumours anywhere
+    axisymmetric          finite elements, 0.1 to 10 s, 1e-2 to 1e-4: one sphere on the probe's axis
+    auto                  axisymmetric where it can, else equivalent-inclusion; refuses rather
+                          than answer worse than --accuracy
     """  # noqa: D301
     from geometry.scene_file import read_scene
     from probe_design.console import message, result_table, show, working
     from solver import evaluate as run
 
     with working(f"evaluating {scene}"):
-        result = run(read_scene(scene), evaluator, _accuracy(accuracy))
+        result = run(read_scene(scene), evaluator, number("accuracy", accuracy))
     if as_json:
-        _print_json(result.as_dict())
+        print_json(result.as_dict())
         return
     show(result_table(result))
     for warning in result.warnings:
@@ -78,8 +83,8 @@ def evaluate(scene: Path, evaluator: str, accuracy: str, as_json: bool) -> None:
 def curve(scene: Path, low: str, high: str, points: int, accuracy: str, picture: Path | None, as_json: bool) -> None:
     """Say how ratio and log-sensitivity depend on the inclusion's Young's modulus.
 
-    All moduli follow exactly from one factorisation, so that a thousand cost as much as ten. The scene is one that
-    `axisymmetric` takes: one sphere on the probe's axis.
+    With one sphere on the probe's axis all moduli follow exactly from one factorisation, so that a thousand cost as much as
+    ten; with tumours elsewhere each modulus costs some 10 to 500 ms.
     """
     from geometry.files import check_writable
     from geometry.scene_file import read_scene
@@ -92,11 +97,11 @@ def curve(scene: Path, low: str, high: str, points: int, accuracy: str, picture:
         check_format(picture)  # what would fail after the work fails before it
         check_writable(picture.parent)
     with working(f"curve of {scene}"):
-        told = run(found, _moduli(low, high, points), _accuracy(accuracy))
+        told = run(found, _moduli(low, high, points), number("accuracy", accuracy))
     if picture is not None:
-        plot(told, picture, found.inclusion[0].youngs_modulus, found.tissue.youngs_modulus)
+        plot(told, picture, found.inclusion[found.target or 0].youngs_modulus, found.tissue.youngs_modulus)
     if as_json:
-        _print_json(told.as_dict())
+        print_json(told.as_dict())
         return
     show(curve_table(told))
     for warning in told.warnings:
@@ -112,14 +117,19 @@ def curve(scene: Path, low: str, high: str, points: int, accuracy: str, picture:
 )
 @click.option("--outer-radius", help="Limit of the probe's outer radius, such as '8 mm'.  [default: 1.4 times the start's]")
 @click.option("--starts", default=8, show_default=True, type=click.IntRange(1, 100), help="Local searches.")
+@click.option(
+    "--evaluator", help="Who judges and polishes: axisymmetric or equivalent-inclusion.  [default: what the scene asks for]"
+)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def optimize(scene: Path | None, output: Path, outer_radius: str | None, starts: int, as_json: bool) -> None:
+def optimize(
+    scene: Path | None, output: Path, outer_radius: str | None, starts: int, evaluator: str | None, as_json: bool
+) -> None:
     """Find a probe that tells E_object better than SCENE's, prove it by finite elements, export it.
 
     Without SCENE the built-in one is improved: the paper's materials, gap, groove and films on a
     cylinder of tissue with one 8 mm tumour. The search varies inner radius, A2/A1, gap, height and
-    both moduli; the ten best designs are judged by a model that the search did not see. Exit code 1
-    if that model sees no gain.
+    both moduli; the ten best designs are judged by a model that the search did not see, the best three
+    of them polished with that model's exact derivatives. Exit code 1 if that model sees no gain.
     """
     from geometry.files import check_writable
     from geometry.scene_file import read_scene
@@ -130,14 +140,14 @@ def optimize(scene: Path | None, output: Path, outer_radius: str | None, starts:
     from probe_design.report import levels_table, summary, write_all
 
     start = builtin_scene() if scene is None else read_scene(scene)
-    limit = None if outer_radius is None else _length("outer-radius", outer_radius)
+    limit = None if outer_radius is None else length("outer-radius", outer_radius)
     check_writable(output)  # what would fail after the search fails before it
     cadquery()
     with stages() as progress:
-        optimum = run(start, progress, limit, starts)
+        optimum = run(start, progress, limit, starts, evaluator)
         files = write_all(optimum, output, progress)
     if as_json:
-        _print_json(summary(optimum, files))
+        print_json(summary(optimum, files))
     else:
         show(levels_table(optimum))
         message(f"wrote {len(files)} files to {output}; begin with {output / 'report.html'}")
@@ -162,9 +172,13 @@ def export(scene: Path, output: Path, as_json: bool) -> None:
         probe = read_scene(scene).probe
         files = [*write(probe, output), draw(probe, output / "drawing.png")]
     if as_json:
-        _print_json({"files": [str(file) for file in files]})
+        print_json({"files": [str(file) for file in files]})
     else:
         message(f"wrote {', '.join(file.name for file in files)} to {output}")
+
+
+for verb in (scan, detectability, estimate):
+    cli.add_command(verb)
 
 
 def main() -> None:
@@ -209,44 +223,15 @@ def _fail(text: str, code: int) -> int:
     return code
 
 
-def _accuracy(text: str) -> float:
-    from geometry.errors import InputError
-
-    try:
-        return float(text)
-    except ValueError:
-        raise InputError("accuracy", text, "a number above 0 and below 1, such as 0.01") from None
-
-
-def _length(key: str, text: str) -> float:
-    from geometry.probe import LENGTH
-
-    return _quantity(LENGTH, key, text)
-
-
-def _quantity(kind: Any, key: str, text: str) -> float:
-    from geometry.errors import InputError
-
-    try:
-        return float(kind.parse(text))
-    except ValueError as fault:
-        raise InputError(key, text, f"{kind.allowed} ({fault})") from None
-
-
 def _moduli(low: str, high: str, points: int) -> Any:
     """Moduli from ``low`` to ``high``, both met exactly."""
     import numpy as np
 
     from geometry.errors import InputError
-    from geometry.probe import MODULUS
 
-    first, last = _quantity(MODULUS, "from", low), _quantity(MODULUS, "to", high)
+    first, last = modulus("from", low), modulus("to", high)
     if not first < last:
         raise InputError("to", high, f"a modulus above from = {low!r}")
     moduli = np.geomspace(first, last, points)
     moduli[0], moduli[-1] = first, last
     return moduli
-
-
-def _print_json(value: dict[str, Any]) -> None:
-    print(json.dumps(value, allow_nan=False))

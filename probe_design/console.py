@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from solver.result import Curve, Result
+
+if TYPE_CHECKING:
+    from probe_design.detectability import Detectability
+    from probe_design.scan import Scan
 
 UNITS = {
     "stress_inner": "Pa", "stress_outer": "Pa", "ratio": "", "log_sensitivity": "", "stiffness": "N/m", "charge_inner": "C",
@@ -47,6 +51,38 @@ def curve_table(curve: Curve, most: int = 25) -> Table:
     return table
 
 
+def scan_table(scan: Scan, most: int = 41) -> Table:
+    """Return a scan as a table, of ``most`` rows at most; what is null is a dash."""
+    across = "y" if scan.along == "x" else "x"
+    where = f"along {scan.along} at {across} = {scan.at * 1e3:.6g} mm"
+    table = Table(title=f"{scan.evaluator}, {len(scan.ratio)} positions {where} in {scan.seconds:.2g} s")
+    for heading in ("position, mm", "ratio", "stiffness, N/m", "log_sensitivity", "error_estimate"):
+        table.add_column(heading, justify="right")
+    columns = ([1e3 * at for at in scan.position], scan.ratio, scan.stiffness, scan.log_sensitivity, scan.error_estimate)
+    for row in list(zip(*columns, strict=True))[:: -(-len(scan.ratio) // most)]:
+        table.add_row(
+            *("-" if value is None else f"{value:.{digits}g}" for value, digits in zip(row, (4, 6, 6, 4, 2), strict=True))
+        )
+    return table
+
+
+def threshold_table(found: Detectability, most: int = 20) -> Table:
+    """Return for some depths the least diameters that are seen, and whose stiffness is told; a dash where there is none."""
+    noise = f"noise {found.noise:g} on the ratio"
+    title = f"{found.evaluator}, {len(found.depth)} depths x {len(found.diameter)} diameters in {found.seconds:.2g} s, {noise}"
+    table = Table(title=title)
+    for heading in ("depth, mm", "largest that fits, mm", "seen from, mm", "stiffness told from, mm"):
+        table.add_column(heading, justify="right")
+    for depth, *columns in list(zip(found.depth, found.change, found.seen, found.told, strict=True))[
+        :: -(-len(found.depth) // most)
+    ]:
+        fits = [diameter for diameter, change in zip(found.diameter, columns[0], strict=True) if change is not None]
+        least = (next((d for d, yes in zip(found.diameter, row, strict=True) if yes), None) for row in columns[1:])
+        row = (depth, fits[-1] if fits else None, *least)
+        table.add_row(*("-" if value is None else f"{1e3 * value:.4g}" for value in row))
+    return table
+
+
 def show(table: Table) -> None:
     """Write a table to standard output."""
     Console(soft_wrap=True).print(table)
@@ -57,6 +93,19 @@ def working(text: str) -> Iterator[None]:
     """Show on a terminal that something is being computed."""
     with Console(stderr=True).status(text):
         yield
+
+
+@contextmanager
+def counting(text: str) -> Iterator[Callable[[int, int], None]]:
+    """Yield a function (done, total) that moves a bar on a terminal, and does nothing elsewhere."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda done, total: None
+        return
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as bars:
+        task = bars.add_task(text, total=None)
+        yield lambda done, total: bars.update(task, completed=done, total=total)
 
 
 @contextmanager

@@ -17,7 +17,7 @@ from rich.table import Table
 from geometry.files import write_text
 from geometry.probe import Probe
 from geometry.scene_file import scene_to_dict, scene_to_toml
-from probe_design.optimize import ACCURACY, JUDGE, Candidate, Optimum
+from probe_design.optimize import ACCURACY, Candidate, Optimum
 
 Row = tuple[str, str, str]
 PAGE = Path(__file__).with_name("report.html.in")
@@ -56,7 +56,7 @@ def summary(optimum: Optimum, files: Sequence[Path]) -> dict[str, Any]:
         "design": scene_to_dict(best.scene),
         "objective": _finite(best.judged_objective),
         "baseline_objective": _finite(start.judged_objective),
-        "evaluator": JUDGE,
+        "evaluator": optimum.judge,
         "status": optimum.status,
         "files": [str(file) for file in files],
         "searched_objective": _finite(best.searched_objective),
@@ -80,7 +80,7 @@ def level_rows(optimum: Optimum) -> list[Row]:
     rows = [
         (name, one, other) for (name, one), (_, other) in zip(_design(start.scene.probe), _design(best.scene.probe), strict=True)
     ]
-    for level, pick in (("closed-form", _searched), (JUDGE, _judged)):
+    for level, pick in (("closed-form", _searched), (optimum.judge, _judged)):
         for (name, one), (_, other) in zip(pick(start), pick(best), strict=True):
             rows.append((f"{name} by {level}", one, other))
     return rows
@@ -102,7 +102,7 @@ def candidates_csv(optimum: Optimum) -> str:
     writer = csv.writer(text, lineterminator="\n")
     names = [name for name, _ in _design(optimum.baseline.scene.probe)]
     writer.writerow(
-        ["design", *names, "objective closed-form", f"objective {JUDGE}", "ratio", "log_sensitivity", "error_estimate"]
+        ["design", *names, "objective closed-form", f"objective {optimum.judge}", "ratio", "log_sensitivity", "error_estimate"]
     )
     for name, candidate in [("start", optimum.baseline), *((f"{k + 1}", c) for k, c in enumerate(optimum.candidates))]:
         judged = candidate.judged
@@ -134,17 +134,17 @@ def page(optimum: Optimum, files: Sequence[str]) -> str:
         warnings="".join(f"<li>{escape(text)}</li>" for text in warnings) or "<li>none</li>",
         files="".join(f'<li><a href="{escape(name)}">{escape(name)}</a></li>' for name in files),
         scene=escape(scene_to_toml(optimum.best.scene)),
-        judge=JUDGE,
+        judge=optimum.judge,
         slack=f"{500 * ACCURACY:g}",
     )
 
 
 def _headline(optimum: Optimum) -> str:
-    start, best = optimum.baseline.judged_objective, optimum.best.judged_objective
+    start, best, judge = optimum.baseline.judged_objective, optimum.best.judged_objective, optimum.judge
     if optimum.status == "no-gain":
-        return f"No gain: {JUDGE} sees no design that beats the start, whose standard deviation of ln E_object is {start:.3g}."
+        return f"No gain: {judge} sees no design that beats the start, whose standard deviation of ln E_object is {start:.3g}."
     return (
-        f"The standard deviation of ln E_object falls from {start:.3g} to {best:.3g}, by {JUDGE}, which the search did not see."
+        f"The standard deviation of ln E_object falls from {start:.3g} to {best:.3g}, by {judge}, which the search did not see."
     )
 
 

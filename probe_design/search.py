@@ -17,6 +17,13 @@ from solver.closed_form import PROBE, function, parameters
 
 SCREENED = 2048  # designs, a power of two as Sobol's sequence likes it
 SEED = 20
+QUIET: dict[str, Any] = {
+    "ipopt.print_level": 0,
+    "print_time": 0,
+    "ipopt.sb": "yes",
+    "error_on_fail": False,
+    "show_eval_warnings": False,
+}
 
 
 def search(space: Space, starts: int, progress: Callable[[int, int], None]) -> Floats:
@@ -71,23 +78,21 @@ def _ipopt(space: Space, cost: Any) -> Any:
     v = ca.vertsplit(ca.exp(x))
     radius = space.derived_radius(v)
     constraints = ca.vertcat(radius / space.outer_radius, (radius - v[0] - v[2]) / space.wall)
-    quiet: dict[str, Any] = {
-        "ipopt.print_level": 0,
-        "print_time": 0,
-        "ipopt.sb": "yes",
-        "error_on_fail": False,
-        "show_eval_warnings": False,
-    }
     choices = {"ipopt.hessian_approximation": "limited-memory", "ipopt.max_iter": 80, "ipopt.tol": 1e-6}
-    return ca.nlpsol("search", "ipopt", {"x": x, "f": cost(x), "g": constraints}, quiet | choices)
+    return ca.nlpsol("search", "ipopt", {"x": x, "f": cost(x), "g": constraints}, QUIET | choices)
 
 
 def _polished(space: Space, solver: Any, start: Floats) -> Floats:
     bounds = {"lbx": np.log(space.low), "ubx": np.log(space.high), "lbg": [0.0, 1.0], "ubg": [1.0, np.inf]}
     optimum: Floats = np.exp(np.array(solver(x0=np.log(start), **bounds)["x"]).ravel())
-    if solver.stats()["return_status"] == "User_Requested_Stop":  # how casadi passes on Ctrl-C
-        raise KeyboardInterrupt
+    stopped_by_user(solver)
     return optimum
+
+
+def stopped_by_user(solver: Any) -> None:
+    """Raise the KeyboardInterrupt that casadi turned into a status."""
+    if solver.stats()["return_status"] == "User_Requested_Stop":
+        raise KeyboardInterrupt
 
 
 def _nearly(space: Space, designs: Floats) -> NDArray[np.bool_]:

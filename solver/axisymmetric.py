@@ -32,12 +32,12 @@ class Axisymmetric:
         if at.tilt != 0:
             return "none built yet for placement.tilt other than 0 (planned: solid)"
         if len(scene.inclusion) > 1:
-            return "closed-form for several inclusions (planned: equivalent-inclusion, solid)"
+            return "equivalent-inclusion or closed-form for several inclusions"
         for body in scene.inclusion:
             if body.diameter is None:
                 return "none built yet for an inclusion that is no sphere (planned: equivalent-inclusion, solid)"
             if math.hypot(body.x - at.x, body.y - at.y) > 1e-9 * body.diameter:
-                return "closed-form for an inclusion off the probe's axis (planned: equivalent-inclusion, solid)"
+                return "equivalent-inclusion or closed-form for an inclusion off the probe's axis"
         return None
 
     def evaluate_within(self, scene: Scene, accuracy: float) -> Result:

@@ -108,10 +108,10 @@ def model(section: Section, materials: Materials, interface: Interface, fineness
     two_mu, lam = _moduli(mesh, materials)
     n, s = len(mesh.body), len(functions.degrees)
     parts = matrices(at, functions)
-    condensed, recovery = _condensed(
+    edge, recovery = condensed(
         two_mu[:, None, None, None, None] * parts[0] + lam[:, None, None, None, None] * parts[1], functions.skeleton
     )
-    system = System.of(numbering(mesh, fineness.order, interface), condensed)
+    system = System.of(numbering(mesh, fineness.order, interface), edge)
     shear, volume = (part.reshape(n, 2 * s, 2 * s) for part in parts)
     return Model(section, materials, mesh, functions, at, shear, volume, two_mu, lam, recovery, system)
 
@@ -146,16 +146,16 @@ def _moduli(mesh: Topology, materials: Materials) -> tuple[Floats, Floats]:
     return lame(moduli[mesh.body], ratios[mesh.body])
 
 
-def _condensed(stiffness: Floats, skeleton: int) -> tuple[Floats, Floats]:
-    """Eliminate each element's inside, whose functions come after its ``skeleton``; stiffness (n, 2, s, 2, s).
+def condensed(stiffness: Floats, skeleton: int) -> tuple[Floats, Floats]:
+    """Eliminate each element's inside, whose functions come after its ``skeleton``; stiffness (n, c, s, c, s), c components.
 
     Returns the condensed matrices and what gives the inside from the edge: inside = recovery @ edge.
     """
-    n, _, s = stiffness.shape[:3]
-    edge, inner = 2 * skeleton, 2 * (s - skeleton)
+    n, c, s = stiffness.shape[:3]
+    edge, inner = c * skeleton, c * (s - skeleton)
     low, high = slice(None, skeleton), slice(skeleton, None)
     outside = stiffness[:, :, low, :, low].reshape(n, edge, edge)
     across = stiffness[:, :, high, :, low].reshape(n, inner, edge)
     recovery = -np.linalg.solve(stiffness[:, :, high, :, high].reshape(n, inner, inner), across)
-    condensed = outside + across.transpose(0, 2, 1) @ recovery
-    return (condensed + condensed.transpose(0, 2, 1)) / 2, np.asarray(recovery)
+    left = outside + across.transpose(0, 2, 1) @ recovery
+    return (left + left.transpose(0, 2, 1)) / 2, np.asarray(recovery)

@@ -1,8 +1,8 @@
-"""The axisymmetric level as a casadi function, with its exact Jacobian: what IPOPT optimises designs with."""
+"""The finite-element levels as casadi functions with exact Jacobians: what IPOPT optimises designs with."""
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import casadi
@@ -10,15 +10,18 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from geometry.errors import ProbeError
+from geometry.frame import Kind
 from geometry.frame import kind as kind_of
 from geometry.grading import Floats
 from geometry.scene import Scene
 from geometry.solids import base_sizes
 from geometry.variables import changed
 from solver.axisymmetric import Axisymmetric
-from solver.converged import sample
+from solver.converged import Converged, sample
+from solver.equivalent_inclusion import EquivalentInclusion
 from solver.gradients import Gradients, gradients
-from solver.sections import sections, with_layers
+from solver.sections import Sections, sections, with_layers
+from solver.tumour_gradients import first_order, tumour_gradients
 
 OUTPUTS = ("ratio", "stress_inner", "stress_outer", "log_sensitivity")
 
@@ -43,16 +46,29 @@ class FilmCallback(casadi.Callback):  # type: ignore[misc]
 
     def __init__(self, scene: Scene, variables: tuple[str, ...], accuracy: float = 0.01) -> None:
         super().__init__()
-        scene = _explicit(scene)
-        self.scene, self.variables = scene, variables
-        found = Axisymmetric().converged(scene, accuracy)
-        gradients(scene, found.sample, variables)  # refuses unknown names
+        self.scene, self.variables = _explicit(scene), variables
+        found = self.found(accuracy)
         mesh = found.sample.states.model.mesh
         self.kind, self.fineness = mesh.layout.kind, mesh.layout.fineness
         self.layered = any(one.modelled for one in found.plan)
         self.last: tuple[Floats, Gradients] | None = None
         self.jacobians: list[_Jacobian] = []
         self.construct("films", {"enable_fd": False})
+
+    def found(self, accuracy: float) -> Converged:
+        """Solve the scene itself, and refuse variables that it does not have."""
+        found = Axisymmetric().converged(self.scene, accuracy)
+        gradients(self.scene, found.sample, self.variables)
+        return found
+
+    def solved(self, scene: Scene, of: Sections, kind: Kind | None) -> Gradients:
+        """Return the outputs and derivatives of one design, on a mesh of the given kind or of its own.
+
+        Raises:
+            ProbeError: the design cannot be solved on that mesh.
+        """
+        found = sample(of.section, of, scene, self.fineness, kind=kind or kind_of(of.section))
+        return gradients(scene, found, self.variables)
 
     def get_n_in(self) -> int:  # noqa: D102
         return 1
@@ -98,11 +114,35 @@ class FilmCallback(casadi.Callback):  # type: ignore[misc]
         for kind in (self.kind, None):
             try:
                 with threadpool_limits(1, user_api="blas"):
-                    found = sample(of.section, of, scene, self.fineness, kind=kind or kind_of(of.section))
-                    return gradients(scene, found, self.variables)
+                    return self.solved(scene, of, kind)
             except ProbeError:
                 continue
         return None
+
+
+class TumourCallback(FilmCallback):
+    """What ``FilmCallback`` is, for scenes with spheres anywhere: the equivalent-inclusion level to first order.
+
+    Reflections are left out, as they have no exact derivative: what IPOPT finds is to be judged with them.
+
+    Raises:
+        InputError: a variable is none of the scene's.
+        Refusal: the level cannot take the scene.
+    """
+
+    def found(self, accuracy: float) -> Converged:
+        """Solve the scene itself, and refuse variables that it does not have."""
+        base = EquivalentInclusion().prepared(self.scene, accuracy)
+        tumour_gradients(self.scene, first_order(self.scene, sections(self.scene)), self.variables)
+        return replace(base.found, sample=replace(base.found.sample, states=base.field.states))
+
+    def solved(self, scene: Scene, of: Sections, kind: Kind | None) -> Gradients:
+        """Return the outputs and derivatives of one design, on a mesh of the given kind or of its own.
+
+        Raises:
+            ProbeError: the design cannot be solved on that mesh.
+        """
+        return tumour_gradients(scene, first_order(scene, of, self.fineness, kind), self.variables)
 
 
 def _explicit(scene: Scene) -> Scene:

@@ -116,12 +116,12 @@ def errors(history: Sequence[Sample]) -> Errors:
     both states, and so at most sqrt(e_ii e_UU), e the errors of F_ii and of the stiffness, eq. (A3). A part of it guards
     against changes that cancel in a total by chance.
     """
-    changes = [_total_change(b.forces - a.forces) for a, b in pairwise(history)]
+    changes = [total_change(b.forces - a.forces) for a, b in pairwise(history)]
     told = [np.abs(b.log_sensitivity - a.log_sensitivity) for a, b in pairwise(history)]
     return Errors(_left(changes) + history[-1].rounding, _left(told))
 
 
-def _total_change(change: Floats) -> Floats:
+def total_change(change: Floats) -> Floats:
     """How much both totals changed, shape (k, 2), from the change of F_ij, shape (k, 2, 2): see eq. (A3)."""
     single, whole = np.abs(np.diagonal(change, axis1=1, axis2=2)), np.abs(change.sum(axis=(1, 2)))[:, None]
     return np.asarray(np.maximum(np.abs(change.sum(axis=2)), GUARD * np.sqrt(single * whole)))

@@ -32,12 +32,12 @@ class Factor(Protocol):
         ...
 
 
-def factorise(matrix: Any, pattern: object) -> Factor:
+def factorise(matrix: Any, pattern: object | None) -> Factor:
     """Factorise a symmetric positive definite matrix in compressed columns.
 
     Args:
         matrix: both triangles, rows sorted.
-        pattern: an object that all matrices of one pattern share.
+        pattern: an object that all matrices of one pattern share, or None for a matrix whose factors are kept.
     """
     library = _pardiso()
     if library is not None:
@@ -76,14 +76,16 @@ class _Pardiso:
     values: Floats
 
     @classmethod
-    def of(cls, library: Any, matrix: Any, pattern: object) -> _Pardiso:
-        found = _ANALYSED.get(pattern)
+    def of(cls, library: Any, matrix: Any, pattern: object | None) -> _Pardiso:
+        found = None if pattern is None else _ANALYSED.get(pattern)
         if found is None:
             lower = matrix.indices >= np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
             # its upper triangle by rows is the lower one by columns
             solver = library.PardisoSolver(sp.tril(matrix, format="csc").T, mtype=POSITIVE_DEFINITE, iparms=METIS)
             values = matrix.data[lower]
-            found = _ANALYSED[pattern] = _Analysed(solver, lower, values)
+            found = _Analysed(solver, lower, values)
+            if pattern is not None:
+                _ANALYSED[pattern] = found
             return cls(found, values)
         factor = cls(found, matrix.data[found.lower])
         with found.lock:

@@ -19,7 +19,8 @@ from geometry.meridian import SQUARE, bilinear, nodes
 from geometry.section import Body
 from solver.base_states import BaseStates
 from solver.numbering import Ints
-from solver.shapes import functions
+from solver.quadrilateral import dilations
+from solver.shapes import functions, pressures
 
 CHUNK = 20_000  # points evaluated at once, which bounds the memory
 NEWTON = 12
@@ -32,10 +33,12 @@ class Strains:
     Attributes:
         displacement: u_r, u_z per unit displacement, shape (m, 2, 2).
         strain: eps_rr, eps_zz, eps_hoop and eps_rz (half the engineering shear) per unit, 1/m, shape (m, 4, 2).
+        dilation: their sum as the elements project it, 1/m, shape (m, 2): near incompressibility the sum itself oscillates.
     """
 
     displacement: Floats
     strain: Floats
+    dilation: Floats
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,7 @@ class TissueField:
         self._check(points)
         parts = [self._chunk(points[low : low + CHUNK]) for low in range(0, len(points), CHUNK)]
         if not parts:
-            return Strains(np.zeros((0, 2, 2)), np.zeros((0, 4, 2)))
+            return Strains(np.zeros((0, 2, 2)), np.zeros((0, 4, 2)), np.zeros((0, 2)))
         return Strains(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
     def _check(self, points: Floats) -> None:
@@ -68,8 +71,8 @@ class TissueField:
             allowed = f"0 <= r <= {s.tissue_radius:g}, {-s.tissue_depth:g} <= z <= 0, m"
             raise InputError("points", f"r = {far[0]:g}, z = {far[1]:g}", allowed)
 
-    def _chunk(self, points: Floats) -> tuple[Floats, Floats]:
-        element, places, jacobian = self._locate(points)
+    def _chunk(self, points: Floats) -> tuple[Floats, Floats, Floats]:
+        element, places, jacobian = self.locate(points)
         model = self.states.model
         value, slope = functions(places, model.shapes.degrees)
         slope = np.einsum("kms,mkj->jms", slope, np.linalg.inv(jacobian))
@@ -80,9 +83,17 @@ class TissueField:
         hoop = np.where(radius > 0, u[:, 0] / np.where(radius > 0, radius, 1.0), by_r[:, 0])  # u_r / r -> u_r,r on the axis
         strain = np.stack([by_r[:, 0], by_z[:, 1], hoop, (by_z[:, 0] + by_r[:, 1]) / 2], axis=1)
         u[:, 1] += self.states.shift[element]
-        return u, strain
+        dilation = np.einsum("mk,mki->mi", pressures(places, model.shapes.order), self._dilation[element])
+        return u, strain, dilation
 
-    def _locate(self, points: Floats) -> tuple[Ints, Floats, Floats]:
+    @cached_property
+    def _dilation(self) -> Floats:
+        """Coefficients of the pressures in each element, shape (n, k, 2)."""
+        model, own = self.states.model, self.states.own
+        table = dilations(model.at, model.shapes)[:, :, ::2]
+        return np.asarray(np.einsum("nkcs,ncsi->nki", table, own.reshape(len(own), 2, -1, 2), optimize=True))
+
+    def locate(self, points: Floats) -> tuple[Ints, Floats, Floats]:
         """Return for each point its element, the place in its unit square and the Jacobian d(r, z) / d(u, v), (m, 2, 2)."""
         radii, levels, table, tissue, corners = self._lookup
         column = np.clip(np.searchsorted(radii, points[:, 0], side="right") - 1, 0, len(radii) - 2)
@@ -124,12 +135,13 @@ def _inverted(corners: Floats, points: Floats) -> tuple[Floats, Floats]:
     places = np.full(points.shape, 0.5)
     for _ in range(NEWTON):
         off = points - np.einsum("mc,mcx->mx", bilinear(places), corners)
-        places += np.linalg.solve(_jacobian(corners, places), off[..., None])[..., 0]
+        places += np.linalg.solve(jacobian(corners, places), off[..., None])[..., 0]
     places = np.clip(places, 0.0, 1.0)
-    return places, _jacobian(corners, places)
+    return places, jacobian(corners, places)
 
 
-def _jacobian(corners: Floats, places: Floats) -> Floats:
+def jacobian(corners: Any, places: Any) -> Any:
+    """D (r, z) / d (u, v) of quadrilaterals, (m, 4, 2), at places in their unit squares, (m, 2); shape (m, 2, 2)."""
     u, v = places[:, :1], places[:, 1:]
     a, b, c, d = np.moveaxis(corners, 1, 0)
     return np.stack([(1 - v) * (b - a) + v * (c - d), (1 - u) * (d - a) + u * (c - b)], axis=-1)

@@ -11,6 +11,7 @@ from geometry.grading import Floats
 from geometry.scene import Scene
 from geometry.section import Body
 from geometry.variables import length_derivatives, values
+from solver.base_states import Model
 from solver.convergence import Sample
 from solver.derivatives import energy_derivatives, variables
 from solver.response import tangent
@@ -52,10 +53,10 @@ def gradients(scene: Scene, sample: Sample, names: tuple[str, ...] | None = None
     unknown = [name for name in chosen if name not in known]
     if unknown:
         raise InputError("variable", unknown[0], ", ".join(known))
-    chain = np.array([_chain(scene, sample, name) for name in chosen])  # (v, section variables)
+    chain = np.array([by_scene(scene, sample.states.model, name) for name in chosen])  # (v, section variables)
     logs = by_section(sample)
     totals, f = sample.totals, logs.totals  # (k, 2), (k, section variables, 2)
-    log_stress = f - areas(scene, sample)
+    log_stress = f - areas(scene, sample.states.model)
     if scene.load.indentation is None:
         log_stress = log_stress - _stiffness(totals, f)[..., None]
     logarithmic = {
@@ -125,9 +126,9 @@ def _stiffness(totals: Floats, logs: Floats) -> Floats:
     return np.asarray((logs * totals[:, None]).sum(axis=-1) / totals.sum(axis=-1)[:, None])
 
 
-def areas(scene: Scene, sample: Sample) -> Floats:
+def areas(scene: Scene, model: Model) -> Floats:
     """Derivatives of ln of the end areas by the section's variables, shape (v, 2)."""
-    names, probe = variables(sample.states.model), scene.probe
+    names, probe = variables(model), scene.probe
     out = np.zeros((len(names), 2))
     ring = probe.outer_area / np.pi
     out[names.index("inner_radius"), 0] = 2.0
@@ -136,9 +137,8 @@ def areas(scene: Scene, sample: Sample) -> Floats:
     return out
 
 
-def _chain(scene: Scene, sample: Sample, name: str) -> Floats:
+def by_scene(scene: Scene, model: Model, name: str) -> Floats:
     """Derivatives of the section's variables (ln of lengths and moduli, Poisson's ratios) by one of the scene's."""
-    model = sample.states.model
     known = variables(model)
     out = np.zeros(len(known))
     for length, change in length_derivatives(scene).get(name, {}).items():

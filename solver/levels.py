@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from geometry.errors import InputError
 from geometry.grading import Floats
 from geometry.scene import Scene
 from solver.result import Curve, Evaluator, Result
 
+if TYPE_CHECKING:
+    from solver.axisymmetric import Axisymmetric
+    from solver.equivalent_inclusion import EquivalentInclusion
+
 AUTO = "auto"
-BUILT = ("published", "closed-form", "axisymmetric")
-PLANNED = ("equivalent-inclusion", "contact", "solid")
+BUILT = ("published", "closed-form", "equivalent-inclusion", "axisymmetric")
+PLANNED = ("contact", "solid")
 
 
 def evaluator(name: str) -> Evaluator:
@@ -26,6 +32,10 @@ def evaluator(name: str) -> Evaluator:
         from solver.closed_form import ClosedForm
 
         return ClosedForm()
+    if name == "equivalent-inclusion":
+        from solver.equivalent_inclusion import EquivalentInclusion
+
+        return EquivalentInclusion()
     if name == "axisymmetric":
         from solver.axisymmetric import Axisymmetric
 
@@ -39,7 +49,8 @@ def evaluate(scene: Scene, name: str = AUTO, accuracy: float = 0.01) -> Result:
 
     Args:
         scene: what is pressed on what.
-        name: an evaluator's, or ``auto``, which is ``axisymmetric`` and refuses to answer worse than asked.
+        name: an evaluator's, or ``auto``: ``axisymmetric``, or ``equivalent-inclusion`` for tumours off the axis or several;
+            it refuses to answer worse than asked.
         accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
 
     Raises:
@@ -48,28 +59,33 @@ def evaluate(scene: Scene, name: str = AUTO, accuracy: float = 0.01) -> Result:
     """
     _check_accuracy(accuracy)
     if name == AUTO:
-        from solver.axisymmetric import Axisymmetric
-
-        return Axisymmetric().evaluate_within(scene, accuracy)
+        return _auto(scene).evaluate_within(scene, accuracy)
     return evaluator(name).evaluate(scene, accuracy)
 
 
+def _auto(scene: Scene) -> Axisymmetric | EquivalentInclusion:
+    """The level for a scene: ``axisymmetric`` unless its kind asks for the other."""
+    from solver.axisymmetric import Axisymmetric
+    from solver.equivalent_inclusion import EquivalentInclusion
+
+    level, other = Axisymmetric(), EquivalentInclusion()
+    return other if level.refusal(scene) is not None and other.refusal(scene) is None else level
+
+
 def curve(scene: Scene, moduli: Floats, accuracy: float = 0.01) -> Curve:
-    """Return ratio and log-sensitivity of a scene for every Young's modulus (Pa) of its inclusion, by ``axisymmetric``.
+    """Return ratio and log-sensitivity of a scene for every Young's modulus (Pa) of its target, by the level of ``auto``.
 
     Args:
-        scene: with one sphere on the probe's axis.
+        scene: with one inclusion or a target among several.
         moduli: shape (k,).
         accuracy: relative, on every ratio; above 0, below 1.
 
     Raises:
-        InputError: no such accuracy or moduli; no inclusion.
-        Refusal: the scene is of a kind that ``axisymmetric`` cannot take.
+        InputError: no such accuracy or moduli; no target.
+        Refusal: the scene is of a kind that no level built yet can take.
     """
     _check_accuracy(accuracy)
-    from solver.axisymmetric import Axisymmetric
-
-    return Axisymmetric().curve(scene, moduli, accuracy)
+    return _auto(scene).curve(scene, moduli, accuracy)
 
 
 def _check_accuracy(accuracy: float) -> None:

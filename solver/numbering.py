@@ -17,11 +17,15 @@ from geometry.section import Body
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 Interface = Literal["bonded", "frictionless"]
+# what vanishes on the axis of u_r, u_z (m = 0), else of u_r + u_theta, u_r - u_theta, u_z: only a translation (m = 1) does not
+AXIS = {0: (True, False), 1: (True, False, True)}
 
 
 @dataclass(frozen=True, eq=False)
 class Numbering:
     """Unknowns of a condensed system: u_r and u_z of the functions on corners and edges, 8 p for each element.
+
+    For fields of azimuthal order m > 0 (``azimuthal.py``) there are three components and 12 p values for each element.
 
     Attributes:
         gather: from unknowns to the elements' own values, shape (8 p n, unknowns); edges' odd functions change
@@ -31,7 +35,7 @@ class Numbering:
         rows, starts: of the system's matrix in compressed columns.
         slots: for each entry of the elements' matrices its place in the data, or one beyond the last; shape (n (8 p)^2,).
         signs: of the elements' own values, shape (n, 8 p).
-        vertical: the elements' own values that a shift along z sets to 1, shape (8 p,).
+        vertical: the elements' own values that a shift along z sets to 1, shape (8 p,); none where m > 0.
     """
 
     gather: sp.csr_array
@@ -54,23 +58,25 @@ class Numbering:
         return sp.csc_array((data, self.rows, self.starts), shape=(self.unknowns,) * 2)
 
 
-@lru_cache(maxsize=32)
-def numbering(mesh: Topology, order: int, interface: Interface) -> Numbering:
-    """Number the unknowns of a mesh at one order."""
+@lru_cache(maxsize=64)
+def numbering(mesh: Topology, order: int, interface: Interface, m: int = 0) -> Numbering:
+    """Number the unknowns of a mesh at one polynomial order, for fields of azimuthal order m."""
     probe = (mesh.body != Body.TISSUE) & (mesh.body != Body.INCLUSION)
     functions, signs, ends = _functions(labels(mesh), probe, order)
-    owner, fixed, under = _ties(mesh, ends, interface)
+    owner, fixed, under = _ties(mesh, ends, interface, AXIS.get(m, (True, True, True)))
+    components = owner.shape[1]
     number = np.full(owner.max() + 1, -1)
     free = np.setdiff1d(np.unique(owner), owner[fixed])
     number[free] = np.arange(len(free))
     dofs = number[owner[functions]].transpose(0, 2, 1).reshape(len(functions), -1)
-    lift = np.zeros((len(functions), 2, functions.shape[1], 2))
-    lift[:, 1] = np.where(probe[:, None, None], 0.0, -under[functions])
-    both = np.concatenate([signs, signs], axis=1)
-    vertical = np.zeros((2, functions.shape[1]))
-    vertical[1, :4] = 1.0
+    lift = np.zeros((len(functions), components, functions.shape[1], 2))
+    vertical = np.zeros((components, functions.shape[1]))
+    if m == 0:
+        lift[:, 1] = np.where(probe[:, None, None], 0.0, -under[functions])
+        vertical[1, :4] = 1.0
+    every = np.tile(signs, components)
     return Numbering(
-        _gather(dofs, both, len(free)), lift.reshape(len(functions), -1, 2), *_pattern(dofs, len(free)), both, vertical.ravel()
+        _gather(dofs, every, len(free)), lift.reshape(len(functions), -1, 2), *_pattern(dofs, len(free)), every, vertical.ravel()
     )
 
 
@@ -98,22 +104,21 @@ def _functions(corners: Floats, probe: Bools, order: int) -> tuple[Ints, Floats,
     return functions, signs, np.concatenate([at_vertex, np.column_stack([at_edge, np.tile(degree, len(pairs))])])
 
 
-def _ties(mesh: Topology, ends: Floats, interface: Interface) -> tuple[Ints, Bools, Floats]:
-    """What holds at the supports and between blocks and tissue.
+def _ties(mesh: Topology, ends: Floats, interface: Interface, axis: tuple[bool, ...]) -> tuple[Ints, Bools, Floats]:
+    """What holds at the supports, on the axis and between blocks and tissue; u_z is the last of the components.
 
-    Returns for u_r and u_z of each function the dof that stands for it and whether it is held, shape (functions, 2),
+    Returns for each component of each function the dof that stands for it and whether it is held, shape (functions, components),
     and for the functions under the inner and the outer block their value in a unit shift, shape (functions, 2).
     """
     layout, (r0, z0, r1, z1, probe, degree) = mesh.layout, ends.T
     surface, column = line_label(layout.row["surface"]), {name: line_label(number) for name, number in layout.column.items()}
     on = (z0 == surface) & (z1 == surface)
-    owner = np.arange(2 * len(ends)).reshape(-1, 2)
+    owner = np.arange(len(axis) * len(ends)).reshape(-1, len(axis))
     tissue = {key: k for k, key in enumerate(map(tuple, ends[:, [0, 2, 5]])) if on[k] and not probe[k]}
     for k in np.flatnonzero(on & (probe == 1)):
         partner = tissue[tuple(ends[k, [0, 2, 5]])]
-        owner[k] = owner[partner] if interface == "bonded" else [owner[k, 0], owner[partner, 1]]
-    fixed = np.zeros((len(ends), 2), dtype=bool)
-    fixed[:, 0] = (r0 == 0) & (r1 == 0)
+        owner[k] = owner[partner] if interface == "bonded" else [*owner[k, :-1], owner[partner, -1]]
+    fixed = ((r0 == 0) & (r1 == 0))[:, None] & np.array(axis)
     tops = {layout.inner[-1], layout.outer[-1]} if layout.kind.base is None else {layout.base[-1]}
     held = [0.0, *(line_label(top) for top in tops)]
     fixed[np.isin(z0, held) & np.isin(z1, held) & (z0 == z1)] = True

@@ -94,6 +94,20 @@ def _pairs(x: Floats, y: Floats, also_x: Floats, also_y: Floats) -> tuple[tuple[
     return (x, x, also_x, also_x), (x, y, also_x, also_y), (y, y, also_y, also_y)
 
 
+def dilations(at: Geometry, shapes: Shapes, m: int = 0) -> Floats:
+    """From values U, V, W of fields of azimuthal order m to coefficients of their projected dilation, (n, pressures, 3, s).
+
+    div u = U,r + (U + m V) / r + W,z. With nearly incompressible tissue the projection, not div u itself, is what balances.
+    """
+    (xr, xz), (yr, yz) = (at.inverse[..., k, :, None].transpose(2, 0, 1, 3) for k in (0, 1))
+    over = shapes.value / at.radius[..., None]
+    parts = xr * shapes.slope[0] + yr * shapes.slope[1] + over, m * over, xz * shapes.slope[0] + yz * shapes.slope[1]
+    weighted = (at.weight[..., None] * shapes.pressure).transpose(0, 2, 1)
+    moments = weighted @ np.concatenate(parts, axis=2)
+    found = np.linalg.solve(weighted @ shapes.pressure, moments)
+    return np.asarray(found.reshape(*found.shape[:2], 3, -1))
+
+
 def projected(at: Geometry, shapes: Shapes, dilation: Floats) -> Floats:
     """Project dilations at the Gauss points, shape (n, q, m), onto the pressures."""
     weighted = (at.weight[..., None] * shapes.pressure).transpose(0, 2, 1)

@@ -76,8 +76,7 @@ def shapes(order: int) -> Shapes:
     points = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1).reshape(-1, 2)
     degrees = _degrees(order)
     value, slope = functions(points, degrees)
-    along = legendre.legvander(2 * points - 1, order - 1)
-    pressure = np.stack([along[:, 0, i] * along[:, 1, j] for i in range(order) for j in range(order - i)], axis=-1)
+    pressure = pressures(points, order)
     lobatto = (1 - np.cos(np.linspace(0, np.pi, order + 1))) / 2
     places = np.stack(np.meshgrid(lobatto, lobatto, indexing="ij"), axis=-1).reshape(-1, 2)
     known = np.linalg.inv(functions(places, degrees)[0])
@@ -96,6 +95,12 @@ def _products(value: Floats, slope: Floats, pressure: Floats) -> Products:
     even = np.concatenate([table((value, value), (x, x)), crossed + mirrored, table((y, y))])
     odd = np.concatenate([table((x, x)), crossed, mirrored, table((y, y))])
     return Products(even, odd, table((pressure, x), (pressure, y), (pressure, value)), table((pressure, pressure)))
+
+
+def pressures(points: Floats, order: int) -> Floats:
+    """Products of Legendre polynomials of total degree below p at points of the unit square, (n, 2), shape (n, p (p+1) / 2)."""
+    along = legendre.legvander(2 * points - 1, order - 1)
+    return np.stack([along[:, 0, i] * along[:, 1, j] for i in range(order) for j in range(order - i)], axis=-1)
 
 
 def functions(points: Floats, degrees: Ints) -> tuple[Floats, Floats]:

@@ -59,7 +59,6 @@ def test_curve_passes_through_evaluate() -> None:
         ((SCENE, "--accuracy", "0"), ("accuracy",)),
         ((SCENE, "--plot", "curve.bmp"), ("plot", ".png")),
         ((REFERENCE / "axisymmetric" / "homogeneous.toml",), ("inclusion",)),
-        ((REFERENCE / "solid" / "flank.toml",), ("axis",)),
     ],
 )
 def test_refusals_are_one_line_and_exit_2(arguments: tuple[str | Path, ...], words: tuple[str, ...]) -> None:

@@ -104,7 +104,7 @@ def test_optimize_from_the_command_line(tmp_path: Path) -> None:
     again = evaluate(design, found["evaluator"])
     assert objective_of(design, again) == pytest.approx(found["objective"], rel=1e-9)
     rows = list(csv.DictReader((out / "candidates.csv").read_text().splitlines()))
-    assert len(rows) == 11
+    assert 11 <= len(rows) <= 14  # the start, ten judged designs and what polishing made of the best three
     judged = [float(row["objective axisymmetric"]) for row in rows]
     assert judged[0] == pytest.approx(found["baseline_objective"], rel=1e-4)
     assert judged[1:] == sorted(judged[1:])

@@ -1,0 +1,113 @@
+"""A line over the tissue along which the probe moves: where it may go, what lies beside it, what the tissue's sides do there.
+
+The level takes the tissue as a cylinder of its area about the probe's axis, wherever the probe is, and bounds the error by
+the inscribed and the circumscribed cylinder. The one shrinks and the other grows with the distance from the tissue's middle, so
+that the bound at the farthest of some positions holds at all of them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from geometry.errors import InputError
+from geometry.grading import Floats
+from geometry.probe import mm
+from geometry.scene import Placement, Scene
+from solver.equivalent_inclusion import EquivalentInclusion
+from solver.numbering import Ints
+from solver.readings import Readings
+from solver.tumours import Tumours
+from solver.undisturbed import Undisturbed
+
+SPLITS = 3  # how often positions are halved to find closer bounds: up to 8 solutions
+ENOUGH = 0.5  # of the accuracy: bounds below it are close enough
+
+
+@dataclass(frozen=True)
+class Line:
+    """The line of a scan.
+
+    Attributes:
+        scene: its own placement along the line does not matter.
+        along: "x" or "y".
+        at: the other coordinate, m.
+        accuracy: asked of the level.
+    """
+
+    scene: Scene
+    along: str
+    at: float
+    accuracy: float
+
+    @property
+    def across(self) -> str:
+        """The other axis."""
+        return "y" if self.along == "x" else "x"
+
+    @property
+    def limit(self) -> float:
+        """How far from the tissue's middle the probe's axis may go, m; not above 0 where it may not be at all."""
+        tissue, reach = self.scene.tissue, self.scene.probe.tube_radius
+        if tissue.shape == "half-space":
+            return math.inf
+        if tissue.shape == "cylinder":
+            room = tissue.radius - reach
+            return math.sqrt(room**2 - self.at**2) if room > abs(self.at) else 0.0
+        length, breadth = (tissue.length, tissue.breadth) if self.along == "x" else (tissue.breadth, tissue.length)
+        return length / 2 - reach if abs(self.at) < breadth / 2 - reach else 0.0
+
+    def check(self, positions: Floats) -> None:
+        """Raise ``InputError`` where the probe would leave the tissue."""
+        if positions.ndim != 1 or not positions.size or not np.all(np.isfinite(positions)):
+            raise InputError("position", "not all finite", "one or more finite positions, m")
+        most = self.limit * (1 - 1e-9)
+        why = f"the whole probe, of radius {mm(self.scene.probe.tube_radius)}, has to stand on the tissue"
+        if most <= 0:
+            widest = replace(self, along=self.across, at=0.0).limit
+            raise InputError("at", mm(self.at), f"less than {mm(widest)} from the tissue's middle ({why})")
+        for key, end in (("from", positions.min()), ("to", positions.max())):
+            if abs(end) >= most:
+                beside = f" at {self.across} = {mm(self.at)}" if self.at else ""
+                raise InputError(key, mm(end), f"positions between {mm(-most)} and {mm(most)}{beside} ({why})")
+
+    def tumours(self, positions: Floats) -> Tumours:
+        """Return the inclusions as seen from each position, shape (n, inclusions)."""
+        keys = (self.along, self.across, "depth", "diameter", "youngs_modulus", "poisson_ratio")
+        table = {key: np.array([[getattr(body, key) for body in self.scene.inclusion]], dtype=float) for key in keys}
+        table[self.along] = table[self.along] - positions[:, None]
+        table[self.across] = table[self.across] - self.at
+        return Tumours(**table)
+
+    def prepared(self, position: float) -> Undisturbed:
+        """Return the probe at a position on the tissue without tumours, solved.
+
+        Raises:
+            Refusal: the scene is of a kind that the level cannot take, or too extreme for double precision.
+        """
+        at = {self.along: abs(position), self.across: abs(self.at), "tilt": self.scene.placement.tilt}
+        placement = Placement.model_validate({key: float(value) for key, value in at.items()})
+        return EquivalentInclusion().prepared(self.scene.model_copy(update={"placement": placement}), self.accuracy)
+
+    def bounded(self, base: Undisturbed, found: Readings, positions: Floats) -> Readings:
+        """Return readings, made with one ``base`` for all positions, with the error bounds that hold where each was made."""
+        own = found.bound - base.films.bound.totals
+        bound, log_ratio = np.empty_like(found.bound), np.empty_like(found.log_ratio_bound)
+        order = np.argsort(np.abs(positions))
+        for part, there in self._parts(positions, order, self.prepared(positions[order[-1]]), SPLITS):
+            apart = np.abs(there.films.totals - base.films.totals)  # solved on another mesh, perhaps
+            bound[part], log_ratio[part] = there.with_bounds(own[part] + apart, found.forces[part])
+        return replace(found, bound=bound, log_ratio_bound=log_ratio)
+
+    def _parts(self, positions: Floats, order: Ints, far: Undisturbed, splits: int) -> list[tuple[Ints, Undisturbed]]:
+        """Halve positions, sorted by their distance, until what is solved at the farthest of each part bounds it closely."""
+        worst = max(far.films.ratio_error, far.films.relative_errors.max())
+        if worst <= ENOUGH * self.accuracy or splits == 0 or len(order) < 2:
+            return [(order, far)]
+        near, rest = order[: len(order) // 2], order[len(order) // 2 :]
+        return [
+            *self._parts(positions, near, self.prepared(positions[near[-1]]), splits - 1),
+            *self._parts(positions, rest, far, splits - 1),
+        ]

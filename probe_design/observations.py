@@ -1,0 +1,236 @@
+"""What was measured: ratios, and stiffnesses where they are known, each with its noise and the place of the probe.
+
+A readings file is TOML, one table a reading,
+
+    [[reading]]
+    x = "-10 mm"            # of the probe's axis, in the scene's frame; left out: the scene's placement
+    y = "0 mm"
+    ratio = 0.62
+    noise = 0.05            # relative, one standard deviation; left out: --noise
+    stiffness = "80 N/m"    # left out: not measured; a bare number is in N/m
+    stiffness_noise = 0.05  # left out: --stiffness-noise, or the noise of the ratio
+
+or CSV of the same keys in any order, the first row naming them and an empty cell being left out.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from geometry import placement
+from geometry.errors import InputError, Words
+from geometry.grading import Floats
+from geometry.probe import mm
+from geometry.scene import Placement, Scene
+from geometry.units import Quantity
+from solver.numbering import Bools, Ints
+
+KEYS = ("x", "y", "ratio", "noise", "stiffness", "stiffness_noise")
+MOST_READINGS = 1000
+LARGEST_FILE = 200_000  # bytes
+POSITION = Quantity("position", "m", "mm", -10.0, 10.0)
+STIFFNESS = Quantity("stiffness", "N/m", "N/m", 1e-9, 1e15)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One press of the probe.
+
+    Attributes:
+        x, y: of its axis, m.
+        ratio: ``stress_inner / stress_outer``, not 0.
+        noise: relative, one standard deviation.
+        stiffness: force on the base per indentation, N/m, or None.
+        stiffness_noise: relative, one standard deviation.
+    """
+
+    x: float
+    y: float
+    ratio: float
+    noise: float
+    stiffness: float | None = None
+    stiffness_noise: float | None = None
+
+    @property
+    def place(self) -> tuple[float, float]:
+        """Of the probe's axis, m."""
+        return self.x, self.y
+
+
+@dataclass(frozen=True)
+class Data:
+    """All that was measured, as logarithms: a row of k independent normal numbers.
+
+    Attributes:
+        places: of the probe's axis, m, no two the same, shape (p, 2).
+        place: which of them, shape (k,).
+        is_stiffness: whether it is a stiffness or a ratio, shape (k,).
+        value: ln |ratio| or ln stiffness, shape (k,).
+        sign: of the ratio, +1 or -1, shape (k,).
+        noise: standard deviations, shape (k,).
+    """
+
+    places: Floats
+    place: Ints
+    is_stiffness: Bools
+    value: Floats
+    sign: Floats
+    noise: Floats
+
+    @classmethod
+    def of(cls, readings: tuple[Reading, ...]) -> Data:
+        """Return what the readings say."""
+        places = list(dict.fromkeys(one.place for one in readings))
+        rows = [(one, False, one.ratio, one.noise) for one in readings]
+        rows += [(one, True, one.stiffness, one.stiffness_noise or one.noise) for one in readings if one.stiffness is not None]
+        found = np.array([row[2] for row in rows], dtype=float)
+        return cls(
+            np.array(places, dtype=float),
+            np.array([places.index(row[0].place) for row in rows]),
+            np.array([row[1] for row in rows]),
+            np.log(np.abs(found)),
+            np.sign(found),
+            np.array([row[3] for row in rows], dtype=float),
+        )
+
+    def some(self, kept: Bools) -> Data:
+        """Return part of what was measured."""
+        return replace(self, **{key: getattr(self, key)[kept] for key in ("place", "is_stiffness", "value", "sign", "noise")})
+
+
+def one_reading(scene: Scene, ratio: Any, noise: Any, stiffness: Any = None, stiffness_noise: Any = None) -> tuple[Reading, ...]:
+    """Return the one reading at the scene's placement; values may be numbers or texts.
+
+    Raises:
+        InputError: a value is not allowed.
+    """
+    row = {"ratio": ratio, "noise": noise, "stiffness": stiffness, "stiffness_noise": stiffness_noise}
+    return (_reading("", row, scene, None, None),)
+
+
+def read_readings(path: Path, scene: Scene, noise: Any = None, stiffness_noise: Any = None) -> tuple[Reading, ...]:
+    """Read a readings file, see above.
+
+    Args:
+        path: ends in .toml or .csv.
+        scene: on whose tissue the probe was pressed.
+        noise: of readings that do not say.
+        stiffness_noise: likewise.
+
+    Raises:
+        InputError: the file cannot be read, or says something that is not allowed.
+    """
+    kinds = {".toml": _toml_rows, ".csv": _csv_rows}
+    if path.suffix.lower() not in kinds:
+        raise InputError("readings", str(path), "a file that ends in .toml or .csv")
+    rows = kinds[path.suffix.lower()](_text(path), str(path))
+    if not 0 < len(rows) <= MOST_READINGS:
+        raise InputError(str(path), Words(f"{len(rows)} readings"), f"1 to {MOST_READINGS} readings")
+    return tuple(_reading(f"reading[{index}].", row, scene, noise, stiffness_noise) for index, row in enumerate(rows))
+
+
+def _text(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            content = file.read(LARGEST_FILE + 1)
+        if len(content) > LARGEST_FILE:
+            raise InputError("readings", str(path), f"a file of at most {LARGEST_FILE} bytes")
+        return content.decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError:
+        raise InputError("readings", str(path), "UTF-8 text") from None
+    except OSError as fault:
+        raise InputError("readings", str(path), f"a file that can be read ({fault.strerror or fault})") from None
+
+
+def _toml_rows(text: str, name: str) -> list[Mapping[str, Any]]:
+    try:
+        data = tomllib.loads(text)
+    except (ValueError, RecursionError) as fault:
+        raise InputError(name, Words(f"not TOML: {str(fault)[:100]}"), "tables headed [[reading]]") from None
+    rows = data.get("reading")
+    if set(data) != {"reading"} or not isinstance(rows, list) or not all(isinstance(row, Mapping) for row in rows):
+        raise InputError(name, Words(f"keys {', '.join(data) or 'missing'}"), "tables headed [[reading]] and nothing else")
+    return rows
+
+
+def _csv_rows(text: str, name: str) -> list[Mapping[str, Any]]:
+    try:
+        lines = [[cell.strip() for cell in row] for row in csv.reader(text.splitlines()) if any(cell.strip() for cell in row)]
+    except csv.Error as fault:
+        raise InputError(name, Words(f"not CSV: {fault}"), f"columns {', '.join(KEYS)}") from None
+    if not lines or len(set(lines[0])) < len(lines[0]):
+        raise InputError(name, Words("no row of names, each once"), f"a first row with names among {', '.join(KEYS)}")
+    for number, row in enumerate(lines[1:]):
+        if len(row) != len(lines[0]):
+            raise InputError(f"reading[{number}]", Words(f"{len(row)} cells"), f"{len(lines[0])} cells as in the first row")
+    return [{key: cell for key, cell in zip(lines[0], row, strict=True) if cell} for row in lines[1:]]
+
+
+def _reading(where: str, row: Mapping[str, Any], scene: Scene, noise: Any, stiffness_noise: Any) -> Reading:
+    """Check one reading; ``where`` begins its keys in messages."""
+    for key in row:
+        if key not in KEYS:
+            raise InputError(f"{where}{key}", row[key], f"one of {', '.join(KEYS)}")
+    given = {"noise": noise, "stiffness_noise": stiffness_noise} | {key: value for key, value in row.items() if value is not None}
+    ratio = _number(f"{where}ratio", given.get("ratio"), "a number other than 0, stress_inner over stress_outer")
+    if ratio == 0:
+        raise InputError(f"{where}ratio", given["ratio"], "a number other than 0, stress_inner over stress_outer")
+    own = _noise(f"{where}noise", given.get("noise"))
+    other = given.get("stiffness_noise")
+    x, y = (_quantity(f"{where}{key}", given[key], POSITION) if key in given else getattr(scene.placement, key) for key in "xy")
+    _check_place(where, scene, x, y)
+    stiffness = _stiffness(f"{where}stiffness", given["stiffness"]) if "stiffness" in given else None
+    return Reading(x, y, ratio, own, stiffness, own if other is None else _noise(f"{where}stiffness_noise", other))
+
+
+def _check_place(where: str, scene: Scene, x: float, y: float) -> None:
+    try:
+        placement.check(scene.model_copy(update={"placement": Placement(x=x, y=y)}))
+    except InputError as fault:
+        key = fault.key.removeprefix("placement.")
+        raise InputError(f"{where}{key}", mm(x if key == "x" else y), fault.allowed) from None
+
+
+def _noise(key: str, value: Any) -> float:
+    allowed = "a number above 0, at most 10: relative, one standard deviation, such as 0.05"
+    noise = _number(key, value, allowed)
+    if not 0 < noise <= 10:
+        raise InputError(key, value, allowed)
+    return noise
+
+
+def _stiffness(key: str, value: Any) -> float:
+    """Read a stiffness, N/m where it has no unit."""
+    try:
+        return STIFFNESS.checked(float(value)) if not isinstance(value, bool) else STIFFNESS.parse("")
+    except (TypeError, ValueError):
+        return _quantity(key, value, STIFFNESS)
+
+
+def _quantity(key: str, value: Any, kind: Quantity) -> float:
+    try:
+        if not isinstance(value, str):
+            raise ValueError("the unit is missing")
+        return kind.parse(value)
+    except ValueError as fault:
+        raise InputError(key, value, f"{kind.allowed} ({fault})") from None
+
+
+def _number(key: str, value: Any, allowed: str) -> float:
+    if value is None:
+        raise InputError(key, Words("missing"), allowed)
+    try:
+        number = math.nan if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise InputError(key, value, allowed)
+    return number

@@ -1,0 +1,133 @@
+"""Spheres of many sizes at many depths in the place of a scene's target, and which of them fit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+
+import numpy as np
+
+from geometry.errors import InputError, Refusal, Words
+from geometry.grading import Floats
+from geometry.probe import LENGTH, mm
+from geometry.scene import Inclusion, Scene
+from solver.numbering import Bools
+from solver.tumours import Tumours
+
+COVER = 0.025  # least tissue above a sphere, of its diameter, that the level is good for
+CLEAR = 1 - 1e-9  # of the room that a sphere may fill
+DEEP, WIDE = 4.0, 2.5  # outer radii: depths and diameters shown unless the scene's own tumour needs more
+OWN = 1.5  # times the scene's own depth and diameter that are shown at least
+LINES = 50  # the least depth and diameter are this part of the largest
+
+
+@dataclass(frozen=True)
+class Spheres:
+    """A grid of depths and diameters.
+
+    Attributes:
+        scene: whose target is exchanged; its material and its place beside the probe's axis are kept.
+        depth, diameter: m, shapes (k,) and (m,).
+        radius: of the round tissue that is modelled about the probe's axis, m.
+
+    Raises:
+        InputError: sizes that are not positive; no target.
+    """
+
+    scene: Scene
+    depth: Floats
+    diameter: Floats
+    radius: float
+
+    def __post_init__(self) -> None:
+        """Check the sizes."""
+        for key in ("depth", "diameter"):
+            values = getattr(self, key)
+            if values.ndim != 1 or not values.size or not np.all(np.isfinite(values) & (values > 0)):
+                raise InputError(key, "not all positive", "one or more positive finite lengths, m")
+
+    @cached_property
+    def fits(self) -> Bools:
+        """Whether they lie in the tissue, under some cover, apart from the other inclusions; shape (k, m)."""
+        body, tissue, at, depth = target_of(self.scene), self.scene.tissue, self.scene.placement, self.depth
+        beside = self.radius - np.hypot(body.x - at.x, body.y - at.y)
+        if tissue.shape == "cylinder":
+            beside = min(beside, tissue.radius - np.hypot(body.x, body.y))
+        elif tissue.shape == "block":
+            beside = min(beside, tissue.length / 2 - abs(body.x), tissue.breadth / 2 - abs(body.y))
+        free = np.minimum(depth, beside)
+        if tissue.shape != "half-space":
+            free = np.minimum(free, tissue.depth - depth)
+        for other in others(self.scene):
+            apart = np.sqrt((other.x - body.x) ** 2 + (other.y - body.y) ** 2 + (other.depth - depth) ** 2)
+            free = np.minimum(free, apart - (other.diameter or 0.0) / 2)
+        radius = self.diameter / 2
+        return np.asarray((radius < free[:, None] * CLEAR) & (depth[:, None] - radius >= COVER * self.diameter))
+
+    @property
+    def tumours(self) -> Tumours:
+        """The inclusions of the scene with those that fit in the target's place, shape (fits.sum(), inclusions)."""
+        row, column = np.nonzero(self.fits)
+        now, target = Tumours.of(self.scene), self.scene.target
+        table = {field.name: np.repeat(getattr(now, field.name), len(row), axis=0) for field in fields(now)}
+        table["depth"][:, target], table["diameter"][:, target] = self.depth[row], self.diameter[column]
+        return Tumours(**table)
+
+    @property
+    def without(self) -> Tumours:
+        """The inclusions of the scene without the target, shape (1, inclusions - 1)."""
+        keep = [index for index in range(len(self.scene.inclusion)) if index != self.scene.target]
+        return Tumours.of(self.scene).of_index((slice(None), keep))
+
+
+def check_spheres(scene: Scene, verb: str) -> None:
+    """Raise ``Refusal`` where an inclusion is no sphere: the level's arrays of many tumours hold spheres alone."""
+    for index, body in enumerate(scene.inclusion):
+        if body.diameter is None:
+            given = Words("diameters" if body.diameters is not None else "surface")
+            raise Refusal(
+                f"inclusion[{index}]", given, f"a diameter, as {verb} is built for spheres so far (evaluate takes ellipsoids)"
+            )
+
+
+def others(scene: Scene) -> list[Inclusion]:
+    """Return the inclusions beside the target."""
+    return [body for index, body in enumerate(scene.inclusion) if index != scene.target]
+
+
+def target_of(scene: Scene) -> Inclusion:
+    """Return the inclusion that is exchanged.
+
+    Raises:
+        InputError: there is none, or none of several is marked.
+    """
+    if not scene.inclusion:
+        raise InputError("inclusion", Words("none"), "at least one inclusion, whose material the map is for")
+    if scene.target is None:
+        raise InputError("inclusion.target", Words("none of several"), "target = true in the inclusion that the map is for")
+    return scene.inclusion[scene.target]
+
+
+def chosen_sizes(
+    scene: Scene, points: int, depth_from: float | None = None, depth_to: float | None = None,
+    diameter_from: float | None = None, diameter_to: float | None = None,
+) -> tuple[Floats, Floats]:  # fmt: skip
+    """Return evenly spaced depths and diameters between the ends given, or between those that probe and target suggest.
+
+    Raises:
+        InputError: an end is not above the other; no target.
+    """
+    body, reach = target_of(scene), scene.probe.tube_radius
+    floor = LENGTH.high if scene.tissue.shape == "half-space" else scene.tissue.depth
+    deepest = min(floor, max(DEEP * reach, OWN * body.depth))
+    widest = min(floor, max(WIDE * reach, OWN * (body.diameter or 0.0)))
+    depths = _between("depth", depth_from, depth_to, deepest, points)
+    return depths, _between("diameter", diameter_from, diameter_to, widest, points)
+
+
+def _between(key: str, low: float | None, high: float | None, usual: float, points: int) -> Floats:
+    last = max(usual, 2 * (low or 0.0)) if high is None else high
+    first = last / LINES if low is None else low
+    if not first < last:
+        raise InputError(f"{key}-to", mm(last), f"above {key}-from = {mm(first)}")
+    return np.linspace(first, last, points)

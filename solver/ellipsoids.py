@@ -1,0 +1,111 @@
+"""Ellipsoids: what they change to first order instead of the spheres of their volume that stand for them elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from geometry.errors import Refusal
+from geometry.grading import Floats
+from geometry.placement import semi_axes
+from geometry.probe import Material
+from geometry.scene import Inclusion, Scene
+from solver.eshelby import polarisation
+from solver.first_order import effects, whole_ball
+from solver.readings import Readings
+from solver.tumours import Tumours
+from solver.undisturbed import Undisturbed
+
+POINTS = (4, 7, 14)  # along radius, height and all the way round
+SHAPE = 2.0  # times the relative change from sphere to ellipsoid: by how much their reflections may differ, besides
+LEAST = 0.2  # of the reflections
+
+
+@dataclass(frozen=True)
+class Difference:
+    """From the sphere of its volume to an ellipsoid, N/m, shapes (2, 2).
+
+    Attributes:
+        forces: the change of the film forces' change.
+        slope: its derivative by ln E of the body.
+        share: its relative size.
+    """
+
+    forces: Floats
+    slope: Floats
+    share: float
+
+
+def check(scene: Scene) -> None:
+    """Refuse ellipsoids for which no sphere can stand.
+
+    Raises:
+        Refusal: the sphere of an ellipsoid's volume leaves the tissue or touches another body.
+    """
+    if all(body.diameter is not None for body in scene.inclusion):
+        return
+    of = Tumours.of(scene)
+    depth = np.inf if scene.tissue.shape == "half-space" else scene.tissue.depth
+    radius, places = of.diameter[0] / 2, np.stack([of.x, of.y, of.depth])[:, 0]
+    apart = np.linalg.norm(places[:, :, None] - places[:, None], axis=0) - radius[:, None] - radius
+    np.fill_diagonal(apart, np.inf)
+    if np.any(of.cover <= 0) or np.any(of.depth[0] + radius >= depth) or np.any(apart <= 0):
+        why = (
+            "ellipsoids for which the sphere of their volume can stand: inside the tissue and apart from others (planned: solid)"
+        )
+        raise Refusal("diameters", "an ellipsoid near a surface or another body", why)
+
+
+def with_ellipsoids(base: Undisturbed, scene: Scene, found: Readings, bodies: Sequence[Inclusion]) -> Readings:
+    """Return one set's readings, found with spheres of the same volumes, for a scene's own bodies with given materials.
+
+    To first order the difference is eq. (E1) at each point of the ellipsoid less eq. (P1); reflections are those of the spheres.
+
+    Raises:
+        Refusal: see ``hill_tensor``.
+    """
+    target = scene.target or 0
+    forces, bound, slope = found.forces.copy(), found.bound.copy(), dict(found.by)
+    for k, body in enumerate(bodies):
+        if body.diameter is not None:
+            continue
+        change = difference(base, scene, body)
+        forces[0] += change.forces
+        reflections = np.abs(found.forces[0].sum(axis=1) - found.first_totals[0])
+        bound[0] += (SHAPE * change.share + LEAST) * reflections + 0.01 * np.abs(change.forces.sum(axis=1))
+        if k == target and slope:
+            slope["youngs_modulus"] = slope["youngs_modulus"] + change.slope
+    only_tumours = bound - base.films.bound.totals
+    return replace(found, forces=forces, bound=only_tumours, by=slope).with_bounds_of(base)
+
+
+def difference(base: Undisturbed, scene: Scene, body: Inclusion) -> Difference:
+    """Return what an ellipsoid changes beyond the sphere of its volume, to first order."""
+    at, axes = scene.placement, np.array(semi_axes(body))
+    points, weights = whole_ball(*POINTS)
+    x, y, z = (points @ axes.T + np.array([body.x - at.x, body.y - at.y, -body.depth])).T
+    strain = _cartesian(base, x, y, z)
+    material = Material(youngs_modulus=body.youngs_modulus, poisson_ratio=body.poisson_ratio)
+    volume = 4 / 3 * np.pi * abs(float(np.linalg.det(axes)))
+    forces, slope = (
+        volume * np.einsum("q,qai,ab,qbj->ij", weights, strain, k, strain, optimize=True)
+        for k in polarisation(base.scene.tissue, material, axes)
+    )
+    sphere = effects(base.energies, base.scene.tissue, Tumours.of(scene.model_copy(update={"inclusion": (body,)})).flat())
+    whole = np.abs(sphere.forces[0]).sum()
+    share = float(np.abs(forces - sphere.forces[0]).sum() / whole) if whole > 0 else 0.0
+    return Difference(forces - sphere.forces[0], slope - sphere.by_log_modulus[0], share)
+
+
+def _cartesian(base: Undisturbed, x: Floats, y: Floats, z: Floats) -> Floats:
+    """Strains xx, yy, zz, 2 yz, 2 xz, 2 xy of both base states at points, shape (q, 6, 2)."""
+    r = np.hypot(x, y)
+    found = base.field.at(r, z)
+    cos, sin = (np.divide(part, r, out=np.full_like(r, one), where=r > 0)[:, None] for part, one in ((x, 1.0), (y, 0.0)))
+    rr, zz, hoop, rz = found.strain.transpose(1, 0, 2)
+    excess = (found.dilation - rr - zz - hoop) / 3
+    xx, yy = cos**2 * rr + sin**2 * hoop, sin**2 * rr + cos**2 * hoop
+    normal = [part + excess for part in (xx, yy, zz)]
+    return np.stack([*normal, 2 * sin * rz, 2 * cos * rz, 2 * cos * sin * (rr - hoop)], axis=1)

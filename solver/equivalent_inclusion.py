@@ -1,0 +1,134 @@
+"""Level 2: base states without tumours once, then tumours anywhere by what they scatter (PHYSICS section 4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+
+from geometry.errors import InputError, Refusal
+from geometry.grading import Floats
+from geometry.scene import Scene
+from solver.ellipsoids import check, with_ellipsoids
+from solver.film_forces import Bound, FilmForces, outputs, ratio
+from solver.readings import Readings, readings
+from solver.result import Curve, Decision, Result
+from solver.tumours import Tumours
+from solver.undisturbed import Undisturbed, undisturbed
+
+
+@dataclass(frozen=True)
+class EquivalentInclusion:
+    """Axisymmetric finite elements of probe and tissue; tumours anywhere by scattering: bonded or frictionless."""
+
+    name: str = "equivalent-inclusion"
+    summary: str = "spheres and ellipsoids anywhere; 1e-3 to 1e-2 in 0.5 s for the probe and 0.05 to 500 ms for each tumour"
+
+    def refusal(self, scene: Scene) -> str | None:
+        """Say which kind of thing in the scene this level does not know, or None."""
+        if scene.contact.interface == "unilateral":
+            return "none built yet for contact.interface = 'unilateral' (planned: contact)"
+        if scene.placement.tilt != 0:
+            return "none built yet for placement.tilt other than 0 (planned: solid)"
+        if any(body.surface is not None for body in scene.inclusion):
+            return "none built yet for an inclusion that is neither sphere nor ellipsoid (planned: solid)"
+        return None
+
+    def evaluate_within(self, scene: Scene, accuracy: float) -> Result:
+        """Answer as ``evaluate`` does, but only if every bound is below ``accuracy``.
+
+        Raises:
+            Refusal: see ``evaluate``; and where the accuracy is out of reach.
+        """
+        result, reached = self._answer(scene, accuracy)
+        if reached > accuracy:
+            why = f"{reached:.2g} or more for this scene (--evaluator {self.name} answers with that error)"
+            raise Refusal("accuracy", accuracy, why)
+        return result
+
+    def evaluate(self, scene: Scene, accuracy: float = 0.01) -> Result:
+        """Answer to first order where that is good enough, else with reflections.
+
+        Raises:
+            Refusal: the scene is of another kind, or so extreme that its equations cannot be solved in double precision.
+        """
+        return self._answer(scene, accuracy)[0]
+
+    def _answer(self, scene: Scene, accuracy: float) -> tuple[Result, float]:
+        start = perf_counter()
+        base = self.prepared(scene, accuracy)
+        found = readings(base, Tumours.of(scene), scene.target or 0, sensitive=scene.target is not None)
+        found = with_ellipsoids(base, scene, found, scene.inclusion)
+        films = film_forces(found, 0, scene.target is not None)
+        told = outputs(scene, films)
+        reached = films.error_under(scene)
+        warnings = (*told.pop("warnings"), *base.notes, *_notes(films, reached, accuracy))
+        plan = (*base.plan, *_decisions(base, found, 0))
+        return Result(self.name, perf_counter() - start, **told, plan=plan, warnings=warnings), reached
+
+    def curve(self, scene: Scene, moduli: Floats, accuracy: float = 0.01) -> Curve:
+        """Return ratio and log-sensitivity for every Young's modulus (Pa) of the target inclusion.
+
+        Raises:
+            InputError: there is no target, or a modulus is not positive and finite.
+            Refusal: see ``evaluate``.
+        """
+        start, moduli = perf_counter(), np.asarray(moduli, dtype=float)
+        if scene.target is None:
+            raise InputError("inclusion.target", "none", "one inclusion, or one of several marked target = true")
+        if moduli.ndim != 1 or not moduli.size or not np.all(np.isfinite(moduli) & (moduli > 0)):
+            raise InputError("youngs_modulus", "not all positive", "one or more positive finite moduli, Pa")
+        base = self.prepared(scene, accuracy)
+        found = readings(base, Tumours.of(scene).with_moduli(moduli, scene.target), scene.target, sensitive=True)
+        if any(body.diameter is None for body in scene.inclusion):
+            raise Refusal("inclusion", "an ellipsoid", "spheres for a curve (evaluate takes ellipsoids)")
+        told = [ratio(scene, film_forces(found, k, True)) for k in range(len(moduli))]
+        values = {key: tuple(one[key] for one in told) for key in ("ratio", "log_sensitivity", "error_estimate")}
+        worst = int(np.argmax(found.worst))
+        notes = (*base.notes, *_notes(film_forces(found, worst, True), float(found.worst[worst]), accuracy))
+        plan = (*base.plan, *_decisions(base, found, worst))
+        return Curve(self.name, perf_counter() - start, tuple(moduli.tolist()), **values, plan=plan, warnings=notes)
+
+    def prepared(self, scene: Scene, accuracy: float) -> Undisturbed:
+        """Return the scene's probe on its tissue without tumours, solved.
+
+        Raises:
+            Refusal: see ``evaluate``.
+        """
+        why = self.refusal(scene)
+        if why is not None:
+            raise Refusal("evaluator", self.name, why)
+        check(scene)
+        return undisturbed(scene, accuracy)
+
+
+def film_forces(found: Readings, k: int, target: bool) -> FilmForces:
+    """Return one set's film forces with their errors."""
+    bound = Bound(found.bound[k], float(found.log_ratio_bound[k]))
+    if not target:
+        return FilmForces(found.forces[k], bound)
+    return FilmForces(found.forces[k], bound, found.by["youngs_modulus"][k], float(found.sensitivity_error[k]))
+
+
+def _notes(films: FilmForces, reached: float, accuracy: float) -> list[str]:
+    notes = []
+    if reached > accuracy:
+        bounds = f"error bounds of {reached:.2g}" if reached < 1 else "error bounds no smaller than the values themselves"
+        notes.append(f"{bounds} reached, accuracy {accuracy:g} asked for: this level's best")
+    told = abs(films.log_sensitivity or 0.0)
+    if films.slope is not None and films.sensitivity_error > max(5 * accuracy * told, 1e-5):
+        notes.append(f"log_sensitivity is good to about {films.sensitivity_error / max(told, 1e-300):.1g} of itself only")
+    return notes
+
+
+def _decisions(base: Undisturbed, found: Readings, k: int) -> list[Decision]:
+    """What tumours reflect, in words."""
+    if not found.by:
+        return []
+    feature = "what surface, blocks and floor send back of the tumours' fields"
+    effect = float(min(found.first_share[k], 1e9))
+    size = f"changes the ratio by at most about {effect:.2g}"
+    modelled = bool(found.reflected[k])
+    reason = f"modelled: {size}" if modelled else f"left out: {size}, counted in error_estimate"
+    return [Decision(feature, modelled, effect, base.accuracy, reason)]

@@ -1,0 +1,137 @@
+"""How strongly an inclusion answers a strain: its polarisation per strain of the tissue at its place.
+
+An ellipsoid of another material in a uniform strain is itself strained uniformly (Eshelby, Proc. R. Soc. A 241 (1957) 376).
+With dC = C_object - C_tissue and Hill's tensor P of its shape the work that it adds per volume to two strains is
+
+    eps_i : k : eps_j,   k = dC (1 + P dC)^-1                                                      (E1)
+
+and for a sphere, with e the deviator (PHYSICS sections 3 and 4),
+
+    k = k_v 1 x 1 + k_d I_dev,   k_v = dK / (1 + alpha dK / K),   k_d = 2 dmu / (1 + beta dmu / mu)   (E2)
+    alpha = (1 + nu) / (3 (1 - nu)),   beta = 2 (4 - 5 nu) / (15 (1 - nu)).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.polynomial.legendre import leggauss
+
+from geometry.errors import Refusal
+from geometry.grading import Floats
+from geometry.probe import Material
+
+LARGEST_ASPECT = 20.0  # of an ellipsoid's diameters: beyond it eq. (E3) would need too many points
+VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+
+
+@dataclass(frozen=True)
+class Strength:
+    """Eq. (E2) of spheres and its derivatives; arrays of any one shape, Pa.
+
+    Attributes:
+        volume, shear: k_v and k_d.
+        by_log_modulus, by_poisson: derivatives of both by ln E and by nu of the spheres.
+    """
+
+    volume: Any
+    shear: Any
+    by_log_modulus: tuple[Any, Any]
+    by_poisson: tuple[Any, Any]
+
+
+def strength(matrix: Material, youngs_modulus: Any, poisson_ratio: Any) -> Strength:
+    """Return the strength of spheres with given moduli (Pa) and Poisson's ratios, arrays of one shape, in a matrix."""
+    E, n = np.asarray(youngs_modulus, dtype=float), np.asarray(poisson_ratio, dtype=float)
+    whole, by_modulus = strengths(matrix.youngs_modulus, matrix.poisson_ratio, E, n)
+    by_poisson = by_modulus[0] * 2 / (1 - 2 * n), -by_modulus[1] / (1 + n)  # d ln of both moduli / d nu
+    return Strength(*whole, by_modulus, by_poisson)
+
+
+def strengths(modulus: Any, nu: Any, youngs_modulus: Any, poisson_ratio: Any) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
+    """Return k_v and k_d of spheres and their derivatives by ln of the spheres' modulus; all arguments may be complex.
+
+    The matrix's modulus (Pa) and Poisson's ratio come before the spheres'.
+    """
+    bulk, mu = _bulk_and_shear(modulus, nu)
+    object_bulk, object_mu = _bulk_and_shear(youngs_modulus, poisson_ratio)
+    alpha, beta = (1 + nu) / (3 * (1 - nu)), 2 * (4 - 5 * nu) / (15 * (1 - nu))
+    # in this form neither overflows where a difference of moduli is huge
+    volume_share, shear_share = (1 - alpha) * bulk + alpha * object_bulk, (1 - beta) * mu + beta * object_mu
+    whole = (object_bulk - bulk) * bulk / volume_share, 2 * (object_mu - mu) * mu / shear_share
+    return whole, ((bulk / volume_share) ** 2 * object_bulk, 2 * (mu / shear_share) ** 2 * object_mu)
+
+
+def polarisation(matrix: Material, body: Material, axes: Floats) -> tuple[Floats, Floats]:
+    """Return k of an ellipsoid, eq. (E1), and its derivative by ln E of the body; 6 x 6 matrices, Pa.
+
+    They work on strains (xx, yy, zz, 2 yz, 2 xz, 2 xy) of the frame in which the semi-axes are given.
+
+    Args:
+        matrix: the tissue.
+        body: the ellipsoid's material.
+        axes: semi-axes as columns, shape (3, 3), m.
+
+    Raises:
+        Refusal: an ellipsoid whose longest and shortest diameters are too far apart.
+    """
+    hill = hill_tensor(matrix, axes)
+    own = stiffness(body)
+    share = np.linalg.inv(np.eye(6) + hill @ (own - stiffness(matrix)))  # strain inside per strain far away
+    k = (own - stiffness(matrix)) @ share
+    return (k + k.T) / 2, share.T @ own @ share
+
+
+def stiffness(material: Material) -> Floats:
+    """Return the isotropic stiffness as a 6 x 6 matrix between strains with engineering shears and stresses, Pa."""
+    bulk, mu = _bulk_and_shear(material.youngs_modulus, material.poisson_ratio)
+    C = np.diag([2 * mu] * 3 + [mu] * 3)
+    C[:3, :3] += bulk - 2 * mu / 3
+    return np.asarray(C, dtype=float)
+
+
+def hill_tensor(matrix: Material, axes: Floats) -> Floats:
+    """Return Hill's tensor of an ellipsoid as a 6 x 6 matrix from stresses to strains with engineering shears, 1/Pa.
+
+    P_ijkl = 1 / (4 pi) Int sym(n_i G_jk n_l) dS over the unit sphere's xi, with n the direction of A^-T xi, A the semi-axes and
+    G = (1 - n n (lam + mu) / (lam + 2 mu)) / mu                                              (E3)
+    (Mura, Micromechanics of Defects in Solids, 1987, section 11; after the substitution xi = A^T k the weight is uniform).
+
+    Raises:
+        Refusal: see ``polarisation``.
+    """
+    lengths = np.linalg.svd(axes, compute_uv=False)
+    aspect = float(lengths[0] / lengths[-1])
+    if aspect > LARGEST_ASPECT:
+        raise Refusal("diameters", f"{aspect:.3g} times as long as wide", f"at most {LARGEST_ASPECT:g} times")
+    points, weights = _sphere_points(24 + int(12 * aspect))
+    n = np.linalg.solve(axes.T, points.T).T
+    n /= np.linalg.norm(n, axis=1)[:, None]
+    bulk, mu = _bulk_and_shear(matrix.youngs_modulus, matrix.poisson_ratio)
+    lam = bulk - 2 * mu / 3
+    along = np.stack([(n[:, i] * n[:, j]) * (1 if i == j else 2) for i, j in VOIGT], axis=1)  # n_i n_j as a strain
+    longitudinal = np.einsum("q,qa,qb->ab", weights, along, along)
+    # sym(n_i delta_jk n_l): the strain of the direction n with each unit vector in turn
+    turned = np.zeros((len(n), 6, 3))
+    for a, (i, j) in enumerate(VOIGT):
+        turned[:, a, i] += n[:, j] * (0.5 if i == j else 1.0)
+        turned[:, a, j] += n[:, i] * (0.5 if i == j else 1.0)
+    transverse = np.einsum("q,qak,qbk->ab", weights, turned, turned)
+    return np.asarray((transverse - (lam + mu) / (lam + 2 * mu) * longitudinal) / mu)
+
+
+def _bulk_and_shear(youngs_modulus: Any, poisson_ratio: Any) -> tuple[Any, Any]:
+    return youngs_modulus / (3 * (1 - 2 * poisson_ratio)), youngs_modulus / (2 * (1 + poisson_ratio))
+
+
+def _sphere_points(order: int) -> tuple[Floats, Floats]:
+    """Points on the unit sphere, (q, 3), with weights that add up to 1."""
+    height, weight = leggauss(order)
+    angle = (np.arange(2 * order) + 0.5) * np.pi / order
+    across = np.sqrt(1 - height**2)
+    points = np.stack(
+        [np.outer(across, np.cos(angle)), np.outer(across, np.sin(angle)), np.outer(height, np.ones_like(angle))], axis=-1
+    )
+    return points.reshape(-1, 3), np.repeat(weight, 2 * order) / (4 * order)

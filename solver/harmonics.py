@@ -1,0 +1,148 @@
+"""Real solid harmonics, regular and irregular, at many points, and their derivatives as sparse matrices.
+
+With orthonormal real spherical harmonics Y (cos m phi and sin m phi families, no Condon-Shortley sign) the regular ones are
+rho^l Y and the irregular ones rho^(-l-1) Y. A sum of them is told by coefficients of shape (2 count, ...), the cosines
+first; row (l, m) of a family is ``index(l, m)``. The rows of sin 0 are there, and zero, so that both families are numbered alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from math import factorial, sqrt
+from typing import Any, Literal
+
+import numpy as np
+import scipy.sparse as sp
+
+from geometry.grading import Floats
+
+Side = Literal["regular", "outgoing"]
+
+
+@dataclass(frozen=True)
+class Harmonics:
+    """All harmonics up to a degree and an azimuthal order.
+
+    Attributes:
+        degree: largest l.
+        order: largest m, at most ``degree``.
+    """
+
+    degree: int
+    order: int
+
+    @property
+    def count(self) -> int:
+        """Number of (l, m) with 0 <= m <= min(l, order): rows of one family."""
+        return self.index(self.degree + 1, 0)
+
+    def index(self, ell: int, m: int) -> int:
+        """Row of (l, m) within a family: by rising l, then m."""
+        full = min(ell, self.order + 1)  # degrees below l that have all their orders
+        return full * (full + 1) // 2 + (ell - full) * (self.order + 1) + m
+
+    def table(self, points: Floats, side: Side) -> Floats:
+        """Values of all harmonics at points (n, 3), shape (2 count, n).
+
+        Irregular harmonics are Kelvin's images of the regular ones: h(x) = g(x / rho^2) / rho.
+        """
+        x, y, z = np.ascontiguousarray(points.T)
+        square = x * x + y * y + z * z
+        if side == "regular":
+            return self._table(x, y, z, square, np.ones_like(x))
+        inverse = 1 / square
+        return self._table(x * inverse, y * inverse, z * inverse, inverse, np.sqrt(inverse))
+
+    def _table(self, x: Floats, y: Floats, z: Floats, square: Floats, factor: Floats) -> Floats:
+        """Products of Pi_l^m(z, rho^2) and of the real and imaginary parts of (x + i y)^m, times a factor."""
+        out = np.empty((2, self.count, len(x)))
+        power = np.empty((2, self.order + 1, len(x)))
+        power[0, 0], power[1, 0] = factor, 0
+        for m in range(1, self.order + 1):
+            power[0, m] = x * power[0, m - 1] - y * power[1, m - 1]
+            power[1, m] = x * power[1, m - 1] + y * power[0, m - 1]
+        older, old = np.empty((0, len(x))), np.empty((0, len(x)))
+        for ell in range(self.degree + 1):
+            new = self._polynomials(ell, z, square, old, older)
+            rows = slice(self.index(ell, 0), self.index(ell + 1, 0))
+            np.multiply(new, power[:, : len(new)], out=out[:, rows])
+            older, old = old, new
+        return out.reshape(2 * self.count, -1)
+
+    def _polynomials(self, ell: int, z: Floats, square: Floats, old: Floats, older: Floats) -> Floats:
+        """Pi_l^m for all m, from those of the two degrees below.
+
+        Eq. (M1), DLMF 14.10.3 for orthonormal harmonics: Pi_l = a z Pi_(l-1) - b rho^2 Pi_(l-2),
+        a^2 = (4 l^2 - 1) / (l^2 - m^2), b^2 = (2l+1) / (2l-3) ((l-1)^2 - m^2) / (l^2 - m^2).
+        """
+        new = np.empty((min(ell, self.order) + 1, len(z)))
+        m = np.arange(len(old))
+        np.multiply(old, z, out=new[: len(old)])
+        new[: len(old)] *= np.sqrt((4 * ell**2 - 1) / (ell**2 - m**2))[:, None]
+        if len(older):
+            m = m[: len(older)]
+            b = np.sqrt((2 * ell + 1) / (2 * ell - 3) * ((ell - 1) ** 2 - m**2) / (ell**2 - m**2))
+            new[: len(older)] -= (b[:, None] * square) * older
+        if len(new) > len(old):
+            new[ell] = self._sectoral[ell]
+        return new
+
+    @cached_property
+    def _sectoral(self) -> Floats:
+        """Pi_m^m: Y_m^m without (x + i y)^m."""
+        m = np.arange(1, self.order + 1)
+        steps = np.sqrt((2 * m + 1) / (2 * m))
+        steps[:1] *= sqrt(2)  # the mean of cos^2 m phi is 1 for m = 0 and 1/2 above
+        return np.cumprod(np.concatenate([[sqrt(1 / (4 * np.pi))], steps]))
+
+
+@lru_cache(maxsize=16)
+def derivatives(harmonics: Harmonics, side: Side) -> tuple[Any, Any, Any]:
+    """Sparse matrices D_x, D_y, D_z, each (2 count, 2 count): coefficients of a sum's derivatives from its own.
+
+    Exact for sums of degree below the largest and, across the axis, of order below the largest; higher harmonics are dropped.
+
+    Eq. (M2), from Hobson's J_l^m = d_z^(l-m) (d_x + i d_y)^m (1 / rho) = (-1)^l (l-m)! P_l^m e^(i m phi) / rho^(l+1) and
+    R_l^m = rho^l P_l^m e^(i m phi) / (l+m)!: with e = 1 (irregular, to degree l + 1) or -1 (regular, to l - 1)
+
+        d_z F^m = F^m,  (d_x + i d_y) F^m = e F^(m+1),  (d_x - i d_y) F^m = -e F^(m-1), m > 0.
+    """
+    step = 1 if side == "outgoing" else -1
+    entries: tuple[list[tuple[int, int, float]], ...] = ([], [], [])
+    for ell in range(harmonics.degree + 1):
+        for m in range(min(ell, harmonics.order) + 1):
+            for axis, sine, order, factor in _terms(m, step):
+                if 0 <= order <= min(ell + step, harmonics.order) and ell + step <= harmonics.degree:
+                    to = (sine if axis != 1 else not sine) * harmonics.count + harmonics.index(ell + step, order)
+                    scale = factor * _scale(ell, m, side) / _scale(ell + step, order, side)
+                    entries[axis].append((to, sine * harmonics.count + harmonics.index(ell, m), scale))
+    x, y, z = (_matrix(one, 2 * harmonics.count) for one in entries)
+    return x, y, z
+
+
+def _terms(m: int, e: int) -> list[tuple[int, bool, int, float]]:
+    """Eq. (M2) in real and imaginary parts: axis, family (sine?), order of the derivative, its factor."""
+    if m == 0:
+        return [(2, False, 0, 1), (0, False, 1, e), (1, False, 1, e)]
+    out: list[tuple[int, bool, int, float]] = []
+    for sine in (False, True):
+        turn = -1 if sine else 1  # d_y leads from cosines to sines and back with the other sign
+        out += [(2, sine, m, 1), (0, sine, m + 1, e / 2), (1, sine, m + 1, turn * e / 2)]
+        if m > 1 or not sine:
+            out += [(0, sine, m - 1, -e / 2)]
+        if m > 1 or sine:
+            out += [(1, sine, m - 1, turn * e / 2)]
+    return out
+
+
+def _scale(ell: int, m: int, side: Side) -> float:
+    """Orthonormal harmonic per J_l^m or R_l^m."""
+    norm = (2 * ell + 1) * (1 if m == 0 else 2) / (4 * np.pi)
+    both = factorial(ell - m) * factorial(ell + m)
+    return (-1) ** ell * sqrt(norm / both) if side == "outgoing" else sqrt(norm * both)
+
+
+def _matrix(entries: list[tuple[int, int, float]], size: int) -> Any:
+    rows, columns, values = zip(*entries, strict=True) if entries else ((), (), ())
+    return sp.csr_array((values, (rows, columns)), shape=(size, size))

@@ -1,0 +1,221 @@
+"""Tumours with everything that comes back to them: the second tier of the equivalent-inclusion level.
+
+With c0 the regular modes of the base states at the spheres, S and T their scattering and work (``scattering.py``) and R what the
+boundary sends back, the whole field that reaches them is c = c0 + R S c, and
+
+    dF = c0^T T c = c0^T T (1 - R S)^-1 c0                                                         (P4)
+
+Reflections c_k+1 = R S c_k span a small space; as T and T R S are symmetric, c is found in it as the best in energy (Galerkin),
+
+    mu_i+j = c_i^T T c_j,   A_ij = mu_i+j - mu_i+j+1,   B_i = mu_i,   a = A^-1 B,   c = sum_i c_i a_i   (P5)
+
+What the last reflection shows to be left, r = c0 - (1 - R S) c, is added once more: dF = B^T a + r^T T r + ..., and the next
+term is smaller by rho, the share of a field that comes back (eq. P6). The derivative by ln E of a sphere is c^T (dT / d ln E) c.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.grading import Floats
+from geometry.probe import Material
+from geometry.section import Section
+from solver.convergence import total_change
+from solver.fields import TissueField
+from solver.multipoles import Modes
+from solver.projection import projection
+from solver.reflection import Reflector, Rounds, Sphere
+from solver.scattering import Scattering, scattering
+from solver.tumours import Tumours
+
+DEGREES = (4, 36)  # least and largest degree of the modes
+ORDERS = 16  # largest azimuthal order of the modes
+UNRESOLVED = 0.1  # of the effect: what degrees left out may change, times their share of a field next to the surface
+ANGLES = (10, 40)  # least and largest number of angles where a sphere lies off the axis
+STEPS = 6  # reflections at most
+SENSITIVE = 5.0  # times more than the effect do derivatives by the modulus feel what is left out
+ENOUGH = 0.1  # of the tolerance: two azimuthal orders that change less end the sum over them
+
+
+@dataclass(frozen=True)
+class Scattered:
+    """What a set of spheres changes of the film forces.
+
+    Attributes:
+        forces: dF_ij, N/m, shape (2, 2).
+        by_log_modulus: d forces / d ln E of each sphere, shape (t, 2, 2).
+        error: estimate of what further reflections, degrees and orders would change of each film's total, N/m, shape (2,).
+        slope_error: the same of ``by_log_modulus``, shape (t, 2, 2).
+        steps: reflections made.
+        orders: how many azimuthal orders were kept.
+    """
+
+    forces: Floats
+    by_log_modulus: Floats
+    error: Floats
+    slope_error: Floats
+    steps: int
+    orders: int
+
+
+def scattered(reflector: Reflector, tissue: Material, tumours: Tumours, tolerance: float) -> Scattered:
+    """Solve eq. (P5) for a set of t spheres, arrays of shape (t,), until what is left is below ``tolerance`` of each total.
+
+    Raises:
+        SolveError: the reflections could not be solved.
+    """
+    spheres, rounds = arranged(reflector.states.model.section, tissue, tumours)
+    each = [
+        scattering(one.modes, tissue.youngs_modulus, float(E), float(nu), one.radius)
+        for one, E, nu in zip(spheres, tumours.youngs_modulus, tumours.poisson_ratio, strict=True)
+    ]
+    field = reflector.field
+    basis = [[incident(field, one) for one in spheres]]
+    orders = 0
+    for _ in range(STEPS):
+        following, orders = _reflected(reflector, spheres, each, basis, rounds, tolerance, orders)
+        basis.append(following)
+        forces, weights, found, rho = _galerkin(each, basis)
+        slopes, before = (np.array(_slopes(each, basis, some)) for some in (weights, found))
+        share = rho / (1 - rho)
+        change, slope_change = share * (forces - _value(each, basis, found)), share * np.abs(slopes - before)
+        totals = np.abs((reflector.states.forces + forces).sum(axis=1))
+        settled = np.all(total_change(change[None])[0] <= tolerance * totals)
+        if settled and np.all(slope_change <= tolerance * np.max(np.abs(slopes))):
+            break
+    left_out = _unresolved(reflector.states.model.section, tumours, spheres) + 2 * ENOUGH * tolerance
+    error = total_change(np.array([change, _tail(each, spheres, basis[0]), left_out * forces])).sum(axis=0)
+    return Scattered(forces, slopes, error, slope_change + SENSITIVE * left_out * np.abs(slopes), len(basis) - 1, orders)
+
+
+def degrees(section: Section, tumours: Tumours) -> tuple[Floats, Floats]:
+    """Degrees of modes that resolve a sphere's image in surface or floor, and the probe's field on it, shape (t,) each."""
+    radius = tumours.diameter / 2
+    image = 5 / np.log1p(2 * _nearest(section, tumours) / radius) + 2
+    return np.asarray(image), np.asarray(4 * radius / (section.tube_radius + tumours.cover) + 4)
+
+
+def _nearest(section: Section, tumours: Tumours) -> Floats:
+    """From each sphere to the surface or the floor."""
+    return np.asarray(np.minimum(tumours.cover, section.tissue_depth - tumours.depth - tumours.diameter / 2))
+
+
+def _unresolved(section: Section, tumours: Tumours, spheres: Sequence[Sphere]) -> float:
+    """What too few degrees may change, as a share of the effect: nothing is told of a probe much smaller than the sphere."""
+    if np.any(degrees(section, tumours)[1] > DEGREES[1]):
+        return 1e3
+    radius, degree = tumours.diameter / 2, np.array([sphere.modes.degree for sphere in spheres])
+    image = UNRESOLVED * (1 + 2 * _nearest(section, tumours) / radius) ** (-2.0 * degree)
+    return float(np.max(image + np.exp(-degree * (section.tube_radius + tumours.cover) / (2 * radius))))
+
+
+def arranged(section: Section, tissue: Material, tumours: Tumours) -> tuple[list[Sphere], Rounds]:
+    """Turn spheres about the probe's axis so that, if they can, all lie in the plane y = 0; modes and angles that tell them."""
+    offset, radius = tumours.offset, tumours.diameter / 2
+    far = int(np.argmax(offset))
+    turn = float(np.arctan2(tumours.y[far], tumours.x[far])) if offset[far] > 0 else 0.0
+    x, y = np.cos(turn) * tumours.x + np.sin(turn) * tumours.y, np.cos(turn) * tumours.y - np.sin(turn) * tumours.x
+    plane = bool(np.all(np.abs(y) <= 1e-9 * radius))
+    axis = bool(np.all(offset <= 1e-9 * radius))
+    spheres, wanted = [], degrees(section, tumours)
+    for k in range(len(offset)):
+        degree = int(np.clip(np.ceil(max(wanted[0][k], wanted[1][k])), *DEGREES))
+        modes = Modes(degree, tissue.poisson_ratio, 0 if axis else min(degree, ORDERS), "even" if plane else "both")
+        centre = np.array([x[k], 0.0 if plane else y[k], -tumours.depth[k]]) * [not axis, not axis, 1]
+        spheres.append(Sphere(centre, float(radius[k]), modes, projection(modes)))
+    angles = int(np.clip(np.ceil(np.max(3 * offset / (tumours.cover + 0.2 * radius))) + 6, *ANGLES))
+    return spheres, Rounds(1 if axis else angles * (1 if plane else 2), plane)
+
+
+def incident(field: TissueField, sphere: Sphere) -> Floats:
+    """Regular coefficients of the base states at a sphere, (modes, 2), m per m."""
+    x, y, z = sphere.points.T
+    r = np.hypot(x, y)
+    found = field.at(r, z)
+    u = found.displacement
+    away = np.stack([np.divide(part, r, out=np.zeros_like(r), where=r > 0) for part in (x, y)], axis=1)
+    c = sphere.projection.coefficients(np.concatenate([away[:, :, None] * u[:, :1], u[:, 1:]], axis=1))
+    return sphere.with_dilation(c, found.dilation)
+
+
+def _reflected(
+    reflector: Reflector,
+    spheres: Sequence[Sphere],
+    each: Sequence[Scattering],
+    basis: Sequence[Sequence[Floats]],
+    rounds: Rounds,
+    tolerance: float,
+    orders: int,
+) -> tuple[list[Floats], int]:
+    """One more reflection: by the boundary, order by order until nothing more comes, and by the other spheres."""
+    outgoing = [one.S @ c for one, c in zip(each, basis[-1], strict=True)]
+    total = _neighbours(spheres, outgoing)
+    enough, quiet = ENOUGH * tolerance * float(np.abs(_moment(each, basis[0], basis[0])).max()), 0
+    for m, part in enumerate(reflector.reflect(spheres, outgoing, rounds)):
+        total = [a + b for a, b in zip(total, part, strict=True)]
+        quiet = quiet + 1 if np.abs(_moment(each, basis[0], part)).max() < enough else 0
+        if (orders and m + 1 >= orders) or (not orders and quiet == 2):
+            break
+    return total, m + 1
+
+
+def _neighbours(spheres: Sequence[Sphere], outgoing: Sequence[Floats]) -> list[Floats]:
+    """What the other spheres send to each, as regular coefficients."""
+    total = [np.zeros_like(c) for c in outgoing]
+    for k, here in enumerate(spheres):
+        for other, c in zip(spheres, outgoing, strict=True):
+            if other is not here:
+                local = (here.points - other.centre) / other.radius
+                total[k] += here.projection.coefficients(other.modes.displacement(local, c, "outgoing"))
+    return total
+
+
+def _moment(each: Sequence[Scattering], left: Sequence[Floats], right: Sequence[Floats]) -> Floats:
+    """c_i^T T c_j over all spheres, made symmetric, shape (2, 2)."""
+    total = sum(a.T @ (one.T @ b) for one, a, b in zip(each, left, right, strict=True))
+    return np.asarray((total + total.T) / 2)
+
+
+def _galerkin(each: Sequence[Scattering], basis: Sequence[Sequence[Floats]]) -> tuple[Floats, Floats, Floats, float]:
+    """Eqs. (P5), (P6) from c_0 .. c_n.
+
+    Returns dF with what is left added once, the weights of c_0 .. c_n in the whole field with and without that, (n + 1, 2, 2)
+    each, and rho.
+    """
+    n = len(basis) - 1
+    mu = [_moment(each, basis[k // 2], basis[k - k // 2]) for k in range(2 * n + 1)]
+    A = np.block([[mu[i + j] - mu[i + j + 1] for j in range(n)] for i in range(n)])
+    a = np.linalg.lstsq(A, np.concatenate(mu[:n]), rcond=1e-12)[0].reshape(n, 2, 2)
+    left = np.concatenate([np.eye(2)[None] - a[:1], a[:-1] - a[1:], a[-1:]])  # r's weights of c_0 .. c_n
+    found = np.concatenate([a, np.zeros((1, 2, 2))])
+    again = sum(left[i].T @ mu[i + j] @ left[j] for i in range(n + 1) for j in range(n + 1))
+    forces = sum(mu[i] @ a[i] for i in range(n)) + again
+    rho = min(0.9, float(np.linalg.norm(mu[1]) / np.linalg.norm(mu[0])))
+    return np.asarray((forces + forces.T) / 2), found + left, found, rho
+
+
+def _tail(each: Sequence[Scattering], spheres: Sequence[Sphere], incoming: Sequence[Floats]) -> Floats:
+    """What degrees beyond the largest would add, shape (2, 2).
+
+    A field from the surface or beyond falls off as (R / depth)^l on the sphere: a geometric series from the last degrees.
+    """
+    total = np.zeros((2, 2))
+    for one, sphere, c in zip(each, spheres, incoming, strict=True):
+        last = sphere.modes.ell >= sphere.modes.degree - 1
+        drop = min(0.9, float((sphere.radius / sphere.centre[2]) ** 4))  # of two degrees' work
+        total += np.abs(c[last].T @ (one.T @ c)[last]) * drop / (1 - drop)
+    return total
+
+
+def _value(each: Sequence[Scattering], basis: Sequence[Sequence[Floats]], weights: Floats) -> Floats:
+    """B^T a of eq. (P5)."""
+    return sum((_moment(each, basis[0], c) @ a for c, a in zip(basis, weights, strict=True)), np.zeros((2, 2)))
+
+
+def _slopes(each: Sequence[Scattering], basis: Sequence[Sequence[Floats]], weights: Floats) -> list[Floats]:
+    """c^T (dT / d ln E) c of every sphere."""
+    whole = [sum(c[k] @ a for c, a in zip(basis, weights, strict=True)) for k in range(len(each))]
+    return [c.T @ (one.by_log_modulus[1] @ c) for one, c in zip(each, whole, strict=True)]

@@ -1,0 +1,92 @@
+"""Many tumours as arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any, Self
+
+import numpy as np
+
+from geometry.errors import InputError
+from geometry.grading import Floats
+from geometry.scene import Inclusion, Scene
+
+
+@dataclass(frozen=True)
+class Tumours:
+    """Spheres under and beside a probe: floats or arrays that broadcast to one shape, by custom (sets, tumours of a set).
+
+    Attributes:
+        x, y: of the centres from the probe's axis, m.
+        depth: of the centres under the surface, m.
+        diameter: m.
+        youngs_modulus: Pa.
+        poisson_ratio: below 1/2.
+    """
+
+    x: Any
+    y: Any
+    depth: Any
+    diameter: Any
+    youngs_modulus: Any
+    poisson_ratio: Any
+
+    def __post_init__(self) -> None:
+        """Broadcast to one shape.
+
+        Raises:
+            InputError: a number is not finite, or a size or modulus not positive.
+        """
+        arrays = np.broadcast_arrays(*(np.asarray(getattr(self, field.name), dtype=float) for field in fields(self)))
+        for field, array in zip(fields(self), arrays, strict=True):
+            object.__setattr__(self, field.name, array)
+            positive = field.name in ("depth", "diameter", "youngs_modulus")
+            if not np.all(np.isfinite(array)) or (positive and not np.all(array > 0)):
+                raise InputError(
+                    field.name, "not all positive" if positive else "not all finite", "finite numbers, sizes above 0"
+                )
+
+    @classmethod
+    def of(cls, scene: Scene) -> Self:
+        """Return the spheres of a scene, and those of its ellipsoids' volumes, shape (1, inclusions)."""
+        at = scene.placement
+        rows = [
+            (body.x - at.x, body.y - at.y, body.depth, _diameter(body), body.youngs_modulus, body.poisson_ratio)
+            for body in scene.inclusion
+        ]
+        return cls(*np.array(rows, dtype=float).reshape(-1, 6).T[:, None])
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of all the arrays."""
+        shape: tuple[int, ...] = self.x.shape
+        return shape
+
+    @property
+    def offset(self) -> Floats:
+        """Distance of the centres from the probe's axis, m."""
+        return np.asarray(np.hypot(self.x, self.y))
+
+    @property
+    def cover(self) -> Floats:
+        """Tissue above the spheres, m."""
+        return np.asarray(self.depth - self.diameter / 2)
+
+    def with_moduli(self, moduli: Floats, target: int) -> Self:
+        """Return one set (1, t) once for each Young's modulus (k,) of one of its tumours, shape (k, t)."""
+        every = np.repeat(self.youngs_modulus, len(moduli), axis=0)
+        every[:, target] = moduli
+        return replace(self, youngs_modulus=every)
+
+    def flat(self) -> Self:
+        """Return all tumours in one row, shape (n,)."""
+        return type(self)(*(getattr(self, field.name).ravel() for field in fields(self)))
+
+    def of_index(self, chosen: object) -> Self:
+        """Return some of the tumours."""
+        return type(self)(*(getattr(self, field.name)[chosen] for field in fields(self)))
+
+
+def _diameter(body: Inclusion) -> float:
+    """Of a sphere, or of that of an ellipsoid's volume."""
+    return body.diameter or float(np.cbrt(np.prod(body.diameters or (np.nan,))))

@@ -1,0 +1,136 @@
+"""A probe on tissue without tumours: film forces with their errors and the strains everywhere, solved once for all tumours."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from geometry.errors import Refusal, SolveError
+from geometry.frame import Fineness
+from geometry.grading import Floats
+from geometry.scene import Load, Scene
+from geometry.section import Section
+from solver.base_states import base_states, model
+from solver.converged import Converged, converged
+from solver.energies import Energies
+from solver.fields import TissueField
+from solver.film_forces import FilmForces
+from solver.numbering import Bools
+from solver.reflection import Reflector
+from solver.result import Decision
+from solver.tumours import Tumours
+
+FIELDS = Fineness(1.5, 3, 5), Fineness(2, 3, 6)  # meshes of the strains; tests hold their errors below FIELD_ERRORS
+FIELD_ERRORS = 5e-4, 3e-5  # of the effect of a tumour one outer radius from the probe, rising with the square of the distance
+FINE = 0.0015  # accuracy below which the finer of them is used
+FAR = 300.0  # outer radii: where a half-space ends for strains, which this changes by its square
+SHARE = 0.2  # of the accuracy asked for that film forces without tumours may take
+
+
+@dataclass(frozen=True)
+class Undisturbed:
+    """The base states of a scene's probe and tissue.
+
+    Attributes:
+        scene: without inclusions, at no load.
+        accuracy: what was asked for with tumours.
+        energies: strain products of the base states.
+        nearest_error: relative error of the effects of near tumours that follow from them.
+    """
+
+    scene: Scene
+    accuracy: float
+    found: Converged
+    energies: Energies
+    nearest_error: float
+
+    @property
+    def films(self) -> FilmForces:
+        """Film forces without tumours."""
+        return self.found.films[0]
+
+    @property
+    def field(self) -> TissueField:
+        """Base states as functions of position."""
+        return self.energies.field
+
+    def field_error(self, tumours: Tumours) -> Floats:
+        """Bound on what the mesh changes of each tumour's effect, relative: cells grow with the distance from the probe."""
+        far = (tumours.offset**2 + tumours.depth**2) / self.field.states.model.section.tube_radius**2
+        return np.asarray(self.nearest_error * (1 + far))
+
+    @cached_property
+    def reflector(self) -> Reflector:
+        """What sends scattered fields back."""
+        interface = self.scene.contact.interface
+        assert interface != "unilateral"  # refused before
+        return Reflector(self.field.states, interface)
+
+    def inside(self, tumours: Tumours) -> tuple[Tumours, Bools]:
+        """Move tumours that stick out of the modelled cylinder of tissue to its side; return them all and which these are.
+
+        Tissue in a block, or not centred under the probe, is a cylinder of the same area: a tumour may lie beyond it. Where it is
+        moved it changes more than where it lies, as strains fall off with the distance.
+        """
+        room = self.field.states.model.section.tissue_radius - tumours.diameter / 2
+        out = np.asarray(tumours.offset > room * (1 - 1e-6))
+        times = np.where(out, np.maximum(room, 0.0) * (1 - 1e-6) / np.maximum(tumours.offset, 1e-300), 1.0)
+        return replace(tumours, x=tumours.x * times, y=tumours.y * times), out
+
+    def with_bounds(self, bound: Floats, forces: Floats) -> tuple[Floats, Floats]:
+        """Return bounds on each film's total, (n, 2), and on ln(ratio), (n,), from those of what tumours change, (n, 2).
+
+        The latter is inf where a total is below its own error.
+        """
+        films, totals = self.films, np.abs(forces.sum(axis=2))
+        whole = bound + films.bound.totals
+        buried = np.any(whole >= totals, axis=1)
+        own = np.divide(bound, totals, out=np.zeros_like(bound), where=np.logical_not(buried)[:, None])
+        log_ratio = films.bound.log_ratio - np.log1p(-own).sum(axis=1)
+        return whole, np.where(buried, np.inf, log_ratio)
+
+    @property
+    def plan(self) -> tuple[Decision, ...]:
+        """What is left out or modelled beyond blocks and tissue."""
+        return tuple(replace(decision, tolerance=self.accuracy) for decision in self.found.plan)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is left out and matters."""
+        return tuple(note for note in self.found.notes if note.startswith("left out"))
+
+
+def undisturbed(scene: Scene, accuracy: float) -> Undisturbed:
+    """Solve the base states of a scene's probe on its tissue; those asked for last are kept.
+
+    Raises:
+        Refusal: scenes so extreme that their equations cannot be solved in double precision.
+    """
+    return _undisturbed(scene.model_copy(update={"inclusion": (), "load": Load(indentation=0.0)}), accuracy)
+
+
+@lru_cache(maxsize=8)
+def _undisturbed(scene: Scene, accuracy: float) -> Undisturbed:
+    fine = int(accuracy < FINE)
+    interface = scene.contact.interface
+    assert interface != "unilateral"  # refused before
+    with threadpool_limits(1, user_api="blas"):
+        try:
+            found = converged(scene, SHARE * accuracy)
+            coarse = found.sample.states.model
+            states = base_states(model(_nearer(scene, coarse.section), coarse.materials, interface, FIELDS[fine]))
+        except SolveError as fault:
+            text = f"scenes whose sizes and moduli lie closer together ({fault})"
+            raise Refusal("evaluator", "equivalent-inclusion", text) from fault
+    return Undisturbed(scene, accuracy, found, Energies(TissueField(states)), FIELD_ERRORS[fine])
+
+
+def _nearer(scene: Scene, section: Section) -> Section:
+    """The section in which strains are found: a half-space ends nearer, where its end shifts the tissue but strains it little."""
+    if scene.tissue.shape != "half-space":
+        return section
+    far = FAR * section.tube_radius
+    return replace(section, tissue_radius=min(section.tissue_radius, far), tissue_depth=min(section.tissue_depth, far))
