@@ -36,7 +36,7 @@ class Readings:
         first_share: bound on what leaving them out changes of ln(ratio), shape (n,).
         first_totals: of the forces to first order, N/m, shape (n, 2).
         by: derivatives of ``forces`` by quantities of the target, shapes (n, 2, 2): by the logarithm of youngs_modulus, diameter
-            and depth, by poisson_ratio, per m by offset from the probe's axis; depth, diameter and offset only where asked for.
+            and depth, by poisson_ratio, per m by offset from the probe's axis; all but the first only where asked for.
     """
 
     areas: Floats
@@ -129,8 +129,7 @@ def readings(
         base: the probe on the tissue without tumours.
         tumours: spheres, relative to the probe's axis.
         target: which of the t tumours the derivatives refer to.
-        places: whether to find the derivatives by depth, offset and diameter too (with reflections, these are first-order
-            ones times the change of the effect, good to the first order's error).
+        places: whether to find the derivatives by depth, offset, diameter and Poisson's ratio too.
         progress: called with the sets answered with reflections and their number.
         reflect: whether to use reflections for all sets (True) or none (False).
         sensitive: whether to use them also where the log-sensitivity is not good to 5 times the accuracy, or to 1e-5.
@@ -182,10 +181,10 @@ def _derivatives(each: Effects, tumours: Tumours, left_out: Bools, target: int) 
         kept = values.reshape(*tumours.shape, 2, 2)[:, target]
         return np.asarray(np.where(left_out[:, target, None, None], 0.0, kept))
 
-    by = {"youngs_modulus": of_target(each.by_log_modulus), "poisson_ratio": of_target(each.by_poisson)}
+    by = {"youngs_modulus": of_target(each.by_log_modulus)}
     if each.by_depth is not None and each.by_offset is not None and each.by_log_diameter is not None:
         by |= {"depth": of_target(each.by_depth) * tumours.depth[:, target, None, None], "offset": of_target(each.by_offset)}
-        by |= {"diameter": of_target(each.by_log_diameter)}
+        by |= {"diameter": of_target(each.by_log_diameter), "poisson_ratio": of_target(each.by_poisson)}
     return by
 
 
@@ -193,19 +192,22 @@ def _reflect(base: Undisturbed, tumours: Tumours, left_out: Bools, into: Reading
     """Put one set's answer with reflections in the place of that of first order."""
     kept = np.flatnonzero(~left_out)
     try:
-        found = scattered(base.reflector, base.scene.tissue, tumours.of_index(kept), TOLERANCE * base.accuracy)
+        found = scattered(
+            base.reflector, base.scene.tissue, tumours.of_index(kept), TOLERANCE * base.accuracy, "depth" in into.by
+        )
     except SolveError as fault:
         raise Refusal("inclusion", f"set {number}", f"tumours whose reflections can be computed ({fault})") from fault
-    before = into.forces[number] - base.films.forces
     into.forces[number] = base.films.forces + found.forces
-    times = np.divide(found.forces, before, out=np.ones((2, 2)), where=before != 0)
-    for key in into.by.keys() - {"youngs_modulus"}:
-        into.by[key][number] *= times
     share = float(base.field_error(tumours.of_index(kept)).max()) + LEAST_REFLECTED
     into.bound[number] = SAFETY * found.error + first_order_error(np.full((1, 1), share), found.forces[None, None])[0]
     into.reflected[number] = True
     if target in kept:
         mine = int(np.searchsorted(kept, target))
         into.by["youngs_modulus"][number] = found.by_log_modulus[mine]
+        if found.moved:
+            into.by["depth"][number] = found.moved[mine].by_depth * tumours.depth[target]
+            into.by["diameter"][number] = found.moved[mine].by_log_diameter
+            into.by["offset"][number] = found.moved[mine].by_offset
+            into.by["poisson_ratio"][number] = found.moved[mine].by_poisson
         spread = SAFETY * found.slope_error[mine] + share * np.abs(found.by_log_modulus[mine])
         into.slope_bound[number] = spread.sum(axis=1)

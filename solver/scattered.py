@@ -15,7 +15,7 @@ term is smaller by rho, the share of a field that comes back (eq. P6). The deriv
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +25,7 @@ from geometry.probe import Material
 from geometry.section import Section
 from solver.convergence import total_change
 from solver.fields import TissueField
+from solver.moving import Moved, moved
 from solver.multipoles import Modes
 from solver.projection import projection
 from solver.reflection import Reflector, Rounds, Sphere
@@ -49,6 +50,7 @@ class Scattered:
         by_log_modulus: d forces / d ln E of each sphere, shape (t, 2, 2).
         error: estimate of what further reflections, degrees and orders would change of each film's total, N/m, shape (2,).
         slope_error: the same of ``by_log_modulus``, shape (t, 2, 2).
+        moved: derivatives by depth, offset and diameter of each sphere.
         steps: reflections made.
         orders: how many azimuthal orders were kept.
     """
@@ -57,11 +59,12 @@ class Scattered:
     by_log_modulus: Floats
     error: Floats
     slope_error: Floats
+    moved: tuple[Moved, ...]
     steps: int
     orders: int
 
 
-def scattered(reflector: Reflector, tissue: Material, tumours: Tumours, tolerance: float) -> Scattered:
+def scattered(reflector: Reflector, tissue: Material, tumours: Tumours, tolerance: float, places: bool = False) -> Scattered:
     """Solve eq. (P5) for a set of t spheres, arrays of shape (t,), until what is left is below ``tolerance`` of each total.
 
     Raises:
@@ -88,7 +91,17 @@ def scattered(reflector: Reflector, tissue: Material, tumours: Tumours, toleranc
             break
     left_out = _unresolved(reflector.states.model.section, tumours, spheres) + 2 * ENOUGH * tolerance
     error = total_change(np.array([change, _tail(each, spheres, basis[0]), left_out * forces])).sum(axis=0)
-    return Scattered(forces, slopes, error, slope_change + SENSITIVE * left_out * np.abs(slopes), len(basis) - 1, orders)
+    slope_error = slope_change + SENSITIVE * left_out * np.abs(slopes)
+    moves = tuple(_moves(tissue, tumours, spheres, each, _whole(basis, weights))) if places else ()
+    return Scattered(forces, slopes, error, slope_error, moves, len(basis) - 1, orders)
+
+
+def _moves(
+    tissue: Material, tumours: Tumours, spheres: Sequence[Sphere], each: Sequence[Scattering], whole: Sequence[Floats]
+) -> Iterator[Moved]:
+    for k, (sphere, one, c) in enumerate(zip(spheres, each, whole, strict=True)):
+        own = Material(youngs_modulus=float(tumours.youngs_modulus[k]), poisson_ratio=float(tumours.poisson_ratio[k]))
+        yield moved(sphere, one, tissue, own, c)
 
 
 def degrees(section: Section, tumours: Tumours) -> tuple[Floats, Floats]:
@@ -217,5 +230,9 @@ def _value(each: Sequence[Scattering], basis: Sequence[Sequence[Floats]], weight
 
 def _slopes(each: Sequence[Scattering], basis: Sequence[Sequence[Floats]], weights: Floats) -> list[Floats]:
     """c^T (dT / d ln E) c of every sphere."""
-    whole = [sum(c[k] @ a for c, a in zip(basis, weights, strict=True)) for k in range(len(each))]
-    return [c.T @ (one.by_log_modulus[1] @ c) for one, c in zip(each, whole, strict=True)]
+    return [c.T @ (one.by_log_modulus[1] @ c) for one, c in zip(each, _whole(basis, weights), strict=True)]
+
+
+def _whole(basis: Sequence[Sequence[Floats]], weights: Floats) -> list[Floats]:
+    """The whole incident field at each sphere, (modes, 2)."""
+    return [sum(c[k] @ a for c, a in zip(basis, weights, strict=True)) for k in range(len(basis[0]))]
