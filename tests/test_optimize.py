@@ -9,12 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import named
+from scenes import REFERENCE, named
 from test_cli import run
 
 from geometry import Film, InputError, read_scene
 from probe_design.builtin import builtin_scene, builtin_text
 from probe_design.objective import Noise, objective, objective_of
+from probe_design.polish import polish
 from probe_design.search import log_objective, search
 from probe_design.space import space
 from solver import evaluate
@@ -122,3 +123,24 @@ def test_no_gain_is_said_and_exits_1(tmp_path: Path) -> None:
     found = json.loads(ended.stdout)
     assert found["status"] == "no-gain"
     assert found["objective"] == found["baseline_objective"]
+
+
+@pytest.mark.parametrize(
+    ("folder", "name", "judge"), [("axisymmetric", "shallow", "axisymmetric"), ("solid", "flank", "equivalent-inclusion")]
+)
+def test_polishing_gains_by_the_judges_own_word(folder: str, name: str, judge: str) -> None:
+    scene = named(folder, name).scene
+    room = space(scene)
+    found = room.scene_of(polish(room, scene, judge))
+    assert found is not None
+    before, after = (objective_of(one, evaluate(one, judge)) for one in (scene, found))
+    assert after < 0.95 * before
+
+
+def test_a_judge_is_one_that_knows_finite_elements(tmp_path: Path) -> None:
+    scene = REFERENCE / "solid" / "flank.toml"
+    for judge, word in (("closed-form", "axisymmetric or equivalent-inclusion"), ("axisymmetric", "axis")):
+        ended = run("optimize", scene, "-o", tmp_path / "out", "--evaluator", judge)
+        assert ended.returncode == 2
+        assert word in ended.stderr
+        assert ended.stderr.count("\n") <= 3  # progress, and one line
