@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cache, partial
 
 import numpy as np
+from scipy.interpolate import pchip_interpolate
 
 from geometry.errors import SolveError
 from geometry.frame import Fineness, Kind
@@ -51,12 +52,14 @@ class Change:
 
     Attributes:
         sensitivity: estimate of what it changes of the log-sensitivities, shape (k,).
+        shift: what is known of the change of the forces, and added to them, N/m, shape (k, 2, 2); or nothing.
     """
 
     feature: str
     bounds: tuple[Bound, ...]
     sensitivity: Floats
     modelled: bool = False
+    shift: Floats | float = 0.0
 
     @property
     def effect(self) -> float:
@@ -140,7 +143,12 @@ def _left_out(scene: Scene, plain: Sections, rough: Callable[[], Sample], moduli
 
 
 def _sides(scene: Scene, plain: Sections, rough: Sample, moduli: Floats | None) -> Change:
-    """The tissue's sides are not round about the probe's axis: what the inscribed and circumscribed cylinder change."""
+    """The tissue's sides are not round about the probe's axis: the mean over cylinders of all their distances, eq. (A4).
+
+    F = (1 / 2 pi) Int F_cylinder(R(theta)) d theta is right to first order in how far sides deviate from a circle. With b what
+    the inscribed or circumscribed cylinder changes of a total, relative, what is left is bounded by half of the shift and b^2;
+    3D references with b = 0.03 and 0.06 leave 0.0001 and 0.002 (their own uncertainty).
+    """
     kind = kind_of(plain.section)
     ends = []
     for section in plain.bracket:
@@ -149,12 +157,18 @@ def _sides(scene: Scene, plain: Sections, rough: Sample, moduli: Floats | None) 
                 ends.append(sample(section, plain, scene, LEVELS[0], moduli, kind))
         except SolveError:
             ends.append(sample(section, plain, scene, LEVELS[0], moduli))
-    totals = SLACK * np.max([np.abs(end.totals - rough.totals) for end in ends], axis=0)
+    radii = np.array([section.tissue_radius for section in (*plain.bracket[:2], plain.section, *plain.bracket[2:])])
+    every = np.array([sample.forces for sample in (*ends[:2], rough, *ends[2:])])
+    shift = pchip_interpolate(radii, every, plain.outline).mean(axis=0) - rough.forces
+    widest = SLACK * np.max([np.abs(end.totals - rough.totals) for end in ends], axis=0)
+    part = np.minimum(widest / np.abs(rough.totals), 1.0)
+    totals = np.minimum(np.abs(shift.sum(axis=2)) / 2 + part * widest, widest + np.abs(shift.sum(axis=2)))
     logs = [np.log(np.abs(end.totals / rough.totals)) @ [1.0, -1.0] for end in ends]
-    ratios = SLACK * np.max(np.abs(logs), axis=0)
+    shifted = np.log(np.abs(1 + shift.sum(axis=2) / rough.totals)) @ [1.0, -1.0]
+    ratios = np.abs(shifted) / 2 + SLACK * np.max(np.abs(logs), axis=0) * np.clip(2 * part.max(axis=1), 0.25, 1.0)
     told = SLACK * np.max([np.abs(end.log_sensitivity - rough.log_sensitivity) for end in ends], axis=0)
     bounds = tuple(Bound(total, float(ratio)) for total, ratio in zip(totals, ratios, strict=True))
-    return Change("the tissue's sides, taken as a cylinder of the same area", bounds, told)
+    return Change("the tissue's sides, taken as the mean of cylinders at all their distances", bounds, told, shift=shift)
 
 
 def _films(scene: Scene, found: Sample, errors: Errors, changes: Iterable[Change] = ()) -> tuple[FilmForces, ...]:
@@ -165,6 +179,7 @@ def _films(scene: Scene, found: Sample, errors: Errors, changes: Iterable[Change
         told = margin * float(errors.sensitivity[k])
         for change in changes:
             bound, told = bound + change.bounds[k], told + float(change.sensitivity[k])
+            forces = forces + np.broadcast_to(change.shift, found.forces.shape)[k]
         films.append(FilmForces(forces, bound, found.slope[k] if scene.target is not None else None, told))
     return tuple(films)
 

@@ -5,11 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from geometry.grading import Floats
 from geometry.probe import Material
 from geometry.scene import Scene
 from geometry.section import Body, Section
 from geometry.solids import base_sizes
 
+ANGLES = 1440  # directions in which the tissue's sides are looked for
 HALF_SPACE = 1e6  # radius and depth of what stands for a half-space, in sizes of probe and inclusion
 FILM_POISSON_RATIO = 0.3  # of films and adhesive, whose lateral stiffness the blocks hardly feel
 
@@ -23,18 +27,21 @@ class Sections:
 
     Attributes:
         section: with the tissue as a cylinder of its own cross-section's area about the probe's axis.
-        bracket: the inscribed and the circumscribed cylinder, where they differ from it; else empty.
+        bracket: cylinders from the inscribed to the circumscribed one, where they differ from it; else empty.
         materials: of every body.
+        outline: distances of the sides from the probe's axis in evenly spaced directions, m, shape (ANGLES,).
     """
 
     section: Section
     bracket: tuple[Section, ...]
     materials: dict[Body, Material]
+    outline: Floats
 
 
 def sections(scene: Scene) -> Sections:
     """Return the sections of a scene on a rigid base without films."""
     probe, tissue, at = scene.probe, scene.tissue, scene.placement
+    angle = (np.arange(ANGLES) + 0.5) * 2 * np.pi / ANGLES
     materials: dict[Body, Material] = {Body.TISSUE: tissue, Body.INNER: probe.inner, Body.OUTER: probe.outer}
     sphere = (0.0, 0.0)
     if scene.inclusion:
@@ -43,22 +50,24 @@ def sections(scene: Scene) -> Sections:
     blocks = probe.inner_radius, probe.hole_radius, probe.tube_radius, probe.core_height, probe.tube_height
     if tissue.shape == "cylinder":
         off = math.hypot(at.x, at.y)
-        radii, depth = [tissue.radius, tissue.radius - off, tissue.radius + off], tissue.depth
+        radius, depth = tissue.radius, tissue.depth
+        outline = np.sqrt(radius**2 - (off * np.sin(angle)) ** 2) - off * np.cos(angle)
     elif tissue.shape == "block":
-        x, y = abs(at.x), abs(at.y)
-        near = min(tissue.length / 2 - x, tissue.breadth / 2 - y)
-        radii = [
-            math.sqrt(tissue.length * tissue.breadth / math.pi),
-            near,
-            math.hypot(tissue.length / 2 + x, tissue.breadth / 2 + y),
-        ]
-        depth = tissue.depth
+        radius, depth = math.sqrt(tissue.length * tissue.breadth / math.pi), tissue.depth
+        sides = ((np.cos(angle), tissue.length / 2, at.x), (np.sin(angle), tissue.breadth / 2, at.y))
+        # to the side that the direction meets first; 1e-9: none is quite parallel to a side
+        outline = np.min([(half - np.sign(along) * centre) / (np.abs(along) + 1e-9) for along, half, centre in sides], axis=0)
     else:
-        depth = HALF_SPACE * max(*blocks, sum(sphere))
-        radii = [depth]
-    same = all(radius == radii[0] for radius in radii)
-    found = [Section(*blocks, radius, depth, *sphere) for radius in radii]
-    return Sections(found[0], () if same else tuple(found[1:]), materials)
+        radius = depth = HALF_SPACE * max(*blocks, sum(sphere))
+        outline = np.full(ANGLES, radius)
+    section = Section(*blocks, radius, depth, *sphere)
+    low, high = float(outline.min()), float(outline.max())
+    bracket = (
+        ()
+        if high - low < 1e-9 * radius
+        else tuple(replace(section, tissue_radius=one) for one in (low, (low + radius) / 2, (radius + high) / 2, high))
+    )
+    return Sections(section, bracket, materials, outline)
 
 
 def with_layers(scene: Scene, plain: Sections) -> Sections:
@@ -82,4 +91,6 @@ def with_layers(scene: Scene, plain: Sections) -> Sections:
         wide = sizes.flange_radius > probe.tube_radius * (1 + 1e-9)
         layers |= {"flange_thickness": sizes.thickness, "step_height": sizes.step_height}
         layers["flange_radius"] = sizes.flange_radius if wide else 0.0
-    return Sections(replace(plain.section, **layers), tuple(replace(s, **layers) for s in plain.bracket), materials)
+    return Sections(
+        replace(plain.section, **layers), tuple(replace(s, **layers) for s in plain.bracket), materials, plain.outline
+    )
