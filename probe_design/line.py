@@ -22,6 +22,7 @@ from solver.readings import Readings
 from solver.tumours import Tumours
 from solver.undisturbed import Undisturbed
 
+NOT_SQUARE = 0.3  # of what the sides change between two positions: what their square may leave
 SPLITS = 3  # how often positions are halved to find closer bounds: up to 8 solutions
 ENOUGH = 0.5  # of the accuracy: bounds below it are close enough
 
@@ -92,14 +93,22 @@ class Line:
         return EquivalentInclusion().prepared(self.scene.model_copy(update={"placement": placement}), self.accuracy)
 
     def bounded(self, base: Undisturbed, found: Readings, positions: Floats) -> Readings:
-        """Return readings, made with one ``base`` for all positions, with the error bounds that hold where each was made."""
-        own = found.bound - base.films.bound.totals
+        """Return readings, made with one ``base`` for all positions, with what the tissue's sides do where each was made.
+
+        Film forces change with the square of the distance from the middle, to which ``base`` is nearest, between it and the
+        farthest position of each part; the error bounds are those of that position.
+        """
+        own, forces = found.bound - base.films.bound.totals, found.forces.copy()
         bound, log_ratio = np.empty_like(found.bound), np.empty_like(found.log_ratio_bound)
         order = np.argsort(np.abs(positions))
+        near, away = positions[order[0]] ** 2, positions**2
         for part, there in self._parts(positions, order, self.prepared(positions[order[-1]]), SPLITS):
-            apart = np.abs(there.films.totals - base.films.totals)  # solved on another mesh, perhaps
-            bound[part], log_ratio[part] = there.with_bounds(own[part] + apart, found.forces[part])
-        return replace(found, bound=bound, log_ratio_bound=log_ratio)
+            change, span = there.films.forces - base.films.forces, away[part].max() - near
+            share = (away[part] - near) / span if span > 0 else np.zeros(len(part))
+            forces[part] += share[:, None, None] * change
+            apart = NOT_SQUARE * np.abs(change.sum(axis=1))
+            bound[part], log_ratio[part] = there.with_bounds(own[part] + apart, forces[part])
+        return replace(found, forces=forces, bound=bound, log_ratio_bound=log_ratio)
 
     def _parts(self, positions: Floats, order: Ints, far: Undisturbed, splits: int) -> list[tuple[Ints, Undisturbed]]:
         """Halve positions, sorted by their distance, until what is solved at the farthest of each part bounds it closely."""

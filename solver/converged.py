@@ -162,7 +162,9 @@ def _sides(scene: Scene, plain: Sections, rough: Sample, moduli: Floats | None) 
     shift = pchip_interpolate(radii, every, plain.outline).mean(axis=0) - rough.forces
     widest = SLACK * np.max([np.abs(end.totals - rough.totals) for end in ends], axis=0)
     part = np.minimum(widest / np.abs(rough.totals), 1.0)
-    totals = np.minimum(np.abs(shift.sum(axis=2)) / 2 + part * widest, widest + np.abs(shift.sum(axis=2)))
+    moved = rough.totals + shift.sum(axis=2)
+    brackets = SLACK * np.max([np.abs(end.totals - moved) for end in ends], axis=0)
+    totals = np.minimum(np.abs(shift.sum(axis=2)) / 2 + part * widest, brackets)
     logs = [np.log(np.abs(end.totals / rough.totals)) @ [1.0, -1.0] for end in ends]
     shifted = np.log(np.abs(1 + shift.sum(axis=2) / rough.totals)) @ [1.0, -1.0]
     ratios = np.abs(shifted) / 2 + SLACK * np.max(np.abs(logs), axis=0) * np.clip(2 * part.max(axis=1), 0.25, 1.0)

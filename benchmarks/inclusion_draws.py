@@ -1,0 +1,106 @@
+"""Random scenes with one tumour on the axis, each told by a seed and a number."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from geometry import Contact, CylinderTissue, Inclusion, Load, Material, Probe, Scene
+
+COVERS = (0.02, 2.0)  # diameters
+CONTACTS = ("bonded", "frictionless")
+
+
+@dataclass(frozen=True)
+class Draw:
+    """A scene in numbers: lengths in mm; ``_ratio``: of the tissue's modulus or of a radius, as said.
+
+    Attributes:
+        tissue_radius, tissue_depth: mm.
+        cover: tissue above the sphere, diameters.
+        contrast: the sphere's modulus over the tissue's.
+        inner_modulus, outer_modulus: over the tissue's, 6 kPa.
+    """
+
+    inner_radius: float
+    area_ratio: float
+    gap: float
+    inner_height: float
+    outer_height: float
+    inner_modulus: float
+    outer_modulus: float
+    block_poisson: float
+    tissue_radius: float
+    tissue_depth: float
+    tissue_poisson: float
+    diameter: float
+    cover: float
+    contrast: float
+    inclusion_poisson: float
+    contact: str
+
+    def __str__(self) -> str:
+        """All numbers, as they are given to ``Draw`` again."""
+        values = ((field.name, getattr(self, field.name)) for field in fields(self))
+        return ", ".join(f"{name}={value:.6g}" if isinstance(value, float) else f"{name}={value!r}" for name, value in values)
+
+    def scene(self, modulus: float = 6e3) -> Scene:
+        """Return it as a scene; raises ``InputError`` or ``ValueError`` where its parts do not fit."""
+        mm, blocks = 1e-3, self.block_poisson
+        probe = Probe(
+            inner_radius=self.inner_radius * mm,
+            area_ratio=self.area_ratio,
+            gap=self.gap * mm,
+            inner_height=self.inner_height * mm,
+            outer_height=self.outer_height * mm,
+            inner=Material(youngs_modulus=self.inner_modulus * modulus, poisson_ratio=blocks),
+            outer=Material(youngs_modulus=self.outer_modulus * modulus, poisson_ratio=blocks),
+        )
+        tissue = CylinderTissue(
+            shape="cylinder",
+            radius=self.tissue_radius * mm,
+            depth=self.tissue_depth * mm,
+            youngs_modulus=modulus,
+            poisson_ratio=self.tissue_poisson,
+        )
+        body = Inclusion(
+            diameter=self.diameter * mm,
+            depth=(self.cover + 0.5) * self.diameter * mm,
+            youngs_modulus=self.contrast * modulus,
+            poisson_ratio=self.inclusion_poisson,
+        )
+        contact = Contact(interface="bonded" if self.contact == "bonded" else "frictionless")
+        return Scene(probe=probe, tissue=tissue, inclusion=(body,), contact=contact, load=Load(indentation=1e-6))
+
+
+def draw(seed: int, number: int) -> Draw:
+    """Return one scene, the same for the same seed and number."""
+    rng = np.random.default_rng([seed, number])
+
+    def between(low: float, high: float) -> float:
+        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+    radius, height = between(0.5, 10), between(0.1, 4)
+    area_ratio, gap = between(0.05, 20), between(0.005, 0.4) * radius
+    outer = float(np.sqrt((radius + gap) ** 2 + area_ratio * radius**2))
+    diameter, cover = between(0.2, 4) * outer, between(*COVERS)
+    room = (between(1.3, 15) * outer, between(0.7, 1.0) * diameter)
+    return Draw(
+        inner_radius=radius,
+        area_ratio=area_ratio,
+        gap=gap,
+        inner_height=height * radius,
+        outer_height=height * radius * between(0.7, 1.4),
+        inner_modulus=between(0.3, 1e3),
+        outer_modulus=between(0.3, 1e3),
+        block_poisson=float(rng.uniform(0.3, 0.499)),
+        tissue_radius=max(room),
+        tissue_depth=(1 + cover) * diameter * between(1.05, 5),
+        tissue_poisson=float(rng.choice([rng.uniform(0.3, 0.499), 0.45, 0.49, 0.499])),
+        diameter=diameter,
+        cover=cover,
+        contrast=between(1e-2, 1e3),
+        inclusion_poisson=float(rng.uniform(0.1, 0.499)),
+        contact=str(rng.choice(CONTACTS)),
+    )
