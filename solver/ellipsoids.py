@@ -21,6 +21,7 @@ from solver.undisturbed import Undisturbed
 POINTS = (4, 7, 14)  # along radius, height and all the way round
 SHAPE = 2.0  # times the relative change from sphere to ellipsoid: by how much their reflections may differ, besides
 LEAST = 0.2  # of the reflections
+UNLIKE = 0.1  # of the slope by the modulus, which saturates otherwise in an ellipsoid than in a sphere
 
 
 @dataclass(frozen=True)
@@ -30,11 +31,13 @@ class Difference:
     Attributes:
         forces: the change of the film forces' change.
         slope: its derivative by ln E of the body.
-        share: its relative size.
+        sphere_slope: that derivative of the sphere.
+        share: relative size of ``forces``.
     """
 
     forces: Floats
     slope: Floats
+    sphere_slope: Floats
     share: float
 
 
@@ -67,7 +70,7 @@ def with_ellipsoids(base: Undisturbed, scene: Scene, found: Readings, bodies: Se
         Refusal: see ``hill_tensor``.
     """
     target = scene.target or 0
-    forces, bound, slope = found.forces.copy(), found.bound.copy(), dict(found.by)
+    forces, bound, slope, slope_bound = found.forces.copy(), found.bound.copy(), dict(found.by), found.slope_bound.copy()
     for k, body in enumerate(bodies):
         if body.diameter is not None:
             continue
@@ -76,9 +79,12 @@ def with_ellipsoids(base: Undisturbed, scene: Scene, found: Readings, bodies: Se
         reflections = np.abs(found.forces[0].sum(axis=1) - found.first_totals[0])
         bound[0] += (SHAPE * change.share + LEAST) * reflections + 0.01 * np.abs(change.forces.sum(axis=1))
         if k == target and slope:
+            reflected = np.abs((slope["youngs_modulus"][0] - change.sphere_slope).sum(axis=1))
             slope["youngs_modulus"] = slope["youngs_modulus"] + change.slope
+            told = np.abs(slope["youngs_modulus"][0].sum(axis=1))
+            slope_bound[0] += (SHAPE * change.share + LEAST) * reflected + UNLIKE * told
     only_tumours = bound - base.films.bound.totals
-    return replace(found, forces=forces, bound=only_tumours, by=slope).with_bounds_of(base)
+    return replace(found, forces=forces, bound=only_tumours, by=slope, slope_bound=slope_bound).with_bounds_of(base)
 
 
 def difference(base: Undisturbed, scene: Scene, body: Inclusion) -> Difference:
@@ -96,7 +102,7 @@ def difference(base: Undisturbed, scene: Scene, body: Inclusion) -> Difference:
     sphere = effects(base.energies, base.scene.tissue, Tumours.of(scene.model_copy(update={"inclusion": (body,)})).flat())
     whole = np.abs(sphere.forces[0]).sum()
     share = float(np.abs(forces - sphere.forces[0]).sum() / whole) if whole > 0 else 0.0
-    return Difference(forces - sphere.forces[0], slope - sphere.by_log_modulus[0], share)
+    return Difference(forces - sphere.forces[0], slope - sphere.by_log_modulus[0], sphere.by_log_modulus[0], share)
 
 
 def _cartesian(base: Undisturbed, x: Floats, y: Floats, z: Floats) -> Floats:

@@ -35,15 +35,16 @@ def first_order_error(share: Floats, changes: Floats) -> Floats:
 
 
 def reflection(base: Undisturbed, tumours: Tumours) -> Floats:
-    """Share of each tumour's field that comes back to it, from the surface, the floor and the other tumours, shape (n, t)."""
+    """Share of each tumour's field that comes back to it, from surface, floor, side and other tumours, shape (n, t)."""
     tissue = base.scene.tissue
     of = strength(tissue, tumours.youngs_modulus, tumours.poisson_ratio)
     mu, nu = tissue.youngs_modulus / (2 * (1 + tissue.poisson_ratio)), tissue.poisson_ratio
     bulk, alpha = tissue.youngs_modulus / (3 * (1 - 2 * nu)), (1 + nu) / (3 * (1 - nu))
     strong = np.abs(of.shear) / (2 * mu * USUAL) + np.abs(of.volume) * (1 - alpha) / bulk  # of a hole: 0.85 + 1
     radius = tumours.diameter / 2
-    depth = base.field.states.model.section.tissue_depth
-    near = (radius / tumours.depth) ** 3 + (radius / np.maximum(depth - tumours.depth, radius)) ** 3
+    section = base.field.states.model.section
+    below, beside = section.tissue_depth - tumours.depth, section.tissue_radius - tumours.offset
+    near = sum((radius / np.maximum(away, radius)) ** 3 for away in (tumours.depth, below, beside))
     _, t = tumours.shape
     for i in range(t):
         for j in range(t):

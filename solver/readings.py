@@ -19,6 +19,7 @@ from solver.undisturbed import Undisturbed
 
 TOLERANCE = 0.1  # of the accuracy: what of a tumour's effect reflections may leave out
 SAFETY = 3.0  # on the estimate of that
+SENSITIVE = 5.0  # times more than the effect do slopes feel the mesh
 LEAST_REFLECTED = 5e-4  # of a tumour's effect
 
 
@@ -150,7 +151,7 @@ def readings(
         for k, number in enumerate(chosen):
             if progress is not None:
                 progress(k, len(chosen))
-            _reflect(base, inside.of_index(number), left_out[number], first, int(number), target)
+            _reflect(base, inside.of_index(number), left_out[number], first, int(number), target, 2 if sensitive else 1)
         if progress is not None:
             progress(len(chosen), len(chosen))
     return first.with_bounds_of(base)
@@ -188,26 +189,26 @@ def _derivatives(each: Effects, tumours: Tumours, left_out: Bools, target: int) 
     return by
 
 
-def _reflect(base: Undisturbed, tumours: Tumours, left_out: Bools, into: Readings, number: int, target: int) -> None:
+def _reflect(base: Undisturbed, tumours: Tumours, left_out: Bools, into: Readings, number: int, target: int, steps: int) -> None:
     """Put one set's answer with reflections in the place of that of first order."""
     kept = np.flatnonzero(~left_out)
+    mine = tumours.of_index(kept)
     try:
-        found = scattered(
-            base.reflector, base.scene.tissue, tumours.of_index(kept), TOLERANCE * base.accuracy, "depth" in into.by
-        )
+        tolerance, places = TOLERANCE * base.accuracy, "depth" in into.by
+        found = scattered(base.reflector, base.scene.tissue, mine, tolerance, places, steps)
     except SolveError as fault:
         raise Refusal("inclusion", f"set {number}", f"tumours whose reflections can be computed ({fault})") from fault
     into.forces[number] = base.films.forces + found.forces
-    share = float(base.field_error(tumours.of_index(kept)).max()) + LEAST_REFLECTED
+    share = float((base.field_error(mine) + base.reflection_error(mine)).max()) + LEAST_REFLECTED
     into.bound[number] = SAFETY * found.error + first_order_error(np.full((1, 1), share), found.forces[None, None])[0]
     into.reflected[number] = True
     if target in kept:
-        mine = int(np.searchsorted(kept, target))
-        into.by["youngs_modulus"][number] = found.by_log_modulus[mine]
+        k = int(np.searchsorted(kept, target))
+        into.by["youngs_modulus"][number] = found.by_log_modulus[k]
         if found.moved:
-            into.by["depth"][number] = found.moved[mine].by_depth * tumours.depth[target]
-            into.by["diameter"][number] = found.moved[mine].by_log_diameter
-            into.by["offset"][number] = found.moved[mine].by_offset
-            into.by["poisson_ratio"][number] = found.moved[mine].by_poisson
-        spread = SAFETY * found.slope_error[mine] + share * np.abs(found.by_log_modulus[mine])
+            into.by["depth"][number] = found.moved[k].by_depth * tumours.depth[target]
+            into.by["diameter"][number] = found.moved[k].by_log_diameter
+            into.by["offset"][number] = found.moved[k].by_offset
+            into.by["poisson_ratio"][number] = found.moved[k].by_poisson
+        spread = SAFETY * found.slope_error[k] + SENSITIVE * share * np.abs(found.by_log_modulus[k])
         into.slope_bound[number] = spread.sum(axis=1)

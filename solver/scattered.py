@@ -64,8 +64,18 @@ class Scattered:
     orders: int
 
 
-def scattered(reflector: Reflector, tissue: Material, tumours: Tumours, tolerance: float, places: bool = False) -> Scattered:
+def scattered(
+    reflector: Reflector, tissue: Material, tumours: Tumours, tolerance: float, places: bool = False, steps: int = 1
+) -> Scattered:
     """Solve eq. (P5) for a set of t spheres, arrays of shape (t,), until what is left is below ``tolerance`` of each total.
+
+    Args:
+        reflector: what sends fields back.
+        tissue: its material.
+        tumours: relative to the probe's axis.
+        tolerance: relative.
+        places: whether to find the derivatives by the spheres' places, sizes and Poisson's ratios.
+        steps: least number of reflections; slopes are accurate to first order of the field only, and want two.
 
     Raises:
         SolveError: the reflections could not be solved.
@@ -78,19 +88,25 @@ def scattered(reflector: Reflector, tissue: Material, tumours: Tumours, toleranc
     field = reflector.field
     basis = [[incident(field, one) for one in spheres]]
     orders = 0
+    slopes = np.zeros(0)
     for _ in range(STEPS):
         following, orders = _reflected(reflector, spheres, each, basis, rounds, tolerance, orders)
         basis.append(following)
         forces, weights, found, rho = _galerkin(each, basis)
+        last = slopes
         slopes, before = (np.array(_slopes(each, basis, some)) for some in (weights, found))
         share = rho / (1 - rho)
         change, slope_change = share * (forces - _value(each, basis, found)), share * np.abs(slopes - before)
+        if last.size:
+            slope_change = np.maximum(slope_change, share * np.abs(slopes - last))
         totals = np.abs((reflector.states.forces + forces).sum(axis=1))
         settled = np.all(total_change(change[None])[0] <= tolerance * totals)
-        if settled and np.all(slope_change <= tolerance * np.max(np.abs(slopes))):
+        if settled and len(basis) > steps and np.all(slope_change <= tolerance * np.max(np.abs(slopes))):
             break
     left_out = _unresolved(reflector.states.model.section, tumours, spheres) + 2 * ENOUGH * tolerance
-    error = total_change(np.array([change, _tail(each, spheres, basis[0]), left_out * forces])).sum(axis=0)
+    error = total_change(np.array([change, _tail(each, spheres, basis[0], _whole(basis, weights)), left_out * forces])).sum(
+        axis=0
+    )
     slope_error = slope_change + SENSITIVE * left_out * np.abs(slopes)
     moves = tuple(_moves(tissue, tumours, spheres, each, _whole(basis, weights))) if places else ()
     return Scattered(forces, slopes, error, slope_error, moves, len(basis) - 1, orders)
@@ -206,21 +222,23 @@ def _galerkin(each: Sequence[Scattering], basis: Sequence[Sequence[Floats]]) -> 
     found = np.concatenate([a, np.zeros((1, 2, 2))])
     again = sum(left[i].T @ mu[i + j] @ left[j] for i in range(n + 1) for j in range(n + 1))
     forces = sum(mu[i] @ a[i] for i in range(n)) + again
-    rho = min(0.9, float(np.linalg.norm(mu[1]) / np.linalg.norm(mu[0])))
+    size = [float(np.linalg.norm(one)) for one in mu]
+    shares = size[1] / size[0], np.sqrt(size[2 * n] / size[2 * n - 2]), size[2 * n] / size[2 * n - 1]
+    rho = min(0.9, max(shares))
     return np.asarray((forces + forces.T) / 2), found + left, found, rho
 
 
-def _tail(each: Sequence[Scattering], spheres: Sequence[Sphere], incoming: Sequence[Floats]) -> Floats:
+def _tail(each: Sequence[Scattering], spheres: Sequence[Sphere], incoming: Sequence[Floats], whole: Sequence[Floats]) -> Floats:
     """What degrees beyond the largest would add, shape (2, 2).
 
     A field from the surface or beyond falls off as (R / depth)^l on the sphere: a geometric series from the last degrees.
     """
     total = np.zeros((2, 2))
-    for one, sphere, c in zip(each, spheres, incoming, strict=True):
+    for one, sphere, c, full in zip(each, spheres, incoming, whole, strict=True):
         last = sphere.modes.ell >= sphere.modes.degree - 1
         drop = min(0.9, float((sphere.radius / sphere.centre[2]) ** 4))  # of two degrees' work
-        total += np.abs(c[last].T @ (one.T @ c)[last]) * drop / (1 - drop)
-    return total
+        total += c[last].T @ (one.T @ full)[last] * drop / (1 - drop)
+    return (total + total.T) / 2
 
 
 def _value(each: Sequence[Scattering], basis: Sequence[Sequence[Floats]], weights: Floats) -> Floats:

@@ -26,6 +26,7 @@ from solver.tumours import Tumours
 FIELDS = Fineness(1.5, 3, 5), Fineness(2, 3, 6)  # meshes of the strains; tests hold their errors below FIELD_ERRORS
 FIELD_ERRORS = 5e-4, 3e-5  # of the effect of a tumour one outer radius from the probe, rising with the square of the distance
 FINE = 0.0015  # accuracy below which the finer of them is used
+SHALLOW = 0.2  # outer radii: the depth of a centre above which the coarser mesh is too coarse
 FAR = 300.0  # outer radii: where a half-space ends for strains, which this changes by its square
 SHARE = 0.2  # of the accuracy asked for that film forces without tumours may take
 
@@ -61,6 +62,12 @@ class Undisturbed:
         """Bound on what the mesh changes of each tumour's effect, relative: cells grow with the distance from the probe."""
         far = (tumours.offset**2 + tumours.depth**2) / self.field.states.model.section.tube_radius**2
         return np.asarray(self.nearest_error * (1 + far))
+
+    def reflection_error(self, tumours: Tumours) -> Floats:
+        """Bound on what the mesh changes of each tumour's reflection, as a share of its effect: cells take no notice of it."""
+        depth = tumours.depth / self.field.states.model.section.tube_radius
+        share = self.nearest_error / 50 / depth**3  # 1e-5 on the coarser mesh, from a sweep against ``axisymmetric``
+        return np.asarray(np.minimum(0.1, share) * (tumours.diameter / 2 / tumours.depth) ** 3)
 
     @cached_property
     def reflector(self) -> Reflector:
@@ -106,15 +113,18 @@ class Undisturbed:
 def undisturbed(scene: Scene, accuracy: float) -> Undisturbed:
     """Solve the base states of a scene's probe on its tissue; those asked for last are kept.
 
+    The finer of two meshes is used for fine accuracies, and where one of the scene's own tumours is shallow for the probe.
+
     Raises:
         Refusal: scenes so extreme that their equations cannot be solved in double precision.
     """
-    return _undisturbed(scene.model_copy(update={"inclusion": (), "load": Load(indentation=0.0)}), accuracy)
+    shallow = any(body.depth < SHALLOW * scene.probe.tube_radius for body in scene.inclusion)
+    return _undisturbed(scene.model_copy(update={"inclusion": (), "load": Load(indentation=0.0)}), accuracy, shallow)
 
 
 @lru_cache(maxsize=8)
-def _undisturbed(scene: Scene, accuracy: float) -> Undisturbed:
-    fine = int(accuracy < FINE)
+def _undisturbed(scene: Scene, accuracy: float, shallow: bool) -> Undisturbed:
+    fine = int(accuracy < FINE or shallow)
     interface = scene.contact.interface
     assert interface != "unilateral"  # refused before
     with threadpool_limits(1, user_api="blas"):

@@ -94,5 +94,5 @@ def test_curve_needs_an_inclusion_and_moduli() -> None:
             Axisymmetric().curve(scene, moduli)
     with pytest.raises(InputError, match="accuracy"):
         curve(scene, np.array([1e3]), accuracy=2.0)
-    with pytest.raises(Refusal, match="axisymmetric"):
-        curve(named("solid", "flank").scene, np.array([1e3]))
+    with pytest.raises(Refusal, match="equivalent-inclusion"):
+        Axisymmetric().curve(named("solid", "flank").scene, np.array([1e3]))
