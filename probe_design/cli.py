@@ -128,8 +128,8 @@ def optimize(
 
     Without SCENE the built-in one is improved: the paper's materials, gap, groove and films on a
     cylinder of tissue with one 8 mm tumour. The search varies inner radius, A2/A1, gap, height and
-    both moduli; the ten best designs are judged by a model that the search did not see, the best three
-    of them polished with that model's exact derivatives. Exit code 1 if that model sees no gain.
+    both moduli by formulas; the ten best designs are judged by finite elements, the best three
+    of them polished with exact derivatives. Exit code 1 if the judge sees no gain.
     """
     from geometry.files import check_writable
     from geometry.scene_file import read_scene

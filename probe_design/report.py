@@ -144,7 +144,7 @@ def _headline(optimum: Optimum) -> str:
     if optimum.status == "no-gain":
         return f"No gain: {judge} sees no design that beats the start, whose standard deviation of ln E_object is {start:.3g}."
     return (
-        f"The standard deviation of ln E_object falls from {start:.3g} to {best:.3g}, by {judge}, which the search did not see."
+        f"The standard deviation of ln E_object falls from {start:.3g} to {best:.3g}, by {judge} (the search saw formulas only)."
     )
 
 
