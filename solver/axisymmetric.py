@@ -14,7 +14,7 @@ from geometry.grading import Floats
 from geometry.scene import Scene
 from solver.converged import Converged, converged
 from solver.film_forces import outputs, ratio
-from solver.result import Curve, Result
+from solver.result import Curve, Result, within
 
 
 @dataclass(frozen=True)
@@ -46,12 +46,7 @@ class Axisymmetric:
         Raises:
             Refusal: see ``evaluate``; and where the accuracy is out of reach.
         """
-        result, reached = self._answer(scene, accuracy)
-        if reached > accuracy:
-            raise Refusal(
-                "accuracy", accuracy, f"{reached:.2g} or more for this scene (--evaluator axisymmetric answers with that error)"
-            )
-        return result
+        return within(*self._answer(scene, accuracy), accuracy)
 
     def evaluate(self, scene: Scene, accuracy: float = 0.01) -> Result:
         """Refine until ratio, stresses and stiffness are within ``accuracy`` and log_sensitivity within 5 times that.

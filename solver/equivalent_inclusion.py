@@ -13,7 +13,7 @@ from geometry.scene import Scene
 from solver.ellipsoids import check, with_ellipsoids
 from solver.film_forces import Bound, FilmForces, outputs, ratio
 from solver.readings import Readings, readings
-from solver.result import Curve, Decision, Result
+from solver.result import Curve, Decision, Result, within
 from solver.tumours import Tumours
 from solver.undisturbed import Undisturbed, undisturbed
 
@@ -41,11 +41,7 @@ class EquivalentInclusion:
         Raises:
             Refusal: see ``evaluate``; and where the accuracy is out of reach.
         """
-        result, reached = self._answer(scene, accuracy)
-        if reached > accuracy:
-            why = f"{reached:.2g} or more for this scene (--evaluator {self.name} answers with that error)"
-            raise Refusal("accuracy", accuracy, why)
-        return result
+        return within(*self._answer(scene, accuracy), accuracy)
 
     def evaluate(self, scene: Scene, accuracy: float = 0.01) -> Result:
         """Answer to first order where that is good enough, else with reflections.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
+from geometry.errors import Refusal
 from geometry.scene import Scene
 
 
@@ -59,6 +60,18 @@ class Result:
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design evaluate``."""
         return asdict(self)
+
+
+def within(result: Result, reached: float, accuracy: float) -> Result:
+    """Return a result whose largest error bound is ``reached``, or refuse it.
+
+    Raises:
+        Refusal: it is above ``accuracy``.
+    """
+    if reached > accuracy:
+        why = f"{reached:.2g} or more for this scene (--evaluator {result.evaluator} answers with that error)"
+        raise Refusal("accuracy", accuracy, why)
+    return result
 
 
 @dataclass(frozen=True)
