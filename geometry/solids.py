@@ -7,7 +7,10 @@ blocks' film ends, the base lies on the films. The groove runs along +x. cadquer
 from __future__ import annotations
 
 import math
+import signal
+import threading
 import warnings
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -16,7 +19,7 @@ from geometry.errors import ExportError, InputError, MissingLibrary
 from geometry.probe import Film, Probe, mm
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
 MM = 1e3  # millimetres in a metre
 COLOURS = {
@@ -28,6 +31,22 @@ COLOURS = {
 }
 
 
+@contextmanager
+def unbroken() -> Iterator[None]:
+    """Put off a Ctrl-C until the end: libraries in C++ that are torn out of their start crash, or cannot start again."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    asked: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: asked.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if asked:
+        raise KeyboardInterrupt
+
+
 def cadquery() -> Any:
     """Import cadquery and return it.
 
@@ -35,7 +54,10 @@ def cadquery() -> Any:
         MissingLibrary: a system library such as ``libGL.so.1`` is absent; the text names the package to install.
     """
     try:
-        with warnings.catch_warnings():  # what its dependencies say while they load is nothing that a user can act on:
+        with (
+            unbroken(),
+            warnings.catch_warnings(),
+        ):  # what its dependencies say while they load is nothing that a user can act on:
             warnings.simplefilter("ignore")  # pyparsing 3.3 warns of cadquery's grammar, SWIG's types of Python 3.12
             import cadquery
     except ImportError as fault:

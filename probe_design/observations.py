@@ -36,6 +36,7 @@ from solver.numbering import Bools, Ints
 KEYS = ("x", "y", "ratio", "noise", "stiffness", "stiffness_noise")
 MOST_READINGS = 1000
 LARGEST_FILE = 200_000  # bytes
+LEAST_NOISE = 1e-6  # no reader is as good; far below it the model's own error is all there is
 POSITION = Quantity("position", "m", "mm", -10.0, 10.0)
 STIFFNESS = Quantity("stiffness", "N/m", "N/m", 1e-9, 1e15)
 
@@ -200,9 +201,9 @@ def _check_place(where: str, scene: Scene, x: float, y: float) -> None:
 
 
 def _noise(key: str, value: Any) -> float:
-    allowed = "a number above 0, at most 10: relative, one standard deviation, such as 0.05"
+    allowed = f"a number from {LEAST_NOISE:g} to 10: relative, one standard deviation, such as 0.05"
     noise = _number(key, value, allowed)
-    if not 0 < noise <= 10:
+    if not LEAST_NOISE <= noise <= 10:
         raise InputError(key, value, allowed)
     return noise
 

@@ -12,6 +12,7 @@ from geometry.grading import Floats
 from geometry.probe import MODULUS, mm
 from geometry.scene import Inclusion, Placement, Scene
 from probe_design.observations import Data
+from probe_design.spheres import check_spheres
 from solver.equivalent_inclusion import EquivalentInclusion
 from solver.numbering import Bools, Ints
 from solver.readings import Readings, readings
@@ -210,3 +211,4 @@ def check_kind(scene: Scene) -> None:
     why = EquivalentInclusion().refusal(scene)
     if why is not None:
         raise Refusal("evaluator", EquivalentInclusion().name, why)
+    check_spheres(scene, "estimate")

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from geometry.errors import Refusal
+from geometry.errors import Refusal, Words
 from geometry.grading import Floats
 from geometry.placement import semi_axes
-from geometry.probe import Material
+from geometry.probe import Material, mm
 from geometry.scene import Inclusion, Scene
 from solver.eshelby import polarisation
 from solver.first_order import effects, whole_ball
@@ -21,6 +21,7 @@ from solver.undisturbed import Undisturbed
 POINTS = (4, 7, 14)  # along radius, height and all the way round
 SHAPE = 2.0  # times the relative change from sphere to ellipsoid: by how much their reflections may differ, besides
 LEAST = 0.2  # of the reflections
+APART = 0.5  # of the effect, where a longest semi-axis reaches as far as the surface
 UNLIKE = 0.1  # of the slope by the modulus, which saturates otherwise in an ellipsoid than in a sphere
 
 
@@ -33,12 +34,14 @@ class Difference:
         slope: its derivative by ln E of the body.
         sphere_slope: that derivative of the sphere.
         share: relative size of ``forces``.
+        own: what the ellipsoid changes to first order.
     """
 
     forces: Floats
     slope: Floats
     sphere_slope: Floats
     share: float
+    own: Floats
 
 
 def check(scene: Scene) -> None:
@@ -58,7 +61,7 @@ def check(scene: Scene) -> None:
         why = (
             "ellipsoids for which the sphere of their volume can stand: inside the tissue and apart from others (planned: solid)"
         )
-        raise Refusal("diameters", "an ellipsoid near a surface or another body", why)
+        raise Refusal("diameters", Words("an ellipsoid near a surface or another body"), why)
 
 
 def with_ellipsoids(base: Undisturbed, scene: Scene, found: Readings, bodies: Sequence[Inclusion]) -> Readings:
@@ -77,21 +80,44 @@ def with_ellipsoids(base: Undisturbed, scene: Scene, found: Readings, bodies: Se
         change = difference(base, scene, body)
         forces[0] += change.forces
         reflections = np.abs(found.forces[0].sum(axis=1) - found.first_totals[0])
-        bound[0] += (SHAPE * change.share + LEAST) * reflections + 0.01 * np.abs(change.forces.sum(axis=1))
+        otherwise = _reflected_otherwise(base, body, change)
+        bound[0] += (SHAPE * change.share + LEAST) * reflections + 0.01 * np.abs(change.forces.sum(axis=1)) + otherwise
         if k == target and slope:
             reflected = np.abs((slope["youngs_modulus"][0] - change.sphere_slope).sum(axis=1))
             slope["youngs_modulus"] = slope["youngs_modulus"] + change.slope
             told = np.abs(slope["youngs_modulus"][0].sum(axis=1))
-            slope_bound[0] += (SHAPE * change.share + LEAST) * reflected + UNLIKE * told
+            slope_bound[0] += (SHAPE * change.share + LEAST) * reflected + UNLIKE * told + otherwise
     only_tumours = bound - base.films.bound.totals
     return replace(found, forces=forces, bound=only_tumours, by=slope, slope_bound=slope_bound).with_bounds_of(base)
 
 
+def _reflected_otherwise(base: Undisturbed, body: Inclusion, change: Difference) -> Floats:
+    """Bound on how an ellipsoid's reflections differ from those of the sphere of its volume, each film's total, N/m, shape (2,).
+
+    A share of the effect that grows with the longest semi-axis against the distance of surface or floor, and with the shape.
+    Spheroids on the axis (aspect 1.3 to 16, contrast 1e-7 to 1e4) need up to 0.7 of it by finite elements.
+    """
+    lengths = np.array(body.diameters or (1.0,)) / 2
+    near = min(body.depth, base.field.states.model.section.tissue_depth - body.depth)
+    shape = min(1.0, 2 * float(np.log(lengths.max() / lengths.min())))
+    share = APART * shape * min(1.0, float(lengths.max() / near) ** 3)
+    return np.asarray(share * np.sqrt(np.abs(np.diag(change.own) * change.own.sum())))
+
+
 def difference(base: Undisturbed, scene: Scene, body: Inclusion) -> Difference:
-    """Return what an ellipsoid changes beyond the sphere of its volume, to first order."""
+    """Return what an ellipsoid changes beyond the sphere of its volume, to first order.
+
+    Raises:
+        Refusal: the ellipsoid reaches beyond the modelled tissue; see also ``hill_tensor``.
+    """
     at, axes = scene.placement, np.array(semi_axes(body))
     points, weights = whole_ball(*POINTS)
     x, y, z = (points @ axes.T + np.array([body.x - at.x, body.y - at.y, -body.depth])).T
+    section, reach = base.field.states.model.section, np.hypot(x, y).max()
+    if reach > section.tissue_radius or z.max() > 0 or -z.min() > section.tissue_depth:
+        given = f"one that reaches {mm(float(reach))} from the probe's axis and {mm(float(-z.min()))} deep"
+        room = f"ellipsoids within {mm(section.tissue_radius)} and {mm(section.tissue_depth)} (planned: solid)"
+        raise Refusal("diameters", Words(given), room)
     strain = _cartesian(base, x, y, z)
     material = Material(youngs_modulus=body.youngs_modulus, poisson_ratio=body.poisson_ratio)
     volume = 4 / 3 * np.pi * abs(float(np.linalg.det(axes)))
@@ -102,7 +128,7 @@ def difference(base: Undisturbed, scene: Scene, body: Inclusion) -> Difference:
     sphere = effects(base.energies, base.scene.tissue, Tumours.of(scene.model_copy(update={"inclusion": (body,)})).flat())
     whole = np.abs(sphere.forces[0]).sum()
     share = float(np.abs(forces - sphere.forces[0]).sum() / whole) if whole > 0 else 0.0
-    return Difference(forces - sphere.forces[0], slope - sphere.by_log_modulus[0], sphere.by_log_modulus[0], share)
+    return Difference(forces - sphere.forces[0], slope - sphere.by_log_modulus[0], sphere.by_log_modulus[0], share, forces)
 
 
 def _cartesian(base: Undisturbed, x: Floats, y: Floats, z: Floats) -> Floats:

@@ -7,7 +7,7 @@ from time import perf_counter
 
 import numpy as np
 
-from geometry.errors import InputError, Refusal
+from geometry.errors import InputError, Refusal, Words
 from geometry.grading import Floats
 from geometry.scene import Scene
 from solver.ellipsoids import check, with_ellipsoids
@@ -78,7 +78,7 @@ class EquivalentInclusion:
         base = self.prepared(scene, accuracy)
         found = readings(base, Tumours.of(scene).with_moduli(moduli, scene.target), scene.target, sensitive=True)
         if any(body.diameter is None for body in scene.inclusion):
-            raise Refusal("inclusion", "an ellipsoid", "spheres for a curve (evaluate takes ellipsoids)")
+            raise Refusal("inclusion", Words("an ellipsoid"), "spheres for a curve (evaluate takes ellipsoids)")
         told = [ratio(scene, film_forces(found, k, True)) for k in range(len(moduli))]
         values = {key: tuple(one[key] for one in told) for key in ("ratio", "log_sensitivity", "error_estimate")}
         worst = int(np.argmax(found.worst))
@@ -114,7 +114,9 @@ def _notes(films: FilmForces, reached: float, accuracy: float) -> list[str]:
         notes.append(f"{bounds} reached, accuracy {accuracy:g} asked for: this level's best")
     told = abs(films.log_sensitivity or 0.0)
     if films.slope is not None and films.sensitivity_error > max(5 * accuracy * told, 1e-5):
-        notes.append(f"log_sensitivity is good to about {films.sensitivity_error / max(told, 1e-300):.1g} of itself only")
+        share = films.sensitivity_error / told if told > 0 else np.inf
+        good = f"good to about {share:.1g} of itself only" if share < 10 else "smaller than its own error"
+        notes.append(f"log_sensitivity is {good}")
     return notes
 
 

@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 from geometry.errors import Refusal, SolveError
 from geometry.frame import Fineness
 from geometry.grading import Floats
+from geometry.probe import mm
 from geometry.scene import Load, Scene
 from geometry.section import Section
 from solver.base_states import base_states, model
@@ -77,15 +78,22 @@ class Undisturbed:
         return Reflector(self.field.states, interface)
 
     def inside(self, tumours: Tumours) -> tuple[Tumours, Bools]:
-        """Move tumours that stick out of the modelled cylinder of tissue to its side; return them all and which these are.
+        """Move tumours that stick out of the modelled cylinder of tissue to its side or floor; return them and which these are.
 
-        Tissue in a block, or not centred under the probe, is a cylinder of the same area: a tumour may lie beyond it. Where it is
-        moved it changes more than where it lies, as strains fall off with the distance.
+        Tissue in a block, or not centred under the probe, is a cylinder of the same area, and a half-space ends somewhere: a
+        tumour may lie beyond it. Where it is moved it changes more than where it lies, as strains fall off with the distance.
+
+        Raises:
+            Refusal: a sphere larger than the modelled tissue.
         """
-        room = self.field.states.model.section.tissue_radius - tumours.diameter / 2
-        out = np.asarray(tumours.offset > room * (1 - 1e-6))
-        times = np.where(out, np.maximum(room, 0.0) * (1 - 1e-6) / np.maximum(tumours.offset, 1e-300), 1.0)
-        return replace(tumours, x=tumours.x * times, y=tumours.y * times), out
+        section, radius = self.field.states.model.section, tumours.diameter / 2
+        widest, deepest = ((size - radius) * (1 - 1e-6) for size in (section.tissue_radius, section.tissue_depth))
+        if np.any(widest <= 0) or np.any(deepest <= radius):
+            largest = min(section.tissue_radius, section.tissue_depth / 2)
+            raise Refusal("inclusion.diameter", mm(float(tumours.diameter.max())), f"below {mm(2 * largest)} under this probe")
+        out = np.asarray((tumours.offset > widest) | (tumours.depth > deepest))
+        times = np.where(tumours.offset > widest, widest / np.maximum(tumours.offset, 1e-300), 1.0)
+        return replace(tumours, x=tumours.x * times, y=tumours.y * times, depth=np.minimum(tumours.depth, deepest)), out
 
     def with_bounds(self, bound: Floats, forces: Floats) -> tuple[Floats, Floats]:
         """Return bounds on each film's total, (n, 2), and on ln(ratio), (n,), from those of what tumours change, (n, 2).

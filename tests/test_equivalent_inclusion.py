@@ -159,3 +159,55 @@ def test_other_kinds_are_refused(change: dict[str, object], word: str) -> None:
     assert word in str(EquivalentInclusion().refusal(scene))
     with pytest.raises(Refusal, match=word):
         evaluate(scene, LEVEL)
+
+
+def ellipsoid(**changes: object) -> Scene:
+    scene = named("off-axis", "ellipsoid-off-axis").scene
+    data = scene.model_dump(exclude_unset=True)
+    data["inclusion"] = ({**data["inclusion"][0], **changes},)
+    return Scene.model_validate(data)
+
+
+def test_a_nearly_round_ellipsoid_is_a_sphere() -> None:
+    round_one = ellipsoid(diameters=(6e-3, 6.0001e-3, 6e-3))
+    body = round_one.inclusion[0].model_dump(exclude_unset=True, exclude={"diameters", "orientation"})
+    sphere = round_one.model_copy(update={"inclusion": (Inclusion(**{**body, "diameter": 6e-3}),)})
+    one, other = (evaluate(scene, LEVEL, 0.005) for scene in (round_one, sphere))
+    assert one.ratio == pytest.approx(other.ratio, rel=5e-5)  # the one by the table of strains, the other by the elements
+    assert one.log_sensitivity == pytest.approx(other.log_sensitivity, rel=2e-3)
+
+
+def test_an_ellipsoid_is_the_same_with_its_axes_named_otherwise() -> None:
+    one = evaluate(ellipsoid(diameters=(8e-3, 6e-3, 5e-3), orientation=(0.0, 0.0, 0.0)), LEVEL, 0.01)
+    other = evaluate(ellipsoid(diameters=(6e-3, 8e-3, 5e-3), orientation=(90.0, 0.0, 0.0)), LEVEL, 0.01)
+    assert one.ratio == pytest.approx(other.ratio, rel=2e-6)  # by quadratures with other points
+
+
+@pytest.mark.parametrize(
+    ("changes", "word"),
+    [({"diameters": (20e-3, 20e-3, 0.5e-3)}, "20 times"), ({"diameters": (10e-3, 10e-3, 1e-3), "depth": 1e-3}, "near a surface")],
+)
+def test_ellipsoids_beyond_the_level_are_refused(changes: dict[str, object], word: str) -> None:
+    with pytest.raises(Refusal, match=word):
+        evaluate(ellipsoid(**{"x": 0.0, "orientation": (0.0, 0.0, 0.0), **changes}), LEVEL, 0.01)
+
+
+@pytest.mark.parametrize("turn", [0.65, 2.0])
+def test_turning_tumours_at_different_azimuths_changes_nothing(turn: float) -> None:
+    base = undisturbed(named("solid", "flank").scene, 0.01)
+    angle, offset = np.array([0.0, 1.9, 3.9]), np.array([0.004, 0.006, 0.005])
+
+    def forces(by: float) -> np.ndarray:
+        x, y = offset * np.cos(angle + by), offset * np.sin(angle + by)
+        tumours = Tumours(x[None], y[None], [[0.006, 0.0055, 0.0065]], [[0.006, 0.005, 0.006]], [[6e4, 6e2, 2e4]], 0.45)
+        return readings(base, tumours, reflect=True).forces[0]
+
+    assert forces(turn) == pytest.approx(forces(0.0), rel=1e-9)
+
+
+def test_modes_without_mirror_symmetry_say_the_same_as_those_with_it() -> None:
+    """The second tumour is 10 um off the plane of the first: all modes and both families of waves are used."""
+    base = undisturbed(named("solid", "flank").scene, 0.003)
+    pairs = [Tumours([[0.004, -0.005]], [[0.0, y]], [[0.006, 0.0055]], [[0.006, 0.005]], [[6e4, 6e2]], 0.45) for y in (0.0, 1e-5)]
+    plane, free = (readings(base, pair, reflect=True).forces[0] - base.films.forces for pair in pairs)
+    assert free == pytest.approx(plane, abs=2e-5 * np.abs(plane).max())
