@@ -26,6 +26,7 @@ import json
 import math
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -46,6 +47,7 @@ SHIFTS = 3  # solutions with the inclusion's shift from the one before
 
 Part = tuple[str, int, tuple[int, ...]]
 """Bodies, and which components their u_r and the summands of their u_z are."""
+Mesher = Callable[[Scene, Refinement], ngs.Mesh]
 
 
 @dataclass(frozen=True)
@@ -83,8 +85,8 @@ class Problem:
     Near the mean displacement of a stiff inclusion, the shift leaves its modulus nothing to multiply the rounding of.
     """
 
-    def __init__(self, scene: Scene, refinement: Refinement) -> None:
-        self.mesh, self.order, self.filled = make_mesh(scene, refinement), refinement.order, bool(scene.inclusion)
+    def __init__(self, scene: Scene, refinement: Refinement, mesher: Mesher = make_mesh) -> None:
+        self.mesh, self.order, self.filled = mesher(scene, refinement), refinement.order, bool(scene.inclusion)
         self.fill(scene)
         regions = [".*"] if scene.contact.interface == "bonded" else ["tissue|inclusion", f"{BLOCKS}|{ABOVE}"]
         above = len(regions) + 2
@@ -156,17 +158,17 @@ class Problem:
         return np.array([[found[0], found[1]], [found[1], found[2]]])
 
 
-def film_forces(scene: Scene, refinement: Refinement) -> tuple[np.ndarray, np.ndarray]:
+def film_forces(scene: Scene, refinement: Refinement, mesher: Mesher = make_mesh) -> tuple[np.ndarray, np.ndarray]:
     """Find F_ij (N per m of displacement) and dF_ij / d ln E_object on one mesh."""
-    problem, unit = Problem(scene, refinement), scene.probe.inner_radius
+    problem, unit = Problem(scene, refinement, mesher), scene.probe.inner_radius
     states = problem.states()
     works = [problem.work(states, part) * unit for part in problem.parts]
     return np.asarray(sum(works)), works[1]
 
 
-def solve(scene: Scene, refinement: Refinement) -> Reference:
+def solve(scene: Scene, refinement: Refinement, mesher: Mesher = make_mesh) -> Reference:
     """Find the stresses on one mesh, and what follows from them."""
-    return summary(scene, *film_forces(scene, refinement))
+    return summary(scene, *film_forces(scene, refinement, mesher))
 
 
 def summary(scene: Scene, forces: np.ndarray, slopes: np.ndarray) -> Reference:
