@@ -232,7 +232,7 @@ def test_groove_is_left_out_and_counted() -> None:
     result = evaluate(one.scene, "axisymmetric", 0.01)
     assert abs(result.ratio / one.ratio - 1) <= result.error_estimate + one.uncertainty
     assert any("groove" in warning for warning in result.warnings)
-    assert any("sides" in warning for warning in result.warnings)
+    assert any("sides" in decision.feature for decision in result.plan)
     with pytest.raises(Refusal, match="accuracy"):
         evaluate(one.scene, "auto", 0.01)
 
