@@ -161,6 +161,15 @@ def test_other_kinds_are_refused(change: dict[str, object], word: str) -> None:
         evaluate(scene, LEVEL)
 
 
+@pytest.mark.parametrize("one", expected("spheroids"), ids=name)
+def test_spheroids_near_the_surface_are_within_their_bounds(one: Expected) -> None:
+    for accuracy in (0.01, 0.003):
+        result = evaluate(one.scene, LEVEL, accuracy)
+        assert abs(result.ratio / one.ratio - 1) <= result.error_estimate + one.uncertainty
+        off = abs(result.log_sensitivity - one.log_sensitivity)
+        assert off <= max(5 * accuracy * abs(one.log_sensitivity), 1e-5) or any("log_sens" in text for text in result.warnings)
+
+
 def ellipsoid(**changes: object) -> Scene:
     scene = named("off-axis", "ellipsoid-off-axis").scene
     data = scene.model_dump(exclude_unset=True)
