@@ -17,6 +17,8 @@ from solver import Result, evaluate
 FOLDER = Path(__file__).parents[1] / "tests" / "reference" / "axisymmetric"
 SETTINGS = (
     ("closed-form", 0.01),
+    ("equivalent-inclusion", 0.01),
+    ("equivalent-inclusion", 0.003),
     ("axisymmetric", 0.05),
     ("axisymmetric", 0.01),
     ("axisymmetric", 0.001),
