@@ -26,6 +26,7 @@ from solver.sections import HALF_SPACE, Sections, sections, with_layers
 
 NEGLIGIBLE = 0.05  # of the accuracy: films and base that change less are left out
 LAYERED = 2.0  # times the meshes' errors where films or a base are modelled: their corners are graded less finely
+SECOND_ORDER = 1 / 3  # of what the mean over cylinders shifts: what it may leave
 SLACK = 1.2  # on the bracket of tissue that is not round: within it the ratio need not be monotone
 
 
@@ -146,7 +147,7 @@ def _sides(scene: Scene, plain: Sections, rough: Sample, moduli: Floats | None) 
     """The tissue's sides are not round about the probe's axis: the mean over cylinders of all their distances, eq. (A4).
 
     F = (1 / 2 pi) Int F_cylinder(R(theta)) d theta is right to first order in how far sides deviate from a circle. With b what
-    the inscribed or circumscribed cylinder changes of a total, relative, what is left is bounded by half of the shift and b^2;
+    the inscribed or circumscribed cylinder changes of a total, relative, what is left is bounded by a third of the shift and b^2;
     3D references with b = 0.03 and 0.06 leave 0.0001 and 0.002 (their own uncertainty).
     """
     kind = kind_of(plain.section)
@@ -164,10 +165,10 @@ def _sides(scene: Scene, plain: Sections, rough: Sample, moduli: Floats | None) 
     part = np.minimum(widest / np.abs(rough.totals), 1.0)
     moved = rough.totals + shift.sum(axis=2)
     brackets = SLACK * np.max([np.abs(end.totals - moved) for end in ends], axis=0)
-    totals = np.minimum(np.abs(shift.sum(axis=2)) / 2 + part * widest, brackets)
+    totals = np.minimum(SECOND_ORDER * np.abs(shift.sum(axis=2)) + part * widest, brackets)
     logs = [np.log(np.abs(end.totals / rough.totals)) @ [1.0, -1.0] for end in ends]
     shifted = np.log(np.abs(1 + shift.sum(axis=2) / rough.totals)) @ [1.0, -1.0]
-    ratios = np.abs(shifted) / 2 + SLACK * np.max(np.abs(logs), axis=0) * np.clip(2 * part.max(axis=1), 0.25, 1.0)
+    ratios = SECOND_ORDER * np.abs(shifted) + SLACK * np.max(np.abs(logs), axis=0) * np.clip(2 * part.max(axis=1), 0.25, 1.0)
     told = SLACK * np.max([np.abs(end.log_sensitivity - rough.log_sensitivity) for end in ends], axis=0)
     bounds = tuple(Bound(total, float(ratio)) for total, ratio in zip(totals, ratios, strict=True))
     return Change("the tissue's sides, taken as the mean of cylinders at all their distances", bounds, told, shift=shift)
