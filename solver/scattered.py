@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from solver.convergence import total_change
 from solver.fields import TissueField
 from solver.moving import Moved, moved
 from solver.multipoles import Modes
-from solver.projection import projection
+from solver.projection import Projection, projection
 from solver.reflection import Reflector, Rounds, Sphere
 from solver.scattering import Scattering, scattering
 from solver.tumours import Tumours
@@ -36,6 +37,7 @@ DEGREES = (4, 36)  # least and largest degree of the modes
 ORDERS = 16  # largest azimuthal order of the modes
 UNRESOLVED = 0.1  # of the effect: what degrees left out may change, times their share of a field next to the surface
 ANGLES = (10, 40)  # least and largest number of angles where a sphere lies off the axis
+SMALL = 20  # largest degree of modes off the axis whose projections are kept: some 8 MB each
 STEPS = 6  # reflections at most
 SENSITIVE = 5.0  # times more than the effect do derivatives by the modulus feel what is left out
 ENOUGH = 0.1  # of the tolerance: two azimuthal orders that change less end the sum over them
@@ -154,9 +156,19 @@ def arranged(section: Section, tissue: Material, tumours: Tumours) -> tuple[list
         degree = int(np.clip(np.ceil(max(wanted[0][k], wanted[1][k])), *DEGREES))
         modes = Modes(degree, tissue.poisson_ratio, 0 if axis else min(degree, ORDERS), "even" if plane else "both")
         centre = np.array([x[k], 0.0 if plane else y[k], -tumours.depth[k]]) * [not axis, not axis, 1]
-        spheres.append(Sphere(centre, float(radius[k]), modes, projection(modes)))
+        spheres.append(Sphere(centre, float(radius[k]), modes, _projection(modes)))
     angles = int(np.clip(np.ceil(np.max(3 * offset / (tumours.cover + 0.2 * radius))) + 6, *ANGLES))
     return spheres, Rounds(1 if axis else angles * (1 if plane else 2), plane)
+
+
+def _projection(modes: Modes) -> Projection:
+    """The projection on modes; small ones are kept, as half of a tumour's cost on the axis is to make them."""
+    return _kept(modes) if modes.order == 0 or modes.degree <= SMALL else projection(modes)
+
+
+@lru_cache(maxsize=32)
+def _kept(modes: Modes) -> Projection:
+    return projection(modes)
 
 
 def incident(field: TissueField, sphere: Sphere) -> Floats:

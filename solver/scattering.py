@@ -9,6 +9,7 @@ For uniform strain this is Eshelby's sphere.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -51,10 +52,17 @@ def scattering(modes: Modes, E: complex, sphere_E: complex, sphere_nu: complex, 
         radius: R, m.
     """
     ratio = sphere_E / E * (1 + modes.nu) / (1 + sphere_nu)
-    pairs, singles = _spheroidal(modes.degree, modes.nu, sphere_nu, ratio), _toroidal(modes.degree, ratio)
-    S, inside, slope = (_spread(modes, pair, single) for pair, single in zip(pairs, singles, strict=True))
+    S, inside, slope = _matched_modes(modes, sphere_nu, ratio)
     work = sp.diags_array(-modes.work * (E / (1 + modes.nu) * radius))
     return Scattering(S, work @ S, inside, (slope, work @ slope))
+
+
+@lru_cache(maxsize=64)
+def _matched_modes(modes: Modes, sphere_nu: complex, ratio: complex) -> tuple[Any, Any, Any]:
+    """S, inside and dS: spheres of one material differ in T alone."""
+    pairs, singles = _spheroidal(modes.degree, modes.nu, sphere_nu, ratio), _toroidal(modes.degree, ratio)
+    S, inside, slope = (_spread(modes, pair, single) for pair, single in zip(pairs, singles, strict=True))
+    return S, inside, slope
 
 
 def _spread(modes: Modes, pair: Values, single: Values) -> Any:
