@@ -130,7 +130,7 @@ def undisturbed(scene: Scene, accuracy: float) -> Undisturbed:
     return _undisturbed(scene.model_copy(update={"inclusion": (), "load": Load(indentation=0.0)}), accuracy, shallow)
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=2)  # with the systems of all azimuthal orders each may hold a gigabyte
 def _undisturbed(scene: Scene, accuracy: float, shallow: bool) -> Undisturbed:
     fine = int(accuracy < FINE or shallow)
     interface = scene.contact.interface
