@@ -168,8 +168,12 @@ def sizes(edges: list[Edge], size: float) -> list[tuple[float, float, float]]:
 
 
 def make_mesh(scene: Scene, refinement: Refinement) -> ngs.Mesh:
+    """Build the mesh of a scene with a sphere or none."""
+    return meshed(outline(scene), refinement)
+
+
+def meshed(edges: list[Edge], refinement: Refinement) -> ngs.Mesh:
     """Build the graded, curved mesh with geometric layers at every corner of the probe and of the tissue's bottom."""
-    edges = outline(scene)
     geometry = SplineGeometry()
     singular = {p for edge in edges if edge.name in SINGULAR for p in (edge.start, edge.end) if p[0] > 0}
     points = {p: None for edge in edges for p in (edge.start, edge.end)}
@@ -177,8 +181,8 @@ def make_mesh(scene: Scene, refinement: Refinement) -> ngs.Mesh:
     for edge in edges:
         shape: list[Any] = ["line", index[edge.start], index[edge.end]]
         if edge.centre is not None:
-            radius, pole = max(edge.start[0], edge.end[0]), edge.start if edge.start[0] == 0 else edge.end
-            shape = ["spline3", index[edge.start], geometry.AddPoint(radius, pole[1]), index[edge.end]]
+            corner = max(edge.start[0], edge.end[0]), edge.start[1] + edge.end[1] - edge.centre  # equator's r, pole's z
+            shape = ["spline3", index[edge.start], geometry.AddPoint(*corner), index[edge.end]]
         geometry.Append(shape, leftdomain=edge.left, rightdomain=edge.right, bc=edge.name)
     for number, name in NAMES.items():
         geometry.SetMaterial(number, name)

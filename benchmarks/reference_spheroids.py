@@ -15,15 +15,12 @@ import sys
 import time
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
 import ngsolve as ngs
 import numpy as np
 import reference_outline
-from netgen.geom2d import SplineGeometry
-from netgen.meshing import MeshingParameters
 from reference_axisymmetric import LADDER, Reference, difference, entry, solve
-from reference_outline import NAMES, SINGULAR, Edge, Refinement, sizes
+from reference_outline import Edge, Refinement, meshed
 
 from geometry import Inclusion, Scene, read_scene
 
@@ -70,26 +67,8 @@ def stretched(edge: Edge, factor: float) -> Arc:
 
 
 def make_mesh(scene: Scene, refinement: Refinement) -> ngs.Mesh:
-    """Build the mesh of ``reference_outline.make_mesh`` for the spheroid's outline."""
-    edges, geometry = outline(scene), SplineGeometry()
-    singular = {p for edge in edges if edge.name in SINGULAR for p in (edge.start, edge.end) if p[0] > 0}
-    points = {p: None for edge in edges for p in (edge.start, edge.end)}
-    index = {p: geometry.AddPoint(*p, hpref=float(p in singular)) for p in points}
-    for edge in edges:
-        shape: list[Any] = ["line", index[edge.start], index[edge.end]]
-        if edge.centre is not None:
-            corner = max(edge.start[0], edge.end[0]), edge.start[1] + edge.end[1] - edge.centre
-            shape = ["spline3", index[edge.start], geometry.AddPoint(*corner), index[edge.end]]
-        geometry.Append(shape, leftdomain=edge.left, rightdomain=edge.right, bc=edge.name)
-    for number, name in NAMES.items():
-        geometry.SetMaterial(number, name)
-    parameters = MeshingParameters(maxh=1e9, grading=0.5 * refinement.size)
-    for r, z, h in sizes(edges, refinement.size):
-        parameters.RestrictH(r, z, 0.0, h)
-    mesh = ngs.Mesh(geometry.GenerateMesh(mp=parameters))
-    mesh.RefineHP(refinement.layers)
-    mesh.Curve(refinement.order)
-    return mesh
+    """Build the mesh of the spheroid's outline."""
+    return meshed(outline(scene), refinement)
 
 
 def reference(scene: Scene) -> Reference:

@@ -106,11 +106,10 @@ def scattered(
         if settled and len(basis) > steps and np.all(slope_change <= tolerance * np.max(np.abs(slopes))):
             break
     left_out = _unresolved(reflector.states.model.section, tumours, spheres) + 2 * ENOUGH * tolerance
-    error = total_change(np.array([change, _tail(each, spheres, basis[0], _whole(basis, weights)), left_out * forces])).sum(
-        axis=0
-    )
+    whole = _whole(basis, weights)
+    error = total_change(np.array([change, _tail(each, spheres, basis[0], whole), left_out * forces])).sum(axis=0)
     slope_error = slope_change + SENSITIVE * left_out * np.abs(slopes)
-    moves = tuple(_moves(tissue, tumours, spheres, each, _whole(basis, weights))) if places else ()
+    moves = tuple(_moves(tissue, tumours, spheres, each, whole)) if places else ()
     return Scattered(forces, slopes, error, slope_error, moves, len(basis) - 1, orders)
 
 
