@@ -20,7 +20,7 @@ from geometry.scene import Inclusion, Scene
 from solver.compatibility import Ball, Block, Layer, film_forces
 from solver.details import details
 from solver.film_forces import Bound, FilmForces, outputs
-from solver.result import Result
+from solver.result import Result, unbuilt
 
 PROBE = (
     "inner_radius", "gap", "outer_radius", "inner_height", "outer_height",
@@ -110,10 +110,8 @@ class ClosedForm:
 
     def refusal(self, scene: Scene) -> str | None:
         """Say which kind of thing in the scene the formulas do not know, or None."""
-        if scene.contact.interface == "unilateral":
-            return "none built yet for contact.interface = 'unilateral' (planned: contact)"
-        if scene.placement.tilt != 0:
-            return "none built yet for placement.tilt other than 0 (planned: solid)"
+        if unbuilt(scene) is not None:
+            return unbuilt(scene)
         if any(body.diameter is None for body in scene.inclusion):
             return "none built yet for an inclusion that is no sphere (planned: equivalent-inclusion, solid)"
         if any(body.depth - body.diameter / 2 < LEAST_COVER * body.diameter for body in scene.inclusion if body.diameter):

@@ -13,7 +13,7 @@ from geometry.scene import Scene
 from solver.ellipsoids import check, with_ellipsoids
 from solver.film_forces import Bound, FilmForces, outputs, ratio
 from solver.readings import Readings, readings
-from solver.result import Curve, Decision, Result, within
+from solver.result import Curve, Decision, Result, unbuilt, within
 from solver.tumours import Tumours
 from solver.undisturbed import Undisturbed, undisturbed
 
@@ -27,10 +27,8 @@ class EquivalentInclusion:
 
     def refusal(self, scene: Scene) -> str | None:
         """Say which kind of thing in the scene this level does not know, or None."""
-        if scene.contact.interface == "unilateral":
-            return "none built yet for contact.interface = 'unilateral' (planned: contact)"
-        if scene.placement.tilt != 0:
-            return "none built yet for placement.tilt other than 0 (planned: solid)"
+        if unbuilt(scene) is not None:
+            return unbuilt(scene)
         if any(body.surface is not None for body in scene.inclusion):
             return "none built yet for an inclusion that is neither sphere nor ellipsoid (planned: solid)"
         return None

@@ -62,6 +62,15 @@ class Result:
         return asdict(self)
 
 
+def unbuilt(scene: Scene) -> str | None:
+    """Say which kind of thing in the scene no level knows yet, or None."""
+    if scene.contact.interface == "unilateral":
+        return "none built yet for contact.interface = 'unilateral' (planned: contact)"
+    if scene.placement.tilt != 0:
+        return "none built yet for placement.tilt other than 0 (planned: solid)"
+    return None
+
+
 def within(result: Result, reached: float, accuracy: float) -> Result:
     """Return a result whose largest error bound is ``reached``, or refuse it.
 
