@@ -60,9 +60,11 @@ class Harmonic:
             SolveError: the residual is too large.
         """
         v = self.system.factor.solve(forces)
-        left = np.linalg.norm(forces - self.system.matrix.T @ v, axis=0)  # symmetric; by rows it is read faster
-        scale = np.linalg.norm(self._magnitude[:, None] * np.abs(v) + np.abs(forces), axis=0)
-        residual = float(np.max(left / np.where(scale > 0, scale, 1.0)))
+        mix = np.cos(np.arange(1, forces.shape[1] + 1)) / np.maximum(np.linalg.norm(forces, axis=0), 1e-300)
+        one, force = v @ mix, forces @ mix  # a sum of all: one column is multiplied five times faster than two
+        left = np.linalg.norm(force - self.system.matrix.T @ one)  # symmetric; by rows it is read faster
+        scale = np.linalg.norm(self._magnitude * np.abs(one) + np.abs(force))
+        residual = float(left / scale) if scale > 0 else 0.0
         if not residual <= LARGEST_RESIDUAL:
             raise SolveError(f"the linear system of order {self.m} was not solved: residual {residual:.1e}")
         return np.asarray(v)

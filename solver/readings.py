@@ -151,7 +151,7 @@ def readings(
         for k, number in enumerate(chosen):
             if progress is not None:
                 progress(k, len(chosen))
-            _reflect(base, inside.of_index(number), left_out[number], first, int(number), target, 2 if sensitive else 1)
+            _reflect(base, inside.of_index(number), left_out[number], first, int(number), target, sensitive)
         if progress is not None:
             progress(len(chosen), len(chosen))
     return first.with_bounds_of(base)
@@ -189,13 +189,13 @@ def _derivatives(each: Effects, tumours: Tumours, left_out: Bools, target: int) 
     return by
 
 
-def _reflect(base: Undisturbed, tumours: Tumours, left_out: Bools, into: Readings, number: int, target: int, steps: int) -> None:
+def _reflect(base: Undisturbed, tumours: Tumours, left_out: Bools, into: Readings, number: int, target: int, sensitive: bool) -> None:
     """Put one set's answer with reflections in the place of that of first order."""
     kept = np.flatnonzero(~left_out)
     mine = tumours.of_index(kept)
     try:
         tolerance, places = TOLERANCE * base.accuracy, "depth" in into.by
-        found = scattered(base.reflector, base.scene.tissue, mine, tolerance, places, steps)
+        found = scattered(base.field, base.reflector(mine), base.scene.tissue, mine, tolerance, places, sensitive)
     except SolveError as fault:
         raise Refusal("inclusion", f"set {number}", f"tumours whose reflections can be computed ({fault})") from fault
     into.forces[number] = base.films.forces + found.forces

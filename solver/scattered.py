@@ -67,17 +67,24 @@ class Scattered:
 
 
 def scattered(
-    reflector: Reflector, tissue: Material, tumours: Tumours, tolerance: float, places: bool = False, steps: int = 1
+    field: TissueField,
+    reflector: Reflector,
+    tissue: Material,
+    tumours: Tumours,
+    tolerance: float,
+    places: bool = False,
+    sensitive: bool = False,
 ) -> Scattered:
     """Solve eq. (P5) for a set of t spheres, arrays of shape (t,), until what is left is below ``tolerance`` of each total.
 
     Args:
-        reflector: what sends fields back.
+        field: the base states' strains.
+        reflector: what sends fields back; its mesh may be coarser.
         tissue: its material.
         tumours: relative to the probe's axis.
         tolerance: relative.
         places: whether to find the derivatives by the spheres' places, sizes and Poisson's ratios.
-        steps: least number of reflections; slopes are accurate to first order of the field only, and want two.
+        sensitive: whether to make slopes good to ``SENSITIVE`` times the tolerance too, which takes a reflection more.
 
     Raises:
         SolveError: the reflections could not be solved.
@@ -87,23 +94,21 @@ def scattered(
         scattering(one.modes, tissue.youngs_modulus, float(E), float(nu), one.radius)
         for one, E, nu in zip(spheres, tumours.youngs_modulus, tumours.poisson_ratio, strict=True)
     ]
-    field = reflector.field
     basis = [[incident(field, one) for one in spheres]]
-    orders = 0
-    slopes = np.zeros(0)
+    orders, gone = 0, np.inf
+    slopes = np.array(_slopes(each, basis, np.eye(2)[None]))
     for _ in range(STEPS):
         following, orders = _reflected(reflector, spheres, each, basis, rounds, tolerance, orders)
         basis.append(following)
         forces, weights, found, rho = _galerkin(each, basis)
-        last = slopes
+        last, more = slopes, forces - _value(each, basis, found)
         slopes, before = (np.array(_slopes(each, basis, some)) for some in (weights, found))
-        share = rho / (1 - rho)
-        change, slope_change = share * (forces - _value(each, basis, found)), share * np.abs(slopes - before)
-        if last.size:
-            slope_change = np.maximum(slope_change, share * np.abs(slopes - last))
+        change = rho / (1 - rho) * more
+        gone, drop = _drop(gone, float(np.linalg.norm(more)), rho)
+        slope_change = np.maximum(np.abs(slopes - before), drop * np.abs(slopes - last))
         totals = np.abs((reflector.states.forces + forces).sum(axis=1))
         settled = np.all(total_change(change[None])[0] <= tolerance * totals)
-        if settled and len(basis) > steps and np.all(slope_change <= tolerance * np.max(np.abs(slopes))):
+        if settled and (not sensitive or np.all(slope_change <= SENSITIVE * tolerance * np.max(np.abs(slopes)))):
             break
     left_out = _unresolved(reflector.states.model.section, tumours, spheres) + 2 * ENOUGH * tolerance
     whole = _whole(basis, weights)
@@ -111,6 +116,12 @@ def scattered(
     slope_error = slope_change + SENSITIVE * left_out * np.abs(slopes)
     moves = tuple(_moves(tissue, tumours, spheres, each, whole)) if places else ()
     return Scattered(forces, slopes, error, slope_error, moves, len(basis) - 1, orders)
+
+
+def _drop(before: float, gone: float, rho: float) -> tuple[float, float]:
+    """What is left in energy, and all further changes of the slopes as a multiple of the last: as fields, they go by its root."""
+    share = min(0.9, np.sqrt(gone / before)) if np.isfinite(before) and before > 0 else rho
+    return gone, share / (1 - share)
 
 
 def _moves(

@@ -19,7 +19,7 @@ from solver.converged import Converged, converged
 from solver.energies import Energies
 from solver.fields import TissueField
 from solver.film_forces import FilmForces
-from solver.numbering import Bools
+from solver.numbering import Bools, Interface
 from solver.reflection import Reflector
 from solver.result import Decision
 from solver.tumours import Tumours
@@ -28,6 +28,8 @@ FIELDS = Fineness(1.5, 3, 5), Fineness(2, 3, 6)  # meshes of the strains; tests 
 FIELD_ERRORS = 5e-4, 3e-5  # of the effect of a tumour one outer radius from the probe, rising with the square of the distance
 FINE = 0.0015  # accuracy below which the finer of them is used
 SHALLOW = 0.2  # outer radii: the depth of a centre above which the coarser mesh is too coarse
+REFLECTIONS = Fineness(1, 1, 4)  # mesh of what comes back to ordinary tumours
+REFLECTION_ERROR = 3e-4  # of the effect of an ordinary tumour: what that mesh changes; 1e-4 in a sweep over finer ones
 FAR = 300.0  # outer radii: where a half-space ends for strains, which this changes by its square
 SHARE = 0.2  # of the accuracy asked for that film forces without tumours may take
 
@@ -68,14 +70,34 @@ class Undisturbed:
         """Bound on what the mesh changes of each tumour's reflection, as a share of its effect: cells take no notice of it."""
         depth = tumours.depth / self.field.states.model.section.tube_radius
         share = self.nearest_error / 50 / depth**3  # 1e-5 on the coarser mesh, from a sweep against ``axisymmetric``
-        return np.asarray(np.minimum(0.1, share) * (tumours.diameter / 2 / tumours.depth) ** 3)
+        own = np.minimum(0.1, share) * (tumours.diameter / 2 / tumours.depth) ** 3
+        return np.asarray(own + REFLECTION_ERROR * self._ordinary(tumours))
+
+    def reflector(self, tumours: Tumours) -> Reflector:
+        """What sends fields scattered by one set of tumours back: a coarse mesh does where none is near to anything."""
+        return self._coarse_reflector if self._ordinary(tumours) else self._fine_reflector
+
+    def _ordinary(self, tumours: Tumours) -> bool:
+        section, depth, diameter = self.field.states.model.section, tumours.depth, tumours.diameter
+        near = np.minimum(tumours.cover, section.tissue_depth - depth - diameter / 2)
+        shallow = (near < 0.07 * diameter) | (depth < 0.3 * section.tube_radius)
+        large = diameter > np.minimum(3 * section.tube_radius, section.tissue_radius - tumours.offset)
+        return self.nearest_error == FIELD_ERRORS[0] and not np.any(shallow | large)
 
     @cached_property
-    def reflector(self) -> Reflector:
-        """What sends scattered fields back."""
+    def _fine_reflector(self) -> Reflector:
+        return Reflector(self.field.states, self._interface)
+
+    @cached_property
+    def _coarse_reflector(self) -> Reflector:
+        fine = self.field.states.model
+        return Reflector(base_states(model(fine.section, fine.materials, self._interface, REFLECTIONS)), self._interface)
+
+    @property
+    def _interface(self) -> Interface:
         interface = self.scene.contact.interface
         assert interface != "unilateral"  # refused before
-        return Reflector(self.field.states, interface)
+        return interface
 
     def inside(self, tumours: Tumours) -> tuple[Tumours, Bools]:
         """Move tumours that stick out of the modelled cylinder of tissue to its side or floor; return them and which these are.
