@@ -20,7 +20,6 @@ from tables import Table
 from geometry import Scene, read_scene
 from solver import Result, evaluate
 from solver.readings import TOLERANCE, Readings, readings
-from solver.reflection import Reflector
 from solver.scattered import scattered
 from solver.tumours import Tumours
 from solver.undisturbed import Undisturbed, undisturbed
@@ -86,7 +85,7 @@ def _orders(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -> Tab
     spent: list[list[Time]] = [[] for _ in range(ORDERS)]
     for k in range(repeats):
         tell(f"speed: orders, run {k + 1} of {repeats}")
-        reflector = Reflector(base.field.states, base.reflector.interface)
+        reflector = replace(base.reflector(Tumours.of(base.scene).flat()), _responses={})
         for m, times in enumerate(spent):
             times.append(timed(partial(reflector.response, m), 1))
     for m, times in enumerate(spent):
@@ -142,7 +141,8 @@ def _reflections(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -
         for offset in OFFSETS:
             tell(f"speed: reflections, cover {cover:g}, offset {offset:g}")
             one = Tumours(*np.reshape([offset * outer, 0, (cover + 0.5) * DIAMETER, DIAMETER, modulus, 0.47], (6, 1, 1)))
-            told = scattered(base.reflector, base.scene.tissue, one.of_index(0), TOLERANCE * base.accuracy)
+            alone = one.of_index(0)
+            told = scattered(base.field, base.reflector(alone), base.scene.tissue, alone, TOLERANCE * base.accuracy)
             bound = float(readings(base, one, reflect=True).error_estimate[0])
             spent = timed(partial(readings, base, one, reflect=True), repeats)
             table.add(f"{cover:g}", f"{offset:g}", told.orders, told.steps, bound, spent.wall, spent.cpu)

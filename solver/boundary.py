@@ -171,8 +171,13 @@ class Response:
         out[row, column] = table @ data.reshape(len(data), -1, data.shape[-1])
         return out
 
-    def to(self, data: Data, elements: Ints) -> Floats:
+    def to(self, data: Data, elements: Ints, rows: Any) -> Floats:
         """Solve eq. (B1); values U, V, W of w in some of the tissue's elements, (e, 3, s, k).
+
+        Args:
+            data: amplitudes of this order.
+            elements: which.
+            rows: ``self.harmonic.gathered(elements)``, alike for all orders above 1.
 
         Raises:
             SolveError: see ``Harmonic.solve``.
@@ -182,7 +187,7 @@ class Response:
         forces += self._stiffness @ (held + self._placed("ends", data.ends))
         k = forces.shape[-1]
         v = self.harmonic.solve(-(self._add_up @ forces.reshape(-1, k)))
-        edge = (self.harmonic.gathered(elements) @ v).reshape(len(elements), -1, k)
+        edge = (rows @ v).reshape(len(elements), -1, k)
         low = np.isin(elements, self.boundary.floor.element)
         edge[low] += held[np.searchsorted(self._elements, elements[low])]
         return self.harmonic.whole(edge, elements)

@@ -23,7 +23,7 @@ from solver.quadrilateral import dilations
 from solver.shapes import functions, pressures
 
 CHUNK = 20_000  # points evaluated at once, which bounds the memory
-NEWTON = 12
+NEWTON, CONVERGED = 12, 1e-13  # steps at most; a step in the unit square
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,10 @@ def _inverted(corners: Floats, points: Floats) -> tuple[Floats, Floats]:
     places = np.full(points.shape, 0.5)
     for _ in range(NEWTON):
         off = points - np.einsum("mc,mcx->mx", bilinear(places), corners)
-        places += np.linalg.solve(jacobian(corners, places), off[..., None])[..., 0]
+        step = np.linalg.solve(jacobian(corners, places), off[..., None])[..., 0]
+        places += step
+        if not np.any(np.abs(step) > CONVERGED):
+            break
     places = np.clip(places, 0.0, 1.0)
     return places, jacobian(corners, places)
 

@@ -189,7 +189,9 @@ def _derivatives(each: Effects, tumours: Tumours, left_out: Bools, target: int) 
     return by
 
 
-def _reflect(base: Undisturbed, tumours: Tumours, left_out: Bools, into: Readings, number: int, target: int, sensitive: bool) -> None:
+def _reflect(
+    base: Undisturbed, tumours: Tumours, left_out: Bools, into: Readings, number: int, target: int, sensitive: bool
+) -> None:
     """Put one set's answer with reflections in the place of that of first order."""
     kept = np.flatnonzero(~left_out)
     mine = tumours.of_index(kept)

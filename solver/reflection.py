@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -17,16 +18,42 @@ from geometry.grading import Floats
 from geometry.section import Body
 from solver.azimuthal import Harmonics
 from solver.base_states import BaseStates
-from solver.boundary import Boundary, Data, Edges, Response
+from solver.boundary import Boundary, Data, Response
 from solver.fields import TissueField
 from solver.multipoles import Modes
 from solver.numbering import Interface
 from solver.projection import Projection
 from solver.quadrilateral import dilations
+from solver.samples import Rounds, Samples, Source
 from solver.shapes import Ints, functions, pressures
 
 NEARLY = 0.48  # Poisson's ratio from which the mode of degree 0 is taken from the dilation
-STRESS = ((0, 5, 4), (5, 1, 3), (4, 3, 2))  # places of xx, yy, zz, yz, xz, xy in the tensor
+
+
+@dataclass(frozen=True)
+class Arrived:
+    """A field at the q points of a sphere.
+
+    Attributes:
+        displacement: m, shape (q, 3, k).
+        dilation: shape (q, k), or None where the displacement tells it well enough.
+    """
+
+    displacement: Floats
+    dilation: Floats | None
+
+    def __add__(self, other: Arrived) -> Arrived:
+        """Return the sum of two fields."""
+        dilation = None if self.dilation is None or other.dilation is None else self.dilation + other.dilation
+        return Arrived(self.displacement + other.displacement, dilation)
+
+    def times(self, weights: Arrived) -> Floats:
+        """Return the products of all columns with all columns of some weights, (weights, k)."""
+        k = self.displacement.shape[-1]
+        total = weights.displacement.reshape(-1, weights.displacement.shape[-1]).T @ self.displacement.reshape(-1, k)
+        if self.dilation is not None and weights.dilation is not None:
+            total += weights.dilation.T @ self.dilation
+        return np.asarray(total)
 
 
 @dataclass(frozen=True)
@@ -44,51 +71,38 @@ class Sphere:
     modes: Modes
     projection: Projection
 
+    @property
+    def source(self) -> Source:
+        """The sphere as a source of outgoing modes."""
+        return Source(self.centre, self.radius, self.modes)
+
     @cached_property
     def points(self) -> Floats:
         """Where displacements are projected, m, shape (q, 3)."""
         return np.asarray(self.centre + self.radius * self.projection.points)
 
-    def with_dilation(self, coefficients: Floats, dilation: Floats) -> Floats:
-        """Take the mode of degree 0, u = c x / R, from the dilation at the points, (q, k), in place of the displacement.
+    def coefficients(self, field: Arrived) -> Floats:
+        """Regular coefficients (modes, k) of a field.
 
-        In a field that balances the dilation is harmonic, so that its mean over the surface is that over the ball, 3 c / R.
-        In nearly incompressible tissue an error of the displacement's flux would count times the bulk modulus.
+        The mode of degree 0, u = c x / R, is taken from the dilation where that is known: in a field that balances it is
+        harmonic, so that its mean over the surface is that over the ball, 3 c / R. In nearly incompressible tissue an error
+        of the displacement's flux would count times the bulk modulus.
         """
-        mean = self.projection.weights @ dilation / (4 * np.pi)
-        out = coefficients.copy()
-        out[self.modes.ell == 0] = self.radius * np.sqrt(4 * np.pi) * mean / 3
-        return out
+        out = self.projection.coefficients(field.displacement)
+        if field.dilation is not None:
+            out[self.modes.ell == 0] = self._mean @ field.dilation
+        return np.asarray(out)
 
-
-@dataclass(frozen=True)
-class Rounds:
-    """Angles about the probe's axis at which fields are sampled: the half plane's y > 0 where they mirror, or all round.
-
-    Attributes:
-        count: number of angles.
-        mirrored: whether fields are even about y = 0.
-    """
-
-    count: int
-    mirrored: bool
+    def weights(self, left: Floats) -> Arrived:
+        """Weights of a field's values in left^T coefficients, for left (modes, k): see ``Arrived.times``."""
+        nearly, lowest = bool(np.real(self.modes.nu) >= NEARLY), self.modes.ell == 0
+        kept = left * np.logical_not(nearly & lowest)[:, None]
+        flat = self.projection.matrix.reshape(len(left), -1).T @ kept
+        return Arrived(flat.reshape(-1, 3, left.shape[1]), np.outer(self._mean, left[lowest]) if nearly else None)
 
     @cached_property
-    def angles(self) -> Floats:
-        """Shape (count,)."""
-        return (np.arange(self.count) + 0.5) * (np.pi if self.mirrored else 2 * np.pi) / self.count
-
-    def waves(self, m: int, angles: Floats) -> Floats:
-        """Shapes round the axis of U, V and W, for the even and, unless mirrored, the odd family: (families, 3, angles)."""
-        cos, sin = np.cos(m * angles), np.sin(m * angles)
-        families = [[cos, sin, cos], [sin, -cos, sin]]
-        return np.array(families[: 1 if self.mirrored else 2])
-
-    def amplitudes(self, values: Floats, m: int) -> Floats:
-        """Amplitudes of order m of values (e, q, count, 3, k) along r, theta and z, shape (e, q, 3, families k)."""
-        share = (1 if m == 0 else 2) / self.count
-        parts = share * np.einsum("fct,eqtck->eqcfk", self.waves(m, self.angles), values)
-        return np.asarray(parts.reshape(*parts.shape[:3], -1))
+    def _mean(self) -> Floats:
+        return np.asarray(self.radius * np.sqrt(4 * np.pi) / 3 * self.projection.weights / (4 * np.pi))
 
 
 @dataclass(frozen=True)
@@ -134,90 +148,75 @@ class Reflector:
         """Where points lie in the mesh."""
         return TissueField(self.states)
 
-    def reflect(self, spheres: Sequence[Sphere], scattered: Sequence[Floats], rounds: Rounds) -> Iterator[list[Floats]]:
-        """Yield for each azimuthal order the regular coefficients of what comes back, (modes, k) for each sphere.
-
-        Args:
-            spheres: they.
-            scattered: outgoing coefficients about each, (modes, k), m.
-            rounds: angles; with fewer than two only order 0.
-
-        Raises:
-            SolveError: a system could not be solved.
-        """
-        samples = self._samples(spheres, scattered, rounds)
-        places = [self._place(sphere) for sphere in spheres]
-        elements = np.unique(np.concatenate([place.element for place in places]))
-        for m in range(max(1, rounds.count - 1)):
-            data = Data(*(rounds.amplitudes(values, m) for values in samples))
-            found = self.response(m).to(data, elements)
-            yield [self._coefficients(*one, m, found, elements, rounds) for one in zip(spheres, places, strict=True)]
-
-    def _samples(self, spheres: Sequence[Sphere], scattered: Sequence[Floats], rounds: Rounds) -> list[Floats]:
-        """Tractions on surface and side, displacements of ends and floor, along r, theta, z, (e, q, angles, 3, k) each."""
-        b = self.boundary
-        tractions = [
-            sum_of(spheres, scattered, edges, rounds, normal, self._two_mu) for edges, normal in ((b.surface, 2), (b.side, 0))
-        ]
-        moves = [sum_of(spheres, scattered, edges, rounds) for edges in (b.ends, b.floor)]
-        if self.interface == "frictionless":
-            moves[0][..., :2, :] = 0.0
-        return [*tractions, *moves]
-
-    @property
-    def _two_mu(self) -> float:
+    def exchange(self, spheres: Sequence[Sphere], rounds: Rounds) -> Exchange:
+        """Return what spheres and boundary send to each other; all that does not depend on the fields is found once."""
         tissue = self.states.model.materials[Body.TISSUE]
-        return tissue.youngs_modulus / (1 + tissue.poisson_ratio)
+        two_mu = tissue.youngs_modulus / (1 + tissue.poisson_ratio)
+        samples = Samples([one.source for one in spheres], self.boundary, rounds, two_mu)
+        return Exchange(self, spheres, rounds, samples, [self._place(one) for one in spheres])
 
     def _place(self, sphere: Sphere) -> _Place:
         x, y, z = sphere.points.T
         shapes = self.states.model.shapes
         element, places, _ = self.field.locate(np.stack([np.hypot(x, y), z], axis=1))
-        return _Place(element, functions(places, shapes.degrees)[0], pressures(places, shapes.order), np.arctan2(y, x))
+        angle = np.arctan2(y, x)
+        return _Place(element, functions(places, shapes.degrees)[0], pressures(places, shapes.order), angle)
 
-    def _coefficients(self, sphere: Sphere, place: _Place, m: int, found: Floats, elements: Ints, rounds: Rounds) -> Floats:
-        """Regular coefficients (modes, k) of one order's values (e, 3, s, families k)."""
-        waves, angle, model = rounds.waves(m, place.angle), place.angle, self.states.model
+
+@dataclass(frozen=True)
+class Exchange:
+    """Some spheres before one boundary.
+
+    Attributes:
+        reflector: the boundary.
+        spheres: they.
+        rounds: angles at which fields are sampled; with fewer than two only order 0.
+        samples: their fields on the boundary.
+        places: where their points lie in the mesh.
+    """
+
+    reflector: Reflector
+    spheres: Sequence[Sphere]
+    rounds: Rounds
+    samples: Samples
+    places: Sequence[_Place]
+    _rows: dict[int, Any] = field(default_factory=dict, repr=False)
+
+    def reflect(self, scattered: Sequence[Floats]) -> Iterator[list[Arrived]]:
+        """Yield for each azimuthal order what comes back to each sphere.
+
+        Args:
+            scattered: outgoing coefficients about each, (modes, k), m.
+
+        Raises:
+            SolveError: a system could not be solved.
+        """
+        samples = self.samples.values(scattered)
+        if self.reflector.interface == "frictionless":
+            samples[2][..., :2, :] = 0.0
+        for m in range(max(1, self.rounds.count - 1)):
+            data = Data(*(self.rounds.amplitudes(values, m) for values in samples))
+            response = self.reflector.response(m)
+            if min(m, 2) not in self._rows:
+                self._rows[min(m, 2)] = response.harmonic.gathered(self._elements)
+            found = response.to(data, self._elements, self._rows[min(m, 2)])
+            yield [self._arrived(place, m, found) for place in self.places]
+
+    @cached_property
+    def _elements(self) -> Ints:
+        return np.unique(np.concatenate([place.element for place in self.places]))
+
+    def _arrived(self, place: _Place, m: int, found: Floats) -> Arrived:
+        """Values of one order (e, 3, s, families k) at a sphere's points."""
+        waves, angle, model = self.rounds.waves(m, place.angle), place.angle, self.reflector.states.model
         found = found.reshape(*found.shape[:3], len(waves), -1)
-        row = np.searchsorted(elements, place.element)
-        u = np.einsum("qs,fcq,qcsfk->qck", place.value, waves, found[row], optimize=True)
+        row = np.searchsorted(self._elements, place.element)
+        at = (place.value[:, None, None] @ found.reshape(*found.shape[:3], -1)[row]).reshape(len(row), 3, len(waves), -1)
+        u = (waves.transpose(2, 1, 0)[:, :, None] @ at)[:, :, 0]
         cos, sin = np.cos(angle)[:, None], np.sin(angle)[:, None]
         cartesian = np.stack([cos * u[:, 0] - sin * u[:, 1], sin * u[:, 0] + cos * u[:, 1], u[:, 2]], axis=1)
-        c = np.asarray(sphere.projection.coefficients(cartesian))
-        if self.states.model.materials[Body.TISSUE].poisson_ratio < NEARLY:
-            return c
-        pressed = np.einsum("ekcs,ecsfj->ekfj", dilations(model.at.of(elements), model.shapes, m), found, optimize=True)
-        return sphere.with_dilation(c, np.einsum("qk,fq,qkfj->qj", place.pressure, waves[:, 0], pressed[row], optimize=True))
-
-
-def sum_of(
-    spheres: Sequence[Sphere],
-    scattered: Sequence[Floats],
-    edges: Edges,
-    rounds: Rounds,
-    normal: int | None = None,
-    two_mu: float = 1.0,
-) -> Floats:
-    """Displacement or, with the normal's direction (0 r, 2 z), traction of all scattered fields on edges, (e, q, t, 3, k)."""
-    cos, sin = np.cos(rounds.angles), np.sin(rounds.angles)
-    r, z = edges.r[..., None], edges.z[..., None]
-    points = np.stack(np.broadcast_arrays(r * cos, r * sin, z), axis=-1)
-    total = np.zeros((points[..., 0].size, 3, scattered[0].shape[1]))
-    flat = points.reshape(-1, 3)
-    for sphere, coefficients in zip(spheres, scattered, strict=True):
-        local = (flat - sphere.centre) / sphere.radius
-        if normal is None:
-            total += sphere.modes.displacement(local, coefficients, "outgoing")
-            continue
-        stress = sphere.modes.outgoing(local, coefficients)[1] * (two_mu / sphere.radius)
-        tensor = stress[:, STRESS]
-        if normal == 2:
-            total += tensor[:, 2]
-        else:
-            flat_cos, flat_sin = (np.broadcast_to(part, points.shape[:-1]).reshape(-1, 1, 1) for part in (cos, sin))
-            total += flat_cos * tensor[:, 0] + flat_sin * tensor[:, 1]
-    shaped = total.reshape(*points.shape[:-1], 3, -1)
-    x, y = shaped[..., 0, :].copy(), shaped[..., 1, :].copy()
-    shaped[..., 0, :] = cos[:, None] * x + sin[:, None] * y
-    shaped[..., 1, :] = cos[:, None] * y - sin[:, None] * x
-    return shaped
+        if model.materials[Body.TISSUE].poisson_ratio < NEARLY:
+            return Arrived(cartesian, None)
+        strains = dilations(model.at.of(self._elements), model.shapes, m)
+        pressed = np.einsum("ekcs,ecsfj->ekfj", strains, found, optimize=True)
+        return Arrived(cartesian, np.einsum("qk,fq,qkfj->qj", place.pressure, waves[:, 0], pressed[row], optimize=True))

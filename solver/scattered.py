@@ -29,7 +29,8 @@ from solver.fields import TissueField
 from solver.moving import Moved, moved
 from solver.multipoles import Modes
 from solver.projection import Projection, projection
-from solver.reflection import Reflector, Rounds, Sphere
+from solver.reflection import Arrived, Exchange, Reflector, Sphere
+from solver.samples import Rounds
 from solver.scattering import Scattering, scattering
 from solver.tumours import Tumours
 
@@ -40,7 +41,7 @@ ANGLES = (10, 40)  # least and largest number of angles where a sphere lies off 
 SMALL = 20  # largest degree of modes off the axis whose projections are kept: some 8 MB each
 STEPS = 6  # reflections at most
 SENSITIVE = 5.0  # times more than the effect do derivatives by the modulus feel what is left out
-ENOUGH = 0.1  # of the tolerance: two azimuthal orders that change less end the sum over them
+ENOUGH = 0.3  # of the tolerance: two azimuthal orders that change less end the sum over them
 
 
 @dataclass(frozen=True)
@@ -94,11 +95,12 @@ def scattered(
         scattering(one.modes, tissue.youngs_modulus, float(E), float(nu), one.radius)
         for one, E, nu in zip(spheres, tumours.youngs_modulus, tumours.poisson_ratio, strict=True)
     ]
+    exchange = reflector.exchange(spheres, rounds)
     basis = [[incident(field, one) for one in spheres]]
     orders, gone = 0, np.inf
     slopes = np.array(_slopes(each, basis, np.eye(2)[None]))
     for _ in range(STEPS):
-        following, orders = _reflected(reflector, spheres, each, basis, rounds, tolerance, orders)
+        following, orders = _reflected(exchange, each, basis, tolerance, orders)
         basis.append(following)
         forces, weights, found, rho = _galerkin(each, basis)
         last, more = slopes, forces - _value(each, basis, found)
@@ -188,29 +190,26 @@ def incident(field: TissueField, sphere: Sphere) -> Floats:
     found = field.at(r, z)
     u = found.displacement
     away = np.stack([np.divide(part, r, out=np.zeros_like(r), where=r > 0) for part in (x, y)], axis=1)
-    c = sphere.projection.coefficients(np.concatenate([away[:, :, None] * u[:, :1], u[:, 1:]], axis=1))
-    return sphere.with_dilation(c, found.dilation)
+    return sphere.coefficients(Arrived(np.concatenate([away[:, :, None] * u[:, :1], u[:, 1:]], axis=1), found.dilation))
 
 
 def _reflected(
-    reflector: Reflector,
-    spheres: Sequence[Sphere],
-    each: Sequence[Scattering],
-    basis: Sequence[Sequence[Floats]],
-    rounds: Rounds,
-    tolerance: float,
-    orders: int,
+    exchange: Exchange, each: Sequence[Scattering], basis: Sequence[Sequence[Floats]], tolerance: float, orders: int
 ) -> tuple[list[Floats], int]:
     """One more reflection: by the boundary, order by order until nothing more comes, and by the other spheres."""
+    spheres = exchange.spheres
     outgoing = [one.S @ c for one, c in zip(each, basis[-1], strict=True)]
-    total = _neighbours(spheres, outgoing)
+    weights = [sphere.weights(one.T @ c) for sphere, one, c in zip(spheres, each, basis[0], strict=True)]
     enough, quiet = ENOUGH * tolerance * float(np.abs(_moment(each, basis[0], basis[0])).max()), 0
-    for m, part in enumerate(reflector.reflect(spheres, outgoing, rounds)):
-        total = [a + b for a, b in zip(total, part, strict=True)]
-        quiet = quiet + 1 if np.abs(_moment(each, basis[0], part)).max() < enough else 0
+    total: list[Arrived] = []
+    for m, part in enumerate(exchange.reflect(outgoing)):
+        total = [a + b for a, b in zip(total, part, strict=True)] if total else part
+        seen = sum(field.times(weight) for field, weight in zip(part, weights, strict=True))
+        quiet = quiet + 1 if np.abs(seen).max() < enough else 0
         if (orders and m + 1 >= orders) or (not orders and quiet == 2):
             break
-    return total, m + 1
+    came = [sphere.coefficients(field) for sphere, field in zip(spheres, total, strict=True)]
+    return [a + b for a, b in zip(came, _neighbours(spheres, outgoing), strict=True)], m + 1
 
 
 def _neighbours(spheres: Sequence[Sphere], outgoing: Sequence[Floats]) -> list[Floats]:
@@ -220,7 +219,7 @@ def _neighbours(spheres: Sequence[Sphere], outgoing: Sequence[Floats]) -> list[F
         for other, c in zip(spheres, outgoing, strict=True):
             if other is not here:
                 local = (here.points - other.centre) / other.radius
-                total[k] += here.projection.coefficients(other.modes.displacement(local, c, "outgoing"))
+                total[k] += here.coefficients(Arrived(other.modes.displacement(local, c, "outgoing"), None))
     return total
 
 
