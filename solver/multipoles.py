@@ -19,7 +19,7 @@ Stable up to nu = 0.499999 and degree 30 and beyond.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, Literal
@@ -40,6 +40,7 @@ EVERY = tuple(range(32))  # sums behind ``_both``
 DISPLACEMENT = EVERY[:10]  # those that displacement needs
 UPWARD = (9, 10, 11, 12, 17, 16, 15, 23, 22, 21, *range(25, 32))  # those of ``_upward``: of xz, yz, zz in this order
 KEPT = 4_000_000  # values of harmonics that a sampler keeps: 32 MB
+ALL = slice(None)
 BLOCK = 2048  # points at a time: a table of harmonics that stays in the cache
 Combine = Callable[[Floats, Values], tuple[Values, ...]]
 
@@ -153,45 +154,39 @@ class Sampler:
     points: Floats
     side: Side
 
-    def both(self, coefficients: Values) -> tuple[Values, Values]:
-        """Displacement and stress, see ``Modes.outgoing``."""
-        u, stress = self._combined(coefficients, EVERY, _both)
+    def both(self, coefficients: Values, part: slice = ALL) -> tuple[Values, Values]:
+        """Displacement and stress, see ``Modes.outgoing``, at some of the points."""
+        u, stress = self._combined(coefficients, EVERY, _both, part)
         return u, stress
 
-    def displacement(self, coefficients: Values) -> Values:
+    def displacement(self, coefficients: Values, part: slice = ALL) -> Values:
         """Displacement alone, shape (n, 3, k)."""
-        return self._combined(coefficients, DISPLACEMENT, _displacement)[0]
+        return self._combined(coefficients, DISPLACEMENT, _displacement, part)[0]
 
-    def upward(self, coefficients: Values) -> Values:
+    def upward(self, coefficients: Values, part: slice = ALL) -> Values:
         """Stresses xz, yz, zz / (2 mu / R), which act on planes across z, shape (n, 3, k): a third of the work of ``both``."""
-        return self._combined(coefficients, UPWARD, _upward)[0]
+        return self._combined(coefficients, UPWARD, _upward, part)[0]
 
-    def _combined(self, coefficients: Values, rows: tuple[int, ...], combine: Combine) -> tuple[Values, ...]:
-        all_of = _stacked(self.modes, self.side, rows) @ coefficients
-        narrow = (
-            all_of.reshape(len(rows), -1, coefficients.shape[1]).transpose(0, 2, 1).reshape(-1, 2 * self.modes.harmonics.count)
-        )
-        parts = []
-        for part, table in zip(self._parts, self._tables, strict=True):
-            columns = _product(narrow, table)
-            parts.append(combine(part.T, columns.reshape(len(rows), -1, len(part))))
-        return tuple(np.ascontiguousarray(np.moveaxis(np.concatenate(out, axis=-1), -1, 0)) for out in zip(*parts, strict=True))
+    def _combined(self, coefficients: Values, rows: tuple[int, ...], combine: Combine, part: slice) -> tuple[Values, ...]:
+        size, k = 2 * self.modes.harmonics.count, coefficients.shape[1]
+        sums = (_stacked(self.modes, self.side, rows) @ coefficients).reshape(len(rows), size, k)
+        narrow = sums.transpose(0, 2, 1).reshape(-1, size)
+        low, high, _ = part.indices(len(self.points))
+        found = []
+        for start in range(low, max(high, low + 1), BLOCK):
+            here = slice(start, min(start + BLOCK, high))
+            columns = _product(narrow, self._table(here))
+            found.append(combine(self.points[here].T, columns.reshape(len(rows), k, -1)))
+        return tuple(np.ascontiguousarray(np.moveaxis(np.concatenate(out, axis=-1), -1, 0)) for out in zip(*found, strict=True))
 
-    @property
-    def _parts(self) -> list[Floats]:
-        return [self.points[start : start + BLOCK] for start in range(0, max(len(self.points), 1), BLOCK)]
-
-    @property
-    def _tables(self) -> Iterable[Floats]:
-        size = 2 * self.modes.harmonics.count * len(self.points)
-        return self._kept if size <= KEPT else self._made()
+    def _table(self, part: slice) -> Floats:
+        if 2 * self.modes.harmonics.count * len(self.points) > KEPT:
+            return self.modes.harmonics.table(self.points[part], self.side)
+        return self._kept[:, part]
 
     @cached_property
-    def _kept(self) -> list[Floats]:
-        return list(self._made())
-
-    def _made(self) -> Iterator[Floats]:
-        return (self.modes.harmonics.table(part, self.side) for part in self._parts)
+    def _kept(self) -> Floats:
+        return self.modes.harmonics.table(self.points, self.side)
 
 
 @lru_cache(maxsize=32)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -76,50 +77,43 @@ class Samples:
         Args:
             scattered: outgoing coefficients about each sphere, (modes, k), m.
         """
-        b = self.boundary
-        surface, side = self._tractions(scattered)
-        moves = sum(sampler.displacement(c) for sampler, c in zip(self._moved, scattered, strict=True))
-        ends, floor = self._split(np.asarray(moves), b.ends, b.floor)
-        return surface, side, ends, floor
+        parts = self._parts
+        found = [np.zeros(1)] * len(parts)
+        for source, sampler, c in zip(self.sources, self._samplers, scattered, strict=True):
+            pascal = self.two_mu / source.radius
+            found[0] = found[0] + sampler.upward(c, parts[0]) * pascal
+            found[1] = found[1] + sampler.both(c, parts[1])[1] * pascal
+            found[2], found[3] = (found[k] + sampler.displacement(c, parts[k]) for k in (2, 3))
+        found[1] = self._outward(found[1])
+        first, second, third, fourth = (self._turned(one, edges) for one, edges in zip(found, self._edges, strict=True))
+        return first, second, third, fourth
 
-    def _tractions(self, scattered: Sequence[Floats]) -> tuple[Floats, Floats]:
-        top, side = np.zeros(1), np.zeros(1)
-        for source, on_top, beside, c in zip(self.sources, self._on_surface, self._on_side, scattered, strict=True):
-            top = top + on_top.upward(c) * (self.two_mu / source.radius)
-            side = side + beside.both(c)[1] * (self.two_mu / source.radius)
-        tensor = side[:, STRESS]
-        along = np.broadcast_to(self.rounds.angles, (*self.boundary.side.r.shape, self.rounds.count)).reshape(-1, 1, 1)
-        outward = np.cos(along) * tensor[:, 0] + np.sin(along) * tensor[:, 1]
-        return self._split(np.concatenate([top, outward]), self.boundary.surface, self.boundary.side)
+    def _outward(self, stress: Floats) -> Floats:
+        """Traction on the side, (n, 3, k), from stresses xx .. xy, (n, 6, k)."""
+        tensor, side = stress[:, STRESS], self.boundary.side
+        angles = np.broadcast_to(self.rounds.angles, (*side.r.shape, self.rounds.count)).reshape(-1, 1, 1)
+        return np.asarray(np.cos(angles) * tensor[:, 0] + np.sin(angles) * tensor[:, 1])
 
-    def _split(self, values: Floats, first: Edges, second: Edges) -> tuple[Floats, Floats]:
-        """Cartesian values (n, 3, k) at the points of two sets of edges as components along r, theta and z."""
-        cut = first.r.size * self.rounds.count
-        one, two = (
-            self._turned(part.reshape(*edges.r.shape, self.rounds.count, 3, -1))
-            for part, edges in ((values[:cut], first), (values[cut:], second))
-        )
-        return one, two
-
-    def _turned(self, values: Floats) -> Floats:
+    def _turned(self, values: Floats, edges: Edges) -> Floats:
+        """Cartesian values (n, 3, k) at the points of some edges as components along r, theta and z."""
         cos, sin = np.cos(self.rounds.angles)[:, None], np.sin(self.rounds.angles)[:, None]
-        x, y, z = np.moveaxis(values, -2, 0)
+        x, y, z = np.moveaxis(values.reshape(*edges.r.shape, self.rounds.count, 3, -1), -2, 0)
         return np.stack([cos * x + sin * y, cos * y - sin * x, z], axis=-2)
 
-    @cached_property
-    def _on_surface(self) -> list[Sampler]:
-        return self._samplers(self.boundary.surface)
+    @property
+    def _edges(self) -> tuple[Edges, Edges, Edges, Edges]:
+        b = self.boundary
+        return b.surface, b.side, b.ends, b.floor
 
     @cached_property
-    def _on_side(self) -> list[Sampler]:
-        return self._samplers(self.boundary.side)
+    def _parts(self) -> tuple[slice, ...]:
+        """Where the points of each of ``_edges`` stand among all."""
+        ends = np.cumsum([0, *(edges.r.size * self.rounds.count for edges in self._edges)]).tolist()
+        return tuple(slice(*pair) for pair in pairwise(ends))
 
     @cached_property
-    def _moved(self) -> list[Sampler]:
-        return self._samplers(self.boundary.ends, self.boundary.floor)
-
-    def _samplers(self, *edges: Edges) -> list[Sampler]:
-        points = np.concatenate([self._points(some) for some in edges])
+    def _samplers(self) -> list[Sampler]:
+        points = np.concatenate([self._points(some) for some in self._edges])
         return [Sampler(one.modes, (points - one.centre) / one.radius, "outgoing") for one in self.sources]
 
     def _points(self, edges: Edges) -> Floats:
