@@ -124,7 +124,7 @@ def readings(
     """Return what the probe reads over n sets of t tumours each, arrays of shape (n, t).
 
     All are answered to first order, some 20 000 tumours a second (a few 1000 within 0.15 outer radii of the surface); then those
-    whose error bound is above ``base.accuracy`` once more with reflections, some 20 to 800 ms each.
+    whose error bound is above ``base.accuracy`` once more with reflections, some 5 to 100 ms each.
 
     Args:
         base: the probe on the tissue without tumours.
