@@ -15,7 +15,7 @@ from probe_design.cli_maps import detectability, scan
 
 VERBS = ("evaluate", "curve", "scan", "detectability", "estimate", "optimize", "export")
 PLANNED = ("plan", "sweep", "tradeoff", "read", "calibrate", "check")
-EVALUATORS = "auto, published, closed-form, equivalent-inclusion, axisymmetric"
+EVALUATORS = "auto, published, closed-form, equivalent-inclusion, axisymmetric, solid"
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
@@ -44,8 +44,10 @@ def cli() -> None:
 @click.argument("scene", type=click.Path(path_type=Path))
 @click.option("--evaluator", default="auto", show_default=True, help=f"Level of fidelity: {EVALUATORS}.")
 @click.option("--accuracy", default="0.01", show_default=True, help="Relative error that ratio, stresses and stiffness may have.")
+@click.option("--vtu", type=click.Path(path_type=Path), help="With solid: write mesh, displacements and stresses for ParaView.")
+@click.option("--plot", "picture", type=click.Path(path_type=Path), help="With solid: draw mesh and stresses to this .png file.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def evaluate(scene: Path, evaluator: str, accuracy: str, as_json: bool) -> None:
+def evaluate(scene: Path, evaluator: str, accuracy: str, vtu: Path | None, picture: Path | None, as_json: bool) -> None:
     """Say what both films feel, and how well their ratio tells E_object.
 
     \b
@@ -53,15 +55,24 @@ def evaluate(scene: Path, evaluator: str, accuracy: str, as_json: bool) -> None:
     closed-form           formulas, milliseconds, 5 to 50 %: spheres anywhere
     equivalent-inclusion  finite elements and scattering, 0.3 to 5 s, 1e-2 to 1e-3: tumours anywhere
     axisymmetric          finite elements, 0.1 to 10 s, 1e-2 to 1e-4: one sphere on the probe's axis
-    auto                  axisymmetric where it can, else equivalent-inclusion; refuses rather
-                          than answer worse than --accuracy
+    solid                 3D finite elements, 10 to 100 s, 1e-2 to 3e-3: groove, edges, tilt, tumours
+                          of any shape, from STL and STEP files too
+    auto                  the cheapest of the last three that takes the scene and reaches --accuracy;
+                          refuses rather than answer worse
     """  # noqa: D301
     from geometry.scene_file import read_scene
-    from probe_design.console import message, result_table, show, working
-    from solver import evaluate as run
+    from probe_design.console import message, result_table, saying, show
 
-    with working(f"evaluating {scene}"):
-        result = run(read_scene(scene), evaluator, number("accuracy", accuracy))
+    asked = number("accuracy", accuracy)
+    with saying(f"evaluating {scene}") as tell:
+        if vtu is not None or picture is not None:
+            from probe_design.solid_files import evaluated
+
+            result = evaluated(read_scene(scene), evaluator, asked, vtu, picture, tell)
+        else:
+            from solver import evaluate as run
+
+            result = run(read_scene(scene), evaluator, asked, tell)
     if as_json:
         print_json(result.as_dict())
         return
@@ -84,11 +95,11 @@ def curve(scene: Path, low: str, high: str, points: int, accuracy: str, picture:
     """Say how ratio and log-sensitivity depend on the inclusion's Young's modulus.
 
     With one sphere on the probe's axis all moduli follow exactly from one factorisation, so that a thousand cost as much as
-    ten; with tumours elsewhere each modulus costs some 10 to 500 ms.
+    ten; with tumours elsewhere each modulus costs some 10 to 100 ms.
     """
     from geometry.files import check_writable
     from geometry.scene_file import read_scene
-    from probe_design.console import curve_table, message, show, working
+    from probe_design.console import curve_table, message, saying, show
     from probe_design.curve_plot import check_format, plot
     from solver import curve as run
 
@@ -96,8 +107,8 @@ def curve(scene: Path, low: str, high: str, points: int, accuracy: str, picture:
     if picture is not None:
         check_format(picture)  # what would fail after the work fails before it
         check_writable(picture.parent)
-    with working(f"curve of {scene}"):
-        told = run(found, _moduli(low, high, points), number("accuracy", accuracy))
+    with saying(f"curve of {scene}") as tell:
+        told = run(found, _moduli(low, high, points), number("accuracy", accuracy), tell)
     if picture is not None:
         plot(told, picture, found.inclusion[found.target or 0].youngs_modulus, found.tissue.youngs_modulus)
     if as_json:

@@ -96,6 +96,17 @@ def working(text: str) -> Iterator[None]:
 
 
 @contextmanager
+def saying(text: str) -> Iterator[Callable[[str], None]]:
+    """Yield a function (line) that tells what is being done: beside a spinner on a terminal, in lines elsewhere."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield message
+        return
+    with console.status(text) as status:
+        yield lambda line: status.update(f"{text}: {line}")
+
+
+@contextmanager
 def counting(text: str) -> Iterator[Callable[[int, int], None]]:
     """Yield a function (done, total) that moves a bar on a terminal, and does nothing elsewhere."""
     console = Console(stderr=True)

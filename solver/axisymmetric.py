@@ -14,7 +14,7 @@ from geometry.grading import Floats
 from geometry.scene import Scene
 from solver.converged import Converged, converged
 from solver.film_forces import outputs, ratio
-from solver.result import Curve, Result, unbuilt, within
+from solver.result import Curve, Result, lopsided, within
 
 
 @dataclass(frozen=True)
@@ -27,13 +27,13 @@ class Axisymmetric:
     def refusal(self, scene: Scene) -> str | None:
         """Say which kind of thing in the scene is not rotationally symmetric, or None."""
         at = scene.placement
-        if unbuilt(scene) is not None:
-            return unbuilt(scene)
+        if lopsided(scene) is not None:
+            return lopsided(scene)
         if len(scene.inclusion) > 1:
             return "equivalent-inclusion or closed-form for several inclusions"
         for body in scene.inclusion:
             if body.diameter is None:
-                return "none built yet for an inclusion that is no sphere (equivalent-inclusion takes ellipsoids; planned: solid)"
+                return "equivalent-inclusion or solid for an ellipsoid"
             if math.hypot(body.x - at.x, body.y - at.y) > 1e-9 * body.diameter:
                 return "equivalent-inclusion or closed-form for an inclusion off the probe's axis"
         return None

@@ -20,7 +20,7 @@ from geometry.scene import Inclusion, Scene
 from solver.compatibility import Ball, Block, Layer, film_forces
 from solver.details import details
 from solver.film_forces import Bound, FilmForces, outputs
-from solver.result import Result, unbuilt
+from solver.result import Result, lopsided
 
 PROBE = (
     "inner_radius", "gap", "outer_radius", "inner_height", "outer_height",
@@ -110,10 +110,10 @@ class ClosedForm:
 
     def refusal(self, scene: Scene) -> str | None:
         """Say which kind of thing in the scene the formulas do not know, or None."""
-        if unbuilt(scene) is not None:
-            return unbuilt(scene)
+        if lopsided(scene) is not None:
+            return lopsided(scene)
         if any(body.diameter is None for body in scene.inclusion):
-            return "none built yet for an inclusion that is no sphere (planned: equivalent-inclusion, solid)"
+            return "equivalent-inclusion or solid for an ellipsoid"
         if any(body.depth - body.diameter / 2 < LEAST_COVER * body.diameter for body in scene.inclusion if body.diameter):
             return f"axisymmetric for an inclusion covered by less than {LEAST_COVER:g} of its diameter"
         if scene.tissue.shape != "half-space" and scene.tissue.depth < LEAST_DEPTH * scene.probe.tube_radius:

@@ -11,9 +11,9 @@ from geometry.errors import InputError, Refusal, Words
 from geometry.grading import Floats
 from geometry.scene import Scene
 from solver.ellipsoids import check, with_ellipsoids
-from solver.film_forces import Bound, FilmForces, outputs, ratio
+from solver.film_forces import Bound, FilmForces, outputs, ratio, shortfalls
 from solver.readings import Readings, readings
-from solver.result import Curve, Decision, Result, unbuilt, within
+from solver.result import Curve, Decision, Result, lopsided, within
 from solver.tumours import Tumours
 from solver.undisturbed import Undisturbed, undisturbed
 
@@ -23,15 +23,11 @@ class EquivalentInclusion:
     """Axisymmetric finite elements of probe and tissue; tumours anywhere by scattering: bonded or frictionless."""
 
     name: str = "equivalent-inclusion"
-    summary: str = "spheres and ellipsoids anywhere; 1e-3 to 1e-2 in 0.5 s for the probe and 0.05 to 500 ms for each tumour"
+    summary: str = "spheres and ellipsoids anywhere; 1e-3 to 1e-2 in 0.5 s for the probe and 0.05 to 100 ms for each tumour"
 
     def refusal(self, scene: Scene) -> str | None:
         """Say which kind of thing in the scene this level does not know, or None."""
-        if unbuilt(scene) is not None:
-            return unbuilt(scene)
-        if any(body.surface is not None for body in scene.inclusion):
-            return "none built yet for an inclusion that is neither sphere nor ellipsoid (planned: solid)"
-        return None
+        return lopsided(scene)
 
     def evaluate_within(self, scene: Scene, accuracy: float) -> Result:
         """Answer as ``evaluate`` does, but only if every bound is below ``accuracy``.
@@ -57,7 +53,7 @@ class EquivalentInclusion:
         films = film_forces(found, 0, scene.target is not None)
         told = outputs(scene, films)
         reached = films.error_under(scene)
-        warnings = (*told.pop("warnings"), *base.notes, *_notes(films, reached, accuracy))
+        warnings = (*told.pop("warnings"), *base.notes, *shortfalls(films, reached, accuracy))
         plan = (*base.plan, *_decisions(base, found, 0))
         return Result(self.name, perf_counter() - start, **told, plan=plan, warnings=warnings), reached
 
@@ -80,7 +76,7 @@ class EquivalentInclusion:
         told = [ratio(scene, film_forces(found, k, True)) for k in range(len(moduli))]
         values = {key: tuple(one[key] for one in told) for key in ("ratio", "log_sensitivity", "error_estimate")}
         worst = int(np.argmax(found.worst))
-        notes = (*base.notes, *_notes(film_forces(found, worst, True), float(found.worst[worst]), accuracy))
+        notes = (*base.notes, *shortfalls(film_forces(found, worst, True), float(found.worst[worst]), accuracy))
         plan = (*base.plan, *_decisions(base, found, worst))
         return Curve(self.name, perf_counter() - start, tuple(moduli.tolist()), **values, plan=plan, warnings=notes)
 
@@ -103,19 +99,6 @@ def film_forces(found: Readings, k: int, target: bool) -> FilmForces:
     if not target:
         return FilmForces(found.forces[k], bound)
     return FilmForces(found.forces[k], bound, found.by["youngs_modulus"][k], float(found.sensitivity_error[k]))
-
-
-def _notes(films: FilmForces, reached: float, accuracy: float) -> list[str]:
-    notes = []
-    if reached > accuracy:
-        bounds = f"error bounds of {reached:.2g}" if reached < 1 else "error bounds no smaller than the values themselves"
-        notes.append(f"{bounds} reached, accuracy {accuracy:g} asked for: this level's best")
-    told = abs(films.log_sensitivity or 0.0)
-    if films.slope is not None and films.sensitivity_error > max(5 * accuracy * told, 1e-5):
-        share = films.sensitivity_error / told if told > 0 else np.inf
-        good = f"good to about {share:.1g} of itself only" if share < 10 else "smaller than its own error"
-        notes.append(f"log_sensitivity is {good}")
-    return notes
 
 
 def _decisions(base: Undisturbed, found: Readings, k: int) -> list[Decision]:

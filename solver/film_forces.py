@@ -133,6 +133,20 @@ def ratio(scene: Scene, films: FilmForces) -> dict[str, float | None]:
     return {"ratio": float(inner / outer), "log_sensitivity": films.log_sensitivity, "error_estimate": films.ratio_error}
 
 
+def shortfalls(films: FilmForces, reached: float, accuracy: float) -> list[str]:
+    """Say what is not as accurate as was asked for, where ``reached`` is the largest of the bounds."""
+    notes = []
+    if reached > accuracy:
+        bounds = f"error bounds of {reached:.2g}" if reached < 1 else "error bounds no smaller than the values themselves"
+        notes.append(f"{bounds} reached, accuracy {accuracy:g} asked for: this level's best")
+    told = abs(films.log_sensitivity or 0.0)
+    if films.slope is not None and films.sensitivity_error > max(5 * accuracy * told, 1e-5):
+        share = films.sensitivity_error / told if told > 0 else np.inf
+        good = f"good to about {share:.1g} of itself only" if share < 10 else "smaller than its own error"
+        notes.append(f"log_sensitivity is {good}")
+    return notes
+
+
 def _beyond_linear(scene: Scene, stress: Floats, indentation: float) -> list[str]:
     probe = scene.probe
     strains = {

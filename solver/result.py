@@ -66,8 +66,17 @@ def unbuilt(scene: Scene) -> str | None:
     """Say which kind of thing in the scene no level knows yet, or None."""
     if scene.contact.interface == "unilateral":
         return "none built yet for contact.interface = 'unilateral' (planned: contact)"
+    return None
+
+
+def lopsided(scene: Scene) -> str | None:
+    """Say which kind of thing in the scene no level, or only ``solid``, knows; or None."""
+    if unbuilt(scene) is not None:
+        return unbuilt(scene)
     if scene.placement.tilt != 0:
-        return "none built yet for placement.tilt other than 0 (planned: solid)"
+        return "solid for placement.tilt other than 0"
+    if any(body.surface is not None for body in scene.inclusion):
+        return "solid for an inclusion that is neither sphere nor ellipsoid"
     return None
 
 

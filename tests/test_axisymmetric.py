@@ -234,7 +234,7 @@ def test_groove_is_left_out_and_counted() -> None:
     assert any("groove" in warning for warning in result.warnings)
     assert any("sides" in decision.feature for decision in result.plan)
     with pytest.raises(Refusal, match="accuracy"):
-        evaluate(one.scene, "auto", 0.01)
+        evaluate(one.scene, "auto", 0.001)
 
 
 @pytest.mark.parametrize(("off", "told"), [(2e-3, False), (5e-4, True)])

@@ -1,0 +1,90 @@
+"""The space that the volume mesher works in: the probe's axes with a widened gap and far tissue drawn near.
+
+Tetrahedra of about equal size there are graded in the scene; a hairline gap costs as many of them as a wide one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Points = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class MeshSpace:
+    """A one-to-one map of the scene, in the probe's axes, to the mesher's space; lengths in m.
+
+    Attributes:
+        radii: 0, the solid cylinder's, the hole's and the tube's radius, and a radius for the rest: (5,), rising.
+        moved: by how much each of them grows towards the mesher's space: (5,), its first and last two zero.
+        rising: by how much they grow further with each m of height above the tissue: (5,).
+        fade: depth of tissue at which the widened gap has faded.
+        near: distance from the origin beyond which lengths shrink, as the logarithm does.
+    """
+
+    radii: tuple[float, ...]
+    moved: tuple[float, ...]
+    rising: tuple[float, ...]
+    fade: float
+    near: float
+
+    def to_mesh(self, points: Points) -> Points:
+        """Map points (n, 3) of the scene."""
+        shifted = self._shifted(points, inverse=False)
+        distance = np.linalg.norm(shifted, axis=1)
+        over = np.maximum(distance / self.near, 1.0)
+        result: Points = shifted * ((1 + np.log(over)) / over)[:, None]
+        return result
+
+    def to_scene(self, points: Points) -> Points:
+        """Map points (n, 3) of the mesher's space: the inverse of ``to_mesh``."""
+        distance = np.linalg.norm(points, axis=1)
+        over = np.maximum(distance / self.near, 1.0)
+        far = points * (np.exp(over - 1) / over)[:, None]
+        return self._shifted(far, inverse=True)
+
+    def scale(self, points: Points) -> Points:
+        """How many times longer lengths at points (n, 3) of the scene are in the mesher's space, the gap left out: (n,)."""
+        result: Points = 1 / np.maximum(np.linalg.norm(points, axis=1) / self.near, 1.0)
+        return result
+
+    def _shifted(self, points: Points, inverse: bool) -> Points:
+        radius = np.hypot(points[:, 0], points[:, 1])
+        part = np.clip(1 + points[:, 2] / self.fade, 0.0, 1.0)[:, None]
+        height = np.clip(points[:, 2], 0.0, self.near)[:, None]
+        before = np.broadcast_to(np.array(self.radii), (len(points), len(self.radii)))
+        after = before + part * np.array(self.moved) + height * np.array(self.rising)
+        known, wanted = (after, before) if inverse else (before, after)
+        index = np.clip((radius[:, None] >= known).sum(axis=1) - 1, 0, len(self.radii) - 2)
+        rows = np.arange(len(points))
+        low, high = known[rows, index], known[rows, index + 1]
+        share = (radius - low) / (high - low)
+        mapped = wanted[rows, index] + share * (wanted[rows, index + 1] - wanted[rows, index])
+        factor = np.where(radius > 0, mapped / np.where(radius > 0, radius, 1.0), 1.0)
+        result = points.copy()
+        result[:, :2] *= factor[:, None]
+        return result
+
+
+def mesh_space(
+    inner: float, hole: float, tube: float, gap: float, near: float, height: float = 0.0, rise: float = 0.0
+) -> MeshSpace:
+    """Choose the space in which the gap between ``inner`` and ``hole`` is ``gap`` wide or wider, and ``rise`` more at ``height``.
+
+    It is less where there is no room: at most a quarter of the solid cylinder and of the tube's wall are taken from them.
+    """
+    below = _shared(max(gap - (hole - inner), 0.0), inner, tube - hole)
+    above = _shared(sum(below) + rise, inner, tube - hole)
+    slopes = [(high - low) / height if height > 0 else 0.0 for low, high in zip(below, above, strict=True)]
+    fade = max(3 * sum(below), 1e-3 * inner)
+    radii = (0.0, inner, hole, tube, 1e6 * tube)
+    return MeshSpace(radii, (0.0, -below[0], below[1], 0.0, 0.0), (0.0, -slopes[0], slopes[1], 0.0, 0.0), fade, near)
+
+
+def _shared(add: float, inner: float, wall: float) -> tuple[float, float]:
+    """What the solid cylinder and the tube's wall each give to a gap that grows by ``add``."""
+    outwards = min(add - min(add / 2, inner / 4), wall / 4)
+    return min(add - outwards, inner / 4), outwards

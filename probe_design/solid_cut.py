@@ -1,0 +1,129 @@
+"""The faces of a mesh of tetrahedra that a picture shows: its skin, and its section at y = 0."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.grading import Floats
+from geometry.tetrahedra import BEYOND, FACE_MIDDLES, FACES, GROOVE, INCLUSION, INNER, OUTER, TISSUE
+from solver.solid_states import SolidFields, at_nodes
+from solver.solid_system import AT, Problem
+from solver.tetrahedra import Ints
+
+NAMES = {INNER: "inner", OUTER: "outer", GROOVE: "groove", TISSUE: "tissue", BEYOND: "tissue beyond"}
+SPLIT = np.array([(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)])  # a quadratic triangle as four flat ones
+RIM = np.array([(0, 3), (3, 1), (1, 4), (4, 2), (2, 5), (5, 0)])  # its sides
+EIGHT = np.array([(0, 4, 6, 7), (4, 1, 5, 8), (6, 5, 2, 9), (7, 8, 9, 3), (6, 8, 4, 5), (6, 8, 5, 9), (6, 8, 9, 7), (6, 8, 7, 4)])
+ASIDE = 3.3e-6  # of the mesh's size: how far the section of a whole mesh is beside y = 0
+_AROUND = np.hstack([FACES, FACE_MIDDLES])
+
+
+@dataclass(frozen=True)
+class Faces:
+    """Flat triangles, and the lines in which they show the mesh.
+
+    Attributes:
+        points: in m, shape (n, 3).
+        triangles: of these points, shape (f, 3).
+        body: of each triangle, as in ``Solid.body``, shape (f,).
+        lines: sides of elements, pairs of points, shape (m, 2).
+        values: by name what is known at the points: ``displacement`` in m (n, 3), ``pressure`` and ``von_mises`` in Pa (n,).
+    """
+
+    points: Floats
+    triangles: Ints
+    body: Ints
+    lines: Ints
+    values: Mapping[str, Floats] = field(default_factory=dict)
+
+    def of(self, *bodies: int) -> NDArray[np.bool_]:
+        """Which triangles belong to some bodies, shape (f,)."""
+        return np.isin(self.body, bodies)
+
+
+def name(body: int) -> str:
+    """What a body is called: its part outside the reference cylinder, of an inclusion, is ``inclusion[i] beyond``."""
+    if body < 0:
+        return f"{name(-1 - body)} beyond"
+    return NAMES.get(body) or f"inclusion[{body - INCLUSION}]"
+
+
+def present(problem: Problem) -> list[int]:
+    """Numbers of the bodies that are there: those of the mesh that have a material."""
+    return [int(body) for body in np.unique(problem.solid.body) if int(body) in problem.materials]
+
+
+def skin(problem: Problem) -> Faces:
+    """The outside of all bodies that are there together; of a half, its plane of symmetry too."""
+    solid, faces, body = problem.solid, *_sides(problem, present(problem))
+    _, index, count = np.unique(np.sort(faces[:, :3], axis=1), axis=0, return_index=True, return_counts=True)
+    once = np.sort(index[count == 1])
+    return _flat(solid.nodes, faces[once], body[once])
+
+
+def section(problem: Problem, found: SolidFields) -> Faces:
+    """The cut at y = 0, with fields averaged at the nodes of each body by itself: they jump where bodies meet."""
+    solid, nodes = problem.solid, problem.solid.nodes
+    parts = []
+    for body in present(problem):
+        inside = solid.body == body
+        averages = {"pressure": found.vertical, "von_mises": found.von_mises}
+        values = {name: at_nodes(solid.elements[inside], each[inside], len(nodes)) for name, each in averages.items()}
+        values["displacement"] = found.displacement
+        if solid.mesh.half:
+            near = AT * float(np.ptp(nodes, axis=0).max())
+            faces, _ = _sides(problem, [body])
+            faces = faces[(np.abs(nodes[faces, 1]) < near).all(axis=1)]
+            parts.append(_flat(nodes, faces, np.full(len(faces), body), values))
+        else:
+            parts.append(_sliced(nodes, solid.elements[inside], body, values))
+    return _together([part for part in parts if len(part.triangles)])
+
+
+def _sides(problem: Problem, bodies: list[int]) -> tuple[Ints, Ints]:
+    """The four quadratic faces of every element of some bodies, shape (4 t, 6), and their bodies (4 t,)."""
+    inside = np.isin(problem.solid.body, bodies)
+    faces = problem.solid.elements[inside][:, _AROUND].reshape(-1, 6)
+    return faces, np.repeat(problem.solid.body[inside], len(_AROUND))
+
+
+def _flat(nodes: Floats, faces: Ints, body: Ints, values: Mapping[str, Floats] | None = None) -> Faces:
+    """Quadratic triangles (f, 6) as flat ones."""
+    kept, number = np.unique(faces, return_inverse=True)
+    faces = number.reshape(-1, 6)
+    lines = np.unique(np.sort(faces[:, RIM].reshape(-1, 2), axis=1), axis=0)
+    own = {name: each[kept] for name, each in (values or {}).items()}
+    return Faces(nodes[kept], faces[:, SPLIT].reshape(-1, 3), np.repeat(body, len(SPLIT)), lines, own)
+
+
+def _sliced(nodes: Floats, elements: Ints, body: int, values: Mapping[str, Floats]) -> Faces:
+    """Cut elements, each as eight flat ones, a hair beside y = 0, where no node lies."""
+    import pyvista
+
+    aside = {"normal": "y", "origin": (0, ASIDE * float(np.ptp(nodes, axis=0).max()), 0), "generate_triangles": True}
+    sides = elements[:, _AROUND].reshape(-1, 6)
+    _, first = np.unique(np.sort(sides[:, :3], axis=1), axis=0, return_index=True)
+    whole = pyvista.UnstructuredGrid({pyvista.CellType.TETRA: elements[:, EIGHT].reshape(-1, 4)}, nodes)
+    faces = pyvista.PolyData.from_regular_faces(nodes, sides[first][:, SPLIT].reshape(-1, 3))
+    for name, each in values.items():
+        whole.point_data[name] = faces.point_data[name] = each
+    area, rims = whole.slice(**aside), faces.slice(**aside)
+    triangles = area.regular_faces if area.n_cells else np.zeros((0, 3), dtype=np.int64)
+    lines = area.n_points + (rims.lines.reshape(-1, 3)[:, 1:] if rims.n_cells else np.zeros((0, 2), dtype=np.int64))
+    own = {name: np.concatenate([part.point_data[name] for part in (area, rims)]) for name in values if len(triangles)}
+    return Faces(np.vstack([area.points, rims.points]), triangles, np.full(len(triangles), body), lines, own)
+
+
+def _together(parts: list[Faces]) -> Faces:
+    start = np.cumsum([0, *(len(part.points) for part in parts)])[:-1]
+    return Faces(
+        np.vstack([part.points for part in parts]),
+        np.vstack([part.triangles + n for part, n in zip(parts, start, strict=True)]),
+        np.concatenate([part.body for part in parts]),
+        np.vstack([part.lines + n for part, n in zip(parts, start, strict=True)]),
+        {name: np.concatenate([part.values[name] for part in parts]) for name in parts[0].values},
+    )

@@ -1,0 +1,124 @@
+"""What of a scene is meshed in three dimensions, and the rotationally symmetric problem whose exact answer is known beside it.
+
+Meshes are made about the probe's axis. Where tissue is round about it, or its edges are far, any plane through the axis may be
+that of a mirror-symmetric scene's half: tumours are turned into it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from geometry.layout import mirror_symmetric
+from geometry.probe import Base
+from geometry.scene import CylinderTissue, Inclusion, Load, Placement, Scene
+
+SPAN = 8.0  # outer radii that tissue is modelled of at least
+REACH = 1.7  # times the distance of the farthest point of an inclusion
+WORTH = 0.8  # of its size: tissue is shortened if it becomes at least so much smaller
+EVEN = 1e-9
+
+
+@dataclass(frozen=True)
+class Domain:
+    """A scene as it is meshed.
+
+    Attributes:
+        scene: its tissue perhaps a shorter cylinder about the probe's axis.
+        reference: the probe alone, without groove, films and elastic base, on a cylinder of tissue about its axis.
+        radius: of that cylinder, m, where it is not the meshed tissue's own side; or None.
+        half: whether the half y >= 0 is meshed.
+        shortened: whether tissue was left out.
+    """
+
+    scene: Scene
+    reference: Scene
+    radius: float | None
+    half: bool
+    shortened: bool
+
+
+def plain(scene: Scene) -> Scene:
+    """The scene without what is not rotationally symmetric: inclusions, groove, tilt; films and base stay."""
+    probe = scene.probe.model_copy(update={"groove": None})
+    at = scene.placement.model_copy(update={"tilt": 0.0})
+    return scene.model_copy(update={"probe": probe, "inclusion": (), "placement": at, "load": Load(indentation=0.0)})
+
+
+def room(scene: Scene) -> float:
+    """Radius of the largest cylinder about the probe's axis that the tissue holds, m."""
+    tissue, at = scene.tissue, scene.placement
+    if tissue.shape == "half-space":
+        return math.inf
+    if tissue.shape == "cylinder":
+        return tissue.radius - math.hypot(at.x, at.y)
+    return min(tissue.length / 2 - abs(at.x), tissue.breadth / 2 - abs(at.y))
+
+
+def reach(scene: Scene) -> float:
+    """How far inclusions and probe reach from the probe's place on the surface, m."""
+    at, probe = scene.placement, scene.probe
+    sizes = [max(probe.tube_radius, probe.core_height, probe.tube_height) * SPAN]
+    for body in scene.inclusion:
+        size = body.diameter or max(body.diameters or (0.0,))
+        sizes.append(REACH * (math.hypot(body.x - at.x, body.y - at.y, body.depth) + size / 2))
+    return max(sizes)
+
+
+def domain(scene: Scene, span: float, wall: float | None) -> Domain:
+    """Choose a domain.
+
+    Args:
+        scene: the scene.
+        span: radius and depth that tissue may be cut to where it is larger, m; inf for none.
+        wall: radius of the reference cylinder where tissue is not round about the probe and cannot be cut, or None.
+    """
+    whole = math.inf if scene.tissue.shape == "half-space" else scene.tissue.depth
+    radius = min(span, room(scene))
+    cut = span < WORTH * room(scene) or (coaxial(scene) and span < WORTH * whole)
+    if cut or coaxial(scene):
+        depth = min(whole, span)
+        material = {"youngs_modulus": scene.tissue.youngs_modulus, "poisson_ratio": scene.tissue.poisson_ratio}
+        tissue = CylinderTissue(shape="cylinder", radius=radius, depth=depth, **material)
+        own = _about_the_axis(scene, tissue)
+        return Domain(own, _reference(own, tissue), None, mirror_symmetric(own), cut)
+    assert wall is not None
+    assert scene.tissue.shape != "half-space"
+    material = {"youngs_modulus": scene.tissue.youngs_modulus, "poisson_ratio": scene.tissue.poisson_ratio}
+    tissue = CylinderTissue(shape="cylinder", radius=wall, depth=scene.tissue.depth, **material)
+    return Domain(scene, _reference(scene, tissue), wall, mirror_symmetric(scene), False)
+
+
+def coaxial(scene: Scene) -> bool:
+    """Whether the tissue is round about the probe's axis."""
+    at = scene.placement
+    off = math.hypot(at.x, at.y) > EVEN * scene.probe.tube_radius
+    return scene.tissue.shape == "half-space" or (scene.tissue.shape == "cylinder" and not off)
+
+
+def _reference(scene: Scene, tissue: CylinderTissue) -> Scene:
+    alone = plain(scene)
+    probe = alone.probe.model_copy(update={"film": None, "base": Base(rigid=True)})
+    return alone.model_copy(update={"probe": probe, "tissue": tissue, "placement": Placement()})
+
+
+def _about_the_axis(scene: Scene, tissue: CylinderTissue) -> Scene:
+    """The scene in the probe's axes; without groove and tilt turned so that the farthest inclusion lies in y = 0."""
+    at = scene.placement
+    bodies = [body.model_copy(update={"x": body.x - at.x, "y": body.y - at.y}) for body in scene.inclusion]
+    turned = bodies
+    if scene.probe.groove is None and at.tilt == 0 and bodies and all(body.surface is None for body in bodies):
+        far = max(bodies, key=lambda body: math.hypot(body.x, body.y))
+        turned = [_turned(body, -math.atan2(far.y, far.x)) for body in bodies]
+    placed = Placement(tilt=at.tilt)
+    return scene.model_copy(update={"tissue": tissue, "inclusion": tuple(turned), "placement": placed})
+
+
+def _turned(body: Inclusion, angle: float) -> Inclusion:
+    x, y = (
+        math.cos(angle) * body.x - math.sin(angle) * body.y,
+        math.sin(angle) * body.x + math.cos(angle) * body.y,
+    )
+    y = 0.0 if abs(y) < EVEN * max(abs(x), body.depth) else y
+    rz, ry, rx = body.orientation
+    return body.model_copy(update={"x": x, "y": y, "orientation": (math.remainder(rz + math.degrees(angle), 360.0), ry, rx)})

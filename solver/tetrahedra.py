@@ -1,0 +1,125 @@
+"""Tetrahedra of ten nodes: functions, quadrature and what their stiffness is made of.
+
+With g_a the gradient of function a, everything that an isotropic element needs is one matrix of nine numbers for each pair:
+
+    G_(ai)(bj) = Int g_ai g_bj dV                                                            (T1)
+    K_(ai)(bj) = lambda G_(ai)(bj) + mu (G_(aj)(bi) + delta_ij sum_k G_(ak)(bk))             (T2)
+
+Nodes are in VTK's order: corners 0 1 2 3, then the middles of edges 01 12 02 03 13 23. An element whose middles lie
+elsewhere is curved; its mapping is quadratic, its Jacobian no longer constant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.errors import SolveError
+from geometry.grading import Floats
+
+Ints = NDArray[np.int64]
+EDGES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
+CHUNK = 8192  # elements at once: 60 MB of matrices
+STRAIGHT = 1e-6  # of the longest edge: middles so close to the chord's middle make no difference
+
+PLACES = np.vstack([np.eye(4), (np.eye(4)[EDGES[:, 0]] + np.eye(4)[EDGES[:, 1]]) / 2])[:, 1:]  # of the nodes, (10, 3)
+
+
+@dataclass(frozen=True)
+class Rule:
+    """Quadrature on the tetrahedron x, y, z >= 0, x + y + z <= 1, with the functions at its points.
+
+    Attributes:
+        weights: sum to 1/6, shape (q,).
+        values: of the functions, shape (q, 10).
+        slopes: their derivatives, shape (q, 10, 3).
+    """
+
+    weights: Floats
+    values: Floats
+    slopes: Floats
+
+
+def functions(points: Floats) -> tuple[Floats, Floats]:
+    """Values (q, 10) and derivatives (q, 10, 3) of the ten functions at points (q, 3)."""
+    bary = np.column_stack([1 - points.sum(axis=1), points])
+    slope = np.vstack([-np.ones(3), np.eye(3)])  # of the barycentric coordinates
+    a, b = EDGES.T
+    values = np.hstack([bary * (2 * bary - 1), 4 * bary[:, a] * bary[:, b]])
+    corner = (4 * bary - 1)[:, :, None] * slope
+    edge = 4 * (bary[:, a, None] * slope[b] + bary[:, b, None] * slope[a])
+    return values, np.concatenate([corner, edge], axis=1)
+
+
+@cache
+def rule(curved: bool) -> Rule:
+    """The rule of 4 points, degree 2: exact for straight elements; for curved ones 14 points, degree 5.
+
+    Source: Keast, Comput. Methods Appl. Mech. Eng. 55 (1986); Walkington's rule of 14 points with positive weights.
+    """
+    if not curved:
+        a, b = 0.5854101966249685, 0.1381966011250105
+        bary, weights = np.full((4, 4), b) + (a - b) * np.eye(4), np.full(4, 1 / 24)
+    else:
+        parts, weights_of = [], []
+        for a, weight in ((0.31088591926330060980, 0.11268792571801585080), (0.092735250310891226402, 0.073493043116361949544)):
+            parts.append(np.full((4, 4), a) + (1 - 4 * a) * np.eye(4))
+            weights_of.append(np.full(4, weight / 6))
+        a = 0.045503704125649649492
+        middle = np.full((6, 4), a)
+        np.put_along_axis(middle, EDGES, 0.5 - a, axis=1)
+        parts.append(middle)
+        weights_of.append(np.full(6, 0.042546020777081466438 / 6))
+        bary, weights = np.vstack(parts), np.concatenate(weights_of)
+    return Rule(weights, *functions(bary[:, 1:]))
+
+
+def curved(corners_and_middles: Floats) -> NDArray[np.bool_]:
+    """Which elements, nodes (t, 10, 3), have middles beside the middles of their edges."""
+    x = corners_and_middles
+    ends = x[:, EDGES]
+    off = np.linalg.norm(x[:, 4:] - ends.mean(axis=2), axis=2).max(axis=1)
+    longest = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2).max(axis=1)
+    return np.asarray(off > STRAIGHT * longest)
+
+
+def gradients(x: Floats, slopes: Floats) -> tuple[Floats, Floats]:
+    """Gradients g (t, q, 10, 3) and Jacobians (t, q) of elements with nodes x (t, 10, 3), for slopes (q, 10, 3).
+
+    Raises:
+        SolveError: an element is turned inside out.
+    """
+    mapping = np.einsum("tai,qaj->tqij", x, slopes, optimize=True)  # dx_i / dxi_j
+    cofactors = np.stack([np.cross(mapping[..., (k + 1) % 3], mapping[..., (k + 2) % 3]) for k in range(3)], axis=-2)
+    jacobian = np.einsum("tqi,tqi->tq", cofactors[..., 0, :], mapping[..., 0])
+    if not np.all(jacobian > 0):
+        raise SolveError(f"{int(np.sum(np.any(jacobian <= 0, axis=1)))} elements of the mesh are turned inside out")
+    return slopes @ (cofactors / jacobian[..., None, None]), jacobian
+
+
+def integrated(x: Floats) -> Iterator[tuple[Ints, Floats, Floats, Floats]]:
+    """For elements with nodes x (t, 10, 3), some at a time: their numbers, functions (q, 10), g (n, q, 10, 3), weights (n, q)."""
+    bent = curved(x)
+    for kind in (False, True):
+        number, points = np.flatnonzero(bent == kind), rule(kind)
+        for start in range(0, len(number), CHUNK):
+            some = number[start : start + CHUNK]
+            g, jacobian = gradients(x[some], points.slopes)
+            yield some, points.values, g, jacobian * points.weights
+
+
+def grams(g: Floats, weight: Floats) -> Floats:
+    """G of eq. (T1), shape (n, 30, 30), from g (n, q, 10, 3) and weights (n, q)."""
+    n, q = weight.shape
+    root = (g * np.sqrt(weight)[..., None, None]).reshape(n, q, 30)
+    return np.asarray(root.transpose(0, 2, 1) @ root)
+
+
+def mean_dilation(g: Floats, weight: Floats) -> Floats:
+    """Int g_ai dV Int g_bj dV / V, what stands for G beside lambda if an element's dilation is taken as its mean; (n, 30, 30)."""
+    total = np.einsum("nqai,nq->nai", g, weight).reshape(len(g), 30)
+    return np.asarray(total[:, :, None] * (total / weight.sum(axis=1)[:, None])[:, None])
