@@ -9,11 +9,11 @@ from time import perf_counter
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from geometry.errors import InputError, Refusal, SolveError
+from geometry.errors import Refusal, SolveError
 from geometry.grading import Floats
 from geometry.scene import Scene
 from solver.converged import Converged, converged
-from solver.film_forces import outputs, ratio
+from solver.film_forces import checked_moduli, outputs, ratio
 from solver.result import Curve, Result, lopsided, within
 
 
@@ -71,11 +71,7 @@ class Axisymmetric:
             Refusal: see ``evaluate``.
         """
         start = perf_counter()
-        moduli = np.asarray(moduli, dtype=float)
-        if not scene.inclusion:
-            raise InputError("inclusion", "none", "one inclusion, whose Young's modulus the curve runs over")
-        if moduli.ndim != 1 or not moduli.size or not np.all(np.isfinite(moduli) & (moduli > 0)):
-            raise InputError("youngs_modulus", "not all positive", "one or more positive finite moduli, Pa")
+        moduli = checked_moduli(scene, moduli)
         found = self.converged(scene, accuracy, moduli)
         told = [ratio(scene, films) for films in found.films]
         values = {key: tuple(one[key] for one in told) for key in ("ratio", "log_sensitivity", "error_estimate")}

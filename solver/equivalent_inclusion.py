@@ -7,11 +7,11 @@ from time import perf_counter
 
 import numpy as np
 
-from geometry.errors import InputError, Refusal, Words
+from geometry.errors import Refusal, Words
 from geometry.grading import Floats
 from geometry.scene import Scene
 from solver.ellipsoids import check, with_ellipsoids
-from solver.film_forces import Bound, FilmForces, outputs, ratio, shortfalls
+from solver.film_forces import Bound, FilmForces, checked_moduli, outputs, ratio, shortfalls
 from solver.readings import Readings, readings
 from solver.result import Curve, Decision, Result, lopsided, within
 from solver.tumours import Tumours
@@ -64,13 +64,10 @@ class EquivalentInclusion:
             InputError: there is no target, or a modulus is not positive and finite.
             Refusal: see ``evaluate``.
         """
-        start, moduli = perf_counter(), np.asarray(moduli, dtype=float)
-        if scene.target is None:
-            raise InputError("inclusion.target", "none", "one inclusion, or one of several marked target = true")
-        if moduli.ndim != 1 or not moduli.size or not np.all(np.isfinite(moduli) & (moduli > 0)):
-            raise InputError("youngs_modulus", "not all positive", "one or more positive finite moduli, Pa")
+        start, moduli = perf_counter(), checked_moduli(scene, moduli)
+        target = scene.target or 0
         base = self.prepared(scene, accuracy)
-        found = readings(base, Tumours.of(scene).with_moduli(moduli, scene.target), scene.target, sensitive=True)
+        found = readings(base, Tumours.of(scene).with_moduli(moduli, target), target, sensitive=True)
         if any(body.diameter is None for body in scene.inclusion):
             raise Refusal("inclusion", Words("an ellipsoid"), "spheres for a curve (evaluate takes ellipsoids)")
         told = [ratio(scene, film_forces(found, k, True)) for k in range(len(moduli))]

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from geometry.errors import InputError, Words
 from geometry.grading import Floats
 from geometry.scene import Scene
 
@@ -131,6 +132,20 @@ def ratio(scene: Scene, films: FilmForces) -> dict[str, float | None]:
         return dict.fromkeys(("ratio", "log_sensitivity", "error_estimate"))
     inner, outer = films.totals / [scene.probe.inner_area, scene.probe.outer_area]
     return {"ratio": float(inner / outer), "log_sensitivity": films.log_sensitivity, "error_estimate": films.ratio_error}
+
+
+def checked_moduli(scene: Scene, moduli: Floats) -> Floats:
+    """Return the moduli of a curve, Pa, as an array.
+
+    Raises:
+        InputError: the scene has no target, or a modulus is not positive and finite.
+    """
+    found = np.asarray(moduli, dtype=float)
+    if scene.target is None:
+        raise InputError("inclusion.target", Words("none"), "one inclusion, or one of several marked target = true")
+    if found.ndim != 1 or not found.size or not np.all(np.isfinite(found) & (found > 0)):
+        raise InputError("youngs_modulus", Words("not all positive"), "one or more positive finite moduli, Pa")
+    return found
 
 
 def shortfalls(films: FilmForces, reached: float, accuracy: float) -> list[str]:

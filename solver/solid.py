@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from geometry.errors import InputError, Refusal, SolveError, Words
+from geometry.errors import Refusal, SolveError, Words
 from geometry.grading import Floats
 from geometry.scene import Scene
-from solver.film_forces import Bound, FilmForces, outputs, ratio, shortfalls
+from solver.film_forces import Bound, FilmForces, checked_moduli, outputs, ratio, shortfalls
 from solver.result import Curve, Result, unbuilt, within
 from solver.solid_domain import coaxial
 from solver.solid_forces import SolidForces, solid_forces
@@ -87,11 +87,7 @@ class SolidLevel:
             InputError: there is no target, or a modulus is not positive and finite.
             Refusal: see ``evaluate``.
         """
-        start, moduli = perf_counter(), np.asarray(moduli, dtype=float)
-        if scene.target is None:
-            raise InputError("inclusion.target", Words("none"), "one inclusion, or one of several marked target = true")
-        if moduli.ndim != 1 or not moduli.size or not np.all(np.isfinite(moduli) & (moduli > 0)):
-            raise InputError("youngs_modulus", Words("not all positive"), "one or more positive finite moduli, Pa")
+        start, moduli = perf_counter(), checked_moduli(scene, moduli)
         found = self.solved(scene, accuracy, moduli)
         every = [tilted(scene, found, k)[0] for k in range(len(moduli))]
         told = [ratio(scene, films) for films in every]
