@@ -1,0 +1,85 @@
+"""The paper's Table 3 as printed, and what can be checked of it without a model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations, pairwise
+
+PLACES = {1: "between tumours 1 and 2", 2: "on top of tumour 2", 3: "on top of tumour 1", 4: "far away from both"}  # Table 2
+
+
+AREA_RATIO = 3.7  # A2/A1, section 2.3
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of Table 3: load in N; stresses with tension positive, without a unit; the last column."""
+
+    load: float
+    stress_1: float
+    stress_2: float
+    ratio: float
+
+
+TABLE_3 = {
+    1: (Row(1, -2.371, -1.571, 1.50923), Row(5, -11.859, -7.857, 1.509355), Row(10, -23.718, -15.715, 1.509259)),
+    2: (Row(1, -2.728, -1.791, 1.523171), Row(5, -13.639, -8.956, 1.52289), Row(10, -27.277, -17.912, 1.522834)),
+    3: (Row(1, -1.61, -0.61794, 2.60543), Row(5, -8.05, -3.09, 2.605178), Row(10, -16.1, -6.179, 2.6056)),
+    4: (Row(1, -1.059, 0.039825, 26.59134), Row(5, -5.294, 0.199124, 26.58645), Row(10, -10.587, 0.398248, 26.58395)),
+}
+
+
+@dataclass(frozen=True)
+class Check:
+    """What the rows of a position say of themselves.
+
+    Attributes:
+        spread: of the printed ratio over the loads, relative.
+        arithmetic: largest deviation of the printed ratio from the quotient of the printed stresses, signs left aside, relative.
+        signed: that quotient at the first load, with its sign.
+        area: A1 with which these stresses, were they means, would balance the load, by the paper's A2/A1: N over the unit
+            of stress.
+    """
+
+    spread: float
+    arithmetic: float
+    signed: float
+    area: float
+
+
+def check(rows: Sequence[Row]) -> Check:
+    """Check the rows of a position."""
+    ratios, quotients = [row.ratio for row in rows], [row.stress_1 / row.stress_2 for row in rows]
+    off = max(abs(abs(one) / ratio - 1) for one, ratio in zip(quotients, ratios, strict=True))
+    area = rows[0].load / -(AREA_RATIO * rows[0].stress_1 + rows[0].stress_2)
+    return Check(max(ratios) / min(ratios) - 1, off, quotients[0], area)
+
+
+def printed_ratios(signed: bool) -> dict[int, float]:
+    """Return the ratio of each position at 1 N, as printed or with the sign of its stresses."""
+    return {k: rows[0].stress_1 / rows[0].stress_2 if signed else rows[0].ratio for k, rows in TABLE_3.items()}
+
+
+def below(low: int, high: int, ratios: Mapping[int, float], bounds: Mapping[int, float]) -> bool:
+    """Whether the ratio at one position is below that at another by more than both relative bounds together."""
+    slack = sum(bounds.get(k, 0.0) * abs(ratios[k]) for k in (low, high))
+    return ratios[high] - ratios[low] > slack
+
+
+def order(ratios: Mapping[int, float], bounds: Mapping[int, float]) -> str:
+    """Return the positions by rising ratio, with "<" where the bounds tell them apart, else "~"."""
+    ranked = sorted(ratios, key=lambda k: ratios[k])
+    signs = ["<" if below(low, high, ratios, bounds) else "~" for low, high in pairwise(ranked)]
+    return "".join(f" {sign} {k}" for sign, k in zip(["", *signs], ranked, strict=False)).strip() or "unknown"
+
+
+def agreed(ours: Mapping[int, float], bounds: Mapping[int, float]) -> dict[str, list[str]]:
+    """Return the pairs of positions that rank alike in print and here, otherwise, or that our bounds leave open."""
+    printed = printed_ratios(signed=False)
+    found: dict[str, list[str]] = {"alike": [], "otherwise": [], "open": []}
+    for one, other in combinations(sorted(ours), 2):
+        low, high = (one, other) if printed[one] < printed[other] else (other, one)
+        same, opposite = below(low, high, ours, bounds), below(high, low, ours, bounds)
+        found["alike" if same else "otherwise" if opposite else "open"].append(f"{low} < {high}")
+    return found
