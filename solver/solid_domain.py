@@ -86,7 +86,8 @@ def domain(scene: Scene, span: float, wall: float | None) -> Domain:
     assert scene.tissue.shape != "half-space"
     material = {"youngs_modulus": scene.tissue.youngs_modulus, "poisson_ratio": scene.tissue.poisson_ratio}
     tissue = CylinderTissue(shape="cylinder", radius=wall, depth=scene.tissue.depth, **material)
-    return Domain(scene, _reference(scene, tissue), wall, mirror_symmetric(scene), False)
+    own = _mirrored(scene)
+    return Domain(own, _reference(own, tissue), wall, mirror_symmetric(own), False)
 
 
 def coaxial(scene: Scene) -> bool:
@@ -112,6 +113,16 @@ def _about_the_axis(scene: Scene, tissue: CylinderTissue) -> Scene:
         turned = [_turned(body, -math.atan2(far.y, far.x)) for body in bodies]
     placed = Placement(tilt=at.tilt)
     return scene.model_copy(update={"tissue": tissue, "inclusion": tuple(turned), "placement": placed})
+
+
+def _mirrored(scene: Scene) -> Scene:
+    """A probe on spheres, mirrored so that it stands at x, y >= 0 of its tissue: mirror images share a mesh."""
+    at = scene.placement
+    if scene.probe.groove is not None or at.tilt != 0 or any(body.diameter is None for body in scene.inclusion):
+        return scene
+    x, y = (-1.0 if side < 0 else 1.0 for side in (at.x, at.y))
+    bodies = tuple(body.model_copy(update={"x": x * body.x, "y": y * body.y}) for body in scene.inclusion)
+    return scene.model_copy(update={"inclusion": bodies, "placement": Placement(x=x * at.x, y=y * at.y)})
 
 
 def _turned(body: Inclusion, angle: float) -> Inclusion:

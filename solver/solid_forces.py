@@ -20,6 +20,7 @@ from geometry.grading import Floats
 from geometry.layout import layout
 from geometry.scene import Scene
 from geometry.sizing import COARSE, FINE, ROUGH
+from geometry.tetrahedra import TetMesh
 from solver.converged import Converged, converged
 from solver.film_forces import Bound, FilmForces
 from solver.result import Decision
@@ -124,15 +125,16 @@ def _differences(domain: Domain, moduli: Floats | None, tell: Tell) -> Iterator[
     """The difference on finer and finer meshes; the first two are meshed side by side."""
     tell("meshing twice")
     with ThreadPoolExecutor(2) as pool:
-        meshes = list(pool.map(lambda fineness: meshed(domain, fineness), MESHES[:2]))
-    for mesh in meshes:
-        tell(f"solving on {len(mesh.elements)} tetrahedra")
-        yield difference(domain, mesh, moduli)
+        for made in [pool.submit(meshed, domain, fineness) for fineness in MESHES[:2]]:
+            yield _solved(domain, made.result(), moduli, tell)
     for fineness in MESHES[2:]:
         tell("meshing more finely")
-        mesh = meshed(domain, fineness)
-        tell(f"solving on {len(mesh.elements)} tetrahedra")
-        yield difference(domain, mesh, moduli)
+        yield _solved(domain, meshed(domain, fineness), moduli, tell)
+
+
+def _solved(domain: Domain, mesh: TetMesh, moduli: Floats | None, tell: Tell) -> Difference:
+    tell(f"solving on {len(mesh.elements)} tetrahedra")
+    return difference(domain, mesh, moduli)
 
 
 def _symmetric(scene: Scene, accuracy: float) -> _Symmetric:

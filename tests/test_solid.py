@@ -116,6 +116,15 @@ def test_what_is_meshed() -> None:
     assert short.reference.inclusion == ()
 
 
+def test_mirror_images_share_a_mesh() -> None:
+    scene = named("solid", "two-tumours-on-large-tumour").scene
+    bodies = tuple(body.model_copy(update={"x": -body.x}) for body in scene.inclusion)
+    placed = scene.placement.model_copy(update={"x": -scene.placement.x})
+    other = scene.model_copy(update={"inclusion": bodies, "placement": placed})
+    assert scene.placement.x != 0
+    assert domain(scene, math.inf, 0.02) == domain(other, math.inf, 0.02)
+
+
 def test_auto_comes_here_for_what_others_leave_out() -> None:
     flank = named("solid", "flank").scene
     tilted = flank.model_copy(update={"placement": Placement(tilt=1e-4)})
