@@ -19,12 +19,19 @@ _LONG_KEY = re.compile(r"(?:\.[^.\n]*){100}")
 
 
 def read_scene(path: Path | str) -> Scene:
-    """Read the scene file at ``path``.
+    """Read the scene file at ``path``; names of surface files in it are relative to its folder.
 
     Raises:
         InputError: the file is missing, no TOML, empty, or says something that is not allowed.
     """
-    return scene_from_toml(_text(path), str(path))
+    scene, folder = scene_from_toml(_text(path), str(path)), Path(path).parent
+    if all(body.surface is None for body in scene.inclusion):
+        return scene
+    bodies = (
+        body if body.surface is None else body.model_copy(update={"surface": str(folder / body.surface)})
+        for body in scene.inclusion
+    )
+    return scene.model_copy(update={"inclusion": tuple(bodies)})
 
 
 def scene_from_toml(text: str, name: str = "scene") -> Scene:

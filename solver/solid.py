@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from geometry.errors import Refusal, SolveError, Words
 from geometry.grading import Floats
+from geometry.probe import mm
 from geometry.scene import Scene
 from solver.film_forces import Bound, FilmForces, checked_moduli, outputs, ratio, shortfalls
 from solver.result import Curve, Result, unbuilt, within
@@ -20,6 +21,7 @@ from solver.solid_domain import coaxial
 from solver.solid_forces import SolidForces, solid_forces
 
 BEST = 0.003  # the accuracy that meshes of tetrahedra can be refined to in about a minute
+LEAST = 1 / 15  # of the outer radius: smaller inclusions take minutes to mesh
 STEEP = math.radians(10)  # the largest tilt: beyond, its square is above 3 %
 
 
@@ -109,11 +111,22 @@ class SolidLevel:
             raise Refusal(
                 "placement.tilt", Words(f"{math.degrees(scene.placement.tilt):.3g} deg"), "-10 to 10 deg: small rotations"
             )
+        _check_sizes(scene)
         with threadpool_limits(1, user_api="blas"):
             try:
                 return solid_forces(scene, accuracy, moduli, self.tell)
             except SolveError as fault:
                 raise Refusal("evaluator", self.name, f"scenes that can be meshed and solved ({fault})") from fault
+
+
+def _check_sizes(scene: Scene) -> None:
+    """Raise ``Refusal`` for inclusions too small to be meshed with the probe."""
+    least = LEAST * scene.probe.tube_radius
+    for k, body in enumerate(scene.inclusion):
+        size = min(body.diameters) if body.diameters is not None else body.diameter
+        if size is not None and size < least:
+            allowed = f"{mm(least)} or more for solid, a fifteenth of the outer radius (equivalent-inclusion takes smaller ones)"
+            raise Refusal(f"inclusion[{k}].diameter", mm(size), allowed)
 
 
 def indentation(scene: Scene, found: SolidForces, k: int) -> float:

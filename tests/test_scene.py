@@ -182,3 +182,11 @@ class TestFiles:
         path = tmp_path / "windows.toml"
         path.write_bytes(b"\xef\xbb\xbf" + SHALLOW.read_bytes().replace(b"\n", b"\r\n"))
         assert read_scene(path) == read_scene(SHALLOW)
+
+
+def test_surface_files_are_relative_to_the_scene_file(tmp_path: Path) -> None:
+    text = (REFERENCE / "solid" / "flank.toml").read_text(encoding="utf-8")
+    assert 'diameter = "8 mm"' in text
+    path = tmp_path / "scene.toml"
+    path.write_text(text.replace('diameter = "8 mm"', 'surface = "tumour.stl"'), encoding="utf-8")
+    assert read_scene(path).inclusion[0].surface == str(tmp_path / "tumour.stl")

@@ -136,6 +136,13 @@ def test_auto_comes_here_for_what_others_leave_out() -> None:
         solved(flank.model_copy(update={"placement": Placement(tilt=0.5)}))
 
 
+def test_an_inclusion_too_small_to_mesh_is_refused() -> None:
+    flank = named("solid", "flank").scene
+    speck = flank.inclusion[0].model_copy(update={"diameter": 1e-4})
+    with pytest.raises(Refusal, match=r"inclusion\[0\].diameter"):
+        solved(flank.model_copy(update={"inclusion": (speck,)}))
+
+
 def test_a_tilted_probe_needs_a_load() -> None:
     flank = named("solid", "flank").scene
     from geometry import Load
