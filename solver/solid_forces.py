@@ -16,8 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from geometry.errors import Refusal, Words
 from geometry.grading import Floats
 from geometry.layout import layout
+from geometry.probe import mm
 from geometry.scene import Scene
 from geometry.sizing import COARSE, FINE, ROUGH
 from geometry.tetrahedra import TetMesh
@@ -25,7 +27,7 @@ from solver.converged import Converged, converged
 from solver.film_forces import Bound, FilmForces
 from solver.result import Decision
 from solver.solid_difference import Difference, difference, meshed
-from solver.solid_domain import Domain, coaxial, domain, plain, reach
+from solver.solid_domain import Domain, coaxial, domain, plain, reach, room
 
 MESHES = ROUGH, COARSE, FINE
 SHARE = 0.1  # of the accuracy that the symmetric part may take
@@ -33,6 +35,7 @@ SAFETY = 2.0  # times what two meshes differ by
 FLOOR = 0.02  # of what inclusions, groove and edges change: what two meshes may both have wrong
 RAW = 0.04  # of what the mesh gets wrong of the reference: what may not cancel
 EDGES = 0.3  # of the product of what far tissue changes and what inclusions, groove and edges change
+BESIDE = 0.11  # outer radii: the least tissue beside the probe
 STEP = 1.6  # by which the tissue modelled grows where its edges matter
 Tell = Callable[[str], None]
 
@@ -157,7 +160,13 @@ def _symmetric(scene: Scene, accuracy: float) -> _Symmetric:
 
 def _wall(scene: Scene) -> float | None:
     """Radius of the reference cylinder in tissue that is not round about the probe, or None."""
-    return None if coaxial(scene) else layout(scene, False, np.inf, None).wall
+    if coaxial(scene):
+        return None
+    tube = scene.probe.tube_radius
+    if room(scene) < tube + BESIDE * tube:
+        near = Words(f"the probe {mm(room(scene) - tube)} from the tissue's edge")
+        raise Refusal("placement", near, f"{mm(BESIDE * tube)} or more for solid: the reference cylinder needs room")
+    return layout(scene, False, np.inf, None).wall
 
 
 def _compliance(

@@ -143,6 +143,12 @@ def test_an_inclusion_too_small_to_mesh_is_refused() -> None:
         solved(flank.model_copy(update={"inclusion": (speck,)}))
 
 
+def test_a_probe_at_the_tissue_s_edge_is_refused() -> None:
+    scene = named("solid", "two-tumours-between").scene
+    with pytest.raises(Refusal, match="placement"):
+        solved(scene.model_copy(update={"placement": Placement(x=44.3e-3)}))
+
+
 def test_a_tilted_probe_needs_a_load() -> None:
     flank = named("solid", "flank").scene
     from geometry import Load
