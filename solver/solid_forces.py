@@ -32,7 +32,7 @@ from solver.solid_domain import Domain, coaxial, domain, plain, reach, room
 MESHES = ROUGH, COARSE, FINE
 SHARE = 0.1  # of the accuracy that the symmetric part may take
 SAFETY = 2.0  # times what two meshes differ by
-FLOOR = 0.02  # of what inclusions, groove and edges change: what two meshes may both have wrong
+FLOOR = 0.02  # of what inclusions, groove and edges change: what two meshes may both have wrong; halved by a third mesh
 RAW = 0.04  # of what the mesh gets wrong of the reference: what may not cancel
 EDGES = 0.3  # of the product of what far tissue changes and what inclusions, groove and edges change
 BESIDE = 0.11  # outer radii: the least tissue beside the probe
@@ -113,7 +113,7 @@ def solid_forces(scene: Scene, accuracy: float, moduli: Floats | None = None, te
     for one in _differences(symmetric.domain, moduli, tell):
         known.append(one)
         if len(known) > 1:
-            films = _films(scene, symmetric, *known[-2:])
+            films = _films(scene, symmetric, known[-2], known[-1], FLOOR / (len(known) - 1))
             if max(film.error_under(scene) for film in films) <= accuracy and all(_told(film, accuracy) for film in films):
                 break
     notes = tuple(note for note in symmetric.whole.notes if note.startswith("left out"))
@@ -182,7 +182,7 @@ def _compliance(
     return compliance, whole, float(totals.max()) if chosen.shortened else 0.0
 
 
-def _films(scene: Scene, symmetric: _Symmetric, coarse: Difference, fine: Difference) -> tuple[FilmForces, ...]:
+def _films(scene: Scene, symmetric: _Symmetric, coarse: Difference, fine: Difference, floor: float) -> tuple[FilmForces, ...]:
     """Film forces of the finer mesh, with bounds from both."""
     known = symmetric.whole.films[0]
     forces, before = symmetric.corrected(fine.forces), symmetric.corrected(coarse.forces)
@@ -193,7 +193,7 @@ def _films(scene: Scene, symmetric: _Symmetric, coarse: Difference, fine: Differ
     for k, now in enumerate(forces):
         totals, was, plainly = (one.sum(axis=1) for one in (now, before[k], none))
         change = np.abs(totals - plainly)
-        doubt = FLOOR + EDGES * symmetric.edges
+        doubt = floor + EDGES * symmetric.edges
         error = SAFETY * np.abs(totals - was) + doubt * change + RAW * raw * change + known.bound.totals
         with np.errstate(divide="ignore", invalid="ignore"):
             logs = [float(np.log(np.abs(one)) @ [1.0, -1.0]) for one in (totals, was, plainly)]
