@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from geometry.errors import SolveError
 from geometry.grading import Floats
 from geometry.mesh_cache import cached_mesh
 from geometry.scene import Scene
@@ -101,8 +102,10 @@ def _reactions(states: SolidStates, scene: Scene, target: int | None, moduli: Fl
     bodies = [b for b in (INCLUSION + target, outside(INCLUSION + target)) if b in states.energies]
     if moduli is None:
         return states.reactions[None], sum((states.slope(b) for b in bodies), start=np.zeros((3, 3)))[None]
+    if len(bodies) > 1:
+        raise SolveError("the reference cylinder cuts the target in two, so that no curve of it can be made; evaluate can")
     times = moduli / scene.inclusion[target].youngs_modulus
-    return solid_response(states, INCLUSION + target, float(times.min()), float(times.max())).reactions(times)
+    return solid_response(states, bodies[0], float(times.min()), float(times.max())).reactions(times)
 
 
 def _reference_materials(scene: Scene) -> Mapping[int, Elastic]:

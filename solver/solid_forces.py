@@ -147,8 +147,8 @@ def _symmetric(scene: Scene, accuracy: float) -> _Symmetric:
     span = reach(scene)
     while True:
         chosen = domain(scene, span, _wall(scene))
-        good = not chosen.shortened or whole.films[0].error_under(alone) <= accuracy / 4 or not np.isfinite(span)
-        if chosen.shortened and not good:  # the tissue's sides are known better where they are meshed
+        unsure = whole.films[0].error_under(alone) > accuracy / 4
+        if chosen.shortened and not coaxial(scene) and unsure:  # the tissue's sides are known better where they are meshed
             span = np.inf
             continue
         exact = converged(chosen.reference, SHARE * accuracy).films[0].forces
@@ -217,8 +217,7 @@ def _told(films: FilmForces, accuracy: float) -> bool:
 
 def _tilted(symmetric: _Symmetric, one: Difference) -> tuple[Floats, Floats]:
     """Film forces per unit rotation and their slopes, carried through eq. (S2), shape (k, 2) each."""
-    left = symmetric.corrected(one.forces) @ np.linalg.inv(symmetric.exact + one.forces)
-    tilt, slope = ((left @ part[..., None])[..., 0] for part in (one.tilt, one.tilt_slope))
+    tilt, slope = (symmetric.carried(one.forces, part[..., None])[..., 0] for part in (one.tilt, one.tilt_slope))
     return tilt, slope
 
 
