@@ -16,10 +16,10 @@ from solver import evaluate as solver_evaluate
 from solver import factor
 from solver.axisymmetric import Axisymmetric
 from solver.base_states import base_states, model
-from solver.converged import sample
 from solver.convergence import Sample
 from solver.derivatives import variables
 from solver.gradients import areas, by_section
+from solver.sampling import sample
 from solver.sections import sections
 
 GROWTH = (1, 2, 4, 8, 16)  # multiples of the coarsest mesh's cells in each direction, at order 4: 4e3 to 1e6 unknowns

@@ -12,9 +12,10 @@ import click
 from probe_design.arguments import length, modulus, number, print_json
 from probe_design.cli_estimate import estimate
 from probe_design.cli_maps import detectability, scan
+from probe_design.cli_plan import plan
 
-VERBS = ("evaluate", "curve", "scan", "detectability", "estimate", "optimize", "export")
-PLANNED = ("plan", "sweep", "tradeoff", "read", "calibrate", "check")
+VERBS = ("evaluate", "plan", "curve", "scan", "detectability", "estimate", "optimize", "export")
+PLANNED = ("sweep", "tradeoff", "read", "calibrate", "check")
 EVALUATORS = "auto, published, closed-form, equivalent-inclusion, axisymmetric, solid"
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
@@ -57,8 +58,8 @@ def evaluate(scene: Path, evaluator: str, accuracy: str, vtu: Path | None, pictu
     axisymmetric          finite elements, 0.1 to 10 s, 1e-2 to 1e-4: one sphere on the probe's axis
     solid                 3D finite elements, 10 to 100 s, 1e-2 to 3e-3: groove, edges, tilt, tumours
                           of any shape, from STL and STEP files too
-    auto                  the cheapest of the last three that takes the scene and reaches --accuracy;
-                          refuses rather than answer worse
+    auto                  what plan says: the cheapest of the last three that takes the scene and
+                          reaches --accuracy; refuses rather than answer worse
     """  # noqa: D301
     from geometry.scene_file import read_scene
     from probe_design.console import message, result_table, saying, show
@@ -188,7 +189,7 @@ def export(scene: Path, output: Path, as_json: bool) -> None:
         message(f"wrote {', '.join(file.name for file in files)} to {output}")
 
 
-for verb in (scan, detectability, estimate):
+for verb in (plan, scan, detectability, estimate):
     cli.add_command(verb)
 
 

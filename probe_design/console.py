@@ -16,6 +16,7 @@ from solver.result import Curve, Result
 if TYPE_CHECKING:
     from probe_design.detectability import Detectability
     from probe_design.scan import Scan
+    from solver.planning import Plan
 
 UNITS = {
     "stress_inner": "Pa", "stress_outer": "Pa", "ratio": "", "log_sensitivity": "", "stiffness": "N/m", "charge_inner": "C",
@@ -37,6 +38,18 @@ def result_table(result: Result) -> Table:
     for key, unit in UNITS.items():
         if values[key] is not None:
             table.add_row(key, f"{values[key]:.6g}", unit)
+    return table
+
+
+def plan_table(plan: Plan) -> Table:
+    """Return a plan as a table, a line for each decision."""
+    table = Table(title=f"{plan.evaluator or 'no evaluator'}: {plan.dimension}", caption="relative changes by each feature")
+    for heading in ("feature", "modelled", "ratio", "stresses", "stiffness", "tolerance"):
+        table.add_column(heading, justify="left" if heading in ("feature", "modelled") else "right", no_wrap=True)
+    for one in plan.decisions:
+        effects = (one.effect, one.effect_on_stresses, one.effect_on_stiffness, one.tolerance)
+        sizes = ("-" if effect is None else f"{effect:.2g}" for effect in effects)
+        table.add_row(one.feature, "yes" if one.modelled else "no", *sizes)
     return table
 
 

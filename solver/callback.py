@@ -17,9 +17,10 @@ from geometry.scene import Scene
 from geometry.solids import base_sizes
 from geometry.variables import changed
 from solver.axisymmetric import Axisymmetric
-from solver.converged import Converged, sample
+from solver.converged import Converged
 from solver.equivalent_inclusion import EquivalentInclusion
 from solver.gradients import Gradients, gradients
+from solver.sampling import sample
 from solver.sections import Sections, sections, with_layers
 from solver.tumour_gradients import first_order, tumour_gradients
 

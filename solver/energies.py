@@ -14,6 +14,7 @@ from scipy.ndimage import map_coordinates, spline_filter
 
 from geometry.grading import Floats
 from solver.fields import TissueField
+from solver.numbering import Bools
 
 PAIRS = ((0, 0), (0, 1), (1, 1))  # of base states: inner and inner, inner and outer, outer and outer
 STEP = 0.035  # of the table in asinh(length / scale)
@@ -56,7 +57,7 @@ class Energies:
             map_coordinates(values, along, output=row, order=ORDER, prefilter=False, mode="mirror")
         return out
 
-    def covers(self, reach: Floats, highest: Floats, lowest: Floats) -> Floats:
+    def covers(self, reach: Floats, highest: Floats, lowest: Floats) -> Bools:
         """Whether the table holds everything up to a radius, from a highest to a lowest z."""
         _, widest, low, high = self._range
         return np.asarray((reach <= widest) & (-highest >= low) & (-lowest <= high))

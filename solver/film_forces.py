@@ -9,6 +9,7 @@ import numpy as np
 
 from geometry.errors import InputError, Words
 from geometry.grading import Floats
+from geometry.probe import Probe
 from geometry.scene import Scene
 
 LINEAR_STRAIN = 0.05  # beyond it, linear elasticity is no longer good to about as much
@@ -162,14 +163,17 @@ def shortfalls(films: FilmForces, reached: float, accuracy: float) -> list[str]:
     return notes
 
 
-def _beyond_linear(scene: Scene, stress: Floats, indentation: float) -> list[str]:
-    probe = scene.probe
-    strains = {
-        "the inner block": abs(stress[0]) / probe.inner.youngs_modulus,
-        "the outer block": abs(stress[1]) / probe.outer.youngs_modulus,
+def strains(probe: Probe, stress: Floats, indentation: float) -> dict[str, float]:
+    """Estimate the largest strains, by place, from the stresses on both films (Pa, shape (2,)) and the indentation (m)."""
+    return {
+        "the inner block": float(abs(stress[0]) / probe.inner.youngs_modulus),
+        "the outer block": float(abs(stress[1]) / probe.outer.youngs_modulus),
         "the tissue": indentation / probe.tube_radius,
     }
-    where, strain = max(strains.items(), key=lambda item: item[1])
+
+
+def _beyond_linear(scene: Scene, stress: Floats, indentation: float) -> list[str]:
+    where, strain = max(strains(scene.probe, stress, indentation).items(), key=lambda item: item[1])
     if strain <= LINEAR_STRAIN:
         return []
     return [

@@ -25,6 +25,7 @@ from solver.eshelby import strength
 from solver.tumours import Tumours
 
 CHUNK = 1000  # tumours at once
+FEW = 20  # tumours for which a table of strain products is not worth making
 POINTS = (3, 5, 5)  # along radius, height and half the way round: exact for polynomials of degree 5 and more
 SURFACE = (8, 8)  # along height and half the way round
 INDEX = np.array([[0, 1], [1, 2]])  # of a pair of states among the three products
@@ -85,7 +86,7 @@ def _integrals(energies: Energies, tumours: Tumours, points: Floats, weights: Fl
     n = len(tumours.x)
     found = np.empty((weights.shape[1], n, 6))
     radius = tumours.diameter / 2
-    table = energies.covers(tumours.offset + radius, -tumours.cover, -tumours.depth - radius)
+    table = np.full(n, n > FEW) & energies.covers(tumours.offset + radius, -tumours.cover, -tumours.depth - radius)
     for which, ask in ((table, energies.quick), (np.logical_not(table), energies.at)):
         chosen = np.flatnonzero(which)
         for low in range(0, len(chosen), CHUNK):

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from time import perf_counter
 from typing import TYPE_CHECKING
 
 from geometry.errors import InputError, Refusal
 from geometry.grading import Floats
 from geometry.scene import Scene
-from solver.result import Curve, Evaluator, Result
+from solver.film_forces import checked_moduli
+from solver.result import Curve, Evaluator, Result, unbuilt
 
 if TYPE_CHECKING:
     from solver.axisymmetric import Axisymmetric
     from solver.equivalent_inclusion import EquivalentInclusion
+    from solver.planning import Plan
     from solver.solid import SolidLevel
 
 AUTO = "auto"
@@ -58,8 +62,8 @@ def evaluate(scene: Scene, name: str = AUTO, accuracy: float = 0.01, tell: Tell 
 
     Args:
         scene: what is pressed on what.
-        name: an evaluator's, or ``auto``: the cheapest level that takes the scene and reaches the accuracy, of ``axisymmetric``,
-            ``equivalent-inclusion`` (tumours off the axis or several) and ``solid``; it refuses to answer worse than asked.
+        name: an evaluator's, or ``auto``: what ``plan`` says, the cheapest level that takes the scene and reaches the accuracy,
+            of ``axisymmetric``, ``equivalent-inclusion`` and ``solid``; it refuses to answer worse than asked.
         accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
         tell: called with a line before each long piece of work.
 
@@ -67,29 +71,54 @@ def evaluate(scene: Scene, name: str = AUTO, accuracy: float = 0.01, tell: Tell 
         InputError: no such evaluator or accuracy.
         Refusal: the scene is of a kind that the evaluator cannot take, or ``auto`` cannot reach the accuracy.
     """
-    _check_accuracy(accuracy)
+    check_accuracy(accuracy)
     if name != AUTO:
         return evaluator(name, tell).evaluate(scene, accuracy)
-    cheap, solid = _auto(scene), _solid(tell)
-    if cheap is None:
-        return solid.evaluate_within(scene, accuracy)
+    start = perf_counter()
+    planned, level = _planned(scene, accuracy, tell)
     try:
-        return cheap.evaluate_within(scene, accuracy)
+        found = level.evaluate_within(planned.scene, planned.accuracy)
     except Refusal:
-        if not solid.may_help(scene, accuracy):
+        solid = _solid(tell)
+        if planned.evaluator == solid.name or not solid.may_help(scene, accuracy):
             raise
-    return solid.evaluate_within(scene, accuracy)
+        planned = plan(scene, accuracy, solid=True)
+        found = solid.evaluate_within(planned.scene, planned.accuracy)
+    return replace(planned.completed(found, scene), seconds=perf_counter() - start)
 
 
-def _auto(scene: Scene) -> Axisymmetric | EquivalentInclusion | None:
-    """The cheapest level for a scene: ``axisymmetric`` unless its kind asks for the other; None where neither takes it."""
+def plan(scene: Scene, accuracy: float = 0.01, solid: bool = False) -> Plan:
+    """Say how ``auto`` would answer a scene, what it would leave out, and what that may change; see ``solver.planning``.
+
+    Args:
+        scene: any.
+        accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
+        solid: whether to plan for the level ``solid``, whatever the scene asks for.
+
+    Raises:
+        InputError: no such accuracy, or a surface file that cannot be used.
+        Refusal: so extreme that not even the coarsest mesh can be solved in double precision.
+    """
+    from solver.planning import plan as run
+
+    check_accuracy(accuracy)
+    return run(scene, accuracy, solid)
+
+
+def _planned(scene: Scene, accuracy: float, tell: Tell | None) -> tuple[Plan, Axisymmetric | EquivalentInclusion | SolidLevel]:
+    """The plan and its level.
+
+    Raises:
+        Refusal: no level built yet takes the scene.
+    """
     from solver.axisymmetric import Axisymmetric
     from solver.equivalent_inclusion import EquivalentInclusion
 
-    level, other = Axisymmetric(), EquivalentInclusion()
-    if level.refusal(scene) is None:
-        return level
-    return other if other.refusal(scene) is None else None
+    planned = plan(scene, accuracy)
+    if planned.evaluator is None:
+        raise Refusal("evaluator", AUTO, str(unbuilt(scene)))
+    level = {one.name: one for one in (Axisymmetric(), EquivalentInclusion(), _solid(tell))}[planned.evaluator]
+    return planned, level
 
 
 def _solid(tell: Tell | None = None) -> SolidLevel:
@@ -111,13 +140,17 @@ def curve(scene: Scene, moduli: Floats, accuracy: float = 0.01, tell: Tell | Non
         InputError: no such accuracy or moduli; no target.
         Refusal: the scene is of a kind that no level built yet can take.
     """
-    _check_accuracy(accuracy)
-    level = _auto(scene)
-    if level is None or any(body.diameter is None for body in scene.inclusion):  # only of spheres the others know curves
-        return _solid(tell).curve(scene, moduli, accuracy)
-    return level.curve(scene, moduli, accuracy)
+    check_accuracy(accuracy)
+    checked_moduli(scene, moduli)
+    start = perf_counter()
+    planned, level = _planned(scene, accuracy, tell)
+    if any(body.diameter is None for body in planned.scene.inclusion):  # only of spheres the others know curves
+        level = _solid(tell)
+    found = level.curve(planned.scene, moduli, planned.accuracy)
+    return replace(planned.completed_curve(found), seconds=perf_counter() - start)
 
 
-def _check_accuracy(accuracy: float) -> None:
+def check_accuracy(accuracy: float) -> None:
+    """Raise ``InputError`` for an accuracy that is none."""
     if not 0 < accuracy < 1:
         raise InputError("accuracy", accuracy, "a number above 0 and below 1, such as 0.01")

@@ -8,14 +8,32 @@ from typing import Any, Protocol
 from geometry.errors import Refusal
 from geometry.scene import Scene
 
+LARGEST = 1e9  # effects are cut there: all the same, and JSON knows no infinity
+
+
+@dataclass(frozen=True)
+class Effect:
+    """Relative changes of ratio, stresses (the larger of both) and stiffness, >= 0."""
+
+    ratio: float
+    stresses: float
+    stiffness: float
+
+    @property
+    def largest(self) -> float:
+        """Of the three."""
+        return max(self.ratio, self.stresses, self.stiffness)
+
 
 @dataclass(frozen=True)
 class Decision:
     """One line of the plan: a feature of the scene, whether it is modelled and why.
 
     Attributes:
-        effect: estimated relative change of the ratio by the feature.
+        effect: estimated relative change of the ratio by the feature; a bound where it is left out.
         tolerance: the relative change that the accuracy asked for allows.
+        effect_on_stresses: on the stress that changes more, at the same indentation; None where it is not told apart.
+        effect_on_stiffness: likewise.
     """
 
     feature: str
@@ -23,6 +41,14 @@ class Decision:
     effect: float
     tolerance: float
     reason: str
+    effect_on_stresses: float | None = None
+    effect_on_stiffness: float | None = None
+
+    @classmethod
+    def of(cls, feature: str, modelled: bool, effect: Effect, tolerance: float, reason: str) -> Decision:
+        """Return the line for an effect; infinite effects are cut at LARGEST."""
+        ratio, stresses, stiffness = (min(one, LARGEST) for one in (effect.ratio, effect.stresses, effect.stiffness))
+        return cls(feature, modelled, ratio, tolerance, reason, stresses, stiffness)
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,10 @@ from geometry import Contact, CylinderTissue, HalfSpaceTissue, Inclusion, Load, 
 from geometry.frame import Fineness
 from solver import evaluate
 from solver.axisymmetric import Axisymmetric
-from solver.converged import sample
 from solver.convergence import LEVELS
 from solver.film_forces import Bound, FilmForces, outputs
 from solver.result import Result
+from solver.sampling import sample
 from solver.sections import sections
 
 SHARED = expected("axisymmetric")

@@ -15,10 +15,10 @@ from geometry.frame import Fineness
 from geometry.frame import kind as kind_of
 from geometry.variables import changed, values
 from solver.callback import FilmCallback
-from solver.converged import sample
 from solver.convergence import Sample
 from solver.derivatives import variables
 from solver.gradients import OUTPUTS, by_section, gradients
+from solver.sampling import sample
 from solver.sections import sections, with_layers
 
 INDEPENDENT = json.loads((REFERENCE / "gradients.json").read_text())  # benchmarks/generate_gradients.py, NGSolve
