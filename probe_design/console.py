@@ -44,10 +44,10 @@ def result_table(result: Result) -> Table:
 def plan_table(plan: Plan) -> Table:
     """Return a plan as a table, a line for each decision."""
     table = Table(title=f"{plan.evaluator or 'no evaluator'}: {plan.dimension}", caption="relative changes by each feature")
-    for heading in ("feature", "modelled", "ratio", "stresses", "stiffness", "tolerance"):
+    for heading in ("feature", "modelled", "ratio", "stresses", "stiffness"):
         table.add_column(heading, justify="left" if heading in ("feature", "modelled") else "right", no_wrap=True)
     for one in plan.decisions:
-        effects = (one.effect, one.effect_on_stresses, one.effect_on_stiffness, one.tolerance)
+        effects = (one.effect, one.effect_on_stresses, one.effect_on_stiffness)
         sizes = ("-" if effect is None else f"{effect:.2g}" for effect in effects)
         table.add_row(one.feature, "yes" if one.modelled else "no", *sizes)
     return table

@@ -92,16 +92,21 @@ class Rough:
         return Effect(ratio, float(changes.max()), float(abs(totals.sum() / free.sum() - 1)))
 
     @property
-    def approach(self) -> float:
-        """By how much the walls of both blocks near each other per unit indentation, where they do so most; 0 if nowhere."""
+    def closing(self) -> tuple[Floats, Floats]:
+        """Heights on the walls that face each other, m, and by how much they near each other there per unit indentation."""
         section = self.sample.states.model.section
         inner, outer = self._wall(Body.INNER, section.inner_radius), self._wall(Body.OUTER, section.hole_radius)
         z = np.union1d(inner[0], outer[0])
         z = z[z <= min(section.inner_height, section.outer_height)]
-        return float(np.max(np.interp(z, *inner) - np.interp(z, *outer), initial=0.0))
+        return z, np.interp(z, *inner) - np.interp(z, *outer)
+
+    @property
+    def approach(self) -> float:
+        """The most that the walls near each other per unit indentation; 0 where they do so nowhere."""
+        return float(np.max(self.closing[1], initial=0.0))
 
     def _wall(self, body: Body, radius: float) -> tuple[Floats, Floats]:
-        """Heights of the elements' corners on a block's wall, rising, and how far they move from the axis per unit indentation."""
+        """Rising heights of the elements' corners on a block's wall, and how far each moves outwards per unit indentation."""
         states = self.sample.states
         model, mesh = states.model, states.model.mesh
         r, z = np.moveaxis(nodes(model.section, mesh, SQUARE), -1, 0)
