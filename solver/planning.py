@@ -128,9 +128,9 @@ def _dimension(scene: Scene, rough: Rough, level: str | None, accuracy: float) -
     """What the third dimension holds beyond tumours, which harmonics carry."""
     flat = [change.decision(accuracy) for change in rough.changes if change.feature not in (*LAYERS, BEYOND)]
     effect = Effect(
-        sum(one.effect for one in flat),
-        sum(one.effect_on_stresses or 0.0 for one in flat),
-        sum(one.effect_on_stiffness or 0.0 for one in flat),
+        sum((one.effect for one in flat), 0.0),
+        sum((one.effect_on_stresses or 0.0 for one in flat), 0.0),
+        sum((one.effect_on_stiffness or 0.0 for one in flat), 0.0),
     )
     why = lopsided(scene) or ", ".join(one.feature for one in flat) or "the scene is round about the probe's axis but for tumours"
     return Decision.of("third dimension", level == SOLID, effect, accuracy, f"{_model(scene, level)}: {why}")
