@@ -13,9 +13,10 @@ from probe_design.arguments import length, modulus, number, print_json
 from probe_design.cli_estimate import estimate
 from probe_design.cli_maps import detectability, scan
 from probe_design.cli_plan import plan
+from probe_design.cli_tradeoff import tradeoff
 
-VERBS = ("evaluate", "plan", "curve", "scan", "detectability", "estimate", "optimize", "export")
-PLANNED = ("sweep", "tradeoff", "read", "calibrate", "check")
+VERBS = ("evaluate", "plan", "curve", "scan", "detectability", "estimate", "optimize", "export", "tradeoff")
+PLANNED = ("sweep", "read", "calibrate", "check")
 EVALUATORS = "auto, published, closed-form, equivalent-inclusion, axisymmetric, solid"
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
@@ -189,7 +190,7 @@ def export(scene: Path, output: Path, as_json: bool) -> None:
         message(f"wrote {', '.join(file.name for file in files)} to {output}")
 
 
-for verb in (plan, scan, detectability, estimate):
+for verb in (plan, scan, detectability, estimate, tradeoff):
     cli.add_command(verb)
 
 

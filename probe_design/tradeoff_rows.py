@@ -1,0 +1,142 @@
+"""What was measured of one setting on one scene, and what follows from many of them: true errors, Pareto front, cheapest."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+Error = Literal["stated_error", "true_error_most"]
+LEAST_SENSITIVITY = 1e-5  # smaller log-sensitivities are compared with this: no level promises more, README
+
+
+@dataclass(frozen=True)
+class Setting:
+    """An evaluator and the accuracy asked of it.
+
+    Attributes:
+        accuracy: relative; None for one that does not heed it.
+    """
+
+    evaluator: str
+    accuracy: float | None
+
+
+@dataclass(frozen=True)
+class Row:
+    """What one setting said of one scene, what it cost and how wrong it was; None where ``reason`` says why.
+
+    Attributes:
+        scene: its name.
+        evaluator, accuracy: see ``Setting``.
+        ratio, log_sensitivity: see ``solver.Result``.
+        stated_error: bound on the relative error of the ratio, as the answer itself states it.
+        seconds_first: wall clock of the first answer to the scene in the run; it includes what a process builds only once.
+        seconds_probe: median for a probe that the process has not met; the first answer's where that is all there is.
+        seconds_tumour: median for another tumour under a probe that it has just met; None where there is no tumour.
+        reason: why there is no answer.
+        reference: whether this is the answer that the scene's others are compared with.
+        same_level: whether the reference is the same evaluator's: the comparison shows its convergence, and none of the errors
+            that its settings share.
+        true_error: relative difference of the ratio from the reference's.
+        true_error_least, true_error_most: what the error can be, as the reference may be off by its own stated error.
+        log_sensitivity_error: difference of the log-sensitivity from the reference's, relative to it or, where it is smaller, to
+            1e-5. A result does not state how exact its log-sensitivity is, so that the reference's own error is not counted.
+    """
+
+    scene: str
+    evaluator: str
+    accuracy: float | None
+    ratio: float | None = None
+    log_sensitivity: float | None = None
+    stated_error: float | None = None
+    seconds_first: float | None = None
+    seconds_probe: float | None = None
+    seconds_tumour: float | None = None
+    reason: str | None = None
+    reference: bool = False
+    same_level: bool = False
+    true_error: float | None = None
+    true_error_least: float | None = None
+    true_error_most: float | None = None
+    log_sensitivity_error: float | None = None
+
+    @property
+    def setting(self) -> Setting:
+        """The evaluator and the accuracy asked of it."""
+        return Setting(self.evaluator, self.accuracy)
+
+    @property
+    def held(self) -> bool:
+        """Whether the stated error can be no smaller than the true one."""
+        return self.true_error_least is None or self.stated_error is None or self.true_error_least <= self.stated_error
+
+    @property
+    def resolved(self) -> bool:
+        """Whether the true error is above what the reference itself may be off."""
+        return self.true_error is not None and bool(self.true_error_least)
+
+
+def judged(rows: Sequence[Row], converging: Iterable[str]) -> tuple[Row, ...]:
+    """Compare the rows of one scene with the one of least stated error among those of ``converging`` evaluators.
+
+    With d the difference and e the reference's stated error, answer / truth = (1 + d) (1 + e'), |e'| <= e, so that the true
+    error lies between |d| - e |1 + d| and |d| + e |1 + d|, eq. (T1).
+    """
+    levels = set(converging)
+    known = [row for row in rows if row.evaluator in levels and row.ratio is not None and row.stated_error is not None]
+    if not known:
+        return tuple(rows)
+    reference = min(known, key=lambda row: row.stated_error or 0.0)
+    return tuple(_compared(row, reference) for row in rows)
+
+
+def _compared(row: Row, reference: Row) -> Row:
+    assert reference.ratio is not None
+    own = reference.stated_error or 0.0
+    same = row.evaluator == reference.evaluator
+    if row is reference:
+        return replace(row, reference=True, same_level=True, true_error_least=0.0, true_error_most=own)
+    if row.ratio is None:
+        return row
+    off = row.ratio / reference.ratio - 1
+    error, slack = abs(off), own * abs(1 + off)
+    sensitivity = _sensitivity_error(row.log_sensitivity, reference.log_sensitivity)
+    return replace(
+        row, same_level=same, true_error=error, true_error_least=max(0.0, error - slack), true_error_most=error + slack,
+        log_sensitivity_error=sensitivity,
+    )  # fmt: skip
+
+
+def _sensitivity_error(value: float | None, reference: float | None) -> float | None:
+    if value is None or reference is None:
+        return None
+    return abs(value - reference) / max(abs(reference), LEAST_SENSITIVITY)
+
+
+def distinct(rows: Iterable[Row]) -> tuple[Row, ...]:
+    """Leave out rows whose evaluator gave the same answer when it was asked for less: their times differ by chance."""
+    kept: dict[tuple[str, str, float | None], Row] = {}
+    for row in rows:
+        if row.ratio is not None:
+            kept.setdefault((row.scene, row.evaluator, row.ratio), row)
+    return tuple(kept.values())
+
+
+def pareto(rows: Iterable[Row], error: Error = "stated_error") -> tuple[Row, ...]:
+    """Return the rows that no other beats in time without a larger error, fastest first; time is ``seconds_probe``."""
+    known = [(row.seconds_probe, getattr(row, error), row) for row in rows]
+    ranked = sorted(((s, e, row) for s, e, row in known if s is not None and e is not None), key=lambda one: one[:2])
+    front: list[Row] = []
+    least = math.inf
+    for _, value, row in ranked:
+        if value < least:
+            front.append(row)
+            least = value
+    return tuple(front)
+
+
+def cheapest(rows: Iterable[Row], tolerance: float, error: Error = "stated_error") -> Row | None:
+    """Return the fastest row whose error is at most ``tolerance``, or None."""
+    return next((row for row in pareto(rows, error) if getattr(row, error) <= tolerance), None)
