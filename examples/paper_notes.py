@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from paper_numbers import AREA_RATIO, TABLE_3, agreed, check, order, printed_ratios
+from paper_order import agreed, order
+
+from solver.published_table import AREA_RATIO, TABLE_3, check, printed_ratios
 
 if TYPE_CHECKING:
     from solver import Result

@@ -19,12 +19,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from paper_notes import notes
-from paper_numbers import AREA_RATIO, PLACES, TABLE_3, check
 from rich.console import Console
 from rich.table import Table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from paper_notes import notes
 
 from geometry import ProbeError, Scene, read_scene
 from geometry.files import written_whole
@@ -32,6 +32,7 @@ from probe_design.console import message, saying
 from probe_design.curve_plot import check_format
 from probe_design.scan import Scan, scan
 from solver import Result, evaluate
+from solver.published_table import AREA_RATIO, PLACES, TABLE_3, check
 
 SCENE = Path(__file__).with_name("paper-study.toml")
 FAR = 0.030  # x of position 4, m: 25 mm from the nearer tumour, 20 mm from the block's side

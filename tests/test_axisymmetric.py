@@ -164,49 +164,6 @@ def test_sensitivity_is_the_derivative_of_the_ratio() -> None:
     assert at(1.0).log_sensitivity == pytest.approx(difference, rel=1e-4)
 
 
-def test_inclusion_of_matrix_modulus_vanishes() -> None:
-    scene = named("axisymmetric", "shallow").scene
-    same = scene.inclusion[0].model_copy(
-        update={"youngs_modulus": scene.tissue.youngs_modulus, "poisson_ratio": scene.tissue.poisson_ratio}
-    )
-    with_it, without = (evaluate(scene.model_copy(update={"inclusion": bodies}), accuracy=1e-3) for bodies in ((same,), ()))
-    assert with_it.ratio == pytest.approx(without.ratio, rel=1e-3)
-
-
-def test_scale_of_lengths_and_of_moduli() -> None:
-    scene = named("axisymmetric", "equal-areas-small").scene
-    probe, tissue, body = scene.probe, scene.tissue, scene.inclusion[0]
-
-    def soft(material: Material) -> dict[str, float]:
-        return {"youngs_modulus": material.youngs_modulus * 7}
-
-    smaller = Scene(
-        probe=Probe(
-            inner_radius=probe.inner_radius / 10,
-            area_ratio=probe.area_ratio,
-            gap=probe.gap / 10,
-            height=probe.core_height / 10,
-            inner=probe.inner.model_copy(update=soft(probe.inner)),
-            outer=probe.outer.model_copy(update=soft(probe.outer)),
-        ),
-        tissue=tissue.model_copy(update=soft(tissue) | {"radius": tissue.radius / 10, "depth": tissue.depth / 10}),
-        inclusion=(body.model_copy(update=soft(body) | {"diameter": body.diameter / 10, "depth": body.depth / 10}),),
-        load=Load(force=1e-3),
-    )
-    one, other = evaluate(scene), evaluate(smaller)
-    assert other.ratio == pytest.approx(one.ratio, rel=1e-9)
-    assert other.stiffness == pytest.approx(one.stiffness * 7 / 10, rel=1e-9)
-    forces = other.stress_inner * smaller.probe.inner_area + other.stress_outer * smaller.probe.outer_area
-    assert forces == pytest.approx(1e-3, rel=1e-12)
-
-
-def test_zero_load_gives_the_linear_limit() -> None:
-    scene = named("axisymmetric", "shallow").scene
-    one, zero = evaluate(scene), evaluate(scene.model_copy(update={"load": Load(force=0.0)}))
-    assert (zero.stress_inner, zero.stress_outer) == (0.0, 0.0)
-    assert zero.ratio == one.ratio
-
-
 def test_large_load_warns_of_linearity() -> None:
     scene = named("axisymmetric", "shallow").scene.model_copy(update={"load": Load(force=1.0)})
     assert any("linear elasticity" in warning for warning in evaluate(scene).warnings)

@@ -1,4 +1,4 @@
-"""`examples/paper_study.py`: the printed numbers, the four scenes, linearity; no mesh is made here."""
+"""`examples/paper_study.py`: the order of positions, the four scenes, linearity; no mesh is made here."""
 
 from __future__ import annotations
 
@@ -15,69 +15,22 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 
 import paper_notes
-import paper_numbers
+import paper_order
 import paper_study
 
 from geometry import BlockTissue, Scene, read_scene
-from solver import Result, evaluate
+from solver import Result, evaluate, published_table
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 QUICK = "equivalent-inclusion"
-# Table 3 of "Detecting Embedded Objects Using Haptics with Applications in Artificial Palpation of Tumors", as printed
-PRINTED = """
-| Position 1 | Stress 1 | Stress 2 | |
-| 1 N | -2.371 | -1.571 | 1.50923 |
-| 5 N | -11.859 | -7.857 | 1.509355 |
-| 10 N | -23.718 | -15.715 | 1.509259 |
-| Position 2 | | | |
-| 1 N | -2.728 | -1.791 | 1.523171 |
-| 5 N | -13.639 | -8.956 | 1.52289 |
-| 10 N | -27.277 | -17.912 | 1.522834 |
-| Position 3 | | | |
-| 1 N | -1.61 | -0.61794 | 2.60543 |
-| 5 N | -8.05 | -3.09 | 2.605178 |
-| 10 N | -16.1 | -6.179 | 2.6056 |
-| Position 4 | | | |
-| 1 N | -1.059 | 0.039825 | 26.59134 |
-| 5 N | -5.294 | 0.199124 | 26.58645 |
-| 10 N | -10.587 | 0.398248 | 26.58395 |
-"""
-
-
-def printed() -> dict[int, tuple[paper_numbers.Row, ...]]:
-    found: dict[int, list[paper_numbers.Row]] = {}
-    for line in PRINTED.strip().splitlines():
-        first, *cells = (cell.strip() for cell in line.strip("|").split("|"))
-        if first.startswith("Position"):
-            rows = found.setdefault(int(first.split()[1]), [])
-        else:
-            rows.append(paper_numbers.Row(float(first.removesuffix(" N")), *map(float, cells)))
-    return {k: tuple(rows) for k, rows in found.items()}
-
-
-def test_the_table_is_the_paper_s() -> None:
-    assert printed() == paper_numbers.TABLE_3
-
-
-def test_what_the_printed_numbers_say_of_themselves() -> None:
-    checks = {k: paper_numbers.check(rows) for k, rows in paper_numbers.TABLE_3.items()}
-    for k, one in checks.items():
-        assert one.arithmetic < 1e-6
-        assert one.spread < 3e-4
-        assert (one.signed < 0) == (k == 4)
-    # PHYSICS.md section 1: A1 of 97, 84, 152 and 258 units of a thousandth
-    assert [round(1e3 * one.area) for one in checks.values()] == [97, 84, 152, 258]
-    between, large = paper_numbers.TABLE_3[1][0], paper_numbers.TABLE_3[3][0]
-    assert abs(large.stress_1) < abs(between.stress_1)
-    assert abs(large.stress_2) < abs(between.stress_2)
 
 
 def test_order_of_positions() -> None:
-    assert paper_numbers.order(paper_numbers.printed_ratios(signed=False), {}) == "1 < 2 < 3 < 4"
-    assert paper_numbers.order(paper_numbers.printed_ratios(signed=True), {}) == "4 < 1 < 2 < 3"
+    assert paper_order.order(published_table.printed_ratios(signed=False), {}) == "1 < 2 < 3 < 4"
+    assert paper_order.order(published_table.printed_ratios(signed=True), {}) == "4 < 1 < 2 < 3"
     ours, bounds = {1: 1.0, 2: 1.1, 3: 2.0, 4: 1.01}, dict.fromkeys(range(1, 5), 0.01)
-    assert paper_numbers.order(ours, bounds) == "1 ~ 4 < 2 < 3"
-    pairs = paper_numbers.agreed(ours, bounds)
+    assert paper_order.order(ours, bounds) == "1 ~ 4 < 2 < 3"
+    pairs = paper_order.agreed(ours, bounds)
     assert pairs == {"alike": ["1 < 2", "1 < 3", "2 < 3"], "otherwise": ["2 < 4", "3 < 4"], "open": ["1 < 4"]}
 
 
@@ -90,9 +43,9 @@ def test_four_scenes_of_the_study(study: Scene) -> None:
     assert isinstance(study.tissue, BlockTissue)
     assert (study.tissue.length, study.tissue.breadth, study.tissue.depth) == pytest.approx((0.1, 0.08, 0.06))
     assert [body.diameter for body in study.inclusion] == pytest.approx([0.008, 0.005])
-    assert study.probe.inner_area / study.probe.outer_area == pytest.approx(paper_numbers.AREA_RATIO)
+    assert study.probe.inner_area / study.probe.outer_area == pytest.approx(published_table.AREA_RATIO)
     found = paper_study.scenes(study)
-    assert list(found) == list(paper_numbers.PLACES) == list(paper_numbers.TABLE_3)
+    assert list(found) == list(published_table.PLACES) == list(published_table.TABLE_3)
     for k, one in found.items():
         assert Scene.model_validate(one.model_dump()) == one
         nearest = min(abs(body.x - one.placement.x) for body in one.inclusion)

@@ -1,14 +1,11 @@
-"""The paper's Table 3 as printed, and what can be checked of it without a model."""
+"""The paper's Table 3 (section 3) as printed, and what can be checked of it without a model."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations, pairwise
 
 PLACES = {1: "between tumours 1 and 2", 2: "on top of tumour 2", 3: "on top of tumour 1", 4: "far away from both"}  # Table 2
-
-
 AREA_RATIO = 3.7  # A2/A1, section 2.3
 
 
@@ -59,27 +56,3 @@ def check(rows: Sequence[Row]) -> Check:
 def printed_ratios(signed: bool) -> dict[int, float]:
     """Return the ratio of each position at 1 N, as printed or with the sign of its stresses."""
     return {k: rows[0].stress_1 / rows[0].stress_2 if signed else rows[0].ratio for k, rows in TABLE_3.items()}
-
-
-def below(low: int, high: int, ratios: Mapping[int, float], bounds: Mapping[int, float]) -> bool:
-    """Whether the ratio at one position is below that at another by more than both relative bounds together."""
-    slack = sum(bounds.get(k, 0.0) * abs(ratios[k]) for k in (low, high))
-    return ratios[high] - ratios[low] > slack
-
-
-def order(ratios: Mapping[int, float], bounds: Mapping[int, float]) -> str:
-    """Return the positions by rising ratio, with "<" where the bounds tell them apart, else "~"."""
-    ranked = sorted(ratios, key=lambda k: ratios[k])
-    signs = ["<" if below(low, high, ratios, bounds) else "~" for low, high in pairwise(ranked)]
-    return "".join(f" {sign} {k}" for sign, k in zip(["", *signs], ranked, strict=False)).strip() or "unknown"
-
-
-def agreed(ours: Mapping[int, float], bounds: Mapping[int, float]) -> dict[str, list[str]]:
-    """Return the pairs of positions that rank alike in print and here, otherwise, or that our bounds leave open."""
-    printed = printed_ratios(signed=False)
-    found: dict[str, list[str]] = {"alike": [], "otherwise": [], "open": []}
-    for one, other in combinations(sorted(ours), 2):
-        low, high = (one, other) if printed[one] < printed[other] else (other, one)
-        same, opposite = below(low, high, ours, bounds), below(high, low, ours, bounds)
-        found["alike" if same else "otherwise" if opposite else "open"].append(f"{low} < {high}")
-    return found

@@ -1,0 +1,32 @@
+"""The order of the paper's four positions by ratio, in print and in ours."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import combinations, pairwise
+
+from solver.published_table import printed_ratios
+
+
+def below(low: int, high: int, ratios: Mapping[int, float], bounds: Mapping[int, float]) -> bool:
+    """Whether the ratio at one position is below that at another by more than both relative bounds together."""
+    slack = sum(bounds.get(k, 0.0) * abs(ratios[k]) for k in (low, high))
+    return ratios[high] - ratios[low] > slack
+
+
+def order(ratios: Mapping[int, float], bounds: Mapping[int, float]) -> str:
+    """Return the positions by rising ratio, with "<" where the bounds tell them apart, else "~"."""
+    ranked = sorted(ratios, key=lambda k: ratios[k])
+    signs = ["<" if below(low, high, ratios, bounds) else "~" for low, high in pairwise(ranked)]
+    return "".join(f" {sign} {k}" for sign, k in zip(["", *signs], ranked, strict=False)).strip() or "unknown"
+
+
+def agreed(ours: Mapping[int, float], bounds: Mapping[int, float]) -> dict[str, list[str]]:
+    """Return the pairs of positions that rank alike in print and here, otherwise, or that our bounds leave open."""
+    printed = printed_ratios(signed=False)
+    found: dict[str, list[str]] = {"alike": [], "otherwise": [], "open": []}
+    for one, other in combinations(sorted(ours), 2):
+        low, high = (one, other) if printed[one] < printed[other] else (other, one)
+        same, opposite = below(low, high, ours, bounds), below(high, low, ours, bounds)
+        found["alike" if same else "otherwise" if opposite else "open"].append(f"{low} < {high}")
+    return found
