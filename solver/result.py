@@ -114,6 +114,8 @@ def within(result: Result, reached: float, accuracy: float) -> Result:
     """
     if reached > accuracy:
         why = f"{reached:.2g} or more for this scene (--evaluator {result.evaluator} answers with that error)"
+        if reached >= 1:
+            why = f"none for this scene: errors are no smaller than the values (--evaluator {result.evaluator} tells which)"
         raise Refusal("accuracy", accuracy, why)
     return result
 

@@ -147,12 +147,18 @@ def _nearest(section: Section, tumours: Tumours) -> Floats:
 
 
 def _unresolved(section: Section, tumours: Tumours, spheres: Sequence[Sphere]) -> float:
-    """What too few degrees may change, as a share of the effect: nothing is told of a probe much smaller than the sphere."""
-    if np.any(degrees(section, tumours)[1] > DEGREES[1]):
-        return 1e3
+    """What too few degrees may change, as a share of the effect: nothing is told of a block much smaller than the sphere.
+
+    What the inner block presses on the sphere is as wide as the block and its distance; nor is it more than falls off as
+    (R / depth)^2l, the work of degree l.
+    """
     radius, degree = tumours.diameter / 2, np.array([sphere.modes.degree for sphere in spheres])
+    inner, outer = (size + tumours.cover for size in (section.inner_radius, section.tube_radius))
+    if np.any(4 * radius / inner + 4 > DEGREES[1]):
+        return 1e3
     image = UNRESOLVED * (1 + 2 * _nearest(section, tumours) / radius) ** (-2.0 * degree)
-    return float(np.max(image + np.exp(-degree * (section.tube_radius + tumours.cover) / (2 * radius))))
+    seen = np.minimum(np.exp(-degree * inner / (2 * radius)), (radius / tumours.depth) ** (2 * degree))
+    return float(np.max(image + np.maximum(seen, np.exp(-degree * outer / (2 * radius)))))
 
 
 def arranged(section: Section, tissue: Material, tumours: Tumours) -> tuple[list[Sphere], Rounds]:
