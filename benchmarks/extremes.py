@@ -19,10 +19,10 @@ from extremes_rows import Row, rows
 
 LEVELS = ("closed-form", "equivalent-inclusion", "axisymmetric", "auto")
 SOLID = (
-    "extremes/middle", "extremes/contrast-1e6", "extremes/contrast-1e-6", "extremes/incompressible", "extremes/cover-10-um",
+    "extremes/middle", "extremes/contrast-1e6", "extremes/contrast-1e-6", "extremes/incompressible",
     "extremes/diameter-0.1-mm", "off-axis/contrast-1000", "off-axis/stiff-cover-0.025-offset-0.5",
 )  # fmt: skip
-"""The rows that ``solid`` answers too: it takes half a minute each, and many minutes for thin walls and gaps."""
+"""The rows that ``solid`` answers too: it takes half a minute each, and many minutes for thin walls, gaps and covers."""
 
 
 def cells(found: list[Row]) -> Iterator[tuple[Row, str]]:
