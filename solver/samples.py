@@ -1,19 +1,27 @@
-"""Scattered fields on the boundary: amplitudes of every azimuthal order of tractions and displacements there."""
+"""Scattered fields on the boundary, as amplitudes of every azimuthal order, and what such amplitudes are to the modes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from itertools import pairwise
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from geometry.grading import Floats
-from solver.boundary import Boundary, Edges
-from solver.multipoles import Modes, Sampler
+from solver.multipoles import Modes, stack
+from solver.panels import Panels
+from solver.sampler import Sampler
 
-STRESS = ((0, 5, 4), (5, 1, 3), (4, 3, 2))  # places of xx, yy, zz, yz, xz, xy in the tensor
+PLANE = (
+    7,
+    6,
+    5,
+    0,
+    1,
+    2,
+)  # components of ``multipoles.stack`` that are asked for on planes across z: xz, yz, zz and displacements
+ROUND = (3, 8, 4, 7, 6, 0, 1, 2)  # and on the side: xx, xy, yy, xz, yz and displacements
 
 
 @dataclass(frozen=True)
@@ -28,22 +36,32 @@ class Rounds:
     count: int
     mirrored: bool
 
-    @cached_property
+    @property
+    def orders(self) -> int:
+        """Number of azimuthal orders that the angles tell apart."""
+        return max(1, self.count - 1)
+
+    @property
     def angles(self) -> Floats:
         """Shape (count,)."""
         return (np.arange(self.count) + 0.5) * (np.pi if self.mirrored else 2 * np.pi) / self.count
 
-    def waves(self, m: int, angles: Floats) -> Floats:
-        """Shapes round the axis of U, V and W, for the even and, unless mirrored, the odd family: (families, 3, angles)."""
-        cos, sin = np.cos(m * angles), np.sin(m * angles)
-        families = [[cos, sin, cos], [sin, -cos, sin]]
-        return np.array(families[: 1 if self.mirrored else 2])
+    @property
+    def waves(self) -> Floats:
+        """What makes amplitudes of values at the angles: (3, orders families, count), components along r, theta and z.
 
-    def amplitudes(self, values: Floats, m: int) -> Floats:
-        """Amplitudes of order m of values (e, q, count, 3, k) along r, theta and z, shape (e, q, 3, families k)."""
-        share = (1 if m == 0 else 2) / self.count
-        parts = share * np.einsum("fct,eqtck->eqcfk", self.waves(m, self.angles), values)
-        return np.asarray(parts.reshape(*parts.shape[:3], -1))
+        Waves are (cos, sin, cos) of m theta and, unless mirrored, (sin, -cos, sin).
+        """
+        return _waves(self)
+
+
+@lru_cache(maxsize=64)
+def _waves(rounds: Rounds) -> Floats:
+    m = np.arange(rounds.orders)
+    share = np.where(m == 0, 1, 2)[:, None] / rounds.count
+    cos, sin = share * np.cos(np.outer(m, rounds.angles)), share * np.sin(np.outer(m, rounds.angles))
+    families = np.array([[cos, sin, cos], [sin, -cos, sin]][: 1 if rounds.mirrored else 2])
+    return np.ascontiguousarray(families.transpose(1, 2, 0, 3)).reshape(3, -1, rounds.count)
 
 
 @dataclass(frozen=True)
@@ -57,66 +75,94 @@ class Source:
 
 @dataclass(frozen=True)
 class Samples:
-    """What outgoing modes of some spheres are on the boundary, for many sets of coefficients.
+    """Outgoing modes of some spheres on the boundary.
 
     Attributes:
         sources: the spheres.
-        boundary: edges of the mesh.
+        panels: n points on the boundary's meridian.
         rounds: angles at which fields are sampled.
         two_mu: of the tissue, Pa.
     """
 
     sources: Sequence[Source]
-    boundary: Boundary
+    panels: Panels
     rounds: Rounds
     two_mu: float
 
-    def values(self, scattered: Sequence[Floats]) -> tuple[Floats, Floats, Floats, Floats]:
-        """Tractions on surface and side, displacements of ends and floor, along r, theta and z, (e, q, angles, 3, k) each.
+    def amplitudes(self, scattered: Sequence[Floats]) -> Floats:
+        """Amplitudes of tractions by the outward normal and displacements, shape (orders, 6 n, families k).
 
         Args:
             scattered: outgoing coefficients about each sphere, (modes, k), m.
         """
-        parts = self._parts
-        found = [np.zeros(1)] * len(parts)
-        for source, sampler, c in zip(self.sources, self._samplers, scattered, strict=True):
-            pascal = self.two_mu / source.radius
-            found[0] = found[0] + sampler.upward(c, parts[0]) * pascal
-            found[1] = found[1] + sampler.both(c, parts[1])[1] * pascal
-            found[2], found[3] = (found[k] + sampler.displacement(c, parts[k]) for k in (2, 3))
-        found[1] = self._outward(found[1])
-        first, second, third, fourth = (self._turned(one, edges) for one, edges in zip(found, self._edges, strict=True))
-        return first, second, third, fourth
+        total = sum(self._values(number, c) for number, c in enumerate(scattered))
+        each = self.rounds.waves[None] @ np.asarray(total).transpose(1, 0, 2, 3).reshape(2, 3, self.rounds.count, -1)
+        n, orders = len(self.panels.r), self.rounds.orders
+        each = each.reshape(6, orders, -1, scattered[0].shape[1], n)
+        return np.ascontiguousarray(each.transpose(1, 0, 4, 2, 3)).reshape(orders, 6 * n, -1)
 
-    def _outward(self, stress: Floats) -> Floats:
-        """Traction on the side, (n, 3, k), from stresses xx .. xy, (n, 6, k)."""
-        tensor, side = stress[:, STRESS], self.boundary.side
-        angles = np.broadcast_to(self.rounds.angles, (*side.r.shape, self.rounds.count)).reshape(-1, 1, 1)
-        return np.asarray(np.cos(angles) * tensor[:, 0] + np.sin(angles) * tensor[:, 1])
+    def works(self, weights: Floats) -> list[Floats]:
+        """The transpose of ``amplitudes``: products of each sphere's every outgoing mode with weights, (modes, k).
 
-    def _turned(self, values: Floats, edges: Edges) -> Floats:
-        """Cartesian values (n, 3, k) at the points of some edges as components along r, theta and z."""
-        cos, sin = np.cos(self.rounds.angles)[:, None], np.sin(self.rounds.angles)[:, None]
-        x, y, z = np.moveaxis(values.reshape(*edges.r.shape, self.rounds.count, 3, -1), -2, 0)
-        return np.stack([cos * x + sin * y, cos * y - sin * x, z], axis=-2)
+        Args:
+            weights: of the first orders, shape (some orders, 6 n, families k).
+        """
+        some, n, families = len(weights), len(self.panels.r), 1 if self.rounds.mirrored else 2
+        parts = weights.reshape(some, 6, n, families, -1).transpose(1, 0, 3, 4, 2)
+        flat = np.ascontiguousarray(parts).reshape(2, 3, some * families, -1)
+        each = self.rounds.waves[None, :, : some * families].transpose(0, 1, 3, 2) @ flat
+        values = each.reshape(6, self.rounds.count, -1, n).transpose(1, 0, 2, 3)
+        return [self._work(number, values) for number in range(len(self.sources))]
+
+    def _values(self, number: int, coefficients: Floats) -> Floats:
+        """Tractions and displacements along r, theta and z of one sphere, shape (angles, 6, k, n)."""
+        angles, k, n = self.rounds.count, coefficients.shape[1], len(self.panels.r)
+        out = np.empty((angles, 6, k, n))
+        for part, turn, sampler in zip(self.panels.parts, self._turns, self._samplers[number], strict=True):
+            found = sampler.values(coefficients).reshape(turn.shape[2], k, angles, -1).transpose(2, 0, 1, 3)
+            out[..., part] = (turn @ found.reshape(angles, turn.shape[2], -1)).reshape(angles, 6, k, -1)
+        out[:, :3] *= self.two_mu / self.sources[number].radius
+        return out
+
+    def _work(self, number: int, values: Floats) -> Floats:
+        """The transpose of ``_values``, (modes, k)."""
+        angles, _, k, _ = values.shape
+        scaled = values * np.repeat([self.two_mu / self.sources[number].radius, 1.0], 3)[:, None, None]
+        total = np.zeros((len(self.sources[number].modes), k))
+        for part, turn, sampler in zip(self.panels.parts, self._turns, self._samplers[number], strict=True):
+            each = (turn.transpose(0, 2, 1) @ scaled[..., part].reshape(angles, 6, -1)).reshape(angles, turn.shape[2], k, -1)
+            total += sampler.adjoint(np.ascontiguousarray(each.transpose(1, 2, 0, 3)).reshape(turn.shape[2], k, -1))
+        return total
 
     @property
-    def _edges(self) -> tuple[Edges, Edges, Edges, Edges]:
-        b = self.boundary
-        return b.surface, b.side, b.ends, b.floor
+    def _turns(self) -> tuple[Floats, Floats, Floats]:
+        return _turns(self.rounds)
 
     @cached_property
-    def _parts(self) -> tuple[slice, ...]:
-        """Where the points of each of ``_edges`` stand among all."""
-        ends = np.cumsum([0, *(edges.r.size * self.rounds.count for edges in self._edges)]).tolist()
-        return tuple(slice(*pair) for pair in pairwise(ends))
+    def _samplers(self) -> list[list[Sampler]]:
+        """For each sphere those of surface, side and floor."""
+        kinds = ((PLANE, True), (ROUND, False), (PLANE, True))
+        return [
+            [
+                Sampler(stack(one.modes, "outgoing", components), (self._points(part) - one.centre) / one.radius, flat)
+                for part, (components, flat) in zip(self.panels.parts, kinds, strict=True)
+            ]
+            for one in self.sources
+        ]
 
-    @cached_property
-    def _samplers(self) -> list[Sampler]:
-        points = np.concatenate([self._points(some) for some in self._edges])
-        return [Sampler(one.modes, (points - one.centre) / one.radius, "outgoing") for one in self.sources]
+    def _points(self, part: slice) -> Floats:
+        """Of a part of the boundary, angle by angle, shape (angles n, 3)."""
+        angle, r, z = self.rounds.angles[:, None], self.panels.r[part], self.panels.z[part]
+        return np.stack([r * np.cos(angle), r * np.sin(angle), z + 0 * angle], axis=-1).reshape(-1, 3)
 
-    def _points(self, edges: Edges) -> Floats:
-        cos, sin = np.cos(self.rounds.angles), np.sin(self.rounds.angles)
-        r, z = edges.r[..., None], edges.z[..., None]
-        return np.stack(np.broadcast_arrays(r * cos, r * sin, z), axis=-1).reshape(-1, 3)
+
+@lru_cache(maxsize=64)
+def _turns(rounds: Rounds) -> tuple[Floats, Floats, Floats]:
+    """From ``PLANE`` or ``ROUND`` to tractions and displacements along r, theta, z, on surface, side, floor: (angles, 6, a)."""
+    one, zero = np.ones(rounds.count), np.zeros(rounds.count)
+    cos, sin = np.cos(rounds.angles), np.sin(rounds.angles)
+    turn = np.moveaxis(np.array([[cos, sin, zero], [-sin, cos, zero], [zero, zero, one]]), -1, 0)
+    normal = np.moveaxis(np.array([[cos, sin, *[zero] * 3], [zero, cos, sin, zero, zero], [*[zero] * 3, cos, sin]]), -1, 0)
+    nothing = np.zeros((rounds.count, 3, 3))
+    surface, floor = (np.block([[sign * turn, nothing], [nothing, turn]]) for sign in (1, -1))
+    return surface, np.block([[turn @ normal, np.zeros((rounds.count, 3, 3))], [np.zeros((rounds.count, 3, 5)), turn]]), floor

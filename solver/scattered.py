@@ -29,7 +29,7 @@ from solver.fields import TissueField
 from solver.moving import Moved, moved
 from solver.multipoles import Modes
 from solver.projection import Projection, projection
-from solver.reflection import Arrived, Exchange, Reflector, Sphere
+from solver.reflection import Exchange, Reflector, Sphere
 from solver.samples import Rounds
 from solver.scattering import Scattering, scattering
 from solver.tumours import Tumours
@@ -97,7 +97,7 @@ def scattered(
     ]
     exchange = reflector.exchange(spheres, rounds)
     basis = [[incident(field, one) for one in spheres]]
-    orders, gone = 0, np.inf
+    orders, gone = rounds.orders, np.inf
     slopes = np.array(_slopes(each, basis, np.eye(2)[None]))
     for _ in range(STEPS):
         following, orders = _reflected(exchange, each, basis, tolerance, orders)
@@ -190,26 +190,17 @@ def incident(field: TissueField, sphere: Sphere) -> Floats:
     found = field.at(r, z)
     u = found.displacement
     away = np.stack([np.divide(part, r, out=np.zeros_like(r), where=r > 0) for part in (x, y)], axis=1)
-    return sphere.coefficients(Arrived(np.concatenate([away[:, :, None] * u[:, :1], u[:, 1:]], axis=1), found.dilation))
+    return sphere.coefficients(np.concatenate([away[:, :, None] * u[:, :1], u[:, 1:]], axis=1), found.dilation)
 
 
 def _reflected(
     exchange: Exchange, each: Sequence[Scattering], basis: Sequence[Sequence[Floats]], tolerance: float, orders: int
 ) -> tuple[list[Floats], int]:
     """One more reflection: by the boundary, order by order until nothing more comes, and by the other spheres."""
-    spheres = exchange.spheres
     outgoing = [one.S @ c for one, c in zip(each, basis[-1], strict=True)]
-    weights = [sphere.weights(one.T @ c) for sphere, one, c in zip(spheres, each, basis[0], strict=True)]
-    enough, quiet = ENOUGH * tolerance * float(np.abs(_moment(each, basis[0], basis[0])).max()), 0
-    total: list[Arrived] = []
-    for m, part in enumerate(exchange.reflect(outgoing)):
-        total = [a + b for a, b in zip(total, part, strict=True)] if total else part
-        seen = sum(field.times(weight) for field, weight in zip(part, weights, strict=True))
-        quiet = quiet + 1 if np.abs(seen).max() < enough else 0
-        if (orders and m + 1 >= orders) or (not orders and quiet == 2):
-            break
-    came = [sphere.coefficients(field) for sphere, field in zip(spheres, total, strict=True)]
-    return [a + b for a, b in zip(came, _neighbours(spheres, outgoing), strict=True)], m + 1
+    enough = ENOUGH * tolerance * float(np.abs(_moment(each, basis[0], basis[0])).max())
+    came, orders = exchange.reflect(outgoing, enough, orders)
+    return [a + b for a, b in zip(came, _neighbours(exchange.spheres, outgoing), strict=True)], orders
 
 
 def _neighbours(spheres: Sequence[Sphere], outgoing: Sequence[Floats]) -> list[Floats]:
@@ -219,7 +210,7 @@ def _neighbours(spheres: Sequence[Sphere], outgoing: Sequence[Floats]) -> list[F
         for other, c in zip(spheres, outgoing, strict=True):
             if other is not here:
                 local = (here.points - other.centre) / other.radius
-                total[k] += here.coefficients(Arrived(other.modes.displacement(local, c, "outgoing"), None))
+                total[k] += here.coefficients(other.modes.displacement(local, c, "outgoing"))
     return total
 
 
