@@ -53,7 +53,7 @@ class TissueField:
         Raises:
             InputError: a point lies outside the tissue, or there is an inclusion.
         """
-        if "sphere_radius" in self.states.model.section.given:
+        if np.all(self.states.model.section.sphere_radius != 0):
             raise InputError("inclusion", "one", "no inclusion: the field is that of the base states without tumours")
         points = np.stack(np.broadcast_arrays(np.atleast_1d(r), np.atleast_1d(z)), axis=-1).astype(float)
         self._check(points)

@@ -8,7 +8,7 @@ first; row (l, m) of a family is ``index(l, m)``. The rows of sin 0 are there, a
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from math import factorial, sqrt
 from typing import Any, Literal
 
@@ -77,24 +77,31 @@ class Harmonics:
         a^2 = (4 l^2 - 1) / (l^2 - m^2), b^2 = (2l+1) / (2l-3) ((l-1)^2 - m^2) / (l^2 - m^2).
         """
         new = np.empty((min(ell, self.order) + 1, len(z)))
-        m = np.arange(len(old))
+        a, b = _recursion(ell, len(old))
         np.multiply(old, z, out=new[: len(old)])
-        new[: len(old)] *= np.sqrt((4 * ell**2 - 1) / (ell**2 - m**2))[:, None]
+        new[: len(old)] *= a
         if len(older):
-            m = m[: len(older)]
-            b = np.sqrt((2 * ell + 1) / (2 * ell - 3) * ((ell - 1) ** 2 - m**2) / (ell**2 - m**2))
-            new[: len(older)] -= (b[:, None] * square) * older
+            new[: len(older)] -= (b[: len(older)] * square) * older
         if len(new) > len(old):
-            new[ell] = self._sectoral[ell]
+            new[ell] = _sectoral(self.order)[ell]
         return new
 
-    @cached_property
-    def _sectoral(self) -> Floats:
-        """Pi_m^m: Y_m^m without (x + i y)^m."""
-        m = np.arange(1, self.order + 1)
-        steps = np.sqrt((2 * m + 1) / (2 * m))
-        steps[:1] *= sqrt(2)  # the mean of cos^2 m phi is 1 for m = 0 and 1/2 above
-        return np.cumprod(np.concatenate([[sqrt(1 / (4 * np.pi))], steps]))
+
+@lru_cache(maxsize=2048)
+def _recursion(ell: int, count: int) -> tuple[Floats, Floats]:
+    """Factors a and b of eq. (M1), shape (count, 1) each."""
+    m = np.arange(count)[:, None]
+    a, b = (4 * ell**2 - 1) / (ell**2 - m**2), (2 * ell + 1) / (2 * ell - 3) * ((ell - 1) ** 2 - m**2) / (ell**2 - m**2)
+    return np.sqrt(a), np.sqrt(np.maximum(b, 0.0))
+
+
+@lru_cache(maxsize=64)
+def _sectoral(order: int) -> Floats:
+    """Pi_m^m: Y_m^m without (x + i y)^m."""
+    m = np.arange(1, order + 1)
+    steps = np.sqrt((2 * m + 1) / (2 * m))
+    steps[:1] *= sqrt(2)  # the mean of cos^2 m phi is 1 for m = 0 and 1/2 above
+    return np.cumprod(np.concatenate([[sqrt(1 / (4 * np.pi))], steps]))
 
 
 @lru_cache(maxsize=16)

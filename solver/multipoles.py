@@ -29,7 +29,7 @@ import scipy.sparse as sp
 
 from geometry.grading import Floats
 from solver.harmonics import Harmonics, Side, derivatives
-from solver.sampler import FACTORS, ONE, SQUARE, Sampler, Stack, Values, X, Y, Z
+from solver.sampler import FACTORS, ONE, SQUARE, Sampler, Stack, Table, Values, X, Y, Z
 from solver.shapes import Ints
 
 Parity = Literal["even", "both"]
@@ -121,12 +121,16 @@ class Modes:
         return self._both(points, coefficients, "outgoing")
 
     def _both(self, points: Floats, coefficients: Values, side: Side) -> tuple[Values, Values]:
-        out = np.moveaxis(Sampler(stack(self, side, EVERY), points).values(coefficients), -1, 0)
+        out = self._at(points, coefficients, side, EVERY)
         return np.ascontiguousarray(out[:, :3]), np.ascontiguousarray(out[:, 3:])
 
     def displacement(self, points: Floats, coefficients: Values, side: Side) -> Values:
         """Displacement alone, shape (n, 3, k), three times as fast."""
-        return np.moveaxis(Sampler(stack(self, side, DISPLACEMENT), points).values(coefficients), -1, 0)
+        return self._at(points, coefficients, side, DISPLACEMENT)
+
+    def _at(self, points: Floats, coefficients: Values, side: Side, components: tuple[int, ...]) -> Values:
+        sampler = Sampler(stack(self, side, components), Table(self.harmonics, side, points), slice(0, len(points)))
+        return np.moveaxis(sampler.values(coefficients), -1, 0)
 
     def shapes(self, points: Floats, side: Side) -> Values:
         """Displacement of every mode by itself, shape (n, 3, modes)."""

@@ -9,7 +9,8 @@ so that one product with a table of harmonics, which all modes share, gives all 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from geometry.grading import Floats
 from solver.harmonics import Harmonics, Side
+from solver.shapes import Ints
 
 Values = NDArray[Any]  # real, or complex for derivatives by complex steps
 FACTORS = 5  # p_j of eq. (M8)
@@ -38,6 +40,7 @@ class Stack:
     matrix: Any
     harmonics: Harmonics
     side: Side
+    _rows: dict[tuple[bool, int], tuple[Ints, Ints]] = field(default_factory=dict, repr=False)
 
     @property
     def components(self) -> int:
@@ -49,25 +52,55 @@ class Stack:
         """The matrix's transpose by rows."""
         return self.matrix.T.tocsr()
 
+    def rows(self, flat: bool, k: int) -> tuple[Ints, Ints]:
+        """Rows (a, j, k) that have harmonics of the cosines' and of the sines' family, with or without p = z."""
+        if (flat, k) not in self._rows:
+            filled = np.diff(self.matrix.indptr).reshape(self.components, FACTORS, 2, -1).any(axis=-1)
+            if flat:
+                filled = np.concatenate([filled[:, :1] | filled[:, Z:], filled[:, 1:Z]], axis=1)
+            repeated = np.repeat(filled.reshape(-1, 2), k, axis=0)
+            self._rows[flat, k] = np.flatnonzero(repeated[:, 0]), np.flatnonzero(repeated[:, 1])
+        return self._rows[flat, k]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Values of harmonics at points, kept unless there are many.
+
+    Attributes:
+        harmonics, side: which.
+        points: in units of the sphere's radius from its centre, shape (n, 3).
+    """
+
+    harmonics: Harmonics
+    side: Side
+    points: Floats
+
+    def of(self, part: slice) -> Floats:
+        """Values at some of the points, shape (2 count, points)."""
+        if 2 * self.harmonics.count * len(self.points) > KEPT:
+            return self.harmonics.table(self.points[part], self.side)
+        return self._all[:, part]
+
     @cached_property
-    def filled(self) -> NDArray[np.bool_]:
-        """Which sums have harmonics of the cosines' and of the sines' family, shape (a, FACTORS, 2)."""
-        entries = np.diff(self.matrix.indptr).reshape(self.components, FACTORS, 2, -1)
-        return np.asarray(entries.any(axis=-1))
+    def _all(self) -> Floats:
+        return self.harmonics.table(self.points, self.side)
 
 
 @dataclass(frozen=True)
 class Sampler:
-    """Sums of modes at points that stay the same: what does not depend on the coefficients is kept, unless it is large.
+    """Sums of modes at some points of a table.
 
     Attributes:
         stack: of the components.
-        points: in units of the sphere's radius from its centre, shape (n, 3).
-        flat: whether all points have one z.
+        table: with n points and more.
+        part: which of them.
+        flat: whether they all have one z.
     """
 
     stack: Stack
-    points: Floats
+    table: Table
+    part: slice
     flat: bool = False
 
     def values(self, coefficients: Values) -> Values:
@@ -77,9 +110,8 @@ class Sampler:
         if self.flat:
             sums[:, ONE] += self._level * sums[:, Z]
         narrow = sums[:, : self._used].transpose(0, 1, 3, 2).reshape(-1, size)
-        out = np.empty((a, k, len(self.points)), narrow.dtype)
-        for part in self._parts:
-            table = self._table(part)
+        out = np.empty((a, k, self._count), narrow.dtype)
+        for part, table in self._blocks:
             columns = np.zeros((len(narrow), table.shape[1]), narrow.dtype)
             for rows, family in self._families(k):
                 columns[rows] += narrow[rows, family] @ table[family]
@@ -91,8 +123,7 @@ class Sampler:
         a, k, _ = weights.shape
         size = 2 * self.stack.harmonics.count
         narrow = np.zeros((a * self._used * k, size))
-        for part in self._parts:
-            table = self._table(part)
+        for part, table in self._blocks:
             columns = (weights[:, None, :, part] * self._factors[:, None, part]).reshape(len(narrow), -1)
             for rows, family in self._families(k):
                 narrow[rows, family] += columns[rows] @ table[family].T
@@ -108,32 +139,26 @@ class Sampler:
 
     @property
     def _level(self) -> float:
-        return float(self.points[0, 2])
+        return float(self.table.points[self.part.start, 2])
+
+    @property
+    def _count(self) -> int:
+        return int(self.part.stop - self.part.start)
 
     def _families(self, k: int) -> list[tuple[Any, slice]]:
         """Rows (a, j, k) that have harmonics of a family, and these: where fields mirror, every sum has those of one alone."""
-        filled, half = self.stack.filled.copy(), self.stack.harmonics.count
-        if self.flat:
-            filled[:, ONE] |= filled[:, Z]
-        rows = np.repeat(filled[:, : self._used].reshape(-1, 2), k, axis=0)
-        families = enumerate((slice(0, half), slice(half, None)))
-        return [(np.flatnonzero(rows[:, which]), family) for which, family in families if rows[:, which].any()]
+        half = self.stack.harmonics.count
+        families = zip(self.stack.rows(self.flat, k), (slice(0, half), slice(half, None)), strict=True)
+        return [(rows, family) for rows, family in families if len(rows)]
 
     @property
-    def _parts(self) -> list[slice]:
-        n = len(self.points)
-        return [slice(low, min(low + BLOCK, n)) for low in range(0, n, BLOCK)]
+    def _blocks(self) -> Iterator[tuple[slice, Floats]]:
+        """Blocks of the part's points, and their harmonics."""
+        for low in range(0, self._count, BLOCK):
+            high = min(low + BLOCK, self._count)
+            yield slice(low, high), self.table.of(slice(self.part.start + low, self.part.start + high))
 
     @cached_property
     def _factors(self) -> Floats:
-        x, y, z = self.points.T
+        x, y, z = self.table.points[self.part].T
         return np.stack([np.ones_like(x), x, y, x * x + y * y + z * z, z][: self._used])
-
-    def _table(self, part: slice) -> Floats:
-        if 2 * self.stack.harmonics.count * len(self.points) > KEPT:
-            return self.stack.harmonics.table(self.points[part], self.stack.side)
-        return self._kept[:, part]
-
-    @cached_property
-    def _kept(self) -> Floats:
-        return self.stack.harmonics.table(self.points, self.stack.side)

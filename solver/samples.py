@@ -11,7 +11,7 @@ import numpy as np
 from geometry.grading import Floats
 from solver.multipoles import Modes, stack
 from solver.panels import Panels
-from solver.sampler import Sampler
+from solver.sampler import Sampler, Table
 
 PLANE = (
     7,
@@ -142,18 +142,13 @@ class Samples:
     def _samplers(self) -> list[list[Sampler]]:
         """For each sphere those of surface, side and floor."""
         kinds = ((PLANE, True), (ROUND, False), (PLANE, True))
-        return [
-            [
-                Sampler(stack(one.modes, "outgoing", components), (self._points(part) - one.centre) / one.radius, flat)
-                for part, (components, flat) in zip(self.panels.parts, kinds, strict=True)
-            ]
-            for one in self.sources
-        ]
-
-    def _points(self, part: slice) -> Floats:
-        """Of a part of the boundary, angle by angle, shape (angles n, 3)."""
-        angle, r, z = self.rounds.angles[:, None], self.panels.r[part], self.panels.z[part]
-        return np.stack([r * np.cos(angle), r * np.sin(angle), z + 0 * angle], axis=-1).reshape(-1, 3)
+        parts = [slice(part.start * self.rounds.count, part.stop * self.rounds.count) for part in self.panels.parts]
+        points, found = _points(self.panels, self.rounds), []
+        for one in self.sources:
+            table = Table(one.modes.harmonics, "outgoing", (points - one.centre) / one.radius)
+            stacks = [stack(one.modes, "outgoing", components) for components, _ in kinds]
+            found.append([Sampler(each, table, part, flat) for each, part, (_, flat) in zip(stacks, parts, kinds, strict=True)])
+        return found
 
 
 @lru_cache(maxsize=64)
@@ -166,3 +161,10 @@ def _turns(rounds: Rounds) -> tuple[Floats, Floats, Floats]:
     nothing = np.zeros((rounds.count, 3, 3))
     surface, floor = (np.block([[sign * turn, nothing], [nothing, turn]]) for sign in (1, -1))
     return surface, np.block([[turn @ normal, np.zeros((rounds.count, 3, 3))], [np.zeros((rounds.count, 3, 5)), turn]]), floor
+
+
+def _points(panels: Panels, rounds: Rounds) -> Floats:
+    """The parts of the boundary one after the other, each angle by angle, shape (angles n, 3)."""
+    cos, sin = np.cos(rounds.angles)[:, None], np.sin(rounds.angles)[:, None]
+    parts = [(panels.r[part], panels.z[part]) for part in panels.parts]
+    return np.concatenate([np.stack([r * cos, r * sin, z + 0 * cos], axis=-1).reshape(-1, 3) for r, z in parts])
