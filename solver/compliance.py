@@ -9,7 +9,7 @@ With Y lifting u_s of the ends into the blocks and -u_s of the floor into the ti
 
     w = v + Y_floor u_s,   K v = -F (t_s, u_s),   F = t_s + K Y u_s                                       (B2)
 
-Of w only its work on other fields u_1 from the same sphere or others is asked for, which by Betti is an integral over the boundary:
+Of w only its work on other fields u_1 from the same sphere or others is asked for, by Betti an integral over the boundary:
 
     Int t_1 . w_2 - t(w_2) . u_1 = -F_1^T K^-1 F_2 + (Y u_1)^T K Y u_2 + t_1^T Y_floor u_2
                                    + Int_surface,side u_1 . t_2 - Int_floor t_1 . u_2                     (B3)

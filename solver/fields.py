@@ -15,7 +15,7 @@ import numpy as np
 from geometry.errors import InputError
 from geometry.frame import frame
 from geometry.grading import Floats
-from geometry.meridian import SQUARE, bilinear, nodes
+from geometry.meridian import SQUARE, nodes
 from geometry.section import Body
 from solver.base_states import BaseStates
 from solver.numbering import Ints
@@ -132,15 +132,19 @@ class TissueField:
 
 def _inverted(corners: Floats, points: Floats) -> tuple[Floats, Floats]:
     """Places in the unit squares of quadrilaterals, (m, 4, 2), that are mapped to points, (m, 2), and the Jacobians there."""
-    places = np.full(points.shape, 0.5)
+    a, b, c, d = corners.transpose(1, 2, 0)
+    along, up, twist = b - a, d - a, a - b + c - d  # the map a + u along + v up + u v twist
+    u = v = np.full(len(points), 0.5)
     for _ in range(NEWTON):
-        off = points - np.einsum("mc,mcx->mx", bilinear(places), corners)
-        step = np.linalg.solve(jacobian(corners, places), off[..., None])[..., 0]
-        places += step
-        if not np.any(np.abs(step) > CONVERGED):
+        by_u, by_v = along + v * twist, up + u * twist
+        off = points.T - a - u * by_u - v * up
+        determinant = by_u[0] * by_v[1] - by_u[1] * by_v[0]
+        step = np.stack([off[0] * by_v[1] - off[1] * by_v[0], by_u[0] * off[1] - by_u[1] * off[0]]) / determinant
+        u, v = u + step[0], v + step[1]
+        if np.abs(step).max(initial=0.0) <= CONVERGED:
             break
-    places = np.clip(places, 0.0, 1.0)
-    return places, jacobian(corners, places)
+    u, v = np.clip(u, 0.0, 1.0), np.clip(v, 0.0, 1.0)
+    return np.stack([u, v], axis=1), np.stack([along + v * twist, up + u * twist], axis=-1).transpose(1, 0, 2)
 
 
 def jacobian(corners: Any, places: Any) -> Any:

@@ -20,50 +20,10 @@ from solver.azimuthal import Harmonics
 from solver.base_states import BaseStates
 from solver.boundary import Boundary
 from solver.compliance import Response, Told
-from solver.multipoles import Modes
 from solver.numbering import Interface
 from solver.panels import Panels
-from solver.projection import Projection
-from solver.samples import Rounds, Samples, Source
-
-
-@dataclass(frozen=True)
-class Sphere:
-    """A sphere in the axes of the probe, with the modes in which fields about it are told.
-
-    Attributes:
-        centre: x, y and z, m, shape (3,).
-        radius: m.
-        modes, projection: of displacements on its surface.
-    """
-
-    centre: Floats
-    radius: float
-    modes: Modes
-    projection: Projection
-
-    @property
-    def source(self) -> Source:
-        """The sphere as a source of outgoing modes."""
-        return Source(self.centre, self.radius, self.modes)
-
-    @cached_property
-    def points(self) -> Floats:
-        """Where displacements are projected, m, shape (q, 3)."""
-        return np.asarray(self.centre + self.radius * self.projection.points)
-
-    def coefficients(self, displacement: Floats, dilation: Floats | None = None) -> Floats:
-        """Regular coefficients (modes, k) of a field at the sphere's q points, displacement (q, 3, k), m, and dilation (q, k).
-
-        The mode of degree 0, u = c x / R, is taken from the dilation where that is known: in a field that balances it is
-        harmonic, so that its mean over the surface is that over the ball, 3 c / R. In nearly incompressible tissue an error
-        of the displacement's flux would count times the bulk modulus.
-        """
-        out = self.projection.coefficients(displacement)
-        if dilation is not None:
-            mean = self.radius * np.sqrt(4 * np.pi) / 3 * self.projection.weights / (4 * np.pi)
-            out[self.modes.ell == 0] = mean @ dilation
-        return np.asarray(out)
+from solver.samples import Rounds, Samples
+from solver.spheres import Sphere
 
 
 @dataclass(frozen=True)

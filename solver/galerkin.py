@@ -1,0 +1,81 @@
+"""The sum of all reflections from the first few, as the best in energy, and what is left."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from geometry.grading import Floats
+
+
+@dataclass(frozen=True)
+class Reflections:
+    """Fields c_0 .. c_n that reach the spheres one reflection after the other, eq. (P5) of ``scattered.py``.
+
+    Attributes:
+        fields: regular coefficients of both base states about all spheres, (modes, 2) each.
+        works: T times them.
+        moments: mu_0 .. mu_2n, (2, 2) each.
+    """
+
+    fields: tuple[Floats, ...]
+    works: tuple[Floats, ...]
+    moments: tuple[Floats, ...]
+
+    @classmethod
+    def first(cls, field: Floats, work: Floats) -> Reflections:
+        """No reflection yet."""
+        return cls((field,), (work,), (_symmetric(field.T @ work),))
+
+    def followed(self, field: Floats, work: Floats) -> Reflections:
+        """One more of them."""
+        new = _symmetric(self.works[-1].T @ field), _symmetric(field.T @ work)
+        return Reflections((*self.fields, field), (*self.works, work), (*self.moments, *new))
+
+    def whole(self, weights: Floats) -> Floats:
+        """The sum of the fields with weights (n + 1, 2, k), shape (modes, k)."""
+        return sum((c @ a for c, a in zip(self.fields, weights, strict=True)), np.zeros(()))
+
+    @property
+    def count(self) -> int:
+        """Reflections made."""
+        return len(self.fields) - 1
+
+    @cached_property
+    def found(self) -> Floats:
+        """Weights a of c_0 .. c_n (the last 0) in eq. (P5), shape (n + 1, 2, 2)."""
+        n, mu = self.count, self.moments
+        A = np.block([[mu[i + j] - mu[i + j + 1] for j in range(n)] for i in range(n)])
+        a = np.linalg.lstsq(A, np.concatenate(mu[:n]), rcond=1e-12)[0].reshape(n, 2, 2)
+        return np.concatenate([a, np.zeros((1, 2, 2))])
+
+    @cached_property
+    def left(self) -> Floats:
+        """Weights in what is left, r = c_0 - (1 - R S) c, shape (n + 1, 2, 2)."""
+        return np.concatenate([np.eye(2)[None], self.found[:-1]]) - self.found
+
+    @cached_property
+    def more(self) -> Floats:
+        """What is left adds r^T T r to the film forces, shape (2, 2)."""
+        n, mu, left = self.count, self.moments, self.left
+        pairs = np.array([[mu[i + j] for j in range(n + 1)] for i in range(n + 1)])
+        return _symmetric(np.einsum("iab,ijac,jcd->bd", left, pairs, left))
+
+    @cached_property
+    def forces(self) -> Floats:
+        """Change of the film forces with what is left added once, shape (2, 2)."""
+        value = sum((mu @ a for mu, a in zip(self.moments, self.found, strict=False)), np.zeros((2, 2)))
+        return _symmetric(value) + self.more
+
+    @cached_property
+    def rho(self) -> float:
+        """The share of a field that comes back, eq. (P6)."""
+        size = [float(np.linalg.norm(one)) for one in self.moments]
+        n = self.count
+        return min(0.9, max(size[1] / size[0], np.sqrt(size[2 * n] / size[2 * n - 2]), size[2 * n] / size[2 * n - 1]))
+
+
+def _symmetric(matrix: Floats) -> Floats:
+    return np.asarray((matrix + matrix.T) / 2)
