@@ -16,8 +16,8 @@ from geometry.section import Section
 
 STEP = 1.4  # the least panel, outer radii, times the order of the elements
 GROWTH = 0.4  # of panels, per distance from the axis
-SIDE, FLOOR = 0.2, 0.15  # the least panels there, of the tissue's radius and depth
-EXTRA = 2  # points of a panel beyond the order of the elements
+SIDE, FLOOR = 0.4, 0.3  # the least panels there, of the tissue's radius and depth
+EXTRA = 4  # points of a panel beyond the order of the elements
 
 
 @dataclass(frozen=True)
