@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from math import sqrt
 
 import numpy as np
 
@@ -46,9 +47,9 @@ class Reflections:
     @cached_property
     def found(self) -> Floats:
         """Weights a of c_0 .. c_n (the last 0) in eq. (P5), shape (n + 1, 2, 2)."""
-        n, mu = self.count, self.moments
-        A = np.block([[mu[i + j] - mu[i + j + 1] for j in range(n)] for i in range(n)])
-        a = np.linalg.lstsq(A, np.concatenate(mu[:n]), rcond=1e-12)[0].reshape(n, 2, 2)
+        n, mu = self.count, np.array(self.moments)
+        A = _hankel(mu[:-1] - mu[1:], n)
+        a = np.linalg.lstsq(A, mu[:n].reshape(-1, 2), rcond=1e-12)[0].reshape(n, 2, 2)
         return np.concatenate([a, np.zeros((1, 2, 2))])
 
     @cached_property
@@ -59,9 +60,8 @@ class Reflections:
     @cached_property
     def more(self) -> Floats:
         """What is left adds r^T T r to the film forces, shape (2, 2)."""
-        n, mu, left = self.count, self.moments, self.left
-        pairs = np.array([[mu[i + j] for j in range(n + 1)] for i in range(n + 1)])
-        return _symmetric(np.einsum("iab,ijac,jcd->bd", left, pairs, left))
+        left = self.left.reshape(-1, 2)
+        return _symmetric(left.T @ _hankel(np.array(self.moments), self.count + 1) @ left)
 
     @cached_property
     def forces(self) -> Floats:
@@ -72,9 +72,14 @@ class Reflections:
     @cached_property
     def rho(self) -> float:
         """The share of a field that comes back, eq. (P6)."""
-        size = [float(np.linalg.norm(one)) for one in self.moments]
-        n = self.count
-        return min(0.9, max(size[1] / size[0], np.sqrt(size[2 * n] / size[2 * n - 2]), size[2 * n] / size[2 * n - 1]))
+        size = [max(float(np.linalg.norm(one)), 1e-300) for one in self.moments]
+        return min(0.9, max(size[1] / size[0], sqrt(size[-1] / size[-3]), size[-1] / size[-2]))
+
+
+def _hankel(blocks: Floats, n: int) -> Floats:
+    """The matrix (2 n, 2 n) of blocks (2, 2) number i + j."""
+    i = np.arange(n)
+    return np.asarray(blocks[i[:, None] + i].transpose(0, 2, 1, 3).reshape(2 * n, 2 * n))
 
 
 def _symmetric(matrix: Floats) -> Floats:

@@ -110,7 +110,7 @@ class Sampler:
         if self.flat:
             sums[:, ONE] += self._level * sums[:, Z]
         narrow = sums[:, : self._used].transpose(0, 1, 3, 2).reshape(-1, size)
-        out = np.empty((a, k, self._count), narrow.dtype)
+        out = np.empty((a, k, self.count), narrow.dtype)
         for part, table in self._blocks:
             columns = np.zeros((len(narrow), table.shape[1]), narrow.dtype)
             for rows, family in self._families(k):
@@ -142,7 +142,8 @@ class Sampler:
         return float(self.table.points[self.part.start, 2])
 
     @property
-    def _count(self) -> int:
+    def count(self) -> int:
+        """Number of its points."""
         return int(self.part.stop - self.part.start)
 
     def _families(self, k: int) -> list[tuple[Any, slice]]:
@@ -154,8 +155,8 @@ class Sampler:
     @property
     def _blocks(self) -> Iterator[tuple[slice, Floats]]:
         """Blocks of the part's points, and their harmonics."""
-        for low in range(0, self._count, BLOCK):
-            high = min(low + BLOCK, self._count)
+        for low in range(0, self.count, BLOCK):
+            high = min(low + BLOCK, self.count)
             yield slice(low, high), self.table.of(slice(self.part.start + low, self.part.start + high))
 
     @cached_property

@@ -9,19 +9,14 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from geometry.grading import Floats
-from solver.multipoles import Modes, stack
+from solver.multipoles import EVERY, Modes, stack
 from solver.panels import Panels
 from solver.sampler import Sampler, Table
 
-PLANE = (
-    7,
-    6,
-    5,
-    0,
-    1,
-    2,
-)  # components of ``multipoles.stack`` that are asked for on planes across z: xz, yz, zz and displacements
+STRESS = ((3, 8, 7), (8, 4, 6), (7, 6, 5))  # components of ``multipoles.stack`` that are stresses xx .. zz
+PLANE = (7, 6, 5, 0, 1, 2)  # those asked for on planes across z: xz, yz, zz and displacements
 ROUND = (3, 8, 4, 7, 6, 0, 1, 2)  # and on the side: xx, xy, yy, xz, yz and displacements
+_Piece = tuple[slice, slice, Floats]  # of a sampler: its points, the panels', what turns components to data
 
 
 @dataclass(frozen=True)
@@ -118,9 +113,11 @@ class Samples:
         """Tractions and displacements along r, theta and z of one sphere, shape (angles, 6, k, n)."""
         angles, k, n = self.rounds.count, coefficients.shape[1], len(self.panels.r)
         out = np.empty((angles, 6, k, n))
-        for part, turn, sampler in zip(self.panels.parts, self._turns, self._samplers[number], strict=True):
-            found = sampler.values(coefficients).reshape(turn.shape[2], k, angles, -1).transpose(2, 0, 1, 3)
-            out[..., part] = (turn @ found.reshape(angles, turn.shape[2], -1)).reshape(angles, 6, k, -1)
+        for sampler, pieces in self._samplers[number]:
+            found = sampler.values(coefficients)
+            for columns, part, turn in pieces:
+                each = found[..., columns].reshape(len(found), k, angles, -1).transpose(2, 0, 1, 3)
+                out[..., part] = (turn @ each.reshape(angles, len(found), -1)).reshape(angles, 6, k, -1)
         out[:, :3] *= self.two_mu / self.sources[number].radius
         return out
 
@@ -129,38 +126,54 @@ class Samples:
         angles, _, k, _ = values.shape
         scaled = values * np.repeat([self.two_mu / self.sources[number].radius, 1.0], 3)[:, None, None]
         total = np.zeros((len(self.sources[number].modes), k))
-        for part, turn, sampler in zip(self.panels.parts, self._turns, self._samplers[number], strict=True):
-            each = (turn.transpose(0, 2, 1) @ scaled[..., part].reshape(angles, 6, -1)).reshape(angles, turn.shape[2], k, -1)
-            total += sampler.adjoint(np.ascontiguousarray(each.transpose(1, 2, 0, 3)).reshape(turn.shape[2], k, -1))
+        for sampler, pieces in self._samplers[number]:
+            each = np.empty((sampler.stack.components, k, sampler.count))
+            for columns, part, turn in pieces:
+                found = turn.transpose(0, 2, 1) @ scaled[..., part].reshape(angles, 6, -1)
+                each[..., columns] = found.reshape(angles, len(each), k, -1).transpose(1, 2, 0, 3).reshape(len(each), k, -1)
+            total += sampler.adjoint(each)
         return total
 
-    @property
-    def _turns(self) -> tuple[Floats, Floats, Floats]:
-        return _turns(self.rounds)
-
     @cached_property
-    def _samplers(self) -> list[list[Sampler]]:
-        """For each sphere those of surface, side and floor."""
-        kinds = ((PLANE, True), (ROUND, False), (PLANE, True))
-        parts = [slice(part.start * self.rounds.count, part.stop * self.rounds.count) for part in self.panels.parts]
-        points, found = _points(self.panels, self.rounds), []
+    def _samplers(self) -> list[list[tuple[Sampler, list[_Piece]]]]:
+        """For each sphere those of surface, side and floor, or for a single angle, where there is little to save, one of all."""
+        points, each = _points(self.panels, self.rounds), [(PLANE, True), (ROUND, False), (PLANE, True)]
+        pieces = list(zip(self.panels.parts, _turns(self.rounds), strict=True))
+        groups = [(*kind, [piece]) for kind, piece in zip(each, pieces, strict=True)]
+        if self.rounds.count == 1:
+            groups = [(EVERY, False, pieces)]
+        found = []
         for one in self.sources:
             table = Table(one.modes.harmonics, "outgoing", (points - one.centre) / one.radius)
-            stacks = [stack(one.modes, "outgoing", components) for components, _ in kinds]
-            found.append([Sampler(each, table, part, flat) for each, part, (_, flat) in zip(stacks, parts, kinds, strict=True)])
+            found.append([self._sampler(one.modes, table, *group) for group in groups])
         return found
+
+    def _sampler(
+        self, modes: Modes, table: Table, components: tuple[int, ...], flat: bool, pieces: Sequence[tuple[slice, Floats]]
+    ) -> tuple[Sampler, list[_Piece]]:
+        """One for some parts of the boundary that follow each other."""
+        angles, low, high = self.rounds.count, pieces[0][0].start, pieces[-1][0].stop
+        sampler = Sampler(stack(modes, "outgoing", components), table, slice(low * angles, high * angles), flat)
+        columns = [slice((part.start - low) * angles, (part.stop - low) * angles) for part, _ in pieces]
+        return sampler, [(at, part, turn[..., components]) for at, (part, turn) in zip(columns, pieces, strict=True)]
 
 
 @lru_cache(maxsize=64)
 def _turns(rounds: Rounds) -> tuple[Floats, Floats, Floats]:
-    """From ``PLANE`` or ``ROUND`` to tractions and displacements along r, theta, z, on surface, side, floor: (angles, 6, a)."""
-    one, zero = np.ones(rounds.count), np.zeros(rounds.count)
-    cos, sin = np.cos(rounds.angles), np.sin(rounds.angles)
-    turn = np.moveaxis(np.array([[cos, sin, zero], [-sin, cos, zero], [zero, zero, one]]), -1, 0)
-    normal = np.moveaxis(np.array([[cos, sin, *[zero] * 3], [zero, cos, sin, zero, zero], [*[zero] * 3, cos, sin]]), -1, 0)
-    nothing = np.zeros((rounds.count, 3, 3))
-    surface, floor = (np.block([[sign * turn, nothing], [nothing, turn]]) for sign in (1, -1))
-    return surface, np.block([[turn @ normal, np.zeros((rounds.count, 3, 3))], [np.zeros((rounds.count, 3, 5)), turn]]), floor
+    """From the components of ``multipoles.stack`` to tractions and displacements along r, theta, z: (angles, 6, 9).
+
+    On surface, side and floor.
+    """
+    cos, sin, one = np.cos(rounds.angles), np.sin(rounds.angles), np.ones(rounds.count)
+    turn, across, up = np.zeros((rounds.count, 3, 3)), np.zeros((rounds.count, 3, 9)), np.zeros((rounds.count, 3, 9))
+    turn[:, 0, 0], turn[:, 0, 1], turn[:, 1, 0], turn[:, 1, 1], turn[:, 2, 2] = cos, sin, -sin, cos, one
+    for i in range(3):
+        for j, share in enumerate((cos, sin)):
+            across[:, i, STRESS[i][j]] = share
+        up[:, i, STRESS[i][2]] = one
+    moved = np.concatenate([turn, np.zeros((rounds.count, 3, 6))], axis=2)
+    surface, side, floor = (np.concatenate([turn @ pressed, moved], axis=1) for pressed in (up, across, -up))
+    return surface, side, floor
 
 
 def _points(panels: Panels, rounds: Rounds) -> Floats:
