@@ -145,7 +145,7 @@ def _planes(corners: Floats) -> Floats:
 def _inverted(corners: Floats, points: Floats) -> tuple[Floats, Floats]:
     """Places in the unit squares of quadrilaterals, (m, 4, 2), that are mapped to points, (m, 2), and the Jacobians there."""
     a, b, c, d = corners.transpose(1, 2, 0)
-    along, up, twist = b - a, d - a, a - b + c - d  # the map a + u along + v up + u v twist
+    along, up, twist = b - a, d - a, (a - d) - (b - c)  # the map a + u along + v up + u v twist
     u = v = np.full(len(points), 0.5)
     for _ in range(NEWTON):
         by_u, by_v = along + v * twist, up + u * twist
@@ -153,7 +153,7 @@ def _inverted(corners: Floats, points: Floats) -> tuple[Floats, Floats]:
         determinant = by_u[0] * by_v[1] - by_u[1] * by_v[0]
         step = np.stack([off[0] * by_v[1] - off[1] * by_v[0], by_u[0] * off[1] - by_u[1] * off[0]]) / determinant
         u, v = u + step[0], v + step[1]
-        if np.abs(step).max(initial=0.0) <= CONVERGED:
+        if not twist.any() or np.abs(step).max(initial=0.0) <= CONVERGED:
             break
     u, v = np.clip(u, 0.0, 1.0), np.clip(v, 0.0, 1.0)
     return np.stack([u, v], axis=1), np.stack([along + v * twist, up + u * twist], axis=-1).transpose(1, 0, 2)
