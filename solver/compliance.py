@@ -14,7 +14,8 @@ Of w only its work on other fields u_1 from the same sphere or others is asked f
     Int t_1 . w_2 - t(w_2) . u_1 = -F_1^T K^-1 F_2 + (Y u_1)^T K Y u_2 + t_1^T Y_floor u_2
                                    + Int_surface,side u_1 . t_2 - Int_floor t_1 . u_2                     (B3)
 
-It is symmetric, and its error is the square of that of w.
+It is symmetric. All data go through the elements' functions on the boundary, so that all terms leave out alike what these
+cannot follow.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from solver.azimuthal import COMPONENTS, Harmonic
 from solver.base_states import Model
 from solver.boundary import Boundary, Edges
 from solver.numbering import Interface
-from solver.panels import Panels
+from solver.panels import Line, Panels
 from solver.shapes import Ints
 
 FEW = 12  # answers of an order that are solved for: about as long as the matrix takes
@@ -50,7 +51,7 @@ class Told:
         elements: with an edge on the boundary, shape (e,).
         forces: on those elements' own values, by the tractions on surface and side, sparse (4 c p e, 6 n), c components.
         values: the own values lifted: displacements of the blocks' ends, and minus those of the floor.
-        direct: Int u_1 . t_2 over surface and side less Int t_1 . u_2 over the floor, made symmetric, sparse (6 n, 6 n).
+        direct: the last line of eq. (B3), sparse (6 n, 6 n), symmetric.
     """
 
     elements: Ints
@@ -67,14 +68,20 @@ class Told:
         elements = np.unique(np.concatenate([edges.element for edges in (b.surface, b.side, b.floor, b.ends)]))
         place = _Place(elements, 4 * model.shapes.order, len(amplitudes.T), len(panels.r))
         surface, side, floor = panels.parts
-        forces, values = [], []
-        for edges, line, part, at in ((b.surface, panels.surface, surface, b.surface.r), (b.side, panels.side, side, -b.side.z)):
-            table = np.einsum("eq,qs,eqn->esn", around * edges.weight, edges.values, line.to(at))
-            forces.append(place.sparse(edges, table, amplitudes.T, 0, part.start))
-        for edges, line, part, turn in ((b.ends, panels.surface, surface, held), (b.floor, panels.floor, floor, -np.eye(3))):
-            table = np.einsum("sq,eqn->esn", edges.coefficients, line.to(edges.r))
-            values.append(place.sparse(edges, table, inverse @ turn, 3, part.start))
-        return cls(elements, sum(forces), sum(values), _direct(panels, around, torsion=m > 0))
+
+        def told(edges: Edges, at: Floats, line: Line, part: slice) -> tuple[Any, Any]:
+            """Forces by tractions on a line's edges, and the edges' values of displacements."""
+            to = line.to(at)
+            loads = np.einsum("eq,qs,eqn->esn", around * edges.weight, edges.values, to)
+            values = np.einsum("sq,eqn->esn", edges.coefficients, to)
+            return place.sparse(edges, loads, amplitudes.T, 0, part.start), place.sparse(edges, values, inverse, 3, part.start)
+
+        above, beside = told(b.surface, b.surface.r, panels.surface, surface), told(b.side, -b.side.z, panels.side, side)
+        below = told(b.floor, b.floor.r, panels.floor, floor)
+        ends = np.einsum("sq,eqn->esn", b.ends.coefficients, panels.surface.to(b.ends.r))
+        values = place.sparse(b.ends, ends, inverse @ held, 3, surface.start) - below[1]
+        direct = above[0].T @ above[1] + beside[0].T @ beside[1] - below[0].T @ below[1]
+        return cls(elements, above[0] + beside[0], values, ((direct + direct.T) / 2).tocsr())
 
 
 @dataclass(frozen=True)
@@ -99,15 +106,6 @@ class _Place:
         rows_, columns, entries = (np.concatenate(part) for part in zip(*found, strict=True))
         size = len(self.elements) * self.components * self.functions, 6 * self.points
         return sp.csr_array((entries, (rows_, columns)), shape=size)
-
-
-def _direct(panels: Panels, around: float, torsion: bool) -> Any:
-    weight = around * panels.weights
-    weight[panels.parts[2]] *= -1
-    each = np.concatenate([weight, torsion * weight, weight]) / 2
-    t, u = np.arange(len(each)), np.arange(len(each)) + len(each)
-    rows, columns = np.concatenate([t, u]), np.concatenate([u, t])
-    return sp.csr_array((np.tile(each, 2), (rows, columns)), shape=(2 * len(each),) * 2)
 
 
 @dataclass(frozen=True)

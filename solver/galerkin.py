@@ -58,16 +58,16 @@ class Reflections:
         return np.concatenate([np.eye(2)[None], self.found[:-1]]) - self.found
 
     @cached_property
-    def more(self) -> Floats:
-        """What is left adds r^T T r to the film forces, shape (2, 2)."""
+    def forces(self) -> Floats:
+        """Change of the film forces, B^T a with what is left, r^T T r, added once; shape (2, 2)."""
         left = self.left.reshape(-1, 2)
-        return _symmetric(left.T @ _hankel(np.array(self.moments), self.count + 1) @ left)
+        value = sum((mu @ a for mu, a in zip(self.moments, self.found, strict=False)), np.zeros((2, 2)))
+        return _symmetric(value + left.T @ _hankel(np.array(self.moments), self.count + 1) @ left)
 
     @cached_property
-    def forces(self) -> Floats:
-        """Change of the film forces with what is left added once, shape (2, 2)."""
-        value = sum((mu @ a for mu, a in zip(self.moments, self.found, strict=False)), np.zeros((2, 2)))
-        return _symmetric(value) + self.more
+    def more(self) -> Floats:
+        """How far that is from c_0^T T c, what is not symmetric in the reflections included; shape (2, 2)."""
+        return self.forces - sum(_symmetric(self.works[0].T @ c) @ a for c, a in zip(self.fields, self.found, strict=True))
 
     @cached_property
     def rho(self) -> float:

@@ -19,7 +19,10 @@ from geometry.section import Body
 from solver.azimuthal import Harmonics
 from solver.base_states import BaseStates
 from solver.boundary import Boundary
+from solver.close import CloseExchange
 from solver.compliance import Response, Told
+from solver.fields import TissueField
+from solver.interior import Interior
 from solver.numbering import Interface
 from solver.panels import Panels
 from solver.samples import Rounds, Samples
@@ -33,17 +36,34 @@ class Reflector:
     Attributes:
         states: base states without a sphere.
         interface: between blocks and tissue.
+        close: whether spheres may lie too close to the boundary for eq. (B3), see ``close.py``.
     """
 
     states: BaseStates
     interface: Interface
+    close: bool = False
     _responses: dict[int, Response] = field(default_factory=dict, repr=False)
+    _interiors: dict[int, Interior] = field(default_factory=dict, repr=False)
 
     def response(self, m: int) -> Response:
         """Return what an order answers; its system is factorised the first time."""
         if m not in self._responses:
             self._responses[m] = Response(self._harmonics.of_order(m), self._told[min(m, 1)])
         return self._responses[m]
+
+    def interior(self, m: int) -> Interior:
+        """Return what an order answers inside the tissue, for spheres that lie close."""
+        if m not in self._interiors:
+            self._interiors[m] = Interior(self._harmonics.of_order(m), self._boundary)
+        return self._interiors[m]
+
+    @cached_property
+    def _boundary(self) -> Boundary:
+        return Boundary.of(self.states.model)
+
+    @cached_property
+    def _field(self) -> TissueField:
+        return TissueField(self.states)
 
     @cached_property
     def _harmonics(self) -> Harmonics:
@@ -52,7 +72,7 @@ class Reflector:
     @cached_property
     def _told(self) -> tuple[Told, Told]:
         """Of order 0 and of all others."""
-        model, boundary = self.states.model, Boundary.of(self.states.model)
+        model, boundary = self.states.model, self._boundary
         first, other = (Told.of(model, boundary, self.panels, self.interface, m) for m in (0, 1))
         return first, other
 
@@ -61,10 +81,12 @@ class Reflector:
         """Where fields are sampled."""
         return Panels.of(self.states.model.section, self.states.model.shapes.order)
 
-    def exchange(self, spheres: Sequence[Sphere], rounds: Rounds) -> Exchange:
+    def exchange(self, spheres: Sequence[Sphere], rounds: Rounds) -> Exchange | CloseExchange:
         """Return what spheres and boundary send to each other; all that does not depend on the fields is found once."""
         tissue = self.states.model.materials[Body.TISSUE]
         two_mu = tissue.youngs_modulus / (1 + tissue.poisson_ratio)
+        if self.close:
+            return CloseExchange(self.interior, self._field, self.interface, spheres, rounds, two_mu)
         return Exchange(self, spheres, Samples([one.source for one in spheres], self.panels, rounds, two_mu))
 
 

@@ -138,7 +138,7 @@ class Samples:
     def _samplers(self) -> list[list[tuple[Sampler, list[_Piece]]]]:
         """For each sphere those of surface, side and floor, or for a single angle, where there is little to save, one of all."""
         points, each = _points(self.panels, self.rounds), [(PLANE, True), (ROUND, False), (PLANE, True)]
-        pieces = list(zip(self.panels.parts, _turns(self.rounds), strict=True))
+        pieces = list(zip(self.panels.parts, turns(self.rounds), strict=True))
         groups = [(*kind, [piece]) for kind, piece in zip(each, pieces, strict=True)]
         if self.rounds.count == 1:
             groups = [(EVERY, False, pieces)]
@@ -159,7 +159,7 @@ class Samples:
 
 
 @lru_cache(maxsize=64)
-def _turns(rounds: Rounds) -> tuple[Floats, Floats, Floats]:
+def turns(rounds: Rounds) -> tuple[Floats, Floats, Floats]:
     """From the components of ``multipoles.stack`` to tractions and displacements along r, theta, z: (angles, 6, 9).
 
     On surface, side and floor.

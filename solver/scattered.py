@@ -24,6 +24,7 @@ import numpy as np
 from geometry.grading import Floats
 from geometry.probe import Material
 from geometry.section import Section
+from solver.close import CloseExchange
 from solver.convergence import total_change
 from solver.fields import TissueField
 from solver.galerkin import Reflections
@@ -194,7 +195,7 @@ def incident(field: TissueField, sphere: Sphere) -> Floats:
     return sphere.coefficients(np.concatenate([away[:, :, None] * u[:, :1], u[:, 1:]], axis=1), found.dilation)
 
 
-def _reflected(exchange: Exchange, outgoing: Sequence[Floats], enough: float, orders: int) -> tuple[Floats, int]:
+def _reflected(exchange: Exchange | CloseExchange, outgoing: Sequence[Floats], enough: float, orders: int) -> tuple[Floats, int]:
     """One more reflection: by the boundary, order by order until nothing more comes, and by the other spheres."""
     came, orders = exchange.reflect(outgoing, enough, orders)
     return np.concatenate([a + b for a, b in zip(came, _neighbours(exchange.spheres, outgoing), strict=True)]), orders
