@@ -112,7 +112,7 @@ class CloseExchange:
         """Of one order, (e, q, 3, families k)."""
         families = 1 if self.rounds.mirrored else 2
         waves = self.rounds.waves[:, m * families : (m + 1) * families]
-        return np.einsum("cft,tckn->ncfk", waves, values, optimize=True).reshape(*edges.r.shape, 3, -1)
+        return np.asarray(np.einsum("cft,tckn->ncfk", waves, values, optimize=True).reshape(*edges.r.shape, 3, -1))
 
     @cached_property
     def _places(self) -> list[_Place]:
@@ -131,7 +131,7 @@ class CloseExchange:
     def _arrived(self, place: _Place, m: int, found: Floats) -> tuple[Floats, Floats | None]:
         """Displacement and, where it counts, dilation of one order (e, 3, s, families k) at a sphere's points."""
         cos, sin = np.cos(m * place.angle), np.sin(m * place.angle)
-        waves = np.array([[cos, sin, cos], [sin, -cos, sin]][: 1 if self.rounds.mirrored else 2])
+        waves: Floats = np.array([[cos, sin, cos], [sin, -cos, sin]][: 1 if self.rounds.mirrored else 2])
         found = found.reshape(*found.shape[:3], len(waves), -1)
         row, model = np.searchsorted(self._elements, place.element), self.field.states.model
         at = (place.value[:, None, None] @ found.reshape(*found.shape[:3], -1)[row]).reshape(len(row), 3, len(waves), -1)

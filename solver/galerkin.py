@@ -67,7 +67,8 @@ class Reflections:
     @cached_property
     def more(self) -> Floats:
         """How far that is from c_0^T T c, what is not symmetric in the reflections included; shape (2, 2)."""
-        return self.forces - sum(_symmetric(self.works[0].T @ c) @ a for c, a in zip(self.fields, self.found, strict=True))
+        each = [_symmetric(self.works[0].T @ c) @ a for c, a in zip(self.fields, self.found, strict=True)]
+        return np.asarray(self.forces - np.sum(each, axis=0))
 
     @cached_property
     def rho(self) -> float:

@@ -138,7 +138,8 @@ class Modes:
         each = stack(self, side, DISPLACEMENT)
         blocks = [each.matrix[low : low + len(table)].T @ table for low in range(0, each.matrix.shape[0], len(table))]
         factors = np.stack([np.ones_like(x), x, y, x * x + y * y + z * z, z])
-        return np.einsum("ajmn,jn->nam", np.reshape(blocks, (3, FACTORS, len(self), -1)), factors)
+        out: Values = np.einsum("ajmn,jn->nam", np.reshape(blocks, (3, FACTORS, len(self), -1)), factors)
+        return out
 
     @cached_property
     def harmonics(self) -> Harmonics:

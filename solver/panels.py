@@ -44,18 +44,13 @@ class Line:
     def places(self) -> Floats:
         """Of all points, m."""
         middle, half = (self.ends[1:] + self.ends[:-1]) / 2, np.diff(self.ends) / 2
-        return (middle[:, None] + half[:, None] * self._gauss[0]).ravel()
-
-    @cached_property
-    def weights(self) -> Floats:
-        """For integrals along the line, m."""
-        return np.outer(np.diff(self.ends) / 2, self._gauss[1]).ravel()
+        return (middle[:, None] + half[:, None] * self._nodes).ravel()
 
     def to(self, places: Floats) -> Floats:
         """What interpolates values at the points to other places, shape (*places, points)."""
         panel = np.clip(np.searchsorted(self.ends, places, side="right") - 1, 0, len(self.ends) - 2)
         low, high = self.ends[panel], self.ends[panel + 1]
-        x, nodes = (2 * places - low - high) / (high - low), self._gauss[0]
+        x, nodes = (2 * places - low - high) / (high - low), self._nodes
         out = np.zeros((*places.shape, len(self.ends) - 1, self.points))
         for k, node in enumerate(nodes):
             others = np.delete(nodes, k)
@@ -64,9 +59,8 @@ class Line:
         return out.reshape(*places.shape, -1)
 
     @cached_property
-    def _gauss(self) -> tuple[Floats, Floats]:
-        x, w = np.polynomial.legendre.leggauss(self.points)
-        return x, w
+    def _nodes(self) -> Floats:
+        return np.asarray(np.polynomial.legendre.leggauss(self.points)[0])
 
 
 @dataclass(frozen=True)
@@ -110,8 +104,3 @@ class Panels:
         """Of the points, m, shape (n,)."""
         at_floor = np.full_like(self.floor.places, -self.section.tissue_depth)
         return np.concatenate([np.zeros_like(self.surface.places), -self.side.places, at_floor])
-
-    @cached_property
-    def weights(self) -> Floats:
-        """For integrals along the boundary times r, m^2, shape (n,)."""
-        return self.r * np.concatenate([line.weights for line in (self.surface, self.side, self.floor)])

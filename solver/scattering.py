@@ -16,7 +16,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from solver.harmonics import Side
-from solver.multipoles import Modes, Values, scales
+from solver.multipoles import Modes, scales
+from solver.sampler import Values
 from solver.shapes import Ints
 
 

@@ -87,7 +87,7 @@ class Tumours:
         """Return some of the tumours."""
         return self._each(lambda values: values[chosen])
 
-    def _each(self, change: Callable[[Floats], Floats]) -> Self:
+    def _each(self, change: Callable[[Any], Any]) -> Self:
         """Change the arrays' shapes alone: there is nothing to check."""
         out = object.__new__(type(self))
         for name, values in vars(self).items():
