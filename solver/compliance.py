@@ -130,41 +130,40 @@ class Response:
             SolveError: see ``Harmonic.solve``.
         """
         if next(self._asked) < FEW:
-            return np.asarray(self._near @ data - self._forces.T @ self.harmonic.solve(self._forces @ data))
+            return self._solved(data)
         out = np.asarray(self.told.direct @ data)
         out[self._felt] += self._matrix @ data[self._felt]
         return out
 
-    @cached_property
-    def _stiffness(self) -> Any:
-        """The elements' matrices, block by block."""
+    def _solved(self, data: Floats) -> Floats:
+        lifted, pulled = self.told.values @ data, self.told.forces @ data
+        strained = self._strained(lifted)
+        w = self._gather @ self.harmonic.solve(-(self._gather.T @ (pulled + strained)))
+        works = self.told.forces.T @ (w + lifted / 2) + self.told.values.T @ (strained + self._strained(w) + pulled / 2)
+        return np.asarray(self.told.direct @ data + works)
+
+    def _strained(self, own: Floats) -> Floats:
+        """Forces of the boundary's elements on their own values, (4 c p e, k) both."""
         blocks = self.harmonic.system.stiffness[self.told.elements]
-        n, size, _ = blocks.shape
-        return sp.bsr_array((blocks, np.arange(n), np.arange(n + 1)), shape=(n * size, n * size)).tocsr()
+        return np.asarray(blocks @ own.reshape(*blocks.shape[:2], -1)).reshape(own.shape)
 
     @cached_property
-    def _forces(self) -> Any:
-        """F of eq. (B3), sparse (unknowns, 6 n)."""
-        own = self.told.forces + self._stiffness @ self.told.values
-        return (self.harmonic.gathered(self.told.elements).T @ own).tocsr()
-
-    @cached_property
-    def _near(self) -> Any:
-        """All of eq. (B3) but for the solution."""
-        lifted, across = self.told.values.T @ (self._stiffness @ self.told.values), self.told.forces.T @ self.told.values
-        return (lifted + (across + across.T) / 2 + self.told.direct).tocsr()
+    def _gather(self) -> Any:
+        """From unknowns to the elements' own values."""
+        return self.harmonic.gathered(self.told.elements)
 
     @cached_property
     def _felt(self) -> Ints:
         """Data that do anything to the elements."""
-        return np.flatnonzero(np.diff(self._forces.tocsc().indptr))
+        entries = np.diff(self.told.values.tocsc().indptr) + np.diff(self.told.forces.tocsc().indptr)
+        return np.flatnonzero(entries)
 
     @cached_property
     def _matrix(self) -> Floats:
         """Eq. (B3) without ``told.direct``, between the data that are felt."""
-        forces = self._forces[:, self._felt]
-        pressed = np.flatnonzero(np.diff(forces.indptr))
-        dense = forces.toarray()
-        solved = dense[pressed].T @ self.harmonic.solve(dense)[pressed]
-        near = (self._near - self.told.direct)[self._felt][:, self._felt].toarray()
-        return np.asarray(near - (solved + solved.T) / 2)
+        lifted, pulled = (some[:, self._felt].toarray() for some in (self.told.values, self.told.forces))
+        strained = self._strained(lifted)
+        forces = self._gather.T @ (pulled + strained)
+        pressed = np.flatnonzero(forces.any(axis=1))
+        half = lifted.T @ (strained / 2 + pulled / 2) - forces[pressed].T @ self.harmonic.solve(forces)[pressed] / 2
+        return np.asarray(half + half.T)
