@@ -49,6 +49,11 @@ def factorise(matrix: Any, pattern: object | None) -> Factor:
     return factor
 
 
+def loaded() -> bool:
+    """Whether PARDISO is there; afterwards its library is loaded."""
+    return _pardiso() is not None
+
+
 @cache
 def _pardiso() -> Any:
     try:

@@ -15,12 +15,12 @@ import numpy as np
 from geometry.errors import InputError
 from geometry.frame import frame
 from geometry.grading import Floats
-from geometry.meridian import SQUARE, bilinear, nodes
+from geometry.meridian import SQUARE, nodes
 from geometry.section import Body
 from solver.base_states import BaseStates
 from solver.numbering import Ints
 from solver.quadrilateral import dilations
-from solver.shapes import functions, pressures
+from solver.shapes import functions, polynomials, pressures
 
 CHUNK = 20_000  # points evaluated at once, which bounds the memory
 NEWTON, CONVERGED = 12, 1e-13  # steps at most; a step in the unit square
@@ -53,7 +53,7 @@ class TissueField:
         Raises:
             InputError: a point lies outside the tissue, or there is an inclusion.
         """
-        if "sphere_radius" in self.states.model.section.given:
+        if np.all(self.states.model.section.sphere_radius != 0):
             raise InputError("inclusion", "one", "no inclusion: the field is that of the base states without tumours")
         points = np.stack(np.broadcast_arrays(np.atleast_1d(r), np.atleast_1d(z)), axis=-1).astype(float)
         self._check(points)
@@ -73,18 +73,24 @@ class TissueField:
 
     def _chunk(self, points: Floats) -> tuple[Floats, Floats, Floats]:
         element, places, jacobian = self.locate(points)
-        model = self.states.model
-        value, slope = functions(places, model.shapes.degrees)
-        slope = np.einsum("kms,mkj->jms", slope, np.linalg.inv(jacobian))
-        own = self.states.own[element].reshape(len(points), 2, -1, 2)
-        u = np.einsum("ms,mcsi->mci", value, own)
-        by_r, by_z = (np.einsum("ms,mcsi->mci", along, own) for along in slope)
+        model, legendre = self.states.model, polynomials(places, self.states.model.shapes.order)
+        value, (by_u, by_v) = functions(places, model.shapes.degrees, legendre)
+        (ru, rv), (zu, zv) = jacobian.transpose(1, 2, 0)[..., None]
+        determinant = ru * zv - rv * zu
+        slopes = np.stack([value, (zv * by_u - zu * by_v) / determinant, (ru * by_v - rv * by_u) / determinant], axis=1)
+        u, by_r, by_z = (slopes @ self._own[element]).reshape(-1, 3, 2, 2).transpose(1, 0, 2, 3)
         radius = points[:, :1]
         hoop = np.where(radius > 0, u[:, 0] / np.where(radius > 0, radius, 1.0), by_r[:, 0])  # u_r / r -> u_r,r on the axis
         strain = np.stack([by_r[:, 0], by_z[:, 1], hoop, (by_z[:, 0] + by_r[:, 1]) / 2], axis=1)
-        u[:, 1] += self.states.shift[element]
-        dilation = np.einsum("mk,mki->mi", pressures(places, model.shapes.order), self._dilation[element])
-        return u, strain, dilation
+        pressed = pressures(places, model.shapes.order, legendre)
+        dilation = (pressed[:, None] @ self._dilation[element])[:, 0]
+        return u + self.states.shift[element][:, None] * [[0.0], [1.0]], strain, dilation
+
+    @cached_property
+    def _own(self) -> Floats:
+        """The elements' values by function, u_r and u_z of both states, shape (n, s, 4)."""
+        own = self.states.own.reshape(len(self.states.own), 2, -1, 2)
+        return np.ascontiguousarray(own.transpose(0, 2, 1, 3)).reshape(len(own), -1, 4)
 
     @cached_property
     def _dilation(self) -> Floats:
@@ -95,16 +101,14 @@ class TissueField:
 
     def locate(self, points: Floats) -> tuple[Ints, Floats, Floats]:
         """Return for each point its element, the place in its unit square and the Jacobian d(r, z) / d(u, v), (m, 2, 2)."""
-        radii, levels, table, tissue, corners = self._lookup
-        column = np.clip(np.searchsorted(radii, points[:, 0], side="right") - 1, 0, len(radii) - 2)
-        row = np.clip(np.searchsorted(levels, points[:, 1], side="right") - 1, 0, len(levels) - 2)
+        radii, levels, table, tissue, corners, planes = self._lookup
+        r, z = points.T
+        column = np.searchsorted(radii[1:-1], r, side="right")
+        row = np.searchsorted(levels[1:-1], z, side="right")
         candidates = table[row, column]
-        quads = corners[candidates]  # (m, candidates, 4, 2)
-        sides, away = np.roll(quads, -1, axis=2) - quads, points[:, None, None] - quads
-        left = sides[..., 0] * away[..., 1] - sides[..., 1] * away[..., 0]  # positive inside, for each side
-        size = np.abs(sides).sum(axis=(2, 3))[..., None] ** 2
-        best = np.argmax((left / size).min(axis=2), axis=1)
-        chosen = candidates[np.arange(len(points)), best]
+        a, b, c = planes[:, candidates]
+        inside = (a * r[:, None, None] + b * z[:, None, None] + c).min(axis=2)
+        chosen = candidates[np.arange(len(points)), np.argmax(inside, axis=1)]
         return tissue[chosen], *_inverted(corners[chosen], points)
 
     @cached_property
@@ -127,20 +131,32 @@ class TissueField:
         found = [[np.flatnonzero(row & column) for column in across] for row in along]
         most = max(len(some) for row in found for some in row)
         table = np.array([[np.resize(some, most) for some in row] for row in found])
-        return radii, levels, table, tissue, corners
+        return radii, levels, table, tissue, corners, _planes(corners)
+
+
+def _planes(corners: Floats) -> Floats:
+    """Coefficients (3, n, 4) of a r + b z + c, for each side of quadrilaterals: positive inside, in units of their sizes."""
+    sides = np.roll(corners, -1, axis=1) - corners
+    size = np.abs(sides).sum(axis=(1, 2))[:, None] ** 2
+    a, b = -sides[..., 1] / size, sides[..., 0] / size
+    return np.stack([a, b, -a * corners[..., 0] - b * corners[..., 1]])
 
 
 def _inverted(corners: Floats, points: Floats) -> tuple[Floats, Floats]:
     """Places in the unit squares of quadrilaterals, (m, 4, 2), that are mapped to points, (m, 2), and the Jacobians there."""
-    places = np.full(points.shape, 0.5)
+    a, b, c, d = corners.transpose(1, 2, 0)
+    along, up, twist = b - a, d - a, (a - d) - (b - c)  # the map a + u along + v up + u v twist
+    u = v = np.full(len(points), 0.5)
     for _ in range(NEWTON):
-        off = points - np.einsum("mc,mcx->mx", bilinear(places), corners)
-        step = np.linalg.solve(jacobian(corners, places), off[..., None])[..., 0]
-        places += step
-        if not np.any(np.abs(step) > CONVERGED):
+        by_u, by_v = along + v * twist, up + u * twist
+        off = points.T - a - u * by_u - v * up
+        determinant = by_u[0] * by_v[1] - by_u[1] * by_v[0]
+        step = np.stack([off[0] * by_v[1] - off[1] * by_v[0], by_u[0] * off[1] - by_u[1] * off[0]]) / determinant
+        u, v = u + step[0], v + step[1]
+        if not twist.any() or np.abs(step).max(initial=0.0) <= CONVERGED:
             break
-    places = np.clip(places, 0.0, 1.0)
-    return places, jacobian(corners, places)
+    u, v = np.clip(u, 0.0, 1.0), np.clip(v, 0.0, 1.0)
+    return np.stack([u, v], axis=1), np.stack([along + v * twist, up + u * twist], axis=-1).transpose(1, 0, 2)
 
 
 def jacobian(corners: Any, places: Any) -> Any:

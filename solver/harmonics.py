@@ -8,7 +8,7 @@ first; row (l, m) of a family is ``index(l, m)``. The rows of sin 0 are there, a
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from math import factorial, sqrt
 from typing import Any, Literal
 
@@ -55,46 +55,45 @@ class Harmonics:
         return self._table(x * inverse, y * inverse, z * inverse, inverse, np.sqrt(inverse))
 
     def _table(self, x: Floats, y: Floats, z: Floats, square: Floats, factor: Floats) -> Floats:
-        """Products of Pi_l^m(z, rho^2) and of the real and imaginary parts of (x + i y)^m, times a factor."""
+        """Products of Pi_l^m(z, rho^2) and of the real and imaginary parts of (x + i y)^m, times a factor.
+
+        Eq. (M1), DLMF 14.10.3 for orthonormal harmonics: Pi_l = a z Pi_(l-1) - b rho^2 Pi_(l-2),
+        a^2 = (4 l^2 - 1) / (l^2 - m^2), b^2 = (2l+1) / (2l-3) ((l-1)^2 - m^2) / (l^2 - m^2).
+        """
         out = np.empty((2, self.count, len(x)))
         power = np.empty((2, self.order + 1, len(x)))
         power[0, 0], power[1, 0] = factor, 0
         for m in range(1, self.order + 1):
             power[0, m] = x * power[0, m - 1] - y * power[1, m - 1]
             power[1, m] = x * power[1, m - 1] + y * power[0, m - 1]
-        older, old = np.empty((0, len(x))), np.empty((0, len(x)))
-        for ell in range(self.degree + 1):
-            new = self._polynomials(ell, z, square, old, older)
-            rows = slice(self.index(ell, 0), self.index(ell + 1, 0))
-            np.multiply(new, power[:, : len(new)], out=out[:, rows])
+        every = np.empty((self.count, len(x)))
+        older, old, low = every[:0], every[:0], 0
+        for ell, (a, b, top) in enumerate(_recursion(self.degree, self.order)):
+            high = low + min(ell, self.order) + 1
+            new, low = every[low:high], high
+            known = np.multiply(old, z, out=new[: len(old)])
+            known *= a
+            if len(older):
+                new[: len(older)] -= b * square * older
+            if len(new) > len(old):
+                new[ell] = top
             older, old = old, new
+            np.multiply(new, power[:, : len(new)], out=out[:, high - len(new) : high])
         return out.reshape(2 * self.count, -1)
 
-    def _polynomials(self, ell: int, z: Floats, square: Floats, old: Floats, older: Floats) -> Floats:
-        """Pi_l^m for all m, from those of the two degrees below.
 
-        Eq. (M1), DLMF 14.10.3 for orthonormal harmonics: Pi_l = a z Pi_(l-1) - b rho^2 Pi_(l-2),
-        a^2 = (4 l^2 - 1) / (l^2 - m^2), b^2 = (2l+1) / (2l-3) ((l-1)^2 - m^2) / (l^2 - m^2).
-        """
-        new = np.empty((min(ell, self.order) + 1, len(z)))
-        m = np.arange(len(old))
-        np.multiply(old, z, out=new[: len(old)])
-        new[: len(old)] *= np.sqrt((4 * ell**2 - 1) / (ell**2 - m**2))[:, None]
-        if len(older):
-            m = m[: len(older)]
-            b = np.sqrt((2 * ell + 1) / (2 * ell - 3) * ((ell - 1) ** 2 - m**2) / (ell**2 - m**2))
-            new[: len(older)] -= (b[:, None] * square) * older
-        if len(new) > len(old):
-            new[ell] = self._sectoral[ell]
-        return new
-
-    @cached_property
-    def _sectoral(self) -> Floats:
-        """Pi_m^m: Y_m^m without (x + i y)^m."""
-        m = np.arange(1, self.order + 1)
-        steps = np.sqrt((2 * m + 1) / (2 * m))
-        steps[:1] *= sqrt(2)  # the mean of cos^2 m phi is 1 for m = 0 and 1/2 above
-        return np.cumprod(np.concatenate([[sqrt(1 / (4 * np.pi))], steps]))
+@lru_cache(maxsize=64)
+def _recursion(degree: int, order: int) -> list[tuple[Floats, Floats, float]]:
+    """For each degree: factors a and b of eq. (M1), (m, 1), and Pi_l^l: Y_l^l without (x + i y)^l."""
+    found = []
+    steps = [sqrt(1 / (4 * np.pi)), *(sqrt((2 * m + 1) / (2 * m) * (2 if m == 1 else 1)) for m in range(1, degree + 1))]
+    tops = np.cumprod(steps)  # the mean of cos^2 m phi is 1 for m = 0 and 1/2 above
+    for ell, top in enumerate(tops):
+        m, n = np.arange(min(ell, order + 1))[:, None], np.arange(min(max(ell - 1, 0), order + 1))[:, None]
+        a = np.sqrt((4 * ell**2 - 1) / (ell**2 - m**2))
+        b = np.sqrt((2 * ell + 1) / (2 * ell - 3) * ((ell - 1) ** 2 - n**2) / (ell**2 - n**2))
+        found.append((a, b, float(top)))
+    return found
 
 
 @lru_cache(maxsize=16)

@@ -18,9 +18,9 @@ import numpy as np
 from geometry.grading import Floats
 from geometry.probe import Material
 from solver.projection import quadrature
-from solver.reflection import Sphere
 from solver.scattering import Scattering
 from solver.scattering import scattering as scattering_by
+from solver.spheres import Sphere
 
 STEP = 1e-30  # of the complex step
 VOIGT = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # of xx, yy, zz, yz, xz, xy in s:e

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.grading import Floats
-from solver.multipoles import Modes, Values
+from solver.multipoles import Modes
+from solver.sampler import Values
 
 
 @dataclass(frozen=True)

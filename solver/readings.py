@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from geometry.errors import Refusal, SolveError
 from geometry.grading import Floats
@@ -14,6 +13,7 @@ from solver.first_order import Effects, effects
 from solver.first_order_error import first_order_error, first_order_share
 from solver.numbering import Bools
 from solver.scattered import scattered
+from solver.threads import one_thread
 from solver.tumours import Tumours
 from solver.undisturbed import Undisturbed
 
@@ -139,7 +139,7 @@ def readings(
         InputError: a sphere lies partly outside the tissue.
         Refusal: the reflections of a set cannot be computed in double precision.
     """
-    with threadpool_limits(1, user_api="blas"):
+    with one_thread():
         inside, left_out = base.inside(tumours)
         first = _first_order(base, inside, left_out, target, places)
         wanted = (first.worst > base.accuracy) | bool(reflect)

@@ -1,19 +1,22 @@
-"""Scattered fields on the boundary: amplitudes of every azimuthal order of tractions and displacements there."""
+"""Scattered fields on the boundary, as amplitudes of every azimuthal order, and what such amplitudes are to the modes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from itertools import pairwise
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from geometry.grading import Floats
-from solver.boundary import Boundary, Edges
-from solver.multipoles import Modes, Sampler
+from solver.multipoles import EVERY, Modes, stack
+from solver.panels import Panels
+from solver.sampler import Sampler, Table
 
-STRESS = ((0, 5, 4), (5, 1, 3), (4, 3, 2))  # places of xx, yy, zz, yz, xz, xy in the tensor
+STRESS = ((3, 8, 7), (8, 4, 6), (7, 6, 5))  # components of ``multipoles.stack`` that are stresses xx .. zz
+PLANE = (7, 6, 5, 0, 1, 2)  # those asked for on planes across z: xz, yz, zz and displacements
+ROUND = (3, 8, 4, 7, 6, 0, 1, 2)  # and on the side: xx, xy, yy, xz, yz and displacements
+_Piece = tuple[slice, slice, Floats]  # of a sampler: its points, the panels', what turns components to data
 
 
 @dataclass(frozen=True)
@@ -28,22 +31,32 @@ class Rounds:
     count: int
     mirrored: bool
 
-    @cached_property
+    @property
+    def orders(self) -> int:
+        """Number of azimuthal orders that the angles tell apart."""
+        return max(1, self.count - 1)
+
+    @property
     def angles(self) -> Floats:
         """Shape (count,)."""
         return (np.arange(self.count) + 0.5) * (np.pi if self.mirrored else 2 * np.pi) / self.count
 
-    def waves(self, m: int, angles: Floats) -> Floats:
-        """Shapes round the axis of U, V and W, for the even and, unless mirrored, the odd family: (families, 3, angles)."""
-        cos, sin = np.cos(m * angles), np.sin(m * angles)
-        families = [[cos, sin, cos], [sin, -cos, sin]]
-        return np.array(families[: 1 if self.mirrored else 2])
+    @property
+    def waves(self) -> Floats:
+        """What makes amplitudes of values at the angles: (3, orders families, count), components along r, theta and z.
 
-    def amplitudes(self, values: Floats, m: int) -> Floats:
-        """Amplitudes of order m of values (e, q, count, 3, k) along r, theta and z, shape (e, q, 3, families k)."""
-        share = (1 if m == 0 else 2) / self.count
-        parts = share * np.einsum("fct,eqtck->eqcfk", self.waves(m, self.angles), values)
-        return np.asarray(parts.reshape(*parts.shape[:3], -1))
+        Waves are (cos, sin, cos) of m theta and, unless mirrored, (sin, -cos, sin).
+        """
+        return _waves(self)
+
+
+@lru_cache(maxsize=64)
+def _waves(rounds: Rounds) -> Floats:
+    m = np.arange(rounds.orders)
+    share = np.where(m == 0, 1, 2)[:, None] / rounds.count
+    cos, sin = share * np.cos(np.outer(m, rounds.angles)), share * np.sin(np.outer(m, rounds.angles))
+    families = np.array([[cos, sin, cos], [sin, -cos, sin]][: 1 if rounds.mirrored else 2])
+    return np.ascontiguousarray(families.transpose(1, 2, 0, 3)).reshape(3, -1, rounds.count)
 
 
 @dataclass(frozen=True)
@@ -57,66 +70,114 @@ class Source:
 
 @dataclass(frozen=True)
 class Samples:
-    """What outgoing modes of some spheres are on the boundary, for many sets of coefficients.
+    """Outgoing modes of some spheres on the boundary.
 
     Attributes:
         sources: the spheres.
-        boundary: edges of the mesh.
+        panels: n points on the boundary's meridian.
         rounds: angles at which fields are sampled.
         two_mu: of the tissue, Pa.
     """
 
     sources: Sequence[Source]
-    boundary: Boundary
+    panels: Panels
     rounds: Rounds
     two_mu: float
 
-    def values(self, scattered: Sequence[Floats]) -> tuple[Floats, Floats, Floats, Floats]:
-        """Tractions on surface and side, displacements of ends and floor, along r, theta and z, (e, q, angles, 3, k) each.
+    def amplitudes(self, scattered: Sequence[Floats]) -> Floats:
+        """Amplitudes of tractions by the outward normal and displacements, shape (orders, 6 n, families k).
 
         Args:
             scattered: outgoing coefficients about each sphere, (modes, k), m.
         """
-        parts = self._parts
-        found = [np.zeros(1)] * len(parts)
-        for source, sampler, c in zip(self.sources, self._samplers, scattered, strict=True):
-            pascal = self.two_mu / source.radius
-            found[0] = found[0] + sampler.upward(c, parts[0]) * pascal
-            found[1] = found[1] + sampler.both(c, parts[1])[1] * pascal
-            found[2], found[3] = (found[k] + sampler.displacement(c, parts[k]) for k in (2, 3))
-        found[1] = self._outward(found[1])
-        first, second, third, fourth = (self._turned(one, edges) for one, edges in zip(found, self._edges, strict=True))
-        return first, second, third, fourth
+        total = sum(self._values(number, c) for number, c in enumerate(scattered))
+        each = self.rounds.waves[None] @ np.asarray(total).transpose(1, 0, 2, 3).reshape(2, 3, self.rounds.count, -1)
+        n, orders = len(self.panels.r), self.rounds.orders
+        each = each.reshape(6, orders, -1, scattered[0].shape[1], n)
+        return np.ascontiguousarray(each.transpose(1, 0, 4, 2, 3)).reshape(orders, 6 * n, -1)
 
-    def _outward(self, stress: Floats) -> Floats:
-        """Traction on the side, (n, 3, k), from stresses xx .. xy, (n, 6, k)."""
-        tensor, side = stress[:, STRESS], self.boundary.side
-        angles = np.broadcast_to(self.rounds.angles, (*side.r.shape, self.rounds.count)).reshape(-1, 1, 1)
-        return np.asarray(np.cos(angles) * tensor[:, 0] + np.sin(angles) * tensor[:, 1])
+    def works(self, weights: Floats) -> list[Floats]:
+        """The transpose of ``amplitudes``: products of each sphere's every outgoing mode with weights, (modes, k).
 
-    def _turned(self, values: Floats, edges: Edges) -> Floats:
-        """Cartesian values (n, 3, k) at the points of some edges as components along r, theta and z."""
-        cos, sin = np.cos(self.rounds.angles)[:, None], np.sin(self.rounds.angles)[:, None]
-        x, y, z = np.moveaxis(values.reshape(*edges.r.shape, self.rounds.count, 3, -1), -2, 0)
-        return np.stack([cos * x + sin * y, cos * y - sin * x, z], axis=-2)
+        Args:
+            weights: of the first orders, shape (some orders, 6 n, families k).
+        """
+        some, n, families = len(weights), len(self.panels.r), 1 if self.rounds.mirrored else 2
+        parts = weights.reshape(some, 6, n, families, -1).transpose(1, 0, 3, 4, 2)
+        flat = np.ascontiguousarray(parts).reshape(2, 3, some * families, -1)
+        each = self.rounds.waves[None, :, : some * families].transpose(0, 1, 3, 2) @ flat
+        values = each.reshape(6, self.rounds.count, -1, n).transpose(1, 0, 2, 3)
+        return [self._work(number, values) for number in range(len(self.sources))]
 
-    @property
-    def _edges(self) -> tuple[Edges, Edges, Edges, Edges]:
-        b = self.boundary
-        return b.surface, b.side, b.ends, b.floor
+    def _values(self, number: int, coefficients: Floats) -> Floats:
+        """Tractions and displacements along r, theta and z of one sphere, shape (angles, 6, k, n)."""
+        angles, k, n = self.rounds.count, coefficients.shape[1], len(self.panels.r)
+        out = np.empty((angles, 6, k, n))
+        for sampler, pieces in self._samplers[number]:
+            found = sampler.values(coefficients)
+            for columns, part, turn in pieces:
+                each = found[..., columns].reshape(len(found), k, angles, -1).transpose(2, 0, 1, 3)
+                out[..., part] = (turn @ each.reshape(angles, len(found), -1)).reshape(angles, 6, k, -1)
+        out[:, :3] *= self.two_mu / self.sources[number].radius
+        return out
+
+    def _work(self, number: int, values: Floats) -> Floats:
+        """The transpose of ``_values``, (modes, k)."""
+        angles, _, k, _ = values.shape
+        scaled = values * np.repeat([self.two_mu / self.sources[number].radius, 1.0], 3)[:, None, None]
+        total = np.zeros((len(self.sources[number].modes), k))
+        for sampler, pieces in self._samplers[number]:
+            each = np.empty((sampler.stack.components, k, sampler.count))
+            for columns, part, turn in pieces:
+                found = turn.transpose(0, 2, 1) @ scaled[..., part].reshape(angles, 6, -1)
+                each[..., columns] = found.reshape(angles, len(each), k, -1).transpose(1, 2, 0, 3).reshape(len(each), k, -1)
+            total += sampler.adjoint(each)
+        return total
 
     @cached_property
-    def _parts(self) -> tuple[slice, ...]:
-        """Where the points of each of ``_edges`` stand among all."""
-        ends = np.cumsum([0, *(edges.r.size * self.rounds.count for edges in self._edges)]).tolist()
-        return tuple(slice(*pair) for pair in pairwise(ends))
+    def _samplers(self) -> list[list[tuple[Sampler, list[_Piece]]]]:
+        """For each sphere those of surface, side and floor, or for a single angle, where there is little to save, one of all."""
+        points, each = _points(self.panels, self.rounds), [(PLANE, True), (ROUND, False), (PLANE, True)]
+        pieces = list(zip(self.panels.parts, turns(self.rounds), strict=True))
+        groups = [(*kind, [piece]) for kind, piece in zip(each, pieces, strict=True)]
+        if self.rounds.count == 1:
+            groups = [(EVERY, False, pieces)]
+        found = []
+        for one in self.sources:
+            table = Table(one.modes.harmonics, "outgoing", (points - one.centre) / one.radius)
+            found.append([self._sampler(one.modes, table, *group) for group in groups])
+        return found
 
-    @cached_property
-    def _samplers(self) -> list[Sampler]:
-        points = np.concatenate([self._points(some) for some in self._edges])
-        return [Sampler(one.modes, (points - one.centre) / one.radius, "outgoing") for one in self.sources]
+    def _sampler(
+        self, modes: Modes, table: Table, components: tuple[int, ...], flat: bool, pieces: Sequence[tuple[slice, Floats]]
+    ) -> tuple[Sampler, list[_Piece]]:
+        """One for some parts of the boundary that follow each other."""
+        angles, low, high = self.rounds.count, pieces[0][0].start, pieces[-1][0].stop
+        sampler = Sampler(stack(modes, "outgoing", components), table, slice(low * angles, high * angles), flat)
+        columns = [slice((part.start - low) * angles, (part.stop - low) * angles) for part, _ in pieces]
+        return sampler, [(at, part, turn[..., components]) for at, (part, turn) in zip(columns, pieces, strict=True)]
 
-    def _points(self, edges: Edges) -> Floats:
-        cos, sin = np.cos(self.rounds.angles), np.sin(self.rounds.angles)
-        r, z = edges.r[..., None], edges.z[..., None]
-        return np.stack(np.broadcast_arrays(r * cos, r * sin, z), axis=-1).reshape(-1, 3)
+
+@lru_cache(maxsize=64)
+def turns(rounds: Rounds) -> tuple[Floats, Floats, Floats]:
+    """From the components of ``multipoles.stack`` to tractions and displacements along r, theta, z: (angles, 6, 9).
+
+    On surface, side and floor.
+    """
+    cos, sin, one = np.cos(rounds.angles), np.sin(rounds.angles), np.ones(rounds.count)
+    turn, across, up = np.zeros((rounds.count, 3, 3)), np.zeros((rounds.count, 3, 9)), np.zeros((rounds.count, 3, 9))
+    turn[:, 0, 0], turn[:, 0, 1], turn[:, 1, 0], turn[:, 1, 1], turn[:, 2, 2] = cos, sin, -sin, cos, one
+    for i in range(3):
+        for j, share in enumerate((cos, sin)):
+            across[:, i, STRESS[i][j]] = share
+        up[:, i, STRESS[i][2]] = one
+    moved = np.concatenate([turn, np.zeros((rounds.count, 3, 6))], axis=2)
+    surface, side, floor = (np.concatenate([turn @ pressed, moved], axis=1) for pressed in (up, across, -up))
+    return surface, side, floor
+
+
+def _points(panels: Panels, rounds: Rounds) -> Floats:
+    """The parts of the boundary one after the other, each angle by angle, shape (angles n, 3)."""
+    cos, sin = np.cos(rounds.angles)[:, None], np.sin(rounds.angles)[:, None]
+    parts = [(panels.r[part], panels.z[part]) for part in panels.parts]
+    return np.concatenate([np.stack([r * cos, r * sin, z + 0 * cos], axis=-1).reshape(-1, 3) for r, z in parts])

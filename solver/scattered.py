@@ -24,14 +24,16 @@ import numpy as np
 from geometry.grading import Floats
 from geometry.probe import Material
 from geometry.section import Section
+from solver.close import CloseExchange
 from solver.convergence import total_change
 from solver.fields import TissueField
+from solver.galerkin import Reflections
 from solver.moving import Moved, moved
 from solver.multipoles import Modes
 from solver.projection import Projection, projection
-from solver.reflection import Arrived, Exchange, Reflector, Sphere
+from solver.reflection import Exchange, Reflector
 from solver.samples import Rounds
-from solver.scattering import Scattering, scattering
+from solver.spheres import Each, Sphere
 from solver.tumours import Tumours
 
 DEGREES = (4, 36)  # least and largest degree of the modes
@@ -90,34 +92,30 @@ def scattered(
     Raises:
         SolveError: the reflections could not be solved.
     """
-    spheres, rounds = arranged(reflector.states.model.section, tissue, tumours)
-    each = [
-        scattering(one.modes, tissue.youngs_modulus, float(E), float(nu), one.radius)
-        for one, E, nu in zip(spheres, tumours.youngs_modulus, tumours.poisson_ratio, strict=True)
-    ]
-    exchange = reflector.exchange(spheres, rounds)
-    basis = [[incident(field, one) for one in spheres]]
-    orders, gone = 0, np.inf
-    slopes = np.array(_slopes(each, basis, np.eye(2)[None]))
+    section = reflector.states.model.section
+    spheres, rounds = arranged(section, tissue, tumours)
+    each = Each.of(spheres, tissue, tumours)
+    exchange, c = reflector.exchange(spheres, rounds), np.concatenate([incident(field, one) for one in spheres])
+    known, orders, gone = Reflections.first(c, each.work(c)), rounds.orders, np.inf
+    enough = ENOUGH * tolerance * float(np.abs(known.moments[0]).max())
+    slopes = each.slopes(c)
     for _ in range(STEPS):
-        following, orders = _reflected(exchange, each, basis, tolerance, orders)
-        basis.append(following)
-        forces, weights, found, rho = _galerkin(each, basis)
-        last, more = slopes, forces - _value(each, basis, found)
-        slopes, before = (np.array(_slopes(each, basis, some)) for some in (weights, found))
-        change = rho / (1 - rho) * more
-        gone, drop = _drop(gone, float(np.linalg.norm(more)), rho)
-        slope_change = np.maximum(np.abs(slopes - before), drop * np.abs(slopes - last))
-        totals = np.abs((reflector.states.forces + forces).sum(axis=1))
+        c, orders = _reflected(exchange, each.scattered(known.fields[-1]), enough, orders)
+        known = known.followed(c, each.work(c))
+        change = known.rho / (1 - known.rho) * known.more
+        gone, drop = _drop(gone, float(np.linalg.norm(known.more)), known.rho)
+        whole = known.whole(known.found + known.left)
+        last, slopes = slopes, each.slopes(whole)
+        slope_change = np.maximum(np.abs(slopes - each.slopes(known.whole(known.found))), drop * np.abs(slopes - last))
+        totals = np.abs((reflector.states.forces + known.forces).sum(axis=1))
         settled = np.all(total_change(change[None])[0] <= tolerance * totals)
         if settled and (not sensitive or np.all(slope_change <= SENSITIVE * tolerance * np.max(np.abs(slopes)))):
             break
-    left_out = _unresolved(reflector.states.model.section, tumours, spheres) + 2 * ENOUGH * tolerance
-    whole = _whole(basis, weights)
-    error = total_change(np.array([change, _tail(each, spheres, basis[0], whole), left_out * forces])).sum(axis=0)
+    forces, left_out = known.forces, _unresolved(section, tumours, spheres) + 2 * ENOUGH * tolerance
+    error = total_change(np.array([change, _tail(spheres, each, known, whole), left_out * forces])).sum(axis=0)
     slope_error = slope_change + SENSITIVE * left_out * np.abs(slopes)
     moves = tuple(_moves(tissue, tumours, spheres, each, whole)) if places else ()
-    return Scattered(forces, slopes, error, slope_error, moves, len(basis) - 1, orders)
+    return Scattered(forces, slopes, error, slope_error, moves, known.count, orders)
 
 
 def _drop(before: float, gone: float, rho: float) -> tuple[float, float]:
@@ -126,12 +124,10 @@ def _drop(before: float, gone: float, rho: float) -> tuple[float, float]:
     return gone, share / (1 - share)
 
 
-def _moves(
-    tissue: Material, tumours: Tumours, spheres: Sequence[Sphere], each: Sequence[Scattering], whole: Sequence[Floats]
-) -> Iterator[Moved]:
-    for k, (sphere, one, c) in enumerate(zip(spheres, each, whole, strict=True)):
+def _moves(tissue: Material, tumours: Tumours, spheres: Sequence[Sphere], each: Each, whole: Floats) -> Iterator[Moved]:
+    for k, (sphere, one, part) in enumerate(zip(spheres, each.scatterings, each.parts, strict=True)):
         own = Material(youngs_modulus=float(tumours.youngs_modulus[k]), poisson_ratio=float(tumours.poisson_ratio[k]))
-        yield moved(sphere, one, tissue, own, c)
+        yield moved(sphere, one, tissue, own, whole[part])
 
 
 def degrees(section: Section, tumours: Tumours) -> tuple[Floats, Floats]:
@@ -172,7 +168,7 @@ def arranged(section: Section, tissue: Material, tumours: Tumours) -> tuple[list
     spheres, wanted = [], degrees(section, tumours)
     for k in range(len(offset)):
         degree = int(np.clip(np.ceil(max(wanted[0][k], wanted[1][k])), *DEGREES))
-        modes = Modes(degree, tissue.poisson_ratio, 0 if axis else min(degree, ORDERS), "even" if plane else "both")
+        modes = _same(Modes(degree, tissue.poisson_ratio, 0 if axis else min(degree, ORDERS), "even" if plane else "both"))
         centre = np.array([x[k], 0.0 if plane else y[k], -tumours.depth[k]]) * [not axis, not axis, 1]
         spheres.append(Sphere(centre, float(radius[k]), modes, _projection(modes)))
     angles = int(np.clip(np.ceil(np.max(3 * offset / (tumours.cover + 0.2 * radius))) + 6, *ANGLES))
@@ -182,6 +178,12 @@ def arranged(section: Section, tissue: Material, tumours: Tumours) -> tuple[list
 def _projection(modes: Modes) -> Projection:
     """The projection on modes; small ones are kept, as half of a tumour's cost on the axis is to make them."""
     return _kept(modes) if modes.order == 0 or modes.degree <= SMALL else projection(modes)
+
+
+@lru_cache(maxsize=64)
+def _same(modes: Modes) -> Modes:
+    """The first of equal modes, which may know its labels already."""
+    return modes
 
 
 @lru_cache(maxsize=32)
@@ -196,26 +198,13 @@ def incident(field: TissueField, sphere: Sphere) -> Floats:
     found = field.at(r, z)
     u = found.displacement
     away = np.stack([np.divide(part, r, out=np.zeros_like(r), where=r > 0) for part in (x, y)], axis=1)
-    return sphere.coefficients(Arrived(np.concatenate([away[:, :, None] * u[:, :1], u[:, 1:]], axis=1), found.dilation))
+    return sphere.coefficients(np.concatenate([away[:, :, None] * u[:, :1], u[:, 1:]], axis=1), found.dilation)
 
 
-def _reflected(
-    exchange: Exchange, each: Sequence[Scattering], basis: Sequence[Sequence[Floats]], tolerance: float, orders: int
-) -> tuple[list[Floats], int]:
+def _reflected(exchange: Exchange | CloseExchange, outgoing: Sequence[Floats], enough: float, orders: int) -> tuple[Floats, int]:
     """One more reflection: by the boundary, order by order until nothing more comes, and by the other spheres."""
-    spheres = exchange.spheres
-    outgoing = [one.S @ c for one, c in zip(each, basis[-1], strict=True)]
-    weights = [sphere.weights(one.T @ c) for sphere, one, c in zip(spheres, each, basis[0], strict=True)]
-    enough, quiet = ENOUGH * tolerance * float(np.abs(_moment(each, basis[0], basis[0])).max()), 0
-    total: list[Arrived] = []
-    for m, part in enumerate(exchange.reflect(outgoing)):
-        total = [a + b for a, b in zip(total, part, strict=True)] if total else part
-        seen = sum(field.times(weight) for field, weight in zip(part, weights, strict=True))
-        quiet = quiet + 1 if np.abs(seen).max() < enough else 0
-        if (orders and m + 1 >= orders) or (not orders and quiet == 2):
-            break
-    came = [sphere.coefficients(field) for sphere, field in zip(spheres, total, strict=True)]
-    return [a + b for a, b in zip(came, _neighbours(spheres, outgoing), strict=True)], m + 1
+    came, orders = exchange.reflect(outgoing, enough, orders)
+    return np.concatenate([a + b for a, b in zip(came, _neighbours(exchange.spheres, outgoing), strict=True)]), orders
 
 
 def _neighbours(spheres: Sequence[Sphere], outgoing: Sequence[Floats]) -> list[Floats]:
@@ -225,59 +214,18 @@ def _neighbours(spheres: Sequence[Sphere], outgoing: Sequence[Floats]) -> list[F
         for other, c in zip(spheres, outgoing, strict=True):
             if other is not here:
                 local = (here.points - other.centre) / other.radius
-                total[k] += here.coefficients(Arrived(other.modes.displacement(local, c, "outgoing"), None))
+                total[k] += here.coefficients(other.modes.displacement(local, c, "outgoing"))
     return total
 
 
-def _moment(each: Sequence[Scattering], left: Sequence[Floats], right: Sequence[Floats]) -> Floats:
-    """c_i^T T c_j over all spheres, made symmetric, shape (2, 2)."""
-    total = sum(a.T @ (one.T @ b) for one, a, b in zip(each, left, right, strict=True))
-    return np.asarray((total + total.T) / 2)
-
-
-def _galerkin(each: Sequence[Scattering], basis: Sequence[Sequence[Floats]]) -> tuple[Floats, Floats, Floats, float]:
-    """Eqs. (P5), (P6) from c_0 .. c_n.
-
-    Returns dF with what is left added once, the weights of c_0 .. c_n in the whole field with and without that, (n + 1, 2, 2)
-    each, and rho.
-    """
-    n = len(basis) - 1
-    mu = [_moment(each, basis[k // 2], basis[k - k // 2]) for k in range(2 * n + 1)]
-    A = np.block([[mu[i + j] - mu[i + j + 1] for j in range(n)] for i in range(n)])
-    a = np.linalg.lstsq(A, np.concatenate(mu[:n]), rcond=1e-12)[0].reshape(n, 2, 2)
-    left = np.concatenate([np.eye(2)[None] - a[:1], a[:-1] - a[1:], a[-1:]])  # r's weights of c_0 .. c_n
-    found = np.concatenate([a, np.zeros((1, 2, 2))])
-    again = sum(left[i].T @ mu[i + j] @ left[j] for i in range(n + 1) for j in range(n + 1))
-    forces = sum(mu[i] @ a[i] for i in range(n)) + again
-    size = [float(np.linalg.norm(one)) for one in mu]
-    shares = size[1] / size[0], np.sqrt(size[2 * n] / size[2 * n - 2]), size[2 * n] / size[2 * n - 1]
-    rho = min(0.9, max(shares))
-    return np.asarray((forces + forces.T) / 2), found + left, found, rho
-
-
-def _tail(each: Sequence[Scattering], spheres: Sequence[Sphere], incoming: Sequence[Floats], whole: Sequence[Floats]) -> Floats:
+def _tail(spheres: Sequence[Sphere], each: Each, known: Reflections, whole: Floats) -> Floats:
     """What degrees beyond the largest would add, shape (2, 2).
 
     A field from the surface or beyond falls off as (R / depth)^l on the sphere: a geometric series from the last degrees.
     """
     total = np.zeros((2, 2))
-    for one, sphere, c, full in zip(each, spheres, incoming, whole, strict=True):
+    for sphere, part in zip(spheres, each.parts, strict=True):
         last = sphere.modes.ell >= sphere.modes.degree - 1
         drop = min(0.9, float((sphere.radius / sphere.centre[2]) ** 4))  # of two degrees' work
-        total += c[last].T @ (one.T @ full)[last] * drop / (1 - drop)
+        total += known.works[0][part][last].T @ whole[part][last] * (drop / (1 - drop))
     return (total + total.T) / 2
-
-
-def _value(each: Sequence[Scattering], basis: Sequence[Sequence[Floats]], weights: Floats) -> Floats:
-    """B^T a of eq. (P5)."""
-    return sum((_moment(each, basis[0], c) @ a for c, a in zip(basis, weights, strict=True)), np.zeros((2, 2)))
-
-
-def _slopes(each: Sequence[Scattering], basis: Sequence[Sequence[Floats]], weights: Floats) -> list[Floats]:
-    """c^T (dT / d ln E) c of every sphere."""
-    return [c.T @ (one.by_log_modulus[1] @ c) for one, c in zip(each, _whole(basis, weights), strict=True)]
-
-
-def _whole(basis: Sequence[Sequence[Floats]], weights: Floats) -> list[Floats]:
-    """The whole incident field at each sphere, (modes, 2)."""
-    return [sum(c[k] @ a for c, a in zip(basis, weights, strict=True)) for k in range(len(basis[0]))]

@@ -16,7 +16,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from solver.harmonics import Side
-from solver.multipoles import Modes, Values, scales
+from solver.multipoles import Modes, scales
+from solver.sampler import Values
 from solver.shapes import Ints
 
 
@@ -52,17 +53,18 @@ def scattering(modes: Modes, E: complex, sphere_E: complex, sphere_nu: complex, 
         radius: R, m.
     """
     ratio = sphere_E / E * (1 + modes.nu) / (1 + sphere_nu)
-    S, inside, slope = _matched_modes(modes, sphere_nu, ratio)
-    work = sp.diags_array(-modes.work * (E / (1 + modes.nu) * radius))
-    return Scattering(S, work @ S, inside, (slope, work @ slope))
+    S, T, inside, slope, work = _matched_modes(modes, sphere_nu, ratio)
+    unit = E / (1 + modes.nu) * radius
+    return Scattering(S, unit * T, inside, (slope, unit * work))
 
 
 @lru_cache(maxsize=64)
-def _matched_modes(modes: Modes, sphere_nu: complex, ratio: complex) -> tuple[Any, Any, Any]:
-    """S, inside and dS: spheres of one material differ in T alone."""
+def _matched_modes(modes: Modes, sphere_nu: complex, ratio: complex) -> tuple[Any, Any, Any, Any, Any]:
+    """S, T, inside, dS and dT: spheres of one material differ in the unit of T alone, here 2 mu R."""
     pairs, singles = _spheroidal(modes.degree, modes.nu, sphere_nu, ratio), _toroidal(modes.degree, ratio)
     S, inside, slope = (_spread(modes, pair, single) for pair, single in zip(pairs, singles, strict=True))
-    return S, inside, slope
+    work = sp.diags_array(-modes.work)
+    return S, (work @ S).tocsr(), inside, slope, (work @ slope).tocsr()
 
 
 def _spread(modes: Modes, pair: Values, single: Values) -> Any:

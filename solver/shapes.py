@@ -97,26 +97,39 @@ def _products(value: Floats, slope: Floats, pressure: Floats) -> Products:
     return Products(even, odd, table((pressure, x), (pressure, y), (pressure, value)), table((pressure, pressure)))
 
 
-def pressures(points: Floats, order: int) -> Floats:
-    """Products of Legendre polynomials of total degree below p at points of the unit square, (n, 2), shape (n, p (p+1) / 2)."""
-    along = legendre.legvander(2 * points - 1, order - 1)
-    return np.stack([along[:, 0, i] * along[:, 1, j] for i in range(order) for j in range(order - i)], axis=-1)
+def polynomials(points: Floats, order: int) -> Floats:
+    """Legendre polynomials of degrees 0 to p along both axes at points of the unit square, (n, 2), shape (n, 2, p + 1)."""
+    return np.asarray(legendre.legvander(2 * points - 1, order))
 
 
-def functions(points: Floats, degrees: Ints) -> tuple[Floats, Floats]:
-    """Values (n, s) and slopes (2, n, s) of the functions with the given degrees at points of the unit square, (n, 2)."""
-    order = int(degrees.max())
-    (x, dx), (y, dy) = (_along(points[:, axis], order) for axis in (0, 1))
+def pressures(points: Floats, order: int, known: Floats | None = None) -> Floats:
+    """Products of Legendre polynomials of total degree below p at points of the unit square, (n, 2), shape (n, p (p+1) / 2).
+
+    ``known`` is ``polynomials`` of the same points, where that is known.
+    """
+    along = polynomials(points, order) if known is None else known
+    i, j = np.array([(i, j) for i in range(order) for j in range(order - i)]).T
+    return np.asarray(along[:, 0, i] * along[:, 1, j])
+
+
+def functions(points: Floats, degrees: Ints, known: Floats | None = None) -> tuple[Floats, Floats]:
+    """Values (n, s) and slopes (2, n, s) of the functions with the given degrees at points of the unit square, (n, 2).
+
+    ``known`` is ``polynomials`` of the same points, where that is known.
+    """
+    P = polynomials(points, int(degrees.max())) if known is None else known
+    value, slope = _along(points, P)
     i, j = degrees.T
-    return x[:, i] * y[:, j], np.stack([dx[:, i] * y[:, j], x[:, i] * dy[:, j]])
+    x, y, dx, dy = value[:, 0][:, i], value[:, 1][:, j], slope[:, 0][:, i], slope[:, 1][:, j]
+    return x * y, np.stack([dx * y, x * dy])
 
 
-def _along(x: Floats, order: int) -> tuple[Floats, Floats]:
-    """Values and derivatives of the one-dimensional functions at points x of the unit interval, shape (n, order + 1)."""
-    P = legendre.legvander(2 * x - 1, order)
-    k = np.arange(2, order + 1)
-    value = np.concatenate([1 - x[:, None], x[:, None], (P[:, 2:] - P[:, :-2]) / np.sqrt(4 * k - 2)], axis=1)
-    slope = np.concatenate([-np.ones((len(x), 1)), np.ones((len(x), 1)), P[:, 1:-1] * np.sqrt(4 * k - 2)], axis=1)
+def _along(x: Floats, P: Floats) -> tuple[Floats, Floats]:
+    """Values and derivatives of the one-dimensional functions at places x of the unit interval, shape (..., p + 1)."""
+    scale = np.sqrt(4 * np.arange(2, P.shape[-1]) - 2)
+    value, slope = np.empty_like(P), np.empty_like(P)
+    value[..., 0], value[..., 1], value[..., 2:] = 1 - x, x, (P[..., 2:] - P[..., :-2]) / scale
+    slope[..., 0], slope[..., 1], slope[..., 2:] = -1, 1, P[..., 1:-1] * scale
     return value, slope
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
@@ -80,11 +81,18 @@ class Tumours:
 
     def flat(self) -> Self:
         """Return all tumours in one row, shape (n,)."""
-        return type(self)(*(getattr(self, field.name).ravel() for field in fields(self)))
+        return self._each(np.ravel)
 
     def of_index(self, chosen: object) -> Self:
         """Return some of the tumours."""
-        return type(self)(*(getattr(self, field.name)[chosen] for field in fields(self)))
+        return self._each(lambda values: values[chosen])
+
+    def _each(self, change: Callable[[Any], Any]) -> Self:
+        """Change the arrays' shapes alone: there is nothing to check."""
+        out = object.__new__(type(self))
+        for name, values in vars(self).items():
+            object.__setattr__(out, name, np.asarray(change(values)))
+        return out
 
 
 def _diameter(body: Inclusion) -> float:

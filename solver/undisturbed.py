@@ -86,7 +86,7 @@ class Undisturbed:
 
     @cached_property
     def _fine_reflector(self) -> Reflector:
-        return Reflector(self.field.states, self._interface)
+        return Reflector(self.field.states, self._interface, close=True)
 
     @cached_property
     def _coarse_reflector(self) -> Reflector:

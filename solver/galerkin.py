@@ -1,0 +1,87 @@
+"""The sum of all reflections from the first few, as the best in energy, and what is left."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import sqrt
+
+import numpy as np
+
+from geometry.grading import Floats
+
+
+@dataclass(frozen=True)
+class Reflections:
+    """Fields c_0 .. c_n that reach the spheres one reflection after the other, eq. (P5) of ``scattered.py``.
+
+    Attributes:
+        fields: regular coefficients of both base states about all spheres, (modes, 2) each.
+        works: T times them.
+        moments: mu_0 .. mu_2n, (2, 2) each.
+    """
+
+    fields: tuple[Floats, ...]
+    works: tuple[Floats, ...]
+    moments: tuple[Floats, ...]
+
+    @classmethod
+    def first(cls, field: Floats, work: Floats) -> Reflections:
+        """No reflection yet."""
+        return cls((field,), (work,), (_symmetric(field.T @ work),))
+
+    def followed(self, field: Floats, work: Floats) -> Reflections:
+        """One more of them."""
+        new = _symmetric(self.works[-1].T @ field), _symmetric(field.T @ work)
+        return Reflections((*self.fields, field), (*self.works, work), (*self.moments, *new))
+
+    def whole(self, weights: Floats) -> Floats:
+        """The sum of the fields with weights (n + 1, 2, k), shape (modes, k)."""
+        return sum((c @ a for c, a in zip(self.fields, weights, strict=True)), np.zeros(()))
+
+    @property
+    def count(self) -> int:
+        """Reflections made."""
+        return len(self.fields) - 1
+
+    @cached_property
+    def found(self) -> Floats:
+        """Weights a of c_0 .. c_n (the last 0) in eq. (P5), shape (n + 1, 2, 2)."""
+        n, mu = self.count, np.array(self.moments)
+        A = _hankel(mu[:-1] - mu[1:], n)
+        a = np.linalg.lstsq(A, mu[:n].reshape(-1, 2), rcond=1e-12)[0].reshape(n, 2, 2)
+        return np.concatenate([a, np.zeros((1, 2, 2))])
+
+    @cached_property
+    def left(self) -> Floats:
+        """Weights in what is left, r = c_0 - (1 - R S) c, shape (n + 1, 2, 2)."""
+        return np.concatenate([np.eye(2)[None], self.found[:-1]]) - self.found
+
+    @cached_property
+    def forces(self) -> Floats:
+        """Change of the film forces, B^T a with what is left, r^T T r, added once; shape (2, 2)."""
+        left = self.left.reshape(-1, 2)
+        value = sum((mu @ a for mu, a in zip(self.moments, self.found, strict=False)), np.zeros((2, 2)))
+        return _symmetric(value + left.T @ _hankel(np.array(self.moments), self.count + 1) @ left)
+
+    @cached_property
+    def more(self) -> Floats:
+        """How far that is from c_0^T T c, what is not symmetric in the reflections included; shape (2, 2)."""
+        each = [_symmetric(self.works[0].T @ c) @ a for c, a in zip(self.fields, self.found, strict=True)]
+        return np.asarray(self.forces - np.sum(each, axis=0))
+
+    @cached_property
+    def rho(self) -> float:
+        """The share of a field that comes back, eq. (P6)."""
+        size = [max(float(np.linalg.norm(one)), 1e-300) for one in self.moments]
+        return min(0.9, max(size[1] / size[0], sqrt(size[-1] / size[-3]), size[-1] / size[-2]))
+
+
+def _hankel(blocks: Floats, n: int) -> Floats:
+    """The matrix (2 n, 2 n) of blocks (2, 2) number i + j."""
+    i = np.arange(n)
+    return np.asarray(blocks[i[:, None] + i].transpose(0, 2, 1, 3).reshape(2 * n, 2 * n))
+
+
+def _symmetric(matrix: Floats) -> Floats:
+    return np.asarray((matrix + matrix.T) / 2)

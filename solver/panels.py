@@ -1,0 +1,106 @@
+"""Points on the tissue's surface, side and floor at which scattered fields are sampled.
+
+Scattered fields are smooth there, unlike the answer, whose mesh is fine at the blocks' corners: polynomials on panels that are
+graded from the axis outwards tell them with far fewer points than the edges of elements have.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from geometry.grading import Floats
+from geometry.section import Section
+
+STEP = 1.4  # the least panel, outer radii, times the order of the elements
+GROWTH = 0.4  # of panels, per distance from the axis
+SIDE, FLOOR = 0.4, 0.3  # the least panels there, of the tissue's radius and depth
+EXTRA = 4  # points of a panel beyond the order of the elements
+
+
+@dataclass(frozen=True)
+class Line:
+    """Gauss's points of panels along a line.
+
+    Attributes:
+        ends: of the panels, rising, m, shape (n + 1,).
+        points: of each panel, count.
+    """
+
+    ends: Floats
+    points: int
+
+    @classmethod
+    def graded(cls, length: float, step: float, points: int) -> Line:
+        """Panels of at least ``step`` that grow with the distance from 0."""
+        ends = [0.0]
+        while ends[-1] < length:
+            ends.append(ends[-1] + max(step, GROWTH * ends[-1]))
+        return cls(np.array(ends) * length / ends[-1], points)
+
+    @cached_property
+    def places(self) -> Floats:
+        """Of all points, m."""
+        middle, half = (self.ends[1:] + self.ends[:-1]) / 2, np.diff(self.ends) / 2
+        return (middle[:, None] + half[:, None] * self._nodes).ravel()
+
+    def to(self, places: Floats) -> Floats:
+        """What interpolates values at the points to other places, shape (*places, points)."""
+        panel = np.clip(np.searchsorted(self.ends, places, side="right") - 1, 0, len(self.ends) - 2)
+        low, high = self.ends[panel], self.ends[panel + 1]
+        x, nodes = (2 * places - low - high) / (high - low), self._nodes
+        out = np.zeros((*places.shape, len(self.ends) - 1, self.points))
+        for k, node in enumerate(nodes):
+            others = np.delete(nodes, k)
+            values = np.prod((x[..., None] - others) / (node - others), axis=-1)
+            np.put_along_axis(out[..., k], panel[..., None], values[..., None], axis=-1)
+        return out.reshape(*places.shape, -1)
+
+    @cached_property
+    def _nodes(self) -> Floats:
+        return np.asarray(np.polynomial.legendre.leggauss(self.points)[0])
+
+
+@dataclass(frozen=True)
+class Panels:
+    """Points on the tissue's boundary, in the order surface, side, floor: n of them.
+
+    Attributes:
+        surface, floor: along r.
+        side: along the depth.
+        section: the tissue's.
+    """
+
+    surface: Line
+    side: Line
+    floor: Line
+    section: Section
+
+    @classmethod
+    def of(cls, section: Section, order: int) -> Panels:
+        """Panels as fine as elements of an order need them."""
+        step, points = STEP / order * section.tube_radius, order + EXTRA
+        steps = step, max(step, SIDE * section.tissue_radius), max(step, FLOOR * section.tissue_depth)
+        lengths = section.tissue_radius, section.tissue_depth, section.tissue_radius
+        surface, side, floor = (Line.graded(length, one, points) for length, one in zip(lengths, steps, strict=True))
+        return cls(surface, side, floor, section)
+
+    @cached_property
+    def parts(self) -> tuple[slice, slice, slice]:
+        """Where the points of surface, side and floor stand."""
+        a, b, c = (len(line.places) for line in (self.surface, self.side, self.floor))
+        return slice(0, a), slice(a, a + b), slice(a + b, a + b + c)
+
+    @cached_property
+    def r(self) -> Floats:
+        """Of the points, m, shape (n,)."""
+        at_side = np.full_like(self.side.places, self.section.tissue_radius)
+        return np.concatenate([self.surface.places, at_side, self.floor.places])
+
+    @cached_property
+    def z(self) -> Floats:
+        """Of the points, m, shape (n,)."""
+        at_floor = np.full_like(self.floor.places, -self.section.tissue_depth)
+        return np.concatenate([np.zeros_like(self.surface.places), -self.side.places, at_floor])
