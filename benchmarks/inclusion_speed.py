@@ -19,7 +19,6 @@ from tables import Table
 
 from geometry import Scene, read_scene
 from solver import Result, evaluate
-from solver.compliance import FEW
 from solver.readings import TOLERANCE, Readings, readings
 from solver.scattered import scattered
 from solver.tumours import Tumours
@@ -32,6 +31,7 @@ COVERS = (0.1, 0.25, 0.5)  # diameters
 OFFSETS = (0.0, 0.5, 1.0, 2.0)  # outer radii
 DIAMETER = 8e-3
 ORDERS = 9
+BATCH = 24  # tumours in one call: enough for the orders' matrices
 MAP_DEPTHS, MAP_DIAMETERS = (6e-3, 24e-3), (1e-3, 10e-3)
 _number = count(1)
 
@@ -135,8 +135,9 @@ def _first_order(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -
 
 
 def _reflections(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -> Table:
-    title = f"one tumour of {1e3 * DIAMETER:g} mm, contrast 10, with reflections, its probe and orders known"
-    table = Table(title, ("cover / D", "offset, outer radii", "orders", "reflections", "bound, error", "wall, ms", "process, ms"))
+    title = f"a tumour of {1e3 * DIAMETER:g} mm, contrast 10, with reflections, its probe and orders known"
+    headings = ("cover / D", "offset, outer radii", "orders", "reflections", "bound, error", "alone, ms", f"one of {BATCH}, ms")
+    table = Table(title, headings)
     modulus, outer = 10 * base.scene.tissue.youngs_modulus, base.scene.probe.tube_radius
     for cover in COVERS:
         for offset in OFFSETS:
@@ -145,11 +146,11 @@ def _reflections(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -
             alone = one.of_index(0)
             told = scattered(base.field, base.reflector(alone), base.scene.tissue, alone, TOLERANCE * base.accuracy)
             bound = float(readings(base, one, reflect=True).error_estimate[0])
-            for _ in range(FEW):  # each order's matrix is known afterwards
-                readings(base, one, reflect=True)
-            spent = timed(partial(readings, base, one, reflect=True), repeats)
-            table.add(f"{cover:g}", f"{offset:g}", told.orders, told.steps, bound, spent.wall, spent.cpu)
-    table.note(f"accuracy {base.accuracy:g}; outer radius {1e3 * outer:g} mm; each order has answered {FEW} times before")
+            batch = replace(one, youngs_modulus=modulus * np.linspace(0.9, 1.1, BATCH)[:, None])
+            readings(base, batch, reflect=True)  # finds each order's matrix
+            single, many_ = (timed(partial(readings, base, some, reflect=True), repeats).cpu for some in (one, batch))
+            table.add(f"{cover:g}", f"{offset:g}", told.orders, told.steps, bound, single, many_ / BATCH)
+    table.note(f"process time; accuracy {base.accuracy:g}; outer radius {1e3 * outer:g} mm")
     return table
 
 

@@ -20,10 +20,8 @@ cannot follow.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-from itertools import count
 from typing import Any
 
 import numpy as np
@@ -36,8 +34,6 @@ from solver.boundary import Boundary, Edges
 from solver.numbering import Interface
 from solver.panels import Line, Panels
 from solver.shapes import Ints
-
-FEW = 12  # answers of an order that are solved for: about as long as the matrix takes
 
 
 @dataclass(frozen=True)
@@ -112,8 +108,6 @@ class _Place:
 class Response:
     """What one azimuthal order answers to data on the boundary: the symmetric matrix of eq. (B3).
 
-    Few answers are solved for; then the matrix is found, with which they are products.
-
     Attributes:
         harmonic: the order's system.
         told: what data do to it.
@@ -121,15 +115,14 @@ class Response:
 
     harmonic: Harmonic
     told: Told
-    _asked: Iterator[int] = field(default_factory=count, repr=False)
 
-    def to(self, data: Floats) -> Floats:
-        """Return the matrix times data, shape (6 n, k) both.
+    def to(self, data: Floats, often: bool) -> Floats:
+        """Return the matrix times data, shape (6 n, k) both; the matrix itself is found only for those who ask ``often``.
 
         Raises:
             SolveError: see ``Harmonic.solve``.
         """
-        if next(self._asked) < FEW:
+        if not often:
             return self._solved(data)
         out = np.asarray(self.told.direct @ data)
         out[self._felt] += self._matrix @ data[self._felt]

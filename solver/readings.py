@@ -20,6 +20,7 @@ from solver.undisturbed import Undisturbed
 TOLERANCE = 0.1  # of the accuracy: what of a tumour's effect reflections may leave out
 SAFETY = 3.0  # on the estimate of that
 SENSITIVE = 5.0  # times more than the effect do slopes feel the mesh
+FEW = 12  # sets with reflections for which it is not worth finding the matrix of each azimuthal order
 LEAST_REFLECTED = 5e-4  # of a tumour's effect
 
 
@@ -151,7 +152,7 @@ def readings(
         for k, number in enumerate(chosen):
             if progress is not None:
                 progress(k, len(chosen))
-            _reflect(base, inside.of_index(number), left_out[number], first, int(number), target, sensitive)
+            _reflect(base, inside.of_index(number), left_out[number], first, int(number), target, sensitive, len(chosen) > FEW)
         if progress is not None:
             progress(len(chosen), len(chosen))
     return first.with_bounds_of(base)
@@ -190,14 +191,14 @@ def _derivatives(each: Effects, tumours: Tumours, left_out: Bools, target: int) 
 
 
 def _reflect(
-    base: Undisturbed, tumours: Tumours, left_out: Bools, into: Readings, number: int, target: int, sensitive: bool
+    base: Undisturbed, tumours: Tumours, left_out: Bools, into: Readings, number: int, target: int, sensitive: bool, often: bool
 ) -> None:
     """Put one set's answer with reflections in the place of that of first order."""
     kept = np.flatnonzero(~left_out)
     mine = tumours.of_index(kept)
     try:
         tolerance, places = TOLERANCE * base.accuracy, "depth" in into.by
-        found = scattered(base.field, base.reflector(mine), base.scene.tissue, mine, tolerance, places, sensitive)
+        found = scattered(base.field, base.reflector(mine), base.scene.tissue, mine, tolerance, places, sensitive, often)
     except SolveError as fault:
         raise Refusal("inclusion", f"set {number}", f"tumours whose reflections can be computed ({fault})") from fault
     into.forces[number] = base.films.forces + found.forces

@@ -81,13 +81,20 @@ class Reflector:
         """Where fields are sampled."""
         return Panels.of(self.states.model.section, self.states.model.shapes.order)
 
-    def exchange(self, spheres: Sequence[Sphere], rounds: Rounds) -> Exchange | CloseExchange:
-        """Return what spheres and boundary send to each other; all that does not depend on the fields is found once."""
+    def exchange(self, spheres: Sequence[Sphere], rounds: Rounds, often: bool) -> Exchange | CloseExchange:
+        """Return what spheres and boundary send to each other; all that does not depend on the fields is found once.
+
+        Args:
+            spheres: anywhere in the tissue.
+            rounds: angles at which their fields are sampled.
+            often: whether so many sets of spheres are asked for that the matrix of each order pays.
+        """
         tissue = self.states.model.materials[Body.TISSUE]
         two_mu = tissue.youngs_modulus / (1 + tissue.poisson_ratio)
         if self.close:
             return CloseExchange(self.interior, self._field, self.interface, spheres, rounds, two_mu)
-        return Exchange(self, spheres, Samples([one.source for one in spheres], self.panels, rounds, two_mu))
+        samples = Samples([one.source for one in spheres], self.panels, rounds, two_mu)
+        return Exchange(self, spheres, samples, often)
 
 
 @dataclass(frozen=True)
@@ -98,11 +105,13 @@ class Exchange:
         reflector: the boundary.
         spheres: they.
         samples: their fields on the boundary.
+        often: see ``Reflector.exchange``.
     """
 
     reflector: Reflector
     spheres: Sequence[Sphere]
     samples: Samples
+    often: bool
 
     def reflect(self, scattered: Sequence[Floats], enough: float, most: int) -> tuple[list[Floats], int]:
         """Return the regular coefficients of what comes back to each sphere, m, and how many azimuthal orders of it.
@@ -118,7 +127,7 @@ class Exchange:
         data = self.samples.amplitudes(scattered)
         answers, k, quiet = np.empty_like(data), scattered[0].shape[1], 0
         for m in range(min(most, len(data))):
-            answers[m] = self.reflector.response(m).to(data[m])
+            answers[m] = self.reflector.response(m).to(data[m], self.often)
             each = (data[m].reshape(-1, k)).T @ answers[m].reshape(-1, k)
             quiet = quiet + 1 if np.abs(each).max() < enough else 0
             if quiet == 2:

@@ -77,6 +77,7 @@ def scattered(
     tolerance: float,
     places: bool = False,
     sensitive: bool = False,
+    often: bool = False,
 ) -> Scattered:
     """Solve eq. (P5) for a set of t spheres, arrays of shape (t,), until what is left is below ``tolerance`` of each total.
 
@@ -88,6 +89,7 @@ def scattered(
         tolerance: relative.
         places: whether to find the derivatives by the spheres' places, sizes and Poisson's ratios.
         sensitive: whether to make slopes good to ``SENSITIVE`` times the tolerance too, which takes a reflection more.
+        often: whether many sets are asked for under this probe, see ``Reflector.exchange``.
 
     Raises:
         SolveError: the reflections could not be solved.
@@ -95,7 +97,7 @@ def scattered(
     section = reflector.states.model.section
     spheres, rounds = arranged(section, tissue, tumours)
     each = Each.of(spheres, tissue, tumours)
-    exchange, c = reflector.exchange(spheres, rounds), np.concatenate([incident(field, one) for one in spheres])
+    exchange, c = reflector.exchange(spheres, rounds, often), np.concatenate([incident(field, one) for one in spheres])
     known, orders, gone = Reflections.first(c, each.work(c)), rounds.orders, np.inf
     enough = ENOUGH * tolerance * float(np.abs(known.moments[0]).max())
     slopes = each.slopes(c)
