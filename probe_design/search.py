@@ -88,7 +88,9 @@ def _ipopt(space: Space) -> tuple[Any, ClosedFormFunction]:
     v = ca.vertsplit(ca.exp(x))
     radius = space.derived_radius(v)
     parts = ca.vertsplit(formula(ca.vertcat(*_varied(space, v))))
-    cost = -0.5 * ca.log(_information(space, [parts[0] + parts[1], parts[2] + parts[3]], [parts[4] + parts[5], parts[6] + parts[7]]))
+    cost = -0.5 * ca.log(
+        _information(space, [parts[0] + parts[1], parts[2] + parts[3]], [parts[4] + parts[5], parts[6] + parts[7]])
+    )
     constraints = ca.vertcat(radius / space.outer_radius, (radius - v[0] - v[2]) / space.wall)
     choices = {"ipopt.hessian_approximation": "limited-memory", "ipopt.max_iter": 80, "ipopt.tol": 1e-6}
     return ca.nlpsol("search", "ipopt", {"x": x, "f": cost, "g": constraints}, QUIET | choices), formula

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from scipy.special import j0, j1
 
-
 Array = Any  # numpy array of floats, or of complex numbers on the way to a derivative
 DEGREE = 6
 

@@ -1,13 +1,14 @@
 """How a block gives way at its tissue end, held by the base at the other: Ritz's method with few functions.
 
-A block is a disc or a tube, x = (r^2 - hole^2) / (radius^2 - hole^2), height h; zeta runs from its tissue end (0) to the base (h).
-Displacements, w towards the tissue and u outwards, are products
+A block is a disc, y = r / radius, or a tube, y = (r - hole) / wall, of height h; zeta runs from its tissue end (0) to the base
+(h). Displacements, w towards the tissue and u outwards, are products
 
-    w = sum W_ij P_i(x) f_j(zeta),     u = (radius / r) sum U_ij q_i(x) g_j(zeta)                 (B1)
+    w = sum W_ij P_i f_j(zeta),     u = (1/r) sum a_ij U_i g_j(zeta)                              (B1)
 
-with Legendre's polynomials P_i on (0, 1), q_i = x P_i in a disc (no hole) and q_i = P_i in a tube. The trace of the strain is
-2 d(r u)/d(r^2) - dw/dzeta; every d(r u)/d(r^2) g is also a dw/dzeta, as f_0 = 1 - zeta/h and f_j = Int_zeta^h g. So volume can
-be kept wherever shape changes and nothing locks as nu nears 1/2. With v = 1 - zeta/h and b a decay of the block's width,
+with Legendre's polynomials P_i on (0, 1), of y^2 in a disc, of y in a tube, and U_i = Int P_i r dr, in a tube a constant too.
+The trace of the strain is d(r u)/dr / r - dw/dzeta; every dU/dr / r g is also a dw/dzeta, as f_0 = 1 - zeta/h and
+f_j = Int_zeta^h g. So volume can be kept wherever shape changes and nothing locks as nu nears 1/2. With v = 1 - zeta/h and a
+decay b of the block's width,
 
     g_j = (1 - exp(-b h v)) / (1 - exp(-b h)) ((exp(-b zeta) - exp(-b h)) / (1 - exp(-b h)))^j      (B2)
 
@@ -175,11 +176,11 @@ class _Along:
 
 
 def _decay(block: Block) -> Array:
-    """b of eq. (B2), 1/m."""
+    """The decay b of eq. (B2), 1/m."""
     return (2.2 if block.hole is None else 2.0) / block.width
 
 
-# 1 / (share by which the functions are too stiff at nu = 1/2): a height/width (width/radius)^(3/2) + b + c width/height; power of 2 nu
+# by which share the functions are too stiff: (2 nu)^power / (tall h/w (w/radius)^(3/2) + constant + flat w/h) with w the width
 _STIFF = {
     (True, True): (4.05, 3.97, 4.51, 5.92),
     (True, False): (8.24, 8.17, 1.89, 4.89),
@@ -191,7 +192,7 @@ _STIFF = {
 def _softened(block: Block, bonded: bool) -> Array:
     """E without what the few functions are too stiff by, as they leave out the corners' singularities: eq. (B3).
 
-    Fitted to finite elements of 300 blocks pressed on rigid ground, by ``benchmarks/closed_form_blocks.py``; what is left is
+    Fitted to finite elements of 300 blocks on stiff ground by ``benchmarks/closed_form_blocks.py``; what is left is
     below 1.5 % of a disc, 6 % of a tube.
     """
     tall, constant, flat, power = _STIFF[block.hole is None, bonded]

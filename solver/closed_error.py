@@ -2,11 +2,11 @@
 
     error <= sum of weight x feature,                                                             (C2)
 
-with these features: one; the derivatives of ln(ratio) by both blocks' moduli, as the blocks' ends are coarse, and the outer's once
-more where it is a tall shell; what the spheres change of both forces, as it is and times the cube of a sphere's radius over its
-centre's distance from surface, floor and sides, and once more beside the axis; powers of the probe's radius over the distance of the
-tissue's sides, which are left out; how far forces cancel; how wide and soft the outer block is beside the inner. The weights
-are an envelope of random scenes, with a margin, and ``benchmarks/closed_form.py`` audits them on others.
+with these features: one; the derivatives of ln(ratio) by both blocks' moduli, as the blocks' ends are coarse, and the outer's
+once more where it is a tall shell; what the spheres change of both forces, as it is and times the cube of a sphere's radius over
+its centre's distance from surface, floor and sides, and once more beside the axis; powers of the probe's radius over the
+distance of the tissue's sides, which are left out; how far forces cancel; how wide and soft the outer block is beside the
+inner. The weights are an envelope of 490 random scenes, with a margin; ``benchmarks/closed_form.py`` audits them on others.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ PROBE = (
     "inner_radius", "gap", "outer_radius", "inner_height", "outer_height",
     "inner_modulus", "inner_poisson", "outer_modulus", "outer_poisson",
 )  # fmt: skip
-TISSUE = ("tissue_depth", "tissue_radius", "tissue_modulus", "tissue_poisson")
+TISSUE = ("tissue_depth", "tissue_modulus", "tissue_poisson")
 BALL = ("radius", "depth", "offset", "modulus", "poisson")
 LEAST_COVER = 0.1  # of an inclusion, in its diameters
 LARGEST_ERROR = 2.3  # of ln(ratio): beyond it the formulas say nothing
@@ -46,7 +46,7 @@ class Shape:
         target: index of the inclusion whose modulus ``slope`` refers to.
         nodes: of the integrals over wave numbers.
         bonded: whether blocks and tissue stick; frictionless otherwise.
-        bounded: whether the tissue has an end, ``tissue_depth`` and ``tissue_radius``; a half-space otherwise.
+        bounded: whether the tissue has a floor at ``tissue_depth``; a half-space otherwise.
     """
 
     on_axis: tuple[bool, ...] = (True,)
@@ -58,11 +58,11 @@ class Shape:
 
 def _answer(shape: Shape, p: Array) -> tuple[Array, Array]:
     """The film forces and their slopes for parameters p, shape (parameters, n); both (n, 2, 2)."""
-    r2, gap, ro, hi, ho, ei, ni, eo, no, depth, radius, et, nt = p[: len(PROBE) + len(TISSUE)]
+    r2, gap, ro, hi, ho, ei, ni, eo, no, depth, et, nt = p[: len(PROBE) + len(TISSUE)]
     bodies = p[len(PROBE) + len(TISSUE) :].reshape(len(shape.on_axis), len(BALL), p.shape[1])
     blocks = Block(None, r2, hi, ei, ni), Block(r2 + gap, ro, ho, eo, no)
-    tissue = Tissue(depth if shape.bounded else None, et, nt, radius if shape.bounded else None)
-    spheres = [Sphere(*body, ro, on_axis) for body, on_axis in zip(bodies, shape.on_axis, strict=True)]
+    tissue = Tissue(depth if shape.bounded else None, et, nt)
+    spheres = [Sphere(b[0], b[1], b[2], b[3], b[4], ro, on_axis) for b, on_axis in zip(bodies, shape.on_axis, strict=True)]
     return answer(blocks, tissue, spheres, shape.target, shape.bonded, shape.nodes)
 
 
@@ -105,23 +105,13 @@ def parameters(scene: Scene) -> tuple[Shape, Floats]:
     values = [probe.inner_radius, probe.gap, probe.tube_radius, probe.core_height, probe.tube_height]
     for block in (probe.inner, probe.outer):
         values += [block.youngs_modulus, block.poisson_ratio]
-    values += [*_extent(scene), tissue.youngs_modulus, tissue.poisson_ratio]
+    values += [1.0 if tissue.shape == "half-space" else tissue.depth, tissue.youngs_modulus, tissue.poisson_ratio]
     offsets = [_offset(scene, body) for body in scene.inclusion]
     for body, offset in zip(scene.inclusion, offsets, strict=True):
         values += [(body.diameter or 0.0) / 2, body.depth, offset, body.youngs_modulus, body.poisson_ratio]
     on_axis = tuple(offset <= 1e-9 * (body.diameter or 1.0) for body, offset in zip(scene.inclusion, offsets, strict=True))
     bonded, bounded = scene.contact.interface == "bonded", tissue.shape != "half-space"
     return Shape(on_axis, scene.target, _nodes(scene), bonded, bounded), np.array(values)
-
-
-def _extent(scene: Scene) -> tuple[float, float]:
-    """Depth and radius of the tissue; a block's is that of the circle that its nearest sides touch."""
-    tissue, at = scene.tissue, scene.placement
-    if tissue.shape == "half-space":
-        return 1.0, 1.0
-    if tissue.shape == "cylinder":
-        return tissue.depth, tissue.radius
-    return tissue.depth, math.sqrt(tissue.length * tissue.breadth / math.pi)
 
 
 def _nodes(scene: Scene) -> int:
@@ -139,7 +129,7 @@ def _offset(scene: Scene, body: Inclusion) -> float:
 
 @dataclass(frozen=True)
 class ClosedForm:
-    """Two elastic blocks on an elastic layer, spheres by equivalent inclusion with their own image: a first look, and the search."""
+    """Two elastic blocks on an elastic layer, spheres by equivalent inclusion with their image: a first look, and the search."""
 
     name: str = "closed-form"
     summary: str = "formulas; spheres anywhere, covered by a tenth of their diameter; 1 to 30 % in milliseconds"

@@ -15,8 +15,8 @@ from solver.closed_form import Shape, gradients
 class ClosedFormFunction(casadi.Callback):  # type: ignore[misc]
     """x -> (F_00, F_01, F_10, F_11 and their slopes), x some of the closed form's parameters, SI; the rest stay.
 
-    The derivatives are those of the formula itself, by complex steps. Tell IPOPT ``hessian_approximation = "limited-memory"``; keep a
-    reference as long as casadi uses it.
+    The derivatives are those of the formula itself, by complex steps. Tell IPOPT ``hessian_approximation = "limited-memory"``;
+    keep a reference as long as casadi uses it.
 
     Args:
         shape, values: of a scene, see ``closed_form.parameters``.

@@ -36,7 +36,8 @@ def ring_work(circles: Array, radius: Array, mu: Array, nu: Array) -> tuple[Arra
     Args:
         circles: increasing radii, shape (n, k).
         radius: the shears are r / radius; shape (n, k).
-        mu, nu: of the half-space, shape (n,).
+        mu: shear modulus of the half-space, shape (n,).
+        nu: its Poisson's ratio, shape (n,).
 
     Returns:
         three arrays of shape (n, k, k).

@@ -73,7 +73,8 @@ def change(sphere: Sphere, waves: Waves, loads: tuple[Array, Array], weights: Ar
         waves: of the tissue.
         loads: transforms of pressures and of shears, shapes (n, q, m) each; m loads have one or the other.
         weights: k dk of the waves, shape (n, q).
-        E, nu: of the tissue, shape (n,).
+        E: of the tissue, shape (n,).
+        nu: of the tissue, shape (n,).
     """
     parts = amplitudes(waves, sphere.depth[:, None] - sphere.radius[:, None] * _NEAR.z)
     near = _wavelets(waves.k, sphere.radius[:, None] * _RHO, _WHICH)
@@ -152,7 +153,18 @@ _MOMENTS = _moment_weights()
 _RHO, _WHICH = np.unique(np.round(_NEAR.x, 12), return_inverse=True)
 
 
-def _image(sphere: Sphere, waves: Waves, parts: tuple[Array, Array], near: Wavelets, weights: Array, mu: Array, nu: Array) -> Array:
+def image(sphere: Sphere, waves: Waves, weights: Array, mu: Array, nu: Array) -> Array:
+    """Eqs. (I2), (I3): G for spheres in tissue of shear modulus mu and Poisson's ratio nu (n,), shape (n, moments, moments).
+
+    ``weights`` are k dk of the waves, shape (n, q).
+    """
+    parts = amplitudes(waves, sphere.depth[:, None] - sphere.radius[:, None] * _NEAR.z)
+    return _image(sphere, waves, parts, _wavelets(waves.k, sphere.radius[:, None] * _RHO, _WHICH), weights, mu, nu)
+
+
+def _image(
+    sphere: Sphere, waves: Waves, parts: tuple[Array, Array], near: Wavelets, weights: Array, mu: Array, nu: Array
+) -> Array:
     """Eqs. (I2), (I3): G, shape (n, moments, moments)."""
     volume = 4 * np.pi / 3 * sphere.radius**3
     up = weights * waves.k * (_uncovered(sphere) * volume / (16 * np.pi * (1 - nu) * mu))[:, None]  # the fields are times 2 mu

@@ -72,7 +72,7 @@ def floor_compliance(waves: Waves) -> tuple[Array, Array, Array]:
 
 
 def amplitudes(waves: Waves, z: Array) -> tuple[Array, Array]:
-    """k U, dW/dz and (dU/dz - k W)/2 at depths z, under unit pressure and under unit shear, times 2 mu.
+    """Return k U, dW/dz and (dU/dz - k W)/2 at depths z, under unit pressure and under unit shear, times 2 mu.
 
     With a = (c1 + c2 t) e^-t, b = c2 e^-t and a' = (c3 - c4 t) e^(t-2x), b' = c4 e^(t-2x) they are k times a + a',
     2 (2nu-1) (b + b') - a - a' and (2nu-1) (b - b') - a + a'.

@@ -1,8 +1,8 @@
 """What may press and shear under a block: a few smooth functions and the singularities of its edges, as sums of rings.
 
-Every function is a value on each of ``RINGS`` rings, narrow at the edges; y is the share of the width (0 at the axis or hole). With
-pressures 1, y^2 and (1-y^2)^(-1/2) under a disc, 1, y, y^(-1/2) and (1-y)^(-1/2) under a tube, and shears r times such, two
-blocks as stiff as one likes or as soft are served by a dozen unknowns.
+Every function is a value on each of ``RINGS`` rings, narrow at the edges; y is the share of the width (0 at the axis or hole).
+With pressures 1, y^2 and (1-y^2)^(-1/2) under a disc, 1, y, y^(-1/2) and (1-y)^(-1/2) under a tube, and shears r times such, two
+blocks as stiff as one likes or as soft are served by eleven unknowns.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ class Loads:
     Attributes:
         cuts: shares of the width where rings meet, shape (rings + 1,).
         pressure, shear: values on the rings, shapes (rings, functions).
+        solid: whether the block is a disc.
     """
 
     cuts: Any
     pressure: Any
     shear: Any
-
     solid: bool
 
     @property
@@ -63,7 +63,8 @@ def _means(cuts: Any, function: Any) -> Any:
 
 
 def _loads(cuts: Any, pressures: Any, shears: Any, solid: bool) -> Loads:
-    return Loads(cuts, *(np.array([_means(cuts, f) for f in kind]).T for kind in (pressures, shears)), solid)
+    pressure, shear = (np.array([_means(cuts, f) for f in kind]).T for kind in (pressures, shears))
+    return Loads(cuts, pressure, shear, solid)
 
 
 _STEP = np.arange(RINGS + 1) / RINGS

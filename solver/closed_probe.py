@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, reduce
 from typing import Any
 
 import numpy as np
@@ -23,8 +23,8 @@ from solver.bessel import Array, bessel
 from solver.closed_blocks import Block, end_compliance
 from solver.closed_half_space import ring_work
 from solver.closed_inclusions import Sphere, change
-from solver.closed_loads import RADII, SOLID, TUBE
 from solver.closed_layer import Waves, floor_compliance, waves
+from solver.closed_loads import RADII, SOLID, TUBE
 
 REACH = 14.0  # exponents of what is left out of the integrals
 FLOOR_REACH = 9.0
@@ -34,10 +34,9 @@ FLOOR_REACH = 9.0
 class Tissue:
     """Layers bonded to a floor at ``depth`` (None: half-spaces): modulus, Poisson's ratio; arrays of shape (n,), SI."""
 
-    depth: Array | None
+    depth: Any
     E: Array
     nu: Array
-    radius: Array | None = None
 
     @property
     def mu(self) -> Array:
@@ -92,7 +91,7 @@ def _diagonal(parts: tuple[Array, Array]) -> Array:
     return full
 
 
-def _joined(works: tuple[Array, Array, Array]) -> Array:
+def _joined(works: Sequence[Array]) -> Array:
     """One symmetric matrix of the works of pressures, shears and pressures on shears."""
     pressure, shear, cross = works
     above = np.concatenate([pressure, cross], axis=2)
@@ -145,12 +144,12 @@ def _gauss(nodes: int) -> tuple[Any, Any]:
     return (s + 1) / 2, weight / 2
 
 
-def _waves(blocks: tuple[Block, Block], tissue: Tissue, spheres: Sequence[Sphere], nodes: int) -> tuple[Waves, tuple[Array, Array], Array]:
+def _waves(
+    blocks: tuple[Block, Block], tissue: Tissue, spheres: Sequence[Sphere], nodes: int
+) -> tuple[Waves, tuple[Array, Array], Array]:
     """The wave numbers, transforms of the rings' loads, shapes (n, q, rings), and the weights k dk."""
-    reach = FLOOR_REACH / tissue.depth if not spheres else None
-    for sphere in spheres:
-        needed = REACH / (sphere.depth - 0.8 * sphere.radius)
-        reach = needed if reach is None else np.maximum(reach, needed)
+    reaches = [REACH / (sphere.depth - 0.8 * sphere.radius) for sphere in spheres]
+    reach = reduce(_larger, reaches) if reaches else FLOOR_REACH / tissue.depth
     s, weight = _gauss(nodes)
     k = reach[:, None] * s**2
     weights = k * reach[:, None] * 2 * s * weight
@@ -164,10 +163,15 @@ def _waves(blocks: tuple[Block, Block], tissue: Tissue, spheres: Sequence[Sphere
     return field, (pressure, shear), weights
 
 
+def _larger(one: Array, other: Array) -> Array:
+    """The one with the larger real part: a complex step has no other order."""
+    return np.where(one.real > other.real, one, other)
+
+
 def _concentrated() -> tuple[Any, Any]:
     """Matrices from values at the radii to transforms of the loads, shapes (radii, functions)."""
     found = [[loads.concentrated(getattr(loads, kind)) for loads in (SOLID, TUBE)] for kind in ("pressure", "shear")]
-    return tuple(_diagonal((one[None], other[None]))[0] for one, other in found)  # type: ignore[return-value]
+    return tuple(_diagonal((one[None], other[None]))[0] for one, other in found)
 
 
 _CONCENTRATED = _concentrated()
