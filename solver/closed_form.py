@@ -20,7 +20,7 @@ from solver.bessel import Array
 from solver.closed_blocks import Block
 from solver.closed_error import EFFECTS, STEP, log_error
 from solver.closed_inclusions import Sphere
-from solver.closed_probe import Tissue, answer
+from solver.closed_probe import NODES_PER_WAVE, Tissue, answer
 from solver.film_forces import Bound, FilmForces, outputs
 from solver.result import Result, lopsided
 
@@ -75,11 +75,24 @@ def forces(shape: Shape, values: Array) -> tuple[Floats, Floats]:
 
     Returns:
         the forces F_ij on film i per unit displacement of base j, N/m, and their derivatives by the logarithm of the target's
-        Young's modulus (zero without a target), both of shape (n, 2, 2). Designs outside the formulas' range are not refused.
+        Young's modulus (zero without a target), both of shape (n, 2, 2). Designs outside the formulas' range are not refused;
+        where the equations are singular the values are NaN.
     """
     values = np.asarray(values)
-    parts = [_answer(shape, values[:, k : k + CHUNK]) for k in range(0, values.shape[1], CHUNK)]
+    parts = [_solved(shape, values[:, k : k + CHUNK]) for k in range(0, values.shape[1], CHUNK)]
     return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+
+
+def _solved(shape: Shape, values: Array) -> tuple[Array, Array]:
+    """``_answer``, NaN for designs whose equations are singular."""
+    try:
+        return _answer(shape, values)
+    except np.linalg.LinAlgError:
+        if values.shape[1] == 1:
+            none = np.full((1, 2, 2), np.nan, dtype=values.dtype)
+            return none, none
+        parts = [_solved(shape, values[:, k : k + 1]) for k in range(values.shape[1])]
+        return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
 
 
 def gradients(shape: Shape, values: Floats, which: Sequence[int]) -> tuple[Floats, Floats]:
@@ -119,7 +132,7 @@ def _nodes(scene: Scene) -> int:
     reach = [14 / (body.depth - 0.4 * (body.diameter or 0.0)) for body in scene.inclusion]
     if scene.tissue.shape != "half-space":
         reach.append(9 / scene.tissue.depth)
-    needed = 12 + 0.35 * max(reach, default=0.0) * scene.probe.tube_radius
+    needed = 12 + NODES_PER_WAVE * max(reach, default=0.0) * scene.probe.tube_radius
     return min(MOST, 4 * math.ceil(needed / 4))
 
 
