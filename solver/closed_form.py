@@ -19,7 +19,7 @@ from geometry.scene import Inclusion, Scene
 from solver.bessel import Array
 from solver.closed_blocks import Block
 from solver.closed_error import EFFECTS, STEP, log_error
-from solver.closed_inclusions import Sphere
+from solver.closed_images import Sphere
 from solver.closed_probe import NODES_PER_WAVE, Tissue, answer
 from solver.film_forces import Bound, FilmForces, outputs
 from solver.result import Result, lopsided

@@ -22,7 +22,8 @@ from numpy.polynomial import legendre
 from solver.bessel import Array, bessel
 from solver.closed_blocks import Block, end_compliance
 from solver.closed_half_space import ring_work
-from solver.closed_inclusions import Sphere, change
+from solver.closed_images import Sphere
+from solver.closed_inclusions import change
 from solver.closed_layer import Waves, floor_compliance, waves
 from solver.closed_loads import RADII, SOLID, TUBE
 

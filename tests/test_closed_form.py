@@ -16,7 +16,7 @@ from solver.closed_blocks import Block
 from solver.closed_form import PROBE, ClosedForm, Shape, forces, gradients, parameters
 from solver.closed_function import ClosedFormFunction
 from solver.closed_half_space import ring_work
-from solver.closed_inclusions import ALL, Sphere, image
+from solver.closed_images import ALL, Sphere, image
 from solver.closed_layer import floor_compliance, waves
 from solver.closed_probe import Tissue, answer
 
