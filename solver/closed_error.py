@@ -6,7 +6,7 @@ with these features: one; the derivatives of ln(ratio) by both blocks' moduli, a
 once more where it is a tall shell; what the spheres change of both forces, as it is and times the cube of a sphere's radius over
 its centre's distance from surface, floor and sides, and once more beside the axis; powers of the probe's radius over the
 distance of the tissue's sides, which are left out; how far forces cancel; how wide and soft the outer block is beside the
-inner. The weights are an envelope of 490 random scenes, with a margin; ``benchmarks/closed_form.py`` audits them on others.
+inner. The weights are an envelope of 260 random scenes, with a margin; ``benchmarks/closed_form.py`` audits them on others.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from solver.details import details
 EFFECTS = ("scene", "inner_modulus", "outer_modulus", "no inclusions")  # the variants whose forces are asked for
 STEP = 1.05  # by which the variants' moduli are larger
 WEIGHTS = {
-    "always": 0.02, "inner": 0.1, "outer": 0.04, "shell": 0.6,
-    "spheres": 0.08, "near surface": 1.6, "near floor": 3.0, "near sides": 0.2, "beside": 0.1,
-    "side 2": 0.1, "side 4": 0.3, "side 8": 3.0, "cancelled": 0.004, "soft": 0.4, "inner soft": 0.1,
+    "always": 0.025, "inner": 0.125, "outer": 0.05, "shell": 0.75,
+    "spheres": 0.1, "near surface": 2.0, "near floor": 3.75, "near sides": 0.25, "beside": 0.125,
+    "side 2": 0.125, "side 4": 0.375, "side 8": 3.75, "cancelled": 0.005, "soft": 0.5, "inner soft": 0.125,
 }  # fmt: skip
 
 

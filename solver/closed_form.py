@@ -31,7 +31,7 @@ PROBE = (
 TISSUE = ("tissue_depth", "tissue_modulus", "tissue_poisson")
 BALL = ("radius", "depth", "offset", "modulus", "poisson")
 LEAST_COVER = 0.1  # of an inclusion, in its diameters
-LARGEST_ERROR = 2.3  # of ln(ratio): beyond it the formulas say nothing
+LARGEST_ERROR = 2.9  # of ln(ratio): beyond it the formulas say nothing
 LEAST_DEPTH = 0.1  # of the tissue, in outer radii
 MOST = 256  # nodes over wave numbers
 CHUNK = 256  # designs at once: what they need then stays in the processor's cache
@@ -67,7 +67,7 @@ def _answer(shape: Shape, p: Array) -> tuple[Array, Array]:
 
 
 def forces(shape: Shape, values: Array) -> tuple[Floats, Floats]:
-    """Evaluate many designs at once; 20 000 a second and more on one core with one inclusion on the axis.
+    """Evaluate many designs at once, about 10 000 a second on one core with one inclusion on the axis.
 
     Args:
         shape: see ``Shape``; ``parameters`` makes it from a scene.
