@@ -54,7 +54,7 @@ def evaluate(scene: Path, evaluator: str, accuracy: str, vtu: Path | None, pictu
 
     \b
     published             the paper's equations as printed: an equivalent modulus, no stresses
-    closed-form           formulas, milliseconds, 5 to 50 %: spheres anywhere
+    closed-form           formulas, milliseconds, 1 to 30 %: spheres anywhere
     equivalent-inclusion  finite elements and scattering, 0.3 to 5 s, 1e-2 to 1e-3: tumours anywhere
     axisymmetric          finite elements, 0.1 to 10 s, 1e-2 to 1e-4: one sphere on the probe's axis
     solid                 3D finite elements, 10 to 100 s, 1e-2 to 3e-3: groove, edges, tilt, tumours

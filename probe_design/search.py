@@ -13,7 +13,8 @@ from scipy.stats import qmc
 from geometry.grading import Floats
 from probe_design.objective import Noise
 from probe_design.space import Space
-from solver.closed_form import PROBE, function, parameters
+from solver.closed_form import PROBE, forces, parameters
+from solver.closed_function import ClosedFormFunction
 
 SCREENED = 2048  # designs, a power of two as Sobol's sequence likes it
 SEED = 20
@@ -34,52 +35,65 @@ def search(space: Space, starts: int, progress: Callable[[int, int], None]) -> F
         starts: how many of the best screened designs IPOPT starts from.
         progress: called with the starts done and their number.
     """
-    cost = log_objective(space)
-    screened = screen(space, cost)
-    solver = _ipopt(space, cost)
+    screened = screen(space)
+    solver, formula = _ipopt(space)
     found = []
     for k in range(starts):
         progress(k, starts)
         found.append(_polished(space, solver, screened[:, k]))
     progress(starts, starts)
+    del formula  # casadi holds no reference to it
     designs = np.concatenate([np.array(found).T, screened], axis=1)
     designs = designs[:, _nearly(space, designs)]
-    values = np.array(cost.map(designs.shape[1])(np.log(designs))).ravel()
-    return _distinct(designs[:, np.argsort(np.where(np.isfinite(values), values, np.inf))])
+    return _distinct(designs[:, np.argsort(log_objectives(space, designs))])
 
 
-def log_objective(space: Space) -> Any:
-    """The logarithm of the objective, eq. (O3), by the closed form: a casadi function of the variables' logarithms."""
+def log_objectives(space: Space, designs: Floats) -> Floats:
+    """The logarithm of the objective, eq. (O3), of designs (6, n) by the closed form, inf where it cannot tell; shape (n,)."""
     shape, values = parameters(space.scene)
-    x = ca.SX.sym("x", 6)
-    v = ca.exp(x)
-    design = dict(zip(PROBE, values[: len(PROBE)], strict=True))
-    design |= {"inner_radius": v[0], "gap": v[2], "outer_radius": space.derived_radius(ca.vertsplit(v))}
-    design |= {"inner_height": v[3], "outer_height": v[3], "inner_modulus": v[4], "outer_modulus": v[5]}
-    forces, slope, _ = function(shape)(ca.vertcat(*(design[name] for name in PROBE), *values[len(PROBE) :]))
-    totals, slopes = ca.sum2(forces), ca.sum2(slope)
+    columns = np.repeat(values[:, None], designs.shape[1], axis=1)
+    columns[_VARIED] = _varied(space, designs)
+    with np.errstate(all="ignore"):  # what is not finite is no candidate
+        found = -0.5 * np.log(_information(space, *(part.sum(axis=2).T for part in forces(shape, columns))))
+    return np.where(np.isfinite(found), found, np.inf)
+
+
+_VARIED = [PROBE.index(name) for name in ("inner_radius", "gap", "outer_radius", "inner_height", "outer_height")]
+_VARIED += [PROBE.index(name) for name in ("inner_modulus", "outer_modulus")]
+
+
+def _varied(space: Space, v: Any) -> list[Any]:
+    """The parameters ``_VARIED`` of designs, floats or casadi."""
+    return [v[0], v[2], space.derived_radius(v), v[3], v[3], v[4], v[5]]
+
+
+def _information(space: Space, totals: Any, slopes: Any) -> Any:
+    """Eq. (O2) from both films' forces under a common displacement and their slopes; arrays or casadi."""
     sensitivity = slopes[0] / totals[0] - slopes[1] / totals[1]
-    shares = totals / ca.sum1(totals)
-    information = Noise.of(space.scene).information(sensitivity, shares[0], shares[1])
-    return ca.Function("log_objective", [x], [-0.5 * ca.log(information)])
+    whole = totals[0] + totals[1]
+    return Noise.of(space.scene).information(sensitivity, totals[0] / whole, totals[1] / whole)
 
 
-def screen(space: Space, cost: Any) -> Floats:
+def screen(space: Space) -> Floats:
     """Return the admissible designs of a Sobol sequence, uniform in the logarithms, best first; shape (6, n)."""
     sample = qmc.Sobol(6, seed=SEED).random(SCREENED)
     designs = np.exp(qmc.scale(sample, np.log(space.low), np.log(space.high))).T
     designs = designs[:, space.admits(designs)]
-    values = np.array(cost.map(designs.shape[1])(np.log(designs))).ravel()
-    return np.asarray(designs[:, np.argsort(np.where(np.isfinite(values), values, np.inf))])
+    return np.asarray(designs[:, np.argsort(log_objectives(space, designs))])
 
 
-def _ipopt(space: Space, cost: Any) -> Any:
-    x = ca.SX.sym("x", 6)
+def _ipopt(space: Space) -> tuple[Any, ClosedFormFunction]:
+    formula = ClosedFormFunction(*parameters(space.scene), _VARIED)
+    x = ca.MX.sym("x", 6)
     v = ca.vertsplit(ca.exp(x))
     radius = space.derived_radius(v)
+    parts = ca.vertsplit(formula(ca.vertcat(*_varied(space, v))))
+    cost = -0.5 * ca.log(
+        _information(space, [parts[0] + parts[1], parts[2] + parts[3]], [parts[4] + parts[5], parts[6] + parts[7]])
+    )
     constraints = ca.vertcat(radius / space.outer_radius, (radius - v[0] - v[2]) / space.wall)
     choices = {"ipopt.hessian_approximation": "limited-memory", "ipopt.max_iter": 80, "ipopt.tol": 1e-6}
-    return ca.nlpsol("search", "ipopt", {"x": x, "f": cost(x), "g": constraints}, QUIET | choices)
+    return ca.nlpsol("search", "ipopt", {"x": x, "f": cost, "g": constraints}, QUIET | choices), formula
 
 
 def _polished(space: Space, solver: Any, start: Floats) -> Floats:

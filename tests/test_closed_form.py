@@ -2,88 +2,114 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import casadi as ca
 import numpy as np
 import pytest
-from scenes import Expected, expected
+from scenes import Expected, expected, named
 from scipy.integrate import quad
-from scipy.special import hyp2f1, j0, j1
+from scipy.special import j0, j1, jv
 
 from geometry import CylinderTissue, HalfSpaceTissue, Inclusion, InputError, Load, Refusal, Scene
-from solver import evaluate, half_space
-from solver.closed_form import ClosedForm, function, parameters
-from solver.compatibility import Ball, Block, Layer, polarisabilities
+from solver import evaluate
+from solver.bessel import bessel
+from solver.closed_blocks import Block
+from solver.closed_form import PROBE, ClosedForm, Shape, forces, gradients, parameters
+from solver.closed_function import ClosedFormFunction
+from solver.closed_half_space import ring_work
+from solver.closed_images import ALL, Sphere, image
+from solver.closed_layer import floor_compliance, waves
+from solver.closed_probe import Tissue, answer
 
-SCENES = expected("axisymmetric") + expected("extra") + expected("solid")
+FOLDERS = ("axisymmetric", "extra", "extreme", "half-space", "off-axis", "solid", "layers")
+REFUSED = ("narrow-tissue", "inclusion-near-floor", "incompressible-six-nines-frictionless")
+SCENES = [one for folder in FOLDERS for one in expected(folder)]
+
+
+def cover(scene: Scene) -> float:
+    return min((body.depth / body.diameter - 0.5 for body in scene.inclusion if body.diameter), default=np.inf)
 
 
 @pytest.mark.parametrize("one", SCENES, ids=lambda one: one.name)
 def test_stated_error_is_not_below_the_true_one(one: Expected) -> None:
-    if any(body.depth - body.diameter / 2 < 0.1 * body.diameter for body in one.scene.inclusion):
-        with pytest.raises(Refusal, match="axisymmetric"):
-            evaluate(one.scene, "closed-form")
+    try:
+        result = evaluate(one.scene, "closed-form")
+    except Refusal:
+        assert cover(one.scene) < 0.1 or one.name in REFUSED or any(body.diameter is None for body in one.scene.inclusion)
         return
-    result = evaluate(one.scene, "closed-form")
     assert abs(result.ratio / one.ratio - 1) <= result.error_estimate + one.uncertainty
 
 
-def test_deep_and_real_scenes_are_close() -> None:
-    # scenes of a probe with realistic moduli, a 3D code's ratios
-    for one in expected("solid"):
-        assert evaluate(one.scene, "closed-form").ratio == pytest.approx(one.ratio, rel=0.05)
+@pytest.mark.parametrize("one", expected("axisymmetric") + expected("half-space") + expected("solid"), ids=lambda one: one.name)
+def test_ratio_is_within_5_percent_and_sensitivity_within_15(one: Expected) -> None:
+    if cover(one.scene) < 0.25 or one.scene.probe.groove is not None:
+        pytest.skip("an inclusion nearer to the surface, or a groove, has no such goal")
+    result = evaluate(one.scene, "closed-form")
+    assert result.ratio == pytest.approx(one.ratio, rel=0.05)
+    if one.log_sensitivity:
+        assert result.log_sensitivity == pytest.approx(one.log_sensitivity, rel=0.15)
 
 
-@pytest.mark.parametrize(("a", "b"), [(0.1, 1.0), (0.7, 1.0), (0.999, 1.0)])
+def test_bessel_functions() -> None:
+    x = np.concatenate([np.linspace(0, 20, 500), np.geomspace(20, 1e4, 500)])
+    for found, exact in zip(bessel(x), (j0(x), j1(x)), strict=True):
+        assert np.max(np.abs(found - exact) * np.sqrt(1 + x)) < 3e-6
+
+
+@pytest.mark.parametrize(("a", "b"), [(0.1, 1.0), (0.7, 1.0), (0.98, 1.0), (1.0, 1.0)])
 def test_work_of_discs(a: float, b: float) -> None:
-    # Weber-Schafheitlin, DLMF 10.22.56, summed by scipy
-    exact = 4 * np.pi * (1 - 0.3**2) / 2.0 * a * b * a / 2 * hyp2f1(0.5, -0.5, 2, (a / b) ** 2)
-    assert float(half_space.work(a, b, 2.0, 0.3)) == pytest.approx(exact, rel=1e-12)
-    assert float(half_space.work(a * (1 - 1e-9), a, 2.0, 0.3)) == pytest.approx(half_space.work_same(a, 2.0, 0.3), rel=1e-8)
+    # the Hankel integrals of eqs. (H2)-(H5) by quadrature, their slow tails averaged out by a factor exp(-e k) with e to 0
+    nu, mu = 0.3, 2.0
+
+    def integral(m: int, n: int, x: float, y: float) -> float:
+        return quad(lambda k: jv(m, k * x) * jv(n, k * y) / k**2, 0, 400, limit=4000)[0]
+
+    circles = np.array([[a, b]]) if a < b else np.array([[a * (1 - 1e-9), b]])
+    pressure, shear, cross = (part[0] for part in ring_work(circles, np.ones((1, 2)), np.array([mu]), np.array([nu])))
+    assert pressure[0, 1] == pytest.approx(2 * np.pi * (1 - nu) / mu * a * b * integral(1, 1, a, b), rel=2e-5)
+    assert shear[0, 1] == pytest.approx(2 * np.pi * (1 - nu) / mu * a**2 * b**2 * integral(2, 2, a, b), rel=1e-3)
+    assert cross[0, 1] == pytest.approx(-np.pi * (1 - 2 * nu) / mu * a * b**2 * integral(1, 2, a, b), rel=1e-3)
+    assert cross[1, 0] == pytest.approx(-np.pi * (1 - 2 * nu) / mu * b * a**2 * integral(2, 1, a, b), rel=1e-3)
 
 
-@pytest.mark.parametrize(("a", "b", "nodes"), [(0.2, 0.5, 24), (0.8, 0.8, 24), (1.0, 1.5, 48)])
-def test_layer_correction(a: float, b: float, nodes: int) -> None:
-    nu, depth = 0.4, 1.0
-    m = 3 - 4 * nu
-
-    def integrand(x: float) -> float:
-        kernel = (2 * m * np.sinh(2 * x) - 4 * x) / (2 * m * np.cosh(2 * x) + 1 + m**2 + 4 * x**2)
-        return float(j1(x * a) * j1(x * b) * (kernel - 1) / x**2)
-
-    exact = 4 * np.pi * (1 - nu**2) * a * b * depth * quad(integrand, 0, 20, limit=400)[0]
-    found = half_space.layer_correction([ca.SX(a), ca.SX(b)], depth, 1.0, nu, nodes)
-    assert float(ca.evalf(found)[0, 1]) == pytest.approx(exact, rel=1e-6)
+@pytest.mark.parametrize("nu", [0.0, 0.3, 0.4999])
+def test_surface_of_a_bonded_layer(nu: float) -> None:
+    # PHYSICS section 3: L(x), the pressure's own compliance over the half-space's 2 (1 - nu) / k
+    x, m = np.array([[0.05, 0.3, 1.0, 3.0, 8.0]]), 3 - 4 * nu
+    kernel = (2 * m * np.sinh(2 * x) - 4 * x) / (2 * m * np.cosh(2 * x) + 1 + m**2 + 4 * x**2)
+    found = floor_compliance(waves(x, np.ones(1), np.array([nu])))[0]
+    assert found == pytest.approx(2 * (1 - nu) / x * (kernel - 1), rel=1e-7, abs=1e-12)
 
 
-@pytest.mark.parametrize(("r", "z"), [(0.5, 1.0), (0.01, 1.0), (1.5, 0.7)])
-def test_strain_under_a_disc(r: float, z: float) -> None:
-    a, nu = 1.0, 0.4
-
-    def integral(f: object) -> float:
-        return quad(f, 0, 60 / z, limit=2000)[0]  # type: ignore[arg-type]
-
-    A = a * integral(lambda k: np.exp(-k * z) * j1(k * a) * j0(k * r))
-    zA = a * z * integral(lambda k: k * np.exp(-k * z) * j1(k * a) * j0(k * r))
-    zC = a * z * integral(lambda k: k * np.exp(-k * z) * j1(k * a) * j1(k * r))
-    rr, hoop, zz, rz = (float(ca.evalf(part)) for part in half_space.strain([ca.SX(a)], r, z, 1.0, nu))
-    assert zz == pytest.approx(-(1 + nu) * ((1 - 2 * nu) * A + zA), rel=2e-5)
-    assert rr + hoop + zz == pytest.approx(-2 * (1 + nu) * (1 - 2 * nu) * A, rel=1e-5)
-    assert rz == pytest.approx(-(1 + nu) * zC, rel=1e-5)
+def punch(nu: float, depth: float | None, bonded: bool) -> float:
+    """Force per indentation of two rigid blocks with a hairline gap, outer radius and shear modulus 1."""
+    one = np.ones(1)
+    blocks = Block(None, 0.5 * one, one, 1e9 * one, 0 * one), Block(0.5001 * one, one, one, 1e9 * one, 0 * one)
+    tissue = Tissue(None if depth is None else depth * one, 2 * (1 + nu) * one, nu * one)
+    return float(answer(blocks, tissue, [], None, bonded, 40)[0].sum())
 
 
-def test_strain_on_the_axis_is_boussinesq() -> None:
-    # stress on the axis: sigma [1 - (d / sqrt(a^2 + d^2))^3] (PHYSICS section 1); Hooke's law from the strains
-    E, nu, a, d = 2.0, 0.3, 1.0, 2.0
-    rr, hoop, zz, _ = (float(ca.evalf(part)) for part in half_space.strain([ca.SX(a)], 1e-4, d, E, nu))
-    stress = E / ((1 + nu) * (1 - 2 * nu)) * ((1 - nu) * zz + nu * (rr + hoop))
-    assert -stress == pytest.approx(1 - (d / np.hypot(a, d)) ** 3, rel=1e-6)
+@pytest.mark.parametrize(
+    ("radius_per_depth", "nu", "kappa"),
+    # rigid punch on a bonded layer, PHYSICS section 7
+    [(0.2, 0.5, 1.2806), (1.0, 0.5, 3.6187), (1.0, 0.3, 2.4835), (2.0, 0.3, 4.3532), (2.0, 0.45, 6.4206)],
+)
+def test_rigid_punch_on_a_layer(radius_per_depth: float, nu: float, kappa: float) -> None:
+    nu = min(nu, 0.499999)
+    exact = 4 / (1 - nu) * kappa  # 2 E a kappa / (1 - nu^2) with mu = 1
+    assert punch(nu, 1 / radius_per_depth, bonded=False) == pytest.approx(exact, rel=0.02)
+
+
+@pytest.mark.parametrize("nu", [0.0, 0.3, 0.45])
+def test_bonded_punch_on_a_half_space(nu: float) -> None:
+    # (1 - nu) ln(3 - 4 nu) / (1 - 2 nu) times the frictionless one (PHYSICS section 7)
+    factor = (1 - nu) * np.log(3 - 4 * nu) / (1 - 2 * nu)
+    assert punch(nu, None, bonded=False) == pytest.approx(4 / (1 - nu), rel=0.01)
+    assert punch(nu, None, bonded=True) / punch(nu, None, bonded=False) == pytest.approx(factor, rel=0.005)
 
 
 @pytest.mark.parametrize(
     ("radius_per_height", "nu", "apparent"),
-    # bonded at both ends, an independent code's values, PHYSICS section 7
+    # cylinders bonded at both ends, an independent code's values, PHYSICS section 7
     [
         (1, 0.3, 1.118576),
         (1, 0.49, 1.502552),
@@ -93,45 +119,99 @@ def test_strain_on_the_axis_is_boussinesq() -> None:
         (5, 0.4999, 13.034977),
     ],
 )
-def test_apparent_modulus_is_within_its_stated_12_percent(radius_per_height: float, nu: float, apparent: float) -> None:
-    half = Block(0.0, 1.0, 0.5 / radius_per_height, 1.0, nu)  # one end free to widen: half of a bonded cylinder
-    assert half.apparent_modulus == pytest.approx(apparent, rel=0.125)
+def test_block_on_rigid_ground(radius_per_height: float, nu: float, apparent: float) -> None:
+    one = np.ones(1)
+    inner = Block(None, one, one / radius_per_height, one, nu * one)
+    outer = Block(1.1 * one, 2 * one, one, one, 0.3 * one)
+    stiff = answer((inner, outer), Tissue(None, 1e9 * one, 0 * one), [], None, True, 16)[0][0, 0, 0]
+    assert stiff * float(inner.height[0]) / np.pi == pytest.approx(apparent, rel=0.02)
 
 
-def test_inclusion_of_matrix_modulus_has_no_polarisability() -> None:
-    assert polarisabilities(Layer(None, 5.0, 0.4), Ball(1.0, 2.0, 0.0, 5.0, 0.4)) == pytest.approx((0.0, 0.0), abs=1e-15)
+def test_image_is_mindlins() -> None:
+    # Mindlin's point force, differentiated twice and averaged over source and answer by quadrature, for nu = 0.3 and R = d/2
+    x, weight = np.polynomial.legendre.leggauss(60)
+    one, k = np.ones(1), 20 * (x[None] + 1)
+    sphere = Sphere(0.5 * one, one, 0 * one, one, 0.3 * one, one, on_axis=False)
+    found = image(sphere, waves(k, None, 0.3 * one), 20 * weight * k, one, 0.3 * one)[0]
+    assert found.shape == (ALL, ALL)
+    exact = {(0, 0): 0.0069661, (0, 1): -0.0096447, (1, 1): 0.0170852, (5, 5): 0.0067197}
+    assert [found[at] for at in exact] == pytest.approx(list(exact.values()), rel=3e-3)
 
 
-def test_slope_and_gradient_are_exact() -> None:
-    shape, values = parameters(expected("axisymmetric")[0].scene)
-    f = function(shape)
-    step = 1e-5
+def test_inclusion_of_the_tissues_own_material_changes_nothing() -> None:
+    scene = named("axisymmetric", "shallow").scene
+    same = {"youngs_modulus": scene.tissue.youngs_modulus, "poisson_ratio": scene.tissue.poisson_ratio}
+    with_one = scene.model_copy(update={"inclusion": (scene.inclusion[0].model_copy(update=same),)})
+    ratio = [evaluate(each, "closed-form").ratio for each in (with_one, scene.model_copy(update={"inclusion": ()}))]
+    assert ratio[0] == pytest.approx(ratio[1], rel=1e-4)  # the two integrate over other wave numbers
 
-    def forces(k: int, factor: float) -> np.ndarray:
-        moved = values.copy()
-        moved[k] *= factor
-        return np.array(f(moved)[0])
 
-    modulus = len(values) - 2
-    difference = (forces(modulus, 1 + step) - forces(modulus, 1 - step)) / (2 * step)
-    assert np.array(f(values)[1]) == pytest.approx(difference, rel=1e-4)
-    gradient = np.array(f.jacobian()(values, *f(values))[0])
-    for k, value in enumerate(values):
-        if value:
-            by_parts = (forces(k, 1 + step) - forces(k, 1 - step)).ravel(order="F") / (2 * step * value)
-            assert gradient[:, k] == pytest.approx(by_parts, rel=1e-4, abs=1e-6 * np.abs(by_parts).max() + 1e-9)
+CASES = [
+    ("axisymmetric", "shallow"),
+    ("off-axis", "stiff-cover-0.6-offset-0.5"),
+    ("extra", "frictionless-hairline-gap"),
+    ("half-space", "bonded"),
+]
+
+
+@pytest.mark.parametrize(("folder", "name"), CASES)
+def test_slope_and_gradient_are_exact(folder: str, name: str) -> None:
+    shape, values = parameters(named(folder, name).scene)
+    some = [k for k, value in enumerate(values) if value]
+    found, slopes = gradients(shape, values, some)
+    assert found[0] == pytest.approx(forces(shape, values[:, None])[0][0], rel=1e-12)
+    assert shape.target is not None
+    target = len(values) - 5 * (len(shape.on_axis) - shape.target) + 3
+    assert values[target] * slopes[some.index(target), 0] == pytest.approx(found[1], rel=1e-9, abs=1e-12 * np.abs(found[1]).max())
+    size = np.abs(found).max()
+    for k, exact in zip(some, slopes, strict=True):
+        moved = np.stack(
+            [np.where(np.arange(len(values)) == k, values * factor, values) for factor in (1 + 1e-5, 1 - 1e-5)], axis=1
+        )
+        more, less = np.stack(forces(shape, moved), axis=1)
+        by_parts = (more - less) / (2e-5 * values[k])
+        assert exact == pytest.approx(by_parts, rel=1e-3, abs=1e-4 * np.abs(by_parts).max() + 1e-6 * size / values[k])
+
+
+def test_many_designs_at_once_are_what_each_is() -> None:
+    shape, values = parameters(named("off-axis", "pair-off-axis").scene)
+    rng = np.random.default_rng(5)
+    designs = values[:, None] * np.exp(rng.uniform(-0.02, 0.02, (len(values), 300)))
+    whole = forces(shape, designs)
+    for k in (0, 255, 256, 299):
+        for all_, one in zip(whole, forces(shape, designs[:, k : k + 1]), strict=True):
+            assert all_[k] == pytest.approx(one[0], rel=1e-10)
+
+
+def test_casadi_differentiates_it() -> None:
+    shape, values = parameters(named("axisymmetric", "shallow").scene)
+    which = [PROBE.index("inner_radius"), PROBE.index("outer_modulus")]
+    formula = ClosedFormFunction(shape, values, which)
+    x = ca.MX.sym("x", 2)
+    slope = ca.Function("slope", [x], [ca.gradient(ca.log(formula(x)[0]), x)])
+    found, derivatives = gradients(shape, values, which)
+    assert np.array(slope(values[which])).ravel() == pytest.approx(derivatives[:, 0, 0, 0] / found[0, 0, 0], rel=1e-12)
 
 
 def test_forces_are_symmetric_positive_and_grow_with_every_modulus() -> None:
     shape, values = parameters(expected("axisymmetric")[3].scene)
-    f = function(shape)
-    forces = np.array(f(values)[0])
-    assert forces == pytest.approx(forces.T, rel=1e-10)
-    assert np.all(np.linalg.eigvalsh(forces) > 0)
-    for k in (5, 7, 10, len(values) - 2):  # the moduli: Rayleigh
-        stiffer = values.copy()
-        stiffer[k] *= 1.3
-        assert np.linalg.eigvalsh(np.array(f(stiffer)[0]) - forces).min() > -1e-9 * forces.max()
+    stiffer = np.repeat(values[:, None], 5, axis=1)
+    for column, k in enumerate((5, 7, 10, len(values) - 2), start=1):  # the moduli: Rayleigh
+        stiffer[k, column] *= 1.3
+    found = forces(shape, stiffer)[0]
+    assert found[0] == pytest.approx(found[0].T, rel=1e-9)
+    assert np.all(np.linalg.eigvalsh(found[0]) > 0)
+    for more in found[1:]:
+        assert np.linalg.eigvalsh(more - found[0]).min() > -1e-9 * found[0].max()
+
+
+def test_scale_of_lengths_and_moduli_cancels_in_the_ratio() -> None:
+    shape, values = parameters(named("axisymmetric", "soft-cyst").scene)
+    scaled = values.copy()
+    scaled[[0, 1, 2, 3, 4, 9, 12, 13]] *= 7.0
+    scaled[[5, 7, 10, 15]] *= 0.3
+    one, other = forces(shape, np.stack([values, scaled], axis=1))[0]
+    assert other == pytest.approx(2.1 * one, rel=1e-9)
 
 
 def test_deep_layer_is_a_half_space() -> None:
@@ -146,13 +226,15 @@ def test_two_halves_of_the_effect_add() -> None:
     # inclusions far off the axis and from each other: the first order is additive, and symmetric under mirroring
     scene = expected("solid")[0].scene
     base = {"diameter": 4e-3, "depth": 9e-3, "youngs_modulus": 6e4, "poisson_ratio": 0.45}
+    same = {"youngs_modulus": scene.tissue.youngs_modulus, "poisson_ratio": scene.tissue.poisson_ratio}
     right, left = Inclusion(x=8e-3, target=True, **base), Inclusion(x=-8e-3, **base)
-    ratio = [
+    no_right, no_left = (body.model_copy(update=same) for body in (right, left))
+    none, one, other, both = (
         evaluate(scene.model_copy(update={"inclusion": bodies}), "closed-form").stiffness
-        for bodies in ((), (right,), (left.model_copy(update={"target": True}),), (right, left))
-    ]
-    assert ratio[1] == pytest.approx(ratio[2], rel=1e-12)
-    assert ratio[3] - ratio[0] == pytest.approx(2 * (ratio[1] - ratio[0]), rel=0.01)
+        for bodies in ((no_right, no_left), (right, no_left), (no_right, left), (right, left))
+    )
+    assert one == pytest.approx(other, rel=1e-12)
+    assert both - none == pytest.approx(2 * (one - none), rel=0.01)
 
 
 def test_refuses_shallow_inclusions() -> None:
@@ -176,14 +258,10 @@ def test_load_scales_stress() -> None:
     assert ten.ratio == one.ratio
 
 
-def test_more_rings_change_less() -> None:
-    shape, values = parameters(expected("axisymmetric")[2].scene)
-
-    def ratio(rings: int) -> float:
-        inner, outer = np.array(function(replace(shape, rings=rings))(values)[0]).sum(axis=1)
-        return float(np.log(inner / outer))
-
-    assert abs(ratio(6) - ratio(3)) < abs(ratio(3) - ratio(1)) / 2
+def test_more_nodes_change_nothing() -> None:
+    shape, values = parameters(named("axisymmetric", "shallow").scene)
+    finer = Shape(shape.on_axis, shape.target, 4 * shape.nodes, shape.bonded, shape.bounded)
+    assert forces(shape, values[:, None])[0] == pytest.approx(forces(finer, values[:, None])[0], rel=1e-3)
 
 
 def test_target_of_none() -> None:

@@ -1,0 +1,190 @@
+"""Two blocks on a layer with spheres: the tractions that move all ends together, for many designs at once.
+
+Unknown are pressures p and, where bonded, shears q on rings under both blocks. With C the work of unit loads' displacements on
+each other - of the tissue, the blocks' ends and the spheres - and A_j the areas of the rings under block j,
+
+    C t_j = A_j,   F_ij = A_i^T t_j,   dF_ij / d ln E_object = -t_i^T (dC / d ln E_object) t_j       (C1)
+
+for block j's base moved by one unit. On a half-space C is closed (``closed_half_space``); the floor and the spheres add
+integrals over wave numbers, in which a ring's load is its values at few radii, exact for polynomials.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache, reduce
+from typing import Any
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from solver.bessel import Array, bessel
+from solver.closed_blocks import Block, end_compliance
+from solver.closed_half_space import ring_work
+from solver.closed_images import Sphere
+from solver.closed_inclusions import change
+from solver.closed_layer import Waves, floor_compliance, waves
+from solver.closed_loads import RADII, SOLID, TUBE
+
+REACH = 14.0  # exponents of what is left out of the integrals
+FLOOR_REACH = 9.0
+NODES_PER_WAVE = 0.35  # times wave number and outer radius, beyond a dozen
+
+
+@dataclass(frozen=True)
+class Tissue:
+    """Layers bonded to a floor at ``depth`` (None: half-spaces): modulus, Poisson's ratio; arrays of shape (n,), SI."""
+
+    depth: Any
+    E: Array
+    nu: Array
+
+    @property
+    def mu(self) -> Array:
+        """Shear modulus."""
+        return self.E / (2 * (1 + self.nu))
+
+
+def answer(
+    blocks: tuple[Block, Block], tissue: Tissue, spheres: Sequence[Sphere], target: int | None, bonded: bool, nodes: int
+) -> tuple[Array, Array]:
+    """Solve eq. (C1): the forces F_ij, N/m, and their slope by ln of the target's modulus, zero without one; shapes (n, 2, 2).
+
+    Args:
+        blocks: inner (solid) and outer (tube).
+        tissue: without a depth, a half-space.
+        spheres: any number.
+        target: which sphere the slope is of.
+        bonded: whether shear is carried; frictionless otherwise.
+        nodes: of the integrals over wave numbers.
+    """
+    works = _half_space(blocks, tissue)
+    for work, own in zip(works, zip(*_ends(blocks, bonded), strict=True), strict=True):
+        work += _diagonal(own)
+    C = _joined(works)
+    size = C.shape[1] if bonded else works[0].shape[1]
+    near, slope, rest, rest_slope = (np.zeros_like(C) for _ in range(4))
+    if tissue.depth is not None or spheres:
+        field, loads, weights = _waves(blocks, tissue, spheres, nodes)
+        if tissue.depth is not None:
+            C = C + _floor(field, loads, weights, tissue.mu)
+        for i, sphere in enumerate(spheres):
+            changed = change(sphere, field, loads, weights, tissue.E, tissue.nu)
+            near, rest = near + changed.main, rest + changed.rest
+            if i == target:
+                slope, rest_slope = changed.main_slope, changed.rest_slope
+    areas = _areas(blocks, C)[:, :size]
+    C, near, slope, rest, rest_slope = (part[:, :size, :size] for part in (C, near, slope, rest, rest_slope))
+    t0, t = np.linalg.solve(C, areas), np.linalg.solve(C + near, areas)
+    s0, s = np.swapaxes(t0, 1, 2), np.swapaxes(t, 1, 2)
+    return s @ areas - s0 @ rest @ t0, -s @ slope @ t - s0 @ rest_slope @ t0
+
+
+def _ends(blocks: tuple[Block, Block], bonded: bool) -> list[tuple[Array, Array, Array]]:
+    return [end_compliance(block, loads, bonded) for block, loads in zip(blocks, (SOLID, TUBE), strict=True)]
+
+
+def _diagonal(parts: tuple[Array, Array]) -> Array:
+    one, other = parts
+    n, a, b = one.shape
+    full = np.zeros((n, a + other.shape[1], b + other.shape[2]), dtype=one.dtype)
+    full[:, :a, :b], full[:, a:, b:] = one, other
+    return full
+
+
+def _joined(works: Sequence[Array]) -> Array:
+    """One symmetric matrix of the works of pressures, shears and pressures on shears."""
+    pressure, shear, cross = works
+    above = np.concatenate([pressure, cross], axis=2)
+    return np.concatenate([above, np.concatenate([np.swapaxes(cross, 1, 2), shear], axis=2)], axis=1)
+
+
+def _areas(blocks: tuple[Block, Block], like: Array) -> Array:
+    """Force of each load on each block, shape (n, loads, 2)."""
+    areas = np.zeros((len(like), like.shape[1], 2), dtype=like.dtype)
+    row = 0
+    for i, (block, loads) in enumerate(zip(blocks, (SOLID, TUBE), strict=True)):
+        r = block.radii(loads.cuts)
+        rings = np.pi * block.width[:, None] * np.diff(loads.cuts) * (r[:, 1:] + r[:, :-1])
+        areas[:, row : row + loads.pressure.shape[1], i] = rings @ loads.pressure
+        row += loads.pressure.shape[1]
+    return areas
+
+
+def _half_space(blocks: tuple[Block, Block], tissue: Tissue) -> list[Array]:
+    """Works of pressures, shears, pressures on shears: those between discs, combined as rings are differences of discs."""
+    inner, outer = (block.radii(loads.cuts) for block, loads in zip(blocks, (SOLID, TUBE), strict=True))
+    circles = np.concatenate([inner[:, 1:], outer], axis=1)
+    count = len(SOLID.cuts) - 1
+    radius = np.stack([block.radius for block in blocks], axis=1)[:, [0] * count + [1] * (count + 2 - 1)]
+    works = ring_work(circles, radius, tissue.mu, tissue.nu)
+    sides = ((_DISCS[0], _DISCS[0]), (_DISCS[1], _DISCS[1]), _DISCS)
+    return [left.T @ work @ right for work, (left, right) in zip(works, sides, strict=True)]
+
+
+def _discs() -> tuple[Any, Any]:
+    """The matrices that make the loads' functions of discs, shapes (circles, functions)."""
+    count = len(SOLID.cuts) - 1
+    inner = (np.eye(count + 1) - np.eye(count + 1, k=1))[1:, 1:]
+    outer = np.vstack([-np.eye(count), np.zeros(count)]) + np.vstack([np.zeros(count), np.eye(count)])
+    made = []
+    for kind in ("pressure", "shear"):
+        solid, tube = inner @ getattr(SOLID, kind), outer @ getattr(TUBE, kind)
+        rows = np.zeros((2 * count + 1, solid.shape[1] + tube.shape[1]))
+        rows[:count, : solid.shape[1]], rows[count:, solid.shape[1] :] = solid, tube
+        made.append(rows)
+    return made[0], made[1]
+
+
+_DISCS = _discs()
+
+
+@lru_cache(maxsize=64)
+def _gauss(nodes: int) -> tuple[Any, Any]:
+    s, weight = legendre.leggauss(nodes)
+    return (s + 1) / 2, weight / 2
+
+
+def _waves(
+    blocks: tuple[Block, Block], tissue: Tissue, spheres: Sequence[Sphere], nodes: int
+) -> tuple[Waves, tuple[Array, Array], Array]:
+    """The wave numbers, transforms of the rings' loads, shapes (n, q, rings), and the weights k dk."""
+    reaches = [REACH / (sphere.depth - 0.8 * sphere.radius) for sphere in spheres]
+    reach = reduce(_larger, reaches) if reaches else FLOOR_REACH / tissue.depth
+    resolved = (nodes - 8) / (NODES_PER_WAVE * blocks[1].radius)  # of a sphere tiny beside the probe no more matters
+    reach = np.where(reach.real < resolved.real, reach, resolved)
+    s, weight = _gauss(nodes)
+    k = reach[:, None] * s**2
+    weights = k * reach[:, None] * 2 * s * weight
+    field = waves(k, tissue.depth, tissue.nu)
+    radii = np.concatenate([block.radii(loads.radii) for block, loads in zip(blocks, (SOLID, TUBE), strict=True)], axis=1)
+    zero, one = bessel(k[:, :, None] * radii[:, None, :])
+    outer = np.repeat(np.stack([block.radius for block in blocks], axis=1), RADII, axis=1)
+    rings = radii * np.repeat(np.stack([block.width for block in blocks], axis=1), RADII, axis=1)
+    pressure = (zero * rings[:, None, :]) @ _CONCENTRATED[0]
+    shear = (one * (rings * radii / outer)[:, None, :]) @ _CONCENTRATED[1]
+    return field, (pressure, shear), weights
+
+
+def _larger(one: Array, other: Array) -> Array:
+    """The one with the larger real part: a complex step has no other order."""
+    return np.where(one.real > other.real, one, other)
+
+
+def _concentrated() -> tuple[Any, Any]:
+    """Matrices from values at the radii to transforms of the loads, shapes (radii, functions)."""
+    found = [[loads.concentrated(getattr(loads, kind)) for loads in (SOLID, TUBE)] for kind in ("pressure", "shear")]
+    return tuple(_diagonal((one[None], other[None]))[0] for one, other in found)
+
+
+_CONCENTRATED = _concentrated()
+
+
+def _floor(field: Waves, loads: tuple[Array, Array], weights: Array, mu: Array) -> Array:
+    """What the floor adds: 2 pi Int loads x eq. (L1) k dk."""
+    scale = (np.pi / mu)[:, None, None]
+    parts = [weights[:, :, None] * part[:, :, None] for part in floor_compliance(field)]
+    p, q = loads
+    pt, qt = np.swapaxes(p, 1, 2), np.swapaxes(q, 1, 2)
+    return scale * _joined((pt @ (parts[0] * p), qt @ (parts[1] * q), pt @ (parts[2] * q)))
