@@ -47,15 +47,16 @@ class Virtual(IBackend):  # type: ignore[misc]
 
     Attributes:
         serial: its serial number.
+        firmware: its inside.
     """
 
     def __init__(self, firmware: Firmware, serial: str, pace: bool) -> None:
         super().__init__()
-        self.serial, self._firmware, self._pace = serial, firmware, pace
+        self.serial, self.firmware, self._pace = serial, firmware, pace
         self._address, self._partial, self._begin = 2, b"", time.monotonic()
 
     def enumerate_devices(self) -> Iterator[int]:
-        if not self._firmware.absent():
+        if not self.firmware.absent():
             yield self._address
 
     def get_device_descriptor(self, dev: int) -> SimpleNamespace:
@@ -72,7 +73,7 @@ class Virtual(IBackend):  # type: ignore[misc]
         return SimpleNamespace(**_INTERFACE)
 
     def get_endpoint_descriptor(self, dev: int, ep: int, intf: int, alt: int, config: int) -> SimpleNamespace:
-        return SimpleNamespace(**_BULK, wMaxPacketSize=self._firmware.layout.size)
+        return SimpleNamespace(**_BULK, wMaxPacketSize=self.firmware.layout.size)
 
     def open_device(self, dev: int) -> int:
         return dev
@@ -91,7 +92,7 @@ class Virtual(IBackend):  # type: ignore[misc]
 
     def clear_halt(self, dev_handle: int, ep: int) -> None:
         self._check_there(dev_handle)
-        self._firmware.halted = False
+        self.firmware.halted = False
 
     def ctrl_transfer(
         self, dev_handle: int, bmRequestType: int, bRequest: int, wValue: int, wIndex: int, data: Any, timeout: int
@@ -101,17 +102,17 @@ class Virtual(IBackend):  # type: ignore[misc]
             text = self.serial.encode("utf-16-le")
             return _filled(data, struct.pack("BB", 2 + len(text), 3) + text)
         try:
-            answer = self._firmware.control(bRequest, wValue, bytes(data) if not bmRequestType & 0x80 else b"")
+            answer = self.firmware.control(bRequest, wValue, bytes(data) if not bmRequestType & 0x80 else b"")
         except Halted as refused:
             raise _pipe() from refused
-        self._begin = time.monotonic() if self._firmware.sent == 0 else self._begin
+        self._begin = time.monotonic() if self.firmware.sent == 0 else self._begin
         return _filled(data, answer) if bmRequestType & 0x80 else len(data)
 
     def bulk_read(self, dev_handle: int, ep: int, intf: int, buff: Any, timeout: int) -> int:
         self._check_there(dev_handle)
         wanted = len(buff) * buff.itemsize
         try:
-            data = self._firmware.send(wanted)
+            data = self.firmware.send(wanted)
         except Halted as stall:
             raise _pipe() from stall
         except OSError as fault:
@@ -125,13 +126,13 @@ class Virtual(IBackend):  # type: ignore[misc]
         return _filled(buff, data)
 
     def _check_there(self, address: int) -> None:
-        if address != self._address or self._firmware.absent():
+        if address != self._address or self.firmware.absent():
             raise USBError("No such device (it may have been disconnected)", -4, errno.ENODEV)
 
     def _wait(self) -> None:
         """Deliver samples no sooner than they would have been taken."""
         if self._pace:
-            time.sleep(max(0.0, self._begin + self._firmware.index / self._firmware.rate - time.monotonic()))
+            time.sleep(max(0.0, self._begin + self.firmware.index / self.firmware.rate - time.monotonic()))
 
 
 def virtual(

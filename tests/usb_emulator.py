@@ -93,11 +93,14 @@ class Probe:
                     data += self.owed
                     continue
                 self.lose(1 if kind in ("drop", "stall", "error") else 0)
-                if kind != "drop":
-                    self.halted = kind == "stall"
-                    return data, kind
+                if kind == "drop":
+                    continue
+                self.halted = kind == "stall"
+                return data, kind
             self.made += 1
             data += self.frame()
+        if self.told.get("pace"):  # samples no sooner than they would have been taken
+            time.sleep(max(0.0, self.begun + self.index / RATE - time.monotonic()))
         return data, "" if data else "stall" if self.halted else "timeout"
 
 

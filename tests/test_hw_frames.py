@@ -1,0 +1,262 @@
+"""The decoder: whatever happens to the bytes, right samples or marked gaps, never wrong samples."""
+
+from __future__ import annotations
+
+import re
+import struct
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hw.decoder import Format, FrameDecoder
+from hw.errors import ProtocolError
+from hw.frames import HIGHEST, LOWEST, OVERRUN, SATURATED, Codes, Frame, Layout, encoded, vectors
+from hw.protocol import Info, Status
+from hw.samples import Samples, joined
+
+ROOT = Path(__file__).parents[1]
+SCALE, STREAM = 2.0**-10, 77
+MAGIC_CODE = int.from_bytes(b"PD", "little")  # as a sample's value it looks like the beginning of a frame
+
+
+def codes_at(index: np.ndarray, channels: int = 2) -> Codes:
+    """What every index calls for: no two neighbours alike, now and then the magic itself; never at the range's ends."""
+    columns = [(7919 * index + 31 * channel) % 65533 - 32766 for channel in range(channels)]
+    codes = np.column_stack(columns)
+    codes[index % 5 == 0, 0] = MAGIC_CODE
+    return codes.astype(np.int16)
+
+
+def crc32(data: bytes) -> int:
+    """CRC-32 as docs/protocol.md defines it, bit by bit."""
+    register = 0xFFFFFFFF
+    for byte in data:
+        register ^= byte
+        for _ in range(8):
+            register = register >> 1 ^ (0xEDB88320 if register & 1 else 0)
+    return register ^ 0xFFFFFFFF
+
+
+def frames_of(layout: Layout, count: int, sequence: int = 0, index: int = 0, stream: int = STREAM) -> list[bytes]:
+    begins = index + layout.rows * np.arange(count)
+    codes = [codes_at(begin + np.arange(layout.rows), layout.channels) for begin in begins]
+    return [Frame(sequence + k, int(begins[k]), stream, codes[k]).encoded(layout) for k in range(count)]
+
+
+def decoder(layout: Layout) -> FrameDecoder:
+    return FrameDecoder(Format(1e5, (SCALE,) * layout.channels, layout.size, STREAM), {})
+
+
+def fed(reader: FrameDecoder, data: bytes, step: int) -> Samples:
+    return joined([reader.feed(data[at : at + step]) for at in range(0, len(data), step)] or [reader.feed(b"")])
+
+
+def check_truth(found: Samples) -> None:
+    """Every row is what its index calls for; rows and gaps together cover all indices up to the last, once each."""
+    np.testing.assert_array_equal(found.volts, codes_at(found.index, found.volts.shape[1]) * SCALE)
+    lost = [np.arange(gap.first, gap.first + gap.count) for gap in found.gaps]
+    covered = np.sort(np.concatenate([found.index, *lost]))
+    np.testing.assert_array_equal(covered, np.arange(len(covered)))
+
+
+@pytest.mark.parametrize("channels", [2, 3])
+@pytest.mark.parametrize("size", [32, 64, 511, 512, 513, 1024])
+@pytest.mark.parametrize("step", [1, 63, 511, 512, 513, 100_000])
+def test_any_packet_size_in_any_read_size(size: int, channels: int, step: int) -> None:
+    layout = Layout(size, channels)
+    count = 2 if step == 1 else 9
+    found = fed(decoder(layout), b"".join(frames_of(layout, count)), step)
+    check_truth(found)
+    assert found.gaps == ()
+    assert len(found) == count * layout.rows
+
+
+damages = st.lists(
+    st.tuples(
+        st.sampled_from(["drop", "repeat", "flip", "cut", "garbage", "late", "half-repeat"]),
+        st.integers(0, 11),
+        st.integers(0, 1 << 20),
+    ),
+    max_size=6,
+)
+
+
+@given(
+    damages,
+    st.lists(st.integers(1, 700), min_size=1, max_size=8),
+    st.sampled_from([64, 65, 128]),
+    st.sampled_from([0, 2**32 - 5]),
+)
+def test_any_damage_gives_right_samples_or_gaps(
+    damage: list[tuple[str, int, int]], steps: list[int], size: int, sequence: int
+) -> None:
+    layout = Layout(size, 2)
+    frames = frames_of(layout, 16, sequence)
+    bytes_of, untouched = list(frames), set(range(12))
+    for kind, k, where in damage:
+        bytes_of[k], whole = spoiled(kind, bytes_of[k], frames[max(k - 1, 0)], where)
+        if not whole:
+            untouched.discard(k)
+    data, reader, parts = b"".join(bytes_of), decoder(layout), []
+    at = 0
+    while at < len(data):
+        step = steps[len(parts) % len(steps)]
+        parts.append(reader.feed(data[at : at + step]))
+        at += step
+    found = joined(parts)
+    check_truth(found)
+    assert {k * layout.rows for k in untouched} <= set(found.index.tolist())
+
+
+def spoiled(kind: str, frame: bytes, before: bytes, where: int) -> tuple[bytes, bool]:
+    """Return what becomes of a frame's bytes, and whether the frame is still whole in them."""
+    at = where % max(1, len(frame))
+    if kind == "flip" and frame:
+        return frame[:at] + bytes([frame[at] ^ 1 << where % 8]) + frame[at + 1 :], False
+    return {
+        "drop": (b"", False), "repeat": (frame * 2, True), "cut": (frame[:at], False), "flip": (frame, False),
+        "garbage": (struct.pack("<I", where) * (where % 97) + frame, True), "late": (frame + before, True),
+        "half-repeat": (frame[: at // 2] + frame, True),
+    }[kind]  # fmt: skip
+
+
+@given(st.integers(0, 63), st.integers(1, 255))
+def test_no_flipped_byte_passes(at: int, mask: int) -> None:
+    layout = Layout(64, 2)
+    frame = bytearray(frames_of(layout, 1)[0])
+    frame[at] ^= mask
+    assert len(decoder(layout).feed(bytes(frame))) == 0
+
+
+def test_million_samples_arrive_once_each() -> None:
+    layout = Layout(64, 2)
+    codes = codes_at(np.arange(1_000_000))
+    data = encoded(layout, STREAM, 2**32 - 1000, 0, codes)
+    found = fed(decoder(layout), data, 16_411)
+    np.testing.assert_array_equal(found.index, np.arange(1_000_000))
+    np.testing.assert_array_equal(found.volts, codes * SCALE)
+    assert found.gaps == ()
+
+
+def test_many_frames_at_once_are_the_single_ones() -> None:
+    layout = Layout(65, 3)
+    codes = codes_at(np.arange(4 * layout.rows), 3)
+    single = [Frame(2**32 - 2 + k, 7 + 6 * k, STREAM, codes[6 * k : 6 * k + 6], 0x21).encoded(layout) for k in range(4)]
+    assert encoded(layout, STREAM, 2**32 - 2, 7, codes, 0x21) == b"".join(single)
+
+
+def test_frame_is_laid_out_as_documented() -> None:
+    layout = Layout(64, 2)
+    frame = Frame(0x01020304, 0x05060708090A0B0C, 0x0D0E, np.array([[1, -2]], np.int16), 0x31).encoded(layout)
+    body = bytes.fromhex("50 44 01 02 04030201 0c0b0a0908070605 0e0d 01 31 0100 feff") + bytes(36)
+    assert frame == body + crc32(body).to_bytes(4, "little")
+    assert crc32(b"123456789") == 0xCBF43926
+
+
+def test_part_filled_frames() -> None:
+    layout = Layout(64, 2)
+    data = b""
+    for begin, rows in ((0, 10), (10, 1), (11, 7), (18, 10)):
+        data += Frame(0, begin, STREAM, codes_at(begin + np.arange(rows))).encoded(layout)
+    found = decoder(layout).feed(data)
+    check_truth(found)
+    assert len(found) == 28
+
+
+def test_flags() -> None:
+    layout = Layout(64, 2)
+    first = Frame(0, 0, STREAM, np.array([[HIGHEST, 0], [0, LOWEST], [1, 1]], np.int16)).encoded(layout)
+    second = Frame(1, 5, STREAM, np.array([[1, 1]], np.int16), OVERRUN | SATURATED << 1).encoded(layout)
+    found = decoder(layout).feed(first + second)
+    np.testing.assert_array_equal(found.saturated, [[True, False], [False, True], [False, False], [False, True]])
+    assert found.overruns == 1
+    assert [(gap.first, gap.count, gap.reason) for gap in found.gaps] == [(3, 2, "the device's buffer ran over")]
+
+
+def test_lost_beginning_is_a_gap() -> None:
+    layout = Layout(64, 2)
+    found = decoder(layout).feed(b"".join(frames_of(layout, 3)[1:]))
+    check_truth(found)
+    assert [(gap.first, gap.count) for gap in found.gaps] == [(0, 10)]
+
+
+def test_restarted_stream_is_never_spliced() -> None:
+    layout = Layout(64, 2)
+    reader = decoder(layout)
+    before = reader.feed(b"".join(frames_of(layout, 2)))
+    stale, new = frames_of(layout, 3)[2], b"".join(frames_of(layout, 2, stream=STREAM + 1))
+    after = reader.feed(stale + new, STREAM + 1, "unplugged")
+    found = joined([before, after])
+    assert [(gap.first, gap.count, gap.reason) for gap in found.gaps] == [(20, -1, "unplugged")]
+    np.testing.assert_array_equal(found.index, [*range(20), *range(21, 41)])
+    np.testing.assert_array_equal(after.volts, codes_at(np.arange(20)) * SCALE)
+
+
+def test_frames_of_another_kind_are_refused_at_last() -> None:
+    reader = decoder(Layout(64, 2))
+    data = b"".join(frames_of(Layout(64, 3), 1000))
+    with pytest.raises(ProtocolError, match=r"no valid frame in \d+ bytes.*2 channels and frames of 64 bytes"):
+        fed(reader, data * 3, 6400)
+
+
+@pytest.mark.parametrize(("size", "channels"), [(31, 2), (1025, 2), (64, 1), (64, 4)])
+def test_layouts_that_are_not_laid_down(size: int, channels: int) -> None:
+    with pytest.raises(ProtocolError, match="allowed: 32 to 1024 bytes, 2 or 3 channels"):
+        Layout(size, channels)
+
+
+def test_answers_come_back() -> None:
+    info = Info(3, 12_500.125, 1e6, (0.5, 0.25, 2.0**-20), "board 1.2")
+    assert Info.decoded(info.encoded()) == info
+    status = Status(65535, 3, 2**32 - 1, 2**60)
+    assert Status.decoded(status.encoded()) == status
+    assert len(info.encoded()) == 44
+    assert len(status.encoded()) == 16
+
+
+@pytest.mark.parametrize(
+    ("data", "told"),
+    [
+        (b"", "0 bytes, not 44"), (b"\x02" + bytes(60), "speaks version 2"),
+        (replace(Info(2, 1.0, 1.0, (1.0, 1.0), ""), channels=4).encoded(), "states 4 channels"),
+        (Info(2, 0.0, 1.0, (1.0, 1.0), "").encoded(), "0.0 Hz"), (Info(2, 1.0, 1.0, (float("nan"), 1.0), "").encoded(), "nan"),
+    ],
+)  # fmt: skip
+def test_answers_that_are_refused(data: bytes, told: str) -> None:
+    with pytest.raises(ProtocolError, match=told):
+        Info.decoded(data)
+
+
+def test_documented_descriptors_are_the_printed_ones_and_add_up() -> None:
+    printed = subprocess.run(
+        [sys.executable, "-m", "hw.descriptors"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
+    assert printed.strip() in (ROOT / "docs" / "protocol.md").read_text(encoding="utf-8")
+    store, told = (bytes.fromhex("".join(re.findall(r"(?m)^[0-9a-f]{4}  (.*)$", part))) for part in printed.split("\n\n"))
+    assert int.from_bytes(store[2:4], "little") == len(store) == 5 + store[5]
+    assert int.from_bytes(told[8:10], "little") == len(told) == int.from_bytes(store[29:31], "little")
+    at, kinds = 0, []
+    while at < len(told):  # each descriptor begins with its length and type
+        length, kind = struct.unpack_from("<HH", told, at)
+        at, kinds = at + length, [*kinds, kind]
+    assert (at, kinds) == (len(told), [0, 3, 4])
+
+
+def test_documented_vectors_are_the_printed_ones() -> None:
+    printed = subprocess.run([sys.executable, "-m", "hw.frames"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    text = (ROOT / "docs" / "protocol.md").read_text(encoding="utf-8")
+    assert printed.strip() in text
+    dumps = re.findall(r"(?m)^((?:[0-9a-f]{4}  .*\n)+)", printed + "\n")
+    assert len(dumps) == len(vectors()) == 3
+    for dump, (layout, frame) in zip(dumps, vectors().values(), strict=True):
+        data = bytes.fromhex("".join(line[6:] for line in dump.splitlines()))
+        assert len(data) == layout.size
+        assert data[-4:] == crc32(data[:-4]).to_bytes(4, "little")
+        reader = FrameDecoder(Format(1e5, (1.0,) * layout.channels, layout.size, frame.stream), {})
+        np.testing.assert_array_equal(reader.feed(data).volts, frame.codes)
