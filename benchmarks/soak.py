@@ -1,10 +1,10 @@
 """Read at 100 kS/s for a while and say what it costs: ``python benchmarks/soak.py [--seconds 60]``.
 
-Each line is a process of its own. "virtual": the virtual probe, whose making of samples is counted with the reading; "libusb": a board
-emulated in another process under umockdev (as tests/test_hw_usb.py needs it), read through the real libusb. Columns:
-frame size, whether raw bytes are recorded too, rate kept (kS/s per channel, by the clock), share of one processor (%, this
-process without the comparing), memory when reading began and its growth until the end (MB), samples lost, samples that are not what
-their index calls for.
+Each line is a process of its own. "virtual": the virtual probe, whose making of samples is counted with the reading;
+"libusb": a board emulated in another process under umockdev (as tests/test_hw_usb.py needs it), read through the real libusb.
+Columns: frame size, whether raw bytes are recorded too, rate kept (kS/s per channel, by the clock), share of one processor (%,
+this process without the comparing), memory when reading began and its growth until the end (MB), samples lost, samples that are
+not what their index calls for.
 """
 
 from __future__ import annotations

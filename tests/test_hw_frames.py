@@ -144,6 +144,24 @@ def test_million_samples_arrive_once_each() -> None:
     assert found.gaps == ()
 
 
+def test_magic_cut_in_two_after_garbage() -> None:
+    layout = Layout(64, 2)
+    reader, frame = decoder(layout), frames_of(layout, 1)[0]
+    assert len(reader.feed(bytes(100) + frame[:1])) == 0
+    assert len(reader.feed(frame[1:])) == 10
+    assert reader.skipped == 100
+
+
+@pytest.mark.parametrize("rows", [0, 11, 255])
+def test_frames_that_state_impossible_rows_count_for_nothing(rows: int) -> None:
+    layout = Layout(64, 2)
+    first, odd, last = frames_of(layout, 3)
+    body = odd[:18] + bytes([rows]) + odd[19:-4]
+    found = decoder(layout).feed(first + body + crc32(body).to_bytes(4, "little") + last)
+    check_truth(found)
+    assert [(gap.first, gap.count) for gap in found.gaps] == [(10, 10)]
+
+
 def test_many_frames_at_once_are_the_single_ones() -> None:
     layout = Layout(65, 3)
     codes = codes_at(np.arange(4 * layout.rows), 3)

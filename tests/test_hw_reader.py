@@ -89,6 +89,12 @@ def test_fault_becomes_a_gap(kind: Kind, count: int, lost: int, reason: str) -> 
     np.testing.assert_array_equal(found.index, [*range(700), *range(700 + lost, 2000)])
 
 
+def test_faults_with_data_between_are_borne_for_ever() -> None:
+    found = read(probe(*(Fault("stall", at) for at in range(0, 1000, 100))), 0.2)
+    assert len(found.gaps) == 10
+    assert right(found)
+
+
 def test_lost_power_is_a_gap_of_unknown_length() -> None:
     found = read(probe(Fault("power", 70)))
     assert [(gap.first, gap.count) for gap in found.gaps] == [(700, -1)]
