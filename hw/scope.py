@@ -75,7 +75,7 @@ class ScopeTransport:
             manager = visa.ResourceManager("@py")
         except (ImportError, ValueError) as missing:
             raise InvalidSource("oscilloscopes need pyvisa: pip install 'probe-design[scope]'") from missing
-        with faults_named(name):
+        with faults_named(name, missing="not found, or not to be opened by this user: check plug, name and udev rule"):
             resource = manager.open_resource(name, timeout=1000 * _PATIENCE)
             if name.upper().endswith("SOCKET"):
                 resource.read_termination = resource.write_termination = "\n"
@@ -151,8 +151,13 @@ class WaveformDecoder:
 
 
 @contextmanager
-def faults_named(name: str) -> Iterator[None]:
-    """Raise as one of our family what pyvisa, pyvisa-py and pyusb raise on a scope that does not answer or is gone."""
+def faults_named(name: str, missing: str = "") -> Iterator[None]:
+    """Raise as one of our family what pyvisa, pyvisa-py and pyusb raise on a scope that does not answer or is gone.
+
+    Args:
+        name: of the resource.
+        missing: what to say where pyvisa-py cannot tell a scope that is not there from one that may not be opened.
+    """
     try:
         yield
     except USBError as fault:
@@ -160,7 +165,10 @@ def faults_named(name: str) -> Iterator[None]:
     except HardwareError:
         raise
     except (ValueError, OSError) as fault:  # pyvisa-py lets both through when the plug is pulled
-        raise Disconnected(f"{name}: it went away: check plug and cable ({' '.join(str(fault).split())})") from fault
+        told = f"({' '.join(str(fault).split())})"
+        if missing:
+            raise NotFound(f"{name}: {missing} {told}") from fault
+        raise Disconnected(f"{name}: it went away: check plug and cable {told}") from fault
     except Exception as fault:
         status = getattr(getattr(fault, "error_code", None), "name", "")
         if type(fault).__name__ not in ("VisaIOError", "InvalidSession"):

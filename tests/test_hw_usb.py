@@ -38,6 +38,9 @@ def umockdev() -> None:
         (pytest.fail if os.environ.get("CI") == "true" else pytest.skip)(reason)
 
 
+RESOURCE = "USB0::0x1AB1::0x04CE::DS1::INSTR"
+
+
 def reading(*devices: dict[str, Any], serial: str = "", seconds: float = 0.1) -> dict[str, Any]:
     """What the program tells that reads for a while among the devices."""
     command = [PYTHON, str(HERE / "usb_emulator.py"), json.dumps(devices), sys.executable, "-W", "error"]
@@ -152,3 +155,19 @@ def test_device_that_does_not_come_back() -> None:
     told = faulty("unplug", returns=False)
     assert (told["error"], told["cause"]) == ("Disconnected", "USBError")
     assert "did not come back" in told["message"]
+
+
+@pytest.mark.parametrize(("acquisitions", "third"), [(2, "Disconnected from USBError"), (3, "came")])
+def test_oscilloscope_by_pyvisa_over_usbtmc(acquisitions: int, third: str) -> None:
+    told = reading({"serial": "DS1", "acquisitions": acquisitions}, serial=RESOURCE)
+    assert (told["wrong"], told["third"]) == (0, third)
+    assert told["source"]["model"] == "RIGOL TECHNOLOGIES DS1104Z"
+
+
+@pytest.mark.parametrize(
+    ("state", "error"), [({"busy": True}, "Busy"), ({"denied": True}, "NotFound"), ({"serial": "DS2"}, "NotFound")]
+)
+def test_oscilloscope_that_cannot_be_had(state: dict[str, Any], error: str) -> None:
+    told = reading({"serial": "DS1", "acquisitions": 1} | state, serial=RESOURCE)
+    assert told["error"] == error
+    assert RESOURCE in told["message"]

@@ -18,6 +18,7 @@ import time
 import zlib
 
 import gi
+from usb_oscilloscope import Oscilloscope
 
 gi.require_version("UMockdev", "1.0")
 from gi.repository import UMockdev  # noqa: E402
@@ -25,7 +26,7 @@ from gi.repository import UMockdev  # noqa: E402
 CAPABILITIES, SUBMIT, DISCARD, REAP, CLAIM, RELEASE = 0x8004551A, 0x8038550A, 0x550B, 0x4008550D, 0x8004550F, 0x80045510
 CLEAR_HALT, SET_CONFIGURATION, SET_INTERFACE, SPEED = 0x80045515, 0x80045505, 0x80085504, 0x551F
 URB = struct.Struct("<BBxxiIxxxxQiiiiiIQ")  # type, endpoint, status, flags, buffer, length, actual, ...
-BUFFER, CONTROL = 16, 2
+BUFFER, CONTROL, IN = 16, 2, 0x80
 PERIOD = 65536
 TABLE = b"".join(struct.pack("<HH", 7919 * k % PERIOD, (104729 * k + 12345) % PERIOD) for k in range(PERIOD)) * 2
 SCALE, RATE = 2.0**-12, 100_000.0
@@ -107,7 +108,7 @@ class Probe:
 class Port(UMockdev.IoctlBase):
     """One device node: usbfs requests from libusb, answered by a probe."""
 
-    def __init__(self, bed: UMockdev.Testbed, probe: Probe, number: int) -> None:
+    def __init__(self, bed: UMockdev.Testbed, probe: Probe | Oscilloscope, number: int) -> None:
         super().__init__()
         self.bed, self.probe, self.number, self.gone = bed, probe, number, False
         self.done: list = []  # URBs to be reaped
@@ -153,14 +154,18 @@ class Port(UMockdev.IoctlBase):
         return 0, 0
 
     def submit(self, urb) -> None:
-        kind, _, _, _, _, length, *_ = URB.unpack(bytes(urb.retrieve()))
+        kind, endpoint, _, _, _, length, *_ = URB.unpack(bytes(urb.retrieve()))
         buffer = urb.resolve(BUFFER, length)
         if kind == CONTROL:
             what, request, value, _, wanted = struct.unpack("<BBHHH", bytes(buffer.retrieve())[:8])
             answer = self.probe.control(what, request, value)
-            if answer and what & 0x80:
+            if answer and what & IN:
                 buffer.update(8, answer[:wanted])
-            self.finish(urb, -errno.EPIPE if answer is None else 0, len((answer or b"")[:wanted]) if what & 0x80 else wanted)
+            self.finish(urb, -errno.EPIPE if answer is None else 0, len((answer or b"")[:wanted]) if what & IN else wanted)
+            return
+        if not endpoint & IN:
+            self.probe.write(bytes(buffer.retrieve()))
+            self.finish(urb, 0, length)
             return
         data, end = self.probe.bulk(length)
         if data:
@@ -223,7 +228,7 @@ def without_root() -> None:
 def main() -> int:
     bed = UMockdev.Testbed.new()
     for number, told in enumerate(json.loads(sys.argv[1]), 1):
-        PORTS.append(Port(bed, Probe(told), number))
+        PORTS.append(Port(bed, Oscilloscope(told) if "acquisitions" in told else Probe(told), number))
     return subprocess.run(sys.argv[2:], preexec_fn=without_root, check=False).returncode
 
 
