@@ -60,10 +60,11 @@ class Reader:
             record: a new file for the raw bytes, which get there before they are decoded.
 
         Raises:
+            InvalidSource: less than one sample.
             HardwareError: the device went away, or another trouble that recovery did not end.
             FileExistsError: there is a file where the recording would go.
         """
-        end = None if seconds is None else round(seconds * self.header.rate)
+        end = None if seconds is None else self._samples_in(seconds)
         decoder = decoder_of(self.header)
         with ExitStack() as stack:
             recorder = None if record is None else stack.enter_context(Recorder(record, self.header))
@@ -97,6 +98,12 @@ class Reader:
         if not parts:
             raise Timeout(f"no samples from {self.header.source.get('transport', 'the source')}: is the recording empty?")
         return joined(parts)
+
+    def _samples_in(self, seconds: float) -> int:
+        count = seconds * self.header.rate
+        if not 0.5 < count < 2**62:
+            raise InvalidSource(f"seconds = {seconds}: allowed: a sample, {1 / self.header.rate:g} s, or more")
+        return round(count)
 
     def close(self) -> None:
         """Stop the stream and let go of the device."""

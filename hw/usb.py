@@ -17,7 +17,7 @@ from typing import Any
 from usb.backend import IBackend
 from usb.core import USBError
 
-from hw.errors import AccessDenied, Busy, Disconnected, HardwareError, Stalled, Timeout
+from hw.errors import AccessDenied, Busy, Disconnected, HardwareError, InvalidSource, ProtocolError, Stalled, Timeout
 from hw.frames import CHANNELS, Layout
 from hw.transport import Chunk, Header, now
 from hw.usb_device import UsbDevice
@@ -74,6 +74,9 @@ class UsbTransport:
     ) -> None:
         self._backends: Backends = libusb if backend is None else partial(_same, backend)
         self._patience = patience
+        if rate is not None and not 1e-3 <= rate <= 4e6:
+            raise InvalidSource(f"rate = {rate} Hz: allowed: 0.001 to 4000000 Hz")
+        # a number that no program used before, so that frames of an earlier stream are known as such
         self._stream, self._failures, self._heard = random.randint(1, 0xFFFF), 0, time.monotonic()
         self._fault: Exception | None = None  # of the last read: mended before the next, so that what came before it gets out
         self._note = ""
@@ -82,6 +85,8 @@ class UsbTransport:
             self.header = self._begun(rate)
         except _FAULTS as fault:
             self._device.close()
+            if meaning(fault) is Stalled:
+                raise ProtocolError(f"{self._what} refuses the requests of docs/protocol.md: correct its firmware") from fault
             raise named(fault, self._what) from fault
         except HardwareError:
             self._device.close()
@@ -122,6 +127,7 @@ class UsbTransport:
 
     def _begun(self, rate: float | None) -> Header:
         """Set the rate, start the stream and describe it."""
+        self._device.stop()  # a program that died may have left it running
         if rate is not None:
             self._device.set_rate(rate)
         info, packet = self._device.info(), self._device.packet

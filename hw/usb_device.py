@@ -61,6 +61,10 @@ class UsbDevice:
         """Begin a new stream."""
         self._tell(START, stream)
 
+    def stop(self) -> None:
+        """End the stream."""
+        self._tell(STOP)
+
     def clear_halt(self) -> None:
         """End a halt of the endpoint."""
         self._device.clear_halt(self._endpoint)
@@ -69,7 +73,7 @@ class UsbDevice:
         """Stop the stream and let go of the device, whatever state it is in."""
         try:
             if stop:
-                self._tell(STOP)
+                self.stop()
         except (usb.core.USBError, NotImplementedError):
             pass
         release([self._device])

@@ -13,7 +13,7 @@ import usb.util
 from usb.backend import IBackend
 from usb.backend.libusb1 import _LibUSB
 
-from hw.errors import AccessDenied, Ambiguous, HardwareError, NotFound
+from hw.errors import Ambiguous, HardwareError, NotFound
 from hw.protocol import PRODUCT_ID, VENDOR_ID
 from hw.usb_faults import named
 
@@ -69,14 +69,14 @@ def find(serial: str | None, backends: Backends = libusb) -> Found:
         AccessDenied: it may be there, but may not be opened.
     """
     probes = connected(backends())
-    matching = [probe for probe in probes if serial in (None, probe.serial)]
-    if len(matching) > 1:
-        release([probe.device for probe in probes])
-        raise Ambiguous([probe.serial or "?" for probe in matching])
-    if matching and matching[0].fault is None:
+    matching = [probe for probe in probes if probe.fault is None and serial in (None, probe.serial)]
+    if len(matching) == 1:
         release([probe.device for probe in probes if probe is not matching[0]])
         return matching[0]
-    return _none(serial, probes)
+    release([probe.device for probe in probes])
+    if matching:
+        raise Ambiguous([probe.serial for probe in matching])
+    raise _none(serial, probes) from next((probe.fault for probe in probes if probe.fault), None)
 
 
 def connected(backend: IBackend) -> list[Found]:
@@ -106,15 +106,11 @@ def _read_serial(device: Any) -> Found:
     return Found(device, told[2 : told[0]].decode("utf-16-le", "replace") if told else "")
 
 
-def _none(serial: str | None, probes: list[Found]) -> Found:
-    """Say why there is no probe to return."""
-    asked = f"probe {serial}" if serial else "a probe"
-    release([probe.device for probe in probes])
+def _none(serial: str | None, probes: list[Found]) -> HardwareError:
+    """Return why there is no probe: it is not there, or its serial number could not be read."""
     for probe in probes:
         if probe.fault is not None:
-            error: HardwareError = named(probe.fault, f"a probe at {where(probe.device)}")
-            if serial is None or isinstance(error, AccessDenied):
-                raise error from probe.fault
+            return named(probe.fault, f"a probe at {where(probe.device)}")
     others = f"; connected: {[probe.serial for probe in probes]}" if probes else ""
-    numbers = f"{VENDOR_ID:04x}:{PRODUCT_ID:04x}"
-    raise NotFound(f"{asked} (USB {numbers}) is not connected: plug it in, or use --virtual or --replay{others}")
+    asked, numbers = f"probe {serial}" if serial else "a probe", f"{VENDOR_ID:04x}:{PRODUCT_ID:04x}"
+    return NotFound(f"{asked} (USB {numbers}) is not connected: plug it in, or use --virtual or --replay{others}")

@@ -28,8 +28,9 @@ from hw.errors import (
     Timeout,
     TransferError,
 )
-from hw.firmware import Fault, Kind
+from hw.firmware import Fault, Halted, Kind
 from hw.frames import HIGHEST, LOWEST
+from hw.protocol import START
 from hw.reader import Reader
 from hw.recording import KIND, Recorder, read_recording, sha256
 from hw.samples import Floats, Gap, Samples
@@ -188,6 +189,37 @@ def test_unknown_sources(source: str) -> None:
     with pytest.raises(InvalidSource, match="allowed: usb, usb:SERIAL, visa:RESOURCE, replay:FILE") as caught:
         Reader.open(source)
     assert caught.value.exit_code == 2
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), 1e9])
+def test_impossible_rates(rate: float) -> None:
+    with pytest.raises(InvalidSource, match=r"rate = .* allowed: 0.001 to 4000000 Hz"):
+        Reader.open(probe(), rate)
+
+
+@pytest.mark.parametrize("seconds", [0.0, -1.0, float("nan"), float("inf"), 1e-9])
+def test_impossible_durations(seconds: float) -> None:
+    with Reader.open(probe()) as reader, pytest.raises(InvalidSource, match="allowed: a sample, 1e-05 s, or more"):
+        reader.collect(seconds)
+
+
+def test_probe_that_a_dead_program_left_running() -> None:
+    source = probe()
+    source.firmware.control(START, 9, b"")
+    with Reader.open(source, rate=50_000.0) as reader:
+        assert reader.header.rate == 50_000.0
+        assert reader.collect(0.01).index[0] == 0
+
+
+def test_board_that_knows_no_requests(monkeypatch: pytest.MonkeyPatch) -> None:
+    source = probe()
+
+    def refuses(request: int, value: int, data: bytes) -> bytes:
+        raise Halted
+
+    monkeypatch.setattr(source.firmware, "control", refuses)
+    with pytest.raises(ProtocolError, match=r"probe V1 refuses the requests of docs/protocol.md"):
+        Reader.open(source)
 
 
 def test_other_serial_is_not_found() -> None:

@@ -90,6 +90,11 @@ def test_two_devices_of_one_serial_number() -> None:
     assert (told["error"], told["message"]) == ("Ambiguous", "2 probes have the serial number A1: unplug all but one")
 
 
+def test_the_one_that_may_be_opened_is_taken() -> None:
+    assert reading({"serial": "A1", "denied": True}, {"serial": "B2"})["source"]["serial"] == "B2"
+    assert reading({"serial": "A1", "denied": True}, {"serial": "B2", "denied": True})["error"] == "AccessDenied"
+
+
 @pytest.mark.parametrize(
     ("devices", "error", "remedy"),
     [
@@ -159,7 +164,7 @@ def test_device_that_does_not_come_back() -> None:
 
 @pytest.mark.parametrize(("acquisitions", "third"), [(2, "Disconnected from USBError"), (3, "came")])
 def test_oscilloscope_by_pyvisa_over_usbtmc(acquisitions: int, third: str) -> None:
-    told = reading({"serial": "DS1", "acquisitions": acquisitions}, serial=RESOURCE)
+    told = reading({"serial": "DS1", "acquisitions": acquisitions, "returns": False}, serial=RESOURCE)
     assert (told["wrong"], told["third"]) == (0, third)
     assert told["source"]["model"] == "RIGOL TECHNOLOGIES DS1104Z"
 
