@@ -73,6 +73,7 @@ class UsbTransport:
         patience: Patience = PATIENT,
     ) -> None:
         self._backends: Backends = libusb if backend is None else partial(_same, backend)
+        self._name = "usb" if backend is None else "virtual"
         self._patience = patience
         if rate is not None and not 1e-3 <= rate <= 4e6:
             raise InvalidSource(f"rate = {rate} Hz: allowed: 0.001 to 4000000 Hz")
@@ -136,7 +137,7 @@ class UsbTransport:
         self._size = min(frames, self._patience.largest // packet) * packet
         self._device.start(self._stream)
         source: dict[str, Any] = {
-            "transport": "usb", "serial": self._device.serial, "firmware": info.firmware, "place": self._device.place,
+            "transport": self._name, "serial": self._device.serial, "firmware": info.firmware, "place": self._device.place,
             "started": now(), "scale": list(info.scale),
         }  # fmt: skip
         return Header("frames", info.rate, CHANNELS[: info.channels], info.scale, packet, self._stream, source)

@@ -26,7 +26,7 @@ def test_every_sample_once(packet: int) -> None:
     assert right(found)
     assert found.whole() is found
     assert (found.rate, found.channels) == (RATE, ("inner", "outer"))
-    assert found.source["serial"] == "V1"
+    assert (found.source["transport"], found.source["serial"]) == ("virtual", "V1")
     assert found.source["scale"] == [SCALE, SCALE]
 
 

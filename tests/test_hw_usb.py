@@ -68,7 +68,7 @@ def test_packet_sizes(packet: int) -> None:
     assert gaps(told) == []
     assert told["rows"] == 30_000
     assert told["source"]["serial"] == "A1"
-    assert told["source"]["firmware"] == "emulated 1"
+    assert (told["source"]["transport"], told["source"]["firmware"]) == ("usb", "emulated 1")
 
 
 def test_million_samples_without_one_lost_or_invented() -> None:
