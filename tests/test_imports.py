@@ -72,11 +72,20 @@ def at_import(path: Path) -> Iterator[str]:
             yield str(node.module)
 
 
-@pytest.mark.parametrize("module", ["geometry", "solver"])
+@pytest.mark.parametrize("module", ["geometry", "solver", "hw.reader", "hw.virtual"])
 def test_bare_import_loads_nothing_heavy(module: str) -> None:
     found = modules_after(f"import {module}")
     assert found & HEAVY == set()
     assert "pint" not in found
+
+
+def test_reading_hardware_loads_numpy_and_usb_only() -> None:
+    found = modules_after("import hw.reader")
+    assert (
+        found & {"scipy", "casadi", "pydantic", "click", "rich", "pyvisa", "pyvisa_py", "geometry", "solver", "probe_design"}
+        == set()
+    )
+    assert {"hw", "numpy", "usb"} <= found
 
 
 def test_reading_a_scene_loads_nothing_heavy() -> None:

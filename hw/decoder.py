@@ -1,0 +1,159 @@
+"""From bytes to samples, one stretch at a time. Knows nothing of USB: bytes may come cut, doubled, damaged or not at all."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.errors import ProtocolError
+from hw.frames import CHANNELS, CRC, HIGHEST, LOWEST, MAGIC, OVERRUN, SATURATED, VERSION, Layout
+from hw.samples import Gap, Ints, Samples
+
+GIVE_UP = 2_000  # frames' worth of bytes without a single valid frame
+OVERRAN = "the device's buffer ran over"
+LOST = "frames were lost or damaged on the way"
+
+
+@dataclass(frozen=True)
+class Format:
+    """What has to be known to turn frames into volts.
+
+    Attributes:
+        rate: Hz.
+        scale: volts per count of each channel.
+        size: bytes in a frame.
+        stream: the number that frames carry.
+    """
+
+    rate: float
+    scale: tuple[float, ...]
+    size: int
+    stream: int
+
+
+class FrameDecoder:
+    """Turns chunks of the byte stream into samples; whatever is not certain becomes a gap.
+
+    A frame counts only if magic, version, channel count, stream number and CRC-32 are right and its index is the next
+    one or a later one. Anything else is skipped, and the next frame is looked for byte by byte.
+    """
+
+    def __init__(self, form: Format, source: dict[str, Any]) -> None:
+        self.form, self.source = form, source
+        self.layout = Layout(form.size, len(form.scale))
+        self.skipped = 0  # bytes that belonged to no valid frame
+        self.repeated = 0  # frames that had been seen, or belonged to another stream
+        self._dtype = self.layout.dtype
+        self._scale = np.array(form.scale)
+        self._rest = b""
+        self._stream, self._offset, self._next = form.stream, 0, 0
+        self._note = ""
+        self._unknown: list[Gap] = []
+        self._in_vain = 0
+
+    def feed(self, data: bytes, stream: int | None = None, note: str = "") -> Samples:
+        """Return the samples that the bytes complete, perhaps none.
+
+        Args:
+            data: the next bytes.
+            stream: the number that the device was given when it was started again, if it was: its index begins anew.
+            note: what happened before these bytes; the reason of the next gap.
+
+        Raises:
+            ProtocolError: nothing but invalid frames for a long time.
+        """
+        self._note = note or self._note
+        if stream is not None and stream != self._stream:
+            self._restart(stream)
+        buffer = self._rest + data
+        frames, used = self._valid(buffer)
+        self._rest = buffer[used:]
+        self._in_vain = 0 if len(frames) else self._in_vain + len(data)
+        if self._in_vain > GIVE_UP * self.layout.size:
+            raise ProtocolError(
+                f"no valid frame in {self._in_vain} bytes: the firmware must speak version {VERSION} of docs/protocol.md, "
+                f"with {self.layout.channels} channels and frames of {self.layout.size} bytes"
+            )
+        return self._samples(frames)
+
+    def _restart(self, stream: int) -> None:
+        """Go on with another stream: how many samples lie between is unknown; the gap takes one index."""
+        if self._next:
+            self._unknown.append(Gap(self._offset + self._next, -1, self._note or "the device restarted"))
+            self._note = ""
+        self._offset += self._next + bool(self._next)
+        self._stream, self._next, self._rest = stream, 0, b""
+
+    def _valid(self, buffer: bytes) -> tuple[NDArray[np.void], int]:
+        """Return the valid frames in the buffer and how many of its bytes are done with."""
+        size, at, found = self.layout.size, 0, []
+        while at + size <= len(buffer):
+            run = np.frombuffer(buffer, self._dtype, (len(buffer) - at) // size, at)
+            good = self._leading_good(run, memoryview(buffer)[at:])
+            found.append(run[:good])
+            at += good * size
+            if good < len(run):
+                ahead = buffer.find(MAGIC, at + 1)
+                if ahead < 0:  # the last byte may be the first of the magic
+                    ahead = len(buffer) - buffer.endswith(MAGIC[:1])
+                self.skipped += ahead - at
+                at = ahead
+        return np.concatenate(found) if found else np.empty(0, self._dtype), at
+
+    def _leading_good(self, run: NDArray[np.void], view: memoryview) -> int:
+        """Return how many frames of the run are valid before the first that is not."""
+        likely = (run["magic"] == MAGIC) & (run["version"] == VERSION) & (run["channels"] == self.layout.channels)
+        likely &= (run["rows"] > 0) & (run["rows"] <= self.layout.rows)
+        end = len(run) if likely.all() else int(np.argmin(likely))
+        size, body = self.layout.size, self.layout.size - CRC.size
+        for k, stated in enumerate(run["crc"][:end].tolist()):
+            if zlib.crc32(view[k * size : k * size + body]) != stated:
+                return k
+        return end
+
+    def _samples(self, frames: NDArray[np.void]) -> Samples:
+        frames, begin, end = self._in_order(frames)
+        rows = frames["rows"].astype(np.int64)
+        gaps = self._gaps(frames, begin, end)
+        if len(frames):
+            self._next = int(end[-1])
+        filled = np.arange(self.layout.rows) < rows[:, None]
+        codes = frames["codes"][filled]
+        flagged = (frames["flags"][:, None] & (SATURATED << np.arange(self.layout.channels))) != 0
+        index: Ints = (begin[:, None] + np.arange(self.layout.rows))[filled] + self._offset
+        return Samples(
+            rate=self.form.rate,
+            channels=CHANNELS[: self.layout.channels],
+            index=index,
+            volts=codes * self._scale,
+            saturated=(codes == LOWEST) | (codes == HIGHEST) | np.repeat(flagged, rows, axis=0),
+            gaps=gaps,
+            overruns=int(np.count_nonzero(frames["flags"] & OVERRUN)),
+            source=self.source,
+        )
+
+    def _in_order(self, frames: NDArray[np.void]) -> tuple[NDArray[np.void], Ints, Ints]:
+        """Leave out frames of other streams and those that begin before an earlier one ends; return the rest, begins and ends."""
+        mine = (frames["stream"] == self._stream) & (frames["index"] < 2**62)
+        begin = frames["index"].astype(np.int64)
+        end = begin + frames["rows"]
+        before = np.maximum.accumulate(np.concatenate([[self._next], np.where(mine, end, 0)]))[:-1]
+        keep = mine & (begin >= before)
+        self.repeated += int(np.count_nonzero(~keep))
+        return frames[keep], begin[keep], end[keep]
+
+    def _gaps(self, frames: NDArray[np.void], begin: Ints, end: Ints) -> tuple[Gap, ...]:
+        """Return the gaps before the frames, restarts first; unknown ones wait until samples follow."""
+        if not len(begin):
+            return ()
+        gaps, self._unknown = self._unknown, []
+        ends = np.concatenate([[self._next], end[:-1]])
+        for k in np.flatnonzero(begin > ends):
+            why = OVERRAN if frames["flags"][k] & OVERRUN else self._note or LOST
+            gaps.append(Gap(int(ends[k]) + self._offset, int(begin[k] - ends[k]), why))
+        self._note = ""
+        return tuple(gaps)

@@ -1,0 +1,80 @@
+"""Everything that can go wrong between a probe and its samples; each message is one line that names the remedy.
+
+The exceptions of libusb and VISA never leave this package bare: they are the ``__cause__`` of one of these.
+"""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+RULES = "60-probe-design.rules"
+
+
+class HardwareError(Exception):
+    """Base of every error of this package; its text is one line."""
+
+    exit_code = 1
+
+
+class InvalidSource(HardwareError, ValueError):  # noqa: N818 - says what is invalid
+    """A source that was asked for in words nobody knows, or a file that is not a recording."""
+
+    exit_code = 2
+
+
+class NotFound(HardwareError):  # noqa: N818
+    """No such device is connected."""
+
+
+class Ambiguous(HardwareError):  # noqa: N818
+    """Several devices match."""
+
+    def __init__(self, serials: list[str]) -> None:
+        self.serials = serials
+        alike = f"have the serial number {serials[0]}: unplug all but one"
+        choose = f"are connected: choose one by its serial number, usb:{serials[0]} for the first of {', '.join(serials)}"
+        super().__init__(f"{len(serials)} probes {alike if len(set(serials)) == 1 else choose}")
+
+
+class AccessDenied(HardwareError):  # noqa: N818
+    """The operating system keeps the device from this user."""
+
+    def __init__(self, what: str) -> None:
+        super().__init__(
+            f"{what}: access denied: on Linux write this rule to /etc/udev/rules.d/{RULES} and plug the probe in again: "
+            f"{udev_rule()} ; on Windows install the WinUSB driver for it (Zadig)"
+        )
+
+
+class Busy(HardwareError):  # noqa: N818
+    """Another program holds the device."""
+
+
+class Timeout(HardwareError):  # noqa: N818
+    """The device is there and says nothing."""
+
+
+class TransferError(HardwareError):
+    """The bus failed, and trying again did not help; or samples were lost where none may be."""
+
+
+class Stalled(TransferError):  # noqa: N818
+    """The device refuses a request or keeps its endpoint halted."""
+
+
+class Disconnected(TransferError):  # noqa: N818
+    """The device went away and did not come back."""
+
+
+class ProtocolError(HardwareError):
+    """The device answers, but not as the protocol says."""
+
+
+class Overrun(HardwareError):  # noqa: N818
+    """The device's own buffer ran over: samples were lost before they reached the bus."""
+
+
+def udev_rule() -> str:
+    """Return the line of the shipped udev rule file that lets users at the machine open the probe."""
+    text = files("hw").joinpath(RULES).read_text(encoding="utf-8")
+    return next(line for line in text.splitlines() if line and not line.startswith("#"))

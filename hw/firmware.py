@@ -1,0 +1,154 @@
+"""A model of the firmware that ``docs/protocol.md`` describes, with faults on order; the virtual probe's inside."""
+
+from __future__ import annotations
+
+import errno
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from hw.frames import HIGHEST, LOWEST, OVERRUN, Codes, Layout, encoded
+from hw.protocol import GET_INFO, GET_STATUS, RATE, SET_RATE, START, STOP, Info, Status
+from hw.samples import Floats
+
+Kind = Literal["drop", "repeat", "corrupt", "cut", "overrun", "stall", "error", "silence", "unplug", "power"]
+
+
+class Halted(Exception):  # noqa: N818 - a state of the endpoint
+    """The endpoint is halted, or the request refused."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Something that goes wrong once.
+
+    Attributes:
+        kind: "drop" frames on the bus, "repeat" them, "corrupt" a bit in each, "cut" the first short, "overrun" in the device,
+            "stall" the endpoint, bus "error", "silence" (reads time out), "unplug" while the device counts on, "power"
+            (unplug, and the counter begins anew).
+        frame: the number of the first frame concerned.
+        count: frames lost or damaged; reads that fail in a row.
+        seconds: how long an unplugged device stays away.
+    """
+
+    kind: Kind
+    frame: int
+    count: int = 1
+    seconds: float = 0.0
+
+
+class Firmware:
+    """State and stream of one device.
+
+    Attributes:
+        layout: of its frames.
+        rate: Hz.
+        index: of the next conversion.
+        sent: sequence number of the next frame.
+        halted: whether the endpoint is.
+    """
+
+    def __init__(
+        self, signals: Callable[[Floats], Floats], rate: float, scale: tuple[float, ...], packet: int, faults: Sequence[Fault]
+    ) -> None:
+        self.layout, self.rate = Layout(packet, len(scale)), rate
+        self._signals, self._scale = signals, np.array(scale, np.float32).astype(float)  # as GET_INFO tells it
+        self._highest = rate
+        self.stream, self.index, self.sent, self.overruns, self.halted = 0, 0, 0, 0, False
+        self._faults = sorted(faults, key=lambda fault: fault.frame)
+        self._failing: list[Kind] = []
+        self._ready = b""
+        self._away, self._away_until = 0.0, 0.0
+        self._made = 0  # frames since power-up, which faults are counted by
+
+    def absent(self) -> bool:
+        """Return whether the device is unplugged just now."""
+        return time.monotonic() < self._away_until
+
+    def control(self, request: int, value: int, data: bytes) -> bytes:
+        """Return the answer to a vendor request. Raises ``Halted`` when it is refused."""
+        if request == GET_INFO:
+            return Info(self.layout.channels, self.rate, self._highest, tuple(self._scale), "virtual 1").encoded()
+        if request == GET_STATUS:
+            return Status(self.stream, self.overruns, self.sent, self.index).encoded()
+        if request == SET_RATE and not self.stream:
+            self.rate = min(self._highest, max(1.0, RATE.unpack(data)[0] / 1e3))
+        elif request == START and value:
+            self.stream, self.index, self.sent, self.overruns, self.halted, self._ready = value, 0, 0, 0, False, b""
+        elif request == STOP:
+            self.stream = 0
+        else:
+            raise Halted
+        return b""
+
+    def send(self, size: int) -> bytes:
+        """Return what a read of ``size`` bytes gets. Raises ``Halted``, or ``OSError`` (EIO, ENODEV)."""
+        if self._failing and not self._ready:
+            self._fail(self._failing.pop())
+            return b""
+        if self.halted:
+            raise Halted
+        while self.stream and len(self._ready) < size and not self._failing:
+            self._make(-(-(size - len(self._ready)) // self.layout.size))
+        if not self._ready and self._failing:
+            return self.send(size)
+        data, self._ready = self._ready[:size], self._ready[size:]
+        return data
+
+    def _make(self, count: int) -> None:
+        """Make up to ``count`` frames ready to be sent, fewer if a fault comes first, and then what the fault leaves."""
+        until = self._faults[0].frame - self._made if self._faults else count
+        if until > 0:
+            self._ready += self._frames(min(count, until))
+            return
+        fault = self._faults.pop(0)
+        if fault.kind in ("drop", "repeat", "corrupt", "cut", "overrun"):
+            self._ready += self._spoiled(fault)
+        else:
+            self._failing, self._away = [fault.kind] * fault.count, fault.seconds
+
+    def _spoiled(self, fault: Fault) -> bytes:
+        if fault.kind == "overrun":
+            self.index += fault.count * self.layout.rows
+            self.overruns += 1
+            return self._frames(1, OVERRUN)
+        frames = self._frames(fault.count)
+        if fault.kind == "repeat":
+            return frames * 2
+        if fault.kind == "cut":
+            return frames[self.layout.size // 3 :]
+        if fault.kind == "corrupt":
+            damaged = np.frombuffer(frames, np.uint8).reshape(fault.count, -1).copy()
+            damaged[:, 25] ^= 0x10
+            return damaged.tobytes()
+        return b""
+
+    def _fail(self, kind: Kind) -> None:
+        """Do what a failing read does: nothing, or lose a frame and raise."""
+        if kind == "silence":
+            return
+        self.index += self.layout.rows
+        self.sent += 1
+        if kind == "stall":
+            self.halted = True
+            raise Halted
+        if kind == "error":
+            raise OSError(errno.EIO, "bus error")
+        if kind in ("unplug", "power"):
+            self._away_until = time.monotonic() + self._away
+            self.stream = 0 if kind == "power" else self.stream
+            raise OSError(errno.ENODEV, "unplugged")
+
+    def _frames(self, count: int, flags: int = 0) -> bytes:
+        rows = self.layout.rows
+        index = self.index + np.arange(count * rows)
+        counts = np.rint(self._signals(index / self.rate) / self._scale)
+        codes: Codes = np.clip(counts, LOWEST, HIGHEST).astype(np.int16)
+        data = encoded(self.layout, self.stream, self.sent, self.index, codes, flags)
+        self.index += count * rows
+        self.sent += count
+        self._made += count
+        return data

@@ -1,0 +1,144 @@
+"""Frames of the vendor stream: how samples lie in them, and their encoder. ``docs/protocol.md`` is the specification.
+
+``python -m hw.frames`` prints the test vectors of that document.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.errors import ProtocolError
+
+Codes = NDArray[np.int16]
+
+MAGIC = b"PD"
+VERSION = 1
+CHANNELS = ("inner", "outer", "force")
+HEADER = struct.Struct("<2sBBIQHBB")  # magic, version, channels, sequence, index, stream, rows, flags
+CRC = struct.Struct("<I")
+OVERRUN = 0x01  # samples were lost in the device just before this frame
+SATURATED = 0x10  # << channel: its analog part was saturated during this frame
+LOWEST, HIGHEST = -32768, 32767  # codes that mean "at the end of the range, or beyond"
+SMALLEST, LARGEST = 32, 1024  # bytes in a frame
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How a device fills its frames.
+
+    Attributes:
+        size: bytes in a frame: the endpoint's wMaxPacketSize.
+        channels: how many, 2 or 3.
+
+    Raises:
+        ProtocolError: no such frames are laid down.
+    """
+
+    size: int
+    channels: int
+
+    def __post_init__(self) -> None:
+        if not (SMALLEST <= self.size <= LARGEST and 2 <= self.channels <= len(CHANNELS)):
+            raise ProtocolError(
+                f"frames of {self.size} bytes, {self.channels} channels: allowed: 32 to 1024 bytes, 2 or 3 channels"
+            )
+
+    @property
+    def rows(self) -> int:
+        """Return the most samples per channel that a frame holds; one byte counts them."""
+        return min(255, (self.size - HEADER.size - CRC.size) // (2 * self.channels))
+
+    @property
+    def dtype(self) -> np.dtype[np.void]:
+        """Return the frame as a structured type."""
+        padding = self.size - HEADER.size - CRC.size - 2 * self.channels * self.rows
+        names = ["magic", "version", "channels", "sequence", "index", "stream", "rows", "flags", "codes", "padding", "crc"]
+        kinds = ["S2", "u1", "u1", "<u4", "<u8", "<u2", "u1", "u1", ("<i2", (self.rows, self.channels)), f"V{padding}", "<u4"]
+        return np.dtype([field for field in zip(names, kinds, strict=True) if field[1] != "V0"])
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame's content.
+
+    Attributes:
+        sequence: counts the frames of a stream, modulo 2^32.
+        index: of the first row since the stream was started; counts conversions, sent or not.
+        stream: the number that the host gave with START.
+        codes: (rows, channels) int16.
+        flags: OVERRUN, SATURATED << channel.
+    """
+
+    sequence: int
+    index: int
+    stream: int
+    codes: Codes
+    flags: int = 0
+
+    def encoded(self, layout: Layout) -> bytes:
+        """Return the frame's bytes; unused ones are zero."""
+        rows, channels = self.codes.shape
+        if channels != layout.channels or not 1 <= rows <= layout.rows:
+            raise ValueError(f"{rows} rows of {channels} channels do not fit {layout}")
+        count = self.sequence % 2**32
+        header = HEADER.pack(MAGIC, VERSION, channels, count, self.index, self.stream, rows, self.flags)
+        body = (header + self.codes.astype("<i2").tobytes()).ljust(layout.size - CRC.size, b"\0")
+        return body + CRC.pack(zlib.crc32(body))
+
+
+def encoded(layout: Layout, stream: int, sequence: int, index: int, codes: Codes, flags: int = 0) -> bytes:
+    """Return consecutive full frames, many at once: what ``Frame.encoded`` gives for each.
+
+    Args:
+        layout: how frames are filled.
+        stream: their number.
+        sequence: of the first.
+        index: of its first row.
+        codes: (frames * layout.rows, channels) int16.
+        flags: of every frame.
+    """
+    frames = np.zeros(len(codes) // layout.rows, layout.dtype)
+    order = np.arange(len(frames))
+    frames["magic"], frames["version"], frames["channels"] = MAGIC, VERSION, layout.channels
+    frames["sequence"] = (sequence + order) % 2**32
+    frames["index"] = index + order * layout.rows
+    frames["stream"], frames["rows"], frames["flags"] = stream, layout.rows, flags
+    frames["codes"] = codes.reshape(len(frames), layout.rows, layout.channels)
+    bodies = frames.view(np.uint8).reshape(len(frames), layout.size)[:, : -CRC.size]
+    frames["crc"] = [zlib.crc32(body.tobytes()) for body in bodies]
+    return frames.tobytes()
+
+
+def vectors() -> dict[str, tuple[Layout, Frame]]:
+    """Return the frames whose bytes the specification prints."""
+    ramp = np.arange(20, dtype=np.int16).reshape(10, 2)
+    ends = np.array([[HIGHEST, LOWEST, -1], [1, 2, 3]], np.int16)
+    return {
+        "64 bytes, two channels, the first frame of stream 1": (Layout(64, 2), Frame(0, 0, 1, ramp)),
+        "64 bytes, the last sequence number before it wraps": (Layout(64, 2), Frame(2**32 - 1, 10 * (2**32 - 1), 1, -ramp)),
+        "64 bytes, three channels, two rows, overrun, inner channel saturated": (
+            Layout(64, 3),
+            Frame(7, 2**40, 0xBEEF, ends, OVERRUN | SATURATED),
+        ),
+    }
+
+
+def hex_dump(data: bytes) -> str:
+    """Return bytes as lines of sixteen, each with its offset."""
+    return "\n".join(f"{at:04x}  {data[at : at + 16].hex(' ')}" for at in range(0, len(data), 16))
+
+
+def main() -> None:
+    """Print the test vectors."""
+    print(f"CRC-32 of the nine bytes '123456789': {zlib.crc32(b'123456789'):08x}")
+    for name, (layout, frame) in vectors().items():
+        print(f"\n{name}:\n{hex_dump(frame.encoded(layout))}")
+
+
+if __name__ == "__main__":
+    main()

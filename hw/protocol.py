@@ -1,0 +1,100 @@
+"""Control requests of the vendor protocol and their data, as ``docs/protocol.md`` lays them down."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+from hw.errors import ProtocolError
+from hw.frames import CHANNELS, VERSION
+
+VENDOR_ID, PRODUCT_ID = 0x1209, 0x0001  # pid.codes' number for tests: free to use, not to sell under
+VENDOR_CLASS = 0xFF
+IN, OUT = 0xC0, 0x40  # vendor requests to the device
+GET_INFO, SET_RATE, START, STOP, GET_STATUS = 1, 2, 3, 4, 5
+MS_OS_20 = 0x20  # vendor code of the MS OS 2.0 descriptor set
+
+_INFO = struct.Struct("<BBHII4f16s")
+_STATUS = struct.Struct("<HHIQ")
+RATE = struct.Struct("<I")
+
+
+@dataclass(frozen=True)
+class Info:
+    """The answer to GET_INFO.
+
+    Attributes:
+        channels: how many, 2 or 3.
+        rate: Hz, as it is now.
+        highest_rate: Hz.
+        scale: volts per count of each channel.
+        firmware: name and version, 16 ASCII characters at most.
+    """
+
+    channels: int
+    rate: float
+    highest_rate: float
+    scale: tuple[float, ...]
+    firmware: str
+
+    def encoded(self) -> bytes:
+        """Return the answer's bytes."""
+        scale = (*self.scale, 0.0, 0.0)[:4]
+        return _INFO.pack(
+            VERSION,
+            self.channels,
+            0,
+            round(1e3 * self.rate),
+            round(1e3 * self.highest_rate),
+            *scale,
+            self.firmware.encode("ascii"),
+        )
+
+    @classmethod
+    def decoded(cls, data: bytes) -> Info:
+        """Return what a device answered.
+
+        Raises:
+            ProtocolError: the answer is not one of this version of the protocol.
+        """
+        if len(data) < _INFO.size:
+            raise ProtocolError(f"the device described itself in {len(data)} bytes, not {_INFO.size}: update its firmware")
+        version, channels, _, rate, highest, *scale, firmware = _INFO.unpack_from(data)
+        if version != VERSION:
+            raise ProtocolError(f"the device speaks version {version} of the protocol, this program {VERSION}: update the older")
+        if not 2 <= channels <= len(CHANNELS) or rate == 0 or not all(0 < one < 1e3 for one in scale[:channels]):
+            raise ProtocolError(f"the device states {channels} channels, {rate / 1e3} Hz, {scale} V/count: correct its firmware")
+        text = firmware.split(b"\0")[0].decode("ascii", "replace")
+        return cls(channels, rate / 1e3, highest / 1e3, tuple(scale[:channels]), text)
+
+
+@dataclass(frozen=True)
+class Status:
+    """The answer to GET_STATUS.
+
+    Attributes:
+        stream: number of the running stream; 0 when stopped.
+        overruns: since START, modulo 2^16.
+        sequence: of the next frame.
+        index: of the next conversion.
+    """
+
+    stream: int
+    overruns: int
+    sequence: int
+    index: int
+
+    def encoded(self) -> bytes:
+        """Return the answer's bytes."""
+        return _STATUS.pack(self.stream, self.overruns % 2**16, self.sequence % 2**32, self.index)
+
+    @classmethod
+    def decoded(cls, data: bytes) -> Status:
+        """Return what a device answered.
+
+        Raises:
+            ProtocolError: the answer has not the right length.
+        """
+        if len(data) < _STATUS.size:
+            raise ProtocolError(f"the device told its status in {len(data)} bytes, not {_STATUS.size}: update its firmware")
+        return cls(*_STATUS.unpack_from(data))

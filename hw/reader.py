@@ -1,0 +1,142 @@
+"""The reader: one way to samples, whatever they come from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from hw.decoder import Format, FrameDecoder
+from hw.errors import InvalidSource, Timeout
+from hw.recording import Recorder
+from hw.replay import Replay
+from hw.samples import Samples, joined
+from hw.scope import ScopeTransport, WaveformDecoder
+from hw.transport import Decoder, Header, Transport
+from hw.usb import UsbTransport
+from hw.virtual import Virtual
+
+SOURCES = "usb, usb:SERIAL, visa:RESOURCE, replay:FILE"
+
+
+class Reader:
+    """Reads a probe; a context manager that lets go of the device at its end.
+
+    Example:
+        >>> with Reader.open("usb") as reader:  # doctest: +SKIP
+        ...     samples = reader.collect(10.0, record="run.probe")
+    """
+
+    def __init__(self, transport: Transport) -> None:
+        self.transport = transport
+
+    @classmethod
+    def open(cls, source: str | Virtual, rate: float | None = None) -> Reader:
+        """Open a source and start it.
+
+        Args:
+            source: ``usb`` (the only probe connected), ``usb:SERIAL``, ``visa:RESOURCE``, ``replay:FILE``, or a
+                ``hw.virtual.virtual`` probe.
+            rate: Hz per channel that a probe on USB is asked for; by default the rate it has.
+
+        Raises:
+            HardwareError: one of its family, saying what to do.
+            OSError: a recording that cannot be read.
+        """
+        return cls(_transport(source, rate))
+
+    @property
+    def header(self) -> Header:
+        """Return rate, channels, scale and source."""
+        return self.transport.header
+
+    def blocks(self, seconds: float | None = None, record: Path | str | None = None) -> Iterator[Samples]:
+        """Yield samples as they come, until the index has gone on by ``seconds`` or the source ends.
+
+        Args:
+            seconds: how long, by the device's own clock, gaps included; None: until the source ends.
+            record: a new file for the raw bytes, which get there before they are decoded.
+
+        Raises:
+            InvalidSource: less than one sample.
+            HardwareError: the device went away, or another trouble that recovery did not end.
+            FileExistsError: there is a file where the recording would go.
+        """
+        end = None if seconds is None else self._samples_in(seconds)
+        decoder = decoder_of(self.header)
+        with ExitStack() as stack:
+            recorder = None if record is None else stack.enter_context(Recorder(record, self.header))
+            while (chunk := self.transport.read()) is not None:
+                if recorder:
+                    recorder.write(chunk)
+                block = decoder.feed(chunk.data, chunk.stream, chunk.note)
+                if len(block):
+                    yield block if end is None else block.before(end)
+                    if end is not None and block.index[-1] >= end - 1:
+                        return
+
+    def collect(
+        self, seconds: float | None = None, record: Path | str | None = None, progress: Callable[[float], None] | None = None
+    ) -> Samples:
+        """Return all samples of ``seconds``; for the arguments see ``blocks``.
+
+        Args:
+            seconds: how long; None: until the source ends.
+            record: a new file for the raw bytes.
+            progress: told the seconds that have been read, after each block.
+
+        Raises:
+            Timeout: the source ended before its first sample.
+        """
+        parts = []
+        for block in self.blocks(seconds, record):
+            parts.append(block)
+            if progress and len(block):
+                progress((int(block.index[-1]) + 1) / block.rate)
+        if not parts:
+            raise Timeout(f"no samples from {self.header.source.get('transport', 'the source')}: is the recording empty?")
+        return joined(parts)
+
+    def _samples_in(self, seconds: float) -> int:
+        count = seconds * self.header.rate
+        if not 0.5 < count < 2**62:
+            raise InvalidSource(f"seconds = {seconds}: allowed: a sample, {1 / self.header.rate:g} s, or more")
+        return round(count)
+
+    def close(self) -> None:
+        """Stop the stream and let go of the device."""
+        self.transport.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+
+def decoder_of(header: Header) -> Decoder:
+    """Return the decoder that a header asks for.
+
+    Raises:
+        InvalidSource: none does.
+    """
+    if header.kind == "frames":
+        return FrameDecoder(Format(header.rate, header.scale, header.size, header.stream), header.source)
+    if header.kind == "waveforms":
+        return WaveformDecoder(header)
+    raise InvalidSource(f"a recording of kind {header.kind!r}: allowed: frames, waveforms")
+
+
+def _transport(source: str | Virtual, rate: float | None) -> Transport:
+    if isinstance(source, Virtual):
+        return UsbTransport(source.serial, rate, backend=source)
+    kind, _, name = source.partition(":")
+    if kind == "usb":
+        return UsbTransport(name or None, rate)
+    if kind == "visa" and name:
+        return ScopeTransport.open(name)
+    if kind == "replay" and name:
+        return Replay(Path(name))
+    raise InvalidSource(f"source {source!r}: allowed: {SOURCES}")

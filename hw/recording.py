@@ -1,0 +1,135 @@
+"""Raw bytes on disk, as they came and before anybody decodes them: one file that describes itself.
+
+A line of JSON, then records: ``READ``, when (s since the start), stream number, lengths of note and data, both, CRC-32 of all
+that. A record ``DONE`` ends a file that was closed. A file that was cut is readable up to the cut.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import struct
+import time
+import zlib
+from collections.abc import Generator
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, Self
+
+from hw.errors import InvalidSource
+from hw.transport import Chunk, Header
+
+KIND = "probe-design recording"
+VERSION = 1
+_RECORD = struct.Struct("<4sdHHI")
+_CRC = struct.Struct("<I")
+
+
+class Recorder:
+    """Writes chunks; a file that exists is never overwritten.
+
+    Raises:
+        FileExistsError: there is a file of that name.
+    """
+
+    def __init__(self, path: Path | str, header: Header) -> None:
+        self._file: BinaryIO = Path(path).open("xb")  # noqa: SIM115 - closed by close()
+        self._begin = time.monotonic()
+        line = json.dumps({"format": KIND, "version": VERSION} | header.as_dict())
+        self._file.write(line.encode() + b"\n")
+        self._file.flush()
+
+    def write(self, chunk: Chunk) -> None:
+        """Append what one read returned."""
+        self._record(b"READ", chunk)
+        self._file.flush()
+
+    def close(self) -> None:
+        """Mark the end, flush to disk and close."""
+        if not self._file.closed:
+            self._record(b"DONE", Chunk(b""))
+            self._file.flush()
+            os.fsync(self._file.fileno())
+            self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    def _record(self, tag: bytes, chunk: Chunk) -> None:
+        note = chunk.note.encode()[:65535]
+        head = _RECORD.pack(tag, time.monotonic() - self._begin, chunk.stream, len(note), len(chunk.data))
+        body = head + note + chunk.data
+        self._file.write(body + _CRC.pack(zlib.crc32(body)))
+
+
+class Recording:
+    """A recorded file, read as it is asked for.
+
+    Attributes:
+        header: how to decode it, and where it came from.
+        cut: None, or in words where the file ends before its end; known once all chunks were read.
+
+    Raises:
+        InvalidSource: the file is not a recording, or of another version.
+        OSError: it cannot be read.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+        self.cut: str | None = None
+        with self.path.open("rb") as file:
+            self.header = _header(file.readline(1 << 20), self.path)
+            self._data_begins = file.tell()
+
+    def chunks(self) -> Generator[Chunk, None, None]:
+        """Yield what was read, in order, up to the end or the cut."""
+        with self.path.open("rb") as file:
+            file.seek(self._data_begins)
+            while True:
+                at = file.tell()
+                tag, chunk = _next(file)
+                if tag == b"DONE":
+                    return
+                if tag != b"READ":
+                    self.cut = f"{self.path.name} was cut or damaged at byte {at}; what stands before is whole"
+                    return
+                yield chunk
+
+
+def read_recording(path: Path | str) -> Recording:
+    """Return a recorded file; see ``Recording``."""
+    return Recording(path)
+
+
+def sha256(path: Path | str) -> str:
+    """Return the file's SHA-256 in hexadecimal: what a calibration record keeps of its raw data."""
+    with Path(path).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _header(line: bytes, path: Path) -> Header:
+    try:
+        told: dict[str, Any] = json.loads(line)
+        kind, version = told.pop("format"), told.pop("version")
+        if (kind, version) == (KIND, VERSION):
+            return Header(**told | {"channels": tuple(told["channels"]), "scale": tuple(told["scale"])})
+    except (ValueError, KeyError, TypeError, AttributeError) as fault:
+        raise InvalidSource(f"{path} is not a recording: it does not begin with the line that describes it") from fault
+    raise InvalidSource(f"{path} is a {kind} of version {version}: this program reads {KIND} of version {VERSION}")
+
+
+def _next(file: BinaryIO) -> tuple[bytes, Chunk]:
+    """Return a record's tag and content; an empty tag where the file ends or is damaged."""
+    head = file.read(_RECORD.size)
+    if len(head) < _RECORD.size:
+        return b"", Chunk(b"")
+    tag, _, stream, note, length = _RECORD.unpack(head)
+    body = file.read(note + length) if length < 1 << 30 else b""
+    crc = file.read(_CRC.size)
+    if len(body) < note + length or crc != _CRC.pack(zlib.crc32(head + body)):
+        return b"", Chunk(b"")
+    return tag, Chunk(body[note:], stream, body[:note].decode("utf-8", "replace"))

@@ -1,0 +1,33 @@
+"""A recording in place of the device."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from hw.recording import Recording
+from hw.transport import Chunk
+
+
+class Replay:
+    """Returns the chunks of a recorded file, as fast as they are asked for.
+
+    Its header's source gains ``replayed``, and ``cut`` when the file turned out to end before its end.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._recording = Recording(path)
+        source = {"replayed": str(path)}
+        self.header = replace(self._recording.header, source=self._recording.header.source | source)
+        self._chunks = self._recording.chunks()
+
+    def read(self) -> Chunk | None:
+        """Return the next chunk; None at the end."""
+        chunk = next(self._chunks, None)
+        if self._recording.cut:
+            self.header.source["cut"] = self._recording.cut
+        return chunk
+
+    def close(self) -> None:
+        """Close the file."""
+        self._chunks.close()

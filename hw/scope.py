@@ -1,0 +1,177 @@
+"""Oscilloscopes by SCPI over VISA (``pip install 'probe-design[scope]'``): inner on channel 1, outer on channel 2.
+
+Each chunk is one acquisition; how much time passes between two is unknown, so a gap of unknown length stands there.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from importlib import import_module
+from typing import Any
+
+import libusb_package
+import numpy as np
+from usb.core import USBError
+
+from hw.errors import Busy, Disconnected, HardwareError, InvalidSource, NotFound, ProtocolError, Timeout, TransferError
+from hw.samples import Gap, Samples
+from hw.scpi import DIALECTS, dialect_of
+from hw.transport import Chunk, Header, now
+from hw.usb_faults import named
+
+_PATIENCE = 10.0  # s, for one acquisition
+_BETWEEN = "a new acquisition"
+_BY_STATUS: dict[str, type[HardwareError]] = {
+    "error_timeout": Timeout, "error_resource_not_found": NotFound, "error_resource_busy": Busy, "error_resource_locked": Busy,
+    "error_connection_lost": Disconnected, "error_io": TransferError, "error_invalid_resource_name": InvalidSource,
+}  # fmt: skip
+
+
+class ScopeTransport:
+    """Takes acquisitions from an open VISA resource.
+
+    Args:
+        resource: as pyvisa opens it, or anything with ``query``, ``write``, ``query_binary_values`` and ``close``.
+        name: the resource string.
+
+    Raises:
+        HardwareError: it does not answer, or as no known family does.
+    """
+
+    def __init__(self, resource: Any, name: str) -> None:
+        self._resource, self._name = resource, name
+        try:
+            with faults_named(name):
+                identity = resource.query("*IDN?").strip()
+                self._dialect = dialect_of(identity)
+                self._first: Chunk | None = self._acquired()
+        except HardwareError:
+            self.close()
+            raise
+        told = json.loads(self._first.note)
+        scaling = [DIALECTS[self._dialect].scaled(answer) for answer in told["scales"]]
+        scale = tuple(one.step for one in scaling)
+        maker, model, serial, firmware = (*str(identity).split(","), "", "", "")[:4]
+        source = {
+            "transport": "visa", "serial": serial, "firmware": firmware, "model": f"{maker} {model}", "resource": name,
+            "started": now(), "scale": list(scale),
+        }  # fmt: skip
+        self.header = Header("waveforms", 1 / scaling[0].interval, ("inner", "outer"), scale, 0, 0, source)
+
+    @classmethod
+    def open(cls, name: str) -> ScopeTransport:
+        """Open a resource by its full name, such as ``USB0::0x1AB1::0x04CE::DS1ZA1::INSTR``; resources are never listed.
+
+        Raises:
+            InvalidSource: pyvisa is not installed, or knows no such kind of resource.
+            HardwareError: it cannot be opened.
+        """
+        try:
+            visa = import_module("pyvisa")
+            libusb_package.get_libusb1_backend()  # from here on pyusb, and so pyvisa-py, uses this one
+            manager = visa.ResourceManager("@py")
+        except (ImportError, ValueError) as missing:
+            raise InvalidSource("oscilloscopes need pyvisa: pip install 'probe-design[scope]'") from missing
+        with faults_named(name, missing="not found, or not to be opened by this user: check plug, name and udev rule"):
+            resource = manager.open_resource(name, timeout=1000 * _PATIENCE)
+            if name.upper().endswith("SOCKET"):
+                resource.read_termination = resource.write_termination = "\n"
+        return cls(resource, name)
+
+    def read(self) -> Chunk:
+        """Return the next acquisition.
+
+        Raises:
+            HardwareError: the scope does not answer, or went away.
+        """
+        first, self._first = self._first, None
+        with faults_named(self._name):
+            return first or self._acquired()
+
+    def close(self) -> None:
+        """Let go of the scope."""
+        with suppress(Exception):  # whatever VISA raises on a scope that is gone
+            self._resource.close()
+
+    def _acquired(self) -> Chunk:
+        dialect = DIALECTS[self._dialect]
+        self._write(dialect.acquire)
+        self._wait(*dialect.finished)
+        scales, blocks = [], []
+        for channel in (1, 2):
+            self._write(tuple(word.format(channel=channel) for word in dialect.select))
+            scales.append(self._resource.query(dialect.scaling).strip())
+            blocks.append(self._resource.query_binary_values(dialect.data, datatype="B", container=bytes))
+        note = {"dialect": self._dialect, "scales": scales, "lengths": [len(block) for block in blocks]}
+        return Chunk(b"".join(blocks), note=json.dumps(note))
+
+    def _write(self, words: tuple[str, ...]) -> None:
+        for word in words:
+            self._resource.write(word)
+
+    def _wait(self, query: str, finished: str) -> None:
+        limit = time.monotonic() + _PATIENCE
+        while self._resource.query(query).strip() != finished:
+            if time.monotonic() > limit:
+                raise Timeout(f"{self._name}: no acquisition in {_PATIENCE:g} s: set the trigger to automatic")
+            time.sleep(0.02)
+
+
+class WaveformDecoder:
+    """Turns acquisitions, live or recorded, into samples."""
+
+    def __init__(self, header: Header) -> None:
+        self.header = header
+        self._next = 0
+
+    def feed(self, data: bytes, stream: int | None = None, note: str = "") -> Samples:
+        """Return the samples of one acquisition.
+
+        Raises:
+            ProtocolError: its channels do not fit each other, or the header.
+        """
+        told = json.loads(note)
+        dialect = DIALECTS[told["dialect"]]
+        lengths, begin, columns = told["lengths"], 0, []
+        for length, answer in zip(lengths, told["scales"], strict=True):
+            scaling = dialect.scaled(answer)
+            if length != lengths[0] or abs(scaling.interval * self.header.rate - 1) > 1e-9:
+                raise ProtocolError(f"channels of {lengths} samples, every {scaling.interval} s: leave the time base as it was")
+            columns.append(dialect.decoded(data[begin : begin + length], scaling))
+            begin += length
+        volts, saturated = (np.column_stack(column) for column in zip(*columns, strict=True))
+        gaps = (Gap(self._next, -1, _BETWEEN),) if self._next else ()
+        first = self._next + len(gaps)
+        self._next = first + lengths[0]
+        index = np.arange(first, self._next)
+        return Samples(self.header.rate, self.header.channels, index, volts, saturated, gaps, 0, self.header.source)
+
+
+@contextmanager
+def faults_named(name: str, missing: str = "") -> Iterator[None]:
+    """Raise as one of our family what pyvisa, pyvisa-py and pyusb raise on a scope that does not answer or is gone.
+
+    Args:
+        name: of the resource.
+        missing: what to say where pyvisa-py cannot tell a scope that is not there from one that may not be opened.
+    """
+    try:
+        yield
+    except USBError as fault:
+        raise named(fault, name) from fault
+    except HardwareError:
+        raise
+    except (ValueError, OSError) as fault:  # pyvisa-py lets both through when the plug is pulled
+        told = f"({' '.join(str(fault).split())})"
+        if missing:
+            raise NotFound(f"{name}: {missing} {told}") from fault
+        raise Disconnected(f"{name}: it went away: check plug and cable {told}") from fault
+    except Exception as fault:
+        status = getattr(getattr(fault, "error_code", None), "name", "")
+        if type(fault).__name__ not in ("VisaIOError", "InvalidSession"):
+            raise
+        kind = _BY_STATUS.get(status, Disconnected if type(fault).__name__ == "InvalidSession" else TransferError)
+        raise kind(f"{name}: {' '.join(str(fault).split())}") from fault

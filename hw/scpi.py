@@ -1,0 +1,134 @@
+"""How families of oscilloscopes are asked for both channels of one acquisition, and what their answers mean.
+
+Written from the makers' programming guides: Keysight InfiniiVision, Rigol DS1000Z/MSO5000, Tektronix TDS/MSO. All are asked for
+8-bit codes; an acquisition is taken once and read channel by channel, so that the channels are simultaneous.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hw.errors import ProtocolError
+from hw.samples import Bools, Floats
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """From codes to volts: (code - zero) * step + offset, every ``interval`` s."""
+
+    interval: float
+    step: float
+    zero: float
+    offset: float
+
+    def volts(self, codes: Floats) -> Floats:
+        """Return volts."""
+        return (codes - self.zero) * self.step + self.offset
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """The words of one family.
+
+    Attributes:
+        makers: words of *IDN? that tell it.
+        acquire: takes one acquisition.
+        finished: a query, and what it answers when the acquisition is complete.
+        select: chooses channel {channel} for what follows.
+        scaling: a query for all that ``Scaling`` needs.
+        data: a query for the codes, as a definite-length block.
+        signed: whether codes are.
+        ends: codes at or beyond which a value is at the end of the range.
+    """
+
+    makers: tuple[str, ...]
+    acquire: tuple[str, ...]
+    finished: tuple[str, str]
+    select: tuple[str, ...]
+    scaling: str
+    data: str
+    signed: bool
+    ends: tuple[int, int]
+
+    def scaled(self, answer: str) -> Scaling:
+        """Return what the scope told of its scales.
+
+        Raises:
+            ProtocolError: it told something else.
+        """
+        try:
+            fields = [float(word) for word in answer.replace(";", ",").split(",")]
+            if self is TEKTRONIX:
+                interval, step, zero, offset = fields
+                return _checked(Scaling(interval, step, zero, offset), answer)
+            _, _, _, _, interval, _, _, step, origin, reference = fields
+        except ValueError as fault:
+            raise ProtocolError(f"the oscilloscope told its scales as {answer!r}: not what its family does") from fault
+        if self is RIGOL:  # its origin counts codes; Keysight's is in volts
+            return _checked(Scaling(interval, step, origin + reference, 0.0), answer)
+        return _checked(Scaling(interval, step, reference, origin), answer)
+
+    def decoded(self, block: bytes, scaling: Scaling) -> tuple[Floats, Bools]:
+        """Return volts and saturation of a block's codes."""
+        codes = np.frombuffer(block, np.int8 if self.signed else np.uint8)
+        return scaling.volts(codes.astype(float)), (codes <= self.ends[0]) | (codes >= self.ends[1])
+
+
+KEYSIGHT = Dialect(
+    makers=("KEYSIGHT", "AGILENT"),
+    acquire=(":DIGITIZE",),
+    finished=("*OPC?", "1"),
+    select=(
+        ":WAVEFORM:SOURCE CHANNEL{channel}",
+        ":WAVEFORM:FORMAT BYTE",
+        ":WAVEFORM:UNSIGNED 1",
+        ":WAVEFORM:POINTS:MODE RAW",
+        ":WAVEFORM:POINTS MAX",
+    ),
+    scaling=":WAVEFORM:PREAMBLE?",
+    data=":WAVEFORM:DATA?",
+    signed=False,
+    ends=(1, 255),
+)
+RIGOL = Dialect(
+    makers=("RIGOL",),
+    acquire=(":SINGLE", ":TFORCE"),
+    finished=(":TRIGGER:STATUS?", "STOP"),
+    select=(":WAVEFORM:SOURCE CHANNEL{channel}", ":WAVEFORM:MODE NORMAL", ":WAVEFORM:FORMAT BYTE"),
+    scaling=":WAVEFORM:PREAMBLE?",
+    data=":WAVEFORM:DATA?",
+    signed=False,
+    ends=(0, 255),
+)
+TEKTRONIX = Dialect(
+    makers=("TEKTRONIX",),
+    acquire=("HEADER OFF", "ACQUIRE:STOPAFTER SEQUENCE", "ACQUIRE:STATE RUN"),
+    finished=("*OPC?", "1"),
+    select=("DATA:SOURCE CH{channel}", "DATA:ENCDG RIBINARY", "DATA:WIDTH 1", "DATA:START 1", "DATA:STOP 100000000"),
+    scaling="WFMOUTPRE:XINCR?;YMULT?;YOFF?;YZERO?",
+    data="CURVE?",
+    signed=True,
+    ends=(-128, 127),
+)
+DIALECTS = {"keysight": KEYSIGHT, "rigol": RIGOL, "tektronix": TEKTRONIX}
+
+
+def dialect_of(identity: str) -> str:
+    """Return the name of the dialect that a scope's answer to *IDN? calls for.
+
+    Raises:
+        ProtocolError: none does.
+    """
+    for name, dialect in DIALECTS.items():
+        if any(maker in identity.upper() for maker in dialect.makers):
+            return name
+    raise ProtocolError(f"oscilloscope {identity.strip()!r}: only families of {', '.join(DIALECTS)} are known")
+
+
+def _checked(scaling: Scaling, answer: str) -> Scaling:
+    finite = np.isfinite([scaling.interval, scaling.step, scaling.zero, scaling.offset]).all()
+    if not (finite and scaling.interval > 0 and scaling.step > 0):
+        raise ProtocolError(f"the oscilloscope told its scales as {answer!r}: is the channel switched on?")
+    return scaling

@@ -1,0 +1,199 @@
+"""The vendor stream over USB, with recovery: what was lost becomes a gap, never a splice.
+
+A halted endpoint is cleared and the stream goes on; a failing bus is tried once more, then the device is looked for; a
+device that went away is looked for by its serial number, at whatever address it comes back. If it still counts the same
+stream, the gap's length follows from its counter; if not, a new stream is begun and the gap's length is unknown.
+"""
+
+from __future__ import annotations
+
+import random
+import time
+from array import array
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from usb.backend import IBackend
+from usb.core import USBError
+
+from hw.errors import AccessDenied, Busy, Disconnected, HardwareError, InvalidSource, ProtocolError, Stalled, Timeout
+from hw.frames import CHANNELS, Layout
+from hw.transport import Chunk, Header, now
+from hw.usb_device import UsbDevice
+from hw.usb_faults import meaning, named
+from hw.usb_find import Backends, find, libusb
+
+_FAULTS = (USBError, NotImplementedError)
+_REASON: dict[type[HardwareError], str] = {Stalled: "the endpoint was halted", Disconnected: "the device was unplugged"}
+
+
+@dataclass(frozen=True)
+class Patience:
+    """How long and how often to try.
+
+    Attributes:
+        read: one read, s.
+        silence: without a byte, s, before giving up.
+        absence: after the device went away, s, before giving up.
+        attempts: recoveries in a row.
+        span: time that one read may bring, s.
+        largest: bytes in one read at most.
+    """
+
+    read: float = 0.5
+    silence: float = 3.0
+    absence: float = 10.0
+    attempts: int = 3
+    span: float = 0.05
+    largest: int = 1 << 16
+
+
+PATIENT = Patience()
+
+
+class UsbTransport:
+    """Reads one probe.
+
+    Args:
+        serial: the probe's; None: the only one connected.
+        rate: Hz to ask for; None: as it is.
+        backend: pyusb's, in place of libusb.
+        patience: how long and how often to try.
+
+    Raises:
+        HardwareError: no such probe, several, busy, access denied, or not a probe.
+    """
+
+    def __init__(
+        self,
+        serial: str | None = None,
+        rate: float | None = None,
+        backend: IBackend | None = None,
+        patience: Patience = PATIENT,
+    ) -> None:
+        self._backends: Backends = libusb if backend is None else partial(_same, backend)
+        self._name = "usb" if backend is None else "virtual"
+        self._patience = patience
+        if rate is not None and not 1e-3 <= rate <= 4e6:
+            raise InvalidSource(f"rate = {rate} Hz: allowed: 0.001 to 4000000 Hz")
+        # a number that no program used before, so that frames of an earlier stream are known as such
+        self._stream, self._failures, self._heard = random.randint(1, 0xFFFF), 0, time.monotonic()
+        self._fault: Exception | None = None  # of the last read: mended before the next, so that what came before it gets out
+        self._note = ""
+        self._device = self._found(serial)
+        try:
+            self.header = self._begun(rate)
+        except _FAULTS as fault:
+            self._device.close()
+            if meaning(fault) is Stalled:
+                raise ProtocolError(f"{self._what} refuses the requests of docs/protocol.md: correct its firmware") from fault
+            raise named(fault, self._what) from fault
+        except HardwareError:
+            self._device.close()
+            raise
+
+    def read(self) -> Chunk:
+        """Return what the next read brings; no bytes when none came in time. A fault is mended at the next call.
+
+        Raises:
+            HardwareError: recovery failed, or nothing was heard for long.
+        """
+        if self._fault is not None:
+            self._note, self._fault = self._recover(self._fault) or self._note, None
+        buffer = array("B", bytes(self._size))
+        try:
+            data = self._device.read(buffer, round(1e3 * self._patience.read))
+        except _FAULTS as fault:
+            self._fault = fault
+            return Chunk(_before_fault(buffer), self._stream, self._note)
+        if data:
+            self._failures, self._heard = 0, time.monotonic()
+        note, self._note = self._note, "" if data else self._note
+        return Chunk(data, self._stream, note)
+
+    def close(self) -> None:
+        """Stop the stream and let go of the device."""
+        self._device.close()
+
+    @property
+    def _what(self) -> str:
+        return f"probe {self._device.serial}".rstrip()
+
+    def _found(self, serial: str | None) -> UsbDevice:
+        try:
+            return UsbDevice(find(serial, self._backends))
+        except _FAULTS as fault:
+            raise named(fault, f"probe {serial or 'on USB'}") from fault
+
+    def _begun(self, rate: float | None) -> Header:
+        """Set the rate, start the stream and describe it."""
+        self._device.stop()  # a program that died may have left it running
+        if rate is not None:
+            self._device.set_rate(rate)
+        info, packet = self._device.info(), self._device.packet
+        layout = Layout(packet, info.channels)
+        frames = max(1, round(self._patience.span * info.rate / layout.rows))
+        self._size = min(frames, self._patience.largest // packet) * packet
+        self._device.start(self._stream)
+        source: dict[str, Any] = {
+            "transport": self._name, "serial": self._device.serial, "firmware": info.firmware, "place": self._device.place,
+            "started": now(), "scale": list(info.scale),
+        }  # fmt: skip
+        return Header("frames", info.rate, CHANNELS[: info.channels], info.scale, packet, self._stream, source)
+
+    def _recover(self, fault: Exception) -> str:
+        """Bring the stream back and return what happened; raises what it cannot mend."""
+        kind, place = meaning(fault), self._device.place
+        if kind is Timeout:
+            self._check_silence(fault)
+            return ""
+        self._failures += 1
+        if self._failures > self._patience.attempts:
+            raise named(fault, self._what) from fault
+        try:
+            if kind is Stalled:
+                self._device.clear_halt()
+            elif kind is Disconnected or self._failures > 1:  # an unplug may show as a failing bus first
+                self._reopen(fault)
+            self._resume()
+        except _FAULTS as another:
+            return self._recover(another)
+        reason = _REASON.get(kind, "the bus failed")
+        return reason if self._device.place == place else f"{reason}, and came back at {self._device.place}"
+
+    def _check_silence(self, fault: Exception) -> None:
+        if time.monotonic() - self._heard > self._patience.silence:
+            raise named(fault, self._what) from fault
+
+    def _resume(self) -> None:
+        """Go on with the stream if the device still counts it; begin another if not."""
+        if self._device.status().stream != self._stream:
+            self._stream = self._stream % 0xFFFF + 1
+            self._device.start(self._stream)
+        self._heard = time.monotonic()
+
+    def _reopen(self, fault: Exception) -> None:
+        """Find the device again by its serial number, wherever it is now."""
+        serial = self._device.serial
+        self._device.close(stop=False)
+        limit = time.monotonic() + self._patience.absence
+        while True:
+            try:
+                self._device = self._found(serial)
+                return
+            except HardwareError as missing:  # access may be given a moment after it came back
+                if time.monotonic() > limit:
+                    raise (
+                        missing if isinstance(missing, AccessDenied | Busy) else named(fault, self._what, Disconnected)
+                    ) from fault
+            time.sleep(0.05)
+
+
+def _before_fault(buffer: array[int]) -> bytes:
+    """Return what a failed read brought before it failed: frames carry checksums, so that it is safe to look for them."""
+    return buffer.tobytes().rstrip(b"\0")
+
+
+def _same(backend: IBackend) -> IBackend:
+    return backend

@@ -1,0 +1,61 @@
+"""What an exception of pyusb means, on every system.
+
+errno numbers differ between Linux, macOS and Windows; libusb's own codes do not, nor do pyusb's exception classes.
+"""
+
+from __future__ import annotations
+
+import errno
+
+from usb.core import NoBackendError, USBError, USBTimeoutError
+
+from hw.errors import (
+    AccessDenied,
+    Busy,
+    Disconnected,
+    HardwareError,
+    NotFound,
+    Stalled,
+    Timeout,
+    TransferError,
+)
+
+_BY_CODE: dict[int | None, type[HardwareError]] = {
+    -1: TransferError, -3: AccessDenied, -4: Disconnected, -5: Disconnected, -6: Busy, -7: Timeout, -8: TransferError,
+    -9: Stalled, -12: AccessDenied,
+}  # fmt: skip
+_BY_ERRNO: dict[int | None, type[HardwareError]] = {
+    errno.EIO: TransferError, errno.EACCES: AccessDenied, errno.EPERM: AccessDenied, errno.ENODEV: Disconnected,
+    errno.ENOENT: Disconnected, errno.EBUSY: Busy, errno.ETIMEDOUT: Timeout, errno.EPIPE: Stalled,
+}  # fmt: skip
+_REMEDY = {
+    Busy: "another program holds it: close that program",
+    Disconnected: "it went away and did not come back: check plug and cable, then read again",
+    NotFound: "plug it in, or name another with usb:SERIAL",
+    Stalled: "it keeps refusing: unplug it and plug it in again",
+    Timeout: "it is there and says nothing: unplug it and plug it in again",
+    TransferError: "the bus failed, again and again: try another cable or port, without a hub",
+}
+
+
+def meaning(fault: Exception) -> type[HardwareError]:
+    """Return the class of what pyusb raised."""
+    if isinstance(fault, USBTimeoutError):
+        return Timeout
+    if isinstance(fault, NotImplementedError):  # LIBUSB_ERROR_NOT_SUPPORTED: Windows has no driver for it
+        return AccessDenied
+    if isinstance(fault, NoBackendError):
+        return NotFound
+    if isinstance(fault, USBError):
+        return _BY_CODE.get(fault.backend_error_code) or _BY_ERRNO.get(fault.errno, TransferError)
+    return TransferError
+
+
+def named(fault: Exception, what: str, kind: type[HardwareError] | None = None) -> HardwareError:
+    """Return the error of our family for what pyusb raised, or of ``kind``; the caller raises it from the fault."""
+    kind = kind or meaning(fault)
+    return AccessDenied(what) if kind is AccessDenied else kind(f"{what}: {_REMEDY[kind]} ({_told(fault)})")
+
+
+def _told(fault: Exception) -> str:
+    return " ".join(str(fault).split()) or type(fault).__name__

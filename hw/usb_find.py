@@ -1,0 +1,116 @@
+"""Probes on the bus, found by vendor, product and serial number."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+import libusb_package
+import usb.core
+import usb.util
+from usb.backend import IBackend
+from usb.backend.libusb1 import _LibUSB
+
+from hw.errors import Ambiguous, HardwareError, NotFound
+from hw.protocol import PRODUCT_ID, VENDOR_ID
+from hw.usb_faults import named
+
+Backends = Callable[[], IBackend]
+_STRING, _ENGLISH = 0x0300, 0x0409
+
+
+@dataclass(frozen=True)
+class Found:
+    """A device that looks like a probe.
+
+    Attributes:
+        device: pyusb's.
+        serial: its serial number; empty if it could not be read.
+        fault: why not.
+    """
+
+    device: Any
+    serial: str
+    fault: Exception | None = None
+
+
+class _Context(_LibUSB):  # type: ignore[misc]
+    """A context of libusb that lives as long as the devices it found: libusb needs it to let go of them."""
+
+    def enumerate_devices(self) -> Iterator[Any]:
+        for device in super().enumerate_devices():
+            device.context = self
+            yield device
+
+
+def libusb() -> IBackend:
+    """Return libusb with a context of its own, which sees what is connected now.
+
+    A context learns of new devices through the system's hotplug messages. Those do not reach a container; a new context
+    looks for itself.
+
+    Raises:
+        NotFound: there is no libusb for this machine.
+    """
+    backend = libusb_package.get_libusb1_backend()
+    if backend is None:
+        raise NotFound("libusb could not be loaded: install libusb-1.0 (apt install libusb-1.0-0, brew install libusb)")
+    return _Context(backend.lib)
+
+
+def find(serial: str | None, backends: Backends = libusb) -> Found:
+    """Return the probe with the serial number, or the only one connected.
+
+    Raises:
+        NotFound: no such probe.
+        Ambiguous: several, and no serial number to choose by.
+        AccessDenied: it may be there, but may not be opened.
+    """
+    probes = connected(backends())
+    matching = [probe for probe in probes if probe.fault is None and serial in (None, probe.serial)]
+    if len(matching) == 1:
+        release([probe.device for probe in probes if probe is not matching[0]])
+        return matching[0]
+    release([probe.device for probe in probes])
+    if matching:
+        raise Ambiguous([probe.serial for probe in matching])
+    raise _none(serial, probes) from next((probe.fault for probe in probes if probe.fault), None)
+
+
+def connected(backend: IBackend) -> list[Found]:
+    """Return all devices with the probe's vendor and product number, by their place on the bus."""
+    devices = usb.core.find(find_all=True, idVendor=VENDOR_ID, idProduct=PRODUCT_ID, backend=backend)
+    return sorted((_read_serial(device) for device in devices), key=lambda probe: (probe.device.bus, probe.device.address))
+
+
+def where(device: Any) -> str:
+    """Return bus and address in words."""
+    return f"bus {device.bus} address {device.address}"
+
+
+def release(devices: list[Any]) -> None:
+    """Let go of devices; the ones that went away need nothing."""
+    for device in devices:
+        with suppress(usb.core.USBError, NotImplementedError):
+            usb.util.dispose_resources(device)
+
+
+def _read_serial(device: Any) -> Found:
+    """Read the serial string itself: pyusb's own property hides from us why it could not."""
+    try:
+        told = bytes(device.ctrl_transfer(0x80, 6, _STRING | device.iSerialNumber, _ENGLISH, 255))
+    except (usb.core.USBError, NotImplementedError) as fault:
+        return Found(device, "", fault)
+    return Found(device, told[2 : told[0]].decode("utf-16-le", "replace") if told else "")
+
+
+def _none(serial: str | None, probes: list[Found]) -> HardwareError:
+    """Return why there is no probe: it is not there, or its serial number could not be read."""
+    for probe in probes:
+        if probe.fault is not None:
+            return named(probe.fault, f"a probe at {where(probe.device)}")
+    others = f"; connected: {[probe.serial for probe in probes]}" if probes else ""
+    asked, numbers = f"probe {serial}" if serial else "a probe", f"{VENDOR_ID:04x}:{PRODUCT_ID:04x}"
+    return NotFound(f"{asked} (USB {numbers}) is not connected: plug it in, or use --virtual or --replay{others}")

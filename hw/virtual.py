@@ -1,0 +1,170 @@
+"""A virtual probe: a backend of pyusb, so that everything above USB runs as it does with a real one.
+
+It bypasses libusb and so proves nothing about it; that is what the tests under umockdev do.
+"""
+
+# ruff: noqa: D102 - the methods of IBackend, told there
+
+from __future__ import annotations
+
+import errno
+import struct
+import time
+from array import array
+from collections.abc import Callable, Iterator, Sequence
+from types import SimpleNamespace
+from typing import Any
+
+from usb.backend import IBackend
+from usb.core import USBError, USBTimeoutError
+
+from hw.firmware import Fault, Firmware, Halted
+from hw.protocol import PRODUCT_ID, VENDOR_CLASS, VENDOR_ID
+from hw.samples import Floats
+
+_ENDPOINT = 0x81
+_DEVICE: dict[str, Any] = {
+    "bLength": 18, "bDescriptorType": 1, "bcdUSB": 0x0210, "bDeviceClass": 0, "bDeviceSubClass": 0, "bDeviceProtocol": 0,
+    "bMaxPacketSize0": 64, "idVendor": VENDOR_ID, "idProduct": PRODUCT_ID, "bcdDevice": 0x0100, "iManufacturer": 1, "iProduct": 2,
+    "iSerialNumber": 3, "bNumConfigurations": 1, "bus": 1, "port_number": 1, "port_numbers": (1,), "speed": 3,
+}  # fmt: skip
+_CONFIGURATION: dict[str, Any] = {
+    "bLength": 9, "bDescriptorType": 2, "wTotalLength": 25, "bNumInterfaces": 1, "bConfigurationValue": 1, "iConfiguration": 0,
+    "bmAttributes": 0x80, "bMaxPower": 50, "extra_descriptors": [],
+}  # fmt: skip
+_INTERFACE: dict[str, Any] = {
+    "bLength": 9, "bDescriptorType": 4, "bInterfaceNumber": 0, "bAlternateSetting": 0, "bNumEndpoints": 1,
+    "bInterfaceClass": VENDOR_CLASS, "bInterfaceSubClass": 0, "bInterfaceProtocol": 0, "iInterface": 0, "extra_descriptors": [],
+}  # fmt: skip
+_BULK: dict[str, Any] = {
+    "bLength": 7, "bDescriptorType": 5, "bEndpointAddress": _ENDPOINT, "bmAttributes": 2, "bInterval": 0, "bRefresh": 0,
+    "bSynchAddress": 0, "extra_descriptors": [],
+}  # fmt: skip
+
+
+class Virtual(IBackend):  # type: ignore[misc]
+    """One virtual probe on a virtual bus; make it with ``virtual``.
+
+    Attributes:
+        serial: its serial number.
+        firmware: its inside.
+    """
+
+    def __init__(self, firmware: Firmware, serial: str, pace: bool) -> None:
+        super().__init__()
+        self.serial, self.firmware, self._pace = serial, firmware, pace
+        self._address, self._partial, self._begin = 2, b"", time.monotonic()
+
+    def enumerate_devices(self) -> Iterator[int]:
+        if not self.firmware.absent():
+            yield self._address
+
+    def get_device_descriptor(self, dev: int) -> SimpleNamespace:
+        return SimpleNamespace(**_DEVICE, address=dev)
+
+    def get_configuration_descriptor(self, dev: int, config: int) -> SimpleNamespace:
+        if config:
+            raise IndexError(config)
+        return SimpleNamespace(**_CONFIGURATION)
+
+    def get_interface_descriptor(self, dev: int, intf: int, alt: int, config: int) -> SimpleNamespace:
+        if intf or alt:
+            raise IndexError((intf, alt))
+        return SimpleNamespace(**_INTERFACE)
+
+    def get_endpoint_descriptor(self, dev: int, ep: int, intf: int, alt: int, config: int) -> SimpleNamespace:
+        return SimpleNamespace(**_BULK, wMaxPacketSize=self.firmware.layout.size)
+
+    def open_device(self, dev: int) -> int:
+        return dev
+
+    def close_device(self, dev_handle: int) -> None:
+        """Nothing is held."""
+
+    def get_configuration(self, dev_handle: int) -> int:
+        return 1
+
+    def claim_interface(self, dev_handle: int, intf: int) -> None:
+        """Nobody else can."""
+
+    def release_interface(self, dev_handle: int, intf: int) -> None:
+        """Nobody waits for it."""
+
+    def clear_halt(self, dev_handle: int, ep: int) -> None:
+        self._check_there(dev_handle)
+        self.firmware.halted = False
+
+    def ctrl_transfer(
+        self, dev_handle: int, bmRequestType: int, bRequest: int, wValue: int, wIndex: int, data: Any, timeout: int
+    ) -> int:
+        self._check_there(dev_handle)
+        if (bmRequestType, bRequest, wValue) == (0x80, 6, 0x0303):
+            text = self.serial.encode("utf-16-le")
+            return _filled(data, struct.pack("BB", 2 + len(text), 3) + text)
+        try:
+            answer = self.firmware.control(bRequest, wValue, bytes(data) if not bmRequestType & 0x80 else b"")
+        except Halted as refused:
+            raise _pipe() from refused
+        self._begin = time.monotonic() if self.firmware.sent == 0 else self._begin
+        return _filled(data, answer) if bmRequestType & 0x80 else len(data)
+
+    def bulk_read(self, dev_handle: int, ep: int, intf: int, buff: Any, timeout: int) -> int:
+        self._check_there(dev_handle)
+        wanted = len(buff) * buff.itemsize
+        try:
+            data = self.firmware.send(wanted)
+        except Halted as stall:
+            raise _pipe() from stall
+        except OSError as fault:
+            if fault.errno == errno.ENODEV:
+                self._address += 1
+                raise USBError("No such device (it may have been disconnected)", -4, errno.ENODEV) from fault
+            raise USBError("Input/Output Error", -1, errno.EIO) from fault
+        if not data:
+            raise USBTimeoutError("Operation timed out", -7, errno.ETIMEDOUT)
+        self._wait()
+        return _filled(buff, data)
+
+    def _check_there(self, address: int) -> None:
+        if address != self._address or self.firmware.absent():
+            raise USBError("No such device (it may have been disconnected)", -4, errno.ENODEV)
+
+    def _wait(self) -> None:
+        """Deliver samples no sooner than they would have been taken."""
+        if self._pace:
+            time.sleep(max(0.0, self._begin + self.firmware.index / self.firmware.rate - time.monotonic()))
+
+
+def virtual(
+    signals: Callable[[Floats], Floats],
+    rate: float,
+    serial: str = "VIRTUAL",
+    faults: Sequence[Fault] = (),
+    channels: int = 2,
+    scale: float = 1e-4,
+    packet: int = 512,
+    pace: bool = False,
+) -> Virtual:
+    """Return a virtual probe, for ``hw.reader.Reader.open``.
+
+    Args:
+        signals: from (n,) times since the start of the stream, s, to (n, channels) volts.
+        rate: Hz.
+        serial: its serial number.
+        faults: what goes wrong, and when.
+        channels: 2, or 3 with a force.
+        scale: volts per count; the range is 32767 counts to either side.
+        packet: bytes in a frame.
+        pace: deliver samples at their rate; without, as fast as they are read.
+    """
+    return Virtual(Firmware(signals, rate, (scale,) * channels, packet, faults), serial, pace)
+
+
+def _filled(buffer: array[int], data: bytes) -> int:
+    size = min(len(data), len(buffer) * buffer.itemsize)
+    memoryview(buffer).cast("B")[:size] = data[:size]
+    return size
+
+
+def _pipe() -> USBError:
+    return USBError("Pipe error", -9, errno.EPIPE)
