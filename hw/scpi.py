@@ -1,7 +1,8 @@
 """How families of oscilloscopes are asked for both channels of one acquisition, and what their answers mean.
 
-Keysight InfiniiVision, Rigol DS1000Z/MSO5000, Tektronix MSO/DPO/TBS2000 (older TDS say WFMPre and are not known). All are asked
-for 8-bit codes; an acquisition is taken once and read channel by channel, so that the channels are simultaneous. From code to volts:
+Keysight InfiniiVision, Rigol DS1000Z/MSO5000, Tektronix MSO/DPO/TBS2000 (older TDS say WFMPre and are not known). All are
+asked for 8-bit codes; an acquisition is taken once and read channel by channel, so that the channels are simultaneous. From
+code to volts:
 
     Keysight   (code - yreference) yincrement + yorigin     InfiniiVision 2000 X programmer's guide, :WAVeform, data conversion
     Rigol      (code - yorigin - yreference) yincrement     DS1000Z-E programming guide, :WAVeform:DATA?

@@ -14,7 +14,8 @@ from random_scenes import MODULI, between, homogeneous, in_a_block, moved, scale
 
 from geometry import Load, Refusal, Scene
 from solver import Result, evaluate
-from solver.closed_form import function, parameters
+from solver.closed_form import forces as closed_forces
+from solver.closed_form import parameters
 from solver.converged import sample
 from solver.convergence import LEVELS
 from solver.equivalent_inclusion import EquivalentInclusion, film_forces
@@ -72,8 +73,8 @@ def films(level: str, scene: Scene) -> FilmForces:
     """The film forces behind an answer; of ``axisymmetric`` those of its first mesh."""
     if level == "closed-form":
         shape, values = parameters(scene)
-        forces, slope = (np.array(part) for part in function(shape)(values)[:2])
-        return FilmForces(forces, Bound(np.zeros(2), 0.0), slope)
+        forces, slope = closed_forces(shape, values[:, None])
+        return FilmForces(forces[0], Bound(np.zeros(2), 0.0), slope[0])
     if level == "axisymmetric":
         of = sections(scene)
         one = sample(of.section, of, scene, LEVELS[0])
