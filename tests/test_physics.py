@@ -150,13 +150,13 @@ def test_balance_of_forces_linear_in_the_load(level: str, scene: Scene, force: f
 def test_tumours_of_tissue_are_none(level: str, scene: Scene) -> None:
     """The homogeneous limit; a mesh round a sphere differs from one without, so ``axisymmetric`` within both bounds.
 
-    The closed form's quadrature over waves, finer for shallow spheres, is good to 1e-5.
+    The closed form's quadrature over waves, finer for shallow spheres, is good to 1e-4.
     """
     same_tissue = homogeneous(scene)
     accuracy = 0.002 if level == "axisymmetric" else ACCURACY
     one, none = (evaluate(x, level, accuracy) for x in (same_tissue, scene.model_copy(update={"inclusion": ()})))
     bounds = one.error_estimate + none.error_estimate
-    slack = {"axisymmetric": bounds, "closed-form": 1e-5}.get(level, EXACT)
+    slack = {"axisymmetric": bounds, "closed-form": 1e-4}.get(level, EXACT)
     assert one.ratio == pytest.approx(none.ratio, rel=slack)
     assert one.stiffness == pytest.approx(none.stiffness, rel=slack)
 
