@@ -11,12 +11,14 @@ import click
 
 from probe_design.arguments import length, modulus, number, print_json
 from probe_design.cli_estimate import estimate
+from probe_design.cli_hardware import calibrate, check, read
 from probe_design.cli_maps import detectability, scan
 from probe_design.cli_plan import plan
 from probe_design.cli_tradeoff import tradeoff
 
-VERBS = ("evaluate", "plan", "curve", "scan", "detectability", "estimate", "optimize", "export", "tradeoff")
-PLANNED = ("sweep", "read", "calibrate", "check")
+HARDWARE = ("read", "calibrate", "check")
+VERBS = ("evaluate", "plan", "curve", "scan", "detectability", "estimate", "optimize", "export", "tradeoff", *HARDWARE)
+PLANNED = ("sweep",)
 EVALUATORS = "auto, published, closed-form, equivalent-inclusion, axisymmetric, solid"
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
@@ -190,7 +192,7 @@ def export(scene: Path, output: Path, as_json: bool) -> None:
         message(f"wrote {', '.join(file.name for file in files)} to {output}")
 
 
-for verb in (plan, scan, detectability, estimate, tradeoff):
+for verb in (plan, scan, detectability, estimate, tradeoff, read, calibrate, check):
     cli.add_command(verb)
 
 
@@ -223,8 +225,9 @@ def _run() -> int:
 
 def _explained(fault: Exception) -> int:
     from geometry.errors import ProbeError  # costs 0.2 s, which --help need not pay
+    from hw.errors import HardwareError
 
-    if isinstance(fault, ProbeError):
+    if isinstance(fault, ProbeError | HardwareError):
         return _fail(str(fault), fault.exit_code)
     if os.environ.get("PROBE_DESIGN_DEBUG"):
         raise fault

@@ -1,0 +1,73 @@
+"""The charge amplifier: from volts back to charge."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hw.errors import HardwareError
+from hw.samples import Floats
+
+LEAST = 0.5  # of the corner frequency: below it less than 45 % of the charge is seen, and the corner's error with all its weight
+
+
+class TooSlow(HardwareError):  # noqa: N818 - says what is wrong with the load
+    """A load so slow that its charge leaks away before it is read."""
+
+
+@dataclass(frozen=True)
+class ChargeAmplifier:
+    """A high-pass of first order: V = -Q / Cf * j w tau / (1 + j w tau), tau = Rf Cf (A1).
+
+    Attributes:
+        resistance: Rf, ohm.
+        capacitance: Cf, F.
+        resistance_tolerance, capacitance_tolerance: relative standard deviations of the parts, of each channel on its own.
+    """
+
+    resistance: float = 1e9
+    capacitance: float = 1e-9
+    resistance_tolerance: float = 0.05
+    capacitance_tolerance: float = 0.02
+
+    @property
+    def time_constant(self) -> float:
+        """tau, s."""
+        return self.resistance * self.capacitance
+
+    @property
+    def corner(self) -> float:
+        """Frequency at which 1/sqrt(2) of the charge is seen, Hz."""
+        return 1 / (2 * np.pi * self.time_constant)
+
+    def response(self, frequency: float) -> complex:
+        """Volts per coulomb at a frequency (Hz), eq. (A1).
+
+        Raises:
+            TooSlow: it lies far below the corner.
+        """
+        if not frequency >= LEAST * self.corner:
+            text = f"{frequency:.3g} Hz lies far below the charge amplifier's corner of {self.corner:.3g} Hz"
+            raise TooSlow(f"{text}: load at {10 * self.corner:.2g} Hz or faster, or take a larger feedback resistance")
+        turn = 2j * np.pi * frequency * self.time_constant
+        return complex(-turn / (1 + turn) / self.capacitance)
+
+    def tolerance(self, frequency: float, calibrated_at: float | None = None) -> Floats:
+        """Covariance of (re, im) of ln of the response by the parts' tolerances, shape (2, 2), eq. (A2).
+
+        d ln H = -dC/C + (dR/R + dC/C) / (1 + j w tau). What a calibration at another frequency has seen is subtracted:
+        where both are far above the corner nothing is left.
+
+        Args:
+            frequency: Hz.
+            calibrated_at: Hz; None: gains are nominal.
+        """
+        by_resistance = 1 / (1 + 2j * np.pi * frequency * self.time_constant)
+        by_capacitance = by_resistance - 1
+        if calibrated_at is not None:
+            known = 1 / (1 + 2j * np.pi * calibrated_at * self.time_constant)
+            by_resistance, by_capacitance = by_resistance - known, by_resistance - known
+        parts = np.array([by_resistance * self.resistance_tolerance, by_capacitance * self.capacitance_tolerance])
+        both = np.stack([parts.real, parts.imag])
+        return np.asarray(both @ both.T)

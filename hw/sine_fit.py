@@ -1,0 +1,196 @@
+"""Amplitudes of a sinusoidal load in all channels by linear least squares, with their covariance.
+
+The model is eq. (S1) of ``hw.sine_model``: harmonics of the load, mains lines where there are any, a drift polynomial. The
+frequencies of load and mains are corrected by Gauss-Newton steps; both leave the amplitudes, whose phases count from the
+middle of the record, uncorrelated with them to first order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.errors import HardwareError
+from hw.samples import Floats, Samples
+from hw.sine_model import DRIFT, Lines, Solved, residual, solve
+from hw.spectrum import MAINS, WANDERS, colour, mains, strongest
+
+Complexes = NDArray[np.complex128]
+HARMONICS = 3
+HUMS = 3
+LEAST_CYCLES = 3.0  # of the load: with fewer, a drift polynomial can pass for it
+LEAST_SHARE = 0.1  # of a record's samples
+NEAR = 1.0  # Hz, within which a load is looked for
+LOWEST = 0.05  # Hz, where a frequency is looked for
+STEPS = 8  # of Gauss-Newton; two or three are enough from a good start
+CLOSE = 0.02  # of a frequency's standard deviation: corrections below it are none
+
+
+class NoSine(HardwareError):  # noqa: N818 - says what is missing
+    """A record from which the amplitude of a sinusoidal load cannot be told."""
+
+
+@dataclass(frozen=True)
+class SineFit:
+    """Amplitudes a of v(t) = Re(a e^(j 2 pi f t)), t from the middle of the record.
+
+    Attributes:
+        frequency: f, Hz.
+        frequency_sd: its standard deviation; 0 where it was given as exact.
+        amplitudes: (channels,), V.
+        covariance: of (re, im) of each channel in turn, V^2, shape (2 channels, 2 channels).
+        offsets: (channels,) mean of what neither load nor mains explain, V.
+        offsets_sd: (channels,).
+        drift: (channels,) by how much the drift polynomial's largest value exceeds its smallest, V.
+        noise: (channels,) standard deviation of the residual, V.
+        colour: (channels,) by what the noise's power near f exceeds white noise's; counted in ``covariance``.
+        mains: frequency of the mains, Hz, or None where none was seen.
+        seconds: from the first to the last sample.
+        rows: samples used.
+    """
+
+    frequency: float
+    frequency_sd: float
+    amplitudes: Complexes
+    covariance: Floats
+    offsets: Floats
+    offsets_sd: Floats
+    drift: Floats
+    noise: Floats
+    colour: Floats
+    mains: float | None
+    seconds: float
+    rows: int
+
+    @property
+    def cycles(self) -> float:
+        """How many periods of the load the record holds."""
+        return self.seconds * self.frequency
+
+
+def sine_fit(samples: Samples, frequency: float | None = None, exact: bool = False) -> SineFit:
+    """Fit a sinusoidal load to all channels.
+
+    Rows that are saturated in any channel are left out; gaps are simply not there: neither is filled in.
+
+    Args:
+        samples: of one reading.
+        frequency: of the load, Hz; it may be off by a tenth, or 1 Hz. None: looked for everywhere.
+        exact: whether it is not to be corrected.
+
+    Raises:
+        NoSine: too short, too slowly sampled, or no sinusoid in it.
+    """
+    clean = _unsaturated(samples)
+    begin, end = (int(samples.index[k]) for k in (0, -1)) if len(samples.index) else (0, 0)
+    span = (end - begin) / clean.rate
+    _check_samples(clean, end - begin + 1)
+    load = _load(clean, span, frequency, exact)
+    t = np.asarray((clean.index - (begin + end) / 2) / clean.rate, dtype=float)
+    lines = Lines(load, _below_nyquist(load, clean.rate, HARMONICS), None, 0, span / 2)
+    lines, solved = _settled(lines, t, clean.volts, exact)
+    lines = _with_mains(lines, clean, t, solved)
+    if lines.mains is not None:
+        lines, solved = _settled(lines, t, clean.volts, exact)
+    return _described(lines, solved, clean, t, exact)
+
+
+def _check_samples(samples: Samples, asked: int) -> None:
+    least = 4 * (2 * (HARMONICS + HUMS) + DRIFT)
+    if len(samples.index) < max(least, LEAST_SHARE * asked):
+        wanted = f"at least {least} and a share of {LEAST_SHARE:g} are needed"
+        raise NoSine(f"{len(samples.index)} of {asked} samples arrived and are not saturated: {wanted}")
+    dead = [name for name, swing in zip(samples.channels, np.ptp(samples.volts, axis=0), strict=True) if not swing > 0]
+    if dead or not np.all(np.isfinite(samples.volts)):
+        raise NoSine(f"channel {dead[0] if dead else 'of some film'} shows no change, or no numbers: is it connected?")
+
+
+def _load(samples: Samples, span: float, given: float | None, exact: bool) -> float:
+    """About the load's frequency, Hz."""
+    frequency = _found(samples, span) if given is None else given
+    _check(frequency, span, samples.rate)
+    if exact:
+        return frequency
+    near = min(0.1 * frequency, NEAR)
+    frequency = strongest(samples, frequency - near, frequency + near) or frequency
+    _check(frequency, span, samples.rate)
+    return frequency
+
+
+def _unsaturated(samples: Samples) -> Samples:
+    good = ~samples.saturated.any(axis=1)
+    if good.all():
+        return samples
+    return replace(samples, index=samples.index[good], volts=samples.volts[good], saturated=samples.saturated[good])
+
+
+def _found(samples: Samples, span: float) -> float:
+    low, high = max(LOWEST, LEAST_CYCLES / span), 0.4 * samples.rate
+    found = strongest(samples, low, high)
+    if found is None:
+        raise NoSine(f"no frequency between {low:.3g} and {high:.3g} Hz can be told in {span:.3g} s: read longer")
+    return found
+
+
+def _check(frequency: float, span: float, rate: float) -> None:
+    if frequency * span < LEAST_CYCLES:
+        raise NoSine(f"{frequency * span:.3g} cycles of {frequency:.4g} Hz in {span:.3g} s: at least {LEAST_CYCLES:g} are needed")
+    hum = [k * nominal for nominal in MAINS for k in range(1, HUMS + 1) if abs(frequency - k * nominal) < k * WANDERS]
+    if hum:
+        raise NoSine(f"a load of {frequency:.4g} Hz cannot be told from the mains at {hum[0]:g} Hz: load at another frequency")
+    if frequency > 0.4 * rate:
+        raise NoSine(f"a load of {frequency:.4g} Hz needs more than {rate:.4g} samples a second: 2.5 a period at least")
+
+
+def _below_nyquist(frequency: float, rate: float, most: int) -> int:
+    return max(1, min(most, int(0.45 * rate / frequency)))
+
+
+def _settled(lines: Lines, t: Floats, volts: Floats, exact: bool) -> tuple[Lines, Solved]:
+    """Correct the frequencies until they stay."""
+    start = lines.load
+    for _ in range(STEPS):
+        solved = solve(lines, t, volts)
+        step = solved.step * [0.0 if exact else 1.0, 1.0][: len(solved.step)]
+        if np.all(np.abs(step) <= CLOSE * solved.step_sd):
+            return lines, solved
+        hum = None if lines.mains is None else lines.mains + float(step[-1])
+        lines = replace(lines, load=lines.load + float(step[0]), mains=hum)
+        if abs(lines.load - start) * 2 * lines.half > 1:
+            raise NoSine(f"no sinusoid near {start:.6g} Hz: the fit leaves that frequency; is the load on, its frequency right?")
+    return lines, solve(lines, t, volts)
+
+
+def _with_mains(lines: Lines, samples: Samples, t: Floats, solved: Solved) -> Lines:
+    found = mains(samples, residual(lines, t, samples.volts, solved.found), lines.frequencies)
+    if found is None:
+        return lines
+    hums = _below_nyquist(found, samples.rate, HUMS)
+    multiples = found * np.arange(1, hums + 1)
+    if np.min(np.abs(multiples[:, None] - lines.frequencies)) < 1 / lines.half:
+        raise NoSine(f"the load's {lines.load:.4g} Hz or its harmonics fall on the mains: load at another frequency")
+    return replace(lines, mains=found, hums=hums)
+
+
+def _described(lines: Lines, solved: Solved, samples: Samples, t: Floats, exact: bool) -> SineFit:
+    found, width = solved.found, 2 * len(lines.frequencies)
+    variance = np.diag(solved.noise)
+    excess = colour(samples, residual(lines, t, samples.volts, found), lines.load, lines.frequencies)
+    spread = np.sqrt(np.outer(excess, excess))
+    drifting = np.polynomial.legendre.legvander(np.linspace(-1, 1, 101), DRIFT - 1)[:, 1:] @ found[width + 1 :]
+    return SineFit(
+        frequency=lines.load,
+        frequency_sd=0.0 if exact else float(solved.step_sd[0]),
+        amplitudes=found[0] + 1j * found[1],
+        covariance=np.asarray(np.kron(solved.noise * spread, solved.inverse[:2, :2]), dtype=float),
+        offsets=found[width],
+        offsets_sd=np.sqrt(variance * excess * solved.inverse[width, width]),
+        drift=np.ptp(drifting, axis=0),
+        noise=np.sqrt(variance),
+        colour=excess,
+        mains=lines.mains,
+        seconds=2 * lines.half,
+        rows=len(t),
+    )

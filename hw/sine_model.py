@@ -1,0 +1,123 @@
+"""What a record of a sinusoidal load consists of: the load's harmonics, mains lines and drift; in normal equations.
+
+    v(t) = sum_h Re(a_h e^(j 2 pi h f t)) + sum_k Re(m_k e^(j 2 pi k g t)) + sum_l d_l P_l(2 t / T)                      (S1)
+
+f is the load's frequency, g that of the mains, P_l Legendre polynomials; t runs from the middle of the record of length T.
+All channels share the columns, so that one small matrix serves all of them. Rows are worked on in slices: a record of any
+length needs the memory of one slice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from hw.samples import Floats
+
+ROWS = 65_536  # in a slice
+DRIFT = 4  # coefficients of the drift polynomial: up to t^3
+
+
+@dataclass(frozen=True)
+class Lines:
+    """The columns: frequencies in Hz.
+
+    Attributes:
+        load: frequency f of the load.
+        harmonics: how many multiples of it, itself included.
+        mains: frequency g of the mains, or None.
+        hums: how many multiples of g.
+        half: half of the record's length, s.
+    """
+
+    load: float
+    harmonics: int
+    mains: float | None
+    hums: int
+    half: float
+
+    @property
+    def frequencies(self) -> Floats:
+        """Of all sinusoids, the load's first, shape (s,)."""
+        mains = [] if self.mains is None else [k * self.mains for k in range(1, self.hums + 1)]
+        return np.array([h * self.load for h in range(1, self.harmonics + 1)] + mains)
+
+    def columns(self, t: Floats) -> Floats:
+        """Cosine and minus sine of each sinusoid, then the polynomials, shape (len(t), 2 s + DRIFT), eq. (S1)."""
+        turns = 2 * np.pi * np.outer(t, self.frequencies)
+        waves = np.stack([np.cos(turns), -np.sin(turns)], axis=2).reshape(len(t), -1)
+        return np.hstack([waves, np.polynomial.legendre.legvander(t / self.half, DRIFT - 1)])
+
+    def slopes(self, t: Floats, columns: Floats, found: Floats) -> Floats:
+        """Derivatives of eq. (S1) by f and, where there is one, g: shape (2 or 1, len(t), channels)."""
+        waves = columns[:, : 2 * len(self.frequencies)].reshape(len(t), -1, 2)
+        re, im = found[: 2 * len(self.frequencies)].reshape(-1, 2, found.shape[1]).transpose(1, 0, 2)
+        # d/df Re(a e^(j w t)) = 2 pi h t Re(j a e^(j w t)), and Re(j a e^(j w t)) = -im cos + re (-sin)
+        orders = np.array([*range(1, self.harmonics + 1), *range(1, self.hums + 1)])[: len(re), None]
+        re, im = 2 * np.pi * orders * re, 2 * np.pi * orders * im
+        groups = [slice(0, self.harmonics)] + ([] if self.mains is None else [slice(self.harmonics, None)])
+        return np.array([t[:, None] * (waves[:, one, 1] @ re[one] - waves[:, one, 0] @ im[one]) for one in groups])
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A least-squares solution at given frequencies.
+
+    Attributes:
+        found: coefficients, shape (p, channels).
+        inverse: of the columns' normal matrix, shape (p, p).
+        noise: covariance of the residuals, V^2, shape (channels, channels).
+        step: correction of f and, where there is one, of g, Hz.
+        step_sd: its standard deviation.
+    """
+
+    found: Floats
+    inverse: Floats
+    noise: Floats
+    step: Floats
+    step_sd: Floats
+
+
+def solve(lines: Lines, t: Floats, volts: Floats) -> Solved:
+    """Fit eq. (S1) at the frequencies of ``lines``, and say by how much these are off (Gauss-Newton).
+
+    Args:
+        lines: the columns.
+        t: (n,) times from the middle of the record, s.
+        volts: (n, channels).
+    """
+    pairs = [(at := lines.columns(t[rows]), at.T @ at, at.T @ volts[rows])[1:] for rows in slices(len(t))]
+    inverse: Floats = np.asarray(np.linalg.inv(sum(normal for normal, _ in pairs)), dtype=float)
+    found = inverse @ sum(right for _, right in pairs)
+    square, curve, cross, pull = _second_pass(lines, t, volts, found)
+    noise = square / max(len(t) - len(inverse), 1)
+    quiet = np.maximum(np.diag(noise), np.finfo(float).tiny)
+    curve = curve - np.einsum("apc,pq,bqc->abc", cross, inverse, cross)
+    information = (curve / quiet).sum(axis=2)
+    step = np.linalg.solve(information, (pull / quiet).sum(axis=1))
+    return Solved(found, inverse, noise, step, np.sqrt(np.diag(np.linalg.inv(information))))
+
+
+def _second_pass(lines: Lines, t: Floats, volts: Floats, found: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Sums of residual x residual, slope x slope, slope x column and slope x residual over all rows."""
+    sums = []
+    for rows in slices(len(t)):
+        columns = lines.columns(t[rows])
+        left, slopes = volts[rows] - columns @ found, lines.slopes(t[rows], columns, found)
+        curve = np.einsum("anc,bnc->abc", slopes, slopes)
+        cross = np.einsum("anc,np->apc", slopes, columns, optimize=True)
+        sums.append((left.T @ left, curve, cross, np.einsum("anc,nc->ac", slopes, left)))
+    square, curve, cross, pull = (sum(parts[1:], start=parts[0]) for parts in zip(*sums, strict=True))
+    return square, curve, cross, pull
+
+
+def slices(rows: int) -> Iterator[slice]:
+    """Yield slices of at most ROWS rows."""
+    return (slice(low, low + ROWS) for low in range(0, rows, ROWS))
+
+
+def residual(lines: Lines, t: Floats, volts: Floats, found: Floats) -> Floats:
+    """What eq. (S1) leaves of the record, V, of the shape of ``volts``."""
+    return np.concatenate([volts[rows] - lines.columns(t[rows]) @ found for rows in slices(len(t))])

@@ -1,0 +1,97 @@
+"""What a record holds at single frequencies: where the load is, whether there are mains, how white the noise is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hw.samples import Floats, Samples
+
+ENOUGH = 500.0  # Hz: what is looked for lies well below
+PADDED = 4  # times the record's length: lines of the spectrum lie that much closer than they are wide
+MAINS = (50.0, 60.0)  # Hz
+WANDERS = 0.5  # Hz, by which the mains may be off
+NEAR = 8.0  # Hz, within which the median power is what a line stands out from
+SEEN = 12.0  # times that median: noise does it in 1 of 4 000
+AROUND = 25  # lines on either side of the load that tell the noise there
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Squared sums |sum_n w_n v_n e^(-j 2 pi f t_n)|^2 at evenly spaced frequencies.
+
+    Attributes:
+        frequencies: (k,), Hz.
+        power: (k, channels), V^2.
+        width: of a line, 1 / length of the record, Hz.
+    """
+
+    frequencies: Floats
+    power: Floats
+    width: float
+
+    def away(self, lines: Floats, widths: float = 1.5) -> Spectrum:
+        """Return the part that is more than some widths away from given lines."""
+        far = np.min(np.abs(self.frequencies[:, None] - lines), axis=1) > widths * self.width
+        return Spectrum(self.frequencies[far], self.power[far], self.width)
+
+    def between(self, low: float, high: float) -> Spectrum:
+        """Return the part from ``low`` to ``high``, Hz."""
+        inside = (self.frequencies >= low) & (self.frequencies <= high)
+        return Spectrum(self.frequencies[inside], self.power[inside], self.width)
+
+
+def spectrum(samples: Samples, values: Floats, padded: int = PADDED, hann: bool = True) -> Spectrum:
+    """Return the spectrum of values (n, channels) at the samples' indices; gaps count as zeros, fast samples are summed."""
+    each = max(1, int(samples.rate // ENOUGH))
+    bins = (samples.index - samples.index[0]) // each
+    sums = np.stack([np.bincount(bins, weights=column) for column in values.T], axis=1)
+    window = np.hanning(len(sums) + 2)[1:-1, None] if hann else 1.0
+    power = np.abs(np.fft.rfft(window * sums, n=padded * len(sums), axis=0)) ** 2
+    rate = samples.rate / each
+    frequencies = np.asarray(np.fft.rfftfreq(padded * len(sums), 1 / rate), dtype=float)
+    return Spectrum(frequencies, power, rate / len(sums))
+
+
+def strongest(samples: Samples, low: float, high: float) -> float | None:
+    """Return the frequency from ``low`` to ``high`` (Hz) that all channels together hold most of, or None."""
+    centred = samples.volts - samples.volts.mean(axis=0)
+    quiet = centred / np.maximum(np.sqrt((centred**2).mean(axis=0)), np.finfo(float).tiny)
+    found = spectrum(samples, quiet).between(low, min(high, 0.4 * ENOUGH))
+    return float(found.frequencies[np.argmax(found.power.sum(axis=1))]) if len(found.frequencies) else None
+
+
+def mains(samples: Samples, residual: Floats, fitted: Floats) -> float | None:
+    """Return about where in a residual (n, channels) the mains are, Hz, or None where none stand out from the noise."""
+    whole = spectrum(samples, residual).away(fitted)
+    found = []
+    for nominal in MAINS:
+        near, line = (whole.between(nominal - reach, nominal + reach) for reach in (NEAR, WANDERS))
+        if len(line.frequencies) and len(near.frequencies) > len(line.frequencies):
+            floor = np.maximum(np.median(near.power, axis=0), np.finfo(float).tiny)
+            rise = (line.power / floor).max(axis=1)
+            found.append((float(rise.max()), float(line.frequencies[np.argmax(rise)])))
+    highest, frequency = max(found, default=(0.0, 0.0))
+    return frequency if highest > SEEN else None
+
+
+def colour(samples: Samples, residual: Floats, near: float, fitted: Floats) -> Floats:
+    """Return by what the noise's power near a frequency exceeds that of white noise; 1 where it does not significantly.
+
+    The amplitude of a line at f in noise of spectral density S has the variance that white noise of density S(f) would give.
+
+    Args:
+        samples: of the record.
+        residual: (n, channels), V.
+        near: f, Hz.
+        fitted: frequencies that the residual lacks, Hz.
+    """
+    whole = spectrum(samples, residual, padded=1, hann=False).away(fitted)
+    reach = AROUND * whole.width
+    lines = whole.between(max(2 * whole.width, near - reach), near + reach)
+    white = (residual**2).sum(axis=0)
+    if len(lines.frequencies) < 8 or not np.all(white > 0):
+        return np.ones(residual.shape[1])
+    excess = lines.power.mean(axis=0) / white
+    return np.where(excess > 1 + 3 / np.sqrt(len(lines.frequencies)), excess, 1.0)
