@@ -74,6 +74,8 @@ def evaluate(scene: Scene, name: str = AUTO, accuracy: float = 0.01, tell: Tell 
     check_accuracy(accuracy)
     if name != AUTO:
         return evaluator(name, tell).evaluate(scene, accuracy)
+    import solver.planning  # noqa: F401  what it takes to import is not the answer's cost
+
     start = perf_counter()
     planned, level = _planned(scene, accuracy, tell)
     try:
