@@ -58,7 +58,7 @@ class Numbering:
         return sp.csc_array((data, self.rows, self.starts), shape=(self.unknowns,) * 2)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=16)  # some 35 MB each, more on the finest meshes
 def numbering(mesh: Topology, order: int, interface: Interface, m: int = 0) -> Numbering:
     """Number the unknowns of a mesh at one polynomial order, for fields of azimuthal order m."""
     probe = (mesh.body != Body.TISSUE) & (mesh.body != Body.INCLUSION)
