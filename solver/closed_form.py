@@ -21,6 +21,7 @@ from solver.closed_blocks import Block
 from solver.closed_error import EFFECTS, STEP, log_error
 from solver.closed_images import Sphere
 from solver.closed_probe import NODES_PER_WAVE, Tissue, answer
+from solver.closed_sides import side_radius, sides_matter
 from solver.film_forces import Bound, FilmForces, outputs
 from solver.result import Result, lopsided
 
@@ -28,7 +29,7 @@ PROBE = (
     "inner_radius", "gap", "outer_radius", "inner_height", "outer_height",
     "inner_modulus", "inner_poisson", "outer_modulus", "outer_poisson",
 )  # fmt: skip
-TISSUE = ("tissue_depth", "tissue_modulus", "tissue_poisson")
+TISSUE = ("tissue_depth", "tissue_radius", "tissue_modulus", "tissue_poisson")
 BALL = ("radius", "depth", "offset", "modulus", "poisson")
 LEAST_COVER = 0.1  # of an inclusion, in its diameters
 LARGEST_ERROR = 2.9  # of ln(ratio): beyond it the formulas say nothing
@@ -47,6 +48,7 @@ class Shape:
         nodes: of the integrals over wave numbers.
         bonded: whether blocks and tissue stick; frictionless otherwise.
         bounded: whether the tissue has a floor at ``tissue_depth``; a half-space otherwise.
+        sided: whether the tissue's sides at ``tissue_radius`` are near enough to matter.
     """
 
     on_axis: tuple[bool, ...] = (True,)
@@ -54,14 +56,15 @@ class Shape:
     nodes: int = 16
     bonded: bool = True
     bounded: bool = True
+    sided: bool = False
 
 
 def _answer(shape: Shape, p: Array) -> tuple[Array, Array]:
     """The film forces and their slopes for parameters p, shape (parameters, n); both (n, 2, 2)."""
-    r2, gap, ro, hi, ho, ei, ni, eo, no, depth, et, nt = p[: len(PROBE) + len(TISSUE)]
+    r2, gap, ro, hi, ho, ei, ni, eo, no, depth, side, et, nt = p[: len(PROBE) + len(TISSUE)]
     bodies = p[len(PROBE) + len(TISSUE) :].reshape(len(shape.on_axis), len(BALL), p.shape[1])
     blocks = Block(None, r2, hi, ei, ni), Block(r2 + gap, ro, ho, eo, no)
-    tissue = Tissue(depth if shape.bounded else None, et, nt)
+    tissue = Tissue(depth if shape.bounded else None, et, nt, side if shape.sided else None)
     spheres = [Sphere(b[0], b[1], b[2], b[3], b[4], ro, on_axis) for b, on_axis in zip(bodies, shape.on_axis, strict=True)]
     return answer(blocks, tissue, spheres, shape.target, shape.bonded, shape.nodes)
 
@@ -118,13 +121,15 @@ def parameters(scene: Scene) -> tuple[Shape, Floats]:
     values = [probe.inner_radius, probe.gap, probe.tube_radius, probe.core_height, probe.tube_height]
     for block in (probe.inner, probe.outer):
         values += [block.youngs_modulus, block.poisson_ratio]
-    values += [1.0 if tissue.shape == "half-space" else tissue.depth, tissue.youngs_modulus, tissue.poisson_ratio]
+    depth, side = (1.0, 1.0) if tissue.shape == "half-space" else (tissue.depth, side_radius(tissue))
+    values += [depth, side, tissue.youngs_modulus, tissue.poisson_ratio]
     offsets = [_offset(scene, body) for body in scene.inclusion]
     for body, offset in zip(scene.inclusion, offsets, strict=True):
         values += [(body.diameter or 0.0) / 2, body.depth, offset, body.youngs_modulus, body.poisson_ratio]
     on_axis = tuple(offset <= 1e-9 * (body.diameter or 1.0) for body, offset in zip(scene.inclusion, offsets, strict=True))
     bonded, bounded = scene.contact.interface == "bonded", tissue.shape != "half-space"
-    return Shape(on_axis, scene.target, _nodes(scene), bonded, bounded), np.array(values)
+    sided = bounded and sides_matter(probe.tube_radius, depth, side)
+    return Shape(on_axis, scene.target, _nodes(scene), bonded, bounded, sided), np.array(values)
 
 
 def _nodes(scene: Scene) -> int:

@@ -101,3 +101,16 @@ def _amplitudes(load: tuple[Array, ...], t: Array, down: Array, up: Array | None
     raised = c[2] * up - other * t
     whole = a + raised
     return np.stack([whole, 2 * even * (b + other) - whole, even * (b - other) - a + raised], axis=1)
+
+
+def lowering(waves: Waves, z: Array) -> tuple[Array, Array]:
+    """Return W of eq. (L1) at depths z (n, p), under unit pressure and under unit shear, times 2 mu; shapes (n, p, q)."""
+    t, m = waves.k[:, None, :] * z[:, :, None], (3 - 4 * waves.nu)[:, :, None]
+    found = []
+    for load in (waves.by_pressure, waves.by_shear):
+        c = [part[:, None, :] for part in load]
+        W = (c[0] + c[1] * (t + m)) * np.exp(-t)
+        if waves.depth is not None:
+            W = W + (-c[2] + c[3] * (t - m)) * np.exp(t - 2 * waves.k[:, None, :] * waves.depth[:, :, None])
+        found.append(W)
+    return found[0], found[1]

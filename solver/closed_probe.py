@@ -26,6 +26,9 @@ from solver.closed_images import Sphere
 from solver.closed_inclusions import change
 from solver.closed_layer import Waves, floor_compliance, waves
 from solver.closed_loads import RADII, SOLID, TUBE
+from solver.closed_sides import NODES as SIDE_NODES
+from solver.closed_sides import REACH as SIDE_REACH
+from solver.closed_sides import Sides, blur, give
 
 REACH = 14.0  # exponents of what is left out of the integrals
 FLOOR_REACH = 9.0
@@ -34,11 +37,15 @@ NODES_PER_WAVE = 0.35  # times wave number and outer radius, beyond a dozen
 
 @dataclass(frozen=True)
 class Tissue:
-    """Layers bonded to a floor at ``depth`` (None: half-spaces): modulus, Poisson's ratio; arrays of shape (n,), SI."""
+    """Layers bonded to a floor at ``depth`` (None: half-spaces): modulus, Poisson's ratio; arrays of shape (n,), SI.
+
+    ``radius`` is that of the free sides, None where they are far.
+    """
 
     depth: Any
     E: Array
     nu: Array
+    radius: Any = None
 
     @property
     def mu(self) -> Array:
@@ -65,12 +72,16 @@ def answer(
     C = _joined(works)
     size = C.shape[1] if bonded else works[0].shape[1]
     near, slope, rest, rest_slope = (np.zeros_like(C) for _ in range(4))
+    sides = None
     if tissue.depth is not None or spheres:
         field, loads, weights = _waves(blocks, tissue, spheres, nodes)
         if tissue.depth is not None:
             C = C + _floor(field, loads, weights, tissue.mu)
+        if tissue.radius is not None:
+            sides = _sides(blocks, tissue)
+            C = C + sides.work
         for i, sphere in enumerate(spheres):
-            changed = change(sphere, field, loads, weights, tissue.E, tissue.nu)
+            changed = change(sphere, field, loads, weights, tissue.E, tissue.nu, sides)
             near, rest = near + changed.main, rest + changed.rest
             if i == target:
                 slope, rest_slope = changed.main_slope, changed.rest_slope
@@ -157,14 +168,29 @@ def _waves(
     s, weight = _gauss(nodes)
     k = reach[:, None] * s**2
     weights = k * reach[:, None] * 2 * s * weight
-    field = waves(k, tissue.depth, tissue.nu)
+    return waves(k, tissue.depth, tissue.nu), _transforms(blocks, k), weights
+
+
+def _transforms(blocks: tuple[Block, Block], k: Array) -> tuple[Array, Array]:
+    """Hankel transforms of the pressures and of the shears at waves k (n, q), shapes (n, q, loads)."""
     radii = np.concatenate([block.radii(loads.radii) for block, loads in zip(blocks, (SOLID, TUBE), strict=True)], axis=1)
     zero, one = bessel(k[:, :, None] * radii[:, None, :])
     outer = np.repeat(np.stack([block.radius for block in blocks], axis=1), RADII, axis=1)
     rings = radii * np.repeat(np.stack([block.width for block in blocks], axis=1), RADII, axis=1)
     pressure = (zero * rings[:, None, :]) @ _CONCENTRATED[0]
     shear = (one * (rings * radii / outer)[:, None, :]) @ _CONCENTRATED[1]
-    return field, (pressure, shear), weights
+    return pressure, shear
+
+
+def _sides(blocks: tuple[Block, Block], tissue: Tissue) -> Sides:
+    """What free sides add, eq. (S1)."""
+    width = blur(tissue.radius, blocks[1].radius)
+    s, weight = _gauss(SIDE_NODES)
+    k = SIDE_REACH / width[:, None] * s
+    weights = k * SIDE_REACH / width[:, None] * weight * np.exp(-((k * width[:, None]) ** 2) / 4)
+    field = waves(k, tissue.depth, tissue.nu)
+    cylinder = Block(None, tissue.radius, tissue.depth, tissue.E, tissue.nu)
+    return give(field, _transforms(blocks, k), weights, cylinder)
 
 
 def _larger(one: Array, other: Array) -> Array:

@@ -1,0 +1,84 @@
+"""The functions of eqs. (B1) and (B2) along a block's height, and the integrals of their products."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from solver.bessel import Array
+
+AXIAL = 2  # functions g_j
+HEIGHTS = 10  # nodes of quadrature
+
+
+@dataclass(frozen=True)
+class Along:
+    """Integrals over the height of products of f_j and g_j and their derivatives; f_j at the tissue end; all at Gauss's zeta."""
+
+    gg: Array
+    dg_dg: Array
+    g_df: Array
+    dg_f: Array
+    df_df: Array
+    ff: Array
+    end: Array
+    zeta: Array
+    weight: Array
+    steep: Array
+    g: Array
+    dg: Array
+    f: Array
+    df: Array
+
+    def at(self, share: Array) -> tuple[Array, ...]:
+        """g, dg, f and df at shares (n, k) of the height, shapes (n, functions, k)."""
+        y = np.arctanh((2 * share - 1) * np.tanh(self.steep)) / self.steep
+        between = np.swapaxes(legendre.legvander(y, HEIGHTS - 1) @ _SERIES, 1, 2)
+        return tuple(values @ between for values in (self.g, self.dg, self.f, self.df))
+
+
+def along_height(height: Array, decay: Array) -> Along:
+    """Return the integrals for blocks of heights and decays (n,)."""
+    y, weight = _GAUSS
+    h = height[:, None]
+    decay = decay[:, None]
+    bh = decay * h
+    steep = 0.5 * np.log(1 + 0.5 * bh) + 1e-3  # nodes as dense at both ends as the functions need
+    share = (1 + np.tanh(steep * y) / np.tanh(steep)) / 2
+    dz = h * steep / (2 * np.tanh(steep) * np.cosh(steep * y) ** 2)
+    zeta = h * share
+    loss = 1 - np.exp(-bh)
+    top, fade = (1 - np.exp(-decay * (h - zeta))) / loss, (np.exp(-decay * zeta) - np.exp(-bh)) / loss
+    dtop, dfade = -decay * np.exp(-decay * (h - zeta)) / loss, -decay * np.exp(-decay * zeta) / loss
+    g = np.stack([top * fade**j for j in range(AXIAL)], axis=1)
+    dg = np.stack([dtop * fade**j + (j * top * fade ** max(j - 1, 0) * dfade if j else 0 * top) for j in range(AXIAL)], axis=1)
+    scale = loss / decay  # of the length over which g_j decays
+    below = _REMAINING * dz[:, None, :]  # weights of Int_zeta^h
+    f = np.concatenate([(1 - share)[:, None, :], (g @ np.swapaxes(below, 1, 2)) / scale[:, None]], axis=1)
+    df = np.concatenate([0 * share[:, None, :] - 1 / h[:, None], -g / scale[:, None]], axis=1)
+    w = (weight * dz)[:, None, :]
+
+    def pairs(a: Array, b: Array) -> Array:
+        return (a * w) @ np.swapaxes(b, 1, 2)
+
+    end = np.concatenate([0 * h + 1, (g @ (weight * dz)[:, :, None])[:, :, 0] / scale], axis=1)
+    return Along(
+        pairs(g, g), pairs(dg, dg), pairs(g, df), pairs(dg, f), pairs(df, df), pairs(f, f), end,
+        zeta, w[:, 0], steep, g, dg, f, df,
+    )  # fmt: skip
+
+
+def _remaining() -> Any:
+    """Integrals from each Gauss node to 1, as weights of the values at the nodes, shape (nodes, nodes)."""
+    y, orders = _GAUSS[0], np.arange(HEIGHTS)
+    integrals = np.array([legendre.legint(np.eye(HEIGHTS)[n]) for n in orders])
+    values = np.array([legendre.legval(1.0, c) - legendre.legval(y, c) for c in integrals])
+    return values.T @ _SERIES
+
+
+_GAUSS = legendre.leggauss(HEIGHTS)
+_SERIES = (np.arange(HEIGHTS)[:, None] + 0.5) * legendre.legvander(_GAUSS[0], HEIGHTS - 1).T * _GAUSS[1]
+_REMAINING = _remaining()
