@@ -21,7 +21,7 @@ from solver.closed_blocks import Block
 from solver.closed_error import EFFECTS, STEP, log_error
 from solver.closed_images import Sphere
 from solver.closed_probe import NODES_PER_WAVE, Tissue, answer
-from solver.closed_sides import side_radius, sides_matter
+from solver.closed_sides import side_nodes, side_radius
 from solver.film_forces import Bound, FilmForces, outputs
 from solver.result import Result, lopsided
 
@@ -48,7 +48,7 @@ class Shape:
         nodes: of the integrals over wave numbers.
         bonded: whether blocks and tissue stick; frictionless otherwise.
         bounded: whether the tissue has a floor at ``tissue_depth``; a half-space otherwise.
-        sided: whether the tissue's sides at ``tissue_radius`` are near enough to matter.
+        side_nodes: of the integrals for the tissue's sides at ``tissue_radius``; 0 where they are far.
     """
 
     on_axis: tuple[bool, ...] = (True,)
@@ -56,7 +56,7 @@ class Shape:
     nodes: int = 16
     bonded: bool = True
     bounded: bool = True
-    sided: bool = False
+    side_nodes: int = 0
 
 
 def _answer(shape: Shape, p: Array) -> tuple[Array, Array]:
@@ -64,9 +64,9 @@ def _answer(shape: Shape, p: Array) -> tuple[Array, Array]:
     r2, gap, ro, hi, ho, ei, ni, eo, no, depth, side, et, nt = p[: len(PROBE) + len(TISSUE)]
     bodies = p[len(PROBE) + len(TISSUE) :].reshape(len(shape.on_axis), len(BALL), p.shape[1])
     blocks = Block(None, r2, hi, ei, ni), Block(r2 + gap, ro, ho, eo, no)
-    tissue = Tissue(depth if shape.bounded else None, et, nt, side if shape.sided else None)
+    tissue = Tissue(depth if shape.bounded else None, et, nt, side)
     spheres = [Sphere(b[0], b[1], b[2], b[3], b[4], ro, on_axis) for b, on_axis in zip(bodies, shape.on_axis, strict=True)]
-    return answer(blocks, tissue, spheres, shape.target, shape.bonded, shape.nodes)
+    return answer(blocks, tissue, spheres, shape.target, shape.bonded, shape.nodes, shape.side_nodes)
 
 
 def forces(shape: Shape, values: Array) -> tuple[Floats, Floats]:
@@ -128,8 +128,8 @@ def parameters(scene: Scene) -> tuple[Shape, Floats]:
         values += [(body.diameter or 0.0) / 2, body.depth, offset, body.youngs_modulus, body.poisson_ratio]
     on_axis = tuple(offset <= 1e-9 * (body.diameter or 1.0) for body, offset in zip(scene.inclusion, offsets, strict=True))
     bonded, bounded = scene.contact.interface == "bonded", tissue.shape != "half-space"
-    sided = bounded and sides_matter(probe.tube_radius, depth, side)
-    return Shape(on_axis, scene.target, _nodes(scene), bonded, bounded, sided), np.array(values)
+    sides = side_nodes(probe.tube_radius, depth, side) if bounded else 0
+    return Shape(on_axis, scene.target, _nodes(scene), bonded, bounded, sides), np.array(values)
 
 
 def _nodes(scene: Scene) -> int:

@@ -26,9 +26,7 @@ from solver.closed_images import Sphere
 from solver.closed_inclusions import change
 from solver.closed_layer import Waves, floor_compliance, waves
 from solver.closed_loads import RADII, SOLID, TUBE
-from solver.closed_sides import NODES as SIDE_NODES
-from solver.closed_sides import REACH as SIDE_REACH
-from solver.closed_sides import Sides, blur, give
+from solver.closed_sides import Sides, cut_waves, give
 
 REACH = 14.0  # exponents of what is left out of the integrals
 FLOOR_REACH = 9.0
@@ -39,7 +37,7 @@ NODES_PER_WAVE = 0.35  # times wave number and outer radius, beyond a dozen
 class Tissue:
     """Layers bonded to a floor at ``depth`` (None: half-spaces): modulus, Poisson's ratio; arrays of shape (n,), SI.
 
-    ``radius`` is that of the free sides, None where they are far.
+    ``radius`` is that of the free sides, if they are near.
     """
 
     depth: Any
@@ -54,7 +52,13 @@ class Tissue:
 
 
 def answer(
-    blocks: tuple[Block, Block], tissue: Tissue, spheres: Sequence[Sphere], target: int | None, bonded: bool, nodes: int
+    blocks: tuple[Block, Block],
+    tissue: Tissue,
+    spheres: Sequence[Sphere],
+    target: int | None,
+    bonded: bool,
+    nodes: int,
+    side_nodes: int = 0,
 ) -> tuple[Array, Array]:
     """Solve eq. (C1): the forces F_ij, N/m, and their slope by ln of the target's modulus, zero without one; shapes (n, 2, 2).
 
@@ -65,6 +69,7 @@ def answer(
         target: which sphere the slope is of.
         bonded: whether shear is carried; frictionless otherwise.
         nodes: of the integrals over wave numbers.
+        side_nodes: of those for the tissue's sides, 0 where they are far.
     """
     works = _half_space(blocks, tissue)
     for work, own in zip(works, zip(*_ends(blocks, bonded), strict=True), strict=True):
@@ -77,8 +82,8 @@ def answer(
         field, loads, weights = _waves(blocks, tissue, spheres, nodes)
         if tissue.depth is not None:
             C = C + _floor(field, loads, weights, tissue.mu)
-        if tissue.radius is not None:
-            sides = _sides(blocks, tissue)
+        if side_nodes:
+            sides = _sides(blocks, tissue, side_nodes)
             C = C + sides.work
         for i, sphere in enumerate(spheres):
             changed = change(sphere, field, loads, weights, tissue.E, tissue.nu, sides)
@@ -182,12 +187,9 @@ def _transforms(blocks: tuple[Block, Block], k: Array) -> tuple[Array, Array]:
     return pressure, shear
 
 
-def _sides(blocks: tuple[Block, Block], tissue: Tissue) -> Sides:
+def _sides(blocks: tuple[Block, Block], tissue: Tissue, nodes: int) -> Sides:
     """What free sides add, eq. (S1)."""
-    width = blur(tissue.radius, blocks[1].radius)
-    s, weight = _gauss(SIDE_NODES)
-    k = SIDE_REACH / width[:, None] * s
-    weights = k * SIDE_REACH / width[:, None] * weight * np.exp(-((k * width[:, None]) ** 2) / 4)
+    k, weights = cut_waves(tissue.radius, blocks[1].radius, nodes)
     field = waves(k, tissue.depth, tissue.nu)
     cylinder = Block(None, tissue.radius, tissue.depth, tissue.E, tissue.nu)
     return give(field, _transforms(blocks, k), weights, cylinder)

@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial import legendre
 
 from geometry.scene import BlockTissue, CylinderTissue
 from solver.bessel import Array, bessel
@@ -28,8 +29,8 @@ from solver.closed_layer import Waves, amplitudes, lowering
 BLUR = 0.35  # of the way from the probe to the cut
 LEAST_BLUR = 0.08  # of the cut's radius
 REACH = 5.0  # wave numbers times blur
-NODES = 36
-NEAR, SLENDER = 4.0, 0.1  # sides farther than so many outer radii matter where depth x outer radius / radius^2 is larger
+NODES_PER_WAVE = 0.4  # times wave number and the cut's radius, beyond eight
+NEAR, SLENDER = 4.0, 0.2  # sides farther than so many outer radii matter where depth x outer radius / radius^2 is larger
 
 
 def side_radius(tissue: CylinderTissue | BlockTissue) -> float:
@@ -37,15 +38,20 @@ def side_radius(tissue: CylinderTissue | BlockTissue) -> float:
     return tissue.radius if tissue.shape == "cylinder" else math.sqrt(tissue.length * tissue.breadth / math.pi)
 
 
-def sides_matter(outer: float, depth: float, radius: float) -> bool:
-    """Whether sides change the totals by more than about 3 %."""
-    return radius < NEAR * outer or depth * outer > SLENDER * radius**2
+def side_nodes(outer: float, depth: float, radius: float) -> int:
+    """Waves that serve, in steps so that few functions are built; none where sides change the totals by less than about 6 %."""
+    if radius > NEAR * outer and depth * outer < SLENDER * radius**2:
+        return 0
+    return 4 * math.ceil((8 + NODES_PER_WAVE * REACH / max(BLUR * (1 - outer / radius), LEAST_BLUR)) / 4)
 
 
-def blur(radius: Array, outer: Array) -> Array:
-    """Width of the Gaussian that smooths the loads, m."""
+def cut_waves(radius: Array, outer: Array, nodes: int) -> tuple[Array, Array]:
+    """Wave numbers and the weights k dk with the smoothing, shapes (n, nodes)."""
     way, least = BLUR * (radius - outer), LEAST_BLUR * radius
-    return np.where(way.real > least.real, way, least)
+    width = np.where(way.real > least.real, way, least)[:, None]
+    s, weight = legendre.leggauss(nodes)
+    k = REACH / width * (s + 1) / 2
+    return k, k * REACH / width * weight / 2 * np.exp(-((REACH * (s + 1) / 4) ** 2))
 
 
 @dataclass(frozen=True)
