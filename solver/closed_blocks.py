@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,7 @@ from numpy.polynomial import legendre
 
 from solver.bessel import Array
 from solver.closed_heights import AXIAL, Along, along_height
-from solver.closed_loads import Loads
+from solver.closed_loads import Loads, by
 
 RADIAL = 3  # functions P_i
 POINTS = 6  # of quadrature across the wall
@@ -147,8 +148,8 @@ def _on_rings(block: Block, loads: Loads) -> tuple[Array, Array]:
     y, weight, table = _table(block.hole is None, tuple(loads.cuts), 4)
     rings = np.kron(np.eye(len(loads.cuts) - 1), np.ones((4, 1))) * weight[:, None]
     ring = 2 * np.pi * block.width[:, None] * block.radii(y)
-    w = (ring[:, None, :] * table.P) @ (rings @ loads.pressure)
-    u = (ring[:, None, :] * _fluxes(block, table) / block.radius[:, None, None]) @ (rings @ loads.shear)
+    w = by(ring[:, None, :] * table.P, rings @ loads.pressure)
+    u = by((ring / block.radius[:, None])[:, None, :] * _fluxes(block, table), rings @ loads.shear)
     return np.swapaxes(w, 1, 2), np.swapaxes(u, 1, 2)
 
 
@@ -171,15 +172,15 @@ def _across(block: Block) -> _Across:
     U = _fluxes(block, table)
     both = table.P if block.hole is None else np.concatenate([0 * table.P[:1], table.P])
     hoop, u, slope = U / r**2, U / r, table.slope / block.width[:, None, None]
-    rr = both - hoop
     ring = 2 * np.pi * block.width[:, None, None] * weight * r
-
-    def pairs(a: Array, b: Array) -> Array:
-        return (a * ring) @ np.swapaxes(b, -1, -2)
-
+    kinds = (both - hoop, hoop, 0 * r + both, u, slope, 0 * r + table.P)
+    rows = np.concatenate(kinds, axis=1)
+    pairs = (rows * ring) @ np.swapaxes(rows, 1, 2)
+    ends = np.cumsum([0, *(kind.shape[1] for kind in kinds)])
+    at_rr, at_hoop, at_both, at_u, at_slope, at_w = (slice(*at) for at in pairwise(ends))
     return _Across(
-        pairs(rr, rr) + pairs(hoop, hoop), pairs(both, both), pairs(u, u), pairs(both, table.P), pairs(u, slope),
-        pairs(slope, slope), pairs(table.P, table.P),
+        pairs[:, at_rr, at_rr] + pairs[:, at_hoop, at_hoop], pairs[:, at_both, at_both], pairs[:, at_u, at_u],
+        pairs[:, at_both, at_w], pairs[:, at_u, at_slope], pairs[:, at_slope, at_slope], pairs[:, at_w, at_w],
     )  # fmt: skip
 
 

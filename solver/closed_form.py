@@ -36,6 +36,9 @@ LARGEST_ERROR = 2.9  # of ln(ratio): beyond it the formulas say nothing
 LEAST_DEPTH = 0.1  # of the tissue, in outer radii
 MOST = 256  # nodes over wave numbers
 CHUNK = 256  # designs at once: what they need then stays in the processor's cache
+np.empty(
+    2**22 - 2**12
+)  # glibc keeps freed arrays smaller than the largest ever freed: a third of the time would go into new ones
 
 
 @dataclass(frozen=True)

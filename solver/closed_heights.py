@@ -60,14 +60,13 @@ def along_height(height: Array, decay: Array) -> Along:
     f = np.concatenate([(1 - share)[:, None, :], (g @ np.swapaxes(below, 1, 2)) / scale[:, None]], axis=1)
     df = np.concatenate([0 * share[:, None, :] - 1 / h[:, None], -g / scale[:, None]], axis=1)
     w = (weight * dz)[:, None, :]
-
-    def pairs(a: Array, b: Array) -> Array:
-        return (a * w) @ np.swapaxes(b, 1, 2)
-
+    rows = np.concatenate([g, dg, f, df], axis=1)
+    pairs = (rows * w) @ np.swapaxes(rows, 1, 2)
+    at_g, at_dg, at_f, at_df = (slice(*at) for at in _ROWS)
     end = np.concatenate([0 * h + 1, (g @ (weight * dz)[:, :, None])[:, :, 0] / scale], axis=1)
     return Along(
-        pairs(g, g), pairs(dg, dg), pairs(g, df), pairs(dg, f), pairs(df, df), pairs(f, f), end,
-        zeta, w[:, 0], steep, g, dg, f, df,
+        pairs[:, at_g, at_g], pairs[:, at_dg, at_dg], pairs[:, at_g, at_df], pairs[:, at_dg, at_f],
+        pairs[:, at_df, at_df], pairs[:, at_f, at_f], end, zeta, w[:, 0], steep, g, dg, f, df,
     )  # fmt: skip
 
 
@@ -82,3 +81,4 @@ def _remaining() -> Any:
 _GAUSS = legendre.leggauss(HEIGHTS)
 _SERIES = (np.arange(HEIGHTS)[:, None] + 0.5) * legendre.legvander(_GAUSS[0], HEIGHTS - 1).T * _GAUSS[1]
 _REMAINING = _remaining()
+_ROWS = [(0, AXIAL), (AXIAL, 2 * AXIAL), (2 * AXIAL, 3 * AXIAL + 1), (3 * AXIAL + 1, 4 * AXIAL + 2)]  # g, dg, f, df

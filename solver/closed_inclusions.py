@@ -54,11 +54,12 @@ def change(
     size = sphere.radius[:, None]
     parts = amplitudes(waves, sphere.depth[:, None] - size * NEAR.z)
     near = wavelets(waves.k, size * RHO, WHICH)
-    G = image_of(sphere, waves, parts, near, weights, E / (2 * (1 + nu)), nu)
+    alone = fields(parts, near)
+    G = image_of(sphere, waves, parts, near, alone, weights, E / (2 * (1 + nu)), nu)
     scaled = (weights * ((1 + nu) / E)[:, None])[:, :, None]
     weighed = loads[0] * scaled, loads[1] * scaled
     if sphere.on_axis:
-        strain = _strains(fields(parts, near), weighed)
+        strain = _strains(alone, weighed)
         if sides is not None:
             strain = strain + sides.strain(
                 sphere.radius[:, None] * NEAR.x, sphere.depth[:, None] - sphere.radius[:, None] * NEAR.z

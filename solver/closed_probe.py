@@ -25,7 +25,7 @@ from solver.closed_half_space import ring_work
 from solver.closed_images import Sphere
 from solver.closed_inclusions import change
 from solver.closed_layer import Waves, floor_compliance, waves
-from solver.closed_loads import RADII, SOLID, TUBE
+from solver.closed_loads import RADII, SOLID, TUBE, by
 from solver.closed_sides import Sides, cut_waves, give
 
 REACH = 14.0  # exponents of what is left out of the integrals
@@ -136,7 +136,14 @@ def _half_space(blocks: tuple[Block, Block], tissue: Tissue) -> list[Array]:
     radius = np.stack([block.radius for block in blocks], axis=1)[:, [0] * count + [1] * (count + 2 - 1)]
     works = ring_work(circles, radius, tissue.mu, tissue.nu)
     sides = ((_DISCS[0], _DISCS[0]), (_DISCS[1], _DISCS[1]), _DISCS)
-    return [left.T @ work @ right for work, (left, right) in zip(works, sides, strict=True)]
+    return [_combined(work, left, right) for work, (left, right) in zip(works, sides, strict=True)]
+
+
+def _combined(work: Array, left: Any, right: Any) -> Array:
+    """left^T work right for matrices (n, i, j) whose n is last in memory."""
+    rows = np.moveaxis(work, 0, 2)
+    halves = (left.T @ rows.reshape(len(left), -1)).reshape(-1, *rows.shape[1:])
+    return np.moveaxis(right.T @ halves, 2, 0).copy()
 
 
 def _discs() -> tuple[Any, Any]:
@@ -182,8 +189,8 @@ def _transforms(blocks: tuple[Block, Block], k: Array) -> tuple[Array, Array]:
     zero, one = bessel(k[:, :, None] * radii[:, None, :])
     outer = np.repeat(np.stack([block.radius for block in blocks], axis=1), RADII, axis=1)
     rings = radii * np.repeat(np.stack([block.width for block in blocks], axis=1), RADII, axis=1)
-    pressure = (zero * rings[:, None, :]) @ _CONCENTRATED[0]
-    shear = (one * (rings * radii / outer)[:, None, :]) @ _CONCENTRATED[1]
+    pressure = by(zero * rings[:, None, :], _CONCENTRATED[0])
+    shear = by(one * (rings * radii / outer)[:, None, :], _CONCENTRATED[1])
     return pressure, shear
 
 
