@@ -211,17 +211,21 @@ def _softened(block: Block, bonded: bool) -> Array:
 
 def _stiffness(block: Block, E: Array, wall: _Across, along: Along) -> Array:
     """K of eq. (B1)'s functions, W first."""
-    mu = (E / (2 * (1 + block.nu)))[:, None, None]
-    lam = 2 * mu * (block.nu / (1 - 2 * block.nu))[:, None, None]
-    ww = _kron((lam + 2 * mu) * wall.lift, along.df_df) + _kron(mu * wall.tilt, along.ff)
-    uu = _kron(lam * wall.spread + 2 * mu * wall.strain, along.gg) + _kron(mu * wall.slide, along.dg_dg)
-    uw = -_kron(lam * wall.mixed, along.g_df) - _kron(mu * wall.turn, along.dg_f)
-    size = ww.shape[1]
-    K = np.empty((len(ww), size + uu.shape[1], size + uu.shape[1]), dtype=uw.dtype)
-    K[:, :size, :size], K[:, size:, size:], K[:, size:, :size], K[:, :size, size:] = ww, uu, uw, np.swapaxes(uw, 1, 2)
-    return K
+    mu = E / (2 * (1 + block.nu))
+    lam = 2 * mu * (block.nu / (1 - 2 * block.nu))
+    strain, spread, slide, mixed, turn, tilt, lift = (
+        part.transpose(1, 2, 0) for part in (wall.strain, wall.spread, wall.slide, wall.mixed, wall.turn, wall.tilt, wall.lift)
+    )  # blocks last: numpy multiplies long rows faster than many short ones
+    ww = _kron((lam + 2 * mu) * lift, along.df_df) + _kron(mu * tilt, along.ff)
+    uu = _kron(lam * spread + 2 * mu * strain, along.gg) + _kron(mu * slide, along.dg_dg)
+    uw = -_kron(lam * mixed, along.g_df) - _kron(mu * turn, along.dg_f)
+    size = len(ww)
+    K = np.empty((size + len(uu), size + len(uu), len(mu)), dtype=uw.dtype)
+    K[:size, :size], K[size:, size:], K[size:, :size], K[:size, size:] = ww, uu, uw, np.swapaxes(uw, 0, 1)
+    return np.ascontiguousarray(np.moveaxis(K, 2, 0))
 
 
 def _kron(a: Array, b: Array) -> Array:
-    product = a[:, :, None, :, None] * b[:, None, :, None, :]
-    return product.reshape(len(a), a.shape[1] * b.shape[1], a.shape[2] * b.shape[2])
+    b = np.ascontiguousarray(b.transpose(1, 2, 0))
+    product = a[:, None, :, None] * b[None, :, None]
+    return product.reshape(a.shape[0] * b.shape[0], a.shape[1] * b.shape[1], -1)
