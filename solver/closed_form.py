@@ -18,11 +18,11 @@ from geometry.grading import Floats
 from geometry.scene import Inclusion, Scene
 from solver.bessel import Array
 from solver.closed_blocks import Block
-from solver.closed_error import EFFECTS, STEP, log_error
+from solver.closed_error import EFFECTS, STEP, errors
 from solver.closed_images import Sphere
 from solver.closed_probe import NODES_PER_WAVE, Tissue, answer
 from solver.closed_sides import side_nodes, side_radius
-from solver.film_forces import Bound, FilmForces, outputs
+from solver.film_forces import FilmForces, outputs, shortfalls
 from solver.result import Result, lopsided
 
 PROBE = (
@@ -34,6 +34,7 @@ BALL = ("radius", "depth", "offset", "modulus", "poisson")
 LEAST_COVER = 0.1  # of an inclusion, in its diameters
 LARGEST_ERROR = 2.9  # of ln(ratio): beyond it the formulas say nothing
 LEAST_DEPTH = 0.1  # of the tissue, in outer radii
+BROKEN = "axisymmetric, as the formulas break down for this scene"
 MOST = 256  # nodes over wave numbers
 CHUNK = 256  # designs at once: what they need then stays in the processor's cache
 np.empty(
@@ -180,15 +181,15 @@ class ClosedForm:
         shape, values = parameters(scene)
         with np.errstate(all="ignore"):  # what is not finite is refused
             found, slopes = forces(shape, _variants(values))
-            error = log_error(scene, found)
-        if not (np.all(np.isfinite(found)) and np.all(found[0].sum(axis=1) > 0) and error < LARGEST_ERROR):
-            raise Refusal("evaluator", self.name, "axisymmetric, as the formulas break down for this scene")
+        if not (np.all(np.isfinite(found)) and np.all(found.sum(axis=2) > 0)):
+            raise Refusal("evaluator", self.name, BROKEN)
+        error = errors(scene, found, slopes, shape.side_nodes > 0)
+        if error.log_ratio > LARGEST_ERROR:
+            raise Refusal("evaluator", self.name, BROKEN)
         slope = slopes[0] if scene.target is not None else None
-        told = outputs(scene, FilmForces(found[0], Bound(np.zeros(2), error), slope))
-        if told["error_estimate"] > accuracy:
-            told["warnings"] += (
-                f"an error bound of {told['error_estimate']:.2g} is what the formulas reach, accuracy {accuracy:g} asked for",
-            )
+        films = FilmForces(found[0], error.bound(found[0].sum(axis=1)), slope, error.sensitivity)
+        told = outputs(scene, films)
+        told["warnings"] += tuple(shortfalls(films, error.largest, accuracy))
         return Result(self.name, perf_counter() - start, **told)
 
 
