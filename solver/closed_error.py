@@ -26,16 +26,18 @@ EFFECTS = ("scene", "inner_modulus", "outer_modulus", "no inclusions")  # the va
 STEP = 1.05  # by which the variants' moduli are larger
 WEIGHTS: dict[str, dict[str, float]] = {
     "ratio": {
-        "always": 0.0225, "inner": 0.0275, "shell": 1.5, "near surface": 2, "side 2": 0.0375, "side 4": 0.425, "side 8": 1.75,
-        "cut 8": 1.25, "cancelled": 0.0065, "soft": 0.325,
+        "always": 0.0085, "inner": 0.2, "shell": 0.05, "soft shell": 1.75, "near surface": 1.25, "near sides": 0.375,
+        "side 2": 0.175, "side 4": 0.475, "side 8": 2.5, "cut 8": 1.25, "side slender": 0.00875, "cancelled": 0.00975,
+        "soft": 0.45,
     },
     "film": {
-        "inner": 0.0675, "shell": 1.5, "near surface": 2, "near sides": 3.5, "beside": 0.65, "side 8": 2.25, "cut 2": 0.0275,
-        "cut 8": 0.975, "side slender": 0.95, "cut slender": 0.015, "cancelled": 0.0055, "soft": 0.325,
+        "inner": 0.225, "shell": 0.25, "soft shell": 1.5, "near surface": 1.25, "near sides": 4.25, "beside": 1.5,
+        "side 8": 2.75, "cut 2": 0.0525, "cut 8": 1.75, "side slender": 1.25, "cut slender": 0.0125, "cancelled": 0.007,
+        "soft": 0.35,
     },
     "sensitivity": {
-        "inner": 5.25, "outer": 0.55, "near surface": 1.5, "beside": 1.25, "side 4": 0.8, "cancelled": 0.0575,
-        "inner soft": 50, "strong near floor": 6.5, "thin": 0.35,
+        "inner": 3, "outer": 3.25, "soft shell": 5.25, "near surface": 2.5, "beside": 4.5, "side 4": 4.75, "side 8": 20,
+        "cut 8": 3.25, "cancelled": 0.009, "strong near surface": 0.95, "strong near floor": 5.75, "thin": 0.25,
     },
 }  # fmt: skip
 
@@ -100,6 +102,7 @@ def _features(around: dict[str, float], values: Floats, spheres: float, cancelle
     inner, outer = np.abs(values[1:3] - values[0]) / math.log(STEP)
     return {
         "always": 1.0, "inner": float(inner), "outer": float(outer), "shell": float(outer) * around["shell"],
+        "soft shell": float(outer) * around["soft shell"],
         "spheres": spheres, "near surface": spheres * around["near surface"], "near floor": spheres * around["near floor"],
         "near sides": spheres * around["near sides"], "beside": spheres * around["beside"],
         **{name: value for name, value in around.items() if name.startswith(("side", "cut"))},
@@ -114,7 +117,7 @@ def _around(scene: Scene, sided: bool) -> dict[str, float]:
     beside = any(math.hypot(body.x - scene.placement.x, body.y - scene.placement.y) > 0 for body in scene.inclusion)
     return {
         "near surface": near, "near floor": floor, "near sides": side, "beside": float(beside), "soft": _soft(scene),
-        "shell": _shell(scene),
+        "shell": _shell(scene), "soft shell": _shell(scene) * _yielding(scene),
         **{f"side {n}": left * edge**n for n in (2, 4, 8)}, **{f"cut {n}": (1 - left) * edge**n for n in (2, 4, 8)},
         "side slender": left * slender, "cut slender": (1 - left) * slender,
     }  # fmt: skip
@@ -145,9 +148,13 @@ def _shell(scene: Scene) -> float:
 
 def _soft(scene: Scene) -> float:
     """How far the outer block is wide beside the inner and soft beside the tissue."""
-    probe, tissue = scene.probe, scene.tissue.youngs_modulus
-    wall = probe.tube_radius - probe.hole_radius
-    return math.log1p(wall / probe.inner_radius) * tissue / (tissue + probe.outer.youngs_modulus)
+    wall = scene.probe.tube_radius - scene.probe.hole_radius
+    return math.log1p(wall / scene.probe.inner_radius) * _yielding(scene)
+
+
+def _yielding(scene: Scene) -> float:
+    """How soft the outer block is beside the tissue, 0 to 1."""
+    return scene.tissue.youngs_modulus / (scene.tissue.youngs_modulus + scene.probe.outer.youngs_modulus)
 
 
 def _edges(scene: Scene, sided: bool) -> tuple[float, float, float]:
