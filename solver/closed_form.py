@@ -18,7 +18,7 @@ from geometry.grading import Floats
 from geometry.scene import Inclusion, Scene
 from solver.bessel import Array
 from solver.closed_blocks import Block
-from solver.closed_error import EFFECTS, STEP, errors
+from solver.closed_error import EFFECTS, STEP, Errors, errors
 from solver.closed_images import Sphere
 from solver.closed_probe import NODES_PER_WAVE, Tissue, answer
 from solver.closed_sides import side_nodes, side_radius
@@ -175,6 +175,13 @@ class ClosedForm:
             Refusal: the scene is of another kind, or the formulas break down.
         """
         start = perf_counter()
+        films, error = self.films(scene)
+        told = outputs(scene, films)
+        told["warnings"] += tuple(shortfalls(films, error.largest, accuracy))
+        return Result(self.name, perf_counter() - start, **told)
+
+    def films(self, scene: Scene) -> tuple[FilmForces, Errors]:
+        """Return the film forces behind an answer and the bounds on their errors; raises as ``evaluate`` does."""
         why = self.refusal(scene)
         if why is not None:
             raise Refusal("evaluator", self.name, why)
@@ -187,10 +194,7 @@ class ClosedForm:
         if error.log_ratio > LARGEST_ERROR:
             raise Refusal("evaluator", self.name, BROKEN)
         slope = slopes[0] if scene.target is not None else None
-        films = FilmForces(found[0], error.bound(found[0].sum(axis=1)), slope, error.sensitivity)
-        told = outputs(scene, films)
-        told["warnings"] += tuple(shortfalls(films, error.largest, accuracy))
-        return Result(self.name, perf_counter() - start, **told)
+        return FilmForces(found[0], error.bound(found[0].sum(axis=1)), slope, error.sensitivity), error
 
 
 def _variants(values: Floats) -> Floats:
