@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -47,14 +48,18 @@ def along_height(height: Array, decay: Array) -> Along:
     decay = decay[:, None]
     bh = decay * h
     steep = 0.5 * np.log(1 + 0.5 * bh) + 1e-3  # nodes as dense at both ends as the functions need
-    share = (1 + np.tanh(steep * y) / np.tanh(steep)) / 2
-    dz = h * steep / (2 * np.tanh(steep) * np.cosh(steep * y) ** 2)
+    turn = np.tanh(steep * y)
+    share = (1 + turn / np.tanh(steep)) / 2
+    dz = h * steep / (2 * np.tanh(steep)) * (1 - turn * turn)
     zeta = h * share
     loss = 1 - np.exp(-bh)
-    top, fade = (1 - np.exp(-decay * (h - zeta))) / loss, (np.exp(-decay * zeta) - np.exp(-bh)) / loss
-    dtop, dfade = -decay * np.exp(-decay * (h - zeta)) / loss, -decay * np.exp(-decay * zeta) / loss
-    g = np.stack([top * fade**j for j in range(AXIAL)], axis=1)
-    dg = np.stack([dtop * fade**j + (j * top * fade ** max(j - 1, 0) * dfade if j else 0 * top) for j in range(AXIAL)], axis=1)
+    far, near = np.exp(-decay * (h - zeta)), np.exp(-decay * zeta)
+    top, fade = (1 - far) / loss, (near - np.exp(-bh)) / loss
+    dtop, dfade = -decay / loss * far, -decay / loss * near
+    powers = [1 + 0 * top, *accumulate([fade] * (AXIAL - 1), np.multiply)]
+    g = np.stack([top * power for power in powers], axis=1)
+    slopes = [dtop, *(dtop * powers[j] + j * top * powers[j - 1] * dfade for j in range(1, AXIAL))]
+    dg = np.stack(slopes, axis=1)
     scale = loss / decay  # of the length over which g_j decays
     below = _REMAINING * dz[:, None, :]  # weights of Int_zeta^h
     f = np.concatenate([(1 - share)[:, None, :], (g @ np.swapaxes(below, 1, 2)) / scale[:, None]], axis=1)
