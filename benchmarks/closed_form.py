@@ -2,8 +2,8 @@
 
 ``python benchmarks/closed_form.py`` prints for all scenes of tests/reference that it takes the error of ratio and log-sensitivity
 and the stated error (all relative), then designs per second on one core. ``--scenes N --seed K`` draws N random scenes instead,
-compares them with ``axisymmetric``, or off the axis ``equivalent-inclusion``, and prints the quantiles of the true error
-and of true over stated error, which must stay below 1.
+compares them with ``axisymmetric``, or off the axis ``equivalent-inclusion``, and prints the quantiles of the true errors of
+ratio, stresses, stiffness and log-sensitivity and of true over stated error, which must stay below 1.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ import numpy as np
 
 from geometry import Contact, CylinderTissue, Inclusion, InputError, Load, Material, Probe, Scene, read_scene
 from solver import evaluate
-from solver.closed_form import BALL, PROBE, TISSUE, forces, parameters
+from solver.closed_form import BALL, PROBE, TISSUE, ClosedForm, forces, parameters
+from solver.film_forces import outputs
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "reference"
 FOLDERS = ("axisymmetric", "extra", "extreme", "half-space", "off-axis", "solid")
@@ -92,35 +93,44 @@ def designs_per_second(scene: Scene) -> float:
 def audit(count: int, seed: int) -> None:
     """Print quantiles of true and stated errors of random scenes."""
     rng = np.random.default_rng(seed)
-    errors: list[tuple[float, float]] = []
+    found: list[dict[str, tuple[float, float]]] = []
     drawn = 0
-    while len(errors) < count:
+    while len(found) < count:
         drawn += 1
-        pair = compared(rng)
-        if pair is not None:
-            errors.append(pair)
-    found = np.array(errors)
+        pairs = compared(rng)
+        if pairs is not None:
+            found.append(pairs)
     print(f"{len(found)} scenes of {drawn} drawn; the rest do not fit together or are refused")
-    for text, values in (
-        ("true error", found[:, 0]),
-        ("stated error", found[:, 1]),
-        ("true / stated", found[:, 0] / found[:, 1]),
-    ):
-        print(f"{text}: median {np.median(values):.3g}, 90 % below {np.quantile(values, 0.9):.3g}, largest {values.max():.3g}")
+    for name in ("ratio", "stresses", "stiffness", "log_sensitivity"):
+        true, stated = np.array([pairs[name] for pairs in found if name in pairs]).T
+        for text, values in (("true error", true), ("stated error", stated), ("true / stated", true / stated)):
+            many = f"median {np.median(values):.3g}, 90 % below {np.quantile(values, 0.9):.3g}, largest {values.max():.3g}"
+            print(f"{name}, {len(true)} scenes, {text}: {many}")
 
 
-def compared(rng: np.random.Generator) -> tuple[float, float] | None:
-    """Return the true and the stated relative error of the ratio of one random scene."""
+def compared(rng: np.random.Generator) -> dict[str, tuple[float, float]] | None:
+    """Return the true and the stated error of one random scene's quantities: relative, the sensitivity's absolute."""
     try:
         scene = draw(rng)
-        found = evaluate(scene, "closed-form")
+        films, error = ClosedForm().films(scene)
         beside = any(body.x for body in scene.inclusion)
         exact = evaluate(scene, "equivalent-inclusion" if beside else "axisymmetric", 0.01 if beside else 0.003)
     except InputError:
         return None
-    if exact.ratio is None or found.ratio is None or found.error_estimate is None:
+    if exact.ratio is None or exact.error_estimate is None:
         return None
-    return abs(found.ratio / exact.ratio - 1), found.error_estimate
+    told = outputs(scene, films)
+    stresses = max(abs(told[key] / getattr(exact, key) - 1) for key in ("stress_inner", "stress_outer"))
+    largest = max(np.expm1(error.log_totals))
+    found = {
+        "ratio": (abs(told["ratio"] / exact.ratio - 1), films.ratio_error),
+        "stresses": (stresses, largest),
+        "stiffness": (abs(told["stiffness"] / exact.stiffness - 1), largest),
+    }
+    if exact.log_sensitivity and not any("log_sensitivity" in text for text in exact.warnings):
+        least = max(0.05 * abs(told["log_sensitivity"]), 1e-5)  # what no warning tells of
+        found["log_sensitivity"] = (abs(told["log_sensitivity"] - exact.log_sensitivity), max(error.sensitivity, least))
+    return found
 
 
 def draw(rng: np.random.Generator) -> Scene:

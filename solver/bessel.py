@@ -18,21 +18,33 @@ from scipy.special import j0, j1
 
 Array = Any  # numpy array of floats, or of complex numbers on the way to a derivative
 DEGREE = 6
+SLAB = 4096  # values at once: what they need then stays in the processor's cache
 
 
 def bessel(x: Array) -> tuple[Array, Array]:
     """Return J0 and J1 of x >= 0."""
-    s = 1 / np.sqrt(1 + x**2)
-    even, odd, wave, tilt = np.cos(x), np.sin(x), np.sqrt(s), x * s
-    A, B, C, D = (_powers(s, row) for row in _fit())
+    found = np.empty((2, x.size), dtype=x.dtype)
+    flat = x.reshape(-1)
+    for k in range(0, x.size, SLAB):
+        found[:, k : k + SLAB] = _bessel(flat[k : k + SLAB])
+    return found[0].reshape(x.shape), found[1].reshape(x.shape)
+
+
+def _bessel(x: Array) -> tuple[Array, Array]:
+    s = 1 / np.sqrt(1 + x * x)
+    even, odd, wave = np.cos(x), np.sin(x), np.sqrt(s)
+    tilt = x * s
+    A, B, C, D = power_series(s, _fit())
     return wave * (A * even + tilt * B * odd), wave * (C * odd + tilt * D * even)
 
 
-def _powers(x: Array, coefficients: Any) -> Array:
-    total = coefficients[-1] * x + coefficients[-2]
-    for coefficient in coefficients[-3::-1]:
-        total = total * x + coefficient
-    return total
+def power_series(x: Array, coefficients: Any) -> Array:
+    """Values of several polynomials, rows of coefficients, at x; shape (polynomials, *x.shape)."""
+    powers = np.empty((coefficients.shape[1], x.size), dtype=x.dtype)
+    powers[0], powers[1] = 1, x.ravel()
+    for k in range(2, len(powers)):
+        np.multiply(powers[k // 2], powers[k - k // 2], out=powers[k])
+    return (coefficients @ powers).reshape(len(coefficients), *x.shape)
 
 
 @lru_cache(maxsize=1)

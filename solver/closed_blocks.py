@@ -20,17 +20,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
 
 from solver.bessel import Array
-from solver.closed_loads import Loads
+from solver.closed_heights import AXIAL, Along, along_height
+from solver.closed_loads import Loads, by
 
-RADIAL, AXIAL = 3, 2  # functions P_i and g_j
+RADIAL = 3  # functions P_i
 POINTS = 6  # of quadrature across the wall
-HEIGHTS = 10  # of quadrature along the height
+
+
+def _polynomials() -> Any:
+    P = [legendre.Legendre(row, domain=[0, 1]) for row in np.eye(RADIAL)]
+    return P, [p.deriv() for p in P], [p.integ(lbnd=0) for p in P]
+
+
+_POLYNOMIALS = _polynomials()
 
 
 @dataclass(frozen=True)
@@ -68,7 +77,7 @@ def end_compliance(block: Block, loads: Loads, bonded: bool) -> tuple[Array, Arr
 
     The shears' functions are meant times r / radius. Shapes (n, p, p), (n, s, s), (n, p, s); m^3/N times m^2.
     """
-    along = _along(block)
+    along = along_height(block.height, _decay(block))
     K = _stiffness(block, _softened(block, bonded), _across(block), along)
     w, u = _on_rings(block, loads)
     n, p, s = len(w), w.shape[1], u.shape[1]
@@ -78,6 +87,19 @@ def end_compliance(block: Block, loads: Loads, bonded: bool) -> tuple[Array, Arr
     B[:, p:, size:] = np.repeat(u, AXIAL, axis=2)  # every g_j is 1 at the tissue's end
     work = B @ np.linalg.solve(K, np.swapaxes(B, 1, 2))
     return work[:, :p, :p], work[:, p:, p:], work[:, :p, p:]
+
+
+def radial(radius: Array, r: Array) -> tuple[Array, Array, Array]:
+    """P_i, dP_i/dr and U_i / r of discs at distances r (n, k) > 0 from the axis, shapes (n, functions, k)."""
+    s = (r / radius[:, None]) ** 2
+    P, slope, U = (np.stack([p(s) for p in kind], axis=1) for kind in _POLYNOMIALS)
+    return P, slope * (2 * s / r)[:, None], U * (r / (2 * s))[:, None]
+
+
+def column(block: Block) -> tuple[Array, Along]:
+    """Return the stiffness K of a block's functions, and these along its height."""
+    along = along_height(block.height, _decay(block))
+    return _stiffness(block, block.E, _across(block), along), along
 
 
 @dataclass(frozen=True)
@@ -126,8 +148,8 @@ def _on_rings(block: Block, loads: Loads) -> tuple[Array, Array]:
     y, weight, table = _table(block.hole is None, tuple(loads.cuts), 4)
     rings = np.kron(np.eye(len(loads.cuts) - 1), np.ones((4, 1))) * weight[:, None]
     ring = 2 * np.pi * block.width[:, None] * block.radii(y)
-    w = (ring[:, None, :] * table.P) @ (rings @ loads.pressure)
-    u = (ring[:, None, :] * _fluxes(block, table) / block.radius[:, None, None]) @ (rings @ loads.shear)
+    w = by(ring[:, None, :] * table.P, rings @ loads.pressure)
+    u = by((ring / block.radius[:, None])[:, None, :] * _fluxes(block, table), rings @ loads.shear)
     return np.swapaxes(w, 1, 2), np.swapaxes(u, 1, 2)
 
 
@@ -150,29 +172,16 @@ def _across(block: Block) -> _Across:
     U = _fluxes(block, table)
     both = table.P if block.hole is None else np.concatenate([0 * table.P[:1], table.P])
     hoop, u, slope = U / r**2, U / r, table.slope / block.width[:, None, None]
-    rr = both - hoop
     ring = 2 * np.pi * block.width[:, None, None] * weight * r
-
-    def pairs(a: Array, b: Array) -> Array:
-        return (a * ring) @ np.swapaxes(b, -1, -2)
-
+    kinds = (both - hoop, hoop, 0 * r + both, u, slope, 0 * r + table.P)
+    rows = np.concatenate(kinds, axis=1)
+    pairs = (rows * ring) @ np.swapaxes(rows, 1, 2)
+    ends = np.cumsum([0, *(kind.shape[1] for kind in kinds)])
+    at_rr, at_hoop, at_both, at_u, at_slope, at_w = (slice(*at) for at in pairwise(ends))
     return _Across(
-        pairs(rr, rr) + pairs(hoop, hoop), pairs(both, both), pairs(u, u), pairs(both, table.P), pairs(u, slope),
-        pairs(slope, slope), pairs(table.P, table.P),
+        pairs[:, at_rr, at_rr] + pairs[:, at_hoop, at_hoop], pairs[:, at_both, at_both], pairs[:, at_u, at_u],
+        pairs[:, at_both, at_w], pairs[:, at_u, at_slope], pairs[:, at_slope, at_slope], pairs[:, at_w, at_w],
     )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class _Along:
-    """Integrals over the height of products of f_j and g_j and their derivatives, and f_j at the tissue end."""
-
-    gg: Array
-    dg_dg: Array
-    g_df: Array
-    dg_f: Array
-    df_df: Array
-    ff: Array
-    end: Array
 
 
 def _decay(block: Block) -> Array:
@@ -200,59 +209,23 @@ def _softened(block: Block, bonded: bool) -> Array:
     return block.E / (1 + (2 * block.nu) ** power / (tall * slender * thin**1.5 + constant + flat / slender))
 
 
-def _along(block: Block) -> _Along:
-    y, weight = _GAUSS
-    h = block.height[:, None]
-    decay = _decay(block)[:, None]
-    bh = decay * h
-    steep = 0.5 * np.log(1 + 0.5 * bh) + 1e-3  # nodes as dense at both ends as the functions need
-    share = (1 + np.tanh(steep * y) / np.tanh(steep)) / 2
-    dz = h * steep / (2 * np.tanh(steep) * np.cosh(steep * y) ** 2)
-    zeta = h * share
-    loss = 1 - np.exp(-bh)
-    top, fade = (1 - np.exp(-decay * (h - zeta))) / loss, (np.exp(-decay * zeta) - np.exp(-bh)) / loss
-    dtop, dfade = -decay * np.exp(-decay * (h - zeta)) / loss, -decay * np.exp(-decay * zeta) / loss
-    g = np.stack([top * fade**j for j in range(AXIAL)], axis=1)
-    dg = np.stack([dtop * fade**j + (j * top * fade ** max(j - 1, 0) * dfade if j else 0 * top) for j in range(AXIAL)], axis=1)
-    scale = loss / decay  # of the length over which g_j decays
-    below = _REMAINING * dz[:, None, :]  # weights of Int_zeta^h
-    f = np.concatenate([(1 - share)[:, None, :], (g @ np.swapaxes(below, 1, 2)) / scale[:, None]], axis=1)
-    df = np.concatenate([0 * share[:, None, :] - 1 / h[:, None], -g / scale[:, None]], axis=1)
-    w = (weight * dz)[:, None, :]
-
-    def pairs(a: Array, b: Array) -> Array:
-        return (a * w) @ np.swapaxes(b, 1, 2)
-
-    end = np.concatenate([0 * h + 1, (g @ (weight * dz)[:, :, None])[:, :, 0] / scale], axis=1)
-    return _Along(pairs(g, g), pairs(dg, dg), pairs(g, df), pairs(dg, f), pairs(df, df), pairs(f, f), end)
-
-
-def _remaining() -> Any:
-    """Integrals from each Gauss node to 1, as weights of the values at the nodes, shape (nodes, nodes)."""
-    y, weight = legendre.leggauss(HEIGHTS)
-    orders = np.arange(HEIGHTS)
-    coefficients = np.array([(2 * n + 1) / 2 * weight * legendre.legval(y, np.eye(HEIGHTS)[n]) for n in orders])
-    integrals = np.array([legendre.legint(np.eye(HEIGHTS)[n]) for n in orders])
-    values = np.array([legendre.legval(1.0, c) - legendre.legval(y, c) for c in integrals])
-    return values.T @ coefficients
-
-
-_GAUSS, _REMAINING = legendre.leggauss(HEIGHTS), _remaining()
-
-
-def _stiffness(block: Block, E: Array, wall: _Across, along: _Along) -> Array:
+def _stiffness(block: Block, E: Array, wall: _Across, along: Along) -> Array:
     """K of eq. (B1)'s functions, W first."""
-    mu = (E / (2 * (1 + block.nu)))[:, None, None]
-    lam = 2 * mu * (block.nu / (1 - 2 * block.nu))[:, None, None]
-    ww = _kron((lam + 2 * mu) * wall.lift, along.df_df) + _kron(mu * wall.tilt, along.ff)
-    uu = _kron(lam * wall.spread + 2 * mu * wall.strain, along.gg) + _kron(mu * wall.slide, along.dg_dg)
-    uw = -_kron(lam * wall.mixed, along.g_df) - _kron(mu * wall.turn, along.dg_f)
-    size = ww.shape[1]
-    K = np.empty((len(ww), size + uu.shape[1], size + uu.shape[1]), dtype=uw.dtype)
-    K[:, :size, :size], K[:, size:, size:], K[:, size:, :size], K[:, :size, size:] = ww, uu, uw, np.swapaxes(uw, 1, 2)
-    return K
+    mu = E / (2 * (1 + block.nu))
+    lam = 2 * mu * (block.nu / (1 - 2 * block.nu))
+    strain, spread, slide, mixed, turn, tilt, lift = (
+        part.transpose(1, 2, 0) for part in (wall.strain, wall.spread, wall.slide, wall.mixed, wall.turn, wall.tilt, wall.lift)
+    )  # blocks last: numpy multiplies long rows faster than many short ones
+    ww = _kron((lam + 2 * mu) * lift, along.df_df) + _kron(mu * tilt, along.ff)
+    uu = _kron(lam * spread + 2 * mu * strain, along.gg) + _kron(mu * slide, along.dg_dg)
+    uw = -_kron(lam * mixed, along.g_df) - _kron(mu * turn, along.dg_f)
+    size = len(ww)
+    K = np.empty((size + len(uu), size + len(uu), len(mu)), dtype=uw.dtype)
+    K[:size, :size], K[size:, size:], K[size:, :size], K[:size, size:] = ww, uu, uw, np.swapaxes(uw, 0, 1)
+    return np.ascontiguousarray(np.moveaxis(K, 2, 0))
 
 
 def _kron(a: Array, b: Array) -> Array:
-    product = a[:, :, None, :, None] * b[:, None, :, None, :]
-    return product.reshape(len(a), a.shape[1] * b.shape[1], a.shape[2] * b.shape[2])
+    b = np.ascontiguousarray(b.transpose(1, 2, 0))
+    product = a[:, None, :, None] * b[None, :, None]
+    return product.reshape(a.shape[0] * b.shape[0], a.shape[1] * b.shape[1], -1)

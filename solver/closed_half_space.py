@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from scipy.special import hyp2f1
 
-from solver.bessel import Array
+from solver.bessel import Array, power_series
 
 SMOOTH, SINGULAR = 9, 7  # terms of both parts: errors below 1e-9
 TINY = 1e-200  # keeps the logarithm finite where its factor is zero
@@ -42,49 +42,29 @@ def ring_work(circles: Array, radius: Array, mu: Array, nu: Array) -> tuple[Arra
     Returns:
         three arrays of shape (n, k, k).
     """
-    low, high = _pairs(circles.shape[1])
-    a, b = circles[:, low], circles[:, high]
-    rest = (b - a) * (b + a) / b**2  # 1 - m without cancellation
-    series = [_series(rest, *_coefficients(c)) for c in (2, 3)]
-    scale = (np.pi / mu)[:, None]
-    soft, mixed = 2 * scale * (1 - nu)[:, None], -scale * (1 - 2 * nu)[:, None]
-    both = radius[:, low] * radius[:, high]
-    square = a**2  # and no higher power: numpy is slow with those
-    pressure = soft * square * b / 2 * series[0]
-    shear = soft * square**2 * b / (8 * both) * series[1]
-    small_pressure = mixed * square * b**2 / (8 * radius[:, high]) * (1 + rest)
-    small_shear = mixed * square**2 / (8 * radius[:, low])
     size = circles.shape[1]
-    cross = _placed(small_pressure, size, low, high)
-    cross[:, high, low] = small_shear
-    return _both(pressure, size, low, high), _both(shear, size, low, high), cross
+    low, high = np.triu_indices(size)
+    rows, reach = circles.T.copy(), radius.T.copy()  # designs last: whole rows are picked and placed
+    a, b = rows[low], rows[high]
+    rest = (b - a) * (b + a) / (b * b)  # 1 - m without cancellation
+    smooth, singular = (power_series(rest, np.array(kind)) for kind in zip(_coefficients(2), _coefficients(3), strict=True))
+    series = smooth + rest * rest * np.log(rest + TINY) * singular
+    soft, mixed = 2 * np.pi / mu * (1 - nu), -np.pi / mu * (1 - 2 * nu)
+    square = a * a  # and no higher power: numpy is slow with those
+    pressure = soft / 2 * square * b * series[0]
+    shear = soft / 8 * square * square * b / (reach[low] * reach[high]) * series[1]
+    cross = np.empty((size, size, len(mu)), dtype=rest.dtype)
+    cross[low, high] = mixed / 8 * square * b * b / reach[high] * (1 + rest)
+    cross[high, low] = mixed / 8 * square * square / reach[low]
+    return _symmetric(pressure, size), _symmetric(shear, size), np.moveaxis(cross, 2, 0)
 
 
-def _pairs(size: int) -> tuple[Any, Any]:
-    return np.triu_indices(size)
-
-
-def _placed(values: Array, size: int, low: Any, high: Any) -> Array:
-    full = np.zeros((len(values), size, size), dtype=values.dtype)
-    full[:, low, high] = values
-    return full
-
-
-def _both(values: Array, size: int, low: Any, high: Any) -> Array:
-    full = _placed(values, size, low, high)
-    full[:, high, low] = values
-    return full
-
-
-def _series(rest: Array, smooth: Any, singular: Any) -> Array:
-    return _powers(rest, smooth) + rest**2 * np.log(rest + TINY) * _powers(rest, singular)
-
-
-def _powers(x: Array, coefficients: Any) -> Array:
-    total = coefficients[-1] + 0 * x
-    for coefficient in coefficients[-2::-1]:
-        total = total * x + coefficient
-    return total
+def _symmetric(values: Array, size: int) -> Array:
+    """Matrices from their upper triangles, shape (n, size, size)."""
+    low, high = np.triu_indices(size)
+    full = np.empty((size, size, values.shape[1]), dtype=values.dtype)
+    full[low, high] = full[high, low] = values
+    return np.moveaxis(full, 2, 0)
 
 
 @lru_cache(maxsize=2)

@@ -88,10 +88,13 @@ def wavelets(k: Array, r: Array, which: Any = slice(None)) -> Wavelets:
 
 def fields(parts: tuple[Array, Array], at: Wavelets) -> tuple[Array, Array]:
     """Strains rr + hoop, rr - hoop, zz, rz at all points under waves of pressure and of shear, times 2 mu; (n, 4 points, q)."""
-    return tuple(  # type: ignore[return-value]
-        np.concatenate([part[:, 0] * at.zero, part[:, 0] * at.turn, part[:, 1] * at.zero, part[:, 2] * at.one], axis=1)
-        for part in parts
-    )
+    found = []
+    for part in parts:
+        strain = np.empty((len(part), 4, *at.zero.shape[1:]), dtype=part.dtype)
+        for row, (which, wave) in enumerate(((0, at.zero), (0, at.turn), (1, at.zero), (2, at.one))):
+            np.multiply(part[:, which], wave, out=strain[:, row])
+        found.append(strain.reshape(len(part), -1, part.shape[-1]))
+    return found[0], found[1]
 
 
 def _moment_weights() -> Any:
@@ -111,18 +114,26 @@ def image(sphere: Sphere, waves: Waves, weights: Array, mu: Array, nu: Array) ->
     ``weights`` are k dk of the waves, shape (n, q).
     """
     parts = amplitudes(waves, sphere.depth[:, None] - sphere.radius[:, None] * NEAR.z)
-    return image_of(sphere, waves, parts, wavelets(waves.k, sphere.radius[:, None] * RHO, WHICH), weights, mu, nu)
+    near = wavelets(waves.k, sphere.radius[:, None] * RHO, WHICH)
+    return image_of(sphere, waves, parts, near, fields(parts, near), weights, mu, nu)
 
 
 def image_of(
-    sphere: Sphere, waves: Waves, parts: tuple[Array, Array], near: Wavelets, weights: Array, mu: Array, nu: Array
+    sphere: Sphere,
+    waves: Waves,
+    parts: tuple[Array, Array],
+    near: Wavelets,
+    strains: tuple[Array, Array],
+    weights: Array,
+    mu: Array,
+    nu: Array,
 ) -> Array:
-    """Eqs. (I2), (I3): G, shape (n, moments, moments)."""
+    """Eqs. (I2), (I3): G, shape (n, moments, moments), from the amplitudes, the wavelets and the strains that they make."""
     volume = 4 * np.pi / 3 * sphere.radius**3
     up = weights * waves.k * (_uncovered(sphere) * volume / (16 * np.pi * (1 - nu) * mu))[:, None]  # the fields are times 2 mu
     size = MOMENTS if sphere.on_axis else ALL
     G = np.zeros((len(mu), size, size), dtype=up.dtype)
-    for g in (TO_MOMENTS @ field for field in fields(parts, near)):
+    for g in (TO_MOMENTS @ field for field in strains):
         G[:, :MOMENTS, :MOMENTS] = G[:, :MOMENTS, :MOMENTS] + _gram(g, up)
     if not sphere.on_axis:
         for part in parts:

@@ -18,6 +18,7 @@ import numpy as np
 from solver.bessel import Array
 from solver.closed_images import ASIDE, MOMENTS, NEAR, RHO, TO_MOMENTS, TURNS, WHICH, Sphere, fields, image_of, wavelets
 from solver.closed_layer import Waves, amplitudes
+from solver.closed_sides import Sides
 from solver.eshelby import strengths
 
 
@@ -36,7 +37,9 @@ class Change:
     rest_slope: Array
 
 
-def change(sphere: Sphere, waves: Waves, loads: tuple[Array, Array], weights: Array, E: Array, nu: Array) -> Change:
+def change(
+    sphere: Sphere, waves: Waves, loads: tuple[Array, Array], weights: Array, E: Array, nu: Array, sides: Sides | None = None
+) -> Change:
     """Return what spheres in tissue of modulus E and Poisson's ratio nu change under loads.
 
     Args:
@@ -46,17 +49,24 @@ def change(sphere: Sphere, waves: Waves, loads: tuple[Array, Array], weights: Ar
         weights: k dk of the waves, shape (n, q).
         E: of the tissue, shape (n,).
         nu: of the tissue, shape (n,).
+        sides: of the tissue, where they are near.
     """
-    parts = amplitudes(waves, sphere.depth[:, None] - sphere.radius[:, None] * NEAR.z)
-    near = wavelets(waves.k, sphere.radius[:, None] * RHO, WHICH)
-    G = image_of(sphere, waves, parts, near, weights, E / (2 * (1 + nu)), nu)
+    size = sphere.radius[:, None]
+    parts = amplitudes(waves, sphere.depth[:, None] - size * NEAR.z)
+    near = wavelets(waves.k, size * RHO, WHICH)
+    alone = fields(parts, near)
+    G = image_of(sphere, waves, parts, near, alone, weights, E / (2 * (1 + nu)), nu)
     scaled = (weights * ((1 + nu) / E)[:, None])[:, :, None]
     weighed = loads[0] * scaled, loads[1] * scaled
     if sphere.on_axis:
-        strain = _strains(fields(parts, near), weighed)
+        strain = _strains(alone, weighed)
+        if sides is not None:
+            strain = strain + sides.strain(
+                sphere.radius[:, None] * NEAR.x, sphere.depth[:, None] - sphere.radius[:, None] * NEAR.z
+            )
         moments = TO_MOMENTS @ strain
     else:
-        strain, moments = _aside(sphere, waves, parts, weighed)
+        strain, moments = _aside(sphere, waves, parts, weighed, sides)
     return _change(sphere, strain, moments, G, E, nu)
 
 
@@ -65,13 +75,17 @@ def _strains(waves: tuple[Array, Array], weighed: tuple[Array, Array]) -> Array:
     return np.concatenate([field @ load for field, load in zip(waves, weighed, strict=True)], axis=2)
 
 
-def _aside(sphere: Sphere, waves: Waves, parts: tuple[Array, Array], weighed: tuple[Array, Array]) -> tuple[Array, Array]:
+def _aside(
+    sphere: Sphere, waves: Waves, parts: tuple[Array, Array], weighed: tuple[Array, Array], sides: Sides | None
+) -> tuple[Array, Array]:
     """Strains at the points of a sphere beside the axis, shape (n, 4 points, m), and its seven moments, (n, 7, m)."""
     size = sphere.radius[:, None]
     across, aside = sphere.offset[:, None] + size * ASIDE.x, size * ASIDE.y
     r = np.sqrt(across**2 + aside**2)
     repeated = tuple(np.concatenate([part] * TURNS, axis=2) for part in parts)
     whole = _strains(fields(repeated, wavelets(waves.k, r)), weighed)  # type: ignore[arg-type]
+    if sides is not None:
+        whole = whole + sides.strain(r, sphere.depth[:, None] - size * ASIDE.z)
     strain = whole.reshape(len(r), 4, r.shape[1], -1)
     c, s = (across / r)[:, :, None], (aside / r)[:, :, None]
     both, zz, along = strain[:, 0], strain[:, 2], strain[:, 3] * c

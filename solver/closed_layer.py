@@ -95,9 +95,26 @@ def _amplitudes(load: tuple[Array, ...], t: Array, down: Array, up: Array | None
     c = [part[:, None, :] for part in load]
     b = c[1] * down
     a = c[0] * down + b * t
+    found = np.empty((len(t), 3, *t.shape[1:]), dtype=a.dtype)
     if up is None:
-        return np.stack([a, 2 * even * b - a, even * b - a], axis=1)
+        found[:, 0], found[:, 1], found[:, 2] = a, 2 * even * b - a, even * b - a
+        return found
     other = c[3] * up
     raised = c[2] * up - other * t
-    whole = a + raised
-    return np.stack([whole, 2 * even * (b + other) - whole, even * (b - other) - a + raised], axis=1)
+    np.add(a, raised, out=found[:, 0])
+    np.subtract(2 * even * (b + other), found[:, 0], out=found[:, 1])
+    np.add(even * (b - other), raised - a, out=found[:, 2])
+    return found
+
+
+def lowering(waves: Waves, z: Array) -> tuple[Array, Array]:
+    """Return W of eq. (L1) at depths z (n, p), under unit pressure and under unit shear, times 2 mu; shapes (n, p, q)."""
+    t, m = waves.k[:, None, :] * z[:, :, None], (3 - 4 * waves.nu)[:, :, None]
+    found = []
+    for load in (waves.by_pressure, waves.by_shear):
+        c = [part[:, None, :] for part in load]
+        W = (c[0] + c[1] * (t + m)) * np.exp(-t)
+        if waves.depth is not None:
+            W = W + (-c[2] + c[3] * (t - m)) * np.exp(t - 2 * waves.k[:, None, :] * waves.depth[:, :, None])
+        found.append(W)
+    return found[0], found[1]

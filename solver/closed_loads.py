@@ -53,6 +53,11 @@ class Loads:
         return weights / (2 * self.radii[:, None]) if self.solid else weights
 
 
+def by(many: Any, one: Any) -> Any:
+    """Matrices (n, i, j) times one matrix (j, k), as a single product: faster than one for each."""
+    return (many.reshape(-1, len(one)) @ one).reshape(*many.shape[:-1], -1)
+
+
 def _means(cuts: Any, function: Any) -> Any:
     """Means over the rings, by a rule that integrates inverse square roots at both ends of (0, 1)."""
     angle, weight = legendre.leggauss(8)

@@ -25,7 +25,8 @@ from solver.closed_half_space import ring_work
 from solver.closed_images import Sphere
 from solver.closed_inclusions import change
 from solver.closed_layer import Waves, floor_compliance, waves
-from solver.closed_loads import RADII, SOLID, TUBE
+from solver.closed_loads import RADII, SOLID, TUBE, by
+from solver.closed_sides import Sides, cut_waves, give
 
 REACH = 14.0  # exponents of what is left out of the integrals
 FLOOR_REACH = 9.0
@@ -34,11 +35,15 @@ NODES_PER_WAVE = 0.35  # times wave number and outer radius, beyond a dozen
 
 @dataclass(frozen=True)
 class Tissue:
-    """Layers bonded to a floor at ``depth`` (None: half-spaces): modulus, Poisson's ratio; arrays of shape (n,), SI."""
+    """Layers bonded to a floor at ``depth`` (None: half-spaces): modulus, Poisson's ratio; arrays of shape (n,), SI.
+
+    ``radius`` is that of the free sides, if they are near.
+    """
 
     depth: Any
     E: Array
     nu: Array
+    radius: Any = None
 
     @property
     def mu(self) -> Array:
@@ -47,7 +52,13 @@ class Tissue:
 
 
 def answer(
-    blocks: tuple[Block, Block], tissue: Tissue, spheres: Sequence[Sphere], target: int | None, bonded: bool, nodes: int
+    blocks: tuple[Block, Block],
+    tissue: Tissue,
+    spheres: Sequence[Sphere],
+    target: int | None,
+    bonded: bool,
+    nodes: int,
+    side_nodes: int = 0,
 ) -> tuple[Array, Array]:
     """Solve eq. (C1): the forces F_ij, N/m, and their slope by ln of the target's modulus, zero without one; shapes (n, 2, 2).
 
@@ -58,6 +69,7 @@ def answer(
         target: which sphere the slope is of.
         bonded: whether shear is carried; frictionless otherwise.
         nodes: of the integrals over wave numbers.
+        side_nodes: of those for the tissue's sides, 0 where they are far.
     """
     works = _half_space(blocks, tissue)
     for work, own in zip(works, zip(*_ends(blocks, bonded), strict=True), strict=True):
@@ -65,12 +77,16 @@ def answer(
     C = _joined(works)
     size = C.shape[1] if bonded else works[0].shape[1]
     near, slope, rest, rest_slope = (np.zeros_like(C) for _ in range(4))
+    sides = None
     if tissue.depth is not None or spheres:
         field, loads, weights = _waves(blocks, tissue, spheres, nodes)
         if tissue.depth is not None:
             C = C + _floor(field, loads, weights, tissue.mu)
+        if side_nodes:
+            sides = _sides(blocks, tissue, side_nodes)
+            C = C + sides.work
         for i, sphere in enumerate(spheres):
-            changed = change(sphere, field, loads, weights, tissue.E, tissue.nu)
+            changed = change(sphere, field, loads, weights, tissue.E, tissue.nu, sides)
             near, rest = near + changed.main, rest + changed.rest
             if i == target:
                 slope, rest_slope = changed.main_slope, changed.rest_slope
@@ -120,7 +136,14 @@ def _half_space(blocks: tuple[Block, Block], tissue: Tissue) -> list[Array]:
     radius = np.stack([block.radius for block in blocks], axis=1)[:, [0] * count + [1] * (count + 2 - 1)]
     works = ring_work(circles, radius, tissue.mu, tissue.nu)
     sides = ((_DISCS[0], _DISCS[0]), (_DISCS[1], _DISCS[1]), _DISCS)
-    return [left.T @ work @ right for work, (left, right) in zip(works, sides, strict=True)]
+    return [_combined(work, left, right) for work, (left, right) in zip(works, sides, strict=True)]
+
+
+def _combined(work: Array, left: Any, right: Any) -> Array:
+    """left^T work right for matrices (n, i, j) whose n is last in memory."""
+    rows = np.moveaxis(work, 0, 2)
+    halves = (left.T @ rows.reshape(len(left), -1)).reshape(-1, *rows.shape[1:])
+    return np.moveaxis(right.T @ halves, 2, 0).copy()
 
 
 def _discs() -> tuple[Any, Any]:
@@ -157,14 +180,26 @@ def _waves(
     s, weight = _gauss(nodes)
     k = reach[:, None] * s**2
     weights = k * reach[:, None] * 2 * s * weight
-    field = waves(k, tissue.depth, tissue.nu)
+    return waves(k, tissue.depth, tissue.nu), _transforms(blocks, k), weights
+
+
+def _transforms(blocks: tuple[Block, Block], k: Array) -> tuple[Array, Array]:
+    """Hankel transforms of the pressures and of the shears at waves k (n, q), shapes (n, q, loads)."""
     radii = np.concatenate([block.radii(loads.radii) for block, loads in zip(blocks, (SOLID, TUBE), strict=True)], axis=1)
     zero, one = bessel(k[:, :, None] * radii[:, None, :])
     outer = np.repeat(np.stack([block.radius for block in blocks], axis=1), RADII, axis=1)
     rings = radii * np.repeat(np.stack([block.width for block in blocks], axis=1), RADII, axis=1)
-    pressure = (zero * rings[:, None, :]) @ _CONCENTRATED[0]
-    shear = (one * (rings * radii / outer)[:, None, :]) @ _CONCENTRATED[1]
-    return field, (pressure, shear), weights
+    pressure = by(zero * rings[:, None, :], _CONCENTRATED[0])
+    shear = by(one * (rings * radii / outer)[:, None, :], _CONCENTRATED[1])
+    return pressure, shear
+
+
+def _sides(blocks: tuple[Block, Block], tissue: Tissue, nodes: int) -> Sides:
+    """What free sides add, eq. (S1)."""
+    k, weights = cut_waves(tissue.radius, blocks[1].radius, nodes)
+    field = waves(k, tissue.depth, tissue.nu)
+    cylinder = Block(None, tissue.radius, tissue.depth, tissue.E, tissue.nu)
+    return give(field, _transforms(blocks, k), weights, cylinder)
 
 
 def _larger(one: Array, other: Array) -> Array:

@@ -61,7 +61,7 @@ def test_builtin_scene_has_the_papers_numbers() -> None:
 def test_search_cost_is_the_closed_forms_objective() -> None:
     scene = named("axisymmetric", "nearly-incompressible").scene
     room = space(scene)
-    design = np.array([4e-3, 0.5, 0.2e-3, 5e-3, 3e5, 2e4])
+    design = np.array([3.5e-3, 0.5, 0.2e-3, 5e-3, 3e5, 2e4])  # far from the tissue's sides, as the scene's probe is
     made = room.scene_of(design)
     found = float(np.exp(log_objectives(room, design[:, None])[0]))
     assert found == pytest.approx(objective_of(made, evaluate(made, "closed-form")), rel=2e-3)  # lengths were rounded
