@@ -94,9 +94,9 @@ def test_true_errors_are_those_against_an_independent_code(found: Tradeoff) -> N
             assert one.true_error_least - truth.uncertainty <= off <= one.true_error_most + truth.uncertainty
             assert one.stated_error >= off - truth.uncertainty
     rough = next(one for one in found.of("shallow") if one.evaluator == "closed-form")
-    assert rough.true_error > 0.05
+    assert rough.true_error > 0.003
     assert rough.log_sensitivity_error == pytest.approx(
-        abs(rough.log_sensitivity / named("axisymmetric", "shallow").log_sensitivity - 1), rel=0.01
+        abs(rough.log_sensitivity / named("axisymmetric", "shallow").log_sensitivity - 1), abs=5e-4
     )
 
 
