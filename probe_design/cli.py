@@ -14,11 +14,11 @@ from probe_design.cli_estimate import estimate
 from probe_design.cli_hardware import calibrate, check, read
 from probe_design.cli_maps import detectability, scan
 from probe_design.cli_plan import plan
+from probe_design.cli_sweep import sweep
 from probe_design.cli_tradeoff import tradeoff
 
 HARDWARE = ("read", "calibrate", "check")
-VERBS = ("evaluate", "plan", "curve", "scan", "detectability", "estimate", "optimize", "export", "tradeoff", *HARDWARE)
-PLANNED = ("sweep",)
+VERBS = ("evaluate", "plan", "curve", "scan", "detectability", "estimate", "optimize", "export", "tradeoff", "sweep", *HARDWARE)
 EVALUATORS = "auto, published, closed-form, equivalent-inclusion, axisymmetric, solid"
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
@@ -31,8 +31,7 @@ class Verbs(click.Group):
         verb = args[0]
         if verb in VERBS:
             return super().resolve_command(ctx, args)
-        later = f" ({verb} is planned, not built yet)" if verb in PLANNED else ""
-        raise click.UsageError(f"verb = {verb!r}: allowed: {', '.join(VERBS)}{later}")
+        raise click.UsageError(f"verb = {verb!r}: allowed: {', '.join(VERBS)}")
 
 
 @click.group(cls=Verbs, context_settings=CONTEXT)
@@ -192,7 +191,7 @@ def export(scene: Path, output: Path, as_json: bool) -> None:
         message(f"wrote {', '.join(file.name for file in files)} to {output}")
 
 
-for verb in (plan, scan, detectability, estimate, tradeoff, read, calibrate, check):
+for verb in (plan, scan, detectability, estimate, tradeoff, sweep, read, calibrate, check):
     cli.add_command(verb)
 
 
