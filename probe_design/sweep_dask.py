@@ -1,4 +1,4 @@
-"""Workers of a Dask cluster: they answer batches, this process alone writes; workers may die, and the scheduler may start anew."""
+"""Workers of a Dask cluster: they answer, this process alone writes; workers may die, the scheduler may start anew."""
 
 from __future__ import annotations
 
@@ -154,9 +154,8 @@ class DaskCrew:
                 break
             except (OSError, ValueError):
                 if time.monotonic() > until:
-                    raise ClusterError(
-                        f"{self._address}: no scheduler for {PATIENCE:g} s; all rows are kept, start again"
-                    ) from None
+                    told = f"{self._address}: no scheduler for {PATIENCE:g} s; all rows are kept, start again"
+                    raise ClusterError(told) from None
                 time.sleep(1.0)
         for out in self._out:
             out.futures, out.since = [], time.monotonic()
