@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from dataclasses import dataclass, field
 from typing import Any
@@ -40,11 +41,13 @@ class DaskCrew:
             InputError: there is no scheduler at the address.
             MissingLibrary: Dask is not installed.
         """
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # a connection that is lost is no news here
         self._distributed, self._job, self._address = extra("distributed"), job, address
         self._out: list[_Out] = []
         self._usual: float | None = None
         try:
-            self._client: Any = self._connected(10.0)
+            self._check_address()
+            self._client: Any = self._connected(5.0)
         except (OSError, ValueError, TypeError) as fault:
             reason = " ".join(str(fault).split())[:120]
             raise InputError("scheduler", address, f"the address of a Dask scheduler, tcp://host:8786 ({reason})") from None
@@ -160,6 +163,15 @@ class DaskCrew:
         for out in self._out:
             out.futures, out.since = [], time.monotonic()
             self._submit(out)
+
+    def _check_address(self) -> None:
+        """Raise ``ValueError`` for an address of which Dask would say so with a traceback, after half a minute."""
+        addressing, known = extra("distributed.comm.addressing"), extra("distributed.comm.registry").backends
+        scheme, place = addressing.parse_address(self._address)
+        if scheme not in known:
+            raise ValueError(f"{scheme} is none of {', '.join(sorted(known))}")
+        if scheme in ("tcp", "tls"):
+            addressing.parse_host_port(place)
 
     def _connected(self, seconds: float) -> Any:
         return self._distributed.Client(self._address, timeout=seconds, set_as_default=False)
