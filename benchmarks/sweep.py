@@ -2,8 +2,8 @@
 
 First table: rows a second of each evaluator in a bare loop in this process (the same designs, after a first one), and of a
 sweep with 1 and 2 workers, start of the processes counted; overhead: what a row of the one-worker sweep takes beyond its own
-``seconds``, by the clock, that start divided among the rows. Second table: 1e5 closed-form designs swept with 2 workers, size of the store, time to
-start again when all rows are there. ``--scale 0.1`` asks for a tenth of the designs.
+``seconds``, by the clock, that start divided among the rows. Second table: 1e5 closed-form designs swept with 2 workers, size
+of the store, time to start again when all rows are there. ``--scale 0.1`` asks for a tenth of the designs.
 """
 
 from __future__ import annotations

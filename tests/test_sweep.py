@@ -6,7 +6,6 @@ import csv
 import json
 import os
 import random
-import resource
 import signal
 import sqlite3
 import subprocess
@@ -300,6 +299,8 @@ class TestSurvival:
     @pytest.mark.parametrize("room", [30_000, 100_000])
     def test_a_full_disk_is_one_line_and_the_rows_stay(self, room: int, whole: Path, tmp_path: Path) -> None:
         """Files may not grow beyond ``room`` bytes: the designs do not fit, or the rows do not."""
+        import resource  # not on Windows
+
         path, limit = toml(tmp_path), lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
         ended = run(path, "-o", tmp_path / "out", preexec_fn=limit)
         assert (ended.returncode, ended.stderr.splitlines()[-1].count("kept")) == (1, 1)
