@@ -2,7 +2,8 @@
 
 First table: rows a second of each evaluator in a bare loop in this process (the same designs, after a first one), and of a
 sweep with 1 and 2 workers, start of the processes counted; overhead: what a row of the one-worker sweep takes beyond its own
-``seconds``, by the clock, that start divided among the rows. Second table: 1e5 closed-form designs swept with 2 workers, size
+``seconds``, by the clock, after the first rows are there; of which in the process that hands out and writes: its processor time
+a row, with one worker. Second table: 1e5 closed-form designs swept with 2 workers, size
 of the store, time to start again when all rows are there. ``--scale 0.1`` asks for a tenth of the designs.
 """
 
@@ -19,6 +20,7 @@ from rich.table import Table
 
 from probe_design import sweep
 from probe_design.sweep_file import sweep_from_dict
+from probe_design.sweep_progress import Progress
 from probe_design.sweep_results import rows
 from probe_design.sweep_rows import Job
 
@@ -46,23 +48,30 @@ def bare(evaluator: str, n: int) -> float:
     return n / (time.perf_counter() - begin)
 
 
-def swept(evaluator: str, n: int, workers: int) -> tuple[float, float]:
-    """Rows a second of a sweep, and seconds a row of one worker beyond the answers themselves."""
+def swept(evaluator: str, n: int, workers: int) -> tuple[float, float, float]:
+    """Rows a second of a sweep; seconds a row beyond the answers themselves, by the clock and of this process."""
+    states: list[tuple[float, float, int, float]] = []  # clock, processor time, rows, their seconds
     with tempfile.TemporaryDirectory() as folder:
-        found = sweep(asked(evaluator, n), folder, workers=workers)
-        work = sum(row["seconds"] for row in rows(folder))
-    return n / found.seconds, (workers * found.seconds - work) / n
+
+        def noted(state: Progress) -> None:
+            if state.done and (not states or state.done == n):
+                states.append((time.perf_counter(), time.process_time(), state.done, sum(row["seconds"] for row in rows(folder))))
+
+        found = sweep(asked(evaluator, n), folder, workers=workers, progress=noted)
+    (begin, idle, few, before), (end, used, _, after) = states[0], states[-1]
+    return n / found.seconds, (workers * (end - begin) - (after - before)) / (n - few), (used - idle) / (n - few)
 
 
 def speed(scale: float) -> Table:
     """Return the first table."""
     table = Table(title="rows a second")
-    for heading in ("evaluator", "rows", "bare loop", "1 worker", "2 workers", "overhead a row, ms"):
+    for heading in ("evaluator", "rows", "bare loop", "1 worker", "2 workers", "overhead a row, ms", "of this process, ms"):
         table.add_column(heading, justify="left" if heading == "evaluator" else "right")
     for evaluator, count in COUNTS.items():
         n = max(8, int(count * scale))
         one, two = swept(evaluator, n, 1), swept(evaluator, n, 2)
-        table.add_row(evaluator, str(n), *(f"{rate:.3g}" for rate in (bare(evaluator, n), one[0], two[0])), f"{1e3 * one[1]:.2g}")
+        rates = (f"{rate:.3g}" for rate in (bare(evaluator, n), one[0], two[0]))
+        table.add_row(evaluator, str(n), *rates, *(f"{1e3 * cost:.2g}" for cost in one[1:]))
     return table
 
 
