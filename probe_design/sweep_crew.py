@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+from geometry.errors import ProbeError
 from probe_design.sweep_keys import Value
 from probe_design.sweep_rows import Row
 
@@ -24,6 +25,10 @@ class Task:
     values: tuple[Value, ...]
     count: int = 1
     deaths: int = 0
+
+
+class CrewError(ProbeError):
+    """No worker can answer: what is wrong is none of the designs."""
 
 
 Batch = tuple[Task, ...]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import time
 from dataclasses import dataclass, field
 from typing import Any
 
-from geometry.errors import InputError, ProbeError
-from probe_design.sweep_crew import Answer, Batch
+from geometry.errors import InputError
+from probe_design.sweep_crew import Answer, Batch, CrewError
 from probe_design.sweep_results import extra
 from probe_design.sweep_rows import Job, Row
 
@@ -16,10 +17,6 @@ PATIENCE = 600.0  # seconds to wait for a scheduler that is gone
 POLL = 0.05
 AHEAD = 2  # batches for each worker, so that none waits for the next
 SLOW = 5.0  # a batch that takes that many times the usual is given to another worker too, when there is nothing else to do
-
-
-class ClusterError(ProbeError):
-    """The cluster cannot be reached any more."""
 
 
 @dataclass
@@ -45,6 +42,7 @@ class DaskCrew:
         self._distributed, self._job, self._address = extra("distributed"), job, address
         self._out: list[_Out] = []
         self._usual: float | None = None
+        self._counted, self._workers = -1.0, 1
         try:
             self._check_address()
             self._client: Any = self._connected(5.0)
@@ -54,10 +52,11 @@ class DaskCrew:
 
     def size(self) -> int:
         """Return how many workers the cluster has now; they come and go."""
-        try:
-            return max(1, len(self._client.scheduler_info(n_workers=-1)["workers"]))
-        except (KeyError, OSError, ValueError):
-            return 1
+        if time.monotonic() - self._counted > 1.0:
+            self._counted = time.monotonic()
+            with contextlib.suppress(OSError, RuntimeError, ValueError, TimeoutError):
+                self._workers = max(1, len(self._client.nthreads()))
+        return self._workers
 
     def free(self) -> int:
         """Return how many more batches the cluster may be given."""
@@ -158,7 +157,7 @@ class DaskCrew:
             except (OSError, ValueError):
                 if time.monotonic() > until:
                     told = f"{self._address}: no scheduler for {PATIENCE:g} s; all rows are kept, start again"
-                    raise ClusterError(told) from None
+                    raise CrewError(told) from None
                 time.sleep(1.0)
         for out in self._out:
             out.futures, out.since = [], time.monotonic()

@@ -22,6 +22,9 @@ _ENVIRONMENT = {f"{one}_NUM_THREADS": "1" for one in ("OMP", "OPENBLAS", "MKL", 
 }
 
 
+STARTS = 3  # attempts, each with a process that ends before it asks for work
+
+
 class LocalCrew:
     """Processes of ``sweep_worker``, started when they are needed; a thread here waits for each."""
 
@@ -33,9 +36,11 @@ class LocalCrew:
             workers: how many processes.
             errors: file for what libraries write to standard error.
         """
-        self._job = json.dumps(asdict(job))
-        self._errors = errors.open("ab")
+        self.job = json.dumps(asdict(job))
+        self.errors, self._errors = errors, errors.open("ab")
         self._answers: queue.SimpleQueue[tuple[_Worker, Answer]] = queue.SimpleQueue()
+        self._threads: list[threading.Thread] = []
+        self.closed = False
         self._idle = [_Worker(self) for _ in range(workers)]
         self._all = tuple(self._idle)
 
@@ -50,7 +55,9 @@ class LocalCrew:
     def give(self, batch: Batch) -> None:
         """Hand a batch to a free worker."""
         worker = self._idle.pop()
-        threading.Thread(target=lambda: self._answers.put((worker, worker.answer(batch))), daemon=True).start()
+        thread = threading.Thread(target=lambda: self._answers.put((worker, worker.answer(batch))), daemon=True)
+        self._threads = [one for one in self._threads if one.is_alive()] + [thread]
+        thread.start()
 
     def take(self, seconds: float) -> list[Answer]:
         """Wait for answers, at most that long."""
@@ -65,23 +72,26 @@ class LocalCrew:
 
     def close(self) -> None:
         """Stop all processes."""
+        self.closed = True  # before the kills, so that no worker is asked after its own
+        for worker in self._all:
+            worker.kill()
+        for thread in self._threads:
+            thread.join()
         for worker in self._all:
             worker.stop()
         self._errors.close()
 
     def start(self) -> subprocess.Popen[bytes]:
-        """Start a process and tell it the job."""
+        """Start a process."""
         root = str(Path(__file__).parents[1])
         path = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
-        process = subprocess.Popen(
+        return subprocess.Popen(
             [sys.executable, "-m", "probe_design.sweep_worker"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._errors,
             env=os.environ | _ENVIRONMENT | {"PYTHONPATH": path},
         )
-        _send(process, self._job)
-        return process
 
 
 class _Worker:
@@ -92,15 +102,41 @@ class _Worker:
         self._process: subprocess.Popen[bytes] | None = None
 
     def answer(self, batch: Batch) -> Answer:
+        if self._process is None and not any(self._begun() for _ in range(STARTS)):
+            return Answer(batch, None, refused=f"no worker process starts; {self._crew.errors} may tell why")
+        if self._crew.closed:
+            return Answer(batch, None, "stopped")
         try:
-            self._process = self._process or self._crew.start()
-            _send(self._process, json.dumps([task.values for task in batch]))
-            found = json.loads(_stream(self._process.stdout).readline())
+            found = json.loads(self._asked(json.dumps([task.values for task in batch])))
         except (OSError, ValueError):  # a broken pipe, half a line
             return Answer(batch, None, self._ended())
         if "refused" in found:
             return Answer(batch, None, refused=found["refused"])
         return Answer(batch, found["rows"])
+
+    def _asked(self, line: str) -> bytes:
+        process = self._process
+        if process is None:
+            raise OSError("no process")
+        _send(process, line)
+        answer: bytes = _stream(process.stdout).readline()
+        return answer
+
+    def _begun(self) -> bool:
+        """Start a process; say whether it came as far as to ask for work."""
+        try:
+            self._process = self._crew.start()
+            _send(self._process, self._crew.job)
+            ready = bool(_stream(self._process.stdout).readline())
+        except OSError:
+            ready = False
+        if not ready:
+            self._ended()
+        return ready
+
+    def kill(self) -> None:
+        if (process := self._process) is not None:
+            process.kill()
 
     def stop(self) -> None:
         if self._process is not None:

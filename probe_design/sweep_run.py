@@ -12,8 +12,8 @@ from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
-from geometry.errors import InputError, Words
-from probe_design.sweep_crew import Answer, Batch, Crew, Task
+from geometry.errors import InputError
+from probe_design.sweep_crew import Answer, Batch, Crew, CrewError, Task
 from probe_design.sweep_file import Sweep, read_sweep, sweep_from_dict
 from probe_design.sweep_local import LocalCrew
 from probe_design.sweep_progress import Progress, Tell, logged
@@ -87,12 +87,15 @@ def sweep(
     Raises:
         InputError: the sweep is not allowed, or another process is writing to the folder.
         StoreError: the store cannot be read or written; committed rows are kept.
+        CrewError: workers do not start, have another version of this program, or the scheduler is gone for good; likewise.
         KeyboardInterrupt: likewise.
     """
     start = monotonic()
     wanted = asked if isinstance(asked, Sweep) else _checked(asked)
     if workers is not None and not 1 <= workers <= 1024:
         raise InputError("workers", workers, "a whole number from 1 to 1024")
+    if workers is not None and scheduler is not None:
+        raise InputError("workers", workers, "none with a scheduler, which has its own")
     folder = Path(output)
     with writing(folder) as store, logged(folder, progress) as (tell, log):
         job = Job.of(wanted)
@@ -138,7 +141,7 @@ class _Run:
     def _taken(self, answer: Answer) -> list[Task]:
         """Commit rows; return the designs that another worker must try, each alone."""
         if answer.refused:
-            raise InputError("worker", Words("refused"), answer.refused)
+            raise CrewError(answer.refused)
         if answer.rows is not None:
             self._commit(answer.batch, answer.rows)
             cost = sum(row["seconds"] for row in answer.rows) / len(answer.rows)

@@ -20,6 +20,8 @@ def main() -> None:
     from probe_design.sweep_rows import Job
 
     job = Job(**json.loads(sys.stdin.readline()))
+    answers.write("ready\n")
+    answers.flush()
     for line in sys.stdin:
         found: dict[str, object]
         try:

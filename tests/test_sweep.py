@@ -21,10 +21,10 @@ from geometry import InputError, read_scene
 from geometry.errors import MissingLibrary
 from probe_design import sweep
 from probe_design.sweep_constraints import kept
-from probe_design.sweep_crew import Answer, Batch
+from probe_design.sweep_crew import CrewError
 from probe_design.sweep_effects import main_effect, sobol_indices
 from probe_design.sweep_file import read_sweep, scene_of, sweep_from_dict
-from probe_design.sweep_local import LocalCrew
+from probe_design.sweep_local import _Worker
 from probe_design.sweep_results import dataframe, dataset, rows, to_csv, to_parquet
 from probe_design.sweep_rows import COLUMNS, Job
 from probe_design.sweep_samples import Sample
@@ -225,30 +225,16 @@ class TestRows:
         assert (found.answered, found.ok) == (2, 3)
 
 
-class Killer(LocalCrew):
-    """A crew some of whose workers are killed in the middle of a batch."""
-
-    def __init__(self, *arguments: Any, poison: float) -> None:
-        super().__init__(*arguments)
-        self.poison = poison
-
-    def give(self, batch: Batch) -> None:
-        super().give(batch)
-        if any(task.values[0] == self.poison for task in batch):
-            worker = next(one for one in self._all if one not in self._idle)
-            for _ in range(2000):
-                if worker._process is not None:
-                    worker._process.kill()
-                    return
-                time.sleep(0.001)
-
-    def take(self, seconds: float) -> list[Answer]:
-        return super().take(seconds)
-
-
 class TestSurvival:
     def test_the_design_that_kills_its_workers_fails_and_no_other(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr("probe_design.sweep_run.LocalCrew", lambda *a: Killer(*a, poison=2e-4))
+        asked = _Worker._asked
+
+        def deadly(worker: _Worker, line: str) -> bytes:
+            if "[0.0002, " in line:
+                worker._process.kill()
+            return asked(worker, line)
+
+        monkeypatch.setattr(_Worker, "_asked", deadly)
         monkeypatch.setattr("probe_design.sweep_run.SECONDS", 1e9)  # so that it shares a batch with others
         found = sweep(grid(4, 3), tmp_path, workers=1)
         assert (found.ok, found.failed) == (9, 3)
@@ -289,6 +275,12 @@ class TestSurvival:
         assert (process.returncode, "interrupted" in told, "Traceback" in told) == (130, True, False)
         sweep(path, tmp_path / "out")
         assert stored(tmp_path / "out") == stored(whole)
+
+    def test_workers_that_do_not_start_are_one_line_and_no_rows(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr("sys.executable", "/bin/false")
+        with pytest.raises(CrewError, match=r"no worker process starts; .*workers\.log"):
+            sweep(grid(2, 2), tmp_path)
+        assert list(rows(tmp_path)) == []
 
     def test_a_second_process_is_refused_in_one_line(self, tmp_path: Path) -> None:
         with writing(tmp_path / "out"):
