@@ -14,9 +14,9 @@ from probe_design.cli_evaluate import curve, evaluate
 from probe_design.cli_hardware import calibrate, check, read
 from probe_design.cli_maps import detectability, scan
 from probe_design.cli_plan import plan
+from probe_design.cli_sweep import sweep
 from probe_design.cli_tradeoff import tradeoff
 
-PLANNED = ("sweep",)
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
@@ -28,8 +28,7 @@ class Verbs(click.Group):
         verb = args[0]
         if verb in self.commands:
             return super().resolve_command(ctx, args)
-        later = f" ({verb} is planned, not built yet)" if verb in PLANNED else ""
-        raise click.UsageError(f"verb = {verb!r}: allowed: {', '.join(self.commands)}{later}")
+        raise click.UsageError(f"verb = {verb!r}: allowed: {', '.join(self.commands)}")
 
 
 @click.group(cls=Verbs, context_settings=CONTEXT)
@@ -41,7 +40,8 @@ def cli() -> None:
     """
 
 
-for verb in (evaluate, plan, curve, scan, detectability, estimate, optimize, export, tradeoff, read, calibrate, check):
+VERBS = (evaluate, plan, curve, scan, detectability, estimate, optimize, export, tradeoff, sweep, read, calibrate, check)
+for verb in VERBS:
     cli.add_command(verb)
 
 

@@ -69,7 +69,7 @@ def test_charges_follow_equation_12(tmp_path: Path) -> None:
         (("evaluate", SCENE, "--evaluator", "magic"), ("evaluator", "magic", "axisymmetric")),
         (("evaluate", SCENE, "--evaluator", "contact"), ("not built",)),
         (("conjure", SCENE), ("conjure", "evaluate, plan, curve, scan")),
-        (("sweep", SCENE), ("sweep", "not built yet")),
+        (("sweep", SCENE, "-o", "unused"), ("probe", "one of scene")),
         (("evaluate",), ("SCENE",)),
         (("evaluate", SCENE, "--colour"), ("--colour",)),
         (("evaluate", REFERENCE / "solid" / "flank.toml", "--evaluator", "axisymmetric"), ("axis", "equivalent-inclusion")),

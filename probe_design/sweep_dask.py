@@ -1,0 +1,189 @@
+"""Workers of a Dask cluster: they answer, this process alone writes; workers may die, the scheduler may start anew."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+from geometry.errors import InputError
+from probe_design.sweep_crew import Answer, Batch, CrewError
+from probe_design.sweep_results import extra
+from probe_design.sweep_rows import Job, Row
+
+PATIENCE = 600.0  # seconds to wait for a scheduler that is gone
+POLL = 0.05
+AHEAD = 2  # batches for each worker, so that none waits for the next
+SLOW = 5.0  # a batch that takes that many times the usual is given to another worker too, when there is nothing else to do
+
+
+@dataclass
+class _Out:
+    """A batch that is out, as one or more futures."""
+
+    batch: Batch
+    since: float
+    futures: list[Any] = field(default_factory=list)
+
+
+class DaskCrew:
+    """The workers of a scheduler."""
+
+    def __init__(self, job: Job, address: str) -> None:
+        """Connect.
+
+        Raises:
+            InputError: there is no scheduler at the address.
+            MissingLibrary: Dask is not installed.
+        """
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # a connection that is lost is no news here
+        self._distributed, self._job, self._address = extra("distributed"), job, address
+        self._out: list[_Out] = []
+        self._usual: float | None = None
+        self._counted, self._workers = -1.0, 1
+        try:
+            self._check_address()
+            self._client: Any = self._connected(5.0)
+        except (OSError, ValueError, TypeError) as fault:
+            reason = " ".join(str(fault).split())[:120]
+            raise InputError("scheduler", address, f"the address of a Dask scheduler, tcp://host:8786 ({reason})") from None
+
+    def size(self) -> int:
+        """Return how many workers the cluster has now; they come and go."""
+        if time.monotonic() - self._counted > 1.0:
+            self._counted = time.monotonic()
+            with contextlib.suppress(OSError, RuntimeError, ValueError, TimeoutError):
+                self._workers = max(1, len(self._client.nthreads()))
+        return self._workers
+
+    def free(self) -> int:
+        """Return how many more batches the cluster may be given."""
+        return AHEAD * self.size() - len(self._out)
+
+    def give(self, batch: Batch) -> None:
+        """Hand a batch to the scheduler."""
+        out = _Out(batch, time.monotonic())
+        self._out.append(out)
+        self._submit(out)
+
+    def take(self, seconds: float) -> list[Answer]:
+        """Wait for answers, at most that long; reconnect to a scheduler that has gone."""
+        until = time.monotonic() + seconds
+        while True:
+            if self._client.status != "running":
+                self._again()
+            found = [answer for out in list(self._out) if (answer := self._answer(out)) is not None]
+            if found or time.monotonic() >= until:
+                return found
+            self._hurry()
+            time.sleep(POLL)
+
+    def close(self) -> None:
+        """Leave the cluster; what it works on is cancelled."""
+        self._leave()
+
+    def _submit(self, out: _Out) -> None:
+        """Start a batch once more; a scheduler that has gone is noticed when answers are awaited."""
+        try:
+            designs = tuple(task.values for task in out.batch)
+            out.futures.append(self._client.submit(_rows, self._job, designs, pure=False))
+        except (OSError, RuntimeError, ValueError):
+            return
+
+    def _answer(self, out: _Out) -> Answer | None:
+        for future in list(out.futures):
+            if future.status == "finished":
+                rows = self._fetched(future)
+                if rows is not None:
+                    self._done(out)
+                    return Answer(out.batch, rows)
+            elif future.status in ("error", "cancelled", "lost"):
+                fault = self._fault(future)
+                if isinstance(fault, InputError):
+                    self._done(out)
+                    return Answer(out.batch, None, refused=str(fault))
+                if isinstance(fault, self._distributed.scheduler.KilledWorker):
+                    self._done(out)
+                    return Answer(out.batch, None, died="the Dask workers that held it died")
+            else:
+                continue
+            out.futures.remove(future)  # its worker went before the answer was fetched, or something of Dask's own
+            if not out.futures:
+                out.since = time.monotonic()
+                self._submit(out)
+        if not out.futures:
+            self._submit(out)
+        return None
+
+    def _fetched(self, future: Any) -> list[Row] | None:
+        try:
+            rows: list[Row] = future.result(timeout=30)
+            return rows
+        except Exception:  # whatever happened to it on its way, it is computed again
+            return None
+
+    def _fault(self, future: Any) -> BaseException | None:
+        try:
+            fault: BaseException | None = future.exception(timeout=5)
+            return fault
+        except Exception:
+            return None
+
+    def _done(self, out: _Out) -> None:
+        self._out.remove(out)
+        took = time.monotonic() - out.since
+        self._usual = took if self._usual is None else 0.8 * self._usual + 0.2 * took
+        for future in out.futures:
+            future.release()  # Dask stops what nobody wants any more
+
+    def _hurry(self) -> None:
+        """Give batches that take far too long to another worker too, when workers have nothing else to do."""
+        if self._usual is None or len(self._out) >= self.size():
+            return
+        for out in self._out:
+            if len(out.futures) == 1 and time.monotonic() - out.since > max(SLOW * self._usual, SLOW):
+                self._submit(out)
+
+    def _again(self) -> None:
+        """Connect anew and hand out everything that was out."""
+        self._leave()
+        until = time.monotonic() + PATIENCE
+        while True:
+            try:
+                self._client = self._connected(5.0)
+                break
+            except (OSError, ValueError):
+                if time.monotonic() > until:
+                    told = f"{self._address}: no scheduler for {PATIENCE:g} s; all rows are kept, start again"
+                    raise CrewError(told) from None
+                time.sleep(1.0)
+        for out in self._out:
+            out.futures, out.since = [], time.monotonic()
+            self._submit(out)
+
+    def _check_address(self) -> None:
+        """Raise ``ValueError`` for an address of which Dask would say so with a traceback, after half a minute."""
+        addressing, known = extra("distributed.comm.addressing"), extra("distributed.comm.registry").backends
+        scheme, place = addressing.parse_address(self._address)
+        if scheme not in known:
+            raise ValueError(f"{scheme} is none of {', '.join(sorted(known))}")
+        if scheme in ("tcp", "tls"):
+            addressing.parse_host_port(place)
+
+    def _connected(self, seconds: float) -> Any:
+        return self._distributed.Client(self._address, timeout=seconds, set_as_default=False)
+
+    def _leave(self) -> None:
+        for out in self._out:
+            for future in out.futures:
+                future.release()
+        try:
+            self._client.close(timeout=5)
+        except (OSError, RuntimeError, ValueError, TimeoutError):
+            return
+
+
+def _rows(job: Job, designs: tuple[Any, ...]) -> list[Row]:
+    return job.rows(designs)

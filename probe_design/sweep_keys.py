@@ -1,0 +1,165 @@
+"""Keys of a scene file such as ``inclusion[0].depth``: where they stand, of what kind their value is, a scene with others."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Union, get_args, get_origin
+
+from pydantic import BaseModel
+
+from geometry.errors import InputError, Words
+from geometry.scene import Scene
+from geometry.units import Quantity
+
+Path = tuple[str | int, ...]
+Value = float | str | bool
+_PART = re.compile(r"([a-z][a-z0-9_]*)((?:\[[0-9]{1,4}\])*)")
+# of each group a scene file has one line: a new value takes the others away
+_EITHER = (
+    ("probe.area_ratio", "probe.outer_radius"),
+    ("probe.height", "probe.inner_height"),
+    ("probe.height", "probe.outer_height"),
+    ("load.force", "load.indentation"),
+)
+
+
+@dataclass(frozen=True)
+class Key:
+    """One key of a scene file.
+
+    Attributes:
+        name: as the user wrote it.
+        path: where it stands in the tables of a scene.
+        quantity: what its text is read as; None where it has no unit.
+    """
+
+    name: str
+    path: Path
+    quantity: Quantity | None
+
+    @property
+    def unit(self) -> str:
+        """The SI unit of its values; empty where they have none."""
+        return self.quantity.si if self.quantity else ""
+
+    def value(self, given: object, where: str) -> Value:
+        """Return a value as a scene in SI units has it.
+
+        Raises:
+            InputError: it is neither number, text, true nor false, or a text whose unit does not fit.
+        """
+        if isinstance(given, bool) or (isinstance(given, str) and self.quantity is None):
+            return given
+        if isinstance(given, int | float):
+            return float(given)
+        if not isinstance(given, str) or self.quantity is None:
+            raise InputError(where, given, self.quantity.allowed if self.quantity else "a number, a text, true or false")
+        try:
+            return self.quantity.parse(given)
+        except ValueError as fault:
+            raise InputError(where, given, f"{self.quantity.allowed} ({fault})") from None
+
+
+def key(name: str, base: Mapping[str, Any]) -> Key:
+    """Find a key of a scene.
+
+    Args:
+        name: such as ``probe.gap``, ``inclusion[0].depth``; ``inclusion.depth`` where there is one inclusion.
+        base: the tables of the scene.
+
+    Raises:
+        InputError: a scene has no such key, or this one has not the table that the key stands in.
+    """
+    parts = [_PART.fullmatch(part) for part in name.split(".")]
+    if None in parts:
+        raise InputError("variable", name, "keys of the scene file, such as probe.gap or inclusion[0].depth")
+    path: list[str | int] = []
+    for part in parts:
+        assert part is not None
+        path += [part[1], *(int(number) for number in re.findall("[0-9]+", part[2]))]
+    if path[0] == "inclusion" and len(path) > 1 and isinstance(path[1], str) and len(base.get("inclusion", ())) == 1:
+        path.insert(1, 0)
+    return Key(name, tuple(path), _quantity(name, tuple(path), base))
+
+
+def changed(base: Mapping[str, Any], keys: tuple[Key, ...], values: tuple[Value, ...]) -> dict[str, Any]:
+    """Return the tables of a scene with other values under ``keys``; ``base`` stays as it is."""
+    data = dict(base)
+    for one in keys:
+        for group in _EITHER:
+            if one.name in group:
+                (other,) = {*group} - {one.name}
+                data = _without(data, other)
+    for one, value in zip(keys, values, strict=True):
+        data = _with(data, one.path, value)
+    return data
+
+
+def found(base: Mapping[str, Any], path: Path) -> object:
+    """Return what stands under a path, or None."""
+    place: Any = base
+    for part in path:
+        try:
+            place = place[part]
+        except (KeyError, IndexError, TypeError):
+            return None
+    return place
+
+
+def _with(place: Any, path: Path, value: Value) -> Any:
+    """A copy with another value; only what is on the way is copied."""
+    if not path:
+        return value
+    if isinstance(place, list | tuple):
+        copy: Any = list(place)
+        copy[path[0]] = _with(copy[path[0]], path[1:], value)
+        return copy
+    copy = dict(place)
+    copy[path[0]] = _with(copy.get(path[0], {}), path[1:], value)
+    return copy
+
+
+def _without(data: dict[str, Any], name: str) -> dict[str, Any]:
+    table, last = name.split(".")
+    rest = {key: value for key, value in data.get(table, {}).items() if key != last}
+    return {**data, table: rest}
+
+
+def _quantity(name: str, path: Path, base: Mapping[str, Any]) -> Quantity | None:
+    """The quantity under a path, found along the models of a scene."""
+    kind: Any = Scene
+    for depth, part in enumerate(path):
+        models = _models(kind)
+        if isinstance(part, int):
+            held = found(base, path[:depth])
+            if not isinstance(held, list | tuple) or part >= len(held):
+                count = len(held) if isinstance(held, list | tuple) else 0
+                raise InputError("variable", name, f"a number in brackets below {count}, as many as the scene has")
+            kind = get_args(kind)[0] if get_args(kind) else kind
+            continue
+        fields = {key: field for model in models for key, field in model.model_fields.items()}
+        if part not in fields:
+            allowed = f"one of {', '.join(fields)} in place of {part}" if fields else "a key of the scene file"
+            raise InputError("variable", name, allowed)
+        field = fields[part]
+        kind = field.annotation
+        noted = [note for note in field.metadata if isinstance(note, Quantity)] or _noted(kind)
+    if _models(kind):
+        raise InputError("variable", name, Words("a key with one value, not a table"))
+    return noted[0] if noted else None
+
+
+def _models(kind: Any) -> list[type[BaseModel]]:
+    """The models that an annotation names."""
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        return [kind]
+    return [model for one in get_args(kind) for model in _models(one)]
+
+
+def _noted(kind: Any) -> list[Quantity]:
+    """The quantities that an annotation names."""
+    own = [note for note in getattr(kind, "__metadata__", ()) if isinstance(note, Quantity)]
+    inner = get_args(kind) if get_origin(kind) is not None or isinstance(kind, type(Union[int, str])) else ()  # noqa: UP007
+    return own + [note for one in inner for note in _noted(one)]

@@ -1,0 +1,107 @@
+"""The summary page of a sweep: counts, pictures, what each variable does, Sobol indices where the sample allows them."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from geometry.files import write_text
+from geometry.grading import Floats
+from probe_design.sweep_effects import main_effect, sobol_indices
+from probe_design.sweep_results import about, rows, units
+
+SHOWN = ("ratio", "log_sensitivity", "stiffness", "error_estimate")
+MOST_POINTS = 5000
+
+
+def write_page(folder: Path | str, path: Path) -> Path:
+    """Write the summary of the sweep in ``folder``, one HTML file with its pictures in it.
+
+    Raises:
+        MissingLibrary: SALib is not installed, for a Saltelli sample.
+        InputError: the folder holds no sweep.
+        StoreError: it cannot be read.
+    """
+    asked, all_rows = about(folder), list(rows(folder))
+    names, unit = asked["names"], units(folder)
+    good = [row for row in all_rows if row["status"] == "ok"]
+    shown = [name for name in SHOWN if any(row[name] is not None for row in good)]
+    parts = [_counts(asked, all_rows)]
+    for name in shown:
+        answered = [row for row in good if row[name] is not None]
+        y = np.array([row[name] for row in answered], dtype=float)
+        parts.append(f"<h2>{_label(name, unit)}</h2>")
+        parts.append(_picture(names, name, unit, asked["variables"], answered, y))
+        parts.append(_effects(asked, answered, y, complete=len(answered) == asked["designs"]))
+    parts.append(_reasons(all_rows))
+    style = "<style>body{font:15px sans-serif;margin:2em;max-width:70em}td,th{padding:2px 12px;text-align:right}</style>"
+    return write_text(path, f"<!doctype html><meta charset=utf-8><title>Sweep</title>{style}<h1>Sweep</h1>{''.join(parts)}\n")
+
+
+def _counts(asked: dict[str, Any], all_rows: list[dict[str, Any]]) -> str:
+    count = Counter(row["status"] for row in all_rows)
+    told = [
+        ("designs", asked["designs"]), ("ok", count["ok"]), ("refused", count["refused"]), ("failed", count["failed"]),
+        ("sample", asked["sample"]["kind"]), ("evaluator", asked["evaluator"]), ("accuracy", asked["accuracy"]),
+        ("version", asked["version"]), ("constraints", "; ".join(asked["constraints"]) or "none"),
+        ("seconds of work", f"{sum(row['seconds'] for row in all_rows):.4g}"),
+    ]  # fmt: skip
+    return _table(("", ""), told)
+
+
+def _reasons(all_rows: list[dict[str, Any]]) -> str:
+    """The commonest reasons why there is no answer."""
+    reasons = Counter((row["status"], row["type"], row["reason"]) for row in all_rows if row["status"] != "ok")
+    if not reasons:
+        return ""
+    table = _table(("rows", "status", "type", "reason"), [(count, *reason) for reason, count in reasons.most_common(20)])
+    return f"<h2>Without an answer</h2>{table}"
+
+
+def _effects(asked: dict[str, Any], answered: list[dict[str, Any]], y: Floats, complete: bool) -> str:
+    """Share of the variance that each variable explains on its own, and Sobol indices."""
+    if len(y) < 2 or np.ptp(y) == 0.0:
+        return "<p>The same for all designs.</p>"
+    if asked["sample"]["kind"] == "saltelli" and complete:
+        found = sobol_indices(y, len(asked["names"]))
+        table = [(name, *(f"{low:.3g}" for low in one)) for name, one in zip(asked["names"], found, strict=True)]
+        return _table(("variable", "first order", "+-", "total", "+-"), table) + "<p>Sobol indices, 95 % intervals.</p>"
+    effects = [(name, main_effect([row[name] for row in answered], y)) for name in asked["names"]]
+    told = [(name, "-" if effect is None else f"{effect:.3g}") for name, effect in effects]
+    note = "" if asked["sample"]["kind"] != "saltelli" else " Sobol indices need an answer for every design."
+    return _table(("variable", "share of the variance"), told) + f"<p>Of the means over each variable alone.{note}</p>"
+
+
+def _picture(names: list[str], name: str, unit: dict[str, str], variables: list[Any], answered: list[Any], y: Floats) -> str:
+    """Scatter over each variable."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(3.2 * len(names), 2.8), layout="constrained")
+    FigureCanvasAgg(figure)
+    step = -(-len(y) // MOST_POINTS)
+    for axes, variable in zip(figure.subplots(1, len(names), sharey=True, squeeze=False)[0], variables, strict=True):
+        axes.plot([row[variable["name"]] for row in answered[::step]], y[::step], ".", markersize=3, alpha=0.5)
+        axes.set_xlabel(_label(variable["name"], unit))
+        if variable["log"]:
+            axes.set_xscale("log")
+    figure.axes[0].set_ylabel(_label(name, unit))
+    drawn = io.BytesIO()
+    figure.savefig(drawn, format="png", dpi=110)
+    return f'<p><img alt="{html.escape(name)}" src="data:image/png;base64,{base64.b64encode(drawn.getvalue()).decode()}"></p>'
+
+
+def _label(name: str, unit: dict[str, str]) -> str:
+    return f"{name}, {unit[name]}" if unit.get(name) else name
+
+
+def _table(heads: tuple[str, ...], lines: list[Any]) -> str:
+    head = "".join(f"<th>{html.escape(one)}</th>" for one in heads)
+    body = "".join("<tr>" + "".join(f"<td>{html.escape(str(cell))}</td>" for cell in line) + "</tr>" for line in lines)
+    return f"<table><tr>{head}</tr>{body}</table>"
