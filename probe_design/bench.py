@@ -14,6 +14,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from geometry.errors import InputError, Words
 from geometry.probe import Frozen, Length, Modulus
+from geometry.scene_file import LARGEST_FILE
 from geometry.units import Quantity
 from hw.amplifier import ChargeAmplifier
 
@@ -24,7 +25,6 @@ Sensitivity = Annotated[float, Quantity("sensitivity", "V/N", "V/N", 1e-9, 1e9)]
 Warming = Annotated[float, Quantity("temperature change", "K", "K", 1e-6, 100.0)]
 Share = Annotated[float, Field(ge=0.0, le=1.0, description="a number from 0 to 1, such as 0.02")]
 On = Literal["tissue", "inner", "outer"]
-LARGEST_FILE = 1_000_000  # bytes
 
 
 class Shaker(Frozen):
@@ -133,15 +133,20 @@ def builtin_bench() -> Bench:
 
 def read_bench(path: Path | str) -> Bench:
     """Read a bench file. Raises ``InputError``."""
+    return bench_from_dict(read_tables(path, "bench file", "a TOML file like probe_design/bench.toml"))
+
+
+def read_tables(path: Path | str, key: str, allowed: str) -> dict[str, Any]:
+    """Return what a TOML file holds; no more than LARGEST_FILE of it is read. Raises ``InputError``."""
     try:
-        content = Path(path).read_bytes()
+        with Path(path).open("rb") as file:
+            content = file.read(LARGEST_FILE + 1)  # no more: devices and pipes have no size to ask for
         if len(content) > LARGEST_FILE:
             raise ValueError("too large")
-        data = tomllib.loads(content.decode("utf-8-sig"))
+        return tomllib.loads(content.decode("utf-8-sig"))
     except (OSError, ValueError, RecursionError) as fault:
         reason = getattr(fault, "strerror", None) or str(fault)
-        raise InputError("bench file", str(path), f"a TOML file like probe_design/bench.toml ({reason})") from None
-    return bench_from_dict(data)
+        raise InputError(key, str(path), f"{allowed} ({reason})") from None
 
 
 def bench_from_dict(data: dict[str, Any]) -> Bench:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -18,13 +17,12 @@ from geometry.files import write_text
 from geometry.probe import Frozen
 from geometry.scene import Scene
 from geometry.scene_file import scene_from_dict, scene_to_dict
-from probe_design.bench import Bench, bench_from_dict, first_fault
+from probe_design.bench import Bench, bench_from_dict, first_fault, read_tables
 from probe_design.calibrate import Calibration
 from probe_design.gains import ENTRIES, Gains
 
 FORMAT: Literal["probe-design calibration"] = "probe-design calibration"
 VERSION: Literal[1] = 1
-LARGEST_FILE = 1_000_000  # bytes
 HEADER = """# A calibration of a tactile probe, by `probe-design calibrate`; docs/hardware.md tells what each number means.
 # reading / N of nominal gain = matrix @ film force / N; rows and columns: inner, outer film. Covariances row by row.
 """
@@ -147,15 +145,7 @@ def write_record(path: Path, told: CalibrationRecord) -> Path:
 
 def read_record(path: Path | str) -> CalibrationRecord:
     """Read a record. Raises ``InputError``."""
-    allowed = "a calibration that `probe-design calibrate` has written"
-    try:
-        content = Path(path).read_bytes()
-        if len(content) > LARGEST_FILE:
-            raise ValueError("too large")
-        data = tomllib.loads(content.decode("utf-8-sig"))
-    except (OSError, ValueError, RecursionError) as fault:
-        reason = getattr(fault, "strerror", None) or str(fault)
-        raise InputError("calibration", str(path), f"{allowed} ({reason})") from None
+    data = read_tables(path, "calibration", "a calibration that `probe-design calibrate` has written")
     if (data.get("format"), data.get("version")) != (FORMAT, VERSION):
         given = Words(f"{path}: {data.get('format', 'no format')}, version {data.get('version', 'missing')}")
         raise InputError("calibration", given, f"{FORMAT}, version {VERSION}")
