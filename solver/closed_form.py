@@ -20,7 +20,7 @@ from solver.bessel import Array
 from solver.closed_blocks import Block
 from solver.closed_error import EFFECTS, STEP, Errors, errors
 from solver.closed_images import Sphere
-from solver.closed_probe import NODES_PER_WAVE, Tissue, answer
+from solver.closed_probe import FLOOR_REACH, NODES_PER_WAVE, REACH, Tissue, answer
 from solver.closed_sides import side_nodes, side_radius
 from solver.film_forces import FilmForces, outputs, shortfalls
 from solver.result import Result, lopsided
@@ -137,12 +137,13 @@ def parameters(scene: Scene) -> tuple[Shape, Floats]:
 
 
 def _nodes(scene: Scene) -> int:
-    """Nodes enough for the shallowest point of the spheres' quadrature, in steps so that few functions are built."""
-    reach = [14 / (body.depth - 0.4 * (body.diameter or 0.0)) for body in scene.inclusion]
+    """Nodes enough for the shallowest point of the spheres' quadrature and the waves' way across."""
+    reach = [REACH / (body.depth - 0.4 * (body.diameter or 0.0)) for body in scene.inclusion]
     if scene.tissue.shape != "half-space":
-        reach.append(9 / scene.tissue.depth)
-    needed = 12 + NODES_PER_WAVE * max(reach, default=0.0) * scene.probe.tube_radius
-    return min(MOST, 4 * math.ceil(needed / 4))
+        reach.append(FLOOR_REACH / scene.tissue.depth)
+    across = scene.probe.tube_radius + max((_offset(scene, body) for body in scene.inclusion), default=0.0)
+    needed = 8 + NODES_PER_WAVE * max(reach, default=0.0) * across
+    return min(MOST, 2 * math.ceil(needed / 2))
 
 
 def _offset(scene: Scene, body: Inclusion) -> float:

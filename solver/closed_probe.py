@@ -28,9 +28,9 @@ from solver.closed_layer import Waves, floor_compliance, waves
 from solver.closed_loads import RADII, SOLID, TUBE, by
 from solver.closed_sides import Sides, cut_waves, give
 
-REACH = 14.0  # exponents of what is left out of the integrals
-FLOOR_REACH = 9.0
-NODES_PER_WAVE = 0.35  # times wave number and outer radius, beyond a dozen
+REACH = 10.0  # exponents of what is left out of the integrals
+FLOOR_REACH = 6.0
+NODES_PER_WAVE = 0.35  # times wave number and the outermost radius, beyond eight
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,8 @@ def _waves(
     """The wave numbers, transforms of the rings' loads, shapes (n, q, rings), and the weights k dk."""
     reaches = [REACH / (sphere.depth - 0.8 * sphere.radius) for sphere in spheres]
     reach = reduce(_larger, reaches) if reaches else FLOOR_REACH / tissue.depth
-    resolved = (nodes - 8) / (NODES_PER_WAVE * blocks[1].radius)  # of a sphere tiny beside the probe no more matters
+    across = blocks[1].radius + reduce(_larger, [sphere.offset for sphere in spheres], 0 * blocks[1].radius)
+    resolved = (nodes - 8) / (NODES_PER_WAVE * across)  # of a sphere tiny beside the probe no more matters
     reach = np.where(reach.real < resolved.real, reach, resolved)
     s, weight = _gauss(nodes)
     k = reach[:, None] * s**2
