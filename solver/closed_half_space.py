@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from scipy.special import hyp2f1
 
-from solver.bessel import Array, power_series
+from solver.bessel import Array
 
 SMOOTH, SINGULAR = 9, 7  # terms of both parts: errors below 1e-9
 TINY = 1e-200  # keeps the logarithm finite where its factor is zero
@@ -47,7 +47,7 @@ def ring_work(circles: Array, radius: Array, mu: Array, nu: Array) -> tuple[Arra
     rows, reach = circles.T.copy(), radius.T.copy()  # designs last: whole rows are picked and placed
     a, b = rows[low], rows[high]
     rest = (b - a) * (b + a) / (b * b)  # 1 - m without cancellation
-    smooth, singular = (power_series(rest, np.array(kind)) for kind in zip(_coefficients(2), _coefficients(3), strict=True))
+    smooth, singular = (_power_series(rest, np.array(kind)) for kind in zip(_coefficients(2), _coefficients(3), strict=True))
     series = smooth + rest * rest * np.log(rest + TINY) * singular
     soft, mixed = 2 * np.pi / mu * (1 - nu), -np.pi / mu * (1 - 2 * nu)
     square = a * a  # and no higher power: numpy is slow with those
@@ -65,6 +65,15 @@ def _symmetric(values: Array, size: int) -> Array:
     full = np.empty((size, size, values.shape[1]), dtype=values.dtype)
     full[low, high] = full[high, low] = values
     return np.moveaxis(full, 2, 0)
+
+
+def _power_series(x: Array, coefficients: Any) -> Array:
+    """Values of several polynomials, rows of coefficients, at x; shape (polynomials, *x.shape)."""
+    powers = np.empty((coefficients.shape[1], x.size), dtype=x.dtype)
+    powers[0], powers[1] = 1, x.ravel()
+    for k in range(2, len(powers)):
+        np.multiply(powers[k // 2], powers[k - k // 2], out=powers[k])
+    return (coefficients @ powers).reshape(len(coefficients), *x.shape)
 
 
 @lru_cache(maxsize=2)

@@ -108,42 +108,65 @@ TO_MOMENTS = _moment_weights()
 RHO, WHICH = np.unique(np.round(NEAR.x, 12), return_inverse=True)
 
 
-def image(sphere: Sphere, waves: Waves, weights: Array, mu: Array, nu: Array) -> Array:
+@dataclass(frozen=True)
+class Nearby:
+    """What waves do to a sphere: strains at the points of ``NEAR`` and moments, under waves of pressure and of shear, times 2 mu.
+
+    Attributes:
+        parts: ``closed_layer.amplitudes`` at the points' depths, under waves of pressure and of shear.
+        strain: under waves about the sphere's vertical axis, two arrays (n, 4 points, q).
+        moments: the first five under the same; the next five under waves that go as cos about that axis, and the last as cos of
+            twice the angle, from half-spaces or layers; two arrays (n, moments, q).
+        sheared: the moments with xz under a wave of shear that turns about the vertical, (n, 5, q); None on the probe's axis.
+    """
+
+    parts: tuple[Array, Array]
+    strain: tuple[Array, Array]
+    moments: tuple[Array, Array]
+    sheared: Array | None
+
+
+def nearby(sphere: Sphere, waves: Waves) -> Nearby:
+    """Return strains and moments of spheres under waves of the tissue."""
+    parts = amplitudes(waves, sphere.depth[:, None] - sphere.radius[:, None] * NEAR.z)
+    near = wavelets(waves.k, sphere.radius[:, None] * RHO, WHICH)
+    strain = fields(parts, near)
+    first = tuple(TO_MOMENTS @ field for field in strain)
+    if sphere.on_axis:
+        return Nearby(parts, strain, first, None)  # type: ignore[arg-type]
+    moments = (np.concatenate([one, _sideways(part, near)], axis=1) for one, part in zip(first, parts, strict=True))
+    return Nearby(parts, strain, tuple(moments), _sheared(waves, sphere, near))  # type: ignore[arg-type]
+
+
+def image(sphere: Sphere, waves: Waves, near: Nearby, weights: Array, mu: Array, nu: Array) -> Array:
     """Eqs. (I2), (I3): G for spheres in tissue of shear modulus mu and Poisson's ratio nu (n,), shape (n, moments, moments).
 
     ``weights`` are k dk of the waves, shape (n, q).
     """
-    parts = amplitudes(waves, sphere.depth[:, None] - sphere.radius[:, None] * NEAR.z)
-    near = wavelets(waves.k, sphere.radius[:, None] * RHO, WHICH)
-    return image_of(sphere, waves, parts, near, fields(parts, near), weights, mu, nu)
-
-
-def image_of(
-    sphere: Sphere,
-    waves: Waves,
-    parts: tuple[Array, Array],
-    near: Wavelets,
-    strains: tuple[Array, Array],
-    weights: Array,
-    mu: Array,
-    nu: Array,
-) -> Array:
-    """Eqs. (I2), (I3): G, shape (n, moments, moments), from the amplitudes, the wavelets and the strains that they make."""
     volume = 4 * np.pi / 3 * sphere.radius**3
     up = weights * waves.k * (_uncovered(sphere) * volume / (16 * np.pi * (1 - nu) * mu))[:, None]  # the fields are times 2 mu
-    size = MOMENTS if sphere.on_axis else ALL
-    G = np.zeros((len(mu), size, size), dtype=up.dtype)
-    for g in (TO_MOMENTS @ field for field in strains):
-        G[:, :MOMENTS, :MOMENTS] = G[:, :MOMENTS, :MOMENTS] + _gram(g, up)
-    if not sphere.on_axis:
-        for part in parts:
-            G[:, MOMENTS:-1, MOMENTS:-1] = G[:, MOMENTS:-1, MOMENTS:-1] + _gram(_sideways(part, near), 2 * up)
-        g = _sheared(waves, sphere, near)
-        G[:, MOMENTS:-1, MOMENTS:-1] = G[:, MOMENTS:-1, MOMENTS:-1] + _gram(g, 4 * (1 - nu)[:, None] * up / 2)
-        share = (sphere.radius / sphere.depth) ** 2
-        turned = 0.75 - nu / 2 + nu**2 - 0.6 * (0.5 + nu) * share + 0.225 * share**2
-        G[:, -1, -1] = _uncovered(sphere) * share**1.5 / (12 * (1 - nu) * mu) * turned
+    if near.sheared is None:
+        return _gram(near.moments[0], up) + _gram(near.moments[1], up)
+    G = np.zeros((len(mu), ALL, ALL), dtype=up.dtype)
+    turned = slice(MOMENTS, ALL - 1)
+    for g in near.moments:
+        G[:, :MOMENTS, :MOMENTS] = G[:, :MOMENTS, :MOMENTS] + _gram(g[:, :MOMENTS], up)
+        G[:, turned, turned] = G[:, turned, turned] + _gram(g[:, turned], 2 * up)
+    G[:, turned, turned] = G[:, turned, turned] + _gram(near.sheared, 4 * (1 - nu)[:, None] * up / 2)
+    share = (sphere.radius / sphere.depth) ** 2
+    crossed = 0.75 - nu / 2 + nu**2 - 0.6 * (0.5 + nu) * share + 0.225 * share**2
+    G[:, -1, -1] = _uncovered(sphere) * share**1.5 / (12 * (1 - nu) * mu) * crossed
     return G
+
+
+def aside(waves: Waves, sphere: Sphere) -> Array:
+    """By how much a wave about the probe's axis is one of ``Nearby``'s moments about the sphere's, shape (n, moments, q).
+
+    Graf's addition theorem (DLMF 10.23.7), d the offset: J0(kr) = J0(kd) J0 - 2 J1(kd) J1 cos + 2 J2(kd) J2 cos 2 - ...
+    """
+    x = waves.k * sphere.offset[:, None]
+    zero, one = bessel(x)
+    return np.stack([zero] * MOMENTS + [-2 * one] * MOMENTS + [4 * one / x - 2 * zero], axis=1)
 
 
 def _uncovered(sphere: Sphere) -> Array:
@@ -162,15 +185,15 @@ def _gram(g: Array, weight: Array) -> Array:
 
 
 def _sideways(part: Array, near: Wavelets) -> Array:
-    """Moments (xz, xz zeta, a x, z x, tau) under a wave J_1 cos of pressure or shear, times 2 mu; shape (n, 5, q)."""
+    """Moments (xz, xz zeta, a x, z x, tau) under J1 cos of pressure or shear, xx - yy under J2 cos 2, times 2 mu; (n, 6, q)."""
     w, z, x = NEAR.weight, NEAR.z, NEAR.x
     level, along, across = -part[:, 2] * near.zero / 2, part[:, 0] * near.one, part[:, 1] * near.one
     rows = (w @ level, (5 * w * z) @ level, (2.5 * w * x) @ along, (2.5 * w * x) @ across, (0.625 * w * x) @ along)
-    return np.stack(rows, axis=1)
+    return np.stack((*rows, -w @ (part[:, 0] * near.zero) / 2), axis=1)
 
 
 def _sheared(waves: Waves, sphere: Sphere, near: Wavelets) -> Array:
-    """The same under a wave of shear that turns about the vertical, on a half-space."""
+    """Moments (xz, xz zeta, a x, z x, tau) under a wave of shear that turns about the vertical, on a half-space."""
     w, z, x = NEAR.weight, NEAR.z, NEAR.x
     down = np.exp(-waves.k[:, None, :] * (sphere.depth[:, None] - sphere.radius[:, None] * z)[:, :, None])
     level, none = -down * near.zero / 2, 0 * waves.k

@@ -23,7 +23,7 @@ from solver.bessel import Array, bessel
 from solver.closed_blocks import Block, end_compliance
 from solver.closed_half_space import ring_work
 from solver.closed_images import Sphere
-from solver.closed_inclusions import change
+from solver.closed_inclusions import answered, placed
 from solver.closed_layer import Waves, floor_compliance, waves
 from solver.closed_loads import RADII, SOLID, TUBE, by
 from solver.closed_sides import Sides, cut_waves, give
@@ -74,27 +74,21 @@ def answer(
     works = _half_space(blocks, tissue)
     for work, own in zip(works, zip(*_ends(blocks, bonded), strict=True), strict=True):
         work += _diagonal(own)
-    C = _joined(works)
-    size = C.shape[1] if bonded else works[0].shape[1]
-    near, slope, rest, rest_slope = (np.zeros_like(C) for _ in range(4))
-    sides = None
+    C = _joined(works) if bonded else works[0]
+    areas, bodies = _areas(blocks, C), []
     if tissue.depth is not None or spheres:
-        field, loads, weights = _waves(blocks, tissue, spheres, nodes)
+        field, loads, weights = _waves(blocks, tissue, spheres, nodes, bonded)
         if tissue.depth is not None:
             C = C + _floor(field, loads, weights, tissue.mu)
-        if side_nodes:
-            sides = _sides(blocks, tissue, side_nodes)
-            C = C + sides.work
-        for i, sphere in enumerate(spheres):
-            changed = change(sphere, field, loads, weights, tissue.E, tissue.nu, sides)
-            near, rest = near + changed.main, rest + changed.rest
-            if i == target:
-                slope, rest_slope = changed.main_slope, changed.rest_slope
-    areas = _areas(blocks, C)[:, :size]
-    C, near, slope, rest, rest_slope = (part[:, :size, :size] for part in (C, near, slope, rest, rest_slope))
-    t0, t = np.linalg.solve(C, areas), np.linalg.solve(C + near, areas)
-    s0, s = np.swapaxes(t0, 1, 2), np.swapaxes(t, 1, 2)
-    return s @ areas - s0 @ rest @ t0, -s @ slope @ t - s0 @ rest_slope @ t0
+        sides = _sides(blocks, tissue, side_nodes, bonded) if side_nodes else None
+        C = C if sides is None else C + sides.work
+        bodies = [placed(sphere, field, loads, weights, tissue.E, tissue.nu, sides) for sphere in spheres]
+    solved = np.linalg.solve(C, np.concatenate([areas, *(np.swapaxes(body.moments, 1, 2) for body in bodies)], axis=2))
+    alone = np.swapaxes(areas, 1, 2) @ solved[:, :, :2]
+    if not bodies:
+        return alone, np.zeros_like(alone)
+    added, slope = answered(bodies, solved, target)
+    return alone + added, slope
 
 
 def _ends(blocks: tuple[Block, Block], bonded: bool) -> list[tuple[Array, Array, Array]]:
@@ -170,7 +164,7 @@ def _gauss(nodes: int) -> tuple[Any, Any]:
 
 
 def _waves(
-    blocks: tuple[Block, Block], tissue: Tissue, spheres: Sequence[Sphere], nodes: int
+    blocks: tuple[Block, Block], tissue: Tissue, spheres: Sequence[Sphere], nodes: int, bonded: bool
 ) -> tuple[Waves, tuple[Array, Array], Array]:
     """The wave numbers, transforms of the rings' loads, shapes (n, q, rings), and the weights k dk."""
     reaches = [REACH / (sphere.depth - 0.8 * sphere.radius) for sphere in spheres]
@@ -181,26 +175,27 @@ def _waves(
     s, weight = _gauss(nodes)
     k = reach[:, None] * s**2
     weights = k * reach[:, None] * 2 * s * weight
-    return waves(k, tissue.depth, tissue.nu), _transforms(blocks, k), weights
+    return waves(k, tissue.depth, tissue.nu), _transforms(blocks, k, bonded), weights
 
 
-def _transforms(blocks: tuple[Block, Block], k: Array) -> tuple[Array, Array]:
-    """Hankel transforms of the pressures and of the shears at waves k (n, q), shapes (n, q, loads)."""
+def _transforms(blocks: tuple[Block, Block], k: Array, bonded: bool) -> tuple[Array, Array]:
+    """Hankel transforms of the pressures and of the shears, none unless bonded, at waves k (n, q); shapes (n, q, loads)."""
     radii = np.concatenate([block.radii(loads.radii) for block, loads in zip(blocks, (SOLID, TUBE), strict=True)], axis=1)
     zero, one = bessel(k[:, :, None] * radii[:, None, :])
     outer = np.repeat(np.stack([block.radius for block in blocks], axis=1), RADII, axis=1)
     rings = radii * np.repeat(np.stack([block.width for block in blocks], axis=1), RADII, axis=1)
     pressure = by(zero * rings[:, None, :], _CONCENTRATED[0])
-    shear = by(one * (rings * radii / outer)[:, None, :], _CONCENTRATED[1])
-    return pressure, shear
+    if not bonded:
+        return pressure, pressure[:, :, :0]
+    return pressure, by(one * (rings * radii / outer)[:, None, :], _CONCENTRATED[1])
 
 
-def _sides(blocks: tuple[Block, Block], tissue: Tissue, nodes: int) -> Sides:
+def _sides(blocks: tuple[Block, Block], tissue: Tissue, nodes: int, bonded: bool) -> Sides:
     """What free sides add, eq. (S1)."""
     k, weights = cut_waves(tissue.radius, blocks[1].radius, nodes)
     field = waves(k, tissue.depth, tissue.nu)
     cylinder = Block(None, tissue.radius, tissue.depth, tissue.E, tissue.nu)
-    return give(field, _transforms(blocks, k), weights, cylinder)
+    return give(field, _transforms(blocks, k, bonded), weights, cylinder)
 
 
 def _larger(one: Array, other: Array) -> Array:
