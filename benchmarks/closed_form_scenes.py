@@ -87,7 +87,11 @@ def _ordinary(rng: np.random.Generator) -> Scene:
     }  # fmt: skip
     probe["outer_height"] = probe["inner_height"]
     size = radius * _between(rng, 0.5, 4)
-    sphere = {"diameter": size, "depth": size * (0.5 + _between(rng, 0.25, 2)), **_material(rng, tissue * _between(rng, 0.02, 100), 0.3)}
+    sphere = {
+        "diameter": size,
+        "depth": size * (0.5 + _between(rng, 0.25, 2)),
+        **_material(rng, tissue * _between(rng, 0.02, 100), 0.3),
+    }
     return _scene(rng, probe, [sphere], tissue, (2.5, 12), (1, 6))
 
 

@@ -69,7 +69,7 @@ def _answer(shape: Shape, p: Array) -> tuple[Array, Array]:
     bodies = p[len(PROBE) + len(TISSUE) :].reshape(len(shape.on_axis), len(BALL), p.shape[1])
     blocks = Block(None, r2, hi, ei, ni), Block(r2 + gap, ro, ho, eo, no)
     tissue = Tissue(depth if shape.bounded else None, et, nt, side)
-    spheres = [Sphere(b[0], b[1], b[2], b[3], b[4], ro, on_axis) for b, on_axis in zip(bodies, shape.on_axis, strict=True)]
+    spheres = [Sphere(b[0], b[1], b[2], b[3], b[4], on_axis) for b, on_axis in zip(bodies, shape.on_axis, strict=True)]
     return answer(blocks, tissue, spheres, shape.target, shape.bonded, shape.nodes, shape.side_nodes)
 
 

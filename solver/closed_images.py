@@ -32,17 +32,13 @@ MOMENTS, ALL = 5, 11  # about the sphere's vertical axis: a, z, a zeta, z zeta, 
 
 @dataclass(frozen=True)
 class Sphere:
-    """Spheres: radius, depth of the centre, distance from the probe's axis, modulus, Poisson's ratio; arrays of shape (n,).
-
-    ``reach`` is the probe's outer radius.
-    """
+    """Spheres: radius, depth of the centre, distance from the probe's axis, modulus, Poisson's ratio; arrays of shape (n,)."""
 
     radius: Array
     depth: Array
     offset: Array
     E: Array
     nu: Array
-    reach: Array
     on_axis: bool = True
 
 
@@ -117,13 +113,14 @@ class Nearby:
         strain: under waves about the sphere's vertical axis, two arrays (n, 4 points, q).
         moments: the first five under the same; the next five under waves that go as cos about that axis, and the last as cos of
             twice the angle, from half-spaces or layers; two arrays (n, moments, q).
-        sheared: the moments with xz under a wave of shear that turns about the vertical, (n, 5, q); None on the probe's axis.
+        turned: all under waves of shear about the vertical, sin and sin of twice the angle, on a half-space, (n, moments, q), the
+            first five zero; None on the probe's axis.
     """
 
     parts: tuple[Array, Array]
     strain: tuple[Array, Array]
     moments: tuple[Array, Array]
-    sheared: Array | None
+    turned: Array | None
 
 
 def nearby(sphere: Sphere, waves: Waves) -> Nearby:
@@ -135,7 +132,7 @@ def nearby(sphere: Sphere, waves: Waves) -> Nearby:
     if sphere.on_axis:
         return Nearby(parts, strain, first, None)  # type: ignore[arg-type]
     moments = (np.concatenate([one, _sideways(part, near)], axis=1) for one, part in zip(first, parts, strict=True))
-    return Nearby(parts, strain, tuple(moments), _sheared(waves, sphere, near))  # type: ignore[arg-type]
+    return Nearby(parts, strain, tuple(moments), _turned(waves, sphere, near))  # type: ignore[arg-type]
 
 
 def image(sphere: Sphere, waves: Waves, near: Nearby, weights: Array, mu: Array, nu: Array) -> Array:
@@ -144,40 +141,19 @@ def image(sphere: Sphere, waves: Waves, near: Nearby, weights: Array, mu: Array,
     ``weights`` are k dk of the waves, shape (n, q).
     """
     volume = 4 * np.pi / 3 * sphere.radius**3
-    up = weights * waves.k * (_uncovered(sphere) * volume / (16 * np.pi * (1 - nu) * mu))[:, None]  # the fields are times 2 mu
-    if near.sheared is None:
+    up = weights * waves.k * (volume / (16 * np.pi * (1 - nu) * mu))[:, None]  # the fields are times 2 mu
+    if near.turned is None:
         return _gram(near.moments[0], up) + _gram(near.moments[1], up)
     G = np.zeros((len(mu), ALL, ALL), dtype=up.dtype)
-    turned = slice(MOMENTS, ALL - 1)
+    beside = slice(MOMENTS, ALL - 1)
     for g in near.moments:
         G[:, :MOMENTS, :MOMENTS] = G[:, :MOMENTS, :MOMENTS] + _gram(g[:, :MOMENTS], up)
-        G[:, turned, turned] = G[:, turned, turned] + _gram(g[:, turned], 2 * up)
-    G[:, turned, turned] = G[:, turned, turned] + _gram(near.sheared, 4 * (1 - nu)[:, None] * up / 2)
+        G[:, beside, beside] = G[:, beside, beside] + _gram(g[:, beside], 2 * up)
+    G[:, beside, beside] = G[:, beside, beside] + _gram(near.turned[:, beside], 4 * (1 - nu)[:, None] * up / 2)
     share = (sphere.radius / sphere.depth) ** 2
     crossed = 0.75 - nu / 2 + nu**2 - 0.6 * (0.5 + nu) * share + 0.225 * share**2
-    G[:, -1, -1] = _uncovered(sphere) * share**1.5 / (12 * (1 - nu) * mu) * crossed
+    G[:, -1, -1] = share**1.5 / (12 * (1 - nu) * mu) * crossed
     return G
-
-
-def aside(waves: Waves, sphere: Sphere) -> Array:
-    """By how much a wave about the probe's axis is one of ``Nearby``'s moments about the sphere's, shape (n, moments, q).
-
-    Graf's addition theorem (DLMF 10.23.7), d the offset: J0(kr) = J0(kd) J0 - 2 J1(kd) J1 cos + 2 J2(kd) J2 cos 2 - ...
-    """
-    x = waves.k * sphere.offset[:, None]
-    zero, one = bessel(x)
-    return np.stack([zero] * MOMENTS + [-2 * one] * MOMENTS + [4 * one / x - 2 * zero], axis=1)
-
-
-def _uncovered(sphere: Sphere) -> Array:
-    """Share of the image that is left, eq. (I4): 1 - 0.55 * 16 y / (1 + 4 y)^2 with y = (offset / outer radius)^2.
-
-    The blocks answer a sphere beside the axis with tractions that are not symmetrical about it, too; they take back part of the
-    free surface's image. The tractions solved for are symmetrical: this stands for the others. The number 0.55 is not derived: it
-    was chosen on a 3D reference with an offset of half the outer radius, tests/reference/off-axis.
-    """
-    y = (sphere.offset / sphere.reach) ** 2
-    return 1 - 8.8 * y / (1 + 4 * y) ** 2
 
 
 def _gram(g: Array, weight: Array) -> Array:
@@ -192,9 +168,10 @@ def _sideways(part: Array, near: Wavelets) -> Array:
     return np.stack((*rows, -w @ (part[:, 0] * near.zero) / 2), axis=1)
 
 
-def _sheared(waves: Waves, sphere: Sphere, near: Wavelets) -> Array:
-    """Moments (xz, xz zeta, a x, z x, tau) under a wave of shear that turns about the vertical, on a half-space."""
+def _turned(waves: Waves, sphere: Sphere, near: Wavelets) -> Array:
+    """All moments under waves of shear about the vertical on a half-space, J1 sin and, the last, J2 sin 2, times 2 mu."""
     w, z, x = NEAR.weight, NEAR.z, NEAR.x
     down = np.exp(-waves.k[:, None, :] * (sphere.depth[:, None] - sphere.radius[:, None] * z)[:, :, None])
-    level, none = -down * near.zero / 2, 0 * waves.k
-    return np.stack((w @ level, (5 * w * z) @ level, none, none, -(1.25 * w * x) @ (down * near.one)), axis=1)
+    level, none = down * near.zero, 0 * waves.k
+    rows = (w @ level / 2, (2.5 * w * z) @ level, none, none, (1.25 * w * x) @ (down * near.one), -w @ level)
+    return np.stack([none] * MOMENTS + list(rows), axis=1)

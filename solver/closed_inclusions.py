@@ -4,9 +4,9 @@ By Betti and Eshelby a sphere of volume V with strengths k_v, k_d (eq. (E2) of `
 
     dF_ij = Int [(k_v - k_d/3) tr(eps_i) tr(eps_j) + k_d eps_i : eps_j] dV                        (I1)
 
-over the tissue's strains without it. Of these the moments e, V e.K e, are treated better: the sphere answers to the image G of its
-own polarisation in the free surface, ``closed_images``, and to the blocks, which under the moments M of the loads, of compliance C,
-answer with S = M C^-1 M^T:
+over the tissue's strains without it. Of these the moments e, V e.K e, are treated better: the sphere answers to the image G of
+its own polarisation in the free surface, ``closed_images``, and to the blocks, which with loads of compliance C and moments M
+answer with S = M C^-1 M^T, and beside the axis with that of ``closed_aside``, too:
 
     dF = e.V K [1 + (G - V S) K]^-1 e,     dF / d ln E = y.V (dK / d ln E) y,   y = [1 + (G - V S) K]^-1 e    (I5)
 
@@ -18,11 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from solver.bessel import Array
-from solver.closed_images import ASIDE, MOMENTS, NEAR, TO_MOMENTS, TURNS, Points, Sphere, aside, fields, image, nearby, wavelets
+from solver.closed_aside import Disc, answer_aside, aside
+from solver.closed_images import ASIDE, MOMENTS, NEAR, TO_MOMENTS, TURNS, Points, Sphere, fields, image, nearby, wavelets
 from solver.closed_layer import Waves
 from solver.closed_sides import Sides
 from solver.eshelby import strengths
@@ -39,7 +41,7 @@ class Body:
         loads: the loads' transforms by those, times k dk / 2 mu, shapes (n, q, .).
         sides: strains at the points that near sides add to each load's, (n, 4 points, m), or None.
         moments: under each load, shape (n, moments, m).
-        image: G of eq. (I2), shape (n, moments, moments).
+        image: G of eq. (I2) less V S of eq. (I4), shape (n, moments, moments).
         strength, slope: (k_v, k_d) of eq. (I1) and their derivatives by ln E.
     """
 
@@ -84,7 +86,14 @@ class Body:
 
 
 def placed(
-    sphere: Sphere, waves: Waves, loads: tuple[Array, Array], weights: Array, E: Array, nu: Array, sides: Sides | None = None
+    sphere: Sphere,
+    waves: Waves,
+    loads: tuple[Array, Array],
+    weights: Array,
+    E: Array,
+    nu: Array,
+    disc: Disc,
+    sides: Sides | None = None,
 ) -> Body:
     """Put spheres into tissue of modulus E and Poisson's ratio nu, shapes (n,).
 
@@ -95,6 +104,7 @@ def placed(
         weights: k dk of the waves, shape (n, q).
         E: of the tissue, shape (n,).
         nu: of the tissue, shape (n,).
+        disc: the probe's end, for spheres beside its axis.
         sides: of the tissue, where they are near.
     """
     near = nearby(sphere, waves)
@@ -103,7 +113,7 @@ def placed(
     points, strain, moments = NEAR, near.strain, near.moments
     across, beside = sphere.radius[:, None] * NEAR.x, sphere.radius[:, None] * 0
     if not sphere.on_axis:
-        points, share = ASIDE, aside(waves, sphere)
+        points, share = ASIDE, aside(waves.k, sphere.offset)
         across, beside = sphere.offset[:, None] + sphere.radius[:, None] * ASIDE.x, sphere.radius[:, None] * ASIDE.y
         moments = moments[0] * share, moments[1] * share
         around = tuple(np.concatenate([part] * TURNS, axis=2) for part in near.parts)
@@ -113,7 +123,11 @@ def placed(
     if sides is not None:
         added = sides.strain(np.sqrt(across**2 + beside**2), sphere.depth[:, None] - sphere.radius[:, None] * points.z)
         found = found + (TO_MOMENTS @ added if sphere.on_axis else _moments(added, across, beside))
-    G = image(sphere, waves, near, weights, E / (2 * (1 + nu)), nu)
+    mu = E / (2 * (1 + nu))
+    G = image(sphere, waves, near, weights, mu, nu)
+    if not sphere.on_axis:
+        volume = (4 * np.pi / 3 * sphere.radius**3)[:, None, None]
+        G = G - volume * answer_aside(sphere, near, waves.k, weights, disc, mu, loads[1].shape[2] > 0)
     return Body(sphere, points, strain, weighed, added, found, G, *strengths(E, nu, sphere.E, sphere.nu))
 
 
@@ -128,7 +142,7 @@ def answered(bodies: Sequence[Body], solved: Array, target: int | None) -> tuple
     tractions = solved[:, :, :2]
     M = np.concatenate([body.moments for body in bodies], axis=1)
     e, ends = M @ tractions, np.cumsum([0, *(body.moments.shape[1] for body in bodies)])
-    own = [slice(*at) for at in zip(ends[:-1], ends[1:], strict=True)]
+    own = [slice(*at) for at in pairwise(ends)]
     K, G = np.zeros((2, len(e), ends[-1], ends[-1]), dtype=e.dtype)
     for body, at in zip(bodies, own, strict=True):
         K[:, at, at], G[:, at, at] = body.form(body.strength), body.image / body.volume
@@ -143,7 +157,7 @@ def answered(bodies: Sequence[Body], solved: Array, target: int | None) -> tuple
 
 
 def _moments(strain: Array, across: Array, beside: Array) -> Array:
-    """All moments of strains (n, 4 points, m) at the points ``ASIDE`` of a sphere, which lie at (across, beside) from the axis."""
+    """All moments of strains (n, 4 points, m) at the points ``ASIDE``, which lie at (across, beside) from the probe's axis."""
     parts = strain.reshape(len(strain), 4, across.shape[1], -1)
     r = np.sqrt(across**2 + beside**2)
     c, s = (across / r)[:, :, None], (beside / r)[:, :, None]

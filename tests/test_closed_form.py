@@ -7,17 +7,18 @@ import numpy as np
 import pytest
 from scenes import Expected, expected, named
 from scipy.integrate import quad
-from scipy.special import j0, j1, jv
+from scipy.special import jv, spherical_jn
 
 from geometry import CylinderTissue, HalfSpaceTissue, Inclusion, InputError, Refusal, Scene
 from solver import evaluate
-from solver.bessel import bessel
+from solver.bessel import bessel, spherical
+from solver.closed_aside import Disc, answer_aside
 from solver.closed_blocks import Block
 from solver.closed_form import PROBE, ClosedForm, Shape, forces, gradients, parameters
 from solver.closed_function import ClosedFormFunction
 from solver.closed_half_space import ring_work
-from solver.closed_images import ALL, Sphere, image
-from solver.closed_layer import floor_compliance, waves
+from solver.closed_images import ALL, MOMENTS, Nearby, Sphere, image, nearby
+from solver.closed_layer import Waves, floor_compliance, waves
 from solver.closed_probe import Tissue, answer
 from solver.film_forces import outputs
 
@@ -62,9 +63,13 @@ def test_ratio_is_within_5_percent_and_sensitivity_within_15(one: Expected) -> N
 
 
 def test_bessel_functions() -> None:
-    x = np.concatenate([np.linspace(0, 20, 500), np.geomspace(20, 1e4, 500)])
-    for found, exact in zip(bessel(x), (j0(x), j1(x)), strict=True):
-        assert np.max(np.abs(found - exact) * np.sqrt(1 + x)) < 3e-6
+    x = np.concatenate([np.linspace(0, 20, 500), np.geomspace(20, 1023, 500)])
+    for order in range(6):
+        assert bessel(x, 6)[order] == pytest.approx(jv(order, x), abs=5e-7)
+        assert spherical(x, 6)[order] == pytest.approx(spherical_jn(order, x), abs=5e-7)
+    slopes = bessel(x + 1e-30j, 2).imag / 1e-30
+    assert slopes[0] == pytest.approx(-jv(1, x), abs=1e-4)
+    assert np.all(np.isnan(bessel(np.array([-1.0, 1024.0, np.nan]))))
 
 
 @pytest.mark.parametrize(("a", "b"), [(0.1, 1.0), (0.7, 1.0), (0.98, 1.0), (1.0, 1.0)])
@@ -158,15 +163,32 @@ def test_block_on_rigid_ground(radius_per_height: float, nu: float, apparent: fl
     assert stiff * float(inner.height[0]) / np.pi == pytest.approx(apparent, rel=0.02)
 
 
+def near_surface(k: np.ndarray, nu: float) -> tuple[Sphere, Nearby, Waves]:
+    one = np.ones(1)
+    sphere, field = Sphere(0.5 * one, one, 0 * one, one, 0.3 * one, on_axis=False), waves(k, None, nu * one)
+    return sphere, nearby(sphere, field), field
+
+
 def test_image_is_mindlins() -> None:
     # Mindlin's point force, differentiated twice and averaged over source and answer by quadrature, for nu = 0.3 and R = d/2
     x, weight = np.polynomial.legendre.leggauss(60)
     one, k = np.ones(1), 20 * (x[None] + 1)
-    sphere = Sphere(0.5 * one, one, 0 * one, one, 0.3 * one, one, on_axis=False)
-    found = image(sphere, waves(k, None, 0.3 * one), 20 * weight * k, one, 0.3 * one)[0]
+    sphere, near, field = near_surface(k, 0.3)
+    found = image(sphere, field, near, 20 * weight * k, one, 0.3 * one)[0]
     assert found.shape == (ALL, ALL)
     exact = {(0, 0): 0.0069661, (0, 1): -0.0096447, (1, 1): 0.0170852, (5, 5): 0.0067197}
     assert [found[at] for at in exact] == pytest.approx(list(exact.values()), rel=3e-3)
+
+
+def test_a_wide_disc_turns_the_image_round() -> None:
+    # where the whole surface is held, at nu = 0, the image is that of the free surface with the other sign: V S = 2 G
+    x, weight = np.polynomial.legendre.leggauss(160)
+    one, k = np.ones(1), 7 * (x[None] + 1)
+    sphere, near, field = near_surface(k, 0.0)
+    free = image(sphere, field, near, 7 * weight * k, one, 0 * one)[0]
+    answer = answer_aside(sphere, near, k, 7 * weight * k, Disc(6 * one, one, one), one, True, orders=3, degree=96)[0]
+    aside = slice(MOMENTS, ALL)
+    assert (np.pi / 6 * answer)[aside, aside] == pytest.approx(2 * free[aside, aside], rel=5e-3, abs=1e-9)
 
 
 CASES = [
