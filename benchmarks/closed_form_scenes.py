@@ -1,8 +1,8 @@
 """Random scenes with their converged answers, kept in a file: what the closed form's stated errors are fitted to and audited on.
 
-``python benchmarks/closed_form_scenes.py FILE --scenes N --seed K`` draws scenes, a third of them ordinary probes on ordinary tissue,
-the others from the whole range of the closed form, has ``axisymmetric`` or, beside the axis, ``equivalent-inclusion`` answer each,
-and appends scene and answer as a line of JSON. Started again it goes on; about two scenes a second.
+``python benchmarks/closed_form_scenes.py FILE --scenes N --seed K`` draws scenes, a third of them ordinary probes on ordinary
+tissue, the others from the whole range of the closed form, has ``axisymmetric`` or, beside the axis, ``equivalent-inclusion``
+answer each, and appends scene and answer as a line of JSON. Started again it goes on; about one scene a second.
 """
 
 from __future__ import annotations
@@ -83,15 +83,13 @@ def _ordinary(rng: np.random.Generator) -> Scene:
     probe = {
         "inner_radius": radius, "area_ratio": _between(rng, 0.1, 3), "gap": _between(rng, 0.02, 0.1) * radius,
         "inner_height": _between(rng, 0.5, 4) * radius,
-        "inner": _material(rng, tissue * _between(rng, 5, 300), 0.3), "outer": _material(rng, tissue * _between(rng, 5, 300), 0.3),
+        "inner": _material(rng, tissue * _between(rng, 5, 300), 0.3),
+        "outer": _material(rng, tissue * _between(rng, 5, 300), 0.3),
     }  # fmt: skip
     probe["outer_height"] = probe["inner_height"]
     size = radius * _between(rng, 0.5, 4)
-    sphere = {
-        "diameter": size,
-        "depth": size * (0.5 + _between(rng, 0.25, 2)),
-        **_material(rng, tissue * _between(rng, 0.02, 100), 0.3),
-    }
+    material = _material(rng, tissue * _between(rng, 0.02, 100), 0.3)
+    sphere = {"diameter": size, "depth": size * (0.5 + _between(rng, 0.25, 2)), **material}
     return _scene(rng, probe, [sphere], tissue, (2.5, 12), (1, 6))
 
 

@@ -130,7 +130,7 @@ def nearby(sphere: Sphere, waves: Waves) -> Nearby:
     strain = fields(parts, near)
     first = tuple(TO_MOMENTS @ field for field in strain)
     if sphere.on_axis:
-        return Nearby(parts, strain, first, None)  # type: ignore[arg-type]
+        return Nearby(parts, strain, first, None)
     moments = (np.concatenate([one, _sideways(part, near)], axis=1) for one, part in zip(first, parts, strict=True))
     return Nearby(parts, strain, tuple(moments), _turned(waves, sphere, near))  # type: ignore[arg-type]
 
