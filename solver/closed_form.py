@@ -18,7 +18,8 @@ from geometry.grading import Floats
 from geometry.scene import Inclusion, Scene
 from solver.bessel import Array
 from solver.closed_blocks import Block
-from solver.closed_error import EFFECTS, STEP, Errors, errors
+from solver.closed_error import Errors, errors
+from solver.closed_features import EFFECTS, STEP
 from solver.closed_images import Sphere
 from solver.closed_probe import FLOOR_REACH, NODES_PER_WAVE, REACH, Tissue, answer
 from solver.closed_sides import side_nodes, side_radius
@@ -186,9 +187,7 @@ class ClosedForm:
         why = self.refusal(scene)
         if why is not None:
             raise Refusal("evaluator", self.name, why)
-        shape, values = parameters(scene)
-        with np.errstate(all="ignore"):  # what is not finite is refused
-            found, slopes = forces(shape, _variants(values))
+        shape, found, slopes = variants(scene)
         if not (np.all(np.isfinite(found)) and np.all(found.sum(axis=2) > 0)):
             raise Refusal("evaluator", self.name, BROKEN)
         error = errors(scene, found, slopes, shape.side_nodes > 0)
@@ -198,8 +197,18 @@ class ClosedForm:
         return FilmForces(found[0], error.bound(found[0].sum(axis=1)), slope, error.sensitivity), error
 
 
+def variants(scene: Scene) -> tuple[Shape, Floats, Floats]:
+    """Return a scene's structure, its forces and slopes, and those that its error is told from, in the order of ``EFFECTS``.
+
+    Forces and slopes have the shape (variants, 2, 2); where the formulas break down they are not finite or not positive.
+    """
+    shape, values = parameters(scene)
+    with np.errstate(all="ignore"):
+        return shape, *forces(shape, _variants(values))
+
+
 def _variants(values: Floats) -> Floats:
-    """The scene itself and what its error is told from, in the order of ``EFFECTS``; columns."""
+    """The parameters of the variants, columns."""
     columns = {"scene": values}
     for name in ("inner_modulus", "outer_modulus"):
         columns[name] = values.copy()

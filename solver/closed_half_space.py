@@ -26,7 +26,7 @@ from scipy.special import hyp2f1
 
 from solver.bessel import Array
 
-SMOOTH, SINGULAR = 9, 7  # terms of both parts: errors below 1e-9
+SMOOTH, SINGULAR = 7, 5  # terms of both parts: errors below 1e-9
 TINY = 1e-200  # keeps the logarithm finite where its factor is zero
 
 
