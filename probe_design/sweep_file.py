@@ -15,11 +15,13 @@ from geometry.errors import InputError, Words
 from geometry.refusals import most_telling
 from geometry.scene import Scene
 from geometry.scene_file import LARGEST_FILE, read_scene, scene_from_dict
+from geometry.units import Quantity
 from probe_design.sweep_constraints import kept
 from probe_design.sweep_keys import Key, Value, changed, found, key
 from probe_design.sweep_samples import KINDS, Sample, Variable
 
-_KEYS = ("scene", "evaluator", "accuracy", "sample", "constraints", "variables")
+_KEYS = ("scene", "evaluator", "accuracy", "time_limit", "sample", "constraints", "variables")
+_TIME = Quantity("time", "s", "s", 1e-3, 1e7)
 MOST_VALUES = 1_000_000
 
 
@@ -33,6 +35,7 @@ class Sweep:
         sample: how the designs are drawn.
         evaluator, accuracy: as in ``solver.evaluate``.
         constraints: conditions that designs must meet; see ``sweep_constraints``.
+        time_limit: seconds that a design may take; None for as long as it does.
     """
 
     base: Mapping[str, Any]
@@ -41,6 +44,7 @@ class Sweep:
     evaluator: str = "auto"
     accuracy: float = 0.01
     constraints: tuple[str, ...] = ()
+    time_limit: float | None = None
 
     @property
     def keys(self) -> tuple[Key, ...]:
@@ -122,7 +126,9 @@ def sweep_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_r
         raise InputError("constraints", constraints, "a list of conditions, each a text")
     if constraints and sample.kind == "saltelli":
         raise InputError("constraints", constraints, "none with sample.kind = 'saltelli', whose indices need every design")
-    return Sweep(base, variables, sample, *_settings(tables), tuple(constraints))
+    return Sweep(
+        base, variables, sample, *_settings(tables), tuple(constraints), time_limit(tables.get("time_limit"), units_required)
+    )
 
 
 def _scene(given: object, folder: Path) -> Scene:
@@ -147,6 +153,26 @@ def _settings(tables: Mapping[str, Any]) -> tuple[str, float]:
         raise InputError("accuracy", accuracy, "a number above 0 and below 1, such as 0.01")
     check_accuracy(accuracy)
     return str(evaluator), float(accuracy)
+
+
+def time_limit(given: object, units_required: bool = False) -> float | None:
+    """Return a time limit in seconds, from a text such as ``'60 s'`` or, unless units are required, a number; None for None.
+
+    Raises:
+        InputError: it is none.
+    """
+    if given is None:
+        return None
+    try:
+        if isinstance(given, str):
+            return _TIME.parse(given)
+        if isinstance(given, bool) or not isinstance(given, int | float):
+            raise ValueError("not a time")
+        if units_required:
+            raise ValueError("the unit is missing")
+        return _TIME.checked(float(given))
+    except (ValueError, OverflowError) as fault:
+        raise InputError("time_limit", given, f"{_TIME.allowed} ({fault})") from None
 
 
 def _sample(given: object) -> Sample:

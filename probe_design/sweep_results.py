@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 UNITS = {
     "stress_inner": "Pa", "stress_outer": "Pa", "ratio": "", "log_sensitivity": "", "stiffness": "N/m", "charge_inner": "C",
-    "charge_outer": "C", "equivalent_modulus": "Pa", "error_estimate": "", "seconds": "s",
+    "charge_outer": "C", "equivalent_modulus": "Pa", "error_estimate": "", "residual": "", "seconds": "s",
 }  # fmt: skip
 
 

@@ -36,7 +36,7 @@ class StoreError(ProbeError):
 
 
 class Store:
-    """The store of one folder; of rows that are written, none is ever changed."""
+    """The store of one folder; of rows that are written, none is ever changed, and none goes unless it is asked for anew."""
 
     def __init__(self, folder: Path, connection: sqlite3.Connection) -> None:
         self.folder, self._connection = folder, connection
@@ -70,6 +70,12 @@ class Store:
             values = [(key, *(row[name] for name in COLUMNS)) for key, row in rows]
             connection.executemany(f"INSERT OR IGNORE INTO results VALUES ({places})", values)
         return self._connection.total_changes - before
+
+    def forget(self, status: str) -> int:
+        """Take away the rows of this sweep's designs with a status, so that they are missing again; returns how many."""
+        with self._written() as connection:
+            query = "DELETE FROM results WHERE status = ? AND key IN (SELECT key FROM designs)"
+            return connection.execute(query, (status,)).rowcount
 
     def counts(self) -> dict[str, int]:
         """Return how many designs have a row, by its status."""

@@ -57,7 +57,7 @@ def _together(shape: Shape, group: Sequence[tuple[Scene, Floats]], accuracy: flo
     columns = np.concatenate([_variants(values) for _, values in group], axis=1)
     with np.errstate(all="ignore"):  # what is not finite is refused
         every = [part.reshape(len(group), -1, 2, 2) for part in forces(shape, columns)]
-    made = [_result(scene, shape, *one, accuracy) for (scene, _), *one in zip(group, *every, strict=True)]
+    made = [_result(scene, shape, a, b, accuracy) for (scene, _), a, b in zip(group, *every, strict=True)]
     share = (perf_counter() - start) / len(group)
     return [replace(one, seconds=share) if isinstance(one, Result) else one for one in made]
 

@@ -58,7 +58,7 @@ class System:
         return np.asarray(self.numbering.gather.T @ forces.reshape(-1, forces.shape[-1]))
 
     def solve(self, forces: Floats, lift: Floats | float = 0.0, passes: int = 1) -> tuple[Floats, Floats, float]:
-        """Return displacements v with K (v + lift) = forces, what is left of the forces, both (unknowns, k), and its relative size.
+        """Return displacements v with K (v + lift) = forces, what is left of the forces, (unknowns, k) both, and its share.
 
         Raises:
             SolveError: what is left is too large for the solution to be trusted.

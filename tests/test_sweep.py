@@ -24,7 +24,7 @@ from probe_design.sweep_constraints import kept
 from probe_design.sweep_crew import CrewError
 from probe_design.sweep_effects import main_effect, sobol_indices
 from probe_design.sweep_file import read_sweep, scene_of, sweep_from_dict
-from probe_design.sweep_local import _Worker
+from probe_design.sweep_process import WorkerProcess
 from probe_design.sweep_results import dataframe, dataset, rows, to_csv, to_parquet
 from probe_design.sweep_rows import COLUMNS, Job
 from probe_design.sweep_samples import Sample
@@ -203,7 +203,7 @@ class TestRows:
             raise ZeroDivisionError("by\nzero")
 
         monkeypatch.setattr("solver.evaluate", broken)
-        job = Job.of(sweep_from_dict(grid(2, 2)))
+        job = Job.of(sweep_from_dict(grid(2, 2) | {"evaluator": "axisymmetric"}))
         (row,) = job.rows([(1e-4, 0.009)])
         assert (row["status"], row["type"], row["reason"]) == ("failed", "ZeroDivisionError", "by zero")
 
@@ -227,14 +227,14 @@ class TestRows:
 
 class TestSurvival:
     def test_the_design_that_kills_its_workers_fails_and_no_other(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        asked = _Worker._asked
+        send = WorkerProcess._send
 
-        def deadly(worker: _Worker, line: str) -> bytes:
+        def deadly(worker: WorkerProcess, line: str) -> None:
             if "[0.0002, " in line:
-                worker._process.kill()
-            return asked(worker, line)
+                worker.kill()
+            send(worker, line)
 
-        monkeypatch.setattr(_Worker, "_asked", deadly)
+        monkeypatch.setattr(WorkerProcess, "_send", deadly)
         monkeypatch.setattr("probe_design.sweep_run.SECONDS", 1e9)  # so that it shares a batch with others
         found = sweep(grid(4, 3), tmp_path, workers=1)
         assert (found.ok, found.failed) == (9, 3)
