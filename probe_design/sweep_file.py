@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,8 @@ from pydantic import ValidationError
 from geometry.errors import InputError, Words
 from geometry.refusals import most_telling
 from geometry.scene import Scene
-from geometry.scene_file import LARGEST_FILE, read_scene, scene_from_dict
+from geometry.scene_file import read_scene, scene_from_dict
+from geometry.text_files import read_tables
 from geometry.units import Quantity
 from probe_design.sweep_constraints import kept
 from probe_design.sweep_keys import Key, Value, changed, found, key
@@ -84,19 +84,7 @@ def read_sweep(path: Path | str) -> Sweep:
     Raises:
         InputError: the file is missing, no TOML, or says something that is not allowed.
     """
-    try:
-        with Path(path).open("rb") as file:
-            content = file.read(LARGEST_FILE + 1)
-        if len(content) > LARGEST_FILE:
-            raise InputError("sweep file", str(path), f"a TOML file of at most {LARGEST_FILE} bytes")
-        tables = tomllib.loads(content.decode("utf-8-sig").replace("\r\n", "\n"))
-    except OSError as fault:
-        raise InputError("sweep file", str(path), f"a TOML file that can be read ({fault.strerror})") from None
-    except InputError:
-        raise
-    except (ValueError, RecursionError) as fault:
-        raise InputError("sweep file", str(path), f"a TOML file ({str(fault) or 'nested too deep'})") from None
-    return sweep_from_dict(tables, Path(path).parent, True)
+    return sweep_from_dict(read_tables(path, "sweep file"), Path(path).parent, True)
 
 
 def sweep_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_required: bool = False) -> Sweep:

@@ -1,0 +1,100 @@
+"""Sweeps through kills, full disks, deadly and endless designs: what is kept is what nothing interrupted keeps."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from sweeps import ROOT, command, count, grid, run, stored, toml, wait_for_rows
+
+from probe_design import sweep
+from probe_design.sweep_crew import CrewError
+from probe_design.sweep_process import WorkerProcess
+from probe_design.sweep_results import rows
+from probe_design.sweep_store import writing
+
+
+class TestSurvival:
+    def test_the_design_that_kills_its_workers_fails_and_no_other(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        send = WorkerProcess._send
+
+        def deadly(worker: WorkerProcess, line: str) -> None:
+            if "[0.0002, " in line:
+                worker.kill()
+            send(worker, line)
+
+        monkeypatch.setattr(WorkerProcess, "_send", deadly)
+        monkeypatch.setattr("probe_design.sweep_run.SECONDS", 1e9)  # so that it shares a batch with others
+        found = sweep(grid(4, 3), tmp_path, workers=1)
+        assert (found.ok, found.failed) == (9, 3)
+        for row in rows(tmp_path):
+            assert (row["status"] == "failed") == (row["probe.gap"] == 2e-4)
+        assert "killed by signal 9" in row["reason"]
+
+    def test_twenty_kills_leave_what_no_kill_leaves(self, whole: Path, tmp_path: Path) -> None:
+        chance, out, path = random.Random(8), tmp_path / "out", toml(tmp_path)
+        kills, counts = 0, [0]
+        begin = "from probe_design import sweep_run\nsweep_run.SECONDS = 0.02\n"
+        for kill in range(20):
+            process = subprocess.Popen(
+                [sys.executable, "-c", f"{begin}sweep_run.sweep({str(path)!r}, {str(out)!r}, workers=1)"],
+                cwd=ROOT, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            )  # fmt: skip
+            if kill % 2:
+                wait_for_rows(out, counts[-1] + chance.randrange(1, 12), process)
+                time.sleep(chance.random() * 0.05)
+            else:  # while it starts, opens the store or notes the designs
+                time.sleep(chance.random() * 1.5)
+            os.killpg(process.pid, signal.SIGKILL)
+            kills += process.wait() == -signal.SIGKILL
+            counts.append(count(out))
+            assert counts == sorted(counts)  # a row that was there is there
+        assert kills == 20
+        assert counts[-1] > 30  # they came in the middle of the work
+        found = sweep(path, out, workers=2)
+        assert found.answered < 300
+        assert stored(out) == stored(whole)
+
+    def test_interrupted_by_hand(self, whole: Path, tmp_path: Path) -> None:
+        path = toml(tmp_path)
+        process = subprocess.Popen(command(path, "-o", tmp_path / "out"), cwd=ROOT, stderr=subprocess.PIPE, text=True)
+        wait_for_rows(tmp_path / "out", 1, process)
+        process.send_signal(signal.SIGINT)
+        _, told = process.communicate(timeout=30)
+        assert (process.returncode, "interrupted" in told, "Traceback" in told) == (130, True, False)
+        sweep(path, tmp_path / "out")
+        assert stored(tmp_path / "out") == stored(whole)
+
+    def test_workers_that_do_not_start_are_one_line_and_no_rows(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr("sys.executable", "/bin/false")
+        with pytest.raises(CrewError, match=r"no worker process starts; .*workers\.log"):
+            sweep(grid(2, 2), tmp_path)
+        assert list(rows(tmp_path)) == []
+
+    def test_a_second_process_is_refused_in_one_line(self, tmp_path: Path) -> None:
+        with writing(tmp_path / "out"):
+            ended = run(toml(tmp_path), "-o", tmp_path / "out")
+        assert (ended.returncode, ended.stderr.count("\n")) == (2, 1)
+        assert "no other sweep" in ended.stderr
+
+    @pytest.mark.parametrize("room", [30_000, 100_000])
+    def test_a_full_disk_is_one_line_and_the_rows_stay(self, room: int, whole: Path, tmp_path: Path) -> None:
+        """Files may not grow beyond ``room`` bytes: the designs do not fit, or the rows do not."""
+        import resource  # not on Windows
+
+        path, limit = toml(tmp_path), lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
+        ended = run(path, "-o", tmp_path / "out", preexec_fn=limit)
+        assert (ended.returncode, ended.stderr.splitlines()[-1].count("kept")) == (1, 1)
+        assert "Traceback" not in ended.stderr
+        connection = sqlite3.connect(tmp_path / "out" / "sweep.sqlite")
+        assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+        connection.close()
+        sweep(path, tmp_path / "out")
+        assert stored(tmp_path / "out") == stored(whole)
