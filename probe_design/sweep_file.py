@@ -65,17 +65,17 @@ class Sweep:
             raise InputError("constraints", Words("met by no design"), "conditions that some design meets")
         return [(number, values) for number, values in enumerate(drawn) if meets[number]]
 
-    def _read(self, name: str, drawn: list[tuple[Value, ...]]) -> Any:
+    def _read(self, name: str, drawn: list[tuple[Value, ...]]) -> tuple[Any, str]:
         wanted = key(name, self.base)
         for column, one in enumerate(self.keys):
             if one.path == wanted.path:
                 values: list[Any] = [row[column] for row in drawn]
                 if all(isinstance(value, float) for value in values):
-                    return np.array(values)
+                    return np.array(values), wanted.unit
         value = found(self.base, wanted.path)
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise InputError("constraints", name, "keys that hold a number, in the scene or as a variable")
-        return value
+        return value, wanted.unit
 
 
 def read_sweep(path: Path | str) -> Sweep:

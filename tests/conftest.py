@@ -1,4 +1,4 @@
-"""Hypothesis draws the same examples every time: a test that fails for one fails for all. A sweep that many tests compare with."""
+"""Hypothesis draws the same examples every time: a test that fails for one fails for all. One sweep to compare others with."""
 
 from pathlib import Path
 

@@ -63,8 +63,10 @@ class TestFile:
         [
             ("probe.gap < 0.025 * probe.inner_radius", [1, 1, 0]),  # of 4 mm
             ("'0.1 mm' <= probe.gap < '0.2 mm'", [0, 1, 0]),
-            ("probe.gap < '0.1 mm' or not probe.gap < 2e-4", [1, 0, 1]),
-            ("(probe.gap / 1e-4) ** 2 - 1 >= 0 and probe.gap != 1e-4", [0, 0, 1]),
+            ("probe.gap < '0.1 mm' or not probe.gap < '0.2 mm'", [1, 0, 1]),
+            ("(probe.gap / '0.1 mm') ** 2 - 1 >= 0 and probe.gap != '0.1 mm'", [0, 0, 1]),
+            ("probe.gap * probe.outer.youngs_modulus > '7 N/m' and -probe.gap < 0", [0, 1, 1]),  # of 80 kPa
+            ("probe.gap ** 2 < 2.5e-3 * '4 mm**2'", [1, 0, 0]),
         ],
     )
     def test_constraints(self, text: str, kept_ones: list[int]) -> None:
@@ -74,7 +76,11 @@ class TestFile:
 
     @pytest.mark.parametrize(
         "text",
-        ["__import__('os').system('true')", "probe.gap", "probe.gap < 'red'", "probe.gup < 1", "[1] < [2]", "probe.gap < 1 / 0",
+        ["__import__('os').system('true')", "probe.gap", "probe.gap < 'red'",
+         "probe.gap < '2 kPa'", "probe.gap < 0.05", "probe.gap + 1 < '1 m'",
+
+         "probe.gap < probe.area_ratio", "probe.gap ** probe.gap < 1", "probe.gap < 'nan m'",
+         "probe.gup < 1", "[1] < [2]", "probe.gap < 1 / 0",
          "(lambda: 1)() < 2", "probe.gap <", "10.0 ** 10.0 ** 10.0 > 1", "contact.interface < 1",
          "1 < " + "(" * 300 + "1" + ")" * 300],
     )  # fmt: skip
@@ -84,7 +90,7 @@ class TestFile:
             asked.designs()
 
     def test_each_side_is_read_once(self) -> None:
-        assert kept("a.b > 1 and a.b < 3", lambda name: np.array([1.0, 2.0, 3.0]), 3).tolist() == [False, True, False]
+        assert kept("a.b > 1 and a.b < 3", lambda name: (np.array([1.0, 2.0, 3.0]), ""), 3).tolist() == [False, True, False]
 
     @pytest.mark.parametrize(
         ("old", "new", "word"),

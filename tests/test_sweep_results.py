@@ -19,7 +19,7 @@ from probe_design.sweep_results import dataframe, dataset, to_csv, to_parquet
 
 class TestResults:
     def test_frame_and_dataset_agree_and_have_units(self, tmp_path: Path) -> None:
-        sweep(grid(3, 2) | {"constraints": ["probe.gap < 1.9e-4 or inclusion.depth < 0.01"]}, tmp_path, workers=1)
+        sweep(grid(3, 2) | {"constraints": ["probe.gap < '0.19 mm' or inclusion.depth < '10 mm'"]}, tmp_path, workers=1)
         frame, cube = dataframe(tmp_path), dataset(tmp_path)
         assert cube["ratio"].dims == ("probe.gap", "inclusion.depth")
         assert cube["probe.gap"].attrs == {"units": "m"}
