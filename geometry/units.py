@@ -117,7 +117,7 @@ def measured(text: str) -> tuple[float, Any]:
 
 @lru_cache(maxsize=256)
 def base_unit(unit: str) -> Any:
-    """Return the SI base units, as pint has them, of a unit such as ``'Pa'``; of '' those of a pure number; raises ``ValueError``."""
+    """Return pint's SI base units of a unit such as ``'Pa'``; of '' those of a pure number; raises ``ValueError``."""
     import pint
 
     if unit and not _UNIT.fullmatch(unit):

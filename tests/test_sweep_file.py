@@ -78,7 +78,6 @@ class TestFile:
         "text",
         ["__import__('os').system('true')", "probe.gap", "probe.gap < 'red'",
          "probe.gap < '2 kPa'", "probe.gap < 0.05", "probe.gap + 1 < '1 m'",
-
          "probe.gap < probe.area_ratio", "probe.gap ** probe.gap < 1", "probe.gap < 'nan m'",
          "probe.gup < 1", "[1] < [2]", "probe.gap < 1 / 0",
          "(lambda: 1)() < 2", "probe.gap <", "10.0 ** 10.0 ** 10.0 > 1", "contact.interface < 1",
