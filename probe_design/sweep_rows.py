@@ -75,11 +75,14 @@ class Job:
         return PIECE if self.evaluator == "closed-form" else 1
 
     def load(self) -> None:
-        """Import what answers, so that it is no part of the first row's cost."""
+        """Import what answers and build the scene once, so that it is no part of the first row's cost."""
         from solver import levels
 
+        _caught(lambda: scene_of(self.base, (), ()))
         if self.evaluator == levels.AUTO:
             import solver.planning  # noqa: F401
+        elif self.evaluator == "closed-form":
+            import solver.closed_batch  # noqa: F401
         else:
             levels.evaluator(self.evaluator)
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 SECONDS = 0.5  # of work in a batch: some hundred times the cost of handing it out, and what a kill may cost
 LARGEST = 2000  # designs in a batch
+Log = Callable[[str], None]
 TRIES = 2  # workers that may die with a design on its own before it counts as failed
 
 
@@ -108,7 +109,7 @@ def sweep(
         log(f"begins: {total} designs, {len(tasks)} to be answered, version {job.version}")
         if tasks:
             limit = wanted.time_limit
-            with _crew(job, scheduler, min(workers or _processors(), len(tasks)), limit, folder) as crew:
+            with _crew(job, scheduler, min(workers or _processors(), len(tasks)), limit, folder, log) as crew:
                 _Run(store, crew, tell, log, total, limit).answer(tasks)
         counts = store.counts()
         log(f"ends: {counts}")
@@ -118,7 +119,7 @@ def sweep(
 class _Run:
     """The work of one run."""
 
-    def __init__(self, store: Store, crew: Crew, tell: Tell, log: Callable[[str], None], total: int, limit: float | None) -> None:
+    def __init__(self, store: Store, crew: Crew, tell: Tell, log: Log, total: int, limit: float | None) -> None:
         self._store, self._crew, self._tell, self._log, self._total, self._limit = store, crew, tell, log, total, limit
         self._begun, self._counts = monotonic(), store.counts()
         self._before = sum(self._counts.values())
@@ -219,14 +220,14 @@ def _surfaces(wanted: Sweep, job: Job) -> bytes:
 
 
 @contextmanager
-def _crew(job: Job, scheduler: str | None, workers: int, limit: float | None, folder: Path) -> Iterator[Crew]:
+def _crew(job: Job, scheduler: str | None, workers: int, limit: float | None, folder: Path, log: Log) -> Iterator[Crew]:
     crew: Crew
     if scheduler is None:
         crew = LocalCrew(job, workers, limit, folder / "workers.log")
     else:
         from probe_design.sweep_dask import DaskCrew
 
-        crew = DaskCrew(job, scheduler, limit)
+        crew = DaskCrew(job, scheduler, limit, log)
     try:
         yield crew
     finally:

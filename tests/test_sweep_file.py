@@ -107,6 +107,8 @@ class TestFile:
             ("seed", "speed", "sample.speed"),
             ("scene.toml", "absent.toml", "absent.toml"),
             ("[sample]", "[sample", "sweep.toml"),
+            ("[sample]", "time_limit = 5\n[sample]", "unit is missing"),
+            ("[sample]", "time_limit = '0 s'\n[sample]", "time_limit"),
         ],
     )
     def test_refusals_name_the_key(self, old: str, new: str, word: str, tmp_path: Path) -> None:

@@ -72,6 +72,43 @@ class TestSurvival:
         sweep(path, tmp_path / "out")
         assert stored(tmp_path / "out") == stored(whole)
 
+    def test_the_design_that_takes_too_long_fails_and_no_other(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        """A worker that is stopped in the middle answers as one does that computes for ever."""
+        line = WorkerProcess._line
+
+        def endless(worker: WorkerProcess, count: int) -> bytes:
+            if asked.pop() == 2 and worker._process is not None:
+                worker._process.send_signal(signal.SIGSTOP)
+            return line(worker, count)
+
+        asked = [*range(20, 0, -1)]  # the second line that is waited for is held up
+        monkeypatch.setattr(WorkerProcess, "_line", endless)
+        monkeypatch.setattr("probe_design.sweep_run.SECONDS", 1e9)
+        job = grid(3, 2) | {"evaluator": "axisymmetric", "time_limit": 3.0}
+        found = sweep(job, tmp_path, workers=1)
+        assert (found.ok, found.failed) == (5, 1)
+        (late,) = [row for row in rows(tmp_path) if row["status"] == "failed"]
+        assert (late["type"], late["reason"]) == ("TimeLimit", "took longer than 3 s")
+        again = sweep(job, tmp_path, workers=1)
+        assert (again.failed, again.answered) == (1, 0)
+        again = sweep(job | {"time_limit": None}, tmp_path, workers=1, retry_failed=True)
+        assert (again.ok, again.failed, again.answered) == (6, 0, 1)
+
+    def test_formulas_too_have_a_time_limit(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Of designs that are answered together each is tried alone, and the one that is held up fails."""
+        send = WorkerProcess._send
+
+        def endless(worker: WorkerProcess, line: str) -> None:
+            send(worker, line)
+            if "[0.0002, 0.012]" in line and worker._process is not None:
+                worker._process.send_signal(signal.SIGSTOP)
+
+        monkeypatch.setattr(WorkerProcess, "_send", endless)
+        monkeypatch.setattr("probe_design.sweep_run.SECONDS", 1e9)
+        found = sweep(grid(2, 2) | {"time_limit": 1.0}, tmp_path, workers=1)
+        assert (found.ok, found.failed) == (3, 1)
+        assert [row["type"] for row in rows(tmp_path)] == [None, None, None, "TimeLimit"]
+
     def test_workers_that_do_not_start_are_one_line_and_no_rows(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr("sys.executable", "/bin/false")
         with pytest.raises(CrewError, match=r"no worker process starts; .*workers\.log"):
