@@ -80,7 +80,7 @@ class Job:
 
         _caught(lambda: scene_of(self.base, (), ()))
         if self.evaluator == levels.AUTO:
-            import solver.planning  # noqa: F401
+            import solver.planning
         elif self.evaluator == "closed-form":
             import solver.closed_batch  # noqa: F401
         else:

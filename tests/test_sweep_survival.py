@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import random
 import signal
@@ -16,6 +17,7 @@ from sweeps import ROOT, command, count, grid, run, stored, toml, wait_for_rows
 
 from probe_design import sweep
 from probe_design.sweep_crew import CrewError
+from probe_design.sweep_file import sweep_from_dict
 from probe_design.sweep_process import WorkerProcess
 from probe_design.sweep_results import rows
 from probe_design.sweep_store import writing
@@ -96,18 +98,21 @@ class TestSurvival:
 
     def test_formulas_too_have_a_time_limit(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         """Of designs that are answered together each is tried alone, and the one that is held up fails."""
-        send = WorkerProcess._send
+        send, held = WorkerProcess._send, json.dumps(sweep_from_dict(grid(4, 4)).designs()[4][1])
+        sizes = []
 
         def endless(worker: WorkerProcess, line: str) -> None:
-            send(worker, line)
-            if "[0.0002, 0.012]" in line and worker._process is not None:
+            if held in line and worker._process is not None:
+                sizes.append(len(json.loads(line)))
                 worker._process.send_signal(signal.SIGSTOP)
+            send(worker, line)
 
         monkeypatch.setattr(WorkerProcess, "_send", endless)
         monkeypatch.setattr("probe_design.sweep_run.SECONDS", 1e9)
-        found = sweep(grid(2, 2) | {"time_limit": 1.0}, tmp_path, workers=1)
-        assert (found.ok, found.failed) == (3, 1)
-        assert [row["type"] for row in rows(tmp_path)] == [None, None, None, "TimeLimit"]
+        found = sweep(grid(4, 4) | {"time_limit": 0.5}, tmp_path, workers=1)
+        assert (found.ok, found.failed) == (15, 1)
+        assert sizes == [3, 1]  # the third batch, then alone
+        assert [row["number"] for row in rows(tmp_path) if row["type"] == "TimeLimit"] == [4]
 
     def test_workers_that_do_not_start_are_one_line_and_no_rows(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr("sys.executable", "/bin/false")
