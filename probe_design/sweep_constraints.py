@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import operator
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -92,7 +93,7 @@ class _Condition:
 
     def _number(self, node: ast.expr) -> _Number:
         if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool):
-            return _Number(np.float64(node.value), base_unit("") if node.value else None)
+            return self._bare(node.value)
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
             return self._quantity(node.value)
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
@@ -104,6 +105,11 @@ class _Condition:
             values, unit = self._read(ast.unparse(node))
             return _Number(np.asarray(values, dtype=float), base_unit(unit))
         raise self._refused()
+
+    def _bare(self, value: float) -> _Number:
+        if abs(value) > sys.float_info.max:
+            raise InputError("constraints", self._text, "finite numbers")
+        return _Number(np.float64(value), base_unit("") if value else None)
 
     def _computed(self, node: ast.BinOp) -> _Number:
         left, right = self.number(node.left), self.number(node.right)

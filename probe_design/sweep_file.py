@@ -19,10 +19,10 @@ from geometry.units import Quantity
 from probe_design.sweep_constraints import kept
 from probe_design.sweep_keys import Key, Value, changed, found, key
 from probe_design.sweep_samples import KINDS, Sample, Variable
+from probe_design.sweep_variables import variable, whole
 
 _KEYS = ("scene", "evaluator", "accuracy", "time_limit", "sample", "constraints", "variables")
 _TIME = Quantity("time", "s", "s", 1e-3, 1e7)
-MOST_VALUES = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -105,8 +105,10 @@ def sweep_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_r
     sample = _sample(tables.get("sample", {}))
     given = tables.get("variables")
     if not isinstance(given, Mapping) or not given:
-        raise InputError("variables", Words("missing"), 'a table of variables, [variables."probe.gap"] or the like')
-    variables = tuple(_variable(name, one, base, sample.kind, units_required) for name, one in given.items())
+        raise InputError(
+            "variables", Words("missing") if given is None else given, 'a table of variables, [variables."probe.gap"] or the like'
+        )
+    variables = tuple(variable(name, one, base, sample.kind, units_required) for name, one in given.items())
     if len({one.key.path for one in variables}) < len(variables):
         raise InputError("variables", Words("two for one key"), "each key once")
     constraints = tables.get("constraints", [])
@@ -176,64 +178,7 @@ def _sample(given: object) -> Sample:
         if len(given) > ("kind" in given):
             raise InputError("sample", Words("n or seed of a grid"), f"n and seed with kind = {', '.join(KINDS[1:])}")
         return Sample()
-    return Sample(kind, _whole("sample.n", given.get("n"), 1, 10_000_000), _whole("sample.seed", given.get("seed", 0), 0, 2**63))
-
-
-def _variable(name: str, given: object, base: Mapping[str, Any], kind: str, units_required: bool) -> Variable:
-    where = key(name, base)
-    if isinstance(given, list | tuple):
-        given = {"values": given}
-    if not isinstance(given, Mapping):
-        raise InputError(name, given, "a list of values, or a table with from and to")
-    for part in given:
-        if part not in ("values", "from", "to", "points", "scale"):
-            raise InputError(f"{name}.{part}", given[part], "one of values, from, to, points, scale")
-    if "values" in given:
-        return Variable(where, _listed(where, given, units_required))
-    low, high = (_bound(where, given, end, units_required) for end in ("from", "to"))
-    scale = given.get("scale", "linear")
-    if scale not in ("linear", "log"):
-        raise InputError(f"{name}.scale", scale, "'linear' or 'log'")
-    if not low < high or (scale == "log" and low <= 0):
-        raise InputError(
-            f"{name}.to", given["to"], f"more than from = {given['from']!r}" + (", both above 0" if scale == "log" else "")
-        )
-    if kind != "grid":
-        if "points" in given:
-            raise InputError(f"{name}.points", given["points"], "none but in a grid: sample.n says how many")
-        return Variable(where, (), low, high, scale == "log")
-    points = _whole(f"{name}.points", given.get("points"), 2, MOST_VALUES)
-    values = np.geomspace(low, high, points) if scale == "log" else np.linspace(low, high, points)
-    values[0], values[-1] = low, high
-    return Variable(where, tuple(values.tolist()))
-
-
-def _listed(where: Key, given: Mapping[str, Any], units_required: bool) -> tuple[Value, ...]:
-    values = given["values"]
-    if not isinstance(values, list | tuple) or not 1 <= len(values) <= MOST_VALUES or len(given) > 1:
-        raise InputError(f"{where.name}.values", values, "a list of values, alone")
-    return tuple(_one(where, value, f"{where.name}.values", units_required) for value in values)
-
-
-def _bound(where: Key, given: Mapping[str, Any], end: str, units_required: bool) -> float:
-    if end not in given:
-        raise InputError(f"{where.name}.{end}", Words("missing"), "from and to, or values")
-    value = _one(where, given[end], f"{where.name}.{end}", units_required)
-    if not isinstance(value, float) or not np.isfinite(value):
-        raise InputError(f"{where.name}.{end}", given[end], "a finite number" + (" with its unit" if where.quantity else ""))
-    return value
-
-
-def _one(where: Key, value: object, name: str, units_required: bool) -> Value:
-    if units_required and where.quantity and isinstance(value, int | float) and not isinstance(value, bool):
-        raise InputError(name, value, f"{where.quantity.allowed} (the unit is missing)")
-    return where.value(value, name)
-
-
-def _whole(name: str, value: object, low: int, high: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-        raise InputError(name, Words("missing") if value is None else value, f"a whole number from {low} to {high}")
-    return value
+    return Sample(kind, whole("sample.n", given.get("n"), 1, 10_000_000), whole("sample.seed", given.get("seed", 0), 0, 2**63))
 
 
 def scene_of(base: Mapping[str, Any], keys: tuple[Key, ...], values: tuple[Value, ...]) -> Scene:
