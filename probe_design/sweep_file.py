@@ -101,14 +101,14 @@ def sweep_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_r
     for name in tables:
         if name not in _KEYS:
             raise InputError(name, tables[name], f"one of {', '.join(_KEYS)}")
-    base = _scene(tables.get("scene"), Path(folder)).model_dump(exclude_unset=True)
+    base = _with_whole_names(_scene(tables.get("scene"), Path(folder)).model_dump(exclude_unset=True))
     sample = _sample(tables.get("sample", {}))
     given = tables.get("variables")
     if not isinstance(given, Mapping) or not given:
         raise InputError(
             "variables", Words("missing") if given is None else given, 'a table of variables, [variables."probe.gap"] or the like'
         )
-    variables = tuple(variable(name, one, base, sample.kind, units_required) for name, one in given.items())
+    variables = tuple(variable(name, one, base, sample.kind, units_required, Path(folder)) for name, one in given.items())
     if len({one.key.path for one in variables}) < len(variables):
         raise InputError("variables", Words("two for one key"), "each key once")
     constraints = tables.get("constraints", [])
@@ -131,6 +131,15 @@ def _scene(given: object, folder: Path) -> Scene:
     raise InputError(
         "scene", Words("missing") if given is None else given, "the name of a scene file, or its tables, [scene.probe]"
     )
+
+
+def _with_whole_names(base: dict[str, Any]) -> dict[str, Any]:
+    """The tables of a scene with surface files by their whole path, as workers may run elsewhere."""
+    bodies = [
+        {**body, "surface": str(Path(body["surface"]).absolute())} if body.get("surface") else body
+        for body in base.get("inclusion", ())
+    ]
+    return base | {"inclusion": bodies} if bodies else base
 
 
 def _settings(tables: Mapping[str, Any]) -> tuple[str, float]:

@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import cache
+from functools import cache, lru_cache
 from importlib import metadata
 from pathlib import Path
 from time import perf_counter
@@ -62,12 +62,12 @@ class Job:
     def digest(self, keys: tuple[Key, ...], values: tuple[Value, ...]) -> bytes:
         """Return the SHA-256 of one design's scene, of evaluator, accuracy and version.
 
-        The scene stands for itself as JSON with sorted keys, floats written so that they read back the same; of surface files
-        the content counts.
+        The scene stands for itself as JSON with sorted keys, floats written so that they read back the same; surface files
+        count by what they hold, not by their name.
         """
         scene = changed(self.base, keys, values)
-        surfaces = [_content(str(body.get("surface"))) for body in scene.get("inclusion", ()) if body.get("surface")]
-        return _digest([scene, surfaces, self.evaluator, self.accuracy, self.version])
+        bodies = [_with_content(body) if body.get("surface") else body for body in scene.get("inclusion", ())]
+        return _digest([scene | {"inclusion": bodies}, self.evaluator, self.accuracy, self.version])
 
     @property
     def piece(self) -> int:
@@ -173,9 +173,17 @@ def _digest(value: object) -> bytes:
     return hashlib.sha256(json.dumps(value, sort_keys=True, separators=(",", ":")).encode()).digest()
 
 
-@cache
-def _content(name: str) -> str:
+def _with_content(body: Mapping[str, Any]) -> dict[str, Any]:
+    """An inclusion with a digest of its surface file in place of the name."""
+    path = Path(str(body["surface"]))
     try:
-        return hashlib.sha256(Path(name).read_bytes()).hexdigest()
-    except OSError:
-        return "missing"
+        stamp = path.stat()
+        return {**body, "surface": _content(path, stamp.st_mtime_ns, stamp.st_size)}
+    except (OSError, ValueError):
+        return {**body, "surface": f"{path}, which cannot be read"}
+
+
+@lru_cache(maxsize=64)
+def _content(path: Path, *_: int) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

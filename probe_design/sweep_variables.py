@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from probe_design.sweep_samples import Variable
 MOST_VALUES = 1_000_000
 
 
-def variable(name: str, given: object, base: Mapping[str, Any], kind: str, units_required: bool) -> Variable:
+def variable(name: str, given: object, base: Mapping[str, Any], kind: str, units_required: bool, folder: Path) -> Variable:
     """Check one variable.
 
     Args:
@@ -23,6 +24,7 @@ def variable(name: str, given: object, base: Mapping[str, Any], kind: str, units
         base: the tables of the scene.
         kind: of the sample; in a grid ranges need points.
         units_required: whether a bare number is refused where a unit belongs.
+        folder: that names of surface files are relative to.
 
     Raises:
         InputError: something is not allowed.
@@ -36,7 +38,10 @@ def variable(name: str, given: object, base: Mapping[str, Any], kind: str, units
         if part not in ("values", "from", "to", "points", "scale"):
             raise InputError(f"{name}.{part}", given[part], "one of values, from, to, points, scale")
     if "values" in given:
-        return Variable(where, _listed(where, given, units_required))
+        listed = _listed(where, given, units_required)
+        if where.path[-1] == "surface":
+            listed = tuple(str((folder / str(one)).absolute()) for one in listed)
+        return Variable(where, listed)
     low, high = (_bound(where, given, end, units_required) for end in ("from", "to"))
     scale = given.get("scale", "linear")
     if scale not in ("linear", "log"):

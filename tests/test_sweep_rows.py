@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from sweeps import SCENE, grid
 
 from geometry import InputError, read_scene
 from probe_design import sweep
+from probe_design.sweep_crew import CrewError
 from probe_design.sweep_file import sweep_from_dict
 from probe_design.sweep_results import rows
 from probe_design.sweep_rows import Job
@@ -57,6 +59,35 @@ class TestRows:
         assert [row["seconds"] for row in rows(tmp_path)] == seconds
         assert sweep(grid(3, 2), tmp_path, workers=1).answered == 2  # the middle gap
         assert len(list(rows(tmp_path))) == 6
+
+    def test_another_version_answers_all_anew_and_keeps_what_was_there(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        assert sweep(grid(2, 2), tmp_path, workers=1).answered == 4
+        monkeypatch.setattr("probe_design.sweep_rows.version", lambda: "0")
+        with pytest.raises(CrewError, match="version"):  # its workers are of the old one
+            sweep(grid(2, 2), tmp_path, workers=1)
+        assert list(rows(tmp_path)) == []
+        monkeypatch.undo()
+        assert sweep(grid(2, 2), tmp_path, workers=1).answered == 0
+
+    def test_surface_files_count_by_what_they_hold(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        def key() -> bytes:
+            asked = sweep_from_dict({"scene": "scene.toml", "variables": {"probe.gap": [1e-4]}}, Path(os.path.relpath(tmp_path)))
+            return Job.of(asked).digest(asked.keys, asked.designs()[0][1])
+
+        text = SCENE.read_text().replace('diameter = "8 mm"', 'surface = "tumour.stl"')
+        (tmp_path / "scene.toml").write_text(text)
+        (tmp_path / "tumour.stl").write_text("solid a")
+        found = [key()]
+        monkeypatch.chdir(tmp_path)
+        found.append(key())
+        (tmp_path / "tumour.stl").write_text("solid of another size")
+        found.append(key())
+        (tmp_path / "tumour.stl").unlink()
+        found.append(key())
+        assert found[0] == found[1]
+        assert len(set(found)) == 3
 
     def test_designs_that_are_the_same_are_answered_once(self, tmp_path: Path) -> None:
         found = sweep({"scene": SCENE, "evaluator": "closed-form", "variables": {"probe.gap": [1e-4, 1e-4, 2e-4]}}, tmp_path)

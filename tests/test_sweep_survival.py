@@ -6,7 +6,6 @@ import json
 import os
 import random
 import signal
-import sqlite3
 import subprocess
 import sys
 import time
@@ -125,18 +124,3 @@ class TestSurvival:
             ended = run(toml(tmp_path), "-o", tmp_path / "out")
         assert (ended.returncode, ended.stderr.count("\n")) == (2, 1)
         assert "no other sweep" in ended.stderr
-
-    @pytest.mark.parametrize("room", [30_000, 100_000])
-    def test_a_full_disk_is_one_line_and_the_rows_stay(self, room: int, whole: Path, tmp_path: Path) -> None:
-        """Files may not grow beyond ``room`` bytes: the designs do not fit, or the rows do not."""
-        import resource  # not on Windows
-
-        path, limit = toml(tmp_path), lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
-        ended = run(path, "-o", tmp_path / "out", preexec_fn=limit)
-        assert (ended.returncode, ended.stderr.splitlines()[-1].count("kept")) == (1, 1)
-        assert "Traceback" not in ended.stderr
-        connection = sqlite3.connect(tmp_path / "out" / "sweep.sqlite")
-        assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
-        connection.close()
-        sweep(path, tmp_path / "out")
-        assert stored(tmp_path / "out") == stored(whole)
