@@ -46,6 +46,11 @@ class Key:
         """The SI unit of its values; empty where they have none."""
         return self.quantity.si if self.quantity else ""
 
+    @property
+    def shown(self) -> str:
+        """The unit in which people read its values; empty where they have none."""
+        return self.quantity.unit if self.quantity else ""
+
     def value(self, given: object, where: str) -> Value:
         """Return a value as a scene in SI units has it.
 

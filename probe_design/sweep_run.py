@@ -207,7 +207,13 @@ def _about(wanted: Sweep, job: Job) -> dict[str, Any]:
     """What readers of the store need to know."""
     grid = wanted.sample.kind == "grid"
     variables = [
-        {"name": one.key.name, "unit": one.key.unit, "values": list(one.values) if grid else [], "log": one.log}
+        {
+            "name": one.key.name,
+            "unit": one.key.unit,
+            "shown": one.key.shown,
+            "values": list(one.values) if grid else [],
+            "log": one.log,
+        }
         for one in wanted.variables
     ]
     sample = asdict(wanted.sample)

@@ -59,7 +59,7 @@ def variable(name: str, given: object, base: Mapping[str, Any], kind: str, units
     points = whole(f"{name}.points", given.get("points"), 2, MOST_VALUES)
     values = np.geomspace(low, high, points) if scale == "log" else np.linspace(low, high, points)
     values[0], values[-1] = low, high
-    return Variable(where, tuple(values.tolist()))
+    return Variable(where, tuple(values.tolist()), log=scale == "log")
 
 
 def _listed(where: Key, given: Mapping[str, Any], units_required: bool) -> tuple[Value, ...]:
