@@ -72,7 +72,7 @@ class Sweep:
                 values: list[Any] = [row[column] for row in drawn]
                 if all(isinstance(value, float) for value in values):
                     return np.array(values), wanted.unit
-        value = found(self.base, wanted.path)
+        value = found(changed(self.base, self.keys, drawn[0]), wanted.path)  # without what a variable takes the place of
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise InputError("constraints", name, "keys that hold a number, in the scene or as a variable")
         return value, wanted.unit
@@ -100,7 +100,7 @@ def sweep_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_r
     """
     for name in tables:
         if name not in _KEYS:
-            raise InputError(name, tables[name], f"one of {', '.join(_KEYS)}")
+            raise InputError(str(name), tables[name], f"one of {', '.join(_KEYS)}")
     base = _with_whole_names(_scene(tables.get("scene"), Path(folder)).model_dump(exclude_unset=True))
     sample = _sample(tables.get("sample", {}))
     given = tables.get("variables")
@@ -108,6 +108,9 @@ def sweep_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_r
         raise InputError(
             "variables", Words("missing") if given is None else given, 'a table of variables, [variables."probe.gap"] or the like'
         )
+    for name in given:
+        if not isinstance(name, str):
+            raise InputError("variable", name, "keys of the scene file, such as probe.gap")
     variables = tuple(variable(name, one, base, sample.kind, units_required, Path(folder)) for name, one in given.items())
     if len({one.key.path for one in variables}) < len(variables):
         raise InputError("variables", Words("two for one key"), "each key once")

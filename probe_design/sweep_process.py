@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -65,7 +66,7 @@ class WorkerProcess:
     def kill(self) -> None:
         """End it; whoever waits for it goes on."""
         if (process := self._process) is not None:
-            process.kill()
+            _kill(process)
 
     def stop(self) -> None:
         """End it for good; before, ``close`` and whoever waits."""
@@ -123,7 +124,7 @@ class WorkerProcess:
         try:
             code = process.wait(5)  # its own end, not ours, is what the row tells
         except subprocess.TimeoutExpired:
-            process.kill()
+            _kill(process)
             code = process.wait()
         for name in ("stdin", "stdout"):
             with suppress(OSError):
@@ -141,7 +142,17 @@ def _started(errors: IO[bytes] | None) -> subprocess.Popen[bytes]:
         stdout=subprocess.PIPE,
         stderr=errors,
         env=os.environ | _ENVIRONMENT | {"PYTHONPATH": path},
+        start_new_session=True,
     )
+
+
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    """End a process, and with it those that mesh for it, where the system knows groups of processes."""
+    if sys.platform == "win32":
+        process.kill()
+    else:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
 
 
 def _stream(process: subprocess.Popen[bytes] | None, name: str) -> IO[Any]:

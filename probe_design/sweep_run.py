@@ -19,6 +19,7 @@ from probe_design.sweep_local import LocalCrew
 from probe_design.sweep_progress import Progress, Tell, logged
 from probe_design.sweep_rows import Job, Row, blank
 from probe_design.sweep_store import Store, writing
+from probe_design.sweep_variables import whole
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -95,8 +96,8 @@ def sweep(
     """
     start = monotonic()
     wanted = asked if isinstance(asked, Sweep) else _checked(asked)
-    if workers is not None and not 1 <= workers <= 1024:
-        raise InputError("workers", workers, "a whole number from 1 to 1024")
+    if workers is not None:
+        whole("workers", workers, 1, 1024)
     if workers is not None and scheduler is not None:
         raise InputError("workers", workers, "none with a scheduler, which has its own")
     folder = Path(output)

@@ -30,7 +30,7 @@ def variable(name: str, given: object, base: Mapping[str, Any], kind: str, units
         InputError: something is not allowed.
     """
     where = key(name, base)
-    if isinstance(given, list | tuple):
+    if isinstance(given, list | tuple | np.ndarray):
         given = {"values": given}
     if not isinstance(given, Mapping):
         raise InputError(name, given, "a list of values, or a table with from and to")
@@ -63,7 +63,7 @@ def variable(name: str, given: object, base: Mapping[str, Any], kind: str, units
 
 
 def _listed(where: Key, given: Mapping[str, Any], units_required: bool) -> tuple[Value, ...]:
-    values = given["values"]
+    values = given["values"].tolist() if isinstance(given["values"], np.ndarray) else given["values"]
     if not isinstance(values, list | tuple) or not 1 <= len(values) <= MOST_VALUES or len(given) > 1:
         raise InputError(f"{where.name}.values", values, "a list of values, alone")
     found = tuple(_one(where, value, f"{where.name}.values", units_required) for value in values)
@@ -82,6 +82,8 @@ def _bound(where: Key, given: Mapping[str, Any], end: str, units_required: bool)
 
 
 def _one(where: Key, value: object, name: str, units_required: bool) -> Value:
+    if isinstance(value, np.generic):
+        value = value.item()
     if units_required and where.quantity and isinstance(value, int | float) and not isinstance(value, bool):
         raise InputError(name, value, f"{where.quantity.allowed} (the unit is missing)")
     return where.value(value, name)
@@ -89,6 +91,6 @@ def _one(where: Key, value: object, name: str, units_required: bool) -> Value:
 
 def whole(name: str, value: object, low: int, high: int) -> int:
     """Check a whole number. Raises ``InputError``."""
-    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not low <= value <= high:
         raise InputError(name, Words("missing") if value is None else value, f"a whole number from {low} to {high}")
-    return value
+    return int(value)

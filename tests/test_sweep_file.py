@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -88,6 +89,17 @@ class TestFile:
         with pytest.raises(InputError, match=r"constraints|variable"):
             asked.designs()
 
+    def test_a_key_whose_place_a_variable_takes_is_in_no_condition(self) -> None:
+        """The scene has an area ratio, which says nothing of the designs."""
+        asked = {"scene": SCENE, "variables": {"probe.outer_radius": [0.006, 0.008]}, "constraints": ["probe.area_ratio < 2"]}
+        with pytest.raises(InputError, match=r"probe\.area_ratio"):
+            sweep_from_dict(asked).designs()
+
+    def test_numbers_may_be_numpys(self) -> None:
+        values = {"probe.gap": np.array([1e-4, 2e-4]), "inclusion.depth": [np.float64(0.009)]}
+        asked = sweep_from_dict({"scene": SCENE, "variables": values})
+        assert [values for _, values in asked.designs()] == [(1e-4, 0.009), (2e-4, 0.009)]
+
     def test_each_side_is_read_once(self) -> None:
         assert kept("a.b > 1 and a.b < 3", lambda name: (np.array([1.0, 2.0, 3.0]), ""), 3).tolist() == [False, True, False]
 
@@ -105,6 +117,7 @@ class TestFile:
             ('"latin-hypercube"', '"random"', "sample.kind"),
             ("n = 300", "n = 0", "sample.n"),
             ("seed", "speed", "sample.speed"),
+            ('"0.05 mm"', "1e999", "unit is missing"),
             ("scene.toml", "absent.toml", "absent.toml"),
             ("[sample]", "[sample", "sweep.toml"),
             ("[sample]", "time_limit = 5\n[sample]", "unit is missing"),
@@ -117,3 +130,26 @@ class TestFile:
         with pytest.raises(InputError) as refused:
             read_sweep(path)
         assert word in str(refused.value)
+
+    @pytest.mark.parametrize(
+        ("variables", "word"),
+        [
+            ({"probe.gap": []}, "a list of values"),
+            ({"probe.inner.poisson_ratio": [0.3, float("nan")]}, "finite numbers"),
+            ({"probe.inner.poisson_ratio": [10**400]}, "finite numbers"),
+            ({"probe.inner.poisson_ratio": {"from": -1.5e308, "to": 1.5e308, "points": 3}}, "narrower"),
+            ({"contact.interface": ["bonded", True]}, "one kind"),
+            ({"probe.gap": {"from": 1e-4, "to": 2e-4, "points": 10**9}}, "whole number"),
+            (
+                {name: {"from": 1e-4, "to": 2e-4, "points": 1000} for name in ("probe.gap", "probe.height", "inclusion.x")},
+                "at most",
+            ),
+            ({"inclusion.depth": [0.009], "inclusion[0].depth": [0.009]}, "each key once"),
+            ({5: [1.0]}, "keys of the scene file"),
+            ({"probe.gäp": [1.0]}, "keys of the scene file"),
+            ({}, "a table of variables"),
+        ],
+    )
+    def test_what_no_file_can_ask_for_either(self, variables: dict[Any, Any], word: str) -> None:
+        with pytest.raises(InputError, match=word):
+            sweep_from_dict({"scene": SCENE, "variables": variables}).designs()
