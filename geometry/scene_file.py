@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +10,7 @@ from pydantic import ValidationError
 from geometry.errors import InputError, Words
 from geometry.refusals import most_telling
 from geometry.scene import Scene
-
-LARGEST_FILE = 1_000_000  # bytes; a scene has a few hundred
-# tomllib's time and the depth of what it returns grow with the parts of a dotted key; a scene's keys have three
-_LONG_KEY = re.compile(r"(?:\.[^.\n]*){100}")
+from geometry.text_files import read_text, tables
 
 
 def read_scene(path: Path | str) -> Scene:
@@ -24,7 +19,7 @@ def read_scene(path: Path | str) -> Scene:
     Raises:
         InputError: the file is missing, no TOML, empty, or says something that is not allowed.
     """
-    scene, folder = scene_from_toml(_text(path), str(path)), Path(path).parent
+    scene, folder = scene_from_toml(read_text(path, "scene file"), str(path)), Path(path).parent
     if all(body.surface is None for body in scene.inclusion):
         return scene
     bodies = (
@@ -36,14 +31,7 @@ def read_scene(path: Path | str) -> Scene:
 
 def scene_from_toml(text: str, name: str = "scene") -> Scene:
     """Read a scene from TOML text; ``name`` stands in messages. Raises ``InputError``."""
-    if _LONG_KEY.search(text):
-        raise InputError(name, Words("a line with 100 dots"), "a TOML scene file with fewer dots in each line")
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as fault:
-        raise InputError(name, Words(f"not TOML: {fault}"), "a TOML scene file") from None
-    except (ValueError, RecursionError):  # as Python's limits on the digits of integers and on the depth of calls
-        raise InputError(name, Words("TOML with a huge integer or deep nesting"), "a TOML scene file") from None
+    data = tables(text, name, "a TOML scene file")
     if not data:
         raise InputError(name, Words("empty"), "a scene with [probe], [tissue] and [load]")
     return scene_from_dict(data)
@@ -68,18 +56,3 @@ def scene_to_toml(scene: Scene) -> str:
     import tomli_w
 
     return tomli_w.dumps(scene_to_dict(scene))
-
-
-def _text(path: Path | str) -> str:
-    try:
-        with Path(path).open("rb") as file:
-            content = file.read(LARGEST_FILE + 1)  # no more: devices and pipes have no size to ask for
-    except (OSError, ValueError) as fault:
-        reason = getattr(fault, "strerror", None) or str(fault)
-        raise InputError("scene file", str(path), f"a TOML file that can be read ({reason})") from None
-    if len(content) > LARGEST_FILE:
-        raise InputError("scene file", str(path), f"a TOML file of at most {LARGEST_FILE} bytes")
-    try:
-        return content.decode("utf-8-sig").replace("\r\n", "\n")
-    except UnicodeDecodeError:
-        raise InputError("scene file", str(path), "a TOML file, which is UTF-8 text") from None

@@ -103,6 +103,31 @@ def _times(number: str, factor: float) -> float:
     return float(Decimal(number) / divisor)
 
 
+def measured(text: str) -> tuple[float, Any]:
+    """Return the value in SI base units of a text such as ``'2 kPa/mm'``, and these; raises ``ValueError``."""
+    match = _NUMBER_AND_UNIT.fullmatch(text) if len(text) <= 80 else None
+    if match is None or not match[2]:
+        raise ValueError("not a number with a unit")
+    unit = base_unit(match[2])
+    value = _times(match[1], _factor(match[2], str(unit)))
+    if not math.isfinite(value):
+        raise ValueError("not a finite number")
+    return value, unit
+
+
+@lru_cache(maxsize=256)
+def base_unit(unit: str) -> Any:
+    """Return pint's SI base units of a unit such as ``'Pa'``; of '' those of a pure number; raises ``ValueError``."""
+    import pint
+
+    if unit and not _UNIT.fullmatch(unit):
+        raise ValueError(f"{unit!r} is no unit")
+    try:
+        return _registry().Quantity(1.0, unit).to_base_units().units
+    except (pint.PintError, ArithmeticError, AssertionError, AttributeError, TypeError, ValueError):
+        raise ValueError(f"{unit!r} is no unit") from None
+
+
 @lru_cache(maxsize=256)
 def _factor(unit: str, si: str) -> float:
     import pint  # 0.2 s, and only where a unit string is read

@@ -5,7 +5,6 @@ A bench file (TOML) looks like ``bench.toml`` beside this module, which is the b
 
 from __future__ import annotations
 
-import tomllib
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -14,7 +13,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from geometry.errors import InputError, Words
 from geometry.probe import Frozen, Length, Modulus
-from geometry.scene_file import LARGEST_FILE
+from geometry.text_files import read_tables, tables
 from geometry.units import Quantity
 from hw.amplifier import ChargeAmplifier
 
@@ -128,25 +127,12 @@ class Bench(Frozen):
 
 def builtin_bench() -> Bench:
     """Return the built-in bench."""
-    return bench_from_dict(tomllib.loads(files("probe_design").joinpath("bench.toml").read_text(encoding="utf-8")))
+    return bench_from_dict(tables(files("probe_design").joinpath("bench.toml").read_text(encoding="utf-8"), "bench.toml", "TOML"))
 
 
 def read_bench(path: Path | str) -> Bench:
     """Read a bench file. Raises ``InputError``."""
     return bench_from_dict(read_tables(path, "bench file", "a TOML file like probe_design/bench.toml"))
-
-
-def read_tables(path: Path | str, key: str, allowed: str) -> dict[str, Any]:
-    """Return what a TOML file holds; no more than LARGEST_FILE of it is read. Raises ``InputError``."""
-    try:
-        with Path(path).open("rb") as file:
-            content = file.read(LARGEST_FILE + 1)  # no more: devices and pipes have no size to ask for
-        if len(content) > LARGEST_FILE:
-            raise ValueError("too large")
-        return tomllib.loads(content.decode("utf-8-sig"))
-    except (OSError, ValueError, RecursionError) as fault:
-        reason = getattr(fault, "strerror", None) or str(fault)
-        raise InputError(key, str(path), f"{allowed} ({reason})") from None
 
 
 def bench_from_dict(data: dict[str, Any]) -> Bench:

@@ -17,7 +17,8 @@ from geometry.files import write_text
 from geometry.probe import Frozen
 from geometry.scene import Scene
 from geometry.scene_file import scene_from_dict, scene_to_dict
-from probe_design.bench import Bench, bench_from_dict, first_fault, read_tables
+from geometry.text_files import read_tables
+from probe_design.bench import Bench, bench_from_dict, first_fault
 from probe_design.calibrate import Calibration
 from probe_design.gains import ENTRIES, Gains
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -14,19 +15,29 @@ from probe_design.arguments import print_json
 @click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder for store, log and results.")
 @click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler to run on, such as tcp://host:8786.")
 @click.option("--workers", type=click.IntRange(1, 1024), help="Processes on this computer.  [default: one for each processor]")
+@click.option("--time-limit", metavar="TIME", help="What a design may take, such as '60 s'; a slower one fails.")
+@click.option("--retry-failed", is_flag=True, help="Answer designs anew that failed.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def sweep(sweep: Path, output: Path, scheduler: str | None, workers: int | None, as_json: bool) -> None:
+def sweep(
+    sweep: Path, output: Path, scheduler: str | None, workers: int | None, time_limit: str | None, retry_failed: bool,
+    as_json: bool,
+) -> None:  # fmt: skip
     """Answer every design of SWEEP, a TOML file of variables, and keep each row as soon as it is there.
 
     Stopped by whatever, the same command goes on where it ended; no row is computed twice. A design that is refused or fails
     is a row too, with the reason.
     """
     from probe_design.console import message
+    from probe_design.sweep_file import read_sweep
+    from probe_design.sweep_file import time_limit as checked_time
     from probe_design.sweep_progress import shown
     from probe_design.sweep_run import sweep as run
 
+    asked = read_sweep(sweep)
+    if time_limit is not None:
+        asked = replace(asked, time_limit=checked_time(time_limit))
     with shown() as progress:
-        found = run(sweep, output, scheduler, workers, progress)
+        found = run(asked, output, scheduler, workers, progress, retry_failed)
     files = _files(output)
     if as_json:
         print_json(found.as_dict() | {"files": [str(file) for file in files]})

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 UNITS = {
     "stress_inner": "Pa", "stress_outer": "Pa", "ratio": "", "log_sensitivity": "", "stiffness": "N/m", "charge_inner": "C",
-    "charge_outer": "C", "error_estimate": "", "equivalent_modulus": "Pa",
+    "charge_outer": "C", "error_estimate": "", "equivalent_modulus": "Pa", "residual": "",
 }  # fmt: skip
 
 

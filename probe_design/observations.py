@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import csv
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -30,6 +29,7 @@ from geometry.errors import InputError, Words
 from geometry.grading import Floats
 from geometry.probe import mm
 from geometry.scene import Placement, Scene
+from geometry.text_files import read_text, tables
 from geometry.units import Quantity
 from solver.numbering import Bools, Ints
 
@@ -132,30 +132,14 @@ def read_readings(path: Path, scene: Scene, noise: Any = None, stiffness_noise: 
     kinds = {".toml": _toml_rows, ".csv": _csv_rows}
     if path.suffix.lower() not in kinds:
         raise InputError("readings", str(path), "a file that ends in .toml or .csv")
-    rows = kinds[path.suffix.lower()](_text(path), str(path))
+    rows = kinds[path.suffix.lower()](read_text(path, "readings", "a file", LARGEST_FILE), str(path))
     if not 0 < len(rows) <= MOST_READINGS:
         raise InputError(str(path), Words(f"{len(rows)} readings"), f"1 to {MOST_READINGS} readings")
     return tuple(_reading(f"reading[{index}].", row, scene, noise, stiffness_noise) for index, row in enumerate(rows))
 
 
-def _text(path: Path) -> str:
-    try:
-        with path.open("rb") as file:
-            content = file.read(LARGEST_FILE + 1)
-        if len(content) > LARGEST_FILE:
-            raise InputError("readings", str(path), f"a file of at most {LARGEST_FILE} bytes")
-        return content.decode("utf-8-sig").replace("\r\n", "\n")
-    except UnicodeDecodeError:
-        raise InputError("readings", str(path), "UTF-8 text") from None
-    except OSError as fault:
-        raise InputError("readings", str(path), f"a file that can be read ({fault.strerror or fault})") from None
-
-
 def _toml_rows(text: str, name: str) -> list[Mapping[str, Any]]:
-    try:
-        data = tomllib.loads(text)
-    except (ValueError, RecursionError) as fault:
-        raise InputError(name, Words(f"not TOML: {str(fault)[:100]}"), "tables headed [[reading]]") from None
+    data = tables(text, name, "tables headed [[reading]]")
     rows = data.get("reading")
     if set(data) != {"reading"} or not isinstance(rows, list) or not all(isinstance(row, Mapping) for row in rows):
         raise InputError(name, Words(f"keys {', '.join(data) or 'missing'}"), "tables headed [[reading]] and nothing else")

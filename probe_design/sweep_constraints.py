@@ -1,19 +1,21 @@
-"""Conditions between the variables of a sweep, such as ``probe.gap < 0.1 * probe.inner_radius``."""
+"""Conditions between the variables of a sweep, such as ``probe.gap < 0.1 * probe.inner_radius``; units must fit."""
 
 from __future__ import annotations
 
 import ast
 import operator
+import sys
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from geometry.errors import InputError
-from geometry.units import Quantity
+from geometry.units import base_unit, measured
 
-Read = Callable[[str], Any]  # a key's values in all designs, SI
+Read = Callable[[str], tuple[Any, str]]  # a key's values in all designs, SI, and their unit
 _ARITHMETIC: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv, ast.Pow: operator.pow,
 }  # fmt: skip
@@ -24,7 +26,7 @@ _COMPARISONS: Mapping[type[ast.cmpop], Callable[[Any, Any], Any]] = {
 _ALLOWED = (
     "a condition such as 'probe.gap < 0.1 * probe.inner_radius': keys, numbers, '2 mm', + - * / **, < <= > >= == !=, and, or, not"
 )
-_UNITS = ("m", "Pa", "N", "rad", "C/N")
+_SHOWN = ("m", "Pa", "N", "N/m", "rad", "m^2", "m^3", "C/N")
 LONGEST = 1000
 
 
@@ -33,14 +35,15 @@ def kept(text: str, read: Read, count: int) -> NDArray[np.bool_]:
 
     Args:
         text: the condition; quantities in it in quotes, ``'2 mm'``.
-        read: gives the values of a key in all designs, one number or shape (count,), SI.
+        read: gives the values of a key in all designs, one number or shape (count,), and their SI unit.
         count: how many designs there are.
 
     Returns:
         Shape (count,).
 
     Raises:
-        InputError: it is no condition, names an unknown key, or is not finite for some design.
+        InputError: it is no condition, names an unknown key, compares or adds what has not the same unit, or is not finite
+            for some design.
     """
     try:
         tree = ast.parse(text, mode="eval").body if len(text) <= LONGEST else None
@@ -51,6 +54,14 @@ def kept(text: str, read: Read, count: int) -> NDArray[np.bool_]:
     with np.errstate(all="ignore"):  # what is not finite is refused below
         found = _Condition(text, read).truth(tree)
     return np.broadcast_to(np.asarray(found, dtype=bool), (count,))
+
+
+@dataclass(frozen=True)
+class _Number:
+    """Values, and their SI base units as pint has them; None of a bare 0, which is 0 in every unit."""
+
+    value: Any
+    unit: Any
 
 
 class _Condition:
@@ -66,39 +77,76 @@ class _Condition:
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
             return np.logical_not(self.truth(node.operand))
         if isinstance(node, ast.Compare) and all(type(one) in _COMPARISONS for one in node.ops):
-            sides = [self.number(side) for side in (node.left, *node.comparators)]
+            sides = [(side, self.number(side)) for side in (node.left, *node.comparators)]
             held: Any = True
             for compare, left, right in zip(node.ops, sides, sides[1:], strict=False):
-                held = np.logical_and(held, _COMPARISONS[type(compare)](left, right))
+                self._check_units(left, right)
+                held = np.logical_and(held, _COMPARISONS[type(compare)](left[1].value, right[1].value))
             return held
         raise self._refused()
 
-    def number(self, node: ast.expr) -> Any:
-        value = self._number(node)
-        if not np.all(np.isfinite(value)):
+    def number(self, node: ast.expr) -> _Number:
+        found = self._number(node)
+        if not np.all(np.isfinite(found.value)):
             raise InputError("constraints", self._text, "a condition whose sides are finite for every design")
-        return value
+        return found
 
-    def _number(self, node: ast.expr) -> Any:
+    def _number(self, node: ast.expr) -> _Number:
         if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool):
-            return np.float64(node.value)
+            return self._bare(node.value)
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
             return self._quantity(node.value)
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
-            return -self.number(node.operand)
+            found = self.number(node.operand)
+            return _Number(-found.value, found.unit)
         if isinstance(node, ast.BinOp) and type(node.op) in _ARITHMETIC:
-            return _ARITHMETIC[type(node.op)](self.number(node.left), self.number(node.right))
+            return self._computed(node)
         if isinstance(node, ast.Name | ast.Attribute | ast.Subscript):
-            return np.asarray(self._read(ast.unparse(node)), dtype=float)
+            values, unit = self._read(ast.unparse(node))
+            return _Number(np.asarray(values, dtype=float), base_unit(unit))
         raise self._refused()
 
-    def _quantity(self, text: str) -> Any:
-        for unit in _UNITS:
-            try:
-                return np.float64(Quantity("quantity", unit, unit, -1e300, 1e300).parse(text))
-            except ValueError:
-                continue
-        raise InputError("constraints", self._text, f"quantities with a unit of {', '.join(_UNITS)}, not {text!r}")
+    def _bare(self, value: float) -> _Number:
+        if abs(value) > sys.float_info.max:
+            raise InputError("constraints", self._text, "finite numbers")
+        return _Number(np.float64(value), base_unit("") if value else None)
+
+    def _computed(self, node: ast.BinOp) -> _Number:
+        left, right = self.number(node.left), self.number(node.right)
+        value = _ARITHMETIC[type(node.op)](left.value, right.value)
+        if isinstance(node.op, ast.Add | ast.Sub):
+            self._check_units((node.left, left), (node.right, right))
+            return _Number(value, left.unit if right.unit is None else right.unit)
+        one, other = (base_unit("") if side.unit is None else side.unit for side in (left, right))
+        if isinstance(node.op, ast.Mult):
+            return _Number(value, one * other)
+        if isinstance(node.op, ast.Div):
+            return _Number(value, one / other)
+        if other != base_unit("") or (np.ndim(right.value) and one != base_unit("")):
+            raise InputError("constraints", self._text, "exponents without unit; of what has a unit, numbers such as 2")
+        return _Number(value, one if one == base_unit("") else one ** float(right.value))
+
+    def _check_units(self, *sides: tuple[ast.expr, _Number]) -> None:
+        """Raise ``InputError`` where two sides cannot be compared or added."""
+        units = [side.unit for _, side in sides if side.unit is not None]
+        if len(units) < 2 or units[0] == units[1]:
+            return
+        told = " and ".join(f"{ast.unparse(node)} ({_told(side.unit)})" for node, side in sides)
+        remedy = "; quantities are written with their unit, in quotes: '2 mm'" if base_unit("") in units else ""
+        raise InputError("constraints", self._text, f"sides of one unit, not {told}{remedy}")
+
+    def _quantity(self, text: str) -> _Number:
+        try:
+            return _Number(*measured(text))
+        except ValueError as fault:
+            raise InputError("constraints", self._text, f"quantities such as '2 mm' ({fault})") from None
 
     def _refused(self) -> InputError:
         return InputError("constraints", self._text, _ALLOWED)
+
+
+def _told(unit: Any) -> str:
+    """A unit in words."""
+    if unit is None or unit == base_unit(""):
+        return "without a unit"
+    return f"in {next((name for name in _SHOWN if base_unit(name) == unit), str(unit))}"

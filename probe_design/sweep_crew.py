@@ -35,20 +35,30 @@ Batch = tuple[Task, ...]
 
 
 @dataclass(frozen=True)
-class Answer:
-    """What became of a batch.
+class Outcome:
+    """What a worker made of the designs of a batch.
 
     Attributes:
-        batch: the designs.
-        rows: one for each; None where there is no answer.
-        died: how their worker died.
+        rows: of the first ones.
+        held: how many after these it was working on when it ended; 0 if nothing happened to them.
+        ended: how it ended.
+        late: whether it was ended for taking too long.
         refused: why no worker can ever answer.
     """
 
-    batch: Batch
-    rows: list[Row] | None
-    died: str = ""
+    rows: tuple[Row, ...] = ()
+    held: int = 0
+    ended: str = ""
+    late: bool = False
     refused: str = ""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A batch that is back, and what became of it."""
+
+    batch: Batch
+    outcome: Outcome
 
 
 class Crew(Protocol):

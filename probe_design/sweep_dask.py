@@ -5,18 +5,23 @@ from __future__ import annotations
 import contextlib
 import logging
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 from geometry.errors import InputError
-from probe_design.sweep_crew import Answer, Batch, CrewError
+from probe_design.sweep_crew import Answer, Batch, CrewError, Outcome
+from probe_design.sweep_remote import answered
 from probe_design.sweep_results import extra
-from probe_design.sweep_rows import Job, Row
+from probe_design.sweep_rows import Job
 
 PATIENCE = 600.0  # seconds to wait for a scheduler that is gone
 POLL = 0.05
+FETCH = 5.0  # seconds for rows to come from the worker that has them; it may stand still
 AHEAD = 2  # batches for each worker, so that none waits for the next
-SLOW = 5.0  # a batch that takes that many times the usual is given to another worker too, when there is nothing else to do
+FAULTS = 4  # of Dask's workers with one batch that are no death, as of those without this program, before the sweep ends
+SLOW, LEAST = 5.0, 5.0  # a batch that takes that many times the usual, and seconds, is given to another worker too at the end
+_LOUD = ("distributed", "distributed.client", "tornado.application", "asyncio")  # loggers that tell of connections lost
 
 
 @dataclass
@@ -26,20 +31,29 @@ class _Out:
     batch: Batch
     since: float
     futures: list[Any] = field(default_factory=list)
+    faults: int = 0
 
 
 class DaskCrew:
     """The workers of a scheduler."""
 
-    def __init__(self, job: Job, address: str) -> None:
+    def __init__(self, job: Job, address: str, limit: float | None, log: Callable[[str], None]) -> None:
         """Connect.
+
+        Args:
+            job: what all designs share.
+            address: of the scheduler.
+            limit: seconds that a design may take.
+            log: called with a line when the scheduler goes and comes back.
 
         Raises:
             InputError: there is no scheduler at the address.
             MissingLibrary: Dask is not installed.
         """
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # a connection that is lost is no news here
-        self._distributed, self._job, self._address = extra("distributed"), job, address
+        self._distributed, self._job, self._limit, self._address = extra("distributed"), job, limit, address
+        self._log = log
+        self._levels = {name: logging.getLogger(name).level for name in _LOUD}
+        self._hush(dict.fromkeys(_LOUD, logging.CRITICAL + 1))  # a connection that is lost is no news here, nor a traceback
         self._out: list[_Out] = []
         self._usual: float | None = None
         self._counted, self._workers = -1.0, 1
@@ -47,15 +61,16 @@ class DaskCrew:
             self._check_address()
             self._client: Any = self._connected(5.0)
         except (OSError, ValueError, TypeError) as fault:
+            self._hush(self._levels)
             reason = " ".join(str(fault).split())[:120]
             raise InputError("scheduler", address, f"the address of a Dask scheduler, tcp://host:8786 ({reason})") from None
 
     def size(self) -> int:
-        """Return how many workers the cluster has now; they come and go."""
+        """Return how many batches the cluster can work on now; workers come and go."""
         if time.monotonic() - self._counted > 1.0:
             self._counted = time.monotonic()
             with contextlib.suppress(OSError, RuntimeError, ValueError, TimeoutError):
-                self._workers = max(1, len(self._client.nthreads()))
+                self._workers = max(1, sum(self._client.nthreads().values()))
         return self._workers
 
     def free(self) -> int:
@@ -83,32 +98,27 @@ class DaskCrew:
     def close(self) -> None:
         """Leave the cluster; what it works on is cancelled."""
         self._leave()
+        self._hush(self._levels)
 
     def _submit(self, out: _Out) -> None:
         """Start a batch once more; a scheduler that has gone is noticed when answers are awaited."""
         try:
             designs = tuple(task.values for task in out.batch)
-            out.futures.append(self._client.submit(_rows, self._job, designs, pure=False))
+            out.futures.append(self._client.submit(answered, self._job, self._limit, designs, pure=False))
         except (OSError, RuntimeError, ValueError):
             return
 
     def _answer(self, out: _Out) -> Answer | None:
         for future in list(out.futures):
             if future.status == "finished":
-                rows = self._fetched(future)
-                if rows is not None:
-                    self._done(out)
-                    return Answer(out.batch, rows)
+                found = self._fetched(future)
             elif future.status in ("error", "cancelled", "lost"):
-                fault = self._fault(future)
-                if isinstance(fault, InputError):
-                    self._done(out)
-                    return Answer(out.batch, None, refused=str(fault))
-                if isinstance(fault, self._distributed.scheduler.KilledWorker):
-                    self._done(out)
-                    return Answer(out.batch, None, died="the Dask workers that held it died")
+                found = self._failed(out, self._fault(future))
             else:
                 continue
+            if found is not None:
+                self._done(out)
+                return Answer(out.batch, found)
             out.futures.remove(future)  # its worker went before the answer was fetched, or something of Dask's own
             if not out.futures:
                 out.since = time.monotonic()
@@ -117,10 +127,20 @@ class DaskCrew:
             self._submit(out)
         return None
 
-    def _fetched(self, future: Any) -> list[Row] | None:
+    def _failed(self, out: _Out, fault: BaseException | None) -> Outcome | None:
+        """What a fault of Dask's says of a batch; None where it is to be tried again."""
+        if isinstance(fault, self._distributed.scheduler.KilledWorker):
+            return Outcome(held=len(out.batch), ended="the Dask workers that held it died")
+        out.faults += fault is not None
+        if out.faults < FAULTS:
+            return None
+        told = " ".join(f"{type(fault).__name__}: {fault}".split())[:300]
+        return Outcome(refused=f"Dask workers cannot run this program, of this version ({told})")
+
+    def _fetched(self, future: Any) -> Outcome | None:
         try:
-            rows: list[Row] = future.result(timeout=30)
-            return rows
+            found: Outcome = future.result(timeout=FETCH)
+            return found
         except Exception:  # whatever happened to it on its way, it is computed again
             return None
 
@@ -140,14 +160,16 @@ class DaskCrew:
 
     def _hurry(self) -> None:
         """Give batches that take far too long to another worker too, when workers have nothing else to do."""
-        if self._usual is None or len(self._out) >= self.size():
+        if self._usual is None or self.free() <= 0:
             return
         for out in self._out:
-            if len(out.futures) == 1 and time.monotonic() - out.since > max(SLOW * self._usual, SLOW):
+            if len(out.futures) == 1 and time.monotonic() - out.since > max(SLOW * self._usual, LEAST):
+                self._log(f"a batch of {len(out.batch)} designs takes long and is given to another worker too")
                 self._submit(out)
 
     def _again(self) -> None:
         """Connect anew and hand out everything that was out."""
+        self._log("the Dask scheduler is gone")
         self._leave()
         until = time.monotonic() + PATIENCE
         while True:
@@ -159,9 +181,14 @@ class DaskCrew:
                     told = f"{self._address}: no scheduler for {PATIENCE:g} s; all rows are kept, start again"
                     raise CrewError(told) from None
                 time.sleep(1.0)
+        self._log("a Dask scheduler is there again")
         for out in self._out:
             out.futures, out.since = [], time.monotonic()
             self._submit(out)
+
+    def _hush(self, levels: dict[str, int]) -> None:
+        for name, level in levels.items():
+            logging.getLogger(name).setLevel(level)
 
     def _check_address(self) -> None:
         """Raise ``ValueError`` for an address of which Dask would say so with a traceback, after half a minute."""
@@ -183,7 +210,3 @@ class DaskCrew:
             self._client.close(timeout=5)
         except (OSError, RuntimeError, ValueError, TimeoutError):
             return
-
-
-def _rows(job: Job, designs: tuple[Any, ...]) -> list[Row]:
-    return job.rows(designs)

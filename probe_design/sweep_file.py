@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,13 +13,16 @@ from pydantic import ValidationError
 from geometry.errors import InputError, Words
 from geometry.refusals import most_telling
 from geometry.scene import Scene
-from geometry.scene_file import LARGEST_FILE, read_scene, scene_from_dict
+from geometry.scene_file import read_scene, scene_from_dict
+from geometry.text_files import read_tables
+from geometry.units import Quantity
 from probe_design.sweep_constraints import kept
 from probe_design.sweep_keys import Key, Value, changed, found, key
 from probe_design.sweep_samples import KINDS, Sample, Variable
+from probe_design.sweep_variables import variable, whole
 
-_KEYS = ("scene", "evaluator", "accuracy", "sample", "constraints", "variables")
-MOST_VALUES = 1_000_000
+_KEYS = ("scene", "evaluator", "accuracy", "time_limit", "sample", "constraints", "variables")
+_TIME = Quantity("time", "s", "s", 1e-3, 1e7)
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,7 @@ class Sweep:
         sample: how the designs are drawn.
         evaluator, accuracy: as in ``solver.evaluate``.
         constraints: conditions that designs must meet; see ``sweep_constraints``.
+        time_limit: seconds that a design may take; None for as long as it does.
     """
 
     base: Mapping[str, Any]
@@ -41,6 +44,7 @@ class Sweep:
     evaluator: str = "auto"
     accuracy: float = 0.01
     constraints: tuple[str, ...] = ()
+    time_limit: float | None = None
 
     @property
     def keys(self) -> tuple[Key, ...]:
@@ -61,17 +65,17 @@ class Sweep:
             raise InputError("constraints", Words("met by no design"), "conditions that some design meets")
         return [(number, values) for number, values in enumerate(drawn) if meets[number]]
 
-    def _read(self, name: str, drawn: list[tuple[Value, ...]]) -> Any:
+    def _read(self, name: str, drawn: list[tuple[Value, ...]]) -> tuple[Any, str]:
         wanted = key(name, self.base)
         for column, one in enumerate(self.keys):
             if one.path == wanted.path:
                 values: list[Any] = [row[column] for row in drawn]
                 if all(isinstance(value, float) for value in values):
-                    return np.array(values)
-        value = found(self.base, wanted.path)
+                    return np.array(values), wanted.unit
+        value = found(changed(self.base, self.keys, drawn[0]), wanted.path)  # without what a variable takes the place of
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise InputError("constraints", name, "keys that hold a number, in the scene or as a variable")
-        return value
+        return value, wanted.unit
 
 
 def read_sweep(path: Path | str) -> Sweep:
@@ -80,19 +84,7 @@ def read_sweep(path: Path | str) -> Sweep:
     Raises:
         InputError: the file is missing, no TOML, or says something that is not allowed.
     """
-    try:
-        with Path(path).open("rb") as file:
-            content = file.read(LARGEST_FILE + 1)
-        if len(content) > LARGEST_FILE:
-            raise InputError("sweep file", str(path), f"a TOML file of at most {LARGEST_FILE} bytes")
-        tables = tomllib.loads(content.decode("utf-8-sig").replace("\r\n", "\n"))
-    except OSError as fault:
-        raise InputError("sweep file", str(path), f"a TOML file that can be read ({fault.strerror})") from None
-    except InputError:
-        raise
-    except (ValueError, RecursionError) as fault:
-        raise InputError("sweep file", str(path), f"a TOML file ({str(fault) or 'nested too deep'})") from None
-    return sweep_from_dict(tables, Path(path).parent, True)
+    return sweep_from_dict(read_tables(path, "sweep file"), Path(path).parent, True)
 
 
 def sweep_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_required: bool = False) -> Sweep:
@@ -108,13 +100,18 @@ def sweep_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_r
     """
     for name in tables:
         if name not in _KEYS:
-            raise InputError(name, tables[name], f"one of {', '.join(_KEYS)}")
-    base = _scene(tables.get("scene"), Path(folder)).model_dump(exclude_unset=True)
+            raise InputError(str(name), tables[name], f"one of {', '.join(_KEYS)}")
+    base = _with_whole_names(_scene(tables.get("scene"), Path(folder)).model_dump(exclude_unset=True))
     sample = _sample(tables.get("sample", {}))
     given = tables.get("variables")
     if not isinstance(given, Mapping) or not given:
-        raise InputError("variables", Words("missing"), 'a table of variables, [variables."probe.gap"] or the like')
-    variables = tuple(_variable(name, one, base, sample.kind, units_required) for name, one in given.items())
+        raise InputError(
+            "variables", Words("missing") if given is None else given, 'a table of variables, [variables."probe.gap"] or the like'
+        )
+    for name in given:
+        if not isinstance(name, str):
+            raise InputError("variable", name, "keys of the scene file, such as probe.gap")
+    variables = tuple(variable(name, one, base, sample.kind, units_required, Path(folder)) for name, one in given.items())
     if len({one.key.path for one in variables}) < len(variables):
         raise InputError("variables", Words("two for one key"), "each key once")
     constraints = tables.get("constraints", [])
@@ -122,7 +119,9 @@ def sweep_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_r
         raise InputError("constraints", constraints, "a list of conditions, each a text")
     if constraints and sample.kind == "saltelli":
         raise InputError("constraints", constraints, "none with sample.kind = 'saltelli', whose indices need every design")
-    return Sweep(base, variables, sample, *_settings(tables), tuple(constraints))
+    return Sweep(
+        base, variables, sample, *_settings(tables), tuple(constraints), time_limit(tables.get("time_limit"), units_required)
+    )
 
 
 def _scene(given: object, folder: Path) -> Scene:
@@ -137,6 +136,15 @@ def _scene(given: object, folder: Path) -> Scene:
     )
 
 
+def _with_whole_names(base: dict[str, Any]) -> dict[str, Any]:
+    """The tables of a scene with surface files by their whole path, as workers may run elsewhere."""
+    bodies = [
+        {**body, "surface": str(Path(body["surface"]).absolute())} if body.get("surface") else body
+        for body in base.get("inclusion", ())
+    ]
+    return base | {"inclusion": bodies} if bodies else base
+
+
 def _settings(tables: Mapping[str, Any]) -> tuple[str, float]:
     from solver.levels import AUTO, BUILT, check_accuracy
 
@@ -147,6 +155,26 @@ def _settings(tables: Mapping[str, Any]) -> tuple[str, float]:
         raise InputError("accuracy", accuracy, "a number above 0 and below 1, such as 0.01")
     check_accuracy(accuracy)
     return str(evaluator), float(accuracy)
+
+
+def time_limit(given: object, units_required: bool = False) -> float | None:
+    """Return a time limit in seconds, from a text such as ``'60 s'`` or, unless units are required, a number; None for None.
+
+    Raises:
+        InputError: it is none.
+    """
+    if given is None:
+        return None
+    try:
+        if isinstance(given, str):
+            return _TIME.parse(given)
+        if isinstance(given, bool) or not isinstance(given, int | float):
+            raise ValueError("not a time")
+        if units_required:
+            raise ValueError("the unit is missing")
+        return _TIME.checked(float(given))
+    except (ValueError, OverflowError) as fault:
+        raise InputError("time_limit", given, f"{_TIME.allowed} ({fault})") from None
 
 
 def _sample(given: object) -> Sample:
@@ -162,64 +190,7 @@ def _sample(given: object) -> Sample:
         if len(given) > ("kind" in given):
             raise InputError("sample", Words("n or seed of a grid"), f"n and seed with kind = {', '.join(KINDS[1:])}")
         return Sample()
-    return Sample(kind, _whole("sample.n", given.get("n"), 1, 10_000_000), _whole("sample.seed", given.get("seed", 0), 0, 2**63))
-
-
-def _variable(name: str, given: object, base: Mapping[str, Any], kind: str, units_required: bool) -> Variable:
-    where = key(name, base)
-    if isinstance(given, list | tuple):
-        given = {"values": given}
-    if not isinstance(given, Mapping):
-        raise InputError(name, given, "a list of values, or a table with from and to")
-    for part in given:
-        if part not in ("values", "from", "to", "points", "scale"):
-            raise InputError(f"{name}.{part}", given[part], "one of values, from, to, points, scale")
-    if "values" in given:
-        return Variable(where, _listed(where, given, units_required))
-    low, high = (_bound(where, given, end, units_required) for end in ("from", "to"))
-    scale = given.get("scale", "linear")
-    if scale not in ("linear", "log"):
-        raise InputError(f"{name}.scale", scale, "'linear' or 'log'")
-    if not low < high or (scale == "log" and low <= 0):
-        raise InputError(
-            f"{name}.to", given["to"], f"more than from = {given['from']!r}" + (", both above 0" if scale == "log" else "")
-        )
-    if kind != "grid":
-        if "points" in given:
-            raise InputError(f"{name}.points", given["points"], "none but in a grid: sample.n says how many")
-        return Variable(where, (), low, high, scale == "log")
-    points = _whole(f"{name}.points", given.get("points"), 2, MOST_VALUES)
-    values = np.geomspace(low, high, points) if scale == "log" else np.linspace(low, high, points)
-    values[0], values[-1] = low, high
-    return Variable(where, tuple(values.tolist()))
-
-
-def _listed(where: Key, given: Mapping[str, Any], units_required: bool) -> tuple[Value, ...]:
-    values = given["values"]
-    if not isinstance(values, list | tuple) or not 1 <= len(values) <= MOST_VALUES or len(given) > 1:
-        raise InputError(f"{where.name}.values", values, "a list of values, alone")
-    return tuple(_one(where, value, f"{where.name}.values", units_required) for value in values)
-
-
-def _bound(where: Key, given: Mapping[str, Any], end: str, units_required: bool) -> float:
-    if end not in given:
-        raise InputError(f"{where.name}.{end}", Words("missing"), "from and to, or values")
-    value = _one(where, given[end], f"{where.name}.{end}", units_required)
-    if not isinstance(value, float) or not np.isfinite(value):
-        raise InputError(f"{where.name}.{end}", given[end], "a finite number" + (" with its unit" if where.quantity else ""))
-    return value
-
-
-def _one(where: Key, value: object, name: str, units_required: bool) -> Value:
-    if units_required and where.quantity and isinstance(value, int | float) and not isinstance(value, bool):
-        raise InputError(name, value, f"{where.quantity.allowed} (the unit is missing)")
-    return where.value(value, name)
-
-
-def _whole(name: str, value: object, low: int, high: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-        raise InputError(name, Words("missing") if value is None else value, f"a whole number from {low} to {high}")
-    return value
+    return Sample(kind, whole("sample.n", given.get("n"), 1, 10_000_000), whole("sample.seed", given.get("seed", 0), 0, 2**63))
 
 
 def scene_of(base: Mapping[str, Any], keys: tuple[Key, ...], values: tuple[Value, ...]) -> Scene:

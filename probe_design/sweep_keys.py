@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Union, get_args, get_origin
@@ -44,15 +46,22 @@ class Key:
         """The SI unit of its values; empty where they have none."""
         return self.quantity.si if self.quantity else ""
 
+    @property
+    def shown(self) -> str:
+        """The unit in which people read its values; empty where they have none."""
+        return self.quantity.unit if self.quantity else ""
+
     def value(self, given: object, where: str) -> Value:
         """Return a value as a scene in SI units has it.
 
         Raises:
-            InputError: it is neither number, text, true nor false, or a text whose unit does not fit.
+            InputError: it is neither finite number, text, true nor false, or a text whose unit does not fit.
         """
         if isinstance(given, bool) or (isinstance(given, str) and self.quantity is None):
             return given
         if isinstance(given, int | float):
+            if not abs(given) < math.inf or abs(given) > sys.float_info.max:
+                raise InputError(where, given, "finite numbers")
             return float(given)
         if not isinstance(given, str) or self.quantity is None:
             raise InputError(where, given, self.quantity.allowed if self.quantity else "a number, a text, true or false")

@@ -13,11 +13,13 @@ import numpy as np
 
 from geometry.files import write_text
 from geometry.grading import Floats
+from geometry.units import shown
 from probe_design.sweep_effects import main_effect, sobol_indices
-from probe_design.sweep_results import about, rows, units
+from probe_design.sweep_results import UNITS, about, rows
 
 SHOWN = ("ratio", "log_sensitivity", "stiffness", "error_estimate")
 MOST_POINTS = 5000
+MOST_BESIDE = 4  # pictures in a line
 
 
 def write_page(folder: Path | str, path: Path) -> Path:
@@ -29,18 +31,20 @@ def write_page(folder: Path | str, path: Path) -> Path:
         StoreError: it cannot be read.
     """
     asked, all_rows = about(folder), list(rows(folder))
-    names, unit = asked["names"], units(folder)
     good = [row for row in all_rows if row["status"] == "ok"]
-    shown = [name for name in SHOWN if any(row[name] is not None for row in good)]
+    told = [name for name in SHOWN if any(row[name] is not None for row in good)]
     parts = [_counts(asked, all_rows)]
-    for name in shown:
+    for name in told:
         answered = [row for row in good if row[name] is not None]
         y = np.array([row[name] for row in answered], dtype=float)
-        parts.append(f"<h2>{_label(name, unit)}</h2>")
-        parts.append(_picture(names, name, unit, asked["variables"], answered, y))
+        parts.append(f"<h2>{_label(name, UNITS[name])}</h2>")
+        parts.append(_picture(name, asked["variables"], answered, y))
         parts.append(_effects(asked, answered, y, complete=len(answered) == asked["designs"]))
     parts.append(_reasons(all_rows))
-    style = "<style>body{font:15px sans-serif;margin:2em;max-width:70em}td,th{padding:2px 12px;text-align:right}</style>"
+    style = (
+        "<style>body{font:15px sans-serif;margin:2em;max-width:70em}img{max-width:100%}"
+        "td,th{padding:2px 12px;text-align:right}td:first-child{text-align:left}</style>"
+    )
     return write_text(path, f"<!doctype html><meta charset=utf-8><title>Sweep</title>{style}<h1>Sweep</h1>{''.join(parts)}\n")
 
 
@@ -78,27 +82,35 @@ def _effects(asked: dict[str, Any], answered: list[dict[str, Any]], y: Floats, c
     return _table(("variable", "share of the variance"), told) + f"<p>Of the means over each variable alone.{note}</p>"
 
 
-def _picture(names: list[str], name: str, unit: dict[str, str], variables: list[Any], answered: list[Any], y: Floats) -> str:
-    """Scatter over each variable."""
+def _picture(name: str, variables: list[Any], answered: list[Any], y: Floats) -> str:
+    """Scatter over each variable, in the unit in which people read it."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(3.2 * len(names), 2.8), layout="constrained")
+    wide, high = min(len(variables), MOST_BESIDE), -(-len(variables) // MOST_BESIDE)
+    figure = Figure(figsize=(3.2 * wide, 2.8 * high), layout="constrained")
     FigureCanvasAgg(figure)
     step = -(-len(y) // MOST_POINTS)
-    for axes, variable in zip(figure.subplots(1, len(names), sharey=True, squeeze=False)[0], variables, strict=True):
-        axes.plot([row[variable["name"]] for row in answered[::step]], y[::step], ".", markersize=3, alpha=0.5)
-        axes.set_xlabel(_label(variable["name"], unit))
+    places = figure.subplots(high, wide, sharey=True, squeeze=False).ravel()
+    for axes in places[len(variables) :]:
+        axes.set_visible(False)
+    for axes, variable in zip(places, variables, strict=False):
+        values = [row[variable["name"]] for row in answered[::step]]
+        if variable["unit"]:
+            values = [shown(value, variable["unit"], variable["shown"]) for value in values]
+        axes.plot(values, y[::step], ".", markersize=3, alpha=0.5)
+        axes.set_xlabel(_label(variable["name"], variable["shown"]))
         if variable["log"]:
             axes.set_xscale("log")
-    figure.axes[0].set_ylabel(_label(name, unit))
+    for axes in places[::wide]:
+        axes.set_ylabel(_label(name, UNITS[name]))
     drawn = io.BytesIO()
     figure.savefig(drawn, format="png", dpi=110)
     return f'<p><img alt="{html.escape(name)}" src="data:image/png;base64,{base64.b64encode(drawn.getvalue()).decode()}"></p>'
 
 
-def _label(name: str, unit: dict[str, str]) -> str:
-    return f"{name}, {unit[name]}" if unit.get(name) else name
+def _label(name: str, unit: str) -> str:
+    return f"{name}, {unit}" if unit else name
 
 
 def _table(heads: tuple[str, ...], lines: list[Any]) -> str:

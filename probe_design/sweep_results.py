@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from geometry.errors import MissingLibrary
+from geometry.errors import InputError, MissingLibrary
 from geometry.files import written_whole
 from probe_design.sweep_rows import COLUMNS, OUTPUTS
 from probe_design.sweep_store import reading
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 UNITS = {
     "stress_inner": "Pa", "stress_outer": "Pa", "ratio": "", "log_sensitivity": "", "stiffness": "N/m", "charge_inner": "C",
-    "charge_outer": "C", "equivalent_modulus": "Pa", "error_estimate": "", "seconds": "s",
+    "charge_outer": "C", "equivalent_modulus": "Pa", "error_estimate": "", "residual": "", "seconds": "s",
 }  # fmt: skip
 
 
@@ -40,7 +40,10 @@ def extra(name: str) -> Any:
 def about(folder: Path | str) -> dict[str, Any]:
     """Return what the sweep in a folder was asked. Raises ``InputError``, ``StoreError``."""
     with reading(Path(folder)) as store:
-        return store.about()
+        found = store.about()
+    if not found:
+        raise InputError("folder", str(folder), "a folder of a sweep that has begun")
+    return found
 
 
 def rows(folder: Path | str) -> Iterator[dict[str, Any]]:
@@ -58,7 +61,7 @@ def rows(folder: Path | str) -> Iterator[dict[str, Any]]:
 
 def units(folder: Path | str) -> dict[str, str]:
     """Return the SI unit of each column that has one or is a pure number."""
-    return {one["name"]: one["unit"] for one in about(folder).get("variables", [])} | UNITS
+    return {one["name"]: one["unit"] for one in about(folder)["variables"]} | UNITS
 
 
 def dataframe(folder: Path | str) -> pd.DataFrame:
@@ -70,7 +73,7 @@ def dataframe(folder: Path | str) -> pd.DataFrame:
         StoreError: it cannot be read.
     """
     pandas = extra("pandas")
-    names = about(folder).get("names", [])
+    names = about(folder)["names"]
     frame = pandas.DataFrame.from_records(list(rows(folder)), columns=["number", "key", *names, *COLUMNS], index="number")
     numbers = [*OUTPUTS, "seconds"]
     frame[numbers] = frame[numbers].astype(float)
@@ -113,7 +116,7 @@ def dataset(folder: Path | str) -> xr.Dataset:
 def to_csv(folder: Path | str, path: Path) -> Path:
     """Write the rows as CSV, whole or not at all; units stand in the headings. Needs no extra library."""
     unit = units(folder)
-    names = ["number", "key", *about(folder).get("names", []), *COLUMNS]
+    names = ["number", "key", *about(folder)["names"], *COLUMNS]
     with written_whole(path) as draft, draft.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file)
         table.writerow(f"{name}, {unit[name]}" if unit.get(name) else name for name in names)

@@ -5,26 +5,30 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import threading
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cache, lru_cache
 from importlib import metadata
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from geometry.errors import InputError, Words
+from geometry.scene import Scene
 from probe_design.sweep_file import Sweep, scene_of
 from probe_design.sweep_keys import Key, Value, changed, key
 
+if TYPE_CHECKING:
+    from solver import Result
+
 OUTPUTS = (
     "stress_inner", "stress_outer", "ratio", "log_sensitivity", "stiffness", "charge_inner", "charge_outer",
-    "equivalent_modulus", "error_estimate",
+    "equivalent_modulus", "error_estimate", "residual",
 )  # fmt: skip
 COLUMNS = ("status", "type", "reason", "evaluator", *OUTPUTS, "plan", "warnings", "seconds")
+PIECE = 128  # closed-form designs at once: more are no faster
 Row = dict[str, Any]
-_ALONE = threading.Lock()  # solvers hold caches that two threads must not share
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -58,15 +62,36 @@ class Job:
     def digest(self, keys: tuple[Key, ...], values: tuple[Value, ...]) -> bytes:
         """Return the SHA-256 of one design's scene, of evaluator, accuracy and version.
 
-        The scene stands for itself as JSON with sorted keys, floats written so that they read back the same; of surface files
-        the content counts.
+        The scene stands for itself as JSON with sorted keys, floats written so that they read back the same; surface files
+        count by what they hold, not by their name.
         """
         scene = changed(self.base, keys, values)
-        surfaces = [_content(str(body.get("surface"))) for body in scene.get("inclusion", ()) if body.get("surface")]
-        return _digest([scene, surfaces, self.evaluator, self.accuracy, self.version])
+        bodies = [_with_content(body) if body.get("surface") else body for body in scene.get("inclusion", ())]
+        return _digest([scene | {"inclusion": bodies}, self.evaluator, self.accuracy, self.version])
+
+    @property
+    def piece(self) -> int:
+        """How many designs are answered at once: formulas take arrays of them."""
+        return PIECE if self.evaluator == "closed-form" else 1
+
+    def load(self) -> None:
+        """Import what answers and build the scene once, so that it is no part of the first row's cost."""
+        from solver import levels
+
+        _caught(lambda: scene_of(self.base, (), ()))
+        if self.evaluator == levels.AUTO:
+            import solver.planning
+        elif self.evaluator == "closed-form":
+            import solver.closed_batch  # noqa: F401
+        else:
+            levels.evaluator(self.evaluator)
 
     def rows(self, designs: Sequence[tuple[Value, ...]]) -> list[Row]:
-        """Answer designs one after the other, with one thread for linear algebra, so that the bits are the same everywhere.
+        """Answer designs; see ``pieces``."""
+        return [row for rows in self.pieces(designs) for row in rows]
+
+    def pieces(self, designs: Sequence[tuple[Value, ...]]) -> Iterator[list[Row]]:
+        """Answer designs, ``piece`` at a time, with one thread for linear algebra, so that the bits are the same everywhere.
 
         Raises:
             InputError: this software is not that of the job.
@@ -76,32 +101,54 @@ class Job:
         if version() != self.version:
             raise InputError("version", Words(version()), f"{self.version}, on every worker as where the sweep was started")
         keys = self.keys
-        with _ALONE, one_thread():
-            return [self._row(keys, values) for values in designs]
+        with one_thread():
+            for first in range(0, len(designs), self.piece):
+                yield self._answered(keys, designs[first : first + self.piece])
 
-    def _row(self, keys: tuple[Key, ...], values: tuple[Value, ...]) -> Row:
+    def _answered(self, keys: tuple[Key, ...], designs: Sequence[tuple[Value, ...]]) -> list[Row]:
+        start = perf_counter()
+        built = [_caught(lambda values=values: scene_of(self.base, keys, values)) for values in designs]  # type: ignore[misc]
+        found = iter(self._evaluated([one for one in built if isinstance(one, Scene)]))
+        answers = [next(found) if isinstance(one, Scene) else one for one in built]
+        seconds = (perf_counter() - start) / len(designs)
+        return [_row(one, seconds) for one in answers]
+
+    def _evaluated(self, scenes: Sequence[Scene]) -> list[Result | Exception]:
         from solver import evaluate
 
-        start = perf_counter()
-        try:
-            found = evaluate(scene_of(self.base, keys, values), self.evaluator, self.accuracy).as_dict()
-        except InputError as fault:
-            return blank("refused", fault, perf_counter() - start)
-        except Exception as fault:  # whatever one design does, the next ones are answered
-            return blank("failed", fault, perf_counter() - start)
-        row: Row = dict.fromkeys(COLUMNS) | {name: found[name] for name in OUTPUTS}
-        numbers = (row[name] for name in OUTPUTS)
-        if not all(math.isfinite(number) for number in numbers if number is not None):
-            return blank("failed", ArithmeticError("a result is not finite"), perf_counter() - start)
-        row |= {"status": "ok", "evaluator": found["evaluator"], "seconds": perf_counter() - start}
-        return row | {name: json.dumps(found[name], allow_nan=False) for name in ("plan", "warnings")}
+        if self.evaluator == "closed-form":
+            from solver.closed_batch import results
+
+            together = _caught(lambda: results(scenes, self.accuracy))
+            if not isinstance(together, Exception):
+                return list(together)
+        return [_caught(lambda scene=scene: evaluate(scene, self.evaluator, self.accuracy)) for scene in scenes]  # type: ignore[misc]
 
 
-def blank(status: str, fault: BaseException | str, seconds: float) -> Row:
+def _caught(made: Callable[[], T]) -> T | Exception:
+    """What is made, or the fault: whatever one design does, the next ones are answered."""
+    try:
+        return made()
+    except Exception as fault:
+        return fault
+
+
+def _row(found: Result | Exception, seconds: float) -> Row:
+    """The row of a result, or of a design that was refused or failed."""
+    if isinstance(found, Exception):
+        return blank("refused" if isinstance(found, InputError) else "failed", type(found).__name__, str(found), seconds)
+    numbers = {name: getattr(found, name) for name in OUTPUTS}
+    if not all(math.isfinite(number) for number in numbers.values() if number is not None):
+        return blank("failed", "ArithmeticError", "a result is not finite", seconds)
+    told = {"plan": [asdict(one) for one in found.plan], "warnings": found.warnings}
+    texts = {name: json.dumps(value, allow_nan=False) for name, value in told.items()}
+    return dict.fromkeys(COLUMNS) | {"status": "ok", "evaluator": found.evaluator, "seconds": seconds} | numbers | texts
+
+
+def blank(status: str, kind: str, reason: str, seconds: float) -> Row:
     """Return the row of a design that has no answer."""
-    kind = "WorkerDied" if isinstance(fault, str) else type(fault).__name__
-    reason = " ".join(str(fault).split())[:2000]
-    return dict.fromkeys(COLUMNS) | {"status": status, "type": kind, "reason": reason, "seconds": seconds}
+    told = " ".join(reason.split())[:2000]
+    return dict.fromkeys(COLUMNS) | {"status": status, "type": kind, "reason": told, "seconds": seconds}
 
 
 @cache
@@ -126,9 +173,17 @@ def _digest(value: object) -> bytes:
     return hashlib.sha256(json.dumps(value, sort_keys=True, separators=(",", ":")).encode()).digest()
 
 
-@cache
-def _content(name: str) -> str:
+def _with_content(body: Mapping[str, Any]) -> dict[str, Any]:
+    """An inclusion with a digest of its surface file in place of the name."""
+    path = Path(str(body["surface"]))
     try:
-        return hashlib.sha256(Path(name).read_bytes()).hexdigest()
-    except OSError:
-        return "missing"
+        stamp = path.stat()
+        return {**body, "surface": _content(path, stamp.st_mtime_ns, stamp.st_size)}
+    except (OSError, ValueError):
+        return {**body, "surface": f"{path}, which cannot be read"}
+
+
+@lru_cache(maxsize=64)
+def _content(path: Path, *_: int) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

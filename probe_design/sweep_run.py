@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -13,12 +13,13 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 from geometry.errors import InputError
-from probe_design.sweep_crew import Answer, Batch, Crew, CrewError, Task
+from probe_design.sweep_crew import Answer, Batch, Crew, CrewError, Outcome, Task
 from probe_design.sweep_file import Sweep, read_sweep, sweep_from_dict
 from probe_design.sweep_local import LocalCrew
 from probe_design.sweep_progress import Progress, Tell, logged
 from probe_design.sweep_rows import Job, Row, blank
 from probe_design.sweep_store import Store, writing
+from probe_design.sweep_variables import whole
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
 SECONDS = 0.5  # of work in a batch: some hundred times the cost of handing it out, and what a kill may cost
 LARGEST = 2000  # designs in a batch
+Log = Callable[[str], None]
 TRIES = 2  # workers that may die with a design on its own before it counts as failed
 
 
@@ -74,6 +76,7 @@ def sweep(
     scheduler: str | None = None,
     workers: int | None = None,
     progress: Tell | None = None,
+    retry_failed: bool = False,
 ) -> Swept:
     """Answer every design of a sweep that has no row in ``output`` yet.
 
@@ -83,6 +86,7 @@ def sweep(
         scheduler: address of a Dask scheduler, ``tcp://host:8786``; processes on this computer without.
         workers: how many processes; one for each processor without.
         progress: called with the state after each batch.
+        retry_failed: whether designs whose row is ``failed`` are answered anew; what becomes of them takes the row's place.
 
     Raises:
         InputError: the sweep is not allowed, or another process is writing to the folder.
@@ -92,19 +96,22 @@ def sweep(
     """
     start = monotonic()
     wanted = asked if isinstance(asked, Sweep) else _checked(asked)
-    if workers is not None and not 1 <= workers <= 1024:
-        raise InputError("workers", workers, "a whole number from 1 to 1024")
+    if workers is not None:
+        whole("workers", workers, 1, 1024)
     if workers is not None and scheduler is not None:
         raise InputError("workers", workers, "none with a scheduler, which has its own")
     folder = Path(output)
     with writing(folder) as store, logged(folder, progress) as (tell, log):
         job = Job.of(wanted)
         total, left_out = _begun(store, wanted, job)
+        if retry_failed:
+            log(f"forgets {store.forget('failed')} failed rows")
         tasks = [Task(key, values, count) for count, values, key in store.missing()]
         log(f"begins: {total} designs, {len(tasks)} to be answered, version {job.version}")
         if tasks:
-            with _crew(job, scheduler, workers or _processors(), folder, min(len(tasks), 1024)) as crew:
-                _Run(store, crew, tell, log, total).answer(tasks)
+            limit = wanted.time_limit
+            with _crew(job, scheduler, min(workers or _processors(), len(tasks)), limit, folder, log) as crew:
+                _Run(store, crew, tell, log, total, limit).answer(tasks)
         counts = store.counts()
         log(f"ends: {counts}")
     return Swept(folder, total, left_out, **counts, answered=len(tasks), seconds=monotonic() - start)
@@ -113,8 +120,8 @@ def sweep(
 class _Run:
     """The work of one run."""
 
-    def __init__(self, store: Store, crew: Crew, tell: Tell, log: Callable[[str], None], total: int) -> None:
-        self._store, self._crew, self._tell, self._log, self._total = store, crew, tell, log, total
+    def __init__(self, store: Store, crew: Crew, tell: Tell, log: Log, total: int, limit: float | None) -> None:
+        self._store, self._crew, self._tell, self._log, self._total, self._limit = store, crew, tell, log, total, limit
         self._begun, self._counts = monotonic(), store.counts()
         self._before = sum(self._counts.values())
         self._cost = SECONDS  # seconds a row, as measured; a first batch is one design
@@ -129,7 +136,9 @@ class _Run:
                 out += 1
             for answer in self._crew.take(1.0):
                 out -= 1
-                alone.extend(self._taken(answer))
+                rest, suspects = self._taken(answer)
+                waiting.extendleft(reversed(rest))
+                alone.extend(suspects)
             self._told()
 
     def _batch(self, waiting: deque[Task]) -> Batch:
@@ -138,25 +147,35 @@ class _Run:
         count = max(1, min(int(SECONDS / self._cost), LARGEST, int(share)))
         return tuple(waiting.popleft() for _ in range(min(count, len(waiting))))
 
-    def _taken(self, answer: Answer) -> list[Task]:
-        """Commit rows; return the designs that another worker must try, each alone."""
-        if answer.refused:
-            raise CrewError(answer.refused)
-        if answer.rows is not None:
-            self._commit(answer.batch, answer.rows)
-            cost = sum(row["seconds"] for row in answer.rows) / len(answer.rows)
+    def _taken(self, answer: Answer) -> tuple[list[Task], list[Task]]:
+        """Commit rows; return the designs that nobody worked on yet, and those that another worker must try, each alone."""
+        found, count = answer.outcome, len(answer.outcome.rows)
+        if found.refused:
+            raise CrewError(found.refused)
+        if count:
+            self._commit(answer.batch[:count], found.rows)
+            cost = sum(row["seconds"] for row in found.rows) / count
             self._cost = max(0.5 * (self._cost + cost), 1e-6)
-            return []
-        self._log(f"a worker died with {len(answer.batch)} designs: {answer.died}")
-        if len(answer.batch) > 1:
-            return list(answer.batch)
-        task = answer.batch[0]
-        if task.deaths + 1 < TRIES:
+        held = answer.batch[count : count + found.held]
+        return list(answer.batch[count + found.held :]), self._again(held, found) if held else []
+
+    def _again(self, held: Batch, found: Outcome) -> list[Task]:
+        """Of designs with which a worker ended those that are tried again, each alone; that which ended it becomes a row."""
+        why = f"longer than {self._limit:g} s" if found.late else found.ended
+        self._log(f"a worker ended with {len(held)} designs: {why}")
+        if len(held) > 1:
+            return list(held)
+        task = held[0]
+        if found.late:
+            row = blank("failed", "TimeLimit", f"took {why}", self._limit or 0.0)
+        elif task.deaths + 1 < TRIES:
             return [replace(task, deaths=task.deaths + 1)]
-        self._commit(answer.batch, [blank("failed", f"{TRIES} times in a row, {answer.died}", 0.0)])
+        else:
+            row = blank("failed", "WorkerDied", f"{TRIES} times in a row, {found.ended}", 0.0)
+        self._commit(held, [row])
         return []
 
-    def _commit(self, batch: Batch, rows: list[Row]) -> None:
+    def _commit(self, batch: Batch, rows: Sequence[Row]) -> None:
         self._store.add([(task.key, row) for task, row in zip(batch, rows, strict=True)])
         for task, row in zip(batch, rows, strict=True):
             self._counts[row["status"]] += task.count
@@ -175,7 +194,7 @@ def _checked(asked: Mapping[str, Any] | Path | str) -> Sweep:
 def _begun(store: Store, wanted: Sweep, job: Job) -> tuple[int, int]:
     """Note the designs unless they are noted already; returns how many there are and how many constraints left out."""
     drawn = wanted.sample.count(wanted.variables)
-    asked = hashlib.sha256(repr((wanted, job)).encode() + _surfaces(wanted, job)).hexdigest()
+    asked = hashlib.sha256(repr((replace(wanted, time_limit=None), job)).encode() + _surfaces(wanted, job)).hexdigest()
     about = store.about()
     if about.get("digest") != asked:
         keys = wanted.keys
@@ -189,7 +208,13 @@ def _about(wanted: Sweep, job: Job) -> dict[str, Any]:
     """What readers of the store need to know."""
     grid = wanted.sample.kind == "grid"
     variables = [
-        {"name": one.key.name, "unit": one.key.unit, "values": list(one.values) if grid else [], "log": one.log}
+        {
+            "name": one.key.name,
+            "unit": one.key.unit,
+            "shown": one.key.shown,
+            "values": list(one.values) if grid else [],
+            "log": one.log,
+        }
         for one in wanted.variables
     ]
     sample = asdict(wanted.sample)
@@ -202,14 +227,14 @@ def _surfaces(wanted: Sweep, job: Job) -> bytes:
 
 
 @contextmanager
-def _crew(job: Job, scheduler: str | None, workers: int, folder: Path, most: int) -> Iterator[Crew]:
+def _crew(job: Job, scheduler: str | None, workers: int, limit: float | None, folder: Path, log: Log) -> Iterator[Crew]:
     crew: Crew
     if scheduler is None:
-        crew = LocalCrew(job, min(workers, most), folder / "workers.log")
+        crew = LocalCrew(job, workers, limit, folder / "workers.log")
     else:
         from probe_design.sweep_dask import DaskCrew
 
-        crew = DaskCrew(job, scheduler)
+        crew = DaskCrew(job, scheduler, limit, log)
     try:
         yield crew
     finally:

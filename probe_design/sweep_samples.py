@@ -24,7 +24,7 @@ class Variable:
         key: of the scene.
         values: of a grid, or what a sample draws from, each as likely.
         low, high: the range that a sample draws from, where there are no values; SI.
-        log: whether it draws evenly in the logarithm.
+        log: whether it is even in the logarithm.
     """
 
     key: Key

@@ -20,6 +20,7 @@ from probe_design.sweep_keys import Value
 from probe_design.sweep_rows import COLUMNS, OUTPUTS, Row
 
 NAME, LOCK, FORMAT = "sweep.sqlite", "sweep.lock", 1
+_NO_ROOM = ("SQLITE_FULL", "SQLITE_IOERR_SHMSIZE")
 Design = tuple[int, tuple[Value, ...]]
 _REAL = (*OUTPUTS, "seconds")
 _COLUMNS = ", ".join(f"{one} {'REAL' if one in _REAL else 'TEXT'}" for one in COLUMNS)
@@ -36,7 +37,7 @@ class StoreError(ProbeError):
 
 
 class Store:
-    """The store of one folder; of rows that are written, none is ever changed."""
+    """The store of one folder; of rows that are written, none is ever changed, and none goes unless it is asked for anew."""
 
     def __init__(self, folder: Path, connection: sqlite3.Connection) -> None:
         self.folder, self._connection = folder, connection
@@ -70,6 +71,12 @@ class Store:
             values = [(key, *(row[name] for name in COLUMNS)) for key, row in rows]
             connection.executemany(f"INSERT OR IGNORE INTO results VALUES ({places})", values)
         return self._connection.total_changes - before
+
+    def forget(self, status: str) -> int:
+        """Take away the rows of this sweep's designs with a status, so that they are missing again; returns how many."""
+        with self._written() as connection:
+            query = "DELETE FROM results WHERE status = ? AND key IN (SELECT key FROM designs)"
+            return connection.execute(query, (status,)).rowcount
 
     def counts(self) -> dict[str, int]:
         """Return how many designs have a row, by its status."""
@@ -144,11 +151,14 @@ def reading(folder: Path) -> Iterator[Store]:
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
     """Hold a lock that ends with the process, also by ``kill -9``: SQLite's own, on a file beside the store."""
-    lock = sqlite3.connect(folder / LOCK, isolation_level=None, timeout=0)
+    try:
+        lock = sqlite3.connect(folder / LOCK, isolation_level=None, timeout=0)
+    except sqlite3.Error as fault:
+        raise StoreError(f"{folder / LOCK}: {fault}") from None
     try:
         try:
             lock.execute("BEGIN EXCLUSIVE")
-        except sqlite3.OperationalError as fault:
+        except sqlite3.Error as fault:
             if "locked" in str(fault):
                 raise InputError("output", str(folder), "a folder that no other sweep is writing to now") from None
             raise StoreError(f"{folder / LOCK}: {fault}") from None
@@ -162,8 +172,9 @@ def _told(folder: Path) -> Iterator[None]:
     try:
         yield
     except sqlite3.Error as fault:
-        remedy = "; free space and start again" if "full" in str(fault) else ""
-        raise StoreError(f"{folder / NAME}: {fault}; all rows committed before are kept{remedy}") from None
+        kept = "; all rows committed before are kept" if isinstance(fault, sqlite3.OperationalError) else ""
+        remedy = "; free space and start again" if fault.sqlite_errorname in _NO_ROOM else ""
+        raise StoreError(f"{folder / NAME}: {fault}{kept}{remedy}") from None
 
 
 def _check_format(folder: Path, connection: sqlite3.Connection) -> None:

@@ -1,4 +1,4 @@
-"""A worker process of ``sweep_local``: a job, then batches of designs on standard input, their rows on standard output.
+"""The program of a worker process: a job, then batches of designs on standard input, their rows on standard output.
 
 One JSON value a line, whose floats read back the same. It ends when its input does: with whoever started it.
 """
@@ -9,6 +9,10 @@ import json
 import os
 import signal
 import sys
+from time import monotonic
+from typing import Any
+
+ENOUGH = 2.0  # seconds after which a batch is given back: rows that wait for its end are not on the disk
 
 
 def main() -> None:
@@ -19,20 +23,26 @@ def main() -> None:
     from geometry.errors import InputError
     from probe_design.sweep_rows import Job
 
-    job = Job(**json.loads(sys.stdin.readline()))
-    answers.write("ready\n")
-    answers.flush()
-    for line in sys.stdin:
-        found: dict[str, object]
-        try:
-            found = {"rows": job.rows([tuple(values) for values in json.loads(line)])}
-        except InputError as fault:
-            found = {"refused": str(fault)}
+    def tell(found: Any) -> None:
         try:
             answers.write(json.dumps(found) + "\n")
             answers.flush()
         except BrokenPipeError:
             os._exit(1)
+
+    job = Job(**json.loads(sys.stdin.readline()))
+    job.load()
+    tell("ready")
+    for line in sys.stdin:
+        until = monotonic() + ENOUGH
+        try:
+            for rows in job.pieces([tuple(values) for values in json.loads(line)]):
+                enough = monotonic() > until
+                tell({"rows": rows, "enough": enough})
+                if enough:
+                    break
+        except InputError as fault:
+            tell({"refused": str(fault)})
 
 
 if __name__ == "__main__":

@@ -61,6 +61,7 @@ class Axisymmetric:
         films = found.films[0]
         told = outputs(scene, films)
         warnings = (*told.pop("warnings"), *found.notes)
+        told["residual"] = found.sample.states.residual
         return Result(self.name, perf_counter() - start, **told, plan=found.plan, warnings=warnings), films.error_under(scene)
 
     def curve(self, scene: Scene, moduli: Floats, accuracy: float = 0.01) -> Curve:

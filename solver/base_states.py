@@ -76,6 +76,7 @@ class BaseStates:
         shift: these shifts along z, shape (n, 2).
         forces: F_ij, force on block i (0 inner, 1 outer) per unit displacement of base j, N/m, shape (2, 2).
         rounding: bound on what rounding changes in ``forces``, shape (2, 2).
+        residual: of both solutions, relative to |K| |u|, the larger.
     """
 
     model: Model
@@ -84,6 +85,7 @@ class BaseStates:
     shift: Floats
     forces: Floats
     rounding: Floats
+    residual: float
 
     def slope(self, body: Body = Body.INCLUSION) -> Floats:
         """Return dF_ij / d ln E of a body, N/m, shape (2, 2)."""
@@ -124,14 +126,14 @@ def base_states(model: Model) -> BaseStates:
     """
     system = model.system
     lift = system.numbering.lift
-    v, left = system.solve(np.zeros((system.numbering.unknowns, 2)), lift, passes=2)
+    v, left, residual = system.solve(np.zeros((system.numbering.unknowns, 2)), lift, passes=2)
     own, shift = system.own(v, lift), system.shifts(v, lift)
     forces = products(own, system.stiffness @ own)
     hidden = np.abs(left.T @ system.factor.solve(left))  # what the forces would change if the equations were met exactly
     # ten standard deviations of the energy when every entry of the matrices carries an independent rounding error
     variance = products(own**2, system.stiffness**2 @ own**2)
     rounding = 10 * np.finfo(float).eps * np.sqrt(variance) + hidden
-    return BaseStates(model, v, model.whole(own), shift, forces, rounding)
+    return BaseStates(model, v, model.whole(own), shift, forces, rounding, residual)
 
 
 def products(a: Floats, b: Floats) -> Floats:

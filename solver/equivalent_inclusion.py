@@ -51,7 +51,7 @@ class EquivalentInclusion:
         found = readings(base, Tumours.of(scene), scene.target or 0, sensitive=scene.target is not None)
         found = with_ellipsoids(base, scene, found, scene.inclusion)
         films = film_forces(found, 0, scene.target is not None)
-        told = outputs(scene, films)
+        told = outputs(scene, films) | {"residual": base.residual}
         reached = films.error_under(scene)
         warnings = (*told.pop("warnings"), *base.notes, *shortfalls(films, reached, accuracy))
         plan = (*base.plan, *_decisions(base, found, 0))

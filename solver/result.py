@@ -65,6 +65,7 @@ class Result:
         evaluator: the level that answered.
         seconds: what the answer cost.
         equivalent_modulus: Pa; of ``published`` alone.
+        residual: relative, the largest of the solutions on the meshes that answer; None where formulas do.
         plan: what was modelled and what was left out.
         warnings: one line each.
     """
@@ -80,6 +81,7 @@ class Result:
     charge_outer: float | None = None
     error_estimate: float | None = None
     equivalent_modulus: float | None = None
+    residual: float | None = None
     plan: tuple[Decision, ...] = ()
     warnings: tuple[str, ...] = ()
 

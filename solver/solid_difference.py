@@ -40,6 +40,7 @@ class Difference:
         reference: the reference's film forces on this mesh, shape (2, 2).
         states: of the scene, for pictures; of a curve those it begins with.
         unknowns: of the scene.
+        residual: of both solutions, relative to the loads, the larger.
     """
 
     forces: Floats
@@ -49,6 +50,7 @@ class Difference:
     reference: Floats
     states: SolidStates
     unknowns: int
+    residual: float
 
 
 def meshed(domain: Domain, fineness: Fineness) -> TetMesh:
@@ -84,6 +86,7 @@ def difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> D
         less[:2, :2],
         states,
         problem.supports.unknowns,
+        max(reference.residual, states.residual),
     )
 
 

@@ -89,10 +89,10 @@ def solve(matrix: Stiffness, forces: Floats, near: Factor, start: Floats | None 
     direction, product = np.zeros_like(left), np.zeros(left.shape[1])
     was, best, best_v, since = left, np.inf, v, 0
     for _ in range(MOST_STEPS):
-        residual = float(np.max(np.linalg.norm(left, axis=0) / size))
-        since = 0 if residual < best / 2 else since + 1
-        if residual < best:
-            best, best_v = residual, v
+        now = float(np.max(np.linalg.norm(left, axis=0) / size))
+        since = 0 if now < best / 2 else since + 1
+        if now < best:
+            best, best_v = now, v
         if best <= WANTED or since > STUCK:
             break
         z = near.solve(left)
@@ -103,6 +103,12 @@ def solve(matrix: Stiffness, forces: Floats, near: Factor, start: Floats | None 
         v, left, was = v + step * direction, left - step * image, left
     _check(matrix, forces, best_v)
     return best_v
+
+
+def residual(matrix: Stiffness, forces: Floats, v: Floats) -> float:
+    """Return what is left of the forces, relative to them, of the worst column; forces and v of shape (n, k)."""
+    left, size = (np.linalg.norm(x, axis=0) for x in (forces - matrix @ v, forces))
+    return float(np.max(left / np.maximum(size, np.finfo(float).tiny)))
 
 
 def _columns(a: Floats, b: Floats) -> Floats:
@@ -118,6 +124,5 @@ def _check(matrix: Stiffness, forces: Floats, v: Floats) -> None:
     if np.all(left <= LARGEST_RESIDUAL * size):
         return
     if not np.all(left <= np.maximum(LARGEST_RESIDUAL * size, ROUNDING * np.linalg.norm(matrix.magnitude(v), axis=0))):
-        worst = float(np.max(left / np.maximum(size, np.finfo(float).tiny)))
-        allowed = f"relative residual {worst:.1e}, allowed {LARGEST_RESIDUAL:.0e}"
+        allowed = f"relative residual {residual(matrix, forces, v):.1e}, allowed {LARGEST_RESIDUAL:.0e}"
         raise SolveError(f"the linear system was not solved: {allowed}")

@@ -12,7 +12,7 @@ from geometry.grading import Floats
 from geometry.tetrahedra import INCLUSION, TISSUE
 from solver.factor import Factor
 from solver.solid_bodies import Elastic, Isotropic, lame
-from solver.solid_factor import solve
+from solver.solid_factor import residual, solve
 from solver.solid_system import BLOCKS, STATES, Problem
 from solver.tetrahedra import Ints, integrated
 
@@ -45,6 +45,11 @@ class SolidStates:
     def forces(self) -> Floats:
         """F_ij: force on film i (0 inner, 1 outer) per unit displacement of base j, N/m, shape (2, 2)."""
         return self.reactions[:2, :2]
+
+    @property
+    def residual(self) -> float:
+        """What is left of the loads, relative to them, in the worst of the three states."""
+        return residual(self.problem.matrix, self.problem.loads(), self.v)
 
     @property
     def tilt(self) -> Floats:

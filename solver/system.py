@@ -57,8 +57,8 @@ class System:
         """Add the elements' forces, shape (n, 8 p, k), to those of the unknowns."""
         return np.asarray(self.numbering.gather.T @ forces.reshape(-1, forces.shape[-1]))
 
-    def solve(self, forces: Floats, lift: Floats | float = 0.0, passes: int = 1) -> tuple[Floats, Floats]:
-        """Return displacements v with K (v + lift) = forces, and what is left of the forces; shapes (unknowns, k).
+    def solve(self, forces: Floats, lift: Floats | float = 0.0, passes: int = 1) -> tuple[Floats, Floats, float]:
+        """Return displacements v with K (v + lift) = forces, what is left of the forces, (unknowns, k) both, and its share.
 
         Raises:
             SolveError: what is left is too large for the solution to be trusted.
@@ -73,7 +73,7 @@ class System:
         if not residual <= LARGEST_RESIDUAL:
             allowed = f"relative residual {residual:.1e}, allowed {LARGEST_RESIDUAL:.0e}"
             raise SolveError(f"the linear system was not solved: {allowed}")
-        return v, left
+        return v, left, residual
 
     def _magnitude(self, v: Floats, lift: Floats | float) -> Floats:
         """|K| |u|, to which rounding errors are proportional."""

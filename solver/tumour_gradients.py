@@ -112,7 +112,7 @@ def _solved(m: Model, elements: Any, loads: Floats) -> Floats:
     inside = loads[:, :, edge:].reshape(e, -1, k)
     on_edges = np.zeros((len(m.two_mu), 2 * edge, k))
     on_edges[elements] = loads[:, :, :edge].reshape(e, -1, k) + m.recovery[elements].transpose(0, 2, 1) @ inside
-    v, _ = m.system.solve(m.system.add_up(on_edges), passes=2)
+    v, _, _ = m.system.solve(m.system.add_up(on_edges), passes=2)
     whole = m.whole(m.system.own(v))
     stiffness = m.two_mu[elements, None, None] * m.shear[elements] + m.lam[elements, None, None] * m.volume[elements]
     inner = stiffness.reshape(e, 2, s, 2, s)[:, :, edge:, :, edge:].reshape(e, inside.shape[1], -1)

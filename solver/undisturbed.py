@@ -57,6 +57,11 @@ class Undisturbed:
         return self.found.films[0]
 
     @property
+    def residual(self) -> float:
+        """Relative residual of the base states, of those behind the film forces and those behind the strains the larger."""
+        return max(self.found.sample.states.residual, self.field.states.residual)
+
+    @property
     def field(self) -> TissueField:
         """Base states as functions of position."""
         return self.energies.field

@@ -13,7 +13,7 @@ from scenes import REFERENCE
 SCENE = REFERENCE / "axisymmetric" / "shallow.toml"
 KEYS = {
     "stress_inner", "stress_outer", "ratio", "log_sensitivity", "stiffness", "charge_inner", "charge_outer", "error_estimate",
-    "evaluator", "seconds", "equivalent_modulus", "plan", "warnings",
+    "evaluator", "seconds", "equivalent_modulus", "residual", "plan", "warnings",
 }  # fmt: skip
 
 

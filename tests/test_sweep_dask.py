@@ -1,0 +1,118 @@
+"""Sweeps on Dask clusters: workers and schedulers that die, slow ones, ones without this program."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from sweeps import ROOT, command, grid, run, stored, toml, wait_for_rows
+
+from geometry import InputError
+from probe_design import sweep
+from probe_design.sweep_crew import CrewError
+
+CLUSTER = """
+import os, signal, sys
+import dask, distributed
+from probe_design import sweep_dask, sweep_run
+
+def main(what, path, out):
+    dask.config.set({"distributed.worker.daemon": True, "logging.distributed": "critical"})
+    sweep_run.SECONDS, sweep_dask.LEAST, sweep_dask.FETCH = 0.05, 0.3, 0.5
+    workers = 4 if what == "kill" else 2
+    with distributed.LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster:
+        pids = [worker.process.pid for worker in cluster.workers.values()][::2]
+        ended = []
+        def act(state):
+            while pids and state.done >= 20:
+                ended.append(pids.pop())
+                os.kill(ended[-1], signal.SIGKILL if what == "kill" else signal.SIGSTOP)
+        found = sweep_run.sweep(path, out, scheduler=cluster.scheduler_address, progress=act)
+        if what == "stop":
+            os.kill(ended[0], signal.SIGCONT)
+        print(found.ok + found.refused, found.failed, len(ended))
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
+"""
+
+
+@pytest.mark.parametrize(("what", "ended"), [("kill", 2), ("stop", 1)])
+def test_workers_that_die_or_stand_still(what: str, ended: int, whole: Path, tmp_path: Path) -> None:
+    """Two of four are killed; one of two stops and keeps its batches, which the other is given too."""
+    script = tmp_path / "program.py"
+    script.write_text(CLUSTER)
+    arguments = [sys.executable, script, what, toml(tmp_path), tmp_path / "out"]
+    done = subprocess.run(
+        arguments, capture_output=True, text=True, cwd=ROOT, timeout=120, env=os.environ | {"PYTHONPATH": str(ROOT)}
+    )
+    assert done.stdout.split() == ["300", "0", str(ended)], done.stderr[-2000:]
+    assert stored(tmp_path / "out") == stored(whole)
+    log = (tmp_path / "out" / "sweep.log").read_text()
+    assert what == "kill" or "takes long" in log
+
+
+def test_a_scheduler_that_dies_and_comes_back(tmp_path: Path) -> None:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
+    path = tmp_path / "sweep.toml"
+    path.write_text(toml(tmp_path, n=20).read_text().replace('"closed-form"', '"axisymmetric"'))
+    cluster = begun(address)
+    process = subprocess.Popen(
+        command(path, "-o", tmp_path / "out", "--scheduler", address), cwd=ROOT, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        wait_for_rows(tmp_path / "out", 3, process)
+        cluster[0].kill()
+        cluster += begun(address)
+        _, told = process.communicate(timeout=100)
+    finally:
+        for one in (*cluster, process):
+            one.kill()
+            one.wait()
+    assert process.returncode == 0, told
+    assert [line for line in told.splitlines() if not line.startswith("probe-design: ")] == []
+    assert "scheduler is there again" in (tmp_path / "out" / "sweep.log").read_text()
+    sweep(path, tmp_path / "alone")
+    assert stored(tmp_path / "out") == stored(tmp_path / "alone")
+
+
+def begun(address: str) -> list[subprocess.Popen[bytes]]:
+    """A scheduler and a worker, which ends when its scheduler does."""
+    port = address.rpartition(":")[2]
+    programs = [["scheduler", "--port", port, "--host", "127.0.0.1"], ["worker", address, "--no-nanny", "--nthreads", "1"]]
+    return [
+        subprocess.Popen([sys.executable, "-m", "dask", *program, "--no-dashboard"], cwd=ROOT, stderr=subprocess.DEVNULL)
+        for program in programs
+    ]
+
+
+def test_workers_without_this_program_are_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    distributed = pytest.importorskip("distributed")
+
+    def missing(*_: object) -> None:
+        raise ModuleNotFoundError("No module named\n'probe_design'")
+
+    monkeypatch.setattr("probe_design.sweep_dask.answered", missing)
+    with (
+        distributed.LocalCluster(processes=False, n_workers=1, dashboard_address=None, silence_logs=60) as cluster,
+        pytest.raises(CrewError, match=r"cannot run this program.*ModuleNotFoundError: No module named 'probe_design'"),
+    ):
+        sweep(grid(2, 2), tmp_path, scheduler=cluster.scheduler_address)
+
+
+def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path) -> None:
+    ended = run(toml(tmp_path), "-o", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:9")
+    assert (ended.returncode, ended.stderr.splitlines()[-1].startswith("probe-design: scheduler = ")) == (2, True)
+    assert "Traceback" not in ended.stderr
+
+
+@pytest.mark.parametrize("scheduler", ["nonsense://x", "nowhere", ""])
+def test_what_is_no_address_is_refused(scheduler: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"^scheduler = "):
+        sweep(grid(2, 2), tmp_path, scheduler=scheduler)
