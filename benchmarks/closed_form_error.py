@@ -25,7 +25,8 @@ from geometry import Scene, read_scene
 from geometry.grading import Floats
 from solver.closed_error import LEAST_SENSITIVITY, WEIGHTS, errors
 from solver.closed_features import features
-from solver.closed_form import ClosedForm, variants
+from solver.closed_form import parameters
+from solver.closed_level import ClosedForm, variants
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "reference"
 FOLDERS = ("axisymmetric", "extra", "extreme", "extremes", "half-space", "off-axis", "solid", "layers")
@@ -77,7 +78,8 @@ class Row:
 def rows(scenes: list[tuple[Scene, dict[str, Any]]]) -> Iterator[Row]:
     """Yield those of the scenes for which the formulas give totals above zero."""
     for scene, answer in scenes:
-        shape, forces, slopes = variants(scene)
+        shape, values = parameters(scene)
+        forces, slopes = (part[0] for part in variants(shape, [values]))
         if not (np.all(np.isfinite(forces)) and np.all(forces.sum(axis=2) > 0)):
             continue
         sided = shape.side_nodes > 0

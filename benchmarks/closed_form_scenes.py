@@ -17,7 +17,7 @@ import numpy as np
 
 from geometry import InputError, Scene
 from solver import evaluate
-from solver.closed_form import ClosedForm
+from solver.closed_level import ClosedForm
 
 KEPT = ("ratio", "stress_inner", "stress_outer", "stiffness", "log_sensitivity", "error_estimate")
 

@@ -82,7 +82,7 @@ class Job:
         if self.evaluator == levels.AUTO:
             import solver.planning
         elif self.evaluator == "closed-form":
-            import solver.closed_batch  # noqa: F401
+            import solver.closed_level  # noqa: F401
         else:
             levels.evaluator(self.evaluator)
 
@@ -117,9 +117,9 @@ class Job:
         from solver import evaluate
 
         if self.evaluator == "closed-form":
-            from solver.closed_batch import results
+            from solver.closed_level import ClosedForm
 
-            together = _caught(lambda: results(scenes, self.accuracy))
+            together = _caught(lambda: ClosedForm().evaluate_many(scenes, self.accuracy))
             if not isinstance(together, Exception):
                 return list(together)
         return [_caught(lambda scene=scene: evaluate(scene, self.evaluator, self.accuracy)) for scene in scenes]  # type: ignore[misc]

@@ -1,7 +1,7 @@
-"""Level 1: the closed form, for one scene, for many designs at once, and with derivatives.
+"""Level 1's formula on arrays: of designs, and of complex steps for derivatives.
 
-One formula, ``closed_probe.answer``, serves all three: ``forces`` evaluates it on arrays of designs, ``gradients`` on arrays of
-complex steps, which ``closed_function`` hands to casadi, and ``ClosedForm`` on a scene and what its error is told from.
+One formula, ``closed_probe.answer``, serves all: ``forces`` evaluates it on arrays of designs, ``gradients`` on arrays of complex
+steps, which ``closed_function`` hands to casadi, and ``closed_level`` on scenes and what their errors are told from.
 """
 
 from __future__ import annotations
@@ -9,22 +9,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from time import perf_counter
 
 import numpy as np
 
-from geometry.errors import Refusal
 from geometry.grading import Floats
 from geometry.scene import Inclusion, Scene
 from solver.bessel import Array
 from solver.closed_blocks import Block
-from solver.closed_error import Errors, errors
-from solver.closed_features import EFFECTS, STEP
 from solver.closed_images import Sphere
 from solver.closed_probe import FLOOR_REACH, NODES_PER_WAVE, REACH, Tissue, answer
 from solver.closed_sides import side_nodes, side_radius
-from solver.film_forces import FilmForces, outputs, shortfalls
-from solver.result import Result, lopsided
 
 PROBE = (
     "inner_radius", "gap", "outer_radius", "inner_height", "outer_height",
@@ -32,10 +26,6 @@ PROBE = (
 )  # fmt: skip
 TISSUE = ("tissue_depth", "tissue_radius", "tissue_modulus", "tissue_poisson")
 BALL = ("radius", "depth", "offset", "modulus", "poisson")
-LEAST_COVER = 0.1  # of an inclusion, in its diameters
-LARGEST_ERROR = 2.9  # of ln(ratio): beyond it the formulas say nothing
-LEAST_DEPTH = 0.1  # of the tissue, in outer radii
-BROKEN = "axisymmetric, as the formulas break down for this scene"
 MOST = 256  # nodes over wave numbers
 CHUNK = 512  # designs at once: what they need then stays in the processor's cache
 np.empty(
@@ -149,71 +139,3 @@ def _nodes(scene: Scene) -> int:
 
 def _offset(scene: Scene, body: Inclusion) -> float:
     return math.hypot(body.x - scene.placement.x, body.y - scene.placement.y)
-
-
-@dataclass(frozen=True)
-class ClosedForm:
-    """Two elastic blocks on an elastic layer, spheres by equivalent inclusion with their image: a first look, and the search."""
-
-    name: str = "closed-form"
-    summary: str = "formulas; spheres anywhere, covered by a tenth of their diameter; 1 to 30 % in milliseconds"
-
-    def refusal(self, scene: Scene) -> str | None:
-        """Say which kind of thing in the scene the formulas do not know, or None."""
-        if lopsided(scene) is not None:
-            return lopsided(scene)
-        if any(body.diameter is None for body in scene.inclusion):
-            return "equivalent-inclusion or solid for an ellipsoid"
-        if any(body.depth - body.diameter / 2 < LEAST_COVER * body.diameter for body in scene.inclusion if body.diameter):
-            return f"axisymmetric for an inclusion covered by less than {LEAST_COVER:g} of its diameter"
-        if scene.tissue.shape != "half-space" and scene.tissue.depth < LEAST_DEPTH * scene.probe.tube_radius:
-            return f"axisymmetric for tissue thinner than {LEAST_DEPTH:g} outer radii"
-        return None
-
-    def evaluate(self, scene: Scene, accuracy: float = 0.01) -> Result:
-        """Answer as well as the formulas can, with a warning where that is worse than ``accuracy``.
-
-        Raises:
-            Refusal: the scene is of another kind, or the formulas break down.
-        """
-        start = perf_counter()
-        films, error = self.films(scene)
-        told = outputs(scene, films)
-        told["warnings"] += tuple(shortfalls(films, error.largest, accuracy))
-        return Result(self.name, perf_counter() - start, **told)
-
-    def films(self, scene: Scene) -> tuple[FilmForces, Errors]:
-        """Return the film forces behind an answer and the bounds on their errors; raises as ``evaluate`` does."""
-        why = self.refusal(scene)
-        if why is not None:
-            raise Refusal("evaluator", self.name, why)
-        shape, found, slopes = variants(scene)
-        if not (np.all(np.isfinite(found)) and np.all(found.sum(axis=2) > 0)):
-            raise Refusal("evaluator", self.name, BROKEN)
-        error = errors(scene, found, slopes, shape.side_nodes > 0)
-        if error.log_ratio > LARGEST_ERROR:
-            raise Refusal("evaluator", self.name, BROKEN)
-        slope = slopes[0] if scene.target is not None else None
-        return FilmForces(found[0], error.bound(found[0].sum(axis=1)), slope, error.sensitivity), error
-
-
-def variants(scene: Scene) -> tuple[Shape, Floats, Floats]:
-    """Return a scene's structure, its forces and slopes, and those that its error is told from, in the order of ``EFFECTS``.
-
-    Forces and slopes have the shape (variants, 2, 2); where the formulas break down they are not finite or not positive.
-    """
-    shape, values = parameters(scene)
-    with np.errstate(all="ignore"):
-        return shape, *forces(shape, _variants(values))
-
-
-def _variants(values: Floats) -> Floats:
-    """The parameters of the variants, columns."""
-    columns = {"scene": values}
-    for name in ("inner_modulus", "outer_modulus"):
-        columns[name] = values.copy()
-        columns[name][PROBE.index(name)] *= STEP
-    columns["no inclusions"] = values.copy()
-    bodies = columns["no inclusions"][len(PROBE) + len(TISSUE) :].reshape(-1, len(BALL))
-    bodies[:, -2:] = values[len(PROBE) + len(TISSUE) - 2 : len(PROBE) + len(TISSUE)]
-    return np.stack([columns[name] for name in EFFECTS], axis=1)

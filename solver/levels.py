@@ -40,7 +40,7 @@ def evaluator(name: str, tell: Tell | None = None) -> Evaluator:
 
         return Published()
     if name == "closed-form":
-        from solver.closed_form import ClosedForm
+        from solver.closed_level import ClosedForm
 
         return ClosedForm()
     if name == "equivalent-inclusion":

@@ -13,8 +13,8 @@ from random_scenes import in_a_block, scenes
 
 from geometry import InputError, Scene
 from solver import Result
-from solver.closed_batch import results
-from solver.closed_form import ClosedForm, _variants, forces, parameters
+from solver.closed_form import forces, parameters
+from solver.closed_level import ClosedForm, _variants
 
 KINDS = {"least_cover": 0.05, "farthest": 3.0, "tumours": 3}  # some are covered by too little
 
@@ -35,7 +35,7 @@ def told(found: Result | InputError) -> Result | str:
 def test_each_is_answered_as_on_its_own(drawn: list[Scene], seed: int) -> None:
     every = [*drawn, *map(in_a_block, drawn), *drawn[:2]]
     random.Random(seed).shuffle(every)
-    assert [told(one) for one in results(every)] == [alone(scene) for scene in every]
+    assert [told(one) for one in ClosedForm().evaluate_many(every)] == [alone(scene) for scene in every]
 
 
 @settings(max_examples=30)
@@ -63,4 +63,4 @@ def test_there_are_groups_and_refusals() -> None:
     draw()
     shapes = Counter(parameters(scene)[0] for scene in drawn)
     assert max(shapes.values()) > 1
-    assert 0 < sum(isinstance(one, InputError) for one in results(drawn)) < len(drawn)
+    assert 0 < sum(isinstance(one, InputError) for one in ClosedForm().evaluate_many(drawn)) < len(drawn)
