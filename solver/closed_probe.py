@@ -1,12 +1,13 @@
 """Two blocks on a layer with spheres: the tractions that move all ends together, for many designs at once.
 
 Unknown are pressures p and, where bonded, shears q on rings under both blocks. With C the work of unit loads' displacements on
-each other - of the tissue, the blocks' ends and the spheres - and A_j the areas of the rings under block j,
+each other, of tissue and blocks' ends, and A_j the areas of the rings under block j,
 
-    C t_j = A_j,   F_ij = A_i^T t_j,   dF_ij / d ln E_object = -t_i^T (dC / d ln E_object) t_j       (C1)
+    C t_j = A_j,   F_ij = A_i^T t_j                                                                 (C1)
 
-for block j's base moved by one unit. On a half-space C is closed (``closed_half_space``); the floor and the spheres add
-integrals over wave numbers, in which a ring's load is its values at few radii, exact for polynomials.
+for block j's base moved by one unit, to which the spheres add eq. (I5) of ``closed_inclusions``. On a half-space C is closed
+(``closed_half_space``); the floor and the spheres take integrals over wave numbers, in which a ring's load is its values at few
+radii, exact for polynomials.
 """
 
 from __future__ import annotations
