@@ -37,7 +37,8 @@ LOWEST = {  # weights of what physics lets one expect even if no scene of the fi
     "always": 0.01, "cancelled": 0.003, "inner": 0.02, "outer": 0.02, "inner small": 0.1, "inner soft": 0.05,
     "outer tall shell": 0.2, "outer soft shell": 0.1, "soft squared": 0.02, "hairline small": 0.1, "spheres near surface": 0.5,
     "spheres near floor": 0.1, "spheres near sides": 1.0, "spheres under rim": 0.02, "spheres several": 0.02, "side 2": 0.03,
-    "side 4": 0.3, "side 8": 1.0, "side slender": 0.2, "cut 4": 0.05, "cut 8": 0.3, "cut slender": 0.03, "thin": 0.005, "very thin": 0.002,
+    "side 4": 0.3, "side 8": 1.0, "side slender": 0.2, "cut 4": 0.05, "cut 8": 0.3, "cut slender": 0.03,
+    "thin": 0.005, "very thin": 0.002,
 }  # fmt: skip
 SHARES = (0.1, 0.5, 0.9, 0.99, 1.0)
 LEAST = {"ratio": 1e-3, "inner": 1e-3, "outer": 1e-3, "sensitivity": 1e-5}  # told errors below these are all as good
