@@ -16,6 +16,7 @@ from probe_design.sweep_results import extra
 from probe_design.sweep_rows import Job
 
 PATIENCE = 600.0  # seconds to wait for a scheduler that is gone
+CONNECT = 5.0  # seconds to try
 POLL = 0.05
 FETCH = 5.0  # seconds for rows to come from the worker that has them; it may stand still
 AHEAD = 2  # batches for each worker, so that none waits for the next
@@ -59,7 +60,7 @@ class DaskCrew:
         self._counted, self._workers = -1.0, 1
         try:
             self._check_address()
-            self._client: Any = self._connected(5.0)
+            self._client: Any = self._connected()
         except (OSError, ValueError, TypeError) as fault:
             self._hush(self._levels)
             reason = " ".join(str(fault).split())[:120]
@@ -174,7 +175,7 @@ class DaskCrew:
         until = time.monotonic() + PATIENCE
         while True:
             try:
-                self._client = self._connected(5.0)
+                self._client = self._connected()
                 break
             except (OSError, ValueError):
                 if time.monotonic() > until:
@@ -199,8 +200,8 @@ class DaskCrew:
         if scheme in ("tcp", "tls"):
             addressing.parse_host_port(place)
 
-    def _connected(self, seconds: float) -> Any:
-        return self._distributed.Client(self._address, timeout=seconds, set_as_default=False)
+    def _connected(self) -> Any:
+        return self._distributed.Client(self._address, timeout=CONNECT, set_as_default=False)
 
     def _leave(self) -> None:
         for out in self._out:

@@ -85,11 +85,11 @@ class TestSurvival:
         asked = [*range(20, 0, -1)]  # the second line that is waited for is held up
         monkeypatch.setattr(WorkerProcess, "_line", endless)
         monkeypatch.setattr("probe_design.sweep_run.SECONDS", 1e9)
-        job = grid(3, 2) | {"evaluator": "axisymmetric", "time_limit": 3.0}
+        job = grid(3, 2) | {"evaluator": "axisymmetric", "time_limit": 2.0}
         found = sweep(job, tmp_path, workers=1)
         assert (found.ok, found.failed) == (5, 1)
         (late,) = [row for row in rows(tmp_path) if row["status"] == "failed"]
-        assert (late["type"], late["reason"]) == ("TimeLimit", "took longer than 3 s")
+        assert (late["type"], late["reason"]) == ("TimeLimit", "took longer than 2 s")
         again = sweep(job, tmp_path, workers=1)
         assert (again.failed, again.answered) == (1, 0)
         again = sweep(job | {"time_limit": None}, tmp_path, workers=1, retry_failed=True)
