@@ -114,7 +114,7 @@ class DaskCrew:
             if future.status == "finished":
                 found = self._fetched(future)
             elif future.status in ("error", "cancelled", "lost"):
-                found = self._failed(out, self._fault(future))
+                found = self._failed(out, future)
             else:
                 continue
             if found is not None:
@@ -128,8 +128,11 @@ class DaskCrew:
             self._submit(out)
         return None
 
-    def _failed(self, out: _Out, fault: BaseException | None) -> Outcome | None:
-        """What a fault of Dask's says of a batch; None where it is to be tried again."""
+    def _failed(self, out: _Out, future: Any) -> Outcome | None:
+        """What a future without answer says of its batch; None where that is to be tried again."""
+        if future.status != "error":  # cancelled or lost, with its scheduler
+            return None
+        fault = self._fault(future)
         if isinstance(fault, self._distributed.scheduler.KilledWorker):
             return Outcome(held=len(out.batch), ended="the Dask workers that held it died")
         out.faults += fault is not None
