@@ -12,8 +12,11 @@ import pytest
 from sweeps import ROOT, command, grid, stored, toml, wait_for_rows
 
 from geometry import InputError
-from probe_design import sweep
+from probe_design import sweep, sweep_remote
 from probe_design.sweep_crew import CrewError
+from probe_design.sweep_file import sweep_from_dict
+from probe_design.sweep_process import WorkerProcess
+from probe_design.sweep_rows import Job
 
 CLUSTER = """
 import os, signal, sys
@@ -99,6 +102,22 @@ def test_workers_without_this_program_are_one_line(tmp_path: Path, monkeypatch: 
         pytest.raises(CrewError, match=r"cannot run this program.*ModuleNotFoundError: No module named 'probe_design'"),
     ):
         sweep(grid(2, 2), tmp_path, scheduler=cluster.scheduler_address)
+
+
+def test_a_dask_worker_keeps_its_process_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sweep_remote, "IDLE", 2.0)
+    started: list[int] = []
+    begun = WorkerProcess._begun
+    monkeypatch.setattr(WorkerProcess, "_begun", lambda worker: bool(started.append(1)) or begun(worker))
+    asked = sweep_from_dict(grid(2, 2))
+    job, designs = Job.of(asked), [values for _, values in asked.designs()]
+    assert [len(sweep_remote.answered(job, None, designs[k:]).rows) for k in range(3)] == [4, 3, 2]
+    assert len(started) == 1
+    (_, _, kept), *_ = sweep_remote._POOL._idle
+    process = kept._process
+    assert process is not None
+    assert process.wait(60) != 0  # ended by the pool
+    assert sweep_remote._POOL._idle == []
 
 
 def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path) -> None:

@@ -19,7 +19,6 @@ from probe_design.sweep_crew import CrewError
 from probe_design.sweep_file import sweep_from_dict
 from probe_design.sweep_process import WorkerProcess
 from probe_design.sweep_results import rows
-from probe_design.sweep_store import writing
 
 
 class TestSurvival:
@@ -119,8 +118,14 @@ class TestSurvival:
             sweep(grid(2, 2), tmp_path)
         assert list(rows(tmp_path)) == []
 
-    def test_a_second_process_is_refused_in_one_line(self, tmp_path: Path) -> None:
-        with writing(tmp_path / "out"):
-            ended = run(toml(tmp_path), "-o", tmp_path / "out")
+    def test_a_second_process_is_refused_in_one_line_and_harms_nothing(self, whole: Path, tmp_path: Path) -> None:
+        path, out = toml(tmp_path), tmp_path / "out"
+        first = subprocess.Popen(command(path, "-o", out), cwd=ROOT, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+        wait_for_rows(out, 1, first)
+        first.send_signal(signal.SIGSTOP)  # in the middle, for as long as the second one takes
+        ended = run(path, "-o", out)
+        first.send_signal(signal.SIGCONT)
         assert (ended.returncode, ended.stderr.count("\n")) == (2, 1)
         assert "no other sweep" in ended.stderr
+        assert first.wait(60) == 0
+        assert stored(out) == stored(whole)
