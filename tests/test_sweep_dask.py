@@ -59,7 +59,7 @@ def test_a_scheduler_that_dies_and_comes_back(tmp_path: Path) -> None:
         free.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
     path = tmp_path / "sweep.toml"
-    path.write_text(toml(tmp_path, n=20).read_text().replace('"closed-form"', '"axisymmetric"'))
+    path.write_text(toml(tmp_path, n=12).read_text().replace('"closed-form"', '"axisymmetric"'))
     cluster = begun(address)
     process = subprocess.Popen(
         command(path, "-o", tmp_path / "out", "--scheduler", address), cwd=ROOT, stderr=subprocess.PIPE, text=True

@@ -69,8 +69,8 @@ class TestRows:
         def asked(gaps: list[float]) -> dict[str, Any]:
             return {"scene": SCENE, "evaluator": evaluator, "variables": {"probe.gap": gaps}}
 
-        gaps = [5e-5, 1e-4, 2e-4]
-        for some in ([2e-4, 1e-4], gaps):
+        gaps = [5e-5, 1e-4]
+        for some in (gaps[1:], gaps):
             sweep(asked(some), tmp_path / "parts", workers=1)
         sweep(asked(gaps), tmp_path / "whole", workers=1)
         assert stored(tmp_path / "parts") == stored(tmp_path / "whole")
