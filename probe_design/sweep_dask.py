@@ -16,6 +16,7 @@ from probe_design.sweep_results import extra
 from probe_design.sweep_rows import Job
 
 PATIENCE = 600.0  # seconds to wait for a scheduler that is gone
+CONNECT = 5.0  # seconds to try
 POLL = 0.05
 FETCH = 5.0  # seconds for rows to come from the worker that has them; it may stand still
 AHEAD = 2  # batches for each worker, so that none waits for the next
@@ -59,7 +60,7 @@ class DaskCrew:
         self._counted, self._workers = -1.0, 1
         try:
             self._check_address()
-            self._client: Any = self._connected(5.0)
+            self._client: Any = self._connected()
         except (OSError, ValueError, TypeError) as fault:
             self._hush(self._levels)
             reason = " ".join(str(fault).split())[:120]
@@ -113,7 +114,7 @@ class DaskCrew:
             if future.status == "finished":
                 found = self._fetched(future)
             elif future.status in ("error", "cancelled", "lost"):
-                found = self._failed(out, self._fault(future))
+                found = self._failed(out, future)
             else:
                 continue
             if found is not None:
@@ -127,8 +128,11 @@ class DaskCrew:
             self._submit(out)
         return None
 
-    def _failed(self, out: _Out, fault: BaseException | None) -> Outcome | None:
-        """What a fault of Dask's says of a batch; None where it is to be tried again."""
+    def _failed(self, out: _Out, future: Any) -> Outcome | None:
+        """What a future without answer says of its batch; None where that is to be tried again."""
+        if future.status != "error":  # cancelled or lost, with its scheduler
+            return None
+        fault = self._fault(future)
         if isinstance(fault, self._distributed.scheduler.KilledWorker):
             return Outcome(held=len(out.batch), ended="the Dask workers that held it died")
         out.faults += fault is not None
@@ -174,7 +178,7 @@ class DaskCrew:
         until = time.monotonic() + PATIENCE
         while True:
             try:
-                self._client = self._connected(5.0)
+                self._client = self._connected()
                 break
             except (OSError, ValueError):
                 if time.monotonic() > until:
@@ -199,8 +203,8 @@ class DaskCrew:
         if scheme in ("tcp", "tls"):
             addressing.parse_host_port(place)
 
-    def _connected(self, seconds: float) -> Any:
-        return self._distributed.Client(self._address, timeout=seconds, set_as_default=False)
+    def _connected(self) -> Any:
+        return self._distributed.Client(self._address, timeout=CONNECT, set_as_default=False)
 
     def _leave(self) -> None:
         for out in self._out:

@@ -7,7 +7,7 @@ import threading
 from dataclasses import replace
 from pathlib import Path
 
-from probe_design.sweep_crew import Answer, Batch
+from probe_design.sweep_crew import Answer, Batch, Outcome
 from probe_design.sweep_process import WorkerProcess
 from probe_design.sweep_rows import Job
 
@@ -67,7 +67,10 @@ class LocalCrew:
         self._errors.close()
 
     def _answer(self, worker: WorkerProcess, batch: Batch) -> Answer:
-        found = worker.answer([task.values for task in batch])
+        try:
+            found = worker.answer([task.values for task in batch])
+        except Exception as fault:  # a thread that ends without an answer is waited for in vain
+            found = Outcome(refused=f"{type(fault).__name__}: {fault}")
         if found.refused:
             found = replace(found, refused=f"{found.refused}; {self._path} may tell why")
         return Answer(batch, found)

@@ -55,7 +55,7 @@ class WorkerProcess:
                 if "refused" in found:
                     return Outcome(refused=found["refused"])
                 rows += found["rows"]
-                if found["enough"]:
+                if found["enough"] or self._process is None:
                     break
         except (OSError, ValueError):  # a broken pipe, half a line
             late, self._late = self._late, False

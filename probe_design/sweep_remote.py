@@ -24,7 +24,7 @@ class _Pool:
 
     def __init__(self) -> None:
         self._idle: list[tuple[float, str, WorkerProcess]] = []
-        self._lock = threading.Lock()
+        self._lock, self._watched = threading.Lock(), False
 
     def lent(self, name: str) -> WorkerProcess | None:
         with self._lock:
@@ -37,14 +37,21 @@ class _Pool:
     def back(self, name: str, worker: WorkerProcess) -> None:
         with self._lock:
             self._idle.append((monotonic(), name, worker))
-        watch = threading.Timer(IDLE, self._retire)
-        watch.daemon = True
-        watch.start()
+            self._watch()
+
+    def _watch(self) -> None:
+        """Look for old ones later, as long as there are any."""
+        if self._idle and not self._watched:
+            self._watched = True
+            timer = threading.Timer(IDLE, self._retire)
+            timer.daemon = True
+            timer.start()
 
     def _retire(self) -> None:
         with self._lock:
             old = [one for one in self._idle if monotonic() - one[0] >= 0.9 * IDLE]
-            self._idle = [one for one in self._idle if one not in old]
+            self._idle, self._watched = [one for one in self._idle if one not in old], False
+            self._watch()
         for _, _, worker in old:
             worker.stop()
 

@@ -19,7 +19,7 @@ from geometry.errors import InputError, ProbeError, Words
 from probe_design.sweep_keys import Value
 from probe_design.sweep_rows import COLUMNS, OUTPUTS, Row
 
-NAME, LOCK, FORMAT = "sweep.sqlite", "sweep.lock", 1
+NAME, LOCK, FORMAT = "sweep.sqlite", "sweep.lock", 2
 _NO_ROOM = ("SQLITE_FULL", "SQLITE_IOERR_SHMSIZE")
 Design = tuple[int, tuple[Value, ...]]
 _REAL = (*OUTPUTS, "seconds")
@@ -112,7 +112,7 @@ def writing(folder: Path) -> Iterator[Store]:
     """Open the store of a folder for writing, making both if needed; no other process can meanwhile.
 
     Raises:
-        InputError: another process is writing.
+        InputError: another process is writing, or the store is of another format.
         StoreError: the store cannot be read or written.
         OSError: the folder cannot be made.
     """
@@ -122,7 +122,8 @@ def writing(folder: Path) -> Iterator[Store]:
         try:
             for pragma in ("journal_mode = WAL", "synchronous = FULL", "fullfsync = 1", "checkpoint_fullfsync = 1"):
                 connection.execute(f"PRAGMA {pragma}")
-            _check_format(folder, connection)
+            if _check_format(folder, connection) == 0:
+                connection.executescript(f"BEGIN; {_TABLES} PRAGMA user_version = {FORMAT}; COMMIT;")
             _flush(folder)
             yield Store(folder, connection)
         finally:
@@ -134,7 +135,7 @@ def reading(folder: Path) -> Iterator[Store]:
     """Open the store of a folder for reading, also while a sweep writes.
 
     Raises:
-        InputError: there is none.
+        InputError: there is none, or one of another format.
         StoreError: it cannot be read.
     """
     if not (folder / NAME).is_file():
@@ -143,6 +144,7 @@ def reading(folder: Path) -> Iterator[Store]:
         connection = sqlite3.connect(folder / NAME, isolation_level=None, timeout=30)
         try:
             connection.execute("PRAGMA query_only = 1")
+            _check_format(folder, connection)
             yield Store(folder, connection)
         finally:
             connection.close()
@@ -177,12 +179,12 @@ def _told(folder: Path) -> Iterator[None]:
         raise StoreError(f"{folder / NAME}: {fault}{kept}{remedy}") from None
 
 
-def _check_format(folder: Path, connection: sqlite3.Connection) -> None:
-    found = connection.execute("PRAGMA user_version").fetchone()[0]
+def _check_format(folder: Path, connection: sqlite3.Connection) -> int:
+    """Return the format of a store, 0 of one without tables; raise ``InputError`` for one of another program's."""
+    found = int(connection.execute("PRAGMA user_version").fetchone()[0])
     if found not in (0, FORMAT):
-        raise InputError("output", str(folder), f"a folder whose store is of format {FORMAT}, not {Words(found)}")
-    if found == 0:
-        connection.executescript(f"BEGIN; {_TABLES} PRAGMA user_version = {FORMAT}; COMMIT;")
+        raise InputError("folder", str(folder), f"a folder whose store is of format {FORMAT}, not {Words(found)}")
+    return found
 
 
 def _flush(folder: Path) -> None:

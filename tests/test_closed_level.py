@@ -38,7 +38,7 @@ def test_each_is_answered_as_on_its_own(drawn: list[Scene], seed: int) -> None:
     assert [told(one) for one in ClosedForm().evaluate_many(every)] == [alone(scene) for scene in every]
 
 
-@settings(max_examples=30)
+@settings(max_examples=15)
 @given(scenes(**KINDS), st.integers(2, 140))
 def test_bits_do_not_depend_on_the_columns_beside(scene: Scene, count: int) -> None:
     """Neither on their number, nor on the place among them; also where one is singular."""

@@ -51,6 +51,8 @@ def test_the_frictionless_interface() -> None:
     result = solved(one.scene, 0.02)
     assert result.ratio is not None
     assert abs(result.ratio / one.ratio - 1) <= min(0.01, result.error_estimate or 0.0)
+    assert result.residual is not None
+    assert 0 < result.residual < 1e-8  # of the loads: conjugate gradients stop there
 
 
 def test_an_ellipsoid_turned_off_the_axis() -> None:

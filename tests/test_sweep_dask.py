@@ -9,51 +9,49 @@ import sys
 from pathlib import Path
 
 import pytest
-from sweeps import ROOT, command, grid, run, stored, toml, wait_for_rows
+from sweeps import ROOT, command, grid, stored, toml, wait_for_rows
 
 from geometry import InputError
-from probe_design import sweep
+from probe_design import sweep, sweep_remote
 from probe_design.sweep_crew import CrewError
+from probe_design.sweep_file import sweep_from_dict
+from probe_design.sweep_process import WorkerProcess
+from probe_design.sweep_rows import Job
 
 CLUSTER = """
 import os, signal, sys
 import dask, distributed
 from probe_design import sweep_dask, sweep_run
 
-def main(what, path, out):
+def main(path, out):
     dask.config.set({"distributed.worker.daemon": True, "logging.distributed": "critical"})
     sweep_run.SECONDS, sweep_dask.LEAST, sweep_dask.FETCH = 0.05, 0.3, 0.5
-    workers = 4 if what == "kill" else 2
-    with distributed.LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster:
-        pids = [worker.process.pid for worker in cluster.workers.values()][::2]
-        ended = []
+    with distributed.LocalCluster(n_workers=4, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster:
+        pids = [worker.process.pid for worker in cluster.workers.values()]
+        signals = [signal.SIGSTOP, signal.SIGKILL, signal.SIGKILL]
         def act(state):
-            while pids and state.done >= 20:
-                ended.append(pids.pop())
-                os.kill(ended[-1], signal.SIGKILL if what == "kill" else signal.SIGSTOP)
+            while signals and state.done >= 20:
+                os.kill(pids[len(signals)], signals.pop())
         found = sweep_run.sweep(path, out, scheduler=cluster.scheduler_address, progress=act)
-        if what == "stop":
-            os.kill(ended[0], signal.SIGCONT)
-        print(found.ok + found.refused, found.failed, len(ended))
+        os.kill(pids[1], signal.SIGCONT)
+        print(found.ok + found.refused, found.failed, len(signals))
 
 if __name__ == "__main__":
     main(*sys.argv[1:])
 """
 
 
-@pytest.mark.parametrize(("what", "ended"), [("kill", 2), ("stop", 1)])
-def test_workers_that_die_or_stand_still(what: str, ended: int, whole: Path, tmp_path: Path) -> None:
-    """Two of four are killed; one of two stops and keeps its batches, which the other is given too."""
+def test_two_of_four_workers_die_and_one_stands_still(whole: Path, tmp_path: Path) -> None:
+    """The one that stands still keeps its batches, which others are given too."""
     script = tmp_path / "program.py"
     script.write_text(CLUSTER)
-    arguments = [sys.executable, script, what, toml(tmp_path), tmp_path / "out"]
+    arguments = [sys.executable, script, toml(tmp_path), tmp_path / "out"]
     done = subprocess.run(
         arguments, capture_output=True, text=True, cwd=ROOT, timeout=120, env=os.environ | {"PYTHONPATH": str(ROOT)}
     )
-    assert done.stdout.split() == ["300", "0", str(ended)], done.stderr[-2000:]
+    assert done.stdout.split() == ["300", "0", "0"], done.stderr[-2000:]
     assert stored(tmp_path / "out") == stored(whole)
-    log = (tmp_path / "out" / "sweep.log").read_text()
-    assert what == "kill" or "takes long" in log
+    assert "takes long" in (tmp_path / "out" / "sweep.log").read_text()
 
 
 def test_a_scheduler_that_dies_and_comes_back(tmp_path: Path) -> None:
@@ -61,7 +59,7 @@ def test_a_scheduler_that_dies_and_comes_back(tmp_path: Path) -> None:
         free.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
     path = tmp_path / "sweep.toml"
-    path.write_text(toml(tmp_path, n=20).read_text().replace('"closed-form"', '"axisymmetric"'))
+    path.write_text(toml(tmp_path, n=12).read_text().replace('"closed-form"', '"axisymmetric"'))
     cluster = begun(address)
     process = subprocess.Popen(
         command(path, "-o", tmp_path / "out", "--scheduler", address), cwd=ROOT, stderr=subprocess.PIPE, text=True
@@ -106,8 +104,26 @@ def test_workers_without_this_program_are_one_line(tmp_path: Path, monkeypatch: 
         sweep(grid(2, 2), tmp_path, scheduler=cluster.scheduler_address)
 
 
+def test_a_dask_worker_keeps_its_process_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sweep_remote, "IDLE", 2.0)
+    started: list[int] = []
+    begun = WorkerProcess._begun
+    monkeypatch.setattr(WorkerProcess, "_begun", lambda worker: bool(started.append(1)) or begun(worker))
+    asked = sweep_from_dict(grid(2, 2))
+    job, designs = Job.of(asked), [values for _, values in asked.designs()]
+    assert [len(sweep_remote.answered(job, None, designs[k:]).rows) for k in range(3)] == [4, 3, 2]
+    assert len(started) == 1
+    (_, _, kept), *_ = sweep_remote._POOL._idle
+    process = kept._process
+    assert process is not None
+    assert process.wait(60) != 0  # ended by the pool
+    assert sweep_remote._POOL._idle == []
+
+
 def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path) -> None:
-    ended = run(toml(tmp_path), "-o", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:9")
+    program = "from probe_design import cli, sweep_dask; sweep_dask.CONNECT = 0.5; cli.main()"
+    arguments = ["sweep", toml(tmp_path), "-o", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:9"]
+    ended = subprocess.run([sys.executable, "-W", "error", "-c", program, *arguments], capture_output=True, text=True, cwd=ROOT)
     assert (ended.returncode, ended.stderr.splitlines()[-1].startswith("probe-design: scheduler = ")) == (2, True)
     assert "Traceback" not in ended.stderr
 

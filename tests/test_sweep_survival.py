@@ -12,14 +12,13 @@ import time
 from pathlib import Path
 
 import pytest
-from sweeps import ROOT, command, count, grid, run, stored, toml, wait_for_rows
+from sweeps import ROOT, count, grid, run, stored, toml, wait_for_rows
 
 from probe_design import sweep
 from probe_design.sweep_crew import CrewError
 from probe_design.sweep_file import sweep_from_dict
 from probe_design.sweep_process import WorkerProcess
 from probe_design.sweep_results import rows
-from probe_design.sweep_store import writing
 
 
 class TestSurvival:
@@ -33,8 +32,8 @@ class TestSurvival:
 
         monkeypatch.setattr(WorkerProcess, "_send", deadly)
         monkeypatch.setattr("probe_design.sweep_run.SECONDS", 1e9)  # so that it shares a batch with others
-        found = sweep(grid(4, 3), tmp_path, workers=1)
-        assert (found.ok, found.failed) == (9, 3)
+        found = sweep(grid(4, 2), tmp_path, workers=1)
+        assert (found.ok, found.failed) == (6, 2)
         for row in rows(tmp_path):
             assert (row["status"] == "failed") == (row["probe.gap"] == 2e-4)
         assert "killed by signal 9" in row["reason"]
@@ -63,15 +62,24 @@ class TestSurvival:
         assert found.answered < 300
         assert stored(out) == stored(whole)
 
-    def test_interrupted_by_hand(self, whole: Path, tmp_path: Path) -> None:
-        path = toml(tmp_path)
-        process = subprocess.Popen(command(path, "-o", tmp_path / "out"), cwd=ROOT, stderr=subprocess.PIPE, text=True)
-        wait_for_rows(tmp_path / "out", 1, process)
-        process.send_signal(signal.SIGINT)
-        _, told = process.communicate(timeout=30)
-        assert (process.returncode, "interrupted" in told, "Traceback" in told) == (130, True, False)
-        sweep(path, tmp_path / "out")
-        assert stored(tmp_path / "out") == stored(whole)
+    def test_a_second_process_is_refused_and_ctrl_c_keeps_what_is_there(self, whole: Path, tmp_path: Path) -> None:
+        path, out = toml(tmp_path), tmp_path / "out"
+        slow = "from probe_design import cli, sweep_run; sweep_run.SECONDS = 0.01; cli.main()"
+        first = subprocess.Popen(
+            [sys.executable, "-c", slow, "sweep", path, "-o", out], cwd=ROOT, stderr=subprocess.PIPE, text=True
+        )
+        wait_for_rows(out, 1, first)
+        first.send_signal(signal.SIGSTOP)  # in the middle, for as long as the second one takes
+        second = run(path, "-o", out)
+        assert (second.returncode, second.stderr.count("\n")) == (2, 1)
+        assert "no other sweep" in second.stderr
+        first.send_signal(signal.SIGINT)
+        first.send_signal(signal.SIGCONT)
+        _, told = first.communicate(timeout=30)
+        assert (first.returncode, "interrupted" in told, "Traceback" in told) == (130, True, False)
+        assert count(out) < 300
+        sweep(path, out)
+        assert stored(out) == stored(whole)
 
     def test_the_design_that_takes_too_long_fails_and_no_other(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         """A worker that is stopped in the middle answers as one does that computes for ever."""
@@ -85,11 +93,11 @@ class TestSurvival:
         asked = [*range(20, 0, -1)]  # the second line that is waited for is held up
         monkeypatch.setattr(WorkerProcess, "_line", endless)
         monkeypatch.setattr("probe_design.sweep_run.SECONDS", 1e9)
-        job = grid(3, 2) | {"evaluator": "axisymmetric", "time_limit": 3.0}
+        job = grid(3, 2) | {"evaluator": "axisymmetric", "time_limit": 2.0}
         found = sweep(job, tmp_path, workers=1)
         assert (found.ok, found.failed) == (5, 1)
         (late,) = [row for row in rows(tmp_path) if row["status"] == "failed"]
-        assert (late["type"], late["reason"]) == ("TimeLimit", "took longer than 3 s")
+        assert (late["type"], late["reason"]) == ("TimeLimit", "took longer than 2 s")
         again = sweep(job, tmp_path, workers=1)
         assert (again.failed, again.answered) == (1, 0)
         again = sweep(job | {"time_limit": None}, tmp_path, workers=1, retry_failed=True)
@@ -118,9 +126,3 @@ class TestSurvival:
         with pytest.raises(CrewError, match=r"no worker process starts; .*workers\.log"):
             sweep(grid(2, 2), tmp_path)
         assert list(rows(tmp_path)) == []
-
-    def test_a_second_process_is_refused_in_one_line(self, tmp_path: Path) -> None:
-        with writing(tmp_path / "out"):
-            ended = run(toml(tmp_path), "-o", tmp_path / "out")
-        assert (ended.returncode, ended.stderr.count("\n")) == (2, 1)
-        assert "no other sweep" in ended.stderr
