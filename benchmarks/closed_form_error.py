@@ -133,7 +133,8 @@ def _envelope(table: Floats, least: Floats, lowest: Floats, floor: float) -> Flo
 
 
 def audit(found: list[Row]) -> None:
-    """Print quantiles."""
+    """Print quantiles over those that are not refused."""
+    found = [row for row in found if row.stated["ratio"] <= LARGEST_ERROR]
     for kind in WEIGHTS:
         known = [row for row in found if kind in row.true]
         true, stated = (np.array([getattr(row, name)[kind] for row in known]) for name in ("true", "stated"))

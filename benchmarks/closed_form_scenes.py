@@ -18,6 +18,7 @@ import numpy as np
 from geometry import InputError, Scene
 from solver import evaluate
 from solver.closed_level import ClosedForm
+from solver.memory import give_back
 
 KEPT = ("ratio", "stress_inner", "stress_outer", "stiffness", "log_sensitivity", "error_estimate")
 
@@ -35,6 +36,7 @@ def main() -> None:
             line = {"scene": scene.model_dump(mode="json", exclude_unset=True), "answer": answer}
             file.write(json.dumps(line) + "\n")
             file.flush()
+            give_back()
 
 
 def answered(file: Path) -> Iterator[tuple[Scene, dict[str, float | None]]]:

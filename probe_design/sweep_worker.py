@@ -22,6 +22,7 @@ def main() -> None:
     os.dup2(2, 1)  # what libraries print is no answer
     from geometry.errors import InputError
     from probe_design.sweep_rows import Job
+    from solver.memory import give_back
 
     def tell(found: Any) -> None:
         try:
@@ -41,6 +42,7 @@ def main() -> None:
                 tell({"rows": rows, "enough": enough})
                 if enough:
                     break
+            give_back()
         except InputError as fault:
             tell({"refused": str(fault)})
 
