@@ -105,7 +105,7 @@ def _picture(name: str, variables: list[Any], answered: list[Any], y: Floats) ->
     for axes in places[::wide]:
         axes.set_ylabel(_label(name, UNITS[name]))
     drawn = io.BytesIO()
-    figure.savefig(drawn, format="png", dpi=110)
+    figure.savefig(drawn, format="png", dpi=110, bbox_inches="tight")
     return f'<p><img alt="{html.escape(name)}" src="data:image/png;base64,{base64.b64encode(drawn.getvalue()).decode()}"></p>'
 
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
-from typing import Any
 
-import casadi
 import numpy as np
 from threadpoolctl import threadpool_limits
 
@@ -18,6 +16,7 @@ from geometry.solids import base_sizes
 from geometry.variables import changed
 from solver.axisymmetric import Axisymmetric
 from solver.converged import Converged
+from solver.differentiated import Differentiated
 from solver.equivalent_inclusion import EquivalentInclusion
 from solver.gradients import Gradients, gradients
 from solver.sampling import sample
@@ -27,13 +26,12 @@ from solver.tumour_gradients import first_order, tumour_gradients
 OUTPUTS = ("ratio", "stress_inner", "stress_outer", "log_sensitivity")
 
 
-class FilmCallback(casadi.Callback):  # type: ignore[misc]
+class FilmCallback(Differentiated):
     """x -> (ratio, stress_inner, stress_outer, log_sensitivity) of a scene, x some of its numbers in SI units.
 
     The mesh that meets the accuracy at the scene itself is kept: its nodes move smoothly with x, and so do the outputs. A design
     that it cannot follow gets a mesh of its own kind; one that is no scene, or cannot be solved, gives NaN, from
-    which IPOPT steps back. Tell IPOPT ``hessian_approximation = "limited-memory"``; keep a reference to the callback
-    as long as casadi uses it.
+    which IPOPT steps back.
 
     Args:
         scene: where x starts; of a kind that ``axisymmetric`` takes.
@@ -52,9 +50,7 @@ class FilmCallback(casadi.Callback):  # type: ignore[misc]
         mesh = found.sample.states.model.mesh
         self.kind, self.fineness = mesh.layout.kind, mesh.layout.fineness
         self.layered = any(one.modelled for one in found.plan)
-        self.last: tuple[Floats, Gradients] | None = None
-        self.jacobians: list[_Jacobian] = []
-        self.construct("films", {"enable_fd": False})
+        self.begin("films", len(variables), len(OUTPUTS))
 
     def found(self, accuracy: float) -> Converged:
         """Solve the scene itself, and refuse variables that it does not have."""
@@ -71,38 +67,13 @@ class FilmCallback(casadi.Callback):  # type: ignore[misc]
         found = sample(of.section, of, scene, self.fineness, kind=kind or kind_of(of.section))
         return gradients(scene, found, self.variables)
 
-    def get_n_in(self) -> int:  # noqa: D102
-        return 1
-
-    def get_n_out(self) -> int:  # noqa: D102
-        return 1
-
-    def get_sparsity_in(self, i: int) -> Any:  # noqa: D102
-        return casadi.Sparsity.dense(len(self.variables), 1)
-
-    def get_sparsity_out(self, i: int) -> Any:  # noqa: D102
-        return casadi.Sparsity.dense(len(OUTPUTS), 1)
-
-    def eval(self, arg: list[Any]) -> list[Any]:
-        """Return the outputs at x."""
-        found = self.gradients(np.array(arg[0], dtype=float).ravel())
-        return [casadi.DM.nan(len(OUTPUTS), 1) if found is None else casadi.DM([found.values[name][0] for name in OUTPUTS])]
-
-    def has_jacobian(self) -> bool:  # noqa: D102
-        return True
-
-    def get_jacobian(self, name: str, inames: list[str], onames: list[str], opts: dict[str, Any]) -> Any:  # noqa: D102
-        self.jacobians.append(_Jacobian(self, name, opts))
-        return self.jacobians[-1]
-
-    def gradients(self, x: Floats) -> Gradients | None:
-        """Return outputs and derivatives at x, None where there are none; the last x is remembered."""
-        if self.last is None or not np.array_equal(self.last[0], x):
-            found = self._solved(x)
-            if found is None:
-                return None
-            self.last = x.copy(), found
-        return self.last[1]
+    def values(self, x: Floats) -> tuple[Floats, Floats]:
+        """Return the outputs and their derivatives at x, NaN where there are none."""
+        found = self._solved(x)
+        if found is None:
+            return np.full(len(OUTPUTS), np.nan), np.full((len(OUTPUTS), len(x)), np.nan)
+        values = [found.values[name][0] for name in OUTPUTS]
+        return np.array(values), np.array([found.derivatives[name][0] for name in OUTPUTS])
 
     def _solved(self, x: Floats) -> Gradients | None:
         try:
@@ -154,30 +125,3 @@ def _explicit(scene: Scene) -> Scene:
     if probe.film is not None and probe.film.adhesive_thickness > 0:
         data["probe"]["film"]["adhesive_modulus"] = probe.film.adhesive_modulus or probe.film.youngs_modulus
     return Scene.model_validate(data)
-
-
-class _Jacobian(casadi.Callback):  # type: ignore[misc]
-    """(x, outputs) -> the outputs' derivatives by x."""
-
-    def __init__(self, films: FilmCallback, name: str, options: dict[str, Any]) -> None:
-        super().__init__()
-        self.films = films
-        self.construct(name, options)
-
-    def get_n_in(self) -> int:
-        return 2
-
-    def get_n_out(self) -> int:
-        return 1
-
-    def get_sparsity_in(self, i: int) -> Any:
-        return self.films.get_sparsity_in(0) if i == 0 else self.films.get_sparsity_out(0)
-
-    def get_sparsity_out(self, i: int) -> Any:
-        return casadi.Sparsity.dense(len(OUTPUTS), len(self.films.variables))
-
-    def eval(self, arg: list[Any]) -> list[Any]:
-        found = self.films.gradients(np.array(arg[0], dtype=float).ravel())
-        if found is None:
-            return [casadi.DM.nan(len(OUTPUTS), len(self.films.variables))]
-        return [casadi.DM(np.array([found.derivatives[name][0] for name in OUTPUTS]))]

@@ -1,0 +1,83 @@
+"""Functions with exact Jacobians as casadi functions: what IPOPT is given."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi
+import numpy as np
+
+from geometry.grading import Floats
+
+
+class Differentiated(casadi.Callback):  # type: ignore[misc]
+    """x -> y, both vectors, with dy/dx; who derives from it tells ``values`` and, when all is set, calls ``begin``.
+
+    Values at the last x are remembered. Tell IPOPT ``hessian_approximation = "limited-memory"``; keep a reference as long as
+    casadi uses it.
+    """
+
+    def begin(self, name: str, inputs: int, outputs: int) -> None:
+        """Make the casadi function of so many inputs and outputs."""
+        self.inputs, self.outputs = inputs, outputs
+        self.last: tuple[Floats, tuple[Floats, Floats]] | None = None
+        self.jacobians: list[_Jacobian] = []
+        self.construct(name, {"enable_fd": False})
+
+    def values(self, x: Floats) -> tuple[Floats, Floats]:
+        """Return y and dy/dx, shapes (outputs,) and (outputs, inputs); NaN where there are none: IPOPT steps back."""
+        raise NotImplementedError
+
+    def at(self, argument: Any) -> tuple[Floats, Floats]:
+        """Return ``values`` at x, those of the last x from memory."""
+        x = np.array(argument, dtype=float).ravel()
+        if self.last is None or not np.array_equal(self.last[0], x):
+            self.last = x, self.values(x)
+        return self.last[1]
+
+    def get_n_in(self) -> int:  # noqa: D102
+        return 1
+
+    def get_n_out(self) -> int:  # noqa: D102
+        return 1
+
+    def get_sparsity_in(self, i: int) -> Any:  # noqa: D102
+        return casadi.Sparsity.dense(self.inputs, 1)
+
+    def get_sparsity_out(self, i: int) -> Any:  # noqa: D102
+        return casadi.Sparsity.dense(self.outputs, 1)
+
+    def eval(self, arg: list[Any]) -> list[Any]:
+        """Return y at x."""
+        return [casadi.DM(self.at(arg[0])[0])]
+
+    def has_jacobian(self) -> bool:  # noqa: D102
+        return True
+
+    def get_jacobian(self, name: str, inames: list[str], onames: list[str], opts: dict[str, Any]) -> Any:  # noqa: D102
+        self.jacobians.append(_Jacobian(self, name, opts))
+        return self.jacobians[-1]
+
+
+class _Jacobian(casadi.Callback):  # type: ignore[misc]
+    """(x, y) -> dy/dx."""
+
+    def __init__(self, of: Differentiated, name: str, options: dict[str, Any]) -> None:
+        super().__init__()
+        self.of = of
+        self.construct(name, options)
+
+    def get_n_in(self) -> int:
+        return 2
+
+    def get_n_out(self) -> int:
+        return 1
+
+    def get_sparsity_in(self, i: int) -> Any:
+        return self.of.get_sparsity_in(0) if i == 0 else self.of.get_sparsity_out(0)
+
+    def get_sparsity_out(self, i: int) -> Any:
+        return casadi.Sparsity.dense(self.of.outputs, self.of.inputs)
+
+    def eval(self, arg: list[Any]) -> list[Any]:
+        return [casadi.DM(self.of.at(arg[0])[1])]
