@@ -56,7 +56,7 @@ def compared(rng: np.random.Generator) -> list[tuple[float, ...]]:
         Block(None, inner * one, tall[0] * one, 1e3 * one, nu[0] * one),
         Block(hole * one, sizes[1][1] * one, tall[1] * one, 1e3 * one, nu[1] * one),
     )
-    forces = np.diag(answer(made, Tissue(None, GROUND * one, 0 * one), [], None, bonded, 16)[0][0])
+    forces = np.diag(answer(made, Tissue(None, GROUND * one, 0 * one), [], None, bonded, 16).forces[0])
     stresses = [(exact.stress_inner or 0.0) * scene.probe.inner_area, (exact.stress_outer or 0.0) * scene.probe.outer_area]
     surplus = forces * 1e-6 / stresses - 1
     return [(k == 0, bonded, tall[k] / sizes[k][0], sizes[k][0] / sizes[k][1], nu[k], surplus[k]) for k in (0, 1)]

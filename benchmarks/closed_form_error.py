@@ -80,7 +80,7 @@ def rows(scenes: list[tuple[Scene, dict[str, Any]]]) -> Iterator[Row]:
     """Yield those of the scenes for which the formulas give totals above zero."""
     for scene, answer in scenes:
         shape, values = parameters(scene)
-        forces, slopes = (part[0] for part in variants(shape, [values]))
+        forces, slopes, _ = (part[0] for part in variants(shape, [values]))
         if not (np.all(np.isfinite(forces)) and np.all(forces.sum(axis=2) > 0)):
             continue
         sided = shape.side_nodes > 0

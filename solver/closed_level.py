@@ -18,14 +18,24 @@ from geometry.grading import Floats
 from geometry.scene import Scene
 from solver.closed_error import Errors, errors
 from solver.closed_features import EFFECTS, STEP
-from solver.closed_form import BALL, PROBE, TISSUE, Shape, forces, parameters
+from solver.closed_form import BALL, PROBE, TISSUE, Shape, answers, parameters
 from solver.film_forces import FilmForces, outputs, shortfalls
 from solver.result import Result, lopsided
 
 LEAST_COVER = 0.1  # of an inclusion, in its diameters
 LARGEST_ERROR = 2.9  # of ln(ratio): beyond it the formulas say nothing
+LARGEST_RESIDUAL = 1e-10
 LEAST_DEPTH = 0.1  # of the tissue, in outer radii
 BROKEN = "axisymmetric, as the formulas break down for this scene"
+
+
+@dataclass(frozen=True)
+class Found:
+    """Film forces with their bounds, the bounds on their errors, and the residual of eq. (C1)."""
+
+    films: FilmForces
+    errors: Errors
+    residual: float
 
 
 @dataclass(frozen=True)
@@ -65,9 +75,9 @@ class ClosedForm:
         share = (perf_counter() - start) / max(len(scenes), 1)
         return [replace(one, seconds=share) if isinstance(one, Result) else one for one in answers]
 
-    def films(self, scenes: Sequence[Scene]) -> list[tuple[FilmForces, Errors] | InputError]:
-        """Return for each scene the film forces behind an answer with the bounds on their errors, or the refusal."""
-        found: dict[int, tuple[FilmForces, Errors] | InputError] = {}
+    def films(self, scenes: Sequence[Scene]) -> list[Found | InputError]:
+        """Return for each scene what stands behind an answer, or the refusal."""
+        found: dict[int, Found | InputError] = {}
         groups: dict[Shape, list[tuple[int, Floats]]] = defaultdict(list)
         for place, scene in enumerate(scenes):
             why = self.refusal(scene)
@@ -78,42 +88,46 @@ class ClosedForm:
             groups[shape].append((place, values))
         for shape, group in groups.items():
             every = variants(shape, [values for _, values in group])
-            for (place, _), forces_, slopes in zip(group, *every, strict=True):
-                found[place] = self._bounded(scenes[place], shape, forces_, slopes)
+            for (place, _), *one in zip(group, *every, strict=True):
+                found[place] = self._bounded(scenes[place], shape, *one)
         return [found[place] for place in range(len(scenes))]
 
-    def _bounded(self, scene: Scene, shape: Shape, found: Floats, slopes: Floats) -> tuple[FilmForces, Errors] | InputError:
-        """The film forces of a scene from those of its variants."""
-        if not (np.all(np.isfinite(found)) and np.all(found.sum(axis=2) > 0)):
+    def _bounded(self, scene: Scene, shape: Shape, found: Floats, slopes: Floats, residuals: Floats) -> Found | InputError:
+        """What stands behind the answer of a scene, from its variants."""
+        if not (np.all(np.isfinite(found)) and np.all(found.sum(axis=2) > 0) and np.all(residuals < LARGEST_RESIDUAL)):
             return Refusal("evaluator", self.name, BROKEN)
         error = errors(scene, found, slopes, shape.side_nodes > 0)
         if error.log_ratio > LARGEST_ERROR:
             return Refusal("evaluator", self.name, BROKEN)
         slope = slopes[0] if scene.target is not None else None
-        return FilmForces(found[0], error.bound(found[0].sum(axis=1)), slope, error.sensitivity), error
+        films = FilmForces(found[0], error.bound(found[0].sum(axis=1)), slope, error.sensitivity)
+        return Found(films, error, float(residuals[0]))
 
-    def _told(self, scene: Scene, found: tuple[FilmForces, Errors] | InputError, accuracy: float) -> Result | InputError:
+    def _told(self, scene: Scene, found: Found | InputError, accuracy: float) -> Result | InputError:
         if isinstance(found, InputError):
             return found
-        told = outputs(scene, found[0])
-        told["warnings"] += tuple(shortfalls(found[0], found[1].largest, accuracy))
-        return Result(self.name, 0.0, **told)
+        told = outputs(scene, found.films)
+        told["warnings"] += tuple(shortfalls(found.films, found.errors.largest, accuracy))
+        return Result(self.name, 0.0, residual=found.residual, **told)
 
 
-def variants(shape: Shape, values: Sequence[Floats]) -> tuple[Floats, Floats]:
-    """Return forces and slopes of designs, and those that their errors are told from, in the order of ``EFFECTS``.
+def variants(shape: Shape, values: Sequence[Floats]) -> tuple[Floats, Floats, Floats]:
+    """Return forces, slopes and residuals of designs, and those that their errors are told from, in the order of ``EFFECTS``.
 
     Args:
         shape: of all the designs.
         values: the parameters of each, see ``closed_form.parameters``.
 
     Returns:
-        two arrays of shape (designs, variants, 2, 2), not finite or not positive where the formulas break down.
+        two arrays of shape (designs, variants, 2, 2), not finite or not positive where the formulas break down, and one of
+        shape (designs, variants).
     """
     columns = np.concatenate([_variants(one) for one in values], axis=1)
     with np.errstate(all="ignore"):
-        found, slopes = forces(shape, columns)
-    return found.reshape(len(values), -1, 2, 2), slopes.reshape(len(values), -1, 2, 2)
+        parts = [(one.forces, one.slope, one.residual) for one in answers(shape, columns)]
+        found, slopes, residuals = (np.concatenate(part) for part in zip(*parts, strict=True))
+    size = len(values), -1
+    return found.reshape(*size, 2, 2), slopes.reshape(*size, 2, 2), residuals.reshape(size)
 
 
 def _variants(values: Floats) -> Floats:

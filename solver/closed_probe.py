@@ -53,6 +53,29 @@ class Tissue:
         return self.E / (2 * (1 + self.nu))
 
 
+@dataclass(frozen=True)
+class Answer:
+    """What designs answer.
+
+    Attributes:
+        forces: F_ij, N/m, shape (n, 2, 2).
+        slope: their derivatives by ln of the target's modulus, zero without one.
+        works, areas, tractions: C, A and t of eq. (C1), shapes (n, loads, loads), (n, loads, 2) and (n, loads, 2).
+    """
+
+    forces: Array
+    slope: Array
+    works: Array
+    areas: Array
+    tractions: Array
+
+    @property
+    def residual(self) -> Array:
+        """What is left of eq. (C1), relative to the largest sum of its terms' sizes, shape (n,)."""
+        left = np.abs(self.works @ self.tractions - self.areas)
+        return left.max(axis=(1, 2)) / (np.abs(self.works) @ np.abs(self.tractions)).max(axis=(1, 2))
+
+
 def answer(
     blocks: tuple[Block, Block],
     tissue: Tissue,
@@ -61,8 +84,8 @@ def answer(
     bonded: bool,
     nodes: int,
     side_nodes: int = 0,
-) -> tuple[Array, Array]:
-    """Solve eq. (C1): the forces F_ij, N/m, and their slope by ln of the target's modulus, zero without one; shapes (n, 2, 2).
+) -> Answer:
+    """Solve eq. (C1).
 
     Args:
         blocks: inner (solid) and outer (tube).
@@ -86,11 +109,13 @@ def answer(
         C = C if sides is None else C + sides.work
         bodies = [placed(sphere, field, loads, weights, tissue.E, tissue.nu, _disc(blocks, tissue), sides) for sphere in spheres]
     solved = np.linalg.solve(C, np.concatenate([areas, *(np.swapaxes(body.moments, 1, 2) for body in bodies)], axis=2))
-    alone = np.swapaxes(areas, 1, 2) @ solved[:, :, :2]
-    if not bodies:
-        return alone, np.zeros_like(alone)
-    added, slope = answered(bodies, solved, target)
-    return alone + added, slope
+    tractions = solved[:, :, :2]
+    forces = np.swapaxes(areas, 1, 2) @ tractions
+    slope = np.zeros_like(forces)
+    if bodies:
+        added, slope = answered(bodies, solved, target)
+        forces = forces + added
+    return Answer(forces, slope, C, areas, tractions)
 
 
 def _ends(blocks: tuple[Block, Block], bonded: bool) -> list[tuple[Array, Array, Array]]:

@@ -65,7 +65,7 @@ class Result:
         evaluator: the level that answered.
         seconds: what the answer cost.
         equivalent_modulus: Pa; of ``published`` alone.
-        residual: relative, the largest of the solutions on the meshes that answer; None where formulas do.
+        residual: relative, the largest of the solutions that answer; None where none is solved for.
         plan: what was modelled and what was left out.
         warnings: one line each.
     """

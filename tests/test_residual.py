@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 
 from geometry import read_scene
 from solver import evaluate, system
+from solver.closed_form import answers, parameters
 from solver.factor import Factor, factorise
 from solver.solid_factor import Stiffness, residual
 
@@ -54,7 +56,16 @@ def test_of_a_small_system_by_hand() -> None:
     assert found == pytest.approx(1 / np.sqrt(5), rel=1e-15)
 
 
-@pytest.mark.parametrize("name", ["closed-form", "published"])
-def test_formulas_have_none(name: str) -> None:
-    found: dict[str, Any] = evaluate(SCENE, name).as_dict()
+def test_of_the_closed_form() -> None:
+    found = evaluate(SCENE, "closed-form").residual
+    assert found is not None
+    assert 0 < found < 1e-13
+    shape, values = parameters(SCENE)
+    answer = next(answers(shape, values[:, None]))
+    wrong = replace(answer, tractions=answer.tractions * (1 + 1e-6)).residual
+    assert 1e-9 < wrong[0] <= 1e-6  # a millionth more of all tractions leaves a millionth of A, and |C| |t| is no less than A
+
+
+def test_the_papers_equations_have_none() -> None:
+    found: dict[str, Any] = evaluate(SCENE, "published").as_dict()
     assert found["residual"] is None
