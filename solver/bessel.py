@@ -1,7 +1,7 @@
 """Bessel functions of real and, a step away, complex numbers: scipy's values between which cubics lead.
 
 Cubics that meet values and slopes at steps of 1/8 are off by less than 3e-7, and their own derivatives are continuous: what a
-complex step differentiates is what is evaluated. For J0 and J1 a table takes a quarter of the time of cosines and sines.
+complex step differentiates is what is evaluated. A table takes far less time than the cosines and sines of a fit.
 """
 
 from __future__ import annotations

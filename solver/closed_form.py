@@ -30,7 +30,7 @@ MOST = 256  # nodes over wave numbers
 CHUNK = 512  # designs at once: what they need then stays in the processor's cache
 np.empty(
     2**22 - 2**12
-)  # glibc keeps freed arrays smaller than the largest ever freed: a third of the time would go into new ones
+)  # glibc keeps freed arrays smaller than the largest ever freed: a good part of the time would go into new ones
 
 
 @dataclass(frozen=True)
