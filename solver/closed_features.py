@@ -11,8 +11,8 @@ A quantity is ln(ratio), the logarithm of either total or the log-sensitivity. I
   modelled ("cut") and once where not ("side"), and over the tissue's depth; how narrow the gap is; how far forces cancel; how
   soft the outer block is, and wide beside the inner.
 
-The last group's, for the log-sensitivity, are times what the target changes of both totals; it has some of its own. These are what
-``benchmarks/closed_form_error.py`` chooses from: a feature without a weight in ``closed_error`` is one that no scene asked for.
+The last group's, for the log-sensitivity, are times what the target changes of both totals; it has some of its own. From these
+``benchmarks/closed_form_error.py`` chooses: a feature without a weight in ``closed_error`` is one that no scene asked for.
 """
 
 from __future__ import annotations
