@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 
 import solver.closed_blocks as blocks
 from geometry import Contact, CylinderTissue, InputError, Load, Material, Probe, Scene
-from geometry.grading import Floats
+from geometry.meridian.grading import Floats
 from solver import evaluate
 from solver.closed_blocks import Block
 from solver.closed_probe import Tissue, answer

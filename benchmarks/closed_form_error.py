@@ -22,7 +22,7 @@ from closed_form_scenes import answered
 from scipy.optimize import linprog
 
 from geometry import Scene, read_scene
-from geometry.grading import Floats
+from geometry.meridian.grading import Floats
 from solver.closed_error import LEAST_SENSITIVITY, WEIGHTS, errors
 from solver.closed_features import features
 from solver.closed_form import parameters

@@ -11,7 +11,7 @@ from inclusion_draws import Draw, draw
 from tables import Table
 
 from geometry import InputError, Refusal
-from geometry.errors import SolveError
+from geometry.common.errors import SolveError
 from solver.axisymmetric import Axisymmetric
 from solver.film_forces import FilmForces
 from solver.readings import Readings, readings

@@ -11,7 +11,7 @@ import numpy as np
 from measured import Answer, Curve, Floats, Stopwatch
 
 from geometry import Scene
-from geometry.frame import Fineness
+from geometry.meridian.frame import Fineness
 from solver import evaluate as solver_evaluate
 from solver import factor
 from solver.axisymmetric import Axisymmetric

@@ -16,7 +16,7 @@ from reference_outline import Refinement
 from scipy.spatial import KDTree
 
 from geometry import Inclusion, Scene
-from geometry.placement import semi_axes
+from geometry.scenes.fit import semi_axes
 
 LAYER = 0.125  # thickness of the layer of elements at the rims, over that of the elements it is cut from
 FLAT = 1e-4  # more than the margins of the shapes' bounding boxes, less than their sizes

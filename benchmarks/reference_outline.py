@@ -1,7 +1,7 @@
 """Outline and mesh of the reference code: the meridian plane of probe, layers, base and tissue.
 
 The tissue lies below z = 0, lengths are in inner radii. On each block lie its film and, above it, its adhesive, both as
-wide as the block. The elastic base is that of ``geometry.solids``: a step of the tube's radius below a flange; where the
+wide as the block. The elastic base is that of ``geometry.cad.solids``: a step of the tube's radius below a flange; where the
 two stacks differ in height its lower face steps in the middle of the gap. Without ``[probe.film]`` blocks meet the base.
 """
 
@@ -18,7 +18,7 @@ from netgen.geom2d import SplineGeometry
 from netgen.meshing import MeshingParameters
 
 from geometry import Film, Probe, Scene
-from geometry.solids import base_sizes
+from geometry.cad.solids import base_sizes
 
 OUTSIDE, TISSUE, INCLUSION, INNER, OUTER, FILM, ADHESIVE, BASE = range(8)
 NAMES = dict(enumerate(["tissue", "inclusion", "inner", "outer", "film", "adhesive", "base"], 1))

@@ -21,9 +21,9 @@ from rich.console import Console
 from tables import Table
 
 from geometry import Scene, read_scene
-from geometry.probe import Material
-from geometry.sizing import COARSE, ROUGH
-from geometry.tetrahedra import TetMesh
+from geometry.scenes.probe import Material
+from geometry.tetra.sizing import COARSE, ROUGH
+from geometry.tetra.tet_mesh import TetMesh
 from solver.converged import converged
 from solver.factor import factorise
 from solver.solid_bodies import assembled, part

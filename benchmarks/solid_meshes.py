@@ -10,7 +10,7 @@ import numpy as np
 from netgen.occ import Box, Cylinder, Glue, OCCGeometry, Pnt, Sphere, Z
 from ngsolve import Mesh
 
-from geometry.tetrahedra import BEYOND, EDGES, GROOVE, INCLUSION, INNER, OUTER, TISSUE
+from geometry.tetra.tet_mesh import BEYOND, EDGES, GROOVE, INCLUSION, INNER, OUTER, TISSUE
 
 MESHES = Path(__file__).parents[1] / "tests" / "meshes"
 HALF = Box(Pnt(-500, 0, -500), Pnt(500, 500, 500))

@@ -19,7 +19,7 @@ from rich.console import Console
 from tables import Table
 
 from geometry import Refusal, Scene, read_scene
-from geometry.errors import SolveError
+from geometry.common.errors import SolveError
 from solver.solid import SolidLevel
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "reference"

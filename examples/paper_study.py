@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from paper_notes import notes
 
 from geometry import ProbeError, Scene, read_scene
-from geometry.files import written_whole
+from geometry.common.files import written_whole
 from probe_design.console import message, saying
 from probe_design.curve_plot import check_format
 from probe_design.scan import Scan, scan

@@ -1,11 +1,11 @@
 """The probe and its scene as shapes: parameters, files, meridian meshes, solids, STEP.
 
-CAD (``geometry.solids``, ``geometry.step``) and meshes are imported where they are needed.
+CAD (``geometry.cad.solids``, ``geometry.cad.export``) and meshes are imported where they are needed.
 """
 
-from geometry.errors import ExportError, InputError, MissingLibrary, ProbeError, Refusal, SolveError
-from geometry.probe import Base, Film, Groove, Material, Probe
-from geometry.scene import (
+from geometry.common.errors import ExportError, InputError, MissingLibrary, ProbeError, Refusal, SolveError
+from geometry.scenes.probe import Base, Film, Groove, Material, Probe
+from geometry.scenes.scene import (
     BlockTissue,
     Contact,
     CylinderTissue,
@@ -15,7 +15,7 @@ from geometry.scene import (
     Placement,
     Scene,
 )
-from geometry.scene_file import read_scene, scene_from_dict, scene_from_toml, scene_to_dict, scene_to_toml
+from geometry.scenes.scene_file import read_scene, scene_from_dict, scene_from_toml, scene_to_dict, scene_to_toml
 
 __all__ = [
     "Base",

@@ -12,7 +12,7 @@ def number(key: str, text: str, allowed: str = "a number above 0 and below 1, su
     Raises:
         InputError: it is none.
     """
-    from geometry.errors import InputError
+    from geometry.common.errors import InputError
 
     try:
         return float(text)
@@ -22,7 +22,7 @@ def number(key: str, text: str, allowed: str = "a number above 0 and below 1, su
 
 def length(key: str, text: str) -> float:
     """Read a length such as ``"5 mm"``, in m."""
-    from geometry.probe import LENGTH
+    from geometry.scenes.probe import LENGTH
 
     return quantity(LENGTH, key, text)
 
@@ -31,25 +31,25 @@ def position(key: str, text: str) -> float:
     """Read a position such as ``"-20 mm"``, in m."""
     from typing import get_args
 
-    from geometry.probe import Position
+    from geometry.scenes.probe import Position
 
     return quantity(get_args(Position)[1], key, text)
 
 
 def modulus(key: str, text: str) -> float:
     """Read a modulus such as ``"1 kPa"``, in Pa."""
-    from geometry.probe import MODULUS
+    from geometry.scenes.probe import MODULUS
 
     return quantity(MODULUS, key, text)
 
 
 def quantity(kind: Any, key: str, text: str) -> float:
-    """Read a quantity of a kind of ``geometry.units``, in SI units.
+    """Read a quantity of a kind of ``geometry.scenes.units``, in SI units.
 
     Raises:
         InputError: it is none of that kind.
     """
-    from geometry.errors import InputError
+    from geometry.common.errors import InputError
 
     try:
         return float(kind.parse(text))

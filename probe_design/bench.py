@@ -11,10 +11,10 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 
-from geometry.errors import InputError, Words
-from geometry.probe import Frozen, Length, Modulus
-from geometry.text_files import read_tables, tables
-from geometry.units import Quantity
+from geometry.common.errors import InputError, Words
+from geometry.common.text_files import read_tables, tables
+from geometry.scenes.probe import Frozen, Length, Modulus
+from geometry.scenes.units import Quantity
 from hw.amplifier import ChargeAmplifier
 
 Frequency = Annotated[float, Quantity("frequency", "Hz", "Hz", 1e-3, 1e5)]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from importlib.resources import files
 
-from geometry.scene import Scene
-from geometry.scene_file import scene_from_toml
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_file import scene_from_toml
 
 TYPICAL: dict[str, dict[str, float]] = {  # what of the tumour of typical.toml is changed
     "on-axis": {},

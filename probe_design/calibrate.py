@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.errors import InputError, Words
-from geometry.grading import Floats
-from geometry.scene import Scene
+from geometry.common.errors import InputError, Words
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Scene
 from hw.measure import Measurement
 from hw.samples import Samples
 from probe_design.bench import Bench

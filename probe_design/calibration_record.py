@@ -12,12 +12,12 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
-from geometry.errors import InputError, Words
-from geometry.files import write_text
-from geometry.probe import Frozen
-from geometry.scene import Scene
-from geometry.scene_file import scene_from_dict, scene_to_dict
-from geometry.text_files import read_tables
+from geometry.common.errors import InputError, Words
+from geometry.common.files import write_text
+from geometry.common.text_files import read_tables
+from geometry.scenes.probe import Frozen
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_file import scene_from_dict, scene_to_dict
 from probe_design.bench import Bench, bench_from_dict, first_fault
 from probe_design.calibrate import Calibration
 from probe_design.gains import ENTRIES, Gains

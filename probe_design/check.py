@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2
 
-from geometry.errors import InputError, Words
-from geometry.grading import Floats
-from geometry.scene import Scene
+from geometry.common.errors import InputError, Words
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Scene
 from hw.samples import Samples
 from probe_design.bench import Bench
 from probe_design.explanations import Deviation, Explanation, alike, explanations, refined

@@ -73,7 +73,7 @@ def _run() -> int:
 
 
 def _explained(fault: Exception) -> int:
-    from geometry.errors import ProbeError  # costs 0.2 s, which --help need not pay
+    from geometry.common.errors import ProbeError  # costs 0.2 s, which --help need not pay
     from hw.errors import HardwareError
 
     if isinstance(fault, ProbeError | HardwareError):

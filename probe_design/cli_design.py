@@ -30,9 +30,9 @@ def optimize(
     both moduli by formulas; the ten best designs are judged by finite elements, the best three
     of them polished with exact derivatives. Exit code 1 if the judge sees no gain.
     """
-    from geometry.files import check_writable
-    from geometry.scene_file import read_scene
-    from geometry.solids import cadquery
+    from geometry.cad.solids import cadquery
+    from geometry.common.files import check_writable
+    from geometry.scenes.scene_file import read_scene
     from probe_design.builtin import builtin_scene
     from probe_design.console import message, show, stages
     from probe_design.optimize import optimize as run
@@ -61,12 +61,12 @@ def optimize(
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def export(scene: Path, output: Path, as_json: bool) -> None:
     """Write SCENE's probe as STEP files in millimetres, each read back and measured, and a drawing."""
-    from geometry.scene_file import read_scene
+    from geometry.scenes.scene_file import read_scene
     from probe_design.console import message, working
 
     with working("building the solids"):
-        from geometry.drawing import draw
-        from geometry.step import export as write
+        from geometry.cad.drawing import draw
+        from geometry.cad.export import export as write
 
         probe = read_scene(scene).probe
         files = [*write(probe, output), draw(probe, output / "drawing.png")]

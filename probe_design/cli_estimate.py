@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
-    from geometry.scene import Scene
+    from geometry.scenes.scene import Scene
     from probe_design.observations import Reading
 
 USUAL_NOISE = "0.05"  # the paper's "about 5 %"
@@ -46,7 +46,7 @@ def estimate(
     0 mm,  0 mm, 0.62,  0.05,  81 N/m,    0.02
     x and y are the probe's axis in the scene's frame; every column but ratio may be left out.
     """  # noqa: D301
-    from geometry.scene_file import read_scene
+    from geometry.scenes.scene_file import read_scene
     from probe_design.console import message, show, working
     from probe_design.estimate import estimate as run
     from probe_design.estimate_table import estimate_table, sentence
@@ -67,7 +67,7 @@ def estimate(
 def _readings(
     scene: Scene, ratio: str | None, noise: str | None, stiffness: str | None, stiffness_noise: str | None, file: Path | None
 ) -> tuple[Reading, ...]:
-    from geometry.errors import InputError, Words
+    from geometry.common.errors import InputError, Words
     from probe_design.observations import one_reading, read_readings
     from probe_design.predictions import check_kind
 
@@ -83,7 +83,7 @@ def _readings(
 
 
 def _number(key: str, text: str) -> float:
-    from geometry.errors import InputError
+    from geometry.common.errors import InputError
 
     try:
         return float(text)

@@ -32,7 +32,7 @@ def evaluate(scene: Path, evaluator: str, accuracy: str, vtu: Path | None, pictu
     auto                  what plan says: the cheapest of the last three that takes the scene and
                           reaches --accuracy; refuses rather than answer worse
     """  # noqa: D301
-    from geometry.scene_file import read_scene
+    from geometry.scenes.scene_file import read_scene
     from probe_design.console import message, result_table, saying, show
 
     asked = number("accuracy", accuracy)
@@ -69,8 +69,8 @@ def curve(scene: Path, low: str, high: str, points: int, accuracy: str, picture:
     With one sphere on the probe's axis all moduli follow exactly from one factorisation, so that a thousand cost as much as
     ten; with tumours elsewhere each modulus costs some 10 to 100 ms.
     """
-    from geometry.files import check_writable
-    from geometry.scene_file import read_scene
+    from geometry.common.files import check_writable
+    from geometry.scenes.scene_file import read_scene
     from probe_design.console import curve_table, message, saying, show
     from probe_design.curve_plot import check_format, plot
     from solver import curve as run
@@ -97,7 +97,7 @@ def _moduli(low: str, high: str, points: int) -> Any:
     """Moduli from ``low`` to ``high``, both met exactly."""
     import numpy as np
 
-    from geometry.errors import InputError
+    from geometry.common.errors import InputError
 
     first, last = modulus("from", low), modulus("to", high)
     if not first < last:

@@ -102,7 +102,7 @@ def calibrate(scene: Path | None, bench: Path | None, output: Path, as_json: boo
     probe-design calibrate scene.toml --virtual -o probe.toml
     probe-design calibrate scene.toml --record run.probe -o probe.toml
     """  # noqa: D301
-    from geometry.files import check_writable
+    from geometry.common.files import check_writable
     from probe_design.calibrate import calibrate as run
     from probe_design.calibration_record import check_free, record, write_record
     from probe_design.console import message, show, working
@@ -144,7 +144,7 @@ def check(
     """  # noqa: D301
     import json
 
-    from geometry.files import write_text
+    from geometry.common.files import write_text
     from probe_design.calibration_record import check_free
     from probe_design.check import check as run
     from probe_design.console import message, show, working
@@ -195,7 +195,7 @@ def _readings(
 
 
 def _ask_for(reference: Reference, which: str, source: Source) -> None:
-    from geometry.errors import InputError, Words
+    from geometry.common.errors import InputError, Words
     from probe_design.console import message
 
     if not source.live:

@@ -46,7 +46,7 @@ def scan(
     """  # noqa: D301
     import numpy as np
 
-    from geometry.errors import InputError
+    from geometry.common.errors import InputError
     from probe_design.console import counting, message, scan_table, show
     from probe_design.scan import scan as run
     from probe_design.scan_plot import plot
@@ -132,8 +132,8 @@ def detectability(
 
 def _read(scene: Path, picture: Path | None) -> Any:
     """Read a scene; what would fail after the work fails before it."""
-    from geometry.files import check_writable
-    from geometry.scene_file import read_scene
+    from geometry.common.files import check_writable
+    from geometry.scenes.scene_file import read_scene
     from probe_design.curve_plot import check_format
 
     found = read_scene(scene)

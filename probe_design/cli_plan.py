@@ -19,7 +19,7 @@ def plan(scene: Path, accuracy: str, as_json: bool) -> None:
     This is what evaluate and curve do without --evaluator. Every feature that could be left out is listed with what it changes
     of the ratio, of the stresses and of the stiffness; what no evaluator can model yet is estimated at the scene's load.
     """
-    from geometry.scene_file import read_scene
+    from geometry.scenes.scene_file import read_scene
     from probe_design.console import message, plan_table, show, working
     from solver import plan as run
 

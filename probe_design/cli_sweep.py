@@ -50,7 +50,7 @@ def sweep(
 
 def _files(folder: Path) -> list[Path]:
     """Write what can be written with the libraries that are installed."""
-    from geometry.errors import MissingLibrary
+    from geometry.common.errors import MissingLibrary
     from probe_design.console import message
     from probe_design.sweep_page import write_page
     from probe_design.sweep_results import to_csv, to_parquet

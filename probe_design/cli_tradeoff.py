@@ -11,7 +11,7 @@ import click
 from probe_design.arguments import print_json
 
 if TYPE_CHECKING:
-    from geometry.scene import Scene
+    from geometry.scenes.scene import Scene
 
 
 @click.command()
@@ -30,7 +30,7 @@ def tradeoff(scenes: tuple[Path, ...], output: Path, solid: bool, as_json: bool)
     probe-design tradeoff -o out
     probe-design tradeoff mine.toml other.toml -o out --json
     """  # noqa: D301
-    from geometry.files import check_writable
+    from geometry.common.files import check_writable
     from probe_design.console import message, show, stages
     from probe_design.tradeoff import tradeoff as run
     from probe_design.tradeoff_files import write_all
@@ -58,7 +58,7 @@ def tradeoff(scenes: tuple[Path, ...], output: Path, solid: bool, as_json: bool)
 
 def _named(paths: Sequence[Path]) -> dict[str, Scene]:
     """Scenes by the names of their files, or by all of their paths where two files have one name."""
-    from geometry.scene_file import read_scene
+    from geometry.scenes.scene_file import read_scene
     from probe_design.builtin import typical_scenes
 
     if not paths:

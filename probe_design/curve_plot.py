@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from geometry.errors import InputError
-from geometry.files import written_whole
+from geometry.common.errors import InputError
+from geometry.common.files import written_whole
 from solver.result import Curve
 
 FORMATS = (".png", ".svg", ".pdf")

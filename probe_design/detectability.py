@@ -23,9 +23,9 @@ from typing import Any
 
 import numpy as np
 
-from geometry.errors import InputError
-from geometry.grading import Floats
-from geometry.scene import Scene
+from geometry.common.errors import InputError
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Scene
 from probe_design.scan import Progress, check_accuracy
 from probe_design.spheres import Spheres, check_spheres, target_of
 from solver.equivalent_inclusion import EquivalentInclusion

@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from geometry.errors import InputError, Refusal
-from geometry.grading import Floats
-from geometry.scene import Scene
+from geometry.common.errors import InputError, Refusal
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Scene
 from probe_design.likelihood import Likelihood, Piece, p_value
 from probe_design.observations import Data, Reading
 from probe_design.plane import Plane

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from geometry.grading import Floats
-from geometry.scene import Scene
-from geometry.variables import changed
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Scene
+from geometry.scenes.variables import changed
 from probe_design.bench import Bench
 from probe_design.shares import MODULI, Shares, by_outer_radius, predicted
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.errors import InputError, Words
-from geometry.grading import Floats
-from geometry.probe import Probe
-from geometry.scene import Scene
+from geometry.common.errors import InputError, Words
+from geometry.meridian.grading import Floats
+from geometry.scenes.probe import Probe
+from geometry.scenes.scene import Scene
 from hw.measure import FILMS, Flawed, Measurement, checked, measure
 from hw.samples import Samples
 from probe_design.bench import Bench, Reference

@@ -18,8 +18,8 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 
-from geometry.errors import InputError, Words
-from geometry.grading import Floats
+from geometry.common.errors import InputError, Words
+from geometry.meridian.grading import Floats
 from hw.samples import Ints
 from probe_design.bench import Bench, Reference
 from probe_design.shares import Shares

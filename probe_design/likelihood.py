@@ -33,7 +33,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2, norm
 
-from geometry.grading import Floats
+from geometry.meridian.grading import Floats
 from probe_design.track import Track
 
 LEVEL = 0.95

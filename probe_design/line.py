@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from geometry.errors import InputError
-from geometry.grading import Floats
-from geometry.probe import mm
-from geometry.scene import Placement, Scene
+from geometry.common.errors import InputError
+from geometry.meridian.grading import Floats
+from geometry.scenes.probe import mm
+from geometry.scenes.scene import Placement, Scene
 from solver.equivalent_inclusion import EquivalentInclusion
 from solver.numbering import Ints
 from solver.readings import Readings

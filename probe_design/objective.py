@@ -17,7 +17,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from geometry.scene import Scene
+from geometry.scenes.scene import Scene
 from solver.result import Result
 
 

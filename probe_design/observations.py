@@ -24,13 +24,13 @@ from typing import Any
 
 import numpy as np
 
-from geometry import placement
-from geometry.errors import InputError, Words
-from geometry.grading import Floats
-from geometry.probe import mm
-from geometry.scene import Placement, Scene
-from geometry.text_files import read_text, tables
-from geometry.units import Quantity
+from geometry.common.errors import InputError, Words
+from geometry.common.text_files import read_text, tables
+from geometry.meridian.grading import Floats
+from geometry.scenes import fit as placement
+from geometry.scenes.probe import mm
+from geometry.scenes.scene import Placement, Scene
+from geometry.scenes.units import Quantity
 from solver.numbering import Bools, Ints
 
 KEYS = ("x", "y", "ratio", "noise", "stiffness", "stiffness_noise")

@@ -8,9 +8,9 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
-from geometry.errors import InputError, Refusal, SolveError
-from geometry.grading import Floats
-from geometry.scene import Scene
+from geometry.common.errors import InputError, Refusal, SolveError
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Scene
 from probe_design.objective import objective_of
 from probe_design.polish import polish
 from probe_design.search import search

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from geometry.grading import Floats
+from geometry.meridian.grading import Floats
 from probe_design.likelihood import QUANTILE, threshold
 from probe_design.predictions import Model, Predicted
 from probe_design.strength import DepthAndStrength, strength

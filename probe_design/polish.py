@@ -8,14 +8,14 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from geometry.grading import Floats
-from geometry.scene import Scene
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Scene
 from probe_design.objective import Noise
 from probe_design.search import QUIET, stopped_by_user
 from probe_design.space import Space
 from solver.callback import FilmCallback, TumourCallback
 
-# keys of ``geometry.variables.values`` in the order of ``probe_design.space.VARIABLES``
+# keys of ``geometry.scenes.variables.values`` in the order of ``probe_design.space.VARIABLES``
 KEYS = (
     "probe.inner_radius", "probe.area_ratio", "probe.gap", "probe.height", "probe.inner.youngs_modulus",
     "probe.outer.youngs_modulus",

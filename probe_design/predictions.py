@@ -7,10 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
-from geometry.errors import InputError, Refusal, Words
-from geometry.grading import Floats
-from geometry.probe import MODULUS, mm
-from geometry.scene import Inclusion, Placement, Scene
+from geometry.common.errors import InputError, Refusal, Words
+from geometry.meridian.grading import Floats
+from geometry.scenes.probe import MODULUS, mm
+from geometry.scenes.scene import Inclusion, Placement, Scene
 from probe_design.observations import Data
 from probe_design.spheres import check_spheres
 from solver.equivalent_inclusion import EquivalentInclusion

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from geometry.grading import Floats
-from geometry.scene import Scene
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Scene
 from hw.measure import Measurement, carried
 from probe_design.bench import Bench
 from probe_design.film_readings import newtons

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.grading import Floats
+from geometry.meridian.grading import Floats
 from probe_design.likelihood import TOLERATED, Piece
 from probe_design.predictions import WORST, Model
 from probe_design.strength import DepthAndStrength, Interval

@@ -14,9 +14,9 @@ from typing import Any
 
 from rich.table import Table
 
-from geometry.files import write_text
-from geometry.probe import Probe
-from geometry.scene_file import scene_to_dict, scene_to_toml
+from geometry.common.files import write_text
+from geometry.scenes.probe import Probe
+from geometry.scenes.scene_file import scene_to_dict, scene_to_toml
 from probe_design.optimize import ACCURACY, Candidate, Optimum
 
 Row = tuple[str, str, str]
@@ -32,8 +32,8 @@ def write_all(optimum: Optimum, folder: Path, progress: Callable[[str, int, int]
         OSError: the folder cannot be written.
     """
     progress("writing STEP files, drawing and report", 0, 3)
-    from geometry.drawing import draw
-    from geometry.step import export
+    from geometry.cad.drawing import draw
+    from geometry.cad.export import export
 
     probe = optimum.best.scene.probe
     files = list(export(probe, folder))

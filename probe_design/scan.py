@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from geometry.errors import InputError
-from geometry.grading import Floats
-from geometry.scene import Scene
+from geometry.common.errors import InputError
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Scene
 from probe_design.line import Line
 from probe_design.spheres import check_spheres
 from solver.equivalent_inclusion import EquivalentInclusion, film_forces

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from geometry.files import written_whole
-from geometry.grading import Floats
-from geometry.scene import Inclusion, Scene
+from geometry.common.files import written_whole
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Inclusion, Scene
 from probe_design.curve_plot import check_format
 from probe_design.scan import Column, Scan
 

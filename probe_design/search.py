@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from geometry.grading import Floats
+from geometry.meridian.grading import Floats
 from probe_design.objective import Noise
 from probe_design.space import Space
 from solver.closed_form import PROBE, forces, parameters

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from geometry.errors import InputError, Words
-from geometry.probe import LENGTH, MODULUS
-from geometry.scene import Scene
-from geometry.scene_file import read_scene
-from geometry.variables import changed, values
+from geometry.common.errors import InputError, Words
+from geometry.scenes.probe import LENGTH, MODULUS
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_file import read_scene
+from geometry.scenes.variables import changed, values
 from hw.reader import Reader
 from hw.recording import sha256
 from hw.samples import Floats, Samples

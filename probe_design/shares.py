@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.errors import Refusal
-from geometry.grading import Floats
-from geometry.scene import Placement, Scene
-from geometry.variables import changed, values
+from geometry.common.errors import Refusal
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Placement, Scene
+from geometry.scenes.variables import changed, values
 from probe_design.bench import Reference, Workshop
 from solver.axisymmetric import Axisymmetric
 from solver.film_forces import outputs
@@ -52,7 +52,7 @@ class Shares:
     """The predictions for all tissue blocks of a bench, for one design.
 
     Attributes:
-        variables: keys of ``geometry.variables.values``, the design's, and MODULI: v of them.
+        variables: keys of ``geometry.scenes.variables.values``, the design's, and MODULI: v of them.
         nominal: their values, SI, shape (v,); of MODULI 1.
         blocks: one for each.
     """

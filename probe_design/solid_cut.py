@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from geometry.grading import Floats
-from geometry.tetrahedra import BEYOND, FACE_MIDDLES, FACES, GROOVE, INCLUSION, INNER, OUTER, TISSUE
+from geometry.meridian.grading import Floats
+from geometry.tetra.tet_mesh import BEYOND, FACE_MIDDLES, FACES, GROOVE, INCLUSION, INNER, OUTER, TISSUE
 from solver.solid_states import SolidFields, at_nodes
 from solver.solid_system import AT, Problem
 from solver.tetrahedra import Ints

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from geometry.errors import InputError
-from geometry.files import check_writable
-from geometry.scene import Scene
+from geometry.common.errors import InputError
+from geometry.common.files import check_writable
+from geometry.scenes.scene import Scene
 from solver.result import Result
 from solver.solid import SolidLevel, indentation
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from geometry.files import written_whole
-from geometry.grading import Floats
-from geometry.solids import COLOURS, MM
-from geometry.tetrahedra import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE
+from geometry.cad.solids import COLOURS, MM
+from geometry.common.files import written_whole
+from geometry.meridian.grading import Floats
+from geometry.tetra.tet_mesh import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE
 from probe_design.curve_plot import check_format
 from probe_design.solid_cut import Faces, name, present, section, skin
 from probe_design.solid_space import rendered

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from geometry.errors import MissingLibrary
-from geometry.grading import Floats
+from geometry.common.errors import MissingLibrary
+from geometry.meridian.grading import Floats
 from probe_design.solid_cut import Faces
 
 PROGRAM = Path(__file__).with_name("solid_render.py")

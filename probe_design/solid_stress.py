@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from geometry.grading import Floats
-from geometry.solids import MM
+from geometry.cad.solids import MM
+from geometry.meridian.grading import Floats
 from probe_design.solid_cut import Faces
 
 TAILS = (0.01, 0.99)  # shares of the shown area at which the colours end: singular corners lie beyond

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from geometry.files import written_whole
-from geometry.grading import Floats
+from geometry.common.files import written_whole
+from geometry.meridian.grading import Floats
 from probe_design.solid_cut import name, present
 from probe_design.solid_picture import draw_solid
 from solver.solid_states import SolidStates, fields

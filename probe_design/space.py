@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from geometry.errors import InputError
-from geometry.grading import Floats
-from geometry.probe import mm
-from geometry.scene import Scene
+from geometry.common.errors import InputError
+from geometry.meridian.grading import Floats
+from geometry.scenes.probe import mm
+from geometry.scenes.scene import Scene
 
 VARIABLES = ("inner_radius", "area_ratio", "gap", "height", "inner_modulus", "outer_modulus")
 LEAST_GAP, LARGEST_GAP = 0.1e-3, 0.5e-3  # m: the paper found wider gaps "less robust"

@@ -7,10 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
-from geometry.errors import InputError, Refusal, Words
-from geometry.grading import Floats
-from geometry.probe import LENGTH, mm
-from geometry.scene import Inclusion, Scene
+from geometry.common.errors import InputError, Refusal, Words
+from geometry.meridian.grading import Floats
+from geometry.scenes.probe import LENGTH, mm
+from geometry.scenes.scene import Inclusion, Scene
 from solver.numbering import Bools
 from solver.tumours import Tumours
 

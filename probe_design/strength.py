@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.grading import Floats
-from geometry.probe import Material
-from geometry.scene import Inclusion
+from geometry.meridian.grading import Floats
+from geometry.scenes.probe import Material
+from geometry.scenes.scene import Inclusion
 
 Interval = tuple[float | None, float | None]
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from geometry.errors import InputError
-from geometry.units import base_unit, measured
+from geometry.common.errors import InputError
+from geometry.scenes.units import base_unit, measured
 
 Read = Callable[[str], tuple[Any, str]]  # a key's values in all designs, SI, and their unit
 _ARITHMETIC: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from geometry.errors import ProbeError
+from geometry.common.errors import ProbeError
 from probe_design.sweep_keys import Value
 from probe_design.sweep_rows import Row
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from geometry.errors import InputError
+from geometry.common.errors import InputError
 from probe_design.sweep_crew import Answer, Batch, CrewError, Outcome
 from probe_design.sweep_remote import answered
 from probe_design.sweep_results import extra

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from geometry.errors import InputError, Words
-from geometry.refusals import most_telling
-from geometry.scene import Scene
-from geometry.scene_file import read_scene, scene_from_dict
-from geometry.text_files import read_tables
-from geometry.units import Quantity
+from geometry.common.errors import InputError, Words
+from geometry.common.text_files import read_tables
+from geometry.scenes.messages import most_telling
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_file import read_scene, scene_from_dict
+from geometry.scenes.units import Quantity
 from probe_design.sweep_constraints import kept
 from probe_design.sweep_keys import Key, Value, changed, found, key
 from probe_design.sweep_samples import KINDS, Sample, Variable

@@ -11,9 +11,9 @@ from typing import Any, Union, get_args, get_origin
 
 from pydantic import BaseModel
 
-from geometry.errors import InputError, Words
-from geometry.scene import Scene
-from geometry.units import Quantity
+from geometry.common.errors import InputError, Words
+from geometry.scenes.scene import Scene
+from geometry.scenes.units import Quantity
 
 Path = tuple[str | int, ...]
 Value = float | str | bool

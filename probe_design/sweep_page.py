@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from geometry.files import write_text
-from geometry.grading import Floats
-from geometry.units import shown
+from geometry.common.files import write_text
+from geometry.meridian.grading import Floats
+from geometry.scenes.units import shown
 from probe_design.sweep_effects import main_effect, sobol_indices
 from probe_design.sweep_results import UNITS, about, rows
 

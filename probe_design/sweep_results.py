@@ -9,8 +9,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from geometry.errors import InputError, MissingLibrary
-from geometry.files import written_whole
+from geometry.common.errors import InputError, MissingLibrary
+from geometry.common.files import written_whole
 from probe_design.sweep_rows import COLUMNS, OUTPUTS
 from probe_design.sweep_store import reading
 

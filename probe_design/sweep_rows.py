@@ -13,8 +13,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from geometry.errors import InputError, Words
-from geometry.scene import Scene
+from geometry.common.errors import InputError, Words
+from geometry.scenes.scene import Scene
 from probe_design.sweep_file import Sweep, scene_of
 from probe_design.sweep_keys import Key, Value, changed, key
 
@@ -26,6 +26,7 @@ OUTPUTS = (
     "equivalent_modulus", "error_estimate", "residual",
 )  # fmt: skip
 COLUMNS = ("status", "type", "reason", "evaluator", *OUTPUTS, "plan", "warnings", "seconds")
+ROOT = Path(__file__).parents[1]
 PIECE = 128  # closed-form designs at once: more are no faster
 Row = dict[str, Any]
 T = TypeVar("T")
@@ -156,8 +157,8 @@ def version() -> str:
     """Return the version of the software, a digest of the sources that results depend on, the versions of NumPy and SciPy."""
     digest = hashlib.sha256()
     for package in ("geometry", "solver"):
-        for path in sorted((Path(__file__).parents[1] / package).glob("*.py")):
-            digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+        for path in sorted((ROOT / package).rglob("*.py")):
+            digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     numbers = (metadata.version(name) for name in ("numpy", "scipy"))
     return f"{_own_version()}+{digest.hexdigest()[:12]} numpy {' scipy '.join(numbers)}"
 

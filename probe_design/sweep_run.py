@@ -12,7 +12,7 @@ from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
-from geometry.errors import InputError
+from geometry.common.errors import InputError
 from probe_design.sweep_crew import Answer, Batch, Crew, CrewError, Outcome, Task
 from probe_design.sweep_file import Sweep, read_sweep, sweep_from_dict
 from probe_design.sweep_local import LocalCrew

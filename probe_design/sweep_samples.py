@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.errors import InputError
-from geometry.grading import Floats
+from geometry.common.errors import InputError
+from geometry.meridian.grading import Floats
 from probe_design.sweep_keys import Key, Value
 
 SAMPLED = ("sobol", "latin-hypercube", "saltelli")

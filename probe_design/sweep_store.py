@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from geometry.errors import InputError, ProbeError, Words
+from geometry.common.errors import InputError, ProbeError, Words
 from probe_design.sweep_keys import Value
 from probe_design.sweep_rows import COLUMNS, OUTPUTS, Row
 

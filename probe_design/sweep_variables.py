@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from geometry.errors import InputError, Words
+from geometry.common.errors import InputError, Words
 from probe_design.sweep_keys import Key, Value, key
 from probe_design.sweep_samples import Variable
 

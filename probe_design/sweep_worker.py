@@ -20,7 +20,7 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the one who started it to act on
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # what libraries print is no answer
-    from geometry.errors import InputError
+    from geometry.common.errors import InputError
     from probe_design.sweep_rows import Job
     from solver.memory import give_back
 

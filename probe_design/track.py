@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from geometry.grading import Floats
+from geometry.meridian.grading import Floats
 from probe_design.predictions import Model, Predicted
 from probe_design.strength import share_of_shear
 from solver.numbering import Bools, Ints

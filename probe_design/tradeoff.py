@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from geometry.errors import InputError, Refusal, Words
-from geometry.scene import Scene
-from geometry.scene_file import scene_to_dict
+from geometry.common.errors import InputError, Refusal, Words
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_file import scene_to_dict
 from probe_design.tradeoff_rows import Row, Setting, cheapest, distinct, judged, pareto
 from probe_design.tradeoff_runs import first, no_kept_meshes, timed
 from solver.levels import BUILT

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from geometry.files import write_text
+from geometry.common.files import write_text
 from probe_design.tradeoff import Tradeoff
 from probe_design.tradeoff_plot import plot
 from probe_design.tradeoff_table import page

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from geometry.files import written_whole
+from geometry.common.files import written_whole
 from probe_design.tradeoff import Tradeoff
 from probe_design.tradeoff_rows import Row, distinct, pareto
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 from statistics import median
 from time import perf_counter
 
-from geometry.errors import ProbeError
-from geometry.mesh_cache import FOLDER
-from geometry.scene import Inclusion, Scene
+from geometry.common.errors import ProbeError
+from geometry.scenes.scene import Inclusion, Scene
+from geometry.tetra.cache import FOLDER
 from probe_design.tradeoff_rows import Row, Setting
 from solver import Result, evaluate
 

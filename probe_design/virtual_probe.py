@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from geometry.errors import Refusal, Words
-from geometry.grading import Floats
-from geometry.probe import Film
-from geometry.scene import Scene
+from geometry.common.errors import Refusal, Words
+from geometry.meridian.grading import Floats
+from geometry.scenes.probe import Film
+from geometry.scenes.scene import Scene
 from hw.amplifier import ChargeAmplifier
 from probe_design.bench import Bench, Reference
 from probe_design.shares import predicted

@@ -9,9 +9,9 @@ from time import perf_counter
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from geometry.errors import Refusal, SolveError
-from geometry.grading import Floats
-from geometry.scene import Scene
+from geometry.common.errors import Refusal, SolveError
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Scene
 from solver.converged import Converged, converged
 from solver.film_forces import checked_moduli, outputs, ratio
 from solver.result import Curve, Result, lopsided, within

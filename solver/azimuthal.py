@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from geometry.errors import SolveError
-from geometry.grading import Floats
+from geometry.common.errors import SolveError
+from geometry.meridian.grading import Floats
 from solver.base_states import Model, condensed
 from solver.numbering import Interface, numbering
 from solver.quadrilateral import Geometry

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.errors import SolveError
-from geometry.frame import Fineness, Kind
-from geometry.frame import kind as kind_of
-from geometry.grading import Floats
-from geometry.meridian import Topology, nodes, topology
-from geometry.probe import Material
-from geometry.section import Body, Section
+from geometry.common.errors import SolveError
+from geometry.meridian.frame import Fineness, Kind
+from geometry.meridian.frame import kind as kind_of
+from geometry.meridian.grading import Floats
+from geometry.meridian.mesh import Topology, nodes, topology
+from geometry.meridian.section import Body, Section
+from geometry.scenes.probe import Material
 from solver.numbering import Interface, numbering
 from solver.quadrilateral import Geometry, geometry, lame, matrices
 from solver.shapes import Shapes, shapes

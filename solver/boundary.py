@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.grading import Floats
-from geometry.meridian import SQUARE, labels, line_label, nodes
-from geometry.section import Body
+from geometry.meridian.grading import Floats
+from geometry.meridian.mesh import SQUARE, labels, line_label, nodes
+from geometry.meridian.section import Body
 from solver.base_states import Model
 from solver.shapes import Ints, functions
 

@@ -7,13 +7,13 @@ from dataclasses import asdict, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from geometry.errors import ProbeError
-from geometry.frame import Kind
-from geometry.frame import kind as kind_of
-from geometry.grading import Floats
-from geometry.scene import Scene
-from geometry.solids import base_sizes
-from geometry.variables import changed
+from geometry.cad.solids import base_sizes
+from geometry.common.errors import ProbeError
+from geometry.meridian.frame import Kind
+from geometry.meridian.frame import kind as kind_of
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Scene
+from geometry.scenes.variables import changed
 from solver.axisymmetric import Axisymmetric
 from solver.converged import Converged
 from solver.differentiated import Differentiated
@@ -35,7 +35,7 @@ class FilmCallback(Differentiated):
 
     Args:
         scene: where x starts; of a kind that ``axisymmetric`` takes.
-        variables: keys of ``geometry.variables.values``.
+        variables: keys of ``geometry.scenes.variables.values``.
         accuracy: of the outputs at the scene itself, see ``solver.evaluate``.
 
     Raises:

@@ -12,8 +12,8 @@ from functools import cached_property
 
 import numpy as np
 
-from geometry.grading import Floats
-from geometry.section import Body
+from geometry.meridian.grading import Floats
+from geometry.meridian.section import Body
 from solver.boundary import Edges
 from solver.fields import TissueField
 from solver.interior import Data, Interior

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.grading import Floats
-from geometry.scene import Scene
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Scene
 from solver.closed_features import features
 from solver.details import details
 from solver.film_forces import Bound

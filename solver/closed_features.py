@@ -22,9 +22,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from geometry.grading import Floats
-from geometry.probe import Material
-from geometry.scene import Inclusion, Scene
+from geometry.meridian.grading import Floats
+from geometry.scenes.probe import Material
+from geometry.scenes.scene import Inclusion, Scene
 from solver.closed_sides import side_radius
 
 EFFECTS = ("scene", "inner_modulus", "outer_modulus", "no inclusions")  # the variants whose forces are asked for

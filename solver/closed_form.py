@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.grading import Floats
-from geometry.scene import Inclusion, Scene
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Inclusion, Scene
 from solver.bessel import Array
 from solver.closed_blocks import Block
 from solver.closed_images import Sphere

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from geometry.grading import Floats
+from geometry.meridian.grading import Floats
 from solver.closed_form import Shape, gradients
 from solver.differentiated import Differentiated
 

@@ -13,9 +13,9 @@ from time import perf_counter
 
 import numpy as np
 
-from geometry.errors import InputError, Refusal
-from geometry.grading import Floats
-from geometry.scene import Scene
+from geometry.common.errors import InputError, Refusal
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Scene
 from solver.closed_error import Errors, errors
 from solver.closed_features import EFFECTS, STEP
 from solver.closed_form import BALL, PROBE, TISSUE, Shape, answers, parameters

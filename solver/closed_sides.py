@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import legendre
 
-from geometry.scene import BlockTissue, CylinderTissue
+from geometry.scenes.scene import BlockTissue, CylinderTissue
 from solver.bessel import Array, bessel
 from solver.closed_blocks import RADIAL, Block, column, radial
 from solver.closed_heights import AXIAL, Along

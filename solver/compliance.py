@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from geometry.grading import Floats
+from geometry.meridian.grading import Floats
 from solver.azimuthal import COMPONENTS, Harmonic
 from solver.base_states import Model
 from solver.boundary import Boundary, Edges

@@ -8,8 +8,8 @@ from functools import cache, partial
 
 import numpy as np
 
-from geometry.grading import Floats
-from geometry.scene import Scene
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Scene
 from solver.convergence import LEVELS, Errors, Sample, refined
 from solver.film_forces import Bound, FilmForces
 from solver.left_out import LAYERS, Change, left_out

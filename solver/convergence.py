@@ -8,9 +8,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from geometry.errors import SolveError
-from geometry.frame import Fineness
-from geometry.grading import Floats
+from geometry.common.errors import SolveError
+from geometry.meridian.frame import Fineness
+from geometry.meridian.grading import Floats
 from solver.base_states import BaseStates
 from solver.response import Response
 

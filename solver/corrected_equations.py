@@ -9,7 +9,7 @@ for ``d`` well above ``a`` and ``D``, not one to measure with. Symbols, units an
 
 from __future__ import annotations
 
-from geometry.errors import InputError, Words
+from geometry.common.errors import InputError, Words
 from solver.published_equations import checked
 
 

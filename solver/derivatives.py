@@ -16,9 +16,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from geometry.grading import Floats
-from geometry.meridian import nodes
-from geometry.section import Body
+from geometry.meridian.grading import Floats
+from geometry.meridian.mesh import nodes
+from geometry.meridian.section import Body
 from solver.base_states import Model
 from solver.numbering import Bools, Ints
 from solver.quadrilateral import Geometry, gradients, lame, projected

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.grading import Floats
-from geometry.probe import Base, Film, Probe
+from geometry.meridian.grading import Floats
+from geometry.scenes.probe import Base, Film, Probe
 from solver.film_forces import Bound
 
 

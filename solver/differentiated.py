@@ -7,7 +7,7 @@ from typing import Any
 import casadi
 import numpy as np
 
-from geometry.grading import Floats
+from geometry.meridian.grading import Floats
 
 
 class Differentiated(casadi.Callback):  # type: ignore[misc]

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from geometry.errors import Refusal, Words
-from geometry.grading import Floats
-from geometry.placement import semi_axes
-from geometry.probe import Material, mm
-from geometry.scene import Inclusion, Scene
+from geometry.common.errors import Refusal, Words
+from geometry.meridian.grading import Floats
+from geometry.scenes.fit import semi_axes
+from geometry.scenes.probe import Material, mm
+from geometry.scenes.scene import Inclusion, Scene
 from solver.eshelby import polarisation
 from solver.first_order import effects, whole_ball
 from solver.readings import Readings

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from scipy.ndimage import map_coordinates, spline_filter
 
-from geometry.grading import Floats
+from geometry.meridian.grading import Floats
 from solver.fields import TissueField
 from solver.numbering import Bools
 

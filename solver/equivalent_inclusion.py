@@ -7,9 +7,9 @@ from time import perf_counter
 
 import numpy as np
 
-from geometry.errors import Refusal, Words
-from geometry.grading import Floats
-from geometry.scene import Scene
+from geometry.common.errors import Refusal, Words
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Scene
 from solver.ellipsoids import check, with_ellipsoids
 from solver.film_forces import Bound, FilmForces, checked_moduli, outputs, ratio, shortfalls
 from solver.readings import Readings, readings

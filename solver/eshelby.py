@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 
-from geometry.errors import Refusal
-from geometry.grading import Floats
-from geometry.probe import Material
+from geometry.common.errors import Refusal
+from geometry.meridian.grading import Floats
+from geometry.scenes.probe import Material
 
 LARGEST_ASPECT = 20.0  # of an ellipsoid's diameters: beyond it eq. (E3) would need too many points
 VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))

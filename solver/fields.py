@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from geometry.errors import InputError
-from geometry.frame import frame
-from geometry.grading import Floats
-from geometry.meridian import SQUARE, nodes
-from geometry.section import Body
+from geometry.common.errors import InputError
+from geometry.meridian.frame import frame
+from geometry.meridian.grading import Floats
+from geometry.meridian.mesh import SQUARE, nodes
+from geometry.meridian.section import Body
 from solver.base_states import BaseStates
 from solver.numbering import Ints
 from solver.quadrilateral import dilations

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from geometry.errors import InputError, Words
-from geometry.grading import Floats
-from geometry.probe import Probe
-from geometry.scene import Scene
+from geometry.common.errors import InputError, Words
+from geometry.meridian.grading import Floats
+from geometry.scenes.probe import Probe
+from geometry.scenes.scene import Scene
 
 LINEAR_STRAIN = 0.05  # beyond it, linear elasticity is no longer good to about as much
 

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.polynomial.legendre import leggauss
 from scipy.special import roots_jacobi
 
-from geometry.grading import Floats
-from geometry.probe import Material
+from geometry.meridian.grading import Floats
+from geometry.scenes.probe import Material
 from solver.energies import Energies
 from solver.eshelby import strength
 from solver.tumours import Tumours

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.grading import Floats
+from geometry.meridian.grading import Floats
 from solver.eshelby import strength
 from solver.tumours import Tumours
 from solver.undisturbed import Undisturbed

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from geometry.grading import Floats
-from geometry.meridian import SQUARE, bilinear, nodes
+from geometry.meridian.grading import Floats
+from geometry.meridian.mesh import SQUARE, bilinear, nodes
 from solver.base_states import BaseStates
 from solver.fields import TissueField, jacobian
 from solver.first_order import POINTS, half_ball

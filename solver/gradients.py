@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.errors import InputError
-from geometry.grading import Floats
-from geometry.scene import Scene
-from geometry.section import Body
-from geometry.variables import length_derivatives, values
+from geometry.common.errors import InputError
+from geometry.meridian.grading import Floats
+from geometry.meridian.section import Body
+from geometry.scenes.scene import Scene
+from geometry.scenes.variables import length_derivatives, values
 from solver.base_states import Model
 from solver.convergence import Sample
 from solver.derivatives import energy_derivatives, variables
@@ -29,7 +29,7 @@ class Gradients:
     """Outputs at the scene's load, for k Young's moduli of the inclusion, and their derivatives.
 
     Attributes:
-        variables: keys of ``geometry.variables.values``, v of them.
+        variables: keys of ``geometry.scenes.variables.values``, v of them.
         values: by name of ``OUTPUTS``, SI, shape (k,).
         derivatives: by output, in SI units per SI unit of each variable, shape (k, v).
     """

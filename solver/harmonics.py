@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 import scipy.sparse as sp
 
-from geometry.grading import Floats
+from geometry.meridian.grading import Floats
 
 Side = Literal["regular", "outgoing"]
 

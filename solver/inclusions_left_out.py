@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.grading import Floats
-from geometry.scene import Inclusion, Scene
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Inclusion, Scene
 from solver.first_order import effects
 from solver.first_order_error import first_order_error, first_order_share
 from solver.result import Decision, Effect
@@ -118,7 +118,7 @@ def _ball(body: Inclusion) -> Inclusion:
     if body.diameters is not None:
         size = max(body.diameters)
     else:
-        from geometry.surface_files import read_surface
+        from geometry.tetra.surface_files import read_surface
 
         assert body.surface is not None
         size = 2 * float(np.linalg.norm(read_surface(body.surface, "inclusion.surface", np.zeros(3)).points, axis=1).max())

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from geometry.grading import Floats
+from geometry.meridian.grading import Floats
 from solver.azimuthal import Harmonic
 from solver.boundary import Boundary, Edges
 from solver.shapes import Ints

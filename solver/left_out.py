@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import pchip_interpolate
 
-from geometry.errors import SolveError
-from geometry.frame import kind as kind_of
-from geometry.grading import Floats
-from geometry.scene import Scene
+from geometry.common.errors import SolveError
+from geometry.meridian.frame import kind as kind_of
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Scene
 from solver.convergence import LEVELS, Sample
 from solver.details import details
 from solver.film_forces import Bound

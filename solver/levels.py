@@ -7,9 +7,9 @@ from dataclasses import replace
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-from geometry.errors import InputError, Refusal
-from geometry.grading import Floats
-from geometry.scene import Scene
+from geometry.common.errors import InputError, Refusal
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Scene
 from solver.film_forces import checked_moduli
 from solver.result import Curve, Evaluator, Result, unbuilt
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from geometry.grading import Floats
-from geometry.probe import Material
+from geometry.meridian.grading import Floats
+from geometry.scenes.probe import Material
 from solver.projection import quadrature
 from solver.scattering import Scattering
 from solver.scattering import scattering as scattering_by

@@ -27,7 +27,7 @@ from typing import Any, Literal
 import numpy as np
 import scipy.sparse as sp
 
-from geometry.grading import Floats
+from geometry.meridian.grading import Floats
 from solver.harmonics import Harmonics, Side, derivatives
 from solver.sampler import FACTORS, ONE, SQUARE, Sampler, Stack, Table, Values, X, Y, Z
 from solver.shapes import Ints

@@ -10,9 +10,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from geometry.grading import Floats
-from geometry.meridian import Topology, labels, line_label
-from geometry.section import Body
+from geometry.meridian.grading import Floats
+from geometry.meridian.mesh import Topology, labels, line_label
+from geometry.meridian.section import Body
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]

@@ -11,8 +11,8 @@ from functools import cached_property
 
 import numpy as np
 
-from geometry.grading import Floats
-from geometry.section import Section
+from geometry.meridian.grading import Floats
+from geometry.meridian.section import Section
 
 STEP = 1.4  # the least panel, outer radii, times the order of the elements
 GROWTH = 0.4  # of panels, per distance from the axis

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from geometry.scene import Scene
+from geometry.scenes.scene import Scene
 from solver.axisymmetric import Axisymmetric
 from solver.converged import NEGLIGIBLE
 from solver.film_forces import LINEAR_STRAIN

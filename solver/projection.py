@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.grading import Floats
+from geometry.meridian.grading import Floats
 from solver.multipoles import Modes
 from solver.sampler import Values
 

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from time import perf_counter
 
-from geometry.errors import InputError, Refusal
-from geometry.scene import Scene
+from geometry.common.errors import InputError, Refusal
+from geometry.scenes.scene import Scene
 from solver import corrected_equations as corrected
 from solver import published_equations as printed
 from solver.result import Result

@@ -16,7 +16,7 @@ from functools import wraps
 from inspect import signature
 from typing import ParamSpec, TypeVar
 
-from geometry.errors import InputError, Words
+from geometry.common.errors import InputError, Words
 
 P = ParamSpec("P")
 R = TypeVar("R", float, tuple[float, float], tuple[float, float, float])

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from geometry.errors import Refusal, SolveError
-from geometry.grading import Floats
+from geometry.common.errors import Refusal, SolveError
+from geometry.meridian.grading import Floats
 from solver.first_order import Effects, effects
 from solver.first_order_error import first_order_error, first_order_share
 from solver.numbering import Bools

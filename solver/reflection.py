@@ -14,8 +14,8 @@ from functools import cached_property
 
 import numpy as np
 
-from geometry.grading import Floats
-from geometry.section import Body
+from geometry.meridian.grading import Floats
+from geometry.meridian.section import Body
 from solver.azimuthal import Harmonics
 from solver.base_states import BaseStates
 from solver.boundary import Boundary

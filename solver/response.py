@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.errors import SolveError
-from geometry.grading import Floats
-from geometry.section import Body
+from geometry.common.errors import SolveError
+from geometry.meridian.grading import Floats
+from geometry.meridian.section import Body
 from solver.base_states import BaseStates, products
 from solver.numbering import Ints
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
-from geometry.errors import Refusal
-from geometry.scene import Scene
+from geometry.common.errors import Refusal
+from geometry.scenes.scene import Scene
 
 LARGEST = 1e9  # effects are cut there: all the same, and JSON knows no infinity
 

@@ -10,11 +10,11 @@ from functools import cached_property
 
 import numpy as np
 
-from geometry.errors import Refusal, SolveError
-from geometry.grading import Floats
-from geometry.meridian import SQUARE, nodes
-from geometry.scene import Contact, HalfSpaceTissue, Load, Scene
-from geometry.section import Body
+from geometry.common.errors import Refusal, SolveError
+from geometry.meridian.grading import Floats
+from geometry.meridian.mesh import SQUARE, nodes
+from geometry.meridian.section import Body
+from geometry.scenes.scene import Contact, HalfSpaceTissue, Load, Scene
 from solver.converged import Converged
 from solver.convergence import LEVELS, Sample
 from solver.energies import Energies

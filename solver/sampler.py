@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from geometry.grading import Floats
+from geometry.meridian.grading import Floats
 from solver.harmonics import Harmonics, Side
 from solver.shapes import Ints
 

@@ -8,7 +8,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from geometry.grading import Floats
+from geometry.meridian.grading import Floats
 from solver.multipoles import EVERY, Modes, stack
 from solver.panels import Panels
 from solver.sampler import Sampler, Table

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.errors import SolveError
-from geometry.frame import Fineness, Kind
-from geometry.grading import Floats
-from geometry.probe import Material
-from geometry.scene import Scene
-from geometry.section import Body, Section
+from geometry.common.errors import SolveError
+from geometry.meridian.frame import Fineness, Kind
+from geometry.meridian.grading import Floats
+from geometry.meridian.section import Body, Section
+from geometry.scenes.probe import Material
+from geometry.scenes.scene import Scene
 from solver.base_states import base_states, model
 from solver.convergence import Sample
 from solver.response import response

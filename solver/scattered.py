@@ -21,9 +21,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from geometry.grading import Floats
-from geometry.probe import Material
-from geometry.section import Section
+from geometry.meridian.grading import Floats
+from geometry.meridian.section import Section
+from geometry.scenes.probe import Material
 from solver.close import CloseExchange
 from solver.convergence import total_change
 from solver.fields import TissueField

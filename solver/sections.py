@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from geometry.grading import Floats
-from geometry.probe import Material
-from geometry.scene import Scene
-from geometry.section import Body, Section
-from geometry.solids import base_sizes
+from geometry.cad.solids import base_sizes
+from geometry.meridian.grading import Floats
+from geometry.meridian.section import Body, Section
+from geometry.scenes.probe import Material
+from geometry.scenes.scene import Scene
 
 ANGLES = 1440  # directions in which the tissue's sides are looked for
 HALF_SPACE = 1e6  # radius and depth of what stands for a half-space, in sizes of probe and inclusion

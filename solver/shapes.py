@@ -13,7 +13,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-from geometry.grading import Floats
+from geometry.meridian.grading import Floats
 
 Ints = NDArray[np.int64]
 

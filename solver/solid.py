@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from geometry.errors import Refusal, SolveError, Words
-from geometry.grading import Floats
-from geometry.probe import mm
-from geometry.scene import Scene
+from geometry.common.errors import Refusal, SolveError, Words
+from geometry.meridian.grading import Floats
+from geometry.scenes.probe import mm
+from geometry.scenes.scene import Scene
 from solver.film_forces import Bound, FilmForces, checked_moduli, outputs, ratio, shortfalls
 from solver.result import Curve, Result, unbuilt, within
 from solver.solid_domain import coaxial

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from geometry.grading import Floats
+from geometry.meridian.grading import Floats
 from solver.tetrahedra import Ints, grams, integrated, mean_dilation
 
 LOWER, UPPER = np.tril_indices(10)  # pairs of an element's nodes

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.errors import SolveError
-from geometry.grading import Floats
+from geometry.common.errors import SolveError
+from geometry.meridian.grading import Floats
 from solver.solid_factor import solve
 from solver.solid_states import SolidStates
 

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.errors import SolveError
-from geometry.grading import Floats
-from geometry.mesh_cache import cached_mesh
-from geometry.scene import Scene
-from geometry.sizing import Fineness
-from geometry.tetrahedra import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE, TetMesh
+from geometry.common.errors import SolveError
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Scene
+from geometry.tetra.cache import cached_mesh
+from geometry.tetra.sizing import Fineness
+from geometry.tetra.tet_mesh import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE, TetMesh
 from solver.solid_bodies import Elastic
 from solver.solid_curve import solid_response
 from solver.solid_domain import Domain
@@ -57,7 +57,7 @@ def meshed(domain: Domain, fineness: Fineness) -> TetMesh:
     """Return the domain's mesh, from the cache if it was made before.
 
     Raises:
-        InputError, Refusal, SolveError: see ``geometry.volume_mesh.volume_mesh``.
+        InputError, Refusal, SolveError: see ``geometry.tetra.mesher.volume_mesh``.
     """
     return cached_mesh(domain.scene, fineness, domain.half, None, domain.radius)
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from geometry.layout import mirror_symmetric
-from geometry.probe import Base
-from geometry.scene import CylinderTissue, Inclusion, Load, Placement, Scene
+from geometry.scenes.probe import Base
+from geometry.scenes.scene import CylinderTissue, Inclusion, Load, Placement, Scene
+from geometry.tetra.layout import mirror_symmetric
 
 SPAN = 8.0  # outer radii that tissue is modelled of at least
 REACH = 1.7  # times the distance of the farthest point of an inclusion

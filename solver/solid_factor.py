@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from geometry.errors import SolveError
-from geometry.grading import Floats
+from geometry.common.errors import SolveError
+from geometry.meridian.grading import Floats
 from solver.factor import Factor, factorise
 
 WANTED = 1e-9  # relative residual

@@ -16,13 +16,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.errors import Refusal, Words
-from geometry.grading import Floats
-from geometry.layout import layout
-from geometry.probe import mm
-from geometry.scene import Scene
-from geometry.sizing import COARSE, FINE, ROUGH
-from geometry.tetrahedra import TetMesh
+from geometry.common.errors import Refusal, Words
+from geometry.meridian.grading import Floats
+from geometry.scenes.probe import mm
+from geometry.scenes.scene import Scene
+from geometry.tetra.layout import layout
+from geometry.tetra.sizing import COARSE, FINE, ROUGH
+from geometry.tetra.tet_mesh import TetMesh
 from solver.converged import Converged, converged
 from solver.film_forces import Bound, FilmForces
 from solver.result import Decision
@@ -104,7 +104,7 @@ def solid_forces(scene: Scene, accuracy: float, moduli: Floats | None = None, te
         tell: called with a line before each piece of work.
 
     Raises:
-        InputError, Refusal: see ``geometry.volume_mesh.volume_mesh``.
+        InputError, Refusal: see ``geometry.tetra.mesher.volume_mesh``.
         SolveError: a mesh or a solution failed.
     """
     tell("the symmetric part")

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.errors import SolveError
-from geometry.grading import Floats
-from geometry.tetrahedra import INCLUSION, TISSUE
+from geometry.common.errors import SolveError
+from geometry.meridian.grading import Floats
+from geometry.tetra.tet_mesh import INCLUSION, TISSUE
 from solver.factor import Factor
 from solver.solid_bodies import Elastic, Isotropic, lame
 from solver.solid_factor import residual, solve

@@ -17,8 +17,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from geometry.grading import Floats
-from geometry.tetrahedra import GROOVE, INCLUSION, INNER, OUTER, TetMesh
+from geometry.meridian.grading import Floats
+from geometry.tetra.tet_mesh import GROOVE, INCLUSION, INNER, OUTER, TetMesh
 from solver.solid_bodies import Elastic, Part, assembled, parts
 from solver.solid_factor import Stiffness
 from solver.tetrahedra import Ints

@@ -9,8 +9,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from geometry.grading import Floats
-from geometry.probe import Material
+from geometry.meridian.grading import Floats
+from geometry.scenes.probe import Material
 from solver.multipoles import Modes
 from solver.projection import Projection
 from solver.samples import Source

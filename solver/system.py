@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from geometry.errors import SolveError
-from geometry.grading import Floats
+from geometry.common.errors import SolveError
+from geometry.meridian.grading import Floats
 from solver.factor import Factor, factorise
 from solver.numbering import Numbering
 

@@ -18,8 +18,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from geometry.errors import SolveError
-from geometry.grading import Floats
+from geometry.common.errors import SolveError
+from geometry.meridian.grading import Floats
 
 Ints = NDArray[np.int64]
 EDGES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])

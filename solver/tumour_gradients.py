@@ -17,13 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from geometry.errors import InputError
-from geometry.frame import Fineness, Kind
-from geometry.grading import Floats
-from geometry.probe import Material
-from geometry.scene import Scene
-from geometry.section import Body
-from geometry.variables import values
+from geometry.common.errors import InputError
+from geometry.meridian.frame import Fineness, Kind
+from geometry.meridian.grading import Floats
+from geometry.meridian.section import Body
+from geometry.scenes.probe import Material
+from geometry.scenes.scene import Scene
+from geometry.scenes.variables import values
 from solver.base_states import BaseStates, Model, base_states
 from solver.base_states import model as solved_model
 from solver.derivatives import STEP, energy_derivatives, variables

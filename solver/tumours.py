@@ -8,9 +8,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from geometry.errors import InputError
-from geometry.grading import Floats
-from geometry.scene import Inclusion, Scene
+from geometry.common.errors import InputError
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Inclusion, Scene
 
 
 @dataclass(frozen=True)

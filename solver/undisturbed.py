@@ -8,12 +8,12 @@ from functools import cached_property, lru_cache
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from geometry.errors import Refusal, SolveError
-from geometry.frame import Fineness
-from geometry.grading import Floats
-from geometry.probe import mm
-from geometry.scene import Load, Scene
-from geometry.section import Section
+from geometry.common.errors import Refusal, SolveError
+from geometry.meridian.frame import Fineness
+from geometry.meridian.grading import Floats
+from geometry.meridian.section import Section
+from geometry.scenes.probe import mm
+from geometry.scenes.scene import Load, Scene
 from solver.base_states import base_states, model
 from solver.converged import Converged, converged
 from solver.energies import Energies

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from geometry.scene import Scene
+from geometry.scenes.scene import Scene
 from solver.film_forces import strains
 from solver.result import Decision, Effect
 from solver.rough import Rough

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 
-from geometry.frame import Fineness
-from geometry.frame import kind as kind_of
-from geometry.meridian import Topology, nodes, topology
-from geometry.section import Body, Section
+from geometry.meridian.frame import Fineness
+from geometry.meridian.frame import kind as kind_of
+from geometry.meridian.mesh import Topology, nodes, topology
+from geometry.meridian.section import Body, Section
 from solver.quadrilateral import Geometry, geometry
 from solver.sections import HALF_SPACE
 from solver.shapes import shapes

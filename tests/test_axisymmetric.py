@@ -7,7 +7,7 @@ import pytest
 from scenes import Expected, expected, named
 
 from geometry import Contact, CylinderTissue, HalfSpaceTissue, Inclusion, Load, Material, Placement, Probe, Refusal, Scene
-from geometry.frame import Fineness
+from geometry.meridian.frame import Fineness
 from solver import evaluate
 from solver.axisymmetric import Axisymmetric
 from solver.convergence import LEVELS

@@ -12,7 +12,7 @@ import pytest
 from benches import BENCH, LOAD, Floats, films, sampled, scene, shares
 
 from geometry import InputError, Refusal, Scene
-from geometry.variables import changed, values
+from geometry.scenes.variables import changed, values
 from hw.errors import HardwareError
 from hw.samples import Gap, Samples
 from probe_design.bench import Bench, Reference, Workshop, bench_from_dict, read_bench

@@ -10,7 +10,7 @@ import pytest
 from benches import BENCH, Floats, films, sampled, scene, shares
 
 from geometry import InputError
-from geometry.variables import changed, values
+from geometry.scenes.variables import changed, values
 from hw.samples import Samples
 from probe_design.bench import Reference
 from probe_design.calibrate import calibrate

@@ -13,8 +13,8 @@ from scipy.stats import norm
 from test_cli import refused, run
 
 from geometry import Scene
-from geometry.errors import InputError
-from geometry.scene_file import scene_from_dict, scene_to_toml
+from geometry.common.errors import InputError
+from geometry.scenes.scene_file import scene_from_dict, scene_to_toml
 from probe_design.estimate import Estimate, estimate, findings
 from probe_design.likelihood import QUANTILE, Likelihood, threshold
 from probe_design.observations import Data, Reading, one_reading, read_readings

@@ -9,9 +9,9 @@ import pytest
 from scenes import named
 
 from geometry import InputError, Material, Probe, Scene
-from geometry.frame import Fineness
-from geometry.scene import HalfSpaceTissue, Load
-from geometry.section import Body
+from geometry.meridian.frame import Fineness
+from geometry.meridian.section import Body
+from geometry.scenes.scene import HalfSpaceTissue, Load
 from solver.base_states import BaseStates, base_states, model
 from solver.fields import TissueField
 from solver.sections import sections

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from geometry.files import check_writable, write_text, written_whole
+from geometry.common.files import check_writable, write_text, written_whole
 
 
 def test_replaces_the_old_file_only_when_the_new_one_is_whole(tmp_path: Path) -> None:

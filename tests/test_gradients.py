@@ -11,9 +11,9 @@ import pytest
 from scenes import REFERENCE, named
 
 from geometry import InputError, Scene, read_scene
-from geometry.frame import Fineness
-from geometry.frame import kind as kind_of
-from geometry.variables import changed, values
+from geometry.meridian.frame import Fineness
+from geometry.meridian.frame import kind as kind_of
+from geometry.scenes.variables import changed, values
 from solver.callback import FilmCallback
 from solver.convergence import Sample
 from solver.derivatives import variables

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from meridian_sections import between, many
 from scipy.integrate import quad
 
-from geometry.grading import folds, graded, smooth_max, smooth_min
+from geometry.meridian.grading import folds, graded, smooth_max, smooth_min
 
 sizes = st.tuples(*[st.none() | between(1e-5, 1e2)] * 2)  # of cells at the ends, in the length between these
 

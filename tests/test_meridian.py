@@ -26,12 +26,12 @@ from meridian_sections import (
 )
 from scipy.optimize import brentq
 
-from geometry.errors import SolveError
-from geometry.frame import Fineness
-from geometry.frame import kind as kind_of
-from geometry.meridian import SQUARE, Topology, nodes
-from geometry.probe import Material
-from geometry.section import Body, Section
+from geometry.common.errors import SolveError
+from geometry.meridian.frame import Fineness
+from geometry.meridian.frame import kind as kind_of
+from geometry.meridian.mesh import SQUARE, Topology, nodes
+from geometry.meridian.section import Body, Section
+from geometry.scenes.probe import Material
 from solver.base_states import model
 from solver.convergence import LEVELS
 from solver.derivatives import velocities

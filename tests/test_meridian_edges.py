@@ -8,8 +8,8 @@ from hypothesis import given
 from meridian_sections import few, mesh_of, numbers, of_probe, rounding, section, special
 from scipy.spatial import cKDTree
 
-from geometry.meridian import SQUARE, Topology, labels, nodes
-from geometry.section import Section
+from geometry.meridian.mesh import SQUARE, Topology, labels, nodes
+from geometry.meridian.section import Section
 
 
 def corners_of(mesh: Topology) -> np.ndarray:

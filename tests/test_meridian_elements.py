@@ -10,10 +10,10 @@ import pytest
 import scipy.sparse as sp
 from meridian_sections import COARSE, PAPER, geometry_of, mesh_of, of_probe, section, special
 
-from geometry.frame import Fineness, Layout
-from geometry.frame import kind as kind_of
-from geometry.meridian import SQUARE, Topology, nodes
-from geometry.section import Body, Section
+from geometry.meridian.frame import Fineness, Layout
+from geometry.meridian.frame import kind as kind_of
+from geometry.meridian.mesh import SQUARE, Topology, nodes
+from geometry.meridian.section import Body, Section
 from solver.numbering import Numbering, numbering
 from solver.quadrilateral import gradients, matrices, projected
 from solver.shapes import functions, shapes

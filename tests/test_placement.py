@@ -23,8 +23,8 @@ from geometry import (
     scene_from_dict,
     scene_to_dict,
 )
-from geometry.grading import Floats
-from geometry.placement import lateral_reach, overlap, semi_axes
+from geometry.meridian.grading import Floats
+from geometry.scenes.fit import lateral_reach, overlap, semi_axes
 
 SOFT = {"youngs_modulus": 1e3, "poisson_ratio": 0.4}
 PROBE = Probe(inner_radius=5e-3, outer_radius=6e-3, gap=1e-4, height=5e-3, inner=Material(**SOFT), outer=Material(**SOFT))

@@ -11,9 +11,9 @@ from click.testing import CliRunner
 from scenes import REFERENCE, expected, named
 
 from geometry import Inclusion, Load, Scene, read_scene
-from geometry.errors import Refusal
-from geometry.probe import Base, Film, Groove
-from geometry.scene import Contact
+from geometry.common.errors import Refusal
+from geometry.scenes.probe import Base, Film, Groove
+from geometry.scenes.scene import Contact
 from probe_design.cli import cli
 from solver import Decision, evaluate, evaluator, plan
 from solver.converged import converged

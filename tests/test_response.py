@@ -7,9 +7,9 @@ import pytest
 from scenes import named
 
 from geometry import InputError, Material, Refusal, Scene, SolveError
-from geometry.frame import Fineness
-from geometry.section import Body
-from geometry.variables import changed
+from geometry.meridian.frame import Fineness
+from geometry.meridian.section import Body
+from geometry.scenes.variables import changed
 from solver import curve, evaluate
 from solver.axisymmetric import Axisymmetric
 from solver.base_states import BaseStates, base_states, model

@@ -16,7 +16,7 @@ from scenes import REFERENCE, expected, named
 from test_cli import refused, run
 
 from geometry import Scene, read_scene
-from geometry.scene import Inclusion
+from geometry.scenes.scene import Inclusion
 from probe_design.scan import scan
 from solver import evaluate
 

@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geometry.errors import SolveError
-from geometry.probe import Material
-from geometry.scene_file import scene_from_dict
-from geometry.tetrahedra import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE, TetMesh
+from geometry.common.errors import SolveError
+from geometry.scenes.probe import Material
+from geometry.scenes.scene_file import scene_from_dict
+from geometry.tetra.tet_mesh import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE, TetMesh
 from solver import solid_factor
 from solver import solid_states as solid_states_module
 from solver.converged import converged

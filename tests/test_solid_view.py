@@ -13,9 +13,9 @@ import pytest
 import pyvista
 from matplotlib.image import imread
 
-from geometry.errors import InputError, MissingLibrary
-from geometry.probe import Material
-from geometry.tetrahedra import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE, TetMesh
+from geometry.common.errors import InputError, MissingLibrary
+from geometry.scenes.probe import Material
+from geometry.tetra.tet_mesh import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE, TetMesh
 from probe_design import solid_space
 from probe_design.solid_cut import Faces, name, section, skin
 from probe_design.solid_stress import deformed

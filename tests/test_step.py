@@ -1,4 +1,4 @@
-"""The STEP files, read by other means than those of ``geometry.step``, against formulas written out here."""
+"""The STEP files, read by other means than those of ``geometry.cad.export``, against formulas written out here."""
 
 import builtins
 import math
@@ -11,9 +11,10 @@ from pathlib import Path
 import pytest
 from scipy.integrate import quad
 
-from geometry import drawing, solids, step, step_check, step_writer
-from geometry.errors import ExportError, InputError, MissingLibrary
-from geometry.probe import Base, Film, Groove, Material, Probe
+from geometry.cad import drawing, solids, step_check, step_writer
+from geometry.cad import export as step
+from geometry.common.errors import ExportError, InputError, MissingLibrary
+from geometry.scenes.probe import Base, Film, Groove, Material, Probe
 
 RUBBER = Material(youngs_modulus=1e6, poisson_ratio=0.4)
 NAMES = ["inner", "outer", "film-inner", "film-outer", "base"]
@@ -28,7 +29,7 @@ def make(inner_radius=5e-3, area_ratio=3.7, gap=1e-4, height=5e-3, groove=(2e-3,
 
 
 def read(path: Path):
-    """The shape in a STEP file, through the plain reader (``geometry.step`` uses the one with names and colours)."""
+    """The shape in a STEP file, through the plain reader (``geometry.cad.export`` uses the one with names and colours)."""
     cq = solids.cadquery()
     from OCP.STEPControl import STEPControl_Reader
 

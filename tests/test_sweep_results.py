@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from sweeps import SCENE, grid, run
 
-from geometry.errors import MissingLibrary
+from geometry.common.errors import MissingLibrary
 from probe_design import sweep
 from probe_design.sweep_effects import main_effect
 from probe_design.sweep_results import dataframe, dataset, to_csv, to_parquet

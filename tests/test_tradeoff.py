@@ -19,7 +19,7 @@ from scenes import REFERENCE, named
 from test_cli import refused, run
 
 from geometry import Scene
-from geometry.errors import Refusal
+from geometry.common.errors import Refusal
 from probe_design.builtin import typical_scenes
 from probe_design.tradeoff import FINEST, SETTINGS, SKIPPED, Tradeoff, tradeoff
 from probe_design.tradeoff_rows import Row, Setting, cheapest, distinct, judged, pareto

@@ -7,7 +7,7 @@ import pytest
 from scenes import named
 
 from geometry import InputError, Scene
-from geometry.variables import changed, values
+from geometry.scenes.variables import changed, values
 from solver.callback import TumourCallback
 from solver.gradients import OUTPUTS
 from solver.readings import readings

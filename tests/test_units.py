@@ -9,8 +9,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from geometry.probe import LENGTH
-from geometry.units import Quantity
+from geometry.scenes.probe import LENGTH
+from geometry.scenes.units import Quantity
 
 POSITION = Quantity("position", "m", "mm", -10.0, 10.0)
 MODULUS = Quantity("modulus", "Pa", "Pa", 1e-3, 1e13)

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from geometry import Refusal, SolveError, scene_from_dict
-from geometry import volume_mesh as module
-from geometry.layout import Ellipsoid, layout, mirror_symmetric
-from geometry.mesh_check import LEAST_QUALITY, check, errors, largest_error
-from geometry.mesh_space import mesh_space
-from geometry.surfaces import ellipsoid
-from geometry.tetrahedra import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE, TetMesh, element_volumes, quadratic
-from geometry.tetwild_process import Failure, TooLong
-from geometry.volume_mesh import COARSE, FINE, ROUGH, extent, meshed, volume_mesh
+from geometry.tetra import mesher as module
+from geometry.tetra.check import LEAST_QUALITY, check, errors, largest_error
+from geometry.tetra.layout import Ellipsoid, layout, mirror_symmetric
+from geometry.tetra.mesher import COARSE, FINE, ROUGH, extent, meshed, volume_mesh
+from geometry.tetra.stretched_space import mesh_space
+from geometry.tetra.surfaces import ellipsoid
+from geometry.tetra.tet_mesh import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE, TetMesh, element_volumes, quadratic
+from geometry.tetra.tetwild_process import Failure, TooLong
 
 
 def scene(**changes):

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from test_volume_mesh import scene
 
-from geometry import mesh_cache
-from geometry.sizing import COARSE, FINE
-from geometry.tetrahedra import TetMesh, quadratic
+from geometry.tetra import cache as mesh_cache
+from geometry.tetra.sizing import COARSE, FINE
+from geometry.tetra.tet_mesh import TetMesh, quadratic
 
 
 @pytest.fixture

@@ -7,12 +7,12 @@ import pyvista
 from test_volume_mesh import scene
 
 from geometry import InputError, Refusal, SolveError
-from geometry.layout import layout
-from geometry.layout_fit import least_distances
-from geometry.mesh_check import check, errors
-from geometry.surface_files import read_surface
-from geometry.tetrahedra import INCLUSION, TISSUE
-from geometry.volume_mesh import ROUGH, meshed
+from geometry.tetra.check import check, errors
+from geometry.tetra.layout import layout
+from geometry.tetra.layout_fit import least_distances
+from geometry.tetra.mesher import ROUGH, meshed
+from geometry.tetra.surface_files import read_surface
+from geometry.tetra.tet_mesh import INCLUSION, TISSUE
 
 CENTRE = np.array([0.002, 0.0, -0.009])
 
@@ -42,7 +42,7 @@ def test_a_files_coordinates_are_millimetres_from_the_inclusions_centre(tmp_path
 
 
 def test_a_step_file_says_its_unit(tmp_path):
-    from geometry.solids import cadquery
+    from geometry.cad.solids import cadquery
 
     cq = cadquery()
     name = str(tmp_path / "box.step")

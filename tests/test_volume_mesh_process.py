@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 from test_volume_mesh import scene
 
-from geometry import SolveError, tetwild_process, volume_mesh
-from geometry.layout import layout
-from geometry.mesh_cache import FOLDER
-from geometry.sizing import ROUGH
-from geometry.tetwild_process import Failure, TooLong, tetrahedralized
+from geometry import SolveError
+from geometry.tetra import mesher as volume_mesh
+from geometry.tetra import tetwild_process
+from geometry.tetra.cache import FOLDER
+from geometry.tetra.layout import layout
+from geometry.tetra.sizing import ROUGH
+from geometry.tetra.tetwild_process import Failure, TooLong, tetrahedralized
 
 CUBE = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
 SIDES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
@@ -105,8 +107,8 @@ SCRIPT = """
 import sys
 from pathlib import Path
 from geometry import scene_from_toml
-from geometry.mesh_cache import cached_mesh
-from geometry import tetwild_process
+from geometry.tetra.cache import cached_mesh
+from geometry.tetra import tetwild_process
 start = tetwild_process.subprocess.Popen.__init__
 def started(self, *args, **options):
     start(self, *args, **options)
@@ -126,7 +128,7 @@ def test_ctrl_c_ends_meshing_at_once_and_leaves_nothing(tmp_path):
     (tmp_path / "scene.toml").write_text(scene_to_toml(scene()))
     (tmp_path / "script.py").write_text(SCRIPT)
     cache = tmp_path / "cache"
-    path = os.pathsep.join([str(Path(tetwild_process.__file__).parents[1]), *sys.path])
+    path = os.pathsep.join([str(Path(tetwild_process.__file__).parents[2]), *sys.path])
     environment = {**os.environ, FOLDER: str(cache), "PYTHONPATH": path}
     command = [sys.executable, str(tmp_path / "script.py"), str(tmp_path / "scene.toml")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment) as parent:

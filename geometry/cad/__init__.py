@@ -1,0 +1,1 @@
+"""CadQuery solids, STEP files out and back, drawings."""

@@ -1,0 +1,89 @@
+"""The assembly seen from above, without a quarter, drawn by matplotlib."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from geometry.cad import solids
+
+ELEVATION, AZIMUTH = 22.0, -50.0  # of the eye, in degrees; it looks into the missing quarter
+
+
+def draw(axes: Any, shapes: dict[str, Any], hole: float) -> None:
+    """Draw the assembly without its quarter x > 0, y < 0, from whose side the eye looks; ``hole`` is the tube's hole radius."""
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    up, turn = math.radians(ELEVATION), math.radians(AZIMUTH)
+    eye = np.array([math.cos(up) * math.cos(turn), math.cos(up) * math.sin(turn), math.sin(up)])
+    low, high = _bounds(shapes["base"], shapes["inner"], shapes["outer"])
+    for name, solid in shapes.items():
+        triangles = _triangles(_without_quarter(solid, high), float(np.max(high - low)) / 30)
+        normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+        layers = np.where(normals @ eye > 0, _layers(name, triangles, normals, hole), -1)
+        light = 0.6 + 0.4 * np.clip(normals @ np.array([0.15, -0.6, 0.79]), 0, 1)
+        colours = light[:, None] * np.array(solids.COLOURS[name])
+        for layer in range(int(layers.max()) + 1):
+            chosen = layers == layer
+            faces = Poly3DCollection(triangles[chosen], facecolors=colours[chosen], antialiaseds=False, zorder=layer)
+            axes.add_collection3d(faces)
+    _look(axes, low, high)
+
+
+def _layers(name: str, triangles: Any, normals: Any, hole: float) -> Any:
+    """Return the order of painting of each triangle, since sorting by depth fails where parts are a thin gap apart.
+
+    Seen from outside and above, through the missing quarter: walls that face the axis are hidden by everything, then
+    come the inner parts and the boss, the outer parts, the base, and on top the cut faces, which nothing can hide.
+    """
+    centres = triangles.mean(axis=1)
+    x, y, radius = centres[:, 0], centres[:, 1], np.hypot(centres[:, 0], centres[:, 1])
+    outward = (x * normals[:, 0] + y * normals[:, 1]) / np.maximum(radius, 1e-300)
+    layers = np.full(len(triangles), {"inner": 1, "film-inner": 1, "outer": 2, "film-outer": 2, "base": 3}[name])
+    layers[(outward > 0.9) & (radius < hole)] = 1
+    layers[outward < -0.9] = 0
+    near = 1e-9 * hole
+    layers[((np.abs(y) < near) & (x > 0)) | ((np.abs(x) < near) & (y < 0))] = 4
+    return layers
+
+
+def _look(axes: Any, low: Any, high: Any) -> None:
+    width, _, height = span = high - low
+    up = math.radians(ELEVATION)
+    tall = height * math.cos(up) + width * math.sin(up)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set_box_aspect(span, zoom=float(np.linalg.norm(span)) * min(0.92 / tall, 0.93 / width))
+    axes.set_proj_type("ortho")
+    axes.view_init(ELEVATION, AZIMUTH)
+    axes.computed_zorder = False
+    axes.set_axis_off()
+
+
+def _bounds(*shapes: Any) -> tuple[Any, Any]:
+    boxes = [shape.BoundingBox() for shape in shapes]
+    low = np.min([(box.xmin, box.ymin, box.zmin) for box in boxes], axis=0)
+    return low, np.max([(box.xmax, box.ymax, box.zmax) for box in boxes], axis=0)
+
+
+def _without_quarter(solid: Any, high: Any) -> Any:
+    cq, (x, y, z) = solids.cadquery(), 2 * high
+    return solids.built("drawing", lambda: solid.cut(cq.Solid.makeBox(x, y, 2 * z, cq.Vector(0, -y, -z / 2))))
+
+
+def _triangles(shape: Any, longest: float) -> Any:
+    """Return triangles (n, 3, 3) in mm, halved across their longest edge until none is longer than ``longest``."""
+    vertices, faces = shape.tessellate(longest / 20, 0.15)
+    triangles = np.array([vertex.toTuple() for vertex in vertices])[np.array(faces)]
+    while True:
+        lengths = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
+        long = lengths.max(axis=1) > longest
+        if not long.any():
+            return triangles
+        worst = lengths[long].argmax(axis=1)
+        rows = np.arange(worst.size)
+        a, b, c = (triangles[long][rows, (worst + shift) % 3] for shift in range(3))
+        middle = (a + b) / 2
+        triangles = np.concatenate([triangles[~long], np.stack([a, middle, c], 1), np.stack([middle, b, c], 1)])

@@ -1,0 +1,204 @@
+"""One page for the workshop: a dimensioned axial section, a magnified detail, and a cutaway view of the assembly."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from geometry.cad import cutaway, solids
+from geometry.common.files import written_whole
+from geometry.scenes.probe import Material, Probe
+
+DIAMETER = "\N{LATIN CAPITAL LETTER O WITH STROKE}"
+Points = list[tuple[float, float]]
+SHEET = (16.0, 9.0)  # inches
+PANEL = (0.025, 0.05, 0.56, 0.86)  # the section's place on the sheet: left, bottom, width, height
+LEVEL = 0.34  # inches between two dimension lines
+HATCHES = {"inner": "//", "outer": "\\\\", "film-inner": "xxxx", "film-outer": "xxxx", "base": "/"}
+
+
+def draw(probe: Probe, path: Path) -> Path:
+    """Write the drawing of the probe as a PNG of 2400 x 1350 pixels, dimensions in mm; returns ``path``.
+
+    Raises:
+        ExportError, InputError, MissingLibrary: see ``solids.parts``.
+        OSError: the file cannot be written.
+    """
+    shapes = solids.parts(probe)
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=SHEET, dpi=150, facecolor="white")
+    FigureCanvasAgg(figure)
+    figure.text(0.03, 0.955, "Tactile probe: section through the groove's plane (y = 0)", fontsize=15, weight="bold")
+    figure.text(0.03, 0.93, "dimensions in mm; tissue below, at z = 0", fontsize=10)
+    _section(figure.add_axes(PANEL), probe)
+    _detail(figure.add_axes((0.60, 0.07, 0.16, 0.31)), probe)
+    for line, (text, colour) in enumerate(_notes(probe)):
+        figure.text(0.785, 0.37 - 0.028 * line, "\N{BLACK SQUARE}", fontsize=13, va="center", color=colour or "none")
+        figure.text(0.798, 0.37 - 0.028 * line, text, fontsize=9, va="center")
+    cutaway.draw(figure.add_axes((0.57, 0.40, 0.43, 0.58), projection="3d"), shapes, probe.hole_radius * solids.MM)
+    with written_whole(Path(path)) as draft:
+        figure.savefig(draft, format="png")
+    return Path(path)
+
+
+def outlines(probe: Probe) -> dict[str, list[Points]]:
+    """Return the polygons (x, z) in mm in which the plane y = 0 cuts each part."""
+    mm, t, groove = solids.MM, solids.film_thickness(probe) * solids.MM, probe.groove
+    r2, ri, ro, h2, h1 = _sizes(probe)
+    ends = (h1, h1) if groove is None else (h1, h1 - groove.depth * mm)
+    films = [_box(-ro, -ri, h1, h1 + t)] + ([_box(ri, ro, h1, h1 + t)] if groove is None else [])
+    sizes, middle = solids.base_sizes(probe), (r2 + ri) / 2
+    rf, under = sizes.flange_radius * mm, max(h1, h2) + t + sizes.step_height * mm
+    side = [(middle, h2 + t), (middle, h1 + t), (ro, h1 + t), (ro, under), (rf, under), (rf, under + sizes.thickness * mm)]
+    return {
+        "inner": [_box(-r2, r2, 0, h2)],
+        "outer": [_box(-ro, -ri, 0, ends[0]), _box(ri, ro, 0, ends[1])],
+        "film-inner": [_box(-r2, r2, h2, h2 + t)],
+        "film-outer": films,
+        "base": [side + [(-x, z) for x, z in reversed(side)]],
+    }
+
+
+def _sizes(probe: Probe) -> tuple[float, float, float, float, float]:
+    lengths = (probe.inner_radius, probe.hole_radius, probe.tube_radius, probe.core_height, probe.tube_height)
+    return tuple(length * solids.MM for length in lengths)  # type: ignore[return-value]
+
+
+def _box(left: float, right: float, bottom: float, top: float) -> Points:
+    return [(left, bottom), (right, bottom), (right, top), (left, top)]
+
+
+def _fill(axes: Any, probe: Probe) -> None:
+    if probe.groove is not None:  # what is seen behind the cut: the groove's side, and the film's edge above it
+        _, ri, ro, _, h1 = _sizes(probe)
+        bottom, top = h1 - probe.groove.depth * solids.MM, h1 + solids.film_thickness(probe) * solids.MM
+        axes.fill(
+            *zip(*_box(ri, ro, bottom, h1), strict=True), facecolor=(*solids.COLOURS["outer"], 0.25), edgecolor="0.4", lw=0.6
+        )
+        axes.fill(*zip(*_box(ri, ro, h1, top), strict=True), facecolor=(*solids.COLOURS["film-outer"], 0.35), edgecolor="none")
+    for name, polygons in outlines(probe).items():
+        tint = (*solids.COLOURS[name], 0.75)
+        for polygon in polygons:
+            axes.fill(*zip(*polygon, strict=True), facecolor=tint, edgecolor="0.15", hatch=HATCHES[name], lw=0.9)
+
+
+def _section(axes: Any, probe: Probe) -> None:
+    base, t = solids.base_sizes(probe), solids.film_thickness(probe) * solids.MM
+    r2, ri, ro, h2, h1 = _sizes(probe)
+    rf, under = base.flange_radius * solids.MM, max(h1, h2) + t + base.step_height * solids.MM
+    top = under + base.thickness * solids.MM
+    inch = _frame(axes, rf, top)  # mm of the probe in an inch of paper
+    _fill(axes, probe)
+    axes.axhline(0, color="0.55", lw=0.6, ls=(0, (6, 3)), zorder=0)
+    axes.plot([0, 0], [-0.15 * inch, top + 0.15 * inch], color="0.2", lw=0.8, ls="-.")
+    step = LEVEL * inch
+    for level, radius in enumerate((r2, ri, ro), start=1):
+        _dimension(axes, (-radius, 0), (radius, 0), -level * step, DIAMETER + number(2 * radius), inch)
+    _dimension(axes, (-rf, top), (rf, top), top + step, DIAMETER + number(2 * rf), inch)
+    lefts = [((-ro, h1), h1), ((-r2, h2), h2), ((-rf, top), top)]
+    for level, (corner, height) in enumerate(lefts if h1 != h2 else lefts[::2], start=1):
+        _dimension(axes, (-ro, 0), corner, -rf - level * step, number(height), inch, upright=True)
+    _dimension(axes, (ro, under), (ro, max(h1, h2) + t), rf + 2 * step, number(base.step_height * solids.MM), inch, upright=True)
+    _dimension(axes, (rf, under), (rf, top), rf + step, number(top - under), inch, upright=True)
+    _leader(axes, (-(r2 + ri) / 2, 0), (-rf - step, -2.2 * step), f"gap {number(ri - r2)}")
+    if probe.groove is not None:
+        depth = probe.groove.depth * solids.MM
+        _dimension(axes, (ro, h1 - depth), (ro, h1), rf + 3 * step, number(depth), inch, upright=True)
+        text = f"groove {number(probe.groove.width * solids.MM)} wide, {number(depth)} deep,\non this side only"
+        _leader(axes, ((ri + ro) / 2, h1 - depth / 2), (max(rf, ro + 0.6 * inch) + step, -3.8 * step), text)
+
+
+def _frame(axes: Any, radius: float, height: float) -> float:
+    """Scale the axes so that the probe and its dimension lines fill them; returns mm of the probe per inch."""
+    width, tall = PANEL[2] * SHEET[0], PANEL[3] * SHEET[1]
+    inch = max(2 * radius / (width - 8 * LEVEL - 0.4), height / (tall - 7 * LEVEL))
+    axes.set_xlim(-width / 2 * inch, width / 2 * inch)
+    middle = height / 2 - 1.5 * LEVEL * inch  # there are more dimension lines below than above
+    axes.set_ylim(middle - tall / 2 * inch, middle + tall / 2 * inch)
+    axes.set_axis_off()
+    return inch
+
+
+def _dimension(
+    axes: Any,
+    start: tuple[float, float],
+    end: tuple[float, float],
+    at: float,
+    text: str,
+    inch: float,
+    upright: bool = False,
+) -> None:
+    """Draw a dimension line at ``at`` between two points, with its extension lines; short ones get arrows from outside."""
+    axis = 1 if upright else 0
+    place = (lambda along: (at, along)) if upright else (lambda along: (along, at))
+    low, high = sorted((start[axis], end[axis]))
+    for point in (start, end):
+        axes.plot(*zip(point, place(point[axis]), strict=True), color="0.45", lw=0.5)
+    style = {"lw": 0.7, "color": "black", "shrinkA": 0, "shrinkB": 0}
+    if high - low > 0.3 * inch:
+        axes.annotate("", place(low), place(high), arrowprops={"arrowstyle": "<|-|>,head_width=0.12,head_length=0.35", **style})
+    else:
+        for tip, tail in ((low, low - 0.25 * inch), (high, high + 0.25 * inch)):
+            axes.annotate("", place(tip), place(tail), arrowprops={"arrowstyle": "-|>,head_width=0.12,head_length=0.35", **style})
+    along, room = (low + high) / 2, (0.1 + 0.085 * len(text)) * inch
+    if high - low < room:  # no room for the number between the arrows: it goes beyond them
+        along = high + 0.3 * inch + room / 2
+        axes.plot(*zip(place(high), place(along), strict=True), color="black", lw=0.7)
+    white = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
+    axes.text(*place(along), text, rotation=90 * upright, ha="center", va="center", fontsize=10, bbox=white)
+
+
+def _leader(axes: Any, tip: tuple[float, float], place: tuple[float, float], text: str) -> None:
+    arrow = {"arrowstyle": "-|>,head_width=0.12,head_length=0.35", "lw": 0.7, "color": "black", "shrinkB": 0}
+    box = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
+    axes.annotate(text, tip, place, ha="center", va="center", fontsize=10, arrowprops=arrow, bbox=box, zorder=9)
+
+
+def _detail(axes: Any, probe: Probe) -> None:
+    """Magnify the gap's corner at the outer film."""
+    r2, ri, ro, h2, h1 = _sizes(probe)
+    t, gap = solids.film_thickness(probe) * solids.MM, ri - r2
+    reach = 2.2 * max(gap, t)
+    x, z = -(r2 + ri) / 2, h1 + t / 2
+    axes.set(xlim=(x - reach, x + reach), ylim=(z - reach, z + reach), xticks=[], yticks=[], aspect="equal")
+    axes.set_title("detail at the outer film, -x side", fontsize=10)
+    _fill(axes, probe)
+    height = h1 - min(reach, h1) / 2
+    boss = h2 + t < height  # the base reaches down into the hole and halves the gap
+    tip, text = (x - gap / 4, f"clearance {number(gap / 2)}") if boss else (x, f"gap {number(gap)}")
+    _leader(axes, (tip, height), (x - 0.5 * reach, z - 0.85 * reach), text)
+    film = -ri - min(reach - gap / 2, ro - ri) / 2  # the middle of what is seen of it
+    _leader(axes, (film, z), (film, z + 0.7 * reach), f"film {number(t)}")
+
+
+def _notes(probe: Probe) -> list[tuple[str, Any]]:
+    """Return lines of text, those of the parts with their colour."""
+    thick = f"{number(solids.film_thickness(probe) * solids.MM)} thick"
+    cut, step = probe.groove_footprint, DIAMETER + number(2 * probe.tube_radius * solids.MM)
+    texts = {
+        "inner": f"inner block: {_material(probe.inner)}",
+        "outer": f"outer block: {_material(probe.outer)}",
+        "film-inner": f"inner film, {thick}",
+        "film-outer": f"outer film, {thick}" + (", open above the groove" if cut else ""),
+        "base": f"base, step {step}",
+    }
+    lines: list[tuple[str, Any]] = [(text, solids.COLOURS[name]) for name, text in texts.items()]
+    areas = {"inner end A2": probe.inner_area, "outer end A1": probe.outer_area}
+    if cut:
+        areas |= {"outer end at the film": probe.outer_area - cut, "groove's footprint": cut}
+    lines += [(f"{what} = {area * solids.MM**2:.6g} mm\u00b2", None) for what, area in areas.items()]
+    lines += [(f"A2/A1 = {probe.inner_area / probe.outer_area:.6g}", None)]
+    return lines
+
+
+def _material(material: Material) -> str:
+    modulus = material.youngs_modulus
+    size, unit = next(((size, unit) for size, unit in ((1e9, "GPa"), (1e6, "MPa"), (1e3, "kPa")) if modulus >= size), (1.0, "Pa"))
+    return f"E = {modulus / size:.4g} {unit}, Poisson's ratio {material.poisson_ratio:g}"
+
+
+def number(length: float) -> str:
+    """Write a length in mm to 0.1 um, finer only where nothing would be left."""
+    return f"{length:.4f}".rstrip("0").rstrip(".") if length >= 5e-4 else f"{length:.3g}"

@@ -1,0 +1,73 @@
+"""What each part of the probe must measure, from the parameters alone: formulas that know nothing of the CAD model."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from geometry.cad import solids
+from geometry.scenes.probe import Probe
+
+
+@dataclass(frozen=True)
+class Body:
+    """What is measured of a solid and what is expected of it, in mm.
+
+    Attributes:
+        volume: in mm^3.
+        ends: (z, area) of each plane face normal to z, from below.
+        radii: of each cylindrical face about z, from the smallest.
+        walls: (y, x of the centre, area) of each plane face normal to y.
+        off_axis: largest distance of a cylinder's axis from the z axis.
+    """
+
+    volume: float
+    ends: tuple[tuple[float, float], ...]
+    radii: tuple[float, ...]
+    walls: tuple[tuple[float, float, float], ...] = ()
+    off_axis: float = 0.0
+
+
+def expected_bodies(probe: Probe) -> dict[str, Body]:
+    """Derive what each part must measure from the probe's parameters alone."""
+    mm, groove = solids.MM, probe.groove
+    r2, ri, ro = probe.inner_radius * mm, probe.hole_radius * mm, probe.tube_radius * mm
+    h2, h1, t = probe.core_height * mm, probe.tube_height * mm, solids.film_thickness(probe) * mm
+    a2, a1, cut = probe.inner_area * mm**2, probe.outer_area * mm**2, probe.groove_footprint * mm**2
+    floor: tuple[tuple[float, float], ...] = ()
+    depth = 0.0
+    if groove is not None:
+        depth = groove.depth * mm
+        floor = ((h1 - depth, cut),)
+    return {
+        "inner": Body(a2 * h2, ((0, a2), (h2, a2)), (r2,)),
+        "outer": Body(a1 * h1 - cut * depth, ((0, a1), *floor, (h1, a1 - cut)), (ri, ro), _walls(probe, depth)),
+        "film-inner": Body(a2 * t, ((h2, a2), (h2 + t, a2)), (r2,)),
+        "film-outer": Body((a1 - cut) * t, ((h1, a1 - cut), (h1 + t, a1 - cut)), (ri, ro), _walls(probe, t)),
+        "base": _expected_base(probe),
+    }
+
+
+def _walls(probe: Probe, height: float) -> tuple[tuple[float, float, float], ...]:
+    """Return the groove's two sides, from the hole at x_i = sqrt(Ri^2 - a^2) to the outside at x_o, a = width/2."""
+    if probe.groove is None:
+        return ()
+    a, ri, ro = (size * solids.MM for size in (probe.groove.width / 2, probe.hole_radius, probe.tube_radius))
+    x_i, x_o = (math.sqrt((radius - a) * (radius + a)) for radius in (ri, ro))
+    area = height * (ro - ri) * (ro + ri) / (x_o + x_i)
+    return ((-a, (x_i + x_o) / 2, area), (a, (x_i + x_o) / 2, area))
+
+
+def _expected_base(probe: Probe) -> Body:
+    mm, sizes = solids.MM, solids.base_sizes(probe)
+    ro, rf, rm = probe.tube_radius * mm, sizes.flange_radius * mm, (probe.inner_radius + probe.gap / 2) * mm
+    low, side = (height * mm for height in solids.film_tops(probe))
+    under = max(low, side) + sizes.step_height * mm
+    top = under + sizes.thickness * mm
+    middle, ring, flange = math.pi * rm**2, math.pi * (ro - rm) * (ro + rm), math.pi * rf**2
+    ends = [(low, middle), (side, ring)] if low != side else [(low, math.pi * ro**2)]
+    if rf > ro:
+        ends.append((under, math.pi * (rf - ro) * (rf + ro)))
+    volume = middle * (under - low) + ring * (under - side) + flange * (top - under)
+    radii = {*((rm,) if low != side else ()), ro, rf}
+    return Body(volume, tuple(sorted([*ends, (top, flange)])), tuple(sorted(radii)))

@@ -1,0 +1,227 @@
+"""The parts of the probe as cadquery solids, in millimetres.
+
+z = 0 is the plane of the tissue's surface and z grows towards the base: the blocks stand on it, the films lie on the
+blocks' film ends, the base lies on the films. The groove runs along +x. cadquery is imported by ``cadquery`` alone.
+"""
+
+from __future__ import annotations
+
+import math
+import signal
+import threading
+import warnings
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from geometry.common.errors import ExportError, InputError, MissingLibrary
+from geometry.scenes.probe import Film, Probe, mm
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+MM = 1e3  # millimetres in a metre
+COLOURS = {
+    "inner": (0.86, 0.47, 0.20),
+    "outer": (0.25, 0.51, 0.71),
+    "film-inner": (0.93, 0.78, 0.22),
+    "film-outer": (0.45, 0.72, 0.36),
+    "base": (0.62, 0.64, 0.67),
+}
+
+
+@contextmanager
+def unbroken() -> Iterator[None]:
+    """Put off a Ctrl-C until the end: libraries in C++ that are torn out of their start crash, or cannot start again."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    asked: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: asked.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if asked:
+        raise KeyboardInterrupt
+
+
+def cadquery() -> Any:
+    """Import cadquery and return it.
+
+    Raises:
+        MissingLibrary: a system library such as ``libGL.so.1`` is absent; the text names the package to install.
+    """
+    try:
+        with (
+            unbroken(),
+            warnings.catch_warnings(),
+        ):  # what its dependencies say while they load is nothing that a user can act on:
+            warnings.simplefilter("ignore")  # pyparsing 3.3 warns of cadquery's grammar, SWIG's types of Python 3.12
+            import cadquery
+    except ImportError as fault:
+        if ".so" not in str(fault):
+            raise
+        remedy = "install the system's OpenGL library: apt install libgl1 (Debian, Ubuntu), mesa-libGL (Fedora)"
+        raise MissingLibrary(f"cadquery cannot be loaded ({_first_line(fault)}): {remedy}") from fault
+    return cadquery
+
+
+@dataclass(frozen=True)
+class BaseSizes:
+    """Dimensions of the base in m: a step of the tube's radius below a wider flange.
+
+    Attributes:
+        flange_radius: radius of the flange.
+        thickness: of the flange.
+        step_height: from the higher of the two films to the flange, so that the flange stays whole.
+    """
+
+    flange_radius: float
+    thickness: float
+    step_height: float
+
+
+def base_sizes(probe: Probe) -> BaseSizes:
+    """Dimensions of the base; left out, 1.25 outer radii, 0.3 outer radii but at least 1 mm, and 0.2 outer radii.
+
+    Raises:
+        InputError: the flange is narrower than the tube.
+    """
+    given, radius = probe.base, probe.tube_radius
+    flange = 1.25 * radius if given.flange_radius is None else given.flange_radius
+    if flange < radius:
+        raise InputError("probe.base.flange_radius", mm(flange), f"at least the tube's outer radius of {mm(radius)}")
+    thickness = max(0.3 * radius, 1e-3) if given.thickness is None else given.thickness
+    return BaseSizes(flange, thickness, 0.2 * radius if given.step_height is None else given.step_height)
+
+
+def film_thickness(probe: Probe) -> float:
+    """Thickness of either film in m: the probe's, or that of a default ``Film``; its adhesive is not modelled."""
+    return (probe.film or Film()).thickness
+
+
+def film_tops(probe: Probe) -> tuple[float, float]:
+    """Heights of the inner and the outer film's upper face in m; one height where "5 mm" and "0.5 cm" differ by rounding."""
+    inner, outer = (height + film_thickness(probe) for height in (probe.core_height, probe.tube_height))
+    return (outer, outer) if math.isclose(inner, outer, rel_tol=1e-14) else (inner, outer)
+
+
+def inner_block(probe: Probe) -> Any:
+    """Build the solid cylinder."""
+    return _ring(0.0, probe.inner_radius, 0.0, probe.core_height)
+
+
+def outer_block(probe: Probe) -> Any:
+    """Build the tube, with its groove at the film end.
+
+    Raises:
+        ExportError: the groove does not leave one body.
+    """
+    tube = _ring(probe.hole_radius, probe.tube_radius, 0.0, probe.tube_height)
+    if probe.groove is None:
+        return tube
+    return _grooved(tube, probe, probe.tube_height - probe.groove.depth, probe.tube_height + probe.groove.depth)
+
+
+def inner_film(probe: Probe) -> Any:
+    """Build the disc of film on the inner block."""
+    return _ring(0.0, probe.inner_radius, probe.core_height, probe.core_height + film_thickness(probe))
+
+
+def outer_film(probe: Probe) -> Any:
+    """Build the ring of film on the outer block, open above the groove so that the inner film's lead can leave.
+
+    Raises:
+        ExportError: the groove does not leave one body.
+    """
+    thickness, bottom = film_thickness(probe), probe.tube_height
+    ring = _ring(probe.hole_radius, probe.tube_radius, bottom, bottom + thickness)
+    return ring if probe.groove is None else _grooved(ring, probe, bottom - thickness, bottom + 2 * thickness)
+
+
+def base(probe: Probe) -> Any:
+    """Build the base; where the blocks differ in height its lower face steps in the middle of the gap.
+
+    A boss reaches down to a shorter inner block, a recess takes a longer one; both keep half the gap to the blocks.
+
+    Raises:
+        InputError: see ``base_sizes``.
+    """
+    sizes, radius, (low, side) = base_sizes(probe), probe.tube_radius, film_tops(probe)
+    flange = max(low, side) + sizes.step_height
+    middle, top = probe.inner_radius + probe.gap / 2, flange + sizes.thickness
+    lower = [(0.0, low), (middle, low), (middle, side)] if low != side else [(0.0, low)]
+    shoulder = [(radius, flange), (sizes.flange_radius, flange)] if sizes.flange_radius > radius else []
+    return _revolved([*lower, (radius, side), *shoulder, (sizes.flange_radius, top), (0.0, top)])
+
+
+def parts(probe: Probe) -> dict[str, Any]:
+    """Build all solids, by their names: inner, outer, film-inner, film-outer, base.
+
+    Raises:
+        ExportError: the modeller cannot build a part, as with sizes near its tolerance of 1e-7 mm.
+        InputError: see ``base_sizes``.
+        MissingLibrary: see ``cadquery``.
+    """
+    cadquery()
+    builders = {"inner": inner_block, "outer": outer_block, "film-inner": inner_film, "film-outer": outer_film, "base": base}
+    return {name: built(name, partial(builder, probe)) for name, builder in builders.items()}
+
+
+def built(name: str, make: Callable[[], Any]) -> Any:
+    """Call ``make`` and turn the modeller's own exceptions into ``ExportError`` naming the part."""
+    try:
+        return make()
+    except Exception as fault:  # OCP's exceptions have no common base, only their module's name
+        modellers = type(fault).__module__.startswith("OCP") or type(fault) is ValueError
+        if not modellers:
+            raise
+        raise ExportError(f"{name}: the modeller fails: {type(fault).__name__} {_first_line(fault)}".rstrip()) from fault
+
+
+def assembly(probe: Probe) -> Any:
+    """Build the coloured cadquery Assembly ``probe`` of all parts, each in its place.
+
+    Raises:
+        ExportError, InputError, MissingLibrary: see ``parts``.
+    """
+    cq = cadquery()
+    whole = cq.Assembly(name="probe")
+    for name, solid in parts(probe).items():
+        whole.add(solid, name=name, color=cq.Color(*COLOURS[name]))
+    return whole
+
+
+def _ring(inner: float, outer: float, bottom: float, top: float) -> Any:
+    return _revolved([(inner, bottom), (outer, bottom), (outer, top), (inner, top)])
+
+
+def _revolved(profile: list[tuple[float, float]]) -> Any:
+    """One solid of revolution about z from its (r, z) polygon in m: exact where booleans would leave tolerances."""
+    cq = cadquery()
+    # drawn on the +x side, so that the groove takes the surfaces' seam away and leaves each surface one face
+    points = [cq.Vector(radius * MM, 0, height * MM) for radius, height in profile]
+    face = cq.Face.makeFromWires(cq.Wire.makePolygon(points, close=True))
+    return cq.Solid.revolve(face, 360.0, cq.Vector(0, 0, 0), cq.Vector(0, 0, 1))
+
+
+def _grooved(tube: Any, probe: Probe, bottom: float, top: float) -> Any:
+    cq, groove = cadquery(), probe.groove
+    assert groove is not None  # the callers ask
+    a, far, low = groove.width / 2 * MM, 1.5 * probe.tube_radius * MM, bottom * MM
+    # a wedge from the axis to the hole's wall, whose corners are computed here: a groove almost as wide as the hole meets
+    # the wall at an angle so small that OCC, left to find the corner, is off by more than its tolerance
+    x = math.sqrt((probe.hole_radius * MM - a) * (probe.hole_radius * MM + a))
+    outline = [cq.Vector(*point, low) for point in ((0, 0), (x, -a), (far, -a), (far, a), (x, a))]
+    face = cq.Face.makeFromWires(cq.Wire.makePolygon(outline, close=True))
+    tool = cq.Solid.extrudeLinear(face, cq.Vector(0, 0, (top - bottom) * MM))
+    pieces = tube.cut(tool).Solids()
+    if len(pieces) != 1:
+        raise ExportError(f"outer: bodies left by the groove = {len(pieces)}, expected 1 (groove {mm(groove.width)} wide)")
+    return pieces[0]
+
+
+def _first_line(fault: Exception) -> str:
+    return str(fault).strip().split("\n", 1)[0]

@@ -1,0 +1,139 @@
+"""STEP files read back, measured and compared with what the parameters say."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from itertools import combinations, pairwise
+from pathlib import Path
+from typing import Any
+
+from geometry.cad import solids
+from geometry.cad.parts_check import Body, expected_bodies
+from geometry.cad.step_reader import Part, read, rgb
+from geometry.cad.step_writer import ASSEMBLY, colour_of
+from geometry.common.errors import ExportError
+from geometry.scenes.probe import Probe
+
+TOLERANCE = 1e-6
+"""Largest relative mismatch between a dimension read back and the parameters."""
+
+_PARALLEL = 1e-12  # sine of the angle below which two directions count as parallel: OCC's own tolerance
+Row = tuple[str, float, float, float]  # quantity, found, expected, and the size that the mismatch is relative to
+
+
+def check(probe: Probe, drafts: dict[str, Path]) -> None:
+    """Compare the files of all parts and of the assembly, by their names, with the probe.
+
+    Raises:
+        ExportError: a file does not hold what the parameters say, to ``TOLERANCE``.
+    """
+    expected = expected_bodies(probe)
+    found = {name: _check_part(drafts[name], name, body) for name, body in expected.items()}
+    _compare("inner.step and outer.step", _between(probe, found))
+    _check_assembly(drafts["assembly"], probe, expected)
+
+
+def _check_part(path: Path, name: str, expected: Body) -> Body:
+    (_, shape, _), *_ = _read_named(path, [name])
+    return check_body(path.name, shape, expected)
+
+
+def _check_assembly(path: Path, probe: Probe, expected: dict[str, Body]) -> None:
+    parts = dict(zip(expected, _read_named(path, [f"{ASSEMBLY}/{name}" for name in expected]), strict=True))
+    for name, (_, _, colour) in parts.items():
+        _compare(path.name, [(f"{name}: colour", *pair, 1.0) for pair in zip(colour, rgb(colour_of(name)), strict=True)])
+    found = {name: check_body(f"{path.name}: {name}", shape, expected[name]) for name, (_, shape, _) in parts.items()}
+    _compare(path.name, _between(probe, found))
+    total = sum(body.volume for body in expected.values())
+    _compare(path.name, [("volume", sum(body.volume for body in found.values()), total, total)])
+    for (one, (_, first, _)), (other, (_, second, _)) in combinations(parts.items(), 2):
+        _check_apart(f"{path.name}: {one} and {other}", first, second)
+
+
+def _read_named(path: Path, names: list[str]) -> list[Part]:
+    parts = read(path)
+    if [name for name, _, _ in parts] != names:
+        raise ExportError(f"{path.name}: parts = {[name for name, _, _ in parts]}, expected {names}")
+    return parts
+
+
+def _check_apart(where: str, first: Any, second: Any) -> None:
+    common = solids.built(where, lambda: first.intersect(second))
+    scale = min(first.Volume(), second.Volume())
+    _compare(where, [("common volume", sum(solid.Volume() for solid in common.Solids()), 0.0, scale)])
+
+
+def check_body(where: str, shape: Any, expected: Body) -> Body:
+    """Raise unless ``shape`` is one valid closed solid that measures what is expected; returns what it measures."""
+    if shape.ShapeType() != "Solid" or not shape.isValid():
+        raise ExportError(f"{where}: shape = {shape.ShapeType()}, valid = {shape.isValid()}, expected a valid Solid")
+    closed = [shell.wrapped.Closed() for shell in shape.Shells()]
+    if closed != [True]:
+        raise ExportError(f"{where}: closed shells = {closed}, expected [True]")
+    found = _measure(where, shape)
+    for key in ("ends", "radii", "walls"):
+        count, wanted = len(getattr(found, key)), len(getattr(expected, key))
+        if count != wanted:
+            raise ExportError(f"{where}: number of {key} = {count}, expected {wanted}")
+    _compare(where, _rows(found, expected))
+    return found
+
+
+def _rows(found: Body, expected: Body) -> Iterator[Row]:
+    """Yield volume, areas and radii; distances between neighbouring faces, among them every height, thickness and groove size."""
+    yield "volume", found.volume, expected.volume, expected.volume
+    for (z, area), (wanted_z, wanted) in zip(found.ends, expected.ends, strict=True):
+        yield f"z of the face at {wanted_z:.6g} mm", z, wanted_z, expected.ends[-1][0]
+        yield f"area of the face at z = {wanted_z:.6g} mm", area, wanted, wanted
+    for (low, high), (from_z, to_z) in zip(pairwise(found.ends), pairwise(expected.ends), strict=True):
+        length = to_z[0] - from_z[0]
+        yield f"length from z = {from_z[0]:.6g} to {to_z[0]:.6g} mm", high[0] - low[0], length, length
+    for radius, wanted in zip(found.radii, expected.radii, strict=True):
+        yield "radius", radius, wanted, wanted
+    for side, wanted_side in zip(found.walls, expected.walls, strict=True):
+        for quantity, value, wish in zip(("y", "middle x", "area"), side, wanted_side, strict=True):
+            yield f"{quantity} of the groove's side", value, wish, abs(wish)
+
+
+def _between(probe: Probe, found: dict[str, Body]) -> Iterator[Row]:
+    """Yield what holds between the parts: the area ratio, the gap and the common axis."""
+    ratio = probe.inner_area / probe.outer_area if probe.area_ratio is None else probe.area_ratio
+    yield "area ratio A2/A1", found["inner"].ends[0][1] / found["outer"].ends[0][1], ratio, ratio
+    gap = probe.gap * solids.MM
+    yield "gap", found["outer"].radii[0] - found["inner"].radii[0], gap, gap
+    for name, body in found.items():
+        yield f"{name}: distance of its axis from z", body.off_axis, 0.0, gap
+
+
+def _compare(where: str, rows: Iterable[Row]) -> None:
+    for quantity, found, expected, scale in rows:
+        if not abs(found - expected) <= TOLERANCE * scale:  # so that NaN fails too
+            raise ExportError(f"{where}: {quantity} = {found:.12g}, expected {expected:.12g} within {TOLERANCE:g} of {scale:.6g}")
+
+
+def _measure(where: str, solid: Any) -> Body:
+    from OCP.BRepAdaptor import BRepAdaptor_Surface
+
+    ends, radii, walls, off_axis = [], [], [], 0.0
+    for face in solid.Faces():
+        kind, surface = face.geomType(), BRepAdaptor_Surface(face.wrapped)
+        axis = surface.Plane().Axis() if kind == "PLANE" else surface.Cylinder().Axis() if kind == "CYLINDER" else None
+        place, x, y, z = _origin_and_direction(axis)
+        if kind == "PLANE" and math.hypot(x, y) < _PARALLEL:
+            ends.append((place.Z(), face.Area()))
+        elif kind == "CYLINDER" and math.hypot(x, y) < _PARALLEL:
+            radii.append(surface.Cylinder().Radius())
+            off_axis = max(off_axis, math.hypot(place.X(), place.Y()))
+        elif kind == "PLANE" and math.hypot(x, z) < _PARALLEL:
+            walls.append((place.Y(), face.Center().x, face.Area()))
+        else:
+            raise ExportError(f"{where}: a face = {kind} along ({x:.6g}, {y:.6g}, {z:.6g}), expected planes or cylinders along z")
+    return Body(solid.Volume(), tuple(sorted(ends)), tuple(sorted(radii)), tuple(sorted(walls)), off_axis)
+
+
+def _origin_and_direction(axis: Any) -> tuple[Any, float, float, float]:
+    if axis is None:
+        return None, math.nan, math.nan, math.nan
+    direction = axis.Direction()
+    return axis.Location(), direction.X(), direction.Y(), direction.Z()

@@ -1,0 +1,81 @@
+"""STEP files read by OCC's reader with names and colours (XCAF)."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+from geometry.cad import solids
+from geometry.cad.step_writer import new_document
+from geometry.common.errors import ExportError
+
+Rgb = tuple[float, float, float]  # linear red, green and blue
+Part = tuple[str, Any, Rgb]  # name, shape, colour
+
+
+def read(path: Path) -> list[Part]:
+    """Return name, shape and colour of every part in a STEP file that declares millimetres.
+
+    The parts of an assembly are named ``assembly/part``; a colour that is missing is NaN.
+
+    Raises:
+        ExportError: the file declares another unit, or the reader stops.
+    """
+    from OCP.IFSelect import IFSelect_ReturnStatus
+    from OCP.STEPCAFControl import STEPCAFControl_Reader
+
+    unit = re.search(rb"LENGTH_UNIT\(\)[^;]*?SI_UNIT\(([^)]*)\)", path.read_bytes())
+    if unit is None or unit[1] != b".MILLI.,.METRE.":
+        raise ExportError(f"{path.name}: unit = {unit and unit[1].decode()}, expected .MILLI.,.METRE.")
+    reader, document = STEPCAFControl_Reader(), new_document()
+    if reader.ReadFile(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone or not reader.Transfer(document):
+        raise ExportError(f"{path.name}: the STEP reader stopped, expected a readable file")
+    return _parts(document)
+
+
+def _parts(document: Any) -> list[Part]:
+    from OCP.TDF import TDF_Label, TDF_LabelSequence
+    from OCP.XCAFDoc import XCAFDoc_DocumentTool, XCAFDoc_ShapeTool
+
+    labels = TDF_LabelSequence()
+    XCAFDoc_DocumentTool.ShapeTool_s(document.Main()).GetFreeShapes(labels)
+    found = []
+    for label in _each(labels):
+        components = TDF_LabelSequence()
+        XCAFDoc_ShapeTool.GetComponents_s(label, components)
+        for placed in _each(components):
+            part = TDF_Label()
+            XCAFDoc_ShapeTool.GetReferredShape_s(placed, part)
+            found.append(_part(f"{_name(label)}/{_name(part)}", part, placed))
+        if components.IsEmpty():
+            found.append(_part(_name(label), label, label))
+    return found
+
+
+def _each(labels: Any) -> list[Any]:
+    return [labels.Value(index + 1) for index in range(labels.Length())]
+
+
+def _part(name: str, label: Any, placed: Any) -> Part:
+    from OCP.Quantity import Quantity_Color
+    from OCP.XCAFDoc import XCAFDoc_ColorTool, XCAFDoc_ColorType, XCAFDoc_ShapeTool
+
+    colour = Quantity_Color()
+    kinds = (XCAFDoc_ColorType.XCAFDoc_ColorSurf, XCAFDoc_ColorType.XCAFDoc_ColorGen)
+    coloured = any(XCAFDoc_ColorTool.GetColor_s(label, kind, colour) for kind in kinds)
+    shape = solids.cadquery().Shape.cast(XCAFDoc_ShapeTool.GetShape_s(placed))
+    return name, shape, rgb(colour) if coloured else (math.nan,) * 3
+
+
+def _name(label: Any) -> str:
+    from OCP.TDataStd import TDataStd_Name
+
+    name = TDataStd_Name()
+    return name.Get().ToExtString() if label.FindAttribute(TDataStd_Name.GetID_s(), name) else ""
+
+
+def rgb(colour: Any) -> Rgb:
+    """Return the components of an OCC colour."""
+    return colour.Red(), colour.Green(), colour.Blue()

@@ -1,0 +1,66 @@
+"""Text and TOML from files of any content and size: what cannot be used is refused in one line."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from geometry.common.errors import InputError, Words
+
+LARGEST_FILE = 1_000_000  # bytes; a scene has a few hundred
+# tomllib's time and the depth of what it returns grow with the parts of a dotted key; keys of ours have three
+_LONG_KEY = re.compile(r"(?:\.[^.\n]*){100}")
+
+
+def read_text(path: Path | str, what: str, kind: str = "a TOML file", most: int = LARGEST_FILE) -> str:
+    """Return the text of a file.
+
+    Args:
+        path: of the file.
+        what: stands for the key in messages, such as "scene file".
+        kind: of files that are allowed, for messages.
+        most: bytes that it may have; no more are read.
+
+    Raises:
+        InputError: it cannot be read, is too large or no UTF-8 text.
+    """
+    try:
+        with Path(path).open("rb") as file:
+            content = file.read(most + 1)  # no more: devices and pipes have no size to ask for
+    except (OSError, ValueError) as fault:
+        reason = getattr(fault, "strerror", None) or str(fault)
+        raise InputError(what, str(path), f"{kind} that can be read ({reason})") from None
+    if len(content) > most:
+        raise InputError(what, str(path), f"{kind} of at most {most} bytes")
+    try:
+        return content.decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError:
+        raise InputError(what, str(path), f"{kind}, which is UTF-8 text") from None
+
+
+def tables(text: str, name: str, allowed: str) -> dict[str, Any]:
+    """Return what TOML text holds.
+
+    Args:
+        text: of any content.
+        name: where it is from, for messages.
+        allowed: what would have been accepted, likewise.
+
+    Raises:
+        InputError: it is no TOML.
+    """
+    if _LONG_KEY.search(text):
+        raise InputError(name, Words("a line with 100 dots"), f"{allowed} with fewer dots in each line")
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as fault:
+        raise InputError(name, Words(f"not TOML: {str(fault)[:200]}"), allowed) from None
+    except (ValueError, RecursionError):  # as Python's limits on the digits of integers and on the depth of calls
+        raise InputError(name, Words("TOML with a huge integer or deep nesting"), allowed) from None
+
+
+def read_tables(path: Path | str, what: str, allowed: str = "a TOML file") -> dict[str, Any]:
+    """Return what a TOML file holds; see ``read_text`` and ``tables``."""
+    return tables(read_text(path, what, allowed), str(path), allowed)

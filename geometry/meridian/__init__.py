@@ -1,0 +1,1 @@
+"""The meridian section and its quadrilateral mesh, smooth in the design."""

@@ -1,0 +1,326 @@
+"""Where the lines of a meridian mesh lie: radii, heights and fractions of rays as smooth functions of a section."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from math import ceil, isclose
+from typing import Any
+
+import numpy as np
+
+from geometry.meridian.grading import folds, graded, smooth_max, smooth_min
+from geometry.meridian.section import Section
+
+CORE_REACH = 0.7  # radii of the sphere within which its core's corners lie
+SPHERE_CELL = 0.4  # size of the cells beside a sphere, in its radii, to which its box's outer cells are graded
+
+
+FOLDS = 1.8  # e-folds by which cells may grow from one to the next on the coarsest mesh
+MANY = 2.0  # times the coarsest mesh's cells: beyond it no lines end, for the three columns under a gap were too few
+THIN = 12.0  # features of the blocks: under thinner tissue no lines end, for the corners are felt below it
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What decides on a mesh's topology; ordinary designs with the same layers and box share one.
+
+    Attributes:
+        columns, rows: cells between neighbouring breaks of radii and of the tissue's levels on the coarsest mesh.
+        blocks: rows of inner and outer block.
+        rings: rings of cells between sphere and box, and between core and sphere.
+        box: how many of the radii r2, Ri, Ro the box round the sphere reaches beyond, 0 to 3; None without a sphere.
+        thin: whether the tissue above sphere or floor is thin.
+        films: layers between block and base: 0, 1 (film) or 2 (film and adhesive).
+        base: None for a rigid one, else the sign of inner less outer height.
+        flange: whether an elastic base reaches beyond the tube.
+    """
+
+    columns: tuple[int, ...]
+    rows: tuple[int, ...]
+    blocks: tuple[int, int]
+    rings: tuple[int, int]
+    box: int | None
+    thin: bool
+    films: int
+    base: int | None
+    flange: bool
+
+
+@dataclass(frozen=True)
+class Fineness:
+    """How fine a mesh is: a multiplier of the number of cells, geometric layers at each corner, polynomial order."""
+
+    cells: float
+    layers: int
+    order: int
+
+    def count(self, cells: int) -> int:
+        """Number of cells where the coarsest mesh has ``cells``."""
+        return max(1, round(self.cells * cells))
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The lines of one mesh, or of many meshes of one layout at once.
+
+    Attributes:
+        radii: of the vertical lines, shape (..., radii).
+        levels: heights z of the horizontal lines, shape (..., levels).
+        outside, inside: where circles cut the rays from sphere to box and from core to sphere, 0 to 1, shape (..., circles).
+        centre, sphere: the sphere's height and radius, shape (...,).
+        core: the core is the box shrunk about the sphere's centre by this factor, shape (...,).
+    """
+
+    radii: Any
+    levels: Any
+    outside: Any
+    inside: Any
+    centre: Any
+    sphere: Any
+    core: Any
+
+
+class Layout:
+    """Numbers of the lines between which the cells lie; the same for all sections of a kind.
+
+    Attributes:
+        column: numbers of the radii called axis, inner, hole, tube, side and, with a sphere, box.
+        row: numbers of the levels called floor, surface and, with a sphere, low and high (the box's).
+        merged: rows below the surface, by the number of their upper level, in which lines end: triples of columns become one,
+            their middle meets the level ``middles`` within the row; the columns' four lines.
+        inner, outer: numbers of the levels of each block from the surface to its base, film layers included.
+        bridge, flange: numbers of the radii of an elastic base across the gap and from the tube to the flange's edge.
+        boss: numbers of the levels of an elastic base between the lower and the higher film.
+        base: from there to the top.
+        rings: number of rings of cells between sphere and box, and between core and sphere.
+    """
+
+    def __init__(self, kind: Kind, fineness: Fineness) -> None:
+        n = fineness.count
+        self.kind, self.fineness = kind, fineness
+        names, levels = ["axis", "inner", "hole", "tube", "side"], ["floor", "surface"]
+        if kind.box is not None:
+            names.insert(kind.box + 1, "box")
+            levels[1:1] = ["low", "high"]
+        gap = range(names.index("inner"), names.index("hole"))
+        # three columns below a gap become one; other numbers do not, but for a single one on each side of the box's edge
+        self.merging = not kind.thin and fineness.cells < MANY
+        self.columns = tuple(cells if k in gap and self.merging else n(cells) for k, cells in enumerate(kind.columns))
+        self.rows, self.blocks, self.rings = (tuple(n(cells) for cells in part) for part in (kind.rows, kind.blocks, kind.rings))
+        self.column = dict(zip(names, np.cumsum([0, *self.columns]).tolist(), strict=True))
+        self.row = dict(zip(levels, np.cumsum([0, *self.rows]).tolist(), strict=True))
+        self.layer = n(3)
+        top = self._stack(self.row["surface"] + 1)
+        self.merged = self._merged()
+        self.middles = dict(zip(self.merged, range(top, top + len(self.merged)), strict=True))
+
+    def _merged(self) -> dict[int, list[tuple[int, ...]]]:
+        """Which columns become one in which row."""
+        surface = self.row["surface"]
+        inner, hole, tube = (self.column[name] for name in ("inner", "hole", "tube"))
+        if not self.merging:
+            return {}
+        wide: list[tuple[int, ...]] = [(tube - 1, tube, tube + 1, tube + 2)]
+        first = surface - self.fineness.count(1)  # rows grow thinner as cells multiply, the gap does not
+        if hole - inner != 3 or self.kind.box == 1:  # the box's edge goes down from between the gap's columns
+            return {first - 1: wide}
+        return {first: [(inner, inner + 1, inner + 2, hole)], first - 1: [(inner - 1, inner, hole, hole + 1), *wide]}
+
+    def _stack(self, first: int) -> int:
+        """Number the levels above the surface, from ``first``, and the radii beyond the tissue's; return the next level."""
+        n, kind = self.fineness.count, self.kind
+        middle, top = (first + sum(self.blocks[:k]) + k * kind.films * self.layer for k in (1, 2))
+        self.inner = (first - 1, *range(first, middle))
+        self.outer = (first - 1, *range(middle, top))
+        self.step, self.thick, self.overhang = n(4), n(4), n(4) * kind.flange
+        self.bridge, self.flange, self.boss, self.base = (-1,), (-1,), (-1,), (-1,)
+        if kind.base is None:
+            return top
+        extra = self.column["side"] + 1
+        self.half = n(4)  # columns of either half of the bridge
+        self.bridge = (self.column["inner"], *range(extra, extra + 2 * self.half - 1), self.column["hole"])
+        extra += 2 * self.half - 1
+        self.flange = (self.column["tube"], *range(extra, extra + self.overhang))
+        if kind.base == 0:  # one level for both films' upper faces
+            self.outer = (*self.outer[:-1], self.inner[-1])
+        low, high = sorted((self.inner[-1], self.outer[-1]), reverse=kind.base > 0)
+        if kind.base != 0:
+            self.boss = (low, *range(top, top + self.step - 1), high)
+            top += self.step - 1
+        self.base = (high, *range(top, top + self.step + self.thick))
+        return top + self.step + self.thick
+
+
+def kind(section: Section) -> Kind:
+    """Return the kind of a section, whose lengths are floats."""
+    s, sphere = section, _Sphere.of(section)
+    box = None if sphere is None else sphere.widest_place(s)
+    films, base = int(s.film > 0) + int(s.adhesive > 0), None
+    if s.flange_thickness > 0:
+        base = 0 if isclose(s.inner_height, s.outer_height) else 1 if s.inner_height > s.outer_height else -1
+    blocks = tuple(_cells(_block(s, height))[0] for height in (s.inner_height, s.outer_height))
+    rings = (0, 0) if sphere is None else tuple(_cells(ring)[0] for ring in sphere.rings())
+    thin = bool(s.layer < THIN * s.block_size)
+    columns, rows = _cells(_radii(s, box, sphere)), _cells(_tissue_levels(s, sphere, thin))
+    return Kind(columns, rows, blocks, rings, box, thin, films, base, bool(s.flange_radius > 0))  # type: ignore[arg-type]
+
+
+def frame(section: Section, layout: Layout) -> Frame:
+    """Place the lines of a layout for one section, or for an array of sections of its kind."""
+    s, sphere, box = section, _Sphere.of(section), layout.kind.box
+    levels = [_joined(_tissue_levels(s, sphere), layout.rows)]
+    for height, cells in zip((s.inner_height, s.outer_height), layout.blocks, strict=True):
+        levels.append(_joined(_block(s, height), (cells,))[..., 1:])
+        levels += _film_levels(s, layout, height)
+    radii = [_joined(_radii(s, box, sphere), layout.columns)]
+    if layout.kind.base is not None:
+        levels += _base_levels(s, layout)
+        radii.append(_bridge(s, layout))
+        if layout.kind.flange:
+            radii.append(graded(s.tube_radius, s.flange_radius, layout.overhang, s.corner_size)[..., 1:])
+    levels.append(_middles(levels[0], layout))
+    rays = (np.zeros(0), np.zeros(0), 0.0, 0.0, 0.0)
+    if sphere is not None:
+        outside, inside = (_joined(ring, (cells,)) for ring, cells in zip(sphere.rings(), layout.rings, strict=True))
+        rays = (outside, inside, -sphere.depth, sphere.radius, sphere.core(radii[0][..., layout.column["box"]]))
+    return Frame(np.concatenate(radii, axis=-1), np.concatenate(levels, axis=-1), *rays)
+
+
+@dataclass(frozen=True)
+class _Breaks:
+    """Places that lines must meet, the sizes of cells there (None: any), and least numbers of cells between them."""
+
+    places: list[Any]
+    sizes: list[Any]
+    least: list[int]
+
+
+def _joined(breaks: _Breaks, cells: tuple[int, ...]) -> Any:
+    """Nodes on all intervals between breaks, shape (..., sum(cells) + 1)."""
+    ends = zip(pairwise(breaks.places), pairwise(breaks.sizes), cells, strict=True)
+    pieces = [graded(low, high, n, a, b) for (low, high), (a, b), n in ends]
+    return np.concatenate([pieces[0], *(piece[..., 1:] for piece in pieces[1:])], axis=-1)
+
+
+def _cells(breaks: _Breaks) -> tuple[int, ...]:
+    """Numbers of cells between the breaks on the coarsest mesh."""
+    ends = zip(pairwise(breaks.places), pairwise(breaks.sizes), breaks.least, strict=True)
+    return tuple(max(least, ceil(folds(low, high, a, b) / FOLDS)) for (low, high), (a, b), least in ends)
+
+
+@dataclass(frozen=True)
+class _Sphere:
+    """The box 0 <= r <= edge, low <= z <= high round a sphere, and sizes to grade to.
+
+    Attributes:
+        radius, depth: the sphere's.
+        above, below: from the sphere's poles to the box.
+        pole: size of cells at the poles.
+    """
+
+    radius: Any
+    depth: Any
+    above: Any
+    below: Any
+    pole: Any
+
+    @classmethod
+    def of(cls, section: Section) -> _Sphere | None:
+        if "sphere_radius" not in section.given:
+            return None
+        s, gaps = section.sphere_radius, (section.cover, section.clearance)
+        # between a sphere and a plane near it the field varies over sqrt(gap * radius)
+        pole = smooth_min(SPHERE_CELL * s, *(0.5 * (gap * s) ** 0.5 for gap in gaps))
+        above, below = (smooth_min(gap / 2, s) for gap in gaps)
+        return cls(s, section.sphere_depth, above, below, pole)
+
+    @property
+    def high(self) -> Any:
+        return self.above + self.radius - self.depth
+
+    @property
+    def low(self) -> Any:
+        return -self.depth - self.radius - self.below
+
+    def rings(self) -> tuple[_Breaks, _Breaks]:
+        """Fractions of the rays between sphere and box and between core and sphere."""
+        one = np.ones_like(np.asarray(self.radius))
+        sizes = smooth_min(self.above, self.below), smooth_min(self.radius, 2 * self.pole)
+        outside, inside = (_Breaks([0 * one, one], [None, size / self.radius], [2]) for size in sizes)
+        return outside, inside
+
+    def core(self, edge: Any) -> Any:
+        """Factor by which the box, which ends at ``edge``, is shrunk to become the core."""
+        far = (edge**2 + (self.radius + self.above) ** 2 + (self.radius + self.below) ** 2) ** 0.5  # than the box's corners
+        return CORE_REACH * self.radius / far
+
+    def widest_place(self, s: Section) -> int:
+        """Between which radii the box has the most room to end, on a logarithmic scale."""
+        breaks = [0.0, s.inner_radius, s.hole_radius, s.tube_radius, s.tissue_radius]
+        low, high = s.box_limits()
+        return int(np.argmax([min(b, high) / max(a, low) for a, b in pairwise(breaks)]))
+
+    def edge(self, s: Section, box: int, breaks: list[Any]) -> Any:
+        """Where the box ends: in the middle of the room between its limits and the radii beside it."""
+        low, high = s.box_limits()
+        blur = 0.2 * (high - low)
+        least = low if box == 0 else smooth_max(low, breaks[box], blur)
+        return (least - smooth_max(-high, -breaks[box + 1], blur)) / 2
+
+
+def _radii(s: Section, box: int | None, sphere: _Sphere | None) -> _Breaks:
+    """Radii of the tissue's lines, graded to the blocks' corners, to a pole near the surface and to the tissue's side."""
+    corner, side = s.corner_size, smooth_min(s.tissue_radius - s.tube_radius, s.tissue_depth)
+    places = [0 * s.inner_radius, s.inner_radius, s.hole_radius, s.tube_radius, s.tissue_radius]
+    sizes, least = [None, corner, corner, corner, side], [3, 3, 3, 4]
+    if sphere is not None and box is not None:
+        sizes[0] = sphere.pole
+        places.insert(box + 1, sphere.edge(s, box, places))
+        sizes.insert(box + 1, SPHERE_CELL * sphere.radius)
+        least[box : box + 1] = ([3, 2], [1, 1], [2, 2], [3, 3])[box]
+    return _Breaks(places, sizes, least)
+
+
+def _tissue_levels(s: Section, sphere: _Sphere | None, thin: bool = False) -> _Breaks:
+    corner, floor = s.corner_size, smooth_min(s.tissue_radius - s.tube_radius, s.tissue_depth)
+    if sphere is None:
+        return _Breaks([-s.tissue_depth, 0 * s.tissue_depth], [floor, corner], [6])
+    places = [-s.tissue_depth, sphere.low, sphere.high, 0 * s.tissue_depth]
+    return _Breaks(places, [floor, sphere.below, sphere.above, corner], [3, 4, 2 if thin else 4])
+
+
+def _middles(levels: Any, layout: Layout) -> Any:
+    """The levels within rows in which lines end."""
+    tops = list(layout.merged)
+    return (levels[..., tops] + levels[..., [top - 1 for top in tops]]) / 2
+
+
+def _block(s: Section, height: Any) -> _Breaks:
+    return _Breaks([0 * height, height], [s.corner_size, s.corner_size], [5])
+
+
+def _bridge(s: Section, layout: Layout) -> Any:
+    """Radii of an elastic base across the gap, graded to its ends and to the step in its middle."""
+    middle, sign = (s.inner_radius + s.hole_radius) / 2, layout.kind.base
+    step = s.corner_size if not sign else smooth_min(s.corner_size, sign * (s.inner_height - s.outer_height))
+    breaks = _Breaks([s.inner_radius, middle, s.hole_radius], [s.corner_size, step, s.corner_size], [1, 1])
+    return _joined(breaks, (layout.half, layout.half))[..., 1:-1]
+
+
+def _film_levels(s: Section, layout: Layout, height: Any) -> list[Any]:
+    levels, top = [], height
+    for thickness in (s.film, s.adhesive)[: layout.kind.films]:
+        levels.append(graded(top, top + thickness, layout.layer, s.corner_size, s.corner_size)[..., 1:])
+        top = top + thickness
+    return levels
+
+
+def _base_levels(s: Section, layout: Layout) -> list[Any]:
+    low, high = (s.outer_height, s.inner_height) if layout.kind.base == 1 else (s.inner_height, s.outer_height)
+    films, corner = s.film + s.adhesive, s.corner_size
+    step = high + films
+    boss = [] if layout.kind.base == 0 else [graded(low + films, step, layout.step, corner, corner)[..., 1:-1]]
+    flange = step + s.step_height
+    top = graded(flange, flange + s.flange_thickness, layout.thick, smooth_min(s.step_height, corner))
+    return [*boss, graded(step, flange, layout.step, corner, corner)[..., 1:], top[..., 1:]]

@@ -1,0 +1,1 @@
+"""The scene: models, units, TOML, refusals, whether bodies fit, numbers by name."""

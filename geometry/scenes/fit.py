@@ -1,0 +1,175 @@
+"""Whether the bodies of a scene fit: inclusions inside the tissue and apart, the probe on top of it."""
+
+from __future__ import annotations
+
+import math
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+from geometry.common.errors import InputError
+from geometry.scenes.probe import mm, reaches
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from geometry.scenes.scene import Inclusion, Scene
+
+Matrix = list[list[float]]
+_TOUCHING = 1 + 1e-9  # bodies nearer than this, relative to their size, count as touching
+
+
+def check(scene: Scene) -> None:
+    """Raise ``InputError`` naming the key at fault if the scene's bodies do not fit."""
+    targets = [index for index, body in enumerate(scene.inclusion) if body.target]
+    if len(targets) > 1:
+        raise InputError(f"inclusion[{targets[1]}].target", True, f"true for one inclusion (it is for inclusion[{targets[0]}])")
+    _check_probe(scene)
+    bodies = [(index, body) for index, body in enumerate(scene.inclusion) if body.surface is None]
+    for index, body in bodies:
+        _check_inside(scene, index, body)
+    for (i, one), (j, other) in combinations(bodies, 2):
+        if overlap(one, other):
+            raise InputError(f"inclusion[{j}].depth", mm(other.depth), f"inclusions apart (it overlaps inclusion[{i}])")
+
+
+def semi_axes(body: Inclusion) -> Matrix:
+    """The semi-axes of the ellipsoid as columns, R diag(a), 3 x 3, in m."""
+    diameters = body.diameters if body.diameters is not None else (body.diameter or 0.0,) * 3
+    rotation = _rotation(*(math.radians(angle) for angle in body.orientation))
+    return [[entry * diameter / 2 for entry, diameter in zip(row, diameters, strict=True)] for row in rotation]
+
+
+def overlap(one: Inclusion, other: Inclusion) -> bool:
+    """Whether two ellipsoids overlap or touch.
+
+    Perram & Wertheim, J. Comput. Phys. 58 (1985) 409: they are apart exactly if
+    max over 0 < s < 1 of s (1-s) v^T [(1-s) Q1 + s Q2]^-1 v exceeds 1, v joining the centres.
+    """
+    v = [other.x - one.x, other.y - one.y, one.depth - other.depth]
+    distance, (low, high) = math.hypot(*v), sorted((_extent(one), _extent(other)))
+    if distance > (low + high) * _TOUCHING:
+        return False
+    if one.diameter is not None and other.diameter is not None:
+        return True
+    a1, a2 = semi_axes(one), semi_axes(other)
+
+    def apart(s: float) -> float:
+        p, q = math.sqrt(1 - s), math.sqrt(s)
+        rows = [[p * e for e in r1] + [q * e for e in r2] for r1, r2 in zip(a1, a2, strict=True)]
+        return s * (1 - s) * _least_square(rows, v)
+
+    return not _exceeds(apart, _TOUCHING)
+
+
+def _exceeds(function: Callable[[float], float], bound: float) -> bool:
+    """Whether a concave function exceeds the bound between 0 and 1, by ternary search."""
+    low, high = 0.0, 1.0
+    for _ in range(100):
+        left, right = low + (high - low) / 3, high - (high - low) / 3
+        at_left, at_right = function(left), function(right)
+        if max(at_left, at_right) > bound:
+            return True
+        low, high = (left, high) if at_left < at_right else (low, right)
+    return False
+
+
+def lateral_reach(body: Inclusion, samples: int = 72) -> float:
+    """Largest distance of the body's points from the tissue's axis, in m.
+
+    The maximum over directions n of the support function n.c + sqrt(n^T Q n): the best of some directions, refined.
+    """
+    if body.diameter is not None:
+        return math.hypot(body.x, body.y) + body.diameter / 2
+    across, along, _ = semi_axes(body)
+
+    def support(angle: float) -> float:
+        n, m = math.cos(angle), math.sin(angle)
+        return n * body.x + m * body.y + math.hypot(*(n * a + m * b for a, b in zip(across, along, strict=True)))
+
+    step = 2 * math.pi / samples
+    best = max((step * k for k in range(samples)), key=support)
+    low, high = best - step, best + step
+    for _ in range(60):
+        left, right = low + (high - low) / 3, high - (high - low) / 3
+        low, high = (left, high) if support(left) < support(right) else (low, right)
+    return support((low + high) / 2)
+
+
+def _check_probe(scene: Scene) -> None:
+    at, reach, tissue = scene.placement, scene.probe.tube_radius, scene.tissue
+    if tissue.shape == "cylinder":
+        key = "x" if abs(at.x) >= abs(at.y) else "y"
+        _check_stands("radius", tissue.radius, reach, f"placement.{key}", getattr(at, key), math.hypot(at.x, at.y))
+    elif tissue.shape == "block":
+        _check_stands("length", tissue.length / 2, reach, "placement.x", at.x, abs(at.x))
+        _check_stands("breadth", tissue.breadth / 2, reach, "placement.y", at.y, abs(at.y))
+
+
+def _check_stands(size: str, room: float, reach: float, key: str, given: float, offset: float) -> None:
+    why = f"the whole probe, of radius {mm(reach)}, has to stand on the tissue"
+    if reaches(reach, room):
+        times = 1 if size == "radius" else 2
+        raise InputError(f"tissue.{size}", mm(times * room), f"above {mm(times * reach)} ({why})")
+    if reaches(offset + reach, room):
+        raise InputError(key, mm(given), f"the probe's axis less than {mm(room - reach)} from the tissue's ({why})")
+
+
+def _check_inside(scene: Scene, index: int, body: Inclusion) -> None:
+    tissue, name = scene.tissue, f"inclusion[{index}]"
+    half = [math.hypot(*row) for row in semi_axes(body)]
+    if reaches(half[2], body.depth):
+        raise InputError(f"{name}.depth", mm(body.depth), f"above {mm(half[2])} (it leaves the tissue's surface)")
+    if tissue.shape != "half-space" and reaches(body.depth + half[2], tissue.depth):
+        least = f"a centre less than {mm(tissue.depth - half[2])} deep" if tissue.depth > 2 * half[2] else "a smaller body"
+        raise InputError(f"{name}.depth", mm(body.depth), f"{least} (it leaves the tissue's bottom at {mm(tissue.depth)})")
+    if tissue.shape == "cylinder" and reaches(lateral_reach(body), tissue.radius):
+        key = "x" if abs(body.x) >= abs(body.y) else "y"
+        at = f"the whole body within {mm(tissue.radius)} of the tissue's axis (it leaves the tissue's side)"
+        raise InputError(f"{name}.{key}", mm(getattr(body, key)), at)
+    if tissue.shape == "block":
+        _check_beside(name, body, half, (tissue.length / 2, tissue.breadth / 2))
+
+
+def _check_beside(name: str, body: Inclusion, half: list[float], rooms: tuple[float, float]) -> None:
+    for key, centre, size, room in zip("xy", (body.x, body.y), half, rooms, strict=False):
+        if reaches(abs(centre) + size, room):
+            at = f"the whole body within {mm(room)} of the tissue's middle (it leaves the tissue's side)"
+            raise InputError(f"{name}.{key}", mm(centre), at)
+
+
+def _extent(body: Inclusion) -> float:
+    return max(body.diameters or (body.diameter or 0.0,)) / 2
+
+
+def _rotation(rz: float, ry: float, rx: float) -> Matrix:
+    """Turn about the fixed axes x, then y, then z: R = Rz Ry Rx."""
+    (cz, sz), (cy, sy), (cx, sx) = ((math.cos(a), math.sin(a)) for a in (rz, ry, rx))
+    return [
+        [cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx],
+        [sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx],
+        [-sy, cy * sx, cy * cx],
+    ]
+
+
+def _least_square(rows: Matrix, v: list[float]) -> float:
+    """v^T (A A^T)^-1 v for A of full rank with three rows: the square of the least w with A w = v.
+
+    By orthogonalising the rows: the semi-axes of a needle stay exact where their squares in A A^T would drown.
+    """
+    basis: Matrix = []
+    total, solved = 0.0, list[float]()
+    for row, wanted in zip(rows, v, strict=True):
+        left, found = list(row), 0.0
+        for unit, part in zip(basis, solved, strict=True):
+            along = _dot(left, unit)
+            left = [a - along * b for a, b in zip(left, unit, strict=True)]
+            found += along * part
+        length = math.hypot(*left)
+        basis.append([a / length for a in left])
+        solved.append((wanted - found) / length)
+        total += solved[-1] ** 2
+    return total
+
+
+def _dot(one: list[float], other: list[float]) -> float:
+    return sum(a * b for a, b in zip(one, other, strict=True))

@@ -1,0 +1,211 @@
+"""The probe as numbers: two concentric elastic blocks, their films and their base."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from geometry.common.errors import InputError, Words
+from geometry.scenes.units import Quantity
+
+LENGTH = Quantity("length", "m", "mm", 1e-9, 10.0)
+Length = Annotated[float, LENGTH]
+Thickness = Annotated[float, Quantity("length", "m", "mm", 0.0, 10.0)]
+Position = Annotated[float, Quantity("position", "m", "mm", -10.0, 10.0)]
+MODULUS = Quantity("modulus", "Pa", "Pa", 1e-3, 1e13)
+Modulus = Annotated[float, MODULUS]
+ChargePerForce = Annotated[float, Quantity("charge per force", "C/N", "pC/N", -1e-8, 1e-8)]
+PoissonRatio = Annotated[float, Field(ge=0.0, lt=0.5, description="a number from 0 to below 0.5")]
+Number = Annotated[float, Field(ge=-100.0, le=100.0, description="a number from -100 to 100")]
+AreaRatio = Annotated[float, Field(ge=1e-4, le=1e4)]
+Interface = Literal["bonded", "frictionless", "unilateral"]
+
+
+class Frozen(BaseModel):
+    """A frozen model: unknown keys, NaN, infinity and silent conversions are refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class Material(Frozen):
+    """An isotropic linear elastic material."""
+
+    youngs_modulus: Modulus
+    poisson_ratio: PoissonRatio
+
+
+class Base(Frozen):
+    """The base that both blocks hang under: a step as wide as the probe below a wider flange.
+
+    Rigid, or elastic with a modulus and a Poisson ratio. The dimensions serve the CAD model;
+    left out, they follow from the probe (see ``geometry.cad.solids.base_sizes``).
+
+    Attributes:
+        flange_radius: at least the probe's outer radius.
+        thickness: of the flange.
+        step_height: from the upper face of the higher of the two films to the flange's lower face.
+    """
+
+    rigid: bool = False
+    youngs_modulus: Modulus | None = None
+    poisson_ratio: PoissonRatio | None = None
+    flange_radius: Length | None = None
+    thickness: Length | None = None
+    step_height: Length | None = None
+
+    @model_validator(mode="after")
+    def _rigid_or_elastic(self) -> Self:
+        moduli = (self.youngs_modulus is not None, self.poisson_ratio is not None)
+        if self.rigid and any(moduli):
+            raise InputError("rigid", Words("true beside moduli"), "either rigid = true, or youngs_modulus and poisson_ratio")
+        if not self.rigid and not all(moduli):
+            raise InputError("rigid", Words("neither true nor elastic"), "rigid = true, or both youngs_modulus and poisson_ratio")
+        return self
+
+
+class Groove(Frozen):
+    """The channel for the inner film's lead: cut radially through the +x side of the outer block's film end."""
+
+    width: Length
+    depth: Length
+
+
+class Film(Frozen):
+    """A PVDF film with its adhesive, the same under both blocks.
+
+    The defaults are the paper's: 110 um (section 2.1), Table 1 for ``d31``, ``d32``, ``d33``. It
+    gives no ``psi1``, ``psi2`` of eq. (12): zero means that lateral stresses add no charge.
+    The adhesive counts in the solvers only: it is not part of the CAD model's stack.
+    """
+
+    thickness: Length = 110e-6
+    youngs_modulus: Modulus = 2.5e9
+    d31: ChargePerForce = 20e-12
+    d32: ChargePerForce = 2e-12
+    d33: ChargePerForce = -20e-12
+    psi1: Number = 0.0
+    psi2: Number = 0.0
+    adhesive_thickness: Thickness = 0.0
+    adhesive_modulus: Modulus | None = None
+
+    @property
+    def charge_per_force(self) -> float:
+        """Charge per compressive force (C/N): psi1 d31 + psi2 d32 + d33, the paper's eq. (12)."""
+        return self.psi1 * self.d31 + self.psi2 * self.d32 + self.d33
+
+
+class Probe(Frozen):
+    """The concentric probe; lengths in metres, moduli in pascals.
+
+    ``inner`` is the paper's block 2 (solid), ``outer`` its block 1 (tube). Exactly one of
+    ``area_ratio`` (A2/A1) and ``outer_radius`` is given, and either ``height`` or both block heights.
+    """
+
+    inner_radius: Length
+    area_ratio: AreaRatio | None = Field(default=None, description="a number from 1e-4 to 1e4")
+    outer_radius: Length | None = None
+    gap: Length
+    height: Length | None = None
+    inner_height: Length | None = None
+    outer_height: Length | None = None
+    inner: Material
+    outer: Material
+    base: Base = Base(rigid=True)
+    groove: Groove | None = None
+    film: Film | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if (self.area_ratio is None) == (self.outer_radius is None):
+            raise InputError(*_given(self, "area_ratio", "outer_radius"), "exactly one of area_ratio and outer_radius")
+        heights = ("height", "inner_height", "outer_height")
+        if [getattr(self, key) is not None for key in heights] not in ([True, False, False], [False, True, True]):
+            raise InputError(*_given(self, *heights), "either height, or both inner_height and outer_height")
+        self._check_wall()
+        self._check_groove()
+        return self
+
+    def _check_wall(self) -> None:
+        if self.tube_radius - self.hole_radius >= 1e-9 * self.tube_radius:
+            return
+        least = f"an outer radius, now {mm(self.tube_radius)}, above inner_radius + gap = {mm(self.hole_radius)}"
+        raise InputError(*_given(self, "outer_radius", "area_ratio"), least)
+
+    def _check_groove(self) -> None:
+        if self.groove is None:
+            return
+        for key, limit, what in (("width", 2 * self.hole_radius, "hole diameter"), ("depth", self.tube_height, "height")):
+            size = getattr(self.groove, key)
+            if reaches(size, limit):
+                raise InputError(f"groove.{key}", mm(size), f"below the outer block's {what} of {mm(limit)}")
+
+    @property
+    def hole_radius(self) -> float:
+        """Inner radius of the tube."""
+        return self.inner_radius + self.gap
+
+    @property
+    def tube_radius(self) -> float:
+        """Outer radius of the tube, from ``outer_radius`` or A2/A1 = r2^2 / (Ro^2 - Ri^2)."""
+        if self.outer_radius is not None:
+            return self.outer_radius
+        assert self.area_ratio is not None  # held by the validator
+        return math.sqrt(self.hole_radius**2 + self.inner_radius**2 / self.area_ratio)
+
+    @property
+    def core_height(self) -> float:
+        """Height of the inner block."""
+        return self.height if self.inner_height is None else self.inner_height  # type: ignore[return-value]
+
+    @property
+    def tube_height(self) -> float:
+        """Height of the outer block."""
+        return self.height if self.outer_height is None else self.outer_height  # type: ignore[return-value]
+
+    @property
+    def inner_area(self) -> float:
+        """Nominal end area A_2 of the inner block."""
+        return math.pi * self.inner_radius**2
+
+    @property
+    def outer_area(self) -> float:
+        """Nominal end area A_1 of the outer block, groove not subtracted."""
+        return math.pi * (self.tube_radius - self.hole_radius) * (self.tube_radius + self.hole_radius)
+
+    @property
+    def groove_footprint(self) -> float:
+        """Area in m^2 that the groove takes from the outer block's film end: eq. (G1); zero without a groove.
+
+        The integral over |y| < a of sqrt(Ro^2 - y^2) - sqrt(Ri^2 - y^2), with a = width/2, Ri the hole's and Ro the tube's
+        radius. Half a chord strip of a disc is S(R) = a sqrt(R^2 - a^2) + R^2 asin(a/R); the footprint is S(Ro) - S(Ri).
+        """
+        if self.groove is None:
+            return 0.0
+        a, inner, outer = self.groove.width / 2, self.hole_radius, self.tube_radius
+        x_inner, x_outer = (math.sqrt((radius - a) * (radius + a)) for radius in (inner, outer))
+        # a (x_o - x_i) written without the difference of two nearly equal roots, for thin walls
+        flat = a * (outer - inner) * (outer + inner) / (x_outer + x_inner)
+        return flat + outer**2 * math.asin(a / outer) - inner**2 * math.asin(a / inner)
+
+
+def mm(length: float) -> Words:
+    """Write a length for a message: ``5 mm``."""
+    return Words(f"{length * 1e3:.6g} mm")
+
+
+def reaches(size: float, limit: float) -> bool:
+    """Whether ``size`` is at least ``limit``, but for the rounding by which "10.2 mm" and twice "5.1 mm" may differ."""
+    return size >= limit - 1e-12 * abs(limit)
+
+
+def _given(probe: Probe, *keys: str) -> tuple[str, Words]:
+    """Return the first key that has a value and, as text, its value and the others' values; else the first key."""
+    first, *others = [key for key in keys if getattr(probe, key) is not None] or keys[:1]
+    return first, Words(" and ".join([_text(probe, first), *(f"{key} = {_text(probe, key)}" for key in others)]))
+
+
+def _text(probe: Probe, key: str) -> str:
+    value = getattr(probe, key)
+    return "missing" if value is None else f"{value:g}" if key == "area_ratio" else mm(value)

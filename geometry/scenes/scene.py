@@ -1,0 +1,154 @@
+"""A scene: one probe on one piece of tissue with its inclusions, contact, placement and load."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Literal, Self
+
+from pydantic import Discriminator, Field, Tag, model_validator
+
+from geometry.common.errors import InputError, Words
+from geometry.scenes import fit as placement
+from geometry.scenes.probe import Frozen, Interface, Length, Material, Position, Probe
+from geometry.scenes.units import Quantity
+
+Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]
+Diameters = Annotated[tuple[Length, Length, Length], Field(strict=False)]
+Orientation = Annotated[tuple[Degrees, Degrees, Degrees], Field(strict=False)]
+FileName = Annotated[str, Field(min_length=1, max_length=1000, pattern=r"^[^\x00-\x1f]+$")]
+Tilt = Annotated[float, Quantity("angle", "rad", "deg", -1.5533430342749532, 1.5533430342749532)]
+Force = Annotated[float, Quantity("force", "N", "N", 0.0, 1e9)]
+Indentation = Annotated[float, Quantity("indentation", "m", "um", 0.0, 10.0)]
+
+
+class CylinderTissue(Material):
+    """A round piece of tissue, bonded to the table."""
+
+    shape: Literal["cylinder"]
+    radius: Length
+    depth: Length
+
+
+class BlockTissue(Material):
+    """A rectangular piece of tissue, bonded to the table; length along x, breadth along y."""
+
+    shape: Literal["block"]
+    length: Length
+    breadth: Length
+    depth: Length
+
+
+class HalfSpaceTissue(Material):
+    """Tissue without an end."""
+
+    shape: Literal["half-space"]
+
+
+def _shape(tissue: object) -> str | None:
+    """The tag of a tissue; a value that is no text stays out of pydantic's own message, which cannot write every integer."""
+    shape = tissue.get("shape") if isinstance(tissue, Mapping) else getattr(tissue, "shape", None)
+    return shape if isinstance(shape, str) else None
+
+
+Tissue = Annotated[
+    Annotated[CylinderTissue, Tag("cylinder")]
+    | Annotated[BlockTissue, Tag("block")]
+    | Annotated[HalfSpaceTissue, Tag("half-space")],
+    Discriminator(_shape),
+]
+
+
+class Inclusion(Material):
+    """A body inside the tissue: a sphere, an ellipsoid or a closed surface from a file.
+
+    Attributes:
+        diameter: of a sphere.
+        diameters: of an ellipsoid, along axes turned by ``orientation`` (rz, ry, rx in degrees about
+            fixed axes).
+        surface: file name of an STL or STEP surface, in place of a diameter.
+        depth: from the tissue's surface to the centre.
+        x, y: the centre beside the tissue's axis.
+        target: whether ``log_sensitivity`` refers to this one.
+    """
+
+    diameter: Length | None = None
+    diameters: Diameters | None = Field(default=None, description="three lengths with their units, ['8 mm', '6 mm', '5 mm']")
+    orientation: Orientation = Field(default=(0.0, 0.0, 0.0), description="three numbers from -360 to 360, degrees")
+    surface: FileName | None = Field(default=None, description="the name of an STL or STEP file")
+    depth: Length
+    x: Position = 0.0
+    y: Position = 0.0
+    target: bool = False
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> Self:
+        if sum(shape is not None for shape in (self.diameter, self.diameters, self.surface)) != 1:
+            raise InputError("diameter", self._shapes(), "exactly one of diameter, diameters and surface")
+        return self
+
+    def _shapes(self) -> Words:
+        given = [key for key in ("diameter", "diameters", "surface") if getattr(self, key) is not None]
+        return Words("given beside " + " and ".join(given[1:]) if given else "missing")
+
+
+class Contact(Frozen):
+    """What holds between the blocks' ends and the tissue."""
+
+    interface: Interface = "bonded"
+    friction: Annotated[float, Field(ge=0.0, le=100.0, description="a number from 0 to 100")] = 0.0
+
+    @model_validator(mode="after")
+    def _friction_needs_sliding(self) -> Self:
+        if self.friction > 0 and self.interface != "unilateral":
+            raise InputError("friction", self.friction, "0 unless interface = 'unilateral'")
+        return self
+
+
+class Placement(Frozen):
+    """Where the probe's axis meets the tissue; ``tilt`` about the y axis, + lowers the +x side."""
+
+    x: Position = 0.0
+    y: Position = 0.0
+    tilt: Tilt = 0.0
+
+
+class Load(Frozen):
+    """How the base is pressed: by a force, or by an indentation."""
+
+    force: Force | None = None
+    indentation: Indentation | None = None
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        if (self.force is None) == (self.indentation is None):
+            given = "missing" if self.force is None else f"{self.force:g} N and indentation = {self.indentation:g} m"
+            raise InputError("force", Words(given), "exactly one of force and indentation")
+        return self
+
+
+MOST_INCLUSIONS = 1000
+Inclusions = Annotated[tuple[Inclusion, ...], Field(strict=False, max_length=MOST_INCLUSIONS)]
+
+
+class Scene(Frozen):
+    """Everything that an evaluator needs to know; frozen, in SI units, checked as a whole."""
+
+    probe: Probe
+    tissue: Tissue
+    inclusion: Inclusions = Field(default=(), description=f"up to {MOST_INCLUSIONS} tables, each headed [[inclusion]]")
+    contact: Contact = Contact()
+    placement: Placement = Placement()
+    load: Load
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        placement.check(self)
+        return self
+
+    @property
+    def target(self) -> int | None:
+        """Index of the inclusion that ``log_sensitivity`` refers to, if there is one."""
+        marked = [index for index, body in enumerate(self.inclusion) if body.target]
+        if marked:
+            return marked[0]
+        return 0 if len(self.inclusion) == 1 else None

@@ -1,0 +1,58 @@
+"""Scenes as TOML: quantity strings with units; every refusal is one line naming key, value and remedy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from geometry.common.errors import InputError, Words
+from geometry.common.text_files import read_text, tables
+from geometry.scenes.messages import most_telling
+from geometry.scenes.scene import Scene
+
+
+def read_scene(path: Path | str) -> Scene:
+    """Read the scene file at ``path``; names of surface files in it are relative to its folder.
+
+    Raises:
+        InputError: the file is missing, no TOML, empty, or says something that is not allowed.
+    """
+    scene, folder = scene_from_toml(read_text(path, "scene file"), str(path)), Path(path).parent
+    if all(body.surface is None for body in scene.inclusion):
+        return scene
+    bodies = (
+        body if body.surface is None else body.model_copy(update={"surface": str(folder / body.surface)})
+        for body in scene.inclusion
+    )
+    return scene.model_copy(update={"inclusion": tuple(bodies)})
+
+
+def scene_from_toml(text: str, name: str = "scene") -> Scene:
+    """Read a scene from TOML text; ``name`` stands in messages. Raises ``InputError``."""
+    data = tables(text, name, "a TOML scene file")
+    if not data:
+        raise InputError(name, Words("empty"), "a scene with [probe], [tissue] and [load]")
+    return scene_from_dict(data)
+
+
+def scene_from_dict(data: dict[str, Any]) -> Scene:
+    """Build a scene from the tables of a scene file, quantities as strings. Raises ``InputError``."""
+    try:
+        return Scene.model_validate(data, context={"units_required": True})
+    except ValidationError as refused:
+        raise most_telling(refused) from None
+
+
+def scene_to_dict(scene: Scene) -> dict[str, Any]:
+    """Return the tables of a scene file that reads back as the same scene."""
+    tables: dict[str, Any] = scene.model_dump(mode="json", exclude_none=True, exclude_unset=True)
+    return tables
+
+
+def scene_to_toml(scene: Scene) -> str:
+    """Return the text of a scene file that reads back as the same scene."""
+    import tomli_w
+
+    return tomli_w.dumps(scene_to_dict(scene))

@@ -1,0 +1,1 @@
+"""Volume meshes: surfaces, pytetwild, repair, checks, cache."""

@@ -1,0 +1,105 @@
+"""Volume meshes kept by content: the same bodies and sizes, meshed by the same versions, are read back instead.
+
+The folder is the user's cache, or the one that the environment variable ``PROBE_DESIGN_CACHE`` names. A file is written
+whole or not at all and carries its checksum: one that does not match is made again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+from dataclasses import fields
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from geometry.common.files import written_whole
+from geometry.scenes.scene import Scene
+from geometry.tetra.layout import Layout, extent, layout
+from geometry.tetra.mesher import meshed
+from geometry.tetra.sizing import COARSE, Fineness
+from geometry.tetra.tet_mesh import TetMesh
+
+FOLDER = "PROBE_DESIGN_CACHE"  # the environment variable
+MESHER = 2  # raised whenever our own part of the mesher gives another mesh
+_CHECKSUM = hashlib.sha256().digest_size
+
+
+def cached_mesh(
+    scene: Scene,
+    fineness: Fineness = COARSE,
+    half: bool = False,
+    tissue_extent: float | None = None,
+    reference_radius: float | None = None,
+) -> TetMesh:
+    """Return what ``geometry.tetra.mesher.volume_mesh`` does for the same arguments, from the cache if it is there.
+
+    A cache that cannot be read or written costs time only. It keeps nothing of a mesh that was not finished.
+
+    Raises:
+        InputError, Refusal, SolveError, KeyboardInterrupt: as ``volume_mesh`` does.
+    """
+    found = layout(scene, half, extent(scene, tissue_extent), reference_radius)
+    path = folder() / f"{key(found, fineness)}.mesh"
+    kept = _read(path)
+    if kept is None:
+        kept, _ = meshed(found, fineness)
+        _write(path, kept)
+    return kept
+
+
+def folder() -> Path:
+    """Where meshes are kept."""
+    import platformdirs
+
+    given = os.environ.get(FOLDER)
+    return Path(given) if given else Path(platformdirs.user_cache_dir("probe-design", appauthor=False)) / "meshes"
+
+
+def key(found: Layout, fineness: Fineness) -> str:
+    """A name by content: every number that the mesh follows from, a surface file's triangles, and the versions."""
+    digest = hashlib.sha256(f"{MESHER} {version('pytetwild')} {np.__version__} {fineness!r}".encode())
+    for part in fields(found):
+        _feed(digest, getattr(found, part.name))
+    return digest.hexdigest()
+
+
+def _feed(digest: Any, value: Any) -> None:
+    if isinstance(value, np.ndarray):
+        digest.update(f"{value.dtype} {value.shape} ".encode() + np.ascontiguousarray(value).tobytes())
+    elif isinstance(value, tuple):
+        digest.update(f"({len(value)} ".encode())
+        for part in value:
+            _feed(digest, part)
+    elif hasattr(value, "__dataclass_fields__"):
+        digest.update(type(value).__name__.encode())
+        for part in fields(value):
+            _feed(digest, getattr(value, part.name))
+    else:
+        digest.update(f"{value!r} ".encode())
+
+
+def _read(path: Path) -> TetMesh | None:
+    """The mesh in a file; None if there is none, or its checksum does not match."""
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return None
+    if hashlib.sha256(content[_CHECKSUM:]).digest() != content[:_CHECKSUM]:
+        return None
+    with np.load(io.BytesIO(content[_CHECKSUM:]), allow_pickle=False) as arrays:
+        return TetMesh(arrays["nodes"], arrays["elements"], arrays["body"], arrays["beyond"], bool(arrays["half"]))
+
+
+def _write(path: Path, mesh: TetMesh) -> None:
+    buffer = io.BytesIO()
+    np.savez(buffer, nodes=mesh.nodes, elements=mesh.elements, body=mesh.body, beyond=mesh.beyond, half=np.array(mesh.half))
+    content = buffer.getvalue()
+    try:
+        with written_whole(path) as draft:
+            draft.write_bytes(hashlib.sha256(content).digest() + content)
+    except OSError:  # a full disk or a folder that is not ours: the mesh is there all the same
+        return

@@ -1,0 +1,225 @@
+"""A scene's bodies in the probe's axes, as numbers: what the surfaces, the labels and the checks of a volume mesh share."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.common.errors import Refusal
+from geometry.scenes.fit import semi_axes
+from geometry.scenes.probe import mm
+from geometry.scenes.scene import Scene
+from geometry.tetra.layout_fit import check_extent, check_fit
+from geometry.tetra.surface_files import Sheet, read_surface
+
+Points = NDArray[np.float64]
+_EVEN = 1e-9  # by how much of its size a scene may be off its mirror image
+
+
+@dataclass(frozen=True)
+class Ellipsoid:
+    """The points ``centre`` + ``axes`` u with |u| <= 1, in m; ``axes`` (3, 3) has the semi-axes as columns."""
+
+    centre: Points
+    axes: Points
+
+    def level(self, points: Points) -> Points:
+        """|u| of points (n, 3): 1 on the surface."""
+        result: Points = np.linalg.norm((points - self.centre) @ self._inverse.T, axis=1)
+        return result
+
+    def distance(self, points: Points) -> Points:
+        """About the distance from points (n, 3) to the surface, negative inside: exact for a sphere."""
+        inverse, level = self._inverse, np.maximum(self.level(points), 1e-9)
+        slope = np.linalg.norm((points - self.centre) @ (inverse.T @ inverse), axis=1) / level
+        return np.asarray((level - 1) / np.maximum(slope, 1e-9 / self.smallest))
+
+    @property
+    def smallest(self) -> float:
+        """The least semi-axis."""
+        return float(np.linalg.norm(self.axes, axis=0).min())
+
+    @property
+    def reach(self) -> Points:
+        """Half the sides of the box around it, (3,)."""
+        result: Points = np.linalg.norm(self.axes, axis=1)
+        return result
+
+    @property
+    def volume(self) -> float:
+        """Volume in m^3."""
+        return 4 / 3 * math.pi * abs(float(np.linalg.det(self.axes)))
+
+    @cached_property
+    def _inverse(self) -> Points:
+        return np.asarray(np.linalg.inv(self.axes), dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Lengths in m, in the probe's axes: origin on its axis in the tissue's top plane, z out of the tissue.
+
+    Attributes:
+        inner, hole, tube: radii of the solid cylinder, the hole and the tube.
+        inner_height, outer_height: of the blocks.
+        groove: half its width and its depth, or None.
+        centre: the tissue's axis, (2,).
+        tissue_radius: of round tissue, or None for a block.
+        sides: half the length and half the breadth of a block.
+        depth: of the tissue.
+        wall: radius of the reference cylinder where it is not the tissue's own side, or None.
+        inclusions: in the scene's order.
+        half: whether only y >= 0 is meshed.
+    """
+
+    inner: float
+    hole: float
+    tube: float
+    inner_height: float
+    outer_height: float
+    groove: tuple[float, float] | None
+    centre: tuple[float, float]
+    tissue_radius: float | None
+    sides: tuple[float, float]
+    depth: float
+    wall: float | None
+    inclusions: tuple[Ellipsoid | Sheet, ...]
+    half: bool
+
+    @property
+    def gap(self) -> float:
+        """Width of the gap."""
+        return self.hole - self.inner
+
+    def side_distance(self, angles: Points) -> Points:
+        """How far the tissue reaches from the probe's axis in the directions ``angles`` (n,)."""
+        ways = np.column_stack([np.cos(angles), np.sin(angles)])
+        centre = np.array(self.centre)
+        if self.tissue_radius is not None:
+            along = ways @ centre
+            result: Points = along + np.sqrt(along**2 + self.tissue_radius**2 - centre @ centre)
+            return result
+        rooms = np.where(ways > 0, np.array(self.sides) + centre, np.array(self.sides) - centre)
+        return np.asarray((rooms / np.maximum(np.abs(ways), 1e-300)).min(axis=1))
+
+    def corner_angles(self) -> Points:
+        """Directions of a block's corners from the probe's axis, from 0 to 2 pi."""
+        if self.tissue_radius is not None:
+            return np.zeros(0)
+        (x, y), (a, b) = self.centre, self.sides
+        corners = [(x + a, y + b), (x - a, y + b), (x - a, y - b), (x + a, y - b)]
+        return np.array([math.atan2(q, p) % (2 * math.pi) for p, q in corners])
+
+
+def extent(scene: Scene, given: float | None) -> float:
+    """The radius and depth in m that tissue is shortened to: ``given``, infinity, or what stands for a half-space's.
+
+    A half-space reaches to 25 outer radii and beyond all inclusions, five times as far from the probe as they are.
+    """
+    if given is not None:
+        return given
+    if scene.tissue.shape != "half-space":
+        return math.inf
+    at = scene.placement
+    reach = [math.hypot(body.x - at.x, body.y - at.y) + body.depth + max(body.diameters or (body.diameter or 0.0,))
+             for body in scene.inclusion]  # fmt: skip
+    return max(25 * scene.probe.tube_radius, *(5 * size for size in reach), 0.0)
+
+
+def layout(scene: Scene, half: bool, tissue_extent: float, reference_radius: float | None) -> Layout:
+    """Read a scene into its bodies in the probe's axes.
+
+    Args:
+        scene: the scene.
+        half: whether only y >= 0 is meshed.
+        tissue_extent: radius and depth in m that stand for a half-space's; other tissue that reaches further to its sides
+            becomes a cylinder of that radius about the probe's axis, and deeper tissue becomes as deep. See ``extent``.
+        reference_radius: of the reference cylinder in m; None for the tissue's own side where that is coaxial, else a large one.
+
+    Raises:
+        InputError: a surface file that cannot be read.
+        Refusal: half of a scene that is not its own mirror image, a reference cylinder or an extent out of range, or bodies
+            that leave the tissue or overlap.
+    """
+    probe, at = scene.probe, scene.placement
+    if half and not mirror_symmetric(scene):
+        raise Refusal("half", True, "a scene that is its own mirror image in the plane y = placement.y")
+    groove = None if probe.groove is None else (probe.groove.width / 2, probe.groove.depth)
+    bodies = tuple(_inclusion(scene, index) for index in range(len(scene.inclusion)))
+    centre, radius, sides, depth = _tissue(scene)
+    whole = Layout(probe.inner_radius, probe.hole_radius, probe.tube_radius, probe.core_height, probe.tube_height, groove,
+                   (centre[0] - at.x, centre[1] - at.y), radius, sides, depth, None, bodies, half)  # fmt: skip
+    found = _shortened(whole, tissue_extent)
+    check_fit(found, tuple(body.surface or "" for body in scene.inclusion), tissue_extent)
+    return _with_wall(found, reference_radius)
+
+
+def _tissue(scene: Scene) -> tuple[tuple[float, float], float | None, tuple[float, float], float]:
+    """The tissue's axis in the scene's axes, its radius or none, half its sides, and its depth; infinite for a half-space."""
+    tissue = scene.tissue
+    if tissue.shape == "half-space":
+        return (scene.placement.x, scene.placement.y), math.inf, (0.0, 0.0), math.inf
+    if tissue.shape == "cylinder":
+        return (0.0, 0.0), tissue.radius, (0.0, 0.0), tissue.depth
+    return (0.0, 0.0), None, (tissue.length / 2, tissue.breadth / 2), tissue.depth
+
+
+def _shortened(whole: Layout, extent: float) -> Layout:
+    endless = math.inf in (whole.tissue_radius, whole.depth)
+    room = math.inf if endless else float(whole.side_distance(np.linspace(0, 2 * math.pi, 721)).max())
+    if not endless and room <= extent and whole.depth <= extent:
+        return whole
+    check_extent(whole.tube, extent)
+    shorter = replace(whole, depth=min(whole.depth, extent))
+    return replace(shorter, centre=(0.0, 0.0), tissue_radius=extent, sides=(0.0, 0.0)) if room > extent else shorter
+
+
+def _with_wall(found: Layout, wanted: float | None) -> Layout:
+    room = float(found.side_distance(np.linspace(0, 2 * math.pi, 721)).min())
+    coaxial = found.tissue_radius is not None and math.hypot(*found.centre) <= _EVEN * found.tissue_radius
+    if coaxial and (wanted is None or wanted >= room * (1 - _EVEN)):
+        return found
+    wall = default_wall(found, room) if wanted is None else wanted
+    if not found.tube * 1.05 < wall < room * 0.999:
+        allowed = f"from {mm(found.tube * 1.05)} to {mm(room * 0.999)}: a cylinder round the probe's axis inside the tissue"
+        raise Refusal("reference_radius", mm(wall), allowed)
+    return replace(found, wall=wall)
+
+
+def default_wall(found: Layout, room: float) -> float:
+    """The largest reference cylinder that leaves a fifth of the room beside it and keeps clear of all inclusions."""
+    free = [(found.tube * 1.05, (found.tube + room) / 2 if room < 1.2 * found.tube else 0.8 * room)]
+    for body in found.inclusions:
+        centre, reach = math.hypot(*body.centre[:2]), math.hypot(*body.reach[:2])
+        spare = max(0.25 * reach, 0.12 * centre)
+        low, high = centre - reach - spare, centre + reach + spare
+        free = [part for a, b in free for part in ((a, min(b, low)), (max(a, high), b)) if part[1] > part[0]]
+    good = [b for a, b in free if b > 1.3 * found.tube] or [b for a, b in free] or [(found.tube + room) / 2]
+    return max(good)
+
+
+def mirror_symmetric(scene: Scene) -> bool:
+    """Whether the scene is its own mirror image in the plane y = placement.y; a surface from a file never counts as such."""
+    size, at = scene.probe.tube_radius, scene.placement
+    if scene.tissue.shape != "half-space" and abs(at.y) > _EVEN * size:
+        return False
+    for body in scene.inclusion:
+        if body.surface is not None or abs(body.y - at.y) > _EVEN * size:
+            return False
+        axes = np.array(semi_axes(body))
+        form = axes @ axes.T
+        if max(abs(form[0, 1]), abs(form[1, 2])) > _EVEN * form.trace():
+            return False
+    return True
+
+
+def _inclusion(scene: Scene, index: int) -> Ellipsoid | Sheet:
+    body, at = scene.inclusion[index], scene.placement
+    centre = np.array([body.x - at.x, body.y - at.y, -body.depth])
+    if body.surface is None:
+        return Ellipsoid(centre, np.array(semi_axes(body)))
+    return read_surface(body.surface, f"inclusion[{index}].surface", centre)

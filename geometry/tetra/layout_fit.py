@@ -1,0 +1,98 @@
+"""Whether what only a layout knows fits: surfaces from files and bodies in shortened tissue, inside it and apart."""
+
+from __future__ import annotations
+
+import math
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.common.errors import Refusal, Words
+from geometry.scenes.probe import mm
+from geometry.tetra.surface_files import Sheet
+
+if TYPE_CHECKING:
+    from geometry.tetra.layout import Ellipsoid, Layout
+
+Points = NDArray[np.float64]
+_ANGLES = np.linspace(0, 2 * np.pi, 721)
+
+
+def check_fit(found: Layout, names: tuple[str, ...], extent: float) -> None:
+    """Refuse bodies that leave the tissue or overlap; ``names`` of their files, "" without; ``extent`` of the tissue in m.
+
+    Raises:
+        Refusal: of ``inclusion[k].surface``, or of ``tissue_extent`` where shortened tissue has no room for a body.
+    """
+    for index, (body, name) in enumerate(zip(found.inclusions, names, strict=True)):
+        left = _leaves(found, body)
+        if left and isinstance(body, Sheet):
+            raise Refusal(f"inclusion[{index}].surface", Words(f"{name}, which leaves {left}"), "a body inside the tissue")
+        if left:
+            raise Refusal("tissue_extent", mm(extent), f"tissue with room for inclusion[{index}], which leaves {left}")
+    for (i, one), (j, other) in combinations(enumerate(found.inclusions), 2):
+        if (isinstance(one, Sheet) or isinstance(other, Sheet)) and overlapping(one, other):
+            index, apart = (j, i) if isinstance(other, Sheet) else (i, j)
+            given = Words(f"{names[index]}, which overlaps or touches inclusion[{apart}]")
+            raise Refusal(f"inclusion[{index}].surface", given, "inclusions apart")
+
+
+def _leaves(found: Layout, body: Ellipsoid | Sheet) -> str:
+    """What of the tissue a body reaches beyond, "" if it is inside."""
+    if isinstance(body, Sheet):
+        low, high = float(body.points[:, 2].min()), float(body.points[:, 2].max())
+        reach, angles = np.hypot(*body.points[:, :2].T), np.arctan2(body.points[:, 1], body.points[:, 0])
+    else:
+        low, high = float(body.centre[2] - body.reach[2]), float(body.centre[2] + body.reach[2])
+        outline = body.centre[:2] + _outline(body)
+        reach, angles = np.hypot(*outline.T), np.arctan2(outline[:, 1], outline[:, 0])
+    if high >= 0:
+        return f"its top by {mm(high)}"
+    if low <= -found.depth:
+        return f"its bottom by {mm(-found.depth - low)}"
+    beyond = float((reach - found.side_distance(angles)).max())
+    return f"its side by {mm(beyond)}" if beyond >= 0 else ""
+
+
+def _outline(body: Ellipsoid) -> Points:
+    """Where the ellipsoid's shadow on the plane z = 0 has its boundary, about the centre, (n, 2)."""
+    ways = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
+    form = body.axes[:2] @ body.axes[:2].T
+    result: Points = ways @ form / np.sqrt(np.einsum("ni,ij,nj->n", ways, form, ways))[:, None]
+    return result
+
+
+def overlapping(one: Ellipsoid | Sheet, other: Ellipsoid | Sheet) -> bool:
+    """Whether two bodies, at least one of them a surface from a file, overlap or touch; False for two ellipsoids."""
+    if not isinstance(one, Sheet):
+        return overlapping(other, one) if isinstance(other, Sheet) else False
+    if isinstance(other, Sheet):
+        return one.crosses(other) or bool(one.inside(other.points).any() or other.inside(one.points).any())
+    corners = np.asarray(np.linalg.solve(other.axes, (one.points - other.centre).T).T[one.triangles], dtype=np.float64)
+    return float(least_distances(corners).min()) <= 1.0 or bool(one.inside(other.centre[None, :])[0])
+
+
+def least_distances(corners: Points) -> Points:
+    """Distances (t,) from the origin to the triangles with ``corners`` (t, 3, 3)."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    result = np.minimum(_to_edge(a, b), np.minimum(_to_edge(b, c), _to_edge(c, a)))
+    normal = np.cross(b - a, c - a)
+    size = np.linalg.norm(normal, axis=1)
+    sides = [np.einsum("ij,ij->i", np.cross(q - p, -p), normal) for p, q in ((a, b), (b, c), (c, a))]
+    above = np.logical_and.reduce([side >= 0 for side in sides]) & (size > 0)  # the foot of the perpendicular is within
+    height = np.abs(np.einsum("ij,ij->i", a, normal)) / np.maximum(size, 1e-300)
+    return np.where(above, height, result)
+
+
+def _to_edge(a: Points, b: Points) -> Points:
+    along = b - a
+    share = np.clip(-np.einsum("ij,ij->i", a, along) / np.maximum(np.einsum("ij,ij->i", along, along), 1e-300), 0.0, 1.0)
+    return np.asarray(np.linalg.norm(a + share[:, None] * along, axis=1))
+
+
+def check_extent(tube: float, extent: float) -> None:
+    """Refuse shortened tissue that does not reach beyond the probe, or has no end."""
+    if not tube * 1.05 < extent < math.inf:
+        raise Refusal("tissue_extent", mm(extent), f"a length above {mm(1.05 * tube)}: tissue reaches beyond the probe")

@@ -1,0 +1,219 @@
+"""From a scene to a mesh of quadratic tetrahedra labelled by body: surfaces, pytetwild, exact surfaces, checks.
+
+pytetwild is called once for all surfaces, in a space where the gap is wide and far tissue near
+(``geometry.tetra.stretched_space``). A mesh that fails the checks is made again, finer; one that fails still is refused, never used.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.common.errors import SolveError
+from geometry.scenes.scene import Scene
+from geometry.tetra.check import check, largest_error
+from geometry.tetra.curving import curved
+from geometry.tetra.labels import labels
+from geometry.tetra.layout import Layout, extent, layout
+from geometry.tetra.sizing import COARSE, FINE, ROUGH, Fineness, background
+from geometry.tetra.slivers import without_slivers
+from geometry.tetra.smoothing import mended, unfolded
+from geometry.tetra.snapping import exact_surfaces, held, interfaces, memberships, snapped, surfaces_of
+from geometry.tetra.stretched_space import MeshSpace, mesh_space
+from geometry.tetra.surface_files import Sheet
+from geometry.tetra.surfaces import Corners, corners, surfaces
+from geometry.tetra.tet_mesh import TetMesh
+from geometry.tetra.tetwild_process import Failure, TooLong, tetrahedralized
+
+__all__ = ["COARSE", "FINE", "ROUGH", "Fineness", "Timing", "extent", "meshed", "volume_mesh"]
+
+Points = NDArray[np.float64]
+_NEAR = 1.7  # far tissue begins at this many times the probe's largest length
+_ENVELOPE = 0.15  # of the smallest feature: how far pytetwild's surfaces may be from the given ones; never above half the gap
+_WIDEN = 12  # the gap becomes wider by this factor at most: tetrahedra below it are squeezed as much on the way back
+_RISE = 1.0  # how much faster the gap becomes wider upwards than the tetrahedra become larger
+_LEAST_RATIO = 0.2  # straight tetrahedra below this mean ratio are mended
+_LEAST_KEPT = 0.05  # those that stay below this are put back to where pytetwild had them, off all but the outer planes
+_KEEP = 0.2  # of its quality an element keeps when its edges are curved, or they stay straight
+_TRIALS = 3
+_TIGHTER = 0.7  # the envelope from trial to trial: pytetwild's time goes with its square
+_GOOD = 3e-3  # error of a block's or ellipsoid's volume above which another trial is made
+_ITERATIONS = 25  # of pytetwild: where these do not do, more hardly help
+_ENERGY = 10.0  # of pytetwild: quality at which it stops
+_LARGEST = 0.1  # of all surfaces' extent: tetrahedra above it cost, as pytetwild fills a box that is larger by as much
+_ROWS = 12  # of quadrilaterals down the tissue's side
+_MARGIN = 0.15  # of the box's diagonal: by how much the sizes' field is larger than the surfaces
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Seconds for the surfaces and sizes, in pytetwild, and for all that follows; and how many trials there were."""
+
+    surfaces: float
+    tetwild: float
+    after: float
+    trials: int
+
+
+def volume_mesh(
+    scene: Scene,
+    fineness: Fineness = COARSE,
+    half: bool = False,
+    tissue_extent: float | None = None,
+    reference_radius: float | None = None,
+) -> TetMesh:
+    """Mesh a scene, tilt and films left out.
+
+    Args:
+        scene: the scene.
+        fineness: ``ROUGH``, ``COARSE``, ``FINE`` or other sizes.
+        half: mesh only y >= 0 (probe's axes) of a scene that is its own mirror image there.
+        tissue_extent: radius and depth in m that stand for a half-space's, left out 25 outer radii or more. Other tissue that
+            reaches further becomes a cylinder of that radius about the probe's axis, deeper tissue as deep; left out, it stays.
+        reference_radius: of the reference cylinder about the probe's axis, in m; left out, the tissue's own side where it is
+            coaxial, else as large as there is room for.
+
+    Returns:
+        The mesh, nodes in m.
+
+    Raises:
+        InputError: a surface file that cannot be used.
+        Refusal: see ``geometry.tetra.layout.layout``.
+        SolveError: no mesh passed the checks, or pytetwild failed; the text says why.
+        KeyboardInterrupt: Ctrl-C, at once.
+    """
+    return meshed(layout(scene, half, extent(scene, tissue_extent), reference_radius), fineness)[0]
+
+
+def meshed(found: Layout, fineness: Fineness) -> tuple[TetMesh, Timing]:
+    """Mesh a layout; again, within a tighter envelope, where a mesh fails the checks or a volume is off by more than 0.3 %.
+
+    Returns:
+        Of the meshes that passed the checks that with the least error of volume, and how long all trials took.
+
+    Raises:
+        SolveError: none passed, or pytetwild took longer than its limit; the text says why.
+        KeyboardInterrupt: Ctrl-C, at once.
+    """
+    spent, fault, best, least = np.zeros(3), "", None, np.inf
+    trials = 0
+    while trials < _TRIALS and least > _GOOD:
+        try:
+            mesh, seconds = _trial(found, fineness, _ENVELOPE * _TIGHTER**trials)
+            spent += seconds
+            check(mesh, found)
+            if (off := largest_error(mesh, found)) < least:
+                best, least = mesh, off
+        except TooLong as failure:
+            fault = f"pytetwild: {failure}"
+            break
+        except Failure as failure:
+            fault = f"pytetwild: {failure}"
+        except SolveError as failure:
+            fault = str(failure).removeprefix("volume mesh: ")
+        trials += 1
+        fineness = replace(fineness, rim=0.9 * fineness.rim, sphere=0.9 * fineness.sphere, corners=fineness.corners + 4)
+    if best is None:
+        raise SolveError(f"volume mesh: none passed the checks, the last one as {fault}")
+    return best, Timing(float(spent[0]), float(spent[1]), float(spent[2]), trials)
+
+
+def _trial(found: Layout, fineness: Fineness, envelope: float) -> tuple[TetMesh, Points]:
+    times = [time.perf_counter()]
+    space = space_of(found, fineness)
+    turns = corners(found, fineness.corners)
+    soup = surfaces(found, turns, _ROWS, max(5, round(2.5 / fineness.sphere)))
+    points, triangles = _in_mesh_space(found, space, soup)
+    box = np.array([points.min(axis=0), points.max(axis=0)])
+    margin = _MARGIN * float(np.linalg.norm(box[1] - box[0]))
+    sizes = background(found, fineness, space, box + np.array([[-margin], [margin]]))
+    times.append(time.perf_counter())
+    cells = _tetrahedralized(points, triangles, envelope * _smallest(found, space), sizes)
+    times.append(time.perf_counter())
+    mesh = _finished(found, space, turns, *cells)
+    times.append(time.perf_counter())
+    return mesh, np.diff(times)
+
+
+def space_of(found: Layout, fineness: Fineness) -> MeshSpace:
+    """The mesher's space: a gap as wide as the tetrahedra at its rims, tissue beyond the probe and surface files drawn near."""
+    sheets = [float(np.linalg.norm(body.points, axis=1).max()) for body in found.inclusions if isinstance(body, Sheet)]
+    near = max(_NEAR * max(found.tube, found.inner_height, found.outer_height), *(1.05 * size for size in sheets), 0.0)
+    wide = min(fineness.rim * found.inner, _WIDEN * found.gap)
+    height = max(found.inner_height, found.outer_height)
+    return mesh_space(found.inner, found.hole, found.tube, wide, near, height, _RISE * fineness.growth * height)
+
+
+def _in_mesh_space(found: Layout, space: MeshSpace, soup: tuple[Points, Any]) -> tuple[Points, NDArray[np.int32]]:
+    """The surfaces mapped, with the plane of symmetry, a rectangle beyond them all, for half a scene."""
+    points, triangles = space.to_mesh(soup[0]), soup[1]
+    if found.half:
+        points[np.abs(points[:, 1]) < 1e-9 * np.abs(points).max(), 1] = 0.0  # what lies on the plane up to rounding lies on it
+        low, high = points.min(axis=0), points.max(axis=0)
+        low, high = low - 0.02 * (high - low), high + 0.02 * (high - low)
+        plane = [(low[0], 0.0, low[2]), (high[0], 0.0, low[2]), (high[0], 0.0, high[2]), (low[0], 0.0, high[2])]
+        n = len(points)
+        points, triangles = np.vstack([points, plane]), np.vstack([triangles, [(n, n + 1, n + 2), (n, n + 2, n + 3)]])
+    return points, triangles.astype(np.int32)
+
+
+def _smallest(found: Layout, space: MeshSpace) -> float:
+    """The smallest feature in the mesher's space, in m."""
+    lengths = [found.gap + space.moved[2] - space.moved[1], found.tube - found.hole, found.inner_height, found.outer_height]
+    if found.groove is not None:
+        lengths += [2 * found.groove[0], found.groove[1]]
+    for body in found.inclusions:
+        scale = float(space.scale(body.centre[None, :])[0])
+        lengths += [0.5 * scale * body.smallest, 2 * scale * float(-body.centre[2] - body.reach[2])]
+    return min(length for length in lengths if length > 0)
+
+
+def _tetrahedralized(
+    points: Points, triangles: NDArray[np.int32], envelope: float, sizes: tuple[Points, NDArray[np.int32], Points]
+) -> tuple[Points, NDArray[np.int64]]:
+    """Call pytetwild; ``envelope`` in m, ``sizes`` as from ``background``."""
+    scale = 1 / float(np.linalg.norm(np.ptp(points, axis=0)))
+    grid, cells, values = sizes
+    values = np.minimum(values, _LARGEST / scale)
+    arguments: dict[str, NDArray[Any]] = {
+        "vertices": points * scale,
+        "faces": triangles,
+        "edge_length_abs": np.array(float(values.max()) * scale),
+        "epsilon": np.array(envelope * scale),
+        "disable_filtering": np.array(True),
+        "num_opt_iter": np.array(_ITERATIONS),
+        "stop_energy": np.array(_ENERGY),
+        "bg_vertices": grid * scale,
+        "bg_tets": cells,
+        "bg_values": values * scale,
+    }
+    nodes, tetrahedra = tetrahedralized(arguments)
+    return nodes / scale, tetrahedra
+
+
+def _finished(found: Layout, space: MeshSpace, turns: Corners, nodes: Points, tetrahedra: NDArray[np.int64]) -> TetMesh:
+    """Label, move to the exact surfaces, mend, curve, and drop what is outside."""
+    points = space.to_scene(nodes)
+    body, beyond = labels(found, turns, space, space.to_scene(nodes[tetrahedra].mean(axis=1)))
+    exact = exact_surfaces(found)
+    faces, one, other = interfaces(tetrahedra, body)
+    known = np.maximum(one, other) >= 0
+    faces, chosen = faces[known], surfaces_of(exact, points, faces[known], one[known], other[known])
+    if (chosen < 0).any():
+        a, b = one[known][chosen < 0][0], other[known][chosen < 0][0]
+        raise SolveError(f"volume mesh: bodies {a} and {b} touch, which they do not in the scene")
+    body, faces, chosen = without_slivers(exact, points, tetrahedra, body, faces, chosen)
+    member = memberships(len(points), faces, chosen, len(exact))
+    used = body >= 0
+    kept, number = np.unique(tetrahedra[used], return_inverse=True)
+    renumber = np.full(len(points), -1)
+    renumber[kept] = np.arange(len(kept))
+    cells, member, faces = number.reshape(-1, 4), member[kept], renumber[faces]
+    straight = mended(snapped(exact, points[kept], member), cells, exact, member, _LEAST_RATIO, 6)
+    straight = unfolded(straight, held(exact, points[kept], member), cells, _LEAST_KEPT)
+    quadratic, elements = curved(straight, cells, exact, faces, chosen, _KEEP)
+    return TetMesh(quadratic, elements, body[used], beyond[used], found.half)

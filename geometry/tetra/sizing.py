@@ -1,0 +1,118 @@
+"""How large the tetrahedra may be where, as a field on a background mesh of the volume mesher's space."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.tetra.layout import Layout
+from geometry.tetra.stretched_space import MeshSpace
+
+Points = NDArray[np.float64]
+_KUHN = np.array([(0, 1, 3, 7), (0, 1, 5, 7), (0, 2, 3, 7), (0, 2, 6, 7), (0, 4, 5, 7), (0, 4, 6, 7)])  # a cube's six
+_THIN = 4.5  # tubes with walls thinner than the solid cylinder's radius over this have finer rims
+_AROUND = 1.6  # how much faster tetrahedra become larger round inclusions than round the probe
+_FAR = 0.7  # by how much of themselves others become larger with each e-fold of distance, beyond what growth makes them
+_FAR_INCLUSIONS = 0.3  # power of that by which those in inclusions do
+_AIR = 3.0  # how much larger tetrahedra may be outside
+_BEYOND = 1.1  # times the tissue's size: from where on points count as outside
+
+
+@dataclass(frozen=True)
+class Fineness:
+    """Sizes of tetrahedra relative to the bodies', and how they grow.
+
+    Attributes:
+        groove: at the groove, over its width or depth, whichever is less.
+        rim: at the gap's rims, over the solid cylinder's radius.
+        block: in the blocks, over that radius.
+        wall: in the tube's wall and along the blocks' heights, over these.
+        sphere: at inclusions, over their least radius.
+        layer: between inclusion and surface, over what is left there.
+        growth: with the distance from all these.
+        corners: of the polygons that stand for circles, a multiple of 4.
+    """
+
+    groove: float
+    rim: float
+    block: float
+    wall: float
+    sphere: float
+    layer: float
+    growth: float
+    corners: int
+
+
+ROUGH = Fineness(groove=1.0, rim=0.14, block=0.45, wall=1.3, sphere=0.45, layer=0.9, growth=0.42, corners=24)
+COARSE = Fineness(groove=0.65, rim=0.1, block=0.33, wall=0.95, sphere=0.333, layer=0.65, growth=0.32, corners=32)
+FINE = Fineness(groove=0.4, rim=0.072, block=0.24, wall=0.65, sphere=0.222, layer=0.45, growth=0.235, corners=48)
+
+
+def sizes(found: Layout, fine: Fineness, space: MeshSpace, points: Points) -> Points:
+    """Edge lengths in m at points (n, 3) of the scene."""
+    radius, z = np.hypot(points[:, 0], points[:, 1]), points[:, 2]
+    rims = np.full(len(points), np.inf)
+    thickness = min(found.tube - found.hole, found.inner)
+    for rim, size in (
+        ((found.inner + found.hole) / 2, fine.rim * min(found.inner, _THIN * thickness)),
+        (found.tube, fine.rim * min(2 * found.inner, _THIN * thickness)),
+    ):
+        away = np.maximum(np.hypot(radius - rim, z) - (found.gap if rim < found.hole else 0.0), 0.0)
+        rims = np.minimum(rims, size + fine.growth * away)
+    result: Points = np.minimum(rims, fine.block * found.inner + fine.growth * _beside(found, radius, z))
+    heights = fine.wall * min(found.inner_height, found.outer_height)
+    walls = np.minimum(heights, fine.wall * thickness + fine.growth * np.maximum(found.hole - radius, 0.0))
+    result = np.minimum(result, walls + fine.growth * _beside(found, radius, z))
+    if found.groove is not None:
+        width, depth = found.groove
+        sideways = np.maximum(np.abs(points[:, 1]) - width, 0) + np.maximum(-points[:, 0], 0)
+        away = np.hypot(sideways, np.maximum(found.outer_height - depth - z, 0)) + np.maximum(found.hole - radius, 0)
+        result = np.minimum(result, fine.groove * min(2 * width, depth) + fine.growth * (away + _beside(found, radius, z)))
+    far = 1 - _FAR * np.log(space.scale(points))
+    for body in found.inclusions:
+        layer = fine.layer * (np.abs(body.distance(points)) + np.abs(z))
+        result = np.minimum(result, layer + fine.growth * _beside(found, radius, z))
+    result *= far
+    for body in found.inclusions:
+        own, growth = fine.sphere * body.smallest * far**_FAR_INCLUSIONS, _AROUND * fine.growth * far
+        result = np.minimum(result, own + growth * np.abs(body.distance(points)))
+    return result
+
+
+def _beside(found: Layout, radius: Points, z: Points) -> Points:
+    """Distance from the probe's blocks."""
+    return np.hypot(np.maximum(radius - found.tube, 0), np.maximum(-z, 0))
+
+
+def background(found: Layout, fine: Fineness, space: MeshSpace, box: Points) -> tuple[Points, NDArray[np.int32], Points]:
+    """A mesh of the box (2, 3) of the mesher's space: points, tetrahedra and an edge length at each point."""
+    least = fine.rim * found.inner
+    axes = [_graded(low, high, least, space.near) for low, high in box.T]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    scene = space.to_scene(grid)
+    values = sizes(found, fine, space, scene) * space.scale(scene)
+    values[_outside(found, scene)] *= _AIR
+    counts = [len(axis) for axis in axes]
+    number = np.arange(len(grid)).reshape(counts)
+    a, b, c = (count - 1 for count in counts)
+    cube = [number[i : a + i, j : b + j, k : c + k].ravel() for i, j, k in np.ndindex(2, 2, 2)]
+    tetrahedra = np.stack(cube, axis=1)[:, _KUHN].reshape(-1, 4)
+    return grid, tetrahedra.astype(np.int32), values
+
+
+def _outside(found: Layout, points: Points) -> NDArray[np.bool_]:
+    """Points well outside all bodies, where nothing is kept of the mesh."""
+    radius, z, away = np.hypot(points[:, 0], points[:, 1]), points[:, 2], 0.2 * found.tube
+    above = (z > away) & ((radius > found.tube + away) | (z > max(found.inner_height, found.outer_height) + away))
+    side = found.side_distance(np.arctan2(points[:, 1], points[:, 0]))
+    beside = (radius > _BEYOND * side) | (z < -_BEYOND * found.depth)
+    return above | beside | ((points[:, 1] < -away) if found.half else False)
+
+
+def _graded(low: float, high: float, least: float, near: float) -> Points:
+    """Points of an axis from low to high, about ``least`` apart near zero and further apart away from it."""
+    ends = np.arcsinh(np.array([low, high]) / (near / 3))
+    count = int(np.clip(np.ptp(ends) * near / 3 / least, 12, 48))
+    return np.asarray(np.sinh(np.linspace(ends[0], ends[1], count + 1)) * near / 3)

@@ -1,0 +1,119 @@
+"""Bad tetrahedra mended: their corners moved to where all tetrahedra round them are better, along the surfaces they lie on."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from geometry.tetra.snapping import Surface, snapped
+
+Points = NDArray[np.float64]
+Indices = NDArray[np.int64]
+_REGULAR = np.linalg.inv(np.array([[1, 0.5, 0.5], [0, 3**0.5 / 2, 3**0.5 / 6], [0, 0, (2 / 3) ** 0.5]]))
+_POWER = 2  # the larger, the more the worst tetrahedron counts
+_RETREATS = 6
+_STEPS = 40  # of the minimiser, between two returns to the surfaces
+
+
+def mean_ratios(points: Points, tetrahedra: Indices) -> Points:
+    """Quality of straight tetrahedra, (t,): 1 for a regular one, 0 for a flat one, negative for an inverted one."""
+    t = _shapes(points[tetrahedra])
+    det = np.linalg.det(t)
+    result: Points = 3 * np.cbrt(det) ** 2 * np.sign(det) / np.maximum((t**2).sum(axis=(1, 2)), 1e-300)
+    return result
+
+
+def mended(
+    points: Points, tetrahedra: Indices, found: list[Surface], member: NDArray[np.bool_], least: float, rounds: int
+) -> Points:
+    """Points (n, 3), of which some are moved until no tetrahedron's mean ratio is below ``least``, or the rounds are over."""
+    result = points
+    for _ in range(rounds):
+        quality = mean_ratios(result, tetrahedra)
+        bad = quality < least
+        if not bad.any():
+            break
+        near = np.zeros(len(points), dtype=bool)
+        near[tetrahedra[bad]] = True
+        near[tetrahedra[near[tetrahedra].any(axis=1)]] = True
+        patch = tetrahedra[near[tetrahedra].any(axis=1)]
+        trial = snapped(found, _minimised(result, patch, np.flatnonzero(near), found, member), member)
+        if _worth(mean_ratios(trial, patch)) <= _worth(mean_ratios(result, patch)):
+            break
+        result = trial
+    return result
+
+
+def unfolded(points: Points, before: Points, tetrahedra: Indices, least: float) -> Points:
+    """Points (n, 3), with those of tetrahedra below a mean ratio put back to where they were ``before`` all moves.
+
+    All tetrahedra were good there, so that the neighbours, put back in their turn, are good again in the end.
+    """
+    result = points.copy()
+    for _ in range(_RETREATS):
+        bad = mean_ratios(result, tetrahedra) < least
+        if not bad.any():
+            break
+        back = np.unique(tetrahedra[bad])
+        result[back] = before[back]
+    return result
+
+
+def _worth(quality: Points) -> float:
+    """What mending raises: the mean of the twenty worst qualities."""
+    return float(np.sort(quality)[:20].mean())
+
+
+def _minimised(points: Points, patch: Indices, rows: Indices, found: list[Surface], member: NDArray[np.bool_]) -> Points:
+    """Points with those of ``rows`` moved along their surfaces' tangents to the least energy of the patch."""
+    tangent = _tangents(points[rows], found, member[rows])
+    scale = float(np.median(np.linalg.norm(points[patch[:, 1]] - points[patch[:, 0]], axis=1)))
+
+    def energy(flat: Points) -> tuple[float, Points]:
+        moved = points.copy()
+        moved[rows] += scale * np.einsum("nij,nj->ni", tangent, flat.reshape(-1, 3))
+        value, slope = _energies(moved[patch])
+        total = np.zeros_like(points)
+        np.add.at(total, patch.ravel(), slope.reshape(-1, 3))
+        return float(value.sum()), scale * np.einsum("nij,nj->ni", tangent, total[rows]).ravel()
+
+    limits = {"maxiter": _STEPS, "maxfun": 2 * _STEPS}
+    best = minimize(energy, np.zeros(3 * len(rows)), jac=True, method="L-BFGS-B", options=limits)
+    result = points.copy()
+    result[rows] += scale * np.einsum("nij,nj->ni", tangent, best.x.reshape(-1, 3))
+    return result
+
+
+def _tangents(points: Points, found: list[Surface], member: NDArray[np.bool_]) -> Points:
+    """Projections (n, 3, 3) onto what is left to points that lie on some surfaces."""
+    result = np.broadcast_to(np.eye(3), (len(points), 3, 3)).copy()
+    rows = np.flatnonzero(member.any(axis=1))
+    slopes = np.zeros((len(rows), len(found), 3))
+    for index, surface in enumerate(found):
+        on = np.flatnonzero(member[rows, index])
+        if len(on):
+            slopes[on, index] = surface.level(points[rows[on]])[1]
+    result[rows] -= np.linalg.pinv(slopes, rcond=1e-3) @ slopes
+    return result
+
+
+def _shapes(corners: Points) -> Points:
+    """The linear maps from a regular tetrahedron to those with these corners, (t, 3, 3)."""
+    result: Points = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2) @ _REGULAR
+    return result
+
+
+def _energies(corners: Points) -> tuple[Points, Points]:
+    """(|T|^2 / 3 / det(T)^(2/3))^(3/2 p) of each tetrahedron and its slopes (t, 4, 3); finite where it is inverted."""
+    t = _shapes(corners)
+    size = np.cbrt(np.abs(np.linalg.det(t))) + 1e-2 * np.sqrt((t**2).sum(axis=(1, 2)))
+    det, least = np.linalg.det(t), 3e-2 * size**3
+    root = np.sqrt(det**2 + least**2)
+    volume = (det + root) / 2
+    square = (t**2).sum(axis=(1, 2)) / 3
+    value = (square**1.5 / volume) ** _POWER
+    cofactor = np.cross(t[:, [1, 2, 0]], t[:, [2, 0, 1]])  # the determinant's slope
+    by_shape = value[:, None, None] * _POWER * (t / square[:, None, None] - (volume / root / volume)[:, None, None] * cofactor)
+    slope = np.swapaxes(by_shape @ _REGULAR.T, 1, 2)
+    return value, np.concatenate([-slope.sum(axis=1, keepdims=True), slope], axis=1)

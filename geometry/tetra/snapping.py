@@ -1,0 +1,187 @@
+"""Nodes of a mesh put on the exact surfaces that they stand for.
+
+Every exact surface is a function that is zero on it; a node on an edge or in a corner is on several, and goes to where all
+of them are zero by Newton's method, along the shortest way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.tetra.labels import AIR, MIRROR
+from geometry.tetra.layout import Ellipsoid, Layout
+from geometry.tetra.tet_mesh import BEYOND, FACES, GROOVE, INCLUSION, INNER, OUTER, TISSUE
+
+Points = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Level = Callable[[Points], tuple[Points, Points]]  # distances (n,), about, and their gradients (n, 3)
+_STEPS = 6
+
+
+@dataclass(frozen=True)
+class Surface:
+    """An exact surface, between which bodies it can lie (``AIR``: what is outside), and whether nodes always stay on it."""
+
+    level: Level
+    between: Callable[[Indices, Indices], NDArray[np.bool_]]
+    held: bool = False
+
+
+def exact_surfaces(found: Layout) -> list[Surface]:
+    """All exact surfaces of a scene, the plane of symmetry last."""
+    air = AIR
+    result = [
+        Surface(_cylinder(found.inner), _pair([INNER], [air])),
+        Surface(_plane((0, 0, 1), found.inner_height), _pair([INNER], [air]), True),
+        Surface(_cylinder(found.hole), _pair([OUTER, GROOVE], [air])),
+        Surface(_cylinder(found.tube), _pair([OUTER, GROOVE], [air])),
+        Surface(_plane((0, 0, 1), found.outer_height), _pair([OUTER, GROOVE], [air]), True),
+        Surface(_plane((0, 0, 1), 0.0), _pair([TISSUE, BEYOND], [air, INNER, OUTER]), True),
+        Surface(_plane((0, 0, 1), -found.depth), _pair([TISSUE, BEYOND], [air]), True),
+    ]
+    if found.groove is not None:
+        width, depth = found.groove
+        planes = [((0, 1, 0), width), ((0, 1, 0), -width), ((0, 0, 1), found.outer_height - depth)]
+        result += [Surface(_plane(way, at), _pair([OUTER], [GROOVE])) for way, at in planes]
+    result += [Surface(side, _pair([TISSUE, BEYOND], [air]), found.tissue_radius is None) for side in _sides(found)]
+    if found.wall is not None:
+        result.append(Surface(_cylinder(found.wall), _within(TISSUE, BEYOND)))
+    for index, body in enumerate(found.inclusions):
+        result.append(Surface(_closed(body), _only(INCLUSION + index)))
+    return [*result, Surface(_plane((0, 1, 0), 0.0), _only(MIRROR), True)]
+
+
+def interfaces(tetrahedra: Indices, body: Indices) -> tuple[Indices, Indices, Indices]:
+    """The faces between different bodies: corners (f, 3) and the bodies (f,) on both sides; ``AIR`` outside the mesh."""
+    faces = tetrahedra[:, FACES].reshape(-1, 3)
+    owner = np.repeat(np.arange(len(tetrahedra)), 4)
+    order = np.lexsort(np.sort(faces, axis=1).T)
+    ordered = np.sort(faces, axis=1)[order]
+    same = (ordered[1:] == ordered[:-1]).all(axis=1)
+    pairs = np.flatnonzero(same)
+    alone = np.setdiff1d(np.arange(len(faces)), np.concatenate([pairs, pairs + 1]))
+    one = np.concatenate([owner[order[pairs]], owner[order[alone]]])
+    other = np.concatenate([body[owner[order[pairs + 1]]], np.full(len(alone), AIR)])
+    corners = faces[order[np.concatenate([pairs, alone])]]
+    differ = body[one] != other
+    return corners[differ], body[one][differ], other[differ]
+
+
+def surfaces_of(found: list[Surface], points: Points, faces: Indices, one: Indices, other: Indices) -> Indices:
+    """Which surface each face (f, 3) stands for, (f,): of those between its bodies the nearest in place and direction."""
+    corners = points[faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    size = np.sqrt(np.linalg.norm(normal, axis=1)) + 1e-300
+    normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
+    best, chosen = np.full(len(faces), np.inf), np.full(len(faces), -1)
+    for index, surface in enumerate(found):
+        rows = np.flatnonzero(surface.between(one, other) | surface.between(other, one))
+        if len(rows) == 0:
+            continue
+        off = np.abs(np.stack([surface.level(corners[rows, k])[0] for k in range(3)])).max(axis=0)
+        slope = surface.level(corners[rows].mean(axis=1))[1]
+        aside = 1 - np.abs(np.einsum("ij,ij->i", slope, normal[rows]))
+        cost = off + 0.5 * aside * size[rows]
+        better = cost < best[rows]
+        best[rows[better]], chosen[rows[better]] = cost[better], index
+    return chosen
+
+
+def memberships(count: int, faces: Indices, chosen: Indices, surfaces: int) -> NDArray[np.bool_]:
+    """Which surfaces each of ``count`` nodes lies on, (count, surfaces)."""
+    member = np.zeros((count, surfaces), dtype=bool)
+    for k in range(3):
+        member[faces[:, k], chosen] = True
+    return member
+
+
+def snapped(found: list[Surface], points: Points, member: NDArray[np.bool_]) -> Points:
+    """Points (n, 3) moved to all the surfaces that each is a member of, (n, surfaces)."""
+    result = points.copy()
+    single = member.sum(axis=1)
+    for _ in range(_STEPS):
+        for index, surface in enumerate(found):
+            rows = np.flatnonzero(member[:, index] & (single == 1))
+            if len(rows):
+                level, slope = surface.level(result[rows])
+                result[rows] -= level[:, None] * slope
+        _to_edges(found, result, member, np.flatnonzero(single > 1))
+    return result
+
+
+def held(found: list[Surface], points: Points, member: NDArray[np.bool_]) -> Points:
+    """Points (n, 3) moved to those alone that nodes always stay on, of the surfaces that each is a member of, (n, surfaces)."""
+    return snapped(found, points, member & np.array([surface.held for surface in found]))
+
+
+def _to_edges(found: list[Surface], points: Points, member: NDArray[np.bool_], rows: Indices) -> None:
+    """One step of Newton's method for the points of ``rows``, which lie on several surfaces."""
+    if len(rows) == 0:
+        return
+    used = np.flatnonzero(member[rows].any(axis=0))
+    levels, slopes = np.zeros((len(rows), len(used))), np.zeros((len(rows), len(used), 3))
+    for k, index in enumerate(used):
+        on = member[rows, index]
+        levels[on, k], slopes[on, k] = found[index].level(points[rows[on]])
+    points[rows] -= np.einsum("nak,nk->na", np.linalg.pinv(slopes, rcond=1e-3), levels)
+
+
+def _pair(one: list[int], other: list[int]) -> Callable[[Indices, Indices], NDArray[np.bool_]]:
+    return lambda a, b: np.isin(a, one) & np.isin(b, other)
+
+
+def _within(one: int, other: int) -> Callable[[Indices, Indices], NDArray[np.bool_]]:
+    return lambda a, b: (a == one) & (b == other)
+
+
+def _only(body: int) -> Callable[[Indices, Indices], NDArray[np.bool_]]:
+    """Between a body and any other one, but the plane of symmetry."""
+    return lambda a, b: (a == body) & ((b != MIRROR) if body != MIRROR else (b >= 0))
+
+
+def _plane(way: tuple[float, float, float], at: float) -> Level:
+    normal = np.array(way, dtype=float)
+    return lambda points: (points @ normal - at, np.broadcast_to(normal, points.shape))
+
+
+def _cylinder(radius: float, centre: tuple[float, float] = (0.0, 0.0)) -> Level:
+    def level(points: Points) -> tuple[Points, Points]:
+        away = points * [1.0, 1.0, 0.0] - [*centre, 0.0]
+        distance = np.hypot(away[:, 0], away[:, 1])
+        return distance - radius, away / np.maximum(distance, 1e-300)[:, None]
+
+    return level
+
+
+def _sides(found: Layout) -> list[Level]:
+    if found.tissue_radius is not None:
+        return [_cylinder(found.tissue_radius, found.centre)]
+    (x, y), (a, b) = found.centre, found.sides
+    return [_plane((1, 0, 0), x + a), _plane((1, 0, 0), x - a), _plane((0, 1, 0), y + b), _plane((0, 1, 0), y - b)]
+
+
+def _closed(body: object) -> Level:
+    """An ellipsoid as |u| - 1 over its slope; a surface from a file by its nearest points."""
+    if isinstance(body, Ellipsoid):
+        inverse = np.linalg.inv(body.axes)
+        form = inverse.T @ inverse
+
+        def level(points: Points) -> tuple[Points, Points]:
+            away = points - body.centre
+            size = body.level(points)
+            slope = away @ form / np.maximum(size, 1e-9)[:, None]
+            steep = np.maximum(np.linalg.norm(slope, axis=1), 1e-300)
+            return (size - 1) / steep, slope / steep[:, None]
+
+        return level
+    return lambda points: _to_sheet(points, body.nearest(points))  # type: ignore[attr-defined]
+
+
+def _to_sheet(points: Points, nearest: Points) -> tuple[Points, Points]:
+    away = points - nearest
+    distance = np.linalg.norm(away, axis=1)
+    return distance, away / np.maximum(distance, 1e-300)[:, None]

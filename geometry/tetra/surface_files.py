@@ -1,0 +1,181 @@
+"""Inclusions from STL and STEP files: read, checked, and asked how far points are from them.
+
+A file's own coordinates are relative to the inclusion's centre (x, y, -depth) in the scene's axes. An STL file is in
+millimetres; a STEP file says its unit, and cadquery turns it into millimetres. pyvista is imported here alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from geometry.common.errors import InputError, Words
+
+Points = NDArray[np.float64]
+_DEFLECTION = 0.002  # of a STEP surface's diagonal: how far its triangles may lie from it
+_INSIDE = 0.5  # winding number from which a point counts as inside
+_CHUNK = 2_000_000
+_SAMPLES = 10_000
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A triangulated surface in the probe's axes, in m.
+
+    Attributes:
+        points: (n, 3).
+        triangles: (t, 3) indices of points.
+        centre: the inclusion's, (3,).
+    """
+
+    points: Points
+    triangles: NDArray[np.int64]
+    centre: Points
+
+    @property
+    def reach(self) -> Points:
+        """How far it reaches from the centre along each axis, (3,)."""
+        result: Points = np.abs(self.points - self.centre).max(axis=0)
+        return result
+
+    @property
+    def smallest(self) -> float:
+        """Half the least side of the box around it."""
+        return float(np.ptp(self.points, axis=0).min()) / 2
+
+    @cached_property
+    def volume(self) -> float:
+        """The volume inside, in m^3: its triangles' own, or, where that is off as they cross or are open, from samples."""
+        a, b, c = (self.points[self.triangles[:, k]] - self.centre for k in range(3))
+        signed = abs(float(np.einsum("ij,ij->", a, np.cross(b, c)))) / 6
+        low, high = self.points.min(axis=0), self.points.max(axis=0)
+        draws = np.random.default_rng(0).uniform(low, high, (_SAMPLES, 3))
+        sampled = float(self.inside(draws).mean() * np.prod(high - low))
+        return signed if abs(signed - sampled) < 0.04 * sampled else sampled
+
+    @cached_property
+    def closed(self) -> bool:
+        """Whether every edge belongs to two triangles that run along it in opposite directions."""
+        edges = self.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+        forth = np.unique(edges, axis=0)
+        return len(forth) == len(edges) and len(np.unique(np.vstack([edges, edges[:, ::-1]]), axis=0)) == len(edges)
+
+    def winding(self, points: Points) -> Points:
+        """How often the surface goes round each of points (m, 3): 1 inside, 0 outside, fractions where it is open: (m,)."""
+        step = max(1, _CHUNK // len(self.triangles))
+        return np.concatenate([np.zeros(0), *(self._winding(points[k : k + step]) for k in range(0, len(points), step))])
+
+    def _winding(self, points: Points) -> Points:
+        a, b, c = (self.points[self.triangles[:, k]] - points[:, None] for k in range(3))
+        la, lb, lc = (np.linalg.norm(v, axis=2) for v in (a, b, c))
+        dot = [np.einsum("ijk,ijk->ij", u, v) for u, v in ((a, b), (b, c), (c, a))]
+        over = np.einsum("ijk,ijk->ij", a, np.cross(b, c))
+        under = la * lb * lc + dot[0] * lc + dot[1] * la + dot[2] * lb
+        result: Points = np.arctan2(over, under).sum(axis=1) / (2 * np.pi)
+        return result
+
+    def inside(self, points: Points) -> NDArray[np.bool_]:
+        """Whether points (m, 3) lie inside."""
+        near = (np.abs(points - self._middle) <= self._room).all(axis=1)
+        result = np.zeros(len(points), dtype=bool)
+        result[near] = np.abs(self.winding(points[near])) > _INSIDE
+        return result
+
+    def nearest(self, points: Points) -> Points:
+        """The nearest points of the surface, (m, 3)."""
+        result: Points = np.asarray(self._poly.find_closest_cell(points, return_closest_point=True)[1], dtype=float)
+        return result.reshape(-1, 3)
+
+    def crosses(self, other: Sheet) -> bool:
+        """Whether a triangle of one surface touches one of the other."""
+        return bool(self._poly.collision(other._poly, contact_mode=1)[1])
+
+    def distance(self, points: Points) -> Points:
+        """About the distance of points (m, 3) from the surface, (m,): from the nearest corner or middle of a triangle."""
+        return np.asarray(self._tree.query(points)[0])
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(np.vstack([self.points, self.points[self.triangles].mean(axis=1)]))
+
+    @cached_property
+    def _middle(self) -> Points:
+        return np.asarray((self.points.max(axis=0) + self.points.min(axis=0)) / 2)
+
+    @cached_property
+    def _room(self) -> Points:
+        return np.asarray(np.ptp(self.points, axis=0) / 2)
+
+    @cached_property
+    def _poly(self) -> Any:
+        return _pyvista().PolyData.from_regular_faces(self.points, self.triangles)
+
+
+def read_surface(name: str, key: str, centre: Points) -> Sheet:
+    """Read an inclusion's surface from an STL or STEP file; ``key`` names it in messages.
+
+    A surface that is open, crosses itself or is turned inside out is taken where its winding numbers still tell inside
+    from outside.
+
+    Raises:
+        InputError: the file cannot be read, holds no triangles, or does not say what is inside.
+    """
+    path = Path(name)
+    readers = {".stl": _read_stl, ".step": _read_step, ".stp": _read_step}
+    if path.suffix.lower() not in readers:
+        raise InputError(key, name, "a file whose name ends in .stl, .step or .stp")
+    if not path.is_file():
+        raise InputError(key, name, "an STL or STEP file that exists")
+    try:
+        points, triangles = readers[path.suffix.lower()](path)
+    except Exception as fault:  # readers raise what they like
+        raise InputError(key, name, f"an STL or STEP file that can be read ({type(fault).__name__}: {fault})") from None
+    if len(triangles) < 4 or not np.isfinite(points).all():
+        raise InputError(key, Words(f"{name}, with {len(triangles)} triangles"), "a closed surface of finite triangles")
+    sheet = Sheet(points * 1e-3 + centre, triangles, centre)
+    _check_closed(sheet, name, key)
+    return sheet
+
+
+def _check_closed(sheet: Sheet, name: str, key: str) -> None:
+    """Refuse a surface that encloses nothing: the winding numbers inside have to stand out from those near its openings."""
+    if np.ptp(sheet.points, axis=0).min() <= 0:
+        raise InputError(key, Words(f"{name}, a flat surface"), "a closed surface")
+    draws = np.random.default_rng(0).uniform(sheet.points.min(axis=0), sheet.points.max(axis=0), (400, 3))
+    winding = np.abs(sheet.winding(draws))
+    vague = float(((winding > 0.2) & (winding < 0.8)).mean())
+    if winding.max() < 0.8 or vague > 0.1:
+        given = Words(f"{name}, open: of {vague:.0%} of the points in its box it cannot be said whether they are inside")
+        raise InputError(key, given, "a closed surface, or one with small holes only")
+
+
+def _pyvista() -> Any:
+    import pyvista
+
+    return pyvista
+
+
+def _read_stl(path: Path) -> tuple[Points, NDArray[np.int64]]:
+    return _merged(_pyvista().read(str(path)).triangulate())
+
+
+def _merged(poly: Any) -> tuple[Points, NDArray[np.int64]]:
+    """Points and triangles, points that coincide taken together: both formats give each face its own."""
+    poly = poly.clean(tolerance=1e-7)
+    return np.asarray(poly.points, dtype=float), np.asarray(poly.regular_faces, dtype=np.int64)
+
+
+def _read_step(path: Path) -> tuple[Points, NDArray[np.int64]]:
+    from geometry.cad.solids import cadquery
+
+    shape = cadquery().importers.importStep(str(path)).val()
+    diagonal = shape.BoundingBox().DiagonalLength
+    vertices, triangles = shape.tessellate(_DEFLECTION * diagonal, 0.2)
+    points = np.array([vertex.toTuple() for vertex in vertices], dtype=float)
+    return _merged(_pyvista().PolyData.from_regular_faces(points, np.array(triangles, dtype=np.int64)))
