@@ -17,7 +17,7 @@ import numpy as np
 
 from geometry import InputError, Scene, read_scene
 from solver import evaluate
-from solver.closed_form import BALL, PROBE, TISSUE, forces, parameters
+from solver.closed_form.designs import BALL, PROBE, TISSUE, forces, parameters
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "reference"
 FOLDERS = ("axisymmetric", "extra", "extreme", "half-space", "off-axis", "solid")

@@ -1,4 +1,6 @@
-"""Where eq. (B3) of ``solver/closed_blocks.py`` comes from: ``python benchmarks/closed_form_blocks.py [--scenes N] [--seed K]``.
+"""Where eq. (B3) of ``solver/closed_form/block_compliance.py`` comes from.
+
+Usage: ``python benchmarks/closed_form_blocks.py [--scenes N] [--seed K]``.
 
 Random blocks on ground a million times stiffer, by ``axisymmetric``: by how much the Ritz functions are too stiff, and the fit of
 
@@ -15,12 +17,12 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-import solver.closed_blocks as blocks
+import solver.closed_form.block_compliance as blocks
 from geometry import Contact, CylinderTissue, InputError, Load, Material, Probe, Scene
 from geometry.meridian.grading import Floats
 from solver import evaluate
-from solver.closed_blocks import Block
-from solver.closed_probe import Tissue, answer
+from solver.closed_form.block_compliance import Block
+from solver.closed_form.contact import Tissue, answer
 
 GROUND = 1e10  # Pa, under blocks of 1 kPa
 

@@ -1,8 +1,9 @@
 """The closed form's stated errors: where their weights come from, and how they do on other scenes.
 
 ``python benchmarks/closed_form_error.py FILE`` audits: for the scenes of a file of ``closed_form_scenes.py`` it prints quantiles
-of the true errors of ln(ratio), of the logarithms of both totals and of the log-sensitivity, of the stated ones, and of true over
-stated, which must stay below 1. With ``--fit`` it prints weights for eq. (C2) of ``solver/closed_error.py``: none below
+of the true errors of ln(ratio), of the logarithms of both totals and of the log-sensitivity, of the stated ones, and of true
+over stated, which must stay below 1. With ``--fit`` it prints weights for eq. (C2) of
+``solver/closed_form/error_bound.py``: none below
 ``LOWEST``, the sum of the logarithms of all stated errors as small as linear programming makes it (each round weighs a scene by
 what it was told before), so that no scene of the file or of tests/reference is told less than ``MARGIN`` times its error.
 """
@@ -23,10 +24,10 @@ from scipy.optimize import linprog
 
 from geometry import Scene, read_scene
 from geometry.meridian.grading import Floats
-from solver.closed_error import LEAST_SENSITIVITY, WEIGHTS, errors
-from solver.closed_features import features
-from solver.closed_form import parameters
-from solver.closed_level import LARGEST_ERROR, ClosedForm, variants
+from solver.closed_form.designs import parameters
+from solver.closed_form.error_bound import LEAST_SENSITIVITY, WEIGHTS, errors
+from solver.closed_form.error_features import features
+from solver.closed_form.level import LARGEST_ERROR, ClosedForm, variants
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "reference"
 FOLDERS = ("axisymmetric", "extra", "extreme", "extremes", "half-space", "off-axis", "solid", "layers")

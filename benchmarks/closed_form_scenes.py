@@ -17,8 +17,8 @@ import numpy as np
 
 from geometry import InputError, Scene
 from solver import evaluate
-from solver.closed_level import ClosedForm
-from solver.memory import give_back
+from solver.closed_form.level import ClosedForm
+from solver.linalg.memory import give_back
 
 KEPT = ("ratio", "stress_inner", "stress_outer", "stiffness", "log_sensitivity", "error_estimate")
 

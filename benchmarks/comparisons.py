@@ -18,7 +18,7 @@ from peer_ngsolve import evaluate as ngsolve_evaluate
 from peer_ngsolve_curve import central_difference, looping, reusing
 from tables import Table
 
-from solver.convergence import LEVELS
+from solver.axisymmetric.refinement import LEVELS
 
 STEP = 0.01  # relative, of central differences: smaller ones drown in the changes of the mesh
 DIFFERENCED = {"sphere_depth": len(LENGTHS), "tissue.youngs_modulus": len(MATERIALS)}  # and how many variables each stands for

@@ -12,11 +12,11 @@ from tables import Table
 
 from geometry import InputError, Refusal
 from geometry.common.errors import SolveError
-from solver.axisymmetric import Axisymmetric
-from solver.film_forces import FilmForces
-from solver.readings import Readings, readings
-from solver.tumours import Tumours
-from solver.undisturbed import undisturbed
+from solver.axisymmetric.level import Axisymmetric
+from solver.equivalent_inclusion.probe_on_tissue import undisturbed
+from solver.equivalent_inclusion.readings import Readings, readings
+from solver.inclusions.tumours import Tumours
+from solver.results.film_forces import FilmForces
 
 REFERENCE = 0.1  # of the accuracy, asked of the reference
 GROUPS = (0.02, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0)  # bounds of covers, diameters

@@ -14,11 +14,11 @@ import numpy as np
 from tables import Table
 
 from geometry import Scene, read_scene
-from solver.ellipsoids import with_ellipsoids
-from solver.equivalent_inclusion import EquivalentInclusion
-from solver.readings import Readings, readings
-from solver.tumours import Tumours
-from solver.undisturbed import Undisturbed, undisturbed
+from solver.equivalent_inclusion.ellipsoids import with_ellipsoids
+from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.equivalent_inclusion.probe_on_tissue import Undisturbed, undisturbed
+from solver.equivalent_inclusion.readings import Readings, readings
+from solver.inclusions.tumours import Tumours
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "reference"
 FOLDERS = ("axisymmetric", "solid", "off-axis", "extra", "extreme", "layers", "half-space")

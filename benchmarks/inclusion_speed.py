@@ -19,10 +19,10 @@ from tables import Table
 
 from geometry import Scene, read_scene
 from solver import Result, evaluate
-from solver.readings import TOLERANCE, Readings, readings
-from solver.scattered import scattered
-from solver.tumours import Tumours
-from solver.undisturbed import Undisturbed, undisturbed
+from solver.equivalent_inclusion.probe_on_tissue import Undisturbed, undisturbed
+from solver.equivalent_inclusion.readings import TOLERANCE, Readings, readings
+from solver.inclusions.tumours import Tumours
+from solver.multiple_scattering.solve import scattered
 
 SCENE = Path(__file__).parents[1] / "tests" / "reference" / "off-axis" / "stiff-cover-0.25-offset-1.toml"
 ACCURACIES = (0.01, 0.003, 0.001)

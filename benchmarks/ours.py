@@ -13,14 +13,14 @@ from measured import Answer, Curve, Floats, Stopwatch
 from geometry import Scene
 from geometry.meridian.frame import Fineness
 from solver import evaluate as solver_evaluate
-from solver import factor
-from solver.axisymmetric import Axisymmetric
-from solver.base_states import base_states, model
-from solver.convergence import Sample
-from solver.derivatives import variables
-from solver.gradients import areas, by_section
-from solver.sampling import sample
-from solver.sections import sections
+from solver.axisymmetric.base_states import base_states, model
+from solver.axisymmetric.energy_derivatives import variables
+from solver.axisymmetric.gradients import areas, by_section
+from solver.axisymmetric.level import Axisymmetric
+from solver.axisymmetric.refinement import Sample
+from solver.axisymmetric.sample import sample
+from solver.axisymmetric.sections import sections
+from solver.linalg import cholesky as factor
 
 GROWTH = (1, 2, 4, 8, 16)  # multiples of the coarsest mesh's cells in each direction, at order 4: 4e3 to 1e6 unknowns
 SMALLEST = Fineness(1, 0, 2)  # 1e3 unknowns

@@ -14,7 +14,7 @@ from time import process_time
 
 from geometry import Scene, read_scene
 from solver import Decision, evaluate, plan
-from solver.planning import Plan
+from solver.planning.plan import Plan
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "reference"
 FOLDERS = ("axisymmetric", "solid", "layers")

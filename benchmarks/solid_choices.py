@@ -24,13 +24,13 @@ from geometry import Scene, read_scene
 from geometry.scenes.probe import Material
 from geometry.tetra.sizing import COARSE, ROUGH
 from geometry.tetra.tet_mesh import TetMesh
-from solver.converged import converged
-from solver.factor import factorise
-from solver.solid_bodies import assembled, part
-from solver.solid_difference import difference, meshed
-from solver.solid_domain import domain
-from solver.solid_factor import Stiffness, solve
-from solver.solid_states import SolidStates
+from solver.axisymmetric.converged_forces import converged
+from solver.linalg.cholesky import factorise
+from solver.linalg.conjugate_gradients import Stiffness, solve
+from solver.solid.base_states import SolidStates
+from solver.solid.body_stiffness import assembled, part
+from solver.solid.difference import difference, meshed
+from solver.solid.domain import domain
 
 TESTS = Path(__file__).parents[1] / "tests"
 BONDED = {0.3: 1.118576, 0.49: 1.502552, 0.4999: 1.544227}  # apparent modulus over modulus, R/h = 1, PHYSICS section 7

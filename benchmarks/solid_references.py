@@ -20,7 +20,7 @@ from tables import Table
 
 from geometry import Refusal, Scene, read_scene
 from geometry.common.errors import SolveError
-from solver.solid import SolidLevel
+from solver.solid.level import SolidLevel
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "reference"
 

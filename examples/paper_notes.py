@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from paper_order import agreed, order
 
-from solver.published_table import AREA_RATIO, TABLE_3, check, printed_ratios
+from solver.published.table3 import AREA_RATIO, TABLE_3, check, printed_ratios
 
 if TYPE_CHECKING:
     from solver import Result

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from itertools import combinations, pairwise
 
-from solver.published_table import printed_ratios
+from solver.published.table3 import printed_ratios
 
 
 def below(low: int, high: int, ratios: Mapping[int, float], bounds: Mapping[int, float]) -> bool:

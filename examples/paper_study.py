@@ -32,7 +32,7 @@ from probe_design.console import message, saying
 from probe_design.curve_plot import check_format
 from probe_design.scan import Scan, scan
 from solver import Result, evaluate
-from solver.published_table import AREA_RATIO, PLACES, TABLE_3, check
+from solver.published.table3 import AREA_RATIO, PLACES, TABLE_3, check
 
 SCENE = Path(__file__).with_name("paper-study.toml")
 FAR = 0.030  # x of position 4, m: 25 mm from the nearer tumour, 20 mm from the block's side

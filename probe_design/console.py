@@ -11,12 +11,12 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from solver.result import Curve, Result
+from solver.results.result import Curve, Result
 
 if TYPE_CHECKING:
     from probe_design.detectability import Detectability
     from probe_design.scan import Scan
-    from solver.planning import Plan
+    from solver.planning.plan import Plan
 
 UNITS = {
     "stress_inner": "Pa", "stress_outer": "Pa", "ratio": "", "log_sensitivity": "", "stiffness": "N/m", "charge_inner": "C",

@@ -8,7 +8,7 @@ import numpy as np
 
 from geometry.common.errors import InputError
 from geometry.common.files import written_whole
-from solver.result import Curve
+from solver.results.result import Curve
 
 FORMATS = (".png", ".svg", ".pdf")
 

@@ -28,11 +28,11 @@ from geometry.meridian.grading import Floats
 from geometry.scenes.scene import Scene
 from probe_design.scan import Progress, check_accuracy
 from probe_design.spheres import Spheres, check_spheres, target_of
-from solver.equivalent_inclusion import EquivalentInclusion
-from solver.numbering import Bools, Ints
-from solver.readings import Readings, readings
-from solver.result import Decision
-from solver.undisturbed import Undisturbed
+from solver.axisymmetric.dofs import Bools, Ints
+from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
+from solver.equivalent_inclusion.readings import Readings, readings
+from solver.results.result import Decision
 
 FINEST, COARSEST = 5e-4, 0.01  # accuracies chosen by the noise
 CHANGES = 2.0  # times the base states' relative error in a tumour's effect: dF grows by twice, F_0 by once what the strains do
@@ -82,7 +82,7 @@ class Detectability:
         resolved: whether the error is below the change; where it is not there may still be a verdict: not seen.
         noise, seen_threshold, told_threshold: of the verdicts, the second on |change|.
         ratio_without: R_0, with the other inclusions in place.
-        evaluator, seconds, plan, warnings: see ``solver.result.Result``.
+        evaluator, seconds, plan, warnings: see ``solver.results.result.Result``.
     """
 
     depth: tuple[float, ...]

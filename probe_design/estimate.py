@@ -28,8 +28,8 @@ from probe_design.predictions import Model, check_kind
 from probe_design.reasons import Findings, reason, warnings
 from probe_design.strength import DepthAndStrength, Interval, strength
 from probe_design.track import Track
-from solver.equivalent_inclusion import EquivalentInclusion
-from solver.result import Decision
+from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.results.result import Decision
 
 WIDEST = {"youngs_modulus": 100.0, "diameter": 4.0, "depth": 4.0}
 FINEST = 5e-4  # accuracy asked for without being told to
@@ -54,7 +54,7 @@ class Estimate:
         strength_interval: 95 %; None where size, modulus and so the strength are the scene's.
         p_value: how probable a worse fit is if scene and noise are right.
         error_estimate: bound on the relative error of the evaluator's ratio at the best fit; None where there is none.
-        evaluator, seconds, plan, warnings: see ``solver.result.Result``.
+        evaluator, seconds, plan, warnings: see ``solver.results.result.Result``.
     """
 
     unknown: str

@@ -16,11 +16,11 @@ from geometry.common.errors import InputError
 from geometry.meridian.grading import Floats
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Placement, Scene
-from solver.equivalent_inclusion import EquivalentInclusion
-from solver.numbering import Ints
-from solver.readings import Readings
-from solver.tumours import Tumours
-from solver.undisturbed import Undisturbed
+from solver.axisymmetric.dofs import Ints
+from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
+from solver.equivalent_inclusion.readings import Readings
+from solver.inclusions.tumours import Tumours
 
 NOT_SQUARE = 0.3  # of what the sides change between two positions: what their square may leave
 SPLITS = 3  # how often positions are halved to find closer bounds: up to 8 solutions

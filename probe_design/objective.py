@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from geometry.scenes.scene import Scene
-from solver.result import Result
+from solver.results.result import Result
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ from geometry.scenes import fit as placement
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Placement, Scene
 from geometry.scenes.units import Quantity
-from solver.numbering import Bools, Ints
+from solver.axisymmetric.dofs import Bools, Ints
 
 KEYS = ("x", "y", "ratio", "noise", "stiffness", "stiffness_noise")
 MOST_READINGS = 1000

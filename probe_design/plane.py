@@ -22,7 +22,7 @@ from probe_design.likelihood import QUANTILE, threshold
 from probe_design.predictions import Model, Predicted
 from probe_design.strength import DepthAndStrength, strength
 from probe_design.weights import hermite, lagrange, parabola, place
-from solver.numbering import Bools
+from solver.axisymmetric.dofs import Bools
 
 DEPTHS, SIZES = 40, 48  # nodes
 FINE = 121  # points along each axis of a window

@@ -13,7 +13,7 @@ from geometry.scenes.scene import Scene
 from probe_design.objective import Noise
 from probe_design.search import QUIET, stopped_by_user
 from probe_design.space import Space
-from solver.callback import FilmCallback, TumourCallback
+from solver.casadi_functions.finite_elements import FilmCallback, TumourCallback
 
 # keys of ``geometry.scenes.variables.values`` in the order of ``probe_design.space.VARIABLES``
 KEYS = (

@@ -13,11 +13,11 @@ from geometry.scenes.probe import MODULUS, mm
 from geometry.scenes.scene import Inclusion, Placement, Scene
 from probe_design.observations import Data
 from probe_design.spheres import check_spheres
-from solver.equivalent_inclusion import EquivalentInclusion
-from solver.numbering import Bools, Ints
-from solver.readings import Readings, readings
-from solver.tumours import Tumours
-from solver.undisturbed import Undisturbed
+from solver.axisymmetric.dofs import Bools, Ints
+from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
+from solver.equivalent_inclusion.readings import Readings, readings
+from solver.inclusions.tumours import Tumours
 
 CLEAR = 0.995  # of the room that a body may fill: what touches the surface has no model
 WORST = 0.3  # bound on the error of ln ratio beyond which the model is none: such bodies are not searched

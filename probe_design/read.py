@@ -14,10 +14,10 @@ from hw.measure import Measurement, carried
 from probe_design.bench import Bench
 from probe_design.film_readings import newtons
 from probe_design.gains import Gains
-from solver.axisymmetric import Axisymmetric
-from solver.equivalent_inclusion import EquivalentInclusion
+from solver.axisymmetric.level import Axisymmetric
+from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.levels import AUTO, evaluate
-from solver.result import Result
+from solver.results.result import Result
 
 SPREAD = 3**-0.5  # standard deviation of what lies anywhere within a bound of 1: GUM 4.3.7
 

@@ -12,9 +12,9 @@ from probe_design.likelihood import TOLERATED, Piece
 from probe_design.predictions import WORST, Model
 from probe_design.strength import DepthAndStrength, Interval
 from probe_design.track import Track
-from solver.film_forces import Bound, FilmForces, outputs
-from solver.readings import readings
-from solver.tumours import Tumours
+from solver.equivalent_inclusion.readings import readings
+from solver.inclusions.tumours import Tumours
+from solver.results.film_forces import Bound, FilmForces, outputs
 
 IMPROBABLE = 0.01  # a fit this bad says that scene or noise are not what they are said to be
 NAMES = {"youngs_modulus": "E_object", "diameter": "diameter", "depth": "depth"}

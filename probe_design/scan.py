@@ -14,12 +14,12 @@ from geometry.meridian.grading import Floats
 from geometry.scenes.scene import Scene
 from probe_design.line import Line
 from probe_design.spheres import check_spheres
-from solver.equivalent_inclusion import EquivalentInclusion, film_forces
-from solver.film_forces import outputs, ratio
-from solver.numbering import Bools
-from solver.readings import Readings, readings
-from solver.result import Decision
-from solver.undisturbed import Undisturbed
+from solver.axisymmetric.dofs import Bools
+from solver.equivalent_inclusion.level import EquivalentInclusion, film_forces
+from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
+from solver.equivalent_inclusion.readings import Readings, readings
+from solver.results.film_forces import outputs, ratio
+from solver.results.result import Decision
 
 Progress = Callable[[int, int], None]
 Column = tuple[float | None, ...]

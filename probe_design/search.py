@@ -13,8 +13,8 @@ from scipy.stats import qmc
 from geometry.meridian.grading import Floats
 from probe_design.objective import Noise
 from probe_design.space import Space
-from solver.closed_form import PROBE, forces, parameters
-from solver.closed_function import ClosedFormFunction
+from solver.casadi_functions.closed_form import ClosedFormFunction
+from solver.closed_form.designs import PROBE, forces, parameters
 
 SCREENED = 2048  # designs, a power of two as Sobol's sequence likes it
 SEED = 20

@@ -16,9 +16,9 @@ from geometry.meridian.grading import Floats
 from geometry.scenes.scene import Placement, Scene
 from geometry.scenes.variables import changed, values
 from probe_design.bench import Reference, Workshop
-from solver.axisymmetric import Axisymmetric
-from solver.film_forces import outputs
-from solver.gradients import gradients
+from solver.axisymmetric.gradients import gradients
+from solver.axisymmetric.level import Axisymmetric
+from solver.results.film_forces import outputs
 
 ACCURACY = 1e-3
 STEP = 1e-5  # relative, of the central difference of the nominal areas' ratio, which is a polynomial

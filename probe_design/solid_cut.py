@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from geometry.meridian.grading import Floats
 from geometry.tetra.tet_mesh import BEYOND, FACE_MIDDLES, FACES, GROOVE, INCLUSION, INNER, OUTER, TISSUE
-from solver.solid_states import SolidFields, at_nodes
-from solver.solid_system import AT, Problem
-from solver.tetrahedra import Ints
+from solver.solid.base_states import SolidFields, at_nodes
+from solver.solid.problem import AT, Problem
+from solver.solid.tetrahedron import Ints
 
 NAMES = {INNER: "inner", OUTER: "outer", GROOVE: "groove", TISSUE: "tissue", BEYOND: "tissue beyond"}
 SPLIT = np.array([(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)])  # a quadratic triangle as four flat ones

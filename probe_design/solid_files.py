@@ -10,8 +10,8 @@ import numpy as np
 from geometry.common.errors import InputError
 from geometry.common.files import check_writable
 from geometry.scenes.scene import Scene
-from solver.result import Result
-from solver.solid import SolidLevel, indentation
+from solver.results.result import Result
+from solver.solid.level import SolidLevel, indentation
 
 
 def evaluated(
@@ -29,7 +29,7 @@ def evaluated(
 
     Raises:
         InputError: another evaluator, or a file name that ends otherwise.
-        Refusal: see ``solver.solid.SolidLevel.evaluate``.
+        Refusal: see ``solver.solid.level.SolidLevel.evaluate``.
     """
     from probe_design.solid_view import draw_solid, write_vtu
 

@@ -17,8 +17,8 @@ from probe_design.curve_plot import check_format
 from probe_design.solid_cut import Faces, name, present, section, skin
 from probe_design.solid_space import rendered
 from probe_design.solid_stress import deformed, draw_stress, in_millimetres, mesh_lines
-from solver.solid_states import SolidStates, fields
-from solver.solid_system import Problem
+from solver.solid.base_states import SolidStates, fields
+from solver.solid.problem import Problem
 
 SIZE, DPI = (12.5, 9.6), 140  # of the figure: inches, and dots in one
 PALE, PALER = (0.973, 0.875, 0.804), (0.985, 0.945, 0.915)

@@ -15,7 +15,7 @@ from geometry.common.files import written_whole
 from geometry.meridian.grading import Floats
 from probe_design.solid_cut import name, present
 from probe_design.solid_picture import draw_solid
-from solver.solid_states import SolidStates, fields
+from solver.solid.base_states import SolidStates, fields
 
 __all__ = ["draw_solid", "write_vtu"]
 

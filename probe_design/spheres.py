@@ -11,8 +11,8 @@ from geometry.common.errors import InputError, Refusal, Words
 from geometry.meridian.grading import Floats
 from geometry.scenes.probe import LENGTH, mm
 from geometry.scenes.scene import Inclusion, Scene
-from solver.numbering import Bools
-from solver.tumours import Tumours
+from solver.axisymmetric.dofs import Bools
+from solver.inclusions.tumours import Tumours
 
 COVER = 0.025  # least tissue above a sphere, of its diameter, that the level is good for
 CLEAR = 1 - 1e-9  # of the room that a sphere may fill

@@ -81,9 +81,9 @@ class Job:
 
         _caught(lambda: scene_of(self.base, (), ()))
         if self.evaluator == levels.AUTO:
-            import solver.planning
+            import solver.planning.plan
         elif self.evaluator == "closed-form":
-            import solver.closed_level  # noqa: F401
+            import solver.closed_form.level  # noqa: F401
         else:
             levels.evaluator(self.evaluator)
 
@@ -97,7 +97,7 @@ class Job:
         Raises:
             InputError: this software is not that of the job.
         """
-        from solver.threads import one_thread
+        from solver.linalg.threads import one_thread
 
         if version() != self.version:
             raise InputError("version", Words(version()), f"{self.version}, on every worker as where the sweep was started")
@@ -118,7 +118,7 @@ class Job:
         from solver import evaluate
 
         if self.evaluator == "closed-form":
-            from solver.closed_level import ClosedForm
+            from solver.closed_form.level import ClosedForm
 
             together = _caught(lambda: ClosedForm().evaluate_many(scenes, self.accuracy))
             if not isinstance(together, Exception):

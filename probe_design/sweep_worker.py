@@ -22,7 +22,7 @@ def main() -> None:
     os.dup2(2, 1)  # what libraries print is no answer
     from geometry.common.errors import InputError
     from probe_design.sweep_rows import Job
-    from solver.memory import give_back
+    from solver.linalg.memory import give_back
 
     def tell(found: Any) -> None:
         try:

@@ -21,7 +21,7 @@ from scipy.interpolate import CubicSpline
 from geometry.meridian.grading import Floats
 from probe_design.predictions import Model, Predicted
 from probe_design.strength import share_of_shear
-from solver.numbering import Bools, Ints
+from solver.axisymmetric.dofs import Bools, Ints
 
 SOFT = (0.01, 0.04, 0.1, 0.22, 0.45)  # contrasts of nodes below 1: bulk softens fast there
 STIFF = 5  # nodes from contrast 1 to the largest

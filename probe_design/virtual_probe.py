@@ -14,7 +14,7 @@ from geometry.scenes.scene import Scene
 from hw.amplifier import ChargeAmplifier
 from probe_design.bench import Bench, Reference
 from probe_design.shares import predicted
-from solver.result import Result
+from solver.results.result import Result
 
 Matrix = tuple[tuple[float, float], tuple[float, float]]
 RATE = 1000.0  # Hz

@@ -1,6 +1,6 @@
 """A scene in, stresses out: one evaluator per level of fidelity behind one small interface."""
 
 from solver.levels import curve, evaluate, evaluator, plan
-from solver.result import Curve, Decision, Evaluator, Result
+from solver.results.result import Curve, Decision, Evaluator, Result
 
 __all__ = ["Curve", "Decision", "Evaluator", "Result", "curve", "evaluate", "evaluator", "plan"]

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 from geometry.common.errors import InputError, Refusal
 from geometry.meridian.grading import Floats
 from geometry.scenes.scene import Scene
-from solver.film_forces import checked_moduli
-from solver.result import Curve, Evaluator, Result, unbuilt
+from solver.results.film_forces import checked_moduli
+from solver.results.result import Curve, Evaluator, Result, unbuilt
 
 if TYPE_CHECKING:
-    from solver.axisymmetric import Axisymmetric
-    from solver.equivalent_inclusion import EquivalentInclusion
-    from solver.planning import Plan
-    from solver.solid import SolidLevel
+    from solver.axisymmetric.level import Axisymmetric
+    from solver.equivalent_inclusion.level import EquivalentInclusion
+    from solver.planning.plan import Plan
+    from solver.solid.level import SolidLevel
 
 AUTO = "auto"
 BUILT = ("published", "closed-form", "equivalent-inclusion", "axisymmetric", "solid")
@@ -36,19 +36,19 @@ def evaluator(name: str, tell: Tell | None = None) -> Evaluator:
         InputError: no evaluator has that name, or it is not built yet.
     """
     if name == "published":
-        from solver.published import Published
+        from solver.published.level import Published
 
         return Published()
     if name == "closed-form":
-        from solver.closed_level import ClosedForm
+        from solver.closed_form.level import ClosedForm
 
         return ClosedForm()
     if name == "equivalent-inclusion":
-        from solver.equivalent_inclusion import EquivalentInclusion
+        from solver.equivalent_inclusion.level import EquivalentInclusion
 
         return EquivalentInclusion()
     if name == "axisymmetric":
-        from solver.axisymmetric import Axisymmetric
+        from solver.axisymmetric.level import Axisymmetric
 
         return Axisymmetric()
     if name == "solid":
@@ -74,7 +74,7 @@ def evaluate(scene: Scene, name: str = AUTO, accuracy: float = 0.01, tell: Tell 
     check_accuracy(accuracy)
     if name != AUTO:
         return evaluator(name, tell).evaluate(scene, accuracy)
-    import solver.planning  # noqa: F401  what it takes to import is not the answer's cost
+    import solver.planning.plan  # noqa: F401  what it takes to import is not the answer's cost
 
     start = perf_counter()
     planned, level = _planned(scene, accuracy, tell)
@@ -90,7 +90,7 @@ def evaluate(scene: Scene, name: str = AUTO, accuracy: float = 0.01, tell: Tell 
 
 
 def plan(scene: Scene, accuracy: float = 0.01, solid: bool = False) -> Plan:
-    """Say how ``auto`` would answer a scene, what it would leave out, and what that may change; see ``solver.planning``.
+    """Say how ``auto`` would answer a scene, what it would leave out, and what that may change; see ``solver.planning.plan``.
 
     Args:
         scene: any.
@@ -101,7 +101,7 @@ def plan(scene: Scene, accuracy: float = 0.01, solid: bool = False) -> Plan:
         InputError: no such accuracy, or a surface file that cannot be used.
         Refusal: so extreme that not even the coarsest mesh can be solved in double precision.
     """
-    from solver.planning import plan as run
+    from solver.planning.plan import plan as run
 
     check_accuracy(accuracy)
     return run(scene, accuracy, solid)
@@ -113,8 +113,8 @@ def _planned(scene: Scene, accuracy: float, tell: Tell | None) -> tuple[Plan, Ax
     Raises:
         Refusal: no level built yet takes the scene.
     """
-    from solver.axisymmetric import Axisymmetric
-    from solver.equivalent_inclusion import EquivalentInclusion
+    from solver.axisymmetric.level import Axisymmetric
+    from solver.equivalent_inclusion.level import EquivalentInclusion
 
     planned = plan(scene, accuracy)
     if planned.evaluator is None:
@@ -124,7 +124,7 @@ def _planned(scene: Scene, accuracy: float, tell: Tell | None) -> tuple[Plan, Ax
 
 
 def _solid(tell: Tell | None = None) -> SolidLevel:
-    from solver.solid import SolidLevel
+    from solver.solid.level import SolidLevel
 
     return SolidLevel() if tell is None else SolidLevel(tell)
 

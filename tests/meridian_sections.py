@@ -14,9 +14,9 @@ from geometry.meridian.frame import Fineness
 from geometry.meridian.frame import kind as kind_of
 from geometry.meridian.mesh import Topology, nodes, topology
 from geometry.meridian.section import Body, Section
-from solver.quadrilateral import Geometry, geometry
-from solver.sections import HALF_SPACE
-from solver.shapes import shapes
+from solver.axisymmetric.quadrilateral import Geometry, geometry
+from solver.axisymmetric.sections import HALF_SPACE
+from solver.axisymmetric.shape_functions import shapes
 
 COARSE = Fineness(1, 2, 4)
 few, many = (settings(derandomize=True, deadline=None, max_examples=count) for count in (100, 250))

@@ -9,12 +9,12 @@ from scenes import Expected, expected, named
 from geometry import Contact, CylinderTissue, HalfSpaceTissue, Inclusion, Load, Material, Placement, Probe, Refusal, Scene
 from geometry.meridian.frame import Fineness
 from solver import evaluate
-from solver.axisymmetric import Axisymmetric
-from solver.convergence import LEVELS
-from solver.film_forces import Bound, FilmForces, outputs
-from solver.result import Result
-from solver.sampling import sample
-from solver.sections import sections
+from solver.axisymmetric.level import Axisymmetric
+from solver.axisymmetric.refinement import LEVELS
+from solver.axisymmetric.sample import sample
+from solver.axisymmetric.sections import sections
+from solver.results.film_forces import Bound, FilmForces, outputs
+from solver.results.result import Result
 
 SHARED = expected("axisymmetric")
 # origins in reference/README.md: corners of the range of designs; elastic bases and films; tissue without end

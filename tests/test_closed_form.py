@@ -11,17 +11,17 @@ from scipy.special import jv, spherical_jn
 
 from geometry import CylinderTissue, HalfSpaceTissue, Inclusion, InputError, Refusal, Scene
 from solver import evaluate
-from solver.bessel import bessel, spherical
-from solver.closed_aside import Disc, answer_aside
-from solver.closed_blocks import Block
-from solver.closed_form import PROBE, Shape, forces, gradients, parameters
-from solver.closed_function import ClosedFormFunction
-from solver.closed_half_space import ring_work
-from solver.closed_images import ALL, MOMENTS, Nearby, Sphere, image, nearby
-from solver.closed_layer import Waves, floor_compliance, waves
-from solver.closed_level import ClosedForm
-from solver.closed_probe import Tissue, answer
-from solver.film_forces import outputs
+from solver.casadi_functions.closed_form import ClosedFormFunction
+from solver.closed_form.bessel import bessel, spherical
+from solver.closed_form.block_compliance import Block
+from solver.closed_form.contact import Tissue, answer
+from solver.closed_form.designs import PROBE, Shape, forces, gradients, parameters
+from solver.closed_form.half_space import ring_work
+from solver.closed_form.layer import Waves, floor_compliance, waves
+from solver.closed_form.level import ClosedForm
+from solver.closed_form.off_axis import Disc, answer_aside
+from solver.closed_form.surface_images import ALL, MOMENTS, Nearby, Sphere, image, nearby
+from solver.results.film_forces import outputs
 
 FOLDERS = ("axisymmetric", "extra", "extreme", "half-space", "off-axis", "solid", "layers")
 REFUSED = ("narrow-tissue", "inclusion-near-floor", "incompressible-six-nines-frictionless")

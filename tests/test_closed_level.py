@@ -13,8 +13,8 @@ from random_scenes import in_a_block, scenes
 
 from geometry import InputError, Scene
 from solver import Result
-from solver.closed_form import forces, parameters
-from solver.closed_level import ClosedForm, _variants
+from solver.closed_form.designs import forces, parameters
+from solver.closed_form.level import ClosedForm, _variants
 
 KINDS = {"least_cover": 0.05, "farthest": 3.0, "tumours": 3}  # some are covered by too little
 

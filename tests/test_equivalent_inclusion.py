@@ -8,10 +8,10 @@ from scenes import Expected, expected, named
 
 from geometry import Inclusion, Placement, Refusal, Scene
 from solver import curve, evaluate
-from solver.equivalent_inclusion import EquivalentInclusion
-from solver.readings import readings
-from solver.tumours import Tumours
-from solver.undisturbed import undisturbed
+from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.equivalent_inclusion.probe_on_tissue import undisturbed
+from solver.equivalent_inclusion.readings import readings
+from solver.inclusions.tumours import Tumours
 
 LEVEL = "equivalent-inclusion"
 GROOVED = ("groove-on-axis", "groove-over-tumour")

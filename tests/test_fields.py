@@ -12,9 +12,9 @@ from geometry import InputError, Material, Probe, Scene
 from geometry.meridian.frame import Fineness
 from geometry.meridian.section import Body
 from geometry.scenes.scene import HalfSpaceTissue, Load
-from solver.base_states import BaseStates, base_states, model
-from solver.fields import TissueField
-from solver.sections import sections
+from solver.axisymmetric.base_states import BaseStates, base_states, model
+from solver.axisymmetric.sections import sections
+from solver.axisymmetric.tissue_field import TissueField
 
 SCENE = named("axisymmetric", "shallow").scene
 LEVEL = Fineness(1, 4, 8)

@@ -14,12 +14,12 @@ from geometry import InputError, Scene, read_scene
 from geometry.meridian.frame import Fineness
 from geometry.meridian.frame import kind as kind_of
 from geometry.scenes.variables import changed, values
-from solver.callback import FilmCallback
-from solver.convergence import Sample
-from solver.derivatives import variables
-from solver.gradients import OUTPUTS, by_section, gradients
-from solver.sampling import sample
-from solver.sections import sections, with_layers
+from solver.axisymmetric.energy_derivatives import variables
+from solver.axisymmetric.gradients import OUTPUTS, by_section, gradients
+from solver.axisymmetric.refinement import Sample
+from solver.axisymmetric.sample import sample
+from solver.axisymmetric.sections import sections, with_layers
+from solver.casadi_functions.finite_elements import FilmCallback
 
 INDEPENDENT = json.loads((REFERENCE / "gradients.json").read_text())  # benchmarks/generate_gradients.py, NGSolve
 FINE, COARSE = Fineness(1, 4, 8), Fineness(1, 2, 4)

@@ -32,9 +32,9 @@ from geometry.meridian.frame import kind as kind_of
 from geometry.meridian.mesh import SQUARE, Topology, nodes
 from geometry.meridian.section import Body, Section
 from geometry.scenes.probe import Material
-from solver.base_states import model
-from solver.convergence import LEVELS
-from solver.derivatives import velocities
+from solver.axisymmetric.base_states import model
+from solver.axisymmetric.energy_derivatives import velocities
+from solver.axisymmetric.refinement import LEVELS
 
 ARCS = 3e-6  # of a sphere's volume: what polynomials of order 6 leave out of arcs as long as the coarsest mesh has
 

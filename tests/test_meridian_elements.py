@@ -14,9 +14,9 @@ from geometry.meridian.frame import Fineness, Layout
 from geometry.meridian.frame import kind as kind_of
 from geometry.meridian.mesh import SQUARE, Topology, nodes
 from geometry.meridian.section import Body, Section
-from solver.numbering import Numbering, numbering
-from solver.quadrilateral import gradients, matrices, projected
-from solver.shapes import functions, shapes
+from solver.axisymmetric.dofs import Numbering, numbering
+from solver.axisymmetric.quadrilateral import gradients, matrices, projected
+from solver.axisymmetric.shape_functions import functions, shapes
 
 
 def interpolated(s: Section, mesh: Topology, order: int, field: Any) -> np.ndarray:

@@ -10,10 +10,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import sph_harm_y
 
-from solver.harmonics import Harmonics
-from solver.multipoles import VOIGT, Modes, Parity, Side
-from solver.projection import projection
-from solver.scattering import scattering, surface
+from solver.inclusions.projection import projection
+from solver.inclusions.solid_harmonics import Harmonics
+from solver.inclusions.sphere_scattering import scattering, surface
+from solver.inclusions.vector_modes import VOIGT, Modes, Parity, Side
 
 Array = NDArray[Any]
 FULL = ((0, 5, 4), (5, 1, 3), (4, 3, 2))  # Voigt's places in a 3 x 3 tensor

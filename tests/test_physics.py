@@ -14,14 +14,14 @@ from random_scenes import MODULI, between, homogeneous, in_a_block, moved, scale
 
 from geometry import Load, Refusal, Scene
 from solver import Result, evaluate
-from solver.closed_form import forces, parameters
-from solver.converged import sample
-from solver.convergence import LEVELS
-from solver.equivalent_inclusion import EquivalentInclusion, film_forces
-from solver.film_forces import Bound, FilmForces
-from solver.readings import readings
-from solver.sections import sections
-from solver.tumours import Tumours
+from solver.axisymmetric.converged_forces import sample
+from solver.axisymmetric.refinement import LEVELS
+from solver.axisymmetric.sections import sections
+from solver.closed_form.designs import forces, parameters
+from solver.equivalent_inclusion.level import EquivalentInclusion, film_forces
+from solver.equivalent_inclusion.readings import readings
+from solver.inclusions.tumours import Tumours
+from solver.results.film_forces import Bound, FilmForces
 
 ACCURACY = 0.05
 EXACT = 1e-9  # rounding, and the residuals of the equations' solutions

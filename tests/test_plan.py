@@ -16,10 +16,10 @@ from geometry.scenes.probe import Base, Film, Groove
 from geometry.scenes.scene import Contact
 from probe_design.cli import cli
 from solver import Decision, evaluate, evaluator, plan
-from solver.converged import converged
-from solver.planning import Plan
-from solver.rough import Rough
-from solver.solid_domain import plain
+from solver.axisymmetric.converged_forces import converged
+from solver.planning.coarse_model import Rough
+from solver.planning.plan import Plan
+from solver.solid.domain import plain
 
 SCENE = read_scene(REFERENCE / "solid" / "flank.toml")
 

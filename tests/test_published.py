@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from scenes import named
 
 from geometry import InputError, Refusal
-from solver import corrected_equations as corrected
 from solver import evaluate
-from solver import published_equations as printed
+from solver.published import corrected_equations as corrected
+from solver.published import equations as printed
 
 # E_object = 1e5 Pa, nu = 0.4, d = 10 mm, D = 8 mm, a = 5.72 mm, in a 1000 Pa matrix
 SIZES = {"a": 5.72e-3, "d": 10e-3, "D": 8e-3}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from solver import published_table
+from solver.published import table3 as published_table
 
 # Table 3 of "Detecting Embedded Objects Using Haptics with Applications in Artificial Palpation of Tumors", as printed
 PRINTED = """

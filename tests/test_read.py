@@ -16,7 +16,7 @@ from probe_design.gains import Gains
 from probe_design.read import prediction, read
 from probe_design.shares import Share
 from probe_design.virtual_probe import Built, signals
-from solver.result import Result
+from solver.results.result import Result
 
 EXACT = Built(
     gains=((1.0, 0.0), (0.0, 1.0)),

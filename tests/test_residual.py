@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from geometry import read_scene
-from solver import evaluate, system
-from solver.closed_form import answers, parameters
-from solver.factor import Factor, factorise
-from solver.solid_factor import Stiffness, residual
+from solver import evaluate
+from solver.axisymmetric import condensed_system as system
+from solver.closed_form.designs import answers, parameters
+from solver.linalg.cholesky import Factor, factorise
+from solver.linalg.conjugate_gradients import Stiffness, residual
 
 SCENE = read_scene(Path(__file__).parents[1] / "examples" / "scene.toml")
 

@@ -11,10 +11,10 @@ from geometry.meridian.frame import Fineness
 from geometry.meridian.section import Body
 from geometry.scenes.variables import changed
 from solver import curve, evaluate
-from solver.axisymmetric import Axisymmetric
-from solver.base_states import BaseStates, base_states, model
-from solver.response import response
-from solver.sections import sections
+from solver.axisymmetric.base_states import BaseStates, base_states, model
+from solver.axisymmetric.level import Axisymmetric
+from solver.axisymmetric.modulus_response import response
+from solver.axisymmetric.sections import sections
 
 LEVEL = Fineness(1, 2, 4)
 

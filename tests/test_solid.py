@@ -10,10 +10,10 @@ from scenes import Expected, expected, named
 
 from geometry import Groove, Placement, Refusal, Scene
 from solver import evaluate
-from solver.result import Result
-from solver.solid import SolidLevel
-from solver.solid_domain import domain, reach
-from solver.solid_forces import solid_forces
+from solver.results.result import Result
+from solver.solid.domain import domain, reach
+from solver.solid.film_forces import solid_forces
+from solver.solid.level import SolidLevel
 
 pytestmark = pytest.mark.timeout(600)
 SOLID = expected("solid")

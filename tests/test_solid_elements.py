@@ -18,15 +18,15 @@ from geometry.common.errors import SolveError
 from geometry.scenes.probe import Material
 from geometry.scenes.scene_file import scene_from_dict
 from geometry.tetra.tet_mesh import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE, TetMesh
-from solver import solid_factor
-from solver import solid_states as solid_states_module
-from solver.converged import converged
-from solver.solid_bodies import assembled, part
-from solver.solid_curve import solid_response
-from solver.solid_factor import Stiffness, solve
-from solver.solid_states import SolidStates, at_nodes, fields, solid_states
-from solver.solid_system import Problem, Solid, outside
-from solver.tetrahedra import curved, functions, integrated
+from solver.axisymmetric.converged_forces import converged
+from solver.linalg import conjugate_gradients as solid_factor
+from solver.linalg.conjugate_gradients import Stiffness, solve
+from solver.solid import base_states as solid_states_module
+from solver.solid.base_states import SolidStates, at_nodes, fields, solid_states
+from solver.solid.body_stiffness import assembled, part
+from solver.solid.modulus_response import solid_response
+from solver.solid.problem import Problem, Solid, outside
+from solver.solid.tetrahedron import curved, functions, integrated
 
 MESHES = Path(__file__).with_name("meshes")
 

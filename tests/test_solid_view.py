@@ -20,8 +20,8 @@ from probe_design import solid_space
 from probe_design.solid_cut import Faces, name, section, skin
 from probe_design.solid_stress import deformed
 from probe_design.solid_view import draw_solid, write_vtu
-from solver.solid_states import SolidFields, SolidStates, fields, solid_states
-from solver.solid_system import Problem, Solid
+from solver.solid.base_states import SolidFields, SolidStates, fields, solid_states
+from solver.solid.problem import Problem, Solid
 
 ROOT = Path(__file__).parents[1]
 DOWN = np.array([1e-5, 1e-5, 0.0])

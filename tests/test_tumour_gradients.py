@@ -8,13 +8,13 @@ from scenes import named
 
 from geometry import InputError, Scene
 from geometry.scenes.variables import changed, values
-from solver.callback import TumourCallback
-from solver.gradients import OUTPUTS
-from solver.readings import readings
-from solver.sections import sections
-from solver.tumour_gradients import first_order, tumour_gradients
-from solver.tumours import Tumours
-from solver.undisturbed import undisturbed
+from solver.axisymmetric.gradients import OUTPUTS
+from solver.axisymmetric.sections import sections
+from solver.casadi_functions.finite_elements import TumourCallback
+from solver.equivalent_inclusion.gradients import first_order, tumour_gradients
+from solver.equivalent_inclusion.probe_on_tissue import undisturbed
+from solver.equivalent_inclusion.readings import readings
+from solver.inclusions.tumours import Tumours
 
 FLANK = named("solid", "flank").scene
 PAIR = named("off-axis", "pair-off-axis").scene

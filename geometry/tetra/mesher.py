@@ -1,7 +1,8 @@
 """From a scene to a mesh of quadratic tetrahedra labelled by body: surfaces, pytetwild, exact surfaces, checks.
 
 pytetwild is called once for all surfaces, in a space where the gap is wide and far tissue near
-(``geometry.tetra.stretched_space``). A mesh that fails the checks is made again, finer; one that fails still is refused, never used.
+(``geometry.tetra.stretched_space``). A mesh that fails the checks is made again, finer; one that fails still is refused,
+never used.
 """
 
 from __future__ import annotations

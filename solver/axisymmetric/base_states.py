@@ -1,0 +1,163 @@
+"""The two base states of a scene: one block moved down against the base by one unit, the other not.
+
+With a rigid base this is the base of one block moved and the other held. Film forces are energies of pairs of states,
+F_ij = u_i^T K u_j: consistent reactions, which converge at twice the rate of the displacements. K is affine in every
+Young's modulus, so the derivative of F_ij by the modulus of a body is the part of that energy inside it (the states
+are their own adjoints).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.common.errors import SolveError
+from geometry.meridian.frame import Fineness, Kind
+from geometry.meridian.frame import kind as kind_of
+from geometry.meridian.grading import Floats
+from geometry.meridian.mesh import Topology, nodes, topology
+from geometry.meridian.section import Body, Section
+from geometry.scenes.probe import Material
+from solver.axisymmetric.condensed_system import System
+from solver.axisymmetric.dofs import Interface, numbering
+from solver.axisymmetric.quadrilateral import Geometry, geometry, lame, matrices
+from solver.axisymmetric.shape_functions import Shapes, shapes
+
+Materials = Mapping[Body, Material]
+LARGEST = 1e9  # bytes of all element matrices; the whole takes about four times as much
+
+
+@dataclass(frozen=True)
+class Model:
+    """A section with its materials on one mesh: element matrices and the factorised system.
+
+    Attributes:
+        section, materials: what is modelled.
+        mesh: the elements.
+        shapes: their functions.
+        at: their geometry.
+        shear, volume: their stiffness per unit 2 mu and lambda, shape (n, 2 s, 2 s); u_r before u_z.
+        two_mu, lam: of each element, shape (n,).
+        recovery: what gives the values inside an element from those on corners and edges, shape (n, 2 (p-1)^2, 8 p).
+        system: of the unknowns on corners and edges.
+    """
+
+    section: Section
+    materials: Materials
+    mesh: Topology
+    shapes: Shapes
+    at: Geometry
+    shear: Floats
+    volume: Floats
+    two_mu: Floats
+    lam: Floats
+    recovery: Floats
+    system: System
+
+    def whole(self, edge: Floats) -> Floats:
+        """All values of the elements, (n, 2 s, k), from those on corners and edges, (n, 8 p, k)."""
+        n, s, m, k = len(edge), len(self.shapes.degrees), self.shapes.skeleton, edge.shape[-1]
+        out = np.empty((n, 2, s, k))
+        out[:, :, :m] = edge.reshape(n, 2, m, k)
+        out[:, :, m:] = (self.recovery @ edge).reshape(n, 2, s - m, k)
+        return out.reshape(n, 2 * s, k)
+
+
+@dataclass(frozen=True)
+class BaseStates:
+    """Film forces per unit displacement of the blocks.
+
+    Attributes:
+        model: what was solved.
+        v: the unknowns of both states, shape (unknowns, 2).
+        own: all values of the elements in both states, rigid shifts taken out, shape (n, 2 s, 2).
+        shift: these shifts along z, shape (n, 2).
+        forces: F_ij, force on block i (0 inner, 1 outer) per unit displacement of base j, N/m, shape (2, 2).
+        rounding: bound on what rounding changes in ``forces``, shape (2, 2).
+        residual: of both solutions, relative to |K| |u|, the larger.
+    """
+
+    model: Model
+    v: Floats
+    own: Floats
+    shift: Floats
+    forces: Floats
+    rounding: Floats
+    residual: float
+
+    def slope(self, body: Body = Body.INCLUSION) -> Floats:
+        """Return dF_ij / d ln E of a body, N/m, shape (2, 2)."""
+        inside = self.model.mesh.body == body
+        model, u = self.model, self.own[inside]
+        stiffness = model.two_mu[inside, None, None] * model.shear[inside] + model.lam[inside, None, None] * model.volume[inside]
+        return products(u, stiffness @ u)
+
+
+def model(section: Section, materials: Materials, interface: Interface, fineness: Fineness, kind: Kind | None = None) -> Model:
+    """Integrate, condense and factorise.
+
+    Raises:
+        SolveError: the mesh has a cell without area, or too many cells.
+    """
+    mesh = topology(kind or kind_of(section), fineness)
+    functions = shapes(fineness.order)
+    size = 16 * len(mesh.body) * (2 * len(functions.degrees)) ** 2
+    if size > LARGEST:
+        raise SolveError(f"its element matrices need {size / 1e9:.1f} GB, allowed {LARGEST / 1e9:g} GB")
+    at = geometry(nodes(section, mesh, functions.places), functions)
+    two_mu, lam = _moduli(mesh, materials)
+    n, s = len(mesh.body), len(functions.degrees)
+    parts = matrices(at, functions)
+    edge, recovery = condensed(
+        two_mu[:, None, None, None, None] * parts[0] + lam[:, None, None, None, None] * parts[1], functions.skeleton
+    )
+    system = System.of(numbering(mesh, fineness.order, interface), edge)
+    shear, volume = (part.reshape(n, 2 * s, 2 * s) for part in parts)
+    return Model(section, materials, mesh, functions, at, shear, volume, two_mu, lam, recovery, system)
+
+
+def base_states(model: Model) -> BaseStates:
+    """Solve both base states.
+
+    Raises:
+        SolveError: the residual of the solution is too large to be trusted.
+    """
+    system = model.system
+    lift = system.numbering.lift
+    v, left, residual = system.solve(np.zeros((system.numbering.unknowns, 2)), lift, passes=2)
+    own, shift = system.own(v, lift), system.shifts(v, lift)
+    forces = products(own, system.stiffness @ own)
+    hidden = np.abs(left.T @ system.factor.solve(left))  # what the forces would change if the equations were met exactly
+    # ten standard deviations of the energy when every entry of the matrices carries an independent rounding error
+    variance = products(own**2, system.stiffness**2 @ own**2)
+    rounding = 10 * np.finfo(float).eps * np.sqrt(variance) + hidden
+    return BaseStates(model, v, model.whole(own), shift, forces, rounding, residual)
+
+
+def products(a: Floats, b: Floats) -> Floats:
+    """Return sums a_i^T b_j over all elements, of arrays (n, size, i) and (n, size, j), shape (i, j)."""
+    return np.asarray(a.reshape(-1, a.shape[-1]).T @ b.reshape(-1, b.shape[-1]))
+
+
+def _moduli(mesh: Topology, materials: Materials) -> tuple[Floats, Floats]:
+    moduli, ratios = np.zeros(len(Body)), np.zeros(len(Body))
+    for body, material in materials.items():
+        moduli[body], ratios[body] = material.youngs_modulus, material.poisson_ratio
+    return lame(moduli[mesh.body], ratios[mesh.body])
+
+
+def condensed(stiffness: Floats, skeleton: int) -> tuple[Floats, Floats]:
+    """Eliminate each element's inside, whose functions come after its ``skeleton``; stiffness (n, c, s, c, s), c components.
+
+    Returns the condensed matrices and what gives the inside from the edge: inside = recovery @ edge.
+    """
+    n, c, s = stiffness.shape[:3]
+    edge, inner = c * skeleton, c * (s - skeleton)
+    low, high = slice(None, skeleton), slice(skeleton, None)
+    outside = stiffness[:, :, low, :, low].reshape(n, edge, edge)
+    across = stiffness[:, :, high, :, low].reshape(n, inner, edge)
+    recovery = -np.linalg.solve(stiffness[:, :, high, :, high].reshape(n, inner, inner), across)
+    left = outside + across.transpose(0, 2, 1) @ recovery
+    return (left + left.transpose(0, 2, 1)) / 2, np.asarray(recovery)

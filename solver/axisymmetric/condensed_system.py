@@ -1,0 +1,81 @@
+"""A condensed linear system: factorised once, solved for any forces, its residual known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from geometry.common.errors import SolveError
+from geometry.meridian.grading import Floats
+from solver.axisymmetric.dofs import Numbering
+from solver.linalg.cholesky import Factor, factorise
+
+LARGEST_RESIDUAL = 1e-9  # relative, in the 2-norm; direct solves leave about 1e-16
+
+
+@dataclass(frozen=True)
+class System:
+    """The stiffness of all elements, condensed to corners and edges, and its factors.
+
+    A rigid shift strains nothing, but a stiff element computes large forces from its rounding errors.
+    So each element is told its displacements less the shift of its first corner.
+
+    Attributes:
+        numbering: of the unknowns.
+        stiffness: of the elements, shape (n, 8 p, 8 p).
+        matrix: they assembled, shape (unknowns, unknowns).
+        factor: of it.
+    """
+
+    numbering: Numbering
+    stiffness: Floats
+    matrix: Any
+    factor: Factor
+
+    @classmethod
+    def of(cls, numbering: Numbering, stiffness: Floats, shared: bool = True) -> System:
+        """Assemble and factorise; systems of one numbering that are used in turn are not ``shared``, see ``factor.py``."""
+        matrix = numbering.assemble(stiffness)
+        return cls(numbering, stiffness, matrix, factorise(matrix, numbering if shared else None))
+
+    def own(self, v: Floats, lift: Floats | float = 0.0) -> Floats:
+        """The elements' own values of displacements v (unknowns, k) and lift (n, 8 p, k), rigid shifts taken out; (n, 8 p, k)."""
+        local = self._local(v, lift)
+        up = self.numbering.vertical
+        return np.asarray(local - local[:, None, np.argmax(up)] * up[:, None])
+
+    def shifts(self, v: Floats, lift: Floats | float = 0.0) -> Floats:
+        """The rigid shifts along z that ``own`` takes out, shape (n, k)."""
+        return self._local(v, lift)[:, np.argmax(self.numbering.vertical)]
+
+    def _local(self, v: Floats, lift: Floats | float) -> Floats:
+        return np.asarray((self.numbering.gather @ v).reshape(*self.stiffness.shape[:2], -1) + lift)
+
+    def add_up(self, forces: Floats) -> Floats:
+        """Add the elements' forces, shape (n, 8 p, k), to those of the unknowns."""
+        return np.asarray(self.numbering.gather.T @ forces.reshape(-1, forces.shape[-1]))
+
+    def solve(self, forces: Floats, lift: Floats | float = 0.0, passes: int = 1) -> tuple[Floats, Floats, float]:
+        """Return displacements v with K (v + lift) = forces, what is left of the forces, (unknowns, k) both, and its share.
+
+        Raises:
+            SolveError: what is left is too large for the solution to be trusted.
+        """
+        v = np.zeros_like(forces)
+        for k in range(passes + 1):
+            left = forces - self.add_up(self.stiffness @ self.own(v, lift))
+            if k < passes:
+                v += self.factor.solve(left)
+        scale = np.linalg.norm(self._magnitude(v, lift) + np.abs(forces), axis=0)
+        residual = float(np.max(np.linalg.norm(left, axis=0) / np.where(scale > 0, scale, 1.0)))
+        if not residual <= LARGEST_RESIDUAL:
+            allowed = f"relative residual {residual:.1e}, allowed {LARGEST_RESIDUAL:.0e}"
+            raise SolveError(f"the linear system was not solved: {allowed}")
+        return v, left, residual
+
+    def _magnitude(self, v: Floats, lift: Floats | float) -> Floats:
+        """|K| |u|, to which rounding errors are proportional."""
+        local = np.abs((self.numbering.gather @ v).reshape(*self.stiffness.shape[:2], -1)) + np.abs(lift)
+        return np.asarray(abs(self.numbering.gather).T @ (np.abs(self.stiffness) @ local).reshape(-1, v.shape[-1]))

@@ -1,0 +1,102 @@
+"""Film forces of a scene to the accuracy asked for, with everything that is known of their errors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cache, partial
+
+import numpy as np
+
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Scene
+from solver.axisymmetric.omitted_details import LAYERS, Change, left_out
+from solver.axisymmetric.refinement import LEVELS, Errors, Sample, refined
+from solver.axisymmetric.sample import sample
+from solver.axisymmetric.sections import sections, with_layers
+from solver.results.film_forces import Bound, FilmForces
+from solver.results.result import Decision
+
+NEGLIGIBLE = 0.05  # of the accuracy: films and base that change less are left out
+LAYERED = 2.0  # times the meshes' errors where films or a base are modelled: their corners are graded less finely
+
+
+@dataclass(frozen=True)
+class Converged:
+    """Film forces at each modulus asked for.
+
+    Attributes:
+        films: with their errors.
+        sample: where they come from; its states are those of one of the moduli, or of one between them.
+        plan: what is modelled or left out, beyond blocks and tissue.
+        notes: what stands in the way of a better answer, one line each.
+    """
+
+    films: tuple[FilmForces, ...]
+    sample: Sample
+    plan: tuple[Decision, ...]
+    notes: tuple[str, ...]
+
+
+def converged(scene: Scene, accuracy: float, moduli: Floats | None = None) -> Converged:
+    """Return film forces on the first mesh that meets ``accuracy``, or on the finest.
+
+    Raises:
+        SolveError: the scene's equations cannot be solved in double precision.
+    """
+    plain = sections(scene)
+    rough = cache(lambda: sample(plain.section, plain, scene, LEVELS[0], moduli))
+    changes = list(left_out(scene, plain, rough, moduli))
+    layers = [change for change in changes if change.feature in LAYERS]
+    chosen = plain
+    if any(change.effect > NEGLIGIBLE * accuracy for change in layers):
+        chosen = with_layers(scene, plain)
+        changes = [replace(change, modelled=True) if change in layers else change for change in changes]
+    missing = [change for change in changes if not change.modelled]
+    solve = partial(sample, chosen.section, chosen, scene, moduli=moduli)
+
+    def good(found: Sample, errors: Errors) -> bool:
+        numerical, films = _films(scene, found, errors), _films(scene, found, errors, missing)
+        reached, least = (max(one.error_under(scene) for one in some) for some in (films, numerical))
+        small = reached <= accuracy or (reached - least > accuracy and least <= accuracy / 2)
+        return small and all(_sensitive_enough(one, accuracy) for one in numerical)
+
+    found, errors, why = refined(
+        lambda level: rough() if level == LEVELS[0] and chosen is plain else solve(level), accuracy, good
+    )
+    films = _films(scene, found, errors, missing)
+    plan = tuple(change.decision(accuracy) for change in changes)
+    return Converged(films, found, plan, tuple(_notes(scene, films, missing, accuracy, why)))
+
+
+def _films(scene: Scene, found: Sample, errors: Errors, changes: Iterable[Change] = ()) -> tuple[FilmForces, ...]:
+    films = []
+    for k, forces in enumerate(found.forces):
+        margin = LAYERED if found.states.model.section.given_layers else 1.0
+        bound = Bound.independent(margin * errors.totals[k], forces)
+        told = margin * float(errors.sensitivity[k])
+        for change in changes:
+            bound, told = bound + change.bounds[k], told + float(change.sensitivity[k])
+            forces = forces + np.broadcast_to(change.shift, found.forces.shape)[k]
+        films.append(FilmForces(forces, bound, found.slope[k] if scene.target is not None else None, told))
+    return tuple(films)
+
+
+def _sensitive_enough(films: FilmForces, accuracy: float) -> bool:
+    return films.sensitivity_error <= max(5 * accuracy * abs(films.log_sensitivity or 0.0), 1e-5)
+
+
+def _notes(
+    scene: Scene, films: tuple[FilmForces, ...], missing: Iterable[Change], accuracy: float, why: str | None
+) -> Iterable[str]:
+    for change in missing:
+        if change.effect > NEGLIGIBLE * accuracy:
+            yield f"left out: {change.feature}, changes the ratio by at most about {change.effect:.2g}, counted in error_estimate"
+    reached = max(one.error_under(scene) for one in films)
+    if reached > accuracy:
+        bounds = f"error bounds of {reached:.2g}" if reached < 1 else "error bounds no smaller than the values themselves"
+        text = f"{bounds} reached, accuracy {accuracy:g} asked for"
+        yield text + (f"; no finer mesh helped: {why}" if why else ": what stands in the way is listed")
+    worst = max((one.sensitivity_error / max(abs(one.log_sensitivity or 0.0), 2e-6 / accuracy) for one in films), default=0.0)
+    if scene.target is not None and worst > 5 * accuracy:
+        yield f"log_sensitivity is good to about {worst:.1g} of itself only"

@@ -1,0 +1,164 @@
+"""Exact derivatives of ratio, stresses, stiffness and log-sensitivity by every number of a scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.common.errors import InputError
+from geometry.meridian.grading import Floats
+from geometry.meridian.section import Body
+from geometry.scenes.scene import Scene
+from geometry.scenes.variables import length_derivatives, values
+from solver.axisymmetric.base_states import Model
+from solver.axisymmetric.energy_derivatives import energy_derivatives, variables
+from solver.axisymmetric.modulus_response import tangent
+from solver.axisymmetric.refinement import Sample
+
+NEGLIGIBLE = 1e-8
+OUTPUTS = ("ratio", "stress_inner", "stress_outer", "stiffness", "log_sensitivity")
+MATERIALS = {
+    "tissue": Body.TISSUE, "probe.inner": Body.INNER, "probe.outer": Body.OUTER, "inclusion": Body.INCLUSION,
+    "probe.base": Body.BASE, "probe.film": Body.FILM,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Gradients:
+    """Outputs at the scene's load, for k Young's moduli of the inclusion, and their derivatives.
+
+    Attributes:
+        variables: keys of ``geometry.scenes.variables.values``, v of them.
+        values: by name of ``OUTPUTS``, SI, shape (k,).
+        derivatives: by output, in SI units per SI unit of each variable, shape (k, v).
+    """
+
+    variables: tuple[str, ...]
+    values: dict[str, Floats]
+    derivatives: dict[str, Floats]
+
+
+def gradients(scene: Scene, sample: Sample, names: tuple[str, ...] | None = None) -> Gradients:
+    """Differentiate a sample's outputs: the discrete ones, exactly, at a fixed topology of the mesh.
+
+    Derivatives of log_sensitivity cost one more solve with two right sides: u' = -K^-1 K' u of both states. Lengths of a
+    base or a film are left at their values.
+
+    Raises:
+        InputError: a name is none of the scene's variables.
+    """
+    known = _differentiable(scene, sample)
+    chosen = known if names is None else names
+    unknown = [name for name in chosen if name not in known]
+    if unknown:
+        raise InputError("variable", unknown[0], ", ".join(known))
+    chain = np.array([by_scene(scene, sample.states.model, name) for name in chosen])  # (v, section variables)
+    logs = by_section(sample)
+    totals, f = sample.totals, logs.totals  # (k, 2), (k, section variables, 2)
+    log_stress = f - areas(scene, sample.states.model)
+    if scene.load.indentation is None:
+        log_stress = log_stress - _stiffness(totals, f)[..., None]
+    logarithmic = {
+        "ratio": log_stress[..., 0] - log_stress[..., 1],
+        "stress_inner": log_stress[..., 0],
+        "stress_outer": log_stress[..., 1],
+        "stiffness": _stiffness(totals, f),
+    }
+    found = _values(scene, sample)
+    derivatives = {name: found[name][:, None] * (change @ chain.T) for name, change in logarithmic.items()}
+    derivatives["log_sensitivity"] = logs.sensitivity @ chain.T
+    for change in derivatives.values():  # by the inclusion's modulus: that of each value, not of the states
+        change[:, [name == "inclusion.youngs_modulus" for name in chosen]] /= sample.times[:, None]
+    return Gradients(chosen, found, derivatives)
+
+
+def _differentiable(scene: Scene, sample: Sample) -> tuple[str, ...]:
+    """The scene's variables; not each height alone where an elastic base lies level on both films: it would get a step."""
+    level = sample.states.model.mesh.layout.kind.base == 0
+    return tuple(name for name in values(scene) if not (level and name in ("probe.inner_height", "probe.outer_height")))
+
+
+@dataclass(frozen=True)
+class SectionDerivatives:
+    """Derivatives of ln of the films' totals, (k, v, 2), and of the log-sensitivities, (k, v), by the section's variables."""
+
+    totals: Floats
+    sensitivity: Floats
+
+
+def by_section(sample: Sample) -> SectionDerivatives:
+    """Differentiate energies; the states' own change enters the slope F' alone, eq. (G3).
+
+    F' = dF / d ln E = t u^T K_b u:  dF' = 2 u'^T dK u + t u^T dK_b u,  u' = du / d ln E.
+    """
+    model, t = sample.states.model, sample.times
+    whole, u, du = sample.states.own, np.broadcast_to(np.eye(2), (len(t), 2, 2)), None
+    if Body.INCLUSION in model.materials:
+        spanned = sample.response or tangent(sample.states)
+        whole, u, du = _narrowed(spanned.whole(), *spanned.states_at(t))
+    rest, inside = energy_derivatives(model, whole, Body.INCLUSION)
+    dK = rest + t[:, None, None, None] * inside
+    forces = np.einsum("kai,kvab,kbj->kvij", u, dK, u, optimize=True)
+    totals = sample.totals[:, None]
+    logs = forces.sum(axis=-1) / totals
+    if du is None:
+        return SectionDerivatives(logs, np.zeros(logs.shape[:2]))
+    slope = np.einsum("kai,kvab,kbj->kvij", du, dK, u, optimize=True)
+    slope = slope + slope.swapaxes(-1, -2)
+    slope += t[:, None, None, None] * np.einsum("kai,vab,kbj->kvij", u, inside, u, optimize=True)
+    change = slope.sum(axis=-1) / totals - sample.slope.sum(axis=-1)[:, None] / totals * logs
+    return SectionDerivatives(logs, change[..., 0] - change[..., 1])
+
+
+def _narrowed(whole: Floats, u: Floats, du: Floats) -> tuple[Floats, Floats, Floats]:
+    """Leave out of a basis what no state has more than NEGLIGIBLE of; shapes (n, s, m), (k, m, 2), (k, m, 2)."""
+    both = np.concatenate([u, du]).transpose(1, 0, 2).reshape(u.shape[1], -1)
+    scale = np.sqrt(np.einsum("esm,esm->m", whole, whole))
+    turn, size, _ = np.linalg.svd(scale[:, None] * both, full_matrices=False)
+    turn = turn[:, size > NEGLIGIBLE * size[0]]
+    down = scale[:, None] * turn
+    return whole @ (turn / scale[:, None]), down.T @ u, down.T @ du
+
+
+def _stiffness(totals: Floats, logs: Floats) -> Floats:
+    """Derivative of ln of the total force, (k, v)."""
+    return np.asarray((logs * totals[:, None]).sum(axis=-1) / totals.sum(axis=-1)[:, None])
+
+
+def areas(scene: Scene, model: Model) -> Floats:
+    """Derivatives of ln of the end areas by the section's variables, shape (v, 2)."""
+    names, probe = variables(model), scene.probe
+    out = np.zeros((len(names), 2))
+    ring = probe.outer_area / np.pi
+    out[names.index("inner_radius"), 0] = 2.0
+    out[names.index("hole_radius"), 1] = -2 * probe.hole_radius**2 / ring
+    out[names.index("tube_radius"), 1] = 2 * probe.tube_radius**2 / ring
+    return out
+
+
+def by_scene(scene: Scene, model: Model, name: str) -> Floats:
+    """Derivatives of the section's variables (ln of lengths and moduli, Poisson's ratios) by one of the scene's."""
+    known = variables(model)
+    out = np.zeros(len(known))
+    for length, change in length_derivatives(scene).get(name, {}).items():
+        if length in known:
+            out[known.index(length)] = change / getattr(model.section, length)
+    owner, _, what = name.rpartition(".")
+    body = MATERIALS.get(owner) if what != "adhesive_modulus" else Body.ADHESIVE
+    if body is not None and body in model.materials and what in ("youngs_modulus", "poisson_ratio", "adhesive_modulus"):
+        ratio = what == "poisson_ratio"
+        key = f"{body.name.lower()}_{what if ratio else 'youngs_modulus'}"
+        out[known.index(key)] = 1.0 if ratio else 1 / model.materials[body].youngs_modulus
+    return out
+
+
+def _values(scene: Scene, sample: Sample) -> dict[str, Floats]:
+    totals, ends = sample.totals, np.array([scene.probe.inner_area, scene.probe.outer_area])
+    stiffness = totals.sum(axis=1)
+    moved = scene.load.indentation
+    indentation = (scene.load.force or 0.0) / stiffness if moved is None else np.full(len(totals), moved)
+    stress = totals * indentation[:, None] / ends
+    ratio = totals[:, 0] / totals[:, 1] * ends[1] / ends[0]
+    found = (ratio, stress[:, 0], stress[:, 1], stiffness, sample.log_sensitivity)
+    return dict(zip(OUTPUTS, found, strict=True))

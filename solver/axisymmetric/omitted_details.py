@@ -1,0 +1,113 @@
+"""What a rotationally symmetric model of blocks and tissue leaves out, each with a bound on what it changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import pchip_interpolate
+
+from geometry.common.errors import SolveError
+from geometry.meridian.frame import kind as kind_of
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Scene
+from solver.axisymmetric.refinement import LEVELS, Sample
+from solver.axisymmetric.sample import sample
+from solver.axisymmetric.sections import HALF_SPACE, Sections
+from solver.results.detail_compliance import details
+from solver.results.film_forces import Bound
+from solver.results.result import Decision, Effect
+
+LAYERS = "film compliance", "elastic base"  # what the meridian plane can hold
+BEYOND = f"the tissue beyond {HALF_SPACE:g} probe sizes"
+SECOND_ORDER = 1 / 3  # of what the mean over cylinders shifts: what it may leave
+SLACK = 1.2  # on the bracket of tissue that is not round: within it the ratio need not be monotone
+
+
+@dataclass(frozen=True)
+class Change:
+    """A feature and a bound on what its omission changes of the film forces at each modulus.
+
+    Attributes:
+        sensitivity: estimate of what it changes of the log-sensitivities, shape (k,).
+        totals: on each film that it is relative to, N/m, shape (k, 2).
+        shift: what is known of the change of the forces, and added to them, N/m, shape (k, 2, 2); or nothing.
+    """
+
+    feature: str
+    bounds: tuple[Bound, ...]
+    sensitivity: Floats
+    totals: Floats
+    modelled: bool = False
+    shift: Floats | float = 0.0
+
+    @property
+    def effect(self) -> float:
+        """The largest relative change of the ratio."""
+        return max(bound.log_ratio for bound in self.bounds)
+
+    def decision(self, accuracy: float) -> Decision:
+        """Return what the plan says of it."""
+        totals = np.array([bound.totals for bound in self.bounds])
+        with np.errstate(divide="ignore"):
+            stresses = totals / np.abs(self.totals)
+            stiffness = totals.sum(axis=1) / np.abs(self.totals.sum(axis=1))
+        size = f"changes the ratio by at most about {self.effect:.2g}"
+        reason = f"modelled: {size}" if self.modelled else f"left out: {size}, counted in error_estimate"
+        on = Effect(self.effect, float(stresses.max()), float(stiffness.max()))
+        return Decision.of(self.feature, self.modelled, on, accuracy, reason)
+
+
+def left_out(scene: Scene, plain: Sections, rough: Callable[[], Sample], moduli: Floats | None) -> Iterable[Change]:
+    """Yield bounds on what round blocks on a rigid base and round tissue leave out.
+
+    Args:
+        scene: whose details are left out.
+        plain: its sections without them.
+        rough: solves the section on the coarsest mesh.
+        moduli: of the inclusion, Pa, shape (k,), or None for its own.
+
+    Raises:
+        SolveError: the coarsest mesh cannot be solved.
+    """
+    none = np.zeros(1 if moduli is None else len(moduli))
+    for detail in details(scene.probe):
+        yield Change(detail.name, tuple(detail.bound(forces) for forces in rough().forces), none, rough().totals)
+    if plain.bracket:
+        yield _sides(scene, plain, rough(), moduli)
+    if scene.tissue.shape == "half-space":
+        share = 4 / HALF_SPACE
+        bounds = tuple(Bound(share * np.abs(totals), share) for totals in rough().totals)
+        yield Change(BEYOND, bounds, none, rough().totals)
+
+
+def _sides(scene: Scene, plain: Sections, rough: Sample, moduli: Floats | None) -> Change:
+    """The tissue's sides are not round about the probe's axis: the mean over cylinders of all their distances, eq. (A4).
+
+    F = (1 / 2 pi) Int F_cylinder(R(theta)) d theta is right to first order in how far sides deviate from a circle. With b what
+    the inscribed or circumscribed cylinder changes of a total, relative, what is left is bounded by a third of the shift and b^2;
+    3D references with b = 0.03 and 0.06 leave 0.0001 and 0.002 (their own uncertainty).
+    """
+    kind = kind_of(plain.section)
+    ends = []
+    for section in plain.bracket:
+        try:  # on a mesh of one topology errors cancel in the difference
+            with np.errstate(all="ignore"):  # lengths may be in another order; the mesh's areas tell
+                ends.append(sample(section, plain, scene, LEVELS[0], moduli, kind))
+        except SolveError:
+            ends.append(sample(section, plain, scene, LEVELS[0], moduli))
+    radii = np.array([section.tissue_radius for section in (*plain.bracket[:2], plain.section, *plain.bracket[2:])])
+    every = np.array([sample.forces for sample in (*ends[:2], rough, *ends[2:])])
+    shift = pchip_interpolate(radii, every, plain.outline).mean(axis=0) - rough.forces
+    widest = SLACK * np.max([np.abs(end.totals - rough.totals) for end in ends], axis=0)
+    part = np.minimum(widest / np.abs(rough.totals), 1.0)
+    moved = rough.totals + shift.sum(axis=2)
+    brackets = SLACK * np.max([np.abs(end.totals - moved) for end in ends], axis=0)
+    totals = np.minimum(SECOND_ORDER * np.abs(shift.sum(axis=2)) + part * widest, brackets)
+    logs = [np.log(np.abs(end.totals / rough.totals)) @ [1.0, -1.0] for end in ends]
+    shifted = np.log(np.abs(1 + shift.sum(axis=2) / rough.totals)) @ [1.0, -1.0]
+    ratios = SECOND_ORDER * np.abs(shifted) + SLACK * np.max(np.abs(logs), axis=0) * np.clip(2 * part.max(axis=1), 0.25, 1.0)
+    told = SLACK * np.max([np.abs(end.log_sensitivity - rough.log_sensitivity) for end in ends], axis=0)
+    bounds = tuple(Bound(total, float(ratio)) for total, ratio in zip(totals, ratios, strict=True))
+    return Change("sides that are not round", bounds, told, rough.totals, shift=shift)

@@ -1,0 +1,139 @@
+"""Meshes refined until the error asked for is reached, and the bounds on what is left."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from geometry.common.errors import SolveError
+from geometry.meridian.frame import Fineness
+from geometry.meridian.grading import Floats
+from solver.axisymmetric.base_states import BaseStates
+from solver.axisymmetric.modulus_response import Response
+
+# order, layers at corners and at last the number of cells rise together: errors fall by 3 to 10 from one to the next
+LEVELS = (
+    Fineness(1, 2, 3),
+    Fineness(1, 2, 4),
+    Fineness(1, 3, 5),
+    Fineness(1, 3, 6),
+    Fineness(1, 4, 8),
+    Fineness(1.5, 5, 8),
+    Fineness(2, 6, 8),
+)
+COARSE_ENOUGH = (3e-3, 3e-4)  # accuracies below which the first, the second level is left out
+UNSEEN_DROP = 1.5  # by which errors are trusted to fall from one level to the next before it is seen
+LEAST_SHARE = 1.5  # of the last change: the least that the error bound keeps
+GUARD = 0.3  # of the largest change that eq. (A3) allows
+LEAST_MEMORY = 0.1  # of the change before that
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Film forces at one or several moduli on one mesh.
+
+    Attributes:
+        forces, slope: F_ij and dF_ij / d ln E_object, shape (k, 2, 2).
+        states: the base states that they come from.
+        times: the moduli as multiples of that of ``states``, shape (k,).
+        response: how the states change with the modulus, where there are several.
+    """
+
+    forces: Floats
+    slope: Floats
+    states: BaseStates
+    times: Floats
+    response: Response | None = None
+
+    @property
+    def rounding(self) -> Floats:
+        """Bound on what rounding changes in each film's total, shape (2,)."""
+        return np.asarray(self.states.rounding.sum(axis=1))
+
+    @property
+    def totals(self) -> Floats:
+        """Force on each film, shape (k, 2)."""
+        return np.asarray(self.forces.sum(axis=2))
+
+    @property
+    def log_sensitivity(self) -> Floats:
+        """Log-sensitivities, shape (k,); 0 where a total is zero."""
+        totals = self.totals
+        shares = np.divide(self.slope.sum(axis=2), totals, out=np.zeros_like(totals), where=totals != 0)
+        return np.asarray(shares[:, 0] - shares[:, 1])
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Bounds on the errors of a sample: of each film's total, shape (k, 2), and of the log-sensitivities, shape (k,)."""
+
+    totals: Floats
+    sensitivity: Floats
+
+
+def refined(
+    solve: Callable[[Fineness], Sample], accuracy: float, good: Callable[[Sample, Errors], bool]
+) -> tuple[Sample, Errors, str | None]:
+    """Return the first sample that is good enough with its errors, or that of the finest mesh that could be solved.
+
+    The last of the three says why a finer mesh was not used, if one was wanted.
+
+    Raises:
+        SolveError: not even two meshes could be solved.
+    """
+    levels = LEVELS[sum(accuracy < limit for limit in COARSE_ENOUGH) :]
+    history: list[Sample] = []
+    found: tuple[Sample, Errors] | None = None
+    for level in levels:
+        try:
+            history.append(solve(level))
+        except SolveError as fault:
+            if found is None:
+                raise
+            return *found, str(fault)
+        if len(history) > 1:
+            latest = history[-1], errors(history)
+            if found is None or _worst(*latest) < _worst(*found):  # rounding may grow from mesh to mesh: the best is kept
+                found = latest
+            if good(*latest):
+                return *latest, None
+    assert found is not None  # there are more than two levels
+    return *found, "this is the finest"
+
+
+def _worst(sample: Sample, bounds: Errors) -> float:
+    """The largest relative error bound of a film's force."""
+    return float(np.max(bounds.totals / np.maximum(np.abs(sample.totals), 1e-300)))
+
+
+def errors(history: Sequence[Sample]) -> Errors:
+    """Bounds on the errors of the last of at least two samples.
+
+    By Galerkin's orthogonality the error of film i's total is the energy product of the errors of state i and of the sum U of
+    both states, and so at most sqrt(e_ii e_UU), e the errors of F_ii and of the stiffness, eq. (A3). A part of it guards
+    against changes that cancel in a total by chance.
+    """
+    changes = [total_change(b.forces - a.forces) for a, b in pairwise(history)]
+    told = [np.abs(b.log_sensitivity - a.log_sensitivity) for a, b in pairwise(history)]
+    return Errors(_left(changes) + history[-1].rounding, _left(told))
+
+
+def total_change(change: Floats) -> Floats:
+    """How much both totals changed, shape (k, 2), from the change of F_ij, shape (k, 2, 2): see eq. (A3)."""
+    single, whole = np.abs(np.diagonal(change, axis1=1, axis2=2)), np.abs(change.sum(axis=(1, 2)))[:, None]
+    return np.asarray(np.maximum(np.abs(change.sum(axis=2)), GUARD * np.sqrt(single * whole)))
+
+
+def _left(changes: Sequence[Floats]) -> Floats:
+    """What is left after the last of several changes, eq. (A2).
+
+    If errors fall by q from level to level, 1 / (q - 1) of the last change is left. No more than UNSEEN_DROP is trusted
+    before a second change shows q; never less is kept than LEAST_SHARE of the last change and LEAST_MEMORY of the one before.
+    """
+    if len(changes) == 1:
+        return np.asarray(changes[0] / (UNSEEN_DROP - 1))
+    drop = np.clip(changes[-2] / np.maximum(changes[-1], 1e-300), 1.2, None)
+    return np.asarray(np.maximum(changes[-1] * np.maximum(LEAST_SHARE, 1 / (drop - 1)), LEAST_MEMORY * changes[-2]))

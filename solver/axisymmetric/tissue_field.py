@@ -1,0 +1,166 @@
+"""Displacements and strains of base states anywhere in tissue without inclusions.
+
+Without a sphere every element of the tissue is a quadrilateral with straight sides, whose map is inverted by Newton's
+method; the polynomials are then evaluated where they stand, so that strains are as accurate as the elements are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from geometry.common.errors import InputError
+from geometry.meridian.frame import frame
+from geometry.meridian.grading import Floats
+from geometry.meridian.mesh import SQUARE, nodes
+from geometry.meridian.section import Body
+from solver.axisymmetric.base_states import BaseStates
+from solver.axisymmetric.dofs import Ints
+from solver.axisymmetric.quadrilateral import dilations
+from solver.axisymmetric.shape_functions import functions, polynomials, pressures
+
+CHUNK = 20_000  # points evaluated at once, which bounds the memory
+NEWTON, CONVERGED = 12, 1e-13  # steps at most; a step in the unit square
+
+
+@dataclass(frozen=True)
+class Strains:
+    """Both base states (last axis: inner, outer block's base moved by one unit) at m points.
+
+    Attributes:
+        displacement: u_r, u_z per unit displacement, shape (m, 2, 2).
+        strain: eps_rr, eps_zz, eps_hoop and eps_rz (half the engineering shear) per unit, 1/m, shape (m, 4, 2).
+        dilation: their sum as the elements project it, 1/m, shape (m, 2): near incompressibility the sum itself oscillates.
+    """
+
+    displacement: Floats
+    strain: Floats
+    dilation: Floats
+
+
+@dataclass(frozen=True)
+class TissueField:
+    """Base states, without an inclusion, as functions of position."""
+
+    states: BaseStates
+
+    def at(self, r: Floats, z: Floats) -> Strains:
+        """Evaluate at points 0 <= r <= tissue radius, -tissue depth <= z <= 0 (z out of the tissue), arrays of one shape (m,).
+
+        Raises:
+            InputError: a point lies outside the tissue, or there is an inclusion.
+        """
+        if np.all(self.states.model.section.sphere_radius != 0):
+            raise InputError("inclusion", "one", "no inclusion: the field is that of the base states without tumours")
+        points = np.stack(np.broadcast_arrays(np.atleast_1d(r), np.atleast_1d(z)), axis=-1).astype(float)
+        self._check(points)
+        parts = [self._chunk(points[low : low + CHUNK]) for low in range(0, len(points), CHUNK)]
+        if not parts:
+            return Strains(np.zeros((0, 2, 2)), np.zeros((0, 4, 2)), np.zeros((0, 2)))
+        return Strains(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+    def _check(self, points: Floats) -> None:
+        s = self.states.model.section
+        r, z = points.T
+        inside = (r >= 0) & (r <= s.tissue_radius) & (z <= 0) & (z >= -s.tissue_depth)
+        if not np.all(inside):
+            far = points[np.flatnonzero(~inside)[0]]
+            allowed = f"0 <= r <= {s.tissue_radius:g}, {-s.tissue_depth:g} <= z <= 0, m"
+            raise InputError("points", f"r = {far[0]:g}, z = {far[1]:g}", allowed)
+
+    def _chunk(self, points: Floats) -> tuple[Floats, Floats, Floats]:
+        element, places, jacobian = self.locate(points)
+        model, legendre = self.states.model, polynomials(places, self.states.model.shapes.order)
+        value, (by_u, by_v) = functions(places, model.shapes.degrees, legendre)
+        (ru, rv), (zu, zv) = jacobian.transpose(1, 2, 0)[..., None]
+        determinant = ru * zv - rv * zu
+        slopes = np.stack([value, (zv * by_u - zu * by_v) / determinant, (ru * by_v - rv * by_u) / determinant], axis=1)
+        u, by_r, by_z = (slopes @ self._own[element]).reshape(-1, 3, 2, 2).transpose(1, 0, 2, 3)
+        radius = points[:, :1]
+        hoop = np.where(radius > 0, u[:, 0] / np.where(radius > 0, radius, 1.0), by_r[:, 0])  # u_r / r -> u_r,r on the axis
+        strain = np.stack([by_r[:, 0], by_z[:, 1], hoop, (by_z[:, 0] + by_r[:, 1]) / 2], axis=1)
+        pressed = pressures(places, model.shapes.order, legendre)
+        dilation = (pressed[:, None] @ self._dilation[element])[:, 0]
+        return u + self.states.shift[element][:, None] * [[0.0], [1.0]], strain, dilation
+
+    @cached_property
+    def _own(self) -> Floats:
+        """The elements' values by function, u_r and u_z of both states, shape (n, s, 4)."""
+        own = self.states.own.reshape(len(self.states.own), 2, -1, 2)
+        return np.ascontiguousarray(own.transpose(0, 2, 1, 3)).reshape(len(own), -1, 4)
+
+    @cached_property
+    def _dilation(self) -> Floats:
+        """Coefficients of the pressures in each element, shape (n, k, 2)."""
+        model, own = self.states.model, self.states.own
+        table = dilations(model.at, model.shapes)[:, :, ::2]
+        return np.asarray(np.einsum("nkcs,ncsi->nki", table, own.reshape(len(own), 2, -1, 2), optimize=True))
+
+    def locate(self, points: Floats) -> tuple[Ints, Floats, Floats]:
+        """Return for each point its element, the place in its unit square and the Jacobian d(r, z) / d(u, v), (m, 2, 2)."""
+        radii, levels, table, tissue, corners, planes = self._lookup
+        r, z = points.T
+        column = np.searchsorted(radii[1:-1], r, side="right")
+        row = np.searchsorted(levels[1:-1], z, side="right")
+        candidates = table[row, column]
+        a, b, c = planes[:, candidates]
+        inside = (a * r[:, None, None] + b * z[:, None, None] + c).min(axis=2)
+        chosen = candidates[np.arange(len(points)), np.argmax(inside, axis=1)]
+        return tissue[chosen], *_inverted(corners[chosen], points)
+
+    @cached_property
+    def _lookup(self) -> tuple[Any, ...]:
+        """Lines of the tissue, and for each row and column between them the elements in it (repeated to one length)."""
+        model = self.states.model
+        layout = model.mesh.layout
+        lines = frame(model.section, layout)
+        radii, levels = lines.radii[: layout.column["side"] + 1], lines.levels[: layout.row["surface"] + 1]
+        tissue = np.flatnonzero(model.mesh.body == Body.TISSUE)
+        corners = nodes(model.section, model.mesh, SQUARE, tissue)
+        low, high = corners.min(axis=1), corners.max(axis=1)
+        middles = [(line[1:] + line[:-1]) / 2 for line in (radii, levels)]
+        halves = [(line[1:] - line[:-1]) / 2 for line in (radii, levels)]
+        across, along = (
+            (low[:, k] < (middles[k] + halves[k] * (1 - 1e-9))[:, None])
+            & (high[:, k] > (middles[k] - halves[k] * (1 - 1e-9))[:, None])
+            for k in (0, 1)
+        )  # (columns or rows, elements)
+        found = [[np.flatnonzero(row & column) for column in across] for row in along]
+        most = max(len(some) for row in found for some in row)
+        table = np.array([[np.resize(some, most) for some in row] for row in found])
+        return radii, levels, table, tissue, corners, _planes(corners)
+
+
+def _planes(corners: Floats) -> Floats:
+    """Coefficients (3, n, 4) of a r + b z + c, for each side of quadrilaterals: positive inside, in units of their sizes."""
+    sides = np.roll(corners, -1, axis=1) - corners
+    size = np.abs(sides).sum(axis=(1, 2))[:, None] ** 2
+    a, b = -sides[..., 1] / size, sides[..., 0] / size
+    return np.stack([a, b, -a * corners[..., 0] - b * corners[..., 1]])
+
+
+def _inverted(corners: Floats, points: Floats) -> tuple[Floats, Floats]:
+    """Places in the unit squares of quadrilaterals, (m, 4, 2), that are mapped to points, (m, 2), and the Jacobians there."""
+    a, b, c, d = corners.transpose(1, 2, 0)
+    along, up, twist = b - a, d - a, (a - d) - (b - c)  # the map a + u along + v up + u v twist
+    u = v = np.full(len(points), 0.5)
+    for _ in range(NEWTON):
+        by_u, by_v = along + v * twist, up + u * twist
+        off = points.T - a - u * by_u - v * up
+        determinant = by_u[0] * by_v[1] - by_u[1] * by_v[0]
+        step = np.stack([off[0] * by_v[1] - off[1] * by_v[0], by_u[0] * off[1] - by_u[1] * off[0]]) / determinant
+        u, v = u + step[0], v + step[1]
+        if not twist.any() or np.abs(step).max(initial=0.0) <= CONVERGED:
+            break
+    u, v = np.clip(u, 0.0, 1.0), np.clip(v, 0.0, 1.0)
+    return np.stack([u, v], axis=1), np.stack([along + v * twist, up + u * twist], axis=-1).transpose(1, 0, 2)
+
+
+def jacobian(corners: Any, places: Any) -> Any:
+    """D (r, z) / d (u, v) of quadrilaterals, (m, 4, 2), at places in their unit squares, (m, 2); shape (m, 2, 2)."""
+    u, v = places[:, :1], places[:, 1:]
+    a, b, c, d = np.moveaxis(corners, 1, 0)
+    return np.stack([(1 - v) * (b - a) + v * (c - d), (1 - u) * (d - a) + u * (c - b)], axis=-1)

@@ -1,0 +1,35 @@
+"""The closed form as a casadi function with exact derivatives: what the search gives to IPOPT."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from geometry.meridian.grading import Floats
+from solver.casadi_functions.base import Differentiated
+from solver.closed_form.designs import Shape, gradients
+
+
+class ClosedFormFunction(Differentiated):
+    """x -> (F_00, F_01, F_10, F_11 and their slopes), x some of the closed form's parameters, SI; the rest stay.
+
+    The derivatives are those of the formula itself, by complex steps.
+
+    Args:
+        shape, start: of a scene, see ``closed_form.parameters``.
+        which: indices of the parameters that x holds.
+    """
+
+    def __init__(self, shape: Shape, start: Floats, which: Sequence[int]) -> None:
+        super().__init__()
+        self.shape, self.start, self.which = shape, start, list(which)
+        self.begin("closed_form", len(self.which), 8)
+
+    def values(self, x: Floats) -> tuple[Floats, Floats]:
+        """Return forces and slopes, shape (8,), and their derivatives; NaN where the formulas break down."""
+        values = self.start.copy()
+        values[self.which] = x
+        with np.errstate(all="ignore"):  # IPOPT steps back from what is not finite
+            found, derivatives = gradients(self.shape, values, self.which)
+        return found.ravel(), derivatives.reshape(len(x), -1).T

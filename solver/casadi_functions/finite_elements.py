@@ -1,0 +1,127 @@
+"""The finite-element levels as casadi functions with exact Jacobians: what IPOPT optimises designs with."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from geometry.cad.solids import base_sizes
+from geometry.common.errors import ProbeError
+from geometry.meridian.frame import Kind
+from geometry.meridian.frame import kind as kind_of
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Scene
+from geometry.scenes.variables import changed
+from solver.axisymmetric.converged_forces import Converged
+from solver.axisymmetric.gradients import Gradients, gradients
+from solver.axisymmetric.level import Axisymmetric
+from solver.axisymmetric.sample import sample
+from solver.axisymmetric.sections import Sections, sections, with_layers
+from solver.casadi_functions.base import Differentiated
+from solver.equivalent_inclusion.gradients import first_order, tumour_gradients
+from solver.equivalent_inclusion.level import EquivalentInclusion
+
+OUTPUTS = ("ratio", "stress_inner", "stress_outer", "log_sensitivity")
+
+
+class FilmCallback(Differentiated):
+    """x -> (ratio, stress_inner, stress_outer, log_sensitivity) of a scene, x some of its numbers in SI units.
+
+    The mesh that meets the accuracy at the scene itself is kept: its nodes move smoothly with x, and so do the outputs. A design
+    that it cannot follow gets a mesh of its own kind; one that is no scene, or cannot be solved, gives NaN, from
+    which IPOPT steps back.
+
+    Args:
+        scene: where x starts; of a kind that ``axisymmetric`` takes.
+        variables: keys of ``geometry.scenes.variables.values``.
+        accuracy: of the outputs at the scene itself, see ``solver.evaluate``.
+
+    Raises:
+        InputError: a variable is none of the scene's.
+        Refusal: ``axisymmetric`` cannot take the scene.
+    """
+
+    def __init__(self, scene: Scene, variables: tuple[str, ...], accuracy: float = 0.01) -> None:
+        super().__init__()
+        self.scene, self.variables = _explicit(scene), variables
+        found = self.found(accuracy)
+        mesh = found.sample.states.model.mesh
+        self.kind, self.fineness = mesh.layout.kind, mesh.layout.fineness
+        self.layered = any(one.modelled for one in found.plan)
+        self.begin("films", len(variables), len(OUTPUTS))
+
+    def found(self, accuracy: float) -> Converged:
+        """Solve the scene itself, and refuse variables that it does not have."""
+        found = Axisymmetric().converged(self.scene, accuracy)
+        gradients(self.scene, found.sample, self.variables)
+        return found
+
+    def solved(self, scene: Scene, of: Sections, kind: Kind | None) -> Gradients:
+        """Return the outputs and derivatives of one design, on a mesh of the given kind or of its own.
+
+        Raises:
+            ProbeError: the design cannot be solved on that mesh.
+        """
+        found = sample(of.section, of, scene, self.fineness, kind=kind or kind_of(of.section))
+        return gradients(scene, found, self.variables)
+
+    def values(self, x: Floats) -> tuple[Floats, Floats]:
+        """Return the outputs and their derivatives at x, NaN where there are none."""
+        found = self._solved(x)
+        if found is None:
+            return np.full(len(OUTPUTS), np.nan), np.full((len(OUTPUTS), len(x)), np.nan)
+        values = [found.values[name][0] for name in OUTPUTS]
+        return np.array(values), np.array([found.derivatives[name][0] for name in OUTPUTS])
+
+    def _solved(self, x: Floats) -> Gradients | None:
+        try:
+            scene = changed(self.scene, dict(zip(self.variables, x.tolist(), strict=True)))
+        except (ProbeError, ValueError):
+            return None
+        of = sections(scene)
+        if self.layered:
+            of = with_layers(scene, of)
+        for kind in (self.kind, None):
+            try:
+                with threadpool_limits(1, user_api="blas"):
+                    return self.solved(scene, of, kind)
+            except ProbeError:
+                continue
+        return None
+
+
+class TumourCallback(FilmCallback):
+    """What ``FilmCallback`` is, for scenes with spheres anywhere: the equivalent-inclusion level to first order.
+
+    Reflections are left out, as they have no exact derivative: what IPOPT finds is to be judged with them.
+
+    Raises:
+        InputError: a variable is none of the scene's.
+        Refusal: the level cannot take the scene.
+    """
+
+    def found(self, accuracy: float) -> Converged:
+        """Solve the scene itself, and refuse variables that it does not have."""
+        base = EquivalentInclusion().prepared(self.scene, accuracy)
+        tumour_gradients(self.scene, first_order(self.scene, sections(self.scene)), self.variables)
+        return replace(base.found, sample=replace(base.found.sample, states=base.field.states))
+
+    def solved(self, scene: Scene, of: Sections, kind: Kind | None) -> Gradients:
+        """Return the outputs and derivatives of one design, on a mesh of the given kind or of its own.
+
+        Raises:
+            ProbeError: the design cannot be solved on that mesh.
+        """
+        return tumour_gradients(scene, first_order(scene, of, self.fineness, kind), self.variables)
+
+
+def _explicit(scene: Scene) -> Scene:
+    """Write down what would follow from other numbers, a base's default sizes and an adhesive's modulus: they stay as x moves."""
+    data, probe = scene.model_dump(exclude_unset=True), scene.probe
+    if probe.base.youngs_modulus is not None:
+        data["probe"]["base"] |= asdict(base_sizes(probe))
+    if probe.film is not None and probe.film.adhesive_thickness > 0:
+        data["probe"]["film"]["adhesive_modulus"] = probe.film.adhesive_modulus or probe.film.youngs_modulus
+    return Scene.model_validate(data)

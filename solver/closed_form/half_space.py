@@ -1,0 +1,87 @@
+"""Half-space under rings of pressure and radial shear: the displacements' work on each other, in closed form.
+
+A disc of radius a under unit pressure has the Hankel transform a J1(ka)/k, one under the shear r has a^2 J2(ka)/k. On an
+elastic half-space with shear modulus mu the surface answers a pressure p and a shear q (outwards) by
+
+    w = [2 (1-nu) p - (1-2nu) q] / (2 mu k),   u = [2 (1-nu) q - (1-2nu) p] / (2 mu k)             (H1)
+
+so that the work of one disc's load on the displacement by another's, a <= b and m = (a/b)^2, are integrals of Weber and
+Schafheitlin (DLMF 10.22.56):
+
+    pressure, pressure:   2 pi (1-nu)/mu a b Int J1(ka) J1(kb) / k^2 dk,       Int = (a/2) 2F1(1/2, -1/2; 2; m)        (H2)
+    shear, shear:         2 pi (1-nu)/mu a^2 b^2 Int J2(ka) J2(kb) / k^2 dk,   Int = (a^2/8b) 2F1(3/2, -1/2; 3; m)     (H3)
+    pressure a, shear b:  -pi (1-2nu)/mu a b^2 Int J1(ka) J2(kb) / k^2 dk,     Int = (a/4) (1 - m/2)                   (H4)
+    shear a, pressure b:  the same with a and b exchanged,                     Int = a^2/(8b)                          (H5)
+
+Near m = 1 both series behave as powers of 1 - m and (1-m)^2 ln(1-m) times powers; that is how they are evaluated.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from scipy.special import hyp2f1
+
+from solver.closed_form.bessel import Array
+
+SMOOTH, SINGULAR = 7, 5  # terms of both parts: errors below 1e-9
+TINY = 1e-200  # keeps the logarithm finite where its factor is zero
+
+
+def ring_work(circles: Array, radius: Array, mu: Array, nu: Array) -> tuple[Array, Array, Array]:
+    """Return the works between discs, eqs. (H2)-(H5), of pressures, shears, and pressures (rows) on shears.
+
+    Args:
+        circles: increasing radii, shape (n, k).
+        radius: the shears are r / radius; shape (n, k).
+        mu: shear modulus of the half-space, shape (n,).
+        nu: its Poisson's ratio, shape (n,).
+
+    Returns:
+        three arrays of shape (n, k, k).
+    """
+    size = circles.shape[1]
+    low, high = np.triu_indices(size)
+    rows, reach = circles.T.copy(), radius.T.copy()  # designs last: whole rows are picked and placed
+    a, b = rows[low], rows[high]
+    rest = (b - a) * (b + a) / (b * b)  # 1 - m without cancellation
+    smooth, singular = (_power_series(rest, np.array(kind)) for kind in zip(_coefficients(2), _coefficients(3), strict=True))
+    series = smooth + rest * rest * np.log(rest + TINY) * singular
+    soft, mixed = 2 * np.pi / mu * (1 - nu), -np.pi / mu * (1 - 2 * nu)
+    square = a * a  # and no higher power: numpy is slow with those
+    pressure = soft / 2 * square * b * series[0]
+    shear = soft / 8 * square * square * b / (reach[low] * reach[high]) * series[1]
+    cross = np.empty((size, size, len(mu)), dtype=rest.dtype)
+    cross[low, high] = mixed / 8 * square * b * b / reach[high] * (1 + rest)
+    cross[high, low] = mixed / 8 * square * square / reach[low]
+    return _symmetric(pressure, size), _symmetric(shear, size), np.moveaxis(cross, 2, 0)
+
+
+def _symmetric(values: Array, size: int) -> Array:
+    """Matrices from their upper triangles, shape (n, size, size)."""
+    low, high = np.triu_indices(size)
+    full = np.empty((size, size, values.shape[1]), dtype=values.dtype)
+    full[low, high] = full[high, low] = values
+    return np.moveaxis(full, 2, 0)
+
+
+def _power_series(x: Array, coefficients: Any) -> Array:
+    """Values of several polynomials, rows of coefficients, at x; shape (polynomials, *x.shape)."""
+    powers = np.empty((coefficients.shape[1], x.size), dtype=x.dtype)
+    powers[0], powers[1] = 1, x.ravel()
+    for k in range(2, len(powers)):
+        np.multiply(powers[k // 2], powers[k - k // 2], out=powers[k])
+    return (coefficients @ powers).reshape(len(coefficients), *x.shape)
+
+
+@lru_cache(maxsize=2)
+def _coefficients(c: int) -> tuple[Any, Any]:
+    """Powers of 1 - m that make up 2F1(c - 3/2, -1/2; c; m), fitted to scipy's, exact at m = 1."""
+    rest = (1 - np.cos(np.linspace(0, np.pi, 400))) / 2
+    values = hyp2f1(c - 1.5, -0.5, c, 1 - rest)
+    powers = rest[:, None] ** np.arange(1, SMOOTH)
+    logs = (rest**2 * np.log(rest + TINY))[:, None] * rest[:, None] ** np.arange(SINGULAR)
+    fit = np.linalg.lstsq(np.hstack([powers, logs]), values - values[0], rcond=None)[0]
+    return np.concatenate([values[:1], fit[: SMOOTH - 1]]), fit[SMOOTH - 1 :]

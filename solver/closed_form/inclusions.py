@@ -1,0 +1,195 @@
+"""What spheres in the tissue change of the films' forces: equivalent inclusions, their images and the blocks' answer.
+
+By Betti and Eshelby a sphere of volume V with strengths k_v, k_d (eq. (E2) of ``eshelby``) adds to the work of two tractions
+
+    dF_ij = Int [(k_v - k_d/3) tr(eps_i) tr(eps_j) + k_d eps_i : eps_j] dV                        (I1)
+
+over the tissue's strains without it. Of these the moments e, V e.K e, are treated better: the sphere answers to the image G of
+its own polarisation in the free surface, ``closed_images``, and to the blocks, which with loads of compliance C and moments M
+answer with S = M C^-1 M^T, and beside the axis with that of ``closed_aside``, too:
+
+    dF = e.V K [1 + (G - V S) K]^-1 e,     dF / d ln E = y.V (dK / d ln E) y,   y = [1 + (G - V S) K]^-1 e    (I5)
+
+with all spheres' moments in e, and (I1) to first order for what it has beyond them. Blocks and free surface nearly cancel under a
+stiff probe: with one of them alone the effect of a shallow sphere would be up to 80 % off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from solver.closed_form.bessel import Array
+from solver.closed_form.lateral_boundary import Sides
+from solver.closed_form.layer import Waves
+from solver.closed_form.off_axis import Disc, answer_aside, aside
+from solver.closed_form.surface_images import (
+    ASIDE,
+    MOMENTS,
+    NEAR,
+    TO_MOMENTS,
+    TURNS,
+    Points,
+    Sphere,
+    fields,
+    image,
+    nearby,
+    wavelets,
+)
+from solver.inclusions.eshelby import strengths
+
+
+@dataclass(frozen=True)
+class Body:
+    """Spheres under the loads of a probe, m in all.
+
+    Attributes:
+        sphere: where and what.
+        points: of the quadrature.
+        fields: strains at the points under waves of pressure and of shear, shapes (n, 4 points, q).
+        loads: the loads' transforms by those, times k dk / 2 mu, shapes (n, q, .).
+        sides: strains at the points that near sides add to each load's, (n, 4 points, m), or None.
+        moments: under each load, shape (n, moments, m).
+        image: G of eq. (I2) less V S of eq. (I4), shape (n, moments, moments).
+        strength, slope: (k_v, k_d) of eq. (I1) and their derivatives by ln E.
+    """
+
+    sphere: Sphere
+    points: Points
+    fields: tuple[Array, Array]
+    loads: tuple[Array, Array]
+    sides: Array | None
+    moments: Array
+    image: Array
+    strength: tuple[Array, Array]
+    slope: tuple[Array, Array]
+
+    @property
+    def volume(self) -> Array:
+        """4/3 pi R^3, shape (n, 1, 1)."""
+        return (4 * np.pi / 3 * self.sphere.radius**3)[:, None, None]
+
+    def form(self, strength: tuple[Array, Array]) -> Array:
+        """V K of eq. (I5): (I1) on the moments."""
+        return self.volume * _form(*strength, self.moments.shape[1])
+
+    def rest(self, tractions: Array, moments: Array) -> tuple[Array, Array]:
+        """What (I1) has beyond the moments under tractions (n, m, 2), with the derivative by ln E; both (n, 2, 2)."""
+        pressures = self.loads[0].shape[2]
+        pressed, sheared = self.loads[0] @ tractions[:, :pressures], self.loads[1] @ tractions[:, pressures:]
+        strain = self.fields[0] @ pressed + self.fields[1] @ sheared
+        if self.sides is not None:
+            strain = strain + self.sides @ tractions
+        weight = self.points.weight[:, None]
+        trace = strain[:, : len(weight)] + strain[:, 2 * len(weight) : 3 * len(weight)]
+        traces = np.swapaxes(trace, 1, 2) @ (weight * trace)
+        counts = np.concatenate([times * weight for times in (0.5, 0.5, 1.0, 2.0)])
+        squares = np.swapaxes(strain, 1, 2) @ (counts * strain)
+        turned = np.swapaxes(moments, 1, 2)
+
+        def beyond(k_v: Array, k_d: Array) -> Array:
+            whole = (k_v - k_d / 3)[:, None, None] * traces + k_d[:, None, None] * squares
+            return self.volume * whole - turned @ self.form((k_v, k_d)) @ moments
+
+        return beyond(*self.strength), beyond(*self.slope)
+
+
+def placed(
+    sphere: Sphere,
+    waves: Waves,
+    loads: tuple[Array, Array],
+    weights: Array,
+    E: Array,
+    nu: Array,
+    disc: Disc,
+    sides: Sides | None = None,
+) -> Body:
+    """Put spheres into tissue of modulus E and Poisson's ratio nu, shapes (n,).
+
+    Args:
+        sphere: where and what.
+        waves: of the tissue.
+        loads: transforms of pressures and of shears, shapes (n, q, .).
+        weights: k dk of the waves, shape (n, q).
+        E: of the tissue, shape (n,).
+        nu: of the tissue, shape (n,).
+        disc: the probe's end, for spheres beside its axis.
+        sides: of the tissue, where they are near.
+    """
+    near = nearby(sphere, waves)
+    scaled = (weights * ((1 + nu) / E)[:, None])[:, :, None]
+    weighed = loads[0] * scaled, loads[1] * scaled
+    points, strain, moments = NEAR, near.strain, near.moments
+    across, beside = sphere.radius[:, None] * NEAR.x, sphere.radius[:, None] * 0
+    if not sphere.on_axis:
+        points, share = ASIDE, aside(waves.k, sphere.offset)
+        across, beside = sphere.offset[:, None] + sphere.radius[:, None] * ASIDE.x, sphere.radius[:, None] * ASIDE.y
+        moments = moments[0] * share, moments[1] * share
+        around = tuple(np.concatenate([part] * TURNS, axis=2) for part in near.parts)
+        strain = fields(around, wavelets(waves.k, np.sqrt(across**2 + beside**2)))  # type: ignore[arg-type]
+    found = np.concatenate([moments[0] @ weighed[0], moments[1] @ weighed[1]], axis=2)
+    added = None
+    if sides is not None:
+        added = sides.strain(np.sqrt(across**2 + beside**2), sphere.depth[:, None] - sphere.radius[:, None] * points.z)
+        found = found + (TO_MOMENTS @ added if sphere.on_axis else _moments(added, across, beside))
+    mu = E / (2 * (1 + nu))
+    G = image(sphere, waves, near, weights, mu, nu)
+    if not sphere.on_axis:
+        volume = (4 * np.pi / 3 * sphere.radius**3)[:, None, None]
+        G = G - volume * answer_aside(sphere, near, waves.k, weights, disc, mu, loads[1].shape[2] > 0)
+    return Body(sphere, points, strain, weighed, added, found, G, *strengths(E, nu, sphere.E, sphere.nu))
+
+
+def answered(bodies: Sequence[Body], solved: Array, target: int | None) -> tuple[Array, Array]:
+    """Eq. (I5): what the spheres add to the forces on the films, and their slope by ln E of the target; both (n, 2, 2).
+
+    Args:
+        bodies: the spheres.
+        solved: C^-1 of the areas under both blocks, then of the spheres' moments, shape (n, m, 2 + moments).
+        target: whose slope; zero without one.
+    """
+    tractions = solved[:, :, :2]
+    M = np.concatenate([body.moments for body in bodies], axis=1)
+    e, ends = M @ tractions, np.cumsum([0, *(body.moments.shape[1] for body in bodies)])
+    own = [slice(*at) for at in pairwise(ends)]
+    K, G = np.zeros((2, len(e), ends[-1], ends[-1]), dtype=e.dtype)
+    for body, at in zip(bodies, own, strict=True):
+        K[:, at, at], G[:, at, at] = body.form(body.strength), body.image / body.volume
+    y = np.linalg.solve(np.eye(ends[-1]) + (G - M @ solved[:, :, 2:]) @ K, e)
+    forces, slope = np.swapaxes(e, 1, 2) @ K @ y, np.zeros_like(e[:, :2])
+    for i, (body, at) in enumerate(zip(bodies, own, strict=True)):
+        rest, by_log = body.rest(tractions, e[:, at])
+        forces = forces + rest
+        if i == target:
+            slope = np.swapaxes(y[:, at], 1, 2) @ body.form(body.slope) @ y[:, at] + by_log
+    return forces, slope
+
+
+def _moments(strain: Array, across: Array, beside: Array) -> Array:
+    """All moments of strains (n, 4 points, m) at the points ``ASIDE``, which lie at (across, beside) from the probe's axis."""
+    parts = strain.reshape(len(strain), 4, across.shape[1], -1)
+    r = np.sqrt(across**2 + beside**2)
+    c, s = (across / r)[:, :, None], (beside / r)[:, :, None]
+    both, zz, along = parts[:, 0], parts[:, 2], parts[:, 3] * c
+    crossed, turned = parts[:, 1] * (c**2 - s**2), parts[:, 1] * 2 * c * s
+    x, y, z, w = (part[:, None] for part in (ASIDE.x, ASIDE.y, ASIDE.z, ASIDE.weight))
+    pairs = (
+        (both, 1), (zz, 1), (both, 5 * z), (zz, 5 * z), (parts[:, 3] * (c * x + s * y), 2.5),
+        (along, 1), (along, 5 * z), (both, 5 * x), (zz, 5 * x), (crossed * x + turned * y, 1.25), (crossed, 1),
+    )  # fmt: skip
+    return np.stack([(w * times * part).sum(axis=1) for part, times in pairs], axis=1)
+
+
+def _form(k_v: Array, k_d: Array, size: int) -> Array:
+    """K of eq. (I2): (I1) on the moments, shape (n, size, size)."""
+    K = np.zeros((len(k_d), size, size), dtype=k_d.dtype)
+    both = k_v - k_d / 3
+    for start, times in ((0, 1.0), (2, 0.2), (7, 0.2))[: 2 if size == MOMENTS else 3]:  # the mean of zeta^2 is R^2 / 5
+        K[:, start, start], K[:, start + 1, start + 1] = times * (both + k_d / 2), times * (both + k_d)
+        K[:, start, start + 1] = K[:, start + 1, start] = times * both
+    for i, times in ((4, 0.8), (5, 2.0), (6, 0.4), (9, 0.8), (10, 0.5))[: 1 if size == MOMENTS else 5]:
+        K[:, i, i] = times * k_d
+    return K

@@ -1,0 +1,122 @@
+"""Free sides of the tissue: what a cylinder gives way more than the endless layer that it is cut from.
+
+Cut a layer at r = R. Its loads' fields u leave tractions s on the cut; a field v of the cylinder, fixed to the floor, takes them
+off. By Betti's theorem, inside the cut and outside, the loads' works on each other grow by
+
+    dC_ij = -Int_cut s_i . u_j dA + b_i K^-1 b_j,     b_i = -Int_cut s_i . v dA                      (S1)
+
+where the first term is the energy of what is cut off, and the second what the cylinder adds once it is free: v are the
+displacements of eq. (B1) for a disc of tissue, of stiffness K. A tall cylinder becomes a column under uniaxial stress, a wide
+one remains a layer. Fields at the cut are those of the loads smoothed by a Gaussian narrower than the way to the cut, so that few
+waves serve. A block of tissue is taken as the cylinder of equal cross-section about the probe's axis.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from geometry.scenes.scene import BlockTissue, CylinderTissue
+from solver.closed_form.bessel import Array, bessel
+from solver.closed_form.block_compliance import RADIAL, Block, column, radial
+from solver.closed_form.block_functions import AXIAL, Along
+from solver.closed_form.layer import Waves, amplitudes, lowering
+
+BLUR = 0.35  # of the way from the probe to the cut
+LEAST_BLUR = 0.08  # of the cut's radius
+REACH = 5.0  # wave numbers times blur
+NODES_PER_WAVE = 0.4  # times wave number and the cut's radius, beyond eight
+NEAR, SLENDER = 4.0, 0.2  # sides farther than so many outer radii matter where depth x outer radius / radius^2 is larger
+
+
+def side_radius(tissue: CylinderTissue | BlockTissue) -> float:
+    """Radius of the cylinder of equal cross-section, m."""
+    return tissue.radius if tissue.shape == "cylinder" else math.sqrt(tissue.length * tissue.breadth / math.pi)
+
+
+def side_nodes(outer: float, depth: float, radius: float) -> int:
+    """Waves that serve, in steps so that few functions are built; none where sides change the totals by less than about 6 %."""
+    if radius > NEAR * outer and depth * outer < SLENDER * radius**2:
+        return 0
+    return 4 * math.ceil((8 + NODES_PER_WAVE * REACH / max(BLUR * (1 - outer / radius), LEAST_BLUR)) / 4)
+
+
+def cut_waves(radius: Array, outer: Array, nodes: int) -> tuple[Array, Array]:
+    """Wave numbers and the weights k dk with the smoothing, shapes (n, nodes)."""
+    way, least = BLUR * (radius - outer), LEAST_BLUR * radius
+    width = np.where(way.real > least.real, way, least)[:, None]
+    s, weight = legendre.leggauss(nodes)
+    k = REACH / width * (s + 1) / 2
+    return k, k * REACH / width * weight / 2 * np.exp(-((REACH * (s + 1) / 4) ** 2))
+
+
+@dataclass(frozen=True)
+class Sides:
+    """What free sides add.
+
+    Attributes:
+        work: to the works of the loads, eq. (S1), shape (n, m, m).
+        tissue, along, share: the cylinder, its functions along the height and their amounts under each load, (n, functions, m).
+    """
+
+    work: Array
+    tissue: Block
+    along: Along
+    share: Array
+
+    def strain(self, r: Array, z: Array) -> Array:
+        """Strains rr + hoop, rr - hoop, zz, rz at places (n, k), under each load; shape (n, 4 k, m)."""
+        P, slope, over = radial(self.tissue.radius, r)
+        g, dg, f, df = self.along.at(z / self.tissue.height[:, None])
+        U, W = self.share[:, -RADIAL * AXIAL :], self.share[:, : -RADIAL * AXIAL]
+        widening, turn = (_products(across, g) @ U for across in (P, P - 2 * over / r[:, None]))
+        sinking, slide = -_products(P, df) @ W, (_products(over, dg) @ U - _products(slope, f) @ W) / 2
+        return np.concatenate([widening, turn, sinking, slide], axis=1)
+
+
+def _products(across: Array, along: Array) -> Array:
+    """Products of all functions of the radius with all of the height, shape (n, k, functions)."""
+    return np.swapaxes((across[:, :, None] * along[:, None]).reshape(len(across), -1, across.shape[2]), 1, 2)
+
+
+def give(field: Waves, loads: tuple[Array, Array], weights: Array, tissue: Block) -> Sides:
+    """Solve eq. (S1).
+
+    Args:
+        field: waves on the layer.
+        loads: transforms of pressures and of shears, shapes (n, q, .); m loads in all.
+        weights: k dk of the waves, the smoothing included, shape (n, q).
+        tissue: the cylinder, as a disc.
+    """
+    K, along = column(tissue)
+    R, dz = tissue.radius[:, None, None], along.weight[:, :, None]
+    push, drag, out, sink = _at_cut(field, loads, weights, tissue, along.zeta)
+    ring = 2 * np.pi * R * dz
+    lost = -(np.swapaxes(push, 1, 2) @ (ring * out) + np.swapaxes(drag, 1, 2) @ (ring * sink))
+    b = np.zeros((len(push), K.shape[1], push.shape[2]), dtype=K.dtype)
+    size = RADIAL * (AXIAL + 1)
+    b[:, :size] = np.tile(along.f @ (ring * drag), (1, RADIAL, 1))  # every P_i is 1 at the side
+    b[:, size : size + AXIAL] = -R / 2 * (along.g @ (ring * push))  # of the U_i the first alone is not 0 there
+    share = np.linalg.solve(K, b)
+    return Sides((lost + np.swapaxes(lost, 1, 2)) / 2 + np.swapaxes(b, 1, 2) @ share, tissue, along, share)
+
+
+def _at_cut(field: Waves, loads: tuple[Array, Array], weights: Array, tissue: Block, z: Array) -> Iterator[Array]:
+    """Yield the stresses rr and rz and the displacements outwards and downwards at the cut, at depths z; shapes (n, k, m)."""
+    nu, mu, R = (part[:, None, None] for part in (tissue.nu, tissue.E / (2 * (1 + tissue.nu)), tissue.radius))
+    zero, one = (part[:, None, :] for part in bessel(field.k * tissue.radius[:, None]))
+    over = one / (field.k[:, None, :] * R)
+    parts, lowered = amplitudes(field, z), lowering(field, z)
+    weighed = [load * (weights / (2 * mu[:, :, 0]))[:, :, None] for load in loads]
+
+    def fields(of: Callable[[Array, Array], Array]) -> Array:
+        return np.concatenate([of(*pair) @ load for *pair, load in zip(parts, lowered, weighed, strict=True)], axis=2)
+
+    yield fields(lambda a, _: 2 * mu * (a[:, 0] * (zero - over) + nu / (1 - 2 * nu) * (a[:, 0] + a[:, 1]) * zero))
+    yield fields(lambda a, _: 2 * mu * a[:, 2] * one)
+    yield fields(lambda a, _: a[:, 0] * over * R)
+    yield fields(lambda _, w: w * zero)

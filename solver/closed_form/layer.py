@@ -1,0 +1,120 @@
+"""An elastic layer bonded to a rigid floor, wave by wave: its surface's compliance and the strain inside.
+
+Loads and displacements are Hankel integrals; for one wave number k, depth z, t = k z and m = 3 - 4 nu the displacements
+u = U J1(kr), w = W J0(kr) (w downwards) are sums of four solutions of Navier's equation,
+
+    U = (c1 + c2 t) e^-t + (c3 - c4 t) e^(t-2x),   W = (c1 + c2 (t+m)) e^-t + (-c3 + c4 (t-m)) e^(t-2x)      (L1)
+
+with x = kH. The floor, U = W = 0 at t = x, makes c4 = (2 c1 + (2x+m) c2)/m and c3 = (m c2 + (2x-m) c4)/2; the surface's
+pressure p and shear q give, as in eq. (H1) where e^-2x is gone,
+
+    p = 2 mu k [c1 + 2 (1-nu) c2 + (c3 + 2 (1-nu) c4) e^-2x],  q = 2 mu k [c1 + (1-2nu) c2 - (c3 + (1-2nu) c4) e^-2x]   (L2)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.closed_form.bessel import Array
+
+
+@dataclass(frozen=True)
+class Waves:
+    """Coefficients of eq. (L1) times 2 mu for waves k under unit pressure and under unit shear.
+
+    Attributes:
+        k: wave numbers, 1/m, shape (n, q).
+        fade: e^-2x; None on a half-space.
+        depth: H, shape (n, 1), or None.
+        nu: shape (n, 1).
+        by_pressure, by_shear: (c1, c2, c3, c4), each of shape (n, q); the last two None on a half-space.
+    """
+
+    k: Array
+    depth: Array | None
+    nu: Array
+    by_pressure: tuple[Array, ...]
+    by_shear: tuple[Array, ...]
+
+
+def waves(k: Array, depth: Array | None, nu: Array) -> Waves:
+    """Solve eq. (L2) for waves k (n, q) on layers of depth (n,) (None: half-spaces) with Poisson's ratios nu (n,)."""
+    nu = nu[:, None]
+    near, even = 2 * (1 - nu), 1 - 2 * nu
+    if depth is None:
+        loads = ((-even / k, 1 / k), ((2 - 2 * nu) / k, -1 / k))  # the inverse of (L2) without its last terms
+        return Waves(k, None, nu, *loads)
+    depth = depth[:, None]
+    m, x = 3 - 4 * nu, k * depth
+    fade = np.exp(-2 * x)
+    c4 = (2 / m + 0 * x, (2 * x + m) / m)  # by c1 and by c2
+    c3 = ((2 * x - m) * c4[0] / 2, (m + (2 * x - m) * c4[1]) / 2)
+    top = [1 + (c3[0] + near * c4[0]) * fade, near + (c3[1] + near * c4[1]) * fade]
+    side = [1 - (c3[0] + even * c4[0]) * fade, even - (c3[1] + even * c4[1]) * fade]
+    determinant = k * (top[0] * side[1] - top[1] * side[0])
+    found = []
+    for c1, c2 in ((side[1] / determinant, -side[0] / determinant), (-top[1] / determinant, top[0] / determinant)):
+        found.append((c1, c2, c3[0] * c1 + c3[1] * c2, c4[0] * c1 + c4[1] * c2))
+    return Waves(k, depth, nu, *found)
+
+
+def floor_compliance(waves: Waves) -> tuple[Array, Array, Array]:
+    """What the floor changes of the surface's w by p, u by q and w by q, times 2 mu; shapes (n, q)."""
+    nu, k = waves.nu, waves.k
+    m, fade = 3 - 4 * nu, np.exp(-2 * k * waves.depth)
+    (a1, a2, a3, a4), (b1, b2, b3, b4) = waves.by_pressure, waves.by_shear
+    w_by_p = a1 + m * a2 + (-a3 - m * a4) * fade - 2 * (1 - nu) / k
+    u_by_q = b1 + b3 * fade - 2 * (1 - nu) / k
+    w_by_q = b1 + m * b2 + (-b3 - m * b4) * fade + (1 - 2 * nu) / k
+    return w_by_p, u_by_q, w_by_q
+
+
+def amplitudes(waves: Waves, z: Array) -> tuple[Array, Array]:
+    """Return k U, dW/dz and (dU/dz - k W)/2 at depths z, under unit pressure and under unit shear, times 2 mu.
+
+    With a = (c1 + c2 t) e^-t, b = c2 e^-t and a' = (c3 - c4 t) e^(t-2x), b' = c4 e^(t-2x) they are k times a + a',
+    2 (2nu-1) (b + b') - a - a' and (2nu-1) (b - b') - a + a'.
+
+    Args:
+        waves: of q wave numbers.
+        z: depths, shape (n, p).
+
+    Returns:
+        two arrays of shape (n, 3, p, q).
+    """
+    k, even = waves.k[:, None, :], (2 * waves.nu - 1)[:, :, None]
+    t = k * z[:, :, None]
+    down = k * np.exp(-t)
+    up = None if waves.depth is None else k * np.exp(t - 2 * k * waves.depth[:, :, None])
+    return _amplitudes(waves.by_pressure, t, down, up, even), _amplitudes(waves.by_shear, t, down, up, even)
+
+
+def _amplitudes(load: tuple[Array, ...], t: Array, down: Array, up: Array | None, even: Array) -> Array:
+    c = [part[:, None, :] for part in load]
+    b = c[1] * down
+    a = c[0] * down + b * t
+    found = np.empty((len(t), 3, *t.shape[1:]), dtype=a.dtype)
+    if up is None:
+        found[:, 0], found[:, 1], found[:, 2] = a, 2 * even * b - a, even * b - a
+        return found
+    other = c[3] * up
+    raised = c[2] * up - other * t
+    np.add(a, raised, out=found[:, 0])
+    np.subtract(2 * even * (b + other), found[:, 0], out=found[:, 1])
+    np.add(even * (b - other), raised - a, out=found[:, 2])
+    return found
+
+
+def lowering(waves: Waves, z: Array) -> tuple[Array, Array]:
+    """Return W of eq. (L1) at depths z (n, p), under unit pressure and under unit shear, times 2 mu; shapes (n, p, q)."""
+    t, m = waves.k[:, None, :] * z[:, :, None], (3 - 4 * waves.nu)[:, :, None]
+    found = []
+    for load in (waves.by_pressure, waves.by_shear):
+        c = [part[:, None, :] for part in load]
+        W = (c[0] + c[1] * (t + m)) * np.exp(-t)
+        if waves.depth is not None:
+            W = W + (-c[2] + c[3] * (t - m)) * np.exp(t - 2 * waves.k[:, None, :] * waves.depth[:, :, None])
+        found.append(W)
+    return found[0], found[1]

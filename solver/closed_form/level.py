@@ -1,0 +1,142 @@
+"""Level 1 as an evaluator, for one scene or for many: those of one structure by one evaluation on arrays.
+
+Each is answered bit for bit as on its own: what numpy and LAPACK do to one column of ``closed_form.forces`` does not depend on
+the columns beside it, as long as these come in fours, the variants of one scene; ``tests/test_closed_level.py`` holds that.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from time import perf_counter
+
+import numpy as np
+
+from geometry.common.errors import InputError, Refusal
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Scene
+from solver.closed_form.designs import BALL, PROBE, TISSUE, Shape, answers, parameters
+from solver.closed_form.error_bound import Errors, errors
+from solver.closed_form.error_features import EFFECTS, STEP
+from solver.results.film_forces import FilmForces, outputs, shortfalls
+from solver.results.result import Result, lopsided
+
+LEAST_COVER = 0.1  # of an inclusion, in its diameters
+LARGEST_ERROR = 2.9  # of ln(ratio): beyond it the formulas say nothing
+LARGEST_RESIDUAL = 1e-10
+LEAST_DEPTH = 0.1  # of the tissue, in outer radii
+BROKEN = "axisymmetric, as the formulas break down for this scene"
+
+
+@dataclass(frozen=True)
+class Found:
+    """Film forces with their bounds, the bounds on their errors, and the residual of eq. (C1)."""
+
+    films: FilmForces
+    errors: Errors
+    residual: float
+
+
+@dataclass(frozen=True)
+class ClosedForm:
+    """Two elastic blocks on an elastic layer, spheres by equivalent inclusion with their image: a first look, and the search."""
+
+    name: str = "closed-form"
+    summary: str = "formulas; spheres anywhere, covered by a tenth of their diameter; 1 to 30 % in milliseconds"
+
+    def refusal(self, scene: Scene) -> str | None:
+        """Say which kind of thing in the scene the formulas do not know, or None."""
+        if lopsided(scene) is not None:
+            return lopsided(scene)
+        if any(body.diameter is None for body in scene.inclusion):
+            return "equivalent-inclusion or solid for an ellipsoid"
+        if any(body.depth - body.diameter / 2 < LEAST_COVER * body.diameter for body in scene.inclusion if body.diameter):
+            return f"axisymmetric for an inclusion covered by less than {LEAST_COVER:g} of its diameter"
+        if scene.tissue.shape != "half-space" and scene.tissue.depth < LEAST_DEPTH * scene.probe.tube_radius:
+            return f"axisymmetric for tissue thinner than {LEAST_DEPTH:g} outer radii"
+        return None
+
+    def evaluate(self, scene: Scene, accuracy: float = 0.01) -> Result:
+        """Answer as well as the formulas can, with a warning where that is worse than ``accuracy``.
+
+        Raises:
+            Refusal: the scene is of another kind, or the formulas break down.
+        """
+        found = self.evaluate_many([scene], accuracy)[0]
+        if isinstance(found, InputError):
+            raise found
+        return found
+
+    def evaluate_many(self, scenes: Sequence[Scene], accuracy: float = 0.01) -> list[Result | InputError]:
+        """Return for each scene what ``evaluate`` returns, or the refusal it raises; ``seconds`` are shared out evenly."""
+        start = perf_counter()
+        answers = [self._told(*pair, accuracy) for pair in zip(scenes, self.films(scenes), strict=True)]
+        share = (perf_counter() - start) / max(len(scenes), 1)
+        return [replace(one, seconds=share) if isinstance(one, Result) else one for one in answers]
+
+    def films(self, scenes: Sequence[Scene]) -> list[Found | InputError]:
+        """Return for each scene what stands behind an answer, or the refusal."""
+        found: dict[int, Found | InputError] = {}
+        groups: dict[Shape, list[tuple[int, Floats]]] = defaultdict(list)
+        for place, scene in enumerate(scenes):
+            why = self.refusal(scene)
+            if why is not None:
+                found[place] = Refusal("evaluator", self.name, why)
+                continue
+            shape, values = parameters(scene)
+            groups[shape].append((place, values))
+        for shape, group in groups.items():
+            every = variants(shape, [values for _, values in group])
+            for (place, _), *one in zip(group, *every, strict=True):
+                found[place] = self._bounded(scenes[place], shape, *one)
+        return [found[place] for place in range(len(scenes))]
+
+    def _bounded(self, scene: Scene, shape: Shape, found: Floats, slopes: Floats, residuals: Floats) -> Found | InputError:
+        """What stands behind the answer of a scene, from its variants."""
+        if not (np.all(np.isfinite(found)) and np.all(found.sum(axis=2) > 0) and np.all(residuals < LARGEST_RESIDUAL)):
+            return Refusal("evaluator", self.name, BROKEN)
+        error = errors(scene, found, slopes, shape.side_nodes > 0)
+        if error.log_ratio > LARGEST_ERROR:
+            return Refusal("evaluator", self.name, BROKEN)
+        slope = slopes[0] if scene.target is not None else None
+        films = FilmForces(found[0], error.bound(found[0].sum(axis=1)), slope, error.sensitivity)
+        return Found(films, error, float(residuals[0]))
+
+    def _told(self, scene: Scene, found: Found | InputError, accuracy: float) -> Result | InputError:
+        if isinstance(found, InputError):
+            return found
+        told = outputs(scene, found.films)
+        told["warnings"] += tuple(shortfalls(found.films, found.errors.largest, accuracy))
+        return Result(self.name, 0.0, residual=found.residual, **told)
+
+
+def variants(shape: Shape, values: Sequence[Floats]) -> tuple[Floats, Floats, Floats]:
+    """Return forces, slopes and residuals of designs, and those that their errors are told from, in the order of ``EFFECTS``.
+
+    Args:
+        shape: of all the designs.
+        values: the parameters of each, see ``closed_form.parameters``.
+
+    Returns:
+        two arrays of shape (designs, variants, 2, 2), not finite or not positive where the formulas break down, and one of
+        shape (designs, variants).
+    """
+    columns = np.concatenate([_variants(one) for one in values], axis=1)
+    with np.errstate(all="ignore"):
+        parts = [(one.forces, one.slope, one.residual) for one in answers(shape, columns)]
+        found, slopes, residuals = (np.concatenate(part) for part in zip(*parts, strict=True))
+    size = len(values), -1
+    return found.reshape(*size, 2, 2), slopes.reshape(*size, 2, 2), residuals.reshape(size)
+
+
+def _variants(values: Floats) -> Floats:
+    """The parameters of the variants, columns."""
+    columns = {"scene": values}
+    for name in ("inner_modulus", "outer_modulus"):
+        columns[name] = values.copy()
+        columns[name][PROBE.index(name)] *= STEP
+    columns["no inclusions"] = values.copy()
+    bodies = columns["no inclusions"][len(PROBE) + len(TISSUE) :].reshape(-1, len(BALL))
+    bodies[:, -2:] = values[len(PROBE) + len(TISSUE) - 2 : len(PROBE) + len(TISSUE)]
+    return np.stack([columns[name] for name in EFFECTS], axis=1)

@@ -1,0 +1,124 @@
+"""What tumours change of the film forces to first order: integrals of the undisturbed strains over their volume.
+
+By reciprocity a sphere changes the film forces F_ij of the base states by
+
+    dF_ij = Int [k_v tr(eps_i) tr(eps_j) + k_d e_i:e_j] dV                                        (P1)
+
+with the strains of the tissue without it at each point and its strength k, eq. (E2) of ``eshelby.py`` (PHYSICS section 4).
+Effects of several add. Moving the sphere, or letting it grow, adds what lies under its surface: the derivatives of eq. (P1) by
+the place of its centre and by its radius are integrals of the same products over its surface, eq. (P2).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.polynomial.legendre import leggauss
+from scipy.special import roots_jacobi
+
+from geometry.meridian.grading import Floats
+from geometry.scenes.probe import Material
+from solver.equivalent_inclusion.strain_products import Energies
+from solver.inclusions.eshelby import strength
+from solver.inclusions.tumours import Tumours
+
+CHUNK = 1000  # tumours at once
+FEW = 20  # tumours for which a table of strain products is not worth making
+POINTS = (3, 5, 5)  # along radius, height and half the way round: exact for polynomials of degree 5 and more
+SURFACE = (8, 8)  # along height and half the way round
+INDEX = np.array([[0, 1], [1, 2]])  # of a pair of states among the three products
+
+
+@dataclass(frozen=True)
+class Effects:
+    """Changes of the film forces F_ij (N/m) by n spheres, each alone, and their derivatives; shapes (n, 2, 2).
+
+    Attributes:
+        forces: eq. (P1).
+        by_log_modulus: by ln E of the sphere.
+        by_poisson: by its Poisson's ratio.
+        by_depth, by_offset: by the place of its centre, N/m^2; None unless asked for.
+        by_log_diameter: None unless asked for.
+    """
+
+    forces: Floats
+    by_log_modulus: Floats
+    by_poisson: Floats
+    by_depth: Floats | None = None
+    by_offset: Floats | None = None
+    by_log_diameter: Floats | None = None
+
+
+def effects(energies: Energies, tissue: Material, tumours: Tumours, places: bool = False) -> Effects:
+    """Return the first-order effect of each of n spheres (arrays of shape (n,)).
+
+    Args:
+        energies: of the base states.
+        tissue: its material.
+        tumours: the spheres.
+        places: whether to find the derivatives by depth, offset and diameter too.
+
+    Raises:
+        InputError: a sphere lies partly outside the tissue.
+    """
+    of = strength(tissue, tumours.youngs_modulus, tumours.poisson_ratio)
+    inside = _integrals(energies, tumours, *half_ball(*POINTS))[0]
+    radius = tumours.diameter / 2
+    inside *= (4 / 3 * np.pi * radius**3)[:, None]
+    whole, by_modulus, by_poisson = (_matrices(inside, *k) for k in ((of.volume, of.shear), of.by_log_modulus, of.by_poisson))
+    if not places:
+        return Effects(whole, by_modulus, by_poisson)
+    over, up, out = _integrals(energies, tumours, *_sphere(*SURFACE))
+    area = 4 * np.pi * radius**2
+    moved = [_matrices(part * area[:, None], of.volume, of.shear) for part in (-up, out, over)]
+    return Effects(whole, by_modulus, by_poisson, moved[0], moved[1], moved[2] * radius[:, None, None])
+
+
+def _matrices(products: Floats, volume: Floats, shear: Floats) -> Floats:
+    """k_v times the first plus k_d times the last three of six products, (n, 6), as symmetric matrices (n, 2, 2)."""
+    return np.asarray((volume[:, None] * products[:, :3] + shear[:, None] * products[:, 3:])[:, INDEX])
+
+
+def _integrals(energies: Energies, tumours: Tumours, points: Floats, weights: Floats) -> list[Floats]:
+    """Weighted sums of the six products over points of the unit ball, (q, 3), with columns of weights, (q, w): w of (n, 6)."""
+    n = len(tumours.x)
+    found = np.empty((weights.shape[1], n, 6))
+    radius = tumours.diameter / 2
+    table = np.full(n, n > FEW) & energies.covers(tumours.offset + radius, -tumours.cover, -tumours.depth - radius)
+    for which, ask in ((table, energies.quick), (np.logical_not(table), energies.at)):
+        chosen = np.flatnonzero(which)
+        for low in range(0, len(chosen), CHUNK):
+            block = chosen[low : low + CHUNK]
+            x, y, up = (points[:, k] * radius[block, None] for k in range(3))
+            r, z = np.hypot(tumours.offset[block, None] + x, y), up - tumours.depth[block, None]
+            values = ask(r.ravel(), z.ravel()).reshape(6, *r.shape)
+            found[:, block] = np.einsum("pnq,qw->wnp", values, weights)
+    return list(found)
+
+
+@lru_cache(maxsize=8)
+def half_ball(along: int, height: int, around: int) -> tuple[Floats, Floats]:
+    """Points in the half y > 0 of the unit ball, x away from the axis and z up, with weights that add up to 1, (q, 1)."""
+    surface, share = _sphere(height, around)
+    radius, weight = roots_jacobi(along, 0, 2)
+    radius, weight = (1 + radius) / 2, weight / weight.sum()
+    return (radius[:, None, None] * surface).reshape(-1, 3), np.outer(weight, share[:, 0]).reshape(-1, 1)
+
+
+def whole_ball(along: int, height: int, around: int) -> tuple[Floats, Floats]:
+    """Points in the unit ball, (q, 3), with weights that add up to 1."""
+    points, weights = half_ball(along, height, around // 2)
+    return np.concatenate([points, points * [1, -1, 1]]), np.tile(weights[:, 0] / 2, 2)
+
+
+@lru_cache(maxsize=8)
+def _sphere(height: int, around: int) -> tuple[Floats, Floats]:
+    """Points on the half y > 0 of the unit sphere with weights for the mean of a function, of it times z, and of it times x."""
+    z, weight = leggauss(height)
+    angle = (np.arange(around) + 0.5) * np.pi / around
+    across = np.sqrt(1 - z**2)
+    points = np.stack([np.outer(across, np.cos(angle)), np.outer(across, np.sin(angle)), np.outer(z, np.ones(around))], axis=-1)
+    points, share = points.reshape(-1, 3), np.repeat(weight / 2, around) / around
+    return points, np.stack([share, share * points[:, 2], share * points[:, 0]], axis=1)

@@ -1,0 +1,55 @@
+"""How far the first order may be off: it leaves out what surface, blocks, floor and other tumours reflect."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from geometry.meridian.grading import Floats
+from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
+from solver.inclusions.eshelby import strength
+from solver.inclusions.tumours import Tumours
+
+# rho of a sphere ten times as stiff as the tissue whose centre lies one radius deep is about 0.94 (PHYSICS section 4); random
+# scenes against ``axisymmetric`` (benchmarks/equivalent_inclusion.py) need up to 1.1 for shallow and 1.7 for deep ones
+SURFACE = 1.5
+LEAST = 0.003  # of the effect
+USUAL = 1.96  # the strength k_d / (2 mu) of that sphere
+MOST = 0.9  # rho
+
+
+def first_order_share(base: Undisturbed, tumours: Tumours) -> Floats:
+    """Bound on the relative error of each tumour's effect, shape (n, t): rho / (1 - rho) for what it reflects, eq. (P3)."""
+    rho = np.minimum(reflection(base, tumours), MOST)
+    return np.asarray(rho / (1 - rho) + base.field_error(tumours) + LEAST)
+
+
+def first_order_error(share: Floats, changes: Floats) -> Floats:
+    """Return bounds on the errors of what tumours change of each film's total, (n, 2), from shares (n, t), changes (n, t, 2, 2).
+
+    By Cauchy and Schwarz what comes back changes film i's total by at most the share of sqrt(dF_ii dF_UU), with U the sum of both
+    states. The bounds of all tumours add up.
+    """
+    single = np.abs(np.diagonal(changes, axis1=2, axis2=3))
+    whole = np.abs(changes.sum(axis=(2, 3)))[..., None]
+    return np.asarray((share[..., None] * np.sqrt(single * whole)).sum(axis=1))
+
+
+def reflection(base: Undisturbed, tumours: Tumours) -> Floats:
+    """Share of each tumour's field that comes back to it, from surface, floor, side and other tumours, shape (n, t)."""
+    tissue = base.scene.tissue
+    of = strength(tissue, tumours.youngs_modulus, tumours.poisson_ratio)
+    mu, nu = tissue.youngs_modulus / (2 * (1 + tissue.poisson_ratio)), tissue.poisson_ratio
+    bulk, alpha = tissue.youngs_modulus / (3 * (1 - 2 * nu)), (1 + nu) / (3 * (1 - nu))
+    strong = np.abs(of.shear) / (2 * mu * USUAL) + np.abs(of.volume) * (1 - alpha) / bulk  # of a hole: 0.85 + 1
+    radius = tumours.diameter / 2
+    section = base.field.states.model.section
+    below, beside = section.tissue_depth - tumours.depth, section.tissue_radius - tumours.offset
+    near = sum((radius / np.maximum(away, radius)) ** 3 for away in (tumours.depth, below, beside))
+    _, t = tumours.shape
+    for i in range(t):
+        for j in range(t):
+            if i != j:
+                gap = [getattr(tumours, key)[:, i] - getattr(tumours, key)[:, j] for key in ("x", "y", "depth")]
+                apart = np.sqrt(sum(part**2 for part in gap))
+                near[:, i] += (radius[:, i] * radius[:, j]) ** 1.5 / np.maximum(apart, radius[:, i] + radius[:, j]) ** 3
+    return np.asarray(SURFACE * strong * near)

@@ -1,0 +1,104 @@
+"""First-order effects of tumours as forms of the elements' own values: what their exact derivatives are made of.
+
+At the points of the tumours' quadratures strain and dilation are linear in the elements' own values; all of it is an analytic
+function of the elements' corners and of the points' places, so that complex steps differentiate it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from geometry.meridian.grading import Floats
+from geometry.meridian.mesh import SQUARE, bilinear, nodes
+from solver.axisymmetric.base_states import BaseStates
+from solver.axisymmetric.dofs import Ints
+from solver.axisymmetric.quadrilateral import Geometry, dilations
+from solver.axisymmetric.shape_functions import functions, pressures
+from solver.axisymmetric.tissue_field import TissueField, jacobian
+from solver.equivalent_inclusion.first_order import POINTS, half_ball
+from solver.inclusions.tumours import Tumours
+
+METRIC = np.array([1.0, 1.0, 1.0, 2.0])  # of rr, zz, hoop and rz in eps:eps
+
+
+@dataclass(frozen=True)
+class Points:
+    """The points of t tumours' quadratures, q in all, in a mesh without them.
+
+    Attributes:
+        states: whose elements they lie in.
+        tumour: the number of each point's tumour, shape (q,).
+        weight: shares of the tumours' volumes, m^3, shape (q,).
+        element: in which they lie, shape (q,).
+        place: in its unit square, shape (q, 2).
+        r: their radii, shape (q,).
+        by_depth, by_log_diameter: how they move, (q, 2) each, along r and z.
+    """
+
+    states: BaseStates
+    tumour: Ints
+    weight: Floats
+    element: Ints
+    place: Floats
+    r: Floats
+    by_depth: Floats
+    by_log_diameter: Floats
+
+    @classmethod
+    def of(cls, states: BaseStates, tumours: Tumours) -> Points:
+        """Place the quadratures of t spheres, arrays of shape (t,)."""
+        ball, share = half_ball(*POINTS)
+        radius = tumours.diameter[:, None] / 2
+        x, y, up = (radius * ball[:, k] for k in range(3))
+        r, z = np.hypot(tumours.offset[:, None] + x, y), up - tumours.depth[:, None]
+        grow = np.stack([((tumours.offset[:, None] + x) * x + y**2) / r, up], axis=-1)
+        element, place, _ = TissueField(states).locate(np.stack([r.ravel(), z.ravel()], axis=1))
+        weight = (4 / 3 * np.pi * radius**3 * share[:, 0]).ravel()
+        number = np.repeat(np.arange(len(r)), len(ball))
+        sink = np.broadcast_to([0.0, -1.0], (len(weight), 2))
+        return cls(states, number, weight, element, place, r.ravel(), sink, grow.reshape(-1, 2))
+
+    @property
+    def elements(self) -> Ints:
+        """Numbers of the elements with points."""
+        return np.unique(self.element)
+
+    @property
+    def row(self) -> Ints:
+        """Place of each point's element among ``elements``."""
+        return np.searchsorted(self.elements, self.element)
+
+    def corners(self, section: Any) -> Any:
+        """Corners of ``elements`` in a section, perhaps with complex lengths of shape (), shape (e, 4, 2)."""
+        return nodes(section, self.states.model.mesh, SQUARE, self.elements)
+
+    def forms(self, corners: Any, moved: Any = 0.0) -> tuple[Any, Any]:
+        """Strains rr, zz, hoop and rz, (q, 4, 2, s), and dilation, (q, 2, s), per own value of each point's element.
+
+        Args:
+            corners: of ``elements``, (e, 4, 2).
+            moved: by how much the points moved, (q, 2), small and imaginary in derivatives.
+        """
+        model, mine = self.states.model, corners[self.row]
+        was = np.real(mine)
+        off = np.real(bilinear(self.place)[:, None] @ was)[:, 0] + moved - (bilinear(self.place)[:, None] @ mine)[:, 0]
+        place = self.place + np.linalg.solve(jacobian(was, self.place), off[..., None])[..., 0]
+        r = self.r + np.broadcast_to(moved, (len(self.r), 2))[:, 0]
+        value, slope = functions(place, model.shapes.degrees)
+        by_r, by_z = np.einsum("kqs,qkj->jqs", slope, np.linalg.inv(jacobian(mine, place)))
+        strain = np.zeros((len(r), 4, 2, value.shape[1]), dtype=value.dtype)
+        strain[:, 0, 0], strain[:, 1, 1], strain[:, 2, 0] = by_r, by_z, value / r[:, None]
+        strain[:, 3, 0], strain[:, 3, 1] = by_z / 2, by_r / 2
+        table = dilations(_geometry(model.shapes, corners), model.shapes)[:, :, ::2]
+        return strain, np.einsum("qk,qkcs->qcs", pressures(place, model.shapes.order), table[self.row])
+
+
+def _geometry(shapes: Any, corners: Any) -> Geometry:
+    """Geometry of straight-sided elements, perhaps with complex corners."""
+    points = bilinear(shapes.points) @ corners
+    along = np.stack([jacobian(corners, np.broadcast_to(point, (len(corners), 2))) for point in shapes.points], axis=1)
+    area = along[..., 0, 0] * along[..., 1, 1] - along[..., 0, 1] * along[..., 1, 0]
+    return Geometry(points[..., 0], 2 * np.pi * points[..., 0] * area * shapes.weights, np.linalg.inv(along))

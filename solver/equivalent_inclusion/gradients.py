@@ -1,0 +1,226 @@
+"""Exact derivatives of the first-order level by every number of a scene: forces, ratio, log-sensitivity with tumours anywhere.
+
+With u the base states, K their matrix and G the form of eq. (P1), F = u^T K u + u^T G u. The states minimise the first term but
+not the second, so that one more solve with their polarisation as load, K l = G u, takes their change into account,
+
+    dF = u^T dK u + u^T dG u - l^T dK u - u^T dK l                                                 (P7)
+
+and another one does it for the log-sensitivity, whose form G' = dG / d ln E belongs to the target alone. The mesh moves with the
+design under tumours that stay: dG is a complex step (``first_order_points.py``). Where a point passes from one element to the
+next, strains, and with them the outputs, jump by the mesh's error, 1e-6 or so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from geometry.common.errors import InputError
+from geometry.meridian.frame import Fineness, Kind
+from geometry.meridian.grading import Floats
+from geometry.meridian.section import Body
+from geometry.scenes.probe import Material
+from geometry.scenes.scene import Scene
+from geometry.scenes.variables import values
+from solver.axisymmetric.base_states import BaseStates, Model, base_states
+from solver.axisymmetric.base_states import model as solved_model
+from solver.axisymmetric.energy_derivatives import STEP, energy_derivatives, variables
+from solver.axisymmetric.gradients import OUTPUTS, Gradients, areas, by_scene
+from solver.axisymmetric.sections import Sections
+from solver.equivalent_inclusion.gradient_points import METRIC, Points
+from solver.equivalent_inclusion.probe_on_tissue import FIELDS
+from solver.inclusions.eshelby import strengths
+from solver.inclusions.tumours import Tumours
+
+Strengths = tuple[Any, Any]  # k_v and k_d of every tumour
+
+
+@dataclass(frozen=True)
+class FirstOrder:
+    """Film forces of one scene on one mesh to first order, and what their derivatives need.
+
+    Attributes:
+        states: base states without tumours.
+        points: of the tumours' quadratures.
+        tumours: shape (t,).
+        target: the number of one, or None.
+    """
+
+    states: BaseStates
+    points: Points
+    tumours: Tumours
+    target: int | None
+
+    @property
+    def tissue(self) -> Material:
+        """The tumours' matrix."""
+        return self.states.model.materials[Body.TISSUE]
+
+    def form(self, strengths: Strengths, corners: Any = None, moved: Any = 0.0) -> Any:
+        """u^T G u, shape (2, 2), with given strengths, perhaps complex corners and moved points."""
+        strain, dilation = self._at_points(*self.points.forms(self._corners if corners is None else corners, moved))
+        volume, shear = (np.asarray(k)[self.points.tumour] * self.points.weight for k in strengths)
+        sums = strain[:, :3].sum(axis=1)
+        whole = np.einsum("q,qi,qj->ij", volume, dilation, dilation) - np.einsum("q,qi,qj->ij", shear / 3, sums, sums)
+        return whole + np.einsum("q,a,qai,qaj->ij", shear, METRIC, strain, strain)
+
+    def adjoint(self, strengths: Strengths) -> Floats:
+        """All values of l of eq. (P7) in the elements, shape (n, 2 s, 2)."""
+        m, points = self.states.model, self.points
+        strain_form, dilation_form = points.forms(self._corners)
+        strain, dilation = self._at_points(strain_form, dilation_form)
+        volume, shear = (np.asarray(k)[points.tumour] * points.weight for k in strengths)
+        loads = np.einsum("q,qi,qcs->qcsi", volume, dilation, dilation_form)
+        loads -= np.einsum("q,qi,qcs->qcsi", shear / 3, strain[:, :3].sum(axis=1), strain_form[:, :3].sum(axis=1))
+        loads += np.einsum("q,a,qai,qacs->qcsi", shear, METRIC, strain, strain_form, optimize=True)
+        own = np.zeros((len(points.elements), *loads.shape[1:]))
+        np.add.at(own, points.row, loads)
+        return _solved(m, points.elements, own)
+
+    @property
+    def _corners(self) -> Floats:
+        return np.asarray(self.points.corners(self.states.model.section))
+
+    def _at_points(self, strain: Any, dilation: Any) -> tuple[Any, Any]:
+        own = self.states.own[self.points.element].reshape(len(self.points.r), 2, -1, 2)
+        return (np.einsum("qacs,qcsi->qai", strain, own, optimize=True), np.einsum("qcs,qcsi->qi", dilation, own, optimize=True))
+
+    def strengths(self, **changed: Any) -> tuple[Strengths, Strengths]:
+        """Return k_v and k_d of all tumours, and their derivatives by ln E of the target (0 for the others).
+
+        Args:
+            changed: perhaps complex values that take the place of modulus, nu (tissue), youngs_modulus, poisson_ratio (tumours).
+        """
+        t = self.tumours
+        given: dict[str, Any] = {"modulus": self.tissue.youngs_modulus, "nu": self.tissue.poisson_ratio}
+        given |= {"youngs_modulus": t.youngs_modulus, "poisson_ratio": t.poisson_ratio}
+        whole, (volume, shear) = strengths(**{**given, **changed})
+        mine = np.arange(len(t.x)) == self.target
+        return whole, (volume * mine, shear * mine)
+
+    def forms(self, corners: Any = None, moved: Any = 0.0, **changed: Any) -> Any:
+        """u^T G u and u^T G' u, shape (2, 2, 2), with perhaps complex corners, points or moduli."""
+        return np.array([self.form(k, corners, moved) for k in self.strengths(**changed)])
+
+
+def _solved(m: Model, elements: Any, loads: Floats) -> Floats:
+    """Displacements under loads on all values of some elements, (e, 2, s, k), held where base states are; (n, 2 s, k)."""
+    e, _, s, k = loads.shape
+    edge = m.shapes.skeleton
+    inside = loads[:, :, edge:].reshape(e, -1, k)
+    on_edges = np.zeros((len(m.two_mu), 2 * edge, k))
+    on_edges[elements] = loads[:, :, :edge].reshape(e, -1, k) + m.recovery[elements].transpose(0, 2, 1) @ inside
+    v, _, _ = m.system.solve(m.system.add_up(on_edges), passes=2)
+    whole = m.whole(m.system.own(v))
+    stiffness = m.two_mu[elements, None, None] * m.shear[elements] + m.lam[elements, None, None] * m.volume[elements]
+    inner = stiffness.reshape(e, 2, s, 2, s)[:, :, edge:, :, edge:].reshape(e, inside.shape[1], -1)
+    shaped = whole.reshape(len(whole), 2, s, k)
+    shaped[elements, :, edge:] += np.linalg.solve(inner, inside).reshape(e, 2, s - edge, k)
+    return shaped.reshape(whole.shape)
+
+
+def first_order(scene: Scene, of: Sections, fineness: Fineness = FIELDS[0], kind: Kind | None = None) -> FirstOrder:
+    """Solve the base states of sections without tumours and place the scene's spheres in them.
+
+    Raises:
+        SolveError: the equations cannot be solved in double precision.
+    """
+    interface = scene.contact.interface
+    assert interface != "unilateral"  # refused before
+    materials: dict[Body, Material] = {body: one for body, one in of.materials.items() if body != Body.INCLUSION}
+    section = replace(of.section, sphere_radius=0.0, sphere_depth=0.0)
+    states = base_states(solved_model(section, materials, interface, fineness, kind))
+    tumours = Tumours.of(scene).flat()
+    return FirstOrder(states, Points.of(states, tumours), tumours, scene.target)
+
+
+def tumour_gradients(scene: Scene, found: FirstOrder, names: tuple[str, ...]) -> Gradients:
+    """Differentiate first-order outputs at a fixed topology of the mesh, see ``solver.axisymmetric.gradients.gradients``.
+
+    Raises:
+        InputError: a name is none of the scene's variables.
+    """
+    known = tuple(values(scene))
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise InputError("variable", unknown[0], ", ".join(known))
+    values_now = found.forms()
+    values_now[0] += found.states.forces
+    model = found.states.model
+    chain = np.array([by_scene(scene, model, name) for name in names]).reshape(len(names), len(variables(model)))
+    changes = np.einsum("nv,vkij->nkij", chain, _by_section(found))
+    for k, name in enumerate(names):
+        if name.startswith("inclusion."):
+            changes[k] = _by_tumour(found, name.removeprefix("inclusion."))
+    return _outputs(scene, found, names, values_now, changes, chain)
+
+
+def _by_section(found: FirstOrder) -> Floats:
+    """Derivatives of the forces and of their slopes by the section's variables, eq. (P7), shape (v, 2, 2, 2)."""
+    m = found.states.model
+    whole = np.concatenate([found.states.own, *(found.adjoint(k) for k in found.strengths())], axis=-1)
+    dK = energy_derivatives(m, whole, Body.INCLUSION)[0]
+    out: Floats = np.array([_explicit(found, name) for name in variables(m)])
+    out[:, 0] += dK[:, :2, :2] - dK[:, 2:4, :2] - dK[:, :2, 2:4]
+    out[:, 1] -= dK[:, 4:, :2] + dK[:, :2, 4:]
+    return out
+
+
+def _explicit(found: FirstOrder, name: str) -> Floats:
+    """u^T dG u and u^T dG' u by one of the section's variables with the states' own values held, shape (2, 2, 2)."""
+    section, tissue = found.states.model.section, found.tissue
+    if name == "tissue_youngs_modulus":
+        return _imaginary(found.forms(modulus=tissue.youngs_modulus * (1 + 1j * STEP)))
+    if name == "tissue_poisson_ratio":
+        return _imaginary(found.forms(nu=tissue.poisson_ratio + 1j * STEP))
+    if name not in section.given:
+        return np.zeros((2, 2, 2))
+    moved = replace(section, **{name: getattr(section, name) * (1 + 1j * STEP)})
+    return _imaginary(found.forms(found.points.corners(moved)))
+
+
+def _by_tumour(found: FirstOrder, what: str) -> Floats:
+    """The same by a number of the one tumour."""
+    points, t = found.points, found.tumours
+    if what == "youngs_modulus":
+        return np.asarray(_imaginary(found.forms(youngs_modulus=t.youngs_modulus * (1 + 1j * STEP))) / t.youngs_modulus[0])
+    if what == "poisson_ratio":
+        return _imaginary(found.forms(poisson_ratio=t.poisson_ratio + 1j * STEP))
+    if what == "depth":
+        return _imaginary(found.forms(moved=1j * STEP * points.by_depth))
+    grown = _imaginary(found.forms(moved=1j * STEP * points.by_log_diameter)) + 3 * found.forms()
+    return np.asarray(grown / t.diameter[0])
+
+
+def _imaginary(values: Any) -> Floats:
+    return np.asarray(np.imag(values) / STEP)
+
+
+def _outputs(scene: Scene, found: FirstOrder, names: tuple[str, ...], now: Floats, changes: Floats, chain: Floats) -> Gradients:
+    """From forces and slopes, (2, 2, 2), and their derivatives, (n, 2, 2, 2), to the outputs and theirs."""
+    (totals, slopes), d_totals = now.sum(axis=2), changes.sum(axis=3)
+    logs, stiffness = d_totals[:, 0] / totals, d_totals[:, 0].sum(axis=1) / totals.sum()
+    stress = logs - chain @ areas(scene, found.states.model)
+    if scene.load.indentation is None:
+        stress = stress - stiffness[:, None]
+    sensitivity = slopes / totals
+    d_sensitivity = d_totals[:, 1] / totals - sensitivity * logs
+    ends = np.array([scene.probe.inner_area, scene.probe.outer_area])
+    moved = scene.load.indentation
+    indentation = (scene.load.force or 0.0) / totals.sum() if moved is None else moved
+    stresses = totals * indentation / ends
+    ratio = totals[0] / totals[1] * ends[1] / ends[0]
+    outputs = ratio, *stresses, totals.sum(), sensitivity[0] - sensitivity[1]
+    slopes_of = (
+        ratio * (stress[:, 0] - stress[:, 1]),
+        *(stresses[k] * stress[:, k] for k in (0, 1)),
+        totals.sum() * stiffness,
+        d_sensitivity[:, 0] - d_sensitivity[:, 1],
+    )
+    return Gradients(
+        names,
+        {name: np.array([value]) for name, value in zip(OUTPUTS, outputs, strict=True)},
+        {name: np.asarray(change)[None] for name, change in zip(OUTPUTS, slopes_of, strict=True)},
+    )

@@ -1,0 +1,181 @@
+"""A probe on tissue without tumours: film forces with their errors and the strains everywhere, solved once for all tumours."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from geometry.common.errors import Refusal, SolveError
+from geometry.meridian.frame import Fineness
+from geometry.meridian.grading import Floats
+from geometry.meridian.section import Section
+from geometry.scenes.probe import mm
+from geometry.scenes.scene import Load, Scene
+from solver.axisymmetric.base_states import base_states, model
+from solver.axisymmetric.converged_forces import Converged, converged
+from solver.axisymmetric.dofs import Bools, Interface
+from solver.axisymmetric.tissue_field import TissueField
+from solver.equivalent_inclusion.strain_products import Energies
+from solver.inclusions.tumours import Tumours
+from solver.multiple_scattering.exchange import Reflector
+from solver.results.film_forces import FilmForces
+from solver.results.result import Decision
+
+FIELDS = Fineness(1.5, 3, 5), Fineness(2, 3, 6)  # meshes of the strains; tests hold their errors below FIELD_ERRORS
+FIELD_ERRORS = 5e-4, 3e-5  # of the effect of a tumour one outer radius from the probe, rising with the square of the distance
+FINE = 0.0015  # accuracy below which the finer of them is used
+SHALLOW = 0.2  # outer radii: the depth of a centre above which the coarser mesh is too coarse
+REFLECTIONS = Fineness(1, 1, 4)  # mesh of what comes back to ordinary tumours
+REFLECTION_ERROR = 3e-4  # of the effect of an ordinary tumour: what that mesh changes; 1e-4 in a sweep over finer ones
+FAR = 300.0  # outer radii: where a half-space ends for strains, which this changes by its square
+SHARE = 0.2  # of the accuracy asked for that film forces without tumours may take
+
+
+@dataclass(frozen=True)
+class Undisturbed:
+    """The base states of a scene's probe and tissue.
+
+    Attributes:
+        scene: without inclusions, at no load.
+        accuracy: what was asked for with tumours.
+        energies: strain products of the base states.
+        nearest_error: relative error of the effects of near tumours that follow from them.
+    """
+
+    scene: Scene
+    accuracy: float
+    found: Converged
+    energies: Energies
+    nearest_error: float
+
+    @property
+    def films(self) -> FilmForces:
+        """Film forces without tumours."""
+        return self.found.films[0]
+
+    @property
+    def residual(self) -> float:
+        """Relative residual of the base states, of those behind the film forces and those behind the strains the larger."""
+        return max(self.found.sample.states.residual, self.field.states.residual)
+
+    @property
+    def field(self) -> TissueField:
+        """Base states as functions of position."""
+        return self.energies.field
+
+    def field_error(self, tumours: Tumours) -> Floats:
+        """Bound on what the mesh changes of each tumour's effect, relative: cells grow with the distance from the probe."""
+        far = (tumours.offset**2 + tumours.depth**2) / self.field.states.model.section.tube_radius**2
+        return np.asarray(self.nearest_error * (1 + far))
+
+    def reflection_error(self, tumours: Tumours) -> Floats:
+        """Bound on what the mesh changes of each tumour's reflection, as a share of its effect: cells take no notice of it."""
+        depth = tumours.depth / self.field.states.model.section.tube_radius
+        share = self.nearest_error / 50 / depth**3  # 1e-5 on the coarser mesh, from a sweep against ``axisymmetric``
+        own = np.minimum(0.1, share) * (tumours.diameter / 2 / tumours.depth) ** 3
+        return np.asarray(own + REFLECTION_ERROR * self._ordinary(tumours))
+
+    def reflector(self, tumours: Tumours) -> Reflector:
+        """What sends fields scattered by one set of tumours back: a coarse mesh does where none is near to anything."""
+        return self._coarse_reflector if self._ordinary(tumours) else self._fine_reflector
+
+    def _ordinary(self, tumours: Tumours) -> bool:
+        section, depth, diameter = self.field.states.model.section, tumours.depth, tumours.diameter
+        near = np.minimum(tumours.cover, section.tissue_depth - depth - diameter / 2)
+        shallow = (near < 0.07 * diameter) | (depth < 0.3 * section.tube_radius)
+        large = diameter > np.minimum(3 * section.tube_radius, section.tissue_radius - tumours.offset)
+        return self.nearest_error == FIELD_ERRORS[0] and not np.any(shallow | large)
+
+    @cached_property
+    def _fine_reflector(self) -> Reflector:
+        return Reflector(self.field.states, self._interface, close=True)
+
+    @cached_property
+    def _coarse_reflector(self) -> Reflector:
+        fine = self.field.states.model
+        return Reflector(base_states(model(fine.section, fine.materials, self._interface, REFLECTIONS)), self._interface)
+
+    @property
+    def _interface(self) -> Interface:
+        interface = self.scene.contact.interface
+        assert interface != "unilateral"  # refused before
+        return interface
+
+    def inside(self, tumours: Tumours) -> tuple[Tumours, Bools]:
+        """Move tumours that stick out of the modelled cylinder of tissue to its side or floor; return them and which these are.
+
+        Tissue in a block, or not centred under the probe, is a cylinder of the same area, and a half-space ends somewhere: a
+        tumour may lie beyond it. Where it is moved it changes more than where it lies, as strains fall off with the distance.
+
+        Raises:
+            Refusal: a sphere larger than the modelled tissue.
+        """
+        section, radius = self.field.states.model.section, tumours.diameter / 2
+        widest, deepest = ((size - radius) * (1 - 1e-6) for size in (section.tissue_radius, section.tissue_depth))
+        if np.any(widest <= 0) or np.any(deepest <= radius):
+            largest = min(section.tissue_radius, section.tissue_depth / 2)
+            raise Refusal("inclusion.diameter", mm(float(tumours.diameter.max())), f"below {mm(2 * largest)} under this probe")
+        out = np.asarray((tumours.offset > widest) | (tumours.depth > deepest))
+        times = np.where(tumours.offset > widest, widest / np.maximum(tumours.offset, 1e-300), 1.0)
+        return replace(tumours, x=tumours.x * times, y=tumours.y * times, depth=np.minimum(tumours.depth, deepest)), out
+
+    def with_bounds(self, bound: Floats, forces: Floats) -> tuple[Floats, Floats]:
+        """Return bounds on each film's total, (n, 2), and on ln(ratio), (n,), from those of what tumours change, (n, 2).
+
+        The latter is inf where a total is below its own error.
+        """
+        films, totals = self.films, np.abs(forces.sum(axis=2))
+        whole = bound + films.bound.totals
+        buried = np.any(whole >= totals, axis=1)
+        own = np.divide(bound, totals, out=np.zeros_like(bound), where=np.logical_not(buried)[:, None])
+        log_ratio = films.bound.log_ratio - np.log1p(-own).sum(axis=1)
+        return whole, np.where(buried, np.inf, log_ratio)
+
+    @property
+    def plan(self) -> tuple[Decision, ...]:
+        """What is left out or modelled beyond blocks and tissue."""
+        return tuple(replace(decision, tolerance=self.accuracy) for decision in self.found.plan)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is left out and matters."""
+        return tuple(note for note in self.found.notes if note.startswith("left out"))
+
+
+def undisturbed(scene: Scene, accuracy: float) -> Undisturbed:
+    """Solve the base states of a scene's probe on its tissue; those asked for last are kept.
+
+    The finer of two meshes is used for fine accuracies, and where one of the scene's own tumours is shallow for the probe.
+
+    Raises:
+        Refusal: scenes so extreme that their equations cannot be solved in double precision.
+    """
+    shallow = any(body.depth < SHALLOW * scene.probe.tube_radius for body in scene.inclusion)
+    return _undisturbed(scene.model_copy(update={"inclusion": (), "load": Load(indentation=0.0)}), accuracy, shallow)
+
+
+@lru_cache(maxsize=2)  # with the systems of all azimuthal orders each may hold a gigabyte
+def _undisturbed(scene: Scene, accuracy: float, shallow: bool) -> Undisturbed:
+    fine = int(accuracy < FINE or shallow)
+    interface = scene.contact.interface
+    assert interface != "unilateral"  # refused before
+    with threadpool_limits(1, user_api="blas"):
+        try:
+            found = converged(scene, SHARE * accuracy)
+            coarse = found.sample.states.model
+            states = base_states(model(_nearer(scene, coarse.section), coarse.materials, interface, FIELDS[fine]))
+        except SolveError as fault:
+            text = f"scenes whose sizes and moduli lie closer together ({fault})"
+            raise Refusal("evaluator", "equivalent-inclusion", text) from fault
+    return Undisturbed(scene, accuracy, found, Energies(TissueField(states)), FIELD_ERRORS[fine])
+
+
+def _nearer(scene: Scene, section: Section) -> Section:
+    """The section in which strains are found: a half-space ends nearer, where its end shifts the tissue but strains it little."""
+    if scene.tissue.shape != "half-space":
+        return section
+    far = FAR * section.tube_radius
+    return replace(section, tissue_radius=min(section.tissue_radius, far), tissue_depth=min(section.tissue_depth, far))

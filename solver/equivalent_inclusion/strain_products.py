@@ -1,0 +1,83 @@
+"""What the base states store where: products of their strains, direct from the elements or from a table made once.
+
+A sphere's effect on the film forces needs two scalars of each pair of states, tr(eps_i) tr(eps_j) and e_i:e_j with e the
+deviator. Both are the same all round the probe's axis, so that they are functions of r and z alone wherever the sphere lies.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.ndimage import map_coordinates, spline_filter
+
+from geometry.meridian.grading import Floats
+from solver.axisymmetric.dofs import Bools
+from solver.axisymmetric.tissue_field import TissueField
+
+PAIRS = ((0, 0), (0, 1), (1, 1))  # of base states: inner and inner, inner and outer, outer and outer
+STEP = 0.035  # of the table in asinh(length / scale)
+SCALE = 0.3  # outer radii
+NEAREST = 0.15  # to the surface, outer radii: above it the blocks' corners are felt and elements are asked
+FARTHEST = 12.0  # outer radii
+ORDER = 3  # of the splines
+SPARE = 4  # lines above the nearest, where the splines' end conditions are felt
+
+
+@dataclass(frozen=True)
+class Energies:
+    """Strain products of the base states of one probe on one tissue, per unit displacement squared, 1/m^2."""
+
+    field: TissueField
+
+    def at(self, r: Floats, z: Floats) -> Floats:
+        """Return tr tr and e:e of the pairs inner-inner, inner-outer, outer-outer, shape (6, m), at points of shape (m,).
+
+        Raises:
+            InputError: a point lies outside the tissue.
+        """
+        found = self.field.at(r, z)
+        rr, zz, hoop, rz = found.strain.transpose(1, 0, 2)
+        sums, trace = rr + zz + hoop, found.dilation
+        product = [
+            rr[:, i] * rr[:, j] + zz[:, i] * zz[:, j] + hoop[:, i] * hoop[:, j] + 2 * rz[:, i] * rz[:, j] for i, j in PAIRS
+        ]
+        dilation = [trace[:, i] * trace[:, j] for i, j in PAIRS]
+        deviator = [whole - sums[:, i] * sums[:, j] / 3 for whole, (i, j) in zip(product, PAIRS, strict=True)]
+        return np.array([*dilation, *deviator])
+
+    def quick(self, r: Floats, z: Floats) -> Floats:
+        """Return what ``at`` does from the table: within about 1e-3 of itself, where ``covers`` says so."""
+        scale, _, depth, _ = self._range
+        along = np.stack([np.arcsinh(r / scale), np.arcsinh(-z / scale) - np.arcsinh(depth / scale)]) / STEP
+        along[1] += SPARE
+        out = np.empty((6, len(r)))
+        for values, row in zip(self._table, out, strict=True):
+            map_coordinates(values, along, output=row, order=ORDER, prefilter=False, mode="mirror")
+        return out
+
+    def covers(self, reach: Floats, highest: Floats, lowest: Floats) -> Bools:
+        """Whether the table holds everything up to a radius, from a highest to a lowest z."""
+        _, widest, low, high = self._range
+        return np.asarray((reach <= widest) & (-highest >= low) & (-lowest <= high))
+
+    @property
+    def _range(self) -> tuple[float, float, float, float]:
+        """The scale, the largest radius, the least and the largest depth of the table, m."""
+        s = self.field.states.model.section
+        scale, far = SCALE * s.tube_radius, FARTHEST * s.tube_radius
+        return scale, min(s.tissue_radius, far), NEAREST * s.tube_radius, min(s.tissue_depth, far)
+
+    @cached_property
+    def _table(self) -> list[Floats]:
+        """Spline coefficients of the six products on lines of r, even about the axis, and of depth."""
+        scale, widest, low, high = self._range
+        s = self.field.states.model.section
+        across = int(np.ceil(np.arcsinh(widest / scale) / STEP)) + 1
+        along = int(np.ceil((np.arcsinh(high / scale) - np.arcsinh(low / scale)) / STEP)) + 1
+        radii = np.minimum(scale * np.sinh(STEP * np.arange(across)), s.tissue_radius)
+        depths = np.minimum(scale * np.sinh(np.arcsinh(low / scale) + STEP * np.arange(-SPARE, along)), s.tissue_depth)
+        r, z = (part.ravel() for part in np.meshgrid(radii, -depths, indexing="ij"))
+        values = self.at(r, z).reshape(6, across, along + SPARE)
+        return [spline_filter(one, order=ORDER, mode="mirror") for one in values]

@@ -1,0 +1,165 @@
+"""Sums of modes at many points, and the transpose: what many points give to each mode.
+
+Displacements and stresses of modes are polynomials of the place times solid harmonics, eqs. (M3) to (M6) of ``multipoles.py``:
+
+    field_a (x) = sum_j p_j (x) h_aj (x),   p = 1, x, y, rho^2, z,   h_aj a sum of solid harmonics         (M8)
+
+so that one product with a table of harmonics, which all modes share, gives all sums. Points of one plane z = const need no p = z.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.meridian.grading import Floats
+from solver.axisymmetric.shape_functions import Ints
+from solver.inclusions.solid_harmonics import Harmonics, Side
+
+Values = NDArray[Any]  # real, or complex for derivatives by complex steps
+FACTORS = 5  # p_j of eq. (M8)
+ONE, X, Y, SQUARE, Z = range(FACTORS)
+KEPT = 4_000_000  # values of harmonics that a sampler keeps: 32 MB
+BLOCK = 2048  # points at a time: a table of harmonics that stays in the cache
+
+
+@dataclass(frozen=True)
+class Stack:
+    """The sums h_aj of eq. (M8) of some components a.
+
+    Attributes:
+        matrix: coefficients of the harmonics per mode, sparse (a FACTORS 2 count, modes).
+        harmonics, side: of which they are sums.
+    """
+
+    matrix: Any
+    harmonics: Harmonics
+    side: Side
+    _rows: dict[tuple[bool, int], tuple[Ints, Ints]] = field(default_factory=dict, repr=False)
+
+    @property
+    def components(self) -> int:
+        """Number of components a."""
+        return int(self.matrix.shape[0] // (2 * FACTORS * self.harmonics.count))
+
+    @cached_property
+    def transposed(self) -> Any:
+        """The matrix's transpose by rows."""
+        return self.matrix.T.tocsr()
+
+    def rows(self, flat: bool, k: int) -> tuple[Ints, Ints]:
+        """Rows (a, j, k) that have harmonics of the cosines' and of the sines' family, with or without p = z."""
+        if (flat, k) not in self._rows:
+            filled = np.diff(self.matrix.indptr).reshape(self.components, FACTORS, 2, -1).any(axis=-1)
+            if flat:
+                filled = np.concatenate([filled[:, :1] | filled[:, Z:], filled[:, 1:Z]], axis=1)
+            repeated = np.repeat(filled.reshape(-1, 2), k, axis=0)
+            self._rows[flat, k] = np.flatnonzero(repeated[:, 0]), np.flatnonzero(repeated[:, 1])
+        return self._rows[flat, k]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Values of harmonics at points, kept unless there are many.
+
+    Attributes:
+        harmonics, side: which.
+        points: in units of the sphere's radius from its centre, shape (n, 3).
+    """
+
+    harmonics: Harmonics
+    side: Side
+    points: Floats
+
+    def of(self, part: slice) -> Floats:
+        """Values at some of the points, shape (2 count, points)."""
+        if 2 * self.harmonics.count * len(self.points) > KEPT:
+            return self.harmonics.table(self.points[part], self.side)
+        return self._all[:, part]
+
+    @cached_property
+    def _all(self) -> Floats:
+        return self.harmonics.table(self.points, self.side)
+
+
+@dataclass(frozen=True)
+class Sampler:
+    """Sums of modes at some points of a table.
+
+    Attributes:
+        stack: of the components.
+        table: with n points and more.
+        part: which of them.
+        flat: whether they all have one z.
+    """
+
+    stack: Stack
+    table: Table
+    part: slice
+    flat: bool = False
+
+    def values(self, coefficients: Values) -> Values:
+        """Components of sums of modes with coefficients (modes, k), shape (a, k, n)."""
+        a, size, k = self.stack.components, 2 * self.stack.harmonics.count, coefficients.shape[1]
+        sums = (self.stack.matrix @ coefficients).reshape(a, FACTORS, size, k)
+        if self.flat:
+            sums[:, ONE] += self._level * sums[:, Z]
+        narrow = sums[:, : self._used].transpose(0, 1, 3, 2).reshape(-1, size)
+        out = np.empty((a, k, self.count), narrow.dtype)
+        for part, table in self._blocks:
+            columns = np.zeros((len(narrow), table.shape[1]), narrow.dtype)
+            for rows, family in self._families(k):
+                columns[rows] += narrow[rows, family] @ table[family]
+            np.einsum("ajkn,jn->akn", columns.reshape(a, self._used, k, -1), self._factors[:, part], out=out[:, :, part])
+        return out
+
+    def adjoint(self, weights: Floats) -> Floats:
+        """The transpose of ``values``: sums over components and points, shape (modes, k), of weights (a, k, n)."""
+        a, k, _ = weights.shape
+        size = 2 * self.stack.harmonics.count
+        narrow = np.zeros((a * self._used * k, size))
+        for part, table in self._blocks:
+            columns = (weights[:, None, :, part] * self._factors[:, None, part]).reshape(len(narrow), -1)
+            for rows, family in self._families(k):
+                narrow[rows, family] += columns[rows] @ table[family].T
+        sums = np.zeros((a, FACTORS, size, k))
+        sums[:, : self._used] = narrow.reshape(a, self._used, k, size).transpose(0, 1, 3, 2)
+        if self.flat:
+            sums[:, Z] = self._level * sums[:, ONE]
+        return np.asarray(self.stack.transposed @ sums.reshape(-1, k))
+
+    @property
+    def _used(self) -> int:
+        return FACTORS - int(self.flat)
+
+    @property
+    def _level(self) -> float:
+        return float(self.table.points[self.part.start, 2])
+
+    @property
+    def count(self) -> int:
+        """Number of its points."""
+        return int(self.part.stop - self.part.start)
+
+    def _families(self, k: int) -> list[tuple[Any, slice]]:
+        """Rows (a, j, k) that have harmonics of a family, and these: where fields mirror, every sum has those of one alone."""
+        half = self.stack.harmonics.count
+        families = zip(self.stack.rows(self.flat, k), (slice(0, half), slice(half, None)), strict=True)
+        return [(rows, family) for rows, family in families if len(rows)]
+
+    @property
+    def _blocks(self) -> Iterator[tuple[slice, Floats]]:
+        """Blocks of the part's points, and their harmonics."""
+        for low in range(0, self.count, BLOCK):
+            high = min(low + BLOCK, self.count)
+            yield slice(low, high), self.table.of(slice(self.part.start + low, self.part.start + high))
+
+    @cached_property
+    def _factors(self) -> Floats:
+        x, y, z = self.table.points[self.part].T
+        return np.stack([np.ones_like(x), x, y, x * x + y * y + z * z, z][: self._used])

@@ -1,0 +1,87 @@
+"""Coefficients of regular modes from a displacement on a sphere's surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.meridian.grading import Floats
+from solver.inclusions.mode_sums import Values
+from solver.inclusions.vector_modes import Modes
+
+
+@dataclass(frozen=True)
+class Projection:
+    """Points on the unit sphere, and what makes coefficients of displacements there.
+
+    Attributes:
+        points: shape (q, 3): the whole sphere for parity "both", its half y > 0 for "even", one meridian (y = 0, x > 0) for
+            axisymmetric modes.
+        weights: each point's share of the whole sphere's 4 pi, its images' included, shape (q,).
+        matrix: coefficients per displacement, shape (modes, q, 3).
+    """
+
+    points: Floats
+    weights: Floats
+    matrix: Values
+
+    def coefficients(self, displacement: Values) -> Values:
+        """Coefficients (modes, k) from displacement (q, 3, k) in the sphere's axes: what ``Modes.regular`` takes."""
+        rows = self.matrix.reshape(len(self.matrix), -1)
+        out: Values = rows @ displacement.reshape(rows.shape[1], -1)
+        return out
+
+
+def projection(modes: Modes, oversample: int = 6) -> Projection:
+    """Quadrature that projects fields of degree up to ``modes.degree + oversample`` exactly.
+
+    What a field has beyond that comes back as lower modes, in latitude and in azimuth alike: oversample more where fields
+    vary strongly over the sphere. The displacement alone is needed, not the traction.
+    """
+    points, weights = quadrature(modes, oversample)
+    fields = _orthonormal(modes, points) * weights[:, None, None]
+    return Projection(points, weights, np.ascontiguousarray(np.moveaxis(_regular(modes, fields), -1, 0)))
+
+
+def quadrature(modes: Modes, oversample: int) -> tuple[Floats, Floats]:
+    """Points and weights: Gauss's in cos theta, uniform in phi, between the mirror plane's ends where there is one."""
+    high = modes.degree + oversample
+    x, w = np.polynomial.legendre.leggauss((modes.degree + high) // 2 + 1)
+    if modes.order == 0 and modes.parity == "even":
+        phi = np.zeros(1)
+    elif modes.parity == "even":
+        half = (modes.order + high) // 2 + 1  # cos m phi sums to nothing on 2 half points unless m is their multiple
+        phi = np.pi * (np.arange(half) + 0.5) / half
+    else:
+        phi = 2 * np.pi * np.arange(modes.order + high + 1) / (modes.order + high + 1)
+    s = np.sqrt(1 - x**2)[:, None]
+    points = np.stack([s * np.cos(phi), s * np.sin(phi), x[:, None] + 0 * phi], axis=-1).reshape(-1, 3)
+    return points, np.repeat(w, len(phi)) * 2 * np.pi / len(phi)
+
+
+def _orthonormal(modes: Modes, points: Floats) -> Values:
+    """Vector harmonics at the points, shape (q, 3, modes).
+
+    Gradients of regular and of irregular solid harmonics of one l and m are orthogonal on the unit sphere: with (a, b) =
+    (l, 1) and (-l-1, 1) the integral a a' + l(l+1) b b' is zero. Modes of kind 0 are the former, outgoing ones of
+    kind 1 the latter; toroidal ones are alike on both sides.
+    """
+    fields = np.where(modes.kind == 1, modes.shapes(points, "outgoing"), modes.shapes(points, "regular"))
+    out: Values = np.where(modes.kind == 2, np.sqrt(modes.ell + 0.5) * fields, fields)
+    return out
+
+
+def _regular(modes: Modes, fields: Values) -> Values:
+    """From components along the orthonormal harmonics, shape (..., modes), to those along the regular modes.
+
+    Eq. (M7): a regular mode of kind 1 has (sqrt(l(l+1)) / 2, (3l+1 - 2 nu (2l+1)) / (2l+3)) / ((2l+1) (1-nu)) along the
+    harmonics of kinds 0 and 1; the other modes are multiples of one.
+    """
+    kind, nu = modes.kind, modes.nu
+    out = fields * np.where(kind == 2, np.sqrt(modes.ell + 0.5), np.ones(len(modes), np.result_type(nu, float)))
+    (ones,) = np.nonzero((kind == 1) & (modes.ell > 0))
+    ell = modes.ell[ones]
+    out[..., ones] *= (2 * ell + 3) * (2 * ell + 1) * (1 - nu) / (3 * ell + 1 - 2 * nu * (2 * ell + 1))
+    out[..., modes.partner[ones]] -= np.sqrt(ell * (ell + 1)) / (2 * (2 * ell + 1) * (1 - nu)) * out[..., ones]
+    return out

@@ -1,0 +1,155 @@
+"""What a sphere of another material, bonded into an unbounded matrix, makes of the fields that reach it.
+
+Incident field: regular modes with coefficients c. Outside the sphere the outgoing modes S c come on top; inside there
+are the regular modes of the sphere's own material with coefficients ``inside`` c. T is the work: two loadings whose incident
+fields have coefficients c_i and c_j exchange the energy F_ij, and the sphere changes it by dF_ij = c_i^T T c_j.
+For uniform strain this is Eshelby's sphere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from solver.axisymmetric.shape_functions import Ints
+from solver.inclusions.mode_sums import Values
+from solver.inclusions.solid_harmonics import Side
+from solver.inclusions.vector_modes import Modes, scales
+
+
+@dataclass(frozen=True)
+class Scattering:
+    """Sparse (modes, modes) matrices of one sphere.
+
+    Attributes:
+        S: outgoing coefficients per regular ones, both in m.
+        T: work, symmetric, in N/m: dF = c^T T c in J for c in m. Semi-definite, positive where the sphere is stiffer
+            in both moduli, zero for rigid motions.
+        inside: coefficients inside, of ``Modes`` with the sphere's nu, per regular ones.
+        by_log_modulus: derivatives of S and T by the logarithm of the sphere's Young's modulus.
+    """
+
+    S: Any
+    T: Any
+    inside: Any
+    by_log_modulus: tuple[Any, Any]
+
+
+def scattering(modes: Modes, E: complex, sphere_E: complex, sphere_nu: complex, radius: float) -> Scattering:
+    """Match displacement and traction at the sphere's surface.
+
+    Moduli may be complex: an imaginary part of 1e-30 gives derivatives. T is proportional to both moduli together, so that
+    its derivative by ln E of the matrix at constant ratios is T minus that by the sphere's.
+
+    Args:
+        modes: regular and outgoing modes of the matrix, with its Poisson's ratio.
+        E: the matrix's Young's modulus, Pa.
+        sphere_E: the sphere's Young's modulus, Pa, 1e-6 to 1e6 times the matrix's.
+        sphere_nu: the sphere's Poisson's ratio, up to 0.499999.
+        radius: R, m.
+    """
+    ratio = sphere_E / E * (1 + modes.nu) / (1 + sphere_nu)
+    S, T, inside, slope, work = _matched_modes(modes, sphere_nu, ratio)
+    unit = E / (1 + modes.nu) * radius
+    return Scattering(S, unit * T, inside, (slope, unit * work))
+
+
+@lru_cache(maxsize=64)
+def _matched_modes(modes: Modes, sphere_nu: complex, ratio: complex) -> tuple[Any, Any, Any, Any, Any]:
+    """S, T, inside, dS and dT: spheres of one material differ in the unit of T alone, here 2 mu R."""
+    pairs, singles = _spheroidal(modes.degree, modes.nu, sphere_nu, ratio), _toroidal(modes.degree, ratio)
+    S, inside, slope = (_spread(modes, pair, single) for pair, single in zip(pairs, singles, strict=True))
+    work = sp.diags_array(-modes.work)
+    return S, (work @ S).tocsr(), inside, slope, (work @ slope).tocsr()
+
+
+def _spread(modes: Modes, pair: Values, single: Values) -> Any:
+    """A sparse matrix from blocks by degree: spheroidal (degree + 1, 2, 2) and toroidal (degree + 1,)."""
+    kind, ell, own = modes.kind, modes.ell, np.arange(len(modes))
+    diagonal = np.where(kind == 2, single[ell], pair[ell, kind % 2, kind % 2])
+    (two,) = np.nonzero(modes.partner != own)
+    values = np.concatenate([diagonal, pair[ell[two], kind[two], 1 - kind[two]]])
+    rows, columns = np.concatenate([own, two]), np.concatenate([own, modes.partner[two]])
+    return sp.csr_array((values, (rows, columns)), shape=(len(modes), len(modes)))
+
+
+def _spheroidal(degree: int, nu: complex, inner_nu: complex, ratio: complex) -> tuple[Values, Values, Values]:
+    """S, inside and dS of kinds 0 and 1, each (degree + 1, 2, 2)."""
+    out: Values = np.zeros((3, degree + 1, 2, 2), np.result_type(nu, inner_nu, ratio, float))
+    out[:, 0, 1, 1] = _single(_dilation(nu), (1, -2), _dilation(inner_nu), ratio)
+    if degree:
+        out[:, 1] = _first(nu, inner_nu, ratio)
+    if degree > 1:
+        ell = np.arange(2, degree + 1)
+        out[:, 2:] = _matched(surface(ell, nu, "regular"), surface(ell, nu, "outgoing"), surface(ell, inner_nu, "regular"), ratio)
+    return out[0], out[1], out[2]
+
+
+def _toroidal(degree: int, ratio: complex) -> tuple[Values, Values, Values]:
+    """S, inside and dS of kind 2, each (degree + 1,): tractions are mu (q - 1), q = l and -l - 1; l = 1 is a rotation."""
+    ell = np.arange(degree + 1)
+    return _single((1, (ell - 1) / 2), (1, -(ell + 2) / 2), (1, (ell - 1) / 2), ratio)
+
+
+def surface(ell: Ints, nu: complex, side: Side) -> Values:
+    """Displacement and traction of modes l > 0 at rho = 1, rows a, b, tau_r, tau_t / (2 mu), columns kinds 0 and 1, (l, 4, 2).
+
+    Eq. (S1): u = a Y e_r + b grad_s Y and traction likewise, with n = l for regular and -l - 1 for outgoing modes
+
+        grad f:       n, 1;                             n (n-1), n - 1
+        other field:  (n+1) (n-2+4 nu), n + 5 - 4 nu;   (n+1) (n^2-n-2-2 nu), n^2 + 2n - 1 + 2 nu.
+    """
+    n = ell if side == "regular" else -ell - 1
+    lone = np.stack([n, np.ones_like(n), n * (n - 1), n - 1])
+    other = [(n + 1) * (n - 2 + 4 * nu), n + 5 - 4 * nu, (n + 1) * (n**2 - n - 2 - 2 * nu), n**2 + 2 * n - 1 + 2 * nu]
+    both = (lone, np.stack(other)) if side == "regular" else (np.stack(other), lone)
+    out: Values = np.stack([one * scale for one, scale in zip(both, scales(ell, nu, side)[:2], strict=True)], axis=-1)
+    return np.moveaxis(out, 1, 0)
+
+
+def _matched(regular: Values, outgoing: Values, inner: Values, ratio: complex) -> tuple[Values, Values, Values]:
+    """S, inside and dS of pairs of kinds, from ``surface`` values.
+
+    Eq. (S2): with U displacement, t traction / (2 mu) and D = t_out U_out^-1, all of order one,
+    (D U_in - ratio t_in) inside = D U_reg - t_reg. Both terms on the left have one sign as forms: no contrast makes
+    them cancel. Then U_out S = U_in inside - U_reg, and the derivatives follow from these two.
+    """
+    (U, t), (V, s), (W, r) = ((one[:, :2], one[:, 2:]) for one in (regular, outgoing, inner))
+    D = s @ np.linalg.inv(V)
+    left, stress = D @ W - ratio * r, ratio * r
+    inside = np.linalg.solve(left, D @ U - t)
+    change = np.linalg.solve(left, stress @ inside)
+    return np.linalg.solve(V, W @ inside - U), inside, np.linalg.solve(V, W @ change)
+
+
+def _single(regular: Any, outgoing: Any, inner: Any, ratio: complex) -> tuple[Values, Values, Values]:
+    """Eq. (S2) for one mode a side, each told by displacement and traction / (2 mu)."""
+    (U, t), (V, s), (W, r) = regular, outgoing, inner
+    left = s * W - ratio * r * V
+    inside = (s * U - t * V) / left
+    return (ratio * r * U - t * W) / left, inside, ratio * r * W * inside / left
+
+
+def _dilation(nu: complex) -> tuple[complex, complex]:
+    """Radial displacement and traction / (2 mu) of u = x."""
+    return 1, (1 + nu) / (1 - 2 * nu)
+
+
+def _first(nu: complex, inner_nu: complex, ratio: complex) -> Values:
+    """S, inside and dS for l = 1, shape (3, 2, 2).
+
+    A translation goes through unchanged, and no net force acts on the sphere: there is no outgoing kind 0. Left are kind 1
+    on both sides and a translation inside: displacement is matched but for it (a - b), traction by tau_t = -tau_r / 2.
+    """
+    ell = np.ones(1, np.int64)
+    sides = surface(ell, nu, "regular"), surface(ell, nu, "outgoing"), surface(ell, inner_nu, "regular")
+    regular, outgoing, inner = ((one[0, 0, 1] - one[0, 1, 1], one[0, 3, 1]) for one in sides)
+    out: Values = np.zeros((3, 2, 2), np.result_type(nu, inner_nu, ratio, float))
+    out[:, 1, 1] = _single(regular, outgoing, inner, ratio)
+    moved = sides[0][0, 1, 1] + out[0, 1, 1] * sides[1][0, 1, 1] - out[1, 1, 1] * sides[2][0, 1, 1]
+    out[1, 0] = 1, moved / sides[0][0, 1, 0]
+    return out

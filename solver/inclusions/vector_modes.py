@@ -1,0 +1,223 @@
+"""Elastic fields about a sphere's centre: modes that are regular there, and modes that decay outwards.
+
+In an unbounded isotropic body every displacement that balances is a sum of vector harmonics of degree l: two spheroidal
+ones, u = rho^p (a Y e_r + b grad_s Y), and a toroidal one. Lengths are in units of the sphere's radius R, axes are the
+sphere's own. In terms of solid harmonics f = rho^l Y (regular) or rho^(-l-1) Y (outgoing), with v = nu:
+
+    kind        regular                                                outgoing
+    0 (M3)      grad f, p = l - 1                                      (4-4v-l) rho^2 grad f + (2l+2 + (4l+2)(1-2v)) x f, p = -l
+    1 (M4)      (l+5-4v) rho^2 grad f - (2l + (4l+2)(1-2v)) x f,       grad f, p = -l - 2
+                p = l + 1; l = 0: x
+    2 (M5)      x cross grad f, p = l                                  x cross grad f, p = -l - 1
+
+Each right-hand side is its left one with l -> -l-1; all are polynomials in v, so that nothing degenerates at any l or v
+(with a unit grad_s part kind 0 would at l = 4 - 4v). They are scaled to be of order 1 at rho = 1, and such that an
+outgoing mode does work on the regular mode of its own kind, l, m and parity only (Betti): the integral over any sphere about
+the centre of outgoing traction times regular displacement minus the reverse is -2 mu R ``work``.
+Stable up to nu = 0.499999 and degree 30 and beyond.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any, Literal
+
+import numpy as np
+import scipy.sparse as sp
+
+from geometry.meridian.grading import Floats
+from solver.axisymmetric.shape_functions import Ints
+from solver.inclusions.mode_sums import FACTORS, ONE, SQUARE, Sampler, Stack, Table, Values, X, Y, Z
+from solver.inclusions.solid_harmonics import Harmonics, Side, derivatives
+
+Parity = Literal["even", "both"]
+VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))  # xx, yy, zz, yz, xz, xy
+CYCLES = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
+PLACES = (X, Y, Z)  # of x_i among the factors of eq. (M8)
+EVERY = tuple(range(9))  # components
+DISPLACEMENT = EVERY[:3]
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Which modes, in which matrix. Sorted by (m, sine, l, kind), see ``labels``.
+
+    Attributes:
+        degree: largest l.
+        nu: the matrix's Poisson ratio, 0 to 0.499999; complex for derivatives by complex steps.
+        order: largest m, at most ``degree``; with 0 and "even" the fields are axisymmetric, without torsion.
+        parity: "even" for fields that mirror in the local plane y = 0, or "both".
+    """
+
+    degree: int
+    nu: complex
+    order: int
+    parity: Parity = "even"
+
+    @cached_property
+    def labels(self) -> Ints:
+        """Rows kind, l, m and sine (1 where the scalar harmonic is sin m phi), shape (4, modes)."""
+        found: list[tuple[int, int, int, int]] = []
+        for m in range(min(self.order, self.degree) + 1):
+            for sine in (0, 1):
+                for ell in range(m, self.degree + 1):
+                    found += [(kind, ell, m, sine) for kind in self._kinds(ell, m, sine)]
+        return np.array(found).T
+
+    def _kinds(self, ell: int, m: int, sine: int) -> list[int]:
+        """Kinds that a scalar harmonic makes; x cross grad turns an even function into an odd field and the reverse."""
+        kept = range(3) if self.parity == "both" else [2] if sine else [0, 1]
+        return [kind for kind in kept if (m > 0 or not sine) and (ell > 0 or kind == 1)]
+
+    @property
+    def kind(self) -> Ints:
+        """Kind of each mode, 0, 1 or 2, shape (modes,)."""
+        out: Ints = self.labels[0]
+        return out
+
+    @property
+    def ell(self) -> Ints:
+        """Degree of each mode."""
+        out: Ints = self.labels[1]
+        return out
+
+    @property
+    def m(self) -> Ints:
+        """Azimuthal order of each mode."""
+        out: Ints = self.labels[2]
+        return out
+
+    @property
+    def partner(self) -> Ints:
+        """Place of the other spheroidal mode of the same l, m and parity; a mode's own place where there is none."""
+        out: Ints = np.arange(len(self)) + (self.ell > 0) * np.array([1, -1, 0])[self.kind]
+        return out
+
+    @property
+    def work(self) -> Values:
+        """Minus Betti's work of each outgoing mode on its regular mode, in 2 mu R: 1, but 3 (1-nu) / (1-2nu) for l = 0."""
+        return np.where(self.ell > 0, 1, 3 * (1 - self.nu) / (1 - 2 * self.nu))
+
+    def __len__(self) -> int:
+        return len(self.kind)
+
+    def regular(self, points: Floats, coefficients: Values) -> tuple[Values, Values]:
+        """Displacement and stress of sums of regular modes: as ``outgoing``, the centre allowed."""
+        return self._both(points, coefficients, "regular")
+
+    def outgoing(self, points: Floats, coefficients: Values) -> tuple[Values, Values]:
+        """Displacement and stress of sums of outgoing modes.
+
+        Args:
+            points: in units of R from the centre, shape (n, 3); not the centre.
+            coefficients: shape (modes, k), in m for a field in m.
+
+        Returns:
+            Displacement in the coefficients' unit, shape (n, 3, k), and stress xx, yy, zz, yz, xz, xy, shape (n, 6, k), to be
+            multiplied by 2 mu / R for Pa.
+        """
+        return self._both(points, coefficients, "outgoing")
+
+    def _both(self, points: Floats, coefficients: Values, side: Side) -> tuple[Values, Values]:
+        out = self._at(points, coefficients, side, EVERY)
+        return np.ascontiguousarray(out[:, :3]), np.ascontiguousarray(out[:, 3:])
+
+    def displacement(self, points: Floats, coefficients: Values, side: Side) -> Values:
+        """Displacement alone, shape (n, 3, k), three times as fast."""
+        return self._at(points, coefficients, side, DISPLACEMENT)
+
+    def _at(self, points: Floats, coefficients: Values, side: Side, components: tuple[int, ...]) -> Values:
+        sampler = Sampler(stack(self, side, components), Table(self.harmonics, side, points), slice(0, len(points)))
+        return np.moveaxis(sampler.values(coefficients), -1, 0)
+
+    def shapes(self, points: Floats, side: Side) -> Values:
+        """Displacement of every mode by itself, shape (n, 3, modes)."""
+        table, (x, y, z) = self.harmonics.table(points, side), points.T
+        each = stack(self, side, DISPLACEMENT)
+        blocks = [each.matrix[low : low + len(table)].T @ table for low in range(0, each.matrix.shape[0], len(table))]
+        factors = np.stack([np.ones_like(x), x, y, x * x + y * y + z * z, z])
+        out: Values = np.einsum("ajmn,jn->nam", np.reshape(blocks, (3, FACTORS, len(self), -1)), factors)
+        return out
+
+    @cached_property
+    def harmonics(self) -> Harmonics:
+        """The solid harmonics of which fields and their derivatives are sums: two degrees and orders more, for the stress."""
+        return Harmonics(self.degree + 2, min(self.order, self.degree) + 2)
+
+
+@lru_cache(maxsize=32)
+def stack(modes: Modes, side: Side, components: tuple[int, ...]) -> Stack:
+    """Displacement (components 0 to 2) and stress / (2 mu) (3 to 8: xx, yy, zz, yz, xz, xy) as sums of eq. (M8)."""
+    sums = [row for component in components for row in _sums(modes, side)[component]]
+    matrix = sp.vstack(sums, format="csr")
+    matrix.eliminate_zeros()
+    return Stack(matrix, modes.harmonics, side)
+
+
+@lru_cache(maxsize=16)
+def _sums(modes: Modes, side: Side) -> list[list[Any]]:
+    """Sparse (harmonics, modes) matrices h_aj of eq. (M8), for each component a a list over j.
+
+    From scalar sums P, V, W, Z and H = nu / (1-2nu) div u, indices being derivatives, and G = V + W / 2:
+
+        u_i = P_i + rho^2 V_i + x_i W + (x cross grad Z)_i
+        strain_ij + delta_ij H = P_ij + rho^2 V_ij + x_i G_j + x_j G_i + delta_ij (W + H) + (T_ij + T_ji) / 2    (M6)
+
+    with T_ij = (x cross grad Z_j)_i.
+    """
+    P, V, W, twist, H = (_spread(modes, row) for row in _potentials(modes, side))
+    D = derivatives(modes.harmonics, side)
+    G = [d @ (V + W / 2) for d in D]
+    out = [[0 * P for _ in range(FACTORS)] for _ in EVERY]
+    for i, u in enumerate(out[:3]):
+        u[ONE], u[SQUARE] = D[i] @ P, D[i] @ V
+        u[PLACES[i]] = u[PLACES[i]] + W
+        _add_cross(u, D, twist, i)
+    for (i, j), stress in zip(VOIGT, out[3:], strict=True):
+        stress[ONE], stress[SQUARE] = D[i] @ (D[j] @ P) + (i == j) * (W + H), D[i] @ (D[j] @ V)
+        for a, b in ((i, j), (j, i)):
+            stress[PLACES[a]] = stress[PLACES[a]] + G[b]
+            _add_cross(stress, D, D[b] @ twist / 2, a)
+    return out
+
+
+def _add_cross(row: list[Any], D: Sequence[Any], scalar: Any, i: int) -> None:
+    """Add component i of x cross grad of a scalar."""
+    _, j, k = CYCLES[i]
+    row[PLACES[j]] = row[PLACES[j]] + D[k] @ scalar
+    row[PLACES[k]] = row[PLACES[k]] - D[j] @ scalar
+
+
+def _spread(modes: Modes, factors: Values) -> Any:
+    """The sparse matrix from modes to coefficients of their scalar harmonics."""
+    h, (_, ell, m, sine) = modes.harmonics, modes.labels
+    rows = [h.index(int(a), int(b)) + int(s) * h.count for a, b, s in zip(ell, m, sine, strict=True)]
+    return sp.csr_array((factors, (rows, np.arange(len(modes)))), shape=(2 * h.count, len(modes)))
+
+
+def _potentials(modes: Modes, side: Side) -> Values:
+    """Factors of each mode in P, V, W, Z of ``_displacement`` and in H = nu / (1-2nu) div u, shape (5, modes)."""
+    (kind, ell, _, _), nu = modes.labels, modes.nu
+    rows: Values = np.zeros((5, len(modes)), np.result_type(nu, float))
+    lone, pair, curl = (np.where(kind == k, scales(ell, nu, side)[k], 0) for k in range(3))
+    n, gradient, other = (ell, lone, pair) if side == "regular" else (-ell - 1, pair, lone)
+    rows[0], rows[3] = gradient, curl
+    rows[1], rows[2] = (n + 5 - 4 * nu) * other, -(2 * n + (4 * n + 2) * (1 - 2 * nu)) * other
+    rows[4] = -2 * nu * (n + 1) * (2 * n + 3) * other  # div u has the factor 1 - 2 nu
+    rows[:, ell == 0] = np.array([[0, 0, 1, 0, 3 * nu / (1 - 2 * nu)] if side == "regular" else [-1, 0, 0, 0, 0]]).T
+    return rows
+
+
+def scales(ell: Ints, nu: complex, side: Side) -> tuple[Values, Values, Values]:
+    """Factors of the fields (M3), (M4) and (M5) in the modes of degrees l > 0 (for l = 0 they mean nothing).
+
+    Gradients have unit mean square times 4 pi at rho = 1; the other factors then make ``work`` 1.
+    """
+    ell = np.maximum(ell, 1)
+    inner, outer = np.sqrt(ell * (2 * ell + 1)), np.sqrt((ell + 1) * (2 * ell + 1))
+    curl = np.sqrt(2 / (ell * (ell + 1) * (2 * ell + 1)))
+    if side == "regular":
+        return 1 / inner, 1 / (outer * (4 * ell + 6) * (1 - nu)), curl
+    return 1 / (inner * (4 * ell - 2) * (1 - nu)), 1 / outer, curl

@@ -1,0 +1,1 @@
+"""Factorisations, conjugate gradients, threads and memory of the process; knows no physics."""

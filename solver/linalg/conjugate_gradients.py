@@ -1,0 +1,128 @@
+"""Solves for the stiffness of tetrahedra: a sparse factor of this matrix, or of one near it, and conjugate gradients on top.
+
+rslab (MIT, wheels for Linux, macOS and Windows) factorises as fast as PARDISO on one thread; where it is missing,
+``factor.py`` does it. A factor in single precision takes half the memory: conjugate gradients give the digits back, unless
+slivers, near incompressibility and contrast come together.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from geometry.common.errors import SolveError
+from geometry.meridian.grading import Floats
+from solver.linalg.cholesky import Factor, factorise
+
+WANTED = 1e-9  # relative residual
+LARGEST_RESIDUAL = 1e-8
+ROUNDING = 1e-14  # of |K| |v|: what no solver can avoid
+MOST_STEPS = 300
+STUCK = 60  # steps without a residual of half the best
+
+
+class Stiffness:
+    """A symmetric matrix of which the lower triangle is kept.
+
+    Attributes:
+        lower: compressed columns, rows sorted, shape (n, n).
+    """
+
+    def __init__(self, lower: sp.csc_array) -> None:
+        self.lower, self._diagonal = lower, lower.diagonal()[:, None]
+
+    def __matmul__(self, v: Floats) -> Floats:
+        """K v, shape (n, k)."""
+        return np.asarray(self.lower @ v + self.lower.T @ v - self._diagonal * v)
+
+    def magnitude(self, v: Floats) -> Floats:
+        """|K| |v|, to which rounding errors are proportional, shape (n, k)."""
+        return Stiffness(abs(self.lower)) @ np.abs(v)
+
+    def factor(self, single: bool = False) -> Factor:
+        """Factorise, in double or in single precision.
+
+        Raises:
+            SolveError: the matrix is singular.
+        """
+        library = _rslab()
+        if library is None:
+            full = self.lower + sp.tril(self.lower, -1).T
+            return factorise(sp.csc_array(full), None)
+        try:
+            return _Ldlt(library.ldlt(self.lower.astype(np.float32) if single else self.lower), single)
+        except RuntimeError as error:
+            raise SolveError(f"the stiffness could not be factorised: {error}") from error
+
+
+class _Ldlt:
+    def __init__(self, handle: Any, single: bool) -> None:
+        self.handle, self.single = handle, single
+
+    def solve(self, forces: Floats) -> Floats:
+        if not self.single:
+            return np.asarray(self.handle.solve_many(np.ascontiguousarray(forces)))
+        scale = np.maximum(np.abs(forces).max(axis=0), np.finfo(float).tiny)
+        return np.asarray(self.handle.solve_many((forces / scale).astype(np.float32)).astype(float) * scale)
+
+
+@cache
+def _rslab() -> Any:
+    try:
+        return import_module("rslab")
+    except ImportError:
+        return None
+
+
+def solve(matrix: Stiffness, forces: Floats, near: Factor, start: Floats | None = None) -> Floats:
+    """Return K^-1 forces, shape (n, k), by conjugate gradients with the factor of a matrix near K; all columns in step.
+
+    Raises:
+        SolveError: what is left of the forces is too large for the solution to be trusted.
+    """
+    v = np.zeros_like(forces) if start is None else start.copy()
+    left, size = forces - matrix @ v, np.maximum(np.linalg.norm(forces, axis=0), np.finfo(float).tiny)
+    direction, product = np.zeros_like(left), np.zeros(left.shape[1])
+    was, best, best_v, since = left, np.inf, v, 0
+    for _ in range(MOST_STEPS):
+        now = float(np.max(np.linalg.norm(left, axis=0) / size))
+        since = 0 if now < best / 2 else since + 1
+        if now < best:
+            best, best_v = now, v
+        if best <= WANTED or since > STUCK:
+            break
+        z = near.solve(left)
+        gain = _columns(left - was, z)  # Polak and Ribiere: the factor may be no symmetric operator to rounding
+        direction, product = z + _ratio(gain, product) * direction, _columns(left, z)
+        image = matrix @ direction
+        step = _ratio(product, _columns(direction, image))
+        v, left, was = v + step * direction, left - step * image, left
+    _check(matrix, forces, best_v)
+    return best_v
+
+
+def residual(matrix: Stiffness, forces: Floats, v: Floats) -> float:
+    """Return what is left of the forces, relative to them, of the worst column; forces and v of shape (n, k)."""
+    left, size = (np.linalg.norm(x, axis=0) for x in (forces - matrix @ v, forces))
+    return float(np.max(left / np.maximum(size, np.finfo(float).tiny)))
+
+
+def _columns(a: Floats, b: Floats) -> Floats:
+    return np.asarray(np.einsum("ik,ik->k", a, b))
+
+
+def _ratio(a: Floats, b: Floats) -> Floats:
+    return np.divide(a, b, out=np.zeros_like(a), where=b > 0)
+
+
+def _check(matrix: Stiffness, forces: Floats, v: Floats) -> None:
+    left, size = (np.linalg.norm(x, axis=0) for x in (forces - matrix @ v, forces))
+    if np.all(left <= LARGEST_RESIDUAL * size):
+        return
+    if not np.all(left <= np.maximum(LARGEST_RESIDUAL * size, ROUNDING * np.linalg.norm(matrix.magnitude(v), axis=0))):
+        allowed = f"relative residual {residual(matrix, forces, v):.1e}, allowed {LARGEST_RESIDUAL:.0e}"
+        raise SolveError(f"the linear system was not solved: {allowed}")

@@ -1,0 +1,1 @@
+"""Tumours and boundary answering each other: modes out, finite elements back, summed as a Galerkin series."""

@@ -1,0 +1,161 @@
+"""Elasticity of the meridian plane for fields that vary as cos m theta round the axis: one factorised system for each order m.
+
+    u_r = U cos m theta,  u_theta = V sin m theta,  u_z = W cos m theta                            (H1)
+
+and the same turned by a quarter of a wave, (sin, -cos, sin). For m > 0 the components are U + V, U - V and W: near the
+axis they behave as r^(m+1), r^(m-1) and r^m, so that each either vanishes there or is free. Elements are those of the base
+states, volumetric strain projected alike (``quadrilateral.py``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from geometry.common.errors import SolveError
+from geometry.meridian.grading import Floats
+from solver.axisymmetric.base_states import Model, condensed
+from solver.axisymmetric.condensed_system import LARGEST_RESIDUAL, System
+from solver.axisymmetric.dofs import Interface, numbering
+from solver.axisymmetric.quadrilateral import Geometry
+from solver.axisymmetric.shape_functions import Ints, Shapes
+
+BATCH = 64  # elements at once, which bounds the memory of their strains
+# U, V and W from the components, for m = 0 and m > 0
+COMPONENTS = {
+    0: np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]]),
+    1: np.array([[0.5, 0.5, 0.0], [0.5, -0.5, 0.0], [0.0, 0.0, 1.0]]),
+}
+
+
+@dataclass(frozen=True)
+class Harmonic:
+    """The factorised system of one azimuthal order.
+
+    Attributes:
+        m: the order.
+        model: the base states' model, whose mesh and materials it shares.
+        system: of the components on corners and edges.
+        recovery: what gives the values inside an element from those on corners and edges, (n, c (p-1)^2, 4 c p), c components.
+    """
+
+    m: int
+    model: Model
+    system: System
+    recovery: Floats
+
+    @property
+    def amplitudes(self) -> Floats:
+        """U, V and W (rows) from the c components, shape (3, c)."""
+        return COMPONENTS[min(self.m, 1)]
+
+    def solve(self, forces: Floats) -> Floats:
+        """Return the unknowns under forces on them, shape (unknowns, k) both.
+
+        Raises:
+            SolveError: the residual is too large.
+        """
+        v = self.system.factor.solve(forces)
+        mix = np.cos(np.arange(1, forces.shape[1] + 1)) / np.maximum(np.linalg.norm(forces, axis=0), 1e-300)
+        one, force = v @ mix, forces @ mix  # a sum of all: one column is multiplied five times faster than two
+        left = np.linalg.norm(force - self.system.matrix.T @ one)  # symmetric; by rows it is read faster
+        scale = np.linalg.norm(self._magnitude * np.abs(one) + np.abs(force))
+        residual = float(left / scale) if scale > 0 else 0.0
+        if not residual <= LARGEST_RESIDUAL:
+            raise SolveError(f"the linear system of order {self.m} was not solved: residual {residual:.1e}")
+        return np.asarray(v)
+
+    @cached_property
+    def _magnitude(self) -> Floats:
+        """The matrix's diagonal, which is its largest entry in every row and column."""
+        return np.asarray(self.system.matrix.diagonal())
+
+    def gathered(self, elements: Ints) -> Any:
+        """Rows of ``system.numbering.gather``: from unknowns to the elements' own values, sparse (4 c p elements, unknowns)."""
+        size = self.system.stiffness.shape[1]
+        return self.system.numbering.gather[(elements[:, None] * size + np.arange(size)).ravel()]
+
+    def whole(self, edge: Floats, elements: Ints) -> Floats:
+        """All values of some elements as U, V, W, (e, 3, s, k), from the components on corners and edges, (e, 4 c p, k)."""
+        e, k, c = len(elements), edge.shape[-1], self.amplitudes.shape[1]
+        inside = self.recovery[elements] @ edge
+        components = np.concatenate([edge.reshape(e, c, -1, k), inside.reshape(e, c, -1, k)], axis=2)
+        return np.asarray(np.einsum("ac,ecsk->eask", self.amplitudes, components))
+
+
+@dataclass(frozen=True)
+class Harmonics:
+    """What the systems of all orders are made of.
+
+    Element matrices are quadratic in m, eq. (H2): those of m = 1, 2 and 3 tell all others, eq. (H3).
+    """
+
+    model: Model
+    interface: Interface
+
+    def of_order(self, m: int) -> Harmonic:
+        """Combine, condense and factorise for one order; order 0 (no torsion) is the base states' own system."""
+        model = self.model
+        if m == 0:
+            return Harmonic(0, model, model.system, model.recovery)
+        edges, insides = zip(*(condensed(part, model.shapes.skeleton) for part in self._combined(m)), strict=True)
+        numbered = numbering(model.mesh, model.shapes.order, self.interface, min(m, 2))  # higher orders vanish on the axis alike
+        return Harmonic(m, model, System.of(numbered, np.concatenate(edges), shared=False), np.concatenate(insides))
+
+    def _combined(self, m: int) -> Iterator[Floats]:
+        shares = (m - 2) * (m - 3) / 2, -(m - 1) * (m - 3), (m - 1) * (m - 2) / 2
+        for first, second, third in self._samples:
+            yield shares[0] * first + shares[1] * second + shares[2] * third
+
+    @cached_property
+    def _samples(self) -> list[tuple[Floats, Floats, Floats]]:
+        """Batches of element matrices of orders 1, 2 and 3."""
+        found, model = [], self.model
+        for low in range(0, len(model.two_mu), BATCH):
+            part = np.arange(low, min(low + BATCH, len(model.two_mu)))
+            at, moduli = model.at.of(part), (model.two_mu[part], model.lam[part])
+            one, two, three = (_stiffness(at, model.shapes, *moduli, m) for m in (1, 2, 3))
+            found.append((one, two, three))
+        return found
+
+
+def _stiffness(at: Geometry, shapes: Shapes, two_mu: Floats, lam: Floats, m: int) -> Floats:
+    """Element matrices of order m > 0, shape (n, 3, s, 3, s); the mean of cos^2 and of sin^2 round the axis is 1/2."""
+    n = len(at.radius)
+    strain, dilation = _strains(at, shapes, m)
+    weight = at.weight / 2
+    size = strain.shape[-1]
+    flat = (strain * np.sqrt(weight)[:, :, None, None]).reshape(n, -1, size)
+    shear = flat.transpose(0, 2, 1) @ flat
+    weighted = weight[..., None] * shapes.pressure
+    moments = weighted.transpose(0, 2, 1) @ dilation
+    mass = weighted.transpose(0, 2, 1) @ shapes.pressure
+    volume = moments.transpose(0, 2, 1) @ np.linalg.solve(mass, moments)
+    whole = two_mu[:, None, None] * shear + lam[:, None, None] * volume
+    return np.asarray(whole.reshape(n, 3, -1, 3, size // 3))
+
+
+def _strains(at: Geometry, shapes: Shapes, m: int) -> tuple[Floats, Floats]:
+    """Strains (shears times the root of 1/2, so that their squares add up to eps:eps), (n, q, 6, 3 s), and dilation, (n, q, 3 s).
+
+    rr = U,r;  zz = W,z;  hoop = (U + m V) / r;  rz = U,z + W,r;  r theta = V,r - (V + m U) / r;  theta z = V,z - m W / r   (H2)
+    """
+    (xr, xz), (yr, yz) = (at.inverse[..., k, :, None].transpose(2, 0, 1, 3) for k in (0, 1))
+    by_r, by_z = xr * shapes.slope[0] + yr * shapes.slope[1], xz * shapes.slope[0] + yz * shapes.slope[1]
+    over = shapes.value / at.radius[..., None]
+    n, q, s = by_r.shape
+    strain = np.zeros((n, q, 6, 3, s))
+    half = np.sqrt(0.5)
+    strain[:, :, 0, 0], strain[:, :, 1, 2] = by_r, by_z
+    strain[:, :, 2, 0], strain[:, :, 2, 1] = over, m * over
+    strain[:, :, 3, 0], strain[:, :, 3, 2] = half * by_z, half * by_r
+    strain[:, :, 4, 0], strain[:, :, 4, 1] = -half * m * over, half * (by_r - over)
+    strain[:, :, 5, 1], strain[:, :, 5, 2] = half * by_z, -half * m * over
+    plus, minus = (strain[:, :, :, 0] + strain[:, :, :, 1]) / 2, (strain[:, :, :, 0] - strain[:, :, :, 1]) / 2
+    strain[:, :, :, 0], strain[:, :, :, 1] = plus, minus
+    flat = strain.reshape(n, q, 6, 3 * s)
+    return flat, flat[:, :, :3].sum(axis=2)

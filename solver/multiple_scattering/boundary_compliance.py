@@ -1,0 +1,162 @@
+"""What finite elements answer to a field given on the tissue's boundary, as one symmetric matrix for each azimuthal order.
+
+A field u_s that balances in the tissue leaves forces on its boundary. What must come on top of it (its reflection w) solves the
+base problem, eq. (B1): in the tissue the unknown is w, in the blocks the whole, which on the ends is w + u_s:
+
+    forces -Int t_s . v on the tissue's surface and side; the blocks strained by u_s on their ends; w = -u_s on the floor.
+
+With Y lifting u_s of the ends into the blocks and -u_s of the floor into the tissue, and t_s the forces,
+
+    w = v + Y_floor u_s,   K v = -F (t_s, u_s),   F = t_s + K Y u_s                                       (B2)
+
+Of w only its work on other fields u_1 from the same sphere or others is asked for, by Betti an integral over the boundary:
+
+    Int t_1 . w_2 - t(w_2) . u_1 = -F_1^T K^-1 F_2 + (Y u_1)^T K Y u_2 + t_1^T Y_floor u_2
+                                   + Int_surface,side u_1 . t_2 - Int_floor t_1 . u_2                     (B3)
+
+It is symmetric. All data go through the elements' functions on the boundary, so that all terms leave out alike what these
+cannot follow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from geometry.meridian.grading import Floats
+from solver.axisymmetric.base_states import Model
+from solver.axisymmetric.dofs import Interface
+from solver.axisymmetric.shape_functions import Ints
+from solver.multiple_scattering.azimuthal_systems import COMPONENTS, Harmonic
+from solver.multiple_scattering.boundary_edges import Boundary, Edges
+from solver.multiple_scattering.panels import Line, Panels
+
+
+@dataclass(frozen=True)
+class Told:
+    """How data at the panels' points tell the elements on the boundary, for orders that share their components.
+
+    Data are the amplitudes t_r, t_theta, t_z, u_r, u_theta, u_z (tractions by the outward normal) of all n points, one below the
+    other: 6 n rows.
+
+    Attributes:
+        elements: with an edge on the boundary, shape (e,).
+        forces: on those elements' own values, by the tractions on surface and side, sparse (4 c p e, 6 n), c components.
+        values: the own values lifted: displacements of the blocks' ends, and minus those of the floor.
+        direct: the last line of eq. (B3), sparse (6 n, 6 n), symmetric.
+    """
+
+    elements: Ints
+    forces: Any
+    values: Any
+    direct: Any
+
+    @classmethod
+    def of(cls, model: Model, boundary: Boundary, panels: Panels, interface: Interface, m: int) -> Told:
+        """Find them for order 0 or, the same for all, above."""
+        amplitudes, around = COMPONENTS[min(m, 1)], 2 * np.pi if m == 0 else np.pi
+        inverse, b = np.linalg.pinv(amplitudes), boundary
+        held = np.diag([0.0, 0.0, 1.0]) if interface == "frictionless" else np.eye(3)
+        elements = np.unique(np.concatenate([edges.element for edges in (b.surface, b.side, b.floor, b.ends)]))
+        place = _Place(elements, 4 * model.shapes.order, len(amplitudes.T), len(panels.r))
+        surface, side, floor = panels.parts
+
+        def told(edges: Edges, at: Floats, line: Line, part: slice) -> tuple[Any, Any]:
+            """Forces by tractions on a line's edges, and the edges' values of displacements."""
+            to = line.to(at)
+            loads = np.einsum("eq,qs,eqn->esn", around * edges.weight, edges.values, to)
+            values = np.einsum("sq,eqn->esn", edges.coefficients, to)
+            return place.sparse(edges, loads, amplitudes.T, 0, part.start), place.sparse(edges, values, inverse, 3, part.start)
+
+        above, beside = told(b.surface, b.surface.r, panels.surface, surface), told(b.side, -b.side.z, panels.side, side)
+        below = told(b.floor, b.floor.r, panels.floor, floor)
+        ends = np.einsum("sq,eqn->esn", b.ends.coefficients, panels.surface.to(b.ends.r))
+        values = place.sparse(b.ends, ends, inverse @ held, 3, surface.start) - below[1]
+        direct = above[0].T @ above[1] + beside[0].T @ beside[1] - below[0].T @ below[1]
+        return cls(elements, above[0] + beside[0], values, ((direct + direct.T) / 2).tocsr())
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where own values of the boundary's elements and data of the panels' points stand."""
+
+    elements: Ints
+    functions: int
+    components: int
+    points: int
+
+    def sparse(self, edges: Edges, table: Floats, turn: Floats, first: int, start: int) -> Any:
+        """From points of one line to functions of its edges, table (e, s, n), and from x, y, z to components, turn (c, 3)."""
+        row = np.searchsorted(self.elements, edges.element)[:, None] * self.components
+        found = []
+        for c, component in enumerate(turn):
+            rows = (row + c) * self.functions + edges.local
+            for a, share in enumerate(component):
+                if share:
+                    e, s, n = np.nonzero(table)
+                    found.append((rows[e, s], (first + a) * self.points + start + n, share * table[e, s, n]))
+        rows_, columns, entries = (np.concatenate(part) for part in zip(*found, strict=True))
+        size = len(self.elements) * self.components * self.functions, 6 * self.points
+        return sp.csr_array((entries, (rows_, columns)), shape=size)
+
+
+@dataclass(frozen=True)
+class Response:
+    """What one azimuthal order answers to data on the boundary: the symmetric matrix of eq. (B3).
+
+    Attributes:
+        harmonic: the order's system.
+        told: what data do to it.
+    """
+
+    harmonic: Harmonic
+    told: Told
+
+    def to(self, data: Floats, often: bool) -> Floats:
+        """Return the matrix times data, shape (6 n, k) both; the matrix itself is found only for those who ask ``often``.
+
+        Raises:
+            SolveError: see ``Harmonic.solve``.
+        """
+        if not often:
+            return self._solved(data)
+        out = np.asarray(self.told.direct @ data)
+        out[self._felt] += self._matrix @ data[self._felt]
+        return out
+
+    def _solved(self, data: Floats) -> Floats:
+        lifted, pulled = self.told.values @ data, self.told.forces @ data
+        strained = self._strained(lifted)
+        w = self._gather @ self.harmonic.solve(-(self._gather.T @ (pulled + strained)))
+        works = self.told.forces.T @ (w + lifted / 2) + self.told.values.T @ (strained + self._strained(w) + pulled / 2)
+        return np.asarray(self.told.direct @ data + works)
+
+    def _strained(self, own: Floats) -> Floats:
+        """Forces of the boundary's elements on their own values, (4 c p e, k) both."""
+        blocks = self.harmonic.system.stiffness[self.told.elements]
+        return np.asarray(blocks @ own.reshape(*blocks.shape[:2], -1)).reshape(own.shape)
+
+    @cached_property
+    def _gather(self) -> Any:
+        """From unknowns to the elements' own values."""
+        return self.harmonic.gathered(self.told.elements)
+
+    @cached_property
+    def _felt(self) -> Ints:
+        """Data that do anything to the elements."""
+        entries = np.diff(self.told.values.tocsc().indptr) + np.diff(self.told.forces.tocsc().indptr)
+        return np.flatnonzero(entries)
+
+    @cached_property
+    def _matrix(self) -> Floats:
+        """Eq. (B3) without ``told.direct``, between the data that are felt."""
+        lifted, pulled = (some[:, self._felt].toarray() for some in (self.told.values, self.told.forces))
+        strained = self._strained(lifted)
+        forces = self._gather.T @ (pulled + strained)
+        pressed = np.flatnonzero(forces.any(axis=1))
+        half = lifted.T @ (strained / 2 + pulled / 2) - forces[pressed].T @ self.harmonic.solve(forces)[pressed] / 2
+        return np.asarray(half + half.T)

@@ -1,0 +1,91 @@
+"""The tissue's surface, side and floor and the blocks' ends as edges of elements."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.meridian.grading import Floats
+from geometry.meridian.mesh import SQUARE, labels, line_label, nodes
+from geometry.meridian.section import Body
+from solver.axisymmetric.base_states import Model
+from solver.axisymmetric.shape_functions import Ints, functions
+
+ENDS = ((0, 1), (1, 2), (3, 2), (0, 3))  # corners of an element's sides, as its functions run along them
+EXTRA = 3  # Gauss-Lobatto points of an edge beyond those that its polynomials need
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Some sides of elements.
+
+    Attributes:
+        element: of each edge, shape (e,).
+        local: numbers of the functions that live on it among the element's, shape (e, p + 1).
+        r, z: of its points, shape (e, q).
+        weight: for integrals along it times r, shape (e, q).
+        values: of its functions at its points, shape (q, p + 1).
+    """
+
+    element: Ints
+    local: Ints
+    r: Floats
+    z: Floats
+    weight: Floats
+    values: Floats
+
+    @property
+    def coefficients(self) -> Floats:
+        """From values at the points to coefficients of the functions: ends met exactly, least squares between; (p + 1, q)."""
+        ends, bubbles = self.values[:, :2], self.values[:, 2:]
+        corner = np.zeros((2, len(self.values)))
+        corner[0, 0] = corner[1, -1] = 1.0
+        return np.concatenate([corner, np.linalg.pinv(bubbles) @ (np.eye(len(self.values)) - ends @ corner)])
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """The edges of a base states' mesh without a sphere: the tissue's surface, side and floor and the blocks' ends."""
+
+    surface: Edges
+    side: Edges
+    floor: Edges
+    ends: Edges
+
+    @classmethod
+    def of(cls, model: Model) -> Boundary:
+        """Find the edges."""
+        layout, body = model.mesh.layout, model.mesh.body
+        surface, side = line_label(layout.row["surface"]), line_label(layout.column["side"])
+        tissue, probe = body == Body.TISSUE, (body == Body.INNER) | (body == Body.OUTER)
+        wanted = ((1, surface, tissue), (0, side, tissue), (1, line_label(0), tissue), (1, surface, probe))
+        return cls(*(_edges(model, axis, line, which) for axis, line, which in wanted))
+
+
+def _edges(model: Model, axis: int, line: float, which: Floats) -> Edges:
+    """Sides of some bodies' elements on a line of constant label: of r for axis 0, of z for axis 1."""
+    label, order = labels(model.mesh), model.shapes.order
+    x, weight = _lobatto(order + EXTRA)
+    elements, locals_, starts = [], [], []
+    for number, (a, b) in enumerate(ENDS):
+        found = np.flatnonzero(which & (label[:, a, axis] == line) & (label[:, b, axis] == line))
+        elements.append(found)
+        own = np.array([a, b, *range(4 + number * (order - 1), 4 + (number + 1) * (order - 1))])
+        locals_.append(np.broadcast_to(own, (len(found), order + 1)))
+        starts.append(np.broadcast_to([a, b], (len(found), 2)))
+    element, start = np.concatenate(elements), np.concatenate(starts)
+    corners = nodes(model.section, model.mesh, SQUARE, element)
+    first, last = (corners[np.arange(len(element)), start[:, k]] for k in (0, 1))
+    r, z = ((1 - x) * first[:, k, None] + x * last[:, k, None] for k in (0, 1))
+    length = np.hypot(*(last - first).T)
+    along = functions(np.stack([x, np.zeros_like(x)], axis=1), np.array([(0, 0), (1, 0), *((k, 0) for k in range(2, order + 1))]))
+    return Edges(element, np.concatenate(locals_), r, z, weight * length[:, None] * r, along[0])
+
+
+def _lobatto(count: int) -> tuple[Floats, Floats]:
+    """Gauss-Lobatto points and weights on the unit interval."""
+    legendre = np.polynomial.legendre.Legendre.basis(count - 1)
+    inner = legendre.deriv().roots().real
+    x = np.concatenate([[-1.0], np.sort(inner), [1.0]])
+    return (x + 1) / 2, 1 / (count * (count - 1) * legendre(x) ** 2)

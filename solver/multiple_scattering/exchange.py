@@ -1,0 +1,140 @@
+"""What surface, blocks, side and floor send back of the fields that spheres scatter.
+
+Scattered fields are known in closed form anywhere (``multipoles.py``), so that the finite elements never see the sphere: they
+are told the tractions and displacements that the field leaves on the tissue's boundary, one azimuthal order at a time. What
+comes back to a sphere is told by its work on the sphere's outgoing modes, which is found on the boundary too, eq. (B3) of
+``compliance.py``: its regular modes are the next incident field, and reflection is exactly symmetric.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from geometry.meridian.grading import Floats
+from geometry.meridian.section import Body
+from solver.axisymmetric.base_states import BaseStates
+from solver.axisymmetric.dofs import Interface
+from solver.axisymmetric.tissue_field import TissueField
+from solver.multiple_scattering.azimuthal_systems import Harmonics
+from solver.multiple_scattering.boundary_compliance import Response, Told
+from solver.multiple_scattering.boundary_edges import Boundary
+from solver.multiple_scattering.boundary_samples import Rounds, Samples
+from solver.multiple_scattering.interior_solution import Interior
+from solver.multiple_scattering.near_exchange import CloseExchange
+from solver.multiple_scattering.panels import Panels
+from solver.multiple_scattering.spheres import Sphere
+
+
+@dataclass(frozen=True)
+class Reflector:
+    """The boundary of one probe's tissue, with what each azimuthal order that was asked for answers.
+
+    Attributes:
+        states: base states without a sphere.
+        interface: between blocks and tissue.
+        close: whether spheres may lie too close to the boundary for eq. (B3), see ``close.py``.
+    """
+
+    states: BaseStates
+    interface: Interface
+    close: bool = False
+    _responses: dict[int, Response] = field(default_factory=dict, repr=False)
+    _interiors: dict[int, Interior] = field(default_factory=dict, repr=False)
+
+    def response(self, m: int) -> Response:
+        """Return what an order answers; its system is factorised the first time."""
+        if m not in self._responses:
+            self._responses[m] = Response(self._harmonics.of_order(m), self._told[min(m, 1)])
+        return self._responses[m]
+
+    def interior(self, m: int) -> Interior:
+        """Return what an order answers inside the tissue, for spheres that lie close."""
+        if m not in self._interiors:
+            self._interiors[m] = Interior(self._harmonics.of_order(m), self._boundary)
+        return self._interiors[m]
+
+    @cached_property
+    def _boundary(self) -> Boundary:
+        return Boundary.of(self.states.model)
+
+    @cached_property
+    def _field(self) -> TissueField:
+        return TissueField(self.states)
+
+    @cached_property
+    def _harmonics(self) -> Harmonics:
+        return Harmonics(self.states.model, self.interface)
+
+    @cached_property
+    def _told(self) -> tuple[Told, Told]:
+        """Of order 0 and of all others."""
+        model, boundary = self.states.model, self._boundary
+        first, other = (Told.of(model, boundary, self.panels, self.interface, m) for m in (0, 1))
+        return first, other
+
+    @cached_property
+    def panels(self) -> Panels:
+        """Where fields are sampled."""
+        return Panels.of(self.states.model.section, self.states.model.shapes.order)
+
+    def exchange(self, spheres: Sequence[Sphere], rounds: Rounds, often: bool) -> Exchange | CloseExchange:
+        """Return what spheres and boundary send to each other; all that does not depend on the fields is found once.
+
+        Args:
+            spheres: anywhere in the tissue.
+            rounds: angles at which their fields are sampled.
+            often: whether so many sets of spheres are asked for that the matrix of each order pays.
+        """
+        tissue = self.states.model.materials[Body.TISSUE]
+        two_mu = tissue.youngs_modulus / (1 + tissue.poisson_ratio)
+        if self.close:
+            return CloseExchange(self.interior, self._field, self.interface, spheres, rounds, two_mu)
+        samples = Samples([one.source for one in spheres], self.panels, rounds, two_mu)
+        return Exchange(self, spheres, samples, often)
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """Some spheres before one boundary.
+
+    Attributes:
+        reflector: the boundary.
+        spheres: they.
+        samples: their fields on the boundary.
+        often: see ``Reflector.exchange``.
+    """
+
+    reflector: Reflector
+    spheres: Sequence[Sphere]
+    samples: Samples
+    often: bool
+
+    def reflect(self, scattered: Sequence[Floats], enough: float, most: int) -> tuple[list[Floats], int]:
+        """Return the regular coefficients of what comes back to each sphere, m, and how many azimuthal orders of it.
+
+        Args:
+            scattered: outgoing coefficients about each, (modes, k), m.
+            enough: work, J: two orders in which fields do less on each other end the sum.
+            most: orders at most.
+
+        Raises:
+            SolveError: a system could not be solved.
+        """
+        data = self.samples.amplitudes(scattered)
+        answers, k, quiet = np.empty_like(data), scattered[0].shape[1], 0
+        for m in range(min(most, len(data))):
+            answers[m] = self.reflector.response(m).to(data[m], self.often)
+            each = (data[m].reshape(-1, k)).T @ answers[m].reshape(-1, k)
+            quiet = quiet + 1 if np.abs(each).max() < enough else 0
+            if quiet == 2:
+                break
+        works = self.samples.works(answers[: m + 1])
+        return [self._regular(one, work) for one, work in zip(self.spheres, works, strict=True)], m + 1
+
+    def _regular(self, sphere: Sphere, work: Floats) -> Floats:
+        """Coefficients from the work of every outgoing mode: that on the regular mode of its own kind, ``Modes.work``."""
+        return np.asarray(work / (-self.samples.two_mu * sphere.radius * sphere.modes.work)[:, None])

@@ -1,0 +1,145 @@
+"""What comes back to spheres that lie too close to the boundary for eq. (B3) of ``compliance.py``: found at their own points.
+
+Data so sharp that the elements cannot follow them would count in full in an energy on the boundary; inside the tissue, what is
+wrong of them dies out. Fields are sampled at all points of the elements' edges, and w of eq. (B2) is projected on the spheres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from geometry.meridian.grading import Floats
+from geometry.meridian.section import Body
+from solver.axisymmetric.dofs import Interface
+from solver.axisymmetric.quadrilateral import dilations
+from solver.axisymmetric.shape_functions import Ints, functions, pressures
+from solver.axisymmetric.tissue_field import TissueField
+from solver.inclusions.mode_sums import Sampler, Table
+from solver.inclusions.vector_modes import DISPLACEMENT, stack
+from solver.multiple_scattering.boundary_edges import Edges
+from solver.multiple_scattering.boundary_samples import PLANE, ROUND, Rounds, turns
+from solver.multiple_scattering.interior_solution import Data, Interior
+from solver.multiple_scattering.spheres import Sphere
+
+NEARLY = 0.48  # Poisson's ratio from which the mode of degree 0 is taken from the dilation
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where a sphere's q points lie: elements, their functions and pressures there, angle about the probe's axis."""
+
+    element: Ints
+    value: Floats
+    pressure: Floats
+    angle: Floats
+
+
+@dataclass(frozen=True)
+class CloseExchange:
+    """Some spheres before one boundary.
+
+    Attributes:
+        interior: what an azimuthal order answers.
+        field: where points lie in the mesh.
+        interface: between blocks and tissue.
+        spheres: they.
+        rounds: angles at which fields are sampled.
+        two_mu: of the tissue, Pa.
+    """
+
+    interior: Callable[[int], Interior]
+    field: TissueField
+    interface: Interface
+    spheres: Sequence[Sphere]
+    rounds: Rounds
+    two_mu: float
+
+    def reflect(self, scattered: Sequence[Floats], enough: float, most: int) -> tuple[list[Floats], int]:
+        """Return the regular coefficients of what comes back: see ``reflection.Exchange.reflect``."""
+        samples, quiet = self._samples(scattered), 0
+        total = [np.zeros_like(c) for c in scattered]
+        for m in range(min(most, self.rounds.orders)):
+            data = Data(*(self._amplitudes(values, m, edges) for values, edges in zip(samples, self._edges, strict=True)))
+            found = self.interior(m).to(data, self._elements)
+            work = np.zeros((scattered[0].shape[1],) * 2)
+            for k, (sphere, c, place) in enumerate(zip(self.spheres, scattered, self._places, strict=True)):
+                came = sphere.coefficients(*self._arrived(place, m, found))
+                total[k] += came
+                work += (c * (self.two_mu * sphere.radius * sphere.modes.work)[:, None]).T @ came
+            quiet = quiet + 1 if np.abs(work).max() < enough else 0
+            if quiet == 2:
+                break
+        return total, m + 1
+
+    @cached_property
+    def _edges(self) -> tuple[Edges, Edges, Edges, Edges]:
+        b = self.interior(0).boundary
+        return b.surface, b.side, b.ends, b.floor
+
+    def _samples(self, scattered: Sequence[Floats]) -> list[Floats]:
+        """Tractions on surface and side, displacements of ends and floor, (angles, 3, k, points) each."""
+        surface, side, _ = turns(self.rounds)
+        kinds = (
+            (PLANE[:3], surface[:, :3]),
+            (ROUND[:5], side[:, :3]),
+            (DISPLACEMENT, surface[:, 3:]),
+            (DISPLACEMENT, surface[:, 3:]),
+        )
+        out = []
+        for number, (edges, (components, turn)) in enumerate(zip(self._edges, kinds, strict=True)):
+            parts = []
+            for sphere, c in zip(self.spheres, scattered, strict=True):
+                table = Table(sphere.modes.harmonics, "outgoing", (self._points(edges) - sphere.centre) / sphere.radius)
+                sampler = Sampler(stack(sphere.modes, "outgoing", components), table, slice(0, len(table.points)), number != 1)
+                found = sampler.values(c).reshape(len(components), c.shape[1], self.rounds.count, -1).transpose(2, 0, 1, 3)
+                unit = self.two_mu / sphere.radius if number < 2 else 1.0
+                turned = turn[..., components] @ found.reshape(self.rounds.count, len(components), -1)
+                parts.append(unit * turned.reshape(self.rounds.count, 3, c.shape[1], -1))
+            out.append(np.asarray(sum(parts)))
+        if self.interface == "frictionless":
+            out[2][:, :2] = 0.0
+        return out
+
+    def _points(self, edges: Edges) -> Floats:
+        angle, r, z = self.rounds.angles[:, None], edges.r.ravel(), edges.z.ravel()
+        return np.stack([r * np.cos(angle), r * np.sin(angle), z + 0 * angle], axis=-1).reshape(-1, 3)
+
+    def _amplitudes(self, values: Floats, m: int, edges: Edges) -> Floats:
+        """Of one order, (e, q, 3, families k)."""
+        families = 1 if self.rounds.mirrored else 2
+        waves = self.rounds.waves[:, m * families : (m + 1) * families]
+        return np.asarray(np.einsum("cft,tckn->ncfk", waves, values, optimize=True).reshape(*edges.r.shape, 3, -1))
+
+    @cached_property
+    def _places(self) -> list[_Place]:
+        found, shapes = [], self.field.states.model.shapes
+        for sphere in self.spheres:
+            x, y, z = sphere.points.T
+            element, places, _ = self.field.locate(np.stack([np.hypot(x, y), z], axis=1))
+            value = functions(places, shapes.degrees)[0]
+            found.append(_Place(element, value, pressures(places, shapes.order), np.arctan2(y, x)))
+        return found
+
+    @cached_property
+    def _elements(self) -> Ints:
+        return np.unique(np.concatenate([place.element for place in self._places]))
+
+    def _arrived(self, place: _Place, m: int, found: Floats) -> tuple[Floats, Floats | None]:
+        """Displacement and, where it counts, dilation of one order (e, 3, s, families k) at a sphere's points."""
+        cos, sin = np.cos(m * place.angle), np.sin(m * place.angle)
+        waves: Floats = np.array([[cos, sin, cos], [sin, -cos, sin]][: 1 if self.rounds.mirrored else 2])
+        found = found.reshape(*found.shape[:3], len(waves), -1)
+        row, model = np.searchsorted(self._elements, place.element), self.field.states.model
+        at = (place.value[:, None, None] @ found.reshape(*found.shape[:3], -1)[row]).reshape(len(row), 3, len(waves), -1)
+        u = (waves.transpose(2, 1, 0)[:, :, None] @ at)[:, :, 0]
+        cos, sin = np.cos(place.angle)[:, None], np.sin(place.angle)[:, None]
+        cartesian = np.stack([cos * u[:, 0] - sin * u[:, 1], sin * u[:, 0] + cos * u[:, 1], u[:, 2]], axis=1)
+        if model.materials[Body.TISSUE].poisson_ratio < NEARLY:
+            return cartesian, None
+        strains = dilations(model.at.of(self._elements), model.shapes, m)
+        pressed = np.einsum("ekcs,ecsfj->ekfj", strains, found, optimize=True)
+        return cartesian, np.einsum("qk,fq,qkfj->qj", place.pressure, waves[:, 0], pressed[row], optimize=True)

@@ -1,0 +1,78 @@
+"""Derivatives of film forces by a sphere's place, size and Poisson's ratio: what its surface gains when it moves.
+
+Where an interface moves by V_n along its normal n, energies of states that stay in balance change by
+
+    dF_ij = Int V_n [ s_i:e_j (in) - s_i:e_j (out) - s_i(out):(e_j(in) - e_j(out)) - s_j(out):(e_i(in) - e_i(out)) ] dS     (P8)
+
+with stresses s and strains e on both sides (Eshelby, J. Elasticity 5 (1975) 321: the jump of the energy-momentum tensor; the
+jump of the displacement gradient is a x n, so that traction times it is stress times the jump of strain). All fields on the
+surface are known as modes: incident and scattered ones outside, those of the sphere's own material inside.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from geometry.meridian.grading import Floats
+from geometry.scenes.probe import Material
+from solver.inclusions.projection import quadrature
+from solver.inclusions.sphere_scattering import Scattering
+from solver.inclusions.sphere_scattering import scattering as scattering_by
+from solver.multiple_scattering.spheres import Sphere
+
+STEP = 1e-30  # of the complex step
+VOIGT = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # of xx, yy, zz, yz, xz, xy in s:e
+
+
+@dataclass(frozen=True)
+class Moved:
+    """Derivatives of the film forces, N/m per unit, shapes (2, 2).
+
+    Attributes:
+        by_depth: per m.
+        by_offset: per m away from the probe's axis; zero on it.
+        by_log_diameter: by ln of the diameter.
+        by_poisson: by its Poisson's ratio.
+    """
+
+    by_depth: Floats
+    by_offset: Floats
+    by_log_diameter: Floats
+    by_poisson: Floats
+
+
+def moved(sphere: Sphere, scattering: Scattering, matrix: Material, own: Material, incident: Floats) -> Moved:
+    """Return eq. (P8) for shifts and growth of a sphere that the whole incident field, (modes, 2), reaches."""
+    modes = sphere.modes
+    points, weights = quadrature(modes, 6)
+    outside = modes.regular(points, incident)[1] + modes.outgoing(points, scattering.S @ incident)[1]
+    inside = replace(modes, nu=own.poisson_ratio).regular(points, scattering.inside @ incident)[1]
+    pairs = [_stress_and_strain(part, body, sphere.radius) for part, body in ((inside, own), (outside, matrix))]
+    (s_in, e_in), (s_out, e_out) = pairs
+    jump = e_in - e_out
+    density = _product(s_in, e_in) - _product(s_out, e_out) - _product(s_out, jump) - _product(jump, s_out)
+    x, y, _ = sphere.centre
+    offset = float(np.hypot(x, y))
+    away = np.array([x, y, 0.0]) / offset if offset > 0 else np.zeros(3)
+    area = weights * sphere.radius**2
+    motions = -points[:, 2], points @ away, np.full(len(points), sphere.radius)
+    shifted = scattering_by(modes, matrix.youngs_modulus, own.youngs_modulus, own.poisson_ratio + STEP * 1j, sphere.radius)
+    by_poisson = incident.T @ (shifted.T.imag @ incident) / STEP
+    sink, apart, grow = (np.einsum("q,qij->ij", area * motion, density) for motion in motions)
+    return Moved(sink, apart, grow, by_poisson)
+
+
+def _stress_and_strain(scaled: Floats, material: Material, radius: float) -> tuple[Floats, Floats]:
+    """Stress in Pa and strain from stress times R / (2 mu), (q, 6, 2)."""
+    nu = material.poisson_ratio
+    trace = scaled[:, :3].sum(axis=1, keepdims=True)
+    strain = scaled.copy()
+    strain[:, :3] -= nu / (1 + nu) * trace
+    return scaled * (material.youngs_modulus / (1 + nu) / radius), strain / radius
+
+
+def _product(one: Floats, other: Floats) -> Floats:
+    """s_i:e_j at all points, (q, 2, 2)."""
+    return np.asarray(np.einsum("qai,a,qaj->qij", one, VOIGT, other, optimize=True))

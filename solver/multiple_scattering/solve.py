@@ -1,0 +1,233 @@
+"""Tumours with everything that comes back to them: the second tier of the equivalent-inclusion level.
+
+With c0 the regular modes of the base states at the spheres, S and T their scattering and work (``scattering.py``) and R what the
+boundary sends back, the whole field that reaches them is c = c0 + R S c, and
+
+    dF = c0^T T c = c0^T T (1 - R S)^-1 c0                                                         (P4)
+
+Reflections c_k+1 = R S c_k span a small space; as T and T R S are symmetric, c is found in it as the best in energy (Galerkin),
+
+    mu_i+j = c_i^T T c_j,   A_ij = mu_i+j - mu_i+j+1,   B_i = mu_i,   a = A^-1 B,   c = sum_i c_i a_i   (P5)
+
+What the last reflection shows to be left, r = c0 - (1 - R S) c, is added once more: dF = B^T a + r^T T r + ..., and the next
+term is smaller by rho, the share of a field that comes back (eq. P6). The derivative by ln E of a sphere is c^T (dT / d ln E) c.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from geometry.meridian.grading import Floats
+from geometry.meridian.section import Section
+from geometry.scenes.probe import Material
+from solver.axisymmetric.refinement import total_change
+from solver.axisymmetric.tissue_field import TissueField
+from solver.inclusions.projection import Projection, projection
+from solver.inclusions.tumours import Tumours
+from solver.inclusions.vector_modes import Modes
+from solver.multiple_scattering.boundary_samples import Rounds
+from solver.multiple_scattering.exchange import Exchange, Reflector
+from solver.multiple_scattering.near_exchange import CloseExchange
+from solver.multiple_scattering.reflection_series import Reflections
+from solver.multiple_scattering.shape_derivatives import Moved, moved
+from solver.multiple_scattering.spheres import Each, Sphere
+
+DEGREES = (4, 36)  # least and largest degree of the modes
+ORDERS = 16  # largest azimuthal order of the modes
+UNRESOLVED = 0.1  # of the effect: what degrees left out may change, times their share of a field next to the surface
+ANGLES = (10, 40)  # least and largest number of angles where a sphere lies off the axis
+SMALL = 20  # largest degree of modes off the axis whose projections are kept: some 8 MB each
+STEPS = 6  # reflections at most
+SENSITIVE = 5.0  # times more than the effect do derivatives by the modulus feel what is left out
+ENOUGH = 0.3  # of the tolerance: two azimuthal orders that change less end the sum over them
+
+
+@dataclass(frozen=True)
+class Scattered:
+    """What a set of spheres changes of the film forces.
+
+    Attributes:
+        forces: dF_ij, N/m, shape (2, 2).
+        by_log_modulus: d forces / d ln E of each sphere, shape (t, 2, 2).
+        error: estimate of what further reflections, degrees and orders would change of each film's total, N/m, shape (2,).
+        slope_error: the same of ``by_log_modulus``, shape (t, 2, 2).
+        moved: derivatives by depth, offset and diameter of each sphere.
+        steps: reflections made.
+        orders: how many azimuthal orders were kept.
+    """
+
+    forces: Floats
+    by_log_modulus: Floats
+    error: Floats
+    slope_error: Floats
+    moved: tuple[Moved, ...]
+    steps: int
+    orders: int
+
+
+def scattered(
+    field: TissueField,
+    reflector: Reflector,
+    tissue: Material,
+    tumours: Tumours,
+    tolerance: float,
+    places: bool = False,
+    sensitive: bool = False,
+    often: bool = False,
+) -> Scattered:
+    """Solve eq. (P5) for a set of t spheres, arrays of shape (t,), until what is left is below ``tolerance`` of each total.
+
+    Args:
+        field: the base states' strains.
+        reflector: what sends fields back; its mesh may be coarser.
+        tissue: its material.
+        tumours: relative to the probe's axis.
+        tolerance: relative.
+        places: whether to find the derivatives by the spheres' places, sizes and Poisson's ratios.
+        sensitive: whether to make slopes good to ``SENSITIVE`` times the tolerance too, which takes a reflection more.
+        often: whether many sets are asked for under this probe, see ``Reflector.exchange``.
+
+    Raises:
+        SolveError: the reflections could not be solved.
+    """
+    section = reflector.states.model.section
+    spheres, rounds = arranged(section, tissue, tumours)
+    each = Each.of(spheres, tissue, tumours)
+    exchange, c = reflector.exchange(spheres, rounds, often), np.concatenate([incident(field, one) for one in spheres])
+    known, orders, gone = Reflections.first(c, each.work(c)), rounds.orders, np.inf
+    enough = ENOUGH * tolerance * float(np.abs(known.moments[0]).max())
+    slopes = each.slopes(c)
+    for _ in range(STEPS):
+        c, orders = _reflected(exchange, each.scattered(known.fields[-1]), enough, orders)
+        known = known.followed(c, each.work(c))
+        change = known.rho / (1 - known.rho) * known.more
+        gone, drop = _drop(gone, float(np.linalg.norm(known.more)), known.rho)
+        whole = known.whole(known.found + known.left)
+        last, slopes = slopes, each.slopes(whole)
+        slope_change = np.maximum(np.abs(slopes - each.slopes(known.whole(known.found))), drop * np.abs(slopes - last))
+        totals = np.abs((reflector.states.forces + known.forces).sum(axis=1))
+        settled = np.all(total_change(change[None])[0] <= tolerance * totals)
+        if settled and (not sensitive or np.all(slope_change <= SENSITIVE * tolerance * np.max(np.abs(slopes)))):
+            break
+    forces, left_out = known.forces, _unresolved(section, tumours, spheres) + 2 * ENOUGH * tolerance
+    error = total_change(np.array([change, _tail(spheres, each, known, whole), left_out * forces])).sum(axis=0)
+    slope_error = slope_change + SENSITIVE * left_out * np.abs(slopes)
+    moves = tuple(_moves(tissue, tumours, spheres, each, whole)) if places else ()
+    return Scattered(forces, slopes, error, slope_error, moves, known.count, orders)
+
+
+def _drop(before: float, gone: float, rho: float) -> tuple[float, float]:
+    """What is left in energy, and all further changes of the slopes as a multiple of the last: as fields, they go by its root."""
+    share = min(0.9, np.sqrt(gone / before)) if np.isfinite(before) and before > 0 else rho
+    return gone, share / (1 - share)
+
+
+def _moves(tissue: Material, tumours: Tumours, spheres: Sequence[Sphere], each: Each, whole: Floats) -> Iterator[Moved]:
+    for k, (sphere, one, part) in enumerate(zip(spheres, each.scatterings, each.parts, strict=True)):
+        own = Material(youngs_modulus=float(tumours.youngs_modulus[k]), poisson_ratio=float(tumours.poisson_ratio[k]))
+        yield moved(sphere, one, tissue, own, whole[part])
+
+
+def degrees(section: Section, tumours: Tumours) -> tuple[Floats, Floats]:
+    """Degrees of modes that resolve a sphere's image in surface or floor, and the probe's field on it, shape (t,) each."""
+    radius = tumours.diameter / 2
+    image = 5 / np.log1p(2 * _nearest(section, tumours) / radius) + 2
+    return np.asarray(image), np.asarray(4 * radius / (section.tube_radius + tumours.cover) + 4)
+
+
+def _nearest(section: Section, tumours: Tumours) -> Floats:
+    """From each sphere to the surface or the floor."""
+    return np.asarray(np.minimum(tumours.cover, section.tissue_depth - tumours.depth - tumours.diameter / 2))
+
+
+def _unresolved(section: Section, tumours: Tumours, spheres: Sequence[Sphere]) -> float:
+    """What too few degrees may change, as a share of the effect: nothing is told of a block much smaller than the sphere.
+
+    What the inner block presses on the sphere is as wide as the block and its distance; nor is it more than falls off as
+    (R / depth)^2l, the work of degree l.
+    """
+    radius, degree = tumours.diameter / 2, np.array([sphere.modes.degree for sphere in spheres])
+    inner, outer = (size + tumours.cover for size in (section.inner_radius, section.tube_radius))
+    if np.any(4 * radius / inner + 4 > DEGREES[1]):
+        return 1e3
+    image = UNRESOLVED * (1 + 2 * _nearest(section, tumours) / radius) ** (-2.0 * degree)
+    seen = np.minimum(np.exp(-degree * inner / (2 * radius)), (radius / tumours.depth) ** (2 * degree))
+    return float(np.max(image + np.maximum(seen, np.exp(-degree * outer / (2 * radius)))))
+
+
+def arranged(section: Section, tissue: Material, tumours: Tumours) -> tuple[list[Sphere], Rounds]:
+    """Turn spheres about the probe's axis so that, if they can, all lie in the plane y = 0; modes and angles that tell them."""
+    offset, radius = tumours.offset, tumours.diameter / 2
+    far = int(np.argmax(offset))
+    turn = float(np.arctan2(tumours.y[far], tumours.x[far])) if offset[far] > 0 else 0.0
+    x, y = np.cos(turn) * tumours.x + np.sin(turn) * tumours.y, np.cos(turn) * tumours.y - np.sin(turn) * tumours.x
+    plane = bool(np.all(np.abs(y) <= 1e-9 * radius))
+    axis = bool(np.all(offset <= 1e-9 * radius))
+    spheres, wanted = [], degrees(section, tumours)
+    for k in range(len(offset)):
+        degree = int(np.clip(np.ceil(max(wanted[0][k], wanted[1][k])), *DEGREES))
+        modes = _same(Modes(degree, tissue.poisson_ratio, 0 if axis else min(degree, ORDERS), "even" if plane else "both"))
+        centre = np.array([x[k], 0.0 if plane else y[k], -tumours.depth[k]]) * [not axis, not axis, 1]
+        spheres.append(Sphere(centre, float(radius[k]), modes, _projection(modes)))
+    angles = int(np.clip(np.ceil(np.max(3 * offset / (tumours.cover + 0.2 * radius))) + 6, *ANGLES))
+    return spheres, Rounds(1 if axis else angles * (1 if plane else 2), plane)
+
+
+def _projection(modes: Modes) -> Projection:
+    """The projection on modes; small ones are kept, as half of a tumour's cost on the axis is to make them."""
+    return _kept(modes) if modes.order == 0 or modes.degree <= SMALL else projection(modes)
+
+
+@lru_cache(maxsize=64)
+def _same(modes: Modes) -> Modes:
+    """The first of equal modes, which may know its labels already."""
+    return modes
+
+
+@lru_cache(maxsize=32)
+def _kept(modes: Modes) -> Projection:
+    return projection(modes)
+
+
+def incident(field: TissueField, sphere: Sphere) -> Floats:
+    """Regular coefficients of the base states at a sphere, (modes, 2), m per m."""
+    x, y, z = sphere.points.T
+    r = np.hypot(x, y)
+    found = field.at(r, z)
+    u = found.displacement
+    away = np.stack([np.divide(part, r, out=np.zeros_like(r), where=r > 0) for part in (x, y)], axis=1)
+    return sphere.coefficients(np.concatenate([away[:, :, None] * u[:, :1], u[:, 1:]], axis=1), found.dilation)
+
+
+def _reflected(exchange: Exchange | CloseExchange, outgoing: Sequence[Floats], enough: float, orders: int) -> tuple[Floats, int]:
+    """One more reflection: by the boundary, order by order until nothing more comes, and by the other spheres."""
+    came, orders = exchange.reflect(outgoing, enough, orders)
+    return np.concatenate([a + b for a, b in zip(came, _neighbours(exchange.spheres, outgoing), strict=True)]), orders
+
+
+def _neighbours(spheres: Sequence[Sphere], outgoing: Sequence[Floats]) -> list[Floats]:
+    """What the other spheres send to each, as regular coefficients."""
+    total = [np.zeros_like(c) for c in outgoing]
+    for k, here in enumerate(spheres):
+        for other, c in zip(spheres, outgoing, strict=True):
+            if other is not here:
+                local = (here.points - other.centre) / other.radius
+                total[k] += here.coefficients(other.modes.displacement(local, c, "outgoing"))
+    return total
+
+
+def _tail(spheres: Sequence[Sphere], each: Each, known: Reflections, whole: Floats) -> Floats:
+    """What degrees beyond the largest would add, shape (2, 2).
+
+    A field from the surface or beyond falls off as (R / depth)^l on the sphere: a geometric series from the last degrees.
+    """
+    total = np.zeros((2, 2))
+    for sphere, part in zip(spheres, each.parts, strict=True):
+        last = sphere.modes.ell >= sphere.modes.degree - 1
+        drop = min(0.9, float((sphere.radius / sphere.centre[2]) ** 4))  # of two degrees' work
+        total += known.works[0][part][last].T @ whole[part][last] * (drop / (1 - drop))
+    return (total + total.T) / 2

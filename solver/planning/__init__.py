@@ -1,0 +1,1 @@
+"""Which level at which accuracy, what may be left out, what that changes."""

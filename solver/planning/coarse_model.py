@@ -1,0 +1,140 @@
+"""What the coarsest mesh of a probe on tissue without tumours says of a scene: enough to plan with.
+
+One factorisation and no refinement: some 20 ms, film forces within a few per cent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from geometry.common.errors import Refusal, SolveError
+from geometry.meridian.grading import Floats
+from geometry.meridian.mesh import SQUARE, nodes
+from geometry.meridian.section import Body
+from geometry.scenes.scene import Contact, HalfSpaceTissue, Load, Scene
+from solver.axisymmetric.converged_forces import Converged
+from solver.axisymmetric.omitted_details import Change, left_out
+from solver.axisymmetric.refinement import LEVELS, Sample
+from solver.axisymmetric.sample import sample
+from solver.axisymmetric.sections import sections
+from solver.axisymmetric.tissue_field import TissueField
+from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
+from solver.equivalent_inclusion.strain_products import Energies
+from solver.results.film_forces import Bound, FilmForces
+from solver.results.result import Effect
+
+OFF = 0.05  # relative error that film forces and strains of the coarsest mesh may have
+PLACES = 40  # on each block's end where the contact's pressure is looked at
+BELOW = 1e-3  # outer radii under the surface, where it is
+
+
+@dataclass(frozen=True)
+class Rough:
+    """A scene without tumours, groove, films, elastic base and tilt on the coarsest mesh, its contact tied.
+
+    Attributes:
+        scene: without inclusions, tilt and load; groove, films and base are its own.
+        sample: film forces and base states.
+        changes: bounds on what groove, films, base and sides that are not round change.
+    """
+
+    scene: Scene
+    sample: Sample
+    changes: tuple[Change, ...]
+
+    @classmethod
+    def of(cls, scene: Scene) -> Rough:
+        """Solve it.
+
+        Raises:
+            Refusal: so extreme that its equations cannot be solved in double precision.
+        """
+        bare = _bare(scene)
+        plain = sections(bare)
+        try:
+            found = sample(plain.section, plain, bare, LEVELS[0])
+            return cls(bare, found, tuple(left_out(bare, plain, lambda: found, None)))
+        except SolveError as fault:
+            why = f"scenes whose sizes and moduli lie closer together ({fault})"
+            raise Refusal("scene", "too extreme for a plan", why) from fault
+
+    @property
+    def forces(self) -> Floats:
+        """F_ij, N/m, shape (2, 2)."""
+        return np.asarray(self.sample.forces[0])
+
+    @cached_property
+    def undisturbed(self) -> Undisturbed:
+        """The same as base states of tumours."""
+        films = FilmForces(self.forces, Bound.independent(OFF * np.abs(self.forces.sum(axis=1)), self.forces))
+        found = Converged((films,), self.sample, (), ())
+        return Undisturbed(self.scene, 1.0, found, Energies(TissueField(self.sample.states)), OFF)
+
+    @property
+    def edges(self) -> Effect | None:
+        """What the tissue's sides and floor change against a half-space; None where it is one, or cannot be solved."""
+        tissue = self.scene.tissue
+        if tissue.shape == "half-space":
+            return None
+        material = {"youngs_modulus": tissue.youngs_modulus, "poisson_ratio": tissue.poisson_ratio}
+        wide = self.scene.model_copy(update={"tissue": HalfSpaceTissue(shape="half-space", **material)})
+        plain = sections(wide)
+        try:
+            totals, free = self.sample.totals[0], sample(plain.section, plain, wide, LEVELS[0]).totals[0]
+        except SolveError:
+            return None
+        with np.errstate(divide="ignore"):
+            changes = np.abs(totals - free) / np.abs(free)
+            ratio = float(abs(np.log(np.abs(totals / free)) @ [1.0, -1.0]))
+        return Effect(ratio, float(changes.max()), float(abs(totals.sum() / free.sum() - 1)))
+
+    @property
+    def closing(self) -> tuple[Floats, Floats]:
+        """Heights on the walls that face each other, m, and by how much they near each other there per unit indentation."""
+        section = self.sample.states.model.section
+        inner, outer = self._wall(Body.INNER, section.inner_radius), self._wall(Body.OUTER, section.hole_radius)
+        z = np.union1d(inner[0], outer[0])
+        z = z[z <= min(section.inner_height, section.outer_height)]
+        return z, np.interp(z, *inner) - np.interp(z, *outer)
+
+    @property
+    def approach(self) -> float:
+        """The most that the walls near each other per unit indentation; 0 where they do so nowhere."""
+        return float(np.max(self.closing[1], initial=0.0))
+
+    def _wall(self, body: Body, radius: float) -> tuple[Floats, Floats]:
+        """Rising heights of the elements' corners on a block's wall, and how far each moves outwards per unit indentation."""
+        states = self.sample.states
+        model, mesh = states.model, states.model.mesh
+        r, z = np.moveaxis(nodes(model.section, mesh, SQUARE), -1, 0)
+        moved = states.own.reshape(len(mesh.body), 2, -1, 2)[:, 0, :4].sum(axis=-1)
+        on = (mesh.body == body)[:, None] & (np.abs(r - radius) <= 1e-9 * radius)
+        heights, first = np.unique(z[on], return_index=True)
+        return heights, moved[on][first]
+
+    @property
+    def pulled(self) -> float:
+        """Share of the contact's forces that pull, were both surfaces tied to each other: what would open."""
+        section, tissue = self.sample.states.model.section, self.scene.tissue
+        steps = (np.arange(PLACES) + 0.5) / PLACES
+        spans = ((0.0, section.inner_radius), (section.hole_radius, section.tube_radius))
+        r = np.concatenate([low + steps * (high - low) for low, high in spans])
+        ring = np.repeat([(high - low) / PLACES for low, high in spans], PLACES) * r
+        depth = min(BELOW * section.tube_radius, section.tissue_depth / 10)
+        found = self.undisturbed.field.at(r, np.full_like(r, -depth))
+        lam = tissue.youngs_modulus * tissue.poisson_ratio / ((1 + tissue.poisson_ratio) * (1 - 2 * tissue.poisson_ratio))
+        shear = tissue.youngs_modulus / (1 + tissue.poisson_ratio)
+        force = -(lam * found.dilation + shear * found.strain[:, 1]).sum(axis=-1) * ring
+        return float(np.maximum(-force, 0.0).sum() / np.abs(force).sum())
+
+
+def _bare(scene: Scene) -> Scene:
+    """The scene without inclusions, tilt and load, its contact tied."""
+    contact = scene.contact
+    if contact.interface == "unilateral":
+        contact = Contact(interface="bonded" if contact.friction > 0 else "frictionless")
+    at = scene.placement.model_copy(update={"tilt": 0.0})
+    return scene.model_copy(update={"inclusion": (), "contact": contact, "placement": at, "load": Load(indentation=0.0)})

@@ -1,0 +1,134 @@
+"""Which inclusions of a scene do not matter, by what each changes to first order on the coarsest mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Inclusion, Scene
+from solver.equivalent_inclusion.first_order import effects
+from solver.equivalent_inclusion.first_order_bound import first_order_error, first_order_share
+from solver.inclusions.tumours import Tumours
+from solver.planning.coarse_model import Rough
+from solver.results.result import Decision, Effect
+
+SHARE = 0.1  # of the accuracy that all inclusions left out may take together
+DOUBT = 2.0  # times the bound on a first-order effect: neighbours feel it too
+BURIED = 0.98  # of its depth: the largest radius of the ball that stands for a body of another shape
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """A scene without the inclusions that do not matter.
+
+    Attributes:
+        scene: with a marked target, if the whole had one.
+        decisions: one for each inclusion of the whole.
+        left_out: bound on what those left out change together, relative.
+    """
+
+    scene: Scene
+    decisions: tuple[Decision, ...]
+    left_out: float
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Of each of t inclusions: estimates and bounds of what it changes, and a bound on its share in the target's slope."""
+
+    ratio: Floats
+    stresses: Floats
+    stiffness: Floats
+    doubt: Floats
+    on_target: Floats
+
+    def effect(self, k: int, bounded: bool) -> Effect:
+        more = float(self.doubt[k]) if bounded else 0.0
+        return Effect(float(self.ratio[k]) + more, float(self.stresses[k]) + more, float(self.stiffness[k]) + more)
+
+
+def reduced(scene: Scene, rough: Rough, accuracy: float) -> Reduced:
+    """Leave out the inclusions that change least, as long as all of them together change less than SHARE of the accuracy.
+
+    The target stays, as does a body from a surface file, whose size is not known well enough.
+
+    Raises:
+        InputError: a surface file that cannot be used.
+        Refusal: an inclusion larger than the modelled tissue.
+    """
+    if not scene.inclusion:
+        return Reduced(scene, (), 0.0)
+    found = _found(scene, rough)
+    every = [found.effect(k, bounded=True) for k in range(len(scene.inclusion))]
+    dropped: list[int] = []
+    spent = np.zeros(2)
+    for k in sorted(range(len(every)), key=lambda k: every[k].largest):
+        cost = np.array([every[k].largest, found.on_target[k] / 5])  # DESIGN: the log-sensitivity may be off by 5 times as much
+        if k != scene.target and scene.inclusion[k].surface is None and np.all(spent + cost <= SHARE * accuracy):
+            dropped.append(k)
+            spent += cost
+    decisions = tuple(_decision(scene, k, found, k in dropped, accuracy) for k in range(len(every)))
+    kept = tuple(_marked(scene, k) for k in range(len(every)) if k not in dropped)
+    return Reduced(scene.model_copy(update={"inclusion": kept}) if dropped else scene, decisions, float(spent[0]))
+
+
+def _marked(scene: Scene, k: int) -> Inclusion:
+    return scene.inclusion[k].model_copy(update={"target": k == scene.target})
+
+
+def _found(scene: Scene, rough: Rough) -> _Found:
+    base, target = rough.undisturbed, scene.target
+    tumours = base.inside(Tumours.of(scene.model_copy(update={"inclusion": tuple(map(_ball, scene.inclusion))})))[0]
+    each = effects(base.energies, scene.tissue, tumours.flat())
+    changes = each.forces
+    share = first_order_share(base, tumours)[0]
+    doubt = DOUBT * first_order_error(share[:, None], changes[:, None])
+    totals = rough.forces.sum(axis=1)
+    least = np.minimum(np.abs(totals), np.abs(totals + changes.sum(axis=(0, 2))))
+    least = np.maximum(least, 1e-9 * np.abs(totals).sum())  # a stress near zero: nothing is left out
+    parts, doubts = changes.sum(axis=2) / least, doubt / least
+    whole = np.abs(changes.sum(axis=(1, 2))) / least.sum()
+    on_target = np.zeros(len(share))
+    if target is not None:
+        on_target = doubts.sum(axis=1) + np.abs(parts).max(axis=1) + _on_target(tumours, each.forces, each.by_log_modulus, target)
+    return _Found(np.abs(parts[:, 0] - parts[:, 1]), np.abs(parts).max(axis=1), whole, doubts.sum(axis=1), on_target)
+
+
+def _on_target(tumours: Tumours, changes: Floats, slopes: Floats, target: int) -> Floats:
+    """Bound on what each inclusion changes of the target's slope by its own field there, relative.
+
+    Fields of spheres fall off with the cube of the distance; the work of one on the other is bounded by both effects, eq. (L1):
+    4 sqrt(dF_k / dF_t) (r_k r_t)^(3/2) / d^3.
+    """
+    one = tumours.of_index(0)
+    radius = one.diameter / 2
+    apart = np.sqrt(sum((getattr(one, key) - getattr(one, key)[target]) ** 2 for key in ("x", "y", "depth")))
+    apart = np.maximum(apart, radius + radius[target])
+    sizes = np.abs(changes.sum(axis=(1, 2)))
+    own = max(float(sizes[target]), float(np.abs(slopes[target].sum())), 1e-300)
+    return np.asarray(4 * np.sqrt(sizes / own) * (radius * radius[target]) ** 1.5 / apart**3)
+
+
+def _ball(body: Inclusion) -> Inclusion:
+    """The ball around an inclusion: a stiffer body changes more if it is larger, a softer one too (Rayleigh)."""
+    if body.diameter is not None:
+        return body
+    if body.diameters is not None:
+        size = max(body.diameters)
+    else:
+        from geometry.tetra.surface_files import read_surface
+
+        assert body.surface is not None
+        size = 2 * float(np.linalg.norm(read_surface(body.surface, "inclusion.surface", np.zeros(3)).points, axis=1).max())
+    return body.model_copy(update={"diameter": min(size, 2 * BURIED * body.depth), "diameters": None, "surface": None})
+
+
+def _decision(scene: Scene, k: int, found: _Found, dropped: bool, accuracy: float) -> Decision:
+    effect = found.effect(k, bounded=dropped)
+    size = f"changes the ratio by {'at most ' if dropped else ''}about {effect.ratio:.2g}"
+    what = f"left out: {size}, counted in error_estimate" if dropped else f"modelled: {size}"
+    if k == scene.target:
+        what = f"modelled, as the target: {size}"
+    return Decision.of(f"inclusion[{k}]", not dropped, effect, SHARE * accuracy, what)

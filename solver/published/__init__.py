@@ -1,0 +1,1 @@
+"""Level 0: the paper's equations as printed, mended, and its Table 3."""

@@ -1,0 +1,58 @@
+"""The paper's eqs. (4) and (6) to (8) with their defects mended (PHYSICS section 1), to see what the defects cost.
+
+    1 / E_eq = 1 / E_matrix + k (1 / E_object - 1 / E_matrix),  k = 3 a D / (4 d^2)                                (K1)
+
+The object's shortening carries (1-nu^2) as the tissue's does, and the shortening of the tissue that it replaces is subtracted. So
+an object of matrix modulus vanishes and a stiffer one stiffens. The stress at depth is still the far field of eq. (1): a formula
+for ``d`` well above ``a`` and ``D``, not one to measure with. Symbols, units and checks as in ``published_equations``.
+"""
+
+from __future__ import annotations
+
+from geometry.common.errors import InputError, Words
+from solver.published.equations import checked
+
+
+@checked
+def modulus(a: float, d: float, D: float, E_matrix: float, E_object: float) -> float:
+    """Eq. (K1) for E_eq.
+
+    Raises:
+        InputError: k is not below 1.
+    """
+    k = _share(a, d, D)
+    return 1 / ((1 - k) / E_matrix + k / E_object)
+
+
+@checked
+def object_modulus(a: float, d: float, D: float, E_matrix: float, E_eq: float) -> float:
+    """Eq. (K1) solved for E_object.
+
+    Raises:
+        InputError: k is not below 1, or E_eq is not below that of a rigid object.
+    """
+    k = _share(a, d, D)
+    rigid = E_matrix / (1 - k)
+    if E_eq >= rigid:
+        raise InputError("E_eq", E_eq, f"below that of a rigid object, {rigid:g} Pa")
+    return k * E_eq * rigid / (rigid - E_eq)
+
+
+@checked
+def diameter(a: float, d: float, E_matrix: float, E_object: float, E_eq: float) -> float:
+    """Eq. (K1) solved for D.
+
+    Raises:
+        InputError: E_eq is not between E_matrix and E_object, so that k is not between 0 and 1.
+    """
+    if not min(E_matrix, E_object) < E_eq < max(E_matrix, E_object):
+        raise InputError("E_eq", E_eq, f"between E_matrix = {E_matrix:g} and E_object = {E_object:g} Pa")
+    k = E_object * (E_matrix - E_eq) / (E_eq * (E_matrix - E_object))
+    return 4 * d**2 * k / (3 * a)
+
+
+def _share(a: float, d: float, D: float) -> float:
+    """K of eq. (K1): the object's share of the shortening."""
+    if 3 * a * D >= 4 * d**2:
+        raise InputError("3 a D / (4 d^2)", Words(f"{3 * a * D / (4 * d**2):.4g}"), "below 1: a smaller or deeper object")
+    return 3 * a * D / (4 * d**2)

@@ -1,0 +1,203 @@
+"""The paper's equations (1) to (12) exactly as printed, defects included, and what the paper inverts them for.
+
+"Detecting Embedded Objects Using Haptics with Applications in Artificial Palpation of Tumors", sections 2.3 and 2.4. Symbols are
+the paper's, SI units: ``sigma`` the applied stress on a circle of radius ``a``, ``d`` depth and ``D`` diameter of the object,
+``nu`` Poisson's ratio, ``E_...`` Young's moduli. What is wrong with them is listed in ``solver.published.level``.
+
+Every function refuses with ``InputError`` what is not a positive finite number (``nu``: 0 to 0.5; eq. (12): any finite number),
+and results beyond double precision.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from functools import wraps
+from inspect import signature
+from typing import ParamSpec, TypeVar
+
+from geometry.common.errors import InputError, Words
+
+P = ParamSpec("P")
+R = TypeVar("R", float, tuple[float, float], tuple[float, float, float])
+
+SIGNED = ("Q", "psi_1", "psi_2", "d31", "d32", "d33")
+
+
+def checked(formula: Callable[P, R]) -> Callable[P, R]:
+    """Return the formula behind a check of its arguments, by their names, and of its result."""
+    names = signature(formula)
+
+    @wraps(formula)
+    def of(*args: P.args, **kwargs: P.kwargs) -> R:
+        given = names.bind(*args, **kwargs).arguments
+        for name, value in given.items():
+            for one in _numbers(value):
+                _check(name, one)
+        try:
+            found = formula(*args, **kwargs)
+        except ArithmeticError:
+            found = None
+        if found is None or not all(map(math.isfinite, _numbers(found))):
+            raise InputError(formula.__name__, Words("out of range"), "arguments whose result double precision holds")
+        return found
+
+    return of
+
+
+def _numbers(value: object) -> Iterable[float]:
+    return value if isinstance(value, tuple) else (value,)
+
+
+def _check(name: str, value: float) -> None:
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        raise InputError(name, value, "a finite number")
+    if name.startswith("nu") and not 0 <= value <= 0.5:
+        raise InputError(name, value, "from 0 to 0.5")
+    if name not in SIGNED and not name.startswith("nu") and value <= 0:
+        raise InputError(name, value, "above 0")
+
+
+@checked
+def stress_at_depth(sigma: float, a: float, d: float) -> float:
+    """Eq. (1): sigma_1 = 3 sigma a^2 / (2 d^2)."""
+    return 3 * sigma * a**2 / (2 * d**2)
+
+
+@checked
+def displacement_matrix(sigma: float, a: float, nu: float, E_matrix: float) -> float:
+    """Eq. (2): DIS_A = 2 (1-nu^2) sigma a / E_matrix."""
+    return 2 * (1 - nu**2) * sigma * a / E_matrix
+
+
+@checked
+def displacement_object(sigma: float, a: float, d: float, D: float, E_object: float) -> float:
+    """Eq. (3): DIS_B = sigma_1 D / E_object = 3 sigma a^2 D / (2 d^2 E_object)."""
+    return 3 * sigma * a**2 * D / (2 * d**2 * E_object)
+
+
+@checked
+def displacement_below(sigma: float, a: float, d: float, D: float, nu: float, E_matrix: float) -> float:
+    """Eq. (4): DIS_C = 3 (1-nu^2) sigma a^2 D / (2 E_matrix d^2)."""
+    return 3 * (1 - nu**2) * sigma * a**2 * D / (2 * E_matrix * d**2)
+
+
+@checked
+def displacement_equivalent(sigma: float, a: float, nu: float, E_eq: float) -> float:
+    """Eq. (5): DIS = 2 (1-nu^2) sigma a / E_eq."""
+    return 2 * (1 - nu**2) * sigma * a / E_eq
+
+
+@checked
+def displacement_total(sigma: float, a: float, d: float, D: float, nu: float, E_matrix: float, E_object: float) -> float:
+    """Eq. (6): DIS = DIS_A + DIS_B + DIS_C."""
+    a_and_b = displacement_matrix(sigma, a, nu, E_matrix) + displacement_object(sigma, a, d, D, E_object)
+    return a_and_b + displacement_below(sigma, a, d, D, nu, E_matrix)
+
+
+@checked
+def modulus_from_compatibility(a: float, d: float, D: float, nu: float, E_matrix: float, E_object: float) -> float:
+    """Eq. (7) solved for E_eq: eq. (5) set equal to eq. (6); sigma cancels."""
+    return 2 * (1 - nu**2) * a / displacement_total(1.0, a, d, D, nu, E_matrix, E_object)
+
+
+@checked
+def modulus_printed(a: float, d: float, D: float, nu: float, E_matrix: float, E_object: float) -> float:
+    """Eq. (8): E_eq = 4 E_matrix E_object (1-nu^2) d^2 / [E_object (1-nu)^2 (4 d^2 + 3 a D) + 3 a D E_matrix]."""
+    below = E_object * (1 - nu) ** 2 * (4 * d**2 + 3 * a * D) + 3 * a * D * E_matrix
+    return 4 * E_matrix * E_object * (1 - nu**2) * d**2 / below
+
+
+@checked
+def layer_shortenings(sigma: float, a: float, nu_1: float, nu_2: float, E_1: float) -> tuple[float, float, float]:
+    """Eq. (9): the shortenings of tissue, tumour and tissue, the tumour's with E_1 as printed."""
+    tissue = 2 * (1 - nu_1**2) * sigma * a / E_1
+    return tissue, 2 * (1 - nu_2**2) * sigma * a / E_1, tissue
+
+
+@checked
+def modulus_from_shortenings(sigma: float, a: float, nu_1: float, shortenings: tuple[float, float, float]) -> float:
+    """Eq. (10): E_eq = 2 (1-nu_1^2) sigma a / (sum of the shortenings)."""
+    return 2 * (1 - nu_1**2) * sigma * a / sum(shortenings)
+
+
+@checked
+def modulus_of_layers(E_1: float, E_2: float, E_3: float) -> float:
+    """Eq. (11): 1 / E_eq = 1/E_1 + 1/E_2 + 1/E_3."""
+    return 1 / (1 / E_1 + 1 / E_2 + 1 / E_3)
+
+
+@checked
+def film_force(Q: float, psi_1: float, psi_2: float, d31: float, d32: float, d33: float) -> float:
+    """Eq. (12): F = Q / (psi_1 d31 + psi_2 d32 + d33).
+
+    Raises:
+        InputError: the film gives no charge.
+    """
+    charge_per_force = psi_1 * d31 + psi_2 * d32 + d33
+    if charge_per_force == 0:
+        raise InputError("psi_1 d31 + psi_2 d32 + d33", charge_per_force, "other than 0 C/N")
+    return Q / charge_per_force
+
+
+EQUATIONS: dict[int, Callable[..., float | tuple[float, float, float]]] = {
+    1: stress_at_depth, 2: displacement_matrix, 3: displacement_object, 4: displacement_below,
+    5: displacement_equivalent, 6: displacement_total, 7: modulus_from_compatibility, 8: modulus_printed,
+    9: layer_shortenings, 10: modulus_from_shortenings, 11: modulus_of_layers, 12: film_force,
+}  # fmt: skip
+"""The equations by their numbers."""
+
+
+@checked
+def object_modulus_from_layers(E_eq: float, E_1: float) -> float:
+    """Eq. (11) solved for E_2 = E_object with E_3 = E_1, as the end of section 2.3 does.
+
+    Raises:
+        InputError: E_eq is not below E_1 / 2: no positive modulus fits.
+    """
+    if E_eq >= E_1 / 2:
+        raise InputError("E_eq", E_eq, f"below E_1 / 2 = {E_1 / 2:g} Pa, else eq. (11) has no positive E_object")
+    return E_eq * E_1 / (E_1 - 2 * E_eq)
+
+
+@checked
+def diameter_printed(a: float, d: float, nu: float, E_matrix: float, E_object: float, E_eq: float) -> float:
+    """Eq. (8) solved for D; the answer may be larger than 2 d, which the paper does not exclude.
+
+    D = 4 d^2 E_object [E_matrix (1-nu^2) - E_eq (1-nu)^2] / (3 a E_eq [E_object (1-nu)^2 + E_matrix])
+
+    Raises:
+        InputError: E_eq is not below its value at D = 0: no positive diameter fits.
+    """
+    largest = E_matrix * (1 + nu) / (1 - nu)
+    if E_eq >= largest:
+        raise InputError("E_eq", E_eq, f"below E_matrix (1+nu) / (1-nu) = {largest:g} Pa, else eq. (8) has no positive D")
+    stiff = E_object * (1 - nu) ** 2
+    return 4 * d**2 * stiff * (largest - E_eq) / (3 * a * E_eq * (stiff + E_matrix))
+
+
+@checked
+def object_modulus_printed(a: float, d: float, D: float, nu: float, E_matrix: float, E_eq: float) -> float:
+    """Eq. (8) solved for E_object.
+
+    E_object = 3 a D E_matrix E_eq / [4 E_matrix (1-nu^2) d^2 - E_eq (1-nu)^2 (4 d^2 + 3 a D)]
+
+    Raises:
+        InputError: E_eq is not below that of a rigid object: no positive modulus fits.
+    """
+    loose = (1 - nu) ** 2 * (4 * d**2 + 3 * a * D)
+    rigid = 4 * E_matrix * (1 - nu**2) * d**2 / loose
+    if E_eq >= rigid:
+        raise InputError("E_eq", E_eq, f"below that of a rigid object, {rigid:g} Pa, else eq. (8) has no positive E_object")
+    return 3 * a * D * E_matrix * E_eq / (loose * (rigid - E_eq))
+
+
+@checked
+def object_and_diameter(a: float, d: float, nu: float, E_matrix: float, E_eq: float) -> tuple[float, float]:
+    """E_object and D from E_eq in the paper's order (end of section 2.3): E_object by eq. (11), then D by eq. (8).
+
+    Raises:
+        InputError: E_eq is not below E_matrix / 2.
+    """
+    E_object = object_modulus_from_layers(E_eq, E_matrix)
+    return E_object, diameter_printed(a, d, nu, E_matrix, E_object, E_eq)

@@ -1,0 +1,72 @@
+"""Level 0: the paper's equivalent modulus by eq. (8) as printed, beside the list of what is wrong in the paper."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from time import perf_counter
+
+from geometry.common.errors import InputError, Refusal
+from geometry.scenes.scene import Scene
+from solver.published import corrected_equations as corrected
+from solver.published import equations as printed
+from solver.results.result import Result
+
+DEFECTS = (
+    "eq. (1) is a far field: on the axis sigma [1 - (d / sqrt(a^2 + d^2))^3] holds, at d = a 0.646 sigma, printed 1.5 sigma",
+    "eqs. (4), (6), (7) add the object's shortening without subtracting that of the tissue it replaces: "
+    "a rigid object softens the tissue, one of the tissue's modulus does not vanish",
+    "eq. (8) has (1-nu)^2 where eq. (7) gives (1-nu^2)",
+    "eqs. (9) to (11) leave out thicknesses and give the tumour's shortening the tissue's modulus: a homogeneous block gets E/3",
+    "section 2.4 has spheres of 50 and 80 mm in a block 60 mm deep; 5 and 8 mm keep its '60 % larger'",
+    "sections 2.1, 2.2: 1 N would crush a block of 100 Pa, so the moduli serve small loads only",
+    "section 2.1 gives no radii, heights or film diameters",
+    "eq. (12): psi_1 and psi_2 are never given; with 1 for both, Table 1 sums to +2 pC/N",
+    "Table 3: the ratio at position 4 is -26.6, its sign is lost; the stresses balance 1 N with another area at each position, "
+    "so they are not mean stresses of one probe",
+)
+
+
+@dataclass(frozen=True)
+class Published:
+    """The paper's equivalent modulus, eq. (8) as printed, with ``a`` the probe's outer radius."""
+
+    name: str = "published"
+    summary: str = "the paper's eqs. (1)-(12) as printed; an equivalent modulus, no stresses; for reproducing the paper"
+
+    def refusal(self, scene: Scene) -> str | None:
+        """Say what in the scene the paper's equations have no symbol for, or None."""
+        if len(scene.inclusion) != 1 or scene.inclusion[0].diameter is None:
+            return "axisymmetric or closed-form unless there is exactly one sphere: eq. (8) has one diameter, one depth"
+        body, at = scene.inclusion[0], scene.placement
+        if at.tilt != 0 or math.hypot(body.x - at.x, body.y - at.y) > 1e-9 * scene.inclusion[0].diameter:
+            return "closed-form for an inclusion off the axis of an upright probe"
+        return None
+
+    def evaluate(self, scene: Scene, accuracy: float = 0.01) -> Result:
+        """Return ``equivalent_modulus``; the equations give no film stresses, so the rest is None.
+
+        Raises:
+            Refusal: the equations have no symbol for something in the scene.
+        """
+        start = perf_counter()
+        why = self.refusal(scene)
+        if why is not None:
+            raise Refusal("evaluator", self.name, why)
+        body, tissue = scene.inclusion[0], scene.tissue
+        sizes, moduli = (scene.probe.tube_radius, body.depth, body.diameter or 0.0), (tissue.youngs_modulus, body.youngs_modulus)
+        modulus = printed.modulus_printed(*sizes, tissue.poisson_ratio, *moduli)
+        by_7 = printed.modulus_from_compatibility(*sizes, tissue.poisson_ratio, *moduli)
+        why_null = (
+            "stresses, ratio and error_estimate are null: the paper's equations give an equivalent modulus, not film stresses"
+        )
+        cost = f"equivalent_modulus is {modulus:.4g} Pa by eq. (8), {by_7:.4g} Pa by eq. (7), {_corrected(sizes, moduli)}"
+        defects = (f"defect of the paper: {defect}" for defect in DEFECTS)
+        return Result(self.name, perf_counter() - start, equivalent_modulus=modulus, warnings=(why_null, cost, *defects))
+
+
+def _corrected(sizes: tuple[float, float, float], moduli: tuple[float, float]) -> str:
+    try:
+        return f"{corrected.modulus(*sizes, *moduli):.4g} Pa without their defects"
+    except InputError as fault:
+        return f"none without their defects ({fault})"

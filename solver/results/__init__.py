@@ -1,0 +1,1 @@
+"""What every level takes and returns, and how film forces become stresses with bounds."""

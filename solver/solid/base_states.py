@@ -1,0 +1,160 @@
+"""Film forces of a probe on tissue in three dimensions: three states of the base from one factor, and what follows from them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.common.errors import SolveError
+from geometry.meridian.grading import Floats
+from geometry.tetra.tet_mesh import INCLUSION, TISSUE
+from solver.linalg.cholesky import Factor
+from solver.linalg.conjugate_gradients import residual, solve
+from solver.solid.body_stiffness import Elastic, Isotropic, lame
+from solver.solid.problem import BLOCKS, STATES, Problem
+from solver.solid.tetrahedron import Ints, integrated
+
+DOUBLE = 60_000  # unknowns up to which factors are in double precision: beyond, single is faster too
+TAMED = 100.0
+
+
+@dataclass(frozen=True)
+class SolidStates:
+    """The base's three motions: inner block down by one, outer block down by one, all turned by one about y (+ lowers +x).
+
+    Attributes:
+        problem: what was solved.
+        factor: of its matrix or of one near it.
+        v: the unknowns, shape (unknowns, 3).
+        energies: of each body, v_i^T K_b v_j of the whole, shape (3, 3).
+    """
+
+    problem: Problem
+    factor: Factor
+    v: Floats
+    energies: Mapping[int, Floats]
+
+    @property
+    def reactions(self) -> Floats:
+        """Forces on both films and the moment about y, by rows, in the three states: N/m, N/rad, N m/rad; (3, 3), symmetric."""
+        return np.asarray(sum(self.energies.values(), start=np.zeros((len(STATES),) * 2)))
+
+    @property
+    def forces(self) -> Floats:
+        """F_ij: force on film i (0 inner, 1 outer) per unit displacement of base j, N/m, shape (2, 2)."""
+        return self.reactions[:2, :2]
+
+    @property
+    def residual(self) -> float:
+        """What is left of the loads, relative to them, in the worst of the three states."""
+        return residual(self.problem.matrix, self.problem.loads(), self.v)
+
+    @property
+    def tilt(self) -> Floats:
+        """Forces on both films per unit rotation of the base about y, N/rad, shape (2,)."""
+        return self.reactions[:2, 2]
+
+    def slope(self, body: int) -> Floats:
+        """Return d reactions / d ln E of a body, shape (3, 3): the states are their own adjoints, so v_i^T K_b v_j."""
+        return self.energies[body]
+
+
+def solid_states(problem: Problem, near: SolidStates | None = None) -> SolidStates:
+    """Solve all states.
+
+    Args:
+        problem: what is solved.
+        near: states of other materials of the same bodies. Their factor serves again, and they are where the solution starts.
+
+    Raises:
+        SolveError: the residual is too large.
+    """
+    shared = near is not None and near.problem.supports is problem.supports
+    factor = near.factor if near is not None and shared else _factor(problem)
+    start, loads = near.v if near is not None and shared else None, problem.loads()
+    try:
+        v = solve(problem.matrix, loads, factor, start)
+    except SolveError:  # too far away, or too rough
+        factor = problem.matrix.factor(single=False)
+        v = solve(problem.matrix, loads, factor)
+    return SolidStates(problem, factor, v, energies(problem, v))
+
+
+def _factor(problem: Problem) -> Factor:
+    """Large systems in single precision, whose rounding errors in a stiff inclusion would outweigh the tissue: tamed ones."""
+    if problem.supports.unknowns <= DOUBLE:
+        return problem.matrix.factor()
+    tissue, tamed = problem.materials[TISSUE].youngs_modulus, dict(problem.materials)
+    for body, stuff in problem.materials.items():
+        if body >= INCLUSION or body < 0:
+            modulus = float(np.clip(stuff.youngs_modulus, tissue / TAMED, tissue * TAMED))
+            tamed[body] = Isotropic(modulus, stuff.poisson_ratio)
+    return Problem.of(problem.solid, tamed, problem.supports).matrix.factor(single=True)
+
+
+def energies(problem: Problem, v: Floats) -> Mapping[int, Floats]:
+    """Twice the elastic energies of pairs of states, of each body that is there; symmetric (k, k)."""
+    found = {body: problem.energy(body, v) for body in problem.materials if body in problem.solid.parts}
+    return {body: (e + e.T) / 2 for body, e in found.items()}
+
+
+@dataclass(frozen=True)
+class SolidFields:
+    """A field for output; bodies that are absent carry zeros.
+
+    Attributes:
+        displacement: of the solid's nodes, m, shape (nodes, 3).
+        stress: means over elements, tension positive, xx yy zz yz xz xy, Pa, shape (t, 6).
+    """
+
+    displacement: Floats
+    stress: Floats
+
+    @property
+    def von_mises(self) -> Floats:
+        """Von Mises stress of the elements' means, Pa, shape (t,)."""
+        direct, shear = self.stress[:, :3], self.stress[:, 3:]
+        differences = direct - np.roll(direct, 1, axis=1)
+        return np.asarray(np.sqrt((differences**2).sum(axis=1) / 2 + 3 * (shear**2).sum(axis=1)))
+
+    @property
+    def vertical(self) -> Floats:
+        """Stress zz, compression positive, Pa, shape (t,)."""
+        return -self.stress[:, 2]
+
+
+def fields(states: SolidStates, motion: Floats) -> SolidFields:
+    """Displacements and stresses of a motion of the base, amounts of the three states (m, m, rad), shape (3,)."""
+    problem, solid = states.problem, states.problem.solid
+    u, body = np.zeros(solid.nodes.size), solid.body
+    stress = np.zeros((len(body), 6))
+    for number, material in problem.materials.items():
+        inside = np.flatnonzero(body == number)
+        own = problem.own(states.v, number) @ motion
+        stress[inside] = _stresses(solid.nodes[solid.elements[inside]], own.reshape(-1, 3)[solid.elements[inside]], material)
+        if number in BLOCKS:
+            own = own + problem.supports.motion.reshape(-1, len(STATES)) @ motion
+        here = (3 * np.unique(solid.elements[inside])[:, None] + np.arange(3)).ravel()
+        u[here] = own[here]
+    return SolidFields(u.reshape(-1, 3), stress)
+
+
+def _stresses(x: Floats, u: Floats, material: Elastic) -> Floats:
+    """Mean stresses (t, 6) of elements with nodes x and displacements u, both (t, 10, 3)."""
+    (lam, mu), out = lame(material), np.zeros((len(x), 6))
+    for some, _, g, weight in integrated(x):
+        mean = np.einsum("nqaj,nq->naj", g, weight / weight.sum(axis=1, keepdims=True))
+        gradient = u[some].transpose(0, 2, 1) @ mean
+        strain = (gradient + gradient.transpose(0, 2, 1)) / 2
+        whole = 2 * mu * strain + lam * np.trace(strain, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+        out[some] = whole[:, [0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]]
+    return out
+
+
+def at_nodes(elements: Ints, values: Floats, count: int) -> Floats:
+    """Means (count,) of elements' values (t,) at their nodes; where bodies meet it mixes them: give one body's elements."""
+    number = np.bincount(elements.ravel(), minlength=count)
+    total = np.bincount(elements.ravel(), weights=np.repeat(values, elements.shape[1]), minlength=count)
+    return np.asarray(total / np.maximum(number, 1))

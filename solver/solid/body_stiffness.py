@@ -1,0 +1,138 @@
+"""The stiffness of a mesh of tetrahedra, body by body: K = sum_b [lambda_b V_b + mu_b S_b], recombined for any moduli."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from geometry.meridian.grading import Floats
+from solver.solid.tetrahedron import Ints, grams, integrated, mean_dilation
+
+LOWER, UPPER = np.tril_indices(10)  # pairs of an element's nodes
+
+
+class Elastic(Protocol):
+    """An isotropic material."""
+
+    @property
+    def youngs_modulus(self) -> float: ...  # noqa: D102
+    @property
+    def poisson_ratio(self) -> float: ...  # noqa: D102
+
+
+@dataclass(frozen=True)
+class Isotropic:
+    """A material by its two constants, Pa and 1."""
+
+    youngs_modulus: float
+    poisson_ratio: float
+
+
+def lame(material: Elastic) -> tuple[float, float]:
+    """Lame's constants lambda and mu, Pa."""
+    e, nu = material.youngs_modulus, material.poisson_ratio
+    return e * nu / ((1 + nu) * (1 - 2 * nu)), e / (2 * (1 + nu))
+
+
+@dataclass(frozen=True)
+class Part:
+    """One body's stiffness, lower triangle of blocks by pairs of nodes.
+
+    Attributes:
+        rows, columns: the pairs' nodes, columns <= rows, shape (n,).
+        gram: G of eq. (T1) added up, shape (n, 3, 3), m.
+        dilation: what stands for it beside lambda, the same array unless the dilation is averaged.
+    """
+
+    rows: Ints
+    columns: Ints
+    gram: Floats
+    dilation: Floats
+
+    def blocks(self, lam: float, mu: float) -> Floats:
+        """The stiffness, eq. (T2), shape (n, 3, 3), N/m."""
+        out = lam * self.dilation + mu * self.gram.transpose(0, 2, 1)
+        out += (mu * np.trace(self.gram, axis1=1, axis2=2))[:, None, None] * np.eye(3)
+        return np.asarray(out)
+
+    def forces(self, material: Elastic, u: Floats) -> Floats:
+        """Nodal forces (3 n, k), N, of displacements u (3 n, k) of all nodes, m."""
+        blocks, count = self.blocks(*lame(material)), len(u) // 3
+        starts = np.searchsorted(self.rows, np.arange(count + 1))
+        lower = sp.bsr_array((blocks, self.columns, starts), shape=(len(u), len(u)))
+        on = self.rows == self.columns
+        starts = np.searchsorted(self.rows[on], np.arange(count + 1))
+        diagonal = sp.bsr_array((blocks[on], self.rows[on], starts), shape=lower.shape)
+        return np.asarray(lower @ u + lower.T @ u - diagonal @ u)
+
+
+def part(nodes: Floats, elements: Ints, averaged: bool = False) -> Part:
+    """Integrate one body's elements (t, 10); ``averaged``: each element's dilation is its mean.
+
+    Raises:
+        SolveError: an element is turned inside out.
+    """
+    high, low = (pick(elements[:, LOWER], elements[:, UPPER]) for pick in (np.maximum, np.minimum))
+    keys, slots = np.unique((high * len(nodes) + low).ravel(), return_inverse=True)
+    slots = slots.reshape(high.shape)
+    flipped = elements[:, LOWER] < elements[:, UPPER]
+    gram = np.zeros((9, len(keys)))
+    dilation = np.zeros((9, len(keys))) if averaged else gram
+    for some, _, g, weight in integrated(nodes[elements]):
+        _scatter(gram, grams(g, weight), slots[some], flipped[some])
+        if averaged:
+            _scatter(dilation, mean_dilation(g, weight), slots[some], flipped[some])
+    by_block = gram.T.reshape(-1, 3, 3)
+    return Part(keys // len(nodes), keys % len(nodes), by_block, dilation.T.reshape(-1, 3, 3) if averaged else by_block)
+
+
+def _scatter(out: Floats, matrices: Floats, slots: Ints, flipped: NDArray[np.bool_]) -> None:
+    """Add elements' matrices (n, 30, 30) to the sums (9, pairs) of their pairs of nodes; a pair the other way is transposed."""
+    low, high = int(slots.min()), int(slots.max()) + 1
+    place = (slots - low).ravel()
+    split = matrices.reshape(-1, 10, 3, 10, 3)
+    for k in range(9):
+        i, j = divmod(k, 3)
+        values = split[:, :, i, :, j][:, LOWER, UPPER]
+        if i != j:
+            values = np.where(flipped, split[:, :, j, :, i][:, LOWER, UPPER], values)
+        out[k, low:high] += np.bincount(place, weights=values.ravel(), minlength=high - low)
+
+
+def assembled(some: Mapping[int, Part], materials: Mapping[int, Elastic], number: Ints) -> sp.csc_array:
+    """The lower triangle of the stiffness of all bodies that have a material.
+
+    Args:
+        some: the bodies.
+        materials: of those that are there.
+        number: unknown of each displacement, shape (nodes, 3); < 0 is none.
+    """
+    size, present = int(number.max()) + 1, [b for b in some if b in materials]
+    number = number.astype(np.int32)
+    pieces = [_entries(some[b], some[b].blocks(*lame(materials[b])), number) for b in present]
+    values, high, low = (np.concatenate(kind) for kind in zip(*pieces, strict=True))
+    rows = sp.coo_array((values, (low, high)), shape=(size, size)).tocsr()  # the upper triangle by rows is the lower by columns
+    rows.sort_indices()
+    return sp.csc_array((rows.data, rows.indices, rows.indptr), shape=rows.shape)
+
+
+def _entries(part: Part, blocks: Floats, number: Ints) -> tuple[Floats, Ints, Ints]:
+    """Values, rows and columns, columns <= rows, of a body's blocks (n, 3, 3)."""
+    row = np.broadcast_to(number[part.rows][:, :, None], blocks.shape)
+    column = np.broadcast_to(number[part.columns][:, None], blocks.shape)
+    once = (part.rows != part.columns)[:, None, None] | (np.arange(3)[:, None] >= np.arange(3))
+    inside = (row >= 0) & (column >= 0) & once
+    row, column, values = row[inside], column[inside], blocks[inside]
+    # nodes that share u_z: their one entry stands for two
+    values = np.where((row == column) & (part.rows != part.columns)[np.nonzero(inside)[0]], 2 * values, values)
+    return values, np.maximum(row, column), np.minimum(row, column)
+
+
+def parts(nodes: Floats, elements: Ints, body: Ints, averaged: bool = False) -> Mapping[int, Part]:
+    """Integrate every body."""
+    return {int(b): part(nodes, elements[body == b], averaged) for b in np.unique(body)}

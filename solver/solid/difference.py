@@ -1,0 +1,133 @@
+"""What inclusions, groove and edges change of the film forces, on one mesh: the scene less its rotationally symmetric reference.
+
+Both are solved on the same mesh, so that most of what the mesh gets wrong (rims, gap) cancels in the difference, eq. (S1):
+
+    F = F_reference, exact + (F_scene - F_reference) on the mesh
+
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.common.errors import SolveError
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Scene
+from geometry.tetra.cache import cached_mesh
+from geometry.tetra.sizing import Fineness
+from geometry.tetra.tet_mesh import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE, TetMesh
+from solver.solid.base_states import SolidStates, solid_states
+from solver.solid.body_stiffness import Elastic
+from solver.solid.domain import Domain
+from solver.solid.modulus_response import solid_response
+from solver.solid.problem import Problem, Solid, outside
+
+TAMED = 30.0  # times the tissue's modulus, either way, from which curves begin
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A scene less its reference on one mesh, of k moduli of the target.
+
+    Attributes:
+        forces: film forces, N/m, shape (k, 2, 2).
+        slope: their derivative by ln E of the target, zeros without one, shape (k, 2, 2).
+        tilt: film forces per unit rotation about y, N/rad, shape (k, 2).
+        tilt_slope: their derivative by ln E of the target, shape (k, 2).
+        reference: the reference's film forces on this mesh, shape (2, 2).
+        states: of the scene, for pictures; of a curve those it begins with.
+        unknowns: of the scene.
+        residual: of both solutions, relative to the loads, the larger.
+    """
+
+    forces: Floats
+    slope: Floats
+    tilt: Floats
+    tilt_slope: Floats
+    reference: Floats
+    states: SolidStates
+    unknowns: int
+    residual: float
+
+
+def meshed(domain: Domain, fineness: Fineness) -> TetMesh:
+    """Return the domain's mesh, from the cache if it was made before.
+
+    Raises:
+        InputError, Refusal, SolveError: see ``geometry.tetra.mesher.volume_mesh``.
+    """
+    return cached_mesh(domain.scene, fineness, domain.half, None, domain.radius)
+
+
+def difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> Difference:
+    """Solve reference and scene, at the scene's own modulus of the target or at all ``moduli``.
+
+    Raises:
+        SolveError: the equations could not be solved.
+    """
+    scene, target = domain.scene, domain.scene.target
+    if moduli is not None and target is not None:
+        scene = _with_modulus(scene, target, float(np.sqrt(moduli.min() * moduli.max())))
+    solid = Solid.of(mesh, scene.contact.interface == "frictionless")
+    reference = solid_states(Problem.of(solid, _reference_materials(scene)))
+    same = set(_reference_materials(scene)) == set(_materials(scene, solid))
+    problem = Problem.of(solid, _materials(scene, solid), reference.problem.supports if same else None)
+    states = solid_states(problem, reference if same else None)
+    reactions, slope = _reactions(states, scene, target, moduli)
+    less = reference.reactions
+    return Difference(
+        reactions[:, :2, :2] - less[:2, :2],
+        slope[:, :2, :2],
+        reactions[:, :2, 2] - less[:2, 2],
+        slope[:, :2, 2],
+        less[:2, :2],
+        states,
+        problem.supports.unknowns,
+        max(reference.residual, states.residual),
+    )
+
+
+def _with_modulus(scene: Scene, target: int, modulus: float) -> Scene:
+    """The scene with another modulus of its target, not too far from the tissue's."""
+    tissue = scene.tissue.youngs_modulus
+    begin = float(np.clip(modulus, tissue / TAMED, tissue * TAMED))
+    bodies = list(scene.inclusion)
+    bodies[target] = bodies[target].model_copy(update={"youngs_modulus": begin})
+    return scene.model_copy(update={"inclusion": tuple(bodies)})
+
+
+def _reactions(states: SolidStates, scene: Scene, target: int | None, moduli: Floats | None) -> tuple[Floats, Floats]:
+    if target is None:
+        return states.reactions[None], np.zeros((1, 3, 3))
+    bodies = [b for b in (INCLUSION + target, outside(INCLUSION + target)) if b in states.energies]
+    if moduli is None:
+        return states.reactions[None], sum((states.slope(b) for b in bodies), start=np.zeros((3, 3)))[None]
+    if len(bodies) > 1:
+        raise SolveError("the reference cylinder cuts the target in two, so that no curve of it can be made; evaluate can")
+    times = moduli / scene.inclusion[target].youngs_modulus
+    return solid_response(states, bodies[0], float(times.min()), float(times.max())).reactions(times)
+
+
+def _reference_materials(scene: Scene) -> Mapping[int, Elastic]:
+    """Of bodies in the reference: inclusions are tissue, the groove is filled."""
+    probe, tissue = scene.probe, scene.tissue
+    found: dict[int, Elastic] = {INNER: probe.inner, OUTER: probe.outer, TISSUE: tissue}
+    if probe.groove is not None:
+        found[GROOVE] = probe.outer
+    return found | {INCLUSION + k: tissue for k in range(len(scene.inclusion))}
+
+
+def _materials(scene: Scene, solid: Solid) -> Mapping[int, Elastic]:
+    """Of bodies in the scene."""
+    probe, tissue = scene.probe, scene.tissue
+    found: dict[int, Elastic] = {INNER: probe.inner, OUTER: probe.outer, TISSUE: tissue}
+    if np.any(solid.body == BEYOND):
+        found[BEYOND] = tissue
+    for k, body in enumerate(scene.inclusion):
+        found[INCLUSION + k] = body
+        if np.any(solid.body == outside(INCLUSION + k)):
+            found[outside(INCLUSION + k)] = body
+    return found

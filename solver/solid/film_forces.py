@@ -1,0 +1,235 @@
+"""Film forces in three dimensions with their errors: an exact symmetric part, and what two meshes say of the rest.
+
+With A the exact forces of the reference (``solid_domain.py``), D the difference that a mesh finds (``solid_difference.py``) and
+C the compliance by which the whole probe on the whole tissue, films, base and far tissue included, exceeds the reference,
+
+    F = ((A + D)^-1 + C)^-1,    C = F_whole^-1 - A^-1                                              (S2)
+
+both A and F_whole by ``converged.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.common.errors import Refusal, Words
+from geometry.meridian.grading import Floats
+from geometry.scenes.probe import mm
+from geometry.scenes.scene import Scene
+from geometry.tetra.layout import layout
+from geometry.tetra.sizing import COARSE, FINE, ROUGH
+from geometry.tetra.tet_mesh import TetMesh
+from solver.axisymmetric.converged_forces import Converged, converged
+from solver.results.film_forces import Bound, FilmForces
+from solver.results.result import Decision
+from solver.solid.difference import Difference, difference, meshed
+from solver.solid.domain import Domain, coaxial, domain, plain, reach, room
+
+MESHES = ROUGH, COARSE, FINE
+SHARE = 0.1  # of the accuracy that the symmetric part may take
+SAFETY = 2.0  # times what two meshes differ by
+FLOOR = 0.02  # of what inclusions, groove and edges change: what two meshes may both have wrong; halved by a third mesh
+RAW = 0.04  # of what the mesh gets wrong of the reference: what may not cancel
+EDGES = 0.3  # of the product of what far tissue changes and what inclusions, groove and edges change
+BESIDE = 0.11  # outer radii: the least tissue beside the probe
+STEP = 1.6  # by which the tissue modelled grows where its edges matter
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class SolidForces:
+    """Film forces of a scene, for k moduli of its target.
+
+    Attributes:
+        films: with their errors.
+        tilt: film forces per unit rotation of the base about y, N/rad, shape (k, 2).
+        tilt_slope: their derivative by ln E of the target.
+        tilt_error: on ``tilt``, shape (2,).
+        domain: what was meshed.
+        found: on the finest mesh.
+        plan: what is modelled or left out.
+        notes: what stands in the way of a better answer.
+    """
+
+    films: tuple[FilmForces, ...]
+    tilt: Floats
+    tilt_slope: Floats
+    tilt_error: Floats
+    domain: Domain
+    found: Difference
+    plan: tuple[Decision, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Symmetric:
+    """The rotationally symmetric part of eq. (S2).
+
+    Attributes:
+        domain: what is to be meshed.
+        exact: A, N/m, shape (2, 2).
+        compliance: C, m/N, shape (2, 2).
+        whole: the whole probe on the whole tissue, without inclusions and groove.
+        edges: what C changes of the totals that is not known exactly, relative; of the far tissue alone.
+    """
+
+    domain: Domain
+    exact: Floats
+    compliance: Floats
+    whole: Converged
+    edges: float
+
+    def corrected(self, change: Floats) -> Floats:
+        """Eq. (S2), for D of shape (k, 2, 2)."""
+        return np.asarray(np.linalg.inv(np.linalg.inv(self.exact + change) + self.compliance))
+
+    def carried(self, change: Floats, small: Floats) -> Floats:
+        """What a small change of D, (k, 2, 2) or columns (k, 2, 1), becomes in F: rows and columns for the former."""
+        inner = np.linalg.inv(self.exact + change)
+        left = self.corrected(change) @ inner
+        return np.asarray(left @ small @ (left.transpose(0, 2, 1) if small.shape[-1] == 2 else np.eye(1)))
+
+
+def solid_forces(scene: Scene, accuracy: float, moduli: Floats | None = None, tell: Tell = lambda text: None) -> SolidForces:
+    """Return film forces from two meshes, or from three where two do not agree to ``accuracy``.
+
+    Args:
+        scene: bonded or frictionless.
+        accuracy: relative.
+        moduli: of the target, Pa, shape (k,); or None for its own.
+        tell: called with a line before each piece of work.
+
+    Raises:
+        InputError, Refusal: see ``geometry.tetra.mesher.volume_mesh``.
+        SolveError: a mesh or a solution failed.
+    """
+    tell("the symmetric part")
+    symmetric = _symmetric(scene, accuracy)
+    known: list[Difference] = []
+    for one in _differences(symmetric.domain, moduli, tell):
+        known.append(one)
+        if len(known) > 1:
+            films = _films(scene, symmetric, known[-2], known[-1], FLOOR / (len(known) - 1))
+            if max(film.error_under(scene) for film in films) <= accuracy and all(_told(film, accuracy) for film in films):
+                break
+    notes = tuple(note for note in symmetric.whole.notes if note.startswith("left out"))
+    tilt = _tilted(symmetric, known[-1])
+    before = _tilted(symmetric, known[-2])
+    error = SAFETY * np.abs(tilt[0] - before[0]).max(axis=0) + FLOOR * np.abs(tilt[0]).max(axis=0)
+    plan = (*symmetric.whole.plan, *_decisions(symmetric, known[-1], accuracy))
+    return SolidForces(films, *tilt, error, symmetric.domain, known[-1], plan, notes)
+
+
+def _differences(domain: Domain, moduli: Floats | None, tell: Tell) -> Iterator[Difference]:
+    """The difference on finer and finer meshes; the first two are meshed side by side."""
+    tell("meshing twice")
+    with ThreadPoolExecutor(2) as pool:
+        for made in [pool.submit(meshed, domain, fineness) for fineness in MESHES[:2]]:
+            yield _solved(domain, made.result(), moduli, tell)
+    for fineness in MESHES[2:]:
+        tell("meshing more finely")
+        yield _solved(domain, meshed(domain, fineness), moduli, tell)
+
+
+def _solved(domain: Domain, mesh: TetMesh, moduli: Floats | None, tell: Tell) -> Difference:
+    tell(f"solving on {len(mesh.elements)} tetrahedra")
+    return difference(domain, mesh, moduli)
+
+
+def _symmetric(scene: Scene, accuracy: float) -> _Symmetric:
+    """Cut far tissue off where that changes what inclusions do by little enough."""
+    alone = plain(scene)
+    whole = converged(alone, SHARE * accuracy)
+    span = reach(scene)
+    while True:
+        chosen = domain(scene, span, _wall(scene))
+        unsure = whole.films[0].error_under(alone) > accuracy / 4
+        if chosen.shortened and not coaxial(scene) and unsure:  # the tissue's sides are known better where they are meshed
+            span = np.inf
+            continue
+        exact = converged(chosen.reference, SHARE * accuracy).films[0].forces
+        found = _Symmetric(chosen, exact, *_compliance(alone, chosen, exact, whole, accuracy))
+        if not chosen.shortened or EDGES * found.edges <= accuracy:
+            return found
+        span *= STEP
+
+
+def _wall(scene: Scene) -> float | None:
+    """Radius of the reference cylinder in tissue that is not round about the probe, or None."""
+    if coaxial(scene):
+        return None
+    tube = scene.probe.tube_radius
+    if room(scene) < tube + BESIDE * tube:
+        near = Words(f"the probe {mm(room(scene) - tube)} from the tissue's edge")
+        raise Refusal("placement", near, f"{mm(BESIDE * tube)} or more for solid: the reference cylinder needs room")
+    return layout(scene, False, np.inf, None).wall
+
+
+def _compliance(
+    alone: Scene, chosen: Domain, exact: Floats, whole: Converged, accuracy: float
+) -> tuple[Floats, Converged, float]:
+    """C of eq. (S2), the converged whole, and what of it far tissue makes."""
+    if chosen.radius is not None:  # edges are meshed: only films and base are left for C
+        probe = alone.probe
+        whole = converged(chosen.reference.model_copy(update={"probe": probe}), SHARE * accuracy)
+    forces = whole.films[0].forces
+    compliance = np.linalg.inv(forces) - np.linalg.inv(exact)
+    totals = np.abs(forces.sum(axis=1) - exact.sum(axis=1)) / np.abs(exact.sum(axis=1))
+    return compliance, whole, float(totals.max()) if chosen.shortened else 0.0
+
+
+def _films(scene: Scene, symmetric: _Symmetric, coarse: Difference, fine: Difference, floor: float) -> tuple[FilmForces, ...]:
+    """Film forces of the finer mesh, with bounds from both."""
+    known = symmetric.whole.films[0]
+    forces, before = symmetric.corrected(fine.forces), symmetric.corrected(coarse.forces)
+    slope, slope_before = (symmetric.carried(one.forces, one.slope) for one in (fine, coarse))
+    none = symmetric.whole.films[0].forces
+    raw = np.abs(np.log(fine.reference.sum(axis=1) / symmetric.exact.sum(axis=1)))
+    films = []
+    for k, now in enumerate(forces):
+        totals, was, plainly = (one.sum(axis=1) for one in (now, before[k], none))
+        change = np.abs(totals - plainly)
+        doubt = floor + EDGES * symmetric.edges
+        error = SAFETY * np.abs(totals - was) + doubt * change + RAW * raw * change + known.bound.totals
+        with np.errstate(divide="ignore", invalid="ignore"):
+            logs = [float(np.log(np.abs(one)) @ [1.0, -1.0]) for one in (totals, was, plainly)]
+        moved = abs(logs[0] - logs[2])
+        log_ratio = SAFETY * abs(logs[0] - logs[1]) + doubt * moved + RAW * float(raw.max()) * moved + known.bound.log_ratio
+        one, other = _log_sensitivity(slope[k], now), _log_sensitivity(slope_before[k], before[k])
+        told = SAFETY * abs(one - other) + FLOOR * abs(one)
+        bound = Bound(error, log_ratio if np.all(error < np.abs(totals)) else np.inf)
+        films.append(FilmForces(now, bound, slope[k] if scene.target is not None else None, told))
+    return tuple(films)
+
+
+def _log_sensitivity(slope: Floats, forces: Floats) -> float:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return float(np.nan_to_num((slope.sum(axis=1) / forces.sum(axis=1)) @ [1.0, -1.0]))
+
+
+def _told(films: FilmForces, accuracy: float) -> bool:
+    return films.sensitivity_error <= max(5 * accuracy * abs(films.log_sensitivity or 0.0), 1e-5)
+
+
+def _tilted(symmetric: _Symmetric, one: Difference) -> tuple[Floats, Floats]:
+    """Film forces per unit rotation and their slopes, carried through eq. (S2), shape (k, 2) each."""
+    tilt, slope = (symmetric.carried(one.forces, part[..., None])[..., 0] for part in (one.tilt, one.tilt_slope))
+    return tilt, slope
+
+
+def _decisions(symmetric: _Symmetric, found: Difference, accuracy: float) -> Iterator[Decision]:
+    """What of the scene was meshed."""
+    none, every = symmetric.exact, symmetric.exact + found.forces[0]
+    effect = abs(float(np.log(np.abs(every.sum(axis=1) / none.sum(axis=1))) @ [1.0, -1.0]))
+    size = f"changes the ratio by about {effect:.2g}"
+    yield Decision("inclusions, groove and edges, in three dimensions", True, effect, accuracy, f"modelled: {size}")
+    if symmetric.domain.shortened:
+        left = EDGES * symmetric.edges * effect
+        reason = f"left out but for its compliance: changes the ratio by at most about {left:.2g}, counted in error_estimate"
+        yield Decision("far tissue's effect on what inclusions change", False, left, accuracy, reason)
+    if symmetric.domain.half:
+        yield Decision("the other half of a mirror-symmetric scene", False, 0.0, accuracy, "left out: exactly the same")

@@ -1,0 +1,174 @@
+"""Level 5: three-dimensional finite elements on tetrahedra: groove, edges, tumours of any shape and place, tilt."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from geometry.common.errors import Refusal, SolveError, Words
+from geometry.meridian.grading import Floats
+from geometry.scenes.probe import mm
+from geometry.scenes.scene import Scene
+from solver.results.film_forces import Bound, FilmForces, checked_moduli, outputs, ratio, shortfalls
+from solver.results.result import Curve, Result, unbuilt, within
+from solver.solid.domain import coaxial
+from solver.solid.film_forces import SolidForces, solid_forces
+
+BEST = 0.003  # the accuracy that meshes of tetrahedra can be refined to in about a minute
+LEAST = 1 / 15  # of the outer radius: smaller inclusions take minutes to mesh
+STEEP = math.radians(10)  # the largest tilt: beyond, its square is above 3 %
+
+
+@dataclass(frozen=True)
+class SolidLevel:
+    """Quadratic tetrahedra on a pytetwild mesh: bonded or frictionless.
+
+    Attributes:
+        tell: called with a line before each piece of work.
+    """
+
+    tell: Callable[[str], None] = field(default=lambda text: None, compare=False)
+    name: str = "solid"
+    summary: str = "3D finite elements: groove, edges, tilt, tumours of any shape; 1e-2 in 10 to 60 s"
+
+    def refusal(self, scene: Scene) -> str | None:
+        """Say which kind of thing in the scene this level does not know, or None."""
+        return unbuilt(scene)
+
+    def may_help(self, scene: Scene, accuracy: float) -> bool:
+        """Whether this level may reach an accuracy that cheaper ones do not: where they left out what it models."""
+        lone = len(scene.inclusion) <= 1 and all(body.diameter is not None for body in scene.inclusion)
+        symmetric = scene.probe.groove is None and coaxial(scene) and lone
+        return accuracy >= BEST and self.refusal(scene) is None and not symmetric
+
+    def evaluate_within(self, scene: Scene, accuracy: float) -> Result:
+        """Answer as ``evaluate`` does, but only if every bound is below ``accuracy``.
+
+        Raises:
+            Refusal: see ``evaluate``; and where the accuracy is out of reach.
+        """
+        if accuracy < BEST:
+            raise Refusal("accuracy", accuracy, f"{BEST} or more for this scene")
+        result, _, reached = self.answered(scene, accuracy)
+        return within(result, reached, accuracy)
+
+    def evaluate(self, scene: Scene, accuracy: float = 0.01) -> Result:
+        """Answer from two or three meshes.
+
+        Raises:
+            InputError: a surface file that cannot be used.
+            Refusal: the scene is of another kind, or cannot be meshed, or its equations cannot be solved.
+        """
+        return self.answered(scene, accuracy)[0]
+
+    def answered(self, scene: Scene, accuracy: float) -> tuple[Result, SolidForces, float]:
+        """Return the result, the states behind it and the largest of the bounds on ratio, stresses and stiffness.
+
+        Raises:
+            InputError, Refusal: see ``evaluate``.
+        """
+        start = perf_counter()
+        found = self.solved(scene, accuracy)
+        films, stiffness = tilted(scene, found, 0)
+        told = outputs(scene, films) | {"stiffness": stiffness, "residual": found.found.residual}
+        reached = films.error_under(scene)
+        warnings = (*told.pop("warnings"), *_tilt_notes(scene, films), *found.notes, *shortfalls(films, reached, accuracy))
+        result = Result(self.name, perf_counter() - start, **told, plan=found.plan, warnings=warnings)
+        return result, found, reached
+
+    def curve(self, scene: Scene, moduli: Floats, accuracy: float = 0.01) -> Curve:
+        """Return ratio and log-sensitivity for every Young's modulus (Pa) of the target, from one factor a mesh.
+
+        Raises:
+            InputError: there is no target, or a modulus is not positive and finite.
+            Refusal: see ``evaluate``.
+        """
+        start, moduli = perf_counter(), checked_moduli(scene, moduli)
+        found = self.solved(scene, accuracy, moduli)
+        every = [tilted(scene, found, k)[0] for k in range(len(moduli))]
+        told = [ratio(scene, films) for films in every]
+        values: dict[str, Any] = {key: tuple(one[key] for one in told) for key in ("ratio", "log_sensitivity", "error_estimate")}
+        worst = max(every, key=lambda films: films.error_under(scene))
+        notes = (*_tilt_notes(scene, worst), *found.notes, *shortfalls(worst, worst.error_under(scene), accuracy))
+        return Curve(self.name, perf_counter() - start, tuple(moduli.tolist()), **values, plan=found.plan, warnings=notes)
+
+    def solved(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> SolidForces:
+        """Return film forces with their errors, and the states behind them.
+
+        Raises:
+            InputError, Refusal: see ``evaluate``.
+        """
+        why = self.refusal(scene)
+        if why is not None:
+            raise Refusal("evaluator", self.name, why)
+        if abs(scene.placement.tilt) > STEEP:
+            raise Refusal(
+                "placement.tilt", Words(f"{math.degrees(scene.placement.tilt):.3g} deg"), "-10 to 10 deg: small rotations"
+            )
+        _check_sizes(scene)
+        with threadpool_limits(1, user_api="blas"):
+            try:
+                return solid_forces(scene, accuracy, moduli, self.tell)
+            except SolveError as fault:
+                raise Refusal("evaluator", self.name, f"scenes that can be meshed and solved ({fault})") from fault
+
+
+def _check_sizes(scene: Scene) -> None:
+    """Raise ``Refusal`` for inclusions too small to be meshed with the probe."""
+    least = LEAST * scene.probe.tube_radius
+    for k, body in enumerate(scene.inclusion):
+        size = min(body.diameters) if body.diameters is not None else body.diameter
+        if size is not None and size < least:
+            allowed = f"{mm(least)} or more for solid, a fifteenth of the outer radius (equivalent-inclusion takes smaller ones)"
+            raise Refusal(f"inclusion[{k}].diameter", mm(size), allowed)
+
+
+def indentation(scene: Scene, found: SolidForces, k: int) -> float:
+    """How far the scene's load lowers the middle of the base, m."""
+    if scene.load.indentation is not None:
+        return scene.load.indentation
+    tilting = float(found.tilt[k].sum()) * scene.placement.tilt
+    return ((scene.load.force or 0.0) - tilting) / float(found.films[k].totals.sum())
+
+
+def tilted(scene: Scene, found: SolidForces, k: int) -> tuple[FilmForces, float]:
+    """Film forces at the scene's load with what the tilt adds, per unit indentation; and the stiffness, N/m.
+
+    With w the indentation of the base's centre and t the tilt, the films feel F 1 w + T t, so that per unit of w
+    T t / w comes on top, eq. (S3).
+
+    Raises:
+        Refusal: a tilted probe without load, or one that the load does not press down.
+    """
+    films, tilt = found.films[k], scene.placement.tilt
+    stiffness = float(films.totals.sum())
+    if tilt == 0:
+        return films, stiffness
+    w = indentation(scene, found, k)
+    if not w > 0:
+        key, value = ("indentation", f"{w:g} m") if scene.load.force is None else ("force", f"{scene.load.force:g} N")
+        raise Refusal(f"load.{key}", Words(value), "a load that presses the tilted probe into the tissue")
+    share = tilt / w
+    error = films.bound.totals + np.abs(share) * found.tilt_error + tilt**2 * np.abs(share * found.tilt[k])
+    forces = films.forces + np.diag(share * found.tilt[k])
+    slope = None if films.slope is None else films.slope + np.diag(share * found.tilt_slope[k])
+    bound = Bound.independent(np.asarray(error), forces)
+    return replace(films, forces=forces, bound=bound, slope=slope), stiffness
+
+
+def _tilt_notes(scene: Scene, films: FilmForces) -> list[str]:
+    tilt, load = abs(scene.placement.tilt), scene.load
+    if tilt == 0:
+        return []
+    indentation = load.indentation if load.indentation is not None else (load.force or 0.0) / float(films.totals.sum())
+    raised = tilt * scene.probe.tube_radius
+    if raised <= indentation:
+        return []
+    sides = f"the tilt raises one side by {1e3 * raised:.3g} mm, the load lowers the probe by {1e3 * indentation:.3g} mm"
+    return [f"{sides}: there the contact is taken to pull, where a real one opens"]

@@ -1,0 +1,193 @@
+"""What holds a probe on tissue in three dimensions, and the rigid motions of its base, on a mesh of tetrahedra.
+
+The blocks' unknowns are what is left of their displacement beside the base's rigid motion, which strains nothing: so stiff
+blocks add no rounding errors. In the tissue that motion appears where the blocks are tied to it, as a lift:
+
+    K v = -K_tissue lift,    F_ij = u_i^T K u_j,  u = v in the blocks, v + lift in the tissue       (D1)
+
+which is the consistent reaction of the base: the sum of the nodal forces that hold it, weighted by its motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from geometry.meridian.grading import Floats
+from geometry.tetra.tet_mesh import GROOVE, INCLUSION, INNER, OUTER, TetMesh
+from solver.linalg.conjugate_gradients import Stiffness
+from solver.solid.body_stiffness import Elastic, Part, assembled, parts
+from solver.solid.tetrahedron import Ints
+
+STATES = ("inner", "outer", "tilt")
+AT = 1e-7  # of the mesh's size: nodes so close to a plane lie in it
+BLOCKS = (INNER, OUTER, GROOVE)
+
+
+def outside(inclusion: int) -> int:
+    """The number of the body that is an inclusion's part outside the reference cylinder; ``inclusion`` as the mesh labels it."""
+    return -1 - inclusion
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A mesh integrated once: for any materials and any choice of bodies.
+
+    Attributes:
+        mesh: as given.
+        nodes: with those of the blocks' ends twice where they slide on the tissue, shape (n, 3).
+        elements: of these nodes, shape (t, 10).
+        body: of each element, as in the mesh; inclusions' parts outside the reference cylinder are ``outside`` (t,).
+        twin: of each node the one that carries its u_z, shape (n,).
+        parts: stiffness of each body.
+    """
+
+    mesh: TetMesh
+    nodes: Floats
+    elements: Ints
+    body: Ints
+    twin: Ints
+    parts: Mapping[int, Part]
+
+    @classmethod
+    def of(cls, mesh: TetMesh, frictionless: bool = False, averaged: bool = True) -> Solid:
+        """Integrate; ``averaged``: every element's dilation is its mean, which does not lock near nu = 1/2.
+
+        Raises:
+            SolveError: an element is turned inside out.
+        """
+        nodes, elements, twin = _sliding(mesh) if frictionless else (mesh.nodes, mesh.elements, np.arange(len(mesh.nodes)))
+        body = np.where((mesh.body >= INCLUSION) & mesh.beyond, -1 - mesh.body, mesh.body)
+        return cls(mesh, nodes, elements, body, twin, parts(nodes, elements, body, averaged))
+
+    def on(self, bodies: Iterable[int]) -> NDArray[np.bool_]:
+        """Which nodes belong to some bodies, shape (n,)."""
+        inside = np.zeros(len(self.nodes), dtype=bool)
+        inside[self.elements[np.isin(self.body, list(bodies))]] = True
+        return inside
+
+
+def _sliding(mesh: TetMesh) -> tuple[Floats, Ints, Ints]:
+    """Give the blocks nodes of their own on the tissue's top."""
+    block = np.isin(mesh.body, BLOCKS)
+    shared = np.intersect1d(mesh.elements[block], mesh.elements[~block])
+    own = np.arange(len(mesh.nodes))
+    own[shared] = len(own) + np.arange(len(shared))
+    elements = mesh.elements.copy()
+    elements[block] = own[elements[block]]
+    return np.vstack([mesh.nodes, mesh.nodes[shared]]), elements, np.concatenate([np.arange(len(mesh.nodes)), shared])
+
+
+@dataclass(frozen=True)
+class Supports:
+    """Unknowns of some bodies of a solid, and the lifts of the three states.
+
+    Attributes:
+        number: of each displacement its unknown, or -1, shape (n, 3).
+        lift: displacements of the tissue's nodes that the base's motions set, shape (n, 3, 3), the last the state.
+        motion: the base's rigid motion at every node, for output, shape (n, 3, 3).
+    """
+
+    number: Ints
+    lift: Floats
+    motion: Floats
+
+    @property
+    def unknowns(self) -> int:
+        """Size of the system."""
+        return int(self.number.max()) + 1
+
+    @classmethod
+    def of(cls, solid: Solid, bodies: Iterable[int]) -> Supports:
+        """Hold tops and floor, and the plane of symmetry of a half."""
+        nodes, near = solid.nodes, AT * float(np.ptp(solid.nodes, axis=0).max())
+        inner, outer = solid.on([INNER]), solid.on({OUTER, GROOVE} & set(bodies))
+        fixed = np.zeros(nodes.shape, dtype=bool)
+        for block in (inner, outer):
+            fixed[block & (nodes[:, 2] > nodes[block, 2].max(initial=-np.inf) - near)] = True
+        fixed[nodes[:, 2] < nodes[:, 2].min() + near] = True
+        if solid.mesh.half:
+            fixed[np.abs(nodes[:, 1]) < near, 1] = True
+        fixed[~solid.on(bodies)] = True
+        owner = 3 * np.arange(len(nodes))[:, None] + np.arange(3)
+        owner[:, 2] = 3 * solid.twin + 2
+        number = np.full(nodes.size, -1)
+        free = np.setdiff1d(owner, owner[fixed])
+        number[free] = np.arange(len(free))
+        motion = _motions(solid, inner, outer)
+        lift = np.zeros((nodes.size, 3))
+        lift[owner[inner | outer].ravel()] = motion[inner | outer].reshape(-1, 3)
+        tissue = solid.on(set(bodies) - set(BLOCKS))
+        return cls(number[owner], np.where(tissue[:, None, None], lift[owner], 0.0), motion)
+
+
+def _motions(solid: Solid, inner: NDArray[np.bool_], outer: NDArray[np.bool_]) -> Floats:
+    """Inner block down by one, outer block down by one, the whole base turned by one about y (+ lowers the +x side)."""
+    nodes, out = solid.nodes, np.zeros((len(solid.nodes), 3, 3))
+    out[inner, 2, 0], out[outer, 2, 1] = -1.0, -1.0
+    block = inner | outer
+    height = nodes[block, 2] - nodes[inner, 2].max()
+    out[block, 0, 2], out[block, 2, 2] = height, -nodes[block, 0]
+    return out
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A solid with its materials: bodies that have none are absent.
+
+    Attributes:
+        solid, materials: what is solved.
+        supports: its unknowns.
+        matrix: its stiffness, N/m; of the half, where the mesh is one.
+    """
+
+    solid: Solid
+    materials: Mapping[int, Elastic]
+    supports: Supports
+    matrix: Stiffness
+
+    @classmethod
+    def of(cls, solid: Solid, materials: Mapping[int, Elastic], supports: Supports | None = None) -> Problem:
+        """Assemble; problems with the same bodies may share their supports."""
+        supports = supports or Supports.of(solid, materials)
+        return cls(solid, materials, supports, Stiffness(assembled(solid.parts, materials, supports.number)))
+
+    @property
+    def share(self) -> float:
+        """What the forces on the mesh are multiplied with for those on the whole."""
+        return 2.0 if self.solid.mesh.half else 1.0
+
+    def own(self, v: Floats, body: int) -> Floats:
+        """Displacements (3 n, k) as a body feels them, of unknowns v (unknowns, k): eq. (D1)."""
+        out = self.spread(v)
+        return out if body in BLOCKS else out + self.supports.lift.reshape(out.shape)
+
+    def loads(self) -> Floats:
+        """The right-hand sides of the states, -K_tissue lift, shape (unknowns, 3)."""
+        lift = self.supports.lift.reshape(-1, len(STATES))
+        forces = sum(
+            (self.solid.parts[b].forces(m, lift) for b, m in self.materials.items() if b in self.solid.parts and b not in BLOCKS),
+            start=np.zeros_like(lift),
+        )
+        return self.restricted(-forces)
+
+    def spread(self, v: Floats) -> Floats:
+        """Unknowns (unknowns, k) at all displacements (3 n, k), zero where they are held."""
+        number = self.supports.number.ravel()
+        return np.where(number[:, None] >= 0, v[np.maximum(number, 0)], 0.0)
+
+    def restricted(self, forces: Floats) -> Floats:
+        """Nodal forces (3 n, k) on the unknowns, (unknowns, k)."""
+        number = self.supports.number.ravel()
+        free = np.flatnonzero(number >= 0)
+        gather = sp.csr_array((np.ones(len(free)), (number[free], free)), shape=(self.supports.unknowns, len(number)))
+        return np.asarray(gather @ forces)
+
+    def energy(self, body: int, v: Floats) -> Floats:
+        """Twice the elastic energy of pairs of states in one body of the whole, v_i^T K_b v_j, shape (k, k)."""
+        u = self.own(v, body)
+        return np.asarray(self.share * (u.T @ self.solid.parts[body].forces(self.materials[body], u)))
