@@ -19,10 +19,10 @@ from rich.console import Console
 from rich.table import Table
 
 from probe_design import sweep
-from probe_design.sweep_file import sweep_from_dict
-from probe_design.sweep_progress import Progress
-from probe_design.sweep_results import rows
-from probe_design.sweep_rows import Job
+from probe_design.sweeps.file import sweep_from_dict
+from probe_design.sweeps.progress import Progress
+from probe_design.sweeps.results import rows
+from probe_design.sweeps.rows import Job
 
 SCENE = Path(__file__).parents[1] / "examples" / "scene.toml"
 COUNTS = {"closed-form": 20_000, "equivalent-inclusion": 60, "axisymmetric": 150}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from probe_design.sweep_run import sweep
+    from probe_design.sweeps.run import sweep
 
 __all__ = ["sweep"]
 
@@ -13,7 +13,7 @@ __all__ = ["sweep"]
 def __getattr__(name: str) -> Any:
     """Import what is asked for by name only then: the command line's help needs none of it."""
     if name == "sweep":
-        from probe_design.sweep_run import sweep
+        from probe_design.sweeps.run import sweep
 
         return sweep
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,5 +1,5 @@
 """``python -m probe_design``."""
 
-from probe_design.cli import main
+from probe_design.cli.main import main
 
 main()

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from geometry import Scene, read_scene
 from hw.samples import Samples
-from probe_design.bench import Bench, builtin_bench
-from probe_design.shares import Shares, by_outer_radius, predicted
+from probe_design.built_probe.bench import Bench, builtin_bench
+from probe_design.built_probe.block_predictions import Shares, by_outer_radius, predicted
 
 Floats = NDArray[np.float64]
 SCENE = Path(__file__).parents[1] / "examples" / "scene.toml"

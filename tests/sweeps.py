@@ -10,8 +10,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from probe_design.sweep_rows import COLUMNS
-from probe_design.sweep_store import reading
+from probe_design.sweeps.rows import COLUMNS
+from probe_design.sweeps.store import reading
 
 ROOT = Path(__file__).parents[1]
 SCENE = ROOT / "examples" / "scene.toml"

@@ -15,12 +15,12 @@ from geometry import InputError, Refusal, Scene
 from geometry.scenes.variables import changed, values
 from hw.errors import HardwareError
 from hw.samples import Gap, Samples
-from probe_design.bench import Bench, Reference, Workshop, bench_from_dict, read_bench
-from probe_design.calibrate import Calibration, calibrate
-from probe_design.calibration_record import CalibrationRecord, Raw, read_record, record, write_record
-from probe_design.gains import Gains, Observed, estimated
-from probe_design.shares import MODULI, on_block, predicted
-from probe_design.virtual_probe import Built, signals
+from probe_design.built_probe.bench import Bench, Reference, Workshop, bench_from_dict, read_bench
+from probe_design.built_probe.block_predictions import MODULI, on_block, predicted
+from probe_design.built_probe.calibration import Calibration, calibrate
+from probe_design.built_probe.calibration_record import CalibrationRecord, Raw, read_record, record, write_record
+from probe_design.built_probe.gain_matrix import Gains, Observed, estimated
+from probe_design.built_probe.virtual_probe import Built, signals
 from solver import evaluate
 
 BUILT = Built()
@@ -213,7 +213,7 @@ def test_a_reading_for_each_reference() -> None:
 
 def test_pyroelectric_equivalent_is_that_of_the_literature() -> None:
     """PHYSICS section 6: 91 N per kelvin on 1 cm^2 at 33 pC/N, 150 at 20 pC/N."""
-    from probe_design.film_readings import newtons_per_kelvin
+    from probe_design.built_probe.film_forces import newtons_per_kelvin
 
     areas = np.array([scene().probe.inner_area, scene().probe.outer_area])
     assert newtons_per_kelvin(scene()) * 1e-4 / areas == pytest.approx(150.0)

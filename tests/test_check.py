@@ -12,12 +12,12 @@ from benches import BENCH, Floats, films, sampled, scene, shares
 from geometry import InputError
 from geometry.scenes.variables import changed, values
 from hw.samples import Samples
-from probe_design.bench import Reference
-from probe_design.calibrate import calibrate
-from probe_design.check import Check, check
-from probe_design.explanations import Deviation, Explanation, explanations, refined
-from probe_design.shares import predicted
-from probe_design.virtual_probe import Built, as_delivered, signals
+from probe_design.built_probe.bench import Reference
+from probe_design.built_probe.block_predictions import predicted
+from probe_design.built_probe.calibration import calibrate
+from probe_design.built_probe.check import Check, check
+from probe_design.built_probe.explanations import Deviation, Explanation, explanations, refined
+from probe_design.built_probe.virtual_probe import Built, as_delivered, signals
 
 BUILT = Built()
 BLOCKS = BENCH.model_copy(update={"reference": BENCH.blocks})

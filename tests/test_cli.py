@@ -139,7 +139,7 @@ def test_output_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
 def test_help_needs_no_heavy_imports() -> None:
     code = (
         "import sys; sys.argv = ['probe-design', 'evaluate', '--help']\n"
-        "from probe_design.cli import main\n"
+        "from probe_design.cli.main import main\n"
         "try: main()\nexcept SystemExit: pass\n"
         "heavy = {'numpy', 'scipy', 'casadi', 'cadquery', 'matplotlib', 'pint', 'pydantic'} & set(sys.modules)\n"
         "sys.exit(f'imported {heavy}' if heavy else 0)"
@@ -152,7 +152,7 @@ def test_help_needs_no_heavy_imports() -> None:
 def test_evaluate_imports_no_cad() -> None:
     code = (
         f"import sys; sys.argv = ['probe-design', 'evaluate', {str(SCENE)!r}]\n"
-        "from probe_design.cli import main\n"
+        "from probe_design.cli.main import main\n"
         "try: main()\nexcept SystemExit: pass\n"
         "sys.exit(1 if {'cadquery', 'matplotlib', 'OCP'} & set(sys.modules) else 0)"
     )

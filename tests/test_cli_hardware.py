@@ -19,8 +19,8 @@ from typing import Any
 import pytest
 from benches import SCENE
 
-from probe_design.cli import main
-from probe_design.virtual_probe import Built
+from probe_design.built_probe.virtual_probe import Built
+from probe_design.cli.main import main
 
 DOCS = (Path(__file__).parents[1] / "docs" / "hardware.md").read_text(encoding="utf-8")
 KEYS = {

@@ -13,8 +13,8 @@ from scenes import REFERENCE, expected
 from test_cli import refused, run
 
 from geometry import Scene, read_scene
-from probe_design.detectability import Thresholds, detectability
-from probe_design.spheres import chosen_sizes
+from probe_design.maps.detectability import Thresholds, detectability
+from probe_design.maps.target_grid import chosen_sizes
 from solver import evaluate
 
 SCENE = Path(__file__).parents[1] / "examples" / "scene.toml"

@@ -15,13 +15,13 @@ from test_cli import refused, run
 from geometry import Scene
 from geometry.common.errors import InputError
 from geometry.scenes.scene_file import scene_from_dict, scene_to_toml
-from probe_design.estimate import Estimate, estimate, findings
-from probe_design.likelihood import QUANTILE, Likelihood, threshold
-from probe_design.observations import Data, Reading, one_reading, read_readings
-from probe_design.plane import Plane
-from probe_design.predictions import Model
-from probe_design.strength import strength
-from probe_design.track import Track
+from probe_design.estimation.depth_and_strength import Plane
+from probe_design.estimation.estimate import Estimate, estimate, findings
+from probe_design.estimation.intervals import QUANTILE, Likelihood, threshold
+from probe_design.estimation.model import Model
+from probe_design.estimation.profile import Track
+from probe_design.estimation.readings import Data, Reading, one_reading, read_readings
+from probe_design.estimation.strength import strength
 from solver import evaluate
 
 SIMULATIONS = 2000

@@ -17,12 +17,12 @@ from hw.firmware import Fault
 from hw.reader import Reader
 from hw.samples import Samples
 from hw.virtual import virtual
-from probe_design.calibrate import calibrate
-from probe_design.collecting import collected, window
-from probe_design.film_readings import reading
-from probe_design.live import following
-from probe_design.terminal_plot import BLANK, chart
-from probe_design.virtual_probe import Built, signals
+from probe_design.built_probe.acquisition import collected, window
+from probe_design.built_probe.calibration import calibrate
+from probe_design.built_probe.film_forces import reading
+from probe_design.built_probe.virtual_probe import Built, signals
+from probe_design.terminal.braille_chart import BLANK, chart
+from probe_design.terminal.live import following
 
 
 def test_chart_of_a_falling_line() -> None:
@@ -99,13 +99,13 @@ def test_lost_frames_are_marked_by_read_and_refused_by_calibrate() -> None:
 
 @pytest.mark.parametrize("terminal", [True, False])
 def test_following_shows_numbers(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], terminal: bool) -> None:
-    from probe_design.read import prediction
-    from probe_design.read import read as judged
+    from probe_design.built_probe.reading import prediction
+    from probe_design.built_probe.reading import read as judged
 
     told = prediction(scene(), 0.01)
     screen = StringIO()
     console = Console(file=screen, force_terminal=terminal, width=90, height=40)
-    monkeypatch.setattr("probe_design.live.Console", lambda stderr: console)
+    monkeypatch.setattr("probe_design.terminal.live.Console", lambda stderr: console)
     samples = sampled(signals(Built(), BENCH, scene(), films(shares().log_ratios)[3], 1))
     with following(lambda part: judged(reading(part, BENCH), scene(), BENCH, told), 5.0) as show:
         show(samples)

@@ -13,11 +13,11 @@ from scenes import REFERENCE, named
 from test_cli import run
 
 from geometry import Film, InputError, read_scene
-from probe_design.builtin import builtin_scene, builtin_text
-from probe_design.objective import Noise, objective, objective_of
-from probe_design.polish import polish
-from probe_design.search import log_objectives, search
-from probe_design.space import space
+from probe_design.data.builtin import builtin_scene, builtin_text
+from probe_design.optimisation.design_space import space
+from probe_design.optimisation.global_search import log_objectives, search
+from probe_design.optimisation.local_search import polish
+from probe_design.optimisation.objective import Noise, objective, objective_of
 from solver import evaluate
 
 

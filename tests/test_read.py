@@ -10,12 +10,12 @@ import pytest
 from benches import BENCH, LOAD, Floats, films, sampled, scene, shares
 
 from hw.measure import Measurement
-from probe_design.bench import Reference
-from probe_design.film_readings import reading, warming
-from probe_design.gains import Gains
-from probe_design.read import prediction, read
-from probe_design.shares import Share
-from probe_design.virtual_probe import Built, signals
+from probe_design.built_probe.bench import Reference
+from probe_design.built_probe.block_predictions import Share
+from probe_design.built_probe.film_forces import reading, warming
+from probe_design.built_probe.gain_matrix import Gains
+from probe_design.built_probe.reading import prediction, read
+from probe_design.built_probe.virtual_probe import Built, signals
 from solver.results.result import Result
 
 EXACT = Built(

@@ -17,7 +17,7 @@ from test_cli import refused, run
 
 from geometry import Scene, read_scene
 from geometry.scenes.scene import Inclusion
-from probe_design.scan import scan
+from probe_design.maps.scan import scan
 from solver import evaluate
 
 SCENE = REFERENCE / "solid" / "two-tumours-between.toml"

@@ -16,10 +16,10 @@ from matplotlib.image import imread
 from geometry.common.errors import InputError, MissingLibrary
 from geometry.scenes.probe import Material
 from geometry.tetra.tet_mesh import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE, TetMesh
-from probe_design import solid_space
-from probe_design.solid_cut import Faces, name, section, skin
-from probe_design.solid_stress import deformed
-from probe_design.solid_view import draw_solid, write_vtu
+from probe_design.solid_output import render as solid_space
+from probe_design.solid_output.faces import Faces, name, section, skin
+from probe_design.solid_output.stress_panel import deformed
+from probe_design.solid_output.vtu import draw_solid, write_vtu
 from solver.solid.base_states import SolidFields, SolidStates, fields, solid_states
 from solver.solid.problem import Problem, Solid
 
@@ -174,7 +174,9 @@ class TestCut:
 
 
 def test_importing_loads_nothing_heavy() -> None:
-    program = "import sys, probe_design.solid_view; print({'pyvista', 'vtkmodules', 'matplotlib', 'cadquery'} & set(sys.modules))"
+    program = (
+        "import sys, probe_design.solid_output.vtu; print({'pyvista', 'vtkmodules', 'matplotlib', 'cadquery'} & set(sys.modules))"
+    )
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=ROOT)
     assert run.stdout.strip() == "set()"
 

@@ -12,16 +12,18 @@ import pytest
 from sweeps import ROOT, command, grid, stored, toml, wait_for_rows
 
 from geometry import InputError
-from probe_design import sweep, sweep_remote
-from probe_design.sweep_crew import CrewError
-from probe_design.sweep_file import sweep_from_dict
-from probe_design.sweep_process import WorkerProcess
-from probe_design.sweep_rows import Job
+from probe_design import sweep
+from probe_design.sweeps import dask_task as sweep_remote
+from probe_design.sweeps.file import sweep_from_dict
+from probe_design.sweeps.rows import Job
+from probe_design.sweeps.worker_process import WorkerProcess
+from probe_design.sweeps.workers import CrewError
 
 CLUSTER = """
 import os, signal, sys
 import dask, distributed
-from probe_design import sweep_dask, sweep_run
+from probe_design.sweeps import dask_workers as sweep_dask
+from probe_design.sweeps import run as sweep_run
 
 def main(path, out):
     dask.config.set({"distributed.worker.daemon": True, "logging.distributed": "critical"})
@@ -96,7 +98,7 @@ def test_workers_without_this_program_are_one_line(tmp_path: Path, monkeypatch: 
     def missing(*_: object) -> None:
         raise ModuleNotFoundError("No module named\n'probe_design'")
 
-    monkeypatch.setattr("probe_design.sweep_dask.answered", missing)
+    monkeypatch.setattr("probe_design.sweeps.dask_workers.answered", missing)
     with (
         distributed.LocalCluster(processes=False, n_workers=1, dashboard_address=None, silence_logs=60) as cluster,
         pytest.raises(CrewError, match=r"cannot run this program.*ModuleNotFoundError: No module named 'probe_design'"),

@@ -10,10 +10,10 @@ import pytest
 from sweeps import DEPTH, GAP, SCENE, grid, toml
 
 from geometry import InputError
-from probe_design.sweep_constraints import kept
-from probe_design.sweep_effects import sobol_indices
-from probe_design.sweep_file import read_sweep, scene_of, sweep_from_dict
-from probe_design.sweep_samples import Sample
+from probe_design.sweeps.constraints import kept
+from probe_design.sweeps.file import read_sweep, scene_of, sweep_from_dict
+from probe_design.sweeps.samples import Sample
+from probe_design.sweeps.sensitivity_indices import sobol_indices
 
 
 class TestFile:

@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 from losing_files import Connection, Event, Recorder, left
 
-from probe_design import sweep_store
-from probe_design.sweep_rows import COLUMNS, Row, blank
-from probe_design.sweep_store import NAME, writing
+from probe_design.sweeps import store as sweep_store
+from probe_design.sweeps.rows import COLUMNS, Row, blank
+from probe_design.sweeps.store import NAME, writing
 
 BATCHES, IN_EACH = 40, 10
 CUTS = 60

@@ -13,8 +13,8 @@ from sweeps import SCENE, grid, run
 
 from geometry.common.errors import MissingLibrary
 from probe_design import sweep
-from probe_design.sweep_effects import main_effect
-from probe_design.sweep_results import dataframe, dataset, to_csv, to_parquet
+from probe_design.sweeps.results import dataframe, dataset, to_csv, to_parquet
+from probe_design.sweeps.sensitivity_indices import main_effect
 
 
 class TestResults:

@@ -12,11 +12,11 @@ from sweeps import SCENE, grid, stored
 
 from geometry import InputError, read_scene
 from probe_design import sweep
-from probe_design.sweep_crew import CrewError
-from probe_design.sweep_file import sweep_from_dict
-from probe_design.sweep_results import rows
-from probe_design.sweep_rows import Job
-from probe_design.sweep_store import writing
+from probe_design.sweeps.file import sweep_from_dict
+from probe_design.sweeps.results import rows
+from probe_design.sweeps.rows import Job
+from probe_design.sweeps.store import writing
+from probe_design.sweeps.workers import CrewError
 from solver import evaluate
 
 
@@ -80,7 +80,7 @@ class TestRows:
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         assert sweep(grid(2, 2), tmp_path, workers=1).answered == 4
-        monkeypatch.setattr("probe_design.sweep_rows.version", lambda: "0")
+        monkeypatch.setattr("probe_design.sweeps.rows.version", lambda: "0")
         with pytest.raises(CrewError, match="version"):  # its workers are of the old one
             sweep(grid(2, 2), tmp_path, workers=1)
         assert list(rows(tmp_path)) == []

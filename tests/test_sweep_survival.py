@@ -15,10 +15,10 @@ import pytest
 from sweeps import ROOT, count, grid, run, stored, toml, wait_for_rows
 
 from probe_design import sweep
-from probe_design.sweep_crew import CrewError
-from probe_design.sweep_file import sweep_from_dict
-from probe_design.sweep_process import WorkerProcess
-from probe_design.sweep_results import rows
+from probe_design.sweeps.file import sweep_from_dict
+from probe_design.sweeps.results import rows
+from probe_design.sweeps.worker_process import WorkerProcess
+from probe_design.sweeps.workers import CrewError
 
 
 class TestSurvival:
@@ -31,7 +31,7 @@ class TestSurvival:
             send(worker, line)
 
         monkeypatch.setattr(WorkerProcess, "_send", deadly)
-        monkeypatch.setattr("probe_design.sweep_run.SECONDS", 1e9)  # so that it shares a batch with others
+        monkeypatch.setattr("probe_design.sweeps.run.SECONDS", 1e9)  # so that it shares a batch with others
         found = sweep(grid(4, 2), tmp_path, workers=1)
         assert (found.ok, found.failed) == (6, 2)
         for row in rows(tmp_path):
@@ -92,7 +92,7 @@ class TestSurvival:
 
         asked = [*range(20, 0, -1)]  # the second line that is waited for is held up
         monkeypatch.setattr(WorkerProcess, "_line", endless)
-        monkeypatch.setattr("probe_design.sweep_run.SECONDS", 1e9)
+        monkeypatch.setattr("probe_design.sweeps.run.SECONDS", 1e9)
         job = grid(3, 2) | {"evaluator": "axisymmetric", "time_limit": 2.0}
         found = sweep(job, tmp_path, workers=1)
         assert (found.ok, found.failed) == (5, 1)
@@ -115,7 +115,7 @@ class TestSurvival:
             send(worker, line)
 
         monkeypatch.setattr(WorkerProcess, "_send", endless)
-        monkeypatch.setattr("probe_design.sweep_run.SECONDS", 1e9)
+        monkeypatch.setattr("probe_design.sweeps.run.SECONDS", 1e9)
         found = sweep(grid(4, 4) | {"time_limit": 0.5}, tmp_path, workers=1)
         assert (found.ok, found.failed) == (15, 1)
         assert sizes == [3, 1]  # the third batch, then alone

@@ -20,11 +20,11 @@ from test_cli import refused, run
 
 from geometry import Scene
 from geometry.common.errors import Refusal
-from probe_design.builtin import typical_scenes
-from probe_design.tradeoff import FINEST, SETTINGS, SKIPPED, Tradeoff, tradeoff
-from probe_design.tradeoff_rows import Row, Setting, cheapest, distinct, judged, pareto
-from probe_design.tradeoff_runs import with_new_probe, with_other_tumours
-from probe_design.tradeoff_table import SUMMARY, choice_table, markdown, summary_cells, summary_table
+from probe_design.data.builtin import typical_scenes
+from probe_design.tradeoffs.rows import Row, Setting, cheapest, distinct, judged, pareto
+from probe_design.tradeoffs.study import FINEST, SETTINGS, SKIPPED, Tradeoff, tradeoff
+from probe_design.tradeoffs.tables import SUMMARY, choice_table, markdown, summary_cells, summary_table
+from probe_design.tradeoffs.timing import with_new_probe, with_other_tumours
 from solver import evaluate
 from solver.levels import BUILT
 

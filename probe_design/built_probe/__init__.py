@@ -1,0 +1,1 @@
+"""``read``, ``calibrate``, ``check``: bench, gains, predictions, deviations, the virtual probe."""

@@ -1,0 +1,155 @@
+"""The measuring bench as numbers: load, amplifier, reference force, reference blocks, and how well each is known.
+
+A bench file (TOML) looks like ``probe_design/data/bench.toml``, the built-in bench.
+"""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, ValidationError, model_validator
+
+from geometry.common.errors import InputError, Words
+from geometry.common.text_files import read_tables, tables
+from geometry.scenes.probe import Frozen, Length, Modulus
+from geometry.scenes.units import Quantity
+from hw.amplifier import ChargeAmplifier
+
+Frequency = Annotated[float, Quantity("frequency", "Hz", "Hz", 1e-3, 1e5)]
+Resistance = Annotated[float, Quantity("resistance", "ohm", "ohm", 1e3, 1e15)]
+Capacitance = Annotated[float, Quantity("capacitance", "F", "pF", 1e-14, 1.0)]
+Sensitivity = Annotated[float, Quantity("sensitivity", "V/N", "V/N", 1e-9, 1e9)]
+Warming = Annotated[float, Quantity("temperature change", "K", "K", 1e-6, 100.0)]
+Share = Annotated[float, Field(ge=0.0, le=1.0, description="a number from 0 to 1, such as 0.02")]
+On = Literal["tissue", "inner", "outer"]
+
+
+class Shaker(Frozen):
+    """The sinusoidal load.
+
+    Attributes:
+        frequency: about; the fit corrects it.
+        least_cycles: periods that a reading used for calibrating holds.
+        most_warming: temperature change of a film over such a reading.
+    """
+
+    frequency: Frequency = 5.0
+    least_cycles: Annotated[float, Field(ge=3.0, le=1e6, description="a number from 3 to 1e6")] = 20.0
+    most_warming: Warming = 0.1
+
+
+class Amplifier(Frozen):
+    """The charge amplifiers, alike but for the tolerances of their parts (relative standard deviations)."""
+
+    resistance: Resistance = 1e9
+    capacitance: Capacitance = 1e-9
+    resistance_tolerance: Share = 0.05
+    capacitance_tolerance: Share = 0.02
+
+    def built(self) -> ChargeAmplifier:
+        """Return it as ``hw`` knows it."""
+        return ChargeAmplifier(**self.model_dump())
+
+
+class ReferenceForce(Frozen):
+    """The force channel; ``tolerance`` is the relative standard deviation of its sensitivity."""
+
+    sensitivity: Sensitivity
+    tolerance: Share = 0.005
+
+
+class Channels(Frozen):
+    """What is known of the two channels before any calibration, as relative standard deviations.
+
+    Attributes:
+        gain: of each film about its nominal charge per force.
+        cross_talk: what share of one film's force shows in the other channel.
+    """
+
+    gain: Share = 0.05
+    cross_talk: Share = 0.01
+
+
+class Workshop(Frozen):
+    """How far the probe may be from its drawing: standard deviations of every length, modulus (relative), Poisson's ratio."""
+
+    length: Length = 20e-6
+    modulus: Share = 0.02
+    poisson_ratio: Share = 0.003
+
+
+class Reference(Frozen):
+    """Something to press on.
+
+    Attributes:
+        on: ``tissue``, a block of the scene's tissue's shape and Poisson's ratio without inclusion; ``inner``, a pin that
+            touches the inner block alone; ``outer``, a ring that touches the outer block alone.
+        youngs_modulus: of the tissue.
+        tolerance: its relative standard deviation.
+    """
+
+    on: On = "tissue"
+    youngs_modulus: Modulus | None = None
+    tolerance: Share = 0.01
+
+    @model_validator(mode="after")
+    def _modulus_of_tissue(self) -> Self:
+        if (self.youngs_modulus is None) == (self.on == "tissue"):
+            given = Words("missing" if self.on == "tissue" else f"given beside on = '{self.on}'")
+            raise InputError("youngs_modulus", given, "given for on = 'tissue', and for nothing else")
+        return self
+
+    @property
+    def name(self) -> str:
+        """For tables and messages."""
+        if self.youngs_modulus is None:
+            return {"inner": "pin on the inner block", "outer": "ring on the outer block"}[self.on]
+        return f"block of {self.youngs_modulus / 1e3:.6g} kPa"
+
+
+class Bench(Frozen):
+    """Everything about a measurement that is not in the scene."""
+
+    load: Shaker = Shaker()
+    amplifier: Amplifier = Amplifier()
+    force: ReferenceForce | None = None
+    channels: Channels = Channels()
+    workshop: Workshop = Workshop()
+    reference: Annotated[tuple[Reference, ...], Field(strict=False, min_length=1, max_length=100)]
+
+    @property
+    def blocks(self) -> tuple[Reference, ...]:
+        """The references that are tissue."""
+        return tuple(one for one in self.reference if one.on == "tissue")
+
+
+def builtin_bench() -> Bench:
+    """Return the built-in bench."""
+    text = files("probe_design.data").joinpath("bench.toml").read_text(encoding="utf-8")
+    return bench_from_dict(tables(text, "bench.toml", "TOML"))
+
+
+def read_bench(path: Path | str) -> Bench:
+    """Read a bench file. Raises ``InputError``."""
+    return bench_from_dict(read_tables(path, "bench file", "a TOML file like probe_design/data/bench.toml"))
+
+
+def bench_from_dict(data: dict[str, Any]) -> Bench:
+    """Build a bench from the tables of a bench file. Raises ``InputError``."""
+    try:
+        return Bench.model_validate(data, context={"units_required": True})
+    except ValidationError as refused:
+        raise first_fault(refused, "bench") from None
+
+
+def first_fault(refused: ValidationError, what: str) -> InputError:
+    """Turn pydantic's first error into ours."""
+    error = refused.errors(include_url=False)[0]
+    cause = error.get("ctx", {}).get("error")
+    key = ".".join(map(str, error["loc"])) or what
+    if isinstance(cause, InputError):
+        return InputError(f"{key}.{cause.key}", cause.value, cause.allowed)
+    given = Words("missing") if error["type"] == "missing" else error["input"]
+    return InputError(key, given, error["msg"].removeprefix("Input should be "))

@@ -1,0 +1,137 @@
+"""What a reference block does to the two films, predicted: the share of each, its error and its slopes by the design.
+
+Only ln rho counts, rho = F_inner / F_outer: the sum of both forces is the load's, whatever probe and tissue are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.common.errors import Refusal
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Placement, Scene
+from geometry.scenes.variables import changed, values
+from probe_design.built_probe.bench import Reference, Workshop
+from solver.axisymmetric.gradients import gradients
+from solver.axisymmetric.level import Axisymmetric
+from solver.results.film_forces import outputs
+
+ACCURACY = 1e-3
+STEP = 1e-5  # relative, of the central difference of the nominal areas' ratio, which is a polynomial
+TISSUE = "tissue.youngs_modulus"
+MODULI = "reference.youngs_modulus"  # a variable beside the design's: all blocks' moduli off by one relative change
+
+
+@dataclass(frozen=True)
+class Share:
+    """A reference block's prediction.
+
+    Attributes:
+        log_ratio: ln(F_inner / F_outer).
+        bound: on its error by the solver.
+        slopes: its derivatives by the design's variables, per SI unit, shape (v,).
+        by_modulus: d log_ratio / d ln of the block's modulus.
+    """
+
+    log_ratio: float
+    bound: float
+    slopes: Floats
+    by_modulus: float
+
+    def variance(self, reference: Reference) -> float:
+        """Of ``log_ratio`` by the block's modulus and, as evenly spread within its bound (GUM 4.3.7), the solver's error."""
+        return (self.by_modulus * reference.tolerance) ** 2 + self.bound**2 / 3
+
+
+@dataclass(frozen=True)
+class Shares:
+    """The predictions for all tissue blocks of a bench, for one design.
+
+    Attributes:
+        variables: keys of ``geometry.scenes.variables.values``, the design's, and MODULI: v of them.
+        nominal: their values, SI, shape (v,); of MODULI 1.
+        blocks: one for each.
+    """
+
+    variables: tuple[str, ...]
+    nominal: Floats
+    blocks: tuple[Share, ...]
+
+    @property
+    def log_ratios(self) -> Floats:
+        """Shape (blocks,)."""
+        return np.array([one.log_ratio for one in self.blocks])
+
+    @property
+    def slopes(self) -> Floats:
+        """Shape (blocks, v)."""
+        return np.array([one.slopes for one in self.blocks]).reshape(len(self.blocks), len(self.variables))
+
+    def tolerances(self, workshop: Workshop) -> Floats:
+        """Standard deviations of the variables, SI, shape (v,)."""
+        return np.array([_tolerance(name, value, workshop) for name, value in zip(self.variables, self.nominal, strict=True)])
+
+
+def predicted(scene: Scene, references: Sequence[Reference]) -> Shares:
+    """Predict the references that are tissue.
+
+    Args:
+        scene: its probe, contact and kind of tissue count; inclusions, placement and tilt do not.
+        references: those on ``inner`` and ``outer`` are left out, since they need no prediction.
+
+    Raises:
+        Refusal: the meridian level cannot take the probe, or a film is not pressed.
+    """
+    by_radius = by_outer_radius(scene)
+    names = tuple(key for key in values(by_radius) if key.startswith("probe."))
+    blocks = tuple(_share(on_block(by_radius, one), names) for one in references if one.on == "tissue")
+    known = values(by_radius)
+    return Shares((*names, MODULI), np.array([*(known[name] for name in names), 1.0]), blocks)
+
+
+def on_block(scene: Scene, reference: Reference) -> Scene:
+    """Return the scene's probe in the middle of a homogeneous block."""
+    tissue = scene.tissue.model_copy(update={"youngs_modulus": reference.youngs_modulus})
+    data = scene.model_dump(exclude_unset=True, exclude={"inclusion", "tissue", "placement"})
+    return Scene.model_validate(data | {"tissue": tissue.model_dump(exclude_unset=True), "placement": Placement().model_dump()})
+
+
+def by_outer_radius(scene: Scene) -> Scene:
+    """Return the scene with its probe written by its outer radius, which is what a workshop measures."""
+    probe = scene.probe.model_dump(exclude_unset=True, exclude={"area_ratio"}) | {"outer_radius": scene.probe.tube_radius}
+    return Scene.model_validate(scene.model_dump(exclude_unset=True) | {"probe": probe})
+
+
+def _share(scene: Scene, names: tuple[str, ...]) -> Share:
+    found = Axisymmetric().converged(scene, ACCURACY)
+    films = found.films[0]
+    ratio = outputs(scene, films)["ratio"]
+    if ratio is None or ratio <= 0:
+        raise Refusal("reference.youngs_modulus", scene.tissue.youngs_modulus, "one on which both films are pressed")
+    areas = scene.probe.inner_area / scene.probe.outer_area
+    told = gradients(scene, found.sample)
+    by_name = dict(zip(told.variables, told.derivatives["ratio"][0] / told.values["ratio"][0], strict=True))
+    by_modulus = float(by_name[TISSUE] * scene.tissue.youngs_modulus)
+    slopes = np.array([*(by_name.get(name, 0.0) + _by_areas(scene, name) for name in names), by_modulus])
+    return Share(math.log(ratio * areas), films.bound.log_ratio, slopes, by_modulus)
+
+
+def _by_areas(scene: Scene, name: str) -> float:
+    """Derivative of ln(A_inner / A_outer), which turns a ratio of stresses into one of forces."""
+    if name not in ("probe.inner_radius", "probe.outer_radius", "probe.gap"):
+        return 0.0
+    step = STEP * values(scene)[name]
+    high, low = (changed(scene, {name: values(scene)[name] + turn}).probe for turn in (step, -step))
+    return math.log(high.inner_area / high.outer_area * low.outer_area / low.inner_area) / (2 * step)
+
+
+def _tolerance(name: str, value: float, workshop: Workshop) -> float:
+    if name == MODULI:  # each block's own tolerance counts, see ``Share.variance``
+        return 0.0
+    if name.endswith("modulus"):
+        return workshop.modulus * value
+    return workshop.poisson_ratio if name.endswith("poisson_ratio") else workshop.length

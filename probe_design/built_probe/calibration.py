@@ -1,0 +1,102 @@
+"""Calibration: from readings on references to the gain matrix."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.common.errors import InputError, Words
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Scene
+from hw.measure import Measurement
+from hw.samples import Samples
+from probe_design.built_probe.bench import Bench
+from probe_design.built_probe.block_predictions import Shares, predicted
+from probe_design.built_probe.film_forces import observed, strict_reading
+from probe_design.built_probe.gain_matrix import Gains, Observed, estimated
+
+SAME = 0.01  # relative, by which the loads' frequencies may differ
+UNLIKELY = 0.001  # p-value below which the readings contradict each other
+MOST_LAG = 0.02  # rad, between the films, from which a warning tells it
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Gains with what they come from.
+
+    Attributes:
+        scene, bench: what was taken as known.
+        gains: M with its covariance.
+        variables: that ``gains.slopes`` refers to.
+        frequency: mean of the loads', Hz.
+        offsets: of both films' channels, V, the mean of all readings, shape (2,).
+        offsets_sd: of them, by the readings' scatter.
+        readings: what was read on each reference.
+        residuals: readings minus M f, each over its standard deviation by noise, shape (readings, 2).
+        warnings: one line each.
+    """
+
+    scene: Scene
+    bench: Bench
+    gains: Gains
+    variables: tuple[str, ...]
+    frequency: float
+    offsets: Floats
+    offsets_sd: Floats
+    readings: tuple[Observed, ...]
+    warnings: tuple[str, ...]
+
+
+def calibrate(scene: Scene, bench: Bench, samples: Sequence[Samples], shares: Shares | None = None) -> Calibration:
+    """Calibrate a probe.
+
+    Args:
+        scene: the probe as drawn; its tissue's shape and Poisson's ratio are the blocks'.
+        bench: references and tolerances.
+        samples: one reading for each of the bench's references, in their order.
+        shares: the predictions, where they are known already.
+
+    Raises:
+        HardwareError: a reading has gaps, is saturated, too short or drifts.
+        InputError: the references cannot tell the gains.
+        Refusal: the meridian level cannot take the probe.
+    """
+    if len(samples) != len(bench.reference):
+        raise InputError("readings", len(samples), f"one for each of the bench's {len(bench.reference)} references")
+    found = [strict_reading(one, bench, scene) for one in samples]
+    seen = tuple(observed(one, reference, scene) for one, reference in zip(found, bench.reference, strict=True))
+    known = predicted(scene, bench.reference) if shares is None else shares
+    gains = estimated(seen, known, bench)
+    offsets = np.array([one.fit.offsets[:2] for one in found])
+    spread = offsets.std(axis=0, ddof=1) / np.sqrt(len(offsets)) if len(offsets) > 1 else found[0].fit.offsets_sd[:2]
+    return Calibration(
+        scene, bench, gains, known.variables, _frequency(found), offsets.mean(axis=0), spread, seen,
+        tuple(_warnings(found, gains)),
+    )  # fmt: skip
+
+
+def _frequency(found: Sequence[Measurement]) -> float:
+    frequencies = [one.fit.frequency for one in found]
+    mean = float(np.mean(frequencies))
+    if np.ptp(frequencies) > SAME * mean:
+        spread = Words(f"{min(frequencies):.4g} to {max(frequencies):.4g} Hz")
+        raise InputError("load.frequency", spread, "the same at all readings of a calibration")
+    return mean
+
+
+def _warnings(found: Sequence[Measurement], gains: Gains) -> list[str]:
+    warnings = []
+    if not gains.absolute:
+        warnings.append("no force channel: the ratio is calibrated, the stresses' common factor is not")
+    for told, entry in zip(gains.told, ("inner from outer", "outer from inner"), strict=True):
+        if not told:
+            warnings.append(f"cross-talk {entry}: the readings hardly tell it; what the bench assumes stands")
+    if gains.p_value < UNLIKELY:
+        text = f"chi-square {gains.chi_square:.3g} for {gains.freedom} degrees of freedom, p = {gains.p_value:.1g}"
+        warnings.append(f"{text}: the readings contradict the predictions or each other; run check")
+    lags = [abs(one.lag[0]) - 3 * one.lag[1] for one in found]
+    if max(lags) > MOST_LAG:
+        warnings.append(f"the films differ by {max(lags):.2g} rad or more in phase: tissue that flows, or an amplifier")
+    return warnings

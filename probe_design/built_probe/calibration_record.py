@@ -1,0 +1,169 @@
+"""The calibration record: a plain TOML file, written whole, never over another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import Field, ValidationError, model_validator
+
+from geometry.common.errors import InputError, Words
+from geometry.common.files import write_text
+from geometry.common.text_files import read_tables
+from geometry.scenes.probe import Frozen
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_file import scene_from_dict, scene_to_dict
+from probe_design.built_probe.bench import Bench, bench_from_dict, first_fault
+from probe_design.built_probe.calibration import Calibration
+from probe_design.built_probe.gain_matrix import ENTRIES, Gains
+
+FORMAT: Literal["probe-design calibration"] = "probe-design calibration"
+VERSION: Literal[1] = 1
+HEADER = """# A calibration of a tactile probe, by `probe-design calibrate`; docs/hardware.md tells what each number means.
+# reading / N of nominal gain = matrix @ film force / N; rows and columns: inner, outer film. Covariances row by row.
+"""
+Row = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Raw:
+    """Where a reading's raw data are.
+
+    Attributes:
+        sha256: of the recorded file, or of the samples where nothing was recorded.
+        file: its name, or "" where nothing was recorded.
+    """
+
+    sha256: str
+    file: str = ""
+
+
+class ReadingRecord(Frozen):
+    """What was read on one reference: N of nominal gain."""
+
+    on: str
+    films: Row
+    films_sd: Row
+    force: float | None = None
+    sha256: str
+    file: str = ""
+
+
+class CalibrationRecord(Frozen):
+    """The file's tables as they stand there; ``gains()``, ``scene_read()`` and ``bench_read()`` give them their meaning."""
+
+    format: Literal["probe-design calibration"]
+    version: Literal[1]
+    software: str
+    date: str
+    device: str
+    frequency: float = Field(gt=0)
+    absolute: bool
+    entries: tuple[str, ...]
+    matrix: tuple[Row, Row]
+    covariance: tuple[Row, Row, Row, Row]
+    cross_talk_told: tuple[bool, bool]
+    offsets: Row
+    offsets_sd: Row
+    chi_square: float
+    degrees_of_freedom: int = Field(ge=0)
+    variables: tuple[str, ...]
+    slopes: tuple[Row, Row, Row, Row]
+    workshop: Row
+    warnings: tuple[str, ...]
+    reading: tuple[ReadingRecord, ...]
+    scene: dict[str, Any]
+    bench: dict[str, Any]
+
+    @model_validator(mode="after")
+    def _shapes(self) -> CalibrationRecord:
+        gains = self.gains()
+        shapes = (gains.matrix.shape, gains.covariance.shape, gains.slopes.shape, gains.workshop.shape)
+        v = len(self.variables)
+        if shapes != ((2, 2), (4, 4), (4, v), (v,)) or abs(np.linalg.det(gains.matrix)) < 1e-6:
+            raise InputError("matrix", Words("of a shape its covariance or slopes do not fit"), "what calibrate has written")
+        if np.linalg.eigvalsh(gains.covariance).min() < -1e-12 * max(np.trace(gains.covariance), 1e-12):
+            raise InputError("covariance", Words("no covariance"), "what calibrate has written")
+        return self
+
+    def gains(self) -> Gains:
+        """Return the gain matrix with its covariance."""
+        told = self.cross_talk_told
+        tables = (self.matrix, self.covariance, self.slopes, self.workshop)
+        matrix, covariance, slopes, workshop = (np.array(one, dtype=float) for one in tables)
+        return Gains(matrix, covariance, slopes, workshop, self.absolute, told, self.chi_square, self.degrees_of_freedom)
+
+    def scene_read(self) -> Scene:
+        """Return the scene that the calibration took as known."""
+        return scene_from_dict(self.scene)
+
+    def bench_read(self) -> Bench:
+        """Return the bench."""
+        return bench_from_dict(self.bench)
+
+
+def record(found: Calibration, raw: Sequence[Raw], device: str) -> CalibrationRecord:
+    """Return the record of a calibration; ``raw`` in the order of its readings."""
+    gains = found.gains
+    readings = tuple(
+        ReadingRecord(
+            on=one.reference.name, films=tuple(one.films.tolist()), films_sd=tuple(np.sqrt(np.diag(one.covariance)).tolist()),
+            force=one.force, sha256=data.sha256, file=data.file,
+        )
+        for one, data in zip(found.readings, raw, strict=True)
+    )  # fmt: skip
+    tables: dict[str, Any] = {name: getattr(gains, name).tolist() for name in ("matrix", "covariance", "slopes", "workshop")}
+    return CalibrationRecord.model_validate(
+        _tuples(tables)
+        | {
+            "format": FORMAT, "version": VERSION, "software": f"probe-design {version('probe-design')}",
+            "date": datetime.now(UTC).isoformat(timespec="seconds"), "device": device, "frequency": found.frequency,
+            "absolute": gains.absolute, "entries": ENTRIES, "cross_talk_told": gains.told,
+            "offsets": tuple(found.offsets.tolist()), "offsets_sd": tuple(found.offsets_sd.tolist()),
+            "chi_square": gains.chi_square, "degrees_of_freedom": gains.freedom, "variables": found.variables,
+            "warnings": found.warnings, "reading": readings, "scene": scene_to_dict(found.scene),
+            "bench": found.bench.model_dump(mode="json", exclude_none=True),
+        }
+    )  # fmt: skip
+
+
+def write_record(path: Path, told: CalibrationRecord) -> Path:
+    """Write a record whole; returns ``path``.
+
+    Raises:
+        InputError: there is a file of that name.
+    """
+    import tomli_w
+
+    check_free(path)
+    return write_text(path, HEADER + tomli_w.dumps(told.model_dump(mode="json", exclude_none=True)))
+
+
+def read_record(path: Path | str) -> CalibrationRecord:
+    """Read a record. Raises ``InputError``."""
+    data = read_tables(path, "calibration", "a calibration that `probe-design calibrate` has written")
+    if (data.get("format"), data.get("version")) != (FORMAT, VERSION):
+        given = Words(f"{path}: {data.get('format', 'no format')}, version {data.get('version', 'missing')}")
+        raise InputError("calibration", given, f"{FORMAT}, version {VERSION}")
+    try:
+        return CalibrationRecord.model_validate(_tuples(data))
+    except ValidationError as refused:
+        raise first_fault(refused, "calibration") from None
+
+
+def check_free(path: Path) -> None:
+    """Raise ``InputError`` if there is a file of that name."""
+    if path.exists():
+        raise InputError("output", str(path), "a name that is not taken: calibrations are never overwritten")
+
+
+def _tuples(value: Any) -> Any:
+    """Lists as the tuples that the model holds; the embedded tables stay as they are."""
+    if isinstance(value, dict):
+        return {key: one if key in ("scene", "bench") else _tuples(one) for key, one in value.items()}
+    return tuple(_tuples(one) for one in value) if isinstance(value, list) else value

@@ -1,0 +1,140 @@
+"""The check of a built probe: ratios measured on blocks of tissue against the predicted ones.
+
+d_k = ln rho_k measured - ln rho_k predicted has the covariance C: noise, the blocks' moduli, the solver, and G C_M G^T, G the
+derivatives of ln rho_k by the entries of the gain matrix. If the design is as drawn, d^T C^-1 d is a chi-square (K1).
+Which variable would explain a deviation is for ``probe_design.built_probe.explanations`` to say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
+
+from geometry.common.errors import InputError, Words
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Scene
+from hw.samples import Samples
+from probe_design.built_probe.bench import Bench
+from probe_design.built_probe.block_predictions import Shares, predicted
+from probe_design.built_probe.explanations import Deviation, Explanation, alike, explanations, refined
+from probe_design.built_probe.film_forces import newtons, strict_reading
+from probe_design.built_probe.gain_matrix import Gains
+
+LEVEL = 0.01  # p-value below which the probe fails
+
+
+@dataclass(frozen=True)
+class Block:
+    """One block: stress ratios measured and predicted, their standard deviations, and their difference over its own."""
+
+    name: str
+    ratio: float
+    ratio_uncertainty: float
+    predicted: float
+    predicted_uncertainty: float
+    z: float
+
+
+@dataclass(frozen=True)
+class Check:
+    """What a check found.
+
+    Attributes:
+        blocks: one line for each.
+        chi_square, degrees_of_freedom, p_value: of the probe as drawn, eq. (K1).
+        level: the p-value below which it fails.
+        passed: whether it does not.
+        calibrated: whether gains come from a calibration.
+        explanations: the variables that the readings tell, best first.
+        alike: the best and those that the readings do not tell apart from it; empty if the check is passed.
+        untold: variables of which the readings tell nothing, or that the calibration has absorbed.
+    """
+
+    blocks: tuple[Block, ...]
+    chi_square: float
+    degrees_of_freedom: int
+    p_value: float
+    level: float
+    passed: bool
+    calibrated: bool
+    explanations: tuple[Explanation, ...]
+    alike: tuple[str, ...]
+    untold: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the JSON object of ``probe-design check``."""
+        return asdict(self)
+
+
+def check(
+    scene: Scene, bench: Bench, samples: Sequence[Samples], gains: Gains | None = None, variables: Sequence[str] = (),
+    shares: Shares | None = None, level: float = LEVEL,
+) -> Check:  # fmt: skip
+    """Compare a probe with its prediction.
+
+    Args:
+        scene: the probe as drawn.
+        bench: blocks and tolerances.
+        samples: one reading for each of the bench's blocks of tissue, in their order.
+        gains: a calibration's; None: nominal, with the bench's tolerances.
+        variables: that ``gains.slopes`` refers to.
+        shares: the predictions, where they are known already.
+        level: p-value below which the probe fails.
+
+    Raises:
+        HardwareError: a reading has gaps, is saturated, too short or drifts.
+        InputError: no blocks, or not one reading for each.
+    """
+    if not bench.blocks or len(samples) != len(bench.blocks):
+        raise InputError(
+            "readings", len(samples), f"one for each of the bench's {len(bench.blocks)} blocks of tissue, at least one"
+        )
+    known = predicted(scene, bench.reference) if shares is None else shares
+    used = Gains.nominal(bench) if gains is None else gains
+    films = [newtons(strict_reading(one, bench, scene), scene, tolerance=gains is None) for one in samples]
+    found = _deviation(bench, films, used, variables, known)
+    p_value = float(chi2.sf(found.chi_square, len(found.logs)))
+    told, untold = explanations(found, known, level)
+    names: tuple[str, ...] = ()
+    if p_value < level and told:
+        told = refined(scene, bench, found, told, level)
+        names = alike(told)
+    blocks = _blocks(scene, bench, found, known)
+    return Check(
+        blocks, found.chi_square, len(blocks), p_value, level, p_value >= level, gains is not None, told, names, untold
+    )  # fmt: skip
+
+
+def _deviation(
+    bench: Bench, films: Sequence[tuple[Floats, Floats]], gains: Gains, variables: Sequence[str], known: Shares
+) -> Deviation:
+    told = [_log_ratio(gains, *one) for one in films]
+    logs, noise, by_gain = (np.array(part) for part in zip(*told, strict=True))
+    model = np.array([share.variance(block) for share, block in zip(known.blocks, bench.blocks, strict=True)])
+    read = np.diag(noise) + by_gain @ gains.as_drawn @ by_gain.T
+    columns = {name: by_gain @ gains.slopes[:, k] for k, name in enumerate(variables)}
+    return Deviation(logs, known.log_ratios, read, model, columns)
+
+
+def _log_ratio(gains: Gains, films: Floats, covariance: Floats) -> tuple[float, float, Floats]:
+    """ln(F_inner / F_outer), its variance by noise, and its derivatives by the entries of M, shape (4,)."""
+    forces = gains.forces(films)
+    if not np.all(forces > 0):
+        given = Words(f"{forces[0]:.3g} N on the inner, {forces[1]:.3g} N on the outer film")
+        raise InputError("reading", given, "pressure on both films: are the channels exchanged?")
+    slope = np.array([1.0, -1.0]) / forces
+    by_films = slope @ np.linalg.inv(gains.matrix)
+    return float(np.log(forces[0] / forces[1])), float(by_films @ covariance @ by_films), slope @ gains.by_entries(films)
+
+
+def _blocks(scene: Scene, bench: Bench, found: Deviation, known: Shares) -> tuple[Block, ...]:
+    areas = scene.probe.outer_area / scene.probe.inner_area
+    ratios, told = np.exp(found.logs) * areas, np.exp(known.log_ratios) * areas
+    read, model = np.diag(found.read), found.model
+    columns = (ratios, ratios * np.sqrt(read), told, told * np.sqrt(model), (found.logs - found.drawn) / np.sqrt(read + model))
+    rows = np.stack(columns, axis=1).tolist()
+    return tuple(Block(block.name, *row) for block, row in zip(bench.blocks, rows, strict=True))

@@ -1,0 +1,229 @@
+"""The gain matrix of both channels: what it makes of readings, and its estimate from readings on references.
+
+A reading y = Q / c (N, c the nominal charge per force) of film forces f is y = M f (C1): M has the relative gains on its
+diagonal and beside it the cross-talk. On a reference k under the load F_k, f = F_k (s, 1 - s), ln(s / (1 - s)) = lambda_k: known
+exactly for a pin or a ring (s = 1, 0), predicted for a block of tissue with an error that the solver, the block's modulus and the
+workshop leave. M, F_k and lambda_k follow together from least squares (C2), each datum and each prediction with its covariance.
+
+Without a reference force all F_k are free and M is told up to a common factor only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.stats import chi2
+
+from geometry.common.errors import InputError, Words
+from geometry.meridian.grading import Floats
+from hw.samples import Ints
+from probe_design.built_probe.bench import Bench, Reference
+from probe_design.built_probe.block_predictions import Shares
+
+ENTRIES = ("inner gain", "inner from outer", "outer from inner", "outer gain")
+FACTOR = np.array([0, 1, 2])  # entries that are free where the outer gain is the unit
+LEAST_TOLD = 0.2  # standard deviation of a gain above which it counts as not told
+PRIOR_ONLY = 0.7  # of what was assumed of a cross-talk: a standard deviation above it was not told by the readings
+
+
+@dataclass(frozen=True)
+class Observed:
+    """One reading on a reference.
+
+    Attributes:
+        films: both films' readings y, N, shape (2,).
+        covariance: of them by noise, N^2, shape (2, 2).
+        force: amplitude of the load by the force channel, N, or None.
+        force_sd: by noise, N.
+    """
+
+    reference: Reference
+    films: Floats
+    covariance: Floats
+    force: float | None = None
+    force_sd: float | None = None
+
+
+@dataclass(frozen=True)
+class Gains:
+    """The gain matrix with what is known of its error.
+
+    Attributes:
+        matrix: M of eq. (C1), shape (2, 2).
+        covariance: of its entries row by row, shape (4, 4).
+        slopes: by how much the estimate moves per SI unit by which a design variable is off its drawing, shape (4, v).
+        workshop: standard deviations of these variables that ``covariance`` counts, SI, shape (v,).
+        absolute: whether a force channel has told the common factor.
+        told: whether the readings have told each cross-talk, or what was assumed of it stands.
+        chi_square: of the fit.
+        freedom: its degrees of freedom.
+    """
+
+    matrix: Floats
+    covariance: Floats
+    slopes: Floats
+    workshop: Floats
+    absolute: bool
+    told: tuple[bool, bool]
+    chi_square: float = 0.0
+    freedom: int = 0
+
+    @classmethod
+    def nominal(cls, bench: Bench) -> Gains:
+        """Return what is known without calibration."""
+        gain, cross = bench.channels.gain**2, bench.channels.cross_talk**2
+        nothing = np.zeros((4, 0))
+        return cls(np.eye(2), np.diag([gain, cross, cross, gain]), nothing, np.zeros(0), False, (False, False))
+
+    @property
+    def p_value(self) -> float:
+        """Probability of a chi-square as large or larger."""
+        return float(chi2.sf(self.chi_square, self.freedom)) if self.freedom else 1.0
+
+    @property
+    def as_drawn(self) -> Floats:
+        """Covariance of the entries if the probe is as drawn: without the workshop's part, shape (4, 4)."""
+        spread = self.slopes * self.workshop
+        return np.asarray(self.covariance - spread @ spread.T)
+
+    def forces(self, films: Floats) -> Floats:
+        """Film forces f, N, from readings y, N, shape (2,)."""
+        return np.asarray(np.linalg.solve(self.matrix, films), dtype=float)
+
+    def by_entries(self, films: Floats) -> Floats:
+        """Derivatives of ``forces`` by the entries of M, shape (2, 4): df = -M^-1 dM f."""
+        return np.asarray(-np.linalg.inv(self.matrix) @ np.kron(np.eye(2), self.forces(films)))
+
+    def forces_covariance(self, films: Floats, covariance: Floats) -> Floats:
+        """Of ``forces`` by that of the readings and that of M, N^2, shape (2, 2)."""
+        inverse, slopes = np.linalg.inv(self.matrix), self.by_entries(films)
+        return np.asarray(inverse @ covariance @ inverse.T + slopes @ self.covariance @ slopes.T)
+
+
+def estimated(observed: Sequence[Observed], shares: Shares, bench: Bench) -> Gains:
+    """Estimate M from readings on references, eq. (C2).
+
+    Args:
+        observed: one for each reading.
+        shares: predictions for those of them that are on tissue, in their order.
+        bench: tolerances, and what is assumed of the cross-talk.
+
+    Raises:
+        InputError: the references cannot tell the gains.
+    """
+    problem = _Problem(tuple(observed), shares, bench)
+    if problem.data <= len(problem.start()):
+        raise _untold(np.inf)
+    solved = least_squares(problem.residuals, problem.start(), method="lm", x_scale="jac", xtol=1e-12, ftol=1e-12)
+    entries = problem.entries
+    information = solved.jac.T @ solved.jac
+    scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+    if np.linalg.cond(information / np.outer(scale, scale)) > 1e14:
+        raise _untold(np.inf)
+    whole = np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale)
+    matrix = problem.matrix(solved.x)
+    covariance, slopes = np.zeros((4, 4)), np.zeros((4, len(shares.variables)))
+    covariance[np.ix_(entries, entries)] = whole[: len(entries), : len(entries)]
+    slopes[entries] = (whole @ solved.jac.T @ problem.shift(shares.slopes))[: len(entries)]
+    spread = np.sqrt(np.diag(covariance))
+    if max(spread[[0, 3]] / np.abs(np.diag(matrix))) > LEAST_TOLD:
+        raise _untold(max(spread[[0, 3]]))
+    if not problem.absolute:  # the common factor is what it was before
+        covariance += bench.channels.gain**2 * np.outer(matrix.ravel(), matrix.ravel())
+    told = tuple(bool(spread[k] < PRIOR_ONLY * bench.channels.cross_talk) for k in (1, 2))
+    freedom = problem.data - len(solved.x)
+    return Gains(
+        matrix, covariance, slopes, shares.tolerances(bench.workshop), problem.absolute, (told[0], told[1]),
+        float(2 * solved.cost), freedom,
+    )  # fmt: skip
+
+
+def _untold(spread: float) -> InputError:
+    given = Words(f"these leave a gain uncertain by {spread:.2g}")
+    need = "two or more references on which the films' shares differ: a pin on the inner and a ring on the outer block do most"
+    return InputError("reference", given, need)
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """Residuals of eq. (C2), each divided by its standard deviation. Unknowns: entries of M, ln F_k, lambda_k, force error."""
+
+    observed: tuple[Observed, ...]
+    shares: Shares
+    bench: Bench
+
+    @property
+    def absolute(self) -> bool:
+        return all(one.force is not None for one in self.observed)
+
+    @property
+    def entries(self) -> Ints:
+        return np.arange(4) if self.absolute else FACTOR
+
+    @property
+    def data(self) -> int:
+        """How many residuals there are."""
+        return len(self.residuals(self.start()))
+
+    def start(self) -> Floats:
+        loads = [one.films.sum() if one.force is None else one.force for one in self.observed]
+        entries = np.array([1.0, 0.0, 0.0, 1.0])[self.entries]
+        return np.concatenate([entries, np.log(loads), self.shares.log_ratios, [0.0] * self.absolute])
+
+    def matrix(self, unknowns: Floats) -> Floats:
+        entries = np.array([0.0, 0.0, 0.0, 1.0])
+        entries[self.entries] = unknowns[: len(self.entries)]
+        return entries.reshape(2, 2)
+
+    def residuals(self, unknowns: Floats) -> Floats:
+        matrix, rest = self.matrix(unknowns), unknowns[len(self.entries) :]
+        loads, lambdas = np.exp(rest[: len(self.observed)]), rest[len(self.observed) :][: len(self.shares.blocks)]
+        shown = self._shares(lambdas) * loads[:, None] @ matrix.T
+        films = [white @ (one.films - y) for white, one, y in zip(self._whitening, self.observed, shown, strict=True)]
+        tight = max(self.bench.channels.cross_talk, 1e-9)
+        parts = [*films, self._predicted(lambdas - self.shares.log_ratios), np.array([matrix[0, 1], matrix[1, 0]]) / tight]
+        if self.absolute:
+            parts += [self._forces(loads, rest[-1]), rest[-1:]]
+        return np.concatenate(parts)
+
+    def shift(self, slopes: Floats) -> Floats:
+        """By how much minus the residuals move with the design's variables, shape (residuals, v)."""
+        before = 2 * len(self.observed)
+        out = np.zeros((self.data, slopes.shape[1]))
+        if len(slopes):
+            out[before : before + len(slopes)] = np.linalg.solve(self._root, slopes)
+        return out
+
+    def _shares(self, lambdas: Floats) -> Floats:
+        """Shares of the load on both films, shape (readings, 2)."""
+        blocks = iter(1 / (1 + np.exp(-lambdas)))
+        inner = [{"inner": 1.0, "outer": 0.0}.get(one.reference.on) for one in self.observed]
+        shares = np.array([next(blocks) if share is None else share for share in inner])
+        return np.stack([shares, 1 - shares], axis=1)
+
+    def _forces(self, loads: Floats, error: float) -> Floats:
+        """The force channel's tolerance is one unknown, of unit variance."""
+        assert self.bench.force is not None
+        read = np.array([one.force for one in self.observed], dtype=float)
+        spread = np.array([one.force_sd for one in self.observed], dtype=float)
+        return np.asarray((read - loads * (1 + self.bench.force.tolerance * error)) / spread)
+
+    def _predicted(self, off: Floats) -> Floats:
+        return np.asarray(np.linalg.solve(self._root, off), dtype=float) if len(off) else off
+
+    @cached_property
+    def _whitening(self) -> list[Floats]:
+        """By which each reading's errors are made independent and of unit variance."""
+        return [np.linalg.inv(np.linalg.cholesky(one.covariance)) for one in self.observed]
+
+    @cached_property
+    def _root(self) -> Floats:
+        """Cholesky factor of the predictions' covariance: each block's own error, and the workshop's, which all share."""
+        blocks = [one.reference for one in self.observed if one.reference.on == "tissue"]
+        own = [share.variance(block) for share, block in zip(self.shares.blocks, blocks, strict=True)]
+        common = self.shares.slopes * self.shares.tolerances(self.bench.workshop)
+        return np.asarray(np.linalg.cholesky(np.diag(own) + common @ common.T), dtype=float)

@@ -1,0 +1,186 @@
+"""One reading told in stresses, beside what the solver predicts for the scene."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Scene
+from hw.measure import Measurement, carried
+from probe_design.built_probe.bench import Bench
+from probe_design.built_probe.film_forces import newtons
+from probe_design.built_probe.gain_matrix import Gains
+from solver.axisymmetric.level import Axisymmetric
+from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.levels import AUTO, evaluate
+from solver.results.result import Result
+
+SPREAD = 3**-0.5  # standard deviation of what lies anywhere within a bound of 1: GUM 4.3.7
+
+
+@dataclass(frozen=True)
+class Read:
+    """Amplitudes under the sinusoidal load, compression positive; every ``uncertainty`` is a standard deviation.
+
+    Attributes:
+        ratio, stress_inner, stress_outer: as read, stresses in Pa; referred to the drawing's end areas. The ratio is None where
+            stress_outer is below its own uncertainty.
+        ratio_uncertainty: of the ratio, by the delta method, on the larger side where stress_outer is uncertain.
+        force: sum of both film forces, N.
+        reference_force: by the force channel, N, or None.
+        predicted_ratio, predicted_stress_inner, predicted_stress_outer: by ``evaluator``, the stresses at the reference force
+            or, without one, at the scene's load.
+        z_ratio, z_stress_inner, z_stress_outer: differences over their standard deviations, both sides' errors counted.
+        frequency: of the load, Hz.
+        cycles: of it in the record.
+        phase, phase_uncertainty: by which the inner film leads the outer, rad.
+        mains: frequency of the mains where any were seen, Hz.
+        calibrated: whether gains come from a calibration.
+        samples: that were used.
+        saturated: samples left out.
+        gaps, overruns: what was lost on the way, and in the device.
+    """
+
+    ratio: float | None
+    ratio_uncertainty: float | None
+    stress_inner: float
+    stress_inner_uncertainty: float
+    stress_outer: float
+    stress_outer_uncertainty: float
+    force: float
+    force_uncertainty: float
+    reference_force: float | None
+    evaluator: str
+    predicted_ratio: float | None
+    predicted_ratio_uncertainty: float | None
+    predicted_stress_inner: float | None
+    predicted_stress_outer: float | None
+    z_ratio: float | None
+    z_stress_inner: float | None
+    z_stress_outer: float | None
+    frequency: float
+    cycles: float
+    phase: float
+    phase_uncertainty: float
+    mains: float | None
+    calibrated: bool
+    samples: int
+    saturated: int
+    gaps: int
+    overruns: int
+    warnings: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the JSON object of ``probe-design read``."""
+        return asdict(self)
+
+
+def prediction(scene: Scene, accuracy: float) -> Result:
+    """Evaluate a scene by the fastest level of finite elements that takes it, whatever error it then states."""
+    level = next((one for one in (Axisymmetric(), EquivalentInclusion()) if one.refusal(scene) is None), None)
+    return evaluate(scene, AUTO if level is None else level.name, accuracy)
+
+
+def read(found: Measurement, scene: Scene, bench: Bench, told: Result, gains: Gains | None = None) -> Read:
+    """Return a reading in stresses.
+
+    Args:
+        found: of both films.
+        scene: what the probe was pressed on.
+        bench: how it was read.
+        told: the scene's ``prediction``.
+        gains: a calibration's; None: nominal, with the bench's tolerances.
+    """
+    used = Gains.nominal(bench) if gains is None else gains
+    films, noise = newtons(found, scene, tolerance=True)
+    forces, covariance = used.forces(films), used.forces_covariance(films, noise)
+    areas = np.array([scene.probe.inner_area, scene.probe.outer_area])
+    stress, spread = forces / areas, np.sqrt(np.diag(covariance)) / areas
+    ratio, ratio_sd = _ratio(forces, covariance, float(areas[1] / areas[0]))
+    relative = None if told.error_estimate is None else SPREAD * told.error_estimate
+    at_load, at_load_sd = _at_load(found, scene, bench, told, relative)
+    ratio_told_sd = None if told.ratio is None or relative is None else abs(told.ratio) * relative
+    return Read(
+        ratio=ratio,
+        ratio_uncertainty=ratio_sd,
+        stress_inner=float(stress[0]),
+        stress_inner_uncertainty=float(spread[0]),
+        stress_outer=float(stress[1]),
+        stress_outer_uncertainty=float(spread[1]),
+        force=float(forces.sum()),
+        force_uncertainty=float(np.sqrt(covariance.sum())),
+        reference_force=found.force,
+        evaluator=told.evaluator,
+        predicted_ratio=told.ratio,
+        predicted_ratio_uncertainty=ratio_told_sd,
+        predicted_stress_inner=at_load[0],
+        predicted_stress_outer=at_load[1],
+        z_ratio=_z(ratio, ratio_sd, told.ratio, ratio_told_sd),
+        z_stress_inner=_z(float(stress[0]), float(spread[0]), at_load[0], at_load_sd[0]),
+        z_stress_outer=_z(float(stress[1]), float(spread[1]), at_load[1], at_load_sd[1]),
+        frequency=found.fit.frequency,
+        cycles=found.fit.cycles,
+        phase=found.lag[0],
+        phase_uncertainty=found.lag[1],
+        mains=found.fit.mains,
+        calibrated=gains is not None,
+        samples=found.fit.rows,
+        saturated=found.saturated,
+        gaps=found.lost,
+        overruns=found.overruns,
+        warnings=tuple(_warnings(found, bench, gains, ratio)),
+    )
+
+
+def _z(read: float | None, spread: float | None, told: float | None, told_spread: float | None) -> float | None:
+    if read is None or spread is None or told is None or told_spread is None:
+        return None
+    return (read - told) / math.hypot(spread, told_spread)
+
+
+def _at_load(
+    found: Measurement, scene: Scene, bench: Bench, told: Result, relative: float | None
+) -> tuple[tuple[float | None, ...], tuple[float | None, ...]]:
+    """Both stresses that are predicted at the load, and their standard deviations."""
+    if told.stress_inner is None or told.stress_outer is None or relative is None:
+        return (None, None), (None, None)
+    stress = np.array([told.stress_inner, told.stress_outer])
+    if found.force is not None and bench.force is not None:
+        stress = stress * found.force / float(stress @ [scene.probe.inner_area, scene.probe.outer_area])
+        relative = math.hypot(relative, bench.force.tolerance)
+    return tuple(stress.tolist()), tuple((np.abs(stress) * relative).tolist())
+
+
+def _warnings(found: Measurement, bench: Bench, gains: Gains | None, ratio: float | None) -> list[str]:
+    lost = {"gaps": found.lost, "overruns": found.overruns, "saturated samples": found.saturated}
+    warnings = [f"{count} {what}: left out, never filled in" for what, count in lost.items() if count]
+    if gains is None:
+        channels = bench.channels
+        text = f"gains to {100 * channels.gain:g} %, cross-talk to {100 * channels.cross_talk:g} %"
+        warnings.append(f"not calibrated: the uncertainties count {text} of nominal")
+    elif not gains.absolute:
+        warnings.append("the calibration had no force channel: the stresses' common factor is nominal")
+    if ratio is None:
+        warnings.append("ratio is null: stress_outer is below its own uncertainty")
+    phase, spread = found.lag
+    if abs(phase) > max(5 * spread, 0.02):
+        warnings.append(f"the films differ by {phase:.2g} rad in phase: only the parts in phase with their sum are told")
+    return warnings
+
+
+def _ratio(forces: Floats, covariance: Floats, areas: float) -> tuple[float | None, float | None]:
+    """The ratio and its standard deviation; on the side where the outer force is smaller, 1/(1 - x) larger, x its own."""
+    own = float(np.sqrt(covariance[1, 1]))
+    if own >= abs(forces[1]):
+        return None, None
+    loose = own / float(abs(forces[1]))
+    spread = float(np.sqrt(carried(_quotient, forces, covariance)[0, 0])) / (1 - loose)
+    return float(forces[0] / forces[1] * areas), spread * areas
+
+
+def _quotient(forces: Floats) -> Floats:
+    return forces[:1] / forces[1:]

@@ -1,0 +1,159 @@
+"""A probe that is not there: what its channels would show under a sinusoidal load, from the solver's prediction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from geometry.common.errors import Refusal, Words
+from geometry.meridian.grading import Floats
+from geometry.scenes.probe import Film
+from geometry.scenes.scene import Scene
+from hw.amplifier import ChargeAmplifier
+from probe_design.built_probe.bench import Bench, Reference
+from probe_design.built_probe.block_predictions import predicted
+from solver.results.result import Result
+
+Matrix = tuple[tuple[float, float], tuple[float, float]]
+RATE = 1000.0  # Hz
+SCALE = 2e-6  # V per count of the converter
+
+
+@dataclass(frozen=True)
+class Built:
+    """How the virtual probe and its bench really are; a reading has to find out.
+
+    Attributes:
+        gains: M of eq. (C1) of ``probe_design.built_probe.gain_matrix`` by the films alone.
+        resistance, capacitance: of each amplifier, as multiples of the nominal.
+        force: true over nominal sensitivity of the force channel.
+        frequency: true over nominal frequency of the load.
+        noise: standard deviation of a sample, V.
+        hum: amplitude of the mains, V, at ``mains`` Hz.
+        drift: over the first minute, V.
+        offsets: of the three channels, V.
+    """
+
+    gains: Matrix = ((1.04, 0.012), (0.008, 0.96))
+    resistance: tuple[float, float] = (1.03, 0.98)
+    capacitance: tuple[float, float] = (1.01, 0.985)
+    force: float = 1.003
+    frequency: float = 1.0004
+    noise: float = 10e-6
+    hum: float = 0.4e-3
+    mains: float = 50.03
+    drift: float = 1e-3
+    offsets: tuple[float, float, float] = (0.3e-3, -0.2e-3, 0.1e-3)
+
+    def amplifiers(self, nominal: ChargeAmplifier) -> tuple[ChargeAmplifier, ChargeAmplifier]:
+        """Return both amplifiers as built."""
+        inner, outer = (
+            replace(nominal, resistance=nominal.resistance * r, capacitance=nominal.capacitance * c)
+            for r, c in zip(self.resistance, self.capacitance, strict=True)
+        )
+        return inner, outer
+
+    def matrix(self, bench: Bench) -> Floats:
+        """Return M as a calibration at the bench's frequency should find it, amplifiers included, shape (2, 2)."""
+        nominal, frequency = bench.amplifier.built(), self.frequency * bench.load.frequency
+        responses = [one.response(frequency) for one in self.amplifiers(nominal)]
+        return np.asarray(np.abs(responses)[:, None] / abs(nominal.response(frequency)) * np.array(self.gains))
+
+
+def signals(built: Built, bench: Bench, scene: Scene, forces: Floats, seed: int | list[int]) -> Callable[[Floats], Floats]:
+    """Return the function from times (s, shape (n,)) to volts of inner, outer and force channel, shape (n, 3).
+
+    The noise goes on from call to call, so that a stream is read in order and once.
+
+    Args:
+        built: how the bench really is.
+        bench: nominal.
+        scene: for its film.
+        forces: amplitudes of both films' forces, N, shape (2,).
+        seed: of the noise.
+    """
+    frequency = built.frequency * bench.load.frequency
+    charges = charge_per_force(scene) * np.array(built.gains) @ forces
+    responses = np.array([one.response(frequency) for one in built.amplifiers(bench.amplifier.built())])
+    sensitivity = built.force * (0.0 if bench.force is None else bench.force.sensitivity)
+    amplitudes = np.append(charges * responses, sensitivity * forces.sum())
+    random = np.random.default_rng(seed)
+
+    def volts(times: Floats) -> Floats:
+        turns = 2j * np.pi * frequency * times[:, None] + 0.7j
+        load = (amplitudes * np.exp(turns) + 0.01 * amplitudes * np.exp(2 * turns)).real  # with a second harmonic
+        hum = built.hum * np.array([1.0, 0.7, 0.1]) * np.cos(2 * np.pi * built.mains * times)[:, None]
+        drift = built.drift * np.array([1.0, 0.6, 0.0]) * (1 - np.exp(-times / 60.0))[:, None]
+        noise = built.noise * random.standard_normal((len(times), 3))
+        return np.asarray(load + hum + drift + noise + np.array(built.offsets))
+
+    return volts
+
+
+def charge_per_force(scene: Scene) -> float:
+    """Nominal charge per force, C/N, of the scene's film, or of the default film where it has none."""
+    return (scene.probe.film or Film()).charge_per_force
+
+
+def as_delivered(reference: Reference, random: np.random.Generator) -> Reference:
+    """Return a reference block with a modulus as it may really be: off by its tolerance."""
+    if reference.youngs_modulus is None:
+        return reference
+    off = float(np.exp(reference.tolerance * random.standard_normal()))
+    return reference.model_copy(update={"youngs_modulus": reference.youngs_modulus * off})
+
+
+@dataclass(frozen=True)
+class VirtualBench:
+    """A virtual probe on a virtual bench.
+
+    Attributes:
+        drawn: the scene as everybody believes it.
+        scene: the scene with the probe as it was built.
+        bench: as everybody believes it.
+        built: how channels and amplifiers are.
+        seed: of noise, and of the blocks' true moduli.
+    """
+
+    drawn: Scene
+    scene: Scene
+    bench: Bench
+    built: Built = Built()
+    seed: int = 0
+
+    def on_scene(self, told: Result) -> Callable[[Floats], Floats]:
+        """Signals on the scene's tissue, from its evaluation."""
+        if told.stress_inner is None or told.stress_outer is None:
+            raise Refusal("scene", told.evaluator, "one whose film stresses are told")
+        probe = self.scene.probe
+        forces = np.array([told.stress_inner * probe.inner_area, told.stress_outer * probe.outer_area])
+        return self._signals(forces, 0)
+
+    def on_references(self, load: float, run: int = 0) -> tuple[Callable[[Floats], Floats], ...]:
+        """Signals on each of the bench's references under a load of that amplitude, N; noise differs from run to run."""
+        random = np.random.default_rng(self.seed)
+        delivered = [as_delivered(one, random) for one in self.bench.reference]
+        logs = iter(predicted(self.scene, delivered).log_ratios)
+        inner = [{"inner": 1.0, "outer": 0.0}.get(one.on) for one in delivered]
+        shares = np.array([1 / (1 + np.exp(-next(logs))) if share is None else share for share in inner])
+        forces = load * np.stack([shares, 1 - shares], axis=1)
+        return tuple(self._signals(one, 1 + run * len(forces) + k) for k, one in enumerate(forces))
+
+    def _signals(self, forces: Floats, run: int) -> Callable[[Floats], Floats]:
+        return signals(self.built, self.bench, self.drawn, forces, [self.seed, run])
+
+
+def load_of(scene: Scene, stiffness: float | None) -> float:
+    """Amplitude of the scene's load, N.
+
+    Raises:
+        Refusal: it is zero, or an indentation of unknown stiffness.
+    """
+    load = scene.load.force
+    if load is None and stiffness is not None:
+        load = stiffness * (scene.load.indentation or 0.0)
+    if not load:
+        raise Refusal("load", Words("zero or unknown"), "a load above 0, for a virtual probe")
+    return load

@@ -1,0 +1,76 @@
+"""The verbs `optimize` and `export`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from probe_design.cli.arguments import length, print_json
+
+
+@click.command()
+@click.argument("scene", type=click.Path(path_type=Path), required=False)
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder for the design, STEP files and report."
+)
+@click.option("--outer-radius", help="Limit of the probe's outer radius, such as '8 mm'.  [default: 1.4 times the start's]")
+@click.option("--starts", default=8, show_default=True, type=click.IntRange(1, 100), help="Local searches.")
+@click.option(
+    "--evaluator", help="Who judges and polishes: axisymmetric or equivalent-inclusion.  [default: what the scene asks for]"
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def optimize(
+    scene: Path | None, output: Path, outer_radius: str | None, starts: int, evaluator: str | None, as_json: bool
+) -> None:
+    """Find a probe that tells E_object better than SCENE's, prove it by finite elements, export it.
+
+    Without SCENE the built-in one is improved: the paper's materials, gap, groove and films on a
+    cylinder of tissue with one 8 mm tumour. The search varies inner radius, A2/A1, gap, height and
+    both moduli by formulas; the ten best designs are judged by finite elements, the best three
+    of them polished with exact derivatives. Exit code 1 if the judge sees no gain.
+    """
+    from geometry.cad.solids import cadquery
+    from geometry.common.files import check_writable
+    from geometry.scenes.scene_file import read_scene
+    from probe_design.data.builtin import builtin_scene
+    from probe_design.optimisation.optimize import optimize as run
+    from probe_design.optimisation.report import levels_table, summary, write_all
+    from probe_design.terminal.console import message, show, stages
+
+    start = builtin_scene() if scene is None else read_scene(scene)
+    limit = None if outer_radius is None else length("outer-radius", outer_radius)
+    check_writable(output)  # what would fail after the search fails before it
+    cadquery()
+    with stages() as progress:
+        optimum = run(start, progress, limit, starts, evaluator)
+        files = write_all(optimum, output, progress)
+    if as_json:
+        print_json(summary(optimum, files))
+    else:
+        show(levels_table(optimum))
+        message(f"wrote {len(files)} files to {output}; begin with {output / 'report.html'}")
+    if optimum.status == "no-gain":
+        message(f"no gain: {optimum.baseline.judged.evaluator} sees no design that beats the start")
+        raise SystemExit(1)
+
+
+@click.command()
+@click.argument("scene", type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder for the STEP files.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def export(scene: Path, output: Path, as_json: bool) -> None:
+    """Write SCENE's probe as STEP files in millimetres, each read back and measured, and a drawing."""
+    from geometry.scenes.scene_file import read_scene
+    from probe_design.terminal.console import message, working
+
+    with working("building the solids"):
+        from geometry.cad.drawing import draw
+        from geometry.cad.export import export as write
+
+        probe = read_scene(scene).probe
+        files = [*write(probe, output), draw(probe, output / "drawing.png")]
+    if as_json:
+        print_json({"files": [str(file) for file in files]})
+    else:
+        message(f"wrote {', '.join(file.name for file in files)} to {output}")

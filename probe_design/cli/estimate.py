@@ -1,0 +1,91 @@
+"""The verb `estimate`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from geometry.scenes.scene import Scene
+    from probe_design.estimation.readings import Reading
+
+USUAL_NOISE = "0.05"  # the paper's "about 5 %"
+
+
+@click.command()
+@click.argument("scene", type=click.Path(path_type=Path))
+@click.option("--ratio", help="stress_inner / stress_outer as it was read at the scene's placement.")
+@click.option("--noise", help=f"Relative standard deviation of a ratio.  [default: {USUAL_NOISE}]")
+@click.option("--stiffness", help="Force on the base per indentation as it was read beside --ratio, N/m.")
+@click.option("--stiffness-noise", help="Relative standard deviation of a stiffness.  [default: that of the ratio]")
+@click.option("--readings", "file", type=click.Path(path_type=Path), help="In place of --ratio: a .toml or .csv file, see below.")
+@click.option("--unknown", default="youngs_modulus", show_default=True, help="youngs_modulus, diameter or depth of the target.")
+@click.option("--accuracy", help="Relative error that the model's ratio may have.  [default: 1/4 of --noise, at most 0.01]")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def estimate(
+    scene: Path, ratio: str | None, noise: str | None, stiffness: str | None, stiffness_noise: str | None, file: Path | None,
+    unknown: str, accuracy: str | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Say what was pressed on: E_object, diameter or depth of SCENE's target, with its 95 % interval.
+
+    Everything else in the scene is taken as known. Where the unknown cannot be told the reason is given, and what can be told
+    instead: depth and strength D^3 (c-1) / (1 + beta (c-1)), c = E_object/E_tissue. That is an answer: exit code 0.
+
+    \b
+    probe-design estimate scene.toml --ratio 0.62 --noise 0.05
+    probe-design estimate scene.toml --ratio 0.62 --noise 0.01 --stiffness 80 --unknown diameter
+    probe-design estimate scene.toml --readings scan.csv
+
+    \b
+    scan.csv holds one press a line (or scan.toml, tables [[reading]] with these keys):
+    x,     y,    ratio, noise, stiffness, stiffness_noise
+    -8 mm, 0 mm, 0.55,  0.05,  79 N/m,    0.02
+    0 mm,  0 mm, 0.62,  0.05,  81 N/m,    0.02
+    x and y are the probe's axis in the scene's frame; every column but ratio may be left out.
+    """  # noqa: D301
+    from geometry.scenes.scene_file import read_scene
+    from probe_design.estimation.estimate import estimate as run
+    from probe_design.terminal.console import message, show, working
+    from probe_design.terminal.estimate_table import estimate_table, sentence
+
+    found = read_scene(scene)
+    read = _readings(found, ratio, noise, stiffness, stiffness_noise, file)
+    with working(f"estimating {unknown} of {scene}"):
+        told = run(found, read, unknown, None if accuracy is None else _number("accuracy", accuracy))
+    if as_json:
+        print(json.dumps(told.as_dict(), allow_nan=False))
+        return
+    show(estimate_table(told))
+    print(sentence(told))
+    for warning in told.warnings:
+        message(f"warning: {warning}")
+
+
+def _readings(
+    scene: Scene, ratio: str | None, noise: str | None, stiffness: str | None, stiffness_noise: str | None, file: Path | None
+) -> tuple[Reading, ...]:
+    from geometry.common.errors import InputError, Words
+    from probe_design.estimation.model import check_kind
+    from probe_design.estimation.readings import one_reading, read_readings
+
+    check_kind(scene)
+    if (ratio is None) == (file is None):
+        given = Words("missing") if ratio is None else Words(f"{ratio} beside --readings")
+        raise InputError("ratio", given, "exactly one of --ratio and --readings")
+    if file is None:
+        return one_reading(scene, ratio, USUAL_NOISE if noise is None else noise, stiffness, stiffness_noise)
+    if stiffness is not None:
+        raise InputError("stiffness", stiffness, "nothing beside --readings, whose file has a column for it")
+    return read_readings(file, scene, USUAL_NOISE if noise is None else noise, stiffness_noise)
+
+
+def _number(key: str, text: str) -> float:
+    from geometry.common.errors import InputError
+
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(key, text, "a number above 0 and below 1, such as 0.01") from None

@@ -1,0 +1,107 @@
+"""The verbs `evaluate` and `curve`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from probe_design.cli.arguments import modulus, number, print_json
+
+EVALUATORS = "auto, published, closed-form, equivalent-inclusion, axisymmetric, solid"
+
+
+@click.command()
+@click.argument("scene", type=click.Path(path_type=Path))
+@click.option("--evaluator", default="auto", show_default=True, help=f"Level of fidelity: {EVALUATORS}.")
+@click.option("--accuracy", default="0.01", show_default=True, help="Relative error that ratio, stresses and stiffness may have.")
+@click.option("--vtu", type=click.Path(path_type=Path), help="With solid: write mesh, displacements and stresses for ParaView.")
+@click.option("--plot", "picture", type=click.Path(path_type=Path), help="With solid: draw mesh and stresses to this .png file.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def evaluate(scene: Path, evaluator: str, accuracy: str, vtu: Path | None, picture: Path | None, as_json: bool) -> None:
+    """Say what both films feel, and how well their ratio tells E_object.
+
+    \b
+    published             the paper's equations as printed: an equivalent modulus, no stresses
+    closed-form           formulas, milliseconds, 1 to 30 %: spheres anywhere
+    equivalent-inclusion  finite elements and scattering, 0.3 to 5 s, 1e-2 to 1e-3: tumours anywhere
+    axisymmetric          finite elements, 0.1 to 10 s, 1e-2 to 1e-4: one sphere on the probe's axis
+    solid                 3D finite elements, 10 to 100 s, 1e-2 to 3e-3: groove, edges, tilt, tumours
+                          of any shape, from STL and STEP files too
+    auto                  what plan says: the cheapest of the last three that takes the scene and
+                          reaches --accuracy; refuses rather than answer worse
+    """  # noqa: D301
+    from geometry.scenes.scene_file import read_scene
+    from probe_design.terminal.console import message, result_table, saying, show
+
+    asked = number("accuracy", accuracy)
+    with saying(f"evaluating {scene}") as tell:
+        if vtu is not None or picture is not None:
+            from probe_design.solid_output.evaluate_with_files import evaluated
+
+            result = evaluated(read_scene(scene), evaluator, asked, vtu, picture, tell)
+        else:
+            from solver import evaluate as run
+
+            result = run(read_scene(scene), evaluator, asked, tell)
+    if as_json:
+        print_json(result.as_dict())
+        return
+    show(result_table(result))
+    for warning in result.warnings:
+        message(f"warning: {warning}")
+
+
+@click.command()
+@click.argument("scene", type=click.Path(path_type=Path))
+@click.option("--from", "low", default="1 kPa", show_default=True, help="Smallest Young's modulus of the inclusion.")
+@click.option("--to", "high", default="1 MPa", show_default=True, help="Largest Young's modulus of the inclusion.")
+@click.option(
+    "--points", default=50, show_default=True, type=click.IntRange(2, 100_000), help="Moduli, evenly on a logarithmic scale."
+)
+@click.option("--accuracy", default="0.01", show_default=True, help="Relative error that the ratio may have at every modulus.")
+@click.option("--plot", "picture", type=click.Path(path_type=Path), help="Draw the curve to this .png, .svg or .pdf file.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def curve(scene: Path, low: str, high: str, points: int, accuracy: str, picture: Path | None, as_json: bool) -> None:
+    """Say how ratio and log-sensitivity depend on the inclusion's Young's modulus.
+
+    With one sphere on the probe's axis all moduli follow exactly from one factorisation, so that a thousand cost as much as
+    ten; with tumours elsewhere each modulus costs some 10 to 100 ms.
+    """
+    from geometry.common.files import check_writable
+    from geometry.scenes.scene_file import read_scene
+    from probe_design.maps.curve_plot import check_format, plot
+    from probe_design.terminal.console import curve_table, message, saying, show
+    from solver import curve as run
+
+    found = read_scene(scene)
+    if picture is not None:
+        check_format(picture)  # what would fail after the work fails before it
+        check_writable(picture.parent)
+    with saying(f"curve of {scene}") as tell:
+        told = run(found, _moduli(low, high, points), number("accuracy", accuracy), tell)
+    if picture is not None:
+        plot(told, picture, found.inclusion[found.target or 0].youngs_modulus, found.tissue.youngs_modulus)
+    if as_json:
+        print_json(told.as_dict())
+        return
+    show(curve_table(told))
+    for warning in told.warnings:
+        message(f"warning: {warning}")
+    if picture is not None:
+        message(f"wrote {picture}")
+
+
+def _moduli(low: str, high: str, points: int) -> Any:
+    """Moduli from ``low`` to ``high``, both met exactly."""
+    import numpy as np
+
+    from geometry.common.errors import InputError
+
+    first, last = modulus("from", low), modulus("to", high)
+    if not first < last:
+        raise InputError("to", high, f"a modulus above from = {low!r}")
+    moduli = np.geomspace(first, last, points)
+    moduli[0], moduli[-1] = first, last
+    return moduli

@@ -1,0 +1,232 @@
+"""The verbs of the built probe: `read`, `calibrate` and `check`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from probe_design.cli.arguments import number, print_json
+
+if TYPE_CHECKING:
+    from hw.samples import Samples
+    from probe_design.built_probe.bench import Reference
+    from probe_design.cli.hardware_sources import Setting, Source
+
+Verb = Callable[..., None]
+
+
+def _with_source(verb: Verb) -> Verb:
+    """Add the options that all three verbs have."""
+    options = (
+        click.argument("scene", type=click.Path(path_type=Path), required=False),
+        click.option(
+            "--virtual", is_flag=True, help="Read a probe that is not there: the solver's prediction, noise, hum, drift."
+        ),
+        click.option("--replay", type=click.Path(path_type=Path), multiple=True, help="Read a recording; once for each reading."),
+        click.option("--device", help="usb, usb:SERIAL or visa:RESOURCE.  [default: usb, the only probe connected]"),
+        click.option("--seconds", help="How long to read.  [default: 10; a recording to its end]"),
+        click.option("--record", type=click.Path(path_type=Path), help="Write the raw data to this file; several are numbered."),
+        click.option("--bench", type=click.Path(path_type=Path), help="TOML file of load, amplifier and references."),
+        click.option("--built", multiple=True, help="How the virtual probe differs: 'probe.gap=0.12 mm'."),
+        click.option("--seed", default=0, show_default=True, type=click.IntRange(0, 2**31), help="Of the virtual probe's noise."),
+        click.option("--json", "as_json", is_flag=True, help="Print one JSON object."),
+    )
+    for option in reversed(options):
+        verb = option(verb)
+    return verb
+
+
+@click.command()
+@_with_source
+@click.option("--calibration", type=click.Path(path_type=Path), help="What calibrate has written.")
+@click.option("--accuracy", default="0.01", show_default=True, help="Relative error that the prediction may have.")
+def read(scene: Path | None, bench: Path | None, calibration: Path | None, accuracy: str, as_json: bool, **source: Any) -> None:
+    """Read the probe under a sinusoidal load: ratio and stresses, beside what is predicted for SCENE.
+
+    Live numbers and curves run on a terminal, plain lines elsewhere; the reading ends by itself. Without SCENE the
+    calibration's scene is taken, or the built-in one.
+
+    \b
+    probe-design read scene.toml --virtual
+    probe-design read scene.toml --record run.probe --calibration probe.toml
+    probe-design read scene.toml --replay run.probe --calibration probe.toml --json
+    """  # noqa: D301
+    from probe_design.built_probe.acquisition import collected
+    from probe_design.built_probe.film_forces import reading
+    from probe_design.built_probe.reading import prediction
+    from probe_design.built_probe.reading import read as judged
+    from probe_design.cli.hardware_sources import Setting, Source
+    from probe_design.terminal.console import message, show, working
+    from probe_design.terminal.hardware_tables import read_table
+    from probe_design.terminal.live import following
+
+    chosen, setting = Source(**source), Setting.of(scene, bench, calibration)
+    length, (recording,) = chosen.length, chosen.recordings(1)
+    (opener,) = chosen.openers(lambda: (_on_scene(setting, chosen, accuracy),), 1, sys.stderr.isatty())
+    with opener() as reader:  # what is not there is missed before anything is computed
+        with working("predicting"):
+            told = prediction(setting.scene, number("accuracy", accuracy))
+        gains, at = None, None
+        if setting.calibration is not None:
+            gains, at = setting.calibration.gains(), setting.calibration.frequency
+
+        def judge(samples: Samples) -> Any:
+            return judged(reading(samples, setting.bench, at), setting.scene, setting.bench, told, gains)
+
+        with following(judge, setting.bench.load.frequency) as follow:
+            samples = collected(reader, length, recording, follow)
+    found = judge(samples)
+    if as_json:
+        print_json(found.as_dict())
+    else:
+        show(read_table(found))
+    for warning in found.warnings + tuple(one for one in told.warnings if "linear" in one):
+        message(f"warning: {warning}")
+    _tell_written(recording)
+
+
+@click.command()
+@_with_source
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="New file for the calibration record.")
+def calibrate(scene: Path | None, bench: Path | None, output: Path, as_json: bool, **source: Any) -> None:
+    """Tell gains, cross-talk and offsets of SCENE's probe from readings on the bench's references.
+
+    Each reference is read in turn: with a device, the program asks for it. Refused are gaps, saturation, too few cycles
+    and films that warm up. With a force channel gains are absolute; without, relative to each other.
+
+    \b
+    probe-design calibrate scene.toml --virtual -o probe.toml
+    probe-design calibrate scene.toml --record run.probe -o probe.toml
+    """  # noqa: D301
+    from geometry.common.files import check_writable
+    from probe_design.built_probe.calibration import calibrate as run
+    from probe_design.built_probe.calibration_record import check_free, record, write_record
+    from probe_design.cli.hardware_sources import Setting, Source, described, raw
+    from probe_design.terminal.console import message, show, working
+    from probe_design.terminal.hardware_tables import calibration_table
+
+    chosen, setting = Source(**source), Setting.of(scene, bench, None)
+    check_free(output)
+    check_writable(output.parent)
+    samples, files = _readings(setting, chosen, setting.bench.reference, run=0)
+    with working("calibrating"):
+        found = run(setting.scene, setting.bench, samples)
+    hashes = [raw(one, file) for one, file in zip(samples, files, strict=True)]
+    told = record(found, hashes, described(samples[0]))
+    write_record(output, told)
+    if as_json:
+        print_json(told.model_dump(mode="json"))
+    else:
+        show(calibration_table(told))
+    for warning in told.warnings:
+        message(f"warning: {warning}")
+    message(f"wrote {output}")
+
+
+@click.command()
+@_with_source
+@click.option("--calibration", type=click.Path(path_type=Path), help="What calibrate has written.")
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="New file for the result, as JSON.")
+def check(
+    scene: Path | None, bench: Path | None, calibration: Path | None, output: Path | None, as_json: bool, **source: Any
+) -> None:
+    """Say whether the probe does what was predicted on the bench's blocks of tissue, and what would explain it if not.
+
+    Exit code 1 if it does not. Without --calibration gains are nominal, with the bench's tolerances.
+
+    \b
+    probe-design check --virtual --calibration probe.toml
+    probe-design check --virtual --calibration probe.toml --built "probe.gap=0.2 mm"
+    """  # noqa: D301
+    import json
+
+    from geometry.common.files import write_text
+    from probe_design.built_probe.calibration_record import check_free
+    from probe_design.built_probe.check import check as run
+    from probe_design.cli.hardware_sources import Setting, Source
+    from probe_design.terminal.console import message, show, working
+    from probe_design.terminal.hardware_tables import check_table, explanations_table, sentence
+
+    chosen, setting = Source(**source), Setting.of(scene, bench, calibration)
+    if output is not None:
+        check_free(output)
+    samples, _ = _readings(setting, chosen, setting.bench.blocks, run=1)
+    known = setting.calibration
+    with working("checking"):
+        gains, variables = (None, ()) if known is None else (known.gains(), known.variables)
+        found = run(setting.scene, setting.bench, samples, gains, variables)
+    if output is not None:
+        write_text(output, json.dumps(found.as_dict(), allow_nan=False, indent=1) + "\n")
+    if as_json:
+        print_json(found.as_dict())
+    else:
+        show(check_table(found))
+        if not found.passed:
+            show(explanations_table(found))
+        print(sentence(found))
+    if known is None:
+        message("warning: not calibrated: nominal gains, with the bench's tolerances")
+    if not found.passed:
+        raise SystemExit(1)
+
+
+def _readings(
+    setting: Setting, source: Source, references: Sequence[Reference], run: int
+) -> tuple[list[Samples], tuple[Path | None, ...]]:
+    """One reading on each reference, and where its raw data are."""
+    from hw.errors import HardwareError
+    from hw.measure import Flawed
+
+    files = source.recordings(len(references))
+    samples = []
+    openers = source.openers(lambda: _on_references(setting, source, references, run), len(references), pace=False)
+    for k, (reference, opener, file) in enumerate(zip(references, openers, files, strict=True)):
+        _ask_for(reference, f"{k + 1} of {len(references)}", source)
+        try:
+            with opener() as reader:
+                samples.append(reader.collect(source.length, file).whole())
+        except HardwareError as fault:
+            raise Flawed(f"{reference.name}: {fault}") from fault
+    return samples, source.replay or files
+
+
+def _ask_for(reference: Reference, which: str, source: Source) -> None:
+    from geometry.common.errors import InputError, Words
+    from probe_design.terminal.console import message
+
+    if not source.live:
+        return
+    if not sys.stdin.isatty():
+        raise InputError(
+            "device", Words("without a terminal"), "a terminal, to change references at, or --replay for each reading"
+        )
+    message(f"{which}: press on: {reference.name}; start the load, then press Enter")
+    input()
+
+
+def _on_scene(setting: Setting, source: Source, accuracy: str) -> Any:
+    from probe_design.built_probe.reading import prediction
+
+    bench = setting.virtual(source)
+    return bench.on_scene(prediction(bench.scene, number("accuracy", accuracy)))
+
+
+def _on_references(setting: Setting, source: Source, references: Sequence[Reference], run: int) -> Any:
+    from probe_design.built_probe.reading import prediction
+    from probe_design.built_probe.virtual_probe import load_of
+
+    bench = setting.virtual(source)
+    load = load_of(bench.scene, prediction(bench.scene, 0.01).stiffness)
+    signals = zip(setting.bench.reference, bench.on_references(load, run), strict=True)
+    return tuple(one for reference, one in signals if any(reference is wanted for wanted in references))
+
+
+def _tell_written(recording: Path | None) -> None:
+    from probe_design.terminal.console import message
+
+    if recording is not None:
+        message(f"wrote {recording}")

@@ -1,0 +1,166 @@
+"""What `read`, `calibrate` and `check` have in common: which scene, bench and calibration, and where samples come from."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from geometry.common.errors import InputError, Words
+from geometry.scenes.probe import LENGTH, MODULUS
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_file import read_scene
+from geometry.scenes.variables import changed, values
+from hw.reader import Reader
+from hw.recording import sha256
+from hw.samples import Floats, Samples
+from hw.virtual import virtual
+from probe_design.built_probe.bench import Bench, builtin_bench, read_bench
+from probe_design.built_probe.block_predictions import by_outer_radius
+from probe_design.built_probe.calibration_record import CalibrationRecord, Raw, read_record
+from probe_design.built_probe.virtual_probe import RATE, SCALE, VirtualBench
+from probe_design.cli.arguments import number, quantity
+from probe_design.data.builtin import builtin_scene
+
+SECONDS = 10.0  # of a live reading
+CHANNELS = 3
+SAME = 1e-9  # relative, within which two probes are the same
+
+Opener = Callable[[], Reader]
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where samples come from, as the command line says it; exactly one of the first three, or the only probe on USB."""
+
+    virtual: bool = False
+    replay: tuple[Path, ...] = ()
+    device: str | None = None
+    seconds: str | None = None
+    record: Path | None = None
+    built: tuple[str, ...] = ()
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        given = [self.virtual, bool(self.replay), self.device is not None]
+        if sum(given) > 1:
+            raise InputError("source", Words("several"), "one of --virtual, --replay and --device")
+        if self.built and not self.virtual:
+            raise InputError("built", self.built[0], "nothing without --virtual: it says how the virtual probe was built")
+        if self.record is not None and self.replay:
+            raise InputError("record", str(self.record), "nothing beside --replay, whose file is the recording")
+
+    @property
+    def live(self) -> bool:
+        """Whether a real device is read, on which somebody has to change what is pressed."""
+        return not self.virtual and not self.replay
+
+    @property
+    def length(self) -> float | None:
+        """How long to read, s; None: a recording as long as it is."""
+        if self.seconds is None:
+            return None if self.replay else SECONDS
+        length = number("seconds", self.seconds, "a number of seconds above 0, up to 1e6")
+        if not 0 < length <= 1e6:
+            raise InputError("seconds", self.seconds, "a number of seconds above 0, up to 1e6")
+        return length
+
+    def openers(
+        self, signals: Callable[[], tuple[Callable[[Floats], Floats], ...]], count: int, pace: bool
+    ) -> tuple[Opener, ...]:
+        """Return what opens a reader for each of ``count`` readings; ``signals`` are the virtual probe's."""
+        if self.virtual:
+            return tuple(partial(_virtual, one, pace) for one in signals())
+        if self.replay and len(self.replay) != count:
+            raise InputError("replay", Words(f"{len(self.replay)} files"), f"{count}: one for each reading, in their order")
+        names = [f"replay:{path}" for path in self.replay] or [self.device or "usb"] * count
+        return tuple(partial(Reader.open, name) for name in names)
+
+    def recordings(self, count: int) -> tuple[Path | None, ...]:
+        """Return the file of each reading's raw data: numbered where there are several.
+
+        Raises:
+            InputError: one of them exists.
+        """
+        if self.record is None:
+            return (None,) * count
+        stem, suffix = self.record.stem, self.record.suffix
+        paths = [self.record] if count == 1 else [self.record.with_name(f"{stem}-{k + 1}{suffix}") for k in range(count)]
+        for path in paths:
+            if path.exists():
+                raise InputError("record", str(path), "a name that is not taken: recordings are never overwritten")
+        return tuple(paths)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Scene, bench and, where there is one, calibration."""
+
+    scene: Scene
+    bench: Bench
+    calibration: CalibrationRecord | None = None
+
+    @classmethod
+    def of(cls, scene: Path | None, bench: Path | None, calibration: Path | None) -> Setting:
+        """Read the files; what is not given is the calibration's or the built-in one.
+
+        Raises:
+            InputError: a file is not what it should be, or the calibration is another probe's or amplifier's.
+        """
+        told = None if calibration is None else read_record(calibration)
+        known_scene, known_bench = (None, None) if told is None else (told.scene_read(), told.bench_read())
+        setting = cls(
+            read_scene(scene) if scene is not None else known_scene or builtin_scene(),
+            read_bench(bench) if bench is not None else known_bench or builtin_bench(),
+            told,
+        )
+        if known_scene is not None and not _same_probe(known_scene, setting.scene):
+            raise InputError("calibration", str(calibration), "one of this probe: dimensions, moduli or films differ")
+        if known_bench is not None and known_bench.amplifier != setting.bench.amplifier:
+            raise InputError("calibration", str(calibration), "one with this bench's amplifier")
+        return setting
+
+    def virtual(self, source: Source) -> VirtualBench:
+        """Return the virtual probe, built as the source says."""
+        scene = by_outer_radius(self.scene)
+        new = dict(_change(scene, one) for one in source.built)
+        return VirtualBench(self.scene, changed(scene, new), self.bench, seed=source.seed)
+
+
+def raw(samples: Samples, recording: Path | None) -> Raw:
+    """Return the hash of a reading's raw data: of its file, or of index and volts where there is none."""
+    if recording is not None:
+        return Raw(sha256(recording), recording.name)
+    return Raw(hashlib.sha256(samples.index.astype("<i8").tobytes() + samples.volts.astype("<f8").tobytes()).hexdigest())
+
+
+def described(samples: Samples) -> str:
+    """Return the device in one line."""
+    return ", ".join(f"{key} {value}" for key, value in samples.source.items() if key in ("transport", "serial", "firmware"))
+
+
+def _virtual(signals: Callable[[Floats], Floats], pace: bool) -> Reader:
+    return Reader.open(virtual(signals, RATE, channels=CHANNELS, scale=SCALE, pace=pace))
+
+
+def _same_probe(one: Scene, other: Scene) -> bool:
+    first, second = (
+        {k: v for k, v in values(by_outer_radius(scene)).items() if k.startswith("probe.")} for scene in (one, other)
+    )
+    charges = [None if scene.probe.film is None else scene.probe.film.charge_per_force for scene in (one, other)]
+    alike = first.keys() == second.keys() and all(np.isclose(first[key], second[key], rtol=SAME, atol=0) for key in first)
+    return bool(alike) and charges[0] == charges[1]
+
+
+def _change(scene: Scene, text: str) -> tuple[str, float]:
+    key, _, value = text.partition("=")
+    known = [name for name in values(scene) if name.startswith("probe.")]
+    if key.strip() not in known:
+        raise InputError("built", text, f"KEY=VALUE with a key of {', '.join(known)}")
+    if key.strip().endswith("poisson_ratio"):
+        return key.strip(), number("built", value, "a number from 0 to below 0.5")
+    return key.strip(), quantity(MODULUS if key.strip().endswith("modulus") else LENGTH, "built", value.strip())

@@ -1,0 +1,35 @@
+"""``probe-design plan``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from probe_design.cli.arguments import number, print_json
+
+
+@click.command()
+@click.argument("scene", type=click.Path(path_type=Path))
+@click.option("--accuracy", default="0.01", show_default=True, help="Relative error that ratio, stresses and stiffness may have.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def plan(scene: Path, accuracy: str, as_json: bool) -> None:
+    """Say which model of SCENE meets --accuracy at the least cost, what it leaves out, and why.
+
+    This is what evaluate and curve do without --evaluator. Every feature that could be left out is listed with what it changes
+    of the ratio, of the stresses and of the stiffness; what no evaluator can model yet is estimated at the scene's load.
+    """
+    from geometry.scenes.scene_file import read_scene
+    from probe_design.terminal.console import message, plan_table, show, working
+    from solver import plan as run
+
+    with working(f"planning {scene}"):
+        found = run(read_scene(scene), number("accuracy", accuracy))
+    if as_json:
+        print_json(found.as_dict())
+        return
+    show(plan_table(found))
+    for one in found.decisions:
+        print(f"{one.feature}: {one.reason}")
+    for warning in found.warnings:
+        message(f"warning: {warning}")

@@ -1,0 +1,64 @@
+"""The verb `sweep`: thousands of designs, answered once each."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import click
+
+from probe_design.cli.arguments import print_json
+
+
+@click.command()
+@click.argument("sweep", metavar="SWEEP", type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder for store, log and results.")
+@click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler to run on, such as tcp://host:8786.")
+@click.option("--workers", type=click.IntRange(1, 1024), help="Processes on this computer.  [default: one for each processor]")
+@click.option("--time-limit", metavar="TIME", help="What a design may take, such as '60 s'; a slower one fails.")
+@click.option("--retry-failed", is_flag=True, help="Answer designs anew that failed.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def sweep(
+    sweep: Path, output: Path, scheduler: str | None, workers: int | None, time_limit: str | None, retry_failed: bool,
+    as_json: bool,
+) -> None:  # fmt: skip
+    """Answer every design of SWEEP, a TOML file of variables, and keep each row as soon as it is there.
+
+    Stopped by whatever, the same command goes on where it ended; no row is computed twice. A design that is refused or fails
+    is a row too, with the reason.
+    """
+    from probe_design.sweeps.file import read_sweep
+    from probe_design.sweeps.file import time_limit as checked_time
+    from probe_design.sweeps.progress import shown
+    from probe_design.sweeps.run import sweep as run
+    from probe_design.terminal.console import message
+
+    asked = read_sweep(sweep)
+    if time_limit is not None:
+        asked = replace(asked, time_limit=checked_time(time_limit))
+    with shown() as progress:
+        found = run(asked, output, scheduler, workers, progress, retry_failed)
+    files = _files(output)
+    if as_json:
+        print_json(found.as_dict() | {"files": [str(file) for file in files]})
+        return
+    print(
+        f"{found.designs} designs: {found.ok} ok, {found.refused} refused, {found.failed} failed; {found.answered} answered now"
+    )
+    message(f"wrote {', '.join(file.name for file in files)} to {output}")
+
+
+def _files(folder: Path) -> list[Path]:
+    """Write what can be written with the libraries that are installed."""
+    from geometry.common.errors import MissingLibrary
+    from probe_design.sweeps.results import to_csv, to_parquet
+    from probe_design.sweeps.summary_page import write_page
+    from probe_design.terminal.console import message
+
+    files = [to_csv(folder, folder / "results.csv")]
+    for write, name in ((to_parquet, "results.parquet"), (write_page, "summary.html")):
+        try:
+            files.append(write(folder, folder / name))
+        except MissingLibrary as missing:
+            message(f"without {name}: {missing}")
+    return files

@@ -1,0 +1,67 @@
+"""The verb `tradeoff`: what each level costs on the user's own scenes, and how wrong it is there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from probe_design.cli.arguments import print_json
+
+if TYPE_CHECKING:
+    from geometry.scenes.scene import Scene
+
+
+@click.command()
+@click.argument("scenes", metavar="[SCENE]...", nargs=-1, type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder for table, plot and JSON file.")
+@click.option("--solid", is_flag=True, help="Ask the three-dimensional level too: minutes for each scene.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def tradeoff(scenes: tuple[Path, ...], output: Path, solid: bool, as_json: bool) -> None:
+    """Say what accuracy costs on your scenes: every evaluator and setting, timed, stated error against true one.
+
+    True errors are differences from the finest answer of any level that converges, which has a stated error of its own. Allow
+    half a minute a scene. Without SCENE, five built-in ones: the paper's probe without its groove, and another over
+    a tumour on its axis, off its axis, shallow and soft.
+
+    \b
+    probe-design tradeoff -o out
+    probe-design tradeoff mine.toml other.toml -o out --json
+    """  # noqa: D301
+    from geometry.common.files import check_writable
+    from probe_design.terminal.console import message, show, stages
+    from probe_design.tradeoffs.files import write_all
+    from probe_design.tradeoffs.study import tradeoff as run
+    from probe_design.tradeoffs.tables import choice_table, summary_table
+
+    named = _named(scenes)
+    check_writable(output)  # what would fail after the work fails before it
+    with stages() as progress:
+        found = run(named, solid, progress)
+    files = write_all(found, output)
+    if as_json:
+        print_json(found.as_dict() | {"files": [str(file) for file in files]})
+    else:
+        show(summary_table(found))
+        show(choice_table(found))
+        message(f"wrote {', '.join(file.name for file in files)} to {output}")
+    for row in found.uncertain:
+        remedy = "" if solid else "; --solid asks the three-dimensional level"
+        message(f"{row.scene}: even the finest answer states an error of {row.stated_error:.2g}{remedy}")
+    for row in found.broken:
+        asked = "" if row.accuracy is None else f" at {row.accuracy:g}"
+        why = f"states an error of {row.stated_error:.2g}, which is {row.true_error_least:.2g} at least: a defect of the program"
+        message(f"warning: {row.scene}: {row.evaluator}{asked} {why}")
+
+
+def _named(paths: Sequence[Path]) -> dict[str, Scene]:
+    """Scenes by the names of their files, or by all of their paths where two files have one name."""
+    from geometry.scenes.scene_file import read_scene
+    from probe_design.data.builtin import typical_scenes
+
+    if not paths:
+        return typical_scenes()
+    stems = [path.stem for path in paths]
+    return {path.stem if stems.count(path.stem) == 1 else str(path): read_scene(path) for path in paths}

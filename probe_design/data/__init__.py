@@ -1,0 +1,1 @@
+"""Package data, built-in scenes, bench and report template, and what reads them."""

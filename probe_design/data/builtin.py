@@ -1,0 +1,38 @@
+"""Built-in scenes: the paper's numbers where it gives any, marked assumptions where it does not; and a typical few."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_file import scene_from_toml
+
+TYPICAL: dict[str, dict[str, float]] = {  # what of the tumour of typical.toml is changed
+    "on-axis": {},
+    "off-axis": {"x": 6e-3},  # half under the probe
+    "shallow": {"depth": 5e-3},  # covered by an eighth of its diameter
+    "soft": {"youngs_modulus": 600.0},  # a tenth of the tissue: a cyst
+}
+
+
+def builtin_text() -> str:
+    """Return the built-in scene file, with the origin of every number."""
+    return _text("builtin.toml")
+
+
+def builtin_scene() -> Scene:
+    """Return the built-in scene."""
+    return scene_from_toml(builtin_text(), "builtin.toml")
+
+
+def typical_scenes() -> dict[str, Scene]:
+    """Return by name the built-in scene without its groove, and a probe over tumours on and off its axis, shallow and soft."""
+    paper, scene = builtin_scene(), scene_from_toml(_text("typical.toml"), "typical.toml")
+    scenes = {"paper-without-groove": paper.model_copy(update={"probe": paper.probe.model_copy(update={"groove": None})})}
+    for name, update in TYPICAL.items():
+        scenes[name] = scene.model_copy(update={"inclusion": (scene.inclusion[0].model_copy(update=update),)})
+    return scenes
+
+
+def _text(name: str) -> str:
+    return files("probe_design.data").joinpath(name).read_text(encoding="utf-8")

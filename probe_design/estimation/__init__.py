@@ -1,0 +1,1 @@
+"""``estimate``: from readings to modulus, size, depth with intervals."""

@@ -1,0 +1,239 @@
+"""What a scan tells: how deep the target lies and how strong it is.
+
+From readings at several places depth and strength S, eq. (S1), are fitted together; with chi2(depth, S) of eq. (L1),
+
+    {(depth, S) : chi2 - least chi2 <= q}                                                          (S2)
+
+and its shadows on both axes are the intervals of depth and strength by profile likelihood, with q as in ``likelihood.py`` but t
+of eq. (L3) the root of sum_i (b_i / s_i)^2, which bounds a shift in any direction. The strength is varied by what the scene
+leaves open: E_object at the scene's diameter, or the diameter at the scene's E_object.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import map_coordinates
+
+from geometry.meridian.grading import Floats
+from probe_design.estimation.interpolation import hermite, lagrange, parabola, place
+from probe_design.estimation.intervals import QUANTILE, threshold
+from probe_design.estimation.model import Model, Predicted
+from probe_design.estimation.strength import DepthAndStrength, strength
+from solver.axisymmetric.dofs import Bools
+
+DEPTHS, SIZES = 40, 48  # nodes
+FINE = 121  # points along each axis of a window
+WINDOWS = 5  # each no wider than what is left of the one before
+MOST_CONTRAST = 1e4  # beyond it nothing changes
+UNSURE = 0.3  # of what reflections change: they need not grow with the square of the strength
+SLOPES = {"youngs_modulus": "by_modulus", "diameter": "by_diameter"}
+
+
+@dataclass(frozen=True)
+class Plane:
+    """Predictions for targets of many depths and strengths.
+
+    Attributes:
+        model: see ``Model``.
+        partner: youngs_modulus or diameter, by which the strength is varied.
+        u: ln depth, shape (a,).
+        v: ln modulus, or ln of the diameter over the largest that fits at each depth, shape (b,).
+        predicted: shapes (a b, ...).
+        slope: of its values by v, shape (a b, k).
+    """
+
+    model: Model
+    partner: str
+    u: Floats
+    v: Floats
+    predicted: Predicted
+    slope: Floats
+
+    @classmethod
+    def of(cls, model: Model, partner: str) -> Plane:
+        """Predict."""
+        top, bottom = np.log(model.span("depth"))
+        u = np.linspace(top, bottom, DEPTHS)
+        if partner == "youngs_modulus":
+            low, high = model.span(partner)
+            v = np.linspace(np.log(low), np.log(min(high, MOST_CONTRAST * model.scene.tissue.youngs_modulus)), SIZES)
+        else:
+            v = np.linspace(np.log(1 / 50), 0.0, SIZES)
+        depth, size = (part.ravel() for part in np.meshgrid(np.exp(u), v, indexing="ij"))
+        found = np.exp(size) * (model.room(depth) if partner == "diameter" else 1.0)
+        predicted = model.predict({"depth": depth, partner: found}, reflect=False, by_diameter=partner == "diameter")
+        return cls(model, partner, u, v, predicted, getattr(predicted, SLOPES[partner]))
+
+    def with_reflections(self, y: Floats) -> Plane:
+        """Add to these first-order predictions what reflections change, in a window of depths about the fit to y of shape (k,).
+
+        They are computed at three depths, at the strength that fits, and grow with its square:
+        ln m = ln m_first + D(u) (S / S_fit)^2, D a parabola through the three; 30 % of it counts as error.
+        """
+        rough = self.fit(y, exact=True)
+        if rough is None or rough.strength == 0:
+            return self
+        here = self._both(np.log([rough.depth]), rough)
+        if here is None:
+            return self
+        spoiled = np.linalg.norm((here[1].bound[0] + UNSURE * np.abs(here[1].value - here[0].value)[0]) / self.model.data.noise)
+        u = self._window_of(rough, 2.5 * float(np.sqrt(threshold(np.asarray(spoiled)) / QUANTILE)))
+        both = self._both(u, rough)
+        return self if both is None else self._moved(u, rough, *both)
+
+    def _moved(self, u: Floats, rough: DepthAndStrength, first: Predicted, better: Predicted) -> Plane:
+        """Return the plane with the change from first-order to better predictions at three depths added between them."""
+        flat = self.predicted.value.shape
+        share = self.strengths(self.u, self.v) / rough.strength
+        change = (parabola(u, self.u) @ (better.value - first.value))[:, None]  # (a, 1, k)
+        more = change * np.minimum(share**2, 4.0)[..., None]
+        steeper = change * np.where(share**2 < 4.0, 2 * share * self._strength_slope() / rough.strength, 0.0)[..., None]
+        bound = np.stack([np.interp(self.u, u, row) for row in better.bound.T], axis=-1)[:, None] + UNSURE * np.abs(more)
+        inside = np.repeat((self.u > u[0] - 1e-9) & (self.u < u[-1] + 1e-9), len(self.v))
+        of = self.predicted
+        of = replace(of, value=of.value + more.reshape(flat), bound=bound.reshape(flat), told=of.told & inside)
+        return replace(self, predicted=of, slope=self.slope + steeper.reshape(flat))
+
+    def _window_of(self, rough: DepthAndStrength, wider: float) -> Floats:
+        """Three depths (ln): ``wider`` times as far as the interval reaches, where the model can tell, and the fit between."""
+        middle = float(np.log(rough.depth))
+        told = self.u[self.predicted.usable.reshape(len(self.u), -1)[:, int(np.argmin(np.abs(self.v - self._place_of(rough))))]]
+        low, high = (
+            edge if end is None else float(np.clip(middle + wider * (np.log(end) - middle) + spare, told[0], told[-1]))
+            for end, edge, spare in zip(rough.depth_interval, (told[0], told[-1]), (-0.05, 0.05), strict=True)
+        )
+        return np.array([low, min(max(middle, low + 0.02), high - 0.02), high])
+
+    def _place_of(self, rough: DepthAndStrength) -> float:
+        """Return v of a fit."""
+        if self.partner == "youngs_modulus":
+            return float(np.log(rough.modulus))
+        return float(np.log(rough.diameter / self.model.room(np.array([rough.depth]))[0]))
+
+    def _both(self, u: Floats, rough: DepthAndStrength) -> tuple[Predicted, Predicted] | None:
+        """Predict to first order and with reflections the strength that fits at some depths (ln), where both can be told."""
+        depths = np.exp(u)
+        fitted = np.full(len(u), rough.modulus if self.partner == "youngs_modulus" else rough.diameter)
+        if self.partner == "diameter":
+            fitted = np.minimum(fitted, self.model.room(depths))
+        target = {"depth": depths, self.partner: fitted}
+        first, better = (self.model.predict(target, reflect=reflect) for reflect in (False, True))
+        return (first, better) if (first.usable & better.usable).all() else None
+
+    def _strength_slope(self) -> Floats:
+        """Return d S / d v at the nodes, shape (a, b)."""
+        if self.partner == "diameter":
+            return 3 * self.strengths(self.u, self.v)
+        step = 1e-5
+        return (self.strengths(self.u, self.v + step) - self.strengths(self.u, self.v - step)) / (2 * step)
+
+    def strengths(self, u: Floats, v: Floats) -> Floats:
+        """Eq. (S1) at all pairs of u, (m,), and v, (n,), shape (m, n)."""
+        if self.partner == "youngs_modulus":
+            row = strength(self.model.scene.tissue, self.model.target, modulus=np.exp(v))
+            return np.broadcast_to(row, (len(u), len(v)))
+        sizes = np.outer(self.model.room(np.exp(u)), np.exp(v))
+        return strength(self.model.scene.tissue, self.model.target, diameter=sizes)
+
+    def values(self, u: Floats, v: Floats) -> tuple[Floats, Bools]:
+        """Return predictions, (m, n, k), and whether the model cannot tell them, (m, n), at all pairs of u and v."""
+        shape, of = (len(self.u), len(self.v), -1), self.predicted
+        along = lagrange(self.u, u)
+        whole, half = hermite(self.v, v)
+        value = np.einsum("ma,nb,abk->mnk", along, whole, of.value.reshape(shape), optimize=True)
+        value += np.einsum("ma,nb,abk->mnk", along, half, self.slope.reshape(shape), optimize=True)
+        bad = ~of.usable.reshape(shape[:2])
+        return value, np.asarray(np.abs(along) @ bad @ (np.abs(whole) + np.abs(half)).T > 0)
+
+    def misfit(self, y: Floats, u: Floats, v: Floats, exact: bool = False) -> tuple[Floats, Floats]:
+        """Return eq. (L1), inf where the model cannot tell, and q of eq. (L2), both of shape (m, n), at all pairs of u and v."""
+        value, unknown = self.values(u, v)
+        shape, of, noise = (len(self.u), len(self.v)), self.predicted, self.model.data.noise
+        chi2 = np.where(unknown, np.inf, (((y - value) / noise) ** 2).sum(axis=-1))
+        if exact:
+            return chi2, threshold(np.zeros_like(chi2))
+        shift = np.sqrt(((of.bound / noise) ** 2).sum(axis=1)).reshape(shape)
+        at = np.meshgrid(place(self.u, u), place(self.v, v), indexing="ij")
+        return chi2, threshold(map_coordinates(shift, at, order=1, mode="nearest"))
+
+    def fit(self, y: Floats, exact: bool = False) -> DepthAndStrength | None:
+        """Return eq. (S2) and its shadows for measured values of shape (k,); None where the model can tell no pair.
+
+        Args:
+            y: in the order of ``Data``.
+            exact: whether to take the model as without error.
+        """
+        u, v, least, best = self._best(y)
+        if not np.isfinite(least):
+            return None
+        for _ in range(WINDOWS):
+            chi2, q = self.misfit(y, u, v, exact)
+            inside = chi2 - least <= q
+            i, j = int(np.argmin(np.abs(u - best[0]))), int(np.argmin(np.abs(v - best[1])))
+            inside[i, j] = True
+            (top, bottom), (left, right) = _ends(np.asarray(inside.any(axis=1))), _ends(np.asarray(inside.any(axis=0)))
+            if (bottom - top) > 0.8 * FINE and (right - left) > 0.8 * FINE:
+                break
+            last = u, v, chi2, inside
+            u = _window(u, top, bottom)
+            v = _window(v, left, right)
+        else:
+            u, v, chi2, inside = last
+        return self._told(u, v, chi2, inside, best)
+
+    def _best(self, y: Floats) -> tuple[Floats, Floats, float, tuple[float, float]]:
+        """Return the first window, all there is, with the least chi-square and where it lies."""
+        whole = u, v = np.linspace(self.u[0], self.u[-1], FINE), np.linspace(self.v[0], self.v[-1], FINE)
+        for _ in range(12):
+            chi2, _q = self.misfit(y, u, v, exact=True)
+            i, j = np.unravel_index(int(np.argmin(chi2)), chi2.shape)
+            best, least = (float(u[i]), float(v[j])), float(chi2[i, j])
+            u, v = _window(u, int(i) - 8, int(i) + 8), _window(v, int(j) - 8, int(j) + 8)
+        return *whole, least, best
+
+    def _told(self, u: Floats, v: Floats, chi2: Floats, inside: Bools, best: tuple[float, float]) -> DepthAndStrength:
+        dark = np.pad(~np.isfinite(chi2), 1)  # pairs that the model cannot tell
+        near_dark = inside & (dark[:-2, 1:-1] | dark[2:, 1:-1] | dark[1:-1, :-2] | dark[1:-1, 2:])
+        rows, strengths = np.exp(u), self.strengths(u, v)
+        shallow = bool(inside[0].any() and u[0] <= self.u[0]) or _reached(
+            np.asarray(near_dark.any(axis=1)), np.asarray(inside.any(axis=1)), rows, np.min
+        )
+        deep = bool(inside[-1].any() and u[-1] >= self.u[-1]) or _reached(
+            np.asarray(near_dark.any(axis=1)), np.asarray(inside.any(axis=1)), rows, np.max
+        )
+        full = self.partner == "diameter" and bool(inside[:, -1].any() and v[-1] >= self.v[-1])  # no larger one fits
+        weak, strong = (_reached(near_dark, inside, strengths, end) for end in (np.min, np.max))
+        positive = float(strength(self.model.scene.tissue, self.model.target)) > 0
+        told = strengths[inside]
+        found = rows[inside.any(axis=1)]
+        here = float(self.strengths(np.array([best[0]]), np.array([best[1]]))[0, 0])
+        low = None if weak or (full and not positive) else float(min(told.min(), here))
+        high = None if strong or (full and positive) else float(max(told.max(), here))
+        depth = float(np.exp(best[0]))
+        ends = None if shallow else float(min(found.min(), depth)), None if deep else float(max(found.max(), depth))
+        modulus = float(np.exp(best[1])) if self.partner == "youngs_modulus" else self.model.target.youngs_modulus
+        size = float(self.model.target.diameter or 0.0)
+        if self.partner == "diameter":
+            size = float(np.exp(best[1]) * self.model.room(np.array([depth]))[0])
+        return DepthAndStrength(depth, ends, here, (low, high), modulus, size)
+
+
+def _reached(near_dark: Bools, inside: Bools, values: Floats, end: Callable[[Floats], Floats]) -> bool:
+    """Whether the least or largest value inside is found where the model can tell no more."""
+    if not near_dark.any():
+        return False
+    edge = end(values[inside])
+    return bool(np.isclose(end(values[near_dark]), edge, rtol=1e-9, atol=0))
+
+
+def _ends(row: Bools) -> tuple[int, int]:
+    found = np.flatnonzero(row)
+    return int(found[0]), int(found[-1])
+
+
+def _window(points: Floats, low: int, high: int) -> Floats:
+    """Points from one before the first to one after the last."""
+    return np.linspace(points[max(low - 1, 0)], points[min(high + 1, len(points) - 1)], FINE)

@@ -1,0 +1,178 @@
+"""Which values of one unknown a set of readings leaves: intervals by inversion of a test.
+
+k measured logarithms y_i are the model's m_i(u), u a coordinate of the unknown (eq. (T1)), with independent normal noise of
+standard deviation s_i:
+
+    chi2(u) = sum_i ((y_i - m_i(u)) / s_i)^2                                                       (L1)
+    {u : chi2(u) - floor <= q},   q = 3.841, the 95 % quantile of chi-square with one degree        (L2)
+
+With one datum floor = 0, so that eq. (L2) is the exact inversion |y - m(u)| <= 1.96 s: it covers the truth in 95 % of all cases
+whatever m is, is open where m saturates, and empty where nothing explains the reading. With several, floor is the least chi2 of
+the curve m(u) *prolonged beyond its ends along its tangents*. It is Wilks' profile likelihood (Ann. Math. Statist. 9 (1938) 60)
+where the best fit is inside; at an end, such as a body stiffer than can be told, the curve's own minimum would cover 97.5 %
+instead of 95.
+
+The model's error. Let b_i bound the error of m_i. With g the unit tangent of m / s it shifts the root of eq. (L2)'s
+statistic by at most
+
+    t = sum_i |g_i| b_i / s_i                                                                      (L3)
+
+Up to t = 1/3 the worst such shift leaves a coverage of 93.7 %, and q stays: an interval wider by a bound that is hardly ever
+reached would cover too much. Beyond, q becomes the square of the 95 % quantile of |N(t, 1)|, the shortest interval that covers
+95 % under every error within the bounds (Armstrong and Kolesar, Econometrica 86 (2018) 655): 1.96 at t = 0, t + 1.645 for large
+t. The fit as a whole is judged likewise, by the noncentral chi-square of k - 1 degrees and noncentrality sum_i (b_i / s_i)^2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.stats import chi2, ncx2, norm
+
+from geometry.meridian.grading import Floats
+from probe_design.estimation.profile import Track
+
+LEVEL = 0.95
+QUANTILE = float(chi2.ppf(LEVEL, 1))
+TOLERATED = 1 / 3  # eq. (L3) below which the model's error is left out of the interval
+STEPS = 6  # of Gauss and Newton
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Values of the unknown, SI, that the readings leave; an end is open where the search ended before the readings did."""
+
+    low: float
+    high: float
+    low_open: bool = False
+    high_open: bool = False
+
+
+@dataclass(frozen=True)
+class Likelihood:
+    """Predictions along one unknown beside the noise of what is measured.
+
+    Attributes:
+        track: with at least one run that the model can tell.
+        noise: shape (k,).
+    """
+
+    track: Track
+    noise: Floats
+
+    def at(self, u: Floats) -> tuple[Floats, Floats]:
+        """Return predictions and their derivatives by u, over the noise, at u of shape (s,): two of shape (s, k)."""
+        value, slope = self.track.at(u)
+        return value / self.noise, slope / self.noise
+
+    @cached_property
+    def _grid(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """The points of all runs, their neighbours below and above in the same run, and the predictions there."""
+        runs = self.track.runs
+        below = np.concatenate([run[np.maximum(np.arange(len(run)) - 1, 0)] for run in runs])
+        above = np.concatenate([run[np.minimum(np.arange(len(run)) + 1, len(run) - 1)] for run in runs])
+        points = np.concatenate(runs)
+        return points, below, above, self.at(points)[0]
+
+    def chi_square(self, u: Floats, y: Floats) -> Floats:
+        """Eq. (L1) at u of shape (s,) for measured values of shape (k,) or (s, k)."""
+        return np.asarray(((y / self.noise - self.at(u)[0]) ** 2).sum(axis=-1))
+
+    def best(self, y: Floats) -> tuple[Floats, Floats]:
+        """Return for each of s sets of measured values, (s, k), the u that fits best and its chi-square, both (s,)."""
+        points, below, above, values = self._grid
+        w = y / self.noise
+        start = np.array([np.argmin(((one - values) ** 2).sum(axis=1)) for one in w])
+        u = best = points[start]
+        least = self.chi_square(u, y)
+        for _ in range(STEPS):
+            value, slope = self.at(u)
+            size = (slope**2).sum(axis=1)
+            u = np.clip(u + ((w - value) * slope).sum(axis=1) / np.where(size > 0, size, 1.0), below[start], above[start])
+            now = self.chi_square(u, y)
+            best, least = np.where(now < least, u, best), np.minimum(now, least)
+        return best, least
+
+    def floor(self, y: Floats) -> Floats:
+        """Return the floor of eq. (L2) for s sets of measured values, (s, k), shape (s,)."""
+        if y.shape[1] == 1:
+            return np.zeros(len(y))
+        least = self.best(y)[1]
+        for run in self.track.runs:
+            for end, outwards in ((run[0], -1.0), (run[-1], 1.0)):
+                value, slope = (part[0] for part in self.at(np.array([end])))
+                size = np.linalg.norm(slope)
+                if size > 0:
+                    off = y / self.noise - value
+                    along = np.maximum(off @ slope * (outwards / size), 0.0)
+                    least = np.minimum(least, (off**2).sum(axis=1) - along**2)
+        return least
+
+    def shift(self, u: Floats) -> Floats:
+        """Eq. (L3) at u of shape (s,)."""
+        relative = self.track.predicted.bound / self.noise
+        tangent = np.abs(self.track.slope / self.noise)
+        size = np.linalg.norm(tangent, axis=1)
+        t = (tangent * relative).sum(axis=1) / np.where(size > 0, size, 1.0)
+        return np.asarray(np.interp(u, self.track.x, np.where(size > 0, t, np.linalg.norm(relative, axis=1))))
+
+    def spoiled(self, u: float) -> float:
+        """Return the root of the noncentrality of the misfit at u that the model's error may cause."""
+        return float(np.interp(u, self.track.x, np.linalg.norm(self.track.predicted.bound / self.noise, axis=1)))
+
+    def pieces(self, y: Floats) -> list[Piece]:
+        """Return the set of eq. (L2) for measured values of shape (k,)."""
+        floor, best = float(self.floor(y[None])[0]), float(self.best(y[None])[0][0])
+
+        def beyond(u: Floats) -> Floats:
+            return self.chi_square(u, y) - floor - threshold(self.shift(u))
+
+        found = []
+        for run in self.track.runs:
+            points = _with_valleys(run, best, beyond)
+            inside = beyond(points) <= 0
+            edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(int)))
+            last = len(points) - 1
+            for first, end in zip(edges[::2], edges[1::2] - 1, strict=True):
+                low = _crossing(beyond, points[first - 1], points[first]) if first > 0 else points[0]
+                high = _crossing(beyond, points[end + 1], points[end]) if end < last else points[-1]
+                ends = self.track.values(np.array([low, high]))
+                found.append(Piece(float(ends[0]), float(ends[1]), bool(first == 0), bool(end == last)))
+        return found
+
+
+def threshold(shift: Floats) -> Floats:
+    """Return q of eq. (L2) where the model's error is at most eq. (L3)."""
+    t = np.asarray(shift, dtype=float)
+    c = np.where(t > 4, t + norm.ppf(LEVEL), np.sqrt(ncx2.ppf(LEVEL, 1, np.clip(t, TOLERATED / 10, 4) ** 2)))
+    return np.asarray(np.where(t > TOLERATED, c**2, QUANTILE))
+
+
+def p_value(least: float, data: int, shift: float) -> float:
+    """Return how probable a chi-square of the best fit above ``least`` is, with so many data and a shift as ``spoiled`` says."""
+    degrees = max(data - 1, 1)
+    if shift > 30:  # nothing is beyond such a model
+        return 1.0
+    return float(ncx2.sf(least, degrees, shift**2) if shift > 1e-6 else chi2.sf(least, degrees))
+
+
+def _with_valleys(run: Floats, best: float, beyond: Callable[[Floats], Floats]) -> Floats:
+    """Add the best fit and the bottoms of other valleys, which may be narrower than the steps of the run."""
+    values = beyond(run)
+    middle = np.flatnonzero((values[1:-1] <= values[:-2]) & (values[1:-1] <= values[2:]) & (values[1:-1] > 0)) + 1
+    bottoms = [best] if run[0] <= best <= run[-1] else []
+    for index in middle:
+        fine = np.linspace(run[index - 1], run[index + 1], 401)
+        bottoms.append(float(fine[np.argmin(beyond(fine))]))
+    return np.unique(np.concatenate([run, bottoms]))
+
+
+def _crossing(beyond: Callable[[Floats], Floats], outside: float, inside: float) -> float:
+    def scalar(u: float) -> float:
+        return float(beyond(np.array([u]))[0])
+
+    return float(brentq(scalar, outside, inside, xtol=1e-12)) if scalar(inside) < 0 else inside

@@ -1,0 +1,214 @@
+"""What the model says that the probe would have read, for many bodies in the target's place at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+
+import numpy as np
+
+from geometry.common.errors import InputError, Refusal, Words
+from geometry.meridian.grading import Floats
+from geometry.scenes.probe import MODULUS, mm
+from geometry.scenes.scene import Inclusion, Placement, Scene
+from probe_design.estimation.readings import Data
+from probe_design.maps.target_grid import check_spheres
+from solver.axisymmetric.dofs import Bools, Ints
+from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
+from solver.equivalent_inclusion.readings import Readings, readings
+from solver.inclusions.tumours import Tumours
+
+CLEAR = 0.995  # of the room that a body may fill: what touches the surface has no model
+WORST = 0.3  # bound on the error of ln ratio beyond which the model is none: such bodies are not searched
+DEEP = 20.0  # tube radii, or the scene's depth: how deep a body is searched for where the tissue has no bottom
+NEGLIGIBLE = 0.1  # of the accuracy: reflections that change less are left out
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """Predictions for n bodies.
+
+    Attributes:
+        value: ln |ratio| or ln stiffness, in the order of ``Data``, shape (n, k); 0 where ``told`` is false.
+        by_modulus: derivatives of ``value`` by ln E_object, shape (n, k).
+        by_diameter: by ln diameter, 0 unless asked for, shape (n, k).
+        bound: on the model's error of ``value``, shape (n, k).
+        told: whether the model can say all of them to within ``WORST``, shape (n,).
+        agrees: whether all ratios have the sign that was measured, shape (n,).
+    """
+
+    value: Floats
+    by_modulus: Floats
+    by_diameter: Floats
+    bound: Floats
+    told: Bools
+    agrees: Bools
+
+    @property
+    def usable(self) -> Bools:
+        """Whether both hold, shape (n,)."""
+        return self.told & self.agrees
+
+
+@dataclass(frozen=True)
+class Model:
+    """A scene whose target is to be exchanged for others.
+
+    Attributes:
+        scene: with a target.
+        data: what was measured, and where.
+        accuracy: asked of the evaluator.
+    """
+
+    scene: Scene
+    data: Data
+    accuracy: float
+
+    @property
+    def target(self) -> Inclusion:
+        """The inclusion that is asked about."""
+        assert self.scene.target is not None  # see check_kind
+        return self.scene.inclusion[self.scene.target]
+
+    @property
+    def others(self) -> list[Inclusion]:
+        """The inclusions beside the target."""
+        return [body for index, body in enumerate(self.scene.inclusion) if index != self.scene.target]
+
+    @cached_property
+    def base(self) -> Undisturbed:
+        """The probe on tissue without tumours; its bounds are those of the place farthest from the tissue's middle."""
+        far = np.abs(self.data.places).max(axis=0)
+        if self.scene.tissue.shape == "cylinder":
+            far = np.array([np.hypot(*self.data.places.T).max(), 0.0])
+        scene = self.scene.model_copy(update={"placement": Placement(x=float(far[0]), y=float(far[1]))})
+        return EquivalentInclusion().prepared(scene, self.accuracy)
+
+    @property
+    def stiffness_error(self) -> float:
+        """Bound on the relative error of the stiffness without tumours."""
+        return self.base.films.stiffness_error
+
+    def room(self, depth: Floats) -> Floats:
+        """Return the largest diameter that a body in the target's place may have at depths of shape (n,), m."""
+        at, tissue = self.target, self.scene.tissue
+        free = np.asarray(depth, dtype=float)
+        if tissue.shape == "cylinder":
+            free = np.minimum(free, tissue.radius - np.hypot(at.x, at.y))
+        elif tissue.shape == "block":
+            free = np.minimum(free, min(tissue.length / 2 - abs(at.x), tissue.breadth / 2 - abs(at.y)))
+        if tissue.shape != "half-space":
+            free = np.minimum(free, tissue.depth - depth)
+        for other in self.others:
+            apart = np.sqrt((other.x - at.x) ** 2 + (other.y - at.y) ** 2 + (other.depth - depth) ** 2)
+            free = np.minimum(free, apart - (other.diameter or 0.0) / 2)
+        return np.asarray(2 * free * CLEAR)
+
+    def span(self, unknown: str) -> tuple[float, float]:
+        """Return the least and the largest value of the unknown that are searched.
+
+        Moduli from 1e-3 to 1e6 times the tissue's; diameters from 1/100 of the largest that fits; depths between which the
+        target fits, without passing through another inclusion.
+
+        Raises:
+            Refusal: the target fits at one depth only.
+        """
+        body, tissue = self.target, self.scene.tissue
+        if unknown == "youngs_modulus":
+            return max(1e-3 * tissue.youngs_modulus, MODULUS.low), min(1e6 * tissue.youngs_modulus, MODULUS.high)
+        if unknown == "diameter":
+            most = float(self.room(np.array([body.depth]))[0])
+            return most / 100, most
+        deepest = tissue.depth if tissue.shape != "half-space" else DEEP * max(self.scene.probe.tube_radius, body.depth)
+        depths = np.linspace(0.0, deepest, 20_001)
+        fits = np.append(self.room(depths) >= (body.diameter or 0.0), False)
+        if not fits.any():
+            raise Refusal("inclusion.diameter", mm(body.diameter or 0.0), "a target with room above and below for another depth")
+        here = int(np.argmin(np.where(fits[:-1], np.abs(depths - body.depth), np.inf)))
+        low, high = here - int(np.argmin(fits[here::-1])) + 1, here + int(np.argmin(fits[here:])) - 1
+        return float(depths[low]), float(depths[high])
+
+    def predict(self, target: dict[str, Floats], reflect: bool | None = None, by_diameter: bool = False) -> Predicted:
+        """Predict what is read over n bodies in the target's place.
+
+        Args:
+            target: youngs_modulus, diameter, depth of shape (n,); those left out are the scene's.
+            reflect: whether what surface and blocks send back is modelled for all, or none; left out: where it matters.
+            by_diameter: whether the derivative by the diameter is found too.
+        """
+        n = len(next(iter(target.values())))
+        shape = (n, len(self.data.value))
+        value, by_modulus, by_size, bound = (np.zeros(shape) for _ in range(4))
+        out = Predicted(value, by_modulus, by_size, bound, np.ones(n, dtype=bool), np.ones(n, dtype=bool))
+        seen, alike = self._alike
+        found = self._readings(self._tumours(seen, n, target), reflect, by_diameter)
+        for k, place in enumerate(alike[self.data.place]):
+            rows = slice(int(place), None, len(seen))
+            _fill(out, k, found, rows, bool(self.data.is_stiffness[k]), self.data.sign[k])
+        return out
+
+    @cached_property
+    def _alike(self) -> tuple[Floats, Ints]:
+        """Places from which all is seen, (q, 2), and which of them stands for each place: one body looks the same all round."""
+        places = self.data.places
+        if len(self.scene.inclusion) > 1:
+            return places, np.arange(len(places))
+        offset = np.round(np.hypot(*(places - [self.target.x, self.target.y]).T), 10)
+        _, first, alike = np.unique(offset, return_index=True, return_inverse=True)
+        return places[first], alike
+
+    def _readings(self, tumours: Tumours, reflect: bool | None, by_diameter: bool) -> Readings:
+        """First-order readings, with reflections where they may matter: no two neighbours then differ by how they were found."""
+        scene = self.scene
+        found = readings(self.base, tumours, scene.target or 0, by_diameter, reflect=False)
+        wanted = np.full(len(tumours.x), bool(reflect))
+        if reflect is None:
+            wanted = found.first_share - self.base.films.bound.log_ratio > NEGLIGIBLE * self.accuracy
+        if wanted.any():
+            better = readings(self.base, tumours.of_index(wanted), scene.target or 0, by_diameter, reflect=True)
+            for field in fields(found):
+                if field.name not in ("areas", "by"):
+                    getattr(found, field.name)[wanted] = getattr(better, field.name)
+            for key, values in found.by.items():
+                values[wanted] = better.by[key]
+        return found
+
+    def _tumours(self, places: Floats, n: int, target: dict[str, Floats]) -> Tumours:
+        """Return the inclusions of the scene with n targets as seen from some places, shape (n times places, inclusions)."""
+        keys = ("x", "y", "depth", "diameter", "youngs_modulus", "poisson_ratio")
+        table = {key: np.array([[[getattr(body, key) for body in self.scene.inclusion]]], dtype=float) for key in keys}
+        table = {key: np.tile(value, (n, len(places), 1)) for key, value in table.items()}
+        for axis, key in enumerate("xy"):
+            table[key] -= places[None, :, axis, None]
+        for key, values in target.items():
+            table[key][:, :, self.scene.target] = values[:, None]
+        return Tumours(*(table[key].reshape(n * len(places), -1) for key in keys))
+
+
+def _fill(out: Predicted, k: int, found: Readings, rows: slice, is_stiffness: bool, sign: float) -> None:
+    slopes = found.log_stiffness_by if is_stiffness else found.log_ratio_by
+    out.by_modulus[:, k] = slopes("youngs_modulus")[rows]
+    if "diameter" in found.by:
+        out.by_diameter[:, k] = slopes("diameter")[rows]
+    if is_stiffness:
+        out.value[:, k] = np.log(found.stiffness)[rows]
+        out.bound[:, k] = (found.bound.sum(axis=1) / found.stiffness)[rows]
+        return
+    told, ratio = (found.log_ratio_bound <= WORST)[rows], found.ratio[rows]
+    out.value[:, k] = np.log(np.abs(np.where(told, ratio, 1.0)))
+    out.bound[:, k] = np.where(told, found.log_ratio_bound[rows], 0.0)
+    out.told[:] &= told
+    out.agrees[:] &= np.where(told, np.sign(ratio) == sign, True)
+
+
+def check_kind(scene: Scene) -> None:
+    """Raise ``Refusal`` or ``InputError`` where a scene is of a kind that cannot be estimated."""
+    if not scene.inclusion:
+        raise InputError("inclusion", Words("none"), "at least one inclusion, about which something is to be estimated")
+    if scene.target is None:
+        raise InputError("inclusion.target", Words("none of several"), "target = true in the inclusion that is asked about")
+    why = EquivalentInclusion().refusal(scene)
+    if why is not None:
+        raise Refusal("evaluator", EquivalentInclusion().name, why)
+    check_spheres(scene, "estimate")

@@ -1,0 +1,132 @@
+"""Predictions along one unknown as smooth functions of it, from few bodies.
+
+Between nodes stand Hermite's cubics in a coordinate x(unknown) in which the film forces are nearly polynomials:
+
+    youngs_modulus   x = -1 / (1 + beta (c - 1)),  c = E_object / E_tissue, beta as in eq. (S1) of ``strength.py``
+    diameter         x = diameter over the largest that fits
+    depth            x = ln depth                                                                     (T1)
+
+In the first the strength of a sphere is linear, and stiffer and stiffer bodies crowd at x = 0. Slopes are the evaluator's own by
+E_object, else those of a cubic spline through the values.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from geometry.meridian.grading import Floats
+from probe_design.estimation.model import Model, Predicted
+from probe_design.estimation.strength import share_of_shear
+from solver.axisymmetric.dofs import Bools, Ints
+
+SOFT = (0.01, 0.04, 0.1, 0.22, 0.45)  # contrasts of nodes below 1: bulk softens fast there
+STIFF = 5  # nodes from contrast 1 to the largest
+SIZES = (0.01, 0.14, 0.26, 0.36, 0.45, 0.53, 0.6, 0.67, 0.74, 0.8, 0.86, 0.91, 0.96, 1.0)
+DEPTHS = 20
+FINER = 100  # points a step between nodes
+
+
+@dataclass(frozen=True)
+class Track:
+    """Predictions along one unknown.
+
+    Attributes:
+        model: whose target has it.
+        unknown: youngs_modulus, diameter or depth.
+        x: eq. (T1) at the nodes, increasing, shape (n,).
+        predicted: at the nodes.
+        slope: derivatives of ``predicted.value`` by x, shape (n, k).
+    """
+
+    model: Model
+    unknown: str
+    x: Floats
+    predicted: Predicted
+    slope: Floats
+
+    @classmethod
+    def of(cls, model: Model, unknown: str) -> Track:
+        """Predict."""
+        low, high = model.span(unknown)
+        x = _nodes(model, unknown, low, high)
+        values = _back(model, unknown, x)
+        predicted = model.predict({unknown: values})
+        if unknown == "youngs_modulus":
+            return cls(model, unknown, x, predicted, predicted.by_modulus / _by_log_modulus(model, values)[:, None])
+        slope = np.zeros_like(predicted.value)
+        for run in _runs(predicted.usable):
+            if len(run) > 1:
+                slope[run] = CubicSpline(x[run], predicted.value[run])(x[run], 1)
+        return cls(model, unknown, x, predicted, slope)
+
+    def exact(self) -> Track:
+        """Return the same for a model without error."""
+        return replace(self, predicted=replace(self.predicted, bound=np.zeros_like(self.predicted.bound)))
+
+    def values(self, x: Floats) -> Floats:
+        """Return the unknown, SI, at x."""
+        return _back(self.model, self.unknown, np.asarray(x, dtype=float))
+
+    def coordinate(self, values: Floats) -> Floats:
+        """Return x of the unknown, SI."""
+        return _forth(self.model, self.unknown, np.asarray(values, dtype=float))
+
+    def at(self, x: Floats) -> tuple[Floats, Floats]:
+        """Return predictions and their derivatives by x at points of shape (s,): two of shape (s, k)."""
+        cell = np.clip(np.searchsorted(self.x, x, side="right") - 1, 0, len(self.x) - 2)
+        step = (self.x[cell + 1] - self.x[cell])[:, None]
+        t = (x - self.x[cell])[:, None] / step
+        low, high = self.predicted.value[cell], self.predicted.value[cell + 1]
+        left, right = self.slope[cell] * step, self.slope[cell + 1] * step
+        bend, twist = 3 * (high - low) - 2 * left - right, 2 * (low - high) + left + right
+        return low + t * (left + t * (bend + t * twist)), (left + t * (2 * bend + t * 3 * twist)) / step
+
+    @cached_property
+    def runs(self) -> list[Floats]:
+        """Points between the nodes where the model can tell and has the sign of what was measured, in runs without a hole."""
+        share = np.arange(FINER) / FINER
+        cells = self.x[:-1, None] + np.diff(self.x)[:, None] * share
+        return [np.append(cells[run[:-1]].ravel(), self.x[run[-1]]) for run in _runs(self.predicted.usable) if len(run) > 1]
+
+
+def _runs(good: Bools) -> list[Ints]:
+    """Indices of neighbours that are good, run by run."""
+    found = np.flatnonzero(good)
+    return [run for run in np.split(found, np.flatnonzero(np.diff(found) > 1) + 1) if len(run)]
+
+
+def _nodes(model: Model, unknown: str, low: float, high: float) -> Floats:
+    if unknown == "diameter":
+        return np.array(SIZES)
+    ends = _forth(model, unknown, np.array([low, high]))
+    if unknown == "depth":
+        return np.linspace(ends[0], ends[1], DEPTHS)
+    soft = _forth(model, unknown, np.array([c * model.scene.tissue.youngs_modulus for c in SOFT]))
+    stiff = np.linspace(-1.0, ends[1], STIFF)
+    return np.concatenate([ends[:1], soft[soft > ends[0]], stiff])
+
+
+def _beta(model: Model) -> float:
+    return share_of_shear(model.scene.tissue)
+
+
+def _forth(model: Model, unknown: str, values: Floats) -> Floats:
+    if unknown == "youngs_modulus":
+        return np.asarray(-1 / (1 + _beta(model) * (values / model.scene.tissue.youngs_modulus - 1)))
+    return np.log(values) if unknown == "depth" else np.asarray(values / model.span("diameter")[1])
+
+
+def _back(model: Model, unknown: str, x: Floats) -> Floats:
+    if unknown == "youngs_modulus":
+        return np.asarray(model.scene.tissue.youngs_modulus * (1 + (-1 / x - 1) / _beta(model)))
+    return np.exp(x) if unknown == "depth" else np.asarray(x * model.span("diameter")[1])
+
+
+def _by_log_modulus(model: Model, moduli: Floats) -> Floats:
+    """Return d x / d ln E = beta c x^2."""
+    x = _forth(model, "youngs_modulus", moduli)
+    return np.asarray(_beta(model) * moduli / model.scene.tissue.youngs_modulus * x**2)

@@ -1,0 +1,1 @@
+"""``curve``, ``scan``, ``detectability``: many readings of one probe, each beside its picture."""

@@ -1,0 +1,264 @@
+"""Which tumours a probe sees, and of which it tells the stiffness: maps over depth and diameter.
+
+With R the ratio over a tumour, R_0 the ratio without it, S the log-sensitivity to its Young's modulus and g the noise,
+
+    change = R / R_0 - 1                                        seen where |change| >= seen g           (M1)
+    sd     = g / |S|, the standard deviation of ln E_object     told where sd <= told                   (M2)
+
+For one reading, R_0 and everything else in the scene being known. seen = 3 with a threshold half-way, at 1.5 g, calls a tumour
+missed, or a healthy place a tumour, in 6.7 % of all cases each: P(z > 1.5); 3.29 makes it 5 % (Currie, Anal. Chem. 40 (1968)
+586, the limit of detection for a well-known blank). Eq. (M2) is the Cramér-Rao bound, a linearisation: near a saturated ratio
+the interval on the stiff side is wider than it says; `estimate` does without.
+
+A verdict holds whatever the model's error within its bound is: where the bound leaves it open, the tumour is answered once
+more with reflections, and where it stays open there is no verdict (None).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, fields
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from geometry.common.errors import InputError
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Scene
+from probe_design.maps.scan import Progress, check_accuracy
+from probe_design.maps.target_grid import Spheres, check_spheres, target_of
+from solver.axisymmetric.dofs import Bools, Ints
+from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
+from solver.equivalent_inclusion.readings import Readings, readings
+from solver.results.result import Decision
+
+FINEST, COARSEST = 5e-4, 0.01  # accuracies chosen by the noise
+CHANGES = 2.0  # times the base states' relative error in a tumour's effect: dF grows by twice, F_0 by once what the strains do
+
+Map = tuple[tuple[float | None, ...], ...]
+Verdicts = tuple[tuple[bool | None, ...], ...]
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """What counts as seen and told.
+
+    Attributes:
+        noise: relative standard deviation g of one reading of the ratio.
+        seen: change of the ratio, times the noise.
+        told: standard deviation of ln E_object.
+    """
+
+    noise: float = 0.01
+    seen: float = 3.0
+    told: float = 0.5
+
+    @property
+    def change(self) -> float:
+        """Of the ratio that is seen, relative."""
+        return self.seen * self.noise
+
+    def __post_init__(self) -> None:
+        """Raise ``InputError`` for numbers that are no thresholds."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            most = 1.0 if field.name == "noise" else 1e6
+            if not 0 < value < most:
+                raise InputError(field.name, value, f"a number above 0 and below {most:g}")
+
+
+@dataclass(frozen=True)
+class Detectability:
+    """Maps over depths (rows) and diameters (columns); None where the sphere does not fit.
+
+    Attributes:
+        depth, diameter: m, shapes (k,) and (m,).
+        change: eq. (M1), shape (k, m); None too where a stress is below its own error.
+        standard_deviation: eq. (M2); None too where the ratio does not depend on E_object.
+        error: bound on the error of ``change``, absolute.
+        seen, told: verdicts; None too where the error leaves them open.
+        resolved: whether the error is below the change; where it is not there may still be a verdict: not seen.
+        noise, seen_threshold, told_threshold: of the verdicts, the second on |change|.
+        ratio_without: R_0, with the other inclusions in place.
+        evaluator, seconds, plan, warnings: see ``solver.results.result.Result``.
+    """
+
+    depth: tuple[float, ...]
+    diameter: tuple[float, ...]
+    change: Map
+    standard_deviation: Map
+    error: Map
+    seen: Verdicts
+    told: Verdicts
+    resolved: Verdicts
+    noise: float
+    seen_threshold: float
+    told_threshold: float
+    ratio_without: float | None
+    evaluator: str
+    seconds: float
+    plan: tuple[Decision, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the JSON object of ``probe-design detectability``."""
+        return asdict(self)
+
+
+def detectability(
+    scene: Scene, depths: Floats, diameters: Floats, limits: Thresholds | None = None, accuracy: float | None = None,
+    progress: Progress | None = None,
+) -> Detectability:  # fmt: skip
+    """Exchange the scene's target for spheres of other sizes at other depths.
+
+    Args:
+        scene: with a target, whose material and place beside the probe's axis are kept.
+        depths: from the surface to the centre, m, shape (k,).
+        diameters: m, shape (m,).
+        limits: what counts as seen and told.
+        accuracy: relative, of the ratio; left out: the noise, from 5e-4 to 0.01.
+        progress: called with spheres done and all, of those that need reflections.
+
+    Raises:
+        InputError: no target, or sizes that are not positive.
+        Refusal: the scene is of a kind that the level cannot take.
+    """
+    start = perf_counter()
+    limits = limits or Thresholds()
+    wanted = float(np.clip(limits.noise, FINEST, COARSEST)) if accuracy is None else accuracy
+    check_accuracy(wanted)
+    target_of(scene)
+    check_spheres(scene, "detectability")
+    base = EquivalentInclusion().prepared(scene, wanted)
+    spheres = Spheres(scene, depths, diameters, base.field.states.model.section.tissue_radius)
+    tumours, index, alone = spheres.tumours, scene.target or 0, readings(base, spheres.without)
+    found = _effects(base, readings(base, tumours, index, reflect=False), alone)
+    unsure = np.flatnonzero(found.open(limits))
+    if len(unsure):
+        again = readings(base, tumours.of_index(unsure), index, progress=progress, reflect=True)
+        found = found.replaced(unsure, _effects(base, again, alone))
+    maps = _maps(spheres.fits, found, limits)
+    return Detectability(
+        depth=tuple(depths.tolist()),
+        diameter=tuple(diameters.tolist()),
+        **maps,
+        noise=limits.noise,
+        seen_threshold=limits.change,
+        told_threshold=limits.told,
+        ratio_without=float(alone.ratio[0]) if alone.told[0] else None,
+        evaluator=EquivalentInclusion().name,
+        seconds=perf_counter() - start,
+        plan=(*base.plan, _reflections(base, len(unsure), len(found.change))),
+        warnings=(*base.notes, *_warnings(found, limits)),
+    )
+
+
+@dataclass(frozen=True)
+class _Effects:
+    """What n spheres change, shape (n,) each.
+
+    Attributes:
+        known: whether there is a ratio.
+        change, error: eq. (M1) and a bound on its error; inf where there is no ratio.
+        sensitivity, sensitivity_error: S and a bound on its error.
+    """
+
+    known: Bools
+    change: Floats
+    error: Floats
+    sensitivity: Floats
+    sensitivity_error: Floats
+
+    def replaced(self, which: Ints, others: _Effects) -> _Effects:
+        """Return these with some of them exchanged."""
+        table = {field.name: getattr(self, field.name).copy() for field in fields(self)}
+        for key, values in table.items():
+            values[which] = getattr(others, key)
+        return _Effects(**table)
+
+    @property
+    def resolved(self) -> Bools:
+        """Whether the error is below the change."""
+        return np.asarray(self.error < np.abs(self.change))
+
+    def seen(self, limits: Thresholds) -> Floats:
+        """Verdicts: 1, 0, or NaN where the error leaves it open."""
+        return _verdict(np.abs(self.change), self.error, limits.change)
+
+    def told(self, limits: Thresholds) -> Floats:
+        """Verdicts likewise: sd <= told is |S| >= noise / told."""
+        return _verdict(np.abs(self.sensitivity), self.sensitivity_error, limits.noise / limits.told)
+
+    def open(self, limits: Thresholds) -> Bools:
+        """Whether a verdict is open."""
+        return np.asarray(np.isnan(self.seen(limits)) | np.isnan(self.told(limits)))
+
+
+def _verdict(value: Floats, error: Floats, threshold: float) -> Floats:
+    return np.where(value - error >= threshold, 1.0, np.where(value + error < threshold, 0.0, np.nan))
+
+
+def _effects(base: Undisturbed, found: Readings, alone: Readings) -> _Effects:
+    known = np.asarray(found.told & alone.told)
+    change = np.where(known, found.ratio / np.where(alone.told, alone.ratio, 1.0) - 1, 0.0)
+    error = np.where(known, np.abs(1 + change) * np.expm1(np.minimum(_log_error(base, found, alone), 700.0)), np.inf)
+    return _Effects(known, change, error, found.log_sensitivity, np.where(known, found.sensitivity_error, np.inf))
+
+
+def _log_error(base: Undisturbed, found: Readings, alone: Readings) -> Floats:
+    """Bound on the error of ln(R / R_0), shape (n,).
+
+    The tumours' own errors, and what those of the base states do to dF / F_0: for the rest they cancel in R / R_0.
+    """
+    films = base.films
+    own = sum(np.abs((one.bound - films.bound.totals) / one.totals) for one in (found, alone))
+    effect = np.abs((found.totals - alone.totals) / found.totals)
+    share = np.minimum(own + CHANGES * films.relative_errors * effect, 0.999999)
+    return np.asarray(-np.log1p(-share).sum(axis=1))
+
+
+def _maps(fits: Bools, found: _Effects, limits: Thresholds) -> dict[str, Any]:
+    """Return the rows of each map, with None where there is nothing to say."""
+
+    def rows(values: Floats, good: Bools) -> Map:
+        table = np.full(fits.shape, np.nan)
+        table[fits] = np.where(good & np.isfinite(values), values, np.nan)
+        return tuple(tuple(None if np.isnan(value) else float(value) for value in row) for row in table)
+
+    def verdicts(values: Floats) -> Verdicts:
+        return tuple(tuple(None if value is None else value > 0 for value in row) for row in rows(values, found.known))
+
+    strong = found.known & (found.sensitivity != 0)
+    deviation = limits.noise / np.where(strong, np.abs(found.sensitivity), 1.0)
+    return {
+        "change": rows(found.change, found.known),
+        "standard_deviation": rows(deviation, strong),
+        "error": rows(found.error, found.known),
+        "seen": verdicts(found.seen(limits)),
+        "told": verdicts(found.told(limits)),
+        "resolved": verdicts(found.resolved.astype(float)),
+    }
+
+
+def _reflections(base: Undisturbed, count: int, n: int) -> Decision:
+    feature = "what surface, blocks and floor send back of the tumours' fields"
+    reason = f"modelled for {count} of {n} spheres, whose verdicts need it; elsewhere counted in error"
+    return Decision(feature, count > 0, 0.0, base.accuracy, reason)
+
+
+def _warnings(found: _Effects, limits: Thresholds) -> Iterator[str]:
+    n = len(found.change)
+    if not n:
+        yield "no sphere of these diameters fits at these depths"
+    unknown = int((~found.known).sum())
+    if unknown:
+        yield f"all maps are null at {unknown} of {n} spheres that fit: a stress is below its own error"
+    hidden = int((found.known & ~found.resolved).sum())
+    if hidden:
+        yield f"not resolved: at {hidden} of {n} spheres that fit the error bound is above the change of the ratio itself"
+    for name, verdict in (("seen", found.seen(limits)), ("told", found.told(limits))):
+        count = int((found.known & np.isnan(verdict)).sum())
+        if count:
+            yield f"{name} is null at {count} of {n} spheres that fit: the error bound leaves the verdict open"

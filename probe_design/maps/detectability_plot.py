@@ -1,0 +1,140 @@
+"""The picture of what a probe sees and tells: two maps over diameter and depth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from geometry.common.files import written_whole
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Scene
+from probe_design.maps.curve_plot import check_format
+from probe_design.maps.detectability import Detectability
+from probe_design.maps.target_grid import target_of
+
+MM = 1e3
+DECADES = 100.0  # between the threshold and either end of a colour scale
+
+
+def plot(found: Detectability, scene: Scene, path: Path) -> Path:
+    """Draw both maps to a file; returns ``path``.
+
+    Raises:
+        InputError: see ``check_format``.
+        OSError: the file cannot be written.
+    """
+    check_format(path)
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.colors import LogNorm, SymLogNorm
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11.0, 5.6), dpi=130, facecolor="white", layout="constrained")
+    FigureCanvasAgg(figure)
+    left, right = figure.subplots(1, 2, sharex=True, sharey=True)
+    change, deviation = _numbers(found.change) * 100, _numbers(found.standard_deviation)
+    threshold, told = found.seen_threshold * 100, found.told_threshold
+    most = max(float(np.nanmax(np.abs(change), initial=0.0)), 3 * threshold)
+    _map(figure, left, found, change, SymLogNorm(threshold / 3, vmin=-most, vmax=most), "RdBu_r", "change of the ratio, %")
+    norm = LogNorm(told / DECADES, told * DECADES)
+    _map(figure, right, found, deviation, norm, "viridis_r", "standard deviation of ln E_object, one reading")
+    for axes, verdicts, values, limit, text in (
+        (left, found.seen, np.abs(change), threshold, f"seen: |change| \u2265 {threshold:.3g} %"),
+        (right, found.told, deviation, told, f"told: standard deviation \u2264 {told:.3g}"),
+    ):
+        _contour(axes, found, values, limit)
+        _hatched(axes, found, verdicts)
+        axes.set_title(text, fontsize=10)
+        axes.set_xlabel("diameter, mm")
+        _mark(axes, found, scene)
+    left.set_ylabel("depth of the centre, mm")
+    left.invert_yaxis()
+    body, offset = target_of(scene), _offset(scene)
+    where = "on the probe's axis" if offset == 0 else f"{offset * MM:.3g} mm off the probe's axis"
+    figure.suptitle(
+        f"spheres of {body.youngs_modulus / 1e3:.4g} kPa in tissue of {scene.tissue.youngs_modulus / 1e3:.4g} kPa {where}, "
+        f"noise {found.noise * 100:.3g} % on the ratio",
+        fontsize=11,
+    )
+    _legend(figure)
+    with written_whole(path) as draft:
+        figure.savefig(draft, format=path.suffix[1:].lower())
+    return path
+
+
+def _offset(scene: Scene) -> float:
+    body, at = target_of(scene), scene.placement
+    return float(np.hypot(body.x - at.x, body.y - at.y))
+
+
+def _map(figure: Any, axes: Any, found: Detectability, values: Floats, norm: Any, colours: str, text: str) -> None:
+    from matplotlib import colormaps
+
+    axes.set_facecolor("0.85")
+    chosen = colormaps[colours].copy()
+    shown = axes.pcolormesh(_places(found.diameter), _places(found.depth), values, norm=norm, cmap=chosen, shading="nearest")
+    bar = figure.colorbar(shown, ax=axes, label=text, extend="both" if norm.vmin > 0 else "neither", format="%g")
+    bar.ax.minorticks_off()
+
+
+def _contour(axes: Any, found: Detectability, values: Floats, limit: float) -> None:
+    """Draw the line between yes and no."""
+    inside = np.log(np.maximum(values, 1e-300) / limit)
+    if np.any(inside < 0) and np.any(inside > 0):
+        axes.contour(
+            _places(found.diameter),
+            _places(found.depth),
+            np.ma.masked_invalid(inside),
+            levels=[0.0],
+            colors="black",
+            linewidths=1.6,
+        )
+
+
+def _hatched(axes: Any, found: Detectability, verdicts: Any) -> None:
+    """Hatch where the error bound leaves the verdict open, or is above the change."""
+    from matplotlib.collections import PolyCollection
+
+    fits = np.isfinite(_numbers(found.change))
+    hidden = fits & (np.isnan(_numbers(verdicts)) | (_numbers(found.resolved) == 0))
+    x, y = (_edges(_places(values)) for values in (found.diameter, found.depth))
+    cells = [
+        [(x[m], y[k]), (x[m + 1], y[k]), (x[m + 1], y[k + 1]), (x[m], y[k + 1])] for k, m in zip(*np.nonzero(hidden), strict=True)
+    ]
+    axes.add_collection(PolyCollection(cells, facecolor="none", edgecolor="0.15", linewidth=0, hatch="xxxx"), autolim=False)
+
+
+def _edges(centres: Floats) -> Floats:
+    """Return the ends of cells about evenly spaced centres."""
+    middles = (centres[1:] + centres[:-1]) / 2
+    return np.concatenate([[2 * centres[0] - middles[0]], middles, [2 * centres[-1] - middles[-1]]])
+
+
+def _mark(axes: Any, found: Detectability, scene: Scene) -> None:
+    body = target_of(scene)
+    x, y = (body.diameter or 0.0) * MM, body.depth * MM
+    if found.diameter[0] * MM <= x <= found.diameter[-1] * MM and found.depth[0] * MM <= y <= found.depth[-1] * MM:
+        axes.plot(x, y, marker="*", markersize=15, markerfacecolor="gold", markeredgecolor="black", linestyle="none")
+
+
+def _legend(figure: Any) -> None:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    star = Line2D([], [], marker="*", markersize=12, markerfacecolor="gold", markeredgecolor="black", linestyle="none")
+    handles = [
+        (Line2D([], [], color="black", linewidth=1.6), "can / cannot"),
+        (star, "the scene's tumour"),
+        (Patch(facecolor="0.85", edgecolor="0.6"), "does not fit into the tissue"),
+        (Patch(facecolor="white", edgecolor="0.3", hatch="xxxx"), "the model's error hides it"),
+    ]
+    figure.legend(*zip(*handles, strict=True), loc="outside lower center", ncols=4, fontsize=9)
+
+
+def _places(values: tuple[float, ...]) -> Floats:
+    return np.array(values) * MM
+
+
+def _numbers(rows: Any) -> Floats:
+    return np.array([[np.nan if value is None else float(value) for value in row] for row in rows])

@@ -1,0 +1,186 @@
+"""What a probe reads along a line over the tissue."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from geometry.common.errors import InputError
+from geometry.meridian.grading import Floats
+from geometry.scenes.scene import Scene
+from probe_design.maps.scan_line import Line
+from probe_design.maps.target_grid import check_spheres
+from solver.axisymmetric.dofs import Bools
+from solver.equivalent_inclusion.level import EquivalentInclusion, film_forces
+from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
+from solver.equivalent_inclusion.readings import Readings, readings
+from solver.results.film_forces import outputs, ratio
+from solver.results.result import Decision
+
+Progress = Callable[[int, int], None]
+Column = tuple[float | None, ...]
+
+
+@dataclass(frozen=True)
+class Scan:
+    """Readings at positions along a line, at the scene's load; None where a warning gives the reason.
+
+    Attributes:
+        along: "x" or "y", the axis along which the probe moves.
+        at: where the line lies along the other axis, m.
+        position: of the probe's axis along the line, m.
+        ratio, stiffness, stress_inner, stress_outer, log_sensitivity, error_estimate: see ``Result``, one per position.
+        ratio_without: the ratio that there would be without any inclusion.
+        evaluator, seconds, plan, warnings: see ``Result``.
+    """
+
+    along: str
+    at: float
+    position: tuple[float, ...]
+    ratio: Column
+    stiffness: tuple[float, ...]
+    stress_inner: tuple[float, ...]
+    stress_outer: tuple[float, ...]
+    log_sensitivity: Column
+    error_estimate: Column
+    ratio_without: float | None
+    evaluator: str
+    seconds: float
+    plan: tuple[Decision, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the JSON object of ``probe-design scan``."""
+        return asdict(self)
+
+
+def scan(
+    scene: Scene, along: str, positions: Floats, at: float | None = None, accuracy: float = 0.01, progress: Progress | None = None
+) -> Scan:
+    """Move the scene's probe along a line over its tissue; tumours stay where they are.
+
+    Args:
+        scene: spheres, bonded or frictionless, no tilt.
+        along: "x" or "y".
+        positions: of the probe's axis along the line, m, shape (n,).
+        at: where the line lies along the other axis, m; left out: the scene's placement.
+        accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
+        progress: called with positions done and all, of those that need reflections.
+
+    Raises:
+        InputError: the probe would leave the tissue.
+        Refusal: the scene is of a kind that the level cannot take, or too extreme for double precision.
+    """
+    start = perf_counter()
+    check_accuracy(accuracy)
+    check_spheres(scene, "scan")
+    across = "y" if along == "x" else "x"
+    line = Line(scene, along, float(getattr(scene.placement, across) if at is None else at), accuracy)
+    positions = np.asarray(positions, dtype=float)
+    line.check(positions)
+    base = line.prepared(float(np.abs(positions).min()))  # serves all positions: only the bounds are others elsewhere
+    tumours = line.tumours(positions)
+    plain = readings(base, tumours, scene.target or 0, progress=progress, sensitive=scene.target is not None)
+    found = line.bounded(base, plain, positions)
+    far = line.prepared(float(np.abs(positions).max()))
+    outside = base.inside(tumours)[1]
+    known = found.told & (~outside[:, scene.target] if scene.target is not None else np.zeros(len(positions), dtype=bool))
+    stress = found.totals * indentation(scene, found)[:, None] / found.areas
+    return Scan(
+        along=along,
+        at=line.at,
+        position=tuple(positions.tolist()),
+        ratio=column(found.ratio, found.told),
+        stiffness=tuple(found.stiffness.tolist()),
+        stress_inner=tuple(stress[:, 0].tolist()),
+        stress_outer=tuple(stress[:, 1].tolist()),
+        log_sensitivity=column(found.log_sensitivity, known) if found.by else (None,) * len(positions),
+        error_estimate=column(found.error_estimate, found.told),
+        ratio_without=ratio(scene, base.films)["ratio"],
+        evaluator=EquivalentInclusion().name,
+        seconds=perf_counter() - start,
+        plan=(*far.plan, *reflections(base, found)),
+        warnings=tuple(dict.fromkeys(_warnings(scene, far, found, outside))),
+    )
+
+
+def check_accuracy(accuracy: float) -> None:
+    """Raise ``InputError`` for an accuracy that is none."""
+    if not 0 < accuracy < 1:
+        raise InputError("accuracy", accuracy, "a number above 0 and below 1, such as 0.01")
+
+
+def indentation(scene: Scene, found: Readings) -> Floats:
+    """Indentation at the scene's load, m, shape (n,)."""
+    given = scene.load.indentation
+    return (scene.load.force or 0.0) / found.stiffness if given is None else np.full(len(found.forces), given)
+
+
+def column(values: Floats, known: Bools) -> Column:
+    """Return values as JSON has them, None where they are not known."""
+    return tuple(value if good else None for value, good in zip(values.tolist(), known.tolist(), strict=True))
+
+
+def reflections(base: Undisturbed, found: Readings) -> Iterator[Decision]:
+    """Yield what is said in a plan of what tumours reflect."""
+    if not found.by:
+        return
+    count, n = int(found.reflected.sum()), len(found.reflected)
+    effect = float(min(found.first_share.max(), 1e9))
+    size = f"changes the ratio by at most about {effect:.2g}"
+    reason = f"modelled for {count} of {n}, elsewhere counted in error_estimate: {size}"
+    yield Decision("what surface, blocks and floor send back of the tumours' fields", count > 0, effect, base.accuracy, reason)
+
+
+def _warnings(scene: Scene, far: Undisturbed, found: Readings, outside: Bools) -> Iterator[str]:
+    n = len(found.forces)
+    yield from far.notes
+    if scene.target is None:
+        how = "several inclusions and none marked target = true" if scene.inclusion else "the scene has no inclusion"
+        yield f"log_sensitivity is null: {how}"
+    elif outside[:, scene.target].any():
+        count = int(outside[:, scene.target].sum())
+        yield f"log_sensitivity is null at {count} of {n} positions: the target lies outside the round tissue that is modelled"
+    if outside.any():
+        count = int(outside.any(axis=1).sum())
+        left = f"left out at {count} of {n} positions, counted in error_estimate"
+        yield f"inclusions outside the round tissue that is modelled are {left}"
+    if not found.told.all():
+        where = f"{int((~found.told).sum())} of {n} positions"
+        yield f"ratio, log_sensitivity and error_estimate are null at {where}: a stress is below its own error"
+    for what, reached in errors(scene, found).items():
+        many = int((reached > far.accuracy).sum())
+        if many:
+            bound = f"{reached.max():.2g}" if reached.max() < 1 else "1 and more"
+            yield f"error bounds of {what} up to {bound} at {many} of {n} positions, accuracy {far.accuracy:g} asked for"
+    if found.by and scene.target is not None:
+        told = np.abs(found.log_sensitivity)
+        worse = found.told & (found.sensitivity_error > np.maximum(5 * far.accuracy * told, 1e-5))
+        if worse.any():
+            most = f"{found.sensitivity_error[worse].max():.1g} (absolute)"
+            where = f"{int(worse.sum())} of {n} positions"
+            yield f"error bounds of log_sensitivity up to {most} at {where}, above 5 times the accuracy"
+    yield from _of_load(scene, found)
+
+
+def errors(scene: Scene, found: Readings) -> dict[str, Floats]:
+    """Relative error bounds of what the accuracy promises, at the scene's kind of load, shape (n,) each."""
+    bounds = {"the ratio": found.error_estimate[found.told], "the stiffness": found.bound.sum(axis=1) / np.abs(found.stiffness)}
+    if scene.load.force is not None:  # stresses are shares of the force, so that the ratio's error bounds theirs
+        return bounds
+    with np.errstate(divide="ignore"):
+        return bounds | {"the stresses": (found.bound / np.abs(found.totals)).max(axis=1)}
+
+
+def _of_load(scene: Scene, found: Readings) -> Iterator[str]:
+    """Yield what is said of the scene's load where the blocks or the tissue are strained most."""
+    deep = indentation(scene, found)
+    moduli = np.array([scene.probe.inner.youngs_modulus, scene.probe.outer.youngs_modulus])
+    strain = np.max(np.abs(found.totals) * deep[:, None] / found.areas / moduli, axis=1)
+    most = int(np.argmax(np.maximum(strain, deep / scene.probe.tube_radius)))
+    said = outputs(scene, film_forces(found, most, False))["warnings"]
+    yield from (warning for warning in said if warning.startswith("linear"))

@@ -1,0 +1,1 @@
+"""``optimize``: objective, design space, global search, polish, report."""

@@ -1,0 +1,1 @@
+"""Pictures and VTU files of 3D solutions."""

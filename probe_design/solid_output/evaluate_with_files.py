@@ -1,0 +1,53 @@
+"""Evaluate a scene in three dimensions and write what stands behind the numbers: a VTU file, a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from geometry.common.errors import InputError
+from geometry.common.files import check_writable
+from geometry.scenes.scene import Scene
+from solver.results.result import Result
+from solver.solid.level import SolidLevel, indentation
+
+
+def evaluated(
+    scene: Scene, evaluator: str, accuracy: float, vtu: Path | None, picture: Path | None, tell: Callable[[str], None]
+) -> Result:
+    """Evaluate by ``solid`` and write its finest mesh with displacements and stresses at the scene's load.
+
+    Args:
+        scene: the scene.
+        evaluator: "solid"; no other level has a mesh of the whole scene.
+        accuracy: relative.
+        vtu: for ParaView, or None.
+        picture: a .png file, or None.
+        tell: called with a line before each piece of work.
+
+    Raises:
+        InputError: another evaluator, or a file name that ends otherwise.
+        Refusal: see ``solver.solid.level.SolidLevel.evaluate``.
+    """
+    from probe_design.solid_output.vtu import draw_solid, write_vtu
+
+    for key, path, suffix in (("vtu", vtu, ".vtu"), ("plot", picture, ".png")):
+        if path is None:
+            continue
+        if evaluator != "solid":
+            raise InputError("evaluator", evaluator, f"solid, for --{key}")
+        if path.suffix.lower() != suffix:
+            raise InputError(key, str(path), f"a file name that ends in {suffix}")
+        check_writable(path.parent)  # what would fail after the work fails before it
+    result, found, _ = SolidLevel(tell).answered(scene, accuracy)
+    lowered = indentation(scene, found, 0)
+    motion = np.array([lowered, lowered, scene.placement.tilt])
+    if vtu is not None:
+        tell(f"writing {vtu}")
+        write_vtu(vtu, found.found.states, motion)
+    if picture is not None:
+        tell(f"drawing {picture}")
+        draw_solid(picture, found.found.states, motion)
+    return result

@@ -1,0 +1,73 @@
+"""Faces rendered in three dimensions, in a process of its own: VTK crashes where it finds no OpenGL, and says nothing."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from geometry.common.errors import MissingLibrary
+from geometry.meridian.grading import Floats
+from probe_design.solid_output.faces import Faces
+
+PROGRAM = Path(__file__).with_name("render_process.py")
+SIZE = (1800, 1300)  # pixels
+PATIENCE = 300.0  # s: software renders a large mesh in a few
+REMEDY = "install OpenGL with its software renderer: apt install libegl1 libgl1 (Debian, Ubuntu), mesa-libEGL (Fedora)"
+
+
+def rendered(parts: Sequence[Faces], colour: Callable[[int], tuple[float, float, float]], close: float = 0.0) -> Floats:
+    """Picture of what the faces show in y >= 0, without its white margin, shape (height, width, 3) from 0 to 1.
+
+    Args:
+        parts: what is drawn.
+        colour: of a body: red, green and blue from 0 to 1.
+        close: half the height of what is shown about the origin, m; 0 for all.
+
+    Raises:
+        MissingLibrary: VTK could not render; the text names the package to install.
+    """
+    start = np.cumsum([0, *(len(part.points) for part in parts)])[:-1]
+    body = np.concatenate([part.body for part in parts])
+    arrays: dict[str, Any] = {
+        "points": np.vstack([part.points for part in parts]),
+        "triangles": np.vstack([part.triangles + n for part, n in zip(parts, start, strict=True)]),
+        "lines": np.vstack([part.lines + n for part, n in zip(parts, start, strict=True)]),
+        "colours": (255 * np.array([colour(number) for number in body.tolist()])).round().astype(np.uint8),
+        "size": np.array(SIZE),
+        "close": np.array(close),
+    }
+    with tempfile.TemporaryDirectory() as folder:
+        given, picture = Path(folder, "arrays.npz"), Path(folder, "picture.png")
+        np.savez(given, **arrays)
+        _run(given, picture)
+        return _cropped(picture)
+
+
+def _run(given: Path, picture: Path) -> None:
+    command = [sys.executable, "-P", str(PROGRAM), str(given), str(picture)]
+    try:
+        run = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=PATIENCE, check=False)
+    except subprocess.TimeoutExpired as fault:
+        raise MissingLibrary(f"VTK has not rendered the mesh in {PATIENCE:g} s: {REMEDY}") from fault
+    if run.returncode or not picture.exists():
+        said = [line for line in run.stderr.strip().splitlines() if line.strip()]
+        why = re.sub(r"\x1b\[\d*m", "", said[-1].rsplit("| ", 1)[-1]).split(". ")[0] if said else f"exit code {run.returncode}"
+        raise MissingLibrary(f"VTK cannot render ({why}): {REMEDY}")
+
+
+def _cropped(picture: Path) -> Floats:
+    from matplotlib.image import imread
+
+    pixels = np.asarray(imread(picture), dtype=np.float64)[:, :, :3]
+    inked = (pixels < 0.99).any(axis=2)
+    rows, columns = np.unique(np.nonzero(inked)[0]), np.unique(np.nonzero(inked)[1])
+    if not len(rows):
+        raise MissingLibrary(f"VTK renders an empty picture: {REMEDY}")
+    return pixels[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]

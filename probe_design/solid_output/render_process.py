@@ -1,0 +1,55 @@
+"""Render coloured triangles and lines in three dimensions: a program of its own, for VTK crashes where OpenGL is absent.
+
+Called as ``python -P solid_render.py arrays.npz picture.png``; the arrays are those that ``probe_design.solid_output.vtu`` writes.
+It imports nothing of ours, so that it runs by its path alone.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pyvista
+
+VIEW = (-0.42, -1.0, 0.5)  # towards the camera
+LIGHT = (-0.45, -1.0, 0.95)  # shines from there: a cut and a top are both bright, and not alike
+NEAR = 1e-7  # of the mesh's size: points so close to y = 0 lie in it
+LIFT = 1e-3  # of the mesh's size: by how much lines are before their surfaces
+
+
+def render(arrays: str, picture: str) -> None:
+    """Draw what is in y >= 0, seen from the side of the cut and a little from above, on white.
+
+    ``close``, where above zero, is half the height of what is shown about the origin, m.
+    """
+    with np.load(arrays) as data:
+        points, triangles, colours, lines = (data[name] for name in ("points", "triangles", "colours", "lines"))
+        width, height = (int(size) for size in data["size"])
+        close = float(data["close"])
+    surface = pyvista.PolyData.from_regular_faces(points, triangles)
+    edges = pyvista.PolyData(points, lines=np.column_stack([np.full(len(lines), 2), lines]).ravel())
+    surface.cell_data["colour"] = colours
+    least = -NEAR * float(np.ptp(points, axis=0).max())
+    if points[:, 1].min() < least:
+        surface, edges = (part.clip(normal="y", origin=(0, least, 0), invert=False) for part in (surface, edges))
+    edges.points = edges.points + LIFT * np.ptp(points, axis=0).max() * np.array(VIEW)  # moves nothing in the picture
+    plotter = pyvista.Plotter(off_screen=True, window_size=[width, height], lighting="none")
+    plotter.add_light(pyvista.Light(position=LIGHT, focal_point=(0, 0, 0), light_type="scene light"))
+    plotter.set_background("white")
+    plotter.add_mesh(surface, scalars="colour", rgb=True, ambient=0.45, diffuse=0.75, specular=0.0)
+    plotter.add_mesh(edges, color="black", line_width=3.0 if close else 1.6, opacity=0.6)
+    plotter.enable_parallel_projection()
+    plotter.enable_anti_aliasing("ssaa")
+    plotter.camera_position = [tuple(np.add(surface.center, VIEW)), surface.center, (0, 0, 1)]
+    plotter.reset_camera()
+    plotter.camera.zoom(1.25)
+    if close > 0:
+        plotter.camera.focal_point, plotter.camera.parallel_scale = (0, 0, -0.3 * close), close
+        plotter.camera.position = tuple(2 * np.ptp(points, axis=0).max() * np.array(VIEW))
+        plotter.reset_camera_clipping_range()
+    plotter.screenshot(picture)
+    plotter.close()
+
+
+if __name__ == "__main__":
+    render(sys.argv[1], sys.argv[2])

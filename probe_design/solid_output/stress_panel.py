@@ -1,0 +1,144 @@
+"""One stress on the deformed section of a solid, with colours that its singular corners do not wash out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.cad.solids import MM
+from geometry.meridian.grading import Floats
+from probe_design.solid_output.faces import Faces
+
+TAILS = (0.01, 0.99)  # shares of the shown area at which the colours end: singular corners lie beyond
+DECADES = 2.0  # of von Mises stress that are told apart at most
+WORDS = {"pressure": "vertical pressure", "von_mises": "von Mises stress"}
+Window = tuple[float, float, float, float]  # left, right, bottom, top
+
+
+@dataclass(frozen=True)
+class Deformed:
+    """A section with its displacements exaggerated.
+
+    Attributes:
+        cut: as meshed.
+        points: moved, in mm, shape (n, 2).
+        factor: of exaggeration.
+        window: what is shown, mm.
+    """
+
+    cut: Faces
+    points: Floats
+    factor: float
+    window: Window
+
+    @property
+    def scale(self) -> str:
+        """The factor in words."""
+        times = f"{self.factor:,.0f}".replace(",", " ") if self.factor >= 1 else f"{self.factor:g}"
+        return "true to scale" if self.factor == 1 else f"× {times}"
+
+    def ends(self, values: Floats) -> tuple[float, float]:
+        """Values (n,) between which all but the tails of the shown area lie."""
+        corners = self.points[self.cut.triangles]
+        across, middle = corners[:, 1:] - corners[:, :1], corners.mean(axis=1)
+        area = np.abs(across[:, 0, 0] * across[:, 1, 1] - across[:, 0, 1] * across[:, 1, 0])
+        left, right, bottom, top = self.window
+        seen = (left < middle[:, 0]) & (middle[:, 0] < right) & (bottom < middle[:, 1]) & (middle[:, 1] < top)
+        each = values[self.cut.triangles].mean(axis=1)
+        order = np.argsort(each[seen])
+        share = np.cumsum(area[seen][order])
+        low, high = np.interp(np.array(TAILS) * share[-1], share, each[seen][order])
+        return float(low), float(high)
+
+
+def deformed(cut: Faces, largest: float, window: Window) -> Deformed:
+    """Exaggerate so that the largest displacement on the cut is drawn about ``largest`` m, by 1, 2 or 5 times a power of ten."""
+    moved = cut.values["displacement"]
+    length = float(np.linalg.norm(moved, axis=1).max())
+    factor = _round_down(largest / length) if length > 0 else 1.0
+    if 0.1 <= factor < 1:  # large as they are: no need to lie
+        factor = 1.0
+    left, right, bottom, top = (side * MM for side in window)
+    return Deformed(cut, (cut.points + factor * moved)[:, [0, 2]] * MM, factor, (left, right, bottom, top))
+
+
+def draw_stress(axes: Any, beside: Any, shape: Deformed, name: str) -> None:
+    """Draw ``pressure`` in even colours, white at zero, or ``von_mises`` in logarithmic ones; ``beside`` takes their bar."""
+    low, high = shape.ends(shape.cut.values[name])
+    unit, label = _unit(max(abs(low), abs(high)))
+    colours, norm = _even(low / unit, high / unit) if name == "pressure" else _logarithmic(low / unit, high / unit)
+    values = np.maximum(shape.cut.values[name] / unit, norm.vmin)  # a logarithm takes no zero
+    drawn = axes.tripcolor(*shape.points.T, shape.cut.triangles, values, shading="gouraud", cmap=colours, norm=norm)
+    mesh_lines(axes, shape.points, shape.cut.lines, 0.25)
+    mesh_lines(axes, shape.points, _outline(shape.cut.triangles), 1.1)
+    axes.set(xlim=shape.window[:2], ylim=shape.window[2:], aspect="equal")
+    axes.set_title(f"{WORDS[name]}, displacements {shape.scale}", fontsize=10)
+    bar = axes.figure.colorbar(drawn, cax=beside, extend="both")
+    if name == "von_mises":
+        _plain(bar.ax.yaxis)
+    bar.set_label(f"{label}, compression positive" if name == "pressure" else label, fontsize=9)
+    bar.ax.tick_params(labelsize=8)
+    in_millimetres(axes)
+
+
+def mesh_lines(axes: Any, points: Floats, lines: NDArray[np.int64], width: float) -> None:
+    """Draw pairs (m, 2) of points (n, 2) as dark lines, ``width`` in printer's points."""
+    from matplotlib.collections import LineCollection
+
+    axes.add_collection(LineCollection(list(points[lines]), colors="0.15", linewidths=width, capstyle="round"))
+
+
+def in_millimetres(axes: Any) -> None:
+    """Name the axes of a section."""
+    axes.set_xlabel("x, mm", fontsize=9)
+    axes.set_ylabel("z, mm", fontsize=9)
+    axes.tick_params(labelsize=8)
+
+
+def _outline(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Sides of one triangle only: bodies share no points."""
+    sides = np.sort(triangles[:, [(0, 1), (1, 2), (2, 0)]].reshape(-1, 2), axis=1)
+    found, count = np.unique(sides, axis=0, return_counts=True)
+    return np.asarray(found[count == 1])
+
+
+def _even(low: float, high: float) -> tuple[Any, Any]:
+    """Blue to white below zero and white to red above, as dark per unit on both sides."""
+    from matplotlib import colormaps
+    from matplotlib.colors import ListedColormap, Normalize
+
+    low, high = min(low, 0.0), max(high, 0.0)
+    far = max(-low, high) or 1.0
+    shades = colormaps["RdBu_r"](np.linspace(0.5 + low / far / 2, 0.5 + high / far / 2, 256))
+    return ListedColormap(shades), Normalize(low, high if high > low else low + 1.0)
+
+
+def _logarithmic(low: float, high: float) -> tuple[Any, Any]:
+    from matplotlib.colors import LogNorm
+
+    high = high if high > 0 else 1.0
+    return "viridis", LogNorm(min(max(low, high / 10**DECADES), 0.5 * high), high)
+
+
+def _plain(axis: Any) -> None:
+    """Numbers in place of powers on a logarithmic axis of few decades."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _unit(largest: float) -> tuple[float, str]:
+    for unit, label in ((1e6, "MPa"), (1e3, "kPa")):
+        if largest >= unit:
+            return unit, label
+    return 1.0, "Pa"
+
+
+def _round_down(value: float) -> float:
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(power * max(step for step in (1, 2, 5) if step * power <= value * (1 + 1e-9)))

@@ -1,0 +1,71 @@
+"""What the three-dimensional level solved, to look at: a VTU file for ParaView, and a picture.
+
+pyvista and matplotlib are imported by the functions that need them. Nothing here opens a window or needs a graphics card.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from geometry.common.files import written_whole
+from geometry.meridian.grading import Floats
+from probe_design.solid_output.faces import name, present
+from probe_design.solid_output.figure import draw_solid
+from solver.solid.base_states import SolidStates, fields
+
+__all__ = ["draw_solid", "write_vtu"]
+
+TENSOR = ("XX", "YY", "ZZ", "XY", "YZ", "XZ")  # VTK's order
+_TO_TENSOR = [0, 1, 2, 5, 3, 4]  # from xx yy zz yz xz xy
+HALF = "the half y >= 0 of a whole that is its own mirror image; film_forces are those of the whole"
+
+
+def write_vtu(path: Path, states: SolidStates, motion: Sequence[float] | Floats) -> Path:
+    """Write the fields of a motion of the base as quadratic tetrahedra for ParaView; returns ``path``.
+
+    Bodies that are absent from the problem are left out; a half stays a half.
+
+    Points carry ``displacement`` (m). Cells carry ``body`` (a number, named by the field data ``body_number`` and ``body_name``),
+    ``stress`` (their mean, Pa, tension positive, in VTK's order XX YY ZZ XY YZ XZ), ``von_mises`` and ``pressure`` (vertical, Pa,
+    compression positive). Field data also say ``symmetry``, ``motion`` (m, m, rad) and ``film_forces`` (inner, outer, N).
+
+    Args:
+        path: of the file, ending in ``.vtu``.
+        states: as solved.
+        motion: how far the inner and the outer block go down (m) and the base turns about y (rad), shape (3,).
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    grid = _grid(states, np.asarray(motion, dtype=np.float64))
+    with written_whole(Path(path)) as draft:
+        grid.save(draft)
+    return Path(path)
+
+
+def _grid(states: SolidStates, motion: Floats) -> Any:
+    import pyvista
+
+    problem, found = states.problem, fields(states, motion)
+    solid, bodies = problem.solid, present(problem)
+    inside = np.isin(solid.body, bodies)
+    kept, number = np.unique(solid.elements[inside], return_inverse=True)
+    grid = pyvista.UnstructuredGrid({pyvista.CellType.QUADRATIC_TETRA: number.reshape(-1, 10)}, solid.nodes[kept])
+    grid.point_data["displacement"] = found.displacement[kept]
+    grid.cell_data["body"] = solid.body[inside]
+    grid.cell_data["stress"] = found.stress[inside][:, _TO_TENSOR]
+    grid.cell_data["von_mises"] = found.von_mises[inside]
+    grid.cell_data["pressure"] = found.vertical[inside]
+    stress = grid.GetCellData().GetAbstractArray("stress")
+    for component, label in enumerate(TENSOR):
+        stress.SetComponentName(component, label)
+    grid.field_data["body_number"] = np.array(bodies)
+    grid.field_data["body_name"] = [name(body) for body in bodies]
+    grid.field_data["symmetry"] = [HALF if solid.mesh.half else "whole"]
+    grid.field_data["motion"] = motion
+    grid.field_data["film_forces"] = states.reactions[:2] @ motion
+    return grid

@@ -1,0 +1,1 @@
+"""``sweep``: file, designs, rows, store; workers local or on Dask."""

@@ -1,0 +1,201 @@
+"""What a sweep asks for, as TOML or as the same tables in Python; every refusal is one line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from geometry.common.errors import InputError, Words
+from geometry.common.text_files import read_tables
+from geometry.scenes.messages import most_telling
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_file import read_scene, scene_from_dict
+from geometry.scenes.units import Quantity
+from probe_design.sweeps.constraints import kept
+from probe_design.sweeps.keys import Key, Value, changed, found, key
+from probe_design.sweeps.samples import KINDS, Sample, Variable
+from probe_design.sweeps.variables import variable, whole
+
+_KEYS = ("scene", "evaluator", "accuracy", "time_limit", "sample", "constraints", "variables")
+_TIME = Quantity("time", "s", "s", 1e-3, 1e7)
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A checked sweep; SI units.
+
+    Attributes:
+        base: the tables of the scene that is varied.
+        variables: what is varied.
+        sample: how the designs are drawn.
+        evaluator, accuracy: as in ``solver.evaluate``.
+        constraints: conditions that designs must meet; see ``sweep_constraints``.
+        time_limit: seconds that a design may take; None for as long as it does.
+    """
+
+    base: Mapping[str, Any]
+    variables: tuple[Variable, ...]
+    sample: Sample
+    evaluator: str = "auto"
+    accuracy: float = 0.01
+    constraints: tuple[str, ...] = ()
+    time_limit: float | None = None
+
+    @property
+    def keys(self) -> tuple[Key, ...]:
+        """The keys of the variables."""
+        return tuple(one.key for one in self.variables)
+
+    def designs(self) -> list[tuple[int, tuple[Value, ...]]]:
+        """Return number and values of every design that meets the constraints.
+
+        Raises:
+            InputError: a constraint is none, or no design meets them all.
+        """
+        drawn = self.sample.designs(self.variables)
+        meets = np.ones(len(drawn), dtype=bool)
+        for text in self.constraints:
+            meets &= kept(text, lambda name: self._read(name, drawn), len(drawn))
+        if not meets.any():
+            raise InputError("constraints", Words("met by no design"), "conditions that some design meets")
+        return [(number, values) for number, values in enumerate(drawn) if meets[number]]
+
+    def _read(self, name: str, drawn: list[tuple[Value, ...]]) -> tuple[Any, str]:
+        wanted = key(name, self.base)
+        for column, one in enumerate(self.keys):
+            if one.path == wanted.path:
+                values: list[Any] = [row[column] for row in drawn]
+                if all(isinstance(value, float) for value in values):
+                    return np.array(values), wanted.unit
+        value = found(changed(self.base, self.keys, drawn[0]), wanted.path)  # without what a variable takes the place of
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise InputError("constraints", name, "keys that hold a number, in the scene or as a variable")
+        return value, wanted.unit
+
+
+def read_sweep(path: Path | str) -> Sweep:
+    """Read a sweep file; names of files in it are relative to its folder.
+
+    Raises:
+        InputError: the file is missing, no TOML, or says something that is not allowed.
+    """
+    return sweep_from_dict(read_tables(path, "sweep file"), Path(path).parent, True)
+
+
+def sweep_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_required: bool = False) -> Sweep:
+    """Check a sweep given as the tables of a sweep file.
+
+    Args:
+        tables: as in the file; ``scene`` may be a ``Scene``, numbers are in SI units.
+        folder: that file names are relative to.
+        units_required: whether a bare number is refused where a unit belongs.
+
+    Raises:
+        InputError: something is not allowed.
+    """
+    for name in tables:
+        if name not in _KEYS:
+            raise InputError(str(name), tables[name], f"one of {', '.join(_KEYS)}")
+    base = _with_whole_names(_scene(tables.get("scene"), Path(folder)).model_dump(exclude_unset=True))
+    sample = _sample(tables.get("sample", {}))
+    given = tables.get("variables")
+    if not isinstance(given, Mapping) or not given:
+        raise InputError(
+            "variables", Words("missing") if given is None else given, 'a table of variables, [variables."probe.gap"] or the like'
+        )
+    for name in given:
+        if not isinstance(name, str):
+            raise InputError("variable", name, "keys of the scene file, such as probe.gap")
+    variables = tuple(variable(name, one, base, sample.kind, units_required, Path(folder)) for name, one in given.items())
+    if len({one.key.path for one in variables}) < len(variables):
+        raise InputError("variables", Words("two for one key"), "each key once")
+    constraints = tables.get("constraints", [])
+    if not isinstance(constraints, list | tuple) or not all(isinstance(one, str) for one in constraints):
+        raise InputError("constraints", constraints, "a list of conditions, each a text")
+    if constraints and sample.kind == "saltelli":
+        raise InputError("constraints", constraints, "none with sample.kind = 'saltelli', whose indices need every design")
+    return Sweep(
+        base, variables, sample, *_settings(tables), tuple(constraints), time_limit(tables.get("time_limit"), units_required)
+    )
+
+
+def _scene(given: object, folder: Path) -> Scene:
+    if isinstance(given, Scene):
+        return given
+    if isinstance(given, str | Path):
+        return read_scene(folder / given)
+    if isinstance(given, Mapping):
+        return scene_from_dict(dict(given))
+    raise InputError(
+        "scene", Words("missing") if given is None else given, "the name of a scene file, or its tables, [scene.probe]"
+    )
+
+
+def _with_whole_names(base: dict[str, Any]) -> dict[str, Any]:
+    """The tables of a scene with surface files by their whole path, as workers may run elsewhere."""
+    bodies = [
+        {**body, "surface": str(Path(body["surface"]).absolute())} if body.get("surface") else body
+        for body in base.get("inclusion", ())
+    ]
+    return base | {"inclusion": bodies} if bodies else base
+
+
+def _settings(tables: Mapping[str, Any]) -> tuple[str, float]:
+    from solver.levels import AUTO, BUILT, check_accuracy
+
+    evaluator, accuracy = tables.get("evaluator", AUTO), tables.get("accuracy", 0.01)
+    if evaluator not in (AUTO, *BUILT):
+        raise InputError("evaluator", evaluator, f"one of {', '.join((AUTO, *BUILT))}")
+    if isinstance(accuracy, bool) or not isinstance(accuracy, int | float):
+        raise InputError("accuracy", accuracy, "a number above 0 and below 1, such as 0.01")
+    check_accuracy(accuracy)
+    return str(evaluator), float(accuracy)
+
+
+def time_limit(given: object, units_required: bool = False) -> float | None:
+    """Return a time limit in seconds, from a text such as ``'60 s'`` or, unless units are required, a number; None for None.
+
+    Raises:
+        InputError: it is none.
+    """
+    if given is None:
+        return None
+    try:
+        if isinstance(given, str):
+            return _TIME.parse(given)
+        if isinstance(given, bool) or not isinstance(given, int | float):
+            raise ValueError("not a time")
+        if units_required:
+            raise ValueError("the unit is missing")
+        return _TIME.checked(float(given))
+    except (ValueError, OverflowError) as fault:
+        raise InputError("time_limit", given, f"{_TIME.allowed} ({fault})") from None
+
+
+def _sample(given: object) -> Sample:
+    if not isinstance(given, Mapping):
+        raise InputError("sample", given, "a table, [sample]")
+    for name in given:
+        if name not in ("kind", "n", "seed"):
+            raise InputError(f"sample.{name}", given[name], "one of kind, n, seed")
+    kind = given.get("kind", "grid")
+    if kind not in KINDS:
+        raise InputError("sample.kind", kind, f"one of {', '.join(KINDS)}")
+    if kind == "grid":
+        if len(given) > ("kind" in given):
+            raise InputError("sample", Words("n or seed of a grid"), f"n and seed with kind = {', '.join(KINDS[1:])}")
+        return Sample()
+    return Sample(kind, whole("sample.n", given.get("n"), 1, 10_000_000), whole("sample.seed", given.get("seed", 0), 0, 2**63))
+
+
+def scene_of(base: Mapping[str, Any], keys: tuple[Key, ...], values: tuple[Value, ...]) -> Scene:
+    """Build the scene of one design. Raises ``InputError`` where it is refused."""
+    try:
+        return Scene.model_validate(changed(base, keys, values))
+    except ValidationError as refused:
+        raise most_telling(refused) from None

@@ -1,0 +1,96 @@
+"""How far a sweep is: a bar on a terminal, lines elsewhere, and lines in a log either way."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from time import monotonic
+
+LOG = "sweep.log"
+EVERY = 10.0  # seconds between lines
+
+
+@dataclass(frozen=True)
+class Progress:
+    """The state of a running sweep.
+
+    Attributes:
+        total: designs.
+        done: with a row, those of earlier runs among them.
+        refused, failed: of these.
+        rate: rows a second in this run; 0 before the first.
+        workers: that work on it.
+    """
+
+    total: int
+    done: int
+    refused: int
+    failed: int
+    rate: float
+    workers: int
+
+    @property
+    def left(self) -> float | None:
+        """Seconds that remain at this rate; None before the first row."""
+        return (self.total - self.done) / self.rate if self.rate else None
+
+    def line(self) -> str:
+        """Say it in one line."""
+        left = "-" if self.left is None else f"{self.left:.0f} s"
+        counts = f"{self.done} of {self.total} done, {self.refused} refused, {self.failed} failed"
+        return f"{counts}, {self.rate:.3g} rows/s on {self.workers} workers, {left} left"
+
+
+Tell = Callable[[Progress], None]
+
+
+@contextmanager
+def logged(folder: Path, tell: Tell | None) -> Iterator[tuple[Tell, Callable[[str], None]]]:
+    """Yield a function that logs the state at most every ten seconds, and one that logs a line; both flush."""
+    last = -EVERY
+    with (folder / LOG).open("a", encoding="utf-8") as log:
+
+        def line(text: str) -> None:
+            with contextlib.suppress(OSError):  # a full disk is for the store to tell
+                log.write(f"{datetime.now(UTC).isoformat(timespec='seconds')} {text}\n")
+                log.flush()
+
+        def update(state: Progress) -> None:
+            nonlocal last
+            if monotonic() - last >= EVERY or state.done == state.total:
+                last = monotonic()
+                line(state.line())
+            if tell is not None:
+                tell(state)
+
+        yield update, line
+
+
+@contextmanager
+def shown() -> Iterator[Tell]:
+    """Yield a function that shows the state on standard error."""
+    from rich.console import Console
+    from rich.progress import BarColumn, SpinnerColumn, TextColumn
+    from rich.progress import Progress as Bars
+
+    from probe_design.terminal.console import message
+
+    console = Console(stderr=True)
+    if console.is_terminal:
+        with Bars(SpinnerColumn(), BarColumn(), TextColumn("{task.description}"), console=console, transient=True) as bars:
+            task = bars.add_task("starting")
+            yield lambda state: bars.update(task, description=state.line(), completed=state.done, total=state.total)
+        return
+    last = -EVERY
+
+    def tell(state: Progress) -> None:
+        nonlocal last
+        if monotonic() - last >= EVERY or state.done == state.total:
+            last = monotonic()
+            message(state.line())
+
+    yield tell

@@ -1,0 +1,137 @@
+"""The rows of a sweep as tables: pandas, xarray, Parquet and CSV, also while the sweep runs."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from geometry.common.errors import InputError, MissingLibrary
+from geometry.common.files import written_whole
+from probe_design.sweeps.rows import COLUMNS, OUTPUTS
+from probe_design.sweeps.store import reading
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+UNITS = {
+    "stress_inner": "Pa", "stress_outer": "Pa", "ratio": "", "log_sensitivity": "", "stiffness": "N/m", "charge_inner": "C",
+    "charge_outer": "C", "equivalent_modulus": "Pa", "error_estimate": "", "residual": "", "seconds": "s",
+}  # fmt: skip
+
+
+def extra(name: str) -> Any:
+    """Import a library of the extra ``sweep``.
+
+    Raises:
+        MissingLibrary: it is not installed.
+    """
+    try:
+        return import_module(name)
+    except ImportError:
+        library = name.split(".")[0]
+        raise MissingLibrary(f"{library} is not installed: pip install '.[sweep]' brings it") from None
+
+
+def about(folder: Path | str) -> dict[str, Any]:
+    """Return what the sweep in a folder was asked. Raises ``InputError``, ``StoreError``."""
+    with reading(Path(folder)) as store:
+        found = store.about()
+    if not found:
+        raise InputError("folder", str(folder), "a folder of a sweep that has begun")
+    return found
+
+
+def rows(folder: Path | str) -> Iterator[dict[str, Any]]:
+    """Yield the row of every answered design by number: number, key, the variables, then ``sweep_rows.COLUMNS``; SI units.
+
+    Raises:
+        InputError: the folder holds no sweep.
+        StoreError: it cannot be read.
+    """
+    with reading(Path(folder)) as store:
+        names = store.about().get("names", [])
+        for number, inputs, key, row in store.rows():
+            yield {"number": number, "key": key.hex(), **dict(zip(names, json.loads(inputs), strict=True)), **row}
+
+
+def units(folder: Path | str) -> dict[str, str]:
+    """Return the SI unit of each column that has one or is a pure number."""
+    return {one["name"]: one["unit"] for one in about(folder)["variables"]} | UNITS
+
+
+def dataframe(folder: Path | str) -> pd.DataFrame:
+    """Return the rows of a sweep as a data frame with the design's number as index and units in ``attrs["units"]``.
+
+    Raises:
+        MissingLibrary: pandas is not installed.
+        InputError: the folder holds no sweep.
+        StoreError: it cannot be read.
+    """
+    pandas = extra("pandas")
+    names = about(folder)["names"]
+    frame = pandas.DataFrame.from_records(list(rows(folder)), columns=["number", "key", *names, *COLUMNS], index="number")
+    numbers = [*OUTPUTS, "seconds"]
+    frame[numbers] = frame[numbers].astype(float)
+    frame.attrs["units"] = units(folder)
+    return frame
+
+
+def dataset(folder: Path | str) -> xr.Dataset:
+    """Return a sweep as a labelled set of arrays with units in the ``attrs`` of each.
+
+    Of a grid the dimensions are the variables, and designs without an answer are NaN; of a sample the one dimension is
+    ``design``, the number, and the variables are coordinates along it.
+
+    Raises:
+        MissingLibrary: xarray or pandas is not installed.
+        InputError: the folder holds no sweep.
+        StoreError: it cannot be read.
+    """
+    xarray, asked, frame = extra("xarray"), about(folder), dataframe(folder)
+    found: xr.Dataset
+    names, columns = asked["names"], [*OUTPUTS, "seconds", "status", "evaluator", "reason"]
+    if asked["sample"]["kind"] == "grid":
+        axes = [one["values"] for one in asked["variables"]]
+        shape = tuple(len(axis) for axis in axes)
+        count = 1
+        for length in shape:
+            count *= length
+        whole = frame.reindex(range(count))  # designs that constraints left out come in without values
+        arrays = {name: (names, whole[name].to_numpy().reshape(shape)) for name in columns}
+        found = xarray.Dataset(arrays, coords=dict(zip(names, axes, strict=True)))
+    else:
+        labels = {"design": frame.index.to_numpy()} | {name: ("design", frame[name].to_numpy()) for name in names}
+        found = xarray.Dataset({name: ("design", frame[name].to_numpy()) for name in columns}, coords=labels)
+    for name, unit in units(folder).items():
+        found[name].attrs["units"] = unit or "1"
+    found.attrs |= {name: asked[name] for name in ("evaluator", "accuracy", "version")}
+    return found
+
+
+def to_csv(folder: Path | str, path: Path) -> Path:
+    """Write the rows as CSV, whole or not at all; units stand in the headings. Needs no extra library."""
+    unit = units(folder)
+    names = ["number", "key", *about(folder)["names"], *COLUMNS]
+    with written_whole(path) as draft, draft.open("w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file)
+        table.writerow(f"{name}, {unit[name]}" if unit.get(name) else name for name in names)
+        table.writerows([row[name] for name in names] for row in rows(folder))
+    return path
+
+
+def to_parquet(folder: Path | str, path: Path) -> Path:
+    """Write the rows as Parquet, whole or not at all.
+
+    Raises:
+        MissingLibrary: pandas or pyarrow is not installed.
+    """
+    extra("pyarrow")
+    frame = dataframe(folder)
+    with written_whole(path) as draft:
+        frame.to_parquet(draft)
+    return path

@@ -1,0 +1,190 @@
+"""One design in, one row out, in whatever process; every fault becomes a row with its type and reason."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cache, lru_cache
+from importlib import metadata
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from geometry.common.errors import InputError, Words
+from geometry.scenes.scene import Scene
+from probe_design.sweeps.file import Sweep, scene_of
+from probe_design.sweeps.keys import Key, Value, changed, key
+
+if TYPE_CHECKING:
+    from solver import Result
+
+OUTPUTS = (
+    "stress_inner", "stress_outer", "ratio", "log_sensitivity", "stiffness", "charge_inner", "charge_outer",
+    "equivalent_modulus", "error_estimate", "residual",
+)  # fmt: skip
+COLUMNS = ("status", "type", "reason", "evaluator", *OUTPUTS, "plan", "warnings", "seconds")
+ROOT = Path(__file__).parents[2]
+PIECE = 128  # closed-form designs at once: more are no faster
+Row = dict[str, Any]
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Job:
+    """What all designs of a sweep share.
+
+    Attributes:
+        base: the tables of the scene that is varied.
+        names: the keys of the variables.
+        evaluator, accuracy: as in ``solver.evaluate``.
+        version: of the software that is to answer; see ``version``.
+    """
+
+    base: Mapping[str, Any]
+    names: tuple[str, ...]
+    evaluator: str
+    accuracy: float
+    version: str
+
+    @classmethod
+    def of(cls, sweep: Sweep) -> Job:
+        """Return the job of a sweep, for this software."""
+        names = tuple(one.name for one in sweep.keys)
+        return cls(sweep.base, names, sweep.evaluator, sweep.accuracy, version())
+
+    @property
+    def keys(self) -> tuple[Key, ...]:
+        """The keys of the variables."""
+        return tuple(key(name, self.base) for name in self.names)
+
+    def digest(self, keys: tuple[Key, ...], values: tuple[Value, ...]) -> bytes:
+        """Return the SHA-256 of one design's scene, of evaluator, accuracy and version.
+
+        The scene stands for itself as JSON with sorted keys, floats written so that they read back the same; surface files
+        count by what they hold, not by their name.
+        """
+        scene = changed(self.base, keys, values)
+        bodies = [_with_content(body) if body.get("surface") else body for body in scene.get("inclusion", ())]
+        return _digest([scene | {"inclusion": bodies}, self.evaluator, self.accuracy, self.version])
+
+    @property
+    def piece(self) -> int:
+        """How many designs are answered at once: formulas take arrays of them."""
+        return PIECE if self.evaluator == "closed-form" else 1
+
+    def load(self) -> None:
+        """Import what answers and build the scene once, so that it is no part of the first row's cost."""
+        from solver import levels
+
+        _caught(lambda: scene_of(self.base, (), ()))
+        if self.evaluator == levels.AUTO:
+            import solver.planning.plan
+        elif self.evaluator == "closed-form":
+            import solver.closed_form.level  # noqa: F401
+        else:
+            levels.evaluator(self.evaluator)
+
+    def rows(self, designs: Sequence[tuple[Value, ...]]) -> list[Row]:
+        """Answer designs; see ``pieces``."""
+        return [row for rows in self.pieces(designs) for row in rows]
+
+    def pieces(self, designs: Sequence[tuple[Value, ...]]) -> Iterator[list[Row]]:
+        """Answer designs, ``piece`` at a time, with one thread for linear algebra, so that the bits are the same everywhere.
+
+        Raises:
+            InputError: this software is not that of the job.
+        """
+        from solver.linalg.threads import one_thread
+
+        if version() != self.version:
+            raise InputError("version", Words(version()), f"{self.version}, on every worker as where the sweep was started")
+        keys = self.keys
+        with one_thread():
+            for first in range(0, len(designs), self.piece):
+                yield self._answered(keys, designs[first : first + self.piece])
+
+    def _answered(self, keys: tuple[Key, ...], designs: Sequence[tuple[Value, ...]]) -> list[Row]:
+        start = perf_counter()
+        built = [_caught(lambda values=values: scene_of(self.base, keys, values)) for values in designs]  # type: ignore[misc]
+        found = iter(self._evaluated([one for one in built if isinstance(one, Scene)]))
+        answers = [next(found) if isinstance(one, Scene) else one for one in built]
+        seconds = (perf_counter() - start) / len(designs)
+        return [_row(one, seconds) for one in answers]
+
+    def _evaluated(self, scenes: Sequence[Scene]) -> list[Result | Exception]:
+        from solver import evaluate
+
+        if self.evaluator == "closed-form":
+            from solver.closed_form.level import ClosedForm
+
+            together = _caught(lambda: ClosedForm().evaluate_many(scenes, self.accuracy))
+            if not isinstance(together, Exception):
+                return list(together)
+        return [_caught(lambda scene=scene: evaluate(scene, self.evaluator, self.accuracy)) for scene in scenes]  # type: ignore[misc]
+
+
+def _caught(made: Callable[[], T]) -> T | Exception:
+    """What is made, or the fault: whatever one design does, the next ones are answered."""
+    try:
+        return made()
+    except Exception as fault:
+        return fault
+
+
+def _row(found: Result | Exception, seconds: float) -> Row:
+    """The row of a result, or of a design that was refused or failed."""
+    if isinstance(found, Exception):
+        return blank("refused" if isinstance(found, InputError) else "failed", type(found).__name__, str(found), seconds)
+    numbers = {name: getattr(found, name) for name in OUTPUTS}
+    if not all(math.isfinite(number) for number in numbers.values() if number is not None):
+        return blank("failed", "ArithmeticError", "a result is not finite", seconds)
+    told = {"plan": [asdict(one) for one in found.plan], "warnings": found.warnings}
+    texts = {name: json.dumps(value, allow_nan=False) for name, value in told.items()}
+    return dict.fromkeys(COLUMNS) | {"status": "ok", "evaluator": found.evaluator, "seconds": seconds} | numbers | texts
+
+
+def blank(status: str, kind: str, reason: str, seconds: float) -> Row:
+    """Return the row of a design that has no answer."""
+    told = " ".join(reason.split())[:2000]
+    return dict.fromkeys(COLUMNS) | {"status": status, "type": kind, "reason": told, "seconds": seconds}
+
+
+@cache
+def version() -> str:
+    """Return the version of the software, a digest of the sources that results depend on, the versions of NumPy and SciPy."""
+    digest = hashlib.sha256()
+    for package in ("geometry", "solver"):
+        for path in sorted((ROOT / package).rglob("*.py")):
+            digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    numbers = (metadata.version(name) for name in ("numpy", "scipy"))
+    return f"{_own_version()}+{digest.hexdigest()[:12]} numpy {' scipy '.join(numbers)}"
+
+
+def _own_version() -> str:
+    try:
+        return metadata.version("probe-design")
+    except metadata.PackageNotFoundError:  # run from its folder
+        return "0"
+
+
+def _digest(value: object) -> bytes:
+    return hashlib.sha256(json.dumps(value, sort_keys=True, separators=(",", ":")).encode()).digest()
+
+
+def _with_content(body: Mapping[str, Any]) -> dict[str, Any]:
+    """An inclusion with a digest of its surface file in place of the name."""
+    path = Path(str(body["surface"]))
+    try:
+        stamp = path.stat()
+        return {**body, "surface": _content(path, stamp.st_mtime_ns, stamp.st_size)}
+    except (OSError, ValueError):
+        return {**body, "surface": f"{path}, which cannot be read"}
+
+
+@lru_cache(maxsize=64)
+def _content(path: Path, *_: int) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,246 @@
+"""A sweep from its file to its store: what has a row is kept, what has none is answered in batches, whoever dies meanwhile."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from time import monotonic
+from typing import TYPE_CHECKING, Any
+
+from geometry.common.errors import InputError
+from probe_design.sweeps.file import Sweep, read_sweep, sweep_from_dict
+from probe_design.sweeps.local_workers import LocalCrew
+from probe_design.sweeps.progress import Progress, Tell, logged
+from probe_design.sweeps.rows import Job, Row, blank
+from probe_design.sweeps.store import Store, writing
+from probe_design.sweeps.variables import whole
+from probe_design.sweeps.workers import Answer, Batch, Crew, CrewError, Outcome, Task
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+SECONDS = 0.5  # of work in a batch: some hundred times the cost of handing it out, and what a kill may cost
+LARGEST = 2000  # designs in a batch
+Log = Callable[[str], None]
+TRIES = 2  # workers that may die with a design on its own before it counts as failed
+
+
+@dataclass(frozen=True)
+class Swept:
+    """A finished sweep.
+
+    Attributes:
+        folder: where its store is.
+        designs: how many it has, with a row each.
+        left_out: designs that do not meet the constraints; they have no row.
+        ok, refused, failed: rows by status.
+        answered: rows that this run added; the others were there.
+        seconds: what this run took.
+    """
+
+    folder: Path
+    designs: int
+    left_out: int
+    ok: int
+    refused: int
+    failed: int
+    answered: int
+    seconds: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the JSON object of ``probe-design sweep``."""
+        return asdict(self) | {"folder": str(self.folder)}
+
+    def dataframe(self) -> pd.DataFrame:
+        """Return all rows; see ``sweep_results.dataframe``."""
+        from probe_design.sweeps.results import dataframe
+
+        return dataframe(self.folder)
+
+    def dataset(self) -> xr.Dataset:
+        """Return all rows with labels and units; see ``sweep_results.dataset``."""
+        from probe_design.sweeps.results import dataset
+
+        return dataset(self.folder)
+
+
+def sweep(
+    asked: Sweep | Mapping[str, Any] | Path | str,
+    output: Path | str,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    progress: Tell | None = None,
+    retry_failed: bool = False,
+) -> Swept:
+    """Answer every design of a sweep that has no row in ``output`` yet.
+
+    Args:
+        asked: the name of a sweep file, or its tables; numbers are then in SI units and ``scene`` may be a ``Scene``.
+        output: folder of the store.
+        scheduler: address of a Dask scheduler, ``tcp://host:8786``; processes on this computer without.
+        workers: how many processes; one for each processor without.
+        progress: called with the state after each batch.
+        retry_failed: whether designs whose row is ``failed`` are answered anew; what becomes of them takes the row's place.
+
+    Raises:
+        InputError: the sweep is not allowed, or another process is writing to the folder.
+        StoreError: the store cannot be read or written; committed rows are kept.
+        CrewError: workers do not start, have another version of this program, or the scheduler is gone for good; likewise.
+        KeyboardInterrupt: likewise.
+    """
+    start = monotonic()
+    wanted = asked if isinstance(asked, Sweep) else _checked(asked)
+    if workers is not None:
+        whole("workers", workers, 1, 1024)
+    if workers is not None and scheduler is not None:
+        raise InputError("workers", workers, "none with a scheduler, which has its own")
+    folder = Path(output)
+    with writing(folder) as store, logged(folder, progress) as (tell, log):
+        job = Job.of(wanted)
+        total, left_out = _begun(store, wanted, job)
+        if retry_failed:
+            log(f"forgets {store.forget('failed')} failed rows")
+        tasks = [Task(key, values, count) for count, values, key in store.missing()]
+        log(f"begins: {total} designs, {len(tasks)} to be answered, version {job.version}")
+        if tasks:
+            limit = wanted.time_limit
+            with _crew(job, scheduler, min(workers or _processors(), len(tasks)), limit, folder, log) as crew:
+                _Run(store, crew, tell, log, total, limit).answer(tasks)
+        counts = store.counts()
+        log(f"ends: {counts}")
+    return Swept(folder, total, left_out, **counts, answered=len(tasks), seconds=monotonic() - start)
+
+
+class _Run:
+    """The work of one run."""
+
+    def __init__(self, store: Store, crew: Crew, tell: Tell, log: Log, total: int, limit: float | None) -> None:
+        self._store, self._crew, self._tell, self._log, self._total, self._limit = store, crew, tell, log, total, limit
+        self._begun, self._counts = monotonic(), store.counts()
+        self._before = sum(self._counts.values())
+        self._cost = SECONDS  # seconds a row, as measured; a first batch is one design
+
+    def answer(self, tasks: list[Task]) -> None:
+        """Answer all of them."""
+        waiting, alone, out = deque(tasks), deque[Task](), 0
+        self._told()
+        while waiting or alone or out:
+            while (waiting or alone) and self._crew.free() > 0:
+                self._crew.give((alone.popleft(),) if alone else self._batch(waiting))
+                out += 1
+            for answer in self._crew.take(1.0):
+                out -= 1
+                rest, suspects = self._taken(answer)
+                waiting.extendleft(reversed(rest))
+                alone.extend(suspects)
+            self._told()
+
+    def _batch(self, waiting: deque[Task]) -> Batch:
+        """The next designs: half a second of work, less towards the end so that all workers end together."""
+        share = len(waiting) / (2 * max(1, self._crew.size()))
+        count = max(1, min(int(SECONDS / self._cost), LARGEST, int(share)))
+        return tuple(waiting.popleft() for _ in range(min(count, len(waiting))))
+
+    def _taken(self, answer: Answer) -> tuple[list[Task], list[Task]]:
+        """Commit rows; return the designs that nobody worked on yet, and those that another worker must try, each alone."""
+        found, count = answer.outcome, len(answer.outcome.rows)
+        if found.refused:
+            raise CrewError(found.refused)
+        if count:
+            self._commit(answer.batch[:count], found.rows)
+            cost = sum(row["seconds"] for row in found.rows) / count
+            self._cost = max(0.5 * (self._cost + cost), 1e-6)
+        held = answer.batch[count : count + found.held]
+        return list(answer.batch[count + found.held :]), self._again(held, found) if held else []
+
+    def _again(self, held: Batch, found: Outcome) -> list[Task]:
+        """Of designs with which a worker ended those that are tried again, each alone; that which ended it becomes a row."""
+        why = f"longer than {self._limit:g} s" if found.late else found.ended
+        self._log(f"a worker ended with {len(held)} designs: {why}")
+        if len(held) > 1:
+            return list(held)
+        task = held[0]
+        if found.late:
+            row = blank("failed", "TimeLimit", f"took {why}", self._limit or 0.0)
+        elif task.deaths + 1 < TRIES:
+            return [replace(task, deaths=task.deaths + 1)]
+        else:
+            row = blank("failed", "WorkerDied", f"{TRIES} times in a row, {found.ended}", 0.0)
+        self._commit(held, [row])
+        return []
+
+    def _commit(self, batch: Batch, rows: Sequence[Row]) -> None:
+        self._store.add([(task.key, row) for task, row in zip(batch, rows, strict=True)])
+        for task, row in zip(batch, rows, strict=True):
+            self._counts[row["status"]] += task.count
+
+    def _told(self) -> None:
+        done = sum(self._counts.values())
+        rate = (done - self._before) / max(monotonic() - self._begun, 1e-9)
+        counts = (self._counts["refused"], self._counts["failed"])
+        self._tell(Progress(self._total, done, *counts, rate, self._crew.size()))
+
+
+def _checked(asked: Mapping[str, Any] | Path | str) -> Sweep:
+    return sweep_from_dict(asked) if isinstance(asked, Mapping) else read_sweep(asked)
+
+
+def _begun(store: Store, wanted: Sweep, job: Job) -> tuple[int, int]:
+    """Note the designs unless they are noted already; returns how many there are and how many constraints left out."""
+    drawn = wanted.sample.count(wanted.variables)
+    asked = hashlib.sha256(repr((replace(wanted, time_limit=None), job)).encode() + _surfaces(wanted, job)).hexdigest()
+    about = store.about()
+    if about.get("digest") != asked:
+        keys = wanted.keys
+        designs = [(number, values, job.digest(keys, values)) for number, values in wanted.designs()]
+        store.begin(_about(wanted, job) | {"digest": asked, "designs": len(designs)}, designs)
+        about = {"designs": len(designs)}
+    return int(about["designs"]), drawn - int(about["designs"])
+
+
+def _about(wanted: Sweep, job: Job) -> dict[str, Any]:
+    """What readers of the store need to know."""
+    grid = wanted.sample.kind == "grid"
+    variables = [
+        {
+            "name": one.key.name,
+            "unit": one.key.unit,
+            "shown": one.key.shown,
+            "values": list(one.values) if grid else [],
+            "log": one.log,
+        }
+        for one in wanted.variables
+    ]
+    sample = asdict(wanted.sample)
+    return {**asdict(job), "variables": variables, "sample": sample, "constraints": list(wanted.constraints)}
+
+
+def _surfaces(wanted: Sweep, job: Job) -> bytes:
+    """Content of the surface files of the scene."""
+    return job.digest((), ()) if any(body.get("surface") for body in wanted.base.get("inclusion", ())) else b""
+
+
+@contextmanager
+def _crew(job: Job, scheduler: str | None, workers: int, limit: float | None, folder: Path, log: Log) -> Iterator[Crew]:
+    crew: Crew
+    if scheduler is None:
+        crew = LocalCrew(job, workers, limit, folder / "workers.log")
+    else:
+        from probe_design.sweeps.dask_workers import DaskCrew
+
+        crew = DaskCrew(job, scheduler, limit, log)
+    try:
+        yield crew
+    finally:
+        crew.close()
+
+
+def _processors() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,0 +1,106 @@
+"""Which designs a sweep asks for: a grid, or points of the unit cube, a column for each variable, the same every time."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.common.errors import InputError
+from geometry.meridian.grading import Floats
+from probe_design.sweeps.keys import Key, Value
+
+SAMPLED = ("sobol", "latin-hypercube", "saltelli")
+KINDS = ("grid", *SAMPLED)
+MOST = 10_000_000
+
+
+@dataclass(frozen=True)
+class Variable:
+    """What a sweep varies: a list of values, or a range.
+
+    Attributes:
+        key: of the scene.
+        values: of a grid, or what a sample draws from, each as likely.
+        low, high: the range that a sample draws from, where there are no values; SI.
+        log: whether it is even in the logarithm.
+    """
+
+    key: Key
+    values: tuple[Value, ...] = ()
+    low: float = 0.0
+    high: float = 0.0
+    log: bool = False
+
+    def at(self, share: float) -> Value:
+        """Return the value at a share of its range, from 0 to 1."""
+        if self.values:
+            return self.values[min(int(share * len(self.values)), len(self.values) - 1)]
+        if self.log:
+            return float(self.low * (self.high / self.low) ** share)
+        return float(self.low + (self.high - self.low) * share)
+
+
+@dataclass(frozen=True)
+class Sample:
+    """How the designs are drawn.
+
+    Attributes:
+        kind: of KINDS. ``saltelli`` draws n (d + 2) designs, from which Sobol indices follow.
+        n: points; of a grid no matter.
+        seed: of the generator.
+    """
+
+    kind: str = "grid"
+    n: int = 0
+    seed: int = 0
+
+    def designs(self, variables: tuple[Variable, ...]) -> list[tuple[Value, ...]]:
+        """Return the values of all variables, a tuple for each design; in a grid the last variable changes fastest.
+
+        Raises:
+            InputError: there are too many.
+        """
+        count = self.count(variables)
+        if count > MOST:
+            raise InputError("sample", f"{count} designs", f"at most {MOST}")
+        if self.kind == "grid":
+            shape = tuple(len(one.values) for one in variables)
+            places = np.unravel_index(np.arange(count), shape)
+            columns = [[one.values[place] for place in at.tolist()] for one, at in zip(variables, places, strict=True)]
+        else:
+            shares = self._shares(len(variables))
+            columns = [[one.at(share) for share in column] for one, column in zip(variables, shares.T.tolist(), strict=True)]
+        return list(zip(*columns, strict=True))
+
+    def count(self, variables: tuple[Variable, ...]) -> int:
+        """Return how many designs that makes."""
+        if self.kind == "grid":
+            return int(np.prod([float(len(one.values)) for one in variables]))
+        return self.n * (len(variables) + 2) if self.kind == "saltelli" else self.n
+
+    def _shares(self, d: int) -> Floats:
+        """Points of the unit cube, shape (designs, d)."""
+        from scipy.stats import qmc
+
+        columns = 2 * d if self.kind == "saltelli" else d
+        engine = qmc.LatinHypercube(d, rng=self.seed) if self.kind == "latin-hypercube" else qmc.Sobol(columns, rng=self.seed)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # any n is allowed; docs/sweep.md tells that powers of 2 are better
+            points: Floats = engine.random(self.n)
+        return _saltelli(points) if self.kind == "saltelli" else points
+
+
+def _saltelli(points: Floats) -> Floats:
+    """For each point (A, B) the designs A, A with one variable of B for each in turn, B: the order that SALib expects.
+
+    Saltelli et al., Computer Physics Communications 181 (2010) 259-270, table 2, radial design.
+    """
+    d = points.shape[1] // 2
+    a, b = points[:, :d], points[:, d:]
+    block = np.repeat(a[:, None, :], d + 2, axis=1)
+    for one in range(d):
+        block[:, one + 1, one] = b[:, one]
+    block[:, d + 1] = b
+    return block.reshape(-1, d)

@@ -1,0 +1,119 @@
+"""The summary page of a sweep: counts, pictures, what each variable does, Sobol indices where the sample allows them."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from geometry.common.files import write_text
+from geometry.meridian.grading import Floats
+from geometry.scenes.units import shown
+from probe_design.sweeps.results import UNITS, about, rows
+from probe_design.sweeps.sensitivity_indices import main_effect, sobol_indices
+
+SHOWN = ("ratio", "log_sensitivity", "stiffness", "error_estimate")
+MOST_POINTS = 5000
+MOST_BESIDE = 4  # pictures in a line
+
+
+def write_page(folder: Path | str, path: Path) -> Path:
+    """Write the summary of the sweep in ``folder``, one HTML file with its pictures in it.
+
+    Raises:
+        MissingLibrary: SALib is not installed, for a Saltelli sample.
+        InputError: the folder holds no sweep.
+        StoreError: it cannot be read.
+    """
+    asked, all_rows = about(folder), list(rows(folder))
+    good = [row for row in all_rows if row["status"] == "ok"]
+    told = [name for name in SHOWN if any(row[name] is not None for row in good)]
+    parts = [_counts(asked, all_rows)]
+    for name in told:
+        answered = [row for row in good if row[name] is not None]
+        y = np.array([row[name] for row in answered], dtype=float)
+        parts.append(f"<h2>{_label(name, UNITS[name])}</h2>")
+        parts.append(_picture(name, asked["variables"], answered, y))
+        parts.append(_effects(asked, answered, y, complete=len(answered) == asked["designs"]))
+    parts.append(_reasons(all_rows))
+    style = (
+        "<style>body{font:15px sans-serif;margin:2em;max-width:70em}img{max-width:100%}"
+        "td,th{padding:2px 12px;text-align:right}td:first-child{text-align:left}</style>"
+    )
+    return write_text(path, f"<!doctype html><meta charset=utf-8><title>Sweep</title>{style}<h1>Sweep</h1>{''.join(parts)}\n")
+
+
+def _counts(asked: dict[str, Any], all_rows: list[dict[str, Any]]) -> str:
+    count = Counter(row["status"] for row in all_rows)
+    told = [
+        ("designs", asked["designs"]), ("ok", count["ok"]), ("refused", count["refused"]), ("failed", count["failed"]),
+        ("sample", asked["sample"]["kind"]), ("evaluator", asked["evaluator"]), ("accuracy", asked["accuracy"]),
+        ("version", asked["version"]), ("constraints", "; ".join(asked["constraints"]) or "none"),
+        ("seconds of work", f"{sum(row['seconds'] for row in all_rows):.4g}"),
+    ]  # fmt: skip
+    return _table(("", ""), told)
+
+
+def _reasons(all_rows: list[dict[str, Any]]) -> str:
+    """The commonest reasons why there is no answer."""
+    reasons = Counter((row["status"], row["type"], row["reason"]) for row in all_rows if row["status"] != "ok")
+    if not reasons:
+        return ""
+    table = _table(("rows", "status", "type", "reason"), [(count, *reason) for reason, count in reasons.most_common(20)])
+    return f"<h2>Without an answer</h2>{table}"
+
+
+def _effects(asked: dict[str, Any], answered: list[dict[str, Any]], y: Floats, complete: bool) -> str:
+    """Share of the variance that each variable explains on its own, and Sobol indices."""
+    if len(y) < 2 or np.ptp(y) == 0.0:
+        return "<p>The same for all designs.</p>"
+    if asked["sample"]["kind"] == "saltelli" and complete:
+        found = sobol_indices(y, len(asked["names"]))
+        table = [(name, *(f"{low:.3g}" for low in one)) for name, one in zip(asked["names"], found, strict=True)]
+        return _table(("variable", "first order", "+-", "total", "+-"), table) + "<p>Sobol indices, 95 % intervals.</p>"
+    effects = [(name, main_effect([row[name] for row in answered], y)) for name in asked["names"]]
+    told = [(name, "-" if effect is None else f"{effect:.3g}") for name, effect in effects]
+    note = "" if asked["sample"]["kind"] != "saltelli" else " Sobol indices need an answer for every design."
+    return _table(("variable", "share of the variance"), told) + f"<p>Of the means over each variable alone.{note}</p>"
+
+
+def _picture(name: str, variables: list[Any], answered: list[Any], y: Floats) -> str:
+    """Scatter over each variable, in the unit in which people read it."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    wide, high = min(len(variables), MOST_BESIDE), -(-len(variables) // MOST_BESIDE)
+    figure = Figure(figsize=(3.2 * wide, 2.8 * high), layout="constrained")
+    FigureCanvasAgg(figure)
+    step = -(-len(y) // MOST_POINTS)
+    places = figure.subplots(high, wide, sharey=True, squeeze=False).ravel()
+    for axes in places[len(variables) :]:
+        axes.set_visible(False)
+    for axes, variable in zip(places, variables, strict=False):
+        values = [row[variable["name"]] for row in answered[::step]]
+        if variable["unit"]:
+            values = [shown(value, variable["unit"], variable["shown"]) for value in values]
+        axes.plot(values, y[::step], ".", markersize=3, alpha=0.5)
+        axes.set_xlabel(_label(variable["name"], variable["shown"]))
+        if variable["log"]:
+            axes.set_xscale("log")
+    for axes in places[::wide]:
+        axes.set_ylabel(_label(name, UNITS[name]))
+    drawn = io.BytesIO()
+    figure.savefig(drawn, format="png", dpi=110, bbox_inches="tight")
+    return f'<p><img alt="{html.escape(name)}" src="data:image/png;base64,{base64.b64encode(drawn.getvalue()).decode()}"></p>'
+
+
+def _label(name: str, unit: str) -> str:
+    return f"{name}, {unit}" if unit else name
+
+
+def _table(heads: tuple[str, ...], lines: list[Any]) -> str:
+    head = "".join(f"<th>{html.escape(one)}</th>" for one in heads)
+    body = "".join("<tr>" + "".join(f"<td>{html.escape(str(cell))}</td>" for cell in line) + "</tr>" for line in lines)
+    return f"<table><tr>{head}</tr>{body}</table>"

@@ -1,0 +1,51 @@
+"""The program of a worker process: a job, then batches of designs on standard input, their rows on standard output.
+
+One JSON value a line, whose floats read back the same. It ends when its input does: with whoever started it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+from time import monotonic
+from typing import Any
+
+ENOUGH = 2.0  # seconds after which a batch is given back: rows that wait for its end are not on the disk
+
+
+def main() -> None:
+    """Answer until there is no more to answer."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the one who started it to act on
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)  # what libraries print is no answer
+    from geometry.common.errors import InputError
+    from probe_design.sweeps.rows import Job
+    from solver.linalg.memory import give_back
+
+    def tell(found: Any) -> None:
+        try:
+            answers.write(json.dumps(found) + "\n")
+            answers.flush()
+        except BrokenPipeError:
+            os._exit(1)
+
+    job = Job(**json.loads(sys.stdin.readline()))
+    job.load()
+    tell("ready")
+    for line in sys.stdin:
+        until = monotonic() + ENOUGH
+        try:
+            for rows in job.pieces([tuple(values) for values in json.loads(line)]):
+                enough = monotonic() > until
+                tell({"rows": rows, "enough": enough})
+                if enough:
+                    break
+            give_back()
+        except InputError as fault:
+            tell({"refused": str(fault)})
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,151 @@
+"""What a person sees: tables, progress and messages; everything but results goes to standard error."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from solver.results.result import Curve, Result
+
+if TYPE_CHECKING:
+    from probe_design.maps.detectability import Detectability
+    from probe_design.maps.scan import Scan
+    from solver.planning.plan import Plan
+
+UNITS = {
+    "stress_inner": "Pa", "stress_outer": "Pa", "ratio": "", "log_sensitivity": "", "stiffness": "N/m", "charge_inner": "C",
+    "charge_outer": "C", "error_estimate": "", "equivalent_modulus": "Pa", "residual": "",
+}  # fmt: skip
+
+
+def message(text: str) -> None:
+    """Write one line to standard error."""
+    print(f"probe-design: {text}", file=sys.stderr, flush=True)
+
+
+def result_table(result: Result) -> Table:
+    """Return the results of one evaluation as a table; what is null is left out, its reason is a warning."""
+    table = Table(title=f"{result.evaluator}, {result.seconds:.2g} s")
+    for heading in ("quantity", "value", "unit"):
+        table.add_column(heading, justify="right" if heading == "value" else "left")
+    values = result.as_dict()
+    for key, unit in UNITS.items():
+        if values[key] is not None:
+            table.add_row(key, f"{values[key]:.6g}", unit)
+    return table
+
+
+def plan_table(plan: Plan) -> Table:
+    """Return a plan as a table, a line for each decision."""
+    table = Table(title=f"{plan.evaluator or 'no evaluator'}: {plan.dimension}", caption="relative changes by each feature")
+    for heading in ("feature", "modelled", "ratio", "stresses", "stiffness"):
+        table.add_column(heading, justify="left" if heading in ("feature", "modelled") else "right", no_wrap=True)
+    for one in plan.decisions:
+        effects = (one.effect, one.effect_on_stresses, one.effect_on_stiffness)
+        sizes = ("-" if effect is None else f"{effect:.2g}" for effect in effects)
+        table.add_row(one.feature, "yes" if one.modelled else "no", *sizes)
+    return table
+
+
+def curve_table(curve: Curve, most: int = 25) -> Table:
+    """Return a curve as a table, of ``most`` rows at most; what is null is a dash."""
+    table = Table(title=f"{curve.evaluator}, {len(curve.ratio)} moduli in {curve.seconds:.2g} s")
+    for heading in ("youngs_modulus, Pa", "ratio", "log_sensitivity", "error_estimate"):
+        table.add_column(heading, justify="right")
+    step = -(-len(curve.ratio) // most)
+    for row in list(zip(curve.youngs_modulus, curve.ratio, curve.log_sensitivity, curve.error_estimate, strict=True))[::step]:
+        table.add_row(*("-" if value is None else f"{value:.{digits}g}" for value, digits in zip(row, (4, 6, 4, 2), strict=True)))
+    return table
+
+
+def scan_table(scan: Scan, most: int = 41) -> Table:
+    """Return a scan as a table, of ``most`` rows at most; what is null is a dash."""
+    across = "y" if scan.along == "x" else "x"
+    where = f"along {scan.along} at {across} = {scan.at * 1e3:.6g} mm"
+    table = Table(title=f"{scan.evaluator}, {len(scan.ratio)} positions {where} in {scan.seconds:.2g} s")
+    for heading in ("position, mm", "ratio", "stiffness, N/m", "log_sensitivity", "error_estimate"):
+        table.add_column(heading, justify="right")
+    columns = ([1e3 * at for at in scan.position], scan.ratio, scan.stiffness, scan.log_sensitivity, scan.error_estimate)
+    for row in list(zip(*columns, strict=True))[:: -(-len(scan.ratio) // most)]:
+        table.add_row(
+            *("-" if value is None else f"{value:.{digits}g}" for value, digits in zip(row, (4, 6, 6, 4, 2), strict=True))
+        )
+    return table
+
+
+def threshold_table(found: Detectability, most: int = 20) -> Table:
+    """Return for some depths the least diameters that are seen, and whose stiffness is told; a dash where there is none."""
+    noise = f"noise {found.noise:g} on the ratio"
+    title = f"{found.evaluator}, {len(found.depth)} depths x {len(found.diameter)} diameters in {found.seconds:.2g} s, {noise}"
+    table = Table(title=title)
+    for heading in ("depth, mm", "largest that fits, mm", "seen from, mm", "stiffness told from, mm"):
+        table.add_column(heading, justify="right")
+    for depth, *columns in list(zip(found.depth, found.change, found.seen, found.told, strict=True))[
+        :: -(-len(found.depth) // most)
+    ]:
+        fits = [diameter for diameter, change in zip(found.diameter, columns[0], strict=True) if change is not None]
+        least = (next((d for d, yes in zip(found.diameter, row, strict=True) if yes), None) for row in columns[1:])
+        row = (depth, fits[-1] if fits else None, *least)
+        table.add_row(*("-" if value is None else f"{1e3 * value:.4g}" for value in row))
+    return table
+
+
+def show(table: Table) -> None:
+    """Write a table to standard output."""
+    Console(soft_wrap=True).print(table)
+
+
+@contextmanager
+def working(text: str) -> Iterator[None]:
+    """Show on a terminal that something is being computed."""
+    with Console(stderr=True).status(text):
+        yield
+
+
+@contextmanager
+def saying(text: str) -> Iterator[Callable[[str], None]]:
+    """Yield a function (line) that tells what is being done: beside a spinner on a terminal, in lines elsewhere."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield message
+        return
+    with console.status(text) as status:
+        yield lambda line: status.update(f"{text}: {line}")
+
+
+@contextmanager
+def counting(text: str) -> Iterator[Callable[[int, int], None]]:
+    """Yield a function (done, total) that moves a bar on a terminal, and does nothing elsewhere."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda done, total: None
+        return
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as bars:
+        task = bars.add_task(text, total=None)
+        yield lambda done, total: bars.update(task, completed=done, total=total)
+
+
+@contextmanager
+def stages() -> Iterator[Any]:
+    """Yield a function (stage, done, total) that shows a bar per stage, or lines where there is no terminal."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda stage, done, total: message(f"{stage}: {done} of {total}") if done in (0, total) else None
+        return
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console) as bars:
+        tasks: dict[str, Any] = {}
+
+        def update(stage: str, done: int, total: int) -> None:
+            task = tasks.setdefault(stage, None) or bars.add_task(stage, total=total)
+            tasks[stage] = task
+            bars.update(task, completed=done)
+
+        yield update

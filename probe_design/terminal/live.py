@@ -1,0 +1,73 @@
+"""Numbers and curves while a reading runs: refreshed in place on a terminal, plain lines elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from hw.samples import Samples
+from probe_design.built_probe.acquisition import window
+from probe_design.built_probe.reading import Read
+from probe_design.terminal.braille_chart import chart
+from probe_design.terminal.console import message
+
+SHOWN = 1.0  # s of the films' volts
+LEAST_PERIODS = 4.0
+LONGEST = 4.0  # s that a live number is taken from
+
+Show = Callable[[Samples], None]
+
+
+@contextmanager
+def following(judge: Callable[[Samples], Read], frequency: float) -> Iterator[Show]:
+    """Yield a function that shows what came so far; ``judge`` turns its last seconds into a reading."""
+    console = Console(stderr=True)
+    ratios: list[float] = []
+    seconds = max(LEAST_PERIODS / frequency, LONGEST)
+
+    def judged(samples: Samples) -> Read:
+        found = judge(window(samples, seconds))
+        if found.ratio is not None:
+            ratios.append(found.ratio)
+        return found
+
+    if not console.is_terminal:
+        yield lambda samples: message(_line(samples, judged(samples)))
+        return
+    with Live(console=console, transient=True, auto_refresh=False) as live:
+        yield lambda samples: live.update(_picture(samples, judged(samples), ratios, console), refresh=True)
+
+
+def _line(samples: Samples, found: Read) -> str:
+    stresses = f"stresses {found.stress_inner:.4g} and {found.stress_outer:.4g} Pa"
+    return f"{samples.index[-1] / samples.rate:.1f} s: ratio {_ratio(found)}, {stresses}"
+
+
+def _picture(samples: Samples, found: Read, ratios: list[float], console: Console) -> Group:
+    table = Table(show_header=False, box=None)
+    rows = {
+        "time, s": f"{samples.index[-1] / samples.rate:.1f}",
+        "ratio": _ratio(found),
+        "stress inner, Pa": f"{found.stress_inner:.5g} +- {found.stress_inner_uncertainty:.1g}",
+        "stress outer, Pa": f"{found.stress_outer:.5g} +- {found.stress_outer_uncertainty:.1g}",
+        "gaps, overruns": f"{len(samples.gaps)}, {samples.overruns}",
+    }
+    for name, value in rows.items():
+        table.add_row(name, value)
+    if "utf" not in console.encoding.lower():
+        return Group(table)
+    width = min(console.width - 2, 100)
+    last = window(samples, SHOWN).volts[:, :2].T * 1e3
+    films = chart([one - one.mean() for one in last], width, 8)
+    ratio = chart([np.array(ratios or [0.0])], width, 5)
+    return Group(table, Text(f"films, mV, last {SHOWN:g} s"), Text(films), Text("ratio"), Text(ratio))
+
+
+def _ratio(found: Read) -> str:
+    return "-" if found.ratio is None else f"{found.ratio:.5g} +- {found.ratio_uncertainty:.1g}"

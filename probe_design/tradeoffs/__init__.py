@@ -1,0 +1,1 @@
+"""``tradeoff``: every level timed and judged on scenes."""

@@ -1,0 +1,174 @@
+"""The trade of speed for accuracy as tables: for README and other pages, and for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from statistics import median
+
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from probe_design.tradeoffs.rows import Row, Setting
+from probe_design.tradeoffs.study import Tradeoff
+
+Cells = tuple[str, ...]
+SUMMARY = (
+    "evaluator", "accuracy asked", "scenes", "worst stated error", "worst true error", "log-sensitivity off by",
+    "first answer, s", "new probe, s", "next tumour, s", "slowest, s",
+)  # fmt: skip
+BRIEF = ("evaluator", "asked", "scenes", "stated\nerror", "true\nerror", "new\nprobe, s", "next\ntumour, s")
+CHOICES = ("scene", "within", "cheapest that states it", "cheapest that is within it")
+EACH = (
+    "scene", "evaluator", "accuracy asked", "ratio", "stated error", "true error", "log-sensitivity off by", "first answer, s",
+    "new probe, s", "next tumour, s",
+)  # fmt: skip
+TEXT = ("evaluator", *CHOICES)  # columns of words; numbers stand to the right
+NOTES = """\
+Stated error: the bound on the relative error of the ratio that comes with each answer. True error: difference from the
+reference, the finest answer of any level that converges; `<`: no more than that, as the difference is below the reference's
+own stated error. `*`: for some scenes the reference is of the same level: the difference shows how far that has converged, and
+no error that all its settings share; equivalent-inclusion and axisymmetric share the probe on tissue without tumours.
+Log-sensitivity off by: relative to the reference's, or to 1e-5 where that is smaller; the reference's own error is not counted.
+First answer: with all that a process builds only once. New probe: one that the process has not met. Next tumour: another
+one under the same probe. Slowest: of the new probes. Times are medians of wall clock: of them, ratios are what holds from
+machine to machine."""
+
+
+def summary_cells(found: Tradeoff) -> list[Cells]:
+    """Return a line for each setting: the worst errors over all scenes, and the median times."""
+    return [_summary(found, setting) for setting in found.settings]
+
+
+def choice_cells(found: Tradeoff) -> list[Cells]:
+    """Return for each scene and tolerance the cheapest answer that states to be within it, and the cheapest that is."""
+    return [(name, f"{100 * tolerance:g} %", _chosen(stated), _chosen(true)) for name, tolerance, stated, true in found.choices()]
+
+
+def row_cells(found: Tradeoff) -> list[Cells]:
+    """Return a line for each scene and setting that answered."""
+    return [_each(row) for row in found.rows if row.ratio is not None]
+
+
+def page(found: Tradeoff, picture: str) -> str:
+    """Return all of it as a page of Markdown; ``picture`` is the name of the plot's file."""
+    refusals = [f"- {row.scene}, {row.evaluator}: {row.reason}" for row in found.rows if row.reason is not None]
+    skipped = [f"- {name}: {why}" for name, why in found.skipped.items()]
+    return "\n\n".join(
+        (
+            "# Speed against accuracy",
+            f"![Error against time]({picture})",
+            markdown(SUMMARY, summary_cells(found)),
+            NOTES,
+            "## The cheapest for each scene",
+            markdown(CHOICES, choice_cells(found)),
+            "## Every answer",
+            markdown(EACH, row_cells(found)),
+            "## Not asked, or no answer",
+            "\n".join((*skipped, *dict.fromkeys(refusals))) + "\n",
+        )
+    )
+
+
+def markdown(headings: Sequence[str], rows: Iterable[Cells]) -> str:
+    """Return a table of Markdown."""
+    head = ["| " + " | ".join(headings) + " |", "|---" * len(headings) + "|"]
+    return "\n".join([*head, *("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows)])
+
+
+def summary_table(found: Tradeoff) -> Table:
+    """Return the summary for the terminal: what fits into 80 columns of it."""
+    kept = [0, 1, 2, 3, 4, 7, 8]
+    return _terminal("what each setting reaches and costs", BRIEF, [tuple(row[k] for k in kept) for row in summary_cells(found)])
+
+
+def choice_table(found: Tradeoff) -> Table:
+    """Return for the terminal the cheapest answer that states to be within each tolerance; each scene is named once."""
+    rows = [row[:3] for row in choice_cells(found)]
+    before = ["", *(row[0] for row in rows)]
+    shown = [("" if row[0] == name else row[0], *row[1:]) for row, name in zip(rows, before, strict=False)]
+    return _terminal("the cheapest answer to each scene", CHOICES[:3], shown)
+
+
+def _terminal(title: str, headings: Sequence[str], rows: Iterable[Cells]) -> Table:
+    table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    for heading in headings:
+        table.add_column(heading, justify="left" if heading in TEXT else "right", no_wrap=heading == "evaluator")
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def _summary(found: Tradeoff, setting: Setting) -> Cells:
+    rows = [row for row in found.rows if row.setting == setting]
+    answers = [row for row in rows if row.ratio is not None]
+    if not answers:
+        return (*_words(setting), f"0/{len(rows)}", *("-",) * (len(SUMMARY) - 3))
+    largest = max(row.seconds_probe or 0.0 for row in answers)
+    return (
+        *_words(setting),
+        f"{len(answers)}/{len(rows)}",
+        _small(_most(answers, lambda row: row.stated_error)),
+        _worst_true(answers),
+        _small(_most(answers, lambda row: row.log_sensitivity_error)),
+        _seconds(_middle(answers, lambda row: row.seconds_first)),
+        _seconds(_middle(answers, lambda row: row.seconds_probe)),
+        _seconds(_middle(answers, lambda row: row.seconds_tumour)),
+        _seconds(largest),
+    )
+
+
+def _each(row: Row) -> Cells:
+    times = (_seconds(seconds) for seconds in (row.seconds_first, row.seconds_probe, row.seconds_tumour))
+    errors = (_small(row.stated_error), _true(row), _small(row.log_sensitivity_error))
+    return (row.scene, *_words(row.setting), f"{row.ratio:.6g}", *errors, *times)
+
+
+def _worst_true(answers: Sequence[Row]) -> str:
+    compared = [row for row in answers if row.true_error is not None]
+    if not compared:
+        return "reference" if any(row.reference for row in answers) else "-"
+    text = _true(max(compared, key=lambda row: row.true_error_most or 0.0)).rstrip("*")
+    return text + "*" * any(row.same_level for row in compared)
+
+
+def _true(row: Row) -> str:
+    if row.reference:
+        return "reference"
+    if row.true_error is None:
+        return "-"
+    return (_small(row.true_error) if row.resolved else f"<{_small(row.true_error_most)}") + "*" * row.same_level
+
+
+def _chosen(row: Row | None) -> str:
+    return "none" if row is None else f"{_name(row.setting)}, {_seconds(row.seconds_probe)} s"
+
+
+def _name(setting: Setting) -> str:
+    return setting.evaluator if setting.accuracy is None else f"{setting.evaluator} at {setting.accuracy:g}"
+
+
+def _words(setting: Setting) -> tuple[str, str]:
+    return setting.evaluator, "-" if setting.accuracy is None else f"{setting.accuracy:g}"
+
+
+def _values(rows: Sequence[Row], pick: Callable[[Row], float | None]) -> list[float]:
+    return [value for value in map(pick, rows) if value is not None]
+
+
+def _most(rows: Sequence[Row], pick: Callable[[Row], float | None]) -> float | None:
+    return max(_values(rows, pick), default=None)
+
+
+def _middle(rows: Sequence[Row], pick: Callable[[Row], float | None]) -> float | None:
+    values = _values(rows, pick)
+    return median(values) if values else None
+
+
+def _small(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1e}"
+
+
+def _seconds(value: float | None) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.2g}" if value < 100 else f"{value:.0f}"

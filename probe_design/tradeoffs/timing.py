@@ -1,0 +1,112 @@
+"""One setting on one scene, timed: the first answer, a new probe, another tumour under the same probe."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from statistics import median
+from time import perf_counter
+
+from geometry.common.errors import ProbeError
+from geometry.scenes.scene import Inclusion, Scene
+from geometry.tetra.cache import FOLDER
+from probe_design.tradeoffs.rows import Row, Setting
+from solver import Result, evaluate
+
+REPEATS = 9  # at most
+ENOUGH = 1.0  # s: what took as long in all is repeated no more
+
+
+def first(name: str, scene: Scene, setting: Setting) -> Row:
+    """Return the first answer of a setting, or the row of its refusal."""
+    row = Row(name, setting.evaluator, setting.accuracy)
+    try:
+        result, seconds = _timed(scene, setting)
+    except ProbeError as refused:
+        return replace(row, reason=str(refused))
+    told = replace(row, seconds_first=seconds, seconds_probe=seconds)
+    if result.ratio is None:
+        return replace(told, reason=next(iter(result.warnings), "no ratio"))
+    return replace(told, ratio=result.ratio, log_sensitivity=result.log_sensitivity, stated_error=result.error_estimate)
+
+
+@dataclass(frozen=True)
+class Times:
+    """Seconds of one setting: with a new probe, and with another tumour under it."""
+
+    probe: tuple[float, ...] = ()
+    tumour: tuple[float, ...] = ()
+
+    @property
+    def enough(self) -> bool:
+        """Whether more repeats would say little."""
+        return len(self.probe) >= REPEATS or sum(self.probe + self.tumour) >= ENOUGH
+
+
+def timed(scene: Scene, rows: Sequence[Row]) -> tuple[Row, ...]:
+    """Repeat the settings that have answered, in turns, so that what else the machine does slows all of them alike."""
+    times = [Times() for _ in rows]
+    for k in range(REPEATS):
+        for index, row in enumerate(rows):
+            if row.ratio is not None and not times[index].enough:
+                times[index] = _again(scene, row, times[index], k)
+    return tuple(_with(row, found) for row, found in zip(rows, times, strict=True))
+
+
+def _again(scene: Scene, row: Row, so_far: Times, k: int) -> Times:
+    fresh = with_new_probe(scene, k)
+    try:
+        probe = _timed(fresh, row.setting)[1]
+        tumour = (_timed(with_other_tumours(fresh), row.setting)[1],) if scene.inclusion else ()
+    except ProbeError:  # the scene lies at the end of what the level takes
+        return so_far
+    return Times((*so_far.probe, probe), (*so_far.tumour, *tumour))
+
+
+def _with(row: Row, times: Times) -> Row:
+    probe = median(times.probe) if times.probe else row.seconds_probe
+    return replace(row, seconds_probe=probe, seconds_tumour=median(times.tumour) if times.tumour else None)
+
+
+def with_new_probe(scene: Scene, k: int) -> Scene:
+    """Return a scene that no evaluator has kept anything of: the blocks' moduli are changed by parts in a thousand million."""
+    times = 1 + 1e-9 * (k + 1)
+    blocks = {name: getattr(scene.probe, name) for name in ("inner", "outer")}
+    changed = {name: block.model_copy(update={"youngs_modulus": block.youngs_modulus * times}) for name, block in blocks.items()}
+    return scene.model_copy(update={"probe": scene.probe.model_copy(update=changed)})
+
+
+def with_other_tumours(scene: Scene) -> Scene:
+    """Return the same probe over tumours that are 2 % smaller, a little higher and 1 % stiffer: each lies inside the old one."""
+    return scene.model_copy(update={"inclusion": tuple(_other(body) for body in scene.inclusion)})
+
+
+def _other(body: Inclusion) -> Inclusion:
+    update: dict[str, object] = {"youngs_modulus": 1.01 * body.youngs_modulus}
+    if body.diameter is not None:
+        update |= {"diameter": 0.98 * body.diameter, "depth": body.depth - 0.005 * body.diameter}
+    if body.diameters is not None:
+        smaller = tuple(0.98 * size for size in body.diameters)
+        update |= {"diameters": smaller, "depth": body.depth - 0.005 * min(body.diameters)}
+    return body.model_copy(update=update)
+
+
+def _timed(scene: Scene, setting: Setting) -> tuple[Result, float]:
+    start = perf_counter()
+    result = evaluate(scene, setting.evaluator, 0.01 if setting.accuracy is None else setting.accuracy)
+    return result, perf_counter() - start
+
+
+@contextmanager
+def no_kept_meshes() -> Iterator[None]:
+    """Keep volume meshes of the block in a folder of its own, so that none made before falsifies a time."""
+    before = os.environ.get(FOLDER)
+    with tempfile.TemporaryDirectory(prefix="probe-design-", ignore_cleanup_errors=True) as folder:
+        os.environ[FOLDER] = folder
+        try:
+            yield
+        finally:
+            os.environ.pop(FOLDER) if before is None else os.environ.update({FOLDER: before})
