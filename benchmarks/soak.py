@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
+from hw.common.samples import Floats
 from hw.reader import Reader
-from hw.samples import Floats
-from hw.virtual import virtual
+from hw.simulation.virtual import virtual
 
 ROOT = Path(__file__).parents[1]
 RATE, SCALE, PERIOD = 100_000.0, 2.0**-12, 65536

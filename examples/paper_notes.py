@@ -20,9 +20,9 @@ def notes(found: Mapping[int, Result]) -> Iterator[str]:
     yield from _comparable(found)
     yield from _incomparable(found)
     yield (
-        "Assumed where the paper gives nothing, as in probe_design/data/builtin.toml: inner radius 5 mm, height 5 mm, rigid base, "
-        "bonded contact, tumours 10 mm deep; and in examples/paper-study.toml: tumours 30 mm apart along the block, tumour 1 "
-        "25 mm from its end, the far place 25 mm beside tumour 2. 5 and 8 mm stand for the printed 50 and 80 mm."
+        "Assumed where the paper gives nothing, as in probe_design/data/builtin.toml: inner radius 5 mm, height 5 mm, rigid "
+        "base, bonded contact, tumours 10 mm deep; and in examples/paper-study.toml: tumours 30 mm apart along the block, "
+        "tumour 1 25 mm from its end, the far place 25 mm beside tumour 2. 5 and 8 mm stand for the printed 50 and 80 mm."
     )
     yield (
         "Work: one solution a position serves the three loads. No two positions are mirror images of each other (the tumours "

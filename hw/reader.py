@@ -8,15 +8,15 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from hw.decoder import Format, FrameDecoder
-from hw.errors import InvalidSource, Timeout
-from hw.recording import Recorder
-from hw.replay import Replay
-from hw.samples import Samples, joined
-from hw.scope import ScopeTransport, WaveformDecoder
-from hw.transport import Decoder, Header, Transport
-from hw.usb import UsbTransport
-from hw.virtual import Virtual
+from hw.common.errors import InvalidSource, Timeout
+from hw.common.samples import Samples, joined
+from hw.common.transport import Decoder, Header, Transport
+from hw.oscilloscope.transport import ScopeTransport, WaveformDecoder
+from hw.recordings.recording import Recorder
+from hw.recordings.replay import Replay
+from hw.simulation.virtual import Virtual
+from hw.usb.transport import UsbTransport
+from hw.wire.decoder import Format, FrameDecoder
 
 SOURCES = "usb, usb:SERIAL, visa:RESOURCE, replay:FILE"
 
@@ -38,7 +38,7 @@ class Reader:
 
         Args:
             source: ``usb`` (the only probe connected), ``usb:SERIAL``, ``visa:RESOURCE``, ``replay:FILE``, or a
-                ``hw.virtual.virtual`` probe.
+                ``hw.simulation.virtual.virtual`` probe.
             rate: Hz per channel that a probe on USB is asked for; by default the rate it has.
 
         Raises:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry import Scene, read_scene
-from hw.samples import Samples
+from hw.common.samples import Samples
 from probe_design.built_probe.bench import Bench, builtin_bench
 from probe_design.built_probe.block_predictions import Shares, by_outer_radius, predicted
 

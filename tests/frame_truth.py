@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hw.frames import Codes
+from hw.wire.frames import Codes
 
 ROOT = Path(__file__).parents[1]
 SCALE, STREAM = 2.0**-10, 77

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from hw.firmware import Fault
+from hw.common.samples import Floats, Samples
 from hw.reader import Reader
-from hw.samples import Floats, Samples
-from hw.usb import Patience, UsbTransport
-from hw.virtual import Virtual, virtual
+from hw.simulation.firmware import Fault
+from hw.simulation.virtual import Virtual, virtual
+from hw.usb.transport import Patience, UsbTransport
 
 RATE, SCALE = 1e5, 2.0**-12
 LOST = "frames were lost or damaged on the way"

@@ -13,8 +13,8 @@ from benches import BENCH, LOAD, Floats, films, sampled, scene, shares
 
 from geometry import InputError, Refusal, Scene
 from geometry.scenes.variables import changed, values
-from hw.errors import HardwareError
-from hw.samples import Gap, Samples
+from hw.common.errors import HardwareError
+from hw.common.samples import Gap, Samples
 from probe_design.built_probe.bench import Bench, Reference, Workshop, bench_from_dict, read_bench
 from probe_design.built_probe.block_predictions import MODULI, on_block, predicted
 from probe_design.built_probe.calibration import Calibration, calibrate

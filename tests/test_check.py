@@ -11,7 +11,7 @@ from benches import BENCH, Floats, films, sampled, scene, shares
 
 from geometry import InputError
 from geometry.scenes.variables import changed, values
-from hw.samples import Samples
+from hw.common.samples import Samples
 from probe_design.built_probe.bench import Reference
 from probe_design.built_probe.block_predictions import predicted
 from probe_design.built_probe.calibration import calibrate

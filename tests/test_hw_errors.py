@@ -9,7 +9,7 @@ import pytest
 from probes import probe, read
 from usb.core import NoBackendError, USBError, USBTimeoutError
 
-from hw.errors import (
+from hw.common.errors import (
     AccessDenied,
     Busy,
     Disconnected,
@@ -21,11 +21,11 @@ from hw.errors import (
     Timeout,
     TransferError,
 )
-from hw.firmware import Fault, Halted, Kind
-from hw.protocol import START
 from hw.reader import Reader
-from hw.usb import UsbTransport
-from hw.usb_faults import meaning
+from hw.simulation.firmware import Fault, Halted, Kind
+from hw.usb.faults import meaning
+from hw.usb.transport import UsbTransport
+from hw.wire.protocol import START
 
 
 @pytest.mark.parametrize(

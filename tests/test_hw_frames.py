@@ -10,10 +10,10 @@ from frame_truth import SCALE, STREAM, codes_at, crc32
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hw.decoder import Format, FrameDecoder
-from hw.errors import ProtocolError
-from hw.frames import HIGHEST, LOWEST, OVERRUN, SATURATED, Frame, Layout, encoded
-from hw.samples import Samples, joined
+from hw.common.errors import ProtocolError
+from hw.common.samples import Samples, joined
+from hw.wire.decoder import Format, FrameDecoder
+from hw.wire.frames import HIGHEST, LOWEST, OVERRUN, SATURATED, Frame, Layout, encoded
 
 
 def frames_of(layout: Layout, count: int, sequence: int = 0, index: int = 0, stream: int = STREAM) -> list[bytes]:

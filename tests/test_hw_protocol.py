@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from frame_truth import ROOT, STREAM, codes_at, crc32
 
-from hw.decoder import Format, FrameDecoder
-from hw.errors import ProtocolError
-from hw.frames import Frame, Layout, encoded, vectors
-from hw.protocol import Info, Status
+from hw.common.errors import ProtocolError
+from hw.wire.decoder import Format, FrameDecoder
+from hw.wire.frames import Frame, Layout, encoded, vectors
+from hw.wire.protocol import Info, Status
 
 
 def test_many_frames_at_once_are_the_single_ones() -> None:
@@ -63,7 +63,7 @@ def test_answers_that_are_refused(data: bytes, told: str) -> None:
 
 def test_documented_descriptors_are_the_printed_ones_and_add_up() -> None:
     printed = subprocess.run(
-        [sys.executable, "-m", "hw.descriptors"], cwd=ROOT, capture_output=True, text=True, check=True
+        [sys.executable, "-m", "hw.usb.descriptors"], cwd=ROOT, capture_output=True, text=True, check=True
     ).stdout
     assert printed.strip() in (ROOT / "docs" / "protocol.md").read_text(encoding="utf-8")
     store, told = (bytes.fromhex("".join(re.findall(r"(?m)^[0-9a-f]{4}  (.*)$", part))) for part in printed.split("\n\n"))
@@ -77,7 +77,9 @@ def test_documented_descriptors_are_the_printed_ones_and_add_up() -> None:
 
 
 def test_documented_vectors_are_the_printed_ones() -> None:
-    printed = subprocess.run([sys.executable, "-m", "hw.frames"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    printed = subprocess.run(
+        [sys.executable, "-m", "hw.wire.frames"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
     text = (ROOT / "docs" / "protocol.md").read_text(encoding="utf-8")
     assert printed.strip() in text
     dumps = re.findall(r"(?m)^((?:[0-9a-f]{4}  .*\n)+)", printed + "\n")

@@ -10,13 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from probes import LOST, RATE, SCALE, probe, read, right
 
-from hw.errors import Overrun, Timeout, TransferError
-from hw.firmware import Fault, Kind
-from hw.frames import HIGHEST, LOWEST
+from hw.common.errors import Overrun, Timeout, TransferError
+from hw.common.samples import Gap
 from hw.reader import Reader
-from hw.samples import Gap
-from hw.usb import Patience
-from hw.virtual import virtual
+from hw.simulation.firmware import Fault, Kind
+from hw.simulation.virtual import virtual
+from hw.usb.transport import Patience
+from hw.wire.frames import HIGHEST, LOWEST
 
 
 @pytest.mark.parametrize("packet", [64, 511, 512, 513, 1024])

@@ -14,16 +14,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from probes import HURRIED, probe, right
 
-from hw.errors import (
+from hw.common.errors import (
     InvalidSource,
     Stalled,
     Timeout,
 )
-from hw.firmware import Fault
+from hw.common.transport import Chunk
 from hw.reader import Reader
-from hw.recording import KIND, Recorder, read_recording, sha256
-from hw.transport import Chunk
-from hw.usb import UsbTransport
+from hw.recordings.recording import KIND, Recorder, read_recording, sha256
+from hw.simulation.firmware import Fault
+from hw.usb.transport import UsbTransport
 
 
 def test_samples_before_a_lasting_fault_are_kept(tmp_path: Path) -> None:

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from usb.core import USBError
 
-from hw.errors import Disconnected, HardwareError, InvalidSource, NotFound, ProtocolError, Timeout
+from hw.common.errors import Disconnected, HardwareError, InvalidSource, NotFound, ProtocolError, Timeout
+from hw.common.transport import Chunk
+from hw.oscilloscope.transport import ScopeTransport, faults_named
 from hw.reader import Reader
-from hw.scope import ScopeTransport, faults_named
-from hw.transport import Chunk
 
 INTERVAL, POINTS = 2e-5, 600
 CODES = (np.arange(POINTS) % 200 + 20, np.arange(POINTS) * 7 % 200 + 20)  # of eight bits, unsigned

@@ -72,7 +72,7 @@ def at_import(path: Path) -> Iterator[str]:
             yield str(node.module)
 
 
-@pytest.mark.parametrize("module", ["geometry", "solver", "hw.reader", "hw.virtual"])
+@pytest.mark.parametrize("module", ["geometry", "solver", "hw.reader", "hw.simulation.virtual"])
 def test_bare_import_loads_nothing_heavy(module: str) -> None:
     found = modules_after(f"import {module}")
     assert found & HEAVY == set()

@@ -12,11 +12,11 @@ import pytest
 from benches import BENCH, films, sampled, scene, shares
 from rich.console import Console
 
-from hw.errors import HardwareError, Timeout
-from hw.firmware import Fault
+from hw.common.errors import HardwareError, Timeout
+from hw.common.samples import Samples
 from hw.reader import Reader
-from hw.samples import Samples
-from hw.virtual import virtual
+from hw.simulation.firmware import Fault
+from hw.simulation.virtual import virtual
 from probe_design.built_probe.acquisition import collected, window
 from probe_design.built_probe.calibration import calibrate
 from probe_design.built_probe.film_forces import reading

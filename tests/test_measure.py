@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hw.amplifier import ChargeAmplifier, TooSlow
-from hw.measure import Flawed, Measurement, carried, checked, measure
-from hw.samples import Gap, Samples
+from hw.common.samples import Gap, Samples
+from hw.signal.amplifier import ChargeAmplifier, TooSlow
+from hw.signal.measure import Flawed, Measurement, carried, checked, measure
 
 AMPLIFIER = ChargeAmplifier()
 CHARGES = np.array([1.0e-12 * np.exp(0.02j), 2.0e-12])

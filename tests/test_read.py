@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from benches import BENCH, LOAD, Floats, films, sampled, scene, shares
 
-from hw.measure import Measurement
+from hw.signal.measure import Measurement
 from probe_design.built_probe.bench import Reference
 from probe_design.built_probe.block_predictions import Share
 from probe_design.built_probe.film_forces import reading, warming

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hw.samples import Gap, Samples
-from hw.sine_fit import NoSine, SineFit, sine_fit
+from hw.common.samples import Gap, Samples
+from hw.signal.sine_fit import NoSine, SineFit, sine_fit
 
 RATE, ROWS, FREQUENCY = 500.0, 4000, 5.003
 AMPLITUDES = np.array([1.0 * np.exp(0.3j), 0.5 * np.exp(0.28j)])
@@ -104,7 +104,7 @@ def test_gaps_and_saturation_are_left_out_not_filled() -> None:
 
 def test_slices_make_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = sine_fit(record(5), 5.0)
-    monkeypatch.setattr("hw.sine_model.ROWS", 777)
+    monkeypatch.setattr("hw.signal.sine_model.ROWS", 777)
     assert sine_fit(record(5), 5.0).amplitudes == pytest.approx(whole.amplitudes, abs=1e-10)
 
 

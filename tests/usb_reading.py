@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from hw.errors import HardwareError
+from hw.common.errors import HardwareError
+from hw.common.samples import Floats, Ints
 from hw.reader import Reader
-from hw.samples import Floats, Ints
-from hw.usb import Patience, UsbTransport
+from hw.usb.transport import Patience, UsbTransport
 
 PERIOD, SCALE = 65536, 2.0**-12
 

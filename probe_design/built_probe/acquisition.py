@@ -9,9 +9,9 @@ from pathlib import Path
 from queue import SimpleQueue
 from threading import Event, Thread
 
-from hw.errors import HardwareError, Timeout
+from hw.common.errors import HardwareError, Timeout
+from hw.common.samples import Samples, joined
 from hw.reader import Reader
-from hw.samples import Samples, joined
 
 EVERY = 0.5  # s of samples between two looks
 

@@ -15,7 +15,7 @@ from geometry.common.errors import InputError, Words
 from geometry.common.text_files import read_tables, tables
 from geometry.scenes.probe import Frozen, Length, Modulus
 from geometry.scenes.units import Quantity
-from hw.amplifier import ChargeAmplifier
+from hw.signal.amplifier import ChargeAmplifier
 
 Frequency = Annotated[float, Quantity("frequency", "Hz", "Hz", 1e-3, 1e5)]
 Resistance = Annotated[float, Quantity("resistance", "ohm", "ohm", 1e3, 1e15)]

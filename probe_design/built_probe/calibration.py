@@ -10,8 +10,8 @@ import numpy as np
 from geometry.common.errors import InputError, Words
 from geometry.meridian.grading import Floats
 from geometry.scenes.scene import Scene
-from hw.measure import Measurement
-from hw.samples import Samples
+from hw.common.samples import Samples
+from hw.signal.measure import Measurement
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import Shares, predicted
 from probe_design.built_probe.film_forces import observed, strict_reading

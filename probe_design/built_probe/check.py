@@ -17,7 +17,7 @@ from scipy.stats import chi2
 from geometry.common.errors import InputError, Words
 from geometry.meridian.grading import Floats
 from geometry.scenes.scene import Scene
-from hw.samples import Samples
+from hw.common.samples import Samples
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import Shares, predicted
 from probe_design.built_probe.explanations import Deviation, Explanation, alike, explanations, refined

@@ -8,8 +8,8 @@ from geometry.common.errors import InputError, Words
 from geometry.meridian.grading import Floats
 from geometry.scenes.probe import Probe
 from geometry.scenes.scene import Scene
-from hw.measure import FILMS, Flawed, Measurement, checked, measure
-from hw.samples import Samples
+from hw.common.samples import Samples
+from hw.signal.measure import FILMS, Flawed, Measurement, checked, measure
 from probe_design.built_probe.bench import Bench, Reference
 from probe_design.built_probe.gain_matrix import Observed
 from probe_design.built_probe.virtual_probe import charge_per_force

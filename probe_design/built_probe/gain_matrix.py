@@ -20,7 +20,7 @@ from scipy.stats import chi2
 
 from geometry.common.errors import InputError, Words
 from geometry.meridian.grading import Floats
-from hw.samples import Ints
+from hw.common.samples import Ints
 from probe_design.built_probe.bench import Bench, Reference
 from probe_design.built_probe.block_predictions import Shares
 

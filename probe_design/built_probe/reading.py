@@ -10,7 +10,7 @@ import numpy as np
 
 from geometry.meridian.grading import Floats
 from geometry.scenes.scene import Scene
-from hw.measure import Measurement, carried
+from hw.signal.measure import Measurement, carried
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.film_forces import newtons
 from probe_design.built_probe.gain_matrix import Gains

@@ -11,7 +11,7 @@ from geometry.common.errors import Refusal, Words
 from geometry.meridian.grading import Floats
 from geometry.scenes.probe import Film
 from geometry.scenes.scene import Scene
-from hw.amplifier import ChargeAmplifier
+from hw.signal.amplifier import ChargeAmplifier
 from probe_design.built_probe.bench import Bench, Reference
 from probe_design.built_probe.block_predictions import predicted
 from solver.results.result import Result

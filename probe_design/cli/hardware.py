@@ -12,7 +12,7 @@ import click
 from probe_design.cli.arguments import number, print_json
 
 if TYPE_CHECKING:
-    from hw.samples import Samples
+    from hw.common.samples import Samples
     from probe_design.built_probe.bench import Reference
     from probe_design.cli.hardware_sources import Setting, Source
 
@@ -178,8 +178,8 @@ def _readings(
     setting: Setting, source: Source, references: Sequence[Reference], run: int
 ) -> tuple[list[Samples], tuple[Path | None, ...]]:
     """One reading on each reference, and where its raw data are."""
-    from hw.errors import HardwareError
-    from hw.measure import Flawed
+    from hw.common.errors import HardwareError
+    from hw.signal.measure import Flawed
 
     files = source.recordings(len(references))
     samples = []

@@ -15,10 +15,10 @@ from geometry.scenes.probe import LENGTH, MODULUS
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import read_scene
 from geometry.scenes.variables import changed, values
+from hw.common.samples import Floats, Samples
 from hw.reader import Reader
-from hw.recording import sha256
-from hw.samples import Floats, Samples
-from hw.virtual import virtual
+from hw.recordings.recording import sha256
+from hw.simulation.virtual import virtual
 from probe_design.built_probe.bench import Bench, builtin_bench, read_bench
 from probe_design.built_probe.block_predictions import by_outer_radius
 from probe_design.built_probe.calibration_record import CalibrationRecord, Raw, read_record

@@ -74,7 +74,7 @@ def _run() -> int:
 
 def _explained(fault: Exception) -> int:
     from geometry.common.errors import ProbeError  # costs 0.2 s, which --help need not pay
-    from hw.errors import HardwareError
+    from hw.common.errors import HardwareError
 
     if isinstance(fault, ProbeError | HardwareError):
         return _fail(str(fault), fault.exit_code)

@@ -1,7 +1,7 @@
 """What readings say about the target inclusion: one unknown of it, everything else in the scene being known.
 
-The unknown is its Young's modulus, diameter or depth; ``probe_design.estimation.intervals`` holds the statistics, ``probe_design.estimation.strength``
-what is left where stiffness and size cannot be told. The value is the best fit, the interval covers the truth in 95 % of cases.
+The unknown is its Young's modulus, diameter or depth; ``intervals.py`` holds the statistics, ``strength.py`` what is left where
+stiffness and size cannot be told. The value is the best fit, the interval covers the truth in 95 % of cases.
 
 An unknown counts as *identifiable* where the interval is bounded at both ends inside what was searched and its ends are at most a
 factor ``WIDEST`` apart; otherwise the value is None and ``reason`` says why.

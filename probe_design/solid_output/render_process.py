@@ -1,6 +1,6 @@
 """Render coloured triangles and lines in three dimensions: a program of its own, for VTK crashes where OpenGL is absent.
 
-Called as ``python -P solid_render.py arrays.npz picture.png``; the arrays are those that ``probe_design.solid_output.vtu`` writes.
+Called as ``python -P render_process.py arrays.npz picture.png``; the arrays are those that ``render.py`` writes.
 It imports nothing of ours, so that it runs by its path alone.
 """
 

@@ -11,7 +11,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from hw.samples import Samples
+from hw.common.samples import Samples
 from probe_design.built_probe.acquisition import window
 from probe_design.built_probe.reading import Read
 from probe_design.terminal.braille_chart import chart

@@ -1,7 +1,7 @@
 """Microsoft's OS 2.0 descriptors, by which Windows gives the board its WinUSB driver by itself.
 
-``python -m hw.descriptors`` prints the bytes that ``docs/protocol.md`` shows. Layouts: Microsoft OS 2.0 Descriptors Specification
-(platform capability, set header, compatible ID, registry property).
+``python -m hw.usb.descriptors`` prints the bytes that ``docs/protocol.md`` shows. Layouts: Microsoft OS 2.0 Descriptors
+Specification (platform capability, set header, compatible ID, registry property).
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ from __future__ import annotations
 import struct
 import uuid
 
-from hw.frames import hex_dump
-from hw.protocol import MS_OS_20
+from hw.wire.frames import hex_dump
+from hw.wire.protocol import MS_OS_20
 
 _PLATFORM = uuid.UUID("d8dd60df-4589-4cc7-9cd2-659d9e648a9f")
 _INTERFACE = "{6c2d9a41-3f0b-4e58-9b1c-7a5de20c8f36}"  # drawn for this project; libusb finds the device by it

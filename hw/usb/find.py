@@ -13,9 +13,9 @@ import usb.util
 from usb.backend import IBackend
 from usb.backend.libusb1 import _LibUSB
 
-from hw.errors import Ambiguous, HardwareError, NotFound
-from hw.protocol import PRODUCT_ID, VENDOR_ID
-from hw.usb_faults import named
+from hw.common.errors import Ambiguous, HardwareError, NotFound
+from hw.usb.faults import named
+from hw.wire.protocol import PRODUCT_ID, VENDOR_ID
 
 Backends = Callable[[], IBackend]
 _STRING, _ENGLISH = 0x0300, 0x0409

@@ -1,6 +1,6 @@
 """Frames of the vendor stream: how samples lie in them, and their encoder. ``docs/protocol.md`` is the specification.
 
-``python -m hw.frames`` prints the test vectors of that document.
+``python -m hw.wire.frames`` prints the test vectors of that document.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.errors import ProtocolError
+from hw.common.errors import ProtocolError
 
 Codes = NDArray[np.int16]
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.errors import ProtocolError
-from hw.frames import CHANNELS, CRC, HIGHEST, LOWEST, MAGIC, OVERRUN, SATURATED, VERSION, Layout
-from hw.samples import Gap, Ints, Samples
+from hw.common.errors import ProtocolError
+from hw.common.samples import Gap, Ints, Samples
+from hw.wire.frames import CHANNELS, CRC, HIGHEST, LOWEST, MAGIC, OVERRUN, SATURATED, VERSION, Layout
 
 GIVE_UP = 2_000  # frames' worth of bytes without a single valid frame
 OVERRAN = "the device's buffer ran over"

@@ -8,9 +8,9 @@ from typing import Any
 import usb.core
 import usb.util
 
-from hw.errors import ProtocolError
-from hw.protocol import GET_INFO, GET_STATUS, IN, OUT, RATE, SET_RATE, START, STOP, VENDOR_CLASS, Info, Status
-from hw.usb_find import Found, release, where
+from hw.common.errors import ProtocolError
+from hw.usb.find import Found, release, where
+from hw.wire.protocol import GET_INFO, GET_STATUS, IN, OUT, RATE, SET_RATE, START, STOP, VENDOR_CLASS, Info, Status
 
 _CONTROL_TIMEOUT = 1000  # ms
 

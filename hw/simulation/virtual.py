@@ -18,9 +18,9 @@ from typing import Any
 from usb.backend import IBackend
 from usb.core import USBError, USBTimeoutError
 
-from hw.firmware import Fault, Firmware, Halted
-from hw.protocol import PRODUCT_ID, VENDOR_CLASS, VENDOR_ID
-from hw.samples import Floats
+from hw.common.samples import Floats
+from hw.simulation.firmware import Fault, Firmware, Halted
+from hw.wire.protocol import PRODUCT_ID, VENDOR_CLASS, VENDOR_ID
 
 _ENDPOINT = 0x81
 _DEVICE: dict[str, Any] = {

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hw.errors import ProtocolError
-from hw.samples import Bools, Floats
+from hw.common.errors import ProtocolError
+from hw.common.samples import Bools, Floats
 
 
 @dataclass(frozen=True)

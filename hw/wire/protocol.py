@@ -5,8 +5,8 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-from hw.errors import ProtocolError
-from hw.frames import CHANNELS, VERSION
+from hw.common.errors import ProtocolError
+from hw.wire.frames import CHANNELS, VERSION
 
 VENDOR_ID, PRODUCT_ID = 0x1209, 0x0001  # pid.codes' number for tests: free to use, not to sell under
 VENDOR_CLASS = 0xFF

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from typing import Any, Protocol
 
-from hw.samples import Samples
+from hw.common.samples import Samples
 
 
 @dataclass(frozen=True)

@@ -17,12 +17,12 @@ from typing import Any
 from usb.backend import IBackend
 from usb.core import USBError
 
-from hw.errors import AccessDenied, Busy, Disconnected, HardwareError, InvalidSource, ProtocolError, Stalled, Timeout
-from hw.frames import CHANNELS, Layout
-from hw.transport import Chunk, Header, now
-from hw.usb_device import UsbDevice
-from hw.usb_faults import meaning, named
-from hw.usb_find import Backends, find, libusb
+from hw.common.errors import AccessDenied, Busy, Disconnected, HardwareError, InvalidSource, ProtocolError, Stalled, Timeout
+from hw.common.transport import Chunk, Header, now
+from hw.usb.device import UsbDevice
+from hw.usb.faults import meaning, named
+from hw.usb.find import Backends, find, libusb
+from hw.wire.frames import CHANNELS, Layout
 
 _FAULTS = (USBError, NotImplementedError)
 _REASON: dict[type[HardwareError], str] = {Stalled: "the endpoint was halted", Disconnected: "the device was unplugged"}

@@ -10,9 +10,9 @@ from typing import Literal
 
 import numpy as np
 
-from hw.frames import HIGHEST, LOWEST, OVERRUN, Codes, Layout, encoded
-from hw.protocol import GET_INFO, GET_STATUS, RATE, SET_RATE, START, STOP, Info, Status
-from hw.samples import Floats
+from hw.common.samples import Floats
+from hw.wire.frames import HIGHEST, LOWEST, OVERRUN, Codes, Layout, encoded
+from hw.wire.protocol import GET_INFO, GET_STATUS, RATE, SET_RATE, START, STOP, Info, Status
 
 Kind = Literal["drop", "repeat", "corrupt", "cut", "overrun", "stall", "error", "silence", "unplug", "power"]
 

@@ -16,11 +16,11 @@ import libusb_package
 import numpy as np
 from usb.core import USBError
 
-from hw.errors import Busy, Disconnected, HardwareError, InvalidSource, NotFound, ProtocolError, Timeout, TransferError
-from hw.samples import Gap, Samples
-from hw.scpi import DIALECTS, dialect_of
-from hw.transport import Chunk, Header, now
-from hw.usb_faults import named
+from hw.common.errors import Busy, Disconnected, HardwareError, InvalidSource, NotFound, ProtocolError, Timeout, TransferError
+from hw.common.samples import Gap, Samples
+from hw.common.transport import Chunk, Header, now
+from hw.oscilloscope.scpi import DIALECTS, dialect_of
+from hw.usb.faults import named
 
 _PATIENCE = 10.0  # s, for one acquisition
 _BETWEEN = "a new acquisition"

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from hw.recording import Recording
-from hw.transport import Chunk
+from hw.common.transport import Chunk
+from hw.recordings.recording import Recording
 
 
 class Replay:

@@ -1,6 +1,6 @@
 """Amplitudes of a sinusoidal load in all channels by linear least squares, with their covariance.
 
-The model is eq. (S1) of ``hw.sine_model``: harmonics of the load, mains lines where there are any, a drift polynomial. The
+The model is eq. (S1) of ``hw.signal.sine_model``: harmonics of the load, mains lines where there are any, a drift polynomial. The
 frequencies of load and mains are corrected by Gauss-Newton steps; both leave the amplitudes, whose phases count from the
 middle of the record, uncorrelated with them to first order.
 """
@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.errors import HardwareError
-from hw.samples import Floats, Samples
-from hw.sine_model import DRIFT, Lines, Solved, residual, solve
-from hw.spectrum import MAINS, WANDERS, colour, mains, strongest
+from hw.common.errors import HardwareError
+from hw.common.samples import Floats, Samples
+from hw.signal.sine_model import DRIFT, Lines, Solved, residual, solve
+from hw.signal.spectrum import MAINS, WANDERS, colour, mains, strongest
 
 Complexes = NDArray[np.complex128]
 HARMONICS = 3

@@ -17,8 +17,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Self
 
-from hw.errors import InvalidSource
-from hw.transport import Chunk, Header
+from hw.common.errors import InvalidSource
+from hw.common.transport import Chunk, Header
 
 KIND = "probe-design recording"
 VERSION = 1

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hw.samples import Floats, Samples
+from hw.common.samples import Floats, Samples
 
 ENOUGH = 500.0  # Hz: what is looked for lies well below
 PADDED = 4  # times the record's length: lines of the spectrum lie that much closer than they are wide

@@ -9,7 +9,7 @@ import errno
 
 from usb.core import NoBackendError, USBError, USBTimeoutError
 
-from hw.errors import (
+from hw.common.errors import (
     AccessDenied,
     Busy,
     Disconnected,

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hw.errors import HardwareError
-from hw.samples import Floats
+from hw.common.errors import HardwareError
+from hw.common.samples import Floats
 
 LEAST = 0.5  # of the corner frequency: below it less than 45 % of the charge is seen, and the corner's error with all its weight
 

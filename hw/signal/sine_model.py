@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hw.samples import Floats
+from hw.common.samples import Floats
 
 ROWS = 65_536  # in a slice
 DRIFT = 4  # coefficients of the drift polynomial: up to t^3

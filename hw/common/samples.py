@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.errors import Overrun, TransferError
+from hw.common.errors import Overrun, TransferError
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

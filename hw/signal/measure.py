@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hw.amplifier import ChargeAmplifier
-from hw.errors import HardwareError
-from hw.samples import Floats, Samples
-from hw.sine_fit import Complexes, SineFit, sine_fit
+from hw.common.errors import HardwareError
+from hw.common.samples import Floats, Samples
+from hw.signal.amplifier import ChargeAmplifier
+from hw.signal.sine_fit import Complexes, SineFit, sine_fit
 
 FILMS = ("inner", "outer")
 FORCE = "force"

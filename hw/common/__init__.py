@@ -1,0 +1,1 @@
+"""What every source of samples shares: errors, samples, the interface of a transport."""

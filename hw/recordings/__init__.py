@@ -1,0 +1,1 @@
+"""Raw bytes on disk, and their replay in place of a device."""

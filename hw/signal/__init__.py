@@ -1,0 +1,1 @@
+"""From samples to charges: sine fits, noise, charge amplifier."""

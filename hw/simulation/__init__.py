@@ -1,0 +1,1 @@
+"""A model of the firmware and the virtual probe that runs it behind pyusb."""

@@ -1,0 +1,1 @@
+"""The probe on USB: finding it, talking to it, naming what goes wrong."""

@@ -1,0 +1,1 @@
+"""The probe's protocol: frames, requests, and what decodes them."""
