@@ -12,9 +12,8 @@ settings.load_profile("seeded")
 @pytest.fixture(scope="session")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An uninterrupted sweep of 300 designs on one worker."""
-    from sweeps import toml
-
     from probe_design import sweep
+    from tests.support.sweeps import toml
 
     folder = tmp_path_factory.mktemp("whole")
     sweep(toml(folder), folder / "out", workers=1)

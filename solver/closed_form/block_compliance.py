@@ -201,7 +201,7 @@ _STIFF = {
 def _softened(block: Block, bonded: bool) -> Array:
     """E without what the few functions are too stiff by, as they leave out the corners' singularities: eq. (B3).
 
-    Fitted to finite elements of 300 blocks on stiff ground by ``benchmarks/closed_form_blocks.py``; what is left is
+    Fitted to finite elements of 300 blocks on stiff ground by ``benchmarks/closed_form/blocks.py``; what is left is
     below 1.5 % of a disc, 6 % of a tube.
     """
     tall, constant, flat, power = _STIFF[block.hole is None, bonded]

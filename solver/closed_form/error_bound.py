@@ -3,7 +3,7 @@
     error <= sum of weight x feature,                                                             (C2)
 
 of ln(ratio), of the logarithms of both totals and, absolute, of the log-sensitivity, with the features of ``closed_features``.
-The weights are an envelope of random scenes and of tests/reference, times a margin: ``python benchmarks/closed_form_error.py``
+The weights are an envelope of random scenes and of tests/reference, times a margin: ``python -m benchmarks.closed_form.error``
 prints them, and audits them on other scenes.
 """
 

@@ -1,7 +1,8 @@
 """Level 1 as an evaluator, for one scene or for many: those of one structure by one evaluation on arrays.
 
 Each is answered bit for bit as on its own: what numpy and LAPACK do to one column of ``closed_form.forces`` does not depend on
-the columns beside it, as long as these come in fours, the variants of one scene; ``tests/test_closed_level.py`` holds that.
+the columns beside it, as long as these come in fours, the variants of one scene;
+``tests/solver/closed_form/test_level.py`` holds that.
 """
 
 from __future__ import annotations

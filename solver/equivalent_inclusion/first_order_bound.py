@@ -10,7 +10,7 @@ from solver.inclusions.eshelby import strength
 from solver.inclusions.tumours import Tumours
 
 # rho of a sphere ten times as stiff as the tissue whose centre lies one radius deep is about 0.94 (PHYSICS section 4); random
-# scenes against ``axisymmetric`` (benchmarks/equivalent_inclusion.py) need up to 1.1 for shallow and 1.7 for deep ones
+# scenes against ``axisymmetric`` (benchmarks/levels/equivalent_inclusion.py) need up to 1.1 for shallow and 1.7 for deep ones
 SURFACE = 1.5
 LEAST = 0.003  # of the effect
 USUAL = 1.96  # the strength k_d / (2 mu) of that sphere

@@ -1,7 +1,7 @@
 """Sparse Cholesky factors: by PARDISO where it is installed, else by scipy's SuperLU.
 
 PARDISO (``pip install 'probe-design[fast]'``) analyses a pattern once and then factorises 5 to 10 times faster than
-SuperLU (benchmarks/factorisations.py). It keeps one set of factors per pattern: older ones are made again when asked for.
+SuperLU (benchmarks/levels/factorisations.py). It keeps one set of factors per pattern: older ones are made again when asked for.
 """
 
 from __future__ import annotations

@@ -1,0 +1,1 @@
+"""The closed form's accuracy, speed and stated errors."""

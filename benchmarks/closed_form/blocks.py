@@ -1,0 +1,101 @@
+"""Where eq. (B3) of ``solver/closed_form/block_compliance.py`` comes from.
+
+Usage: ``python -m benchmarks.closed_form.blocks [--scenes N] [--seed K]``.
+
+Random blocks on ground a million times stiffer, by ``axisymmetric``: by how much the Ritz functions are too stiff, and the fit of
+
+    (2 nu)^power / (tall h/w (w/radius)^(3/2) + constant + flat w/h)
+
+to it for discs and tubes, bonded and frictionless, with what is left.
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+
+import solver.closed_form.block_compliance as blocks
+from geometry import Contact, CylinderTissue, InputError, Load, Material, Probe, Scene
+from geometry.meridian.grading import Floats
+from solver import evaluate
+from solver.closed_form.block_compliance import Block
+from solver.closed_form.contact import Tissue, answer
+
+GROUND = 1e10  # Pa, under blocks of 1 kPa
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--scenes", type=int, default=150)
+    parser.add_argument("--seed", type=int, default=7)
+    options = parser.parse_args()
+    blocks._softened = lambda block, bonded: block.E  # without the correction that is looked for
+    rng = np.random.default_rng(options.seed)
+    rows = np.array([row for _ in range(options.scenes) for row in compared(rng)])
+    for solid in (True, False):
+        for bonded in (True, False):
+            name = f"{'disc' if solid else 'tube'}, {'bonded' if bonded else 'frictionless'}"
+            fit(name, rows[(rows[:, 0] == solid) & (rows[:, 1] == bonded)])
+
+
+def compared(rng: np.random.Generator) -> list[tuple[float, ...]]:
+    """Return (solid, bonded, height/width, width/radius, nu, surplus of stiffness) of both blocks of one random probe."""
+    wall, *heights = np.exp(rng.uniform(np.log([0.03, 0.03, 0.03]), np.log([8, 15, 15])))
+    nu = [float(rng.choice([rng.uniform(0, 0.49), 0.45, 0.48, 0.49, 0.499, 0.4999])) for _ in range(2)]
+    bonded, inner, hole = bool(rng.random() < 0.6), 1e-3, 1.02e-3
+    sizes = [(inner, inner), (wall * inner, hole + wall * inner)]
+    tall = [heights[0] * inner, heights[1] * wall * inner]
+    try:
+        scene = _scene(sizes[1][1], tall, nu, bonded)
+        exact = evaluate(scene, "axisymmetric", 0.001)
+    except InputError:
+        return []
+    one = np.ones(1)
+    made = (
+        Block(None, inner * one, tall[0] * one, 1e3 * one, nu[0] * one),
+        Block(hole * one, sizes[1][1] * one, tall[1] * one, 1e3 * one, nu[1] * one),
+    )
+    forces = np.diag(answer(made, Tissue(None, GROUND * one, 0 * one), [], None, bonded, 16).forces[0])
+    stresses = [(exact.stress_inner or 0.0) * scene.probe.inner_area, (exact.stress_outer or 0.0) * scene.probe.outer_area]
+    surplus = forces * 1e-6 / stresses - 1
+    return [(k == 0, bonded, tall[k] / sizes[k][0], sizes[k][0] / sizes[k][1], nu[k], surplus[k]) for k in (0, 1)]
+
+
+def _scene(radius: float, tall: list[float], nu: list[float], bonded: bool) -> Scene:
+    materials = [Material(youngs_modulus=1e3, poisson_ratio=value) for value in nu]
+    probe = Probe(
+        inner_radius=1e-3,
+        gap=2e-5,
+        outer_radius=radius,
+        inner_height=tall[0],
+        outer_height=tall[1],
+        inner=materials[0],
+        outer=materials[1],
+    )
+    ground = CylinderTissue(shape="cylinder", radius=1.5 * radius, depth=radius, youngs_modulus=GROUND, poisson_ratio=0.0)
+    contact: Any = Contact(interface="bonded" if bonded else "frictionless")
+    return Scene(probe=probe, tissue=ground, inclusion=(), contact=contact, load=Load(indentation=1e-6))
+
+
+def fit(name: str, rows: Floats) -> None:
+    """Print the coefficients and what they leave."""
+    slender, thin, nu, surplus = rows[:, 2:].T
+
+    def left(t: Floats) -> Floats:
+        tall, constant, flat = np.exp(t[:3])
+        return np.asarray(
+            np.log1p(surplus) - np.log1p((2 * nu) ** t[3] / (tall * slender * thin**1.5 + constant + flat / slender))
+        )
+
+    found = least_squares(left, [0, 2, 1, 4.5], max_nfev=4000)
+    worst = np.abs(found.fun).max()
+    print(
+        f"{name}: {np.round(np.exp(found.x[:3]), 2)}, power {found.x[3]:.2f}; surplus up to {surplus.max():.1%}, {worst:.1%} left"
+    )
+
+
+if __name__ == "__main__":
+    main()

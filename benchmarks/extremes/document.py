@@ -1,0 +1,126 @@
+"""docs/extremes.md from the rows and cells of the matrix."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from itertools import groupby
+
+from tests.support.extremes.judge import ACCURACY, MARKS, Cell
+from tests.support.extremes.rows import FOLDERS, Row
+
+COMMAND = "python -m benchmarks.extremes -o out/extremes --document docs/extremes.md"
+TITLES = FOLDERS | {"laws": "by laws of linear elasticity", "zero": "a stress that crosses zero"}
+INTRODUCTION = f"""# The extremes
+
+Scenes at the limits of the range of designs, by every level, at an accuracy of {ACCURACY:g}. `{COMMAND}`
+printed this page; a run that was interrupted goes on where it ended.
+
+- **right**: the ratio is off by no more than the stated error; both stresses and the stiffness by no more than the
+  accuracy, the stated error or the bound that a warning tells; the log-sensitivity by no more than five times the
+  accuracy, 1e-5, or what a warning tells. A cell shows the ratio's true error / the stated one.
+- **refused**: one line says why (numbers below).
+- **null**: the ratio is null with the reason: a stress is below its own error.
+- **wrong**: anything else: a bound that does not hold, a NaN or infinity in the output, a warning of numpy's or of any
+  other library, an exception.
+
+"Largest true / stated" is of what the true value's own uncertainty cannot explain.
+
+The load does not matter in linear elasticity; a warning says where that ends. stress_inner crosses zero in the rows named
+`inner-...`, where the ring presses a lid of tissue over a hollow, stress_outer in those of `zero`.
+
+True values come from NGSolve (`benchmarks/references/axisymmetric.py`, `reference_solid.py`, `reference_half_space.py`;
+values and their uncertainty in `tests/reference`), or follow from such a value by the law that stands in the table. Those
+of `extremes` were found by `python -m benchmarks.references.extremes_scenes tests/reference/extremes`, then
+`python -m benchmarks.references.axisymmetric tests/reference/extremes`.
+"""
+
+
+def document(rows: list[Row], cells: Iterable[Cell]) -> str:
+    """Return the page."""
+    cells, reasons = list(cells), Reasons()
+    tables = [table(group, list(some), cells, reasons) for group, some in groupby(rows, key=lambda row: row.group)]
+    return "\n".join([INTRODUCTION, *counts(cells), *wrongs(cells), *(line for one in tables for line in one), *reasons.lines()])
+
+
+class Reasons:
+    """The reasons for refusals, numbered; numbers of a scene in them are left out."""
+
+    def __init__(self) -> None:
+        self.numbers: dict[str, int] = {}
+
+    def number(self, why: str) -> int:
+        """Return a reason's number."""
+        return self.numbers.setdefault(general(why), len(self.numbers) + 1)
+
+    def lines(self) -> Iterator[str]:
+        """Yield the list of reasons."""
+        yield "## Reasons of refusals and nulls\n"
+        yield from (f"{number}. {why}" for why, number in self.numbers.items())
+        yield ""
+
+
+def general(why: str) -> str:
+    """Return a reason without the numbers of the scene."""
+    return re.sub(r"(?<![\w-])-?\d[\d.]*(e[+-]?\d+)?(?![\w-])", "#", why).replace("|", "/")
+
+
+def counts(cells: list[Cell]) -> Iterator[str]:
+    """Yield the table of how many cells are what."""
+    yield f"## {len(cells)} cells\n"
+    heads = (f"right and within {ACCURACY:g}", "worst true error", "median stated", "largest true / stated", "median s")
+    yield f"| evaluator | {' | '.join((*MARKS, *heads))} |"
+    yield "|---" * (1 + len(MARKS) + len(heads)) + "|"
+    levels = list(dict.fromkeys(one.evaluator for one in cells))
+    for level in levels:
+        some = [one for one in cells if one.evaluator == level]
+        yield f"| {level} | {' | '.join(str(sum(one.mark == mark for one in some)) for mark in MARKS)} | {quality(some)} |"
+    totals = " | ".join(f"**{sum(one.mark == mark for one in cells)}**" for mark in MARKS)
+    yield f"| all | {totals} | {sum(map(reached, cells))} | | | | |\n"
+
+
+def quality(cells: list[Cell]) -> str:
+    """Return the last columns of the table of counts: of what is right."""
+    right = [one for one in cells if one.mark == "right" and one.true is not None and one.stated is not None]
+    if not right:
+        return "0 | - | - | - | -"
+    stated = sorted(one.stated or 0.0 for one in right)[len(right) // 2]
+    worst, share = max(one.true or 0.0 for one in right), max(one.share for one in right)
+    seconds = sorted(one.seconds for one in cells)[len(cells) // 2]
+    return " | ".join([str(sum(map(reached, cells))), f"{worst:.1e}", f"{stated:.1e}", f"{share:.2g}", f"{seconds:.2g}"])
+
+
+def reached(one: Cell) -> bool:
+    """Whether an answer is right and its stated error no larger than the accuracy."""
+    return one.mark == "right" and one.stated is not None and one.stated <= ACCURACY
+
+
+def wrongs(cells: list[Cell]) -> Iterator[str]:
+    """Yield what is wrong with each wrong cell."""
+    wrong = [one for one in cells if one.mark == "wrong"]
+    if wrong:
+        yield "## Wrong\n"
+        yield from (f"- {one.row} by {one.evaluator}: {one.why}" for one in wrong)
+        yield ""
+
+
+def table(group: str, rows: list[Row], cells: list[Cell], reasons: Reasons) -> Iterator[str]:
+    """Yield one table: a row for each scene, a column for each evaluator."""
+    found = {(one.row, one.evaluator): one for one in cells}
+    levels = [level for level in dict.fromkeys(one.evaluator for one in cells) if any((row.key, level) in found for row in rows)]
+    yield f"## {group}: {TITLES[group]}\n"
+    yield f"| scene | {' | '.join(levels)} | true values |"
+    yield "|---" * (len(levels) + 2) + "|"
+    for row in rows:
+        told = (text(found.get((row.key, level)), reasons) for level in levels)
+        yield f"| {row.name} | {' | '.join(told)} | {row.origin} |"
+    yield ""
+
+
+def text(one: Cell | None, reasons: Reasons) -> str:
+    """Return a cell in a few characters."""
+    if one is None:
+        return ""
+    if one.mark == "right":
+        return f"{one.true:.0e} / {one.stated:.0e}" if one.true is not None and one.stated is not None else "right"
+    return "**wrong**" if one.mark == "wrong" else f"{one.mark} {reasons.number(one.why)}"

@@ -1,0 +1,1 @@
+"""The levels one by one: tumours off the axis, solids, plans, sweeps, factorisations."""

@@ -1,0 +1,82 @@
+"""The evaluator ``equivalent-inclusion``: true errors, honesty of its bounds, seconds. Nothing but the project itself is needed.
+
+Usage: ``python -m benchmarks.levels.equivalent_inclusion``, about twenty minutes on a quiet core; ``--part`` (may be
+repeated) restricts it:
+
+- references: against the scenes of ``tests/reference`` (``--folder``, may be repeated; ``--single`` prints each scene);
+- audit: error bounds on random scenes with one tumour on the axis (``--scenes`` of each ``--seed``), against ``axisymmetric``;
+- speed: seconds for the probe, for tumours to first order, for tumours with reflections (medians of ``--repeats``);
+- map: 50 x 50 depths and diameters against ``axisymmetric`` point by point.
+
+Everything runs on one thread. ``--accuracy`` is that of audit and map.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from rich.console import Console
+
+from benchmarks.levels.inclusion_audit import audit
+from benchmarks.levels.inclusion_references import FOLDERS, references
+from benchmarks.levels.inclusion_speed import one_map, speed
+from benchmarks.tables import Table
+
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+PARTS = ("references", "audit", "speed", "map")
+
+
+def arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--part", action="append", choices=PARTS, help="only this part")
+    parser.add_argument("--folder", action="append", choices=FOLDERS, help="of references (axisymmetric, solid, off-axis)")
+    parser.add_argument("--single", action="store_true", help="print every scene of references too")
+    parser.add_argument("--scenes", type=int, default=100, help="random scenes of each seed (100)")
+    parser.add_argument("--seed", type=int, action="append", help="of random scenes (1 and 2)")
+    parser.add_argument("--worst", type=int, default=5, help="random scenes to print of each tier (5)")
+    parser.add_argument("--accuracy", type=float, default=0.003, help="of audit and map (0.003)")
+    parser.add_argument("--repeats", type=int, default=5, help="of timed runs (5)")
+    parser.add_argument("--points", type=int, default=50, help="of the map along each side (50)")
+    parser.add_argument("--sample", type=int, default=20, help="of the map's points, answered by axisymmetric (20)")
+    parser.add_argument("--json", type=Path, help="write the raw values to this file, times in seconds")
+    return parser.parse_args()
+
+
+def measure(chosen: argparse.Namespace, tell: Callable[[str], None]) -> Iterator[Table]:
+    """Yield the tables as they are ready."""
+    folders, seeds = chosen.folder or FOLDERS[:3], chosen.seed or [1, 2]
+    parts: dict[str, Callable[[], Iterator[Table]]] = {
+        "references": lambda: references(folders, chosen.single, tell),
+        "audit": lambda: audit(seeds, chosen.scenes, chosen.accuracy, chosen.worst, tell),
+        "speed": lambda: speed(chosen.repeats, tell),
+        "map": lambda: one_map(chosen.points, chosen.sample, chosen.accuracy, tell),
+    }
+    for part in chosen.part or PARTS:
+        yield from parts[part]()
+
+
+def main() -> None:
+    """Run the chosen parts, print their tables, write the file."""
+    chosen, console, progress = arguments(), Console(width=165), Console(stderr=True)
+    tables = []
+    with progress.status("starting") as status:
+        for table in measure(chosen, lambda line: status.update(line)):
+            table.print(console)
+            tables.append(table.as_json())
+            if chosen.json is not None:
+                chosen.json.write_text(json.dumps(tables, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    if any(os.environ.get(key) != value for key, value in ONE_THREAD.items()):  # they count when libraries are loaded
+        os.execve(
+            sys.executable,
+            [sys.executable, "-m", "benchmarks.levels.equivalent_inclusion", *sys.argv[1:]],
+            os.environ | ONE_THREAD,
+        )
+    main()

@@ -1,0 +1,179 @@
+"""Random scenes: are the error bounds of ``equivalent-inclusion`` true? Judged by ``axisymmetric`` at a tenth of the accuracy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from benchmarks.levels.inclusion_draws import Draw, draw
+from benchmarks.tables import Table
+from geometry import InputError, Refusal
+from geometry.common.errors import SolveError
+from solver.axisymmetric.level import Axisymmetric
+from solver.equivalent_inclusion.probe_on_tissue import undisturbed
+from solver.equivalent_inclusion.readings import Readings, readings
+from solver.inclusions.tumours import Tumours
+from solver.results.film_forces import FilmForces
+
+REFERENCE = 0.1  # of the accuracy, asked of the reference
+GROUPS = (0.02, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0)  # bounds of covers, diameters
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One answer against the reference.
+
+    Attributes:
+        true: error of ln(ratio).
+        stated: bound on it.
+        least: the reference's own bound.
+        totals: largest error of a film's total in excess of the reference's bound, over the bound stated.
+        slope, slope_stated, slope_least: the same three of the log-sensitivity, absolute.
+    """
+
+    true: float
+    stated: float
+    least: float
+    totals: float
+    slope: float
+    slope_stated: float
+    slope_least: float
+
+    @property
+    def excess(self) -> float:
+        """What the reference's error cannot explain, over the bound stated: above 1 the bound is wrong."""
+        return max(0.0, self.true - self.least) / self.stated if self.stated > 0 else np.inf
+
+    @property
+    def slope_excess(self) -> float:
+        """The same of the log-sensitivity."""
+        return max(0.0, self.slope - self.slope_least) / max(self.slope_stated, 1e-300)
+
+    @property
+    def wrong(self) -> str:
+        """Which bounds are wrong, in words."""
+        told = (("ratio", self.excess), ("stresses", self.totals), ("log_sensitivity", self.slope_excess))
+        return ", ".join(f"{name} {excess:.2f} times" for name, excess in told if excess > 1)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene with both tiers' answers; ``None``: no ratio is told."""
+
+    seed: int
+    number: int
+    drawn: Draw
+    first: Judged | None
+    reflected: Judged | None
+
+    def __str__(self) -> str:
+        """Where it comes from and its numbers."""
+        return f"seed {self.seed}, number {self.number}: Draw({self.drawn})"
+
+
+def judge(found: Readings, true: FilmForces) -> Judged | None:
+    """Compare one answer with the reference."""
+    if not found.told[0] or true.buried is not None:
+        return None
+    log_ratio = np.log(np.abs(found.totals[0] / true.totals)) @ [1.0, -1.0]
+    off = np.abs(found.totals[0] - true.totals) - true.bound.totals
+    return Judged(
+        true=float(abs(log_ratio)),
+        stated=float(found.log_ratio_bound[0]),
+        least=true.bound.log_ratio,
+        totals=float(np.max(off / found.bound[0])),
+        slope=float(abs(found.log_sensitivity[0] - (true.log_sensitivity or 0.0))),
+        slope_stated=float(found.sensitivity_error[0]),
+        slope_least=true.sensitivity_error,
+    )
+
+
+def case(seed: int, number: int, accuracy: float) -> Case | None:
+    """Answer one random scene by both tiers and by the reference; None where it does not fit or the reference fails."""
+    drawn = draw(seed, number)
+    try:
+        scene = drawn.scene()
+        true = Axisymmetric().converged(scene, REFERENCE * accuracy).films[0]
+        base, tumours = undisturbed(scene, accuracy), Tumours.of(scene)
+        first, reflected = (judge(readings(base, tumours, reflect=reflect), true) for reflect in (False, True))
+    except (InputError, Refusal, SolveError, ValueError):
+        return None
+    return Case(seed, number, drawn, first, reflected)
+
+
+def audit(seeds: Sequence[int], scenes: int, accuracy: float, worst: int, tell: Callable[[str], None]) -> Iterator[Table]:
+    """Yield tables of how bounds compare with true errors, over ``scenes`` random ones of each seed."""
+    found, wrong = [], 0
+    for seed in seeds:
+        for number in range(scenes):
+            tell(f"audit: scene {number + 1} of {scenes}, seed {seed}; {wrong} bounds wrong so far")
+            one = case(seed, number, accuracy)
+            if one is None:
+                continue
+            found.append(one)
+            wrong += sum(bool(judged and judged.wrong) for judged in (one.first, one.reflected))
+    drawn = scenes * len(seeds)
+    title = f"{len(found)} random scenes of {drawn} drawn (the rest do not fit or were refused), accuracy {accuracy:g}"
+    yield _summary(title, found)
+    yield _groups(found)
+    yield _worst(found, worst)
+
+
+TIERS = {"first order": "first", "with reflections": "reflected"}
+
+
+def _told(found: Sequence[Case], tier: str) -> list[tuple[Case, Judged]]:
+    return [(one, judged) for one in found if (judged := getattr(one, TIERS[tier])) is not None]
+
+
+def _summary(title: str, found: Sequence[Case]) -> Table:
+    columns = ("tier", "told", "right", "wrong", "largest (true - reference's) / stated", "of stresses", "of log-sensitivity")
+    table = Table(title, (*columns, "log-sensitivities wrong", "median true, error", "median stated, error"))
+    for tier in TIERS:
+        judged = [one for _, one in _told(found, tier)]
+        if not judged:
+            continue
+        wrong = sum(one.excess > 1 or one.totals > 1 for one in judged)
+        largest = [f"{max(values):.2f}" for values in zip(*((j.excess, j.totals, j.slope_excess) for j in judged), strict=True)]
+        slopes = sum(one.slope_excess > 1 for one in judged)
+        middle = (float(np.median([getattr(one, key) for one in judged])) for key in ("true", "stated"))
+        table.add(tier, len(judged), len(judged) - wrong, wrong, *largest, slopes, *middle)
+    table.note("wrong: ratio or a stress is off by more than stated and the reference's own bound together")
+    return table
+
+
+def _groups(found: Sequence[Case]) -> Table:
+    table = Table(
+        "by cover over diameter",
+        (
+            "cover / D",
+            "tier",
+            "told",
+            "any bound wrong",
+            "largest (true - reference's) / stated",
+            "largest true, error",
+            "median stated, error",
+        ),
+    )
+    for low, high in pairwise(GROUPS):
+        for tier in TIERS:
+            judged = [j for one, j in _told(found, tier) if low <= one.drawn.cover < high]
+            if not judged:
+                continue
+            wrong, most = sum(bool(j.wrong) for j in judged), max(max(j.excess, j.totals) for j in judged)
+            true, stated = max(j.true for j in judged), float(np.median([j.stated for j in judged]))
+            table.add(f"{low:g} to {high:g}", tier, len(judged), wrong, f"{most:.2f}", true, stated)
+    return table
+
+
+def _worst(found: Sequence[Case], count: int) -> Table:
+    table = Table("worst scenes", ("tier", "true, error", "stated, error", "wrong bounds", "scene"))
+    for tier in TIERS:
+        told = sorted(_told(found, tier), key=lambda pair: -max(pair[1].excess, pair[1].totals, pair[1].slope_excess))
+        for one, judged in told[:count]:
+            table.add(tier, judged.true, judged.stated, judged.wrong or "none", f"seed {one.seed}, number {one.number}")
+            table.note(str(one))
+    return table

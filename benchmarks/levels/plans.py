@@ -1,0 +1,92 @@
+"""The plan of every reference scene, as the table of docs/plan.md, and what a plan costs beside an evaluation.
+
+Usage: ``python -m benchmarks.levels.plans [--accuracy 0.01] [--folder axisymmetric --folder solid ...]``; seconds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from statistics import median
+from time import process_time
+
+from geometry import Scene, read_scene
+from solver import Decision, evaluate, plan
+from solver.planning.plan import Plan
+
+REFERENCE = Path(__file__).parents[2] / "tests" / "reference"
+FOLDERS = ("axisymmetric", "solid", "layers")
+COLUMNS = {
+    "groove": "groove",
+    "sides that are not round": "sides",
+    "far edges": "far edges",
+    "the tissue beyond": "far end",
+    "film compliance": "films",
+    "elastic base": "base",
+    "gap contact": "gap",
+    "lift-off": "lift-off",
+    "finite strain": "strain",
+}
+REPEATS = 7
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--accuracy", type=float, default=0.01)
+    parser.add_argument("--folder", action="append", help=f"of tests/reference ({', '.join(FOLDERS)})")
+    given = parser.parse_args()
+    headings = ("scene", "evaluator", "target", "other inclusions", *COLUMNS.values())
+    print("| " + " | ".join(headings) + " |")
+    print("|" + "---|" * len(headings))
+    times = []
+    for name, scene in scenes(given.folder or FOLDERS):
+        found = plan(scene, given.accuracy)
+        print("| " + " | ".join((name, str(found.evaluator), *cells(found, scene))) + " |")
+        if found.evaluator == "axisymmetric" and len(scene.inclusion) < 2:
+            times.append(cost(scene, given.accuracy))
+    if times:
+        planning, evaluating = (1e3 * median(each) for each in zip(*times, strict=True))
+        print(f"\na plan {planning:.0f} ms, axisymmetric after it {evaluating:.0f} ms of the processor")
+
+
+def scenes(folders: list[str] | tuple[str, ...]) -> Iterator[tuple[str, Scene]]:
+    for folder in folders:
+        for name in json.loads((REFERENCE / folder / "expected.json").read_text()):
+            yield name, read_scene(REFERENCE / folder / f"{name}.toml")
+
+
+def cells(found: Plan, scene: Scene) -> Iterator[str]:
+    """Effects on the ratio: in brackets what is left out, after a dash what no evaluator knows."""
+    bodies = [one for one in found.decisions if one.feature.startswith("inclusion")]
+    target = scene.target
+    yield "" if target is None else cell(bodies[target])
+    yield ", ".join(cell(one) for k, one in enumerate(bodies) if k != target)
+    for feature in COLUMNS:
+        yield ", ".join(cell(one) for one in found.decisions if one.feature.startswith(feature))
+
+
+def cell(one: Decision) -> str:
+    if one.reason.startswith("no evaluator"):
+        return f"- {one.effect:.1g}"
+    return f"{one.effect:.2g}" if one.modelled else f"({one.effect:.1g})"
+
+
+def cost(scene: Scene, accuracy: float) -> tuple[float, float]:
+    """Seconds of the processor: of a plan, and of the evaluation that it asks for."""
+    return seconds(lambda: plan(scene, accuracy)), seconds(lambda: evaluate(scene, "axisymmetric", accuracy))
+
+
+def seconds(run: Callable[[], object]) -> float:
+    """The median of several runs."""
+    times = []
+    for _ in range(REPEATS):
+        start = process_time()
+        run()
+        times.append(process_time() - start)
+    return median(times)
+
+
+if __name__ == "__main__":
+    main()

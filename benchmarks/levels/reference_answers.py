@@ -1,0 +1,50 @@
+"""Every level's answer to every reference scene, to the last digit: what a change that moves code only must not change.
+
+Usage: ``python -m benchmarks.levels.reference_answers [LEVEL ...] [--folder NAME]``: a line a scene and level, and at the end
+the SHA-256 of all lines. Run it before and after the change, and compare. The levels' own seconds are left out; the solid level,
+whose meshes take minutes where they are not cached, is asked for by name.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+from pathlib import Path
+
+from geometry import ProbeError, read_scene
+from solver import evaluate, plan
+
+REFERENCE = next(parent / "tests" / "reference" for parent in Path(__file__).resolve().parents if (parent / "tests").is_dir())
+LEVELS = ("published", "closed-form", "equivalent-inclusion", "axisymmetric", "plan")
+
+
+def answer(path: Path, level: str) -> str:
+    """Return the level's answer as JSON in which every float stands in full, or its refusal."""
+    try:
+        if level == "plan":
+            return repr(plan(read_scene(path)))
+        fields = evaluate(read_scene(path), level).as_dict()
+    except ProbeError as refusal:
+        return f"{type(refusal).__name__}: {refusal}"
+    del fields["seconds"]
+    return json.dumps(fields)
+
+
+def main() -> None:
+    """Print all answers and their digest."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("levels", nargs="*", default=LEVELS)
+    parser.add_argument("--folder", default="*", help="of tests/reference")
+    asked = parser.parse_args()
+    digest = hashlib.sha256()
+    for path in sorted(REFERENCE.glob(f"{asked.folder}/*.toml")):
+        for level in asked.levels:
+            line = f"{path.parent.name}/{path.stem} {level}: {answer(path, level)}"
+            digest.update(f"{line}\n".encode())
+            print(line, flush=True)
+    print(digest.hexdigest())
+
+
+if __name__ == "__main__":
+    main()

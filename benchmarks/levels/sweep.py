@@ -1,0 +1,103 @@
+"""What a sweep costs beside a bare loop: ``python -m benchmarks.levels.sweep [--scale 1]``.
+
+First table: rows a second of each evaluator in a bare loop in this process (the same designs, after a first one; ``closed-form``
+on arrays of 128), and of a sweep with 1 and 2 workers, start of the processes counted; overhead: what a row of the one-worker
+sweep takes beyond its own ``seconds``, by the clock, after the first rows are there; of which in the process that hands out and
+writes: its processor time a row, with one worker. Second table: 1e5 closed-form designs swept with 2 workers, size of the store,
+time to start again when all rows are there. ``--scale 0.1`` asks for a tenth of the designs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from probe_design import sweep
+from probe_design.sweeps.file import sweep_from_dict
+from probe_design.sweeps.progress import Progress
+from probe_design.sweeps.results import rows
+from probe_design.sweeps.rows import Job
+
+SCENE = Path(__file__).parents[2] / "examples" / "scene.toml"
+COUNTS = {"closed-form": 20_000, "equivalent-inclusion": 60, "axisymmetric": 150}
+
+
+def asked(evaluator: str, n: int) -> dict[str, Any]:
+    """A sample of new probes over new tumours."""
+    variables = {
+        "probe.gap": {"from": "0.05 mm", "to": "0.2 mm", "scale": "log"},
+        "probe.outer.youngs_modulus": {"from": "20 kPa", "to": "1 MPa", "scale": "log"},
+        "inclusion.depth": {"from": "6 mm", "to": "12 mm"},
+    }
+    return {"scene": SCENE, "evaluator": evaluator, "sample": {"kind": "sobol", "n": n, "seed": 1}, "variables": variables}
+
+
+def bare(evaluator: str, n: int) -> float:
+    """Rows a second of a loop without a store."""
+    checked = sweep_from_dict(asked(evaluator, n))
+    job, designs = Job.of(checked), [values for _, values in checked.designs()]
+    job.rows(designs[:1])
+    begin = time.perf_counter()
+    job.rows(designs)
+    return n / (time.perf_counter() - begin)
+
+
+def swept(evaluator: str, n: int, workers: int) -> tuple[float, float, float]:
+    """Rows a second of a sweep; seconds a row beyond the answers themselves, by the clock and of this process."""
+    states: list[tuple[float, float, int, float]] = []  # clock, processor time, rows, their seconds
+    with tempfile.TemporaryDirectory() as folder:
+
+        def noted(state: Progress) -> None:
+            if state.done and (not states or state.done == n):
+                states.append((time.perf_counter(), time.process_time(), state.done, sum(row["seconds"] for row in rows(folder))))
+
+        found = sweep(asked(evaluator, n), folder, workers=workers, progress=noted)
+    (begin, idle, few, before), (end, used, _, after) = states[0], states[-1]
+    return n / found.seconds, (workers * (end - begin) - (after - before)) / (n - few), (used - idle) / (n - few)
+
+
+def speed(scale: float) -> Table:
+    """Return the first table."""
+    table = Table(title="rows a second")
+    for heading in ("evaluator", "rows", "bare loop", "1 worker", "2 workers", "overhead a row, ms", "of this process, ms"):
+        table.add_column(heading, justify="left" if heading == "evaluator" else "right")
+    for evaluator, count in COUNTS.items():
+        n = max(8, int(count * scale))
+        one, two = swept(evaluator, n, 1), swept(evaluator, n, 2)
+        rates = (f"{rate:.3g}" for rate in (bare(evaluator, n), one[0], two[0]))
+        table.add_row(evaluator, str(n), *rates, *(f"{1e3 * cost:.2g}" for cost in one[1:]))
+    return table
+
+
+def store(scale: float) -> Table:
+    """Return the second table."""
+    n = max(100, int(100_000 * scale))
+    with tempfile.TemporaryDirectory() as folder:
+        first = sweep(asked("closed-form", n), folder, workers=2)
+        size = sum(file.stat().st_size for file in Path(folder).glob("sweep.sqlite*"))
+        again = sweep(asked("closed-form", n), folder, workers=2)
+    table = Table(title=f"{n} closed-form designs, 2 workers")
+    for heading in ("ok", "refused", "failed", "s", "rows/s", "store, MB per 1e6 rows", "starting again, s", "rows repeated"):
+        table.add_column(heading, justify="right")
+    told = (first.ok, first.refused, first.failed, first.seconds, n / first.seconds, size / n, again.seconds, again.answered)
+    table.add_row(*(f"{one:.4g}" if isinstance(one, float) else str(one) for one in told))
+    return table
+
+
+def main() -> None:
+    arguments = argparse.ArgumentParser()
+    arguments.add_argument("--scale", type=float, default=1.0)
+    scale = arguments.parse_args().scale
+    console = Console(width=120)
+    console.print(speed(scale))
+    console.print(store(scale))
+
+
+if __name__ == "__main__":
+    main()

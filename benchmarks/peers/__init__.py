@@ -1,0 +1,1 @@
+"""NGSolve and CalculiX beside the levels, in one run."""

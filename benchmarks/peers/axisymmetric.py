@@ -1,0 +1,78 @@
+"""True error against time: the evaluator ``axisymmetric``, NGSolve and CalculiX on the same scenes, in one run.
+
+Usage: ``pip install -e '.[bench]'`` and ``apt-get install calculix-ccx``, then ``python -m benchmarks.peers.axisymmetric``. All
+of it takes about ten minutes on a quiet core; ``--part`` and ``--scene`` (both may be repeated) restrict it. Everything
+runs on one thread. Times are wall-clock medians of ``--repeats`` runs; of long runs (CalculiX, differences, growth), one.
+
+True values are those of ``tests/reference/axisymmetric``: NGSolve of order up to 12 (``reference_axisymmetric.py``).
+The peers are used as their best users would, see ``peer_ngsolve.py``, ``ngsolve_settings.py``, ``peer_calculix.py``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import sys
+from collections.abc import Callable, Iterator
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import ngsolve as ngs
+from rich.console import Console
+
+from benchmarks.peers import comparisons
+from benchmarks.peers.measured import NAMES, cases
+from benchmarks.tables import Table
+
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+PARTS = ("evaluate", "calculix", "curve", "gradients", "factorisations", "growth")
+
+
+def arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--part", action="append", choices=PARTS, help="only this part")
+    parser.add_argument("--scene", action="append", choices=NAMES, help="only this scene")
+    parser.add_argument("--repeats", type=int, default=7, help="of an evaluation (7); curves are repeated three times at most")
+    parser.add_argument("--points", type=int, default=50, help="moduli on a curve (50)")
+    parser.add_argument("--json", type=Path, help="write the raw values to this file, times in seconds")
+    return parser.parse_args()
+
+
+def measure(chosen: argparse.Namespace, tell: Callable[[str], None]) -> Iterator[Table]:
+    """Yield the tables as they are ready."""
+    scenes, points, few = cases(chosen.scene or NAMES), chosen.points, min(chosen.repeats, 3)
+    parts: dict[str, Callable[[], Iterator[Table]]] = {
+        "evaluate": lambda: comparisons.evaluations(scenes, chosen.repeats, tell),
+        "calculix": lambda: comparisons.calculix(scenes, tell),
+        "curve": lambda: comparisons.curves(scenes, points, few, tell),
+        "gradients": lambda: comparisons.gradients(scenes, points, few, tell),
+        "factorisations": lambda: comparisons.factorisations(scenes, points, chosen.repeats, tell),
+        "growth": lambda: comparisons.growth(scenes, tell),
+    }
+    for part in chosen.part or PARTS:
+        yield from parts[part]()
+
+
+def main() -> None:
+    """Run the chosen parts, print their tables, write the file."""
+    chosen, console, progress = arguments(), Console(width=165), Console(stderr=True)
+    ngs.SetNumThreads(1)
+    codes = {name: version(name) for name in ("probe-design", "ngsolve", "numpy", "scipy")} | {
+        "python": platform.python_version()
+    }
+    found: dict[str, Any] = {"codes": codes, "tables": []}
+    with progress.status("starting") as status:
+        for table in measure(chosen, lambda line: status.update(line)):
+            table.print(console)
+            found["tables"].append(table.as_json())
+            if chosen.json is not None:
+                chosen.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    if any(os.environ.get(key) != value for key, value in ONE_THREAD.items()):  # they count when libraries are loaded
+        os.execve(sys.executable, [sys.executable, "-m", "benchmarks.peers.axisymmetric", *sys.argv[1:]], os.environ | ONE_THREAD)
+    main()

@@ -1,0 +1,198 @@
+"""The measurements of ``axisymmetric.py``, one function for each kind of table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import product
+from typing import TypeVar
+
+import numpy as np
+
+from benchmarks.peers import calculix_meridian as peer_calculix
+from benchmarks.peers import ours
+from benchmarks.peers.designs import LENGTHS, MATERIALS, VARIABLES
+from benchmarks.peers.measured import Answer, Case, Floats, limited_memory, timed, typical
+from benchmarks.peers.ngsolve_curve import central_difference, looping, reusing
+from benchmarks.peers.ngsolve_meridian import ALL, Setting
+from benchmarks.peers.ngsolve_meridian import evaluate as ngsolve_evaluate
+from benchmarks.peers.ngsolve_settings import ACCURACIES, COARSE, EXACT, FINE, cheapest
+from benchmarks.tables import Table
+from solver.axisymmetric.refinement import LEVELS
+
+STEP = 0.01  # relative, of central differences: smaller ones drown in the changes of the mesh
+DIFFERENCED = {"sphere_depth": len(LENGTHS), "tissue.youngs_modulus": len(MATERIALS)}  # and how many variables each stands for
+GROWTH = (Setting(2, 2.0, 0.9, 2, singular=ALL), *(Setting(4, 0.5, 0.3, 3, singular=ALL, halvings=k) for k in range(5)))
+CURVE_COLUMNS = (
+    "scene",
+    "ours error, error",
+    "ours, ms",
+    "NGSolve error, error",
+    "looping, ms",
+    "reusing, ms",
+    "looping / ours, times",
+    "reusing / ours, times",
+)
+T = TypeVar("T")
+Tell = Callable[[str], None]
+
+
+def seam(run: Callable[[], T], table: Table) -> T | None:
+    """Return what ours finds, or None with a note where there is no such function yet."""
+    try:
+        return run()
+    except NotImplementedError as missing:
+        table.note(f"not measured: {missing}")
+        return None
+
+
+def evaluations(cases: list[Case], repeats: int, tell: Tell) -> Iterator[Table]:
+    """Compare one evaluation with NGSolve's cheapest, for each accuracy."""
+    for accuracy in ACCURACIES:
+        columns = ("scene", "code", "order", "unknowns, count", "true error, error", "mesh, ms", "solve, ms", "all, ms")
+        table = Table(f"a. one evaluation at {accuracy * 100:g} %", (*columns, "ours over it, times"))
+        for case in cases:
+            tell(f"one evaluation of {case.name} at {accuracy:g}")
+            _evaluation(case, accuracy, repeats, table)
+        table.note(
+            "ours: with log-sensitivity and error estimate, all meshes it needs; first: the first call, which builds what is kept"
+        )
+        table.note(
+            "cheapest: of all settings tried, the true value known; one for all: the cheapest that serves all five scenes;"
+        )
+        table.note("both the ratio alone, without an error estimate (ngsolve_settings.py)")
+        yield table
+
+
+def _evaluation(case: Case, accuracy: float, repeats: int, table: Table) -> None:
+    first = ours.evaluate(case.scene, accuracy)
+    mine = typical(partial(ours.evaluate, case.scene, accuracy), repeats)
+    level = next(one for one in LEVELS if case.error(ours.one_mesh(case.scene, one).ratio) <= accuracy)
+    bare = typical(partial(ours.one_mesh, case.scene, level), repeats)
+    table.add(case.name, "ours, one mesh", level.order, bare.unknowns, case.error(bare.ratio), None, None, bare.seconds, None)
+    for code, answer in (("ours, first", first), ("ours", mine)):
+        table.add(case.name, code, None, None, case.error(answer.ratio), None, None, answer.seconds, None)
+    for code, name in (("NGSolve, cheapest", case.name), ("NGSolve, one for all", "all")):
+        setting = cheapest(name, f"{accuracy:g}")
+        found = typical(partial(ngsolve_evaluate, case.scene, setting), repeats)
+        error, mesh, factor = case.error(found.ratio), found.stages["mesh"], mine.seconds / found.seconds
+        table.add(case.name, code, setting.order, found.unknowns, error, mesh, found.seconds - mesh, found.seconds, factor)
+        if error > accuracy:
+            table.note(f"{case.name}: {code} misses the accuracy with this release of NGSolve: run ngsolve_settings.py again")
+
+
+def calculix(cases: list[Case], tell: Tell) -> Iterator[Table]:
+    """Run CalculiX at each refinement with each of its elements."""
+    columns = ("scene", "element", "unknowns, count", "true error, error", "mesh, ms", "write, ms", "ccx, ms", "all, ms")
+    table = Table("a. one evaluation by CalculiX", columns)
+    if not peer_calculix.installed():
+        table.note(peer_calculix.HOW_TO_GET)
+        cases = []
+    for case in cases:
+        for element in peer_calculix.ELEMENTS:
+            for fineness in peer_calculix.REFINEMENTS:
+                tell(f"CalculiX on {case.name}, {element}")
+                found = peer_calculix.evaluate(case.scene, fineness, element)
+                table.add(case.name, element, found.unknowns, case.error(found.ratio), *found.stages.values(), found.seconds)
+    yield table
+
+
+def curves(cases: list[Case], points: int, repeats: int, tell: Tell) -> Iterator[Table]:
+    """Compare whole curves at the first accuracy."""
+    table = Table(f"b. ratio and log-sensitivity at {points} moduli of the inclusion, {COARSE * 100:g} %", CURVE_COLUMNS)
+    for case in cases:
+        tell(f"curves of {case.name}")
+        table.add(case.name, *_curve(case, case.moduli(points), repeats))
+    table.note(f"errors: the largest along the curve of the ratio, relative, against NGSolve of order {EXACT.order}")
+    table.note("looping: mesh and space kept, assembled and factorised for each modulus")
+    table.note("reusing: K_0 and K_o assembled once, the sum factorised for each modulus in the ordering found first")
+    yield table
+
+
+def _curve(case: Case, moduli: Floats, repeats: int) -> tuple[float, ...]:
+    scene, setting = case.scene, cheapest(case.name, "curve")
+    true = reusing(scene, EXACT, moduli).curve
+    mine, seconds = timed(lambda: ours.curve(scene, moduli, COARSE), repeats)
+    loop, reuse = (typical(partial(run, scene, setting, moduli), repeats).seconds for run in (looping, reusing))
+    error = reusing(scene, setting, moduli).curve.largest_difference(true)[0]
+    return mine.largest_difference(true)[0], seconds, error, loop, reuse, loop / seconds, reuse / seconds
+
+
+def gradients(cases: list[Case], points: int, repeats: int, tell: Tell) -> Iterator[Table]:
+    """Compare curves with all gradients, NGSolve's by central differences."""
+    columns = (*CURVE_COLUMNS[:6], "finer error, error", "finer, ms", *CURVE_COLUMNS[6:], "finer / ours, times")
+    table = Table(f"c. the curve and its derivatives by {len(VARIABLES)} variables, {COARSE * 100:g} %", columns)
+    for case in cases:
+        tell(f"gradients of {case.name}")
+        table.add(case.name, *_gradient(case, case.moduli(points), repeats, table))
+    table.note(f"NGSolve: for each variable two curves, {STEP:g} up and down; timed for one length (with its meshes) and for one")
+    table.note(
+        f"modulus, multiplied by {len(LENGTHS)} and {len(MATERIALS)}; finer: reusing, with the setting for 0.01 % in all scenes"
+    )
+    table.note("errors: the largest along the curve of d ln ratio / d ln sphere_depth, over its largest value, against the same")
+    table.note(f"differences at order {EXACT.order}: NGSolve's are those of two meshes' errors, divided by the step")
+    yield table
+
+
+def _gradient(case: Case, moduli: Floats, repeats: int, table: Table) -> tuple[float | None, ...]:
+    found = seam(lambda: timed(lambda: ours.gradients(case.scene, moduli, COARSE), repeats), table)
+    true = central_difference(reusing, case.scene, EXACT, moduli, "sphere_depth", STEP)[0]
+    setting, errors, totals = cheapest(case.name, "curve"), [], []
+    for run, used in ((looping, setting), (reusing, setting), (reusing, cheapest("all", f"{FINE:g}"))):
+        pairs = {name: central_difference(run, case.scene, used, moduli, name, STEP) for name in DIFFERENCED}
+        totals.append(sum(number * pairs[name][1] for name, number in DIFFERENCED.items()))
+        errors.append(_apart(pairs["sphere_depth"][0], true))
+    theirs = (errors[0], totals[0], totals[1], errors[2], totals[2])
+    if found is None:
+        return None, None, *theirs, None, None, None
+    mine, seconds = found
+    return _apart(mine["sphere_depth"], true), seconds, *theirs, *(total / seconds for total in totals)
+
+
+def _apart(found: Floats, true: Floats) -> float:
+    return float(np.max(np.abs(found - true)) / np.max(np.abs(true)))
+
+
+def factorisations(cases: list[Case], points: int, repeats: int, tell: Tell) -> Iterator[Table]:
+    """Express our times in factorisations of our own matrix, with each library that is installed."""
+    columns = ("scene", "library", "factorisation, ms", "evaluate, times", "curve, times", "curve and gradients, times")
+    table = Table(f"d. ours at {COARSE * 100:g} % in bare factorisations of its own matrix", columns)
+    for case, library in product(cases, ours.libraries()):
+        tell(f"factorisations of {case.name} by {library}")
+        with ours.using(library):
+            table.add(case.name, library, *_in_factorisations(case, case.moduli(points), repeats))
+    table.note("all with their error estimates: two or three meshes; the factorisation is that of the last, its pattern known")
+    yield table
+
+
+def _in_factorisations(case: Case, moduli: Floats, repeats: int) -> list[float]:
+    bare = ours.bare_factorisation(case.scene, COARSE)
+    runs = (
+        partial(ours.evaluate, case.scene, COARSE),
+        *(partial(f, case.scene, moduli, COARSE) for f in (ours.curve, ours.gradients)),
+    )
+    return [bare, *(timed(run, repeats)[1] / bare for run in runs)]
+
+
+def growth(cases: list[Case], tell: Tell) -> Iterator[Table]:
+    """Show how time grows with the number of unknowns, for the first scene."""
+    case, stages = cases[0], ("mesh", "assemble", "factorise", "solve")
+    columns = ("code", "unknowns, count", "true error, error", *(f"{stage}, s" for stage in stages), "all, s")
+    table = Table(f"d. growth with the unknowns, {case.name}", columns)
+
+    def add(code: str, answer: Answer) -> None:
+        times = (answer.stages.get(stage) for stage in stages)
+        table.add(code, answer.unknowns, case.error(answer.ratio), *times, answer.seconds)
+
+    ngsolve_evaluate(case.scene, GROWTH[0])  # what is slow the first time only
+    for setting in GROWTH:
+        tell(f"growth: NGSolve, order {setting.order}, {setting.halvings} halvings")
+        add(f"NGSolve, order {setting.order}", ngsolve_evaluate(case.scene, setting))
+    tell("growth: ours")
+    try:
+        with limited_memory():
+            for answer in ours.growth(case.scene):
+                add("ours", answer)
+    except (NotImplementedError, MemoryError, RuntimeError) as why:  # SuperLU raises either for want of memory
+        table.note(f"ours ends here: {why}")
+    yield table

@@ -1,0 +1,136 @@
+"""What all sides of ``axisymmetric.py`` share: the scenes with their true values, answers and their times."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import resource
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import median
+from time import perf_counter
+from typing import Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry import Scene, read_scene
+
+Floats = NDArray[np.float64]
+FOLDER = Path(__file__).parents[2] / "tests" / "reference" / "axisymmetric"
+NAMES = ("published-materials", "shallow", "equal-areas-small", "nearly-incompressible", "soft-cyst")
+CONTRASTS = (0.1, 1000.0)  # of inclusion to tissue, at the ends of a curve
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene and its true ratio and log-sensitivity, by a code of high order; see tests/reference/README.md."""
+
+    name: str
+    scene: Scene
+    ratio: float
+    log_sensitivity: float
+
+    def error(self, ratio: float) -> float:
+        """Return the true relative error of a ratio."""
+        return abs(ratio / self.ratio - 1)
+
+    def moduli(self, points: int) -> Floats:
+        """Return moduli of the inclusion, evenly spread in their logarithm."""
+        return np.asarray(self.scene.tissue.youngs_modulus * np.geomspace(*CONTRASTS, points))
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Ratio and its log-sensitivity at moduli of the inclusion (Pa); arrays of one shape."""
+
+    youngs_modulus: Floats
+    ratio: Floats
+    log_sensitivity: Floats
+
+    def largest_difference(self, other: Curve) -> tuple[float, float]:
+        """Return the largest differences: of the ratio, relative; of the log-sensitivity, relative to its largest value."""
+        slope = np.abs(self.log_sensitivity - other.log_sensitivity) / np.max(np.abs(other.log_sensitivity))
+        return float(np.max(np.abs(self.ratio / other.ratio - 1))), float(np.max(slope))
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The ratio by one code on one mesh, the unknowns of its system, and the seconds of each of its stages."""
+
+    ratio: float
+    unknowns: int
+    stages: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def seconds(self) -> float:
+        """All stages together."""
+        return sum(self.stages.values())
+
+
+class Stopwatch:
+    """Splits a run into stages: ``lap`` books the time since the last lap."""
+
+    def __init__(self) -> None:
+        self.stages: dict[str, float] = {}
+        self._last = perf_counter()
+
+    def lap(self, stage: str) -> None:
+        """Book the time since the last lap to a stage."""
+        now = perf_counter()
+        self.stages[stage] = self.stages.get(stage, 0.0) + now - self._last
+        self._last = now
+
+
+T = TypeVar("T")
+
+
+class HasSeconds(Protocol):
+    """What ``typical`` chooses by."""
+
+    @property
+    def seconds(self) -> float:
+        """Time of the run."""
+
+
+S = TypeVar("S", bound=HasSeconds)
+
+
+def typical(run: Callable[[], S], repeats: int) -> S:
+    """Run several times and return the run of median time (the lower of the two middle ones)."""
+    runs = sorted((run() for _ in range(repeats)), key=lambda one: one.seconds)
+    return runs[(len(runs) - 1) // 2]
+
+
+def timed(run: Callable[[], T], repeats: int) -> tuple[T, float]:
+    """Run several times; return the last result and the median of the seconds."""
+    seconds = []
+    for _ in range(repeats):
+        start = perf_counter()
+        result = run()
+        seconds.append(perf_counter() - start)
+    return result, median(seconds)
+
+
+@contextmanager
+def limited_memory(share: float = 0.7) -> Iterator[None]:
+    """Let allocations fail beyond a share of the machine's memory, before the system ends the process."""
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    most = int(share * os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    resource.setrlimit(resource.RLIMIT_AS, (most, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, before)
+
+
+def cases(names: Sequence[str] = NAMES) -> list[Case]:
+    """Read the scenes and their true values."""
+    found = json.loads((FOLDER / "expected.json").read_text(encoding="utf-8"))
+    return [
+        Case(name, read_scene(FOLDER / f"{name}.toml"), found[name]["ratio"], found[name].get("log_sensitivity", math.nan))
+        for name in names
+    ]

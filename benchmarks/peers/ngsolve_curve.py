@@ -1,0 +1,120 @@
+"""Curves over the inclusion's modulus by NGSolve, and their gradients by central differences.
+
+Element by element, condensing the inner unknowns commutes with scaling by Young's modulus, so that the condensed matrix
+too is K_0 + E_object K_o. Film forces are F_ij = u_i.K u_j of the two base states, dF_ij/dE_object = u_i.K_o u_j.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import ngsolve as ngs
+import numpy as np
+
+from benchmarks.peers.designs import varied
+from benchmarks.peers.measured import Curve, Floats, Stopwatch
+from benchmarks.peers.ngsolve_meridian import Problem, Setting, make_mesh
+from benchmarks.references.outline import INCLUSION
+from geometry import Scene
+
+
+@dataclass(frozen=True)
+class CurveRun:
+    """A curve, the unknowns of its system, and the seconds of each stage."""
+
+    curve: Curve
+    unknowns: int
+    stages: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def seconds(self) -> float:
+        """All stages together."""
+        return sum(self.stages.values())
+
+
+Run = Callable[[Scene, Setting, Floats], CurveRun]
+
+
+def looping(scene: Scene, setting: Setting, moduli: Floats) -> CurveRun:
+    """Assemble and factorise for each modulus anew, on one mesh and one space."""
+    watch = Stopwatch()
+    problem = _prepare(scene, setting, watch)
+    slope = problem.form(1.0, (INCLUSION,)).mat
+    watch.lap("assemble")
+    points = []
+    for modulus in moduli:
+        matrix = problem.form(modulus).mat
+        watch.lap("assemble")
+        inverse = matrix.Inverse(problem.free, "sparsecholesky")
+        watch.lap("factorise")
+        points.append(_point(problem, matrix, inverse, slope))
+        watch.lap("solve")
+    return _run(problem, moduli, points, watch)
+
+
+def reusing(scene: Scene, setting: Setting, moduli: Floats) -> CurveRun:
+    """Assemble twice in all, then add, factorise in the ordering found first, and solve for each modulus."""
+    watch = Stopwatch()
+    problem = _prepare(scene, setting, watch)
+    inverse, points = None, []
+    start, slope = _affine(problem)
+    matrix = start.CreateMatrix()
+    watch.lap("assemble")
+    for modulus in moduli:
+        matrix.AsVector().data = start.AsVector() + float(modulus) * slope.AsVector()
+        if inverse is None:
+            inverse = matrix.Inverse(problem.free, "sparsecholesky")
+        else:
+            inverse.Update()
+        watch.lap("factorise")
+        points.append(_point(problem, matrix, inverse, slope))
+        watch.lap("solve")
+    return _run(problem, moduli, points, watch)
+
+
+def _prepare(scene: Scene, setting: Setting, watch: Stopwatch) -> Problem:
+    mesh = make_mesh(scene, setting)
+    watch.lap("mesh")
+    problem = Problem(scene, mesh, setting.order)
+    watch.lap("space")
+    return problem
+
+
+def _affine(problem: Problem) -> tuple[Any, Any]:
+    """Return K_0 and K_o in one sparsity pattern, from two moduli: a form of the inclusion alone has a pattern of its own."""
+    unit = problem.scene.tissue.youngs_modulus
+    start, double = problem.form(unit).mat, problem.form(2 * unit).mat
+    slope = start.CreateMatrix()
+    slope.AsVector().data = (1 / unit) * double.AsVector() - (1 / unit) * start.AsVector()
+    start.AsVector().data -= unit * slope.AsVector()
+    return start, slope
+
+
+def _point(problem: Problem, matrix: Any, inverse: Any, slope: Any) -> tuple[Floats, Floats]:
+    """Return the film forces and their derivatives with respect to the inclusion's modulus, both blocks pressed."""
+    states = [problem.solve(matrix, inverse, lift) for lift in problem.lifts]
+    pressed = states[0].CreateVector()
+    pressed.data = states[0] + states[1]
+    found = []
+    for operator in (matrix, slope):
+        reaction = (operator * pressed).Evaluate()
+        found.append(np.array([ngs.InnerProduct(reaction, state) for state in states]))
+    return found[0], found[1]
+
+
+def _run(problem: Problem, moduli: Floats, points: Sequence[tuple[Floats, Floats]], watch: Stopwatch) -> CurveRun:
+    forces, slopes = (np.array(values) for values in zip(*points, strict=True))
+    sensitivity = moduli * (slopes[:, 0] / forces[:, 0] - slopes[:, 1] / forces[:, 1])
+    curve = Curve(moduli, np.array([problem.ratio(pair) for pair in forces]), sensitivity)
+    return CurveRun(curve, problem.unknowns, watch.stages)
+
+
+def central_difference(
+    run: Run, scene: Scene, setting: Setting, moduli: Floats, variable: str, step: float
+) -> tuple[Floats, float]:
+    """Return d ln ratio / d ln variable along the curve and the seconds of its two runs."""
+    runs = [run(varied(scene, variable, 1 + sign * step), setting, moduli) for sign in (1, -1)]
+    logs = [np.log(np.abs(one.curve.ratio)) for one in runs]
+    return (logs[0] - logs[1]) / (2 * step), sum(one.seconds for one in runs)

@@ -1,0 +1,113 @@
+"""This project's side of ``axisymmetric.py``, all in one place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from statistics import median
+from time import perf_counter
+
+import numpy as np
+
+from benchmarks.peers.measured import Answer, Curve, Floats, Stopwatch
+from geometry import Scene
+from geometry.meridian.frame import Fineness
+from solver import evaluate as solver_evaluate
+from solver.axisymmetric.base_states import base_states, model
+from solver.axisymmetric.energy_derivatives import variables
+from solver.axisymmetric.gradients import areas, by_section
+from solver.axisymmetric.level import Axisymmetric
+from solver.axisymmetric.refinement import Sample
+from solver.axisymmetric.sample import sample
+from solver.axisymmetric.sections import sections
+from solver.linalg import cholesky as factor
+
+GROWTH = (1, 2, 4, 8, 16)  # multiples of the coarsest mesh's cells in each direction, at order 4: 4e3 to 1e6 unknowns
+SMALLEST = Fineness(1, 0, 2)  # 1e3 unknowns
+
+
+def evaluate(scene: Scene, accuracy: float) -> Answer:
+    """Find the ratio within ``accuracy``, its error estimate included in the time."""
+    start = perf_counter()
+    result = solver_evaluate(scene, "axisymmetric", accuracy)
+    return Answer(result.ratio or np.nan, 0, {"all": perf_counter() - start})
+
+
+def one_mesh(scene: Scene, level: Fineness) -> Answer:
+    """Find the ratio on one mesh, without an error estimate."""
+    of = sections(scene)
+    start = perf_counter()
+    found = sample(of.section, of, scene, level)
+    inner, outer = found.totals[0]
+    ratio = inner / outer * scene.probe.outer_area / scene.probe.inner_area
+    unknowns = found.states.model.system.numbering.unknowns
+    return Answer(float(ratio), unknowns, {"all": perf_counter() - start})
+
+
+def curve(scene: Scene, moduli: Floats, accuracy: float) -> Curve:
+    """Find the curve over the inclusion's modulus, with its error estimate."""
+    found = Axisymmetric().curve(scene, moduli, accuracy)
+    ratio, told = (np.array(values, dtype=float) for values in (found.ratio, found.log_sensitivity))
+    return Curve(moduli, ratio, told)
+
+
+def gradients(scene: Scene, moduli: Floats, accuracy: float) -> dict[str, Floats]:
+    """Find d ln ratio / d ln x along the curve for each variable x of ``designs.VARIABLES``, and what ``curve`` finds."""
+    sample = Axisymmetric().converged(scene, accuracy, moduli).sample
+    logs = by_section(sample).totals - areas(scene, sample.states.model)
+    found = {}
+    for k, name in enumerate(variables(sample.states.model)):
+        body, _, what = name.partition("_")
+        change = logs[:, k, 0] - logs[:, k, 1]
+        ratios = {one.name.lower(): material.poisson_ratio for one, material in sample.states.model.materials.items()}
+        if what == "poisson_ratio":
+            change = change * ratios[body]
+        found[f"{body}.{what}" if what in ("youngs_modulus", "poisson_ratio") else name] = change
+    return found
+
+
+@contextmanager
+def using(library: str) -> Iterator[None]:
+    """Factorise with SuperLU even where PARDISO is installed, or with what is installed."""
+    usual = factor._pardiso
+    if library == "SuperLU":
+        factor._pardiso = lambda: None  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        factor._pardiso = usual
+
+
+def libraries() -> tuple[str, ...]:
+    """Names of the libraries that ``using`` can choose."""
+    return ("SuperLU",) if factor._pardiso() is None else ("SuperLU", "PARDISO")
+
+
+def bare_factorisation(scene: Scene, accuracy: float) -> float:
+    """Return the seconds of factorising, and nothing else, the matrix that ``evaluate`` ends with; its pattern is known."""
+    system = last(scene, accuracy).states.model.system
+    seconds = []
+    for _ in range(15):
+        start = perf_counter()
+        factor.factorise(system.matrix, system.numbering)
+        seconds.append(perf_counter() - start)
+    return median(seconds)
+
+
+def last(scene: Scene, accuracy: float) -> Sample:
+    """Return what ``evaluate`` ends with."""
+    return Axisymmetric().converged(scene, accuracy).sample
+
+
+def growth(scene: Scene) -> Iterator[Answer]:
+    """Solve on finer and finer meshes whose topologies are known, 1e3 to 1e6 unknowns."""
+    of = sections(scene)
+    areas = scene.probe.outer_area / scene.probe.inner_area
+    for fineness in (SMALLEST, *(Fineness(cells, 3, 4) for cells in GROWTH)):
+        for _ in range(2):  # the first time numbers the unknowns
+            watch = Stopwatch()
+            found = model(of.section, of.materials, scene.contact.interface, fineness)  # type: ignore[arg-type]
+            watch.lap("assemble and factorise")
+            forces = base_states(found).forces.sum(axis=1)
+            watch.lap("solve")
+        yield Answer(float(forces[0] / forces[1] * areas), found.system.numbering.unknowns, watch.stages)

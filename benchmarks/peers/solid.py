@@ -1,0 +1,222 @@
+"""Same scene, same true error: the evaluator ``solid``, NGSolve and CalculiX in three dimensions, timed in one run.
+
+Usage: ``apt-get install calculix-ccx``, ``pip install -e '.[bench]'``, then ``python -m benchmarks.peers.solid``. ``--skip``
+leaves out a code; ``--peers PYTHON`` runs both peers by another interpreter (one with ngsolve, whose netgen makes CalculiX's
+meshes too), ``--ours PYTHON`` likewise. Each run is a process of its own, on one thread; seconds are medians of ``--repeats``
+runs, by the clock and of the processor, without the interpreter's start and imports. Peak memory is that of the process and of
+those it starts. True values: ``tests/reference/solid``, else the folder ``SOLID_REFERENCE`` names.
+
+The peers' settings are the cheapest ones that reach the error and keep it when refined (``solid_settings.py``), the ratio
+alone, without an error estimate. Ours is asked for the accuracy and answers with its own error estimate; its meshing is
+the difference between a run with an empty cache of meshes and runs with that cache filled.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from rich.console import Console
+
+from benchmarks.peers.measured_solid import ACCURACIES, SCENES, expected, scene_file
+from benchmarks.tables import Table
+from geometry import read_scene
+
+HERE = Path(__file__).resolve().parent
+SETTINGS = HERE / "solid_settings.json"
+ALL = " all"  # marks settings that reach the error in both stresses, and so in the stiffness, too
+PEERS = {"ngsolve": "benchmarks.peers.ngsolve_solid", "calculix": "benchmarks.peers.calculix_solid"}
+TITLES = {"ours": "ours", "ngsolve": "NGSolve", "calculix": "CalculiX"}
+CODES = ("ours", "ngsolve", "calculix", "ngsolve" + ALL, "calculix" + ALL)
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+OURS = """
+import json, resource, sys, time
+from geometry import read_scene
+from solver.levels import evaluator
+def processor():
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(one.ru_utime + one.ru_stime for one in used)
+level, scene = evaluator("solid"), read_scene(sys.argv[1])
+start = time.perf_counter(), processor()
+found = level.evaluate(scene, float(sys.argv[2]))
+wall, process = time.perf_counter() - start[0], processor() - start[1]
+print(json.dumps({"ratio": found.ratio, "stiffness": found.stiffness, "estimate": found.error_estimate, "wall": wall,
+                  "process": process, "warnings": found.warnings}))
+"""
+COLUMNS = (
+    "scene",
+    "code",
+    "order",
+    "unknowns, count",
+    "true error, error",
+    "of stresses, error",
+    "mesh, s",
+    "solve, s",
+    "all, s",
+    "all, processor, s",
+    "peak, MB",
+    "over ours, times",
+)
+
+
+@dataclass(frozen=True)
+class Run:
+    """What one process printed, and the most memory it held, MB."""
+
+    found: dict[str, Any]
+    peak: float
+
+
+class FailedError(RuntimeError):
+    """A process ended badly; the text is the end of what it wrote."""
+
+
+def run(command: Sequence[str], cache: str | None = None) -> Run:
+    """Run a process on one thread; its last line is JSON."""
+    environment = os.environ | ONE_THREAD | {"PYTHONPATH": str(HERE.parents[1])}
+    if cache is not None:
+        environment["PROBE_DESIGN_CACHE"] = cache
+    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
+        child = subprocess.Popen(command, stdout=out, stderr=err, env=environment)
+        _, status, used = os.wait4(child.pid, 0)
+        child.returncode = os.waitstatus_to_exitcode(status)
+        for file in (out, err):
+            file.seek(0)
+        text, trouble = out.read().decode(), err.read().decode()
+    if child.returncode:
+        raise FailedError((trouble.strip() or f"exit {child.returncode}").splitlines()[-1][-200:])
+    return Run(json.loads(text.strip().splitlines()[-1]), used.ru_maxrss / 1024)
+
+
+def ours(name: str, accuracy: float, chosen: argparse.Namespace) -> dict[str, Any]:
+    """Run ours with an empty cache and with a filled one."""
+    command = [chosen.ours, "-c", OURS, str(scene_file(name)), str(accuracy)]
+    cold, warm = list[Run](), list[Run]()
+    for _ in range(chosen.repeats):
+        with tempfile.TemporaryDirectory() as cache:
+            cold.append(run(command, cache))
+            warm.append(run(command, cache))
+    first = {key: median(one.found[key] for one in cold) for key in ("wall", "process")}
+    later = median(one.found["wall"] for one in warm)
+    return cold[0].found | {
+        "mesh": max(first["wall"] - later, 0.0),
+        "solve": later,
+        "all": first["wall"],
+        "process": first["process"],
+        "peak": max(one.peak for one in cold),
+        "unit": 1.0,
+    }
+
+
+def stored(code: str, name: str, accuracy: float) -> dict[str, Any] | None:
+    """Return a peer's setting, or None."""
+    peer, _, kind = code.partition(" ")
+    scenes = json.loads(SETTINGS.read_text(encoding="utf-8"))[peer]
+    found: dict[str, Any] | None = scenes.get(name, {}).get(f"{accuracy:g} {kind}".strip())
+    return found
+
+
+def peer(code: str, name: str, setting: dict[str, Any], chosen: argparse.Namespace) -> dict[str, Any]:
+    """Run a peer."""
+    command = [chosen.peers, "-m", PEERS[code], str(scene_file(name)), json.dumps(setting)]
+    runs = [run(command) for _ in range(chosen.repeats)]
+    mesh = median(one.found["wall"]["mesh"] for one in runs)
+    whole = median(sum(one.found["wall"].values()) for one in runs)
+    return runs[0].found | {
+        "order": setting["order"],
+        "mesh": mesh,
+        "solve": median(sum(one.found["wall"].values()) - one.found["wall"]["mesh"] for one in runs),
+        "all": whole,
+        "process": median(sum(one.found["process"].values()) for one in runs),
+        "peak": max(one.peak for one in runs),
+        "unit": 1e-3,  # m over the peers' unit of length
+    }
+
+
+def worst(name: str, ratio: float, stiffness: float) -> float:
+    """Return the larger relative error of both stresses at the scene's indentation."""
+    true, area = expected(name), read_scene(scene_file(name)).probe
+    part = ratio * area.inner_area / area.outer_area
+    whole = true["ratio"] * area.inner_area / area.outer_area
+    relative = stiffness / true["stiffness_n_per_m"] * (1 + whole) / (1 + part)
+    return max(abs(relative - 1), abs(relative * part / whole - 1))
+
+
+def measure(accuracy: float, chosen: argparse.Namespace, tell: Callable[[str], None]) -> Table:
+    """Return the table of one accuracy."""
+    table = Table(f"one evaluation at {accuracy * 100:g} %", COLUMNS)
+    for name in chosen.scene or SCENES:
+        true, mine = expected(name), None
+        for code in CODES:
+            which, setting = code.removesuffix(ALL), None if code == "ours" else stored(code, name, accuracy)
+            if which in (chosen.skip or ()) or (code.endswith(ALL) and setting is None):
+                continue
+            title = TITLES[which] + (", stresses too" if code.endswith(ALL) else "")
+            tell(f"{title} on {name} at {accuracy:g}")
+            try:
+                found = ours(name, accuracy, chosen) if code == "ours" else peer(which, name, setting or {}, chosen)
+            except (FailedError, OSError) as why:
+                table.note(f"{title} on {name}: not measured: {why}")
+                continue
+            mine = found["all"] if code == "ours" else mine
+            error = abs(found["ratio"] / true["ratio"] - 1)
+            table.add(
+                name,
+                title,
+                found.get("order"),
+                found.get("unknowns"),
+                error,
+                worst(name, found["ratio"], found["stiffness"] * found["unit"]),
+                *(found[key] for key in ("mesh", "solve", "all", "process")),
+                round(found["peak"]),
+                None if mine is None or code == "ours" else found["all"] / mine,
+            )
+            if error > accuracy:
+                table.note(f"{title} on {name} misses the accuracy: with another release, run solid_settings.py again")
+    table.note("ours: error estimate and log-sensitivity included, mesh = empty cache less filled cache; solve = cache filled")
+    table.note("peers: cheapest settings found with the true value known, the ratio alone, no error estimate; half models;")
+    table.note("what both films' errors have in common cancels in it; stresses too: both are as exact as asked, as ours promises")
+    table.note("CalculiX: solve includes writing and reading its input file; over ours: the whole time over ours, cache empty")
+    return table
+
+
+def arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--skip", action="append", choices=tuple(TITLES), help="leave this code out")
+    parser.add_argument("--scene", action="append", choices=SCENES, help="only this scene")
+    parser.add_argument("--accuracy", action="append", type=float, choices=ACCURACIES, help="only this accuracy")
+    parser.add_argument("--repeats", type=int, default=3, help="of each run (3)")
+    parser.add_argument("--ours", default=sys.executable, help="the interpreter that runs ours (this one)")
+    parser.add_argument("--peers", default=sys.executable, help="the interpreter that has ngsolve (this one)")
+    parser.add_argument("--json", type=Path, help="write the raw values to this file, times in seconds")
+    return parser.parse_args()
+
+
+def main() -> None:
+    chosen, console, progress = arguments(), Console(width=165), Console(stderr=True)
+    skip = set(chosen.skip or ())
+    if shutil.which("ccx") is None and "calculix" not in skip:
+        console.print("CalculiX skipped: `apt-get install calculix-ccx` on Debian and Ubuntu")
+        chosen.skip = [*skip, "calculix"]
+    tables = []
+    with progress.status("starting") as status:
+        for accuracy in chosen.accuracy or ACCURACIES:
+            table = measure(accuracy, chosen, lambda line: status.update(line))
+            table.print(console)
+            tables.append(table.as_json())
+    if chosen.json is not None:
+        chosen.json.write_text(json.dumps({"tables": tables}, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

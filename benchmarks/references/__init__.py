@@ -1,0 +1,1 @@
+"""What makes ``tests/reference``: independent codes and the scenes they are asked."""

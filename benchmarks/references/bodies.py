@@ -1,0 +1,120 @@
+"""Bodies and mesh of the three-dimensional reference code: probe, cylinder of tissue and tumours, the half y > 0 of them.
+
+The tissue lies below z = 0, the probe's axis is x = y = 0, lengths are in inner radii.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import ngsolve as ngs
+import numpy as np
+from netgen import occ
+from netgen.meshing import MeshingParameters
+from scipy.spatial import KDTree
+
+from benchmarks.references.outline import Refinement
+from geometry import Inclusion, Scene
+from geometry.scenes.fit import semi_axes
+
+LAYER = 0.125  # thickness of the layer of elements at the rims, over that of the elements it is cut from
+FLAT = 1e-4  # more than the margins of the shapes' bounding boxes, less than their sizes
+
+
+def check(scene: Scene) -> None:
+    """Raise ValueError if the code does not take the scene."""
+    probe, tissue = scene.probe, scene.tissue
+    unlike = probe.film is not None or probe.groove is not None or not probe.base.rigid or scene.contact.interface == "unilateral"
+    for body in scene.inclusion:
+        unlike |= body.surface is not None or bool(body.y) or any(body.orientation[k] % 180 for k in (0, 2))
+    if unlike or tissue.shape != "cylinder" or scene.placement != type(scene.placement)():
+        raise ValueError(
+            "the reference takes a cylinder about the probe's axis, tumours at y = 0, a rigid base, no film, no groove"
+        )
+
+
+def surface_points(body: Inclusion, unit: float, count: int = 6000) -> np.ndarray:
+    """Return points spread over an ellipsoid's surface, in inner radii."""
+    k = np.arange(count) + 0.5
+    z, angle = 1 - 2 * k / count, k * math.pi * (1 + math.sqrt(5))
+    sphere = np.stack([np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z])
+    return np.asarray((np.array(semi_axes(body)) @ sphere).T + np.array([body.x, 0.0, -body.depth])) / unit
+
+
+def tumour(body: Inclusion, unit: float) -> Any:
+    """Return an ellipsoid as a shape, in inner radii."""
+    axes, centre = np.array(semi_axes(body)) / unit, occ.Pnt(body.x / unit, 0.0, -body.depth / unit)
+    radii = np.linalg.norm(axes, axis=0)
+    if body.diameter is not None:
+        return occ.Sphere(centre, float(radii[0]))
+    along, across = axes[:, 2] / radii[2], axes[:, 0] / radii[0]
+    frame = occ.Axes(centre, occ.Vec(*along), occ.Vec(*across))
+    return occ.Ellipsoid(frame, *(float(radii[k]) for k in (2, 0, 1)))
+
+
+def shape(scene: Scene) -> Any:
+    """Return the half y > 0 of all bodies, named."""
+    probe, unit, body = scene.probe, scene.probe.inner_radius, scene.tissue
+    assert body.shape == "cylinder"  # check has asked
+    r2, r3, wide, deep = (length / unit for length in (probe.hole_radius, probe.tube_radius, body.radius, body.depth))
+    heights = (probe.core_height / unit, probe.tube_height / unit)
+    half = occ.Box(occ.Pnt(-2 * wide, 0, -2 * deep), occ.Pnt(2 * wide, 2 * wide, 2 * deep))
+    origin = occ.Pnt(0, 0, 0)
+    inner = occ.Cylinder(origin, occ.Z, 1.0, heights[0])
+    outer = occ.Cylinder(origin, occ.Z, r3, heights[1]) - occ.Cylinder(origin, occ.Z, r2, heights[1])
+    tissue = occ.Cylinder(occ.Pnt(0, 0, -deep), occ.Z, wide, deep)
+    tumours = [tumour(inclusion, unit) for inclusion in scene.inclusion]
+    for each in tumours:
+        tissue = tissue - each
+    names = ["tissue", "inner", "outer", *(f"tumour{k}" for k in range(len(tumours)))]
+    bodies = []
+    for name, whole in zip(names, [tissue, inner, outer, *tumours], strict=True):
+        cut = whole * half
+        cut.mat(name)
+        bodies.append(cut)
+    glued = occ.Glue(bodies)
+    for face in glued.faces:
+        low, high = face.bounding_box
+        level = high[2] - low[2] < FLAT
+        tests = {"mirror": high[1] < FLAT, "bottom": level and high[2] < -FLAT, "end": level and low[2] > FLAT, "free": True}
+        face.name = next(name for name, found in tests.items() if found)
+    for edge in glued.edges:
+        low, high = edge.bounding_box
+        rim = max(abs(low[2]), abs(high[2])) < FLAT and high[1] > FLAT and high[0] < 1.001 * r3
+        edge.hpref = float(rim)
+    return glued
+
+
+def sizes(scene: Scene, size: float) -> list[tuple[float, float, float, float]]:
+    """Return mesh sizes (x, y, z, h): near the tumours by their distance to surface and neighbours, at the rims by both."""
+    unit, probe = scene.probe.inner_radius, scene.probe
+    r2, r3 = probe.hole_radius / unit, probe.tube_radius / unit
+    clouds = [surface_points(body, unit) for body in scene.inclusion]
+    found = []
+    for k, (body, cloud) in enumerate(zip(scene.inclusion, clouds, strict=True)):
+        near = -cloud[:, 2]
+        for other in clouds[:k] + clouds[k + 1 :]:
+            near = np.minimum(near, KDTree(other).query(cloud)[0])
+        radius = min(body.diameters or (body.diameter or 0.0,)) / 2 / unit
+        found.append(np.column_stack([cloud, np.minimum(1.2 * near, 0.8 * radius)]))
+    tree = KDTree(np.concatenate(clouds))
+    for radius, count in ((1.0, 240), (r2, 240), (r3, 300)):  # the rims
+        angle = np.linspace(0, math.pi, count)
+        rim = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), 0 * angle])
+        found.append(np.column_stack([rim, np.clip(0.7 * tree.query(rim)[0], 0.02, 0.3)]))
+    x, y = np.meshgrid(np.linspace(-2 * r3, 2 * r3, 241), np.linspace(0, 2 * r3, 121))
+    top = np.column_stack([x.ravel(), y.ravel(), 0 * x.ravel()])
+    found.append(np.column_stack([top, 1.2 * tree.query(top)[0]]))
+    return [(a, b, c, h * size) for a, b, c, h in np.concatenate(found) if b >= 0]
+
+
+def make_mesh(scene: Scene, refinement: Refinement) -> ngs.Mesh:
+    """Build the curved mesh: tetrahedra sized by the distances between tumours, surface and rims, prisms round the rims."""
+    parameters = MeshingParameters(maxh=2.5 * refinement.size, grading=0.5)
+    for x, y, z, h in sizes(scene, refinement.size):
+        parameters.RestrictH(x, y, z, float(h))
+    mesh = ngs.Mesh(occ.OCCGeometry(shape(scene)).GenerateMesh(mp=parameters))
+    mesh.RefineHP(refinement.layers, LAYER)
+    mesh.Curve(refinement.order)
+    return mesh

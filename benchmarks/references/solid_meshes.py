@@ -1,0 +1,82 @@
+"""Make the meshes of tests/meshes with netgen (``pip install -e '.[bench]'``): ``python -m benchmarks.references.solid_meshes``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from netgen.occ import Box, Cylinder, Glue, OCCGeometry, Pnt, Sphere, Z
+from ngsolve import Mesh
+
+from geometry.tetra.tet_mesh import BEYOND, EDGES, GROOVE, INCLUSION, INNER, OUTER, TISSUE
+
+MESHES = Path(__file__).parents[2] / "tests" / "meshes"
+HALF = Box(Pnt(-500, 0, -500), Pnt(500, 500, 500))
+
+
+def probe() -> Any:
+    """Half a probe on round tissue, mm, and what lies beyond the reference cylinder."""
+    tube = Cylinder((0, 0, 0), Z, 6, 3) - Cylinder((0, 0, 0), Z, 4.1, 3)
+    groove = Box(Pnt(0, -1, 2), Pnt(12, 1, 3)) * tube
+    sphere = Sphere(Pnt(3, 0, -6), 2.5)
+    tissue = Cylinder((0, 0, -16), Z, 16, 16)
+    beyond = Cylinder((0, 0, -16), Z, 20, 16) - tissue
+    bodies = {INNER: Cylinder((0, 0, 0), Z, 4, 3), OUTER: tube - groove, GROOVE: groove, TISSUE: tissue - sphere}
+    shape = Glue(list(_named({**bodies, BEYOND: beyond, INCLUSION: sphere})))
+    for edge in shape.edges:
+        low, high = edge.bounding_box
+        if max(abs(low.z), abs(high.z)) < 1e-6 and max(abs(low.x), abs(high.x)) < 6.01:
+            edge.maxh = 0.9
+    return shape
+
+
+def _named(bodies: dict[int, Any]) -> Iterable[Any]:
+    for label, body in bodies.items():
+        for part in (body * HALF).solids:
+            part.mat(str(label))
+            part.maxh = 100 if label in (TISSUE, BEYOND) else 2
+            yield part
+
+
+def cylinder(size: float) -> Any:
+    """A cylinder of unit radius and height, finer at its two edges."""
+    shape = Cylinder((0, 0, 0), Z, 1, 1)
+    shape.mat(str(TISSUE))
+    for edge in shape.edges:
+        low, high = edge.bounding_box
+        if abs(low.z - high.z) < 1e-6:
+            edge.maxh = size / 2
+    return shape
+
+
+def write(name: str, shape: Any, size: float, unit: float = 1.0, half: bool = False) -> None:
+    found = OCCGeometry(shape).GenerateMesh(maxh=size, grading=0.6 if half else 0.4, optsteps3d=3)
+    mesh = Mesh(found)
+    mesh.Curve(2)
+    found.SecondOrder()
+    points = np.array([point.p for point in found.Points()])
+    elements = np.array([[node.nr - 1 for node in one.points] for one in found.Elements3D()])
+    body = np.array([int(mesh.GetMaterials()[one.index - 1]) for one in found.Elements3D()])
+    used, numbers = np.unique(_vtk(points, elements), return_inverse=True)
+    data = {
+        "nodes": unit * points[used],
+        "elements": numbers.reshape(elements.shape).astype(np.int16),
+        "body": body.astype(np.int8),
+    }
+    np.savez_compressed(MESHES / f"{name}.npz", half=half, **data)
+
+
+def _vtk(points: Any, elements: Any) -> Any:
+    """Netgen's corners turned to the right hand, and its middles sorted to VTK's edges by where they are."""
+    corners = elements[:, [0, 2, 1, 3]]
+    away = points[corners][:, EDGES].mean(axis=2)[:, :, None] - points[elements[:, 4:]][:, None]
+    nearest = np.linalg.norm(away, axis=3).argmin(axis=2)
+    return np.hstack([corners, np.take_along_axis(elements[:, 4:], nearest, axis=1)])
+
+
+if __name__ == "__main__":
+    write("probe", probe(), 7, 1e-3, half=True)
+    write("bonded-coarse", cylinder(0.5), 0.5)
+    write("bonded-fine", cylinder(0.25), 0.25)

@@ -1,0 +1,119 @@
+"""`examples/paper_study.py`: the order of positions, the four scenes, linearity; no mesh is made here."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import matplotlib.image
+import pytest
+
+from tests.support.paths import EXAMPLES
+
+sys.path.insert(0, str(EXAMPLES))
+
+import paper_notes
+import paper_order
+import paper_study
+
+from geometry import BlockTissue, Scene, read_scene
+from solver import Result, evaluate
+from solver.published import table3 as published_table
+
+QUICK = "equivalent-inclusion"
+
+
+def test_order_of_positions() -> None:
+    assert paper_order.order(published_table.printed_ratios(signed=False), {}) == "1 < 2 < 3 < 4"
+    assert paper_order.order(published_table.printed_ratios(signed=True), {}) == "4 < 1 < 2 < 3"
+    ours, bounds = {1: 1.0, 2: 1.1, 3: 2.0, 4: 1.01}, dict.fromkeys(range(1, 5), 0.01)
+    assert paper_order.order(ours, bounds) == "1 ~ 4 < 2 < 3"
+    pairs = paper_order.agreed(ours, bounds)
+    assert pairs == {"alike": ["1 < 2", "1 < 3", "2 < 3"], "otherwise": ["2 < 4", "3 < 4"], "open": ["1 < 4"]}
+
+
+@pytest.fixture
+def study() -> Scene:
+    return read_scene(paper_study.SCENE)
+
+
+def test_four_scenes_of_the_study(study: Scene) -> None:
+    assert isinstance(study.tissue, BlockTissue)
+    assert (study.tissue.length, study.tissue.breadth, study.tissue.depth) == pytest.approx((0.1, 0.08, 0.06))
+    assert [body.diameter for body in study.inclusion] == pytest.approx([0.008, 0.005])
+    assert study.probe.inner_area / study.probe.outer_area == pytest.approx(published_table.AREA_RATIO)
+    found = paper_study.scenes(study)
+    assert list(found) == list(published_table.PLACES) == list(published_table.TABLE_3)
+    for k, one in found.items():
+        assert Scene.model_validate(one.model_dump()) == one
+        nearest = min(abs(body.x - one.placement.x) for body in one.inclusion)
+        assert nearest == pytest.approx({1: 0.015, 2: 0.0, 3: 0.0, 4: 0.025}[k], abs=1e-12)
+
+
+def test_one_solution_serves_three_loads(study: Scene) -> None:
+    """Solutions at 1 and 10 N are as far apart as the table takes them to be."""
+    on = paper_study.scenes(study)[3]
+    one, ten = (
+        evaluate(on.model_copy(update={"load": on.load.model_copy(update={"force": f})}), QUICK, 0.05) for f in (1.0, 10.0)
+    )
+    told = paper_study.loaded(one, 10.0)
+    assert told == pytest.approx((ten.stress_inner, ten.stress_outer, ten.ratio, ten.error_estimate), rel=1e-9)
+
+
+def test_each_position_is_solved_once(study: Scene, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    seen: list[Scene] = []
+
+    def solved(scene: Scene, name: str, accuracy: float, tell: Any) -> Result:
+        seen.append(scene)
+        tell("meshing")
+        return Result(name, 1.0, 12e3, 0.5e3, 24.0, 1e-3, 13.0, error_estimate=0.004)
+
+    monkeypatch.setattr(paper_study, "evaluate", solved)
+    assert paper_study.main(["--json"]) == 0
+    out, err = capsys.readouterr()
+    assert seen == list(paper_study.scenes(study).values())
+    assert [row["stress_inner"] for row in json.loads(out)["positions"][3]["ours"]] == [12e3, 60e3, 120e3]
+    assert "position 4 of 4: meshing" in err
+
+
+def test_notes_without_a_ratio() -> None:
+    none = dict.fromkeys(range(1, 5), Result(QUICK, 0.0))
+    assert any("ours unknown" in line for line in paper_notes.notes(none))
+    assert paper_study.loaded(replace(none[1], ratio=2.0), 5.0) == (None, None, 2.0, None)
+
+
+def run(*arguments: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-W", "error", str(EXAMPLES / "paper_study.py"), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, cwd=cwd, timeout=250)
+
+
+def test_as_a_user_runs_it(tmp_path: Path) -> None:
+    ended = run("--evaluator", QUICK, "--accuracy", "0.05", "--json", "--plot", "study.png", cwd=tmp_path)
+    assert ended.returncode == 0, ended.stderr
+    found = json.loads(ended.stdout)
+    assert [one["position"] for one in found["positions"]] == [1, 2, 3, 4]
+    for one in found["positions"]:
+        assert [row["ratio"] for row in one["ours"]] == [one["result"]["ratio"]] * 3
+        assert one["ours"][2]["stress_inner"] == pytest.approx(10 * one["result"]["stress_inner"])
+    ratio = [one["result"]["ratio"] for one in found["positions"]]
+    assert ratio[0] < ratio[1] < ratio[2]
+    assert ratio[3] == pytest.approx(ratio[0], rel=0.005)
+    assert matplotlib.image.imread(tmp_path / "study.png").shape[0] > 400
+
+
+def test_tables_and_refusal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    one = Result("solid", 1.0, 12.59e3, 0.5157e3, 24.42, 1e-3, 13.0, error_estimate=0.004, warnings=("a warning",))
+    monkeypatch.setattr(paper_study, "solved", lambda *_: dict.fromkeys(range(1, 5), one))
+    assert paper_study.main([]) == 0
+    out, _ = capsys.readouterr()
+    for text in ("26.59134", "0.2578", "-, printed as +", "125.9", "Can be compared, linearity", "Cannot be compared, loads"):
+        assert text in out
+    assert out.count("solid: a warning") == 1
+    assert paper_study.main(["--plot", "study.xyz"]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1

@@ -1,0 +1,176 @@
+"""Meridian meshes: cells cover every promised section once, and nodes are smooth in its lengths."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import brentq
+
+from geometry.common.errors import SolveError
+from geometry.meridian.frame import Fineness
+from geometry.meridian.frame import kind as kind_of
+from geometry.meridian.mesh import SQUARE, Topology, nodes
+from geometry.meridian.section import Body, Section
+from geometry.scenes.probe import Material
+from solver.axisymmetric.base_states import model
+from solver.axisymmetric.energy_derivatives import velocities
+from solver.axisymmetric.refinement import LEVELS
+from tests.support.meridian_sections import (
+    COARSE,
+    DEFAULTS,
+    FILMS_AND_BASE,
+    PAPER,
+    SPECIAL,
+    geometry_of,
+    many,
+    mesh_of,
+    numbers,
+    rounding,
+    section,
+    special,
+    volumes,
+)
+
+ARCS = 3e-6  # of a sphere's volume: what polynomials of order 6 leave out of arcs as long as the coarsest mesh has
+
+
+def assert_covered_once(s: Section, mesh: Topology) -> None:
+    """Bodies have their volumes; what tissue and sphere take from each other counts once."""
+    at = geometry_of(s, mesh, 6)
+    found = {body: at.weight[mesh.body == body].sum() for body in Body}
+    found[Body.TISSUE] += found[Body.INCLUSION]
+    for body, volume in volumes(s).items():
+        assert found[body] == pytest.approx(volume, rel=ARCS if body == Body.INCLUSION else 1e-8), body
+
+
+@special
+def test_special_sections_are_covered_once(case: dict[str, float]) -> None:
+    assert_covered_once(section(**case), mesh_of(section(**case)))
+
+
+@many
+@given(numbers)
+def test_promised_sections_are_covered_once(case: dict[str, float]) -> None:
+    assert_covered_once(section(**case), mesh_of(section(**case)))
+
+
+@many
+@given(numbers, st.sampled_from(LEVELS))
+def test_no_cell_is_turned_inside_out_on_any_level(case: dict[str, float], level: Fineness) -> None:
+    geometry_of(section(**case), mesh_of(section(**case), level), 4)
+
+
+def test_spheres_volume_converges_with_the_order() -> None:
+    s = section(**PAPER)
+    mesh, true = mesh_of(s), volumes(s)[Body.INCLUSION]
+    wrong = [abs(geometry_of(s, mesh, p).weight[mesh.body == Body.INCLUSION].sum() / true - 1) for p in (2, 4, 6, 8)]
+    assert all(fine < coarse / 30 for coarse, fine in pairwise(wrong))
+
+
+@pytest.mark.parametrize("key", ["cover", "below", "gap", "beside", "inner_height", "sphere", "area_ratio"])
+@pytest.mark.parametrize("small", np.geomspace(1e-3, 1e-14, 12))
+def test_lengths_too_far_apart_are_refused_or_right(key: str, small: float) -> None:
+    """Far beyond the promised range: no wrong answer without a word."""
+    value = {"gap": 5e-3 * small, "area_ratio": 1 / small}.get(key, small)
+    s = section(**PAPER | {key: value})
+    try:
+        at = geometry_of(s, mesh_of(s), 4)
+    except SolveError:
+        assert small < 1e-5
+    else:
+        assert at.weight.sum() == pytest.approx(sum(volumes(s).values()) - volumes(s)[Body.INCLUSION], rel=1e-8)
+
+
+def test_a_sphere_that_all_but_touches_the_surface_is_refused() -> None:
+    s = replace(section(**PAPER), sphere_depth=section(**PAPER).sphere_radius * (1 + 1e-15))
+    with pytest.raises(SolveError, match="lengths of the scene are too far apart"):
+        geometry_of(s, mesh_of(s), 4)
+
+
+def test_a_kind_has_one_topology() -> None:
+    s = section(**PAPER)
+    wider = replace(s, tissue_radius=1.01 * s.tissue_radius)
+    assert kind_of(wider) == kind_of(s)
+    assert mesh_of(wider) is mesh_of(s)
+    assert mesh_of(wider, replace(COARSE, layers=3)) is not mesh_of(s)
+
+
+@pytest.mark.parametrize("key", [*DEFAULTS, *PAPER])
+@pytest.mark.parametrize("factor", [0.85, 1.15])
+def test_designs_near_the_papers_fit_on_its_mesh(key: str, factor: float) -> None:
+    """Of the numbers of ``section`` one at a time; so bracketing sections and Taylor tests may stay on one mesh."""
+    start = section(**PAPER)
+    s = section(**PAPER | {key: factor * (DEFAULTS | PAPER)[key]})
+    assert_covered_once(s, mesh_of(start))
+    assert (mesh_of(s) is mesh_of(start)) == (kind_of(s) == kind_of(start))
+
+
+def test_nodes_are_smooth_where_the_limits_of_the_spheres_box_change_places() -> None:
+    def room(sphere: float) -> float:
+        s = section(**PAPER | {"sphere": sphere})
+        return s.box_limits()[0] - s.tube_radius
+
+    assert_smooth(PAPER | {"sphere": brentq(room, 0.3, 1.0)}, {"sphere": 1.0, "cover": 0.0})
+
+
+def assert_smooth(case: dict[str, float], way: dict[str, float]) -> None:
+    mesh, noise = mesh_of(section(**case)), rounding(section(**case))
+
+    def moved(step: complex) -> np.ndarray:
+        return nodes(section(**{key: value * np.exp(step * way[key]) for key, value in case.items()}), mesh, SQUARE)
+
+    exact = moved(1e-30j).imag / 1e-30
+    coarse, fine = (np.abs((moved(h) - moved(-h)) / (2 * h) - exact).max(axis=(1, 2)) for h in (1e-2, 5e-3))
+    assert np.all(fine <= coarse / 2**1.75 + noise / 5e-3)
+
+
+def test_many_designs_at_once_have_the_nodes_of_each() -> None:
+    s = section(**PAPER | FILMS_AND_BASE | {"inner_height": 0.5})
+    scales = 1 + 1e-3 * np.eye(len(s.given))
+    each = [replace(s, **{name: getattr(s, name) * scale for name, scale in zip(s.given, row, strict=True)}) for row in scales]
+    together = replace(s, **{name: getattr(s, name) * scales[:, k] for k, name in enumerate(s.given)})
+    one = [nodes(design, mesh_of(s), SQUARE) for design in each]
+    np.testing.assert_allclose(nodes(together, mesh_of(s), SQUARE), one, rtol=1e-12, atol=1e-15)
+
+
+def test_some_elements_have_their_own_nodes() -> None:
+    s, chosen = section(**PAPER), np.array([3, 250, 40, 0])
+    np.testing.assert_array_equal(nodes(s, mesh_of(s), SQUARE, chosen), nodes(s, mesh_of(s), SQUARE)[chosen])
+
+
+@pytest.mark.parametrize("name", ["the paper's", "boss", "recess", "level base"])
+def test_bodies_follow_every_length_on_a_mesh_that_stays(name: str) -> None:
+    """Else derivatives by that length are those of another change."""
+    start = section(**SPECIAL[name])
+    mesh, bodies = mesh_of(start, Fineness(1, 2, 6)), (Body.INNER, Body.OUTER, Body.FILM, Body.ADHESIVE)
+    for lengths in independent(start):
+        s = replace(start, **{length: getattr(start, length) * 1.001 for length in lengths})
+        at, true = geometry_of(s, mesh, 6), volumes(s)
+        for body in set(bodies) & set(true):
+            assert at.weight[mesh.body == body].sum() == pytest.approx(true[body], rel=1e-8), (lengths, body)
+
+
+def independent(s: Section) -> list[tuple[str, ...]]:
+    """Lengths that may change alone; under a level base, which would get a step, the heights do so together."""
+    heights = "inner_height", "outer_height"
+    level = kind_of(s).base == 0
+    return [(name,) for name in s.given if not (level and name in heights)] + [heights] * level
+
+
+SOFT = Material(youngs_modulus=1e4, poisson_ratio=0.4)
+
+
+def test_velocities_add_up_to_the_derivatives_by_all_lengths() -> None:
+    """Those with the corners' size held, and that size's share, against complex steps through the whole mesh."""
+    s = section(**PAPER | FILMS_AND_BASE | {"inner_height": 0.5})
+    solved = model(s, dict.fromkeys(Body, SOFT), "bonded", Fineness(1, 1, 2))
+    every, shares = velocities(solved)
+    for name, velocity, share in zip(s.given, every[:-1], shares, strict=True):
+        steps = {other: getattr(s, other) * (1 + 1e-30j * (other == name)) for other in s.given}
+        exact = nodes(replace(s, **steps), solved.mesh, solved.shapes.places).imag / 1e-30
+        np.testing.assert_allclose(velocity + share * every[-1], exact, rtol=1e-10, atol=1e-12 * s.tissue_depth)

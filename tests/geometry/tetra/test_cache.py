@@ -1,0 +1,64 @@
+import numpy as np
+import pytest
+
+from geometry.tetra import cache as mesh_cache
+from geometry.tetra.sizing import COARSE, FINE
+from geometry.tetra.tet_mesh import TetMesh, quadratic
+from tests.support.block_scene import scene
+
+
+@pytest.fixture
+def made(monkeypatch, tmp_path):
+    monkeypatch.setenv(mesh_cache.FOLDER, str(tmp_path / "cache"))
+    calls = []
+
+    def meshed(found, fineness):
+        calls.append(fineness)
+        nodes, elements, _ = quadratic(np.vstack([np.zeros(3), np.eye(3)]), np.array([[0, 1, 2, 3]]))
+        return TetMesh(nodes, elements, np.array([len(calls)]), np.array([False]), found.half), None
+
+    monkeypatch.setattr(mesh_cache, "meshed", meshed)
+    return calls
+
+
+def files():
+    return list(mesh_cache.folder().iterdir())
+
+
+def test_a_mesh_is_made_once(made):
+    first, second = (mesh_cache.cached_mesh(scene(), half=True) for _ in range(2))
+    assert len(made) == 1
+    assert second.half
+    for name in ("nodes", "elements", "body", "beyond"):
+        assert (getattr(first, name) == getattr(second, name)).all()
+
+
+def test_other_bodies_and_sizes_are_other_meshes(made):
+    mesh_cache.cached_mesh(scene())
+    mesh_cache.cached_mesh(scene(), FINE)
+    mesh_cache.cached_mesh(scene(), half=True)
+    mesh_cache.cached_mesh(scene(), reference_radius=0.02)
+    mesh_cache.cached_mesh(scene(placement={"x": "1 um"}))
+    assert len(made) == len(files()) == 5
+
+
+def test_what_the_mesh_does_not_depend_on_makes_no_other(made):
+    mesh_cache.cached_mesh(scene())
+    mesh_cache.cached_mesh(scene(load={"force": "2 N"}), COARSE)
+    assert len(made) == 1
+
+
+@pytest.mark.parametrize("damage", [lambda c: c[:-7], lambda c: b"", lambda c: c[:100] + b"!" + c[101:]])
+def test_a_damaged_file_is_made_again(made, damage):
+    mesh_cache.cached_mesh(scene())
+    (file,) = files()
+    file.write_bytes(damage(file.read_bytes()))
+    assert mesh_cache.cached_mesh(scene()).body[0] == 2
+    assert mesh_cache.cached_mesh(scene()).body[0] == 2
+
+
+def test_a_folder_that_cannot_be_written_costs_time_only(made, monkeypatch, tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    monkeypatch.setenv(mesh_cache.FOLDER, str(tmp_path / "file" / "cache"))
+    assert mesh_cache.cached_mesh(scene()).body[0] == 1
+    assert mesh_cache.cached_mesh(scene()).body[0] == 2

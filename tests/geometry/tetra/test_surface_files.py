@@ -1,0 +1,134 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import pyvista
+
+from geometry import InputError, Refusal, SolveError
+from geometry.tetra.check import check, errors
+from geometry.tetra.layout import layout
+from geometry.tetra.layout_fit import least_distances
+from geometry.tetra.mesher import ROUGH, meshed
+from geometry.tetra.surface_files import read_surface
+from geometry.tetra.tet_mesh import INCLUSION, TISSUE
+from tests.support.block_scene import scene
+
+CENTRE = np.array([0.002, 0.0, -0.009])
+
+
+def ball(radius=3.0, centre=(0.0, 0.0, 0.0)):
+    return pyvista.Icosphere(radius=radius, center=centre, nsub=2)
+
+
+def saved(tmp_path, mesh, name="tumour.stl"):
+    mesh.save(tmp_path / name)
+    return str(tmp_path / name)
+
+
+SOFT = {"youngs_modulus": "60 kPa", "poisson_ratio": 0.45}
+
+
+def with_file(path, *others, depth="9 mm", x="2 mm"):
+    return scene(inclusion=[*others, {"surface": path, "depth": depth, "x": x, **SOFT}])
+
+
+def test_a_files_coordinates_are_millimetres_from_the_inclusions_centre(tmp_path):
+    sheet = read_surface(saved(tmp_path, ball()), "inclusion[0].surface", CENTRE)
+    assert sheet.closed
+    assert sheet.points.mean(axis=0) == pytest.approx(CENTRE, abs=1e-5)
+    assert sheet.volume == pytest.approx(4 / 3 * math.pi * 0.003**3, rel=0.05)
+    assert sheet.inside(CENTRE + np.array([[0, 0, 0.0029], [0, 0, 0.0031]]) * 0.98).tolist() == [True, False]
+
+
+def test_a_step_file_says_its_unit(tmp_path):
+    from geometry.cad.solids import cadquery
+
+    cq = cadquery()
+    name = str(tmp_path / "box.step")
+    cq.exporters.export(cq.Workplane().box(4, 5, 6), name)
+    sheet = read_surface(name, "inclusion[0].surface", CENTRE)
+    assert sheet.volume == pytest.approx(120e-9)
+    assert sheet.closed
+
+
+@pytest.mark.parametrize("fault", ["inverted and crossing", "hole"])
+def test_dirty_surfaces_are_meshed(tmp_path, fault):
+    whole = ball()
+    if fault == "hole":
+        dirty = whole.remove_cells([5])
+    else:
+        both = whole.merge(ball(2.0, (2.5, 0.0, 0.0)), merge_points=False).extract_surface(algorithm="dataset_surface")
+        dirty = both.flip_faces()
+    found = layout(with_file(saved(tmp_path, dirty)), False, 0.02, None)
+    mesh, _ = meshed(found, ROUGH)
+    volume = mesh.volumes[INCLUSION]
+    least = whole.volume * 1e-9
+    assert least * 0.97 < volume < (1.02 if fault == "hole" else 1.5) * least
+    assert max(abs(e) for name, e in errors(mesh, found).items() if "inclusion" not in name) < 0.01
+    leaking = replace(mesh, body=np.where(mesh.body == INCLUSION, TISSUE, mesh.body))
+    with pytest.raises(SolveError, match=r"inclusion\[0\]'s volume.* it is open" if fault == "hole" else r"triangles may cross"):
+        check(leaking, found)
+
+
+def test_what_has_no_inside_is_refused(tmp_path):
+    half = ball().clip("z").extract_surface(algorithm="dataset_surface").triangulate()
+    with pytest.raises(InputError, match="open"):
+        read_surface(saved(tmp_path, half), "inclusion[0].surface", CENTRE)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"), [("none.stl", None), ("tumour.obj", "v"), ("bad.stl", "nonsense"), ("bad.step", "x")]
+)
+def test_files_that_cannot_be_read_are_refused(tmp_path, name, content):
+    if content is not None:
+        (tmp_path / name).write_text(content)
+    with pytest.raises(InputError, match=r"inclusion\[0\].surface"):
+        read_surface(str(tmp_path / name), "inclusion[0].surface", CENTRE)
+
+
+@pytest.mark.parametrize(
+    ("depth", "x", "left"), [("2 mm", "0 mm", "top"), ("38 mm", "0 mm", "bottom"), ("9 mm", "28 mm", "side")]
+)
+def test_a_file_that_leaves_the_tissue_is_refused(tmp_path, depth, x, left):
+    with pytest.raises(Refusal, match=rf"inclusion\[0\]\.surface.*leaves its {left}"):
+        layout(with_file(saved(tmp_path, ball()), depth=depth, x=x), False, 0.1, None)
+
+
+@pytest.mark.parametrize(
+    ("other", "apart"),
+    [
+        ({"diameter": "4 mm", "x": "6.9 mm"}, False),
+        ({"diameter": "4 mm", "x": "7.1 mm"}, True),
+        ({"diameter": "1 mm", "x": "2 mm"}, False),
+        ({"diameters": ["40 mm", "1 mm", "1 mm"], "x": "0 mm"}, False),
+        ({"diameters": ["6 mm", "1 mm", "1 mm"], "x": "8.1 mm"}, True),
+    ],
+)
+def test_a_file_that_overlaps_an_ellipsoid_is_refused(tmp_path, other, apart):
+    both = with_file(saved(tmp_path, ball()), {"depth": "9 mm", **SOFT, **other})
+    if apart:
+        assert len(layout(both, False, 0.1, None).inclusions) == 2
+    else:
+        with pytest.raises(Refusal, match=r"inclusion\[1\]\.surface.*overlaps or touches inclusion\[0\]"):
+            layout(both, False, 0.1, None)
+
+
+@pytest.mark.parametrize(("radius", "x", "apart"), [(2.0, 4.8, False), (2.0, 5.2, True), (1.0, 0.0, False)])
+def test_files_that_overlap_are_refused(tmp_path, radius, x, apart):
+    other = {"surface": saved(tmp_path, ball(radius), "other.stl"), "depth": "9 mm", "x": f"{2 + x} mm", **SOFT}
+    both = with_file(saved(tmp_path, ball()), other)
+    if apart:
+        assert len(layout(both, False, 0.1, None).inclusions) == 2
+    else:
+        with pytest.raises(Refusal, match=r"inclusion\[1\]\.surface.*inclusion\[0\]"):
+            layout(both, False, 0.1, None)
+
+
+def test_distances_to_triangles_are_those_of_many_points_on_them():
+    corners = np.random.default_rng(3).normal(size=(50, 3, 3)) + np.array([0.3, 0, 0])
+    a, b = (part.ravel() for part in np.meshgrid(np.linspace(0, 1, 150), np.linspace(0, 1, 150)))
+    share = np.column_stack([a, b, 1 - a - b])[a + b <= 1]
+    sampled = np.linalg.norm(np.einsum("sk,tkj->tsj", share, corners), axis=2).min(axis=1)
+    assert least_distances(corners) == pytest.approx(sampled, abs=0.02)
+    assert (least_distances(corners) <= sampled + 1e-12).all()

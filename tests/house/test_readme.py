@@ -1,0 +1,86 @@
+"""Every command and snippet of README runs; its two install commands are the ones that CI runs."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.support.paths import ROOT
+
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))}
+INSTALL = "python3 -m venv .venv && .venv/bin/pip install -c constraints.txt -e . && .venv/bin/probe-design optimize -o out"
+TEST = "python3 -m venv .venv && .venv/bin/pip install -c constraints.txt -e '.[test]' && .venv/bin/pytest"
+
+
+def blocks(language: str, page: str = README) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", page, re.S)
+
+
+LINES = [line.removeprefix("$ ") for block in blocks("bash") + blocks("console") for line in block.splitlines()]
+COMMANDS = [line for line in LINES if line.startswith("probe-design ")]
+BUILTIN = "probe-design optimize -o out"  # has a test of its own
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("readme")
+    shutil.copytree(ROOT / "examples", place / "examples")
+    return place
+
+
+def test_install_commands_are_ci_s() -> None:
+    assert INSTALL in LINES
+    assert TEST in LINES
+    assert TEST in (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
+
+
+def test_there_are_commands() -> None:
+    assert len(COMMANDS) >= 5
+
+
+@pytest.mark.parametrize("command", [command for command in COMMANDS if command != BUILTIN])
+def test_command_runs(command: str, folder: Path) -> None:
+    words = [sys.executable, "-m", "probe_design", *shlex.split(command)[1:]]
+    ended = subprocess.run(words, cwd=folder, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=250)
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stdout or "wrote" in ended.stderr
+
+
+def test_printed_optimum_is_what_the_command_prints(folder: Path) -> None:
+    assert BUILTIN in COMMANDS
+    words = [sys.executable, "-m", "probe_design", *shlex.split(BUILTIN)[1:]]
+    printed = subprocess.run(words, cwd=folder, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=250).stdout
+    shown = next(block for block in blocks("console") if BUILTIN in block)
+    for row in ("sd of ln E_object by axisymmetric", "sd of ln E_object by closed-form"):
+        found, told = (numbers(text, row) for text in (printed, shown))
+        assert found == pytest.approx(told, rel=0.02)  # IPOPT may stop elsewhere on another machine
+
+
+def numbers(table: str, row: str) -> list[float]:
+    line = next(line for line in table.splitlines() if row in line)
+    return [float(cell) for cell in re.findall(r"[│|]\s+([0-9.e+-]+)\s+(?=[│|])", line)]
+
+
+@pytest.mark.parametrize("snippet", [snippet for page in PAGES.values() for snippet in blocks("python", page)])
+def test_snippet_runs(snippet: str, folder: Path) -> None:
+    ended = subprocess.run([sys.executable, "-W", "error", "-c", snippet], cwd=folder, capture_output=True, text=True, timeout=60)
+    assert ended.returncode == 0, ended.stderr
+    assert "ratio" in ended.stdout
+
+
+def test_scene_in_readme_is_the_example() -> None:
+    assert blocks("toml")[0] == (ROOT / "examples" / "scene.toml").read_text(encoding="utf-8")
+
+
+def test_relative_links_exist() -> None:
+    for name, page in PAGES.items():
+        folder = ROOT if name == "README.md" else ROOT / "docs"
+        for target in re.findall(r"\]\(([^)]+)\)", page):
+            assert target.startswith("https://") or (folder / target).exists(), (name, target)

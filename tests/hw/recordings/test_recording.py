@@ -1,0 +1,130 @@
+"""Recordings: whole, cut, damaged, and replayed."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import struct
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hw.common.errors import (
+    InvalidSource,
+    Stalled,
+    Timeout,
+)
+from hw.common.transport import Chunk
+from hw.reader import Reader
+from hw.recordings.recording import KIND, Recorder, read_recording, sha256
+from hw.simulation.firmware import Fault
+from hw.usb.transport import UsbTransport
+from tests.support.virtual_probes import HURRIED, probe, right
+
+
+def test_samples_before_a_lasting_fault_are_kept(tmp_path: Path) -> None:
+    with Reader(UsbTransport("V1", backend=probe(Fault("stall", 70, 1000)), patience=HURRIED)) as reader:
+        blocks = reader.blocks(0.02, tmp_path / "run.probe")
+        assert next(blocks).index[-1] == 699
+        with pytest.raises(Stalled):
+            list(blocks)
+    with Reader.open(f"replay:{tmp_path / 'run.probe'}") as reader:
+        assert len(reader.collect()) == 700
+
+
+def test_replay_is_what_was_read(tmp_path: Path) -> None:
+    path = tmp_path / "run.probe"
+    faults = [Fault("drop", 30), Fault("stall", 60), Fault("power", 90), Fault("silence", 120)]
+    with Reader.open(probe(*faults)) as reader:
+        live = reader.collect(0.02, record=path)
+    with Reader.open(f"replay:{path}") as reader:
+        again = reader.collect(0.02)
+    assert len(live.gaps) == 3
+    assert (again.gaps, again.overruns, again.rate) == (live.gaps, live.overruns, live.rate)
+    np.testing.assert_array_equal(again.index, live.index)
+    np.testing.assert_array_equal(again.volts, live.volts)
+    assert again.source == live.source | {"replayed": str(path)}
+
+
+def test_recording_is_never_overwritten(tmp_path: Path) -> None:
+    path = tmp_path / "run.probe"
+    path.write_text("mine")
+    with Reader.open(probe()) as reader, pytest.raises(FileExistsError):
+        reader.collect(0.01, record=path)
+    assert path.read_text() == "mine"
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("recording") / "run.probe"
+    with Reader.open(probe()) as reader:
+        reader.collect(0.3, record=path)
+    return path
+
+
+@given(st.data())
+def test_cut_recording_is_whole_up_to_the_cut(recorded: Path, data: st.DataObject) -> None:
+    whole = recorded.read_bytes()
+    header = whole.index(b"\n") + 1
+    end = data.draw(st.integers(header, len(whole) - 1))
+    cut = recorded.with_name("cut.probe")
+    cut.write_bytes(whole[:end])
+    recording = read_recording(cut)
+    chunks = list(recording.chunks())
+    full = list(read_recording(recorded).chunks())
+    assert chunks == full[: len(chunks)]
+    assert recording.cut is not None
+    assert "was cut or damaged at byte" in recording.cut
+    assert sum(len(chunk.data) + 24 + len(chunk.note) for chunk in chunks) <= end - header
+
+
+def test_damaged_recording_ends_at_the_damage(recorded: Path) -> None:
+    data = bytearray(recorded.read_bytes())
+    data[data.index(b"READ", data.index(b"READ") + 1) + 30] ^= 1
+    path = recorded.with_name("damaged.probe")
+    path.write_bytes(data)
+    with Reader.open(f"replay:{path}") as reader:
+        found = reader.collect()
+    assert right(found)
+    assert 0 < len(found) < 30_000
+    assert "damaged.probe was cut or damaged" in found.source["cut"]
+
+
+def test_recording_is_laid_out_as_documented(tmp_path: Path) -> None:
+    transport = UsbTransport("V1", backend=probe())
+    with Recorder(tmp_path / "a", transport.header) as recorder:
+        recorder.write(Chunk(b"bytes", 7, "note"))
+    line, _, rest = (tmp_path / "a").read_bytes().partition(b"\n")
+    told = json.loads(line)
+    assert (told.pop("format"), told.pop("version")) == (KIND, 1)
+    assert told == json.loads(json.dumps(asdict(transport.header)))
+    tag, _, stream, note, length = struct.unpack_from("<4sdHHI", rest)
+    assert (tag, stream, note, length, rest[20:29]) == (b"READ", 7, 4, 5, b"notebytes")
+    assert rest[33:37] == b"DONE"
+    assert len(rest) == 33 + 24
+    assert sha256(tmp_path / "a") == hashlib.sha256((tmp_path / "a").read_bytes()).hexdigest()
+
+
+@pytest.mark.parametrize("text", [b"", b"{}\n", b"[1]\n", b"\xff\xfe\n", b'{"format": "probe-design recording", "version": 1}\n'])
+def test_not_a_recording(text: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "x"
+    path.write_bytes(text)
+    with pytest.raises(InvalidSource, match="is not a recording"):
+        Reader.open(f"replay:{path}")
+
+
+def test_recording_of_another_version(tmp_path: Path) -> None:
+    path = tmp_path / "x"
+    path.write_bytes(b'{"format": "probe-design recording", "version": 2}\n')
+    with pytest.raises(InvalidSource, match="version 2: this program reads"):
+        Reader.open(f"replay:{path}")
+
+
+def test_empty_recording_has_no_samples(tmp_path: Path) -> None:
+    Recorder(tmp_path / "x", UsbTransport("V1", backend=probe()).header).close()
+    with Reader.open(f"replay:{tmp_path / 'x'}") as reader, pytest.raises(Timeout, match="no samples"):
+        reader.collect()

@@ -1,0 +1,115 @@
+"""Reader and recovery, with a virtual probe on a virtual bus."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hw.common.errors import Overrun, Timeout, TransferError
+from hw.common.samples import Gap
+from hw.reader import Reader
+from hw.simulation.firmware import Fault, Kind
+from hw.simulation.virtual import virtual
+from hw.usb.transport import Patience
+from hw.wire.frames import HIGHEST, LOWEST
+from tests.support.virtual_probes import LOST, RATE, SCALE, probe, read, right
+
+
+@pytest.mark.parametrize("packet", [64, 511, 512, 513, 1024])
+def test_every_sample_once(packet: int) -> None:
+    found = read(probe(packet=packet), 1.0)
+    np.testing.assert_array_equal(found.index, np.arange(100_000))
+    assert right(found)
+    assert found.whole() is found
+    assert (found.rate, found.channels) == (RATE, ("inner", "outer"))
+    assert (found.source["transport"], found.source["serial"]) == ("virtual", "V1")
+    assert found.source["scale"] == [SCALE, SCALE]
+
+
+@pytest.mark.parametrize(
+    ("kind", "count", "lost", "reason"),
+    [
+        ("drop", 3, 30, LOST), ("corrupt", 2, 20, LOST), ("cut", 4, 10, LOST), ("repeat", 3, 0, ""), ("silence", 1, 0, ""),
+        ("overrun", 2, 20, "the device's buffer ran over"), ("stall", 3, 30, "the endpoint was halted"),
+        ("error", 2, 20, "the bus failed"),
+        ("unplug", 1, 10, "the device was unplugged, and came back at bus 1 address 3"),
+    ],
+)  # fmt: skip
+def test_fault_becomes_a_gap(kind: Kind, count: int, lost: int, reason: str) -> None:
+    found = read(probe(Fault(kind, 70, count, 0.02)), patience=Patience(absence=1.0))
+    assert found.gaps == ((Gap(700, lost, reason),) if lost else ())
+    assert right(found)
+    np.testing.assert_array_equal(found.index, [*range(700), *range(700 + lost, 2000)])
+
+
+def test_faults_with_data_between_are_borne_for_ever() -> None:
+    found = read(probe(*(Fault("stall", at) for at in range(0, 1000, 100))), 0.2)
+    assert len(found.gaps) == 10
+    assert right(found)
+
+
+def test_lost_power_is_a_gap_of_unknown_length() -> None:
+    found = read(probe(Fault("power", 70)))
+    assert [(gap.first, gap.count) for gap in found.gaps] == [(700, -1)]
+    np.testing.assert_array_equal(found.index, [*range(700), *range(701, 2000)])
+    begun_anew = replace(found, index=np.where(found.index > 700, found.index - 701, found.index))
+    assert right(begun_anew)
+
+
+@given(st.lists(st.tuples(st.sampled_from(["drop", "corrupt", "cut", "repeat", "overrun", "stall", "error", "silence", "unplug"]),
+    st.integers(0, 180), st.integers(1, 3)), max_size=6), st.sampled_from([64, 100, 513]))  # fmt: skip
+def test_any_faults_give_right_samples_or_gaps(faults: list[tuple[Kind, int, int]], packet: int) -> None:
+    source = probe(*(Fault(*fault) for fault in faults), packet=packet)
+    try:
+        found = read(source, patience=Patience(attempts=100))
+    except Timeout:  # the end of the stream may be in a gap, and nothing after it
+        pytest.fail("the stream never ends")
+    assert right(found)
+    lost = [np.arange(gap.first, gap.first + gap.count) for gap in found.gaps]
+    covered = np.sort(np.concatenate([found.index, *lost]))
+    np.testing.assert_array_equal(covered, np.arange(len(covered)))
+
+
+def test_saturation_is_marked_where_it_is() -> None:
+    source = virtual(lambda t: np.column_stack([40_000 * np.sin(t * 700), 0 * t]) * SCALE, RATE, "V1", scale=SCALE)
+    found = read(source)
+    truth = 40_000 * np.sin(found.times * 700)
+    np.testing.assert_array_equal(found.saturated[:, 0], (np.rint(truth) >= HIGHEST) | (np.rint(truth) <= LOWEST))
+    assert not found.saturated[:, 1].any()
+    assert found.saturated[:, 0].any()
+
+
+def test_three_channels_and_another_rate() -> None:
+    source = virtual(lambda t: np.column_stack([t, 2 * t, 3 * t]), RATE, "V1", channels=3, scale=2.0**-10)
+    with Reader.open(source, rate=1000.0) as reader:
+        found = reader.collect(2.0)
+    assert (found.rate, found.channels, len(found)) == (1000.0, ("inner", "outer", "force"), 2000)
+    np.testing.assert_allclose(found.volts, np.arange(2000)[:, None] / 1000 * [1, 2, 3], atol=2.0**-11)
+
+
+def test_calibration_takes_only_whole_samples() -> None:
+    with pytest.raises(Overrun, match="ran over 1 times"):
+        read(probe(Fault("overrun", 70))).whole()
+    with pytest.raises(TransferError, match="from index 700 on were lost"):
+        read(probe(Fault("drop", 70))).whole()
+
+
+def test_device_is_stopped_at_the_end() -> None:
+    source = probe()
+    with Reader.open(source) as reader:
+        reader.collect(0.01)
+        assert source.firmware.stream
+    assert source.firmware.stream == 0
+
+
+def test_progress_and_blocks() -> None:
+    told: list[float] = []
+    with Reader.open(probe()) as reader:
+        reader.collect(0.2, progress=told.append)
+    assert told == sorted(told)
+    assert told[-1] == 0.2
+    assert len(told) > 2

@@ -1,0 +1,179 @@
+"""The real libusb, on emulated devices: usb_emulator.py is the kernel and the boards, usb_reading.py the program under test."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.support.paths import ROOT
+
+PYTHON = "/usr/bin/python3"  # Debian's, which has the bindings of umockdev
+NEEDS = "umockdev gir1.2-umockdev-1.0 python3-gi"
+ROWS = {64: 10, 511: 121, 512: 122, 513: 122, 1024: 250}  # of two channels in a frame: (size - 24) // 4
+
+
+def missing() -> str:
+    """What keeps these tests from running; empty if nothing does."""
+    if not sys.platform.startswith("linux"):
+        return "umockdev emulates Linux only"
+    bindings = [PYTHON, "-c", "import gi; gi.require_version('UMockdev', '1.0'); from gi.repository import UMockdev"]
+    if (
+        shutil.which("umockdev-wrapper")
+        and Path(PYTHON).exists()
+        and subprocess.run(bindings, capture_output=True).returncode == 0
+    ):
+        return ""
+    return f"no umockdev: apt-get install {NEEDS}"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def umockdev() -> None:
+    if reason := missing():
+        (pytest.fail if os.environ.get("CI") == "true" else pytest.skip)(reason)
+
+
+RESOURCE = "USB0::0x1AB1::0x04CE::DS1::INSTR"
+
+
+def reading(*devices: dict[str, Any], serial: str = "", seconds: float = 0.1) -> dict[str, Any]:
+    """What the program tells that reads for a while among the devices."""
+    command = [PYTHON, str(ROOT / "tests" / "support" / "usb_emulator.py"), json.dumps(devices), sys.executable, "-W", "error"]
+    command += [str(ROOT / "tests" / "support" / "usb_reading.py"), serial, str(seconds)]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    ended = subprocess.run(["umockdev-wrapper", *command], capture_output=True, text=True, timeout=120, env=environment)
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stderr == ""
+    told: dict[str, Any] = json.loads(ended.stdout)
+    return told
+
+
+def gaps(told: dict[str, Any]) -> list[tuple[int, int, str]]:
+    """The gaps, where every sample that did arrive was right and in its place."""
+    assert "error" not in told, told
+    assert told["wrong"] == 0
+    assert told["steps"] == len(told["gaps"])
+    assert told["rows"] + sum(abs(gap["count"]) for gap in told["gaps"]) == told["last"] + 1
+    return [(gap["first"], gap["count"], gap["reason"]) for gap in told["gaps"]]
+
+
+@pytest.mark.parametrize("packet", [64, 511, 512, 513, 1024])
+def test_packet_sizes(packet: int) -> None:
+    told = reading({"serial": "A1", "packet": packet}, seconds=0.3)
+    assert gaps(told) == []
+    assert told["rows"] == 30_000
+    assert told["source"]["serial"] == "A1"
+    assert (told["source"]["transport"], told["source"]["firmware"]) == ("usb", "emulated 1")
+
+
+def test_million_samples_without_one_lost_or_invented() -> None:
+    told = reading({"serial": "A1", "sequence": 2**32 - 100}, seconds=10)  # the sequence wraps on the way
+    assert gaps(told) == []
+    assert told["rows"] == 1_000_000
+
+
+def test_two_identical_devices() -> None:
+    pair = {"serial": "A1"}, {"serial": "B2"}
+    told = reading(*pair)
+    assert told["error"] == "Ambiguous"
+    assert "usb:A1" in told["message"]
+    assert reading(*pair, serial="B2")["source"]["serial"] == "B2"
+
+
+def test_two_devices_of_one_serial_number() -> None:
+    told = reading({"serial": "A1"}, {"serial": "A1"}, serial="A1")
+    assert (told["error"], told["message"]) == ("Ambiguous", "2 probes have the serial number A1: unplug all but one")
+
+
+def test_the_one_that_may_be_opened_is_taken() -> None:
+    assert reading({"serial": "A1", "denied": True}, {"serial": "B2"})["source"]["serial"] == "B2"
+    assert reading({"serial": "A1", "denied": True}, {"serial": "B2", "denied": True})["error"] == "AccessDenied"
+
+
+@pytest.mark.parametrize(
+    ("devices", "error", "remedy"),
+    [
+        ([], "NotFound", "plug it in"), ([{"serial": "B2"}], "NotFound", "connected: ['B2']"),
+        ([{"serial": "A1", "busy": True}], "Busy", "close that program"),
+        ([{"serial": "A1", "denied": True}], "AccessDenied", 'TAG+="uaccess"'),
+    ],
+)  # fmt: skip
+def test_device_that_cannot_be_had(devices: list[dict[str, Any]], error: str, remedy: str) -> None:
+    told = reading(*devices, serial="A1")
+    assert told["error"] == error
+    assert remedy in told["message"]
+    assert told["cause"] == ("NoneType" if error == "NotFound" else "USBError")
+
+
+def faulty(kind: str, count: int = 1, **more: Any) -> dict[str, Any]:
+    return reading({"serial": "A1", "faults": [[30, kind, count]], **more})
+
+
+FIRST = 30 * ROWS[512]
+
+
+@pytest.mark.parametrize(
+    ("kind", "count", "lost", "reason"),
+    [
+        ("drop", 2, 2, "frames were lost or damaged on the way"), ("stall", 1, 1, "the endpoint was halted"),
+        ("stall", 3, 3, "the endpoint was halted"), ("error", 1, 1, "the bus failed"), ("error", 3, 3, "the bus failed"),
+        ("unplug", 1, 5, "the device was unplugged, and came back at bus 1 address 12"),
+    ],
+)  # fmt: skip
+def test_fault_becomes_a_gap(kind: str, count: int, lost: int, reason: str) -> None:
+    """What came in the same transfer before the fault is kept: the gap begins at the fault's frame."""
+    assert gaps(faulty(kind, count)) == [(FIRST, lost * ROWS[512], reason)]
+
+
+@pytest.mark.parametrize("kind", ["partial", "timeout"])
+def test_time_out_loses_nothing(kind: str) -> None:
+    told = faulty(kind)
+    assert gaps(told) == []
+    assert told["rows"] == 10_000
+
+
+def test_device_that_lost_its_power_is_not_spliced() -> None:
+    assert gaps(faulty("power")) == [(FIRST, -1, "the device was unplugged, and came back at bus 1 address 12")]
+
+
+def test_unplugged_again_and_again_beside_another_device() -> None:
+    faults = [[30, "unplug", 1], [100, "unplug", 1], [200, "power", 1]]
+    told = reading({"serial": "A1", "faults": faults}, {"serial": "B2"}, serial="A1", seconds=0.5)
+    assert [(count, reason.rsplit(" ", 1)[1]) for _, count, reason in gaps(told)] == [(610, "12"), (610, "22"), (-1, "32")]
+
+
+@pytest.mark.parametrize(
+    ("kind", "error", "cause"),
+    [("stall", "Stalled", "USBError"), ("error", "TransferError", "USBError"), ("timeout", "Timeout", "USBTimeoutError")],
+)
+def test_lasting_fault_is_named(kind: str, error: str, cause: str) -> None:
+    told = faulty(kind, 50)
+    assert (told["error"], told["cause"]) == (error, cause)
+
+
+def test_device_that_does_not_come_back() -> None:
+    told = faulty("unplug", returns=False)
+    assert (told["error"], told["cause"]) == ("Disconnected", "USBError")
+    assert "did not come back" in told["message"]
+
+
+@pytest.mark.parametrize(("acquisitions", "third"), [(2, "Disconnected from USBError"), (3, "came")])
+def test_oscilloscope_by_pyvisa_over_usbtmc(acquisitions: int, third: str) -> None:
+    told = reading({"serial": "DS1", "acquisitions": acquisitions, "returns": False}, serial=RESOURCE)
+    assert (told["wrong"], told["third"]) == (0, third)
+    assert told["source"]["model"] == "RIGOL TECHNOLOGIES DS1104Z"
+
+
+@pytest.mark.parametrize(
+    ("state", "error"), [({"busy": True}, "Busy"), ({"denied": True}, "NotFound"), ({"serial": "DS2"}, "NotFound")]
+)
+def test_oscilloscope_that_cannot_be_had(state: dict[str, Any], error: str) -> None:
+    told = reading({"serial": "DS1", "acquisitions": 1} | state, serial=RESOURCE)
+    assert told["error"] == error
+    assert RESOURCE in told["message"]

@@ -1,0 +1,181 @@
+"""The decoder: whatever happens to the bytes, right samples or marked gaps, never wrong samples."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hw.common.errors import ProtocolError
+from hw.common.samples import Samples, joined
+from hw.wire.decoder import Format, FrameDecoder
+from hw.wire.frames import HIGHEST, LOWEST, OVERRUN, SATURATED, Frame, Layout, encoded
+from tests.support.frame_truth import SCALE, STREAM, codes_at, crc32
+
+
+def frames_of(layout: Layout, count: int, sequence: int = 0, index: int = 0, stream: int = STREAM) -> list[bytes]:
+    begins = index + layout.rows * np.arange(count)
+    codes = [codes_at(begin + np.arange(layout.rows), layout.channels) for begin in begins]
+    return [Frame(sequence + k, int(begins[k]), stream, codes[k]).encoded(layout) for k in range(count)]
+
+
+def decoder(layout: Layout) -> FrameDecoder:
+    return FrameDecoder(Format(1e5, (SCALE,) * layout.channels, layout.size, STREAM), {})
+
+
+def fed(reader: FrameDecoder, data: bytes, step: int) -> Samples:
+    return joined([reader.feed(data[at : at + step]) for at in range(0, len(data), step)] or [reader.feed(b"")])
+
+
+def check_truth(found: Samples) -> None:
+    """Every row is what its index calls for; rows and gaps together cover all indices up to the last, once each."""
+    np.testing.assert_array_equal(found.volts, codes_at(found.index, found.volts.shape[1]) * SCALE)
+    lost = [np.arange(gap.first, gap.first + gap.count) for gap in found.gaps]
+    covered = np.sort(np.concatenate([found.index, *lost]))
+    np.testing.assert_array_equal(covered, np.arange(len(covered)))
+
+
+@pytest.mark.parametrize("channels", [2, 3])
+@pytest.mark.parametrize("size", [32, 64, 511, 512, 513, 1024])
+@pytest.mark.parametrize("step", [1, 63, 511, 512, 513, 100_000])
+def test_any_packet_size_in_any_read_size(size: int, channels: int, step: int) -> None:
+    layout = Layout(size, channels)
+    count = 2 if step == 1 else 9
+    found = fed(decoder(layout), b"".join(frames_of(layout, count)), step)
+    check_truth(found)
+    assert found.gaps == ()
+    assert len(found) == count * layout.rows
+
+
+damages = st.lists(
+    st.tuples(
+        st.sampled_from(["drop", "repeat", "flip", "cut", "garbage", "late", "half-repeat"]),
+        st.integers(0, 11),
+        st.integers(0, 1 << 20),
+    ),
+    max_size=6,
+)
+
+
+@given(
+    damages,
+    st.lists(st.integers(1, 700), min_size=1, max_size=8),
+    st.sampled_from([64, 65, 128]),
+    st.sampled_from([0, 2**32 - 5]),
+)
+def test_any_damage_gives_right_samples_or_gaps(
+    damage: list[tuple[str, int, int]], steps: list[int], size: int, sequence: int
+) -> None:
+    layout = Layout(size, 2)
+    frames = frames_of(layout, 16, sequence)
+    bytes_of, untouched = list(frames), set(range(12))
+    for kind, k, where in damage:
+        bytes_of[k], whole = spoiled(kind, bytes_of[k], frames[max(k - 1, 0)], where)
+        if not whole:
+            untouched.discard(k)
+    data, reader, parts = b"".join(bytes_of), decoder(layout), []
+    at = 0
+    while at < len(data):
+        step = steps[len(parts) % len(steps)]
+        parts.append(reader.feed(data[at : at + step]))
+        at += step
+    found = joined(parts)
+    check_truth(found)
+    assert {k * layout.rows for k in untouched} <= set(found.index.tolist())
+
+
+def spoiled(kind: str, frame: bytes, before: bytes, where: int) -> tuple[bytes, bool]:
+    """Return what becomes of a frame's bytes, and whether the frame is still whole in them."""
+    at = where % max(1, len(frame))
+    if kind == "flip" and frame:
+        return frame[:at] + bytes([frame[at] ^ 1 << where % 8]) + frame[at + 1 :], False
+    return {
+        "drop": (b"", False), "repeat": (frame * 2, True), "cut": (frame[:at], False), "flip": (frame, False),
+        "garbage": (struct.pack("<I", where) * (where % 97) + frame, True), "late": (frame + before, True),
+        "half-repeat": (frame[: at // 2] + frame, True),
+    }[kind]  # fmt: skip
+
+
+@given(st.integers(0, 63), st.integers(1, 255))
+def test_no_flipped_byte_passes(at: int, mask: int) -> None:
+    layout = Layout(64, 2)
+    frame = bytearray(frames_of(layout, 1)[0])
+    frame[at] ^= mask
+    assert len(decoder(layout).feed(bytes(frame))) == 0
+
+
+def test_million_samples_arrive_once_each() -> None:
+    layout = Layout(64, 2)
+    codes = codes_at(np.arange(1_000_000))
+    data = encoded(layout, STREAM, 2**32 - 1000, 0, codes)
+    found = fed(decoder(layout), data, 16_411)
+    np.testing.assert_array_equal(found.index, np.arange(1_000_000))
+    np.testing.assert_array_equal(found.volts, codes * SCALE)
+    assert found.gaps == ()
+
+
+def test_magic_cut_in_two_after_garbage() -> None:
+    layout = Layout(64, 2)
+    reader, frame = decoder(layout), frames_of(layout, 1)[0]
+    assert len(reader.feed(bytes(100) + frame[:1])) == 0
+    assert len(reader.feed(frame[1:])) == 10
+    assert reader.skipped == 100
+
+
+@pytest.mark.parametrize("rows", [0, 11, 255])
+def test_frames_that_state_impossible_rows_count_for_nothing(rows: int) -> None:
+    layout = Layout(64, 2)
+    first, odd, last = frames_of(layout, 3)
+    body = odd[:18] + bytes([rows]) + odd[19:-4]
+    found = decoder(layout).feed(first + body + crc32(body).to_bytes(4, "little") + last)
+    check_truth(found)
+    assert [(gap.first, gap.count) for gap in found.gaps] == [(10, 10)]
+
+
+def test_part_filled_frames() -> None:
+    layout = Layout(64, 2)
+    data = b""
+    for begin, rows in ((0, 10), (10, 1), (11, 7), (18, 10)):
+        data += Frame(0, begin, STREAM, codes_at(begin + np.arange(rows))).encoded(layout)
+    found = decoder(layout).feed(data)
+    check_truth(found)
+    assert len(found) == 28
+
+
+def test_flags() -> None:
+    layout = Layout(64, 2)
+    first = Frame(0, 0, STREAM, np.array([[HIGHEST, 0], [0, LOWEST], [1, 1]], np.int16)).encoded(layout)
+    second = Frame(1, 5, STREAM, np.array([[1, 1]], np.int16), OVERRUN | SATURATED << 1).encoded(layout)
+    found = decoder(layout).feed(first + second)
+    np.testing.assert_array_equal(found.saturated, [[True, False], [False, True], [False, False], [False, True]])
+    assert found.overruns == 1
+    assert [(gap.first, gap.count, gap.reason) for gap in found.gaps] == [(3, 2, "the device's buffer ran over")]
+
+
+def test_lost_beginning_is_a_gap() -> None:
+    layout = Layout(64, 2)
+    found = decoder(layout).feed(b"".join(frames_of(layout, 3)[1:]))
+    check_truth(found)
+    assert [(gap.first, gap.count) for gap in found.gaps] == [(0, 10)]
+
+
+def test_restarted_stream_is_never_spliced() -> None:
+    layout = Layout(64, 2)
+    reader = decoder(layout)
+    before = reader.feed(b"".join(frames_of(layout, 2)))
+    stale, new = frames_of(layout, 3)[2], b"".join(frames_of(layout, 2, stream=STREAM + 1))
+    after = reader.feed(stale + new, STREAM + 1, "unplugged")
+    found = joined([before, after])
+    assert [(gap.first, gap.count, gap.reason) for gap in found.gaps] == [(20, -1, "unplugged")]
+    np.testing.assert_array_equal(found.index, [*range(20), *range(21, 41)])
+    np.testing.assert_array_equal(after.volts, codes_at(np.arange(20)) * SCALE)
+
+
+def test_frames_of_another_kind_are_refused_at_last() -> None:
+    reader = decoder(Layout(64, 2))
+    data = b"".join(frames_of(Layout(64, 3), 1000))
+    with pytest.raises(ProtocolError, match=r"no valid frame in \d+ bytes.*2 channels and frames of 64 bytes"):
+        fed(reader, data * 3, 6400)

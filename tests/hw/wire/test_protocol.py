@@ -1,0 +1,93 @@
+"""The vendor protocol: bytes are laid out as docs/protocol.md says, and what it prints is what the commands print."""
+
+from __future__ import annotations
+
+import re
+import struct
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hw.common.errors import ProtocolError
+from hw.wire.decoder import Format, FrameDecoder
+from hw.wire.frames import Frame, Layout, encoded, vectors
+from hw.wire.protocol import Info, Status
+from tests.support.frame_truth import STREAM, codes_at, crc32
+from tests.support.paths import ROOT
+
+
+def test_many_frames_at_once_are_the_single_ones() -> None:
+    layout = Layout(65, 3)
+    codes = codes_at(np.arange(4 * layout.rows), 3)
+    single = [Frame(2**32 - 2 + k, 7 + 6 * k, STREAM, codes[6 * k : 6 * k + 6], 0x21).encoded(layout) for k in range(4)]
+    assert encoded(layout, STREAM, 2**32 - 2, 7, codes, 0x21) == b"".join(single)
+
+
+def test_frame_is_laid_out_as_documented() -> None:
+    layout = Layout(64, 2)
+    frame = Frame(0x01020304, 0x05060708090A0B0C, 0x0D0E, np.array([[1, -2]], np.int16), 0x31).encoded(layout)
+    body = bytes.fromhex("50 44 01 02 04030201 0c0b0a0908070605 0e0d 01 31 0100 feff") + bytes(36)
+    assert frame == body + crc32(body).to_bytes(4, "little")
+    assert crc32(b"123456789") == 0xCBF43926
+
+
+@pytest.mark.parametrize(("size", "channels"), [(31, 2), (1025, 2), (64, 1), (64, 4)])
+def test_layouts_that_are_not_laid_down(size: int, channels: int) -> None:
+    with pytest.raises(ProtocolError, match="allowed: 32 to 1024 bytes, 2 or 3 channels"):
+        Layout(size, channels)
+
+
+def test_answers_come_back() -> None:
+    info = Info(3, 12_500.125, 1e6, (0.5, 0.25, 2.0**-20), "board 1.2")
+    assert Info.decoded(info.encoded()) == info
+    status = Status(65535, 3, 2**32 - 1, 2**60)
+    assert Status.decoded(status.encoded()) == status
+    assert len(info.encoded()) == 44
+    assert len(status.encoded()) == 16
+
+
+@pytest.mark.parametrize(
+    ("data", "told"),
+    [
+        (b"", "0 bytes, not 44"), (b"\x02" + bytes(60), "speaks version 2"),
+        (replace(Info(2, 1.0, 1.0, (1.0, 1.0), ""), channels=4).encoded(), "states 4 channels"),
+        (Info(2, 0.0, 1.0, (1.0, 1.0), "").encoded(), "0.0 Hz"), (Info(2, 1.0, 1.0, (float("nan"), 1.0), "").encoded(), "nan"),
+    ],
+)  # fmt: skip
+def test_answers_that_are_refused(data: bytes, told: str) -> None:
+    with pytest.raises(ProtocolError, match=told):
+        Info.decoded(data)
+
+
+def test_documented_descriptors_are_the_printed_ones_and_add_up() -> None:
+    printed = subprocess.run(
+        [sys.executable, "-m", "hw.usb.descriptors"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
+    assert printed.strip() in (ROOT / "docs" / "protocol.md").read_text(encoding="utf-8")
+    store, told = (bytes.fromhex("".join(re.findall(r"(?m)^[0-9a-f]{4}  (.*)$", part))) for part in printed.split("\n\n"))
+    assert int.from_bytes(store[2:4], "little") == len(store) == 5 + store[5]
+    assert int.from_bytes(told[8:10], "little") == len(told) == int.from_bytes(store[29:31], "little")
+    at, kinds = 0, []
+    while at < len(told):  # each descriptor begins with its length and type
+        length, kind = struct.unpack_from("<HH", told, at)
+        at, kinds = at + length, [*kinds, kind]
+    assert (at, kinds) == (len(told), [0, 3, 4])
+
+
+def test_documented_vectors_are_the_printed_ones() -> None:
+    printed = subprocess.run(
+        [sys.executable, "-m", "hw.wire.frames"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
+    text = (ROOT / "docs" / "protocol.md").read_text(encoding="utf-8")
+    assert printed.strip() in text
+    dumps = re.findall(r"(?m)^((?:[0-9a-f]{4}  .*\n)+)", printed + "\n")
+    assert len(dumps) == len(vectors()) == 3
+    for dump, (layout, frame) in zip(dumps, vectors().values(), strict=True):
+        data = bytes.fromhex("".join(line[6:] for line in dump.splitlines()))
+        assert len(data) == layout.size
+        assert data[-4:] == crc32(data[:-4]).to_bytes(4, "little")
+        reader = FrameDecoder(Format(1e5, (1.0,) * layout.channels, layout.size, frame.stream), {})
+        np.testing.assert_array_equal(reader.feed(data).volts, frame.codes)

@@ -1,0 +1,152 @@
+"""The check: right probes pass as often as they should, wrong ones are found with the right variable and size."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from geometry import InputError
+from geometry.scenes.variables import changed, values
+from hw.common.samples import Samples
+from probe_design.built_probe.bench import Reference
+from probe_design.built_probe.block_predictions import predicted
+from probe_design.built_probe.calibration import calibrate
+from probe_design.built_probe.check import Check, check
+from probe_design.built_probe.explanations import Deviation, Explanation, explanations, refined
+from probe_design.built_probe.virtual_probe import Built, as_delivered, signals
+from tests.support.benches import BENCH, Floats, films, sampled, scene, shares
+
+BUILT = Built()
+BLOCKS = BENCH.model_copy(update={"reference": BENCH.blocks})
+
+
+def loop(logs: Floats, seed: int) -> Check:
+    """Calibrate and check one virtual probe whose blocks give ``logs``."""
+    forces = films(logs)
+    read = [sampled(signals(BUILT, BENCH, scene(), one, [seed, k])) for k, one in enumerate(forces)]
+    again = [sampled(signals(BUILT, BENCH, scene(), one, [seed, 10 + k])) for k, one in enumerate(forces[2:])]
+    found = calibrate(scene(), BENCH, read, shares())
+    return check(scene(), BENCH, again, found.gains, found.variables, shares())
+
+
+def delivered(seed: int) -> tuple[Reference, ...]:
+    random = np.random.default_rng(seed)
+    return tuple(as_delivered(one, random) for one in BENCH.reference)
+
+
+@cache
+def built(name: str, turn: float) -> Check:
+    """The loop with a probe that is off its drawing in one variable, on blocks off by their tolerances."""
+    true = changed(scene(), {name: values(scene())[name] * turn})
+    return loop(predicted(true, delivered(3)).log_ratios, 3)
+
+
+def test_a_probe_as_drawn_passes() -> None:
+    found = loop(predicted(scene(), delivered(4)).log_ratios, 4)
+    assert found.passed
+    assert found.alike == ()
+    assert np.abs([block.z for block in found.blocks]).max() < 3
+
+
+@pytest.mark.parametrize(
+    ("name", "turn"),
+    [("probe.outer.youngs_modulus", 1.15), ("probe.inner_radius", 1.01), ("probe.gap", 2.0), ("probe.height", 0.9)],
+)
+def test_a_probe_off_its_drawing_is_found(name: str, turn: float) -> None:
+    """15 % in a modulus, 1 % in a radius, a double gap: the variable is among those that explain it, at its true size."""
+    found = built(name, turn)
+    assert not found.passed
+    assert name in found.alike
+    one = next(one for one in found.explanations if one.variable == name)
+    assert one.explains
+    truth = (turn - 1) * values(scene())[name]
+    assert abs(one.change - truth) < 3 * one.uncertainty
+    assert one.uncertainty < 0.2 * abs(truth)
+
+
+def test_what_cannot_be_told_apart_is_said() -> None:
+    """A softer block and a higher one are nearly the same thing; a gap is not."""
+    assert {"probe.outer.youngs_modulus", "probe.height"} <= set(built("probe.height", 0.9).alike)
+    assert "probe.gap" not in built("probe.height", 0.9).alike
+    assert built("probe.gap", 2.0).alike == ("probe.gap",)
+
+
+def test_large_changes_need_the_refined_fit() -> None:
+    """Linear in 15 % the modulus would be 3 standard deviations off."""
+    found = built("probe.outer.youngs_modulus", 1.15)
+    known = shares()
+    logs = np.log([block.ratio * scene().probe.inner_area / scene().probe.outer_area for block in found.blocks])
+    read = np.diag([(block.ratio_uncertainty / block.ratio) ** 2 for block in found.blocks])
+    model = np.array([share.variance(block) for share, block in zip(known.blocks, BENCH.blocks, strict=True)])
+    deviation = Deviation(logs, known.log_ratios, read, model, {})
+    linear = _of("probe.outer.youngs_modulus", explanations(deviation, known, 0.01)[0])
+    again = _of("probe.outer.youngs_modulus", refined(scene(), BLOCKS, deviation, (linear,), 0.01))
+    assert abs(linear.change - 12e3) > 3 * linear.uncertainty
+    assert abs(again.change - 12e3) < 3 * again.uncertainty
+
+
+def _of(name: str, told: tuple[Explanation, ...]) -> Explanation:
+    return next(one for one in told if one.variable == name)
+
+
+def test_coverage_of_chi_square_and_sizes() -> None:
+    """60 probes as drawn, blocks and noise drawn anew: p-values are uniform, z has unit variance, one in a hundred fails."""
+    known, z, p, sizes = shares(), [], [], []
+    for seed in range(60):
+        random = np.random.default_rng(seed)
+        own = [share.variance(block) ** 0.5 for share, block in zip(known.blocks, BENCH.blocks, strict=True)]
+        found = _quick(known.log_ratios + own * random.standard_normal(len(own)), seed)
+        z.append([block.z for block in found.blocks])
+        p.append(found.p_value)
+        sizes.append([one.change / one.uncertainty for one in found.explanations if found.passed])
+    assert np.mean(np.square(z)) == pytest.approx(1.0, abs=4 * np.sqrt(2 / 300))
+    # each variable's size is 0 here; they go together, so that 60 probes are 60 numbers
+    assert np.mean([np.mean(np.square(one)) for one in sizes if one]) == pytest.approx(1.0, abs=4 * np.sqrt(2 / 60))
+    assert np.mean(p) == pytest.approx(0.5, abs=4 / np.sqrt(12 * 60))
+    assert sum(one < 0.01 for one in p) <= 4  # 0.6 expected
+
+
+def _quick(logs: Floats, seed: int) -> Check:
+    """The loop with as few samples as a calibration takes."""
+    bench = BENCH.model_copy(update={"load": BENCH.load.model_copy(update={"least_cycles": 10.0})})
+    forces = films(logs)
+    runs = ([sampled(signals(BUILT, bench, scene(), one, [seed, run, k]), rows=450, rate=200.0) for k, one in enumerate(forces)]
+            for run in (0, 1))  # fmt: skip
+    read, again = runs
+    found = calibrate(scene(), bench, read, shares())
+    return check(scene(), bench, again[2:], found.gains, found.variables, shares())
+
+
+def test_what_the_calibration_has_absorbed_is_not_told() -> None:
+    """Gains from blocks alone, no force channel: three free entries take up what a variable does to five blocks."""
+    forces = films(shares().log_ratios, BLOCKS)
+    read = [sampled(signals(BUILT, BLOCKS, scene(), one, [5, k]), channels=2) for k, one in enumerate(forces)]
+    alone = calibrate(scene(), BLOCKS, read, shares())
+    found = check(scene(), BLOCKS, read, alone.gains, alone.variables, shares())
+    spread = {one.variable: one.uncertainty / one.nominal for one in found.explanations}
+    told = {one.variable: one.uncertainty / one.nominal for one in built("probe.gap", 2.0).explanations}
+    for name in ("probe.outer.youngs_modulus", "probe.height"):
+        assert spread.get(name, np.inf) > 5 * told[name]
+
+
+def on_blocks(seed: int) -> list[Samples]:
+    forces = films(shares().log_ratios)[2:]
+    return [sampled(signals(BUILT, BENCH, scene(), one, [seed, k])) for k, one in enumerate(forces)]
+
+
+def test_exchanged_channels_are_refused() -> None:
+    samples = [replace(one, volts=one.volts * [-1.0, 1.0, 1.0]) for one in on_blocks(6)]
+    with pytest.raises(InputError, match="exchanged"):
+        check(scene(), BENCH, samples, shares=shares())
+
+
+def test_uncalibrated_gains_leave_a_wide_check() -> None:
+    samples = on_blocks(7)
+    found = check(scene(), BENCH, samples, shares=shares())
+    assert not found.calibrated
+    assert found.blocks[0].ratio_uncertainty / found.blocks[0].ratio > 0.05
+    with pytest.raises(InputError, match="one for each"):
+        check(scene(), BENCH, samples[:2], shares=shares())

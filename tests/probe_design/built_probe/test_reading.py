@@ -1,0 +1,111 @@
+"""A reading in stresses: against true forces, error budgets done by hand, and what is null."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hw.signal.measure import Measurement
+from probe_design.built_probe.bench import Reference
+from probe_design.built_probe.block_predictions import Share
+from probe_design.built_probe.film_forces import reading, warming
+from probe_design.built_probe.gain_matrix import Gains
+from probe_design.built_probe.reading import prediction, read
+from probe_design.built_probe.virtual_probe import Built, signals
+from solver.results.result import Result
+from tests.support.benches import BENCH, LOAD, Floats, films, sampled, scene, shares
+
+EXACT = Built(
+    gains=((1.0, 0.0), (0.0, 1.0)),
+    resistance=(1.0, 1.0),
+    capacitance=(1.0, 1.0),
+    force=1.0,
+    frequency=1.0,
+    offsets=(0.0, 0.0, 0.0),
+)
+AREAS = np.array([scene().probe.inner_area, scene().probe.outer_area])
+
+
+def measured(forces: Floats, built: Built = EXACT, calibrated_at: float | None = None) -> Measurement:
+    return reading(sampled(signals(built, BENCH, scene(), forces, 1)), BENCH, calibrated_at)
+
+
+def told(ratio: float, error: float = 1e-3) -> Result:
+    """A prediction that says what it is told to."""
+    outer = LOAD / (AREAS[1] + ratio * AREAS[0])
+    return Result("none", 0.0, stress_inner=ratio * outer, stress_outer=outer, ratio=ratio, error_estimate=error)
+
+
+@pytest.fixture(scope="module")
+def forces() -> Floats:
+    return films(shares().log_ratios)[4]
+
+
+def test_stresses_are_forces_over_nominal_areas(forces: Floats) -> None:
+    known = Gains(np.eye(2), np.zeros((4, 4)), np.zeros((4, 0)), np.zeros(0), True, (True, True))
+    found = read(measured(forces), scene(), BENCH, told(0.6), known)
+    stress = forces / AREAS
+    assert found.stress_inner == pytest.approx(stress[0], rel=2e-3)
+    assert found.stress_outer == pytest.approx(stress[1], rel=2e-3)
+    assert found.ratio == pytest.approx(stress[0] / stress[1], rel=2e-3)
+    assert found.force == pytest.approx(LOAD, rel=2e-3)
+    assert found.reference_force == pytest.approx(LOAD, rel=2e-3)
+
+
+def test_prediction_is_scaled_to_the_force_that_was_read(forces: Floats) -> None:
+    found = read(measured(3 * forces), scene(), BENCH, told(0.6))
+    assert found.predicted_stress_inner == pytest.approx(3 * (told(0.6).stress_inner or 0.0), rel=2e-3)
+    without = BENCH.model_copy(update={"force": None})
+    alone = read(replace(measured(3 * forces), force=None), scene(), without, told(0.6))
+    assert alone.predicted_stress_inner == told(0.6).stress_inner
+    assert alone.reference_force is None
+
+
+def test_error_budget_without_calibration(forces: Floats) -> None:
+    """Gain 5 %, Cf 2 %, cross-talk 1 % of the other film's force; the ratio has two of each."""
+    found = read(measured(forces), scene(), BENCH, told(0.6))
+    inner, outer = (math.hypot(0.05, 0.02, 0.01 * forces[1 - k] / forces[k]) for k in (0, 1))
+    assert found.stress_inner_uncertainty / found.stress_inner == pytest.approx(inner, rel=0.02)
+    assert found.stress_outer_uncertainty / found.stress_outer == pytest.approx(outer, rel=0.02)
+    assert found.ratio
+    assert found.ratio_uncertainty
+    assert found.ratio_uncertainty / found.ratio == pytest.approx(math.hypot(inner, outer) / (1 - outer), rel=0.02)
+
+
+def test_z_counts_both_sides(forces: Floats) -> None:
+    known = Gains(np.eye(2), np.zeros((4, 4)), np.zeros((4, 0)), np.zeros(0), True, (True, True))
+    truth = float(forces[0] / forces[1] * AREAS[1] / AREAS[0])
+    found = read(measured(forces, calibrated_at=5.0), scene(), BENCH, told(truth * 1.02, error=0.02 * math.sqrt(3)), known)
+    assert found.z_ratio == pytest.approx(-1.0, abs=0.05)
+
+
+def test_ratio_is_null_where_the_outer_stress_is_below_its_error(forces: Floats) -> None:
+    found = read(measured(np.array([LOAD, 1e-4])), scene(), BENCH, told(0.6))
+    assert (found.ratio, found.ratio_uncertainty, found.z_ratio) == (None, None, None)
+    assert any("null" in one for one in found.warnings)
+
+
+def test_null_predictions_are_passed_on(forces: Floats) -> None:
+    found = read(measured(forces), scene(), BENCH, Result("none", 0.0))
+    assert found.ratio
+    assert (found.predicted_ratio, found.predicted_stress_inner, found.z_ratio, found.z_stress_outer) == (None,) * 4
+
+
+def test_prediction_takes_the_fast_level() -> None:
+    assert prediction(scene(), 0.01).evaluator == "axisymmetric"
+
+
+def test_steady_warming_shows_as_an_offset(forces: Floats) -> None:
+    """1 mK/s on the outer film: V = Rf p A dT/dt, and 5 s of it are 5 mK."""
+    volts = 1e9 * 30e-6 * AREAS[1] * 1e-3
+    found = measured(forces, replace(EXACT, offsets=(0.0, volts, 0.0), drift=0.0))
+    assert warming(found, BENCH, scene().probe)[1] == pytest.approx(5e-3, rel=0.02)
+
+
+def test_share_s_variance_has_block_and_solver() -> None:
+    """Evenly spread within +-b: b^2 / 3."""
+    share = Share(log_ratio=0.0, bound=0.03, slopes=np.zeros(0), by_modulus=0.5)
+    assert share.variance(Reference(youngs_modulus=1e3, tolerance=0.02)) == pytest.approx(0.01**2 + 0.03**2 / 3)

@@ -1,0 +1,207 @@
+"""The verbs of the built probe as a user runs them: the whole loop, replay, refusals in one line, clean ends."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import tomllib
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from probe_design.built_probe.virtual_probe import Built
+from probe_design.cli.main import main
+from tests.support.paths import DOCS, SCENE
+
+PAGE = (DOCS / "hardware.md").read_text(encoding="utf-8")
+KEYS = {
+    "ratio", "stress_inner", "stress_outer", "ratio_uncertainty", "stress_inner_uncertainty", "stress_outer_uncertainty", "gaps",
+    "overruns", "predicted_ratio", "predicted_stress_inner", "predicted_stress_outer", "z_ratio",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Ended:
+    stdout: str
+    stderr: str
+
+
+def run(*arguments: str | Path, code: int = 0) -> Ended:
+    """Run the program in this process, which saves its start-up."""
+    output, errors = StringIO(), StringIO()
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(output), redirect_stderr(errors):
+        patch.setattr(sys, "argv", ["probe-design", *map(str, arguments)])
+        patch.setattr(sys, "stdin", StringIO())
+        with pytest.raises(SystemExit) as ended:
+            main()
+    assert ended.value.code == code, errors.getvalue()
+    assert "defect" not in errors.getvalue()
+    return Ended(output.getvalue(), errors.getvalue())
+
+
+def told(*arguments: str | Path, code: int = 0) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(run(*arguments, "--json", code=code).stdout)
+    return found
+
+
+def refused(*arguments: str | Path, code: int = 2) -> str:
+    ended = run(*arguments, code=code)
+    assert ended.stdout == ""
+    assert ended.stderr.count("\n") == 1
+    return ended.stderr
+
+
+def documented(command: str) -> list[float]:
+    """Numbers of the rows that docs/hardware.md shows below a command."""
+    shown = next(block for block in PAGE.split("```console\n$ probe-design ")[1:] if block.startswith(command))
+    return numbers(shown.split("```")[0])
+
+
+def numbers(table: str) -> list[float]:
+    rows = [line for line in table.splitlines() if line.startswith("│")]
+    return [float(word) for row in rows for word in row.split("│")[2:] for word in word.split()[:1] if word not in ("-", "")]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """With a calibration of the virtual probe and its recordings."""
+    place = tmp_path_factory.mktemp("bench")
+    ended = run("calibrate", SCENE, "--virtual", "--record", place / "run.probe", "-o", place / "probe.toml")
+    assert numbers(ended.stdout) == pytest.approx(documented("calibrate"), rel=0.02)
+    return place
+
+
+def test_calibrate_finds_the_true_gains_and_records_where_from(folder: Path) -> None:
+    record = tomllib.loads((folder / "probe.toml").read_text())
+    built = Built()
+    for k in (0, 1):  # of the films, and of amplifiers whose Cf differs; far above the corner |H| is 1/Cf
+        truth, spread = built.gains[k][k] / built.capacitance[k], record["covariance"][3 * k][3 * k] ** 0.5
+        assert abs(record["matrix"][k][k] - truth) < 3.5 * spread < 0.03
+    assert record["matrix"][0][1] == pytest.approx(built.gains[0][1] / built.capacitance[0], abs=1e-3)
+    assert len(record["reading"]) == 7
+    for k, reading in enumerate(record["reading"]):
+        content = (folder / f"run-{k + 1}.probe").read_bytes()
+        assert reading["sha256"] == hashlib.sha256(content).hexdigest()
+    assert record["scene"]["probe"]["inner_radius"] == "4 mm"
+    assert record["software"].startswith("probe-design ")
+
+
+def test_calibrate_again_from_the_recordings(folder: Path) -> None:
+    replays = [word for k in range(7) for word in ("--replay", folder / f"run-{k + 1}.probe")]
+    run("calibrate", SCENE, *replays, "--seconds", "10", "-o", folder / "again.toml")
+    first, again = (tomllib.loads((folder / name).read_text()) for name in ("probe.toml", "again.toml"))
+    assert again["matrix"] == first["matrix"]
+    assert again["reading"] == first["reading"]
+
+
+def test_nothing_is_overwritten(folder: Path) -> None:
+    before = (folder / "probe.toml").read_bytes()
+    assert "not taken" in refused("calibrate", SCENE, "--virtual", "-o", folder / "probe.toml")
+    assert (folder / "probe.toml").read_bytes() == before
+    assert "never overwritten" in refused("read", SCENE, "--virtual", "--record", folder / "run-1.probe")
+
+
+def test_read_calibrated_agrees_with_the_prediction(folder: Path) -> None:
+    found = told("read", SCENE, "--virtual", "--calibration", folder / "probe.toml", "--seed", "3")
+    assert found.keys() >= KEYS
+    assert abs(found["z_ratio"]) < 3.5
+    assert found["ratio_uncertainty"] < 1e-3 * found["ratio"]
+    assert (found["gaps"], found["overruns"], found["calibrated"]) == (0, 0, True)
+
+
+def test_read_uncalibrated_is_off_and_says_by_how_much() -> None:
+    found = told("read", SCENE, "--virtual", "--seconds", "5")
+    assert found["ratio_uncertainty"] > 0.05 * found["ratio"]
+    assert abs(found["ratio"] / found["predicted_ratio"] - 1) > 0.03
+    assert any("not calibrated" in one for one in found["warnings"])
+
+
+def test_read_without_scene_takes_the_built_in_one() -> None:
+    found = told("read", "--virtual", "--seconds", "4")
+    assert found.keys() >= KEYS
+    assert found["predicted_ratio"] == pytest.approx(24.97, rel=0.15)  # PHYSICS section 3, less the groove
+
+
+def test_replay_reads_what_was_read(tmp_path: Path) -> None:
+    live = told("read", SCENE, "--virtual", "--seconds", "4", "--record", tmp_path / "one.probe")
+    again = told("read", SCENE, "--replay", tmp_path / "one.probe", "--seconds", "4")
+    assert again == live
+
+
+def test_check_passes_a_probe_as_drawn(folder: Path) -> None:
+    found = told("check", "--virtual", "--calibration", folder / "probe.toml", "-o", folder / "check.json")
+    assert found["passed"]
+    assert json.loads((folder / "check.json").read_text()) == found
+
+
+def test_check_fails_a_probe_off_its_drawing_and_says_why(folder: Path) -> None:
+    words = ("--virtual", "--calibration", folder / "probe.toml", "--built", "probe.outer.youngs_modulus=92 kPa")
+    ended = run("check", *words, "-o", folder / "failed.json", code=1)
+    assert "outer.youngs_modulus" in ended.stdout
+    assert "not told apart from it" in ended.stdout
+    assert numbers(ended.stdout) == pytest.approx(
+        documented("check --virtual --calibration probe.toml --built"), rel=0.05, abs=0.01
+    )
+    found = json.loads((folder / "failed.json").read_text())
+    assert not found["passed"]
+    best = next(one for one in found["explanations"] if one["variable"] == "probe.outer.youngs_modulus")
+    assert best["variable"] in found["alike"]
+    assert abs(best["change"] - 12e3) < 3 * best["uncertainty"]
+
+
+def test_no_probe_is_one_line() -> None:
+    assert "probe" in refused("read", SCENE, code=1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("read", SCENE, "--virtual", "--device", "usb"), "one of --virtual, --replay and --device"),
+        (("read", SCENE, "--device", "serial:7"), "allowed"),
+        (("read", SCENE, "--virtual", "--seconds", "-1"), "seconds"),
+        (("read", SCENE, "--virtual", "--seconds", "long"), "seconds"),
+        (("read", SCENE, "--virtual", "--calibration", "absent.toml"), "calibration"),
+        (("read", SCENE, "--virtual", "--calibration", SCENE), "no format"),
+        (("read", SCENE, "--virtual", "--bench", "absent.toml"), "bench"),
+        (("read", SCENE, "--virtual", "--built", "probe.colour=3 mm"), "probe.inner_radius"),
+        (("read", SCENE, "--built", "probe.gap=3 mm"), "without --virtual"),
+        (("check", SCENE, "--replay", "a", "--replay", "b"), "one for each reading"),
+        (("calibrate", SCENE, "--virtual"), "--output"),
+        (("calibrate", SCENE, "-o", "unused.toml"), "terminal"),
+    ],
+)
+def test_bad_words_are_refused(arguments: tuple[str | Path, ...], words: str) -> None:
+    assert words in refused(*arguments)
+    assert not Path("unused.toml").exists()
+
+
+def test_too_short_a_record_is_one_line(tmp_path: Path) -> None:
+    assert "cycles" in refused("calibrate", SCENE, "--virtual", "--seconds", "2", "-o", tmp_path / "probe.toml", code=1)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_calibration_of_another_probe_is_refused(folder: Path) -> None:
+    assert "of this probe" in refused("read", "examples/paper-study.toml", "--virtual", "--calibration", folder / "probe.toml")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows sends no SIGINT to one process")
+def test_ctrl_c_ends_cleanly(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "probe_design", "read", str(SCENE), "--virtual", "--seconds", "1e6"]
+    running = subprocess.Popen([*command, "--record", str(tmp_path / "long.probe")], stdout=-1, stderr=-1, text=True)
+    assert running.stderr
+    while "ratio" not in running.stderr.readline():
+        time.sleep(0.05)
+    running.send_signal(signal.SIGINT)
+    output, errors = running.communicate(timeout=60)
+    assert (running.returncode, output) == (130, "")
+    assert "Traceback" not in errors
+    assert told("read", SCENE, "--replay", tmp_path / "long.probe", "--seconds", "1")["ratio"] > 0

@@ -1,0 +1,152 @@
+"""The program as a user runs it: exit codes, one line for every refusal, JSON keys, clean streams."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.support.paths import REFERENCE
+from tests.support.program import refused, run
+
+SCENE = REFERENCE / "axisymmetric" / "shallow.toml"
+KEYS = {
+    "stress_inner", "stress_outer", "ratio", "log_sensitivity", "stiffness", "charge_inner", "charge_outer", "error_estimate",
+    "evaluator", "seconds", "equivalent_modulus", "residual", "plan", "warnings",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("evaluator", ["auto", "published", "closed-form", "equivalent-inclusion", "axisymmetric"])
+def test_evaluate_prints_one_json_object(evaluator: str) -> None:
+    ended = run("evaluate", SCENE, "--evaluator", evaluator, "--json")
+    assert ended.returncode == 0, ended.stderr
+    found = json.loads(ended.stdout)
+    assert set(found) == KEYS
+    assert bool(found["plan"]) == (evaluator in ("auto", "equivalent-inclusion"))
+    assert ended.stderr == ""
+
+
+def test_evaluate_prints_a_table() -> None:
+    ended = run("evaluate", SCENE)
+    assert ended.returncode == 0
+    assert "ratio" in ended.stdout
+    assert "3.582" in ended.stdout  # 3.58232, tests/reference/axisymmetric
+
+
+def test_charges_follow_equation_12(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.toml"
+    film = '\n[probe.film]\nthickness = "110 um"\nd31 = "20 pC/N"\nd32 = "2 pC/N"\nd33 = "-20 pC/N"\npsi1 = 0.5\npsi2 = 1.0\n'
+    scene.write_text(SCENE.read_text().replace("\n[tissue]", film + "\n[tissue]"))
+    found = json.loads(run("evaluate", scene, "--json").stdout)
+    # Q = F (0.5 * 20 + 1 * 2 - 20) pC/N = -8 pC/N F, and A2 = pi (5 mm)^2
+    assert found["charge_inner"] == pytest.approx(-8e-12 * found["stress_inner"] * 3.141592653589793 * 25e-6, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("evaluate", "absent.toml"), ("absent.toml",)),
+        (("evaluate", SCENE, "--accuracy", "0"), ("accuracy", "0", "above 0")),
+        (("evaluate", SCENE, "--accuracy", "-1"), ("accuracy", "-1")),
+        (("evaluate", SCENE, "--accuracy", "nan"), ("accuracy", "nan")),
+        (("evaluate", SCENE, "--accuracy", "fine"), ("accuracy", "fine")),
+        (("evaluate", SCENE, "--evaluator", "magic"), ("evaluator", "magic", "axisymmetric")),
+        (("evaluate", SCENE, "--evaluator", "contact"), ("not built",)),
+        (("conjure", SCENE), ("conjure", "evaluate, plan, curve, scan")),
+        (("sweep", SCENE, "-o", "unused"), ("probe", "one of scene")),
+        (("evaluate",), ("SCENE",)),
+        (("evaluate", SCENE, "--colour"), ("--colour",)),
+        (("evaluate", REFERENCE / "solid" / "flank.toml", "--evaluator", "axisymmetric"), ("axis", "equivalent-inclusion")),
+        (("evaluate", REFERENCE / "solid" / "two-tumours-between.toml", "--accuracy", "1e-6"), ("accuracy", "or more")),
+        (("optimize", REFERENCE / "axisymmetric" / "homogeneous.toml", "-o", "unused"), ("inclusion.target",)),
+        (("optimize", SCENE, "-o", "unused", "--outer-radius", "8"), ("outer-radius", "unit is missing")),
+        (("optimize", SCENE, "-o", "unused", "--outer-radius", "1 um"), ("outer-radius", "above")),
+    ],
+)
+def test_refusals_are_one_line_and_exit_2(arguments: tuple[str | Path, ...], words: tuple[str, ...], tmp_path: Path) -> None:
+    line = refused(*(tmp_path / one if one == "unused" else one for one in arguments))
+    assert line.startswith("probe-design: ")
+    for word in words:
+        assert word in line
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "word"),
+    [
+        ('"0.1 mm"', '"0 mm"', "probe.gap"),
+        ('"0.1 mm"', '"0.1 Pa"', "probe.gap"),
+        ('"0.1 mm"', "0.1", "probe.gap"),
+        ("= 0.48", "= 0.5", "probe.outer.poisson_ratio"),
+        ("area_ratio", "area_ration", "probe.area_ration"),
+        ('"6 mm"', '"3 mm"', "inclusion[0].depth"),
+        ('"bonded"', '"unilateral"', "unilateral"),
+    ],
+)
+def test_scene_refusals_name_the_key(old: str, new: str, word: str, tmp_path: Path) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text(SCENE.read_text().replace(old, new))
+    assert word in refused("evaluate", scene)
+
+
+def test_binary_and_empty_files_are_refused(tmp_path: Path) -> None:
+    for content in (b"", b"\xff\xfe\x00\x01", b"[probe"):
+        scene = tmp_path / "scene.toml"
+        scene.write_bytes(content)
+        assert "scene.toml" in refused("evaluate", scene)
+
+
+def test_auto_does_not_answer_worse_than_asked() -> None:
+    groove = REFERENCE / "solid" / "groove-on-axis.toml"
+    assert "accuracy" in refused("evaluate", groove, "--accuracy", "0.001")
+    ended = run("evaluate", groove, "--evaluator", "axisymmetric", "--json")
+    assert ended.returncode == 0
+    assert json.loads(ended.stdout)["error_estimate"] > 0.01
+
+
+def test_export_writes_files(tmp_path: Path) -> None:
+    ended = run("export", SCENE, "-o", tmp_path / "out", "--json")
+    assert ended.returncode == 0, ended.stderr
+    files = json.loads(ended.stdout)["files"]
+    assert {Path(file).name for file in files} == {
+        "inner.step", "outer.step", "film-inner.step", "film-outer.step", "base.step", "assembly.step", "drawing.png",
+    }  # fmt: skip
+    assert all(Path(file).stat().st_size > 1000 for file in files)
+
+
+def test_output_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    ended = run("export", SCENE, "-o", tmp_path / "file")
+    assert ended.returncode == 1
+    assert ended.stderr.count("\n") == 1
+
+
+def test_help_needs_no_heavy_imports() -> None:
+    code = (
+        "import sys; sys.argv = ['probe-design', 'evaluate', '--help']\n"
+        "from probe_design.cli.main import main\n"
+        "try: main()\nexcept SystemExit: pass\n"
+        "heavy = {'numpy', 'scipy', 'casadi', 'cadquery', 'matplotlib', 'pint', 'pydantic'} & set(sys.modules)\n"
+        "sys.exit(f'imported {heavy}' if heavy else 0)"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert ended.returncode == 0, ended.stderr
+    assert "axisymmetric" in ended.stdout
+
+
+def test_evaluate_imports_no_cad() -> None:
+    code = (
+        f"import sys; sys.argv = ['probe-design', 'evaluate', {str(SCENE)!r}]\n"
+        "from probe_design.cli.main import main\n"
+        "try: main()\nexcept SystemExit: pass\n"
+        "sys.exit(1 if {'cadquery', 'matplotlib', 'OCP'} & set(sys.modules) else 0)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, timeout=60).returncode == 0
+
+
+def test_no_verb_shows_help() -> None:
+    ended = run()
+    assert ended.returncode == 0
+    assert "optimize" in ended.stdout

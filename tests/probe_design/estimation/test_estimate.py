@@ -1,0 +1,310 @@
+"""Estimates: coverage of the intervals, an independent model, what cannot be told, and `probe-design estimate` itself."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from geometry import Scene
+from geometry.common.errors import InputError
+from geometry.scenes.scene_file import scene_from_dict, scene_to_toml
+from probe_design.estimation.depth_and_strength import Plane
+from probe_design.estimation.estimate import Estimate, estimate, findings
+from probe_design.estimation.intervals import QUANTILE, Likelihood, threshold
+from probe_design.estimation.model import Model
+from probe_design.estimation.profile import Track
+from probe_design.estimation.readings import Data, Reading, one_reading, read_readings
+from probe_design.estimation.strength import strength
+from solver import evaluate
+from tests.support.paths import REFERENCE
+from tests.support.program import refused, run
+
+SIMULATIONS = 2000
+SCAN = tuple(np.linspace(-12e-3, 12e-3, 7).tolist())
+
+
+def scene(depth: str = "9 mm", modulus: str = "60 kPa", nu: float = 0.48, diameter: str = "8 mm", **probe: object) -> Scene:
+    """The probe and tumour of PHYSICS section 2, which gives neither Poisson's ratios nor the tissue's size."""
+    blocks = {key: {"youngs_modulus": E, "poisson_ratio": 0.48} for key, E in (("inner", "1.13 MPa"), ("outer", "0.785 MPa"))}
+    own = {"inner_radius": "2.51 mm", "area_ratio": 0.117, "gap": "0.22 mm", "height": "2.47 mm", "base": {"rigid": True}}
+    return scene_from_dict(
+        {
+            "probe": own | blocks | probe,
+            "tissue": {"shape": "cylinder", "radius": "60 mm", "depth": "60 mm", "youngs_modulus": "6 kPa", "poisson_ratio": nu},
+            "inclusion": [{"diameter": diameter, "depth": depth, "youngs_modulus": modulus, "poisson_ratio": nu}],
+            "load": {"force": "0.03 N"},
+        }
+    )
+
+
+def value_of(scene: Scene, unknown: str) -> float:
+    return float(getattr(scene.inclusion[0], unknown))
+
+
+def model(scene: Scene, noise: float, places: tuple[float, ...] = (0.0,), stiffness: bool = False) -> Model:
+    readings = tuple(Reading(x, 0.0, 1.0, noise, 100.0 if stiffness else None, noise) for x in places)
+    return Model(scene, Data.of(readings), 0.01)
+
+
+@cache
+def track(scene: Scene, unknown: str, places: tuple[float, ...], stiffness: bool) -> Track:
+    return Track.of(model(scene, 0.05, places, stiffness), unknown).exact()
+
+
+@pytest.mark.parametrize(
+    ("truth", "unknown", "noise", "places", "stiffness"),
+    [
+        (scene(modulus="20 kPa"), "youngs_modulus", 0.01, (0.0,), False),  # identifiable
+        (scene(), "youngs_modulus", 0.05, (0.0,), False),  # mostly open above
+        (scene(modulus="6 MPa"), "youngs_modulus", 0.05, (0.0,), True),  # saturated: hardly anything is told
+        (scene(), "diameter", 0.05, (0.0,), False),
+        (scene(), "depth", 0.05, (0.0,), True),
+        (scene(modulus="20 kPa"), "youngs_modulus", 0.02, (-8e-3, 0.0, 8e-3), True),
+        (scene(modulus="6 MPa"), "youngs_modulus", 0.05, (-8e-3, 0.0, 8e-3), False),
+        (scene(depth="15 mm"), "depth", 0.03, (-8e-3, 0.0, 8e-3), False),
+    ],
+)
+def test_coverage(truth: Scene, unknown: str, noise: float, places: tuple[float, ...], stiffness: bool) -> None:
+    along = track(truth, unknown, places, stiffness)
+    fit = Likelihood(along, np.full(len(along.model.data.value), noise))
+    here = along.coordinate(np.array([value_of(truth, unknown)]))
+    mean = along.model.predict({unknown: along.values(here)}).value
+    y = mean + noise * np.random.default_rng(7).normal(size=(SIMULATIONS, mean.shape[1]))
+    covered = fit.chi_square(here, y) - fit.floor(y) <= QUANTILE
+    assert 0.93 < covered.mean() < 0.97
+    value = value_of(truth, unknown)
+    for one, yes in zip(y[:30], covered, strict=False):  # the intervals are the set of values that the test does not reject
+        assert yes == any(piece.low <= value <= piece.high for piece in fit.pieces(one))
+
+
+def test_an_error_within_its_bound_costs_no_more_coverage_than_stated() -> None:
+    for shift in (0.0, 0.2, 1 / 3, 0.34, 1.0, 3.9, 4.1, 30.0):
+        c = np.sqrt(threshold(np.array(shift)))
+        worst = norm.cdf(c - shift) - norm.cdf(-c - shift)
+        assert worst > 0.936
+        assert shift < 0.34 or worst == pytest.approx(0.95, abs=1e-4)
+
+
+@pytest.mark.parametrize("partner", ["youngs_modulus", "diameter"])
+def test_coverage_of_depth_and_strength_together(partner: str) -> None:
+    truth, noise = scene(depth="11 mm", modulus="20 kPa"), 0.01
+    plane = Plane.of(model(truth, noise, SCAN), partner)
+    here = np.log(value_of(truth, "depth")), np.log(20e3 if partner == "youngs_modulus" else 8e-3 / plane.model.room(11e-3))
+    u, v = (np.unique(np.append(at + np.linspace(*ends, 141), at)) for at, ends in
+            zip(here, ((-0.6, 0.6), (-2.0, 5.0) if partner == "youngs_modulus" else (-0.9, 0.9)), strict=True))  # fmt: skip
+    v = v[v <= plane.v[-1]]
+    value, dark = plane.values(u, v)
+    value = np.where(dark[..., None], 1e9, value)
+    mean = plane.model.predict({partner: np.array([value_of(truth, partner)])}, reflect=False).value[0]
+    assert plane.values(*(np.array([at]) for at in here))[0][0, 0] == pytest.approx(mean, abs=1e-4)
+    S, wanted = plane.strengths(u, v), float(strength(truth.tissue, truth.inclusion[0]))
+    near = np.abs(S / wanted - 1) < 0.02
+    hits = np.zeros((1000, 2), dtype=bool)
+    for hit, y in zip(hits, mean + noise * np.random.default_rng(5).normal(size=(1000, len(mean))), strict=True):
+        chi2 = (((y - value) / noise) ** 2).sum(axis=-1)
+        hit[:] = np.array([chi2[np.argmin(np.abs(u - here[0]))].min(), chi2[near].min()]) - chi2.min() <= QUANTILE
+    assert np.all((hits.mean(axis=0) > 0.92) & (hits.mean(axis=0) < 0.975))
+
+
+@pytest.mark.parametrize("noise", [0.05, 0.01])
+@pytest.mark.parametrize("truth", [scene(), scene(modulus="15 kPa", nu=0.45), scene(depth="14 mm", modulus="2 kPa", nu=0.4)])
+@pytest.mark.parametrize("unknown", ["youngs_modulus", "diameter", "depth"])
+def test_an_independent_model_is_read_right(truth: Scene, noise: float, unknown: str) -> None:
+    """The axisymmetric level reads 1.5 standard deviations too much or too little: the truth is inside."""
+    real = evaluate(truth, "axisymmetric", 1e-3)
+    for away in (-1.5, 0.0, 1.5):
+        found = estimate(truth, one_reading(truth, (real.ratio or 0.0) * np.exp(away * noise), noise), unknown)
+        low, high = found.interval
+        assert (low or 0.0) <= value_of(truth, unknown) <= (high or np.inf)
+        assert found.strength is not None
+        assert found.error_estimate is not None
+
+
+def test_numbers_of_physics_section_2() -> None:
+    """Those of the optimised probe: derivatives, and the standard deviation of ln E_object at 5 %, 1 % and 0.2 % noise."""
+    truth = scene()
+    ratio = evaluate(truth, "axisymmetric", 1e-3).ratio
+    of = model(truth, 0.05)
+    slopes = {unknown: Track.of(of, unknown) for unknown in ("diameter", "depth")}
+    at = {key: along.coordinate(np.array([value_of(truth, key)])) for key, along in slopes.items()}
+    assert slopes["depth"].at(at["depth"])[1][0, 0] == pytest.approx(-0.75, rel=0.05)
+    assert slopes["diameter"].at(at["diameter"])[1][0, 0] * at["diameter"][0] == pytest.approx(0.72, rel=0.05)
+    sensitivity = of.predict({"youngs_modulus": np.array([60e3])}).by_modulus[0, 0]
+    assert 0.05 / sensitivity == pytest.approx(0.81, rel=0.05)
+    for noise, deviation in ((0.01, 0.16), (0.002, 0.032)):
+        low, high = estimate(truth, one_reading(truth, ratio, noise)).interval_of_noise
+        assert low is not None
+        assert high is not None
+        assert np.log(high / low) / (2 * 1.96) == pytest.approx(deviation, rel=0.15)
+    wide = estimate(truth, one_reading(truth, ratio, 0.05))
+    assert not wide.identifiable
+    assert wide.interval[1] is None
+
+
+def test_what_cannot_be_told_is_said_plainly() -> None:
+    truth = scene()
+    open_above = estimate(truth, one_reading(truth, 0.71, 0.05))
+    assert (open_above.value, open_above.identifiable, open_above.interval[1]) == (None, False, None)
+    assert "stiff" in str(open_above.reason)
+    assert open_above.depth == pytest.approx(9e-3)
+    assert open_above.depth_interval is None
+    low, high = open_above.strength_interval or (None, None)
+    assert low is not None
+    assert high == pytest.approx(float(strength(truth.tissue, truth.inclusion[0], modulus=np.inf)), rel=1e-4)
+    above = estimate(truth, one_reading(truth, 2.0, 0.01))
+    assert above.interval == (None, None)
+    assert "above" in str(above.reason)
+    assert any("contradict" in warning for warning in above.warnings)
+    noisy = estimate(truth, one_reading(truth, 0.7, 2.0))
+    assert "any E_object" in str(noisy.reason)
+    negative = estimate(truth, one_reading(truth, -0.7, 0.05))
+    assert "sign" in str(negative.reason)
+
+
+def test_a_scan_tells_depth_and_strength() -> None:
+    truth = scene()
+    places = SCAN[1:-1]
+    of = model(truth, 0.01, places)
+    mean = of.predict({"youngs_modulus": np.array([60e3])}, reflect=True).value[0]
+    y = np.exp(mean + 0.01 * np.random.default_rng(2).normal(size=len(mean)))
+    found = estimate(truth, tuple(Reading(x, 0.0, float(r), 0.01) for x, r in zip(places, y, strict=True)))
+    assert found.identifiable
+    for value, interval in (
+        (9e-3, found.depth_interval),
+        (float(strength(truth.tissue, truth.inclusion[0])), found.strength_interval),
+    ):
+        low, high = interval or (None, None)
+        assert low is not None
+        assert high is not None
+        assert low < value < high < 2.5 * low
+    deep = scene(depth="25 mm")
+    odd = estimate(deep, tuple(Reading(x, 0.0, ratio, 0.01) for x, ratio in zip(places, (1.0, 0.5, 0.5, 0.5, 0.5), strict=True)))
+    assert any("contradict" in warning for warning in odd.warnings)
+
+
+def test_a_track_is_the_model_between_its_nodes() -> None:
+    for unknown in ("youngs_modulus", "diameter", "depth"):
+        along = track(scene(), unknown, (0.0,), False)
+        x = (along.x[1:-1] + along.x[2:])[:-1] / 2
+        real = along.model.predict({unknown: along.values(x)})
+        assert np.abs(along.at(x)[0] - real.value).max() < 1e-3
+        assert along.coordinate(along.values(x)) == pytest.approx(x, rel=1e-9)
+
+
+def test_useless_stiffness_is_left_out_and_scenes_of_two_tumours_work() -> None:
+    truth = scene()
+    two = truth.model_copy(update={"inclusion": (
+        truth.inclusion[0].model_copy(update={"target": True}), truth.inclusion[0].model_copy(update={"x": 25e-3}))})  # fmt: skip
+    one, both = (estimate(of, (Reading(0.0, 0.0, 0.7, 0.01, 120.0, 1e-6),)) for of in (truth, two))
+    assert any("left out" in warning for warning in one.warnings)
+    assert one.value == pytest.approx(both.value, rel=0.05)
+
+
+def test_readings_files(tmp_path: Path) -> None:
+    truth = scene()
+    table, toml = tmp_path / "scan.csv", tmp_path / "scan.toml"
+    table.write_text("x, ratio, noise, stiffness\n-8 mm, 0.55, 0.02, 79 N/m\n\n0 mm, 0.62,,\n")
+    toml.write_text('[[reading]]\nx = "-8 mm"\nratio = 0.55\nnoise = 0.02\nstiffness = 79\n[[reading]]\nratio = 0.62\n')
+    wanted = (Reading(-8e-3, 0.0, 0.55, 0.02, 79.0, 0.02), Reading(0.0, 0.0, 0.62, 0.05, None, 0.05))
+    assert read_readings(table, truth, 0.05) == read_readings(toml, truth, 0.05) == wanted
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("scan.txt", "", (".toml or .csv",)),
+        ("scan.csv", "x,ratio\n90 mm,0.5\n", ("reading[0].x", "90 mm", "less than")),
+        ("scan.csv", "x,ratio\n0 mm,0\n", ("reading[0].ratio", "other than 0")),
+        ("scan.csv", "x,ratio\n0,0.5\n", ("reading[0].x", "unit is missing")),
+        ("scan.csv", "x,ratio,noise\n0 mm,0.5,-1\n", ("reading[0].noise", "1e-06")),
+        ("scan.csv", "x,ratio\n0 mm\n", ("reading[0]", "cells")),
+        ("scan.csv", "x,colour\n0 mm,red\n", ("reading[0].colour", "one of")),
+        ("scan.csv", "ratio\n", ("0 readings",)),
+        ("scan.toml", "[[reading]\n", ("not TOML",)),
+        ("scan.toml", "reading = 3\n", ("[[reading]]",)),
+        ("scan.toml", "[[reading]]\nratio = true\n", ("reading[0].ratio",)),
+        ("scan.toml", "[[reading]]\nratio = 0.5\nx = 3\n", ("reading[0].x", "unit")),
+        ("scan.toml", '[[reading]]\nratio = 0.5\nstiffness = "3 mm"\n', ("reading[0].stiffness",)),
+    ],
+)
+def test_readings_that_are_refused(tmp_path: Path, name: str, text: str, words: tuple[str, ...]) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError) as refusal:
+        read_readings(tmp_path / name, scene(), 0.05)
+    for word in words:
+        assert word in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"inclusion": ()}, "inclusion"),
+        ({"inclusion": scene().inclusion * 2}, "target"),
+        ({"contact": scene().contact.model_copy(update={"interface": "unilateral"})}, "unilateral"),
+        ({"placement": scene().placement.model_copy(update={"tilt": 0.1})}, "tilt"),
+    ],
+)
+def test_kinds_that_are_refused(change: dict[str, object], word: str) -> None:
+    with pytest.raises(InputError, match=word):
+        estimate(scene().model_copy(update=change), (Reading(0.0, 0.0, 0.7, 0.05),))
+
+
+def as_file(path: Path, of: Scene) -> Path:
+    path.write_text(scene_to_toml(of))
+    return path
+
+
+def test_command_line(tmp_path: Path) -> None:
+    file = as_file(tmp_path / "scene.toml", scene())
+    ended = run(
+        "estimate", file, "--ratio", "0.62", "--noise", "0.01", "--stiffness", "120", "--stiffness-noise", "0.2", "--json"
+    )
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stderr == ""
+    found = json.loads(ended.stdout)
+    assert found.keys() == {*Estimate.__dataclass_fields__, "youngs_modulus"} - {"value"}
+    assert found["interval"][0] < found["youngs_modulus"] < found["interval"][1]
+    assert found["identifiable"] is True
+    said = run("estimate", file, "--ratio", "0.71")
+    assert said.returncode == 0
+    assert "E_object is not identifiable" in said.stdout
+    assert "What can be told: depth 9 mm" in said.stdout
+    depth = json.loads(run("estimate", file, "--ratio", "0.6", "--unknown", "depth", "--json").stdout)
+    assert depth["depth_interval"] == depth["interval"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((), ("ratio", "missing")),
+        (("--ratio", "0"), ("ratio", "other than 0")),
+        (("--ratio", "much"), ("ratio", "much")),
+        (("--ratio", "0.6", "--noise", "0"), ("noise", "1e-06")),
+        (("--ratio", "0.6", "--noise", "nan"), ("noise", "nan")),
+        (("--ratio", "0.6", "--stiffness", "80 kg"), ("stiffness", "80 kg")),
+        (("--ratio", "0.6", "--unknown", "colour"), ("unknown", "youngs_modulus, diameter, depth")),
+        (("--ratio", "0.6", "--accuracy", "2"), ("accuracy", "below 1")),
+        (("--ratio", "0.6", "--readings", "scan.csv"), ("exactly one",)),
+        (("--readings", "absent.csv"), ("absent.csv", "No such file")),
+    ],
+)
+def test_refusals_are_one_line_and_exit_2(arguments: tuple[str, ...], words: tuple[str, ...], tmp_path: Path) -> None:
+    line = refused("estimate", as_file(tmp_path / "scene.toml", scene()), *arguments)
+    for word in words:
+        assert word in line
+
+
+def test_a_scene_without_inclusion_is_refused() -> None:
+    assert "inclusion" in refused("estimate", REFERENCE / "axisymmetric" / "homogeneous.toml", "--ratio", "0.6")
+
+
+def test_findings_of_an_exact_reading_are_the_truth() -> None:
+    of = model(scene(), 0.01)
+    value = of.predict({"youngs_modulus": np.array([60e3])}).value[0, 0]
+    exact = Model(of.scene, Data.of((Reading(0.0, 0.0, float(np.exp(value)), 0.01),)), 0.01)
+    assert findings(exact, "youngs_modulus").best_value == pytest.approx(60e3, rel=1e-4)

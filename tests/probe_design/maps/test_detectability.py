@@ -1,0 +1,155 @@
+"""`probe-design detectability` as a user runs it, against `axisymmetric` and 3D references."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+from geometry import Scene, read_scene
+from probe_design.maps.detectability import Thresholds, detectability
+from probe_design.maps.target_grid import chosen_sizes
+from solver import evaluate
+from tests.support.paths import REFERENCE, SCENE
+from tests.support.program import refused, run
+from tests.support.references import expected
+
+KEYS = {
+    "depth", "diameter", "change", "standard_deviation", "error", "seen", "told", "resolved", "noise", "seen_threshold",
+    "told_threshold", "ratio_without", "evaluator", "seconds", "plan", "warnings",
+}  # fmt: skip
+
+
+def with_sphere(scene: Scene, depth: float, diameter: float) -> Scene:
+    body = scene.inclusion[0].model_copy(update={"depth": depth, "diameter": diameter})
+    return Scene.model_validate(scene.model_copy(update={"inclusion": (body,)}).model_dump())
+
+
+def test_json_and_picture(tmp_path: Path) -> None:
+    picture = tmp_path / "map.png"
+    sizes = ("--depth-from", "4 mm", "--depth-to", "20 mm", "--diameter-from", "1 mm", "--diameter-to", "12 mm")
+    ended = run("detectability", SCENE, *sizes, "--points", "9", "--json", "--plot", picture)
+    assert ended.returncode == 0, ended.stderr
+    found = json.loads(ended.stdout, parse_constant=lambda word: pytest.fail(word))
+    assert set(found) == KEYS
+    assert found["depth"] == pytest.approx(np.linspace(4e-3, 20e-3, 9).tolist())
+    assert found["seen_threshold"] == pytest.approx(0.03)
+    for key in ("change", "standard_deviation", "error", "seen", "told", "resolved"):
+        assert [len(row) for row in found[key]] == [9] * 9
+    for k, depth in enumerate(found["depth"]):
+        for m, diameter in enumerate(found["diameter"]):
+            fits = depth - diameter / 2 >= 0.025 * diameter
+            assert (found["change"][k][m] is not None) == fits
+            assert (found["error"][k][m] is not None) == fits
+            if not fits:
+                assert found["seen"][k][m] is found["told"][k][m] is found["standard_deviation"][k][m] is None
+    assert found["seen"][0][0] is False  # 1 mm at 4 mm
+    assert found["seen"][0][4] is True  # 6.5 mm at 4 mm
+    assert matplotlib.image.imread(picture).shape[1] == 1430
+
+
+@pytest.mark.parametrize(("depth", "diameter"), [(0.009, 0.008), (0.006, 0.004), (0.006, 0.009), (0.02, 0.012), (0.0051, 0.0092)])
+def test_points_are_what_axisymmetric_says(depth: float, diameter: float) -> None:
+    """Change within its bound, standard deviation = noise / S with the S of finite elements."""
+    scene, noise = read_scene(SCENE), 0.02
+    told = detectability(scene, np.array([depth]), np.array([diameter]), Thresholds(noise))
+    with_it = evaluate(with_sphere(scene, depth, diameter), "axisymmetric", 1e-4)
+    without = evaluate(scene.model_copy(update={"inclusion": ()}), "axisymmetric", 1e-4)
+    change = with_it.ratio / without.ratio - 1
+    assert told.change[0][0] == pytest.approx(change, abs=told.error[0][0] + 2e-4 * abs(change))
+    assert told.standard_deviation[0][0] == pytest.approx(noise / with_it.log_sensitivity, rel=0.15)
+    assert told.seen[0][0] in (None, abs(change) >= 0.06)
+    assert told.told[0][0] in (None, noise / with_it.log_sensitivity <= 0.5)
+
+
+@pytest.mark.parametrize("one", [one for one in expected("off-axis") if "0.25" in one.name], ids=lambda one: one.name)
+def test_tumours_beside_the_axis(one: object) -> None:
+    """The 3D references give the ratio without the tumour too."""
+    scene: Scene = one.scene  # type: ignore[attr-defined]
+    body = scene.inclusion[0]
+    without = json.loads((REFERENCE / "off-axis" / "expected.json").read_text())[one.name]["ratio_without"]  # type: ignore[attr-defined]
+    told = detectability(scene, np.array([body.depth]), np.array([body.diameter]))
+    change = one.ratio / without - 1  # type: ignore[attr-defined]
+    assert told.change[0][0] == pytest.approx(change, abs=told.error[0][0] + 2e-4)
+    assert told.seen[0][0] in (None, abs(change) >= 0.03)
+    assert told.ratio_without == pytest.approx(without, rel=0.01)
+
+
+def test_verdicts_hold_with_less_error() -> None:
+    """Verdicts at a coarse accuracy are those at a fine one, or open; noise scales standard deviations."""
+    scene = read_scene(SCENE)
+    depths, diameters = np.linspace(5e-3, 16e-3, 5), np.linspace(2e-3, 9e-3, 5)
+    coarse, fine = (detectability(scene, depths, diameters, accuracy=accuracy) for accuracy in (0.05, 0.0005))
+    noisy = detectability(scene, depths, diameters, Thresholds(0.02), 0.0005)
+    for k in range(5):
+        for m in range(5):
+            for one, other in ((coarse.seen, fine.seen), (coarse.told, fine.told)):
+                assert one[k][m] is None or other[k][m] is None or one[k][m] == other[k][m]
+            if fine.change[k][m] is not None:
+                assert coarse.change[k][m] == pytest.approx(fine.change[k][m], abs=coarse.error[k][m] + fine.error[k][m])
+                assert noisy.standard_deviation[k][m] == pytest.approx(2 * fine.standard_deviation[k][m], rel=0.1)
+
+
+def test_threshold_is_what_its_docstring_says() -> None:
+    """With a threshold half-way, 3 times the noise leaves 6.7 % errors of either kind, 3.29 times 5 %: drawn, not calculated."""
+    drawn = np.random.default_rng(1).normal(size=200_000)
+    for times, share in ((3.0, 0.067), (3.29, 0.05)):
+        assert np.mean(drawn > times / 2) == pytest.approx(share, abs=2e-3)
+        assert np.mean(times + drawn < times / 2) == pytest.approx(share, abs=2e-3)
+
+
+def test_others_stay_and_spheres_keep_clear_of_them() -> None:
+    scene = read_scene(REFERENCE / "solid" / "two-tumours-on-large-tumour.toml")  # the other: 30 mm away, 5 mm wide
+    told = detectability(scene, np.array([0.01]), np.array([0.008]))
+    one = evaluate(scene, "equivalent-inclusion")
+    other = scene.inclusion[1].model_copy(update={"target": True})
+    alone = evaluate(scene.model_copy(update={"inclusion": (other,)}), "equivalent-inclusion")
+    assert told.ratio_without == pytest.approx(alone.ratio, rel=1e-6)
+    assert told.change[0][0] == pytest.approx(one.ratio / alone.ratio - 1, rel=0.02)
+    near = scene.inclusion[1].model_copy(update={"x": scene.inclusion[0].x + 0.008})
+    close = scene.model_copy(update={"inclusion": (scene.inclusion[0], near)})
+    assert detectability(close, np.array([0.01]), np.array([0.010, 0.012])).change[0][1] is None
+
+
+def test_sizes_chosen_hold_the_scenes_own_tumour() -> None:
+    scene = with_sphere(read_scene(SCENE), 0.03, 0.02)
+    depths, diameters = chosen_sizes(scene, 4)
+    assert depths[0] < 0.03 < depths[-1] <= scene.tissue.depth
+    assert diameters[0] < 0.02 < diameters[-1]
+    assert math.isclose(chosen_sizes(scene, 4, depth_to=0.01)[0][-1], 0.01)
+
+
+def test_table() -> None:
+    ended = run("detectability", SCENE, "--points", "5", "--noise", "0.05")
+    assert ended.returncode == 0
+    assert "seen from" in ended.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((SCENE, "--noise", "0"), ("noise", "above 0")),
+        ((SCENE, "--noise", "much"), ("noise", "much")),
+        ((SCENE, "--told", "nan"), ("told",)),
+        ((SCENE, "--depth-to", "20"), ("depth-to", "unit is missing")),
+        ((SCENE, "--depth-from", "9 mm", "--depth-to", "8 mm"), ("depth-to", "above depth-from")),
+        ((SCENE, "--points", "1"), ("points",)),
+        ((SCENE, "--plot", "map.bmp"), ("plot", ".png")),
+        ((SCENE, "--accuracy", "2"), ("accuracy",)),
+        ((REFERENCE / "axisymmetric" / "homogeneous.toml",), ("inclusion",)),
+    ],
+)
+def test_refusals_are_one_line_and_exit_2(arguments: tuple[str | Path, ...], words: tuple[str, ...]) -> None:
+    line = refused("detectability", *arguments)
+    for word in words:
+        assert word in line
+
+
+def test_several_and_no_target_is_refused(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text((REFERENCE / "solid" / "two-tumours-between.toml").read_text().replace("target = true", ""))
+    assert "inclusion.target" in refused("detectability", scene)

@@ -1,0 +1,119 @@
+"""Rows of sweeps: what evaluate answers, refusals and faults with their reasons, nothing twice."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from geometry import InputError, read_scene
+from probe_design import sweep
+from probe_design.sweeps.file import sweep_from_dict
+from probe_design.sweeps.results import rows
+from probe_design.sweeps.rows import Job
+from probe_design.sweeps.store import writing
+from probe_design.sweeps.workers import CrewError
+from solver import evaluate
+from tests.support.paths import SCENE
+from tests.support.sweeps import grid, stored
+
+
+class TestRows:
+    def test_rows_are_what_evaluate_answers(self, tmp_path: Path) -> None:
+        found = sweep(grid(2, 2), tmp_path, workers=1)
+        assert (found.designs, found.ok, found.answered) == (4, 4, 4)
+        last = list(rows(tmp_path))[-1]
+        scene = read_scene(SCENE).model_dump(exclude_unset=True)
+        scene["probe"]["gap"], scene["inclusion"][0]["depth"] = 2e-4, 0.012
+        alone = evaluate(type(read_scene(SCENE)).model_validate(scene), "closed-form")
+        assert (last["probe.gap"], last["inclusion.depth"]) == (2e-4, 0.012)
+        assert all(last[name] == getattr(alone, name) for name in ("ratio", "stress_inner", "stiffness", "error_estimate"))
+        assert json.loads(last["warnings"]) == list(alone.warnings)
+
+    def test_refused_designs_are_rows_with_a_reason(self, whole: Path) -> None:
+        refused = [row for row in rows(whole) if row["status"] == "refused"]
+        buried = [row for row in rows(whole) if row["inclusion[0].depth"] < 0.004]  # would stick out of the tissue
+        assert buried
+        assert {row["number"] for row in buried} <= {row["number"] for row in refused}
+        assert all("inclusion" in row["reason"] and row["type"] and row["ratio"] is None for row in refused)
+        assert len(list(rows(whole))) == 300
+
+    def test_a_fault_of_the_program_is_a_row(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        def broken(*_: object) -> None:
+            raise ZeroDivisionError("by\nzero")
+
+        monkeypatch.setattr("solver.evaluate", broken)
+        job = Job.of(sweep_from_dict(grid(2, 2) | {"evaluator": "axisymmetric"}))
+        (row,) = job.rows([(1e-4, 0.009)])
+        assert (row["status"], row["type"], row["reason"]) == ("failed", "ZeroDivisionError", "by zero")
+
+    def test_another_version_answers_nothing(self) -> None:
+        job = Job.of(sweep_from_dict(grid(2, 2)))
+        with pytest.raises(InputError, match="version"):
+            Job(job.base, job.names, job.evaluator, job.accuracy, "0").rows([(1e-4, 0.009)])
+
+    def test_starting_again_repeats_no_row_and_a_larger_grid_keeps_those_there(self, tmp_path: Path) -> None:
+        assert sweep(grid(2, 2), tmp_path, workers=1).answered == 4
+        seconds = [row["seconds"] for row in rows(tmp_path)]
+        assert sweep(grid(2, 2), tmp_path, workers=1).answered == 0
+        assert [row["seconds"] for row in rows(tmp_path)] == seconds
+        assert sweep(grid(3, 2), tmp_path, workers=1).answered == 2  # the middle gap
+        assert len(list(rows(tmp_path))) == 6
+
+    @pytest.mark.parametrize("evaluator", ["axisymmetric", "equivalent-inclusion"])
+    def test_no_row_depends_on_those_before(self, evaluator: str, tmp_path: Path) -> None:
+        """Solvers keep factors and analyses from design to design; the last bits, the residual's too, are the same."""
+
+        def asked(gaps: list[float]) -> dict[str, Any]:
+            return {"scene": SCENE, "evaluator": evaluator, "variables": {"probe.gap": gaps}}
+
+        gaps = [5e-5, 1e-4]
+        for some in (gaps[1:], gaps):
+            sweep(asked(some), tmp_path / "parts", workers=1)
+        sweep(asked(gaps), tmp_path / "whole", workers=1)
+        assert stored(tmp_path / "parts") == stored(tmp_path / "whole")
+        assert all(0 < row["residual"] < 1e-15 for row in rows(tmp_path / "whole"))
+
+    def test_another_version_answers_all_anew_and_keeps_what_was_there(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        assert sweep(grid(2, 2), tmp_path, workers=1).answered == 4
+        monkeypatch.setattr("probe_design.sweeps.rows.version", lambda: "0")
+        with pytest.raises(CrewError, match="version"):  # its workers are of the old one
+            sweep(grid(2, 2), tmp_path, workers=1)
+        assert list(rows(tmp_path)) == []
+        monkeypatch.undo()
+        assert sweep(grid(2, 2), tmp_path, workers=1).answered == 0
+
+    def test_a_store_of_another_format_is_refused(self, tmp_path: Path) -> None:
+        with writing(tmp_path) as store:
+            store._connection.execute("PRAGMA user_version = 1")
+        with pytest.raises(InputError, match="format 2, not 1"):
+            sweep(grid(2, 2), tmp_path)
+        with pytest.raises(InputError, match="format 2, not 1"):
+            list(rows(tmp_path))
+
+    def test_surface_files_count_by_what_they_hold(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        def key() -> bytes:
+            asked = sweep_from_dict({"scene": "scene.toml", "variables": {"probe.gap": [1e-4]}}, Path(os.path.relpath(tmp_path)))
+            return Job.of(asked).digest(asked.keys, asked.designs()[0][1])
+
+        text = SCENE.read_text().replace('diameter = "8 mm"', 'surface = "tumour.stl"')
+        (tmp_path / "scene.toml").write_text(text)
+        (tmp_path / "tumour.stl").write_text("solid a")
+        found = [key()]
+        monkeypatch.chdir(tmp_path)
+        found.append(key())
+        (tmp_path / "tumour.stl").write_text("solid of another size")
+        found.append(key())
+        (tmp_path / "tumour.stl").unlink()
+        found.append(key())
+        assert found[0] == found[1]
+        assert len(set(found)) == 3
+
+    def test_designs_that_are_the_same_are_answered_once(self, tmp_path: Path) -> None:
+        found = sweep({"scene": SCENE, "evaluator": "closed-form", "variables": {"probe.gap": [1e-4, 1e-4, 2e-4]}}, tmp_path)
+        assert (found.answered, found.ok) == (2, 3)

@@ -1,0 +1,129 @@
+"""Sweeps through kills, full disks, deadly and endless designs: what is kept is what nothing interrupted keeps."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from probe_design import sweep
+from probe_design.sweeps.file import sweep_from_dict
+from probe_design.sweeps.results import rows
+from probe_design.sweeps.worker_process import WorkerProcess
+from probe_design.sweeps.workers import CrewError
+from tests.support.paths import ROOT
+from tests.support.sweeps import count, grid, run, stored, toml, wait_for_rows
+
+
+class TestSurvival:
+    def test_the_design_that_kills_its_workers_fails_and_no_other(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        send = WorkerProcess._send
+
+        def deadly(worker: WorkerProcess, line: str) -> None:
+            if "[0.0002, " in line:
+                worker.kill()
+            send(worker, line)
+
+        monkeypatch.setattr(WorkerProcess, "_send", deadly)
+        monkeypatch.setattr("probe_design.sweeps.run.SECONDS", 1e9)  # so that it shares a batch with others
+        found = sweep(grid(4, 2), tmp_path, workers=1)
+        assert (found.ok, found.failed) == (6, 2)
+        for row in rows(tmp_path):
+            assert (row["status"] == "failed") == (row["probe.gap"] == 2e-4)
+        assert "killed by signal 9" in row["reason"]
+
+    def test_twenty_kills_leave_what_no_kill_leaves(self, whole: Path, tmp_path: Path) -> None:
+        chance, out, path = random.Random(8), tmp_path / "out", toml(tmp_path)
+        kills, counts = 0, [0]
+        begin = "from probe_design import sweep_run\nsweep_run.SECONDS = 0.02\n"
+        for kill in range(20):
+            process = subprocess.Popen(
+                [sys.executable, "-c", f"{begin}sweep_run.sweep({str(path)!r}, {str(out)!r}, workers=1)"],
+                cwd=ROOT, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            )  # fmt: skip
+            if kill % 2:
+                wait_for_rows(out, counts[-1] + chance.randrange(1, 12), process)
+                time.sleep(chance.random() * 0.05)
+            else:  # while it starts, opens the store or notes the designs
+                time.sleep(chance.random() * 1.5)
+            os.killpg(process.pid, signal.SIGKILL)
+            kills += process.wait() == -signal.SIGKILL
+            counts.append(count(out))
+            assert counts == sorted(counts)  # a row that was there is there
+        assert kills == 20
+        assert counts[-1] > 30  # they came in the middle of the work
+        found = sweep(path, out, workers=2)
+        assert found.answered < 300
+        assert stored(out) == stored(whole)
+
+    def test_a_second_process_is_refused_and_ctrl_c_keeps_what_is_there(self, whole: Path, tmp_path: Path) -> None:
+        path, out = toml(tmp_path), tmp_path / "out"
+        slow = "from probe_design import cli, sweep_run; sweep_run.SECONDS = 0.01; cli.main()"
+        first = subprocess.Popen(
+            [sys.executable, "-c", slow, "sweep", path, "-o", out], cwd=ROOT, stderr=subprocess.PIPE, text=True
+        )
+        wait_for_rows(out, 1, first)
+        first.send_signal(signal.SIGSTOP)  # in the middle, for as long as the second one takes
+        second = run(path, "-o", out)
+        assert (second.returncode, second.stderr.count("\n")) == (2, 1)
+        assert "no other sweep" in second.stderr
+        first.send_signal(signal.SIGINT)
+        first.send_signal(signal.SIGCONT)
+        _, told = first.communicate(timeout=30)
+        assert (first.returncode, "interrupted" in told, "Traceback" in told) == (130, True, False)
+        assert count(out) < 300
+        sweep(path, out)
+        assert stored(out) == stored(whole)
+
+    def test_the_design_that_takes_too_long_fails_and_no_other(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        """A worker that is stopped in the middle answers as one does that computes for ever."""
+        line = WorkerProcess._line
+
+        def endless(worker: WorkerProcess, count: int) -> bytes:
+            if asked.pop() == 2 and worker._process is not None:
+                worker._process.send_signal(signal.SIGSTOP)
+            return line(worker, count)
+
+        asked = [*range(20, 0, -1)]  # the second line that is waited for is held up
+        monkeypatch.setattr(WorkerProcess, "_line", endless)
+        monkeypatch.setattr("probe_design.sweeps.run.SECONDS", 1e9)
+        job = grid(3, 2) | {"evaluator": "axisymmetric", "time_limit": 2.0}
+        found = sweep(job, tmp_path, workers=1)
+        assert (found.ok, found.failed) == (5, 1)
+        (late,) = [row for row in rows(tmp_path) if row["status"] == "failed"]
+        assert (late["type"], late["reason"]) == ("TimeLimit", "took longer than 2 s")
+        again = sweep(job, tmp_path, workers=1)
+        assert (again.failed, again.answered) == (1, 0)
+        again = sweep(job | {"time_limit": None}, tmp_path, workers=1, retry_failed=True)
+        assert (again.ok, again.failed, again.answered) == (6, 0, 1)
+
+    def test_formulas_too_have_a_time_limit(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Of designs that are answered together each is tried alone, and the one that is held up fails."""
+        send, held = WorkerProcess._send, json.dumps(sweep_from_dict(grid(4, 4)).designs()[4][1])
+        sizes = []
+
+        def endless(worker: WorkerProcess, line: str) -> None:
+            if held in line and worker._process is not None:
+                sizes.append(len(json.loads(line)))
+                worker._process.send_signal(signal.SIGSTOP)
+            send(worker, line)
+
+        monkeypatch.setattr(WorkerProcess, "_send", endless)
+        monkeypatch.setattr("probe_design.sweeps.run.SECONDS", 1e9)
+        found = sweep(grid(4, 4) | {"time_limit": 0.5}, tmp_path, workers=1)
+        assert (found.ok, found.failed) == (15, 1)
+        assert sizes == [3, 1]  # the third batch, then alone
+        assert [row["number"] for row in rows(tmp_path) if row["type"] == "TimeLimit"] == [4]
+
+    def test_workers_that_do_not_start_are_one_line_and_no_rows(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr("sys.executable", "/bin/false")
+        with pytest.raises(CrewError, match=r"no worker process starts; .*workers\.log"):
+            sweep(grid(2, 2), tmp_path)
+        assert list(rows(tmp_path)) == []

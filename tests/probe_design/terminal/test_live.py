@@ -1,0 +1,117 @@
+"""What is shown while a reading runs: curves as text, the collecting thread, terminals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from hw.common.errors import HardwareError, Timeout
+from hw.common.samples import Samples
+from hw.reader import Reader
+from hw.simulation.firmware import Fault
+from hw.simulation.virtual import virtual
+from probe_design.built_probe.acquisition import collected, window
+from probe_design.built_probe.calibration import calibrate
+from probe_design.built_probe.film_forces import reading
+from probe_design.built_probe.virtual_probe import Built, signals
+from probe_design.terminal.braille_chart import BLANK, chart
+from probe_design.terminal.live import following
+from tests.support.benches import BENCH, films, sampled, scene, shares
+
+
+def test_chart_of_a_falling_line() -> None:
+    lines = chart([np.array([3.0, 1.0])], width=32, height=4).splitlines()
+    cells = [line[12:] for line in lines]
+    assert [len(line) for line in lines] == [32] * 4
+    assert lines[0].split()[0] == "3"
+    assert lines[3].split()[0] == "1"
+    assert ord(cells[0][0]) & 0x01  # the uppermost dot of the first cell, and the lowest right one of the last
+    assert ord(cells[3][-1]) & 0x80
+    for k, row in enumerate(cells):  # the line is in the k-th quarter, and nowhere else
+        used = [i for i, one in enumerate(row) if ord(one) != BLANK]
+        assert 5 * k - 1 <= min(used) <= max(used) <= 5 * (k + 1)
+
+
+def test_chart_of_a_constant_is_drawn() -> None:
+    assert "1" in chart([np.ones(3)], width=20, height=2)
+
+
+def probe(faults: tuple[Fault, ...] = (), seed: int = 0) -> Reader:
+    volts = signals(Built(), BENCH, scene(), films(shares().log_ratios)[3], seed)
+    return Reader.open(virtual(volts, 500.0, channels=3, scale=2e-6, faults=faults))
+
+
+def test_collected_is_what_the_reader_gives() -> None:
+    looks: list[Samples] = []
+    with probe() as reader:
+        found = collected(reader, 4.0, None, looks.append)
+    with probe() as reader:
+        assert np.array_equal(found.volts, reader.collect(4.0).volts)
+    assert len(found.index) == 2000
+    assert len(window(found, 1.0).index) == 500
+
+
+def test_what_a_look_raises_does_not_end_the_reading() -> None:
+    def look(samples: Samples) -> None:
+        raise HardwareError("too little yet")
+
+    with probe() as reader:
+        assert len(collected(reader, 3.0, None, look).index) == 1500
+
+
+class Failing:
+    """A reader that ends in an error, or at once."""
+
+    def __init__(self, fault: Exception | None) -> None:
+        self.fault = fault
+
+    def blocks(self, seconds: float | None, record: Path | None) -> Iterator[Samples]:
+        if self.fault is not None:
+            raise self.fault
+        yield from ()
+
+
+@pytest.mark.parametrize(("fault", "kind"), [(HardwareError("gone"), HardwareError), (OSError("full"), OSError), (None, Timeout)])
+def test_errors_of_the_reader_come_through(fault: Exception | None, kind: type[Exception]) -> None:
+    reader: Any = Failing(fault)
+    with pytest.raises(kind):
+        collected(reader, 1.0, None, lambda samples: None)
+
+
+def test_lost_frames_are_marked_by_read_and_refused_by_calibrate() -> None:
+    with probe((Fault("drop", 30, 4),)) as reader:
+        lossy = reader.collect(8.0)
+    found = reading(lossy, BENCH)
+    assert found.lost == 1
+    assert found.fit.rows < 4000
+    with probe() as reader:
+        whole = reading(reader.collect(8.0), BENCH)
+    assert abs(found.ratio - whole.ratio) < 5 * np.sqrt(np.trace(whole.ratio_covariance))
+    with pytest.raises(HardwareError, match="lost"):
+        calibrate(scene(), BENCH, [lossy] * 7, shares())
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_following_shows_numbers(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], terminal: bool) -> None:
+    from probe_design.built_probe.reading import prediction
+    from probe_design.built_probe.reading import read as judged
+
+    told = prediction(scene(), 0.01)
+    screen = StringIO()
+    console = Console(file=screen, force_terminal=terminal, width=90, height=40)
+    monkeypatch.setattr("probe_design.terminal.live.Console", lambda stderr: console)
+    samples = sampled(signals(Built(), BENCH, scene(), films(shares().log_ratios)[3], 1))
+    with following(lambda part: judged(reading(part, BENCH), scene(), BENCH, told), 5.0) as show:
+        show(samples)
+        show(samples)
+    shown = screen.getvalue() if terminal else capsys.readouterr().err
+    assert "ratio" in shown
+    assert "+-" in shown
+    assert ("\x1b" in shown) == terminal
+    assert any(ord(one) > BLANK for one in shown) == terminal

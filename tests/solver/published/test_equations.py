@@ -1,0 +1,227 @@
+"""The paper's equations against the figures that follow from them by hand (PHYSICS section 1)."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from geometry import InputError, Refusal
+from solver import evaluate
+from solver.published import corrected_equations as corrected
+from solver.published import equations as printed
+from tests.support.references import named
+
+# E_object = 1e5 Pa, nu = 0.4, d = 10 mm, D = 8 mm, a = 5.72 mm, in a 1000 Pa matrix
+SIZES = {"a": 5.72e-3, "d": 10e-3, "D": 8e-3}
+CASE = {**SIZES, "nu": 0.4}
+
+
+def test_equation_7_makes_a_rigid_tumour_soften_the_tissue() -> None:
+    assert printed.modulus_from_compatibility(**CASE, E_matrix=1e3, E_object=1e5) == pytest.approx(742, abs=0.6)
+
+
+def test_equation_7_does_not_vanish_for_matrix_stiffness() -> None:
+    assert printed.modulus_from_compatibility(**CASE, E_matrix=1e3, E_object=1e3) == pytest.approx(571, abs=0.6)
+
+
+def test_equation_8_as_printed() -> None:
+    assert printed.modulus_printed(**CASE, E_matrix=1e3, E_object=1e5) == pytest.approx(1725, abs=0.6)
+
+
+def test_equations_1_to_6_by_hand() -> None:
+    # sigma = 2, a = 1, d = 3, D = 0.5, nu = 0, E_matrix = 4, E_object = 8
+    assert printed.stress_at_depth(2, 1, 1) == 3  # 1.50 sigma at d = a
+    assert printed.stress_at_depth(2, 1, 3) == pytest.approx(1 / 3)
+    assert printed.displacement_matrix(2, 1, 0, 4) == 1
+    assert printed.displacement_object(2, 1, 3, 0.5, 8) == pytest.approx(1 / 48)
+    assert printed.displacement_below(2, 1, 3, 0.5, 0, 4) == pytest.approx(1 / 24)
+    assert printed.displacement_equivalent(2, 1, 0, 4) == 1
+    assert printed.displacement_total(2, 1, 3, 0.5, 0, 4, 8) == pytest.approx(1 + 1 / 48 + 1 / 24)
+
+
+def test_poissons_ratio_in_equations_2_to_8_by_hand() -> None:
+    # nu = 1/2: 1-nu^2 = 3/4, (1-nu)^2 = 1/4; sigma = 2, a = 1, d = 1, D = 1, E_matrix = 4, E_object = 8
+    assert printed.displacement_matrix(2, 1, 0.5, 4) == 0.75
+    assert printed.displacement_below(2, 1, 1, 1, 0.5, 4) == pytest.approx(9 / 16)
+    assert printed.displacement_equivalent(2, 1, 0.5, 4) == 0.75
+    # eq. (7): 3/E_eq = 3/4 + 3/8 + 9/16; eq. (8): 4*4*8*3/4 / (8/4 * 7 + 3*4)
+    assert printed.modulus_from_compatibility(1, 1, 1, 0.5, 4, 8) == pytest.approx(16 / 9)
+    assert printed.modulus_printed(1, 1, 1, 0.5, 4, 8) == pytest.approx(96 / 26)
+
+
+def test_equations_9_to_11_give_a_homogeneous_block_a_third() -> None:
+    shortenings = printed.layer_shortenings(2.0, 0.01, 0.4, 0.4, 1e3)
+    assert shortenings == pytest.approx((3.36e-5,) * 3)  # 2 * 0.84 * 2 * 0.01 / 1e3, whatever the tumour's modulus
+    assert printed.modulus_from_shortenings(2.0, 0.01, 0.4, shortenings) == pytest.approx(1e3 / 3)
+    assert printed.modulus_of_layers(1e3, 1e3, 1e3) == pytest.approx(1e3 / 3)
+
+
+def test_equation_12_with_table_1() -> None:
+    # psi = 1: Table 1 sums to 20 + 2 - 20 = +2 pC/N
+    assert printed.film_force(2e-12, 1, 1, 20e-12, 2e-12, -20e-12) == pytest.approx(1.0)
+    with pytest.raises(InputError, match="other than 0"):
+        printed.film_force(2e-12, 0, 0, 20e-12, 2e-12, 0.0)
+
+
+def test_every_equation_has_its_number() -> None:
+    assert list(printed.EQUATIONS) == list(range(1, 13))
+    for number, equation in printed.EQUATIONS.items():
+        assert inspect.getdoc(equation).startswith(f"Eq. ({number})")
+
+
+def between(low: float, high: float) -> st.SearchStrategy[float]:
+    return st.floats(math.log(low), math.log(high)).map(math.exp)
+
+
+LENGTHS = st.tuples(between(1e-4, 1e-1), between(1e-4, 1e-1), between(1e-4, 1e-1))
+MODULI = st.tuples(between(1e-2, 1e9), between(1e-2, 1e9))
+POISSON = st.floats(0.0, 0.5)
+
+
+@given(LENGTHS, MODULI, POISSON)
+def test_equation_8_inverted_for_modulus_and_diameter(sizes: tuple[float, ...], moduli: tuple[float, ...], nu: float) -> None:
+    (a, d, D), (E_matrix, E_object) = sizes, moduli
+    E_eq = printed.modulus_printed(a, d, D, nu, E_matrix, E_object)
+    small, rigid = (printed.modulus_printed(a, d, *end) for end in ((1e-12 * D, nu, E_matrix, E_object), (D, nu, E_matrix, 1e30)))
+    # as far as the printed modulus depends on them at all: what cancels is lost
+    if E_eq < small * (1 - 1e-6):
+        assert printed.diameter_printed(a, d, nu, E_matrix, E_object, E_eq) == pytest.approx(D, rel=1e-8)
+    if E_eq < rigid * (1 - 1e-6):
+        assert printed.object_modulus_printed(a, d, D, nu, E_matrix, E_eq) == pytest.approx(E_object, rel=1e-8)
+
+
+@given(LENGTHS, MODULI, POISSON)
+def test_the_paper_s_order_satisfies_both_its_equations(sizes: tuple[float, ...], moduli: tuple[float, ...], nu: float) -> None:
+    (a, d, _), (E_matrix, E_2) = sizes, moduli
+    E_eq = printed.modulus_of_layers(E_matrix, E_2, E_matrix)
+    if E_eq > 0.4999999 * E_matrix:  # so much stiffer that E_eq no longer tells by how much
+        return
+    E_object, D = printed.object_and_diameter(a, d, nu, E_matrix, E_eq)
+    assert E_object == pytest.approx(E_2, rel=1e-7)
+    assert printed.modulus_printed(a, d, D, nu, E_matrix, E_object) == pytest.approx(E_eq, rel=1e-9)
+
+
+def test_the_paper_s_order_cannot_take_the_paper_s_own_modulus() -> None:
+    """Eq. (8) gives its case 1725 Pa, and eq. (11) knows nothing above 500 Pa in a matrix of 1000 Pa."""
+    E_eq = printed.modulus_printed(**CASE, E_matrix=1e3, E_object=1e5)
+    with pytest.raises(InputError, match="below E_1 / 2 = 500 Pa"):
+        printed.object_and_diameter(CASE["a"], CASE["d"], CASE["nu"], 1e3, E_eq)
+
+
+@pytest.mark.parametrize(
+    ("inversion", "limit"),
+    # limits by hand: E_1/2; E_m (1+nu)/(1-nu); 4 E_m (1-nu^2) d^2 / [(1-nu)^2 (4 d^2 + 3 a D)]; E_m / (1 - 3aD/4d^2)
+    [
+        (lambda E_eq: printed.object_modulus_from_layers(E_eq, 1e3), 500.0),
+        (lambda E_eq: printed.diameter_printed(5.72e-3, 0.01, 0.4, 1e3, 1e5, E_eq), 1e3 * 1.4 / 0.6),
+        (lambda E_eq: printed.object_modulus_printed(**CASE, E_matrix=1e3, E_eq=E_eq), 1e3 * 3.36e-4 / (0.36 * 5.3728e-4)),
+        (lambda E_eq: corrected.object_modulus(**SIZES, E_matrix=1e3, E_eq=E_eq), 1e3 / 0.6568),
+    ],
+)
+def test_inversions_refuse_what_has_no_positive_answer(inversion: Callable[[float], float], limit: float) -> None:
+    assert inversion(limit * (1 - 1e-9)) > 0
+    for E_eq in (limit * (1 + 1e-9), 10 * limit):
+        with pytest.raises(InputError, match=r"E_eq = .* below") as refused:
+            inversion(E_eq)
+        assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("wrong", [0.0, -1.0, math.nan, math.inf])
+@pytest.mark.parametrize("name", [*CASE, "E_matrix", "E_object"])
+def test_arguments_that_are_no_sizes_or_moduli_are_refused(name: str, wrong: float) -> None:
+    arguments = {**CASE, "E_matrix": 1e3, "E_object": 1e5, name: wrong}
+    if name == "nu" and wrong == 0.0:
+        assert printed.modulus_printed(**arguments) > 0
+        return
+    for equation in (printed.modulus_printed, printed.modulus_from_compatibility):
+        with pytest.raises(InputError, match=f"^{name} = "):
+            equation(**arguments)
+
+
+def test_other_arguments_are_refused() -> None:
+    with pytest.raises(InputError, match=r"nu = 0\.6: allowed: from 0 to 0.5"):
+        printed.displacement_matrix(1.0, 1.0, 0.6, 1.0)
+    with pytest.raises(InputError, match="shortenings = -1"):
+        printed.modulus_from_shortenings(1.0, 1.0, 0.4, (1.0, -1.0, 1.0))
+    with pytest.raises(InputError, match="Q = nan"):
+        printed.film_force(math.nan, 0, 0, 0, 0, 1)
+
+
+@pytest.mark.parametrize("d", [1e-200, 1e200])
+def test_results_beyond_double_precision_are_refused(d: float) -> None:
+    with pytest.raises(InputError, match="out of range"):
+        printed.displacement_object(1.0, 1e-3, d, 1e-3, 1e3)
+
+
+def test_corrected_formula_has_both_limits() -> None:
+    # PHYSICS section 1: a tumour of matrix stiffness vanishes; a stiffer one stiffens, 3 a D / (4 d^2) = 0.3432
+    assert corrected.modulus(**SIZES, E_matrix=1e3, E_object=1e3) == pytest.approx(1e3, rel=1e-14)
+    assert corrected.modulus(**SIZES, E_matrix=1e3, E_object=1e12) == pytest.approx(1e3 / (1 - 0.3432), rel=1e-6)
+    assert corrected.modulus(**SIZES, E_matrix=1e3, E_object=1e5) == pytest.approx(1 / (0.6568e-3 + 0.3432e-5), rel=1e-12)
+
+
+def test_corrected_formula_is_equation_7_with_its_two_defects_mended() -> None:
+    """DIS_B with (1-nu^2), and DIS_C subtracted, both from the printed equations."""
+    a, d, D, nu, E_matrix, E_object = 2e-3, 9e-3, 5e-3, 0.3, 2e3, 7e4
+    shortening = (
+        printed.displacement_matrix(1.0, a, nu, E_matrix)
+        + (1 - nu**2) * printed.displacement_object(1.0, a, d, D, E_object)
+        - printed.displacement_below(1.0, a, d, D, nu, E_matrix)
+    )
+    E_eq = corrected.modulus(a, d, D, E_matrix, E_object)
+    assert printed.displacement_equivalent(1.0, a, nu, E_eq) == pytest.approx(shortening, rel=1e-12)
+
+
+@given(between(1e-3, 0.9), LENGTHS, between(1e-3, 1e3), between(1e-2, 1e6))
+def test_corrected_formula_inverted(share: float, sizes: tuple[float, ...], contrast: float, E_matrix: float) -> None:
+    if abs(contrast - 1) < 1e-3:  # nothing of the object is left in E_eq
+        return
+    a, d, _ = sizes
+    D = 4 * d**2 * share / (3 * a)
+    E_eq = corrected.modulus(a, d, D, E_matrix, contrast * E_matrix)
+    assert corrected.object_modulus(a, d, D, E_matrix, E_eq) == pytest.approx(contrast * E_matrix, rel=1e-8)
+    assert corrected.diameter(a, d, E_matrix, contrast * E_matrix, E_eq) == pytest.approx(D, rel=1e-8)
+
+
+def test_corrected_formula_refuses() -> None:
+    with pytest.raises(InputError, match="below 1: a smaller or deeper object"):
+        corrected.modulus(a=5e-3, d=3e-3, D=4e-3, E_matrix=1e3, E_object=1e5)
+    for E_eq in (1e3, 2e5, 900.0):
+        with pytest.raises(InputError, match="between E_matrix = 1000 and E_object = 100000 Pa"):
+            corrected.diameter(5e-3, 1e-2, 1e3, 1e5, E_eq)
+    with pytest.raises(InputError, match="between"):
+        corrected.diameter(5e-3, 1e-2, 1e3, 1e3, 1e3)
+
+
+def test_evaluator_returns_the_printed_modulus_and_names_the_defects() -> None:
+    scene = named("axisymmetric", "published-materials").scene
+    result = evaluate(scene, "published")
+    # by hand: a = Ro = sqrt(5.1^2 + 25/3.7) mm = 5.7242 mm, d = 10 mm, D = 8 mm
+    a = (5.1e-3**2 + 25e-6 / 3.7) ** 0.5
+    by_hand = 4 * 1e3 * 1e5 * 0.84 * 1e-4 / (1e5 * 0.36 * (4e-4 + 3 * a * 8e-3) + 3 * a * 8e-3 * 1e3)
+    assert result.equivalent_modulus == pytest.approx(by_hand, rel=1e-12)
+    assert result.stress_inner is result.ratio is result.error_estimate is None
+    told = "\n".join(result.warnings)
+    for row in ("eq. (1)", "(4), (6), (7)", "eq. (8)", "(9) to (11)", "2.4", "2.1, 2.2", "no radii", "psi_1", "Table 3"):
+        assert row in told  # PHYSICS section 1, row by row
+    assert "1725 Pa by eq. (8), 742.1 Pa by eq. (7), 1515 Pa without" in told
+
+
+def test_evaluator_answers_where_the_corrected_formula_cannot() -> None:
+    scene = named("axisymmetric", "published-materials").scene
+    shallow = scene.inclusion[0].model_copy(update={"depth": 4.5e-3})
+    result = evaluate(scene.model_copy(update={"inclusion": (shallow,)}), "published")
+    assert result.equivalent_modulus > 0
+    assert any("none without their defects (3 a D / (4 d^2) =" in warning for warning in result.warnings)
+
+
+def test_evaluator_refuses_what_has_no_symbol() -> None:
+    with pytest.raises(Refusal, match="published"):
+        evaluate(named("axisymmetric", "homogeneous").scene, "published")
+    with pytest.raises(Refusal, match="published"):
+        evaluate(named("solid", "flank").scene, "published")

@@ -1,0 +1,159 @@
+"""Three-dimensional finite elements against independent codes, the rotationally symmetric level, and laws of physics."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from geometry import Groove, Placement, Refusal, Scene
+from solver import evaluate
+from solver.results.result import Result
+from solver.solid.domain import domain, reach
+from solver.solid.film_forces import solid_forces
+from solver.solid.level import SolidLevel
+from tests.support.references import Expected, expected, named
+
+pytestmark = pytest.mark.timeout(600)
+SOLID = expected("solid")
+
+
+def solved(scene: Scene, accuracy: float = 0.01) -> Result:
+    return SolidLevel().evaluate(scene, accuracy)
+
+
+@pytest.mark.parametrize("one", SOLID, ids=lambda one: one.name)
+def test_against_an_independent_code(one: Expected) -> None:
+    result = solved(one.scene)
+    assert result.ratio is not None
+    assert result.error_estimate is not None
+    off = abs(result.ratio / one.ratio - 1)
+    assert off <= 0.01
+    assert off <= result.error_estimate + one.uncertainty
+    assert result.error_estimate <= 0.01
+    assert result.stiffness == pytest.approx(one.stiffness, rel=0.005 + one.uncertainty)
+
+
+@pytest.mark.parametrize("name", ["published-materials", "nearly-incompressible", "soft-cyst"])
+def test_on_the_axis(name: str) -> None:
+    """The meshes know nothing of the symmetry: a tumour on the axis must come out as in the meridian plane."""
+    one = named("axisymmetric", name)
+    result = solved(one.scene, 0.02)
+    assert result.ratio is not None
+    assert result.error_estimate is not None
+    assert abs(result.ratio / one.ratio - 1) <= min(0.007, result.error_estimate)
+    assert result.log_sensitivity == pytest.approx(one.log_sensitivity, rel=0.05, abs=1e-5)
+
+
+def test_the_frictionless_interface() -> None:
+    one = named("off-axis", "frictionless-cover-0.25-offset-0.5")
+    result = solved(one.scene, 0.02)
+    assert result.ratio is not None
+    assert abs(result.ratio / one.ratio - 1) <= min(0.01, result.error_estimate or 0.0)
+    assert result.residual is not None
+    assert 0 < result.residual < 1e-8  # of the loads: conjugate gradients stop there
+
+
+def test_an_ellipsoid_turned_off_the_axis() -> None:
+    one = next(one for one in expected("off-axis") if one.scene.inclusion[0].diameters is not None)
+    result = solved(one.scene, 0.02)
+    assert result.ratio is not None
+    assert abs(result.ratio / one.ratio - 1) <= min(0.01, result.error_estimate or 0.0)
+
+
+def test_a_tilt_moves_no_mean_stress_of_a_symmetric_scene_and_does_beside_a_tumour() -> None:
+    """PHYSICS section 2: a small tilt is an m = 1 field. Mirrored, it acts the other way."""
+    scene = named("solid", "flank").scene
+    beside = solid_forces(scene.model_copy(update={"placement": Placement(tilt=0.01)}), 0.05)
+    body = scene.inclusion[0]
+    other = body.model_copy(update={"x": -body.x, "y": -body.y})
+    mirrored = solid_forces(scene.model_copy(update={"inclusion": (other,), "placement": Placement(tilt=0.01)}), 0.05)
+    size = np.abs(beside.tilt[0]).max()
+    assert size > 3 * beside.tilt_error.max()
+    assert mirrored.tilt[0] == pytest.approx(-beside.tilt[0], abs=0.05 * size)
+
+
+def test_a_curve_is_what_evaluations_are() -> None:
+    scene = named("solid", "flank").scene
+    moduli = np.array([1e3, 1e6])
+    found = SolidLevel().curve(scene, moduli, 0.05)
+    for k, modulus in enumerate(moduli):
+        body = scene.inclusion[0].model_copy(update={"youngs_modulus": float(modulus)})
+        one = solved(scene.model_copy(update={"inclusion": (body,)}), 0.05)
+        assert found.ratio[k] == pytest.approx(one.ratio, rel=1e-5)
+        assert found.log_sensitivity[k] == pytest.approx(one.log_sensitivity, rel=1e-3, abs=1e-7)
+
+
+def test_far_tissue_may_be_cut_off() -> None:
+    """On a half-space little is meshed; the equivalent-inclusion level, which ends 300 radii away, agrees."""
+    whole = named("solid", "flank").scene
+    scene = whole.model_copy(update={"tissue": half_space(whole)})
+    result, other = solved(scene, 0.02), evaluate(scene, "equivalent-inclusion", 0.003)
+    assert any(decision.feature.startswith("far tissue") for decision in result.plan)
+    assert result.ratio is not None
+    assert other.ratio is not None
+    assert abs(result.ratio / other.ratio - 1) <= (result.error_estimate or 0.0) + (other.error_estimate or 0.0)
+    assert result.stiffness == pytest.approx(other.stiffness, rel=0.01)
+
+
+def half_space(scene: Scene) -> object:
+    from geometry import HalfSpaceTissue
+
+    tissue = scene.tissue
+    return HalfSpaceTissue(shape="half-space", youngs_modulus=tissue.youngs_modulus, poisson_ratio=tissue.poisson_ratio)
+
+
+def test_what_is_meshed() -> None:
+    scene = named("solid", "flank").scene
+    chosen = domain(scene, math.inf, None)
+    assert chosen.half
+    assert not chosen.shortened
+    assert chosen.scene.inclusion[0].y == 0.0
+    assert math.hypot(chosen.scene.inclusion[0].x) == pytest.approx(math.hypot(scene.inclusion[0].x, scene.inclusion[0].y))
+    grooved = scene.model_copy(update={"probe": scene.probe.model_copy(update={"groove": Groove(width=1e-3, depth=1e-3)})})
+    assert not domain(grooved, math.inf, None).half
+    short = domain(scene.model_copy(update={"tissue": half_space(scene)}), reach(scene), None)
+    assert short.shortened
+    assert short.reference.inclusion == ()
+
+
+def test_mirror_images_share_a_mesh() -> None:
+    scene = named("solid", "two-tumours-on-large-tumour").scene
+    bodies = tuple(body.model_copy(update={"x": -body.x}) for body in scene.inclusion)
+    placed = scene.placement.model_copy(update={"x": -scene.placement.x})
+    other = scene.model_copy(update={"inclusion": bodies, "placement": placed})
+    assert scene.placement.x != 0
+    assert domain(scene, math.inf, 0.02) == domain(other, math.inf, 0.02)
+
+
+def test_auto_comes_here_for_what_others_leave_out() -> None:
+    flank = named("solid", "flank").scene
+    tilted = flank.model_copy(update={"placement": Placement(tilt=1e-4)})
+    result = evaluate(tilted, "auto", 0.05)
+    assert result.evaluator == "solid"
+    with pytest.raises(Refusal, match="accuracy"):
+        evaluate(tilted, "auto", 1e-4)
+    with pytest.raises(Refusal, match="tilt"):
+        solved(flank.model_copy(update={"placement": Placement(tilt=0.5)}))
+
+
+def test_an_inclusion_too_small_to_mesh_is_refused() -> None:
+    flank = named("solid", "flank").scene
+    speck = flank.inclusion[0].model_copy(update={"diameter": 1e-4})
+    with pytest.raises(Refusal, match=r"inclusion\[0\].diameter"):
+        solved(flank.model_copy(update={"inclusion": (speck,)}))
+
+
+def test_a_probe_at_the_tissue_s_edge_is_refused() -> None:
+    scene = named("solid", "two-tumours-between").scene
+    with pytest.raises(Refusal, match="placement"):
+        solved(scene.model_copy(update={"placement": Placement(x=44.3e-3)}))
+
+
+def test_a_tilted_probe_needs_a_load() -> None:
+    flank = named("solid", "flank").scene
+    from geometry import Load
+
+    with pytest.raises(Refusal, match="load"):
+        solved(flank.model_copy(update={"placement": Placement(tilt=1e-3), "load": Load(force=0.0)}), 0.05)

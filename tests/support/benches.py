@@ -1,0 +1,45 @@
+"""A virtual probe on the built-in bench: samples without a reader between, predictions computed once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry import Scene, read_scene
+from hw.common.samples import Samples
+from probe_design.built_probe.bench import Bench, builtin_bench
+from probe_design.built_probe.block_predictions import Shares, by_outer_radius, predicted
+from tests.support.paths import SCENE
+
+Floats = NDArray[np.float64]
+BENCH = builtin_bench()
+LOAD = 0.1  # N, the scene's
+ROWS, RATE = 2500, 500.0  # 25 cycles of 5 Hz
+
+
+@lru_cache
+def scene() -> Scene:
+    return by_outer_radius(read_scene(SCENE))
+
+
+@lru_cache
+def shares() -> Shares:
+    return predicted(scene(), BENCH.reference)
+
+
+def films(log_ratios: Floats, bench: Bench = BENCH) -> list[Floats]:
+    """Film forces on each reference under LOAD, N, from ln(F_inner / F_outer) on the blocks."""
+    logs = iter(log_ratios)
+    inner = [{"inner": 1.0, "outer": 0.0}.get(one.on) for one in bench.reference]
+    parts = [1 / (1 + np.exp(-next(logs))) if share is None else share for share in inner]
+    return [LOAD * np.array([part, 1 - part]) for part in parts]
+
+
+def sampled(signals: Callable[[Floats], Floats], rows: int = ROWS, rate: float = RATE, channels: int = 3) -> Samples:
+    index = np.arange(rows)
+    volts = signals(index / rate)[:, :channels]
+    names = ("inner", "outer", "force")[:channels]
+    return Samples(rate, names, index, volts, np.zeros(volts.shape, bool), (), 0, {"transport": "simulated"})

@@ -1,0 +1,86 @@
+"""The rows of the matrix of extremes: scenes with true values that no solver of this project has found."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from geometry import Scene, read_scene
+from tests.support.paths import REFERENCE
+
+FOLDERS = {
+    "extremes": "numbers at their limits, alone and together",
+    "extreme": "more limits of the range of designs",
+    "extra": "corners of the range of designs",
+    "half-space": "tissue without an end",
+    "off-axis": "tumours beside the axis, pairs, ellipsoids",
+}
+SENSITIVITY_FLOOR = 1e-4  # below it the references' uncertainty of the log-sensitivity is relative to this
+
+
+@dataclass(frozen=True)
+class Truth:
+    """True values of a scene; ``None``: not known.
+
+    Attributes:
+        uncertainty: of ratio, stresses and stiffness, relative.
+        doubt: of the log-sensitivity, absolute.
+    """
+
+    ratio: float | None
+    stress_inner: float | None = None
+    stress_outer: float | None = None
+    stiffness: float | None = None
+    log_sensitivity: float | None = None
+    uncertainty: float = 0.0
+    doubt: float = 0.0
+
+
+@dataclass(frozen=True)
+class Row:
+    """A scene of the matrix.
+
+    Attributes:
+        group: heading of its table.
+        origin: where the true values come from.
+    """
+
+    group: str
+    name: str
+    scene: Scene
+    truth: Truth
+    origin: str
+
+    @property
+    def key(self) -> str:
+        """Group and name."""
+        return f"{self.group}/{self.name}"
+
+
+def truths(folder: str) -> dict[str, Truth]:
+    """Return the stored values of a folder of ``tests/reference``."""
+    found = json.loads((REFERENCE / folder / "expected.json").read_text(encoding="utf-8"))
+    return {name: _truth(values) for name, values in found.items()}
+
+
+def _truth(values: dict[str, float]) -> Truth:
+    uncertainty, told = values["relative_uncertainty"], values.get("log_sensitivity")
+    doubt = values.get("log_sensitivity_uncertainty", uncertainty * max(abs(told or 0.0), SENSITIVITY_FLOOR))
+    inner, outer = values["stress_inner_pa"], values["stress_outer_pa"]
+    return Truth(values["ratio"], inner, outer, values["stiffness_n_per_m"], told, uncertainty, doubt)
+
+
+def referenced() -> Iterator[Row]:
+    """Yield the scenes of ``tests/reference`` whose answers NGSolve has found."""
+    for folder in FOLDERS:
+        known = truths(folder)
+        for path in sorted((REFERENCE / folder).glob("*.toml")):
+            yield Row(folder, path.stem, read_scene(path), known.get(path.stem, Truth(None)), "NGSolve")
+
+
+def rows() -> list[Row]:
+    """Return every scene of the matrix."""
+    from tests.support.extremes.laws import lawful
+
+    return [*referenced(), *lawful()]
