@@ -1,4 +1,4 @@
-"""Make the meshes of tests/meshes with netgen (``pip install -e '.[bench]'``): ``python -m benchmarks.references.solid_meshes``."""
+"""Make the meshes of tests/meshes with netgen (extra ``bench``): ``python -m benchmarks.references.solid_meshes``."""
 
 from __future__ import annotations
 
