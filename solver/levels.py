@@ -7,11 +7,11 @@ from dataclasses import replace
 from time import perf_counter
 from typing import TYPE_CHECKING
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal
-from geometry.meridian.grading import Floats
 from geometry.scenes.scene import Scene
 from solver.results.film_forces import checked_moduli
-from solver.results.result import Curve, Evaluator, Result, unbuilt
+from solver.results.result import Curve, Evaluator, Result, unsupported
 
 if TYPE_CHECKING:
     from solver.axisymmetric.level import Axisymmetric
@@ -118,7 +118,7 @@ def _planned(scene: Scene, accuracy: float, tell: Tell | None) -> tuple[Plan, Ax
 
     planned = plan(scene, accuracy)
     if planned.evaluator is None:
-        raise Refusal("evaluator", AUTO, str(unbuilt(scene)))
+        raise Refusal("evaluator", AUTO, str(unsupported(scene)))
     level = {one.name: one for one in (Axisymmetric(), EquivalentInclusion(), _solid(tell))}[planned.evaluator]
     return planned, level
 

@@ -19,9 +19,9 @@ from scipy.optimize import least_squares
 
 import solver.closed_form.block_compliance as blocks
 from geometry import Contact, CylinderTissue, InputError, Load, Material, Probe, Scene
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats
 from solver import evaluate
-from solver.closed_form.block_compliance import Block
+from solver.closed_form.block_compliance import ElasticBlocks
 from solver.closed_form.contact import Tissue, answer
 
 GROUND = 1e10  # Pa, under blocks of 1 kPa
@@ -55,8 +55,8 @@ def compared(rng: np.random.Generator) -> list[tuple[float, ...]]:
         return []
     one = np.ones(1)
     made = (
-        Block(None, inner * one, tall[0] * one, 1e3 * one, nu[0] * one),
-        Block(hole * one, sizes[1][1] * one, tall[1] * one, 1e3 * one, nu[1] * one),
+        ElasticBlocks(None, inner * one, tall[0] * one, 1e3 * one, nu[0] * one),
+        ElasticBlocks(hole * one, sizes[1][1] * one, tall[1] * one, 1e3 * one, nu[1] * one),
     )
     forces = np.diag(answer(made, Tissue(None, GROUND * one, 0 * one), [], None, bonded, 16).forces[0])
     stresses = [(exact.stress_inner or 0.0) * scene.probe.inner_area, (exact.stress_outer or 0.0) * scene.probe.outer_area]

@@ -23,7 +23,7 @@ from scipy.optimize import linprog
 
 from benchmarks.closed_form.scenes import answered
 from geometry import Scene, read_scene
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats
 from solver.closed_form.designs import parameters
 from solver.closed_form.error_bound import LEAST_SENSITIVITY, WEIGHTS, errors
 from solver.closed_form.error_features import features

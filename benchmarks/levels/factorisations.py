@@ -25,7 +25,8 @@ from rich.table import Table
 from scipy.sparse.linalg import splu
 from threadpoolctl import threadpool_limits
 
-Floats = NDArray[np.float64]
+from geometry.common.arrays import Floats
+
 Solve = Callable[[Floats], Floats]
 Factorise = Callable[[Floats], Solve]  # from the values of one pattern to what solves for right-hand sides
 SYMMETRIC: dict[str, Any] = {"diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}

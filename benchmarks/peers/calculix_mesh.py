@@ -11,12 +11,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from benchmarks.peers.measured import Floats
 from geometry import Scene
+from geometry.common.arrays import Floats, Ints
 
-Ints = NDArray[np.int64]
 RESOLUTION = 1e-7  # nodes nearer than this are one
 FREE = 10.0  # an element's size that restricts nothing
 

@@ -12,12 +12,13 @@ import numpy as np
 from benchmarks.peers import calculix_meridian as peer_calculix
 from benchmarks.peers import ours
 from benchmarks.peers.designs import LENGTHS, MATERIALS, VARIABLES
-from benchmarks.peers.measured import Answer, Case, Floats, limited_memory, timed, typical
+from benchmarks.peers.measured import Answer, Case, limited_memory, timed, typical
 from benchmarks.peers.ngsolve_curve import central_difference, looping, reusing
 from benchmarks.peers.ngsolve_meridian import ALL, Setting
 from benchmarks.peers.ngsolve_meridian import evaluate as ngsolve_evaluate
 from benchmarks.peers.ngsolve_settings import ACCURACIES, COARSE, EXACT, FINE, cheapest
 from benchmarks.tables import Table
+from geometry.common.arrays import Floats
 from solver.axisymmetric.refinement import LEVELS
 
 STEP = 0.01  # relative, of central differences: smaller ones drown in the changes of the mesh

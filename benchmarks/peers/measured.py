@@ -15,11 +15,10 @@ from time import perf_counter
 from typing import Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from geometry import Scene, read_scene
+from geometry.common.arrays import Floats
 
-Floats = NDArray[np.float64]
 FOLDER = Path(__file__).parents[2] / "tests" / "reference" / "axisymmetric"
 NAMES = ("published-materials", "shallow", "equal-areas-small", "nearly-incompressible", "soft-cyst")
 CONTRASTS = (0.1, 1000.0)  # of inclusion to tissue, at the ends of a curve

@@ -14,10 +14,11 @@ import ngsolve as ngs
 import numpy as np
 
 from benchmarks.peers.designs import varied
-from benchmarks.peers.measured import Curve, Floats, Stopwatch
+from benchmarks.peers.measured import Curve, Stopwatch
 from benchmarks.peers.ngsolve_meridian import Problem, Setting, make_mesh
 from benchmarks.references.outline import INCLUSION
 from geometry import Scene
+from geometry.common.arrays import Floats
 
 
 @dataclass(frozen=True)

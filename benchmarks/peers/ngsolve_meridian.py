@@ -16,9 +16,10 @@ import numpy as np
 from netgen.geom2d import SplineGeometry
 from netgen.meshing import MeshingParameters
 
-from benchmarks.peers.measured import Answer, Floats, Stopwatch
+from benchmarks.peers.measured import Answer, Stopwatch
 from benchmarks.references.outline import ENDS, INCLUSION, INNER, NAMES, OUTER, OUTSIDE, TISSUE, Edge, outline
 from geometry import Material, Scene
+from geometry.common.arrays import Floats
 
 Vertex = tuple[float, float]
 HELD = "|".join(["bottom", *ENDS])

@@ -9,21 +9,21 @@ from time import perf_counter
 
 import numpy as np
 
-from benchmarks.peers.measured import Answer, Curve, Floats, Stopwatch
+from benchmarks.peers.measured import Answer, Curve, Stopwatch
 from geometry import Scene
-from geometry.meridian.frame import Fineness
+from geometry.common.arrays import Floats
+from geometry.meridian.frame import MeridianFineness
 from solver import evaluate as solver_evaluate
 from solver.axisymmetric.base_states import base_states, model
 from solver.axisymmetric.energy_derivatives import variables
 from solver.axisymmetric.gradients import areas, by_section
 from solver.axisymmetric.level import Axisymmetric
-from solver.axisymmetric.refinement import Sample
-from solver.axisymmetric.sample import sample
+from solver.axisymmetric.sample import MeshSample, sample
 from solver.axisymmetric.sections import sections
 from solver.linalg import cholesky as factor
 
 GROWTH = (1, 2, 4, 8, 16)  # multiples of the coarsest mesh's cells in each direction, at order 4: 4e3 to 1e6 unknowns
-SMALLEST = Fineness(1, 0, 2)  # 1e3 unknowns
+SMALLEST = MeridianFineness(1, 0, 2)  # 1e3 unknowns
 
 
 def evaluate(scene: Scene, accuracy: float) -> Answer:
@@ -33,7 +33,7 @@ def evaluate(scene: Scene, accuracy: float) -> Answer:
     return Answer(result.ratio or np.nan, 0, {"all": perf_counter() - start})
 
 
-def one_mesh(scene: Scene, level: Fineness) -> Answer:
+def one_mesh(scene: Scene, level: MeridianFineness) -> Answer:
     """Find the ratio on one mesh, without an error estimate."""
     of = sections(scene)
     start = perf_counter()
@@ -94,7 +94,7 @@ def bare_factorisation(scene: Scene, accuracy: float) -> float:
     return median(seconds)
 
 
-def last(scene: Scene, accuracy: float) -> Sample:
+def last(scene: Scene, accuracy: float) -> MeshSample:
     """Return what ``evaluate`` ends with."""
     return Axisymmetric().converged(scene, accuracy).sample
 
@@ -103,7 +103,7 @@ def growth(scene: Scene) -> Iterator[Answer]:
     """Solve on finer and finer meshes whose topologies are known, 1e3 to 1e6 unknowns."""
     of = sections(scene)
     areas = scene.probe.outer_area / scene.probe.inner_area
-    for fineness in (SMALLEST, *(Fineness(cells, 3, 4) for cells in GROWTH)):
+    for fineness in (SMALLEST, *(MeridianFineness(cells, 3, 4) for cells in GROWTH)):
         for _ in range(2):  # the first time numbers the unknowns
             watch = Stopwatch()
             found = model(of.section, of.materials, scene.contact.interface, fineness)  # type: ignore[arg-type]

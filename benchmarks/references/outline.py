@@ -18,7 +18,7 @@ from netgen.geom2d import SplineGeometry
 from netgen.meshing import MeshingParameters
 
 from geometry import Film, Probe, Scene
-from geometry.cad.solids import base_sizes
+from geometry.scenes.base_sizes import base_sizes
 
 OUTSIDE, TISSUE, INCLUSION, INNER, OUTER, FILM, ADHESIVE, BASE = range(8)
 NAMES = dict(enumerate(["tissue", "inclusion", "inner", "outer", "film", "adhesive", "base"], 1))

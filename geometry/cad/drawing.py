@@ -7,6 +7,7 @@ from typing import Any
 
 from geometry.cad import cutaway, solids
 from geometry.common.files import written_whole
+from geometry.scenes.base_sizes import base_sizes
 from geometry.scenes.probe import Material, Probe
 
 DIAMETER = "\N{LATIN CAPITAL LETTER O WITH STROKE}"
@@ -49,7 +50,7 @@ def outlines(probe: Probe) -> dict[str, list[Points]]:
     r2, ri, ro, h2, h1 = _sizes(probe)
     ends = (h1, h1) if groove is None else (h1, h1 - groove.depth * mm)
     films = [_box(-ro, -ri, h1, h1 + t)] + ([_box(ri, ro, h1, h1 + t)] if groove is None else [])
-    sizes, middle = solids.base_sizes(probe), (r2 + ri) / 2
+    sizes, middle = base_sizes(probe), (r2 + ri) / 2
     rf, under = sizes.flange_radius * mm, max(h1, h2) + t + sizes.step_height * mm
     side = [(middle, h2 + t), (middle, h1 + t), (ro, h1 + t), (ro, under), (rf, under), (rf, under + sizes.thickness * mm)]
     return {
@@ -85,7 +86,7 @@ def _fill(axes: Any, probe: Probe) -> None:
 
 
 def _section(axes: Any, probe: Probe) -> None:
-    base, t = solids.base_sizes(probe), solids.film_thickness(probe) * solids.MM
+    base, t = base_sizes(probe), solids.film_thickness(probe) * solids.MM
     r2, ri, ro, h2, h1 = _sizes(probe)
     rf, under = base.flange_radius * solids.MM, max(h1, h2) + t + base.step_height * solids.MM
     top = under + base.thickness * solids.MM

@@ -19,7 +19,7 @@ def export(probe: Probe, folder: Path) -> tuple[Path, ...]:
 
     Raises:
         ExportError: a file does not hold what the parameters say, to ``step_check.TOLERANCE``; no file is left.
-        InputError: see ``solids.base_sizes``.
+        InputError: see ``geometry.scenes.base_sizes.base_sizes``.
         MissingLibrary: see ``solids.cadquery``.
         OSError: the folder cannot be written.
     """

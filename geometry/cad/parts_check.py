@@ -6,11 +6,12 @@ import math
 from dataclasses import dataclass
 
 from geometry.cad import solids
+from geometry.scenes.base_sizes import base_sizes
 from geometry.scenes.probe import Probe
 
 
 @dataclass(frozen=True)
-class Body:
+class PartMeasures:
     """What is measured of a solid and what is expected of it, in mm.
 
     Attributes:
@@ -28,7 +29,7 @@ class Body:
     off_axis: float = 0.0
 
 
-def expected_bodies(probe: Probe) -> dict[str, Body]:
+def expected_bodies(probe: Probe) -> dict[str, PartMeasures]:
     """Derive what each part must measure from the probe's parameters alone."""
     mm, groove = solids.MM, probe.groove
     r2, ri, ro = probe.inner_radius * mm, probe.hole_radius * mm, probe.tube_radius * mm
@@ -40,10 +41,10 @@ def expected_bodies(probe: Probe) -> dict[str, Body]:
         depth = groove.depth * mm
         floor = ((h1 - depth, cut),)
     return {
-        "inner": Body(a2 * h2, ((0, a2), (h2, a2)), (r2,)),
-        "outer": Body(a1 * h1 - cut * depth, ((0, a1), *floor, (h1, a1 - cut)), (ri, ro), _walls(probe, depth)),
-        "film-inner": Body(a2 * t, ((h2, a2), (h2 + t, a2)), (r2,)),
-        "film-outer": Body((a1 - cut) * t, ((h1, a1 - cut), (h1 + t, a1 - cut)), (ri, ro), _walls(probe, t)),
+        "inner": PartMeasures(a2 * h2, ((0, a2), (h2, a2)), (r2,)),
+        "outer": PartMeasures(a1 * h1 - cut * depth, ((0, a1), *floor, (h1, a1 - cut)), (ri, ro), _walls(probe, depth)),
+        "film-inner": PartMeasures(a2 * t, ((h2, a2), (h2 + t, a2)), (r2,)),
+        "film-outer": PartMeasures((a1 - cut) * t, ((h1, a1 - cut), (h1 + t, a1 - cut)), (ri, ro), _walls(probe, t)),
         "base": _expected_base(probe),
     }
 
@@ -58,8 +59,8 @@ def _walls(probe: Probe, height: float) -> tuple[tuple[float, float, float], ...
     return ((-a, (x_i + x_o) / 2, area), (a, (x_i + x_o) / 2, area))
 
 
-def _expected_base(probe: Probe) -> Body:
-    mm, sizes = solids.MM, solids.base_sizes(probe)
+def _expected_base(probe: Probe) -> PartMeasures:
+    mm, sizes = solids.MM, base_sizes(probe)
     ro, rf, rm = probe.tube_radius * mm, sizes.flange_radius * mm, (probe.inner_radius + probe.gap / 2) * mm
     low, side = (height * mm for height in solids.film_tops(probe))
     under = max(low, side) + sizes.step_height * mm
@@ -70,4 +71,4 @@ def _expected_base(probe: Probe) -> Body:
         ends.append((under, math.pi * (rf - ro) * (rf + ro)))
     volume = middle * (under - low) + ring * (under - side) + flange * (top - under)
     radii = {*((rm,) if low != side else ()), ro, rf}
-    return Body(volume, tuple(sorted([*ends, (top, flange)])), tuple(sorted(radii)))
+    return PartMeasures(volume, tuple(sorted([*ends, (top, flange)])), tuple(sorted(radii)))

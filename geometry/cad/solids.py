@@ -11,11 +11,11 @@ import signal
 import threading
 import warnings
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from geometry.common.errors import ExportError, InputError, MissingLibrary
+from geometry.common.errors import ExportError, MissingLibrary
+from geometry.scenes.base_sizes import base_sizes
 from geometry.scenes.probe import Film, Probe, mm
 
 if TYPE_CHECKING:
@@ -66,35 +66,6 @@ def cadquery() -> Any:
         remedy = "install the system's OpenGL library: apt install libgl1 (Debian, Ubuntu), mesa-libGL (Fedora)"
         raise MissingLibrary(f"cadquery cannot be loaded ({_first_line(fault)}): {remedy}") from fault
     return cadquery
-
-
-@dataclass(frozen=True)
-class BaseSizes:
-    """Dimensions of the base in m: a step of the tube's radius below a wider flange.
-
-    Attributes:
-        flange_radius: radius of the flange.
-        thickness: of the flange.
-        step_height: from the higher of the two films to the flange, so that the flange stays whole.
-    """
-
-    flange_radius: float
-    thickness: float
-    step_height: float
-
-
-def base_sizes(probe: Probe) -> BaseSizes:
-    """Dimensions of the base; left out, 1.25 outer radii, 0.3 outer radii but at least 1 mm, and 0.2 outer radii.
-
-    Raises:
-        InputError: the flange is narrower than the tube.
-    """
-    given, radius = probe.base, probe.tube_radius
-    flange = 1.25 * radius if given.flange_radius is None else given.flange_radius
-    if flange < radius:
-        raise InputError("probe.base.flange_radius", mm(flange), f"at least the tube's outer radius of {mm(radius)}")
-    thickness = max(0.3 * radius, 1e-3) if given.thickness is None else given.thickness
-    return BaseSizes(flange, thickness, 0.2 * radius if given.step_height is None else given.step_height)
 
 
 def film_thickness(probe: Probe) -> float:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from geometry.cad import solids
-from geometry.cad.parts_check import Body, expected_bodies
+from geometry.cad.parts_check import PartMeasures, expected_bodies
 from geometry.cad.step_reader import Part, read, rgb
 from geometry.cad.step_writer import ASSEMBLY, colour_of
 from geometry.common.errors import ExportError
@@ -34,12 +34,12 @@ def check(probe: Probe, drafts: dict[str, Path]) -> None:
     _check_assembly(drafts["assembly"], probe, expected)
 
 
-def _check_part(path: Path, name: str, expected: Body) -> Body:
+def _check_part(path: Path, name: str, expected: PartMeasures) -> PartMeasures:
     (_, shape, _), *_ = _read_named(path, [name])
     return check_body(path.name, shape, expected)
 
 
-def _check_assembly(path: Path, probe: Probe, expected: dict[str, Body]) -> None:
+def _check_assembly(path: Path, probe: Probe, expected: dict[str, PartMeasures]) -> None:
     parts = dict(zip(expected, _read_named(path, [f"{ASSEMBLY}/{name}" for name in expected]), strict=True))
     for name, (_, _, colour) in parts.items():
         _compare(path.name, [(f"{name}: colour", *pair, 1.0) for pair in zip(colour, rgb(colour_of(name)), strict=True)])
@@ -64,7 +64,7 @@ def _check_apart(where: str, first: Any, second: Any) -> None:
     _compare(where, [("common volume", sum(solid.Volume() for solid in common.Solids()), 0.0, scale)])
 
 
-def check_body(where: str, shape: Any, expected: Body) -> Body:
+def check_body(where: str, shape: Any, expected: PartMeasures) -> PartMeasures:
     """Raise unless ``shape`` is one valid closed solid that measures what is expected; returns what it measures."""
     if shape.ShapeType() != "Solid" or not shape.isValid():
         raise ExportError(f"{where}: shape = {shape.ShapeType()}, valid = {shape.isValid()}, expected a valid Solid")
@@ -80,7 +80,7 @@ def check_body(where: str, shape: Any, expected: Body) -> Body:
     return found
 
 
-def _rows(found: Body, expected: Body) -> Iterator[Row]:
+def _rows(found: PartMeasures, expected: PartMeasures) -> Iterator[Row]:
     """Yield volume, areas and radii; distances between neighbouring faces, among them every height, thickness and groove size."""
     yield "volume", found.volume, expected.volume, expected.volume
     for (z, area), (wanted_z, wanted) in zip(found.ends, expected.ends, strict=True):
@@ -96,7 +96,7 @@ def _rows(found: Body, expected: Body) -> Iterator[Row]:
             yield f"{quantity} of the groove's side", value, wish, abs(wish)
 
 
-def _between(probe: Probe, found: dict[str, Body]) -> Iterator[Row]:
+def _between(probe: Probe, found: dict[str, PartMeasures]) -> Iterator[Row]:
     """Yield what holds between the parts: the area ratio, the gap and the common axis."""
     ratio = probe.inner_area / probe.outer_area if probe.area_ratio is None else probe.area_ratio
     yield "area ratio A2/A1", found["inner"].ends[0][1] / found["outer"].ends[0][1], ratio, ratio
@@ -112,7 +112,7 @@ def _compare(where: str, rows: Iterable[Row]) -> None:
             raise ExportError(f"{where}: {quantity} = {found:.12g}, expected {expected:.12g} within {TOLERANCE:g} of {scale:.6g}")
 
 
-def _measure(where: str, solid: Any) -> Body:
+def _measure(where: str, solid: Any) -> PartMeasures:
     from OCP.BRepAdaptor import BRepAdaptor_Surface
 
     ends, radii, walls, off_axis = [], [], [], 0.0
@@ -129,7 +129,7 @@ def _measure(where: str, solid: Any) -> Body:
             walls.append((place.Y(), face.Center().x, face.Area()))
         else:
             raise ExportError(f"{where}: a face = {kind} along ({x:.6g}, {y:.6g}, {z:.6g}), expected planes or cylinders along z")
-    return Body(solid.Volume(), tuple(sorted(ends)), tuple(sorted(radii)), tuple(sorted(walls)), off_axis)
+    return PartMeasures(solid.Volume(), tuple(sorted(ends)), tuple(sorted(radii)), tuple(sorted(walls)), off_axis)
 
 
 def _origin_and_direction(axis: Any) -> tuple[Any, float, float, float]:

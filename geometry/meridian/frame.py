@@ -48,7 +48,7 @@ class Kind:
 
 
 @dataclass(frozen=True)
-class Fineness:
+class MeridianFineness:
     """How fine a mesh is: a multiplier of the number of cells, geometric layers at each corner, polynomial order."""
 
     cells: float
@@ -61,7 +61,7 @@ class Fineness:
 
 
 @dataclass(frozen=True)
-class Frame:
+class MeshLines:
     """The lines of one mesh, or of many meshes of one layout at once.
 
     Attributes:
@@ -81,7 +81,7 @@ class Frame:
     core: Any
 
 
-class Layout:
+class MeshTopology:
     """Numbers of the lines between which the cells lie; the same for all sections of a kind.
 
     Attributes:
@@ -96,7 +96,7 @@ class Layout:
         rings: number of rings of cells between sphere and box, and between core and sphere.
     """
 
-    def __init__(self, kind: Kind, fineness: Fineness) -> None:
+    def __init__(self, kind: Kind, fineness: MeridianFineness) -> None:
         n = fineness.count
         self.kind, self.fineness = kind, fineness
         names, levels = ["axis", "inner", "hole", "tube", "side"], ["floor", "surface"]
@@ -166,7 +166,7 @@ def kind(section: Section) -> Kind:
     return Kind(columns, rows, blocks, rings, box, thin, films, base, bool(s.flange_radius > 0))  # type: ignore[arg-type]
 
 
-def frame(section: Section, layout: Layout) -> Frame:
+def frame(section: Section, layout: MeshTopology) -> MeshLines:
     """Place the lines of a layout for one section, or for an array of sections of its kind."""
     s, sphere, box = section, _Sphere.of(section), layout.kind.box
     levels = [_joined(_tissue_levels(s, sphere), layout.rows)]
@@ -184,7 +184,7 @@ def frame(section: Section, layout: Layout) -> Frame:
     if sphere is not None:
         outside, inside = (_joined(ring, (cells,)) for ring, cells in zip(sphere.rings(), layout.rings, strict=True))
         rays = (outside, inside, -sphere.depth, sphere.radius, sphere.core(radii[0][..., layout.column["box"]]))
-    return Frame(np.concatenate(radii, axis=-1), np.concatenate(levels, axis=-1), *rays)
+    return MeshLines(np.concatenate(radii, axis=-1), np.concatenate(levels, axis=-1), *rays)
 
 
 @dataclass(frozen=True)
@@ -290,7 +290,7 @@ def _tissue_levels(s: Section, sphere: _Sphere | None, thin: bool = False) -> _B
     return _Breaks(places, [floor, sphere.below, sphere.above, corner], [3, 4, 2 if thin else 4])
 
 
-def _middles(levels: Any, layout: Layout) -> Any:
+def _middles(levels: Any, layout: MeshTopology) -> Any:
     """The levels within rows in which lines end."""
     tops = list(layout.merged)
     return (levels[..., tops] + levels[..., [top - 1 for top in tops]]) / 2
@@ -300,7 +300,7 @@ def _block(s: Section, height: Any) -> _Breaks:
     return _Breaks([0 * height, height], [s.corner_size, s.corner_size], [5])
 
 
-def _bridge(s: Section, layout: Layout) -> Any:
+def _bridge(s: Section, layout: MeshTopology) -> Any:
     """Radii of an elastic base across the gap, graded to its ends and to the step in its middle."""
     middle, sign = (s.inner_radius + s.hole_radius) / 2, layout.kind.base
     step = s.corner_size if not sign else smooth_min(s.corner_size, sign * (s.inner_height - s.outer_height))
@@ -308,7 +308,7 @@ def _bridge(s: Section, layout: Layout) -> Any:
     return _joined(breaks, (layout.half, layout.half))[..., 1:-1]
 
 
-def _film_levels(s: Section, layout: Layout, height: Any) -> list[Any]:
+def _film_levels(s: Section, layout: MeshTopology, height: Any) -> list[Any]:
     levels, top = [], height
     for thickness in (s.film, s.adhesive)[: layout.kind.films]:
         levels.append(graded(top, top + thickness, layout.layer, s.corner_size, s.corner_size)[..., 1:])
@@ -316,7 +316,7 @@ def _film_levels(s: Section, layout: Layout, height: Any) -> list[Any]:
     return levels
 
 
-def _base_levels(s: Section, layout: Layout) -> list[Any]:
+def _base_levels(s: Section, layout: MeshTopology) -> list[Any]:
     low, high = (s.outer_height, s.inner_height) if layout.kind.base == 1 else (s.inner_height, s.outer_height)
     films, corner = s.film + s.adhesive, s.corner_size
     step = high + films

@@ -9,9 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
 Lengths = Any  # a float, or an array of floats or complex numbers, shape (...,)
 
 

@@ -23,13 +23,11 @@ from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from geometry.meridian.frame import Fineness, Frame, Kind, Layout, frame
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats, Ints
+from geometry.meridian.frame import Kind, MeridianFineness, MeshLines, MeshTopology, frame
 from geometry.meridian.section import Body, Section
 
-Ints = NDArray[np.int64]
 TENSOR, OUTSIDE, INSIDE, CORE = range(4)
 GOLDEN = (5**0.5 - 1) / 2
 LAYER = 0.15  # ratio of sizes from one layer at a corner to the next
@@ -52,7 +50,7 @@ class Topology:
         body: of ``Body``, shape (n,).
     """
 
-    layout: Layout
+    layout: MeshTopology
     shape: Ints
     vertices: Ints
     circles: Ints
@@ -61,9 +59,9 @@ class Topology:
 
 
 @lru_cache(maxsize=64)
-def topology(kind: Kind, fineness: Fineness) -> Topology:
+def topology(kind: Kind, fineness: MeridianFineness) -> Topology:
     """Return the elements of every mesh of a kind."""
-    layout = Layout(kind, fineness)
+    layout = MeshTopology(kind, fineness)
     singular = set(_singular(layout))
     cut = [_layers(cell, singular, fineness.layers) for cell in _cells(layout)]
     shape, body, vertices, circles = (np.array(column) for column in zip(*(cell for cell, _ in cut), strict=True))
@@ -90,7 +88,7 @@ def labels(mesh: Topology) -> Floats:
     radius = 0.4 * min(edge, high - low)
     core = 0.4 * radius / np.hypot(edge, high - low)
     lines = line_label(np.arange(radii)), line_label(np.arange(levels))
-    flat = Frame(*lines, outside, inside, (low + high) / 2, radius, core)
+    flat = MeshLines(*lines, outside, inside, (low + high) / 2, radius, core)
     return np.asarray(np.round(_mapped(flat, mesh, SQUARE), 9)) + 0.0  # + 0.0: no negative zeros
 
 
@@ -105,7 +103,7 @@ def bilinear(places: Floats) -> Floats:
     return np.stack([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v], axis=-1)
 
 
-def _mapped(lines: Frame, mesh: Topology, places: Floats) -> Any:
+def _mapped(lines: MeshLines, mesh: Topology, places: Floats) -> Any:
     """Map the elements' corners to the cells' unit squares and these to the plane."""
     within = bilinear(places) @ mesh.corners  # (n, places, 2)
     rings = (mesh.shape == OUTSIDE) | (mesh.shape == INSIDE)
@@ -117,7 +115,7 @@ def _mapped(lines: Frame, mesh: Topology, places: Floats) -> Any:
     return np.stack([r, z], axis=-1)
 
 
-def _around(lines: Frame, mesh: Topology, r: Any, z: Any, v: Floats) -> tuple[Any, Any]:
+def _around(lines: MeshLines, mesh: Topology, r: Any, z: Any, v: Floats) -> tuple[Any, Any]:
     """Move points of the box's sides along their rays into the rings, and those of the box's grid into the core."""
     centre, sphere, core = (np.asarray(x)[..., None, None] for x in (lines.centre, lines.sphere, lines.core))
     kind = np.result_type(r, z, centre, sphere, core, lines.outside, lines.inside)  # complex if any is
@@ -133,7 +131,7 @@ def _around(lines: Frame, mesh: Topology, r: Any, z: Any, v: Floats) -> tuple[An
     return r, z
 
 
-def _cells(layout: Layout) -> Iterator[Cell]:
+def _cells(layout: MeshTopology) -> Iterator[Cell]:
     """Yield all cells, before those at corners are cut."""
     column = layout.column
     yield from _tissue(layout)
@@ -153,7 +151,7 @@ def _grid(body: Body, radii: Sequence[int], levels: Sequence[int]) -> Iterator[C
         yield TENSOR, body, ((a, c), (b, c), (b, d), (a, d)), (0, 0)
 
 
-def _tissue(layout: Layout) -> Iterator[Cell]:
+def _tissue(layout: MeshTopology) -> Iterator[Cell]:
     """Yield the tissue's cells row by row from the surface, then the sphere with what is around it."""
     radii, low, high = list(range(layout.column["side"] + 1)), layout.row.get("low", 0), layout.row.get("high", 0)
     for top in range(layout.row["surface"], 0, -1):
@@ -179,7 +177,7 @@ def _merging(columns: tuple[int, ...], top: int, middle: int) -> Iterator[Cell]:
         yield TENSOR, Body.TISSUE, vertices, (0, 0)
 
 
-def _sphere(layout: Layout, radii: Sequence[int]) -> Iterator[Cell]:
+def _sphere(layout: MeshTopology, radii: Sequence[int]) -> Iterator[Cell]:
     """Yield the cells of the box: rings on its three sides (each counted so that cells are right-handed) and the core."""
     edge, low, high = radii[-1], layout.row["low"], layout.row["high"]
     top = [((a, high), (b, high)) * 2 for a, b in pairwise(radii)]
@@ -193,7 +191,7 @@ def _sphere(layout: Layout, radii: Sequence[int]) -> Iterator[Cell]:
         yield CORE, body, vertices, circles
 
 
-def _base(layout: Layout) -> Iterator[Cell]:
+def _base(layout: MeshTopology) -> Iterator[Cell]:
     """Yield the cells of an elastic base: boss, step and flange."""
     column, kind, middle = layout.column, layout.kind, len(layout.bridge) // 2
     inner = (*range(column["inner"]), *layout.bridge[: middle + 1])
@@ -205,7 +203,7 @@ def _base(layout: Layout) -> Iterator[Cell]:
         yield from _grid(Body.BASE, layout.flange, layout.base[layout.step :])
 
 
-def _singular(layout: Layout) -> Iterator[tuple[int, int]]:
+def _singular(layout: MeshTopology) -> Iterator[tuple[int, int]]:
     """Yield the corners (radius, level) with singular stresses: the blocks', and where the tissue's side meets the floor."""
     column, surface = layout.column, layout.row["surface"]
     tops = layout.inner[layout.blocks[0]], layout.outer[layout.blocks[1]]

@@ -32,7 +32,7 @@ class Section:
 
     ``inner_radius`` < ``hole_radius`` < ``tube_radius`` < ``tissue_radius``; 0 where there is no sphere, film,
     adhesive or elastic base. A sphere's centre lies on the axis. ``flange_thickness`` and ``step_height`` are the base's,
-    see ``geometry.cad.solids.BaseSizes``. ``mesh_size``, if not zero, takes the place of ``corner_size``.
+    see ``geometry.scenes.base_sizes.BaseSizes``. ``mesh_size``, if not zero, takes the place of ``corner_size``.
     """
 
     inner_radius: Lengths

@@ -40,7 +40,7 @@ class Base(Frozen):
     """The base that both blocks hang under: a step as wide as the probe below a wider flange.
 
     Rigid, or elastic with a modulus and a Poisson ratio. The dimensions serve the CAD model;
-    left out, they follow from the probe (see ``geometry.cad.solids.base_sizes``).
+    left out, they follow from the probe (see ``geometry.scenes.base_sizes.base_sizes``).
 
     Attributes:
         flange_radius: at least the probe's outer radius.

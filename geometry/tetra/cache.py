@@ -18,9 +18,9 @@ import numpy as np
 
 from geometry.common.files import written_whole
 from geometry.scenes.scene import Scene
-from geometry.tetra.layout import Layout, extent, layout
+from geometry.tetra.layout import BodyLayout, extent, layout
 from geometry.tetra.mesher import meshed
-from geometry.tetra.sizing import COARSE, Fineness
+from geometry.tetra.sizing import COARSE, TetraFineness
 from geometry.tetra.tet_mesh import TetMesh
 
 FOLDER = "PROBE_DESIGN_CACHE"  # the environment variable
@@ -30,7 +30,7 @@ _CHECKSUM = hashlib.sha256().digest_size
 
 def cached_mesh(
     scene: Scene,
-    fineness: Fineness = COARSE,
+    fineness: TetraFineness = COARSE,
     half: bool = False,
     tissue_extent: float | None = None,
     reference_radius: float | None = None,
@@ -59,7 +59,7 @@ def folder() -> Path:
     return Path(given) if given else Path(platformdirs.user_cache_dir("probe-design", appauthor=False)) / "meshes"
 
 
-def key(found: Layout, fineness: Fineness) -> str:
+def key(found: BodyLayout, fineness: TetraFineness) -> str:
     """A name by content: every number that the mesh follows from, a surface file's triangles, and the versions."""
     digest = hashlib.sha256(f"{MESHER} {version('pytetwild')} {np.__version__} {fineness!r}".encode())
     for part in fields(found):

@@ -10,7 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from geometry.common.errors import SolveError
-from geometry.tetra.layout import Ellipsoid, Layout
+from geometry.tetra.layout import BodyLayout, Ellipsoid
 from geometry.tetra.surface_files import Sheet
 from geometry.tetra.tet_mesh import BEYOND, FACES, GROOVE, INCLUSION, INNER, OUTER, TISSUE, TetMesh, element_volumes
 
@@ -20,7 +20,7 @@ _FILE_VOLUME = 0.05  # of a surface from a file, whose triangles need not be a m
 LEAST_QUALITY = 0.01  # scaled Jacobian
 
 
-def check(mesh: TetMesh, found: Layout) -> None:
+def check(mesh: TetMesh, found: BodyLayout) -> None:
     """Raise ``SolveError``, naming what is wrong, unless the mesh is the scene's."""
     quality = mesh.quality
     if not quality.min() > LEAST_QUALITY:
@@ -39,7 +39,7 @@ def check(mesh: TetMesh, found: Layout) -> None:
             raise SolveError(f"volume mesh: body {label} is in {pieces} pieces")
 
 
-def largest_error(mesh: TetMesh, found: Layout) -> float:
+def largest_error(mesh: TetMesh, found: BodyLayout) -> float:
     """The largest relative error, without sign, of the volumes of blocks, groove, ellipsoids and tissue.
 
     That of an ellipsoid further from the probe than its diameter counts less, as much as it is further.
@@ -49,7 +49,7 @@ def largest_error(mesh: TetMesh, found: Layout) -> float:
     return max(abs(error) * min(1.0, near.get(name, 1.0)) for name, error in known.items())
 
 
-def _why(name: str, found: Layout) -> str:
+def _why(name: str, found: BodyLayout) -> str:
     """What may be the matter where a surface from a file leaks or does not say what is inside."""
     for index, body in enumerate(found.inclusions):
         if isinstance(body, Sheet) and name.startswith(f"inclusion[{index}]"):
@@ -58,12 +58,12 @@ def _why(name: str, found: Layout) -> str:
     return ""
 
 
-def errors(mesh: TetMesh, found: Layout) -> dict[str, float]:
+def errors(mesh: TetMesh, found: BodyLayout) -> dict[str, float]:
     """Relative errors of all volumes and areas that are known."""
     return {name: is_ / expected - 1 for name, (is_, expected, _) in {**_volumes(mesh, found), **_areas(mesh, found)}.items()}
 
 
-def _volumes(mesh: TetMesh, found: Layout) -> dict[str, tuple[float, float, float]]:
+def _volumes(mesh: TetMesh, found: BodyLayout) -> dict[str, tuple[float, float, float]]:
     """By name: a volume in the mesh, the exact one, and the relative error that is allowed."""
     each = element_volumes(mesh.nodes, mesh.elements) * (2 if mesh.half else 1)
 
@@ -90,7 +90,7 @@ def _volumes(mesh: TetMesh, found: Layout) -> dict[str, tuple[float, float, floa
     return result
 
 
-def _areas(mesh: TetMesh, found: Layout) -> dict[str, tuple[float, float, float]]:
+def _areas(mesh: TetMesh, found: BodyLayout) -> dict[str, tuple[float, float, float]]:
     disc, ring = math.pi * found.inner**2, math.pi * (found.tube**2 - found.hole**2)
     result = {"the inner block's film end": (_area(mesh, [INNER], found.inner_height), disc, _VOLUME)}
     result["the outer block's film end"] = (_area(mesh, [OUTER, GROOVE], found.outer_height), ring, _VOLUME)
@@ -121,7 +121,7 @@ def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64
     return result
 
 
-def _footprint(found: Layout) -> float:
+def _footprint(found: BodyLayout) -> float:
     if found.groove is None:
         return 0.0
     a = found.groove[0]
@@ -129,7 +129,7 @@ def _footprint(found: Layout) -> float:
     return strips[0] - strips[1]
 
 
-def _tissue_area(found: Layout) -> float:
+def _tissue_area(found: BodyLayout) -> float:
     return 4 * found.sides[0] * found.sides[1] if found.tissue_radius is None else math.pi * found.tissue_radius**2
 
 
@@ -144,6 +144,6 @@ def _pieces(tetrahedra: Indices) -> int:
     return int(connected_components(graph, directed=False)[0])
 
 
-def _may_be_split(found: Layout, label: int) -> bool:
+def _may_be_split(found: BodyLayout, label: int) -> bool:
     """Bodies that a scene can rightly have in several pieces: what a file holds, and tissue beside a block's sides."""
     return label == BEYOND or (label >= INCLUSION and not isinstance(found.inclusions[label - INCLUSION], Ellipsoid))

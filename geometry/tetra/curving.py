@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from geometry.common.arrays import Points
 from geometry.tetra.snapping import Surface, snapped
 from geometry.tetra.tet_mesh import quadratic, scaled_jacobians
 
-Points = NDArray[np.float64]
 Indices = NDArray[np.int64]
 _FLOOR = 0.03  # scaled Jacobian below which no element falls that was above it
 _SHARES = (0.8, 0.7, 0.6, 0.5, 0.0, 0.0, 0.0)  # of its bend that an edge of a bad element keeps, step by step

@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from geometry.tetra.layout import Layout
+from geometry.common.arrays import Points
+from geometry.tetra.layout import BodyLayout
 from geometry.tetra.stretched_space import MeshSpace
 from geometry.tetra.surface_files import Sheet
 from geometry.tetra.surfaces import Corners
 from geometry.tetra.tet_mesh import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE
 
-Points = NDArray[np.float64]
 Labels = NDArray[np.int64]
 AIR, MIRROR = -1, -2  # outside all bodies; behind the plane of symmetry
 
 
-def labels(found: Layout, turns: Corners, space: MeshSpace, points: Points) -> tuple[Labels, NDArray[np.bool_]]:
+def labels(found: BodyLayout, turns: Corners, space: MeshSpace, points: Points) -> tuple[Labels, NDArray[np.bool_]]:
     """The bodies that points (n, 3) of the scene lie in, or ``AIR`` or ``MIRROR``, and whether beyond the reference cylinder."""
     x, y, z = points.T
     body = np.full(len(points), AIR)
@@ -41,7 +41,7 @@ def labels(found: Layout, turns: Corners, space: MeshSpace, points: Points) -> t
     return body, beyond
 
 
-def _blown(found: Layout, turns: Corners, space: MeshSpace, angle: Points, z: Points) -> list[tuple[Points, Points]]:
+def _blown(found: BodyLayout, turns: Corners, space: MeshSpace, angle: Points, z: Points) -> list[tuple[Points, Points]]:
     """Radii in the mesher's space at each point's height, and how much larger the circle is than its polygon in its direction."""
     result = []
     for size, corners in ((found.inner, turns.hole), (turns.hole_radius, turns.hole), (found.tube, turns.tube)):

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from geometry.common.arrays import Points
 from geometry.common.errors import Refusal
 from geometry.scenes.fit import semi_axes
 from geometry.scenes.probe import mm
@@ -16,7 +16,6 @@ from geometry.scenes.scene import Scene
 from geometry.tetra.layout_fit import check_extent, check_fit
 from geometry.tetra.surface_files import Sheet, read_surface
 
-Points = NDArray[np.float64]
 _EVEN = 1e-9  # by how much of its size a scene may be off its mirror image
 
 
@@ -60,7 +59,7 @@ class Ellipsoid:
 
 
 @dataclass(frozen=True)
-class Layout:
+class BodyLayout:
     """Lengths in m, in the probe's axes: origin on its axis in the tissue's top plane, z out of the tissue.
 
     Attributes:
@@ -130,7 +129,7 @@ def extent(scene: Scene, given: float | None) -> float:
     return max(25 * scene.probe.tube_radius, *(5 * size for size in reach), 0.0)
 
 
-def layout(scene: Scene, half: bool, tissue_extent: float, reference_radius: float | None) -> Layout:
+def layout(scene: Scene, half: bool, tissue_extent: float, reference_radius: float | None) -> BodyLayout:
     """Read a scene into its bodies in the probe's axes.
 
     Args:
@@ -151,7 +150,7 @@ def layout(scene: Scene, half: bool, tissue_extent: float, reference_radius: flo
     groove = None if probe.groove is None else (probe.groove.width / 2, probe.groove.depth)
     bodies = tuple(_inclusion(scene, index) for index in range(len(scene.inclusion)))
     centre, radius, sides, depth = _tissue(scene)
-    whole = Layout(probe.inner_radius, probe.hole_radius, probe.tube_radius, probe.core_height, probe.tube_height, groove,
+    whole = BodyLayout(probe.inner_radius, probe.hole_radius, probe.tube_radius, probe.core_height, probe.tube_height, groove,
                    (centre[0] - at.x, centre[1] - at.y), radius, sides, depth, None, bodies, half)  # fmt: skip
     found = _shortened(whole, tissue_extent)
     check_fit(found, tuple(body.surface or "" for body in scene.inclusion), tissue_extent)
@@ -168,7 +167,7 @@ def _tissue(scene: Scene) -> tuple[tuple[float, float], float | None, tuple[floa
     return (0.0, 0.0), None, (tissue.length / 2, tissue.breadth / 2), tissue.depth
 
 
-def _shortened(whole: Layout, extent: float) -> Layout:
+def _shortened(whole: BodyLayout, extent: float) -> BodyLayout:
     endless = math.inf in (whole.tissue_radius, whole.depth)
     room = math.inf if endless else float(whole.side_distance(np.linspace(0, 2 * math.pi, 721)).max())
     if not endless and room <= extent and whole.depth <= extent:
@@ -178,7 +177,7 @@ def _shortened(whole: Layout, extent: float) -> Layout:
     return replace(shorter, centre=(0.0, 0.0), tissue_radius=extent, sides=(0.0, 0.0)) if room > extent else shorter
 
 
-def _with_wall(found: Layout, wanted: float | None) -> Layout:
+def _with_wall(found: BodyLayout, wanted: float | None) -> BodyLayout:
     room = float(found.side_distance(np.linspace(0, 2 * math.pi, 721)).min())
     coaxial = found.tissue_radius is not None and math.hypot(*found.centre) <= _EVEN * found.tissue_radius
     if coaxial and (wanted is None or wanted >= room * (1 - _EVEN)):
@@ -190,7 +189,7 @@ def _with_wall(found: Layout, wanted: float | None) -> Layout:
     return replace(found, wall=wall)
 
 
-def default_wall(found: Layout, room: float) -> float:
+def default_wall(found: BodyLayout, room: float) -> float:
     """The largest reference cylinder that leaves a fifth of the room beside it and keeps clear of all inclusions."""
     free = [(found.tube * 1.05, (found.tube + room) / 2 if room < 1.2 * found.tube else 0.8 * room)]
     for body in found.inclusions:

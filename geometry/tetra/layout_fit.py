@@ -7,20 +7,19 @@ from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from geometry.common.arrays import Points
 from geometry.common.errors import Refusal, Words
 from geometry.scenes.probe import mm
 from geometry.tetra.surface_files import Sheet
 
 if TYPE_CHECKING:
-    from geometry.tetra.layout import Ellipsoid, Layout
+    from geometry.tetra.layout import BodyLayout, Ellipsoid
 
-Points = NDArray[np.float64]
 _ANGLES = np.linspace(0, 2 * np.pi, 721)
 
 
-def check_fit(found: Layout, names: tuple[str, ...], extent: float) -> None:
+def check_fit(found: BodyLayout, names: tuple[str, ...], extent: float) -> None:
     """Refuse bodies that leave the tissue or overlap; ``names`` of their files, "" without; ``extent`` of the tissue in m.
 
     Raises:
@@ -39,7 +38,7 @@ def check_fit(found: Layout, names: tuple[str, ...], extent: float) -> None:
             raise Refusal(f"inclusion[{index}].surface", given, "inclusions apart")
 
 
-def _leaves(found: Layout, body: Ellipsoid | Sheet) -> str:
+def _leaves(found: BodyLayout, body: Ellipsoid | Sheet) -> str:
     """What of the tissue a body reaches beyond, "" if it is inside."""
     if isinstance(body, Sheet):
         low, high = float(body.points[:, 2].min()), float(body.points[:, 2].max())

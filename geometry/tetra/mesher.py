@@ -14,13 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from geometry.common.arrays import Points
 from geometry.common.errors import SolveError
 from geometry.scenes.scene import Scene
 from geometry.tetra.check import check, largest_error
 from geometry.tetra.curving import curved
 from geometry.tetra.labels import labels
-from geometry.tetra.layout import Layout, extent, layout
-from geometry.tetra.sizing import COARSE, FINE, ROUGH, Fineness, background
+from geometry.tetra.layout import BodyLayout, extent, layout
+from geometry.tetra.sizing import COARSE, FINE, ROUGH, TetraFineness, background
 from geometry.tetra.slivers import without_slivers
 from geometry.tetra.smoothing import mended, unfolded
 from geometry.tetra.snapping import exact_surfaces, held, interfaces, memberships, snapped, surfaces_of
@@ -30,9 +31,8 @@ from geometry.tetra.surfaces import Corners, corners, surfaces
 from geometry.tetra.tet_mesh import TetMesh
 from geometry.tetra.tetwild_process import Failure, TooLong, tetrahedralized
 
-__all__ = ["COARSE", "FINE", "ROUGH", "Fineness", "Timing", "extent", "meshed", "volume_mesh"]
+__all__ = ["COARSE", "FINE", "ROUGH", "TetraFineness", "Timing", "extent", "meshed", "volume_mesh"]
 
-Points = NDArray[np.float64]
 _NEAR = 1.7  # far tissue begins at this many times the probe's largest length
 _ENVELOPE = 0.15  # of the smallest feature: how far pytetwild's surfaces may be from the given ones; never above half the gap
 _WIDEN = 12  # the gap becomes wider by this factor at most: tetrahedra below it are squeezed as much on the way back
@@ -62,7 +62,7 @@ class Timing:
 
 def volume_mesh(
     scene: Scene,
-    fineness: Fineness = COARSE,
+    fineness: TetraFineness = COARSE,
     half: bool = False,
     tissue_extent: float | None = None,
     reference_radius: float | None = None,
@@ -90,7 +90,7 @@ def volume_mesh(
     return meshed(layout(scene, half, extent(scene, tissue_extent), reference_radius), fineness)[0]
 
 
-def meshed(found: Layout, fineness: Fineness) -> tuple[TetMesh, Timing]:
+def meshed(found: BodyLayout, fineness: TetraFineness) -> tuple[TetMesh, Timing]:
     """Mesh a layout; again, within a tighter envelope, where a mesh fails the checks or a volume is off by more than 0.3 %.
 
     Returns:
@@ -123,7 +123,7 @@ def meshed(found: Layout, fineness: Fineness) -> tuple[TetMesh, Timing]:
     return best, Timing(float(spent[0]), float(spent[1]), float(spent[2]), trials)
 
 
-def _trial(found: Layout, fineness: Fineness, envelope: float) -> tuple[TetMesh, Points]:
+def _trial(found: BodyLayout, fineness: TetraFineness, envelope: float) -> tuple[TetMesh, Points]:
     times = [time.perf_counter()]
     space = space_of(found, fineness)
     turns = corners(found, fineness.corners)
@@ -140,7 +140,7 @@ def _trial(found: Layout, fineness: Fineness, envelope: float) -> tuple[TetMesh,
     return mesh, np.diff(times)
 
 
-def space_of(found: Layout, fineness: Fineness) -> MeshSpace:
+def space_of(found: BodyLayout, fineness: TetraFineness) -> MeshSpace:
     """The mesher's space: a gap as wide as the tetrahedra at its rims, tissue beyond the probe and surface files drawn near."""
     sheets = [float(np.linalg.norm(body.points, axis=1).max()) for body in found.inclusions if isinstance(body, Sheet)]
     near = max(_NEAR * max(found.tube, found.inner_height, found.outer_height), *(1.05 * size for size in sheets), 0.0)
@@ -149,7 +149,7 @@ def space_of(found: Layout, fineness: Fineness) -> MeshSpace:
     return mesh_space(found.inner, found.hole, found.tube, wide, near, height, _RISE * fineness.growth * height)
 
 
-def _in_mesh_space(found: Layout, space: MeshSpace, soup: tuple[Points, Any]) -> tuple[Points, NDArray[np.int32]]:
+def _in_mesh_space(found: BodyLayout, space: MeshSpace, soup: tuple[Points, Any]) -> tuple[Points, NDArray[np.int32]]:
     """The surfaces mapped, with the plane of symmetry, a rectangle beyond them all, for half a scene."""
     points, triangles = space.to_mesh(soup[0]), soup[1]
     if found.half:
@@ -162,7 +162,7 @@ def _in_mesh_space(found: Layout, space: MeshSpace, soup: tuple[Points, Any]) ->
     return points, triangles.astype(np.int32)
 
 
-def _smallest(found: Layout, space: MeshSpace) -> float:
+def _smallest(found: BodyLayout, space: MeshSpace) -> float:
     """The smallest feature in the mesher's space, in m."""
     lengths = [found.gap + space.moved[2] - space.moved[1], found.tube - found.hole, found.inner_height, found.outer_height]
     if found.groove is not None:
@@ -196,7 +196,7 @@ def _tetrahedralized(
     return nodes / scale, tetrahedra
 
 
-def _finished(found: Layout, space: MeshSpace, turns: Corners, nodes: Points, tetrahedra: NDArray[np.int64]) -> TetMesh:
+def _finished(found: BodyLayout, space: MeshSpace, turns: Corners, nodes: Points, tetrahedra: NDArray[np.int64]) -> TetMesh:
     """Label, move to the exact surfaces, mend, curve, and drop what is outside."""
     points = space.to_scene(nodes)
     body, beyond = labels(found, turns, space, space.to_scene(nodes[tetrahedra].mean(axis=1)))

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from geometry.tetra.layout import Layout
+from geometry.common.arrays import Points
+from geometry.tetra.layout import BodyLayout
 from geometry.tetra.stretched_space import MeshSpace
 
-Points = NDArray[np.float64]
 _KUHN = np.array([(0, 1, 3, 7), (0, 1, 5, 7), (0, 2, 3, 7), (0, 2, 6, 7), (0, 4, 5, 7), (0, 4, 6, 7)])  # a cube's six
 _THIN = 4.5  # tubes with walls thinner than the solid cylinder's radius over this have finer rims
 _AROUND = 1.6  # how much faster tetrahedra become larger round inclusions than round the probe
@@ -21,7 +21,7 @@ _BEYOND = 1.1  # times the tissue's size: from where on points count as outside
 
 
 @dataclass(frozen=True)
-class Fineness:
+class TetraFineness:
     """Sizes of tetrahedra relative to the bodies', and how they grow.
 
     Attributes:
@@ -45,12 +45,12 @@ class Fineness:
     corners: int
 
 
-ROUGH = Fineness(groove=1.0, rim=0.14, block=0.45, wall=1.3, sphere=0.45, layer=0.9, growth=0.42, corners=24)
-COARSE = Fineness(groove=0.65, rim=0.1, block=0.33, wall=0.95, sphere=0.333, layer=0.65, growth=0.32, corners=32)
-FINE = Fineness(groove=0.4, rim=0.072, block=0.24, wall=0.65, sphere=0.222, layer=0.45, growth=0.235, corners=48)
+ROUGH = TetraFineness(groove=1.0, rim=0.14, block=0.45, wall=1.3, sphere=0.45, layer=0.9, growth=0.42, corners=24)
+COARSE = TetraFineness(groove=0.65, rim=0.1, block=0.33, wall=0.95, sphere=0.333, layer=0.65, growth=0.32, corners=32)
+FINE = TetraFineness(groove=0.4, rim=0.072, block=0.24, wall=0.65, sphere=0.222, layer=0.45, growth=0.235, corners=48)
 
 
-def sizes(found: Layout, fine: Fineness, space: MeshSpace, points: Points) -> Points:
+def sizes(found: BodyLayout, fine: TetraFineness, space: MeshSpace, points: Points) -> Points:
     """Edge lengths in m at points (n, 3) of the scene."""
     radius, z = np.hypot(points[:, 0], points[:, 1]), points[:, 2]
     rims = np.full(len(points), np.inf)
@@ -81,12 +81,12 @@ def sizes(found: Layout, fine: Fineness, space: MeshSpace, points: Points) -> Po
     return result
 
 
-def _beside(found: Layout, radius: Points, z: Points) -> Points:
+def _beside(found: BodyLayout, radius: Points, z: Points) -> Points:
     """Distance from the probe's blocks."""
     return np.hypot(np.maximum(radius - found.tube, 0), np.maximum(-z, 0))
 
 
-def background(found: Layout, fine: Fineness, space: MeshSpace, box: Points) -> tuple[Points, NDArray[np.int32], Points]:
+def background(found: BodyLayout, fine: TetraFineness, space: MeshSpace, box: Points) -> tuple[Points, NDArray[np.int32], Points]:
     """A mesh of the box (2, 3) of the mesher's space: points, tetrahedra and an edge length at each point."""
     least = fine.rim * found.inner
     axes = [_graded(low, high, least, space.near) for low, high in box.T]
@@ -102,7 +102,7 @@ def background(found: Layout, fine: Fineness, space: MeshSpace, box: Points) -> 
     return grid, tetrahedra.astype(np.int32), values
 
 
-def _outside(found: Layout, points: Points) -> NDArray[np.bool_]:
+def _outside(found: BodyLayout, points: Points) -> NDArray[np.bool_]:
     """Points well outside all bodies, where nothing is kept of the mesh."""
     radius, z, away = np.hypot(points[:, 0], points[:, 1]), points[:, 2], 0.2 * found.tube
     above = (z > away) & ((radius > found.tube + away) | (z > max(found.inner_height, found.outer_height) + away))

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from geometry.common.arrays import Points
 from geometry.tetra.labels import AIR
 from geometry.tetra.smoothing import mean_ratios
 from geometry.tetra.snapping import Surface, interfaces, memberships, snapped, surfaces_of
 
-Points = NDArray[np.float64]
 Indices = NDArray[np.int64]
 _FLAT = 0.1  # mean ratio of a tetrahedron that is given away
 _ROUNDS = 3

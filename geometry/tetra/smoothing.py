@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from geometry.common.arrays import Points
 from geometry.tetra.snapping import Surface, snapped
 
-Points = NDArray[np.float64]
 Indices = NDArray[np.int64]
 _REGULAR = np.linalg.inv(np.array([[1, 0.5, 0.5], [0, 3**0.5 / 2, 3**0.5 / 6], [0, 0, (2 / 3) ** 0.5]]))
 _POWER = 2  # the larger, the more the worst tetrahedron counts

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from geometry.common.arrays import Points
 from geometry.tetra.labels import AIR, MIRROR
-from geometry.tetra.layout import Ellipsoid, Layout
+from geometry.tetra.layout import BodyLayout, Ellipsoid
 from geometry.tetra.tet_mesh import BEYOND, FACES, GROOVE, INCLUSION, INNER, OUTER, TISSUE
 
-Points = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Level = Callable[[Points], tuple[Points, Points]]  # distances (n,), about, and their gradients (n, 3)
 _STEPS = 6
@@ -31,7 +31,7 @@ class Surface:
     held: bool = False
 
 
-def exact_surfaces(found: Layout) -> list[Surface]:
+def exact_surfaces(found: BodyLayout) -> list[Surface]:
     """All exact surfaces of a scene, the plane of symmetry last."""
     air = AIR
     result = [
@@ -157,7 +157,7 @@ def _cylinder(radius: float, centre: tuple[float, float] = (0.0, 0.0)) -> Level:
     return level
 
 
-def _sides(found: Layout) -> list[Level]:
+def _sides(found: BodyLayout) -> list[Level]:
     if found.tissue_radius is not None:
         return [_cylinder(found.tissue_radius, found.centre)]
     (x, y), (a, b) = found.centre, found.sides

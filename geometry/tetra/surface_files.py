@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from geometry.common.arrays import Points
 from geometry.common.errors import InputError, Words
 
-Points = NDArray[np.float64]
 _DEFLECTION = 0.002  # of a STEP surface's diagonal: how far its triangles may lie from it
 _INSIDE = 0.5  # winding number from which a point counts as inside
 _CHUNK = 2_000_000

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from geometry.tetra.layout import Ellipsoid, Layout
+from geometry.common.arrays import Points
+from geometry.tetra.layout import BodyLayout, Ellipsoid
 from geometry.tetra.surface_files import Sheet
 
-Points = NDArray[np.float64]
 Triangles = NDArray[np.int64]
 Soup = tuple[Points, Triangles]
 _OCTAHEDRON = ((0, 2, 4), (2, 1, 4), (1, 3, 4), (3, 0, 4), (2, 0, 5), (1, 2, 5), (3, 1, 5), (0, 3, 5))
@@ -43,7 +43,7 @@ class Corners:
     across: tuple[int, int]
 
 
-def corners(found: Layout, count: int) -> Corners:
+def corners(found: BodyLayout, count: int) -> Corners:
     """Choose ``count`` directions, a multiple of 4, all round; with corners where groove and block have theirs."""
     first = 0 if found.half else -count // 2
     even: Points = np.arange(first, count // 2 + 1, dtype=np.float64) * (2 * np.pi / count)
@@ -62,7 +62,7 @@ def corners(found: Layout, count: int) -> Corners:
     return Corners(hole, tube, side, hole_radius, (-first, steps))
 
 
-def surfaces(found: Layout, turns: Corners, rows: int, sphere: int) -> Soup:
+def surfaces(found: BodyLayout, turns: Corners, rows: int, sphere: int) -> Soup:
     """All surfaces but the plane of symmetry; ``rows`` of quadrilaterals down the tissue's side, ``sphere`` to a right angle."""
     soups = [*_blocks(found, turns), *_tissue(found, turns, rows)]
     for body in found.inclusions:
@@ -110,7 +110,7 @@ def disc(row: Points) -> Soup:
     return row, np.array(parts, dtype=np.int64)
 
 
-def _blocks(found: Layout, turns: Corners) -> list[Soup]:
+def _blocks(found: BodyLayout, turns: Corners) -> list[Soup]:
     top, height = found.inner_height, found.outer_height
     core = [ring(found.inner, turns.hole, z) for z in (0.0, top)]
     levels = [0.0, height] if found.groove is None else [0.0, height - found.groove[1], height]
@@ -127,7 +127,7 @@ def _blocks(found: Layout, turns: Corners) -> list[Soup]:
     return soups
 
 
-def _tissue(found: Layout, turns: Corners, rows: int) -> list[Soup]:
+def _tissue(found: BodyLayout, turns: Corners, rows: int) -> list[Soup]:
     tube, far = ring(found.tube, turns.tube, 0.0), ring(found.side_distance(turns.side), turns.side, 0.0)
     down = -found.depth * np.linspace(0, 1, rows + 1)
     soups = [band(*(far + np.array([0, 0, z]) for z in down))]

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Points = NDArray[np.float64]
+from geometry.common.arrays import Points
+
 Indices = NDArray[np.int64]
 
 INNER, OUTER, GROOVE, TISSUE, BEYOND, INCLUSION = range(6)

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from hw.common.samples import Floats
-from hw.wire.frames import HIGHEST, LOWEST, OVERRUN, Codes, Layout, encoded
+from hw.wire.frames import HIGHEST, LOWEST, OVERRUN, Codes, FrameLayout, encoded
 from hw.wire.protocol import GET_INFO, GET_STATUS, RATE, SET_RATE, START, STOP, Info, Status
 
 Kind = Literal["drop", "repeat", "corrupt", "cut", "overrun", "stall", "error", "silence", "unplug", "power"]
@@ -54,7 +54,7 @@ class Firmware:
     def __init__(
         self, signals: Callable[[Floats], Floats], rate: float, scale: tuple[float, ...], packet: int, faults: Sequence[Fault]
     ) -> None:
-        self.layout, self.rate = Layout(packet, len(scale)), rate
+        self.layout, self.rate = FrameLayout(packet, len(scale)), rate
         self._signals, self._scale = signals, np.array(scale, np.float32).astype(float)  # as GET_INFO tells it
         self._highest = rate
         self.stream, self.index, self.sent, self.overruns, self.halted = 0, 0, 0, 0, False

@@ -9,7 +9,7 @@ import usb.core
 import usb.util
 
 from hw.common.errors import ProtocolError
-from hw.usb.find import Found, release, where
+from hw.usb.find import FoundDevice, release, where
 from hw.wire.protocol import GET_INFO, GET_STATUS, IN, OUT, RATE, SET_RATE, START, STOP, VENDOR_CLASS, Info, Status
 
 _CONTROL_TIMEOUT = 1000  # ms
@@ -26,7 +26,7 @@ class UsbDevice:
         usb.core.USBError: it cannot be opened or claimed.
     """
 
-    def __init__(self, found: Found) -> None:
+    def __init__(self, found: FoundDevice) -> None:
         self._device, self.serial = found.device, found.serial
         self.place = where(found.device)
         try:

@@ -22,7 +22,7 @@ _STRING, _ENGLISH = 0x0300, 0x0409
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundDevice:
     """A device that looks like a probe.
 
     Attributes:
@@ -60,7 +60,7 @@ def libusb() -> IBackend:
     return _Context(backend.lib)
 
 
-def find(serial: str | None, backends: Backends = libusb) -> Found:
+def find(serial: str | None, backends: Backends = libusb) -> FoundDevice:
     """Return the probe with the serial number, or the only one connected.
 
     Raises:
@@ -79,7 +79,7 @@ def find(serial: str | None, backends: Backends = libusb) -> Found:
     raise _none(serial, probes) from next((probe.fault for probe in probes if probe.fault), None)
 
 
-def connected(backend: IBackend) -> list[Found]:
+def connected(backend: IBackend) -> list[FoundDevice]:
     """Return all devices with the probe's vendor and product number, by their place on the bus."""
     devices = usb.core.find(find_all=True, idVendor=VENDOR_ID, idProduct=PRODUCT_ID, backend=backend)
     return sorted((_read_serial(device) for device in devices), key=lambda probe: (probe.device.bus, probe.device.address))
@@ -97,16 +97,16 @@ def release(devices: list[Any]) -> None:
             usb.util.dispose_resources(device)
 
 
-def _read_serial(device: Any) -> Found:
+def _read_serial(device: Any) -> FoundDevice:
     """Read the serial string itself: pyusb's own property hides from us why it could not."""
     try:
         told = bytes(device.ctrl_transfer(0x80, 6, _STRING | device.iSerialNumber, _ENGLISH, 255))
     except (usb.core.USBError, NotImplementedError) as fault:
-        return Found(device, "", fault)
-    return Found(device, told[2 : told[0]].decode("utf-16-le", "replace") if told else "")
+        return FoundDevice(device, "", fault)
+    return FoundDevice(device, told[2 : told[0]].decode("utf-16-le", "replace") if told else "")
 
 
-def _none(serial: str | None, probes: list[Found]) -> HardwareError:
+def _none(serial: str | None, probes: list[FoundDevice]) -> HardwareError:
     """Return why there is no probe: it is not there, or its serial number could not be read."""
     for probe in probes:
         if probe.fault is not None:

@@ -22,7 +22,7 @@ from hw.common.transport import Chunk, Header, now
 from hw.usb.device import UsbDevice
 from hw.usb.faults import meaning, named
 from hw.usb.find import Backends, find, libusb
-from hw.wire.frames import CHANNELS, Layout
+from hw.wire.frames import CHANNELS, FrameLayout
 
 _FAULTS = (USBError, NotImplementedError)
 _REASON: dict[type[HardwareError], str] = {Stalled: "the endpoint was halted", Disconnected: "the device was unplugged"}
@@ -132,7 +132,7 @@ class UsbTransport:
         if rate is not None:
             self._device.set_rate(rate)
         info, packet = self._device.info(), self._device.packet
-        layout = Layout(packet, info.channels)
+        layout = FrameLayout(packet, info.channels)
         frames = max(1, round(self._patience.span * info.rate / layout.rows))
         self._size = min(frames, self._patience.largest // packet) * packet
         self._device.start(self._stream)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hw.common.errors import ProtocolError
 from hw.common.samples import Gap, Ints, Samples
-from hw.wire.frames import CHANNELS, CRC, HIGHEST, LOWEST, MAGIC, OVERRUN, SATURATED, VERSION, Layout
+from hw.wire.frames import CHANNELS, CRC, HIGHEST, LOWEST, MAGIC, OVERRUN, SATURATED, VERSION, FrameLayout
 
 GIVE_UP = 2_000  # frames' worth of bytes without a single valid frame
 OVERRAN = "the device's buffer ran over"
@@ -44,7 +44,7 @@ class FrameDecoder:
 
     def __init__(self, form: Format, source: dict[str, Any]) -> None:
         self.form, self.source = form, source
-        self.layout = Layout(form.size, len(form.scale))
+        self.layout = FrameLayout(form.size, len(form.scale))
         self.skipped = 0  # bytes that belonged to no valid frame
         self.repeated = 0  # frames that had been seen, or belonged to another stream
         self._dtype = self.layout.dtype

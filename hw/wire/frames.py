@@ -28,7 +28,7 @@ SMALLEST, LARGEST = 32, 1024  # bytes in a frame
 
 
 @dataclass(frozen=True)
-class Layout:
+class FrameLayout:
     """How a device fills its frames.
 
     Attributes:
@@ -80,7 +80,7 @@ class Frame:
     codes: Codes
     flags: int = 0
 
-    def encoded(self, layout: Layout) -> bytes:
+    def encoded(self, layout: FrameLayout) -> bytes:
         """Return the frame's bytes; unused ones are zero."""
         rows, channels = self.codes.shape
         if channels != layout.channels or not 1 <= rows <= layout.rows:
@@ -91,7 +91,7 @@ class Frame:
         return body + CRC.pack(zlib.crc32(body))
 
 
-def encoded(layout: Layout, stream: int, sequence: int, index: int, codes: Codes, flags: int = 0) -> bytes:
+def encoded(layout: FrameLayout, stream: int, sequence: int, index: int, codes: Codes, flags: int = 0) -> bytes:
     """Return consecutive full frames, many at once: what ``Frame.encoded`` gives for each.
 
     Args:
@@ -114,15 +114,15 @@ def encoded(layout: Layout, stream: int, sequence: int, index: int, codes: Codes
     return frames.tobytes()
 
 
-def vectors() -> dict[str, tuple[Layout, Frame]]:
+def vectors() -> dict[str, tuple[FrameLayout, Frame]]:
     """Return the frames whose bytes the specification prints."""
     ramp = np.arange(20, dtype=np.int16).reshape(10, 2)
     ends = np.array([[HIGHEST, LOWEST, -1], [1, 2, 3]], np.int16)
     return {
-        "64 bytes, two channels, the first frame of stream 1": (Layout(64, 2), Frame(0, 0, 1, ramp)),
-        "64 bytes, the last sequence number before it wraps": (Layout(64, 2), Frame(2**32 - 1, 10 * (2**32 - 1), 1, -ramp)),
+        "64 bytes, two channels, the first frame of stream 1": (FrameLayout(64, 2), Frame(0, 0, 1, ramp)),
+        "64 bytes, the last sequence number before it wraps": (FrameLayout(64, 2), Frame(2**32 - 1, 10 * (2**32 - 1), 1, -ramp)),
         "64 bytes, three channels, two rows, overrun, inner channel saturated": (
-            Layout(64, 3),
+            FrameLayout(64, 3),
             Frame(7, 2**40, 0xBEEF, ends, OVERRUN | SATURATED),
         ),
     }

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal
-from geometry.meridian.grading import Floats
 from geometry.scenes.scene import Placement, Scene
 from geometry.scenes.variables import changed, values
 from probe_design.built_probe.bench import Reference, Workshop

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
-from geometry.meridian.grading import Floats
 from geometry.scenes.scene import Scene
 from hw.common.samples import Samples
 from hw.signal.measure import Measurement

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
-from geometry.meridian.grading import Floats
 from geometry.scenes.scene import Scene
 from hw.common.samples import Samples
 from probe_design.built_probe.bench import Bench
@@ -28,7 +28,7 @@ LEVEL = 0.01  # p-value below which the probe fails
 
 
 @dataclass(frozen=True)
-class Block:
+class BlockDeviation:
     """One block: stress ratios measured and predicted, their standard deviations, and their difference over its own."""
 
     name: str
@@ -54,7 +54,7 @@ class Check:
         untold: variables of which the readings tell nothing, or that the calibration has absorbed.
     """
 
-    blocks: tuple[Block, ...]
+    blocks: tuple[BlockDeviation, ...]
     chi_square: float
     degrees_of_freedom: int
     p_value: float
@@ -131,10 +131,10 @@ def _log_ratio(gains: Gains, films: Floats, covariance: Floats) -> tuple[float, 
     return float(np.log(forces[0] / forces[1])), float(by_films @ covariance @ by_films), slope @ gains.by_entries(films)
 
 
-def _blocks(scene: Scene, bench: Bench, found: Deviation, known: Shares) -> tuple[Block, ...]:
+def _blocks(scene: Scene, bench: Bench, found: Deviation, known: Shares) -> tuple[BlockDeviation, ...]:
     areas = scene.probe.outer_area / scene.probe.inner_area
     ratios, told = np.exp(found.logs) * areas, np.exp(known.log_ratios) * areas
     read, model = np.diag(found.read), found.model
     columns = (ratios, ratios * np.sqrt(read), told, told * np.sqrt(model), (found.logs - found.drawn) / np.sqrt(read + model))
     rows = np.stack(columns, axis=1).tolist()
-    return tuple(Block(block.name, *row) for block, row in zip(bench.blocks, rows, strict=True))
+    return tuple(BlockDeviation(block.name, *row) for block, row in zip(bench.blocks, rows, strict=True))

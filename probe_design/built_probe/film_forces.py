@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
-from geometry.meridian.grading import Floats
 from geometry.scenes.probe import Probe
 from geometry.scenes.scene import Scene
 from hw.common.samples import Samples

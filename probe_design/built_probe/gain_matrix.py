@@ -18,8 +18,8 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
-from geometry.meridian.grading import Floats
 from hw.common.samples import Ints
 from probe_design.built_probe.bench import Bench, Reference
 from probe_design.built_probe.block_predictions import Shares

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
 from hw.signal.measure import Measurement, carried
 from probe_design.built_probe.bench import Bench

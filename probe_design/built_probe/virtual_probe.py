@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
-from geometry.meridian.grading import Floats
 from geometry.scenes.probe import Film
 from geometry.scenes.scene import Scene
 from hw.signal.amplifier import ChargeAmplifier

@@ -14,7 +14,7 @@ from probe_design.cli.arguments import number, print_json
 if TYPE_CHECKING:
     from hw.common.samples import Samples
     from probe_design.built_probe.bench import Reference
-    from probe_design.cli.hardware_sources import Setting, Source
+    from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
 
 Verb = Callable[..., None]
 
@@ -59,12 +59,12 @@ def read(scene: Path | None, bench: Path | None, calibration: Path | None, accur
     from probe_design.built_probe.film_forces import reading
     from probe_design.built_probe.reading import prediction
     from probe_design.built_probe.reading import read as judged
-    from probe_design.cli.hardware_sources import Setting, Source
+    from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
     from probe_design.terminal.console import message, show, working
     from probe_design.terminal.hardware_tables import read_table
     from probe_design.terminal.live import following
 
-    chosen, setting = Source(**source), Setting.of(scene, bench, calibration)
+    chosen, setting = SampleSource(**source), HardwareSetup.of(scene, bench, calibration)
     length, (recording,) = chosen.length, chosen.recordings(1)
     (opener,) = chosen.openers(lambda: (_on_scene(setting, chosen, accuracy),), 1, sys.stderr.isatty())
     with opener() as reader:  # what is not there is missed before anything is computed
@@ -105,11 +105,11 @@ def calibrate(scene: Path | None, bench: Path | None, output: Path, as_json: boo
     from geometry.common.files import check_writable
     from probe_design.built_probe.calibration import calibrate as run
     from probe_design.built_probe.calibration_record import check_free, record, write_record
-    from probe_design.cli.hardware_sources import Setting, Source, described, raw
+    from probe_design.cli.hardware_sources import HardwareSetup, SampleSource, described, raw
     from probe_design.terminal.console import message, show, working
     from probe_design.terminal.hardware_tables import calibration_table
 
-    chosen, setting = Source(**source), Setting.of(scene, bench, None)
+    chosen, setting = SampleSource(**source), HardwareSetup.of(scene, bench, None)
     check_free(output)
     check_writable(output.parent)
     samples, files = _readings(setting, chosen, setting.bench.reference, run=0)
@@ -147,11 +147,11 @@ def check(
     from geometry.common.files import write_text
     from probe_design.built_probe.calibration_record import check_free
     from probe_design.built_probe.check import check as run
-    from probe_design.cli.hardware_sources import Setting, Source
+    from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
     from probe_design.terminal.console import message, show, working
     from probe_design.terminal.hardware_tables import check_table, explanations_table, sentence
 
-    chosen, setting = Source(**source), Setting.of(scene, bench, calibration)
+    chosen, setting = SampleSource(**source), HardwareSetup.of(scene, bench, calibration)
     if output is not None:
         check_free(output)
     samples, _ = _readings(setting, chosen, setting.bench.blocks, run=1)
@@ -175,7 +175,7 @@ def check(
 
 
 def _readings(
-    setting: Setting, source: Source, references: Sequence[Reference], run: int
+    setting: HardwareSetup, source: SampleSource, references: Sequence[Reference], run: int
 ) -> tuple[list[Samples], tuple[Path | None, ...]]:
     """One reading on each reference, and where its raw data are."""
     from hw.common.errors import HardwareError
@@ -194,7 +194,7 @@ def _readings(
     return samples, source.replay or files
 
 
-def _ask_for(reference: Reference, which: str, source: Source) -> None:
+def _ask_for(reference: Reference, which: str, source: SampleSource) -> None:
     from geometry.common.errors import InputError, Words
     from probe_design.terminal.console import message
 
@@ -208,14 +208,14 @@ def _ask_for(reference: Reference, which: str, source: Source) -> None:
     input()
 
 
-def _on_scene(setting: Setting, source: Source, accuracy: str) -> Any:
+def _on_scene(setting: HardwareSetup, source: SampleSource, accuracy: str) -> Any:
     from probe_design.built_probe.reading import prediction
 
     bench = setting.virtual(source)
     return bench.on_scene(prediction(bench.scene, number("accuracy", accuracy)))
 
 
-def _on_references(setting: Setting, source: Source, references: Sequence[Reference], run: int) -> Any:
+def _on_references(setting: HardwareSetup, source: SampleSource, references: Sequence[Reference], run: int) -> Any:
     from probe_design.built_probe.reading import prediction
     from probe_design.built_probe.virtual_probe import load_of
 

@@ -34,7 +34,7 @@ Opener = Callable[[], Reader]
 
 
 @dataclass(frozen=True)
-class Source:
+class SampleSource:
     """Where samples come from, as the command line says it; exactly one of the first three, or the only probe on USB."""
 
     virtual: bool = False
@@ -97,7 +97,7 @@ class Source:
 
 
 @dataclass(frozen=True)
-class Setting:
+class HardwareSetup:
     """Scene, bench and, where there is one, calibration."""
 
     scene: Scene
@@ -105,7 +105,7 @@ class Setting:
     calibration: CalibrationRecord | None = None
 
     @classmethod
-    def of(cls, scene: Path | None, bench: Path | None, calibration: Path | None) -> Setting:
+    def of(cls, scene: Path | None, bench: Path | None, calibration: Path | None) -> HardwareSetup:
         """Read the files; what is not given is the calibration's or the built-in one.
 
         Raises:
@@ -124,7 +124,7 @@ class Setting:
             raise InputError("calibration", str(calibration), "one with this bench's amplifier")
         return setting
 
-    def virtual(self, source: Source) -> VirtualBench:
+    def virtual(self, source: SampleSource) -> VirtualBench:
         """Return the virtual probe, built as the source says."""
         scene = by_outer_radius(self.scene)
         new = dict(_change(scene, one) for one in source.built)

@@ -17,12 +17,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Bools, Floats
 from probe_design.estimation.interpolation import hermite, lagrange, parabola, place
 from probe_design.estimation.intervals import QUANTILE, threshold
-from probe_design.estimation.model import Model, Predicted
+from probe_design.estimation.model import Predicted, TargetModel
 from probe_design.estimation.strength import DepthAndStrength, strength
-from solver.axisymmetric.dofs import Bools
 
 DEPTHS, SIZES = 40, 48  # nodes
 FINE = 121  # points along each axis of a window
@@ -37,7 +36,7 @@ class Plane:
     """Predictions for targets of many depths and strengths.
 
     Attributes:
-        model: see ``Model``.
+        model: see ``TargetModel``.
         partner: youngs_modulus or diameter, by which the strength is varied.
         u: ln depth, shape (a,).
         v: ln modulus, or ln of the diameter over the largest that fits at each depth, shape (b,).
@@ -45,7 +44,7 @@ class Plane:
         slope: of its values by v, shape (a b, k).
     """
 
-    model: Model
+    model: TargetModel
     partner: str
     u: Floats
     v: Floats
@@ -53,7 +52,7 @@ class Plane:
     slope: Floats
 
     @classmethod
-    def of(cls, model: Model, partner: str) -> Plane:
+    def of(cls, model: TargetModel, partner: str) -> Plane:
         """Predict."""
         top, bottom = np.log(model.span("depth"))
         u = np.linspace(top, bottom, DEPTHS)

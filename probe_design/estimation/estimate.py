@@ -18,14 +18,14 @@ from typing import Any
 
 import numpy as np
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal
-from geometry.meridian.grading import Floats
 from geometry.scenes.scene import Scene
 from probe_design.estimation.depth_and_strength import Plane
 from probe_design.estimation.intervals import Likelihood, Piece, p_value
-from probe_design.estimation.model import Model, check_kind
+from probe_design.estimation.model import TargetModel, check_kind
 from probe_design.estimation.profile import Track
-from probe_design.estimation.readings import Data, Reading
+from probe_design.estimation.readings import Measurements, Reading
 from probe_design.estimation.reasons import Findings, reason, warnings
 from probe_design.estimation.strength import DepthAndStrength, Interval, strength
 from solver.equivalent_inclusion.level import EquivalentInclusion
@@ -100,12 +100,12 @@ def estimate(
     if unknown not in WIDEST:
         raise InputError("unknown", unknown, ", ".join(WIDEST))
     check_kind(scene)
-    data = Data.of(readings)
+    data = Measurements.of(readings)
     if accuracy is None:
         accuracy = float(np.clip(data.noise[~data.is_stiffness].min() / 4, FINEST, 0.01))
     if not 0 < accuracy < 1:
         raise InputError("accuracy", accuracy, "a number above 0 and below 1, such as 0.01")
-    model = Model(scene, data, accuracy)
+    model = TargetModel(scene, data, accuracy)
     notes: tuple[str, ...] = ()
     useless = data.is_stiffness & (model.stiffness_error > data.noise)
     if useless.any():
@@ -116,7 +116,7 @@ def estimate(
     return _estimate(found, _together(found), notes, start)
 
 
-def findings(model: Model, unknown: str) -> Findings:
+def findings(model: TargetModel, unknown: str) -> Findings:
     """Return which values of the unknown the readings leave."""
     track, noise, y = Track.of(model, unknown), model.data.noise, model.data.value
     if not track.runs:

@@ -33,7 +33,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2, norm
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats
 from probe_design.estimation.profile import Track
 
 LEVEL = 0.95

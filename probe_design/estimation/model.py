@@ -7,13 +7,12 @@ from functools import cached_property
 
 import numpy as np
 
+from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import InputError, Refusal, Words
-from geometry.meridian.grading import Floats
 from geometry.scenes.probe import MODULUS, mm
 from geometry.scenes.scene import Inclusion, Placement, Scene
-from probe_design.estimation.readings import Data
+from probe_design.estimation.readings import Measurements
 from probe_design.maps.target_grid import check_spheres
-from solver.axisymmetric.dofs import Bools, Ints
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import Readings, readings
@@ -30,7 +29,7 @@ class Predicted:
     """Predictions for n bodies.
 
     Attributes:
-        value: ln |ratio| or ln stiffness, in the order of ``Data``, shape (n, k); 0 where ``told`` is false.
+        value: ln |ratio| or ln stiffness, in the order of ``Measurements``, shape (n, k); 0 where ``told`` is false.
         by_modulus: derivatives of ``value`` by ln E_object, shape (n, k).
         by_diameter: by ln diameter, 0 unless asked for, shape (n, k).
         bound: on the model's error of ``value``, shape (n, k).
@@ -52,7 +51,7 @@ class Predicted:
 
 
 @dataclass(frozen=True)
-class Model:
+class TargetModel:
     """A scene whose target is to be exchanged for others.
 
     Attributes:
@@ -62,7 +61,7 @@ class Model:
     """
 
     scene: Scene
-    data: Data
+    data: Measurements
     accuracy: float
 
     @property

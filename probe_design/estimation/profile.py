@@ -18,10 +18,9 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from geometry.meridian.grading import Floats
-from probe_design.estimation.model import Model, Predicted
+from geometry.common.arrays import Bools, Floats, Ints
+from probe_design.estimation.model import Predicted, TargetModel
 from probe_design.estimation.strength import share_of_shear
-from solver.axisymmetric.dofs import Bools, Ints
 
 SOFT = (0.01, 0.04, 0.1, 0.22, 0.45)  # contrasts of nodes below 1: bulk softens fast there
 STIFF = 5  # nodes from contrast 1 to the largest
@@ -42,14 +41,14 @@ class Track:
         slope: derivatives of ``predicted.value`` by x, shape (n, k).
     """
 
-    model: Model
+    model: TargetModel
     unknown: str
     x: Floats
     predicted: Predicted
     slope: Floats
 
     @classmethod
-    def of(cls, model: Model, unknown: str) -> Track:
+    def of(cls, model: TargetModel, unknown: str) -> Track:
         """Predict."""
         low, high = model.span(unknown)
         x = _nodes(model, unknown, low, high)
@@ -99,7 +98,7 @@ def _runs(good: Bools) -> list[Ints]:
     return [run for run in np.split(found, np.flatnonzero(np.diff(found) > 1) + 1) if len(run)]
 
 
-def _nodes(model: Model, unknown: str, low: float, high: float) -> Floats:
+def _nodes(model: TargetModel, unknown: str, low: float, high: float) -> Floats:
     if unknown == "diameter":
         return np.array(SIZES)
     ends = _forth(model, unknown, np.array([low, high]))
@@ -110,23 +109,23 @@ def _nodes(model: Model, unknown: str, low: float, high: float) -> Floats:
     return np.concatenate([ends[:1], soft[soft > ends[0]], stiff])
 
 
-def _beta(model: Model) -> float:
+def _beta(model: TargetModel) -> float:
     return share_of_shear(model.scene.tissue)
 
 
-def _forth(model: Model, unknown: str, values: Floats) -> Floats:
+def _forth(model: TargetModel, unknown: str, values: Floats) -> Floats:
     if unknown == "youngs_modulus":
         return np.asarray(-1 / (1 + _beta(model) * (values / model.scene.tissue.youngs_modulus - 1)))
     return np.log(values) if unknown == "depth" else np.asarray(values / model.span("diameter")[1])
 
 
-def _back(model: Model, unknown: str, x: Floats) -> Floats:
+def _back(model: TargetModel, unknown: str, x: Floats) -> Floats:
     if unknown == "youngs_modulus":
         return np.asarray(model.scene.tissue.youngs_modulus * (1 + (-1 / x - 1) / _beta(model)))
     return np.exp(x) if unknown == "depth" else np.asarray(x * model.span("diameter")[1])
 
 
-def _by_log_modulus(model: Model, moduli: Floats) -> Floats:
+def _by_log_modulus(model: TargetModel, moduli: Floats) -> Floats:
     """Return d x / d ln E = beta c x^2."""
     x = _forth(model, "youngs_modulus", moduli)
     return np.asarray(_beta(model) * moduli / model.scene.tissue.youngs_modulus * x**2)

@@ -24,14 +24,13 @@ from typing import Any
 
 import numpy as np
 
+from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import InputError, Words
 from geometry.common.text_files import read_text, tables
-from geometry.meridian.grading import Floats
 from geometry.scenes import fit as placement
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Placement, Scene
 from geometry.scenes.units import Quantity
-from solver.axisymmetric.dofs import Bools, Ints
 
 KEYS = ("x", "y", "ratio", "noise", "stiffness", "stiffness_noise")
 MOST_READINGS = 1000
@@ -67,7 +66,7 @@ class Reading:
 
 
 @dataclass(frozen=True)
-class Data:
+class Measurements:
     """All that was measured, as logarithms: a row of k independent normal numbers.
 
     Attributes:
@@ -87,7 +86,7 @@ class Data:
     noise: Floats
 
     @classmethod
-    def of(cls, readings: tuple[Reading, ...]) -> Data:
+    def of(cls, readings: tuple[Reading, ...]) -> Measurements:
         """Return what the readings say."""
         places = list(dict.fromkeys(one.place for one in readings))
         rows = [(one, False, one.ratio, one.noise) for one in readings]
@@ -102,7 +101,7 @@ class Data:
             np.array([row[3] for row in rows], dtype=float),
         )
 
-    def some(self, kept: Bools) -> Data:
+    def some(self, kept: Bools) -> Measurements:
         """Return part of what was measured."""
         return replace(self, **{key: getattr(self, key)[kept] for key in ("place", "is_stiffness", "value", "sign", "noise")})
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats
 from probe_design.estimation.intervals import TOLERATED, Piece
-from probe_design.estimation.model import WORST, Model
+from probe_design.estimation.model import WORST, TargetModel
 from probe_design.estimation.profile import Track
 from probe_design.estimation.strength import DepthAndStrength, Interval
 from solver.equivalent_inclusion.readings import readings
@@ -42,7 +42,7 @@ class Findings:
     shift: float
 
     @property
-    def model(self) -> Model:
+    def model(self) -> TargetModel:
         """What predicts."""
         return self.track.model
 

@@ -23,12 +23,11 @@ from typing import Any
 
 import numpy as np
 
+from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import InputError
-from geometry.meridian.grading import Floats
 from geometry.scenes.scene import Scene
 from probe_design.maps.scan import Progress, check_accuracy
 from probe_design.maps.target_grid import Spheres, check_spheres, target_of
-from solver.axisymmetric.dofs import Bools, Ints
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import Readings, readings

@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import InputError
-from geometry.meridian.grading import Floats
 from geometry.scenes.scene import Scene
-from probe_design.maps.scan_line import Line
+from probe_design.maps.scan_line import ScanLine
 from probe_design.maps.target_grid import check_spheres
-from solver.axisymmetric.dofs import Bools
 from solver.equivalent_inclusion.level import EquivalentInclusion, film_forces
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import Readings, readings
@@ -79,7 +78,7 @@ def scan(
     check_accuracy(accuracy)
     check_spheres(scene, "scan")
     across = "y" if along == "x" else "x"
-    line = Line(scene, along, float(getattr(scene.placement, across) if at is None else at), accuracy)
+    line = ScanLine(scene, along, float(getattr(scene.placement, across) if at is None else at), accuracy)
     positions = np.asarray(positions, dtype=float)
     line.check(positions)
     base = line.prepared(float(np.abs(positions).min()))  # serves all positions: only the bounds are others elsewhere

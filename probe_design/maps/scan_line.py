@@ -12,11 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import InputError
-from geometry.meridian.grading import Floats
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Placement, Scene
-from solver.axisymmetric.dofs import Ints
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import Readings
@@ -28,7 +27,7 @@ ENOUGH = 0.5  # of the accuracy: bounds below it are close enough
 
 
 @dataclass(frozen=True)
-class Line:
+class ScanLine:
     """The line of a scan.
 
     Attributes:

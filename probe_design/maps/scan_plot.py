@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from geometry.common.arrays import Floats
 from geometry.common.files import written_whole
-from geometry.meridian.grading import Floats
 from geometry.scenes.scene import Inclusion, Scene
 from probe_design.maps.curve_plot import check_format
 from probe_design.maps.scan import Column, Scan

@@ -7,11 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
+from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import InputError, Refusal, Words
-from geometry.meridian.grading import Floats
 from geometry.scenes.probe import LENGTH, mm
 from geometry.scenes.scene import Inclusion, Scene
-from solver.axisymmetric.dofs import Bools
 from solver.inclusions.tumours import Tumours
 
 COVER = 0.025  # least tissue above a sphere, of its diameter, that the level is good for

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
-from geometry.meridian.grading import Floats
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
 

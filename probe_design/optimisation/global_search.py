@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats
 from probe_design.optimisation.design_space import Space
 from probe_design.optimisation.objective import Noise
 from solver.casadi_functions.closed_form import ClosedFormFunction

@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
 from probe_design.optimisation.design_space import Space
 from probe_design.optimisation.global_search import QUIET, stopped_by_user

@@ -8,8 +8,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal, SolveError
-from geometry.meridian.grading import Floats
 from geometry.scenes.scene import Scene
 from probe_design.optimisation.design_space import Space, space
 from probe_design.optimisation.global_search import search

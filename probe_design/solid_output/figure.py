@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from geometry.cad.solids import COLOURS, MM
+from geometry.common.arrays import Floats
 from geometry.common.files import written_whole
-from geometry.meridian.grading import Floats
 from geometry.tetra.tet_mesh import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE
 from probe_design.maps.curve_plot import check_format
 from probe_design.solid_output.faces import Faces, name, present, section, skin

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import MissingLibrary
-from geometry.meridian.grading import Floats
 from probe_design.solid_output.faces import Faces
 
 PROGRAM = Path(__file__).with_name("render_process.py")

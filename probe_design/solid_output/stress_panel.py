@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.cad.solids import MM
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats
 from probe_design.solid_output.faces import Faces
 
 TAILS = (0.01, 0.99)  # shares of the shown area at which the colours end: singular corners lie beyond

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from geometry.common.arrays import Floats
 from geometry.common.files import written_whole
-from geometry.meridian.grading import Floats
 from probe_design.solid_output.faces import name, present
 from probe_design.solid_output.figure import draw_solid
 from solver.solid.base_states import SolidStates, fields

@@ -13,7 +13,7 @@ from geometry.common.errors import InputError
 from probe_design.sweeps.dask_task import answered
 from probe_design.sweeps.results import extra
 from probe_design.sweeps.rows import Job
-from probe_design.sweeps.workers import Answer, Batch, CrewError, Outcome
+from probe_design.sweeps.workers import Batch, CrewError, FinishedBatch, Outcome
 
 PATIENCE = 600.0  # seconds to wait for a scheduler that is gone
 CONNECT = 5.0  # seconds to try
@@ -84,7 +84,7 @@ class DaskCrew:
         self._out.append(out)
         self._submit(out)
 
-    def take(self, seconds: float) -> list[Answer]:
+    def take(self, seconds: float) -> list[FinishedBatch]:
         """Wait for answers, at most that long; reconnect to a scheduler that has gone."""
         until = time.monotonic() + seconds
         while True:
@@ -109,7 +109,7 @@ class DaskCrew:
         except (OSError, RuntimeError, ValueError):
             return
 
-    def _answer(self, out: _Out) -> Answer | None:
+    def _answer(self, out: _Out) -> FinishedBatch | None:
         for future in list(out.futures):
             if future.status == "finished":
                 found = self._fetched(future)
@@ -119,7 +119,7 @@ class DaskCrew:
                 continue
             if found is not None:
                 self._done(out)
-                return Answer(out.batch, found)
+                return FinishedBatch(out.batch, found)
             out.futures.remove(future)  # its worker went before the answer was fetched, or something of Dask's own
             if not out.futures:
                 out.since = time.monotonic()

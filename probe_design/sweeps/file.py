@@ -18,7 +18,7 @@ from geometry.scenes.scene_file import read_scene, scene_from_dict
 from geometry.scenes.units import Quantity
 from probe_design.sweeps.constraints import kept
 from probe_design.sweeps.keys import Key, Value, changed, found, key
-from probe_design.sweeps.samples import KINDS, Sample, Variable
+from probe_design.sweeps.samples import KINDS, DesignSampling, Variable
 from probe_design.sweeps.variables import variable, whole
 
 _KEYS = ("scene", "evaluator", "accuracy", "time_limit", "sample", "constraints", "variables")
@@ -40,7 +40,7 @@ class Sweep:
 
     base: Mapping[str, Any]
     variables: tuple[Variable, ...]
-    sample: Sample
+    sample: DesignSampling
     evaluator: str = "auto"
     accuracy: float = 0.01
     constraints: tuple[str, ...] = ()
@@ -177,7 +177,7 @@ def time_limit(given: object, units_required: bool = False) -> float | None:
         raise InputError("time_limit", given, f"{_TIME.allowed} ({fault})") from None
 
 
-def _sample(given: object) -> Sample:
+def _sample(given: object) -> DesignSampling:
     if not isinstance(given, Mapping):
         raise InputError("sample", given, "a table, [sample]")
     for name in given:
@@ -189,8 +189,10 @@ def _sample(given: object) -> Sample:
     if kind == "grid":
         if len(given) > ("kind" in given):
             raise InputError("sample", Words("n or seed of a grid"), f"n and seed with kind = {', '.join(KINDS[1:])}")
-        return Sample()
-    return Sample(kind, whole("sample.n", given.get("n"), 1, 10_000_000), whole("sample.seed", given.get("seed", 0), 0, 2**63))
+        return DesignSampling()
+    return DesignSampling(
+        kind, whole("sample.n", given.get("n"), 1, 10_000_000), whole("sample.seed", given.get("seed", 0), 0, 2**63)
+    )
 
 
 def scene_of(base: Mapping[str, Any], keys: tuple[Key, ...], values: tuple[Value, ...]) -> Scene:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from probe_design.sweeps.rows import Job
 from probe_design.sweeps.worker_process import WorkerProcess
-from probe_design.sweeps.workers import Answer, Batch, Outcome
+from probe_design.sweeps.workers import Batch, FinishedBatch, Outcome
 
 
 class LocalCrew:
@@ -25,7 +25,7 @@ class LocalCrew:
             errors: file for what libraries write to standard error.
         """
         self._path, self._errors = errors, errors.open("ab")
-        self._answers: queue.SimpleQueue[tuple[WorkerProcess, Answer]] = queue.SimpleQueue()
+        self._answers: queue.SimpleQueue[tuple[WorkerProcess, FinishedBatch]] = queue.SimpleQueue()
         self._threads: list[threading.Thread] = []
         self._idle = [WorkerProcess(job, limit, self._errors) for _ in range(workers)]
         self._all = tuple(self._idle)
@@ -45,9 +45,9 @@ class LocalCrew:
         self._threads = [one for one in self._threads if one.is_alive()] + [thread]
         thread.start()
 
-    def take(self, seconds: float) -> list[Answer]:
+    def take(self, seconds: float) -> list[FinishedBatch]:
         """Wait for answers, at most that long."""
-        found: list[Answer] = []
+        found: list[FinishedBatch] = []
         try:
             while True:
                 worker, answer = self._answers.get(timeout=0 if found else seconds)
@@ -66,11 +66,11 @@ class LocalCrew:
             worker.stop()
         self._errors.close()
 
-    def _answer(self, worker: WorkerProcess, batch: Batch) -> Answer:
+    def _answer(self, worker: WorkerProcess, batch: Batch) -> FinishedBatch:
         try:
             found = worker.answer([task.values for task in batch])
         except Exception as fault:  # a thread that ends without an answer is waited for in vain
             found = Outcome(refused=f"{type(fault).__name__}: {fault}")
         if found.refused:
             found = replace(found, refused=f"{found.refused}; {self._path} may tell why")
-        return Answer(batch, found)
+        return FinishedBatch(batch, found)

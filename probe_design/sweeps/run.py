@@ -19,7 +19,7 @@ from probe_design.sweeps.progress import Progress, Tell, logged
 from probe_design.sweeps.rows import Job, Row, blank
 from probe_design.sweeps.store import Store, writing
 from probe_design.sweeps.variables import whole
-from probe_design.sweeps.workers import Answer, Batch, Crew, CrewError, Outcome, Task
+from probe_design.sweeps.workers import Batch, Crew, CrewError, FinishedBatch, Outcome, Task
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -147,7 +147,7 @@ class _Run:
         count = max(1, min(int(SECONDS / self._cost), LARGEST, int(share)))
         return tuple(waiting.popleft() for _ in range(min(count, len(waiting))))
 
-    def _taken(self, answer: Answer) -> tuple[list[Task], list[Task]]:
+    def _taken(self, answer: FinishedBatch) -> tuple[list[Task], list[Task]]:
         """Commit rows; return the designs that nobody worked on yet, and those that another worker must try, each alone."""
         found, count = answer.outcome, len(answer.outcome.rows)
         if found.refused:

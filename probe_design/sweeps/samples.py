@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
-from geometry.meridian.grading import Floats
 from probe_design.sweeps.keys import Key, Value
 
 SAMPLED = ("sobol", "latin-hypercube", "saltelli")
@@ -43,7 +43,7 @@ class Variable:
 
 
 @dataclass(frozen=True)
-class Sample:
+class DesignSampling:
     """How the designs are drawn.
 
     Attributes:

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from geometry.common.arrays import Floats
 from geometry.common.files import write_text
-from geometry.meridian.grading import Floats
 from geometry.scenes.units import shown
 from probe_design.sweeps.results import UNITS, about, rows
 from probe_design.sweeps.sensitivity_indices import main_effect, sobol_indices

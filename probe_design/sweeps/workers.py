@@ -54,7 +54,7 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Answer:
+class FinishedBatch:
     """A batch that is back, and what became of it."""
 
     batch: Batch
@@ -76,7 +76,7 @@ class Crew(Protocol):
         """Hand out a batch."""
         ...
 
-    def take(self, seconds: float) -> list[Answer]:
+    def take(self, seconds: float) -> list[FinishedBatch]:
         """Wait for answers, at most that long."""
         ...
 

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
-from geometry.meridian.frame import Fineness, Kind
+from geometry.meridian.frame import Kind, MeridianFineness
 from geometry.meridian.frame import kind as kind_of
-from geometry.meridian.grading import Floats
 from geometry.meridian.mesh import Topology, nodes, topology
 from geometry.meridian.section import Body, Section
 from geometry.scenes.probe import Material
@@ -30,7 +30,7 @@ LARGEST = 1e9  # bytes of all element matrices; the whole takes about four times
 
 
 @dataclass(frozen=True)
-class Model:
+class MeridianModel:
     """A section with its materials on one mesh: element matrices and the factorised system.
 
     Attributes:
@@ -79,7 +79,7 @@ class BaseStates:
         residual: of both solutions, relative to |K| |u|, the larger.
     """
 
-    model: Model
+    model: MeridianModel
     v: Floats
     own: Floats
     shift: Floats
@@ -95,7 +95,9 @@ class BaseStates:
         return products(u, stiffness @ u)
 
 
-def model(section: Section, materials: Materials, interface: Interface, fineness: Fineness, kind: Kind | None = None) -> Model:
+def model(
+    section: Section, materials: Materials, interface: Interface, fineness: MeridianFineness, kind: Kind | None = None
+) -> MeridianModel:
     """Integrate, condense and factorise.
 
     Raises:
@@ -115,10 +117,10 @@ def model(section: Section, materials: Materials, interface: Interface, fineness
     )
     system = System.of(numbering(mesh, fineness.order, interface), edge)
     shear, volume = (part.reshape(n, 2 * s, 2 * s) for part in parts)
-    return Model(section, materials, mesh, functions, at, shear, volume, two_mu, lam, recovery, system)
+    return MeridianModel(section, materials, mesh, functions, at, shear, volume, two_mu, lam, recovery, system)
 
 
-def base_states(model: Model) -> BaseStates:
+def base_states(model: MeridianModel) -> BaseStates:
     """Solve both base states.
 
     Raises:

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
-from geometry.meridian.grading import Floats
 from solver.axisymmetric.dofs import Numbering
 from solver.linalg.cholesky import Factor, factorise
 

@@ -8,11 +8,11 @@ from functools import cache, partial
 
 import numpy as np
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.omitted_details import LAYERS, Change, left_out
-from solver.axisymmetric.refinement import LEVELS, Errors, Sample, refined
-from solver.axisymmetric.sample import sample
+from solver.axisymmetric.refinement import LEVELS, SampleErrors, refined
+from solver.axisymmetric.sample import MeshSample, sample
 from solver.axisymmetric.sections import sections, with_layers
 from solver.results.film_forces import Bound, FilmForces
 from solver.results.result import Decision
@@ -33,7 +33,7 @@ class Converged:
     """
 
     films: tuple[FilmForces, ...]
-    sample: Sample
+    sample: MeshSample
     plan: tuple[Decision, ...]
     notes: tuple[str, ...]
 
@@ -55,7 +55,7 @@ def converged(scene: Scene, accuracy: float, moduli: Floats | None = None) -> Co
     missing = [change for change in changes if not change.modelled]
     solve = partial(sample, chosen.section, chosen, scene, moduli=moduli)
 
-    def good(found: Sample, errors: Errors) -> bool:
+    def good(found: MeshSample, errors: SampleErrors) -> bool:
         numerical, films = _films(scene, found, errors), _films(scene, found, errors, missing)
         reached, least = (max(one.error_under(scene) for one in some) for some in (films, numerical))
         small = reached <= accuracy or (reached - least > accuracy and least <= accuracy / 2)
@@ -69,7 +69,7 @@ def converged(scene: Scene, accuracy: float, moduli: Floats | None = None) -> Co
     return Converged(films, found, plan, tuple(_notes(scene, films, missing, accuracy, why)))
 
 
-def _films(scene: Scene, found: Sample, errors: Errors, changes: Iterable[Change] = ()) -> tuple[FilmForces, ...]:
+def _films(scene: Scene, found: MeshSample, errors: SampleErrors, changes: Iterable[Change] = ()) -> tuple[FilmForces, ...]:
     films = []
     for k, forces in enumerate(found.forces):
         margin = LAYERED if found.states.model.section.given_layers else 1.0

@@ -8,14 +8,11 @@ from typing import Literal
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Bools, Floats, Ints
 from geometry.meridian.mesh import Topology, labels, line_label
 from geometry.meridian.section import Body
 
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 Interface = Literal["bonded", "frictionless"]
 # what vanishes on the axis of u_r, u_z (m = 0), else of u_r + u_theta, u_r - u_theta, u_z: only a translation (m = 1) does not
 AXIS = {0: (True, False), 1: (True, False, True)}

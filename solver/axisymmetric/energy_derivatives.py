@@ -16,11 +16,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Bools, Floats, Ints
 from geometry.meridian.mesh import nodes
 from geometry.meridian.section import Body
-from solver.axisymmetric.base_states import Model
-from solver.axisymmetric.dofs import Bools, Ints
+from solver.axisymmetric.base_states import MeridianModel
 from solver.axisymmetric.quadrilateral import Geometry, gradients, lame, projected
 from solver.axisymmetric.shape_functions import Shapes
 
@@ -28,7 +27,7 @@ BLOCK = 16  # elements worked on at once: few enough for the processor's cache
 STEP = 1e-30  # of the complex step, relative: nothing is subtracted, so that it can be this small
 
 
-def variables(model: Model) -> tuple[str, ...]:
+def variables(model: MeridianModel) -> tuple[str, ...]:
     """Names of what energies can be differentiated by: by ln of a length or modulus, and by a Poisson's ratio itself."""
     bodies = [body.name.lower() for body in model.materials]
     return (
@@ -38,7 +37,7 @@ def variables(model: Model) -> tuple[str, ...]:
     )
 
 
-def energy_derivatives(model: Model, whole: Floats, inside: Body) -> tuple[Floats, Floats]:
+def energy_derivatives(model: MeridianModel, whole: Floats, inside: Body) -> tuple[Floats, Floats]:
     """Return d(u_i^T K u_j) for all columns u_i of ``whole``, shape (n, 2 s, m), by all ``variables``.
 
     Two arrays of shape (variables, m, m): the part of all bodies but ``inside``, and its part.
@@ -50,7 +49,7 @@ def energy_derivatives(model: Model, whole: Floats, inside: Body) -> tuple[Float
     return rest, within
 
 
-def velocities(model: Model) -> tuple[Floats, Floats]:
+def velocities(model: MeridianModel) -> tuple[Floats, Floats]:
     """Derivatives of the nodes by ln of each given length with the mesh's corner size held, and last by ln of that size.
 
     Returns them, shape (lengths + 1, n, s, 2), and the derivatives of ln of the corner size by ln of each length, (lengths,):
@@ -65,7 +64,7 @@ def velocities(model: Model) -> tuple[Floats, Floats]:
     return by_lengths, free.corner_size.imag / STEP / section.corner_size
 
 
-def _by_lengths(model: Model, whole: Floats, inside: Bools) -> tuple[Floats, Floats]:
+def _by_lengths(model: MeridianModel, whole: Floats, inside: Bools) -> tuple[Floats, Floats]:
     """Derivatives by ln of every length of the energies outside and inside a body, shape (lengths, m, m) each."""
     every, shares = velocities(model)
     fields, stresses = _fields(model, whole)
@@ -79,7 +78,7 @@ def _by_lengths(model: Model, whole: Floats, inside: Bools) -> tuple[Floats, Flo
     return rest, within
 
 
-def _fields(model: Model, whole: Floats) -> tuple[Floats, Floats]:
+def _fields(model: MeridianModel, whole: Floats) -> tuple[Floats, Floats]:
     """Displacement gradients of m fields at the q Gauss points, and what works on them, each of shape (n, 6, m, q).
 
     The former are u_r,r, u_r,z, u_z,r, u_z,z, u_r / r and D - P; the latter the stresses times w conjugate to the first five,
@@ -134,7 +133,7 @@ def _moved(motion: Floats, fields: Floats) -> Floats:
     return moved
 
 
-def _by_materials(model: Model, whole: Floats, chosen: Ints) -> tuple[Floats, Floats]:
+def _by_materials(model: MeridianModel, whole: Floats, chosen: Ints) -> tuple[Floats, Floats]:
     """Derivatives by ln E and by nu of every body, (bodies, m, m) each; 2 mu = E / (1 + nu), lambda = 2 mu nu / (1 - 2 nu)."""
     moduli, ratios = [], []
     for body, material in model.materials.items():

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
-from geometry.meridian.grading import Floats
 from geometry.meridian.section import Body
 from geometry.scenes.scene import Scene
 from geometry.scenes.variables import length_derivatives, values
-from solver.axisymmetric.base_states import Model
+from solver.axisymmetric.base_states import MeridianModel
 from solver.axisymmetric.energy_derivatives import energy_derivatives, variables
 from solver.axisymmetric.modulus_response import tangent
-from solver.axisymmetric.refinement import Sample
+from solver.axisymmetric.sample import MeshSample
 
 NEGLIGIBLE = 1e-8
 OUTPUTS = ("ratio", "stress_inner", "stress_outer", "stiffness", "log_sensitivity")
@@ -39,7 +39,7 @@ class Gradients:
     derivatives: dict[str, Floats]
 
 
-def gradients(scene: Scene, sample: Sample, names: tuple[str, ...] | None = None) -> Gradients:
+def gradients(scene: Scene, sample: MeshSample, names: tuple[str, ...] | None = None) -> Gradients:
     """Differentiate a sample's outputs: the discrete ones, exactly, at a fixed topology of the mesh.
 
     Derivatives of log_sensitivity cost one more solve with two right sides: u' = -K^-1 K' u of both states. Lengths of a
@@ -73,7 +73,7 @@ def gradients(scene: Scene, sample: Sample, names: tuple[str, ...] | None = None
     return Gradients(chosen, found, derivatives)
 
 
-def _differentiable(scene: Scene, sample: Sample) -> tuple[str, ...]:
+def _differentiable(scene: Scene, sample: MeshSample) -> tuple[str, ...]:
     """The scene's variables; not each height alone where an elastic base lies level on both films: it would get a step."""
     level = sample.states.model.mesh.layout.kind.base == 0
     return tuple(name for name in values(scene) if not (level and name in ("probe.inner_height", "probe.outer_height")))
@@ -87,7 +87,7 @@ class SectionDerivatives:
     sensitivity: Floats
 
 
-def by_section(sample: Sample) -> SectionDerivatives:
+def by_section(sample: MeshSample) -> SectionDerivatives:
     """Differentiate energies; the states' own change enters the slope F' alone, eq. (G3).
 
     F' = dF / d ln E = t u^T K_b u:  dF' = 2 u'^T dK u + t u^T dK_b u,  u' = du / d ln E.
@@ -126,7 +126,7 @@ def _stiffness(totals: Floats, logs: Floats) -> Floats:
     return np.asarray((logs * totals[:, None]).sum(axis=-1) / totals.sum(axis=-1)[:, None])
 
 
-def areas(scene: Scene, model: Model) -> Floats:
+def areas(scene: Scene, model: MeridianModel) -> Floats:
     """Derivatives of ln of the end areas by the section's variables, shape (v, 2)."""
     names, probe = variables(model), scene.probe
     out = np.zeros((len(names), 2))
@@ -137,7 +137,7 @@ def areas(scene: Scene, model: Model) -> Floats:
     return out
 
 
-def by_scene(scene: Scene, model: Model, name: str) -> Floats:
+def by_scene(scene: Scene, model: MeridianModel, name: str) -> Floats:
     """Derivatives of the section's variables (ln of lengths and moduli, Poisson's ratios) by one of the scene's."""
     known = variables(model)
     out = np.zeros(len(known))
@@ -153,7 +153,7 @@ def by_scene(scene: Scene, model: Model, name: str) -> Floats:
     return out
 
 
-def _values(scene: Scene, sample: Sample) -> dict[str, Floats]:
+def _values(scene: Scene, sample: MeshSample) -> dict[str, Floats]:
     totals, ends = sample.totals, np.array([scene.probe.inner_area, scene.probe.outer_area])
     stiffness = totals.sum(axis=1)
     moved = scene.load.indentation

@@ -9,12 +9,12 @@ from time import perf_counter
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, SolveError
-from geometry.meridian.grading import Floats
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.converged_forces import Converged, converged
 from solver.results.film_forces import checked_moduli, outputs, ratio
-from solver.results.result import Curve, Result, lopsided, within
+from solver.results.result import Curve, Result, needs_solid, within
 
 
 @dataclass(frozen=True)
@@ -27,8 +27,8 @@ class Axisymmetric:
     def refusal(self, scene: Scene) -> str | None:
         """Say which kind of thing in the scene is not rotationally symmetric, or None."""
         at = scene.placement
-        if lopsided(scene) is not None:
-            return lopsided(scene)
+        if needs_solid(scene) is not None:
+            return needs_solid(scene)
         if len(scene.inclusion) > 1:
             return "equivalent-inclusion or closed-form for several inclusions"
         for body in scene.inclusion:

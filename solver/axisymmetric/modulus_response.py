@@ -12,11 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
-from geometry.meridian.grading import Floats
 from geometry.meridian.section import Body
 from solver.axisymmetric.base_states import BaseStates, products
-from solver.axisymmetric.dofs import Ints
 
 TOLERANCE = 1e-10  # of the film forces, relative, at both ends of the range; states are good to its root
 MOST_STEPS = 60
@@ -24,7 +23,7 @@ NOTHING_NEW = 1e-20  # share of a vector's energy that is left beside the basis
 
 
 @dataclass(frozen=True)
-class Response:
+class ModulusResponse:
     """Film forces for every modulus of a body.
 
     With G = u_i^T K_b u_j of the states at t = 1 and c_ki = v_k^T K_b u_i of the basis, K_b v_k = l_k K v_k in it:
@@ -72,7 +71,7 @@ class Response:
         return np.concatenate([self.states.own, model.whole(model.system.own(self.basis))], axis=-1)
 
 
-def response(states: BaseStates, low: float, high: float, body: Body = Body.INCLUSION) -> Response:
+def response(states: BaseStates, low: float, high: float, body: Body = Body.INCLUSION) -> ModulusResponse:
     """Return film forces for moduli of a body from ``low`` to ``high``, multiples of the one that ``states`` were solved with.
 
     Raises:
@@ -97,7 +96,7 @@ def response(states: BaseStates, low: float, high: float, body: Body = Body.INCL
     raise SolveError(f"the curve from {low:g} to {high:g} times the modulus was not found to {tolerance:.0e}")
 
 
-def tangent(states: BaseStates, body: Body = Body.INCLUSION) -> Response:
+def tangent(states: BaseStates, body: Body = Body.INCLUSION) -> ModulusResponse:
     """Return what is exact at t = 1 alone: the states and their derivatives by ln E, from one solve."""
     space = _Space(states, np.flatnonzero(states.model.mesh.body == body))
     space.grow()
@@ -146,8 +145,8 @@ class _Space:
         turn = vectors[:, values > NOTHING_NEW] / np.sqrt(values[values > NOTHING_NEW])
         return new @ turn, times @ turn
 
-    def response(self, body: Body) -> Response:
+    def response(self, body: Body) -> ModulusResponse:
         """Diagonalise the body's energy on the basis."""
         share, turn = np.linalg.eigh(self.energy[2:, 2:])
         coupling = turn.T @ self.energy[2:, :2]
-        return Response(body, self.states, self.basis @ turn, np.clip(share, 0.0, 1.0), self.energy[:2, :2], coupling)
+        return ModulusResponse(body, self.states, self.basis @ turn, np.clip(share, 0.0, 1.0), self.energy[:2, :2], coupling)

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import pchip_interpolate
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
 from geometry.meridian.frame import kind as kind_of
-from geometry.meridian.grading import Floats
 from geometry.scenes.scene import Scene
-from solver.axisymmetric.refinement import LEVELS, Sample
-from solver.axisymmetric.sample import sample
+from solver.axisymmetric.refinement import LEVELS
+from solver.axisymmetric.sample import MeshSample, sample
 from solver.axisymmetric.sections import HALF_SPACE, Sections
 from solver.results.detail_compliance import details
 from solver.results.film_forces import Bound
@@ -59,7 +59,7 @@ class Change:
         return Decision.of(self.feature, self.modelled, on, accuracy, reason)
 
 
-def left_out(scene: Scene, plain: Sections, rough: Callable[[], Sample], moduli: Floats | None) -> Iterable[Change]:
+def left_out(scene: Scene, plain: Sections, rough: Callable[[], MeshSample], moduli: Floats | None) -> Iterable[Change]:
     """Yield bounds on what round blocks on a rigid base and round tissue leave out.
 
     Args:
@@ -82,7 +82,7 @@ def left_out(scene: Scene, plain: Sections, rough: Callable[[], Sample], moduli:
         yield Change(BEYOND, bounds, none, rough().totals)
 
 
-def _sides(scene: Scene, plain: Sections, rough: Sample, moduli: Floats | None) -> Change:
+def _sides(scene: Scene, plain: Sections, rough: MeshSample, moduli: Floats | None) -> Change:
     """The tissue's sides are not round about the probe's axis: the mean over cylinders of all their distances, eq. (A4).
 
     F = (1 / 2 pi) Int F_cylinder(R(theta)) d theta is right to first order in how far sides deviate from a circle. With b what

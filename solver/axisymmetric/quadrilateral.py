@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
-from geometry.meridian.grading import Floats
-from solver.axisymmetric.shape_functions import Ints, Shapes
+from solver.axisymmetric.shape_functions import Shapes
 
 
 @dataclass(frozen=True)

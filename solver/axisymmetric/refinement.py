@@ -8,21 +8,20 @@ from itertools import pairwise
 
 import numpy as np
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
-from geometry.meridian.frame import Fineness
-from geometry.meridian.grading import Floats
-from solver.axisymmetric.base_states import BaseStates
-from solver.axisymmetric.modulus_response import Response
+from geometry.meridian.frame import MeridianFineness
+from solver.axisymmetric.sample import MeshSample
 
 # order, layers at corners and at last the number of cells rise together: errors fall by 3 to 10 from one to the next
 LEVELS = (
-    Fineness(1, 2, 3),
-    Fineness(1, 2, 4),
-    Fineness(1, 3, 5),
-    Fineness(1, 3, 6),
-    Fineness(1, 4, 8),
-    Fineness(1.5, 5, 8),
-    Fineness(2, 6, 8),
+    MeridianFineness(1, 2, 3),
+    MeridianFineness(1, 2, 4),
+    MeridianFineness(1, 3, 5),
+    MeridianFineness(1, 3, 6),
+    MeridianFineness(1, 4, 8),
+    MeridianFineness(1.5, 5, 8),
+    MeridianFineness(2, 6, 8),
 )
 COARSE_ENOUGH = (3e-3, 3e-4)  # accuracies below which the first, the second level is left out
 UNSEEN_DROP = 1.5  # by which errors are trusted to fall from one level to the next before it is seen
@@ -32,42 +31,7 @@ LEAST_MEMORY = 0.1  # of the change before that
 
 
 @dataclass(frozen=True)
-class Sample:
-    """Film forces at one or several moduli on one mesh.
-
-    Attributes:
-        forces, slope: F_ij and dF_ij / d ln E_object, shape (k, 2, 2).
-        states: the base states that they come from.
-        times: the moduli as multiples of that of ``states``, shape (k,).
-        response: how the states change with the modulus, where there are several.
-    """
-
-    forces: Floats
-    slope: Floats
-    states: BaseStates
-    times: Floats
-    response: Response | None = None
-
-    @property
-    def rounding(self) -> Floats:
-        """Bound on what rounding changes in each film's total, shape (2,)."""
-        return np.asarray(self.states.rounding.sum(axis=1))
-
-    @property
-    def totals(self) -> Floats:
-        """Force on each film, shape (k, 2)."""
-        return np.asarray(self.forces.sum(axis=2))
-
-    @property
-    def log_sensitivity(self) -> Floats:
-        """Log-sensitivities, shape (k,); 0 where a total is zero."""
-        totals = self.totals
-        shares = np.divide(self.slope.sum(axis=2), totals, out=np.zeros_like(totals), where=totals != 0)
-        return np.asarray(shares[:, 0] - shares[:, 1])
-
-
-@dataclass(frozen=True)
-class Errors:
+class SampleErrors:
     """Bounds on the errors of a sample: of each film's total, shape (k, 2), and of the log-sensitivities, shape (k,)."""
 
     totals: Floats
@@ -75,8 +39,8 @@ class Errors:
 
 
 def refined(
-    solve: Callable[[Fineness], Sample], accuracy: float, good: Callable[[Sample, Errors], bool]
-) -> tuple[Sample, Errors, str | None]:
+    solve: Callable[[MeridianFineness], MeshSample], accuracy: float, good: Callable[[MeshSample, SampleErrors], bool]
+) -> tuple[MeshSample, SampleErrors, str | None]:
     """Return the first sample that is good enough with its errors, or that of the finest mesh that could be solved.
 
     The last of the three says why a finer mesh was not used, if one was wanted.
@@ -85,8 +49,8 @@ def refined(
         SolveError: not even two meshes could be solved.
     """
     levels = LEVELS[sum(accuracy < limit for limit in COARSE_ENOUGH) :]
-    history: list[Sample] = []
-    found: tuple[Sample, Errors] | None = None
+    history: list[MeshSample] = []
+    found: tuple[MeshSample, SampleErrors] | None = None
     for level in levels:
         try:
             history.append(solve(level))
@@ -104,12 +68,12 @@ def refined(
     return *found, "this is the finest"
 
 
-def _worst(sample: Sample, bounds: Errors) -> float:
+def _worst(sample: MeshSample, bounds: SampleErrors) -> float:
     """The largest relative error bound of a film's force."""
     return float(np.max(bounds.totals / np.maximum(np.abs(sample.totals), 1e-300)))
 
 
-def errors(history: Sequence[Sample]) -> Errors:
+def errors(history: Sequence[MeshSample]) -> SampleErrors:
     """Bounds on the errors of the last of at least two samples.
 
     By Galerkin's orthogonality the error of film i's total is the energy product of the errors of state i and of the sum U of
@@ -118,7 +82,7 @@ def errors(history: Sequence[Sample]) -> Errors:
     """
     changes = [total_change(b.forces - a.forces) for a, b in pairwise(history)]
     told = [np.abs(b.log_sensitivity - a.log_sensitivity) for a, b in pairwise(history)]
-    return Errors(_left(changes) + history[-1].rounding, _left(told))
+    return SampleErrors(_left(changes) + history[-1].rounding, _left(told))
 
 
 def total_change(change: Floats) -> Floats:

@@ -2,23 +2,59 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
-from geometry.meridian.frame import Fineness, Kind
-from geometry.meridian.grading import Floats
+from geometry.meridian.frame import Kind, MeridianFineness
 from geometry.meridian.section import Body, Section
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
-from solver.axisymmetric.base_states import base_states, model
-from solver.axisymmetric.modulus_response import response
-from solver.axisymmetric.refinement import Sample
+from solver.axisymmetric.base_states import BaseStates, base_states, model
+from solver.axisymmetric.modulus_response import ModulusResponse, response
 from solver.axisymmetric.sections import Sections
 
 
+@dataclass(frozen=True)
+class MeshSample:
+    """Film forces at one or several moduli on one mesh.
+
+    Attributes:
+        forces, slope: F_ij and dF_ij / d ln E_object, shape (k, 2, 2).
+        states: the base states that they come from.
+        times: the moduli as multiples of that of ``states``, shape (k,).
+        response: how the states change with the modulus, where there are several.
+    """
+
+    forces: Floats
+    slope: Floats
+    states: BaseStates
+    times: Floats
+    response: ModulusResponse | None = None
+
+    @property
+    def rounding(self) -> Floats:
+        """Bound on what rounding changes in each film's total, shape (2,)."""
+        return np.asarray(self.states.rounding.sum(axis=1))
+
+    @property
+    def totals(self) -> Floats:
+        """Force on each film, shape (k, 2)."""
+        return np.asarray(self.forces.sum(axis=2))
+
+    @property
+    def log_sensitivity(self) -> Floats:
+        """Log-sensitivities, shape (k,); 0 where a total is zero."""
+        totals = self.totals
+        shares = np.divide(self.slope.sum(axis=2), totals, out=np.zeros_like(totals), where=totals != 0)
+        return np.asarray(shares[:, 0] - shares[:, 1])
+
+
 def sample(
-    section: Section, of: Sections, scene: Scene, level: Fineness, moduli: Floats | None = None, kind: Kind | None = None
-) -> Sample:
+    section: Section, of: Sections, scene: Scene, level: MeridianFineness, moduli: Floats | None = None, kind: Kind | None = None
+) -> MeshSample:
     """Solve one section on one mesh, at the inclusion's modulus or at all ``moduli``.
 
     Raises:
@@ -36,10 +72,10 @@ def sample(
         raise SolveError(f"an element's matrix cannot be inverted: {fault}") from fault
     if moduli is None:
         slope = states.slope() if scene.inclusion else np.zeros((2, 2))
-        return Sample(states.forces[None], slope[None], states, np.ones(1))
+        return MeshSample(states.forces[None], slope[None], states, np.ones(1))
     times = moduli / shift
     spanned = response(states, times.min(), times.max())
-    return Sample(*spanned.forces(times), states, times, spanned)
+    return MeshSample(*spanned.forces(times), states, times, spanned)
 
 
 def _middle(moduli: Floats, tissue: float) -> float:

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from geometry.cad.solids import base_sizes
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats
 from geometry.meridian.section import Body, Section
+from geometry.scenes.base_sizes import base_sizes
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
 

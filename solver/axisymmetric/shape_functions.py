@@ -11,11 +11,8 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
-from geometry.meridian.grading import Floats
-
-Ints = NDArray[np.int64]
+from geometry.common.arrays import Floats, Ints
 
 
 @dataclass(frozen=True)

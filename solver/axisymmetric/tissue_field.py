@@ -12,13 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import InputError
 from geometry.meridian.frame import frame
-from geometry.meridian.grading import Floats
 from geometry.meridian.mesh import SQUARE, nodes
 from geometry.meridian.section import Body
 from solver.axisymmetric.base_states import BaseStates
-from solver.axisymmetric.dofs import Ints
 from solver.axisymmetric.quadrilateral import dilations
 from solver.axisymmetric.shape_functions import functions, polynomials, pressures
 

@@ -7,7 +7,7 @@ from typing import Any
 import casadi
 import numpy as np
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats
 
 
 class Differentiated(casadi.Callback):  # type: ignore[misc]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats
 from solver.casadi_functions.base import Differentiated
 from solver.closed_form.designs import Shape, gradients
 

@@ -7,11 +7,11 @@ from dataclasses import asdict, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from geometry.cad.solids import base_sizes
+from geometry.common.arrays import Floats
 from geometry.common.errors import ProbeError
 from geometry.meridian.frame import Kind
 from geometry.meridian.frame import kind as kind_of
-from geometry.meridian.grading import Floats
+from geometry.scenes.base_sizes import base_sizes
 from geometry.scenes.scene import Scene
 from geometry.scenes.variables import changed
 from solver.axisymmetric.converged_forces import Converged

@@ -28,7 +28,7 @@ from numpy.polynomial import legendre
 
 from solver.closed_form.bessel import Array
 from solver.closed_form.block_functions import AXIAL, Along, along_height
-from solver.closed_form.tractions import Loads, by
+from solver.closed_form.tractions import Loads, batched_matmul
 
 RADIAL = 3  # functions P_i
 POINTS = 6  # of quadrature across the wall
@@ -43,7 +43,7 @@ _POLYNOMIALS = _polynomials()
 
 
 @dataclass(frozen=True)
-class Block:
+class ElasticBlocks:
     """Blocks, all solid (``hole`` None) or all tubes: radii, height, modulus, Poisson's ratio; arrays of shape (n,), SI."""
 
     hole: Array | None
@@ -72,7 +72,7 @@ class Block:
         return self.start[:, None] + self.width[:, None] * np.asarray(y)
 
 
-def end_compliance(block: Block, loads: Loads, bonded: bool) -> tuple[Array, Array, Array]:
+def end_compliance(block: ElasticBlocks, loads: Loads, bonded: bool) -> tuple[Array, Array, Array]:
     """Work of the end's displacements under unit loads on each other: of pressures, shears, pressures (rows) and shears.
 
     The shears' functions are meant times r / radius. Shapes (n, p, p), (n, s, s), (n, p, s); m^3/N times m^2.
@@ -96,7 +96,7 @@ def radial(radius: Array, r: Array) -> tuple[Array, Array, Array]:
     return P, slope * (2 * s / r)[:, None], U * (r / (2 * s))[:, None]
 
 
-def column(block: Block) -> tuple[Array, Along]:
+def column(block: ElasticBlocks) -> tuple[Array, Along]:
     """Return the stiffness K of a block's functions, and these along its height."""
     along = along_height(block.height, _decay(block))
     return _stiffness(block, block.E, _across(block), along), along
@@ -136,20 +136,20 @@ def _radial(solid: bool, y: Any) -> _Radial:
     )
 
 
-def _fluxes(block: Block, table: _Radial) -> Array:
+def _fluxes(block: ElasticBlocks, table: _Radial) -> Array:
     """The U_i, m^2: Int P_i r dr from the hole on, and for a tube a constant first; shape (n, functions, len(y))."""
     width, start = block.width[:, None, None], block.start[:, None, None]
     U = width * (start * table.plain + width * table.moment)
     return U if block.hole is None else np.concatenate([0 * U[:, :1] + (block.radius**2)[:, None, None], U], axis=1)
 
 
-def _on_rings(block: Block, loads: Loads) -> tuple[Array, Array]:
+def _on_rings(block: ElasticBlocks, loads: Loads) -> tuple[Array, Array]:
     """Work of the pressures on the P_i and of the shears on the U_i / r, shapes (n, loads, functions)."""
     y, weight, table = _table(block.hole is None, tuple(loads.cuts), 4)
     rings = np.kron(np.eye(len(loads.cuts) - 1), np.ones((4, 1))) * weight[:, None]
     ring = 2 * np.pi * block.width[:, None] * block.radii(y)
-    w = by(ring[:, None, :] * table.P, rings @ loads.pressure)
-    u = by((ring / block.radius[:, None])[:, None, :] * _fluxes(block, table), rings @ loads.shear)
+    w = batched_matmul(ring[:, None, :] * table.P, rings @ loads.pressure)
+    u = batched_matmul((ring / block.radius[:, None])[:, None, :] * _fluxes(block, table), rings @ loads.shear)
     return np.swapaxes(w, 1, 2), np.swapaxes(u, 1, 2)
 
 
@@ -166,7 +166,7 @@ class _Across:
     lift: Array  # w w
 
 
-def _across(block: Block) -> _Across:
+def _across(block: ElasticBlocks) -> _Across:
     y, weight, table = _table(block.hole is None)
     r = block.radii(y)[:, None, :]
     U = _fluxes(block, table)
@@ -184,7 +184,7 @@ def _across(block: Block) -> _Across:
     )  # fmt: skip
 
 
-def _decay(block: Block) -> Array:
+def _decay(block: ElasticBlocks) -> Array:
     """The decay b of eq. (B2), 1/m."""
     return (2.2 if block.hole is None else 2.0) / block.width
 
@@ -198,7 +198,7 @@ _STIFF = {
 }  # solid or tube; bonded or frictionless
 
 
-def _softened(block: Block, bonded: bool) -> Array:
+def _softened(block: ElasticBlocks, bonded: bool) -> Array:
     """E without what the few functions are too stiff by, as they leave out the corners' singularities: eq. (B3).
 
     Fitted to finite elements of 300 blocks on stiff ground by ``benchmarks/closed_form/blocks.py``; what is left is
@@ -209,7 +209,7 @@ def _softened(block: Block, bonded: bool) -> Array:
     return block.E / (1 + (2 * block.nu) ** power / (tall * slender * thin**1.5 + constant + flat / slender))
 
 
-def _stiffness(block: Block, E: Array, wall: _Across, along: Along) -> Array:
+def _stiffness(block: ElasticBlocks, E: Array, wall: _Across, along: Along) -> Array:
     """K of eq. (B1)'s functions, W first."""
     mu = E / (2 * (1 + block.nu))
     lam = 2 * mu * (block.nu / (1 - 2 * block.nu))

@@ -21,14 +21,14 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from solver.closed_form.bessel import Array, bessel
-from solver.closed_form.block_compliance import Block, end_compliance
+from solver.closed_form.block_compliance import ElasticBlocks, end_compliance
 from solver.closed_form.half_space import ring_work
-from solver.closed_form.inclusions import answered, placed
-from solver.closed_form.lateral_boundary import Sides, cut_waves, give
+from solver.closed_form.inclusions import inclusion_forces, polarised
+from solver.closed_form.lateral_boundary import Sides, cut_waves, free_sides
 from solver.closed_form.layer import Waves, floor_compliance, waves
 from solver.closed_form.off_axis import Disc
-from solver.closed_form.surface_images import Sphere
-from solver.closed_form.tractions import RADII, SOLID, TUBE, by
+from solver.closed_form.surface_images import SphereArray
+from solver.closed_form.tractions import RADII, SOLID, TUBE, batched_matmul
 
 REACH = 10.0  # exponents of what is left out of the integrals
 FLOOR_REACH = 6.0
@@ -54,7 +54,7 @@ class Tissue:
 
 
 @dataclass(frozen=True)
-class Answer:
+class ContactSolution:
     """What designs answer.
 
     Attributes:
@@ -77,14 +77,14 @@ class Answer:
 
 
 def answer(
-    blocks: tuple[Block, Block],
+    blocks: tuple[ElasticBlocks, ElasticBlocks],
     tissue: Tissue,
-    spheres: Sequence[Sphere],
+    spheres: Sequence[SphereArray],
     target: int | None,
     bonded: bool,
     nodes: int,
     side_nodes: int = 0,
-) -> Answer:
+) -> ContactSolution:
     """Solve eq. (C1).
 
     Args:
@@ -107,18 +107,20 @@ def answer(
             C = C + _floor(field, loads, weights, tissue.mu)
         sides = _sides(blocks, tissue, side_nodes, bonded) if side_nodes else None
         C = C if sides is None else C + sides.work
-        bodies = [placed(sphere, field, loads, weights, tissue.E, tissue.nu, _disc(blocks, tissue), sides) for sphere in spheres]
+        bodies = [
+            polarised(sphere, field, loads, weights, tissue.E, tissue.nu, _disc(blocks, tissue), sides) for sphere in spheres
+        ]
     solved = np.linalg.solve(C, np.concatenate([areas, *(np.swapaxes(body.moments, 1, 2) for body in bodies)], axis=2))
     tractions = solved[:, :, :2]
     forces = np.swapaxes(areas, 1, 2) @ tractions
     slope = np.zeros_like(forces)
     if bodies:
-        added, slope = answered(bodies, solved, target)
+        added, slope = inclusion_forces(bodies, solved, target)
         forces = forces + added
-    return Answer(forces, slope, C, areas, tractions)
+    return ContactSolution(forces, slope, C, areas, tractions)
 
 
-def _ends(blocks: tuple[Block, Block], bonded: bool) -> list[tuple[Array, Array, Array]]:
+def _ends(blocks: tuple[ElasticBlocks, ElasticBlocks], bonded: bool) -> list[tuple[Array, Array, Array]]:
     return [end_compliance(block, loads, bonded) for block, loads in zip(blocks, (SOLID, TUBE), strict=True)]
 
 
@@ -137,7 +139,7 @@ def _joined(works: Sequence[Array]) -> Array:
     return np.concatenate([above, np.concatenate([np.swapaxes(cross, 1, 2), shear], axis=2)], axis=1)
 
 
-def _areas(blocks: tuple[Block, Block], like: Array) -> Array:
+def _areas(blocks: tuple[ElasticBlocks, ElasticBlocks], like: Array) -> Array:
     """Force of each load on each block, shape (n, loads, 2)."""
     areas = np.zeros((len(like), like.shape[1], 2), dtype=like.dtype)
     row = 0
@@ -149,7 +151,7 @@ def _areas(blocks: tuple[Block, Block], like: Array) -> Array:
     return areas
 
 
-def _half_space(blocks: tuple[Block, Block], tissue: Tissue) -> list[Array]:
+def _half_space(blocks: tuple[ElasticBlocks, ElasticBlocks], tissue: Tissue) -> list[Array]:
     """Works of pressures, shears, pressures on shears: those between discs, combined as rings are differences of discs."""
     inner, outer = (block.radii(loads.cuts) for block, loads in zip(blocks, (SOLID, TUBE), strict=True))
     circles = np.concatenate([inner[:, 1:], outer], axis=1)
@@ -193,7 +195,7 @@ def _between_waves(nodes: int) -> tuple[Any, Any]:
 
 
 def _waves(
-    blocks: tuple[Block, Block], tissue: Tissue, spheres: Sequence[Sphere], nodes: int, bonded: bool
+    blocks: tuple[ElasticBlocks, ElasticBlocks], tissue: Tissue, spheres: Sequence[SphereArray], nodes: int, bonded: bool
 ) -> tuple[Waves, tuple[Array, Array], Array]:
     """The wave numbers, transforms of the rings' loads, shapes (n, q, rings), and the weights k dk."""
     reaches = [REACH / (sphere.depth - 0.8 * sphere.radius) for sphere in spheres]
@@ -207,27 +209,27 @@ def _waves(
     return waves(k, tissue.depth, tissue.nu), _transforms(blocks, k, bonded), weights
 
 
-def _transforms(blocks: tuple[Block, Block], k: Array, bonded: bool) -> tuple[Array, Array]:
+def _transforms(blocks: tuple[ElasticBlocks, ElasticBlocks], k: Array, bonded: bool) -> tuple[Array, Array]:
     """Hankel transforms of the pressures and of the shears, none unless bonded, at waves k (n, q); shapes (n, q, loads)."""
     radii = np.concatenate([block.radii(loads.radii) for block, loads in zip(blocks, (SOLID, TUBE), strict=True)], axis=1)
     zero, one = bessel(k[:, :, None] * radii[:, None, :])
     outer = np.repeat(np.stack([block.radius for block in blocks], axis=1), RADII, axis=1)
     rings = radii * np.repeat(np.stack([block.width for block in blocks], axis=1), RADII, axis=1)
-    pressure = by(zero * rings[:, None, :], _CONCENTRATED[0])
+    pressure = batched_matmul(zero * rings[:, None, :], _CONCENTRATED[0])
     if not bonded:
         return pressure, pressure[:, :, :0]
-    return pressure, by(one * (rings * radii / outer)[:, None, :], _CONCENTRATED[1])
+    return pressure, batched_matmul(one * (rings * radii / outer)[:, None, :], _CONCENTRATED[1])
 
 
-def _sides(blocks: tuple[Block, Block], tissue: Tissue, nodes: int, bonded: bool) -> Sides:
+def _sides(blocks: tuple[ElasticBlocks, ElasticBlocks], tissue: Tissue, nodes: int, bonded: bool) -> Sides:
     """What free sides add, eq. (S1)."""
     k, weights = cut_waves(tissue.radius, blocks[1].radius, nodes)
     field = waves(k, tissue.depth, tissue.nu)
-    cylinder = Block(None, tissue.radius, tissue.depth, tissue.E, tissue.nu)
-    return give(field, _transforms(blocks, k, bonded), weights, cylinder)
+    cylinder = ElasticBlocks(None, tissue.radius, tissue.depth, tissue.E, tissue.nu)
+    return free_sides(field, _transforms(blocks, k, bonded), weights, cylinder)
 
 
-def _disc(blocks: tuple[Block, Block], tissue: Tissue) -> Disc:
+def _disc(blocks: tuple[ElasticBlocks, ElasticBlocks], tissue: Tissue) -> Disc:
     """Both ends as one: they give way as half-spaces do, in the mean over their areas."""
     area = blocks[0].area + blocks[1].area
 

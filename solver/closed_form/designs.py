@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats
 from geometry.scenes.scene import Inclusion, Scene
 from solver.closed_form.bessel import Array
-from solver.closed_form.block_compliance import Block
-from solver.closed_form.contact import FLOOR_REACH, NODES_PER_WAVE, REACH, Answer, Tissue, answer
+from solver.closed_form.block_compliance import ElasticBlocks
+from solver.closed_form.contact import FLOOR_REACH, NODES_PER_WAVE, REACH, ContactSolution, Tissue, answer
 from solver.closed_form.lateral_boundary import side_nodes, side_radius
-from solver.closed_form.surface_images import Sphere
+from solver.closed_form.surface_images import SphereArray
 
 PROBE = (
     "inner_radius", "gap", "outer_radius", "inner_height", "outer_height",
@@ -54,13 +54,13 @@ class Shape:
     side_nodes: int = 0
 
 
-def _answer(shape: Shape, p: Array) -> Answer:
+def _answer(shape: Shape, p: Array) -> ContactSolution:
     """The answer for parameters p, shape (parameters, n)."""
     r2, gap, ro, hi, ho, ei, ni, eo, no, depth, side, et, nt = p[: len(PROBE) + len(TISSUE)]
     bodies = p[len(PROBE) + len(TISSUE) :].reshape(len(shape.on_axis), len(BALL), p.shape[1])
-    blocks = Block(None, r2, hi, ei, ni), Block(r2 + gap, ro, ho, eo, no)
+    blocks = ElasticBlocks(None, r2, hi, ei, ni), ElasticBlocks(r2 + gap, ro, ho, eo, no)
     tissue = Tissue(depth if shape.bounded else None, et, nt, side)
-    spheres = [Sphere(b[0], b[1], b[2], b[3], b[4], on_axis) for b, on_axis in zip(bodies, shape.on_axis, strict=True)]
+    spheres = [SphereArray(b[0], b[1], b[2], b[3], b[4], on_axis) for b, on_axis in zip(bodies, shape.on_axis, strict=True)]
     return answer(blocks, tissue, spheres, shape.target, shape.bonded, shape.nodes, shape.side_nodes)
 
 
@@ -80,7 +80,7 @@ def forces(shape: Shape, values: Array) -> tuple[Floats, Floats]:
     return np.concatenate([part.forces for part in parts]), np.concatenate([part.slope for part in parts])
 
 
-def answers(shape: Shape, values: Array) -> Iterator[Answer]:
+def answers(shape: Shape, values: Array) -> Iterator[ContactSolution]:
     """Yield what stands behind ``forces``, for some designs at a time."""
     values = np.asarray(values)
     for k in range(0, values.shape[1], CHUNK):
@@ -90,13 +90,13 @@ def answers(shape: Shape, values: Array) -> Iterator[Answer]:
             yield from (_alone(shape, column) for column in values[:, k : k + CHUNK].T)
 
 
-def _alone(shape: Shape, column: Array) -> Answer:
+def _alone(shape: Shape, column: Array) -> ContactSolution:
     """One design's answer, NaN if its equations are singular."""
     try:
         return _answer(shape, column[:, None])
     except np.linalg.LinAlgError:
         none, no_loads = np.full((1, 2, 2), np.nan, dtype=column.dtype), np.full((1, 1, 2), np.nan)
-        return Answer(none, none, np.full((1, 1, 1), np.nan), no_loads, no_loads)
+        return ContactSolution(none, none, np.full((1, 1, 1), np.nan), no_loads, no_loads)
 
 
 def gradients(shape: Shape, values: Floats, which: Sequence[int]) -> tuple[Floats, Floats]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
 from solver.closed_form.error_features import features
 from solver.results.detail_compliance import details
@@ -58,7 +58,7 @@ WEIGHTS: dict[str, dict[str, float]] = {
 
 
 @dataclass(frozen=True)
-class Errors:
+class StatedErrors:
     """Bounds on the errors of ln(ratio), of the logarithms of both totals, shape (2,), and of the log-sensitivity."""
 
     log_ratio: float
@@ -75,7 +75,7 @@ class Errors:
         return float(np.expm1(min(max(self.log_ratio, *self.log_totals), 700.0)))
 
 
-def errors(scene: Scene, forces: Floats, slopes: Floats, sided: bool) -> Errors:
+def errors(scene: Scene, forces: Floats, slopes: Floats, sided: bool) -> StatedErrors:
     """Return eq. (C2) for a scene, with all of groove, film and base; arguments as of ``closed_features.features``."""
     found = features(scene, forces, slopes, sided)
     ratio, inner, outer, sensitivity = (
@@ -84,4 +84,4 @@ def errors(scene: Scene, forces: Floats, slopes: Floats, sided: bool) -> Errors:
     told = [detail.bound(forces[0]) for detail in details(scene.probe)]
     films = np.array([inner, outer]) + sum(bound.totals for bound in told) / forces[0].sum(axis=1)
     sensitivity += LEAST_SENSITIVITY
-    return Errors(min(ratio, inner + outer) + sum(bound.log_ratio for bound in told), films, sensitivity)
+    return StatedErrors(min(ratio, inner + outer) + sum(bound.log_ratio for bound in told), films, sensitivity)

@@ -22,7 +22,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Inclusion, Scene
 from solver.closed_form.lateral_boundary import side_radius

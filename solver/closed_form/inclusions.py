@@ -25,15 +25,15 @@ import numpy as np
 from solver.closed_form.bessel import Array
 from solver.closed_form.lateral_boundary import Sides
 from solver.closed_form.layer import Waves
-from solver.closed_form.off_axis import Disc, answer_aside, aside
+from solver.closed_form.off_axis import Disc, off_axis_response, shifted_waves
 from solver.closed_form.surface_images import (
     ASIDE,
     MOMENTS,
     NEAR,
     TO_MOMENTS,
     TURNS,
-    Points,
-    Sphere,
+    BallQuadrature,
+    SphereArray,
     fields,
     image,
     nearby,
@@ -43,7 +43,7 @@ from solver.inclusions.eshelby import strengths
 
 
 @dataclass(frozen=True)
-class Body:
+class LoadedSpheres:
     """Spheres under the loads of a probe, m in all.
 
     Attributes:
@@ -57,8 +57,8 @@ class Body:
         strength, slope: (k_v, k_d) of eq. (I1) and their derivatives by ln E.
     """
 
-    sphere: Sphere
-    points: Points
+    sphere: SphereArray
+    points: BallQuadrature
     fields: tuple[Array, Array]
     loads: tuple[Array, Array]
     sides: Array | None
@@ -97,8 +97,8 @@ class Body:
         return beyond(*self.strength), beyond(*self.slope)
 
 
-def placed(
-    sphere: Sphere,
+def polarised(
+    sphere: SphereArray,
     waves: Waves,
     loads: tuple[Array, Array],
     weights: Array,
@@ -106,7 +106,7 @@ def placed(
     nu: Array,
     disc: Disc,
     sides: Sides | None = None,
-) -> Body:
+) -> LoadedSpheres:
     """Put spheres into tissue of modulus E and Poisson's ratio nu, shapes (n,).
 
     Args:
@@ -125,7 +125,7 @@ def placed(
     points, strain, moments = NEAR, near.strain, near.moments
     across, beside = sphere.radius[:, None] * NEAR.x, sphere.radius[:, None] * 0
     if not sphere.on_axis:
-        points, share = ASIDE, aside(waves.k, sphere.offset)
+        points, share = ASIDE, shifted_waves(waves.k, sphere.offset)
         across, beside = sphere.offset[:, None] + sphere.radius[:, None] * ASIDE.x, sphere.radius[:, None] * ASIDE.y
         moments = moments[0] * share, moments[1] * share
         around = tuple(np.concatenate([part] * TURNS, axis=2) for part in near.parts)
@@ -139,11 +139,11 @@ def placed(
     G = image(sphere, waves, near, weights, mu, nu)
     if not sphere.on_axis:
         volume = (4 * np.pi / 3 * sphere.radius**3)[:, None, None]
-        G = G - volume * answer_aside(sphere, near, waves.k, weights, disc, mu, loads[1].shape[2] > 0)
-    return Body(sphere, points, strain, weighed, added, found, G, *strengths(E, nu, sphere.E, sphere.nu))
+        G = G - volume * off_axis_response(sphere, near, waves.k, weights, disc, mu, loads[1].shape[2] > 0)
+    return LoadedSpheres(sphere, points, strain, weighed, added, found, G, *strengths(E, nu, sphere.E, sphere.nu))
 
 
-def answered(bodies: Sequence[Body], solved: Array, target: int | None) -> tuple[Array, Array]:
+def inclusion_forces(bodies: Sequence[LoadedSpheres], solved: Array, target: int | None) -> tuple[Array, Array]:
     """Eq. (I5): what the spheres add to the forces on the films, and their slope by ln E of the target; both (n, 2, 2).
 
     Args:

@@ -22,7 +22,7 @@ from numpy.polynomial import legendre
 
 from geometry.scenes.scene import BlockTissue, CylinderTissue
 from solver.closed_form.bessel import Array, bessel
-from solver.closed_form.block_compliance import RADIAL, Block, column, radial
+from solver.closed_form.block_compliance import RADIAL, ElasticBlocks, column, radial
 from solver.closed_form.block_functions import AXIAL, Along
 from solver.closed_form.layer import Waves, amplitudes, lowering
 
@@ -64,7 +64,7 @@ class Sides:
     """
 
     work: Array
-    tissue: Block
+    tissue: ElasticBlocks
     along: Along
     share: Array
 
@@ -83,7 +83,7 @@ def _products(across: Array, along: Array) -> Array:
     return np.swapaxes((across[:, :, None] * along[:, None]).reshape(len(across), -1, across.shape[2]), 1, 2)
 
 
-def give(field: Waves, loads: tuple[Array, Array], weights: Array, tissue: Block) -> Sides:
+def free_sides(field: Waves, loads: tuple[Array, Array], weights: Array, tissue: ElasticBlocks) -> Sides:
     """Solve eq. (S1).
 
     Args:
@@ -105,7 +105,7 @@ def give(field: Waves, loads: tuple[Array, Array], weights: Array, tissue: Block
     return Sides((lost + np.swapaxes(lost, 1, 2)) / 2 + np.swapaxes(b, 1, 2) @ share, tissue, along, share)
 
 
-def _at_cut(field: Waves, loads: tuple[Array, Array], weights: Array, tissue: Block, z: Array) -> Iterator[Array]:
+def _at_cut(field: Waves, loads: tuple[Array, Array], weights: Array, tissue: ElasticBlocks, z: Array) -> Iterator[Array]:
     """Yield the stresses rr and rz and the displacements outwards and downwards at the cut, at depths z; shapes (n, k, m)."""
     nu, mu, R = (part[:, None, None] for part in (tissue.nu, tissue.E / (2 * (1 + tissue.nu)), tissue.radius))
     zero, one = (part[:, None, :] for part in bessel(field.k * tissue.radius[:, None]))

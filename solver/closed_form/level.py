@@ -14,14 +14,14 @@ from time import perf_counter
 
 import numpy as np
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal
-from geometry.meridian.grading import Floats
 from geometry.scenes.scene import Scene
 from solver.closed_form.designs import BALL, PROBE, TISSUE, Shape, answers, parameters
-from solver.closed_form.error_bound import Errors, errors
+from solver.closed_form.error_bound import StatedErrors, errors
 from solver.closed_form.error_features import EFFECTS, STEP
 from solver.results.film_forces import FilmForces, outputs, shortfalls
-from solver.results.result import Result, lopsided
+from solver.results.result import Result, needs_solid
 
 LEAST_COVER = 0.1  # of an inclusion, in its diameters
 LARGEST_ERROR = 2.9  # of ln(ratio): beyond it the formulas say nothing
@@ -31,11 +31,11 @@ BROKEN = "axisymmetric, as the formulas break down for this scene"
 
 
 @dataclass(frozen=True)
-class Found:
+class ClosedFormForces:
     """Film forces with their bounds, the bounds on their errors, and the residual of eq. (C1)."""
 
     films: FilmForces
-    errors: Errors
+    errors: StatedErrors
     residual: float
 
 
@@ -48,8 +48,8 @@ class ClosedForm:
 
     def refusal(self, scene: Scene) -> str | None:
         """Say which kind of thing in the scene the formulas do not know, or None."""
-        if lopsided(scene) is not None:
-            return lopsided(scene)
+        if needs_solid(scene) is not None:
+            return needs_solid(scene)
         if any(body.diameter is None for body in scene.inclusion):
             return "equivalent-inclusion or solid for an ellipsoid"
         if any(body.depth - body.diameter / 2 < LEAST_COVER * body.diameter for body in scene.inclusion if body.diameter):
@@ -76,9 +76,9 @@ class ClosedForm:
         share = (perf_counter() - start) / max(len(scenes), 1)
         return [replace(one, seconds=share) if isinstance(one, Result) else one for one in answers]
 
-    def films(self, scenes: Sequence[Scene]) -> list[Found | InputError]:
+    def films(self, scenes: Sequence[Scene]) -> list[ClosedFormForces | InputError]:
         """Return for each scene what stands behind an answer, or the refusal."""
-        found: dict[int, Found | InputError] = {}
+        found: dict[int, ClosedFormForces | InputError] = {}
         groups: dict[Shape, list[tuple[int, Floats]]] = defaultdict(list)
         for place, scene in enumerate(scenes):
             why = self.refusal(scene)
@@ -93,7 +93,9 @@ class ClosedForm:
                 found[place] = self._bounded(scenes[place], shape, *one)
         return [found[place] for place in range(len(scenes))]
 
-    def _bounded(self, scene: Scene, shape: Shape, found: Floats, slopes: Floats, residuals: Floats) -> Found | InputError:
+    def _bounded(
+        self, scene: Scene, shape: Shape, found: Floats, slopes: Floats, residuals: Floats
+    ) -> ClosedFormForces | InputError:
         """What stands behind the answer of a scene, from its variants."""
         if not (np.all(np.isfinite(found)) and np.all(found.sum(axis=2) > 0) and np.all(residuals < LARGEST_RESIDUAL)):
             return Refusal("evaluator", self.name, BROKEN)
@@ -102,9 +104,9 @@ class ClosedForm:
             return Refusal("evaluator", self.name, BROKEN)
         slope = slopes[0] if scene.target is not None else None
         films = FilmForces(found[0], error.bound(found[0].sum(axis=1)), slope, error.sensitivity)
-        return Found(films, error, float(residuals[0]))
+        return ClosedFormForces(films, error, float(residuals[0]))
 
-    def _told(self, scene: Scene, found: Found | InputError, accuracy: float) -> Result | InputError:
+    def _told(self, scene: Scene, found: ClosedFormForces | InputError, accuracy: float) -> Result | InputError:
         if isinstance(found, InputError):
             return found
         told = outputs(scene, found.films)

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.closed_form.bessel import Array, bessel, spherical
-from solver.closed_form.surface_images import MOMENTS, Nearby, Sphere
+from solver.closed_form.surface_images import MOMENTS, Nearby, SphereArray
 
 ORDERS, DEGREE = 6, 8  # the largest n and l: fewer by two change the log-sensitivity of a sphere under the rim by up to 8 %
 
@@ -40,7 +40,7 @@ class Disc:
     sheared: Array
 
 
-def aside(k: Array, offset: Array) -> Array:
+def shifted_waves(k: Array, offset: Array) -> Array:
     """By how much a wave Y_0 about the probe's axis is one of each moment of ``Nearby`` about the sphere's; (n, moments, q).
 
     Args:
@@ -51,8 +51,8 @@ def aside(k: Array, offset: Array) -> Array:
     return _rows(J[0], -2 * J[1], 2 * J[2])
 
 
-def answer_aside(
-    sphere: Sphere,
+def off_axis_response(
+    sphere: SphereArray,
     near: Nearby,
     k: Array,
     weights: Array,

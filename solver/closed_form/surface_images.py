@@ -31,7 +31,7 @@ MOMENTS, ALL = 5, 11  # about the sphere's vertical axis: a, z, a zeta, z zeta, 
 
 
 @dataclass(frozen=True)
-class Sphere:
+class SphereArray:
     """Spheres: radius, depth of the centre, distance from the probe's axis, modulus, Poisson's ratio; arrays of shape (n,)."""
 
     radius: Array
@@ -43,7 +43,7 @@ class Sphere:
 
 
 @dataclass(frozen=True)
-class Points:
+class BallQuadrature:
     """Quadrature of the unit ball: place (x, y across, z up) and weight of each point; weights add up to 1."""
 
     x: Any
@@ -52,14 +52,14 @@ class Points:
     weight: Any
 
 
-def points(turns: Any) -> Points:
+def points(turns: Any) -> BallQuadrature:
     """Gauss in the cube of the radius and the cosine of the polar angle, midpoints in the azimuth."""
     cubes, cube_weights = np.polynomial.legendre.leggauss(2)
     cosines, cosine_weights = np.polynomial.legendre.leggauss(4)
     turn, rho, c = np.meshgrid(turns, np.cbrt((cubes + 1) / 2), cosines, indexing="ij")
     weight = cube_weights[:, None] * cosine_weights / 4 / len(turns) + 0 * rho
     across = rho * np.sqrt(1 - c**2)
-    return Points((across * np.cos(turn)).ravel(), (across * np.sin(turn)).ravel(), (rho * c).ravel(), weight.ravel())
+    return BallQuadrature((across * np.cos(turn)).ravel(), (across * np.sin(turn)).ravel(), (rho * c).ravel(), weight.ravel())
 
 
 TURNS = 3
@@ -123,7 +123,7 @@ class Nearby:
     turned: Array | None
 
 
-def nearby(sphere: Sphere, waves: Waves) -> Nearby:
+def nearby(sphere: SphereArray, waves: Waves) -> Nearby:
     """Return strains and moments of spheres under waves of the tissue."""
     parts = amplitudes(waves, sphere.depth[:, None] - sphere.radius[:, None] * NEAR.z)
     near = wavelets(waves.k, sphere.radius[:, None] * RHO, WHICH)
@@ -135,7 +135,7 @@ def nearby(sphere: Sphere, waves: Waves) -> Nearby:
     return Nearby(parts, strain, tuple(moments), _turned(waves, sphere, near))  # type: ignore[arg-type]
 
 
-def image(sphere: Sphere, waves: Waves, near: Nearby, weights: Array, mu: Array, nu: Array) -> Array:
+def image(sphere: SphereArray, waves: Waves, near: Nearby, weights: Array, mu: Array, nu: Array) -> Array:
     """Eqs. (I2), (I3): G for spheres in tissue of shear modulus mu and Poisson's ratio nu (n,), shape (n, moments, moments).
 
     ``weights`` are k dk of the waves, shape (n, q).
@@ -168,7 +168,7 @@ def _sideways(part: Array, near: Wavelets) -> Array:
     return np.stack((*rows, -w @ (part[:, 0] * near.zero) / 2), axis=1)
 
 
-def _turned(waves: Waves, sphere: Sphere, near: Wavelets) -> Array:
+def _turned(waves: Waves, sphere: SphereArray, near: Wavelets) -> Array:
     """All moments under waves of shear about the vertical on a half-space, J1 sin and, the last, J2 sin 2, times 2 mu."""
     w, z, x = NEAR.weight, NEAR.z, NEAR.x
     down = np.exp(-waves.k[:, None, :] * (sphere.depth[:, None] - sphere.radius[:, None] * z)[:, :, None])

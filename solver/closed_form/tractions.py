@@ -53,7 +53,7 @@ class Loads:
         return weights / (2 * self.radii[:, None]) if self.solid else weights
 
 
-def by(many: Any, one: Any) -> Any:
+def batched_matmul(many: Any, one: Any) -> Any:
     """Matrices (n, i, j) times one matrix (j, k), as a single product: faster than one for each."""
     return (many.reshape(-1, len(one)) @ one).reshape(*many.shape[:-1], -1)
 

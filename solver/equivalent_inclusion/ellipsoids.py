@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
-from geometry.meridian.grading import Floats
 from geometry.scenes.fit import semi_axes
 from geometry.scenes.probe import Material, mm
 from geometry.scenes.scene import Inclusion, Scene
@@ -26,7 +26,7 @@ UNLIKE = 0.1  # of the slope by the modulus, which saturates otherwise in an ell
 
 
 @dataclass(frozen=True)
-class Difference:
+class ShapeCorrection:
     """From the sphere of its volume to an ellipsoid, N/m, shapes (2, 2).
 
     Attributes:
@@ -91,7 +91,7 @@ def with_ellipsoids(base: Undisturbed, scene: Scene, found: Readings, bodies: Se
     return replace(found, forces=forces, bound=only_tumours, by=slope, slope_bound=slope_bound).with_bounds_of(base)
 
 
-def _reflected_otherwise(base: Undisturbed, body: Inclusion, change: Difference) -> Floats:
+def _reflected_otherwise(base: Undisturbed, body: Inclusion, change: ShapeCorrection) -> Floats:
     """Bound on how an ellipsoid's reflections differ from those of the sphere of its volume, each film's total, N/m, shape (2,).
 
     A share of the effect that grows with the longest semi-axis against the distance of surface or floor, and with the shape.
@@ -104,7 +104,7 @@ def _reflected_otherwise(base: Undisturbed, body: Inclusion, change: Difference)
     return np.asarray(share * np.sqrt(np.abs(np.diag(change.own) * change.own.sum())))
 
 
-def difference(base: Undisturbed, scene: Scene, body: Inclusion) -> Difference:
+def difference(base: Undisturbed, scene: Scene, body: Inclusion) -> ShapeCorrection:
     """Return what an ellipsoid changes beyond the sphere of its volume, to first order.
 
     Raises:
@@ -128,7 +128,7 @@ def difference(base: Undisturbed, scene: Scene, body: Inclusion) -> Difference:
     sphere = effects(base.energies, base.scene.tissue, Tumours.of(scene.model_copy(update={"inclusion": (body,)})).flat())
     whole = np.abs(sphere.forces[0]).sum()
     share = float(np.abs(forces - sphere.forces[0]).sum() / whole) if whole > 0 else 0.0
-    return Difference(forces - sphere.forces[0], slope - sphere.by_log_modulus[0], sphere.by_log_modulus[0], share, forces)
+    return ShapeCorrection(forces - sphere.forces[0], slope - sphere.by_log_modulus[0], sphere.by_log_modulus[0], share, forces)
 
 
 def _cartesian(base: Undisturbed, x: Floats, y: Floats, z: Floats) -> Floats:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.polynomial.legendre import leggauss
 from scipy.special import roots_jacobi
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats
 from geometry.scenes.probe import Material
 from solver.equivalent_inclusion.strain_products import Energies
 from solver.inclusions.eshelby import strength

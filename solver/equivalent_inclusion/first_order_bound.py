@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.inclusions.eshelby import strength
 from solver.inclusions.tumours import Tumours

@@ -11,10 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats, Ints
 from geometry.meridian.mesh import SQUARE, bilinear, nodes
 from solver.axisymmetric.base_states import BaseStates
-from solver.axisymmetric.dofs import Ints
 from solver.axisymmetric.quadrilateral import Geometry, dilations
 from solver.axisymmetric.shape_functions import functions, pressures
 from solver.axisymmetric.tissue_field import TissueField, jacobian
@@ -25,7 +24,7 @@ METRIC = np.array([1.0, 1.0, 1.0, 2.0])  # of rr, zz, hoop and rz in eps:eps
 
 
 @dataclass(frozen=True)
-class Points:
+class QuadraturePoints:
     """The points of t tumours' quadratures, q in all, in a mesh without them.
 
     Attributes:
@@ -48,7 +47,7 @@ class Points:
     by_log_diameter: Floats
 
     @classmethod
-    def of(cls, states: BaseStates, tumours: Tumours) -> Points:
+    def of(cls, states: BaseStates, tumours: Tumours) -> QuadraturePoints:
         """Place the quadratures of t spheres, arrays of shape (t,)."""
         ball, share = half_ball(*POINTS)
         radius = tumours.diameter[:, None] / 2

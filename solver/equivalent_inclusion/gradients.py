@@ -17,19 +17,19 @@ from typing import Any
 
 import numpy as np
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
-from geometry.meridian.frame import Fineness, Kind
-from geometry.meridian.grading import Floats
+from geometry.meridian.frame import Kind, MeridianFineness
 from geometry.meridian.section import Body
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
 from geometry.scenes.variables import values
-from solver.axisymmetric.base_states import BaseStates, Model, base_states
+from solver.axisymmetric.base_states import BaseStates, MeridianModel, base_states
 from solver.axisymmetric.base_states import model as solved_model
 from solver.axisymmetric.energy_derivatives import STEP, energy_derivatives, variables
 from solver.axisymmetric.gradients import OUTPUTS, Gradients, areas, by_scene
 from solver.axisymmetric.sections import Sections
-from solver.equivalent_inclusion.gradient_points import METRIC, Points
+from solver.equivalent_inclusion.gradient_points import METRIC, QuadraturePoints
 from solver.equivalent_inclusion.probe_on_tissue import FIELDS
 from solver.inclusions.eshelby import strengths
 from solver.inclusions.tumours import Tumours
@@ -49,7 +49,7 @@ class FirstOrder:
     """
 
     states: BaseStates
-    points: Points
+    points: QuadraturePoints
     tumours: Tumours
     target: int | None
 
@@ -105,7 +105,7 @@ class FirstOrder:
         return np.array([self.form(k, corners, moved) for k in self.strengths(**changed)])
 
 
-def _solved(m: Model, elements: Any, loads: Floats) -> Floats:
+def _solved(m: MeridianModel, elements: Any, loads: Floats) -> Floats:
     """Displacements under loads on all values of some elements, (e, 2, s, k), held where base states are; (n, 2 s, k)."""
     e, _, s, k = loads.shape
     edge = m.shapes.skeleton
@@ -121,7 +121,7 @@ def _solved(m: Model, elements: Any, loads: Floats) -> Floats:
     return shaped.reshape(whole.shape)
 
 
-def first_order(scene: Scene, of: Sections, fineness: Fineness = FIELDS[0], kind: Kind | None = None) -> FirstOrder:
+def first_order(scene: Scene, of: Sections, fineness: MeridianFineness = FIELDS[0], kind: Kind | None = None) -> FirstOrder:
     """Solve the base states of sections without tumours and place the scene's spheres in them.
 
     Raises:
@@ -133,7 +133,7 @@ def first_order(scene: Scene, of: Sections, fineness: Fineness = FIELDS[0], kind
     section = replace(of.section, sphere_radius=0.0, sphere_depth=0.0)
     states = base_states(solved_model(section, materials, interface, fineness, kind))
     tumours = Tumours.of(scene).flat()
-    return FirstOrder(states, Points.of(states, tumours), tumours, scene.target)
+    return FirstOrder(states, QuadraturePoints.of(states, tumours), tumours, scene.target)
 
 
 def tumour_gradients(scene: Scene, found: FirstOrder, names: tuple[str, ...]) -> Gradients:

@@ -7,15 +7,15 @@ from time import perf_counter
 
 import numpy as np
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
-from geometry.meridian.grading import Floats
 from geometry.scenes.scene import Scene
 from solver.equivalent_inclusion.ellipsoids import check, with_ellipsoids
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed, undisturbed
 from solver.equivalent_inclusion.readings import Readings, readings
 from solver.inclusions.tumours import Tumours
 from solver.results.film_forces import Bound, FilmForces, checked_moduli, outputs, ratio, shortfalls
-from solver.results.result import Curve, Decision, Result, lopsided, within
+from solver.results.result import Curve, Decision, Result, needs_solid, within
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class EquivalentInclusion:
 
     def refusal(self, scene: Scene) -> str | None:
         """Say which kind of thing in the scene this level does not know, or None."""
-        return lopsided(scene)
+        return needs_solid(scene)
 
     def evaluate_within(self, scene: Scene, accuracy: float) -> Result:
         """Answer as ``evaluate`` does, but only if every bound is below ``accuracy``.

@@ -8,15 +8,15 @@ from functools import cached_property, lru_cache
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import Refusal, SolveError
-from geometry.meridian.frame import Fineness
-from geometry.meridian.grading import Floats
+from geometry.meridian.frame import MeridianFineness
 from geometry.meridian.section import Section
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Load, Scene
 from solver.axisymmetric.base_states import base_states, model
 from solver.axisymmetric.converged_forces import Converged, converged
-from solver.axisymmetric.dofs import Bools, Interface
+from solver.axisymmetric.dofs import Interface
 from solver.axisymmetric.tissue_field import TissueField
 from solver.equivalent_inclusion.strain_products import Energies
 from solver.inclusions.tumours import Tumours
@@ -24,11 +24,14 @@ from solver.multiple_scattering.exchange import Reflector
 from solver.results.film_forces import FilmForces
 from solver.results.result import Decision
 
-FIELDS = Fineness(1.5, 3, 5), Fineness(2, 3, 6)  # meshes of the strains; tests hold their errors below FIELD_ERRORS
+FIELDS = (
+    MeridianFineness(1.5, 3, 5),
+    MeridianFineness(2, 3, 6),
+)  # meshes of the strains; tests hold their errors below FIELD_ERRORS
 FIELD_ERRORS = 5e-4, 3e-5  # of the effect of a tumour one outer radius from the probe, rising with the square of the distance
 FINE = 0.0015  # accuracy below which the finer of them is used
 SHALLOW = 0.2  # outer radii: the depth of a centre above which the coarser mesh is too coarse
-REFLECTIONS = Fineness(1, 1, 4)  # mesh of what comes back to ordinary tumours
+REFLECTIONS = MeridianFineness(1, 1, 4)  # mesh of what comes back to ordinary tumours
 REFLECTION_ERROR = 3e-4  # of the effect of an ordinary tumour: what that mesh changes; 1e-4 in a sweep over finer ones
 FAR = 300.0  # outer radii: where a half-space ends for strains, which this changes by its square
 SHARE = 0.2  # of the accuracy asked for that film forces without tumours may take

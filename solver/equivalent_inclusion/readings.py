@@ -7,9 +7,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import Refusal, SolveError
-from geometry.meridian.grading import Floats
-from solver.axisymmetric.dofs import Bools
 from solver.equivalent_inclusion.first_order import Effects, effects
 from solver.equivalent_inclusion.first_order_bound import first_order_error, first_order_share
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed

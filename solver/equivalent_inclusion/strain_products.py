@@ -12,8 +12,7 @@ from functools import cached_property
 import numpy as np
 from scipy.ndimage import map_coordinates, spline_filter
 
-from geometry.meridian.grading import Floats
-from solver.axisymmetric.dofs import Bools
+from geometry.common.arrays import Bools, Floats
 from solver.axisymmetric.tissue_field import TissueField
 
 PAIRS = ((0, 0), (0, 1), (1, 1))  # of base states: inner and inner, inner and outer, outer and outer

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal
-from geometry.meridian.grading import Floats
 from geometry.scenes.probe import Material
 
 LARGEST_ASPECT = 20.0  # of an ellipsoid's diameters: beyond it eq. (E3) would need too many points

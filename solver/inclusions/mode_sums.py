@@ -17,9 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from geometry.meridian.grading import Floats
-from solver.axisymmetric.shape_functions import Ints
-from solver.inclusions.solid_harmonics import Harmonics, Side
+from geometry.common.arrays import Floats, Ints
+from solver.inclusions.solid_harmonics import Side, SolidHarmonics
 
 Values = NDArray[Any]  # real, or complex for derivatives by complex steps
 FACTORS = 5  # p_j of eq. (M8)
@@ -38,7 +37,7 @@ class Stack:
     """
 
     matrix: Any
-    harmonics: Harmonics
+    harmonics: SolidHarmonics
     side: Side
     _rows: dict[tuple[bool, int], tuple[Ints, Ints]] = field(default_factory=dict, repr=False)
 
@@ -72,7 +71,7 @@ class Table:
         points: in units of the sphere's radius from its centre, shape (n, 3).
     """
 
-    harmonics: Harmonics
+    harmonics: SolidHarmonics
     side: Side
     points: Floats
 

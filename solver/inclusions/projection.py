@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats
 from solver.inclusions.mode_sums import Values
 from solver.inclusions.vector_modes import Modes
 

@@ -15,13 +15,13 @@ from typing import Any, Literal
 import numpy as np
 import scipy.sparse as sp
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats
 
 Side = Literal["regular", "outgoing"]
 
 
 @dataclass(frozen=True)
-class Harmonics:
+class SolidHarmonics:
     """All harmonics up to a degree and an azimuthal order.
 
     Attributes:
@@ -97,7 +97,7 @@ def _recursion(degree: int, order: int) -> list[tuple[Floats, Floats, float]]:
 
 
 @lru_cache(maxsize=16)
-def derivatives(harmonics: Harmonics, side: Side) -> tuple[Any, Any, Any]:
+def derivatives(harmonics: SolidHarmonics, side: Side) -> tuple[Any, Any, Any]:
     """Sparse matrices D_x, D_y, D_z, each (2 count, 2 count): coefficients of a sum's derivatives from its own.
 
     Exact for sums of degree below the largest and, across the axis, of order below the largest; higher harmonics are dropped.

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from solver.axisymmetric.shape_functions import Ints
+from geometry.common.arrays import Ints
 from solver.inclusions.mode_sums import Values
 from solver.inclusions.solid_harmonics import Side
 from solver.inclusions.vector_modes import Modes, scales

@@ -8,8 +8,8 @@ from typing import Any, Self
 
 import numpy as np
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
-from geometry.meridian.grading import Floats
 from geometry.scenes.scene import Inclusion, Scene
 
 

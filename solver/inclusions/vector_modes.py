@@ -27,10 +27,9 @@ from typing import Any, Literal
 import numpy as np
 import scipy.sparse as sp
 
-from geometry.meridian.grading import Floats
-from solver.axisymmetric.shape_functions import Ints
+from geometry.common.arrays import Floats, Ints
 from solver.inclusions.mode_sums import FACTORS, ONE, SQUARE, Sampler, Stack, Table, Values, X, Y, Z
-from solver.inclusions.solid_harmonics import Harmonics, Side, derivatives
+from solver.inclusions.solid_harmonics import Side, SolidHarmonics, derivatives
 
 Parity = Literal["even", "both"]
 VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))  # xx, yy, zz, yz, xz, xy
@@ -142,9 +141,9 @@ class Modes:
         return out
 
     @cached_property
-    def harmonics(self) -> Harmonics:
+    def harmonics(self) -> SolidHarmonics:
         """The solid harmonics of which fields and their derivatives are sums: two degrees and orders more, for the stress."""
-        return Harmonics(self.degree + 2, min(self.order, self.degree) + 2)
+        return SolidHarmonics(self.degree + 2, min(self.order, self.degree) + 2)
 
 
 @lru_cache(maxsize=32)

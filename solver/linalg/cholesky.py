@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats
 
 METIS = {1: 2}  # PARDISO's ordering by nested dissection
 POSITIVE_DEFINITE = 2

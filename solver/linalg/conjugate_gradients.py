@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
-from geometry.meridian.grading import Floats
 from solver.linalg.cholesky import Factor, factorise
 
 WANTED = 1e-9  # relative residual

@@ -16,13 +16,13 @@ from typing import Any
 
 import numpy as np
 
+from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
-from geometry.meridian.grading import Floats
-from solver.axisymmetric.base_states import Model, condensed
+from solver.axisymmetric.base_states import MeridianModel, condensed
 from solver.axisymmetric.condensed_system import LARGEST_RESIDUAL, System
 from solver.axisymmetric.dofs import Interface, numbering
 from solver.axisymmetric.quadrilateral import Geometry
-from solver.axisymmetric.shape_functions import Ints, Shapes
+from solver.axisymmetric.shape_functions import Shapes
 
 BATCH = 64  # elements at once, which bounds the memory of their strains
 # U, V and W from the components, for m = 0 and m > 0
@@ -44,7 +44,7 @@ class Harmonic:
     """
 
     m: int
-    model: Model
+    model: MeridianModel
     system: System
     recovery: Floats
 
@@ -88,13 +88,13 @@ class Harmonic:
 
 
 @dataclass(frozen=True)
-class Harmonics:
+class AzimuthalSystems:
     """What the systems of all orders are made of.
 
     Element matrices are quadratic in m, eq. (H2): those of m = 1, 2 and 3 tell all others, eq. (H3).
     """
 
-    model: Model
+    model: MeridianModel
     interface: Interface
 
     def of_order(self, m: int) -> Harmonic:

@@ -27,17 +27,16 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from geometry.meridian.grading import Floats
-from solver.axisymmetric.base_states import Model
+from geometry.common.arrays import Floats, Ints
+from solver.axisymmetric.base_states import MeridianModel
 from solver.axisymmetric.dofs import Interface
-from solver.axisymmetric.shape_functions import Ints
 from solver.multiple_scattering.azimuthal_systems import COMPONENTS, Harmonic
 from solver.multiple_scattering.boundary_edges import Boundary, Edges
-from solver.multiple_scattering.panels import Line, Panels
+from solver.multiple_scattering.panels import PanelLine, Panels
 
 
 @dataclass(frozen=True)
-class Told:
+class BoundaryData:
     """How data at the panels' points tell the elements on the boundary, for orders that share their components.
 
     Data are the amplitudes t_r, t_theta, t_z, u_r, u_theta, u_z (tractions by the outward normal) of all n points, one below the
@@ -56,16 +55,16 @@ class Told:
     direct: Any
 
     @classmethod
-    def of(cls, model: Model, boundary: Boundary, panels: Panels, interface: Interface, m: int) -> Told:
+    def of(cls, model: MeridianModel, boundary: Boundary, panels: Panels, interface: Interface, m: int) -> BoundaryData:
         """Find them for order 0 or, the same for all, above."""
         amplitudes, around = COMPONENTS[min(m, 1)], 2 * np.pi if m == 0 else np.pi
         inverse, b = np.linalg.pinv(amplitudes), boundary
         held = np.diag([0.0, 0.0, 1.0]) if interface == "frictionless" else np.eye(3)
         elements = np.unique(np.concatenate([edges.element for edges in (b.surface, b.side, b.floor, b.ends)]))
-        place = _Place(elements, 4 * model.shapes.order, len(amplitudes.T), len(panels.r))
+        place = _BoundaryPlace(elements, 4 * model.shapes.order, len(amplitudes.T), len(panels.r))
         surface, side, floor = panels.parts
 
-        def told(edges: Edges, at: Floats, line: Line, part: slice) -> tuple[Any, Any]:
+        def told(edges: Edges, at: Floats, line: PanelLine, part: slice) -> tuple[Any, Any]:
             """Forces by tractions on a line's edges, and the edges' values of displacements."""
             to = line.to(at)
             loads = np.einsum("eq,qs,eqn->esn", around * edges.weight, edges.values, to)
@@ -81,7 +80,7 @@ class Told:
 
 
 @dataclass(frozen=True)
-class _Place:
+class _BoundaryPlace:
     """Where own values of the boundary's elements and data of the panels' points stand."""
 
     elements: Ints
@@ -105,7 +104,7 @@ class _Place:
 
 
 @dataclass(frozen=True)
-class Response:
+class BoundaryResponse:
     """What one azimuthal order answers to data on the boundary: the symmetric matrix of eq. (B3).
 
     Attributes:
@@ -114,7 +113,7 @@ class Response:
     """
 
     harmonic: Harmonic
-    told: Told
+    told: BoundaryData
 
     def to(self, data: Floats, often: bool) -> Floats:
         """Return the matrix times data, shape (6 n, k) both; the matrix itself is found only for those who ask ``often``.

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats, Ints
 from geometry.meridian.mesh import SQUARE, labels, line_label, nodes
 from geometry.meridian.section import Body
-from solver.axisymmetric.base_states import Model
-from solver.axisymmetric.shape_functions import Ints, functions
+from solver.axisymmetric.base_states import MeridianModel
+from solver.axisymmetric.shape_functions import functions
 
 ENDS = ((0, 1), (1, 2), (3, 2), (0, 3))  # corners of an element's sides, as its functions run along them
 EXTRA = 3  # Gauss-Lobatto points of an edge beyond those that its polynomials need
@@ -54,7 +54,7 @@ class Boundary:
     ends: Edges
 
     @classmethod
-    def of(cls, model: Model) -> Boundary:
+    def of(cls, model: MeridianModel) -> Boundary:
         """Find the edges."""
         layout, body = model.mesh.layout, model.mesh.body
         surface, side = line_label(layout.row["surface"]), line_label(layout.column["side"])
@@ -63,7 +63,7 @@ class Boundary:
         return cls(*(_edges(model, axis, line, which) for axis, line, which in wanted))
 
 
-def _edges(model: Model, axis: int, line: float, which: Floats) -> Edges:
+def _edges(model: MeridianModel, axis: int, line: float, which: Floats) -> Edges:
     """Sides of some bodies' elements on a line of constant label: of r for axis 0, of z for axis 1."""
     label, order = labels(model.mesh), model.shapes.order
     x, weight = _lobatto(order + EXTRA)

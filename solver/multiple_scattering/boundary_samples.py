@@ -8,7 +8,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats
 from solver.inclusions.mode_sums import Sampler, Table
 from solver.inclusions.vector_modes import EVERY, Modes, stack
 from solver.multiple_scattering.panels import Panels
@@ -20,7 +20,7 @@ _Piece = tuple[slice, slice, Floats]  # of a sampler: its points, the panels', w
 
 
 @dataclass(frozen=True)
-class Rounds:
+class AzimuthalGrid:
     """Angles about the probe's axis at which fields are sampled: the half plane's y > 0 where they mirror, or all round.
 
     Attributes:
@@ -51,7 +51,7 @@ class Rounds:
 
 
 @lru_cache(maxsize=64)
-def _waves(rounds: Rounds) -> Floats:
+def _waves(rounds: AzimuthalGrid) -> Floats:
     m = np.arange(rounds.orders)
     share = np.where(m == 0, 1, 2)[:, None] / rounds.count
     cos, sin = share * np.cos(np.outer(m, rounds.angles)), share * np.sin(np.outer(m, rounds.angles))
@@ -60,7 +60,7 @@ def _waves(rounds: Rounds) -> Floats:
 
 
 @dataclass(frozen=True)
-class Source:
+class ModeSource:
     """A sphere's centre, m, shape (3,), and radius, m, and the outgoing modes about it."""
 
     centre: Floats
@@ -69,7 +69,7 @@ class Source:
 
 
 @dataclass(frozen=True)
-class Samples:
+class ModeSamples:
     """Outgoing modes of some spheres on the boundary.
 
     Attributes:
@@ -79,9 +79,9 @@ class Samples:
         two_mu: of the tissue, Pa.
     """
 
-    sources: Sequence[Source]
+    sources: Sequence[ModeSource]
     panels: Panels
-    rounds: Rounds
+    rounds: AzimuthalGrid
     two_mu: float
 
     def amplitudes(self, scattered: Sequence[Floats]) -> Floats:
@@ -159,7 +159,7 @@ class Samples:
 
 
 @lru_cache(maxsize=64)
-def turns(rounds: Rounds) -> tuple[Floats, Floats, Floats]:
+def turns(rounds: AzimuthalGrid) -> tuple[Floats, Floats, Floats]:
     """From the components of ``multipoles.stack`` to tractions and displacements along r, theta, z: (angles, 6, 9).
 
     On surface, side and floor.
@@ -176,7 +176,7 @@ def turns(rounds: Rounds) -> tuple[Floats, Floats, Floats]:
     return surface, side, floor
 
 
-def _points(panels: Panels, rounds: Rounds) -> Floats:
+def _points(panels: Panels, rounds: AzimuthalGrid) -> Floats:
     """The parts of the boundary one after the other, each angle by angle, shape (angles n, 3)."""
     cos, sin = np.cos(rounds.angles)[:, None], np.sin(rounds.angles)[:, None]
     parts = [(panels.r[part], panels.z[part]) for part in panels.parts]

@@ -14,19 +14,19 @@ from functools import cached_property
 
 import numpy as np
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats
 from geometry.meridian.section import Body
 from solver.axisymmetric.base_states import BaseStates
 from solver.axisymmetric.dofs import Interface
 from solver.axisymmetric.tissue_field import TissueField
-from solver.multiple_scattering.azimuthal_systems import Harmonics
-from solver.multiple_scattering.boundary_compliance import Response, Told
+from solver.multiple_scattering.azimuthal_systems import AzimuthalSystems
+from solver.multiple_scattering.boundary_compliance import BoundaryData, BoundaryResponse
 from solver.multiple_scattering.boundary_edges import Boundary
-from solver.multiple_scattering.boundary_samples import Rounds, Samples
+from solver.multiple_scattering.boundary_samples import AzimuthalGrid, ModeSamples
 from solver.multiple_scattering.interior_solution import Interior
 from solver.multiple_scattering.near_exchange import CloseExchange
 from solver.multiple_scattering.panels import Panels
-from solver.multiple_scattering.spheres import Sphere
+from solver.multiple_scattering.spheres import ScatteringSphere
 
 
 @dataclass(frozen=True)
@@ -42,13 +42,13 @@ class Reflector:
     states: BaseStates
     interface: Interface
     close: bool = False
-    _responses: dict[int, Response] = field(default_factory=dict, repr=False)
+    _responses: dict[int, BoundaryResponse] = field(default_factory=dict, repr=False)
     _interiors: dict[int, Interior] = field(default_factory=dict, repr=False)
 
-    def response(self, m: int) -> Response:
+    def response(self, m: int) -> BoundaryResponse:
         """Return what an order answers; its system is factorised the first time."""
         if m not in self._responses:
-            self._responses[m] = Response(self._harmonics.of_order(m), self._told[min(m, 1)])
+            self._responses[m] = BoundaryResponse(self._harmonics.of_order(m), self._told[min(m, 1)])
         return self._responses[m]
 
     def interior(self, m: int) -> Interior:
@@ -66,14 +66,14 @@ class Reflector:
         return TissueField(self.states)
 
     @cached_property
-    def _harmonics(self) -> Harmonics:
-        return Harmonics(self.states.model, self.interface)
+    def _harmonics(self) -> AzimuthalSystems:
+        return AzimuthalSystems(self.states.model, self.interface)
 
     @cached_property
-    def _told(self) -> tuple[Told, Told]:
+    def _told(self) -> tuple[BoundaryData, BoundaryData]:
         """Of order 0 and of all others."""
         model, boundary = self.states.model, self._boundary
-        first, other = (Told.of(model, boundary, self.panels, self.interface, m) for m in (0, 1))
+        first, other = (BoundaryData.of(model, boundary, self.panels, self.interface, m) for m in (0, 1))
         return first, other
 
     @cached_property
@@ -81,7 +81,7 @@ class Reflector:
         """Where fields are sampled."""
         return Panels.of(self.states.model.section, self.states.model.shapes.order)
 
-    def exchange(self, spheres: Sequence[Sphere], rounds: Rounds, often: bool) -> Exchange | CloseExchange:
+    def exchange(self, spheres: Sequence[ScatteringSphere], rounds: AzimuthalGrid, often: bool) -> Exchange | CloseExchange:
         """Return what spheres and boundary send to each other; all that does not depend on the fields is found once.
 
         Args:
@@ -93,7 +93,7 @@ class Reflector:
         two_mu = tissue.youngs_modulus / (1 + tissue.poisson_ratio)
         if self.close:
             return CloseExchange(self.interior, self._field, self.interface, spheres, rounds, two_mu)
-        samples = Samples([one.source for one in spheres], self.panels, rounds, two_mu)
+        samples = ModeSamples([one.source for one in spheres], self.panels, rounds, two_mu)
         return Exchange(self, spheres, samples, often)
 
 
@@ -109,8 +109,8 @@ class Exchange:
     """
 
     reflector: Reflector
-    spheres: Sequence[Sphere]
-    samples: Samples
+    spheres: Sequence[ScatteringSphere]
+    samples: ModeSamples
     often: bool
 
     def reflect(self, scattered: Sequence[Floats], enough: float, most: int) -> tuple[list[Floats], int]:
@@ -135,6 +135,6 @@ class Exchange:
         works = self.samples.works(answers[: m + 1])
         return [self._regular(one, work) for one, work in zip(self.spheres, works, strict=True)], m + 1
 
-    def _regular(self, sphere: Sphere, work: Floats) -> Floats:
+    def _regular(self, sphere: ScatteringSphere, work: Floats) -> Floats:
         """Coefficients from the work of every outgoing mode: that on the regular mode of its own kind, ``Modes.work``."""
         return np.asarray(work / (-self.samples.two_mu * sphere.radius * sphere.modes.work)[:, None])

@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from geometry.meridian.grading import Floats
-from solver.axisymmetric.shape_functions import Ints
+from geometry.common.arrays import Floats, Ints
 from solver.multiple_scattering.azimuthal_systems import Harmonic
 from solver.multiple_scattering.boundary_edges import Boundary, Edges
 
 
 @dataclass(frozen=True)
-class Data:
+class BoundaryAmplitudes:
     """Amplitudes of one order on the boundary, U, V, W last but one: displacements on ends and floor, tractions elsewhere.
 
     Attributes:
@@ -85,7 +84,7 @@ class Interior:
         out[row, column] = table @ data.reshape(len(data), -1, data.shape[-1])
         return out
 
-    def to(self, data: Data, elements: Ints) -> Floats:
+    def to(self, data: BoundaryAmplitudes, elements: Ints) -> Floats:
         """Solve eq. (B1); values U, V, W of w in some of the tissue's elements, (e, 3, s, k).
 
         Args:

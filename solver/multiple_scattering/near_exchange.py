@@ -12,24 +12,24 @@ from functools import cached_property
 
 import numpy as np
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats, Ints
 from geometry.meridian.section import Body
 from solver.axisymmetric.dofs import Interface
 from solver.axisymmetric.quadrilateral import dilations
-from solver.axisymmetric.shape_functions import Ints, functions, pressures
+from solver.axisymmetric.shape_functions import functions, pressures
 from solver.axisymmetric.tissue_field import TissueField
 from solver.inclusions.mode_sums import Sampler, Table
 from solver.inclusions.vector_modes import DISPLACEMENT, stack
 from solver.multiple_scattering.boundary_edges import Edges
-from solver.multiple_scattering.boundary_samples import PLANE, ROUND, Rounds, turns
-from solver.multiple_scattering.interior_solution import Data, Interior
-from solver.multiple_scattering.spheres import Sphere
+from solver.multiple_scattering.boundary_samples import PLANE, ROUND, AzimuthalGrid, turns
+from solver.multiple_scattering.interior_solution import BoundaryAmplitudes, Interior
+from solver.multiple_scattering.spheres import ScatteringSphere
 
 NEARLY = 0.48  # Poisson's ratio from which the mode of degree 0 is taken from the dilation
 
 
 @dataclass(frozen=True)
-class _Place:
+class _SpherePlace:
     """Where a sphere's q points lie: elements, their functions and pressures there, angle about the probe's axis."""
 
     element: Ints
@@ -54,8 +54,8 @@ class CloseExchange:
     interior: Callable[[int], Interior]
     field: TissueField
     interface: Interface
-    spheres: Sequence[Sphere]
-    rounds: Rounds
+    spheres: Sequence[ScatteringSphere]
+    rounds: AzimuthalGrid
     two_mu: float
 
     def reflect(self, scattered: Sequence[Floats], enough: float, most: int) -> tuple[list[Floats], int]:
@@ -63,7 +63,9 @@ class CloseExchange:
         samples, quiet = self._samples(scattered), 0
         total = [np.zeros_like(c) for c in scattered]
         for m in range(min(most, self.rounds.orders)):
-            data = Data(*(self._amplitudes(values, m, edges) for values, edges in zip(samples, self._edges, strict=True)))
+            data = BoundaryAmplitudes(
+                *(self._amplitudes(values, m, edges) for values, edges in zip(samples, self._edges, strict=True))
+            )
             found = self.interior(m).to(data, self._elements)
             work = np.zeros((scattered[0].shape[1],) * 2)
             for k, (sphere, c, place) in enumerate(zip(self.spheres, scattered, self._places, strict=True)):
@@ -115,20 +117,20 @@ class CloseExchange:
         return np.asarray(np.einsum("cft,tckn->ncfk", waves, values, optimize=True).reshape(*edges.r.shape, 3, -1))
 
     @cached_property
-    def _places(self) -> list[_Place]:
+    def _places(self) -> list[_SpherePlace]:
         found, shapes = [], self.field.states.model.shapes
         for sphere in self.spheres:
             x, y, z = sphere.points.T
             element, places, _ = self.field.locate(np.stack([np.hypot(x, y), z], axis=1))
             value = functions(places, shapes.degrees)[0]
-            found.append(_Place(element, value, pressures(places, shapes.order), np.arctan2(y, x)))
+            found.append(_SpherePlace(element, value, pressures(places, shapes.order), np.arctan2(y, x)))
         return found
 
     @cached_property
     def _elements(self) -> Ints:
         return np.unique(np.concatenate([place.element for place in self._places]))
 
-    def _arrived(self, place: _Place, m: int, found: Floats) -> tuple[Floats, Floats | None]:
+    def _arrived(self, place: _SpherePlace, m: int, found: Floats) -> tuple[Floats, Floats | None]:
         """Displacement and, where it counts, dilation of one order (e, 3, s, families k) at a sphere's points."""
         cos, sin = np.cos(m * place.angle), np.sin(m * place.angle)
         waves: Floats = np.array([[cos, sin, cos], [sin, -cos, sin]][: 1 if self.rounds.mirrored else 2])

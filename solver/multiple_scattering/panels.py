@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats
 from geometry.meridian.section import Section
 
 STEP = 1.4  # the least panel, outer radii, times the order of the elements
@@ -21,7 +21,7 @@ EXTRA = 4  # points of a panel beyond the order of the elements
 
 
 @dataclass(frozen=True)
-class Line:
+class PanelLine:
     """Gauss's points of panels along a line.
 
     Attributes:
@@ -33,7 +33,7 @@ class Line:
     points: int
 
     @classmethod
-    def graded(cls, length: float, step: float, points: int) -> Line:
+    def graded(cls, length: float, step: float, points: int) -> PanelLine:
         """Panels of at least ``step`` that grow with the distance from 0."""
         ends = [0.0]
         while ends[-1] < length:
@@ -73,9 +73,9 @@ class Panels:
         section: the tissue's.
     """
 
-    surface: Line
-    side: Line
-    floor: Line
+    surface: PanelLine
+    side: PanelLine
+    floor: PanelLine
     section: Section
 
     @classmethod
@@ -84,7 +84,7 @@ class Panels:
         step, points = STEP / order * section.tube_radius, order + EXTRA
         steps = step, max(step, SIDE * section.tissue_radius), max(step, FLOOR * section.tissue_depth)
         lengths = section.tissue_radius, section.tissue_depth, section.tissue_radius
-        surface, side, floor = (Line.graded(length, one, points) for length, one in zip(lengths, steps, strict=True))
+        surface, side, floor = (PanelLine.graded(length, one, points) for length, one in zip(lengths, steps, strict=True))
         return cls(surface, side, floor, section)
 
     @cached_property

@@ -8,7 +8,7 @@ from math import sqrt
 
 import numpy as np
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats
 from geometry.scenes.probe import Material
 from solver.inclusions.projection import quadrature
 from solver.inclusions.sphere_scattering import Scattering
 from solver.inclusions.sphere_scattering import scattering as scattering_by
-from solver.multiple_scattering.spheres import Sphere
+from solver.multiple_scattering.spheres import ScatteringSphere
 
 STEP = 1e-30  # of the complex step
 VOIGT = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # of xx, yy, zz, yz, xz, xy in s:e
@@ -43,7 +43,7 @@ class Moved:
     by_poisson: Floats
 
 
-def moved(sphere: Sphere, scattering: Scattering, matrix: Material, own: Material, incident: Floats) -> Moved:
+def moved(sphere: ScatteringSphere, scattering: Scattering, matrix: Material, own: Material, incident: Floats) -> Moved:
     """Return eq. (P8) for shifts and growth of a sphere that the whole incident field, (modes, 2), reaches."""
     modes = sphere.modes
     points, weights = quadrature(modes, 6)

@@ -21,7 +21,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats
 from geometry.meridian.section import Section
 from geometry.scenes.probe import Material
 from solver.axisymmetric.refinement import total_change
@@ -29,12 +29,12 @@ from solver.axisymmetric.tissue_field import TissueField
 from solver.inclusions.projection import Projection, projection
 from solver.inclusions.tumours import Tumours
 from solver.inclusions.vector_modes import Modes
-from solver.multiple_scattering.boundary_samples import Rounds
+from solver.multiple_scattering.boundary_samples import AzimuthalGrid
 from solver.multiple_scattering.exchange import Exchange, Reflector
 from solver.multiple_scattering.near_exchange import CloseExchange
 from solver.multiple_scattering.reflection_series import Reflections
 from solver.multiple_scattering.shape_derivatives import Moved, moved
-from solver.multiple_scattering.spheres import Each, Sphere
+from solver.multiple_scattering.spheres import ScatteringSphere, SphereSet
 
 DEGREES = (4, 36)  # least and largest degree of the modes
 ORDERS = 16  # largest azimuthal order of the modes
@@ -96,7 +96,7 @@ def scattered(
     """
     section = reflector.states.model.section
     spheres, rounds = arranged(section, tissue, tumours)
-    each = Each.of(spheres, tissue, tumours)
+    each = SphereSet.of(spheres, tissue, tumours)
     exchange, c = reflector.exchange(spheres, rounds, often), np.concatenate([incident(field, one) for one in spheres])
     known, orders, gone = Reflections.first(c, each.work(c)), rounds.orders, np.inf
     enough = ENOUGH * tolerance * float(np.abs(known.moments[0]).max())
@@ -126,7 +126,9 @@ def _drop(before: float, gone: float, rho: float) -> tuple[float, float]:
     return gone, share / (1 - share)
 
 
-def _moves(tissue: Material, tumours: Tumours, spheres: Sequence[Sphere], each: Each, whole: Floats) -> Iterator[Moved]:
+def _moves(
+    tissue: Material, tumours: Tumours, spheres: Sequence[ScatteringSphere], each: SphereSet, whole: Floats
+) -> Iterator[Moved]:
     for k, (sphere, one, part) in enumerate(zip(spheres, each.scatterings, each.parts, strict=True)):
         own = Material(youngs_modulus=float(tumours.youngs_modulus[k]), poisson_ratio=float(tumours.poisson_ratio[k]))
         yield moved(sphere, one, tissue, own, whole[part])
@@ -144,7 +146,7 @@ def _nearest(section: Section, tumours: Tumours) -> Floats:
     return np.asarray(np.minimum(tumours.cover, section.tissue_depth - tumours.depth - tumours.diameter / 2))
 
 
-def _unresolved(section: Section, tumours: Tumours, spheres: Sequence[Sphere]) -> float:
+def _unresolved(section: Section, tumours: Tumours, spheres: Sequence[ScatteringSphere]) -> float:
     """What too few degrees may change, as a share of the effect: nothing is told of a block much smaller than the sphere.
 
     What the inner block presses on the sphere is as wide as the block and its distance; nor is it more than falls off as
@@ -159,7 +161,7 @@ def _unresolved(section: Section, tumours: Tumours, spheres: Sequence[Sphere]) -
     return float(np.max(image + np.maximum(seen, np.exp(-degree * outer / (2 * radius)))))
 
 
-def arranged(section: Section, tissue: Material, tumours: Tumours) -> tuple[list[Sphere], Rounds]:
+def arranged(section: Section, tissue: Material, tumours: Tumours) -> tuple[list[ScatteringSphere], AzimuthalGrid]:
     """Turn spheres about the probe's axis so that, if they can, all lie in the plane y = 0; modes and angles that tell them."""
     offset, radius = tumours.offset, tumours.diameter / 2
     far = int(np.argmax(offset))
@@ -172,9 +174,9 @@ def arranged(section: Section, tissue: Material, tumours: Tumours) -> tuple[list
         degree = int(np.clip(np.ceil(max(wanted[0][k], wanted[1][k])), *DEGREES))
         modes = _same(Modes(degree, tissue.poisson_ratio, 0 if axis else min(degree, ORDERS), "even" if plane else "both"))
         centre = np.array([x[k], 0.0 if plane else y[k], -tumours.depth[k]]) * [not axis, not axis, 1]
-        spheres.append(Sphere(centre, float(radius[k]), modes, _projection(modes)))
+        spheres.append(ScatteringSphere(centre, float(radius[k]), modes, _projection(modes)))
     angles = int(np.clip(np.ceil(np.max(3 * offset / (tumours.cover + 0.2 * radius))) + 6, *ANGLES))
-    return spheres, Rounds(1 if axis else angles * (1 if plane else 2), plane)
+    return spheres, AzimuthalGrid(1 if axis else angles * (1 if plane else 2), plane)
 
 
 def _projection(modes: Modes) -> Projection:
@@ -193,7 +195,7 @@ def _kept(modes: Modes) -> Projection:
     return projection(modes)
 
 
-def incident(field: TissueField, sphere: Sphere) -> Floats:
+def incident(field: TissueField, sphere: ScatteringSphere) -> Floats:
     """Regular coefficients of the base states at a sphere, (modes, 2), m per m."""
     x, y, z = sphere.points.T
     r = np.hypot(x, y)
@@ -209,7 +211,7 @@ def _reflected(exchange: Exchange | CloseExchange, outgoing: Sequence[Floats], e
     return np.concatenate([a + b for a, b in zip(came, _neighbours(exchange.spheres, outgoing), strict=True)]), orders
 
 
-def _neighbours(spheres: Sequence[Sphere], outgoing: Sequence[Floats]) -> list[Floats]:
+def _neighbours(spheres: Sequence[ScatteringSphere], outgoing: Sequence[Floats]) -> list[Floats]:
     """What the other spheres send to each, as regular coefficients."""
     total = [np.zeros_like(c) for c in outgoing]
     for k, here in enumerate(spheres):
@@ -220,7 +222,7 @@ def _neighbours(spheres: Sequence[Sphere], outgoing: Sequence[Floats]) -> list[F
     return total
 
 
-def _tail(spheres: Sequence[Sphere], each: Each, known: Reflections, whole: Floats) -> Floats:
+def _tail(spheres: Sequence[ScatteringSphere], each: SphereSet, known: Reflections, whole: Floats) -> Floats:
     """What degrees beyond the largest would add, shape (2, 2).
 
     A field from the surface or beyond falls off as (R / depth)^l on the sphere: a geometric series from the last degrees.

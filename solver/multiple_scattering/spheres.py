@@ -9,17 +9,17 @@ from itertools import pairwise
 
 import numpy as np
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats
 from geometry.scenes.probe import Material
 from solver.inclusions.projection import Projection
 from solver.inclusions.sphere_scattering import Scattering, scattering
 from solver.inclusions.tumours import Tumours
 from solver.inclusions.vector_modes import Modes
-from solver.multiple_scattering.boundary_samples import Source
+from solver.multiple_scattering.boundary_samples import ModeSource
 
 
 @dataclass(frozen=True)
-class Sphere:
+class ScatteringSphere:
     """A sphere in the axes of the probe, with the modes in which fields about it are told.
 
     Attributes:
@@ -34,9 +34,9 @@ class Sphere:
     projection: Projection
 
     @property
-    def source(self) -> Source:
+    def source(self) -> ModeSource:
         """The sphere as a source of outgoing modes."""
-        return Source(self.centre, self.radius, self.modes)
+        return ModeSource(self.centre, self.radius, self.modes)
 
     @cached_property
     def points(self) -> Floats:
@@ -58,7 +58,7 @@ class Sphere:
 
 
 @dataclass(frozen=True)
-class Each:
+class SphereSet:
     """What the spheres of a set make of fields about all of them: arrays (modes of all, k), one sphere after the other.
 
     Attributes:
@@ -70,7 +70,7 @@ class Each:
     parts: Sequence[slice]
 
     @classmethod
-    def of(cls, spheres: Sequence[Sphere], tissue: Material, tumours: Tumours) -> Each:
+    def of(cls, spheres: Sequence[ScatteringSphere], tissue: Material, tumours: Tumours) -> SphereSet:
         """Scattering by tumours, shape (t,), in the tissue."""
         moduli = zip(spheres, tumours.youngs_modulus, tumours.poisson_ratio, strict=True)
         found = [scattering(one.modes, tissue.youngs_modulus, float(E), float(nu), one.radius) for one, E, nu in moduli]

@@ -10,15 +10,15 @@ from functools import cached_property
 
 import numpy as np
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, SolveError
-from geometry.meridian.grading import Floats
 from geometry.meridian.mesh import SQUARE, nodes
 from geometry.meridian.section import Body
 from geometry.scenes.scene import Contact, HalfSpaceTissue, Load, Scene
 from solver.axisymmetric.converged_forces import Converged
 from solver.axisymmetric.omitted_details import Change, left_out
-from solver.axisymmetric.refinement import LEVELS, Sample
-from solver.axisymmetric.sample import sample
+from solver.axisymmetric.refinement import LEVELS
+from solver.axisymmetric.sample import MeshSample, sample
 from solver.axisymmetric.sections import sections
 from solver.axisymmetric.tissue_field import TissueField
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
@@ -32,7 +32,7 @@ BELOW = 1e-3  # outer radii under the surface, where it is
 
 
 @dataclass(frozen=True)
-class Rough:
+class CoarseModel:
     """A scene without tumours, groove, films, elastic base and tilt on the coarsest mesh, its contact tied.
 
     Attributes:
@@ -42,11 +42,11 @@ class Rough:
     """
 
     scene: Scene
-    sample: Sample
+    sample: MeshSample
     changes: tuple[Change, ...]
 
     @classmethod
-    def of(cls, scene: Scene) -> Rough:
+    def of(cls, scene: Scene) -> CoarseModel:
         """Solve it.
 
         Raises:

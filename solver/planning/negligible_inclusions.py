@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats
 from geometry.scenes.scene import Inclusion, Scene
 from solver.equivalent_inclusion.first_order import effects
 from solver.equivalent_inclusion.first_order_bound import first_order_error, first_order_share
 from solver.inclusions.tumours import Tumours
-from solver.planning.coarse_model import Rough
+from solver.planning.coarse_model import CoarseModel
 from solver.results.result import Decision, Effect
 
 SHARE = 0.1  # of the accuracy that all inclusions left out may take together
@@ -49,7 +49,7 @@ class _Found:
         return Effect(float(self.ratio[k]) + more, float(self.stresses[k]) + more, float(self.stiffness[k]) + more)
 
 
-def reduced(scene: Scene, rough: Rough, accuracy: float) -> Reduced:
+def reduced(scene: Scene, rough: CoarseModel, accuracy: float) -> Reduced:
     """Leave out the inclusions that change least, as long as all of them together change less than SHARE of the accuracy.
 
     The target stays, as does a body from a surface file, whose size is not known well enough.
@@ -78,7 +78,7 @@ def _marked(scene: Scene, k: int) -> Inclusion:
     return scene.inclusion[k].model_copy(update={"target": k == scene.target})
 
 
-def _found(scene: Scene, rough: Rough) -> _Found:
+def _found(scene: Scene, rough: CoarseModel) -> _Found:
     base, target = rough.undisturbed, scene.target
     tumours = base.inside(Tumours.of(scene.model_copy(update={"inclusion": tuple(map(_ball, scene.inclusion))})))[0]
     each = effects(base.energies, scene.tissue, tumours.flat())

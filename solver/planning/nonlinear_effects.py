@@ -8,14 +8,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from geometry.scenes.scene import Scene
-from solver.planning.coarse_model import Rough
+from solver.planning.coarse_model import CoarseModel
 from solver.results.film_forces import strains
 from solver.results.result import Decision, Effect
 
 NEARLY = 0.9  # of the gap closed: what the coarsest mesh cannot tell from all of it
 
 
-def unmodelled(scene: Scene, rough: Rough, accuracy: float) -> Iterator[Decision]:
+def unmodelled(scene: Scene, rough: CoarseModel, accuracy: float) -> Iterator[Decision]:
     """Yield what would change at the scene's load if nothing were linear."""
     totals = rough.forces.sum(axis=1)
     stiffness = float(totals.sum())
@@ -30,7 +30,7 @@ def unmodelled(scene: Scene, rough: Rough, accuracy: float) -> Iterator[Decision
     yield _decision("finite strain", strain, accuracy, reason)
 
 
-def _gap_contact(scene: Scene, rough: Rough, stiffness: float, indentation: float, accuracy: float) -> Decision:
+def _gap_contact(scene: Scene, rough: CoarseModel, stiffness: float, indentation: float, accuracy: float) -> Decision:
     """Beyond the load that closes the gap the walls bear on each other: about the share of the load above it."""
     closed = rough.approach * indentation / scene.probe.gap
     effect = max(0.0, 1 - NEARLY / closed) if closed > 0 else 0.0
@@ -41,7 +41,7 @@ def _gap_contact(scene: Scene, rough: Rough, stiffness: float, indentation: floa
     return _decision("gap contact", effect, accuracy, reason)
 
 
-def _lift_off(scene: Scene, rough: Rough, indentation: float, accuracy: float) -> Decision:
+def _lift_off(scene: Scene, rough: CoarseModel, indentation: float, accuracy: float) -> Decision:
     """The share of forces that pull, and what a tilt raises in shares of the indentation."""
     tilted = math.tan(abs(scene.placement.tilt)) * scene.probe.tube_radius
     raised = max(0.0, 1 - indentation / tilted) if tilted > 0 else 0.0

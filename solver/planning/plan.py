@@ -16,11 +16,11 @@ from geometry.scenes.scene import Scene
 from solver.axisymmetric.converged_forces import NEGLIGIBLE
 from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.omitted_details import BEYOND, LAYERS, Change
-from solver.planning.coarse_model import Rough
+from solver.planning.coarse_model import CoarseModel
 from solver.planning.negligible_inclusions import SHARE, reduced
 from solver.planning.nonlinear_effects import unmodelled
 from solver.results.film_forces import LINEAR_STRAIN
-from solver.results.result import Curve, Decision, Effect, Result, lopsided, unbuilt
+from solver.results.result import Curve, Decision, Effect, Result, needs_solid, unsupported
 from solver.solid.domain import domain, reach
 from solver.solid.level import SolidLevel
 
@@ -87,7 +87,7 @@ def plan(scene: Scene, accuracy: float, solid: bool = False) -> Plan:
         InputError: a surface file that cannot be used.
         Refusal: so extreme that not even the coarsest mesh can be solved in double precision.
     """
-    rough = Rough.of(scene)
+    rough = CoarseModel.of(scene)
     fewer = reduced(scene, rough, accuracy)
     asked = accuracy if len(scene.inclusion) < 2 else (1 - SHARE) * accuracy
     level = SOLID if solid else _level(fewer.scene, rough, asked)
@@ -103,11 +103,11 @@ def plan(scene: Scene, accuracy: float, solid: bool = False) -> Plan:
     return Plan(level, _model(fewer.scene, level), fewer.scene, asked, fewer.left_out, decisions, notes)
 
 
-def _level(scene: Scene, rough: Rough, accuracy: float) -> str | None:
+def _level(scene: Scene, rough: CoarseModel, accuracy: float) -> str | None:
     """The cheapest level that takes a scene and leaves out of it no more than the accuracy allows."""
-    if unbuilt(scene) is not None:
+    if unsupported(scene) is not None:
         return None
-    if lopsided(scene) is not None:
+    if needs_solid(scene) is not None:
         return SOLID
     flat = sum(change.effect for change in rough.changes if change.feature not in (*LAYERS, BEYOND))
     if flat > accuracy and SolidLevel().may_help(scene, accuracy):
@@ -124,7 +124,7 @@ def _model(scene: Scene, level: str | None) -> str:
     )
 
 
-def _dimension(scene: Scene, rough: Rough, level: str | None, accuracy: float) -> Decision:
+def _dimension(scene: Scene, rough: CoarseModel, level: str | None, accuracy: float) -> Decision:
     """What the third dimension holds beyond tumours, which harmonics carry."""
     flat = [change.decision(accuracy) for change in rough.changes if change.feature not in (*LAYERS, BEYOND)]
     effect = Effect(
@@ -132,11 +132,15 @@ def _dimension(scene: Scene, rough: Rough, level: str | None, accuracy: float) -
         sum((one.effect_on_stresses or 0.0 for one in flat), 0.0),
         sum((one.effect_on_stiffness or 0.0 for one in flat), 0.0),
     )
-    why = lopsided(scene) or ", ".join(one.feature for one in flat) or "the scene is round about the probe's axis but for tumours"
+    why = (
+        needs_solid(scene)
+        or ", ".join(one.feature for one in flat)
+        or "the scene is round about the probe's axis but for tumours"
+    )
     return Decision.of("third dimension", level == SOLID, effect, accuracy, f"{_model(scene, level)}: {why}")
 
 
-def _edges(rough: Rough, accuracy: float) -> Iterator[Decision]:
+def _edges(rough: CoarseModel, accuracy: float) -> Iterator[Decision]:
     """What the tissue's sides and floor change against tissue without an end."""
     effect = rough.edges
     if effect is not None:

@@ -10,7 +10,7 @@ AREA_RATIO = 3.7  # A2/A1, section 2.3
 
 
 @dataclass(frozen=True)
-class Row:
+class PublishedRow:
     """A row of Table 3: load in N; stresses with tension positive, without a unit; the last column."""
 
     load: float
@@ -20,15 +20,31 @@ class Row:
 
 
 TABLE_3 = {
-    1: (Row(1, -2.371, -1.571, 1.50923), Row(5, -11.859, -7.857, 1.509355), Row(10, -23.718, -15.715, 1.509259)),
-    2: (Row(1, -2.728, -1.791, 1.523171), Row(5, -13.639, -8.956, 1.52289), Row(10, -27.277, -17.912, 1.522834)),
-    3: (Row(1, -1.61, -0.61794, 2.60543), Row(5, -8.05, -3.09, 2.605178), Row(10, -16.1, -6.179, 2.6056)),
-    4: (Row(1, -1.059, 0.039825, 26.59134), Row(5, -5.294, 0.199124, 26.58645), Row(10, -10.587, 0.398248, 26.58395)),
+    1: (
+        PublishedRow(1, -2.371, -1.571, 1.50923),
+        PublishedRow(5, -11.859, -7.857, 1.509355),
+        PublishedRow(10, -23.718, -15.715, 1.509259),
+    ),
+    2: (
+        PublishedRow(1, -2.728, -1.791, 1.523171),
+        PublishedRow(5, -13.639, -8.956, 1.52289),
+        PublishedRow(10, -27.277, -17.912, 1.522834),
+    ),
+    3: (
+        PublishedRow(1, -1.61, -0.61794, 2.60543),
+        PublishedRow(5, -8.05, -3.09, 2.605178),
+        PublishedRow(10, -16.1, -6.179, 2.6056),
+    ),
+    4: (
+        PublishedRow(1, -1.059, 0.039825, 26.59134),
+        PublishedRow(5, -5.294, 0.199124, 26.58645),
+        PublishedRow(10, -10.587, 0.398248, 26.58395),
+    ),
 }
 
 
 @dataclass(frozen=True)
-class Check:
+class PositionCheck:
     """What the rows of a position say of themselves.
 
     Attributes:
@@ -45,12 +61,12 @@ class Check:
     area: float
 
 
-def check(rows: Sequence[Row]) -> Check:
+def check(rows: Sequence[PublishedRow]) -> PositionCheck:
     """Check the rows of a position."""
     ratios, quotients = [row.ratio for row in rows], [row.stress_1 / row.stress_2 for row in rows]
     off = max(abs(abs(one) / ratio - 1) for one, ratio in zip(quotients, ratios, strict=True))
     area = rows[0].load / -(AREA_RATIO * rows[0].stress_1 + rows[0].stress_2)
-    return Check(max(ratios) / min(ratios) - 1, off, quotients[0], area)
+    return PositionCheck(max(ratios) / min(ratios) - 1, off, quotients[0], area)
 
 
 def printed_ratios(signed: bool) -> dict[int, float]:

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
-from geometry.meridian.grading import Floats
 from geometry.scenes.probe import Probe
 from geometry.scenes.scene import Scene
 

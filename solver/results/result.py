@@ -90,17 +90,17 @@ class Result:
         return asdict(self)
 
 
-def unbuilt(scene: Scene) -> str | None:
+def unsupported(scene: Scene) -> str | None:
     """Say which kind of thing in the scene no level knows yet, or None."""
     if scene.contact.interface == "unilateral":
         return "none built yet for contact.interface = 'unilateral' (planned: contact)"
     return None
 
 
-def lopsided(scene: Scene) -> str | None:
+def needs_solid(scene: Scene) -> str | None:
     """Say which kind of thing in the scene no level, or only ``solid``, knows; or None."""
-    if unbuilt(scene) is not None:
-        return unbuilt(scene)
+    if unsupported(scene) is not None:
+        return unsupported(scene)
     if scene.placement.tilt != 0:
         return "solid for placement.tilt other than 0"
     if any(body.surface is not None for body in scene.inclusion):

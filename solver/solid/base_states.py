@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
-from geometry.meridian.grading import Floats
 from geometry.tetra.tet_mesh import INCLUSION, TISSUE
 from solver.linalg.cholesky import Factor
 from solver.linalg.conjugate_gradients import residual, solve
 from solver.solid.body_stiffness import Elastic, Isotropic, lame
 from solver.solid.problem import BLOCKS, STATES, Problem
-from solver.solid.tetrahedron import Ints, integrated
+from solver.solid.tetrahedron import integrated
 
 DOUBLE = 60_000  # unknowns up to which factors are in double precision: beyond, single is faster too
 TAMED = 100.0

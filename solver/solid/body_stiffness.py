@@ -10,8 +10,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from geometry.meridian.grading import Floats
-from solver.solid.tetrahedron import Ints, grams, integrated, mean_dilation
+from geometry.common.arrays import Floats, Ints
+from solver.solid.tetrahedron import grams, integrated, mean_dilation
 
 LOWER, UPPER = np.tril_indices(10)  # pairs of an element's nodes
 

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
-from geometry.meridian.grading import Floats
 from geometry.scenes.scene import Scene
 from geometry.tetra.cache import cached_mesh
-from geometry.tetra.sizing import Fineness
+from geometry.tetra.sizing import TetraFineness
 from geometry.tetra.tet_mesh import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE, TetMesh
 from solver.solid.base_states import SolidStates, solid_states
 from solver.solid.body_stiffness import Elastic
@@ -29,7 +29,7 @@ TAMED = 30.0  # times the tissue's modulus, either way, from which curves begin
 
 
 @dataclass(frozen=True)
-class Difference:
+class SceneDifference:
     """A scene less its reference on one mesh, of k moduli of the target.
 
     Attributes:
@@ -53,7 +53,7 @@ class Difference:
     residual: float
 
 
-def meshed(domain: Domain, fineness: Fineness) -> TetMesh:
+def meshed(domain: Domain, fineness: TetraFineness) -> TetMesh:
     """Return the domain's mesh, from the cache if it was made before.
 
     Raises:
@@ -62,7 +62,7 @@ def meshed(domain: Domain, fineness: Fineness) -> TetMesh:
     return cached_mesh(domain.scene, fineness, domain.half, None, domain.radius)
 
 
-def difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> Difference:
+def difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> SceneDifference:
     """Solve reference and scene, at the scene's own modulus of the target or at all ``moduli``.
 
     Raises:
@@ -78,7 +78,7 @@ def difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> D
     states = solid_states(problem, reference if same else None)
     reactions, slope = _reactions(states, scene, target, moduli)
     less = reference.reactions
-    return Difference(
+    return SceneDifference(
         reactions[:, :2, :2] - less[:2, :2],
         slope[:, :2, :2],
         reactions[:, :2, 2] - less[:2, 2],

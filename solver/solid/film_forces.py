@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
-from geometry.meridian.grading import Floats
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
 from geometry.tetra.layout import layout
@@ -26,7 +26,7 @@ from geometry.tetra.tet_mesh import TetMesh
 from solver.axisymmetric.converged_forces import Converged, converged
 from solver.results.film_forces import Bound, FilmForces
 from solver.results.result import Decision
-from solver.solid.difference import Difference, difference, meshed
+from solver.solid.difference import SceneDifference, difference, meshed
 from solver.solid.domain import Domain, coaxial, domain, plain, reach, room
 
 MESHES = ROUGH, COARSE, FINE
@@ -60,7 +60,7 @@ class SolidForces:
     tilt_slope: Floats
     tilt_error: Floats
     domain: Domain
-    found: Difference
+    found: SceneDifference
     plan: tuple[Decision, ...]
     notes: tuple[str, ...]
 
@@ -109,7 +109,7 @@ def solid_forces(scene: Scene, accuracy: float, moduli: Floats | None = None, te
     """
     tell("the symmetric part")
     symmetric = _symmetric(scene, accuracy)
-    known: list[Difference] = []
+    known: list[SceneDifference] = []
     for one in _differences(symmetric.domain, moduli, tell):
         known.append(one)
         if len(known) > 1:
@@ -124,7 +124,7 @@ def solid_forces(scene: Scene, accuracy: float, moduli: Floats | None = None, te
     return SolidForces(films, *tilt, error, symmetric.domain, known[-1], plan, notes)
 
 
-def _differences(domain: Domain, moduli: Floats | None, tell: Tell) -> Iterator[Difference]:
+def _differences(domain: Domain, moduli: Floats | None, tell: Tell) -> Iterator[SceneDifference]:
     """The difference on finer and finer meshes; the first two are meshed side by side."""
     tell("meshing twice")
     with ThreadPoolExecutor(2) as pool:
@@ -135,7 +135,7 @@ def _differences(domain: Domain, moduli: Floats | None, tell: Tell) -> Iterator[
         yield _solved(domain, meshed(domain, fineness), moduli, tell)
 
 
-def _solved(domain: Domain, mesh: TetMesh, moduli: Floats | None, tell: Tell) -> Difference:
+def _solved(domain: Domain, mesh: TetMesh, moduli: Floats | None, tell: Tell) -> SceneDifference:
     tell(f"solving on {len(mesh.elements)} tetrahedra")
     return difference(domain, mesh, moduli)
 
@@ -182,7 +182,9 @@ def _compliance(
     return compliance, whole, float(totals.max()) if chosen.shortened else 0.0
 
 
-def _films(scene: Scene, symmetric: _Symmetric, coarse: Difference, fine: Difference, floor: float) -> tuple[FilmForces, ...]:
+def _films(
+    scene: Scene, symmetric: _Symmetric, coarse: SceneDifference, fine: SceneDifference, floor: float
+) -> tuple[FilmForces, ...]:
     """Film forces of the finer mesh, with bounds from both."""
     known = symmetric.whole.films[0]
     forces, before = symmetric.corrected(fine.forces), symmetric.corrected(coarse.forces)
@@ -215,13 +217,13 @@ def _told(films: FilmForces, accuracy: float) -> bool:
     return films.sensitivity_error <= max(5 * accuracy * abs(films.log_sensitivity or 0.0), 1e-5)
 
 
-def _tilted(symmetric: _Symmetric, one: Difference) -> tuple[Floats, Floats]:
+def _tilted(symmetric: _Symmetric, one: SceneDifference) -> tuple[Floats, Floats]:
     """Film forces per unit rotation and their slopes, carried through eq. (S2), shape (k, 2) each."""
     tilt, slope = (symmetric.carried(one.forces, part[..., None])[..., 0] for part in (one.tilt, one.tilt_slope))
     return tilt, slope
 
 
-def _decisions(symmetric: _Symmetric, found: Difference, accuracy: float) -> Iterator[Decision]:
+def _decisions(symmetric: _Symmetric, found: SceneDifference, accuracy: float) -> Iterator[Decision]:
     """What of the scene was meshed."""
     none, every = symmetric.exact, symmetric.exact + found.forces[0]
     effect = abs(float(np.log(np.abs(every.sum(axis=1) / none.sum(axis=1))) @ [1.0, -1.0]))

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, SolveError, Words
-from geometry.meridian.grading import Floats
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
 from solver.results.film_forces import Bound, FilmForces, checked_moduli, outputs, ratio, shortfalls
-from solver.results.result import Curve, Result, unbuilt, within
+from solver.results.result import Curve, Result, unsupported, within
 from solver.solid.domain import coaxial
 from solver.solid.film_forces import SolidForces, solid_forces
 
@@ -39,7 +39,7 @@ class SolidLevel:
 
     def refusal(self, scene: Scene) -> str | None:
         """Say which kind of thing in the scene this level does not know, or None."""
-        return unbuilt(scene)
+        return unsupported(scene)
 
     def may_help(self, scene: Scene, accuracy: float) -> bool:
         """Whether this level may reach an accuracy that cheaper ones do not: where they left out what it models."""

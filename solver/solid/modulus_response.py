@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
-from geometry.meridian.grading import Floats
 from solver.linalg.conjugate_gradients import solve
 from solver.solid.base_states import SolidStates
 

@@ -17,11 +17,10 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats, Ints
 from geometry.tetra.tet_mesh import GROOVE, INCLUSION, INNER, OUTER, TetMesh
 from solver.linalg.conjugate_gradients import Stiffness
 from solver.solid.body_stiffness import Elastic, Part, assembled, parts
-from solver.solid.tetrahedron import Ints
 
 STATES = ("inner", "outer", "tilt")
 AT = 1e-7  # of the mesh's size: nodes so close to a plane lie in it

@@ -18,10 +18,9 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
-from geometry.meridian.grading import Floats
 
-Ints = NDArray[np.int64]
 EDGES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
 CHUNK = 8192  # elements at once: 60 MB of matrices
 STRAIGHT = 1e-6  # of the longest edge: middles so close to the chord's middle make no difference

@@ -6,15 +6,14 @@ from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from geometry import Scene, read_scene
+from geometry.common.arrays import Floats
 from hw.common.samples import Samples
 from probe_design.built_probe.bench import Bench, builtin_bench
 from probe_design.built_probe.block_predictions import Shares, by_outer_radius, predicted
 from tests.support.paths import SCENE
 
-Floats = NDArray[np.float64]
 BENCH = builtin_bench()
 LOAD = 0.1  # N, the scene's
 ROWS, RATE = 2500, 500.0  # 25 cycles of 5 Hz

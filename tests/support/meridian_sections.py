@@ -10,7 +10,7 @@ import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 
-from geometry.meridian.frame import Fineness
+from geometry.meridian.frame import MeridianFineness
 from geometry.meridian.frame import kind as kind_of
 from geometry.meridian.mesh import Topology, nodes, topology
 from geometry.meridian.section import Body, Section
@@ -18,7 +18,7 @@ from solver.axisymmetric.quadrilateral import Geometry, geometry
 from solver.axisymmetric.sections import HALF_SPACE
 from solver.axisymmetric.shape_functions import shapes
 
-COARSE = Fineness(1, 2, 4)
+COARSE = MeridianFineness(1, 2, 4)
 few, many = (settings(derandomize=True, deadline=None, max_examples=count) for count in (100, 250))
 
 
@@ -102,7 +102,7 @@ SPECIAL: dict[str, dict[str, float]] = {
 special = pytest.mark.parametrize("case", [pytest.param(case, id=name) for name, case in SPECIAL.items()])
 
 
-def mesh_of(s: Section, fineness: Fineness = COARSE) -> Topology:
+def mesh_of(s: Section, fineness: MeridianFineness = COARSE) -> Topology:
     return topology(kind_of(s), fineness)
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from geometry.common.errors import SolveError
-from geometry.meridian.frame import Fineness
+from geometry.meridian.frame import MeridianFineness
 from geometry.meridian.frame import kind as kind_of
 from geometry.meridian.mesh import SQUARE, Topology, nodes
 from geometry.meridian.section import Body, Section
@@ -61,7 +61,7 @@ def test_promised_sections_are_covered_once(case: dict[str, float]) -> None:
 
 @many
 @given(numbers, st.sampled_from(LEVELS))
-def test_no_cell_is_turned_inside_out_on_any_level(case: dict[str, float], level: Fineness) -> None:
+def test_no_cell_is_turned_inside_out_on_any_level(case: dict[str, float], level: MeridianFineness) -> None:
     geometry_of(section(**case), mesh_of(section(**case), level), 4)
 
 
@@ -147,7 +147,7 @@ def test_some_elements_have_their_own_nodes() -> None:
 def test_bodies_follow_every_length_on_a_mesh_that_stays(name: str) -> None:
     """Else derivatives by that length are those of another change."""
     start = section(**SPECIAL[name])
-    mesh, bodies = mesh_of(start, Fineness(1, 2, 6)), (Body.INNER, Body.OUTER, Body.FILM, Body.ADHESIVE)
+    mesh, bodies = mesh_of(start, MeridianFineness(1, 2, 6)), (Body.INNER, Body.OUTER, Body.FILM, Body.ADHESIVE)
     for lengths in independent(start):
         s = replace(start, **{length: getattr(start, length) * 1.001 for length in lengths})
         at, true = geometry_of(s, mesh, 6), volumes(s)
@@ -168,7 +168,7 @@ SOFT = Material(youngs_modulus=1e4, poisson_ratio=0.4)
 def test_velocities_add_up_to_the_derivatives_by_all_lengths() -> None:
     """Those with the corners' size held, and that size's share, against complex steps through the whole mesh."""
     s = section(**PAPER | FILMS_AND_BASE | {"inner_height": 0.5})
-    solved = model(s, dict.fromkeys(Body, SOFT), "bonded", Fineness(1, 1, 2))
+    solved = model(s, dict.fromkeys(Body, SOFT), "bonded", MeridianFineness(1, 1, 2))
     every, shares = velocities(solved)
     for name, velocity, share in zip(s.given, every[:-1], shares, strict=True):
         steps = {other: getattr(s, other) * (1 + 1e-30j * (other == name)) for other in s.given}

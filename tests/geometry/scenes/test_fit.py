@@ -23,7 +23,7 @@ from geometry import (
     scene_from_dict,
     scene_to_dict,
 )
-from geometry.meridian.grading import Floats
+from geometry.common.arrays import Floats
 from geometry.scenes.fit import lateral_reach, overlap, semi_axes
 
 SOFT = {"youngs_modulus": 1e3, "poisson_ratio": 0.4}

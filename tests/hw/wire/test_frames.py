@@ -12,17 +12,17 @@ from hypothesis import strategies as st
 from hw.common.errors import ProtocolError
 from hw.common.samples import Samples, joined
 from hw.wire.decoder import Format, FrameDecoder
-from hw.wire.frames import HIGHEST, LOWEST, OVERRUN, SATURATED, Frame, Layout, encoded
+from hw.wire.frames import HIGHEST, LOWEST, OVERRUN, SATURATED, Frame, FrameLayout, encoded
 from tests.support.frame_truth import SCALE, STREAM, codes_at, crc32
 
 
-def frames_of(layout: Layout, count: int, sequence: int = 0, index: int = 0, stream: int = STREAM) -> list[bytes]:
+def frames_of(layout: FrameLayout, count: int, sequence: int = 0, index: int = 0, stream: int = STREAM) -> list[bytes]:
     begins = index + layout.rows * np.arange(count)
     codes = [codes_at(begin + np.arange(layout.rows), layout.channels) for begin in begins]
     return [Frame(sequence + k, int(begins[k]), stream, codes[k]).encoded(layout) for k in range(count)]
 
 
-def decoder(layout: Layout) -> FrameDecoder:
+def decoder(layout: FrameLayout) -> FrameDecoder:
     return FrameDecoder(Format(1e5, (SCALE,) * layout.channels, layout.size, STREAM), {})
 
 
@@ -42,7 +42,7 @@ def check_truth(found: Samples) -> None:
 @pytest.mark.parametrize("size", [32, 64, 511, 512, 513, 1024])
 @pytest.mark.parametrize("step", [1, 63, 511, 512, 513, 100_000])
 def test_any_packet_size_in_any_read_size(size: int, channels: int, step: int) -> None:
-    layout = Layout(size, channels)
+    layout = FrameLayout(size, channels)
     count = 2 if step == 1 else 9
     found = fed(decoder(layout), b"".join(frames_of(layout, count)), step)
     check_truth(found)
@@ -69,7 +69,7 @@ damages = st.lists(
 def test_any_damage_gives_right_samples_or_gaps(
     damage: list[tuple[str, int, int]], steps: list[int], size: int, sequence: int
 ) -> None:
-    layout = Layout(size, 2)
+    layout = FrameLayout(size, 2)
     frames = frames_of(layout, 16, sequence)
     bytes_of, untouched = list(frames), set(range(12))
     for kind, k, where in damage:
@@ -101,14 +101,14 @@ def spoiled(kind: str, frame: bytes, before: bytes, where: int) -> tuple[bytes, 
 
 @given(st.integers(0, 63), st.integers(1, 255))
 def test_no_flipped_byte_passes(at: int, mask: int) -> None:
-    layout = Layout(64, 2)
+    layout = FrameLayout(64, 2)
     frame = bytearray(frames_of(layout, 1)[0])
     frame[at] ^= mask
     assert len(decoder(layout).feed(bytes(frame))) == 0
 
 
 def test_million_samples_arrive_once_each() -> None:
-    layout = Layout(64, 2)
+    layout = FrameLayout(64, 2)
     codes = codes_at(np.arange(1_000_000))
     data = encoded(layout, STREAM, 2**32 - 1000, 0, codes)
     found = fed(decoder(layout), data, 16_411)
@@ -118,7 +118,7 @@ def test_million_samples_arrive_once_each() -> None:
 
 
 def test_magic_cut_in_two_after_garbage() -> None:
-    layout = Layout(64, 2)
+    layout = FrameLayout(64, 2)
     reader, frame = decoder(layout), frames_of(layout, 1)[0]
     assert len(reader.feed(bytes(100) + frame[:1])) == 0
     assert len(reader.feed(frame[1:])) == 10
@@ -127,7 +127,7 @@ def test_magic_cut_in_two_after_garbage() -> None:
 
 @pytest.mark.parametrize("rows", [0, 11, 255])
 def test_frames_that_state_impossible_rows_count_for_nothing(rows: int) -> None:
-    layout = Layout(64, 2)
+    layout = FrameLayout(64, 2)
     first, odd, last = frames_of(layout, 3)
     body = odd[:18] + bytes([rows]) + odd[19:-4]
     found = decoder(layout).feed(first + body + crc32(body).to_bytes(4, "little") + last)
@@ -136,7 +136,7 @@ def test_frames_that_state_impossible_rows_count_for_nothing(rows: int) -> None:
 
 
 def test_part_filled_frames() -> None:
-    layout = Layout(64, 2)
+    layout = FrameLayout(64, 2)
     data = b""
     for begin, rows in ((0, 10), (10, 1), (11, 7), (18, 10)):
         data += Frame(0, begin, STREAM, codes_at(begin + np.arange(rows))).encoded(layout)
@@ -146,7 +146,7 @@ def test_part_filled_frames() -> None:
 
 
 def test_flags() -> None:
-    layout = Layout(64, 2)
+    layout = FrameLayout(64, 2)
     first = Frame(0, 0, STREAM, np.array([[HIGHEST, 0], [0, LOWEST], [1, 1]], np.int16)).encoded(layout)
     second = Frame(1, 5, STREAM, np.array([[1, 1]], np.int16), OVERRUN | SATURATED << 1).encoded(layout)
     found = decoder(layout).feed(first + second)
@@ -156,14 +156,14 @@ def test_flags() -> None:
 
 
 def test_lost_beginning_is_a_gap() -> None:
-    layout = Layout(64, 2)
+    layout = FrameLayout(64, 2)
     found = decoder(layout).feed(b"".join(frames_of(layout, 3)[1:]))
     check_truth(found)
     assert [(gap.first, gap.count) for gap in found.gaps] == [(0, 10)]
 
 
 def test_restarted_stream_is_never_spliced() -> None:
-    layout = Layout(64, 2)
+    layout = FrameLayout(64, 2)
     reader = decoder(layout)
     before = reader.feed(b"".join(frames_of(layout, 2)))
     stale, new = frames_of(layout, 3)[2], b"".join(frames_of(layout, 2, stream=STREAM + 1))
@@ -175,7 +175,7 @@ def test_restarted_stream_is_never_spliced() -> None:
 
 
 def test_frames_of_another_kind_are_refused_at_last() -> None:
-    reader = decoder(Layout(64, 2))
-    data = b"".join(frames_of(Layout(64, 3), 1000))
+    reader = decoder(FrameLayout(64, 2))
+    data = b"".join(frames_of(FrameLayout(64, 3), 1000))
     with pytest.raises(ProtocolError, match=r"no valid frame in \d+ bytes.*2 channels and frames of 64 bytes"):
         fed(reader, data * 3, 6400)

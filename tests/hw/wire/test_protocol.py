@@ -13,21 +13,21 @@ import pytest
 
 from hw.common.errors import ProtocolError
 from hw.wire.decoder import Format, FrameDecoder
-from hw.wire.frames import Frame, Layout, encoded, vectors
+from hw.wire.frames import Frame, FrameLayout, encoded, vectors
 from hw.wire.protocol import Info, Status
 from tests.support.frame_truth import STREAM, codes_at, crc32
 from tests.support.paths import ROOT
 
 
 def test_many_frames_at_once_are_the_single_ones() -> None:
-    layout = Layout(65, 3)
+    layout = FrameLayout(65, 3)
     codes = codes_at(np.arange(4 * layout.rows), 3)
     single = [Frame(2**32 - 2 + k, 7 + 6 * k, STREAM, codes[6 * k : 6 * k + 6], 0x21).encoded(layout) for k in range(4)]
     assert encoded(layout, STREAM, 2**32 - 2, 7, codes, 0x21) == b"".join(single)
 
 
 def test_frame_is_laid_out_as_documented() -> None:
-    layout = Layout(64, 2)
+    layout = FrameLayout(64, 2)
     frame = Frame(0x01020304, 0x05060708090A0B0C, 0x0D0E, np.array([[1, -2]], np.int16), 0x31).encoded(layout)
     body = bytes.fromhex("50 44 01 02 04030201 0c0b0a0908070605 0e0d 01 31 0100 feff") + bytes(36)
     assert frame == body + crc32(body).to_bytes(4, "little")
@@ -37,7 +37,7 @@ def test_frame_is_laid_out_as_documented() -> None:
 @pytest.mark.parametrize(("size", "channels"), [(31, 2), (1025, 2), (64, 1), (64, 4)])
 def test_layouts_that_are_not_laid_down(size: int, channels: int) -> None:
     with pytest.raises(ProtocolError, match="allowed: 32 to 1024 bytes, 2 or 3 channels"):
-        Layout(size, channels)
+        FrameLayout(size, channels)
 
 
 def test_answers_come_back() -> None:

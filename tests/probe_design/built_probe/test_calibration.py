@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from geometry import InputError, Refusal, Scene
+from geometry.common.arrays import Floats
 from geometry.scenes.variables import changed, values
 from hw.common.errors import HardwareError
 from hw.common.samples import Gap, Samples
@@ -21,7 +22,7 @@ from probe_design.built_probe.calibration_record import CalibrationRecord, Raw, 
 from probe_design.built_probe.gain_matrix import Gains, Observed, estimated
 from probe_design.built_probe.virtual_probe import Built, signals
 from solver import evaluate
-from tests.support.benches import BENCH, LOAD, Floats, films, sampled, scene, shares
+from tests.support.benches import BENCH, LOAD, films, sampled, scene, shares
 
 BUILT = Built()
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from geometry import InputError
+from geometry.common.arrays import Floats
 from geometry.scenes.variables import changed, values
 from hw.common.samples import Samples
 from probe_design.built_probe.bench import Reference
@@ -17,7 +18,7 @@ from probe_design.built_probe.calibration import calibrate
 from probe_design.built_probe.check import Check, check
 from probe_design.built_probe.explanations import Deviation, Explanation, explanations, refined
 from probe_design.built_probe.virtual_probe import Built, as_delivered, signals
-from tests.support.benches import BENCH, Floats, films, sampled, scene, shares
+from tests.support.benches import BENCH, films, sampled, scene, shares
 
 BUILT = Built()
 BLOCKS = BENCH.model_copy(update={"reference": BENCH.blocks})

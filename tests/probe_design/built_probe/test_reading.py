@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from geometry.common.arrays import Floats
 from hw.signal.measure import Measurement
 from probe_design.built_probe.bench import Reference
 from probe_design.built_probe.block_predictions import Share
@@ -16,7 +17,7 @@ from probe_design.built_probe.gain_matrix import Gains
 from probe_design.built_probe.reading import prediction, read
 from probe_design.built_probe.virtual_probe import Built, signals
 from solver.results.result import Result
-from tests.support.benches import BENCH, LOAD, Floats, films, sampled, scene, shares
+from tests.support.benches import BENCH, LOAD, films, sampled, scene, shares
 
 EXACT = Built(
     gains=((1.0, 0.0), (0.0, 1.0)),

@@ -16,9 +16,9 @@ from geometry.scenes.scene_file import scene_from_dict, scene_to_toml
 from probe_design.estimation.depth_and_strength import Plane
 from probe_design.estimation.estimate import Estimate, estimate, findings
 from probe_design.estimation.intervals import QUANTILE, Likelihood, threshold
-from probe_design.estimation.model import Model
+from probe_design.estimation.model import TargetModel
 from probe_design.estimation.profile import Track
-from probe_design.estimation.readings import Data, Reading, one_reading, read_readings
+from probe_design.estimation.readings import Measurements, Reading, one_reading, read_readings
 from probe_design.estimation.strength import strength
 from solver import evaluate
 from tests.support.paths import REFERENCE
@@ -46,9 +46,9 @@ def value_of(scene: Scene, unknown: str) -> float:
     return float(getattr(scene.inclusion[0], unknown))
 
 
-def model(scene: Scene, noise: float, places: tuple[float, ...] = (0.0,), stiffness: bool = False) -> Model:
+def model(scene: Scene, noise: float, places: tuple[float, ...] = (0.0,), stiffness: bool = False) -> TargetModel:
     readings = tuple(Reading(x, 0.0, 1.0, noise, 100.0 if stiffness else None, noise) for x in places)
-    return Model(scene, Data.of(readings), 0.01)
+    return TargetModel(scene, Measurements.of(readings), 0.01)
 
 
 @cache
@@ -306,5 +306,5 @@ def test_a_scene_without_inclusion_is_refused() -> None:
 def test_findings_of_an_exact_reading_are_the_truth() -> None:
     of = model(scene(), 0.01)
     value = of.predict({"youngs_modulus": np.array([60e3])}).value[0, 0]
-    exact = Model(of.scene, Data.of((Reading(0.0, 0.0, float(np.exp(value)), 0.01),)), 0.01)
+    exact = TargetModel(of.scene, Measurements.of((Reading(0.0, 0.0, float(np.exp(value)), 0.01),)), 0.01)
     assert findings(exact, "youngs_modulus").best_value == pytest.approx(60e3, rel=1e-4)

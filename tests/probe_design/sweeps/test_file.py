@@ -11,7 +11,7 @@ import pytest
 from geometry import InputError
 from probe_design.sweeps.constraints import kept
 from probe_design.sweeps.file import read_sweep, scene_of, sweep_from_dict
-from probe_design.sweeps.samples import Sample
+from probe_design.sweeps.samples import DesignSampling
 from probe_design.sweeps.sensitivity_indices import sobol_indices
 from tests.support.paths import SCENE
 from tests.support.sweeps import DEPTH, GAP, grid, toml
@@ -49,7 +49,7 @@ class TestFile:
 
     def test_a_saltelli_sample_is_what_salib_expects(self) -> None:
         """Sobol indices of the Ishigami function: Saltelli et al., Global Sensitivity Analysis (2008), section 4.5."""
-        u = np.array(Sample("saltelli", 4096, 1)._shares(3))
+        u = np.array(DesignSampling("saltelli", 4096, 1)._shares(3))
         x = np.pi * (2 * u - 1)
         y = np.sin(x[:, 0]) + 7 * np.sin(x[:, 1]) ** 2 + 0.1 * x[:, 2] ** 4 * np.sin(x[:, 0])
         found = sobol_indices(y, 3)

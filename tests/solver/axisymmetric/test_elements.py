@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from geometry.meridian.frame import Fineness, Layout
+from geometry.meridian.frame import MeridianFineness, MeshTopology
 from geometry.meridian.frame import kind as kind_of
 from geometry.meridian.mesh import SQUARE, Topology, nodes
 from geometry.meridian.section import Body, Section
@@ -93,7 +93,7 @@ def test_interpolated_strains_converge_at_the_rate_of_the_order(order: int) -> N
     """In every body, curved elements too."""
     s, table, wrong = section(**THIN), shapes(order), []
     for cells in (2, 4):
-        mesh = mesh_of(s, Fineness(cells, 0, order))
+        mesh = mesh_of(s, MeridianFineness(cells, 0, order))
         at, height = geometry_of(s, mesh, order), nodes(s, mesh, table.places)[..., 1] @ table.geometry.T
         (rr, rz, zr, zz), hoop = gradients(at, table, interpolated(s, mesh, order, wave)[..., None])
         found = np.stack([rr, zz, hoop, (rz + zr) / math.sqrt(2)])[..., 0]
@@ -109,14 +109,14 @@ def test_energy_of_a_block_converges_faster_than_its_strains(order: int) -> None
     area = np.outer(weight, weight) * s.inner_radius * s.inner_height / 4
     exact, wrong = (2 * np.pi * r * area * (wave_strains(r, z) ** 2).sum(axis=0)).sum(), []
     for cells in (1, 2, 4):
-        mesh = mesh_of(s, Fineness(cells, 0, order))
+        mesh = mesh_of(s, MeridianFineness(cells, 0, order))
         shear = matrices(geometry_of(s, mesh, order), shapes(order))[0]
         wrong.append(abs(by_body(mesh, energies(shear, interpolated(s, mesh, order, wave)))[Body.INNER] - exact))
     assert np.all(np.log2(wrong[:-1]) - np.log2(wrong[1:]) > order)
 
 
 def numberings(s: Section, order: int) -> tuple[Numbering, Numbering]:
-    mesh = mesh_of(s, Fineness(1, 1, order))
+    mesh = mesh_of(s, MeridianFineness(1, 1, order))
     return numbering(mesh, order, "bonded"), numbering(mesh, order, "frictionless")
 
 
@@ -124,7 +124,7 @@ def numberings(s: Section, order: int) -> tuple[Numbering, Numbering]:
 def test_a_bond_ties_the_radial_unknowns_under_the_blocks(case: dict[str, float]) -> None:
     """On every contact of m edges m p + 1 functions, of which the one on the axis is held anyway."""
     s, order, layers = section(**case), 3, 1
-    column = Layout(kind_of(s), COARSE).column
+    column = MeshTopology(kind_of(s), COARSE).column
     inner, outer = column["inner"] + layers, column["tube"] - column["hole"] + 2 * layers
     bonded, frictionless = numberings(s, order)
     assert frictionless.unknowns - bonded.unknowns == inner * order + outer * order + 1
@@ -135,7 +135,7 @@ def test_a_bond_ties_the_radial_unknowns_under_the_blocks(case: dict[str, float]
 def test_a_continuous_field_has_unknowns(case: dict[str, float], order: int) -> None:
     """Elements agree on what they share, odd functions along edges that run against each other with it."""
     s = section(**case)
-    mesh = mesh_of(s, Fineness(1, 1, order))
+    mesh = mesh_of(s, MeridianFineness(1, 1, order))
     size = s.tube_radius
 
     def field(r: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -152,7 +152,7 @@ def test_a_continuous_field_has_unknowns(case: dict[str, float], order: int) -> 
 def test_what_is_held(case: dict[str, float]) -> None:
     """u_r on the axis; both displacements on the floor and under a rigid base, or on an elastic base's top; nothing else."""
     s, order = section(**case), 3
-    mesh = mesh_of(s, Fineness(1, 1, order))
+    mesh = mesh_of(s, MeridianFineness(1, 1, order))
     at = nodes(s, mesh, SQUARE)
     tops = [height + s.film + s.adhesive for height in (s.inner_height, s.outer_height)]
     if s.flange_thickness:
@@ -167,7 +167,7 @@ def test_what_is_held(case: dict[str, float]) -> None:
 @special
 def test_lift_is_what_a_block_moved_down_does_to_the_tissue_under_it(case: dict[str, float]) -> None:
     s, order = section(**case), 3
-    mesh = mesh_of(s, Fineness(1, 1, order))
+    mesh = mesh_of(s, MeridianFineness(1, 1, order))
     r, z = np.moveaxis(nodes(s, mesh, SQUARE), -1, 0)
     touching = (~of_probe(mesh))[:, None] & (z == 0)
     under = touching & (r <= s.inner_radius), touching & (r >= s.hole_radius) & (r <= s.tube_radius)
@@ -181,7 +181,7 @@ def test_lift_is_what_a_block_moved_down_does_to_the_tissue_under_it(case: dict[
 def test_a_rigid_shift_strains_nothing() -> None:
     """``vertical`` is one, in the elements and in the unknowns of all that no support holds."""
     s, order = section(**PAPER), 4
-    mesh = mesh_of(s, Fineness(1, 1, order))
+    mesh = mesh_of(s, MeridianFineness(1, 1, order))
     bonded = numbering(mesh, order, "bonded")
     shift = np.tile(bonded.vertical, len(mesh.body))
     unknowns = (bonded.gather.T @ shift > 0).astype(float)
@@ -194,7 +194,7 @@ def test_a_rigid_shift_strains_nothing() -> None:
 
 
 def test_assembled_matrix_adds_the_elements_up() -> None:
-    mesh = mesh_of(section(**PAPER), Fineness(1, 0, 2))
+    mesh = mesh_of(section(**PAPER), MeridianFineness(1, 0, 2))
     numbers = numbering(mesh, 2, "frictionless")
     stiffness = np.random.default_rng(2).normal(size=(len(mesh.body), 16, 16))
     whole = numbers.gather.T @ (sp.block_diag(stiffness, format="csr") @ numbers.gather)

@@ -10,24 +10,23 @@ import numpy as np
 import pytest
 
 from geometry import InputError, Scene, read_scene
-from geometry.meridian.frame import Fineness
+from geometry.meridian.frame import MeridianFineness
 from geometry.meridian.frame import kind as kind_of
 from geometry.scenes.variables import changed, values
 from solver.axisymmetric.energy_derivatives import variables
 from solver.axisymmetric.gradients import OUTPUTS, by_section, gradients
-from solver.axisymmetric.refinement import Sample
-from solver.axisymmetric.sample import sample
+from solver.axisymmetric.sample import MeshSample, sample
 from solver.axisymmetric.sections import sections, with_layers
 from solver.casadi_functions.finite_elements import FilmCallback
 from tests.support.paths import REFERENCE
 from tests.support.references import named
 
 INDEPENDENT = json.loads((REFERENCE / "gradients.json").read_text())  # benchmarks/references/gradients.py, NGSolve
-FINE, COARSE = Fineness(1, 4, 8), Fineness(1, 2, 4)
+FINE, COARSE = MeridianFineness(1, 4, 8), MeridianFineness(1, 2, 4)
 RENAMED = {"sphere_radius": "inclusion_radius", "sphere_depth": "inclusion_depth"}
 
 
-def solved(scene: Scene, fineness: Fineness, moduli: np.ndarray | None = None, like: Scene | None = None) -> Sample:
+def solved(scene: Scene, fineness: MeridianFineness, moduli: np.ndarray | None = None, like: Scene | None = None) -> MeshSample:
     """A sample on the mesh topology of another scene."""
     add = with_layers if scene.probe.film or not scene.probe.base.rigid else lambda _, plain: plain
     of = add(scene, sections(scene))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from geometry import Contact, CylinderTissue, HalfSpaceTissue, Inclusion, Load, Material, Placement, Probe, Refusal, Scene
-from geometry.meridian.frame import Fineness
+from geometry.meridian.frame import MeridianFineness
 from solver import evaluate
 from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.refinement import LEVELS
@@ -88,7 +88,7 @@ def test_rate_of_convergence_with_the_order_of_corner_layers(order: int) -> None
     """A corner's singularity is cut off where its layers end: each layer takes a constant factor off the error."""
     one = named("extra", "no-inclusion-incompressible")
     of = sections(one.scene)
-    totals = [sample(of.section, of, one.scene, Fineness(1, layers, order)).totals.sum() for layers in (0, 1, 2, 3, 8)]
+    totals = [sample(of.section, of, one.scene, MeridianFineness(1, layers, order)).totals.sum() for layers in (0, 1, 2, 3, 8)]
     changes = np.abs(np.array(totals[:-1]) - totals[-1])
     assert np.all(changes[1:] < changes[:-1] / 3)
 

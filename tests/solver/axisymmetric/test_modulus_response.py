@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from geometry import InputError, Material, Refusal, Scene, SolveError
-from geometry.meridian.frame import Fineness
+from geometry.meridian.frame import MeridianFineness
 from geometry.meridian.section import Body
 from geometry.scenes.variables import changed
 from solver import curve, evaluate
@@ -16,7 +16,7 @@ from solver.axisymmetric.modulus_response import response
 from solver.axisymmetric.sections import sections
 from tests.support.references import named
 
-LEVEL = Fineness(1, 2, 4)
+LEVEL = MeridianFineness(1, 2, 4)
 
 
 def states(scene: Scene, body: Body, factor: float) -> BaseStates:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from geometry import InputError, Material, Probe, Scene
-from geometry.meridian.frame import Fineness
+from geometry.meridian.frame import MeridianFineness
 from geometry.meridian.section import Body
 from geometry.scenes.scene import HalfSpaceTissue, Load
 from solver.axisymmetric.base_states import BaseStates, base_states, model
@@ -17,7 +17,7 @@ from solver.axisymmetric.tissue_field import TissueField
 from tests.support.references import named
 
 SCENE = named("axisymmetric", "shallow").scene
-LEVEL = Fineness(1, 4, 8)
+LEVEL = MeridianFineness(1, 4, 8)
 
 
 def without_sphere(scene: Scene) -> BaseStates:

@@ -12,14 +12,14 @@ from geometry import CylinderTissue, HalfSpaceTissue, Inclusion, InputError, Ref
 from solver import evaluate
 from solver.casadi_functions.closed_form import ClosedFormFunction
 from solver.closed_form.bessel import bessel, spherical
-from solver.closed_form.block_compliance import Block
+from solver.closed_form.block_compliance import ElasticBlocks
 from solver.closed_form.contact import Tissue, answer
 from solver.closed_form.designs import PROBE, Shape, forces, gradients, parameters
 from solver.closed_form.half_space import ring_work
 from solver.closed_form.layer import Waves, floor_compliance, waves
 from solver.closed_form.level import ClosedForm
-from solver.closed_form.off_axis import Disc, answer_aside
-from solver.closed_form.surface_images import ALL, MOMENTS, Nearby, Sphere, image, nearby
+from solver.closed_form.off_axis import Disc, off_axis_response
+from solver.closed_form.surface_images import ALL, MOMENTS, Nearby, SphereArray, image, nearby
 from solver.results.film_forces import outputs
 from tests.support.references import Expected, expected, named
 
@@ -101,7 +101,7 @@ def test_surface_of_a_bonded_layer(nu: float) -> None:
 def punch(nu: float, depth: float | None, bonded: bool) -> float:
     """Force per indentation of two rigid blocks with a hairline gap, outer radius and shear modulus 1."""
     one = np.ones(1)
-    blocks = Block(None, 0.5 * one, one, 1e9 * one, 0 * one), Block(0.5001 * one, one, one, 1e9 * one, 0 * one)
+    blocks = ElasticBlocks(None, 0.5 * one, one, 1e9 * one, 0 * one), ElasticBlocks(0.5001 * one, one, one, 1e9 * one, 0 * one)
     tissue = Tissue(None if depth is None else depth * one, 2 * (1 + nu) * one, nu * one)
     return float(answer(blocks, tissue, [], None, bonded, 40).forces.sum())
 
@@ -128,7 +128,7 @@ def test_bonded_punch_on_a_half_space(nu: float) -> None:
 def on_cylinder(radius: float, depth: float, nu: float, nodes: int) -> float:
     """Force per indentation of two stiff blocks, outer radius 1, on a free cylinder with E = 1."""
     one = np.ones(1)
-    blocks = Block(None, 0.5 * one, one, 1e6 * one, 0 * one), Block(0.501 * one, one, one, 1e6 * one, 0 * one)
+    blocks = ElasticBlocks(None, 0.5 * one, one, 1e6 * one, 0 * one), ElasticBlocks(0.501 * one, one, one, 1e6 * one, 0 * one)
     return float(answer(blocks, Tissue(depth * one, one, nu * one, radius * one), [], None, True, 40, nodes).forces.sum())
 
 
@@ -158,15 +158,15 @@ def test_far_sides_change_nothing() -> None:
 )
 def test_block_on_rigid_ground(radius_per_height: float, nu: float, apparent: float) -> None:
     one = np.ones(1)
-    inner = Block(None, one, one / radius_per_height, one, nu * one)
-    outer = Block(1.1 * one, 2 * one, one, one, 0.3 * one)
+    inner = ElasticBlocks(None, one, one / radius_per_height, one, nu * one)
+    outer = ElasticBlocks(1.1 * one, 2 * one, one, one, 0.3 * one)
     stiff = answer((inner, outer), Tissue(None, 1e9 * one, 0 * one), [], None, True, 16).forces[0, 0, 0]
     assert stiff * float(inner.height[0]) / np.pi == pytest.approx(apparent, rel=0.02)
 
 
-def near_surface(k: np.ndarray, nu: float) -> tuple[Sphere, Nearby, Waves]:
+def near_surface(k: np.ndarray, nu: float) -> tuple[SphereArray, Nearby, Waves]:
     one = np.ones(1)
-    sphere, field = Sphere(0.5 * one, one, 0 * one, one, 0.3 * one, on_axis=False), waves(k, None, nu * one)
+    sphere, field = SphereArray(0.5 * one, one, 0 * one, one, 0.3 * one, on_axis=False), waves(k, None, nu * one)
     return sphere, nearby(sphere, field), field
 
 
@@ -187,7 +187,7 @@ def test_a_wide_disc_turns_the_image_round() -> None:
     one, k = np.ones(1), 7 * (x[None] + 1)
     sphere, near, field = near_surface(k, 0.0)
     free = image(sphere, field, near, 7 * weight * k, one, 0 * one)[0]
-    answer = answer_aside(sphere, near, k, 7 * weight * k, Disc(6 * one, one, one), one, True, orders=3, degree=96)[0]
+    answer = off_axis_response(sphere, near, k, 7 * weight * k, Disc(6 * one, one, one), one, True, orders=3, degree=96)[0]
     aside = slice(MOMENTS, ALL)
     assert (np.pi / 6 * answer)[aside, aside] == pytest.approx(2 * free[aside, aside], rel=5e-3, abs=1e-9)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import sph_harm_y
 
 from solver.inclusions.projection import projection
-from solver.inclusions.solid_harmonics import Harmonics
+from solver.inclusions.solid_harmonics import SolidHarmonics
 from solver.inclusions.sphere_scattering import scattering, surface
 from solver.inclusions.vector_modes import VOIGT, Modes, Parity, Side
 
@@ -49,7 +49,7 @@ def strengths(E: float, nu: float, sphere_E: float, sphere_nu: float) -> tuple[f
 
 @pytest.mark.parametrize("order", [0, 3, 12])
 def test_harmonics_are_scipys(order: int) -> None:
-    harmonics, x = Harmonics(12, order), scattered_points(20, 0.7, 1.5)
+    harmonics, x = SolidHarmonics(12, order), scattered_points(20, 0.7, 1.5)
     r, phi = np.linalg.norm(x, axis=1), np.arctan2(x[:, 1], x[:, 0])
     for side in SIDES:
         table = harmonics.table(x, side)

@@ -16,7 +16,7 @@ from geometry.scenes.scene import Contact
 from probe_design.cli.main import cli
 from solver import Decision, evaluate, evaluator, plan
 from solver.axisymmetric.converged_forces import converged
-from solver.planning.coarse_model import Rough
+from solver.planning.coarse_model import CoarseModel
 from solver.planning.plan import Plan
 from solver.solid.domain import plain
 from tests.support.paths import REFERENCE
@@ -166,7 +166,7 @@ class TestBeyondLinearElasticity:
         outer = SCENE.probe.outer.model_copy(update={"youngs_modulus": 1e5, "poisson_ratio": 0.3})
         sizes = {"inner_radius": 2e-3, "gap": 1e-4, "area_ratio": 0.5, "height": 60e-3}
         scene = with_probe(SCENE, inner=inner, outer=outer, **sizes)
-        rough, probe = Rough.of(scene), scene.probe
+        rough, probe = CoarseModel.of(scene), scene.probe
         strains = rough.forces.sum(axis=1) / [probe.inner_area * 1e4, probe.outer_area * 1e5]
         z, closing = rough.closing
         widened = 0.4 * strains[0] * probe.inner_radius - 0.3 * strains[1] * probe.hole_radius
@@ -175,7 +175,7 @@ class TestBeyondLinearElasticity:
 
     def test_walls_that_meet_are_told(self) -> None:
         soft = with_probe(SCENE, inner=SCENE.probe.inner.model_copy(update={"youngs_modulus": 1e4}))
-        rough = Rough.of(soft)
+        rough = CoarseModel.of(soft)
         closing = soft.probe.gap / rough.approach
         below, above = (
             decision(plan(soft.model_copy(update={"load": Load(indentation=times * closing)})), "gap contact")
@@ -188,8 +188,8 @@ class TestBeyondLinearElasticity:
         """Under a frictionless rigid punch pressure is positive everywhere (Boussinesq); soft blocks' rims lose it."""
         rigid = SCENE.probe.inner.model_copy(update={"youngs_modulus": 1e9})
         scene = with_probe(SCENE, inner=rigid, outer=rigid).model_copy(update={"contact": Contact(interface="frictionless")})
-        assert Rough.of(scene).pulled == 0
-        assert Rough.of(named("axisymmetric", "shallow").scene).pulled > 0.005
+        assert CoarseModel.of(scene).pulled == 0
+        assert CoarseModel.of(named("axisymmetric", "shallow").scene).pulled > 0.005
 
     def test_auto_warns_of_strain_above_the_accuracy(self) -> None:
         light, heavy = (named("axisymmetric", "shallow").scene.model_copy(update={"load": Load(force=f)}) for f in (1e-6, 2e-3))

@@ -25,14 +25,14 @@ PRINTED = """
 """
 
 
-def printed() -> dict[int, tuple[published_table.Row, ...]]:
-    found: dict[int, list[published_table.Row]] = {}
+def printed() -> dict[int, tuple[published_table.PublishedRow, ...]]:
+    found: dict[int, list[published_table.PublishedRow]] = {}
     for line in PRINTED.strip().splitlines():
         first, *cells = (cell.strip() for cell in line.strip("|").split("|"))
         if first.startswith("Position"):
             rows = found.setdefault(int(first.split()[1]), [])
         else:
-            rows.append(published_table.Row(float(first.removesuffix(" N")), *map(float, cells)))
+            rows.append(published_table.PublishedRow(float(first.removesuffix(" N")), *map(float, cells)))
     return {k: tuple(rows) for k, rows in found.items()}
 
 

@@ -1,0 +1,12 @@
+"""Types of arrays that every room uses."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+Points = NDArray[np.float64]
+"""Coordinates, m: the last axis is x, y, z."""
