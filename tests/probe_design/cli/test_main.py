@@ -9,14 +9,41 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.paths import REFERENCE
-from tests.support.program import refused, run
+from probe_design.cli.main import VERBS
+from tests.support.paths import EXAMPLES, REFERENCE
+from tests.support.paths import SCENE as EXAMPLE
+from tests.support.program import refused, run, started
 
 SCENE = REFERENCE / "axisymmetric" / "shallow.toml"
 KEYS = {
     "stress_inner", "stress_outer", "ratio", "log_sensitivity", "stiffness", "charge_inner", "charge_outer", "error_estimate",
     "evaluator", "seconds", "equivalent_modulus", "residual", "plan", "warnings",
 }  # fmt: skip
+
+
+STARTED: dict[str, tuple[str | Path, ...]] = {  # the cheapest that each verb does
+    "evaluate": (SCENE, "--evaluator", "closed-form"),
+    "plan": (SCENE,),
+    "curve": (SCENE, "--points", "2", "--accuracy", "0.1"),
+    "scan": (SCENE, "--points", "2", "--accuracy", "0.1"),
+    "detectability": (SCENE, "--points", "2", "--accuracy", "0.1"),
+    "estimate": (EXAMPLE, "--ratio", "0.563", "--accuracy", "0.05"),
+    "optimize": (EXAMPLE, "-o", "out", "--starts", "1"),
+    "export": (SCENE, "-o", "out"),
+    "tradeoff": (SCENE, "-o", "out"),
+    "sweep": (EXAMPLES / "sweep.toml", "-o", "out"),
+    "read": (EXAMPLE, "--virtual", "--seconds", "4"),
+    "calibrate": (EXAMPLE, "--virtual", "--seconds", "5", "-o", "probe.toml"),
+    "check": (EXAMPLE, "--virtual", "--seconds", "5"),
+}
+
+
+@pytest.mark.parametrize("verb", [verb.name for verb in VERBS])
+def test_every_verb_starts_as_a_command(verb: str, tmp_path: Path) -> None:
+    ended = started(verb, *STARTED[verb], "--json", cwd=tmp_path)
+    assert ended.returncode == 0, ended.stderr
+    assert isinstance(json.loads(ended.stdout), dict)
+    assert [line for line in ended.stderr.splitlines() if not line.startswith("probe-design: ")] == []
 
 
 @pytest.mark.parametrize("evaluator", ["auto", "published", "closed-form", "equivalent-inclusion", "axisymmetric"])
