@@ -128,6 +128,7 @@ def test_check_passes_a_probe_as_drawn(folder: Path) -> None:
     assert json.loads((folder / "check.json").read_text()) == found
 
 
+@pytest.mark.slow
 def test_check_fails_a_probe_off_its_drawing_and_says_why(folder: Path) -> None:
     words = ("--virtual", "--calibration", folder / "probe.toml", "--built", "probe.outer.youngs_modulus=92 kPa")
     ended = run("check", *words, "-o", folder / "failed.json", code=1)

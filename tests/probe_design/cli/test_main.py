@@ -87,7 +87,11 @@ def test_charges_follow_equation_12(tmp_path: Path) -> None:
         (("evaluate",), ("SCENE",)),
         (("evaluate", SCENE, "--colour"), ("--colour",)),
         (("evaluate", REFERENCE / "solid" / "flank.toml", "--evaluator", "axisymmetric"), ("axis", "equivalent-inclusion")),
-        (("evaluate", REFERENCE / "solid" / "two-tumours-between.toml", "--accuracy", "1e-6"), ("accuracy", "or more")),
+        pytest.param(
+            ("evaluate", REFERENCE / "solid" / "two-tumours-between.toml", "--accuracy", "1e-6"),
+            ("accuracy", "or more"),
+            marks=pytest.mark.slow,
+        ),
         (("optimize", REFERENCE / "axisymmetric" / "homogeneous.toml", "-o", "unused"), ("inclusion.target",)),
         (("optimize", SCENE, "-o", "unused", "--outer-radius", "8"), ("outer-radius", "unit is missing")),
         (("optimize", SCENE, "-o", "unused", "--outer-radius", "1 um"), ("outer-radius", "above")),
