@@ -26,6 +26,7 @@ from geometry.tetra.tet_mesh import TetMesh
 from solver.axisymmetric.converged_forces import Converged, converged
 from solver.results.film_forces import Bound, FilmForces
 from solver.results.result import Decision
+from solver.results.warnings import Note, of_kind
 from solver.solid.difference import SceneDifference, difference, meshed
 from solver.solid.domain import Domain, coaxial, domain, plain, reach, room
 
@@ -62,7 +63,7 @@ class SolidForces:
     domain: Domain
     found: SceneDifference
     plan: tuple[Decision, ...]
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,7 @@ def solid_forces(scene: Scene, accuracy: float, moduli: Floats | None = None, te
             films = _films(scene, symmetric, known[-2], known[-1], FLOOR / (len(known) - 1))
             if max(film.error_under(scene) for film in films) <= accuracy and all(_told(film, accuracy) for film in films):
                 break
-    notes = tuple(note for note in symmetric.whole.notes if note.startswith("left out"))
+    notes = of_kind(symmetric.whole.notes, "left_out")
     tilt = _tilted(symmetric, known[-1])
     before = _tilted(symmetric, known[-2])
     error = SAFETY * np.abs(tilt[0] - before[0]).max(axis=0) + FLOOR * np.abs(tilt[0]).max(axis=0)
