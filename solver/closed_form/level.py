@@ -34,7 +34,7 @@ BROKEN = "axisymmetric, as the formulas break down for this scene"
 
 @dataclass(frozen=True)
 class ClosedFormForces:
-    """Film forces with their bounds, the bounds on their errors, and the residual of eq. (C1)."""
+    """Film forces with their bounds, the bounds on their errors, and the residual of eq. CF.12."""
 
     films: FilmForces
     errors: StatedErrors

@@ -30,7 +30,10 @@ class Bound:
 
     @classmethod
     def independent(cls, totals: Floats, forces: Floats) -> Bound:
-        """Return the bound where the two films' errors know nothing of each other, eq. (F3)."""
+        """Return the bound where the two films' errors know nothing of each other.
+
+        With e_i their relative errors that of ln(ratio) is at most -ln(1 - e_0) - ln(1 - e_1) (RE.1).
+        """
         with np.errstate(divide="ignore"):
             inner, outer = totals / np.abs(forces.sum(axis=1))
         worst = max(inner, outer)
@@ -59,7 +62,7 @@ class FilmForces:
 
     @property
     def totals(self) -> Floats:
-        """Force on each film per unit indentation of the whole base, N/m: eq. (F1), F_i = sum_j F_ij."""
+        """Force on each film per unit indentation of the whole base, N/m: F_i = sum_j F_ij (RE.2)."""
         return np.asarray(self.forces.sum(axis=1))
 
     @property
@@ -77,7 +80,7 @@ class FilmForces:
 
     @property
     def log_sensitivity(self) -> float | None:
-        """Log-sensitivity of the ratio, eq. (F2): S = d ln(F_0 / F_1) / d ln E_object."""
+        """Log-sensitivity of the ratio: S = d ln(F_0 / F_1) / d ln E_object (RE.3)."""
         if self.slope is None:
             return None
         inner, outer = self.slope.sum(axis=1) / self.totals

@@ -3,7 +3,7 @@
 With A the exact forces of the reference (``solid_domain.py``), D the difference that a mesh finds (``solid_difference.py``) and
 C the compliance by which the whole probe on the whole tissue, films, base and far tissue included, exceeds the reference,
 
-    F = ((A + D)^-1 + C)^-1,    C = F_whole^-1 - A^-1                                              (S2)
+    F = ((A + D)^-1 + C)^-1,    C = F_whole^-1 - A^-1                                              (SO.5)
 
 both A and F_whole by ``converged.py``.
 """
@@ -68,7 +68,7 @@ class SolidForces:
 
 @dataclass(frozen=True)
 class _Symmetric:
-    """The rotationally symmetric part of eq. (S2).
+    """The rotationally symmetric part of eq. SO.5.
 
     Attributes:
         domain: what is to be meshed.
@@ -85,7 +85,7 @@ class _Symmetric:
     edges: float
 
     def corrected(self, change: Floats) -> Floats:
-        """Eq. (S2), for D of shape (k, 2, 2)."""
+        """Eq. SO.5, for D of shape (k, 2, 2)."""
         return np.asarray(np.linalg.inv(np.linalg.inv(self.exact + change) + self.compliance))
 
     def carried(self, change: Floats, small: Floats) -> Floats:
@@ -173,7 +173,7 @@ def _wall(scene: Scene) -> float | None:
 def _compliance(
     alone: Scene, chosen: Domain, exact: Floats, whole: Converged, accuracy: float
 ) -> tuple[Floats, Converged, float]:
-    """C of eq. (S2), the converged whole, and what of it far tissue makes."""
+    """C of eq. SO.5, the converged whole, and what of it far tissue makes."""
     if chosen.radius is not None:  # edges are meshed: only films and base are left for C
         probe = alone.probe
         whole = converged(chosen.reference.model_copy(update={"probe": probe}), SHARE * accuracy)
@@ -219,7 +219,7 @@ def _told(films: FilmForces, accuracy: float) -> bool:
 
 
 def _tilted(symmetric: _Symmetric, one: SceneDifference) -> tuple[Floats, Floats]:
-    """Film forces per unit rotation and their slopes, carried through eq. (S2), shape (k, 2) each."""
+    """Film forces per unit rotation and their slopes, carried through eq. SO.5, shape (k, 2) each."""
     tilt, slope = (symmetric.carried(one.forces, part[..., None])[..., 0] for part in (one.tilt, one.tilt_slope))
     return tilt, slope
 

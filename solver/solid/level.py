@@ -118,7 +118,7 @@ def tilted(scene: Scene, found: SolidForces, k: int) -> tuple[FilmForces, float]
     """Film forces at the scene's load with what the tilt adds, per unit indentation; and the stiffness, N/m.
 
     With w the indentation of the base's centre and t the tilt, the films feel F 1 w + T t, so that per unit of w
-    T t / w comes on top, eq. (S3).
+    T t / w comes on top (SO.6).
 
     Raises:
         Refusal: a tilted probe without load, or one that the load does not press down.
