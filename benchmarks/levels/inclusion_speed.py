@@ -159,7 +159,14 @@ def one_map(points: int, sample: int, accuracy: float, tell: Callable[[str], Non
     scene = read_scene(SCENE)
     target = scene.inclusion[0]
     depth, diameter = np.meshgrid(np.linspace(*MAP_DEPTHS, points), np.linspace(*MAP_DIAMETERS, points), indexing="ij")
-    tumours = Tumours(0.0, 0.0, depth.reshape(-1, 1), diameter.reshape(-1, 1), target.youngs_modulus, target.poisson_ratio)
+    tumours = Tumours(
+        0.0,
+        0.0,
+        depth.reshape(-1, 1),
+        diameter=diameter.reshape(-1, 1),
+        youngs_modulus=target.youngs_modulus,
+        poisson_ratio=target.poisson_ratio,
+    )
     table = Table(
         f"{points} x {points} depths and diameters on the axis, accuracy {accuracy:g}, probe's set-up included",
         ("by", "points", "with reflections", "worst bound, error", "off by, error", "wall, s", "process, s"),

@@ -117,7 +117,19 @@ def model(
     )
     system = System.of(numbering(mesh, fineness.order, interface), edge)
     shear, volume = (part.reshape(n, 2 * s, 2 * s) for part in parts)
-    return MeridianModel(section, materials, mesh, functions, at, shear, volume, two_mu, lam, recovery, system)
+    return MeridianModel(
+        section,
+        materials,
+        mesh=mesh,
+        shapes=functions,
+        at=at,
+        shear=shear,
+        volume=volume,
+        two_mu=two_mu,
+        lam=lam,
+        recovery=recovery,
+        system=system,
+    )
 
 
 def base_states(model: MeridianModel) -> BaseStates:
@@ -135,7 +147,7 @@ def base_states(model: MeridianModel) -> BaseStates:
     # ten standard deviations of the energy when every entry of the matrices carries an independent rounding error
     variance = products(own**2, system.stiffness**2 @ own**2)
     rounding = 10 * np.finfo(float).eps * np.sqrt(variance) + hidden
-    return BaseStates(model, v, model.whole(own), shift, forces, rounding, residual)
+    return BaseStates(model, v, own=model.whole(own), shift=shift, forces=forces, rounding=rounding, residual=residual)
 
 
 def products(a: Floats, b: Floats) -> Floats:

@@ -72,7 +72,7 @@ def converged(scene: Scene, accuracy: float, moduli: Floats | None = None) -> Co
 def _films(scene: Scene, found: MeshSample, errors: SampleErrors, changes: Iterable[Change] = ()) -> tuple[FilmForces, ...]:
     films = []
     for k, forces in enumerate(found.forces):
-        margin = LAYERED if found.states.model.section.given_layers else 1.0
+        margin = LAYERED if found.states.model.section.has_layers else 1.0
         bound = Bound.independent(margin * errors.totals[k], forces)
         told = margin * float(errors.sensitivity[k])
         for change in changes:

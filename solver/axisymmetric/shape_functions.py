@@ -79,7 +79,19 @@ def shapes(order: int) -> Shapes:
     known = np.linalg.inv(functions(places, degrees)[0])
     geometry, tangents, weights = value @ known, slope @ known, np.outer(w, w).ravel()
     tables = _products(value, slope, pressure)
-    return Shapes(order, degrees, points, weights, value, slope, pressure, places, geometry, tangents, tables)
+    return Shapes(
+        order,
+        degrees,
+        points=points,
+        weights=weights,
+        value=value,
+        slope=slope,
+        pressure=pressure,
+        places=places,
+        geometry=geometry,
+        tangents=tangents,
+        products=tables,
+    )
 
 
 def _products(value: Floats, slope: Floats, pressure: Floats) -> Products:

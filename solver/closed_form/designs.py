@@ -60,7 +60,10 @@ def _answer(shape: Shape, p: Array) -> ContactSolution:
     bodies = p[len(PROBE) + len(TISSUE) :].reshape(len(shape.on_axis), len(BALL), p.shape[1])
     blocks = ElasticBlocks(None, r2, hi, ei, ni), ElasticBlocks(r2 + gap, ro, ho, eo, no)
     tissue = Tissue(depth if shape.bounded else None, et, nt, side)
-    spheres = [SphereArray(b[0], b[1], b[2], b[3], b[4], on_axis) for b, on_axis in zip(bodies, shape.on_axis, strict=True)]
+    spheres = [
+        SphereArray(b[0], b[1], offset=b[2], E=b[3], nu=b[4], on_axis=on_axis)
+        for b, on_axis in zip(bodies, shape.on_axis, strict=True)
+    ]
     return answer(blocks, tissue, spheres, shape.target, shape.bonded, shape.nodes, shape.side_nodes)
 
 
@@ -130,7 +133,7 @@ def parameters(scene: Scene) -> tuple[Shape, Floats]:
     on_axis = tuple(offset <= 1e-9 * (body.diameter or 1.0) for body, offset in zip(scene.inclusion, offsets, strict=True))
     bonded, bounded = scene.contact.interface == "bonded", tissue.shape != "half-space"
     sides = side_nodes(probe.tube_radius, depth, side) if bounded else 0
-    return Shape(on_axis, scene.target, _nodes(scene), bonded, bounded, sides), np.array(values)
+    return Shape(on_axis, scene.target, nodes=_nodes(scene), bonded=bonded, bounded=bounded, side_nodes=sides), np.array(values)
 
 
 def _nodes(scene: Scene) -> int:

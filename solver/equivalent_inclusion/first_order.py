@@ -73,7 +73,14 @@ def effects(energies: Energies, tissue: Material, tumours: Tumours, places: bool
     over, up, out = _integrals(energies, tumours, *_sphere(*SURFACE))
     area = 4 * np.pi * radius**2
     moved = [_matrices(part * area[:, None], of.volume, of.shear) for part in (-up, out, over)]
-    return Effects(whole, by_modulus, by_poisson, moved[0], moved[1], moved[2] * radius[:, None, None])
+    return Effects(
+        whole,
+        by_modulus,
+        by_poisson=by_poisson,
+        by_depth=moved[0],
+        by_offset=moved[1],
+        by_log_diameter=moved[2] * radius[:, None, None],
+    )
 
 
 def _matrices(products: Floats, volume: Floats, shear: Floats) -> Floats:

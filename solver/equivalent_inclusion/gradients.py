@@ -175,7 +175,7 @@ def _explicit(found: FirstOrder, name: str) -> Floats:
         return _imaginary(found.forms(modulus=tissue.youngs_modulus * (1 + 1j * STEP)))
     if name == "tissue_poisson_ratio":
         return _imaginary(found.forms(nu=tissue.poisson_ratio + 1j * STEP))
-    if name not in section.given:
+    if name not in section.lengths:
         return np.zeros((2, 2, 2))
     moved = replace(section, **{name: getattr(section, name) * (1 + 1j * STEP)})
     return _imaginary(found.forms(found.points.corners(moved)))

@@ -172,7 +172,17 @@ def _first_order(base: Undisturbed, tumours: Tumours, left_out: Bools, target: i
     areas = np.array([base.scene.probe.inner_area, base.scene.probe.outer_area])
     log_ratio = base.with_bounds(bound, forces)[1]
     by = _derivatives(each, tumours, left_out, target) if t else {}
-    return Readings(areas, forces, bound, log_ratio, slope_bound, np.zeros(n, dtype=bool), log_ratio, forces.sum(axis=2), by)
+    return Readings(
+        areas,
+        forces,
+        bound=bound,
+        log_ratio_bound=log_ratio,
+        slope_bound=slope_bound,
+        reflected=np.zeros(n, dtype=bool),
+        first_share=log_ratio,
+        first_totals=forces.sum(axis=2),
+        by=by,
+    )
 
 
 def _derivatives(each: Effects, tumours: Tumours, left_out: Bools, target: int) -> dict[str, Floats]:

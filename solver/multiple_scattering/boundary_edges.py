@@ -80,7 +80,7 @@ def _edges(model: MeridianModel, axis: int, line: float, which: Floats) -> Edges
     r, z = ((1 - x) * first[:, k, None] + x * last[:, k, None] for k in (0, 1))
     length = np.hypot(*(last - first).T)
     along = functions(np.stack([x, np.zeros_like(x)], axis=1), np.array([(0, 0), (1, 0), *((k, 0) for k in range(2, order + 1))]))
-    return Edges(element, np.concatenate(locals_), r, z, weight * length[:, None] * r, along[0])
+    return Edges(element, np.concatenate(locals_), r=r, z=z, weight=weight * length[:, None] * r, values=along[0])
 
 
 def _lobatto(count: int) -> tuple[Floats, Floats]:

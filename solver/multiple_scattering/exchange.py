@@ -92,7 +92,9 @@ class Reflector:
         tissue = self.states.model.materials[Body.TISSUE]
         two_mu = tissue.youngs_modulus / (1 + tissue.poisson_ratio)
         if self.close:
-            return CloseExchange(self.interior, self._field, self.interface, spheres, rounds, two_mu)
+            return CloseExchange(
+                self.interior, self._field, interface=self.interface, spheres=spheres, rounds=rounds, two_mu=two_mu
+            )
         samples = ModeSamples([one.source for one in spheres], self.panels, rounds, two_mu)
         return Exchange(self, spheres, samples, often)
 

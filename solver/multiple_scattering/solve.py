@@ -117,7 +117,7 @@ def scattered(
     error = total_change(np.array([change, _tail(spheres, each, known, whole), left_out * forces])).sum(axis=0)
     slope_error = slope_change + SENSITIVE * left_out * np.abs(slopes)
     moves = tuple(_moves(tissue, tumours, spheres, each, whole)) if places else ()
-    return Scattered(forces, slopes, error, slope_error, moves, known.count, orders)
+    return Scattered(forces, slopes, error=error, slope_error=slope_error, moved=moves, steps=known.count, orders=orders)
 
 
 def _drop(before: float, gone: float, rho: float) -> tuple[float, float]:

@@ -81,12 +81,12 @@ def difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> S
     return SceneDifference(
         reactions[:, :2, :2] - less[:2, :2],
         slope[:, :2, :2],
-        reactions[:, :2, 2] - less[:2, 2],
-        slope[:, :2, 2],
-        less[:2, :2],
-        states,
-        problem.supports.unknowns,
-        max(reference.residual, states.residual),
+        tilt=reactions[:, :2, 2] - less[:2, 2],
+        tilt_slope=slope[:, :2, 2],
+        reference=less[:2, :2],
+        states=states,
+        unknowns=problem.supports.unknowns,
+        residual=max(reference.residual, states.residual),
     )
 
 

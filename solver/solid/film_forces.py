@@ -20,7 +20,7 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
-from geometry.tetra.layout import layout
+from geometry.tetra.layout import body_layout
 from geometry.tetra.sizing import COARSE, FINE, ROUGH
 from geometry.tetra.tet_mesh import TetMesh
 from solver.axisymmetric.converged_forces import Converged, converged
@@ -166,7 +166,7 @@ def _wall(scene: Scene) -> float | None:
     if room(scene) < tube + BESIDE * tube:
         near = Words(f"the probe {mm(room(scene) - tube)} from the tissue's edge")
         raise Refusal("placement", near, f"{mm(BESIDE * tube)} or more for solid: the reference cylinder needs room")
-    return layout(scene, False, np.inf, None).wall
+    return body_layout(scene, False, np.inf, None).wall
 
 
 def _compliance(
