@@ -22,7 +22,7 @@ from solver import Result, evaluate
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed, undisturbed
 from solver.equivalent_inclusion.readings import TOLERANCE, Readings, readings
 from solver.inclusions.tumours import Tumours
-from solver.multiple_scattering.solve import scattered
+from solver.multiple_scattering.solve import solve_scattering
 
 SCENE = Path(__file__).parents[2] / "tests" / "reference" / "off-axis" / "stiff-cover-0.25-offset-1.toml"
 ACCURACIES = (0.01, 0.003, 0.001)
@@ -144,7 +144,7 @@ def _reflections(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -
             tell(f"speed: reflections, cover {cover:g}, offset {offset:g}")
             one = Tumours(*np.reshape([offset * outer, 0, (cover + 0.5) * DIAMETER, DIAMETER, modulus, 0.47], (6, 1, 1)))
             alone = one.of_index(0)
-            told = scattered(base.field, base.reflector(alone), base.scene.tissue, alone, TOLERANCE * base.accuracy)
+            told = solve_scattering(base.field, base.reflector(alone), base.scene.tissue, alone, TOLERANCE * base.accuracy)
             bound = float(readings(base, one, reflect=True).error_estimate[0])
             batch = replace(one, youngs_modulus=modulus * np.linspace(0.9, 1.1, BATCH)[:, None])
             readings(base, batch, reflect=True)  # finds each order's matrix

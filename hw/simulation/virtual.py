@@ -139,6 +139,7 @@ def virtual(
     signals: Callable[[Floats], Floats],
     rate: float,
     serial: str = "VIRTUAL",
+    *,
     faults: Sequence[Fault] = (),
     channels: int = 2,
     scale: float = 1e-4,

@@ -46,8 +46,8 @@ def evaluated(
     motion = np.array([lowered, lowered, scene.placement.tilt])
     if vtu is not None:
         tell(f"writing {vtu}")
-        write_vtu(vtu, found.found.states, motion)
+        write_vtu(vtu, found.difference.states, motion)
     if picture is not None:
         tell(f"drawing {picture}")
-        draw_solid(picture, found.found.states, motion)
+        draw_solid(picture, found.difference.states, motion)
     return result

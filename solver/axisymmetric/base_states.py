@@ -140,10 +140,12 @@ def base_states(model: MeridianModel) -> BaseStates:
     """
     system = model.system
     lift = system.numbering.lift
-    v, left, residual = system.solve(np.zeros((system.numbering.unknowns, 2)), lift, passes=2)
+    v, unbalanced, residual = system.solve(np.zeros((system.numbering.unknowns, 2)), lift, passes=2)
     own, shift = system.own(v, lift), system.shifts(v, lift)
     forces = products(own, system.stiffness @ own)
-    hidden = np.abs(left.T @ system.factor.solve(left))  # what the forces would change if the equations were met exactly
+    hidden = np.abs(
+        unbalanced.T @ system.factor.solve(unbalanced)
+    )  # what the forces would change if the equations were met exactly
     # ten standard deviations of the energy when every entry of the matrices carries an independent rounding error
     variance = products(own**2, system.stiffness**2 @ own**2)
     rounding = 10 * np.finfo(float).eps * np.sqrt(variance) + hidden
@@ -173,5 +175,5 @@ def condensed(stiffness: Floats, skeleton: int) -> tuple[Floats, Floats]:
     outside = stiffness[:, :, low, :, low].reshape(n, edge, edge)
     across = stiffness[:, :, high, :, low].reshape(n, inner, edge)
     recovery = -np.linalg.solve(stiffness[:, :, high, :, high].reshape(n, inner, inner), across)
-    left = outside + across.transpose(0, 2, 1) @ recovery
-    return (left + left.transpose(0, 2, 1)) / 2, np.asarray(recovery)
+    reduced = outside + across.transpose(0, 2, 1) @ recovery
+    return (reduced + reduced.transpose(0, 2, 1)) / 2, np.asarray(recovery)

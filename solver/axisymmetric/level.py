@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, SolveError
 from geometry.scenes.scene import Scene
-from solver.axisymmetric.converged_forces import Converged, converged
+from solver.axisymmetric.converged_forces import Converged, converged_forces
 from solver.results.film_forces import checked_moduli, outputs, ratio
 from solver.results.result import Curve, Result, needs_solid, within
 
@@ -90,7 +90,7 @@ class Axisymmetric:
             raise Refusal("evaluator", self.name, why)
         with threadpool_limits(1, user_api="blas"):  # many small products: more threads only wait for each other
             try:
-                return converged(scene, accuracy, moduli)
+                return converged_forces(scene, accuracy, moduli)
             except SolveError as fault:
                 if moduli is not None and "curve from" in str(fault):
                     span = f"{np.min(moduli):g} to {np.max(moduli):g} Pa"

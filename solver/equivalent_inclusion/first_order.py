@@ -91,7 +91,7 @@ def _matrices(products: Floats, volume: Floats, shear: Floats) -> Floats:
 def _integrals(energies: Energies, tumours: Tumours, points: Floats, weights: Floats) -> list[Floats]:
     """Weighted sums of the six products over points of the unit ball, (q, 3), with columns of weights, (q, w): w of (n, 6)."""
     n = len(tumours.x)
-    found = np.empty((weights.shape[1], n, 6))
+    integrals = np.empty((weights.shape[1], n, 6))
     radius = tumours.diameter / 2
     table = np.full(n, n > FEW) & energies.covers(tumours.offset + radius, -tumours.cover, -tumours.depth - radius)
     for which, ask in ((table, energies.quick), (np.logical_not(table), energies.at)):
@@ -101,8 +101,8 @@ def _integrals(energies: Energies, tumours: Tumours, points: Floats, weights: Fl
             x, y, up = (points[:, k] * radius[block, None] for k in range(3))
             r, z = np.hypot(tumours.offset[block, None] + x, y), up - tumours.depth[block, None]
             values = ask(r.ravel(), z.ravel()).reshape(6, *r.shape)
-            found[:, block] = np.einsum("pnq,qw->wnp", values, weights)
-    return list(found)
+            integrals[:, block] = np.einsum("pnq,qw->wnp", values, weights)
+    return list(integrals)
 
 
 @lru_cache(maxsize=8)

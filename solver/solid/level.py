@@ -76,7 +76,7 @@ class SolidLevel:
         start = perf_counter()
         found = self.solved(scene, accuracy)
         films, stiffness = tilted(scene, found, 0)
-        told = outputs(scene, films) | {"stiffness": stiffness, "residual": found.found.residual}
+        told = outputs(scene, films) | {"stiffness": stiffness, "residual": found.difference.residual}
         reached = films.error_under(scene)
         warnings = (*told.pop("warnings"), *_tilt_notes(scene, films), *found.notes, *shortfalls(films, reached, accuracy))
         result = Result(self.name, perf_counter() - start, **told, plan=found.plan, warnings=warnings)
