@@ -201,7 +201,7 @@ def _print(found: dict[int, Result], scene: Scene, asked: argparse.Namespace) ->
     console.print(check_table(found))
     for line in notes(found):
         console.print(f"- {line}", highlight=False)
-    for line in dict.fromkeys(line for one in found.values() for line in one.warnings if not line.startswith("linear")):
+    for line in dict.fromkeys(note for one in found.values() for note in one.warnings if note.kind != "linear"):
         console.print(f"- {asked.evaluator}: {line}", highlight=False)
 
 

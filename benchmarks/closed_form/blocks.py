@@ -1,4 +1,4 @@
-"""Where eq. (B3) of ``solver/closed_form/block_compliance.py`` comes from.
+"""Where eq. CF.10 of ``solver/closed_form/block_compliance.py`` comes from.
 
 Usage: ``python -m benchmarks.closed_form.blocks [--scenes N] [--seed K]``.
 

@@ -60,7 +60,9 @@ def scenes(folders: list[str], names: list[str] | None) -> Iterator[tuple[str, S
 def row(scene: Scene, known: dict[str, float], accuracy: float) -> Iterator[Any]:
     start = perf_counter()
     try:
-        found, forces, _ = SolidLevel().answered(scene, accuracy)
+        level = SolidLevel()
+        forces = level.solved(scene, accuracy)
+        found = level.answer_of(scene, forces, accuracy).result(level.name, scene, 0.0)
     except (Refusal, SolveError) as fault:
         print(f"refused: {fault}", file=sys.stderr)
         yield from [None] * 8

@@ -1,6 +1,6 @@
 """Amplitudes of a sinusoidal load in all channels by linear least squares, with their covariance.
 
-The model is eq. (S1) of ``hw.signal.sine_model``: harmonics of the load, mains lines where there are any, a drift polynomial. The
+The model is eq. SI.3 of ``hw.signal.sine_model``: harmonics of the load, mains lines where there are any, a drift polynomial. The
 frequencies of load and mains are corrected by Gauss-Newton steps; both leave the amplitudes, whose phases count from the
 middle of the record, uncorrelated with them to first order.
 """

@@ -1,6 +1,6 @@
 """What a record of a sinusoidal load consists of: the load's harmonics, mains lines and drift; in normal equations.
 
-    v(t) = sum_h Re(a_h e^(j 2 pi h f t)) + sum_k Re(m_k e^(j 2 pi k g t)) + sum_l d_l P_l(2 t / T)                      (S1)
+    v(t) = sum_h Re(a_h e^(j 2 pi h f t)) + sum_k Re(m_k e^(j 2 pi k g t)) + sum_l d_l P_l(2 t / T)                      (SI.3)
 
 f is the load's frequency, g that of the mains, P_l Legendre polynomials; t runs from the middle of the record of length T.
 All channels share the columns, so that one small matrix serves all of them. Rows are worked on in slices: a record of any
@@ -45,13 +45,13 @@ class Lines:
         return np.array([h * self.load for h in range(1, self.harmonics + 1)] + mains)
 
     def columns(self, t: Floats) -> Floats:
-        """Cosine and minus sine of each sinusoid, then the polynomials, shape (len(t), 2 s + DRIFT), eq. (S1)."""
+        """Cosine and minus sine of each sinusoid, then the polynomials, shape (len(t), 2 s + DRIFT), eq. SI.3."""
         turns = 2 * np.pi * np.outer(t, self.frequencies)
         waves = np.stack([np.cos(turns), -np.sin(turns)], axis=2).reshape(len(t), -1)
         return np.hstack([waves, np.polynomial.legendre.legvander(t / self.half, DRIFT - 1)])
 
     def slopes(self, t: Floats, columns: Floats, coefficients: Floats) -> Floats:
-        """Derivatives of eq. (S1) by f and, where there is one, g: shape (2 or 1, len(t), channels)."""
+        """Derivatives of eq. SI.3 by f and, where there is one, g: shape (2 or 1, len(t), channels)."""
         waves = columns[:, : 2 * len(self.frequencies)].reshape(len(t), -1, 2)
         re, im = coefficients[: 2 * len(self.frequencies)].reshape(-1, 2, coefficients.shape[1]).transpose(1, 0, 2)
         # d/df Re(a e^(j w t)) = 2 pi h t Re(j a e^(j w t)), and Re(j a e^(j w t)) = -im cos + re (-sin)
@@ -81,7 +81,7 @@ class Solved:
 
 
 def solve(lines: Lines, t: Floats, volts: Floats) -> Solved:
-    """Fit eq. (S1) at the frequencies of ``lines``, and say by how much these are off (Gauss-Newton).
+    """Fit eq. SI.3 at the frequencies of ``lines``, and say by how much these are off (Gauss-Newton).
 
     Args:
         lines: the columns.
@@ -119,5 +119,5 @@ def slices(rows: int) -> Iterator[slice]:
 
 
 def residual(lines: Lines, t: Floats, volts: Floats, coefficients: Floats) -> Floats:
-    """What eq. (S1) leaves of the record, V, of the shape of ``volts``."""
+    """What eq. SI.3 leaves of the record, V, of the shape of ``volts``."""
     return np.concatenate([volts[rows] - lines.columns(t[rows]) @ coefficients for rows in slices(len(t))])

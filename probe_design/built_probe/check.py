@@ -1,7 +1,7 @@
 """The check of a built probe: ratios measured on blocks of tissue against the predicted ones.
 
 d_k = ln rho_k measured - ln rho_k predicted has the covariance C: noise, the blocks' moduli, the solver, and G C_M G^T, G the
-derivatives of ln rho_k by the entries of the gain matrix. If the design is as drawn, d^T C^-1 d is a chi-square (K1).
+derivatives of ln rho_k by the entries of the gain matrix. If the design is as drawn, d^T C^-1 d is a chi-square (BP.4).
 Which variable would explain a deviation is for ``probe_design.built_probe.explanations`` to say.
 """
 
@@ -45,7 +45,7 @@ class Check:
 
     Attributes:
         blocks: one line for each.
-        chi_square, degrees_of_freedom, p_value: of the probe as drawn, eq. (K1).
+        chi_square, degrees_of_freedom, p_value: of the probe as drawn, eq. BP.4.
         level: the p-value below which it fails.
         passed: whether it does not.
         calibrated: whether gains come from a calibration.

@@ -1,8 +1,9 @@
 """Which single variable would explain that a probe deviates from its prediction.
 
-A variable that is off by e shifts d = ln rho measured - ln rho predicted by (J - G S) e (K2): J is what it does to the probe; the
-calibration, which took the drawing as true, is off by -S e, S its slopes, and G carries that to ln rho. One e is fitted for each
-variable alone, e = D^T C^-1 d / D^T C^-1 D, D = J - G S (K3); for the best ones again at the design so changed, until e stays.
+A variable that is off by e shifts d = ln rho measured - ln rho predicted by (J - G S) e (BP.5): J is what it does to the probe;
+the calibration, which took the drawing as true, is off by -S e, S its slopes, and G carries that to ln rho. One e is fitted for
+each variable alone, e = D^T C^-1 d / D^T C^-1 D, D = J - G S (BP.6); for the best ones again at the design so changed, until e
+stays.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class Deviation:
         drawn: as predicted for the probe as drawn, shape (k,).
         read: covariance of ``logs``, shape (k, k).
         model: variances of ``drawn``, shape (k,).
-        led_astray: G S of eq. (K2) by variable, shape (k,) each; 0 where one is missing.
+        led_astray: G S of eq. BP.5 by variable, shape (k,) each; 0 where one is missing.
     """
 
     logs: Floats
@@ -53,7 +54,7 @@ class Deviation:
 
     @property
     def chi_square(self) -> float:
-        """Of the probe as drawn, eq. (K1) of ``probe_design.built_probe.check``."""
+        """Of the probe as drawn, eq. BP.4 of ``probe_design.built_probe.check``."""
         off = self.logs - self.drawn
         return float(off @ self.weight @ off)
 
@@ -149,7 +150,7 @@ def _predicted(drawn: Scene, bench: Bench, name: str, told: Explanation) -> Shar
 
 
 def _fitted(found: Deviation, name: str, shift: Floats, off: Floats, nominal: float, level: float) -> Explanation:
-    """Eq. (K3), and what it leaves."""
+    """Eq. BP.6, and what it leaves."""
     weight = found.weight
     information = max(float(shift @ weight @ shift), np.finfo(float).tiny)
     change = float(shift @ weight @ off) / information

@@ -66,7 +66,7 @@ def warming(found: Measurement, bench: Bench, probe: Probe) -> Floats:
     """Return the most by which each film's temperature may have changed during a reading, K, shape (2,).
 
     A steady rate leaves p A dT/dt through the feedback resistor, an offset V = Rf p A dT/dt; a change within tau the charge
-    p A dT, a drift V = p A dT / Cf (T1). The electronics' own offset counts with them, so that this is a bound.
+    p A dT, a drift V = p A dT / Cf (BP.3). The electronics' own offset counts with them, so that this is a bound.
     """
     areas = PYROELECTRIC * np.array([probe.inner_area, probe.outer_area])
     steady = np.abs(found.fit.offsets[:2]) * found.fit.seconds / (bench.amplifier.resistance * areas)

@@ -1,9 +1,9 @@
 """The gain matrix of both channels: what it makes of readings, and its estimate from readings on references.
 
-A reading y = Q / c (N, c the nominal charge per force) of film forces f is y = M f (C1): M has the relative gains on its
+A reading y = Q / c (N, c the nominal charge per force) of film forces f is y = M f (BP.1): M has the relative gains on its
 diagonal and beside it the cross-talk. On a reference k under the load F_k, f = F_k (s, 1 - s), ln(s / (1 - s)) = lambda_k: known
 exactly for a pin or a ring (s = 1, 0), predicted for a block of tissue with an error that the solver, the block's modulus and the
-workshop leave. M, F_k and lambda_k follow together from least squares (C2), each datum and each prediction with its covariance.
+workshop leave. M, F_k and lambda_k follow together from least squares (BP.2), each datum and each prediction with its covariance.
 
 Without a reference force all F_k are free and M is told up to a common factor only.
 """
@@ -53,7 +53,7 @@ class Gains:
     """The gain matrix with what is known of its error.
 
     Attributes:
-        matrix: M of eq. (C1), shape (2, 2).
+        matrix: M of eq. BP.1, shape (2, 2).
         covariance: of its entries row by row, shape (4, 4).
         slopes: by how much the estimate moves per SI unit by which a design variable is off its drawing, shape (4, v).
         workshop: standard deviations of these variables that ``covariance`` counts, SI, shape (v,).
@@ -105,7 +105,7 @@ class Gains:
 
 
 def estimated(observed: Sequence[Observed], shares: Shares, bench: Bench) -> Gains:
-    """Estimate M from readings on references, eq. (C2).
+    """Estimate M from readings on references, eq. BP.2.
 
     Args:
         observed: one for each reading.
@@ -150,7 +150,7 @@ def _untold(spread: float) -> InputError:
 
 @dataclass(frozen=True)
 class _Problem:
-    """Residuals of eq. (C2), each divided by its standard deviation. Unknowns: entries of M, ln F_k, lambda_k, force error."""
+    """Residuals of eq. BP.2, each divided by its standard deviation. Unknowns: entries of M, ln F_k, lambda_k, force error."""
 
     observed: tuple[Observed, ...]
     shares: Shares

@@ -26,7 +26,7 @@ class Built:
     """How the virtual probe and its bench really are; a reading has to find out.
 
     Attributes:
-        gains: M of eq. (C1) of ``probe_design.built_probe.gain_matrix`` by the films alone.
+        gains: M of eq. BP.1 of ``probe_design.built_probe.gain_matrix`` by the films alone.
         resistance, capacitance: of each amplifier, as multiples of the nominal.
         force: true over nominal sensitivity of the force channel.
         frequency: true over nominal frequency of the load.

@@ -84,7 +84,7 @@ def read(scene: Path | None, bench: Path | None, calibration: Path | None, accur
         print_json(found.as_dict())
     else:
         show(read_table(found))
-    for warning in found.warnings + tuple(one for one in told.warnings if "linear" in one):
+    for warning in found.warnings + tuple(note for note in told.warnings if note.kind == "linear"):
         message(f"warning: {warning}")
     _tell_written(recording)
 

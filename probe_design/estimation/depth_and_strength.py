@@ -1,11 +1,11 @@
 """What a scan tells: how deep the target lies and how strong it is.
 
-From readings at several places depth and strength S, eq. (S1), are fitted together; with chi2(depth, S) of eq. (L1),
+From readings at several places depth and strength S, eq. ES.1, are fitted together; with chi2(depth, S) of eq. ES.3,
 
-    {(depth, S) : chi2 - least chi2 <= q}                                                          (S2)
+    {(depth, S) : chi2 - least chi2 <= q}                                                          (ES.6)
 
 and its shadows on both axes are the intervals of depth and strength by profile likelihood, with q as in ``likelihood.py`` but t
-of eq. (L3) the root of sum_i (b_i / s_i)^2, which bounds a shift in any direction. The strength is varied by what the scene
+of eq. ES.5 the root of sum_i (b_i / s_i)^2, which bounds a shift in any direction. The strength is varied by what the scene
 leaves open: E_object at the scene's diameter, or the diameter at the scene's E_object.
 """
 
@@ -130,7 +130,7 @@ class Plane:
         return (self.strengths(self.u, self.v + step) - self.strengths(self.u, self.v - step)) / (2 * step)
 
     def strengths(self, u: Floats, v: Floats) -> Floats:
-        """Eq. (S1) at all pairs of u, (m,), and v, (n,), shape (m, n)."""
+        """Eq. ES.1 at all pairs of u, (m,), and v, (n,), shape (m, n)."""
         if self.partner == "youngs_modulus":
             row = strength(self.model.scene.tissue, self.model.target, modulus=np.exp(v))
             return np.broadcast_to(row, (len(u), len(v)))
@@ -148,7 +148,7 @@ class Plane:
         return value, np.asarray(np.abs(along) @ bad @ (np.abs(whole) + np.abs(half)).T > 0)
 
     def misfit(self, y: Floats, u: Floats, v: Floats, exact: bool = False) -> tuple[Floats, Floats]:
-        """Return eq. (L1), inf where the model cannot tell, and q of eq. (L2), both of shape (m, n), at all pairs of u and v."""
+        """Return eq. ES.3, inf where the model cannot tell, and q of eq. ES.4, both of shape (m, n), at all pairs of u and v."""
         value, unknown = self.values(u, v)
         shape, of, noise = (len(self.u), len(self.v)), self.predicted, self.model.data.noise
         chi2 = np.where(unknown, np.inf, (((y - value) / noise) ** 2).sum(axis=-1))
@@ -159,7 +159,7 @@ class Plane:
         return chi2, threshold(map_coordinates(shift, at, order=1, mode="nearest"))
 
     def fit(self, y: Floats, exact: bool = False) -> DepthAndStrength | None:
-        """Return eq. (S2) and its shadows for measured values of shape (k,); None where the model can tell no pair.
+        """Return eq. ES.6 and its shadows for measured values of shape (k,); None where the model can tell no pair.
 
         Args:
             y: in the order of ``Data``.

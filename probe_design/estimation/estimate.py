@@ -50,7 +50,7 @@ class Estimate:
         reason: why not, or None.
         depth: fitted together with the strength if there are several places, else the scene's, or the estimate.
         depth_interval: 95 %; None where the depth is the scene's.
-        strength: eq. (S1) of ``probe_design.estimation.strength``, m^3.
+        strength: eq. ES.1 of ``probe_design.estimation.strength``, m^3.
         strength_interval: 95 %; None where size, modulus and so the strength are the scene's.
         p_value: how probable a worse fit is if scene and noise are right.
         error_estimate: bound on the relative error of the evaluator's ratio at the best fit; None where there is none.
@@ -180,7 +180,7 @@ def _several(pieces: tuple[Piece, ...]) -> tuple[tuple[float, float], ...]:
 
 
 def _strength(found: Findings, best: float | None, interval: Interval) -> tuple[float | None, Interval | None]:
-    """Eq. (S1) at the best fit and at the ends of the interval, depth being known.
+    """Eq. ES.1 at the best fit and at the ends of the interval, depth being known.
 
     It grows with the modulus and, for stiff bodies, with the diameter. Where the modulus is open the strength is not: a rigid
     body's, or a hole's, is the end; a diameter that is open below ends at no body at all.

@@ -2,9 +2,9 @@
 
 Between nodes stand Hermite's cubics in a coordinate x(unknown) in which the film forces are nearly polynomials:
 
-    youngs_modulus   x = -1 / (1 + beta (c - 1)),  c = E_object / E_tissue, beta as in eq. (S1) of ``strength.py``
+    youngs_modulus   x = -1 / (1 + beta (c - 1)),  c = E_object / E_tissue, beta as in eq. ES.1 of ``strength.py``
     diameter         x = diameter over the largest that fits
-    depth            x = ln depth                                                                     (T1)
+    depth            x = ln depth                                                                     (ES.2)
 
 In the first the strength of a sphere is linear, and stiffer and stiffer bodies crowd at x = 0. Slopes are the evaluator's own by
 E_object, else those of a cubic spline through the values.
@@ -36,7 +36,7 @@ class Track:
     Attributes:
         model: whose target has it.
         unknown: youngs_modulus, diameter or depth.
-        x: eq. (T1) at the nodes, increasing, shape (n,).
+        x: eq. ES.2 at the nodes, increasing, shape (n,).
         predicted: at the nodes.
         slope: derivatives of ``predicted.value`` by x, shape (n, k).
     """

@@ -27,11 +27,11 @@ class Findings:
 
     Attributes:
         track: what was searched.
-        pieces: eq. (L2).
+        pieces: eq. ES.4.
         of_noise: the same for a model without error.
-        best: eq. (T1) of the best fit, None where the model can tell nothing.
+        best: eq. ES.2 of the best fit, None where the model can tell nothing.
         p_value: of its misfit.
-        shift: eq. (L3) there.
+        shift: eq. ES.5 there.
     """
 
     track: Track

@@ -2,12 +2,12 @@
 
 With R the ratio over a tumour, R_0 the ratio without it, S the log-sensitivity to its Young's modulus and g the noise,
 
-    change = R / R_0 - 1                                        seen where |change| >= seen g           (M1)
-    sd     = g / |S|, the standard deviation of ln E_object     told where sd <= told                   (M2)
+    change = R / R_0 - 1                                        seen where |change| >= seen g           (MA.1)
+    sd     = g / |S|, the standard deviation of ln E_object     told where sd <= told                   (MA.2)
 
 For one reading, R_0 and everything else in the scene being known. seen = 3 with a threshold half-way, at 1.5 g, calls a tumour
 missed, or a healthy place a tumour, in 6.7 % of all cases each: P(z > 1.5); 3.29 makes it 5 % (Currie, Anal. Chem. 40 (1968)
-586, the limit of detection for a well-known blank). Eq. (M2) is the Cramér-Rao bound, a linearisation: near a saturated ratio
+586, the limit of detection for a well-known blank). Eq. MA.2 is the Cramér-Rao bound, a linearisation: near a saturated ratio
 the interval on the stiff side is wider than it says; `estimate` does without.
 
 A verdict holds whatever the model's error within its bound is: where the bound leaves it open, the tumour is answered once
@@ -74,8 +74,8 @@ class Detectability:
 
     Attributes:
         depth, diameter: m, shapes (k,) and (m,).
-        change: eq. (M1), shape (k, m); None too where a stress is below its own error.
-        standard_deviation: eq. (M2); None too where the ratio does not depend on E_object.
+        change: eq. MA.1, shape (k, m); None too where a stress is below its own error.
+        standard_deviation: eq. MA.2; None too where the ratio does not depend on E_object.
         error: bound on the error of ``change``, absolute.
         seen, told: verdicts; None too where the error leaves them open.
         resolved: whether the error is below the change; where it is not there may still be a verdict: not seen.
@@ -160,7 +160,7 @@ class _Effects:
 
     Attributes:
         known: whether there is a ratio.
-        change, error: eq. (M1) and a bound on its error; inf where there is no ratio.
+        change, error: eq. MA.1 and a bound on its error; inf where there is no ratio.
         sensitivity, sensitivity_error: S and a bound on its error.
     """
 

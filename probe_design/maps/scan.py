@@ -19,6 +19,7 @@ from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import Readings, readings
 from solver.results.film_forces import outputs, ratio
 from solver.results.result import Decision
+from solver.results.warnings import of_kind
 
 Progress = Callable[[int, int], None]
 Column = tuple[float | None, ...]
@@ -185,4 +186,4 @@ def _of_load(scene: Scene, found: Readings) -> Iterator[str]:
     strain = np.max(np.abs(found.totals) * deep[:, None] / found.areas / moduli, axis=1)
     most = int(np.argmax(np.maximum(strain, deep / scene.probe.tube_radius)))
     said = outputs(scene, film_forces(found, most, False))["warnings"]
-    yield from (warning for warning in said if warning.startswith("linear"))
+    yield from of_kind(said, "linear")

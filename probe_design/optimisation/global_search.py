@@ -49,7 +49,7 @@ def search(space: Space, starts: int, progress: Callable[[int, int], None]) -> F
 
 
 def log_objectives(space: Space, designs: Floats) -> Floats:
-    """The logarithm of the objective, eq. (O3), of designs (6, n) by the closed form, inf where it cannot tell; shape (n,)."""
+    """The logarithm of the objective, eq. OP.3, of designs (6, n) by the closed form, inf where it cannot tell; shape (n,)."""
     shape, values = parameters(space.scene)
     columns = np.repeat(values[:, None], designs.shape[1], axis=1)
     columns[_VARIED] = _varied(space, designs)
@@ -68,7 +68,7 @@ def _varied(space: Space, v: Any) -> list[Any]:
 
 
 def _information(space: Space, totals: Any, slopes: Any) -> Any:
-    """Eq. (O2) from both films' forces under a common displacement and their slopes; arrays or casadi."""
+    """Eq. OP.2 from both films' forces under a common displacement and their slopes; arrays or casadi."""
     sensitivity = slopes[0] / totals[0] - slopes[1] / totals[1]
     whole = totals[0] + totals[1]
     return Noise.of(space.scene).information(sensitivity, totals[0] / whole, totals[1] / whole)

@@ -82,7 +82,7 @@ def judged(rows: Sequence[Row], converging: Iterable[str]) -> tuple[Row, ...]:
     """Compare the rows of one scene with the one of least stated error among those of ``converging`` evaluators.
 
     With d the difference and e the reference's stated error, answer / truth = (1 + d) (1 + e'), |e'| <= e, so that the true
-    error lies between |d| - e |1 + d| and |d| + e |1 + d|, eq. (T1).
+    error lies between |d| - e |1 + d| and |d| + e |1 + d| (TR.1).
     """
     levels = set(converging)
     known = [row for row in rows if row.evaluator in levels and row.ratio is not None and row.stated_error is not None]

@@ -14,8 +14,9 @@ from solver.axisymmetric.omitted_details import LAYERS, Change, omitted_changes
 from solver.axisymmetric.refinement import LEVELS, SampleErrors, refine
 from solver.axisymmetric.sample import MeshSample, sample
 from solver.axisymmetric.sections import sections, with_layers
-from solver.results.film_forces import Bound, FilmForces
+from solver.results.film_forces import Bound, FilmForces, above
 from solver.results.result import Decision
+from solver.results.warnings import Note
 
 NEGLIGIBLE = 0.05  # of the accuracy: films and base that change less are left out
 LAYERED = 2.0  # times the meshes' errors where films or a base are modelled: their corners are graded less finely
@@ -35,7 +36,7 @@ class Converged:
     films: tuple[FilmForces, ...]
     sample: MeshSample
     plan: tuple[Decision, ...]
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
 
 
 def converged_forces(scene: Scene, accuracy: float, moduli: Floats | None = None) -> Converged:
@@ -88,15 +89,15 @@ def _sensitive_enough(films: FilmForces, accuracy: float) -> bool:
 
 def _notes(
     scene: Scene, films: tuple[FilmForces, ...], missing: Iterable[Change], accuracy: float, why: str | None
-) -> Iterable[str]:
+) -> Iterable[Note]:
     for change in missing:
         if change.effect > NEGLIGIBLE * accuracy:
-            yield f"left out: {change.feature}, changes the ratio by at most about {change.effect:.2g}, counted in error_estimate"
+            size = f"changes the ratio by at most about {change.effect:.2g}"
+            yield Note("left_out", f"left out: {change.feature}, {size}, counted in error_estimate")
     reached = max(one.error_under(scene) for one in films)
     if reached > accuracy:
-        bounds = f"error bounds of {reached:.2g}" if reached < 1 else "error bounds no smaller than the values themselves"
-        text = f"{bounds} reached, accuracy {accuracy:g} asked for"
-        yield text + (f"; no finer mesh helped: {why}" if why else ": what stands in the way is listed")
+        obstacle = f"; no finer mesh helped: {why}" if why else ": what stands in the way is listed"
+        yield Note("accuracy", above(reached, accuracy) + obstacle)
     worst = max((one.sensitivity_error / max(abs(one.log_sensitivity or 0.0), 2e-6 / accuracy) for one in films), default=0.0)
     if scene.target is not None and worst > 5 * accuracy:
-        yield f"log_sensitivity is good to about {worst:.1g} of itself only"
+        yield Note("sensitivity", f"log_sensitivity is good to about {worst:.1g} of itself only")

@@ -3,8 +3,8 @@
 Nodes are smooth functions of the lengths and polynomial coefficients stay put, so that with the nodes' velocity V,
 L = grad V and tau = div V + V_r / r an energy a(u, v) = int w (2 mu eps:eps + lambda P_u P_v), w = 2 pi r dA, changes by
 
-    grad u:  -grad u L,      u_r / r:  -(u_r / r) V_r / r,      w:  w tau                                            (G1)
-    d int w P_u P_v = int w [dD_u P_v + P_u dD_v + tau (D_u P_v + P_u D_v - P_u P_v)],  D = div u, P its projection  (G2)
+    grad u:  -grad u L,      u_r / r:  -(u_r / r) V_r / r,      w:  w tau                                            (AX.5)
+    d int w P_u P_v = int w [dD_u P_v + P_u dD_v + tau (D_u P_v + P_u D_v - P_u P_v)],  D = div u, P its projection  (AX.6)
 
 Base states minimise the energy, so that nothing else changes their forces: no adjoint solve is needed. Node
 velocities are derivatives by complex steps of the map from lengths to nodes.
@@ -104,7 +104,7 @@ def _motion(at: Geometry, shapes: Shapes, velocity: Floats) -> Floats:
 
 
 def _work(motion: Floats, fields: Floats, stresses: Floats, chosen: Ints) -> Floats:
-    """Half of the change of the chosen elements' energies when the points move, eqs. (G1), (G2): shape (m, m).
+    """Half of the change of the chosen elements' energies when the points move, eqs. AX.5, AX.6: shape (m, m).
 
     lambda P works on tau (D - P / 2) in all; of this the five stresses give it tau D / 2, and the sixth the rest.
     """

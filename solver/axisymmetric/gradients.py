@@ -88,9 +88,9 @@ class SectionDerivatives:
 
 
 def by_section(sample: MeshSample) -> SectionDerivatives:
-    """Differentiate energies; the states' own change enters the slope F' alone, eq. (G3).
+    """Differentiate energies; the states' own change enters the slope F' alone.
 
-    F' = dF / d ln E = t u^T K_b u:  dF' = 2 u'^T dK u + t u^T dK_b u,  u' = du / d ln E.
+    F' = dF / d ln E = t u^T K_b u:  dF' = 2 u'^T dK u + t u^T dK_b u,  u' = du / d ln E (AX.7).
     """
     model, t = sample.states.model, sample.times
     whole, u, du = sample.states.own, np.broadcast_to(np.eye(2), (len(t), 2, 2)), None

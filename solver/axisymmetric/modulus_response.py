@@ -2,7 +2,7 @@
 
 K is affine in the modulus: with t = E / E_0, K(t) = K + (t - 1) K_b. The states at every t lie, to a stated tolerance, in the
 block Krylov space of K^-1 K_b begun with the states at t = 1. On a basis of it, orthonormal in K, K_b becomes diagonal, and
-the film forces a sum of rational functions of t, eq. (R1), which is differentiated as it stands. Galerkin's
+the film forces a sum of rational functions of t, eq. AX.8, which is differentiated as it stands. Galerkin's
 error in the forces is the square of the states' error.
 """
 
@@ -28,7 +28,7 @@ class ModulusResponse:
 
     With G = u_i^T K_b u_j of the states at t = 1 and c_ki = v_k^T K_b u_i of the basis, K_b v_k = l_k K v_k in it:
 
-        F(t) = F(1) + (t - 1) G - (t - 1)^2 sum_k c_k c_k^T / (1 + (t - 1) l_k)        (R1)
+        F(t) = F(1) + (t - 1) G - (t - 1)^2 sum_k c_k c_k^T / (1 + (t - 1) l_k)        (AX.8)
 
     Attributes:
         body: whose modulus varies.
@@ -56,7 +56,10 @@ class ModulusResponse:
         return self.states.forces + x * self.inside - x**2 * total, (x + 1) * (self.inside - x * slope)
 
     def states_at(self, t: Floats) -> tuple[Floats, Floats]:
-        """Coefficients of both states on (u_1, u_2, v_1 ... v_m) and their derivatives by ln E, each (n, 2 + m, 2): eq. (R2)."""
+        """Coefficients of both states on (u_1, u_2, v_1 ... v_m) and their derivatives by ln E, each (n, 2 + m, 2).
+
+        On v_k they are -(t - 1) c_k / (1 + (t - 1) l_k) and -t c_k / (1 + (t - 1) l_k)^2 (AX.9).
+        """
         x = np.asarray(t, dtype=float)[:, None, None] - 1
         denominator = 1 + x * self.share[:, None]
         both = np.zeros((2, len(x), 2 + len(self.share), 2))

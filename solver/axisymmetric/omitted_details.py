@@ -83,11 +83,11 @@ def omitted_changes(scene: Scene, plain: Sections, rough: Callable[[], MeshSampl
 
 
 def _sides(scene: Scene, plain: Sections, rough: MeshSample, moduli: Floats | None) -> Change:
-    """The tissue's sides are not round about the probe's axis: the mean over cylinders of all their distances, eq. (A4).
+    """The tissue's sides are not round about the probe's axis: the mean over cylinders of all their distances.
 
-    F = (1 / 2 pi) Int F_cylinder(R(theta)) d theta is right to first order in how far sides deviate from a circle. With b what
-    the inscribed or circumscribed cylinder changes of a total, relative, what is left is bounded by a third of the shift and b^2;
-    3D references with b = 0.03 and 0.06 leave 0.0001 and 0.002 (their own uncertainty).
+    F = (1 / 2 pi) Int F_cylinder(R(theta)) d theta (AX.4) is right to first order in how far sides deviate from a circle. With b
+    what the inscribed or circumscribed cylinder changes of a total, relative, what is left is bounded by a third of the shift and
+    b^2; 3D references with b = 0.03 and 0.06 leave 0.0001 and 0.002 (their own uncertainty).
     """
     kind = kind_of(plain.section)
     ends = []

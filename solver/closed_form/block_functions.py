@@ -1,4 +1,4 @@
-"""The functions of eqs. (B1) and (B2) along a block's height, and the integrals of their products."""
+"""The functions of eqs. CF.8 and CF.9 along a block's height, and the integrals of their products."""
 
 from __future__ import annotations
 

@@ -3,9 +3,9 @@
 Unknown are pressures p and, where bonded, shears q on rings under both blocks. With C the work of unit loads' displacements on
 each other, of tissue and blocks' ends, and A_j the areas of the rings under block j,
 
-    C t_j = A_j,   F_ij = A_i^T t_j                                                                 (C1)
+    C t_j = A_j,   F_ij = A_i^T t_j                                                                 (CF.12)
 
-for block j's base moved by one unit, to which the spheres add eq. (I5) of ``closed_inclusions``. On a half-space C is closed
+for block j's base moved by one unit, to which the spheres add eq. CF.14 of ``closed_inclusions``. On a half-space C is closed
 (``closed_half_space``); the floor and the spheres take integrals over wave numbers, in which a ring's load is its values at few
 radii, exact for polynomials.
 """
@@ -60,7 +60,7 @@ class ContactSolution:
     Attributes:
         forces: F_ij, N/m, shape (n, 2, 2).
         slope: their derivatives by ln of the target's modulus, zero without one.
-        works, areas, tractions: C, A and t of eq. (C1), shapes (n, loads, loads), (n, loads, 2) and (n, loads, 2).
+        works, areas, tractions: C, A and t of eq. CF.12, shapes (n, loads, loads), (n, loads, 2) and (n, loads, 2).
     """
 
     forces: Array
@@ -71,7 +71,7 @@ class ContactSolution:
 
     @property
     def residual(self) -> Array:
-        """What is left of eq. (C1), relative to the largest sum of its terms' sizes, shape (n,)."""
+        """What is left of eq. CF.12, relative to the largest sum of its terms' sizes, shape (n,)."""
         unbalanced = np.abs(self.works @ self.tractions - self.areas)
         return unbalanced.max(axis=(1, 2)) / (np.abs(self.works) @ np.abs(self.tractions)).max(axis=(1, 2))
 
@@ -86,7 +86,7 @@ def solve_contact(
     nodes: int,
     side_nodes: int = 0,
 ) -> ContactSolution:
-    """Solve eq. (C1).
+    """Solve eq. CF.12.
 
     Args:
         blocks: inner (solid) and outer (tube).
@@ -224,7 +224,7 @@ def _transforms(blocks: tuple[ElasticBlocks, ElasticBlocks], k: Array, bonded: b
 
 
 def _sides(blocks: tuple[ElasticBlocks, ElasticBlocks], tissue: Tissue, nodes: int, bonded: bool) -> Sides:
-    """What free sides add, eq. (S1)."""
+    """What free sides add, eq. CF.11."""
     k, weights = cut_waves(tissue.radius, blocks[1].radius, nodes)
     field = waves(k, tissue.depth, tissue.nu)
     cylinder = ElasticBlocks(None, tissue.radius, tissue.depth, tissue.E, tissue.nu)
@@ -257,7 +257,7 @@ _CONCENTRATED = _concentrated()
 
 
 def _floor(field: Waves, loads: tuple[Array, Array], weights: Array, mu: Array) -> Array:
-    """What the floor adds: 2 pi Int loads x eq. (L1) k dk."""
+    """What the floor adds: 2 pi Int loads x eq. CF.6 k dk."""
     scale = (np.pi / mu)[:, None, None]
     parts = [weights[:, :, None] * part[:, :, None] for part in floor_compliance(field)]
     p, q = loads

@@ -3,12 +3,12 @@
 Loads and displacements are Hankel integrals; for one wave number k, depth z, t = k z and m = 3 - 4 nu the displacements
 u = U J1(kr), w = W J0(kr) (w downwards) are sums of four solutions of Navier's equation,
 
-    U = (c1 + c2 t) e^-t + (c3 - c4 t) e^(t-2x),   W = (c1 + c2 (t+m)) e^-t + (-c3 + c4 (t-m)) e^(t-2x)      (L1)
+    U = (c1 + c2 t) e^-t + (c3 - c4 t) e^(t-2x),   W = (c1 + c2 (t+m)) e^-t + (-c3 + c4 (t-m)) e^(t-2x)      (CF.6)
 
 with x = kH. The floor, U = W = 0 at t = x, makes c4 = (2 c1 + (2x+m) c2)/m and c3 = (m c2 + (2x-m) c4)/2; the surface's
-pressure p and shear q give, as in eq. (H1) where e^-2x is gone,
+pressure p and shear q give, as in eq. CF.1 where e^-2x is gone,
 
-    p = 2 mu k [c1 + 2 (1-nu) c2 + (c3 + 2 (1-nu) c4) e^-2x],  q = 2 mu k [c1 + (1-2nu) c2 - (c3 + (1-2nu) c4) e^-2x]   (L2)
+    p = 2 mu k [c1 + 2 (1-nu) c2 + (c3 + 2 (1-nu) c4) e^-2x],  q = 2 mu k [c1 + (1-2nu) c2 - (c3 + (1-2nu) c4) e^-2x]   (CF.7)
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from solver.closed_form.bessel import Array
 
 @dataclass(frozen=True)
 class Waves:
-    """Coefficients of eq. (L1) times 2 mu for waves k under unit pressure and under unit shear.
+    """Coefficients of eq. CF.6 times 2 mu for waves k under unit pressure and under unit shear.
 
     Attributes:
         k: wave numbers, 1/m, shape (n, q).
@@ -40,11 +40,11 @@ class Waves:
 
 
 def waves(k: Array, depth: Array | None, nu: Array) -> Waves:
-    """Solve eq. (L2) for waves k (n, q) on layers of depth (n,) (None: half-spaces) with Poisson's ratios nu (n,)."""
+    """Solve eq. CF.7 for waves k (n, q) on layers of depth (n,) (None: half-spaces) with Poisson's ratios nu (n,)."""
     nu = nu[:, None]
     near, even = 2 * (1 - nu), 1 - 2 * nu
     if depth is None:
-        loads = ((-even / k, 1 / k), ((2 - 2 * nu) / k, -1 / k))  # the inverse of (L2) without its last terms
+        loads = ((-even / k, 1 / k), ((2 - 2 * nu) / k, -1 / k))  # the inverse of eq. CF.7 without its last terms
         return Waves(k, None, nu, *loads)
     depth = depth[:, None]
     m, x = 3 - 4 * nu, k * depth
@@ -108,7 +108,7 @@ def _amplitudes(load: tuple[Array, ...], t: Array, down: Array, up: Array | None
 
 
 def lowering(waves: Waves, z: Array) -> tuple[Array, Array]:
-    """Return W of eq. (L1) at depths z (n, p), under unit pressure and under unit shear, times 2 mu; shapes (n, p, q)."""
+    """Return W of eq. CF.6 at depths z (n, p), under unit pressure and under unit shear, times 2 mu; shapes (n, p, q)."""
     t, m = waves.k[:, None, :] * z[:, :, None], (3 - 4 * waves.nu)[:, :, None]
     lowerings = []
     for load in (waves.by_pressure, waves.by_shear):

@@ -67,7 +67,7 @@ def check(scene: Scene) -> None:
 def with_ellipsoids(base: Undisturbed, scene: Scene, readings: Readings, bodies: Sequence[Inclusion]) -> Readings:
     """Return one set's readings, found with spheres of the same volumes, for a scene's own bodies with given materials.
 
-    To first order the difference is eq. (E1) at each point of the ellipsoid less eq. (P1); reflections are those of the spheres.
+    To first order the difference is eq. IN.1 at each point of the ellipsoid less eq. EI.1; reflections are those of the spheres.
 
     Raises:
         Refusal: see ``hill_tensor``.

@@ -2,11 +2,11 @@
 
 By reciprocity a sphere changes the film forces F_ij of the base states by
 
-    dF_ij = Int [k_v tr(eps_i) tr(eps_j) + k_d e_i:e_j] dV                                        (P1)
+    dF_ij = Int [k_v tr(eps_i) tr(eps_j) + k_d e_i:e_j] dV                                        (EI.1)
 
-with the strains of the tissue without it at each point and its strength k, eq. (E2) of ``eshelby.py`` (PHYSICS section 4).
-Effects of several add. Moving the sphere, or letting it grow, adds what lies under its surface: the derivatives of eq. (P1) by
-the place of its centre and by its radius are integrals of the same products over its surface, eq. (P2).
+with the strains of the tissue without it at each point and its strength k, eq. IN.2 of ``eshelby.py`` (PHYSICS section 4).
+Effects of several add. Moving the sphere, or letting it grow, adds what lies under its surface: the derivatives of eq. EI.1 by
+the place of its centre and by its radius are integrals of the same products over its surface (EI.2).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Effects:
     """Changes of the film forces F_ij (N/m) by n spheres, each alone, and their derivatives; shapes (n, 2, 2).
 
     Attributes:
-        forces: eq. (P1).
+        forces: eq. EI.1.
         by_log_modulus: by ln E of the sphere.
         by_poisson: by its Poisson's ratio.
         by_depth, by_offset: by the place of its centre, N/m^2; None unless asked for.

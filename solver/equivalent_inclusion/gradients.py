@@ -1,9 +1,9 @@
 """Exact derivatives of the first-order level by every number of a scene: forces, ratio, log-sensitivity with tumours anywhere.
 
-With u the base states, K their matrix and G the form of eq. (P1), F = u^T K u + u^T G u. The states minimise the first term but
+With u the base states, K their matrix and G the form of eq. EI.1, F = u^T K u + u^T G u. The states minimise the first term but
 not the second, so that one more solve with their polarisation as load, K l = G u, takes their change into account,
 
-    dF = u^T dK u + u^T dG u - l^T dK u - u^T dK l                                                 (P7)
+    dF = u^T dK u + u^T dG u - l^T dK u - u^T dK l                                                 (EI.4)
 
 and another one does it for the log-sensitivity, whose form G' = dG / d ln E belongs to the target alone. The mesh moves with the
 design under tumours that stay: dG is a complex step (``first_order_points.py``). Where a point passes from one element to the
@@ -67,7 +67,7 @@ class FirstOrder:
         return whole + np.einsum("q,a,qai,qaj->ij", shear, METRIC, strain, strain)
 
     def adjoint(self, strengths: Strengths) -> Floats:
-        """All values of l of eq. (P7) in the elements, shape (n, 2 s, 2)."""
+        """All values of l of eq. EI.4 in the elements, shape (n, 2 s, 2)."""
         m, points = self.states.model, self.points
         strain_form, dilation_form = points.forms(self._corners)
         strain, dilation = self._at_points(strain_form, dilation_form)
@@ -158,7 +158,7 @@ def tumour_gradients(scene: Scene, solution: FirstOrder, names: tuple[str, ...])
 
 
 def _by_section(solution: FirstOrder) -> Floats:
-    """Derivatives of the forces and of their slopes by the section's variables, eq. (P7), shape (v, 2, 2, 2)."""
+    """Derivatives of the forces and of their slopes by the section's variables, eq. EI.4, shape (v, 2, 2, 2)."""
     m = solution.states.model
     whole = np.concatenate([solution.states.own, *(solution.adjoint(k) for k in solution.strengths())], axis=-1)
     dK = energy_derivatives(m, whole, Body.INCLUSION)[0]

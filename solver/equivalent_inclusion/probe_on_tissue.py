@@ -23,6 +23,7 @@ from solver.inclusions.tumours import Tumours
 from solver.multiple_scattering.exchange import Reflector
 from solver.results.film_forces import FilmForces
 from solver.results.result import Decision
+from solver.results.warnings import Note, of_kind
 
 FIELDS = (
     MeridianFineness(1.5, 3, 5),
@@ -143,9 +144,9 @@ class Undisturbed:
         return tuple(replace(decision, tolerance=self.accuracy) for decision in self.converged.plan)
 
     @property
-    def notes(self) -> tuple[str, ...]:
+    def notes(self) -> tuple[Note, ...]:
         """What is left out and matters."""
-        return tuple(note for note in self.converged.notes if note.startswith("left out"))
+        return of_kind(self.converged.notes, "left_out")
 
 
 def undisturbed(scene: Scene, accuracy: float) -> Undisturbed:

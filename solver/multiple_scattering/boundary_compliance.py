@@ -1,18 +1,18 @@
 """What finite elements answer to a field given on the tissue's boundary, as one symmetric matrix for each azimuthal order.
 
 A field u_s that balances in the tissue leaves forces on its boundary. What must come on top of it (its reflection w) solves the
-base problem, eq. (B1): in the tissue the unknown is w, in the blocks the whole, which on the ends is w + u_s:
+base problem: in the tissue the unknown is w, in the blocks the whole, which on the ends is w + u_s:
 
-    forces -Int t_s . v on the tissue's surface and side; the blocks strained by u_s on their ends; w = -u_s on the floor.
+    forces -Int t_s . v on the tissue's surface and side; the blocks strained by u_s on their ends; w = -u_s on the floor (MS.4)
 
 With Y lifting u_s of the ends into the blocks and -u_s of the floor into the tissue, and t_s the forces,
 
-    w = v + Y_floor u_s,   K v = -F (t_s, u_s),   F = t_s + K Y u_s                                       (B2)
+    w = v + Y_floor u_s,   K v = -F (t_s, u_s),   F = t_s + K Y u_s                                       (MS.5)
 
 Of w only its work on other fields u_1 from the same sphere or others is asked for, by Betti an integral over the boundary:
 
     Int t_1 . w_2 - t(w_2) . u_1 = -F_1^T K^-1 F_2 + (Y u_1)^T K Y u_2 + t_1^T Y_floor u_2
-                                   + Int_surface,side u_1 . t_2 - Int_floor t_1 . u_2                     (B3)
+                                   + Int_surface,side u_1 . t_2 - Int_floor t_1 . u_2                     (MS.6)
 
 It is symmetric. All data go through the elements' functions on the boundary, so that all terms leave out alike what these
 cannot follow.
@@ -46,7 +46,7 @@ class BoundaryData:
         elements: with an edge on the boundary, shape (e,).
         forces: on those elements' own values, by the tractions on surface and side, sparse (4 c p e, 6 n), c components.
         values: the own values lifted: displacements of the blocks' ends, and minus those of the floor.
-        direct: the last line of eq. (B3), sparse (6 n, 6 n), symmetric.
+        direct: the last line of eq. MS.6, sparse (6 n, 6 n), symmetric.
     """
 
     elements: Ints
@@ -108,7 +108,7 @@ class _BoundaryPlace:
 
 @dataclass(frozen=True)
 class BoundaryResponse:
-    """What one azimuthal order answers to data on the boundary: the symmetric matrix of eq. (B3).
+    """What one azimuthal order answers to data on the boundary: the symmetric matrix of eq. MS.6.
 
     Attributes:
         harmonic: the order's system.
@@ -155,7 +155,7 @@ class BoundaryResponse:
 
     @cached_property
     def _matrix(self) -> Floats:
-        """Eq. (B3) without ``boundary.direct``, between the data that are felt."""
+        """Eq. MS.6 without ``boundary.direct``, between the data that are felt."""
         lifted, pulled = (some[:, self._felt].toarray() for some in (self.boundary.values, self.boundary.forces))
         strained = self._strained(lifted)
         forces = self._gather.T @ (pulled + strained)

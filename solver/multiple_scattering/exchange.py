@@ -2,7 +2,7 @@
 
 Scattered fields are known in closed form anywhere (``multipoles.py``), so that the finite elements never see the sphere: they
 are told the tractions and displacements that the field leaves on the tissue's boundary, one azimuthal order at a time. What
-comes back to a sphere is told by its work on the sphere's outgoing modes, which is found on the boundary too, eq. (B3) of
+comes back to a sphere is told by its work on the sphere's outgoing modes, which is found on the boundary too, eq. MS.6 of
 ``compliance.py``: its regular modes are the next incident field, and reflection is exactly symmetric.
 """
 
@@ -36,7 +36,7 @@ class Reflector:
     Attributes:
         states: base states without a sphere.
         interface: between blocks and tissue.
-        close: whether spheres may lie too close to the boundary for eq. (B3), see ``close.py``.
+        close: whether spheres may lie too close to the boundary for eq. MS.6, see ``close.py``.
     """
 
     states: BaseStates

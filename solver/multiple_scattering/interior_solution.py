@@ -1,4 +1,4 @@
-"""What one azimuthal order answers inside the tissue to data on the elements' edges: eq. (B1) of ``compliance.py``."""
+"""What one azimuthal order answers inside the tissue to data on the elements' edges: eq. MS.4 of ``compliance.py``."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class Interior:
         return out
 
     def to(self, data: BoundaryAmplitudes, elements: Ints) -> Floats:
-        """Solve eq. (B1); values U, V, W of w in some of the tissue's elements, (e, 3, s, k).
+        """Solve eq. MS.4; values U, V, W of w in some of the tissue's elements, (e, 3, s, k).
 
         Args:
             data: amplitudes of this order.

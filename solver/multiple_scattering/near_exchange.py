@@ -1,7 +1,7 @@
-"""What comes back to spheres that lie too close to the boundary for eq. (B3) of ``compliance.py``: found at their own points.
+"""What comes back to spheres that lie too close to the boundary for eq. MS.6 of ``compliance.py``: found at their own points.
 
 Data so sharp that the elements cannot follow them would count in full in an energy on the boundary; inside the tissue, what is
-wrong of them dies out. Fields are sampled at all points of the elements' edges, and w of eq. (B2) is projected on the spheres.
+wrong of them dies out. Fields are sampled at all points of the elements' edges, and w of eq. MS.5 is projected on the spheres.
 """
 
 from __future__ import annotations

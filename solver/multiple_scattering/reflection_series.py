@@ -13,7 +13,7 @@ from geometry.common.arrays import Floats
 
 @dataclass(frozen=True)
 class Reflections:
-    """Fields c_0 .. c_n that reach the spheres one reflection after the other, eq. (P5) of ``scattered.py``.
+    """Fields c_0 .. c_n that reach the spheres one reflection after the other, eq. MS.8 of ``scattered.py``.
 
     Attributes:
         fields: regular coefficients of both base states about all spheres, (modes, 2) each.
@@ -46,7 +46,7 @@ class Reflections:
 
     @cached_property
     def galerkin(self) -> Floats:
-        """Weights a of c_0 .. c_n (the last 0) in eq. (P5), shape (n + 1, 2, 2)."""
+        """Weights a of c_0 .. c_n (the last 0) in eq. MS.8, shape (n + 1, 2, 2)."""
         n, mu = self.count, np.array(self.moments)
         A = _hankel(mu[:-1] - mu[1:], n)
         a = np.linalg.lstsq(A, mu[:n].reshape(-1, 2), rcond=1e-12)[0].reshape(n, 2, 2)
@@ -72,7 +72,7 @@ class Reflections:
 
     @cached_property
     def rho(self) -> float:
-        """The share of a field that comes back, eq. (P6)."""
+        """The share of a field that comes back, eq. MS.9."""
         size = [max(float(np.linalg.norm(one)), 1e-300) for one in self.moments]
         return min(0.9, max(size[1] / size[0], sqrt(size[-1] / size[-3]), size[-1] / size[-2]))
 

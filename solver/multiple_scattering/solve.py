@@ -3,14 +3,14 @@
 With c0 the regular modes of the base states at the spheres, S and T their scattering and work (``scattering.py``) and R what the
 boundary sends back, the whole field that reaches them is c = c0 + R S c, and
 
-    dF = c0^T T c = c0^T T (1 - R S)^-1 c0                                                         (P4)
+    dF = c0^T T c = c0^T T (1 - R S)^-1 c0                                                         (MS.7)
 
 Reflections c_k+1 = R S c_k span a small space; as T and T R S are symmetric, c is found in it as the best in energy (Galerkin),
 
-    mu_i+j = c_i^T T c_j,   A_ij = mu_i+j - mu_i+j+1,   B_i = mu_i,   a = A^-1 B,   c = sum_i c_i a_i   (P5)
+    mu_i+j = c_i^T T c_j,   A_ij = mu_i+j - mu_i+j+1,   B_i = mu_i,   a = A^-1 B,   c = sum_i c_i a_i   (MS.8)
 
 What the last reflection shows to be left, r = c0 - (1 - R S) c, is added once more: dF = B^T a + r^T T r + ..., and the next
-term is smaller by rho, the share of a field that comes back (eq. P6). The derivative by ln E of a sphere is c^T (dT / d ln E) c.
+term is smaller by rho, the share of a field that comes back (MS.9). The derivative by ln E of a sphere is c^T (dT / d ln E) c.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def solve_scattering(
     sensitive: bool = False,
     often: bool = False,
 ) -> Scattered:
-    """Solve eq. (P5) for a set of t spheres, arrays of shape (t,), until what is left is below ``tolerance`` of each total.
+    """Solve eq. MS.8 for a set of t spheres, arrays of shape (t,), until what is left is below ``tolerance`` of each total.
 
     Args:
         field: the base states' strains.

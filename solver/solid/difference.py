@@ -1,8 +1,8 @@
 """What inclusions, groove and edges change of the film forces, on one mesh: the scene less its rotationally symmetric reference.
 
-Both are solved on the same mesh, so that most of what the mesh gets wrong (rims, gap) cancels in the difference, eq. (S1):
+Both are solved on the same mesh, so that most of what the mesh gets wrong (rims, gap) cancels in the difference:
 
-    F = F_reference, exact + (F_scene - F_reference) on the mesh
+    F = F_reference, exact + (F_scene - F_reference) on the mesh                                  (SO.4)
 
 """
 

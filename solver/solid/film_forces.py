@@ -3,7 +3,7 @@
 With A the exact forces of the reference (``solid_domain.py``), D the difference that a mesh finds (``solid_difference.py``) and
 C the compliance by which the whole probe on the whole tissue, films, base and far tissue included, exceeds the reference,
 
-    F = ((A + D)^-1 + C)^-1,    C = F_whole^-1 - A^-1                                              (S2)
+    F = ((A + D)^-1 + C)^-1,    C = F_whole^-1 - A^-1                                              (SO.5)
 
 both A and F_whole by ``converged.py``.
 """
@@ -26,6 +26,7 @@ from geometry.tetra.tet_mesh import TetMesh
 from solver.axisymmetric.converged_forces import Converged, converged_forces
 from solver.results.film_forces import Bound, FilmForces
 from solver.results.result import Decision
+from solver.results.warnings import Note, of_kind
 from solver.solid.difference import SceneDifference, difference, mesh_domain
 from solver.solid.domain import Domain, coaxial, domain, plain, reach, room
 
@@ -62,12 +63,12 @@ class SolidForces:
     domain: Domain
     difference: SceneDifference
     plan: tuple[Decision, ...]
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
 
 
 @dataclass(frozen=True)
 class _Symmetric:
-    """The rotationally symmetric part of eq. (S2).
+    """The rotationally symmetric part of eq. SO.5.
 
     Attributes:
         domain: what is to be meshed.
@@ -84,7 +85,7 @@ class _Symmetric:
     edges: float
 
     def corrected(self, change: Floats) -> Floats:
-        """Eq. (S2), for D of shape (k, 2, 2)."""
+        """Eq. SO.5, for D of shape (k, 2, 2)."""
         return np.asarray(np.linalg.inv(np.linalg.inv(self.exact + change) + self.compliance))
 
     def carried(self, change: Floats, small: Floats) -> Floats:
@@ -118,7 +119,7 @@ def solid_forces(scene: Scene, accuracy: float, moduli: Floats | None = None, te
                 _sensitive_enough(film, accuracy) for film in films
             ):
                 break
-    notes = tuple(note for note in symmetric.whole.notes if note.startswith("left out"))
+    notes = of_kind(symmetric.whole.notes, "left_out")
     tilt = _tilted(symmetric, differences[-1])
     before = _tilted(symmetric, differences[-2])
     error = SAFETY * np.abs(tilt[0] - before[0]).max(axis=0) + FLOOR * np.abs(tilt[0]).max(axis=0)
@@ -174,7 +175,7 @@ def _wall(scene: Scene) -> float | None:
 def _compliance(
     alone: Scene, chosen: Domain, exact: Floats, whole: Converged, accuracy: float
 ) -> tuple[Floats, Converged, float]:
-    """C of eq. (S2), the converged whole, and what of it far tissue makes."""
+    """C of eq. SO.5, the converged whole, and what of it far tissue makes."""
     if chosen.radius is not None:  # edges are meshed: only films and base are left for C
         probe = alone.probe
         whole = converged_forces(chosen.reference.model_copy(update={"probe": probe}), SHARE * accuracy)
@@ -220,7 +221,7 @@ def _sensitive_enough(films: FilmForces, accuracy: float) -> bool:
 
 
 def _tilted(symmetric: _Symmetric, one: SceneDifference) -> tuple[Floats, Floats]:
-    """Film forces per unit rotation and their slopes, carried through eq. (S2), shape (k, 2) each."""
+    """Film forces per unit rotation and their slopes, carried through eq. SO.5, shape (k, 2) each."""
     tilt, slope = (symmetric.carried(one.forces, part[..., None])[..., 0] for part in (one.tilt, one.tilt_slope))
     return tilt, slope
 

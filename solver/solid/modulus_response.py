@@ -4,7 +4,7 @@ As in ``response.py``: K(t) = K + (t - 1) K_b, t = E / E_0, and the states at al
 begun with those at t = 1. On a basis v_k orthonormal in K in which K_b is diagonal, K_b v_k = l_k K v_k, with
 c_kj = v_k^T K_b u_j and G_ij = u_i^T K_b u_j:
 
-    F(t) = F(1) + (t - 1) G - (t - 1)^2 sum_k c_k c_k^T / (1 + (t - 1) l_k)                    (R1)
+    F(t) = F(1) + (t - 1) G - (t - 1)^2 sum_k c_k c_k^T / (1 + (t - 1) l_k)                    (SO.7)
 
 The basis grows until F no longer changes at either end of the range. Galerkin's error in F is the square of the states'.
 """

@@ -61,7 +61,7 @@ def test_the_same_answer_to_a_finer_question_counts_once() -> None:
 
 
 def test_true_errors_are_known_up_to_the_reference_s_own() -> None:
-    """Eq. (T1): truth 1, reference 1.001 with 0.1 % stated; 1.03 is off by 2.9 % +- 0.1 %, 1.0015 by less than 0.15 %."""
+    """Eq. TR.1: truth 1, reference 1.001 with 0.1 % stated; 1.03 is off by 2.9 % +- 0.1 %, 1.0015 by less than 0.15 %."""
     rows = judged([row(1.0, 0.05, 1.03, "closed-form"), row(2.0, 0.01, 1.0015), row(3.0, 1e-3, 1.001)], ["axisymmetric"])
     coarse, near, reference = rows
     assert reference.reference

@@ -75,7 +75,7 @@ def test_bessel_functions() -> None:
 
 @pytest.mark.parametrize(("a", "b"), [(0.1, 1.0), (0.7, 1.0), (0.98, 1.0), (1.0, 1.0)])
 def test_work_of_discs(a: float, b: float) -> None:
-    # the Hankel integrals of eqs. (H2)-(H5) by quadrature, their slow tails averaged out by a factor exp(-e k) with e to 0
+    # the Hankel integrals of eqs. CF.2-CF.5 by quadrature, their slow tails averaged out by a factor exp(-e k) with e to 0
     nu, mu = 0.3, 2.0
 
     def integral(m: int, n: int, x: float, y: float) -> float:
