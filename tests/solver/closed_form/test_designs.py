@@ -13,7 +13,7 @@ from solver import evaluate
 from solver.casadi_functions.closed_form import ClosedFormFunction
 from solver.closed_form.bessel import bessel, spherical
 from solver.closed_form.block_compliance import ElasticBlocks
-from solver.closed_form.contact import Tissue, answer
+from solver.closed_form.contact import Tissue, solve_contact
 from solver.closed_form.designs import PROBE, Shape, forces, gradients, parameters
 from solver.closed_form.half_space import ring_work
 from solver.closed_form.layer import Waves, floor_compliance, waves
@@ -103,7 +103,7 @@ def punch(nu: float, depth: float | None, bonded: bool) -> float:
     one = np.ones(1)
     blocks = ElasticBlocks(None, 0.5 * one, one, 1e9 * one, 0 * one), ElasticBlocks(0.5001 * one, one, one, 1e9 * one, 0 * one)
     tissue = Tissue(None if depth is None else depth * one, 2 * (1 + nu) * one, nu * one)
-    return float(answer(blocks, tissue, [], target=None, bonded=bonded, nodes=40).forces.sum())
+    return float(solve_contact(blocks, tissue, [], target=None, bonded=bonded, nodes=40).forces.sum())
 
 
 @pytest.mark.parametrize(
@@ -130,7 +130,7 @@ def on_cylinder(radius: float, depth: float, nu: float, nodes: int) -> float:
     one = np.ones(1)
     blocks = ElasticBlocks(None, 0.5 * one, one, 1e6 * one, 0 * one), ElasticBlocks(0.501 * one, one, one, 1e6 * one, 0 * one)
     return float(
-        answer(
+        solve_contact(
             blocks, Tissue(depth * one, one, nu * one, radius * one), [], target=None, bonded=True, nodes=40, side_nodes=nodes
         ).forces.sum()
     )
@@ -164,7 +164,9 @@ def test_block_on_rigid_ground(radius_per_height: float, nu: float, apparent: fl
     one = np.ones(1)
     inner = ElasticBlocks(None, one, one / radius_per_height, one, nu * one)
     outer = ElasticBlocks(1.1 * one, 2 * one, one, one, 0.3 * one)
-    stiff = answer((inner, outer), Tissue(None, 1e9 * one, 0 * one), [], target=None, bonded=True, nodes=16).forces[0, 0, 0]
+    stiff = solve_contact((inner, outer), Tissue(None, 1e9 * one, 0 * one), [], target=None, bonded=True, nodes=16).forces[
+        0, 0, 0
+    ]
     assert stiff * float(inner.height[0]) / np.pi == pytest.approx(apparent, rel=0.02)
 
 
