@@ -73,8 +73,8 @@ def row(scene: Scene, known: dict[str, float], accuracy: float) -> Iterator[Any]
     yield None if found.stiffness is None else abs(found.stiffness / known["stiffness_n_per_m"] - 1)
     told = known.get("log_sensitivity")
     yield None if not told or found.log_sensitivity is None else abs(found.log_sensitivity / told - 1)
-    yield forces.found.unknowns
-    yield len(forces.found.states.problem.solid.elements)
+    yield forces.difference.unknowns
+    yield len(forces.difference.states.problem.solid.elements)
     yield perf_counter() - start
 
 

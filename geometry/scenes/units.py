@@ -135,10 +135,10 @@ def _factor(unit: str, si: str) -> float:
     if not _UNIT.fullmatch(unit):
         raise ValueError(f"{unit!r} is no unit")
     try:
-        given, wanted = (_registry().Quantity(1.0, name).to_root_units() for name in (unit, si))
+        unit_in_base, si_in_base = (_registry().Quantity(1.0, name).to_root_units() for name in (unit, si))
         # by units, not by dimensions, for which an angle, a count and a solid angle are all the same
-        if given.units == wanted.units:
-            return float(given.magnitude / wanted.magnitude)
+        if unit_in_base.units == si_in_base.units:
+            return float(unit_in_base.magnitude / si_in_base.magnitude)
     except (pint.PintError, ArithmeticError, AssertionError, AttributeError, TypeError, ValueError):
         pass
     raise ValueError(f"{unit!r} is no unit that converts to {si}")

@@ -66,8 +66,8 @@ class ChargeAmplifier:
         by_resistance = 1 / (1 + 2j * np.pi * frequency * self.time_constant)
         by_capacitance = by_resistance - 1
         if calibrated_at is not None:
-            known = 1 / (1 + 2j * np.pi * calibrated_at * self.time_constant)
-            by_resistance, by_capacitance = by_resistance - known, by_resistance - known
+            calibrated = 1 / (1 + 2j * np.pi * calibrated_at * self.time_constant)
+            by_resistance, by_capacitance = by_resistance - calibrated, by_resistance - calibrated
         parts = np.array([by_resistance * self.resistance_tolerance, by_capacitance * self.capacitance_tolerance])
         both = np.stack([parts.real, parts.imag])
         return np.asarray(both @ both.T)

@@ -146,7 +146,7 @@ def detectability(
         noise=limits.noise,
         seen_threshold=limits.change,
         told_threshold=limits.told,
-        ratio_without=float(alone.ratio[0]) if alone.told[0] else None,
+        ratio_without=float(alone.ratio[0]) if alone.resolved[0] else None,
         evaluator=EquivalentInclusion().name,
         seconds=perf_counter() - start,
         plan=(*base.plan, _reflections(base, len(unsure), len(found.change))),
@@ -200,8 +200,8 @@ def _verdict(value: Floats, error: Floats, threshold: float) -> Floats:
 
 
 def _effects(base: Undisturbed, found: Readings, alone: Readings) -> _Effects:
-    known = np.asarray(found.told & alone.told)
-    change = np.where(known, found.ratio / np.where(alone.told, alone.ratio, 1.0) - 1, 0.0)
+    known = np.asarray(found.resolved & alone.resolved)
+    change = np.where(known, found.ratio / np.where(alone.resolved, alone.ratio, 1.0) - 1, 0.0)
     error = np.where(known, np.abs(1 + change) * np.expm1(np.minimum(_log_error(base, found, alone), 700.0)), np.inf)
     return _Effects(known, change, error, found.log_sensitivity, np.where(known, found.sensitivity_error, np.inf))
 

@@ -31,7 +31,7 @@ def variables(model: MeridianModel) -> tuple[str, ...]:
     """Names of what energies can be differentiated by: by ln of a length or modulus, and by a Poisson's ratio itself."""
     bodies = [body.name.lower() for body in model.materials]
     return (
-        *model.section.given,
+        *model.section.lengths,
         *(f"{body}_youngs_modulus" for body in bodies),
         *(f"{body}_poisson_ratio" for body in bodies),
     )
@@ -55,12 +55,12 @@ def velocities(model: MeridianModel) -> tuple[Floats, Floats]:
     Returns them, shape (lengths + 1, n, s, 2), and the derivatives of ln of the corner size by ln of each length, (lengths,):
     most lengths then move few elements, and the corner size, on which all depend, is dealt with once.
     """
-    given, section = model.section.given, model.section
-    steps = 1 + 1j * STEP * np.eye(len(given) + 1)
-    moved = {name: getattr(section, name) * steps[k] for k, name in enumerate(given)}
-    held = replace(section, **moved, mesh_size=section.corner_size * steps[-1])
+    names, section = model.section.lengths, model.section
+    steps = 1 + 1j * STEP * np.eye(len(names) + 1)
+    moved = {name: getattr(section, name) * steps[k] for k, name in enumerate(names)}
+    displaced = replace(section, **moved, mesh_size=section.corner_size * steps[-1])
     free = replace(section, **{name: lengths[:-1] for name, lengths in moved.items()})
-    by_lengths = nodes(held, model.mesh, model.shapes.places).imag / STEP
+    by_lengths = nodes(displaced, model.mesh, model.shapes.places).imag / STEP
     return by_lengths, free.corner_size.imag / STEP / section.corner_size
 
 

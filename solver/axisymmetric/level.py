@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, SolveError
 from geometry.scenes.scene import Scene
-from solver.axisymmetric.converged_forces import Converged, converged
+from solver.axisymmetric.converged_forces import Converged, converged_forces
 from solver.results.evaluator import Answer, FilmLevel, Tell
 from solver.results.kinds import needs_solid
 
@@ -59,7 +59,7 @@ class Axisymmetric(FilmLevel):
             raise Refusal("evaluator", self.name, why)
         with threadpool_limits(1, user_api="blas"):  # many small products: more threads only wait for each other
             try:
-                return converged(scene, accuracy, moduli)
+                return converged_forces(scene, accuracy, moduli)
             except SolveError as fault:
                 if moduli is not None and "curve from" in str(fault):
                     span = f"{np.min(moduli):g} to {np.max(moduli):g} Pa"

@@ -38,7 +38,7 @@ class SampleErrors:
     sensitivity: Floats
 
 
-def refined(
+def refine(
     solve: Callable[[MeridianFineness], MeshSample], accuracy: float, good: Callable[[MeshSample, SampleErrors], bool]
 ) -> tuple[MeshSample, SampleErrors, str | None]:
     """Return the first sample that is good enough with its errors, or that of the finest mesh that could be solved.
@@ -50,22 +50,22 @@ def refined(
     """
     levels = LEVELS[sum(accuracy < limit for limit in COARSE_ENOUGH) :]
     history: list[MeshSample] = []
-    found: tuple[MeshSample, SampleErrors] | None = None
+    best: tuple[MeshSample, SampleErrors] | None = None
     for level in levels:
         try:
             history.append(solve(level))
         except SolveError as fault:
-            if found is None:
+            if best is None:
                 raise
-            return *found, str(fault)
+            return *best, str(fault)
         if len(history) > 1:
             latest = history[-1], errors(history)
-            if found is None or _worst(*latest) < _worst(*found):  # rounding may grow from mesh to mesh: the best is kept
-                found = latest
+            if best is None or _worst(*latest) < _worst(*best):  # rounding may grow from mesh to mesh: the best is kept
+                best = latest
             if good(*latest):
                 return *latest, None
-    assert found is not None  # there are more than two levels
-    return *found, "this is the finest"
+    assert best is not None  # there are more than two levels
+    return *best, "this is the finest"
 
 
 def _worst(sample: MeshSample, bounds: SampleErrors) -> float:
@@ -81,8 +81,8 @@ def errors(history: Sequence[MeshSample]) -> SampleErrors:
     against changes that cancel in a total by chance.
     """
     changes = [total_change(b.forces - a.forces) for a, b in pairwise(history)]
-    told = [np.abs(b.log_sensitivity - a.log_sensitivity) for a, b in pairwise(history)]
-    return SampleErrors(_left(changes) + history[-1].rounding, _left(told))
+    sensitivity_changes = [np.abs(b.log_sensitivity - a.log_sensitivity) for a, b in pairwise(history)]
+    return SampleErrors(_remaining_error(changes) + history[-1].rounding, _remaining_error(sensitivity_changes))
 
 
 def total_change(change: Floats) -> Floats:
@@ -91,7 +91,7 @@ def total_change(change: Floats) -> Floats:
     return np.asarray(np.maximum(np.abs(change.sum(axis=2)), GUARD * np.sqrt(single * whole)))
 
 
-def _left(changes: Sequence[Floats]) -> Floats:
+def _remaining_error(changes: Sequence[Floats]) -> Floats:
     """What is left after the last of several changes.
 
     If errors fall by q from level to level, 1 / (q - 1) of the last change is left (AX.3). No more than UNSEEN_DROP is trusted
@@ -99,5 +99,5 @@ def _left(changes: Sequence[Floats]) -> Floats:
     """
     if len(changes) == 1:
         return np.asarray(changes[0] / (UNSEEN_DROP - 1))
-    drop = np.clip(changes[-2] / np.maximum(changes[-1], 1e-300), 1.2, None)
-    return np.asarray(np.maximum(changes[-1] * np.maximum(LEAST_SHARE, 1 / (drop - 1)), LEAST_MEMORY * changes[-2]))
+    decay = np.clip(changes[-2] / np.maximum(changes[-1], 1e-300), 1.2, None)
+    return np.asarray(np.maximum(changes[-1] * np.maximum(LEAST_SHARE, 1 / (decay - 1)), LEAST_MEMORY * changes[-2]))

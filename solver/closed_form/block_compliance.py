@@ -179,9 +179,14 @@ def _across(block: ElasticBlocks) -> _Across:
     ends = np.cumsum([0, *(kind.shape[1] for kind in kinds)])
     at_rr, at_hoop, at_both, at_u, at_slope, at_w = (slice(*at) for at in pairwise(ends))
     return _Across(
-        pairs[:, at_rr, at_rr] + pairs[:, at_hoop, at_hoop], pairs[:, at_both, at_both], pairs[:, at_u, at_u],
-        pairs[:, at_both, at_w], pairs[:, at_u, at_slope], pairs[:, at_slope, at_slope], pairs[:, at_w, at_w],
-    )  # fmt: skip
+        pairs[:, at_rr, at_rr] + pairs[:, at_hoop, at_hoop],
+        pairs[:, at_both, at_both],
+        slide=pairs[:, at_u, at_u],
+        mixed=pairs[:, at_both, at_w],
+        turn=pairs[:, at_u, at_slope],
+        tilt=pairs[:, at_slope, at_slope],
+        lift=pairs[:, at_w, at_w],
+    )
 
 
 def _decay(block: ElasticBlocks) -> Array:

@@ -72,14 +72,15 @@ class ContactSolution:
     @property
     def residual(self) -> Array:
         """What is left of eq. CF.12, relative to the largest sum of its terms' sizes, shape (n,)."""
-        left = np.abs(self.works @ self.tractions - self.areas)
-        return left.max(axis=(1, 2)) / (np.abs(self.works) @ np.abs(self.tractions)).max(axis=(1, 2))
+        unbalanced = np.abs(self.works @ self.tractions - self.areas)
+        return unbalanced.max(axis=(1, 2)) / (np.abs(self.works) @ np.abs(self.tractions)).max(axis=(1, 2))
 
 
-def answer(
+def solve_contact(
     blocks: tuple[ElasticBlocks, ElasticBlocks],
     tissue: Tissue,
     spheres: Sequence[SphereArray],
+    *,
     target: int | None,
     bonded: bool,
     nodes: int,
@@ -108,7 +109,8 @@ def answer(
         sides = _sides(blocks, tissue, side_nodes, bonded) if side_nodes else None
         C = C if sides is None else C + sides.work
         bodies = [
-            polarised(sphere, field, loads, weights, tissue.E, tissue.nu, _disc(blocks, tissue), sides) for sphere in spheres
+            polarised(sphere, field, loads, weights, E=tissue.E, nu=tissue.nu, disc=_disc(blocks, tissue), sides=sides)
+            for sphere in spheres
         ]
     solved = np.linalg.solve(C, np.concatenate([areas, *(np.swapaxes(body.moments, 1, 2) for body in bodies)], axis=2))
     tractions = solved[:, :, :2]
@@ -174,13 +176,13 @@ def _discs() -> tuple[Any, Any]:
     count = len(SOLID.cuts) - 1
     inner = (np.eye(count + 1) - np.eye(count + 1, k=1))[1:, 1:]
     outer = np.vstack([-np.eye(count), np.zeros(count)]) + np.vstack([np.zeros(count), np.eye(count)])
-    made = []
+    transforms = []
     for kind in ("pressure", "shear"):
         solid, tube = inner @ getattr(SOLID, kind), outer @ getattr(TUBE, kind)
         rows = np.zeros((2 * count + 1, solid.shape[1] + tube.shape[1]))
         rows[:count, : solid.shape[1]], rows[count:, solid.shape[1] :] = solid, tube
-        made.append(rows)
-    return made[0], made[1]
+        transforms.append(rows)
+    return transforms[0], transforms[1]
 
 
 _DISCS = _discs()
@@ -247,8 +249,8 @@ def _larger(one: Array, other: Array) -> Array:
 
 def _concentrated() -> tuple[Any, Any]:
     """Matrices from values at the radii to transforms of the loads, shapes (radii, functions)."""
-    found = [[loads.concentrated(getattr(loads, kind)) for loads in (SOLID, TUBE)] for kind in ("pressure", "shear")]
-    return tuple(_diagonal((one[None], other[None]))[0] for one, other in found)
+    densities = [[loads.concentrated(getattr(loads, kind)) for loads in (SOLID, TUBE)] for kind in ("pressure", "shear")]
+    return tuple(_diagonal((one[None], other[None]))[0] for one, other in densities)
 
 
 _CONCENTRATED = _concentrated()

@@ -102,6 +102,7 @@ def polarised(
     waves: Waves,
     loads: tuple[Array, Array],
     weights: Array,
+    *,
     E: Array,
     nu: Array,
     disc: Disc,
@@ -130,17 +131,17 @@ def polarised(
         moments = moments[0] * share, moments[1] * share
         around = tuple(np.concatenate([part] * TURNS, axis=2) for part in near.parts)
         strain = fields(around, wavelets(waves.k, np.sqrt(across**2 + beside**2)))  # type: ignore[arg-type]
-    found = np.concatenate([moments[0] @ weighed[0], moments[1] @ weighed[1]], axis=2)
+    dipoles = np.concatenate([moments[0] @ weighed[0], moments[1] @ weighed[1]], axis=2)
     added = None
     if sides is not None:
         added = sides.strain(np.sqrt(across**2 + beside**2), sphere.depth[:, None] - sphere.radius[:, None] * points.z)
-        found = found + (TO_MOMENTS @ added if sphere.on_axis else _moments(added, across, beside))
+        dipoles = dipoles + (TO_MOMENTS @ added if sphere.on_axis else _moments(added, across, beside))
     mu = E / (2 * (1 + nu))
-    G = image(sphere, waves, near, weights, mu, nu)
+    G = image(sphere, waves, near, weights, mu=mu, nu=nu)
     if not sphere.on_axis:
         volume = (4 * np.pi / 3 * sphere.radius**3)[:, None, None]
-        G = G - volume * off_axis_response(sphere, near, waves.k, weights, disc, mu, loads[1].shape[2] > 0)
-    return LoadedSpheres(sphere, points, strain, weighed, added, found, G, *strengths(E, nu, sphere.E, sphere.nu))
+        G = G - volume * off_axis_response(sphere, near, waves.k, weights, disc=disc, mu=mu, bonded=loads[1].shape[2] > 0)
+    return LoadedSpheres(sphere, points, strain, weighed, added, dipoles, G, *strengths(E, nu, sphere.E, sphere.nu))
 
 
 def inclusion_forces(bodies: Sequence[LoadedSpheres], solved: Array, target: int | None) -> tuple[Array, Array]:

@@ -54,10 +54,10 @@ def waves(k: Array, depth: Array | None, nu: Array) -> Waves:
     top = [1 + (c3[0] + near * c4[0]) * fade, near + (c3[1] + near * c4[1]) * fade]
     side = [1 - (c3[0] + even * c4[0]) * fade, even - (c3[1] + even * c4[1]) * fade]
     determinant = k * (top[0] * side[1] - top[1] * side[0])
-    found = []
+    potentials = []
     for c1, c2 in ((side[1] / determinant, -side[0] / determinant), (-top[1] / determinant, top[0] / determinant)):
-        found.append((c1, c2, c3[0] * c1 + c3[1] * c2, c4[0] * c1 + c4[1] * c2))
-    return Waves(k, depth, nu, *found)
+        potentials.append((c1, c2, c3[0] * c1 + c3[1] * c2, c4[0] * c1 + c4[1] * c2))
+    return Waves(k, depth, nu, *potentials)
 
 
 def floor_compliance(waves: Waves) -> tuple[Array, Array, Array]:
@@ -95,26 +95,26 @@ def _amplitudes(load: tuple[Array, ...], t: Array, down: Array, up: Array | None
     c = [part[:, None, :] for part in load]
     b = c[1] * down
     a = c[0] * down + b * t
-    found = np.empty((len(t), 3, *t.shape[1:]), dtype=a.dtype)
+    amplitudes_of = np.empty((len(t), 3, *t.shape[1:]), dtype=a.dtype)
     if up is None:
-        found[:, 0], found[:, 1], found[:, 2] = a, 2 * even * b - a, even * b - a
-        return found
+        amplitudes_of[:, 0], amplitudes_of[:, 1], amplitudes_of[:, 2] = a, 2 * even * b - a, even * b - a
+        return amplitudes_of
     other = c[3] * up
     raised = c[2] * up - other * t
-    np.add(a, raised, out=found[:, 0])
-    np.subtract(2 * even * (b + other), found[:, 0], out=found[:, 1])
-    np.add(even * (b - other), raised - a, out=found[:, 2])
-    return found
+    np.add(a, raised, out=amplitudes_of[:, 0])
+    np.subtract(2 * even * (b + other), amplitudes_of[:, 0], out=amplitudes_of[:, 1])
+    np.add(even * (b - other), raised - a, out=amplitudes_of[:, 2])
+    return amplitudes_of
 
 
 def lowering(waves: Waves, z: Array) -> tuple[Array, Array]:
     """Return W of eq. CF.6 at depths z (n, p), under unit pressure and under unit shear, times 2 mu; shapes (n, p, q)."""
     t, m = waves.k[:, None, :] * z[:, :, None], (3 - 4 * waves.nu)[:, :, None]
-    found = []
+    lowerings = []
     for load in (waves.by_pressure, waves.by_shear):
         c = [part[:, None, :] for part in load]
         W = (c[0] + c[1] * (t + m)) * np.exp(-t)
         if waves.depth is not None:
             W = W + (-c[2] + c[3] * (t - m)) * np.exp(t - 2 * waves.k[:, None, :] * waves.depth[:, :, None])
-        found.append(W)
-    return found[0], found[1]
+        lowerings.append(W)
+    return lowerings[0], lowerings[1]

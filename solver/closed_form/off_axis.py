@@ -56,6 +56,7 @@ def off_axis_response(
     near: Nearby,
     k: Array,
     weights: Array,
+    *,
     disc: Disc,
     mu: Array,
     bonded: bool,
@@ -78,17 +79,17 @@ def off_axis_response(
     J = bessel(k * sphere.offset[:, None], orders + 3)
     j = spherical(k * disc.radius[:, None], degree + 1) * (weights / (2 * mu)[:, None])  # the moments are times 2 mu
     j = np.moveaxis(j, 0, 2) * np.sqrt((2 * np.arange(degree + 1) + 1) / np.pi**2)
-    found = []
+    columns = []
     for n in range(1, orders + 1):
         less = -J[1] if n == 1 else J[n - 2]  # J_-1 = -J_1
         along = _rows(J[n], J[n - 1] - J[n + 1], less + J[n + 2])
         pressed = along * near.moments[0]
-        found.append((pressed @ j[:, :, n::2]) * np.sqrt(2 * disc.radius / disc.pressed)[:, None, None])
+        columns.append((pressed @ j[:, :, n::2]) * np.sqrt(2 * disc.radius / disc.pressed)[:, None, None])
         if bonded:
             sunk, turned = along * near.moments[1], _rows(0 * J[n], J[n - 1] + J[n + 1], less - J[n + 2]) * near.turned
             for wave, m in ((sunk - turned, n + 1), (sunk + turned, n - 1)):
-                found.append((wave @ j[:, :, m::2]) * np.sqrt(disc.radius / disc.sheared)[:, None, None])
-    v = np.concatenate(found, axis=2)
+                columns.append((wave @ j[:, :, m::2]) * np.sqrt(disc.radius / disc.sheared)[:, None, None])
+    v = np.concatenate(columns, axis=2)
     return v @ np.swapaxes(v, 1, 2)
 
 

@@ -84,13 +84,13 @@ def wavelets(k: Array, r: Array, which: Any = slice(None)) -> Wavelets:
 
 def fields(parts: tuple[Array, Array], at: Wavelets) -> tuple[Array, Array]:
     """Strains rr + hoop, rr - hoop, zz, rz at all points under waves of pressure and of shear, times 2 mu; (n, 4 points, q)."""
-    found = []
+    strains = []
     for part in parts:
         strain = np.empty((len(part), 4, *at.zero.shape[1:]), dtype=part.dtype)
         for row, (which, wave) in enumerate(((0, at.zero), (0, at.turn), (1, at.zero), (2, at.one))):
             np.multiply(part[:, which], wave, out=strain[:, row])
-        found.append(strain.reshape(len(part), -1, part.shape[-1]))
-    return found[0], found[1]
+        strains.append(strain.reshape(len(part), -1, part.shape[-1]))
+    return strains[0], strains[1]
 
 
 def _moment_weights() -> Any:
@@ -135,7 +135,7 @@ def nearby(sphere: SphereArray, waves: Waves) -> Nearby:
     return Nearby(parts, strain, tuple(moments), _turned(waves, sphere, near))  # type: ignore[arg-type]
 
 
-def image(sphere: SphereArray, waves: Waves, near: Nearby, weights: Array, mu: Array, nu: Array) -> Array:
+def image(sphere: SphereArray, waves: Waves, near: Nearby, weights: Array, *, mu: Array, nu: Array) -> Array:
     """Eqs. CF.15, CF.16: G for spheres in tissue of shear modulus mu and Poisson's ratio nu (n,), shape (n, moments, moments).
 
     ``weights`` are k dk of the waves, shape (n, q).

@@ -73,7 +73,14 @@ def effects(energies: Energies, tissue: Material, tumours: Tumours, places: bool
     over, up, out = _integrals(energies, tumours, *_sphere(*SURFACE))
     area = 4 * np.pi * radius**2
     moved = [_matrices(part * area[:, None], of.volume, of.shear) for part in (-up, out, over)]
-    return Effects(whole, by_modulus, by_poisson, moved[0], moved[1], moved[2] * radius[:, None, None])
+    return Effects(
+        whole,
+        by_modulus,
+        by_poisson=by_poisson,
+        by_depth=moved[0],
+        by_offset=moved[1],
+        by_log_diameter=moved[2] * radius[:, None, None],
+    )
 
 
 def _matrices(products: Floats, volume: Floats, shear: Floats) -> Floats:
@@ -84,7 +91,7 @@ def _matrices(products: Floats, volume: Floats, shear: Floats) -> Floats:
 def _integrals(energies: Energies, tumours: Tumours, points: Floats, weights: Floats) -> list[Floats]:
     """Weighted sums of the six products over points of the unit ball, (q, 3), with columns of weights, (q, w): w of (n, 6)."""
     n = len(tumours.x)
-    found = np.empty((weights.shape[1], n, 6))
+    integrals = np.empty((weights.shape[1], n, 6))
     radius = tumours.diameter / 2
     table = np.full(n, n > FEW) & energies.covers(tumours.offset + radius, -tumours.cover, -tumours.depth - radius)
     for which, ask in ((table, energies.quick), (np.logical_not(table), energies.at)):
@@ -94,8 +101,8 @@ def _integrals(energies: Energies, tumours: Tumours, points: Floats, weights: Fl
             x, y, up = (points[:, k] * radius[block, None] for k in range(3))
             r, z = np.hypot(tumours.offset[block, None] + x, y), up - tumours.depth[block, None]
             values = ask(r.ravel(), z.ravel()).reshape(6, *r.shape)
-            found[:, block] = np.einsum("pnq,qw->wnp", values, weights)
-    return list(found)
+            integrals[:, block] = np.einsum("pnq,qw->wnp", values, weights)
+    return list(integrals)
 
 
 @lru_cache(maxsize=8)

@@ -85,15 +85,15 @@ class SolidHarmonics:
 @lru_cache(maxsize=64)
 def _recursion(degree: int, order: int) -> list[tuple[Floats, Floats, float]]:
     """For each degree: factors a and b of eq. IN.4, (m, 1), and Pi_l^l: Y_l^l without (x + i y)^l."""
-    found = []
+    terms = []
     steps = [sqrt(1 / (4 * np.pi)), *(sqrt((2 * m + 1) / (2 * m) * (2 if m == 1 else 1)) for m in range(1, degree + 1))]
     tops = np.cumprod(steps)  # the mean of cos^2 m phi is 1 for m = 0 and 1/2 above
     for ell, top in enumerate(tops):
         m, n = np.arange(min(ell, order + 1))[:, None], np.arange(min(max(ell - 1, 0), order + 1))[:, None]
         a = np.sqrt((4 * ell**2 - 1) / (ell**2 - m**2))
         b = np.sqrt((2 * ell + 1) / (2 * ell - 3) * ((ell - 1) ** 2 - n**2) / (ell**2 - n**2))
-        found.append((a, b, float(top)))
-    return found
+        terms.append((a, b, float(top)))
+    return terms
 
 
 @lru_cache(maxsize=16)

@@ -58,17 +58,17 @@ class Modes:
     @cached_property
     def labels(self) -> Ints:
         """Rows kind, l, m and sine (1 where the scalar harmonic is sin m phi), shape (4, modes)."""
-        found: list[tuple[int, int, int, int]] = []
+        modes: list[tuple[int, int, int, int]] = []
         for m in range(min(self.order, self.degree) + 1):
             for sine in (0, 1):
                 for ell in range(m, self.degree + 1):
-                    found += [(kind, ell, m, sine) for kind in self._kinds(ell, m, sine)]
-        return np.array(found).T
+                    modes += [(kind, ell, m, sine) for kind in self._kinds(ell, m, sine)]
+        return np.array(modes).T
 
     def _kinds(self, ell: int, m: int, sine: int) -> list[int]:
         """Kinds that a scalar harmonic makes; x cross grad turns an even function into an odd field and the reverse."""
-        kept = range(3) if self.parity == "both" else [2] if sine else [0, 1]
-        return [kind for kind in kept if (m > 0 or not sine) and (ell > 0 or kind == 1)]
+        allowed = range(3) if self.parity == "both" else [2] if sine else [0, 1]
+        return [kind for kind in allowed if (m > 0 or not sine) and (ell > 0 or kind == 1)]
 
     @property
     def kind(self) -> Ints:
@@ -134,8 +134,8 @@ class Modes:
     def shapes(self, points: Floats, side: Side) -> Values:
         """Displacement of every mode by itself, shape (n, 3, modes)."""
         table, (x, y, z) = self.harmonics.table(points, side), points.T
-        each = stack(self, side, DISPLACEMENT)
-        blocks = [each.matrix[low : low + len(table)].T @ table for low in range(0, each.matrix.shape[0], len(table))]
+        terms = stack(self, side, DISPLACEMENT)
+        blocks = [terms.matrix[low : low + len(table)].T @ table for low in range(0, terms.matrix.shape[0], len(table))]
         factors = np.stack([np.ones_like(x), x, y, x * x + y * y + z * z, z])
         out: Values = np.einsum("ajmn,jn->nam", np.reshape(blocks, (3, FACTORS, len(self), -1)), factors)
         return out

@@ -114,13 +114,13 @@ class AzimuthalSystems:
     @cached_property
     def _samples(self) -> list[tuple[Floats, Floats, Floats]]:
         """Batches of element matrices of orders 1, 2 and 3."""
-        found, model = [], self.model
+        samples, model = [], self.model
         for low in range(0, len(model.two_mu), BATCH):
             part = np.arange(low, min(low + BATCH, len(model.two_mu)))
             at, moduli = model.at.of(part), (model.two_mu[part], model.lam[part])
             one, two, three = (_stiffness(at, model.shapes, *moduli, m) for m in (1, 2, 3))
-            found.append((one, two, three))
-        return found
+            samples.append((one, two, three))
+        return samples
 
 
 def _stiffness(at: Geometry, shapes: Shapes, two_mu: Floats, lam: Floats, m: int) -> Floats:

@@ -58,8 +58,9 @@ class Published:
             raise Refusal("evaluator", self.name, why)
         body, tissue = scene.inclusion[0], scene.tissue
         sizes, moduli = (scene.probe.tube_radius, body.depth, body.diameter or 0.0), (tissue.youngs_modulus, body.youngs_modulus)
-        modulus = printed.modulus_printed(*sizes, tissue.poisson_ratio, *moduli)
-        by_7 = printed.modulus_from_compatibility(*sizes, tissue.poisson_ratio, *moduli)
+        elastic = {"nu": tissue.poisson_ratio, "E_matrix": moduli[0], "E_object": moduli[1]}
+        modulus = printed.modulus_printed(*sizes, **elastic)
+        by_7 = printed.modulus_from_compatibility(*sizes, **elastic)
         null = "stresses, ratio and error_estimate are null: the paper's equations give an equivalent modulus, not film stresses"
         cost = f"equivalent_modulus is {modulus:.4g} Pa by eq. (8), {by_7:.4g} Pa by eq. (7), {_corrected(sizes, moduli)}"
         texts = (cost, *(f"defect of the paper: {defect}" for defect in DEFECTS))

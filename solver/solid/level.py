@@ -73,7 +73,7 @@ class SolidLevel(FilmLevel):
         worst = max(films, key=lambda one: one.error_under(scene))
         short = shortfalls(worst, worst.error_under(scene), accuracy)
         notes = (*_tilt_notes(scene, worst), *solution.notes, *short)
-        return Answer(films, solution.found.residual, solution.plan, notes, every[0][1])
+        return Answer(films, solution.difference.residual, solution.plan, notes, every[0][1])
 
     def solved(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> SolidForces:
         """Return film forces with their errors, and the states behind them.

@@ -61,7 +61,7 @@ class Solid:
         """
         nodes, elements, twin = _sliding(mesh) if frictionless else (mesh.nodes, mesh.elements, np.arange(len(mesh.nodes)))
         body = np.where((mesh.body >= INCLUSION) & mesh.beyond, -1 - mesh.body, mesh.body)
-        return cls(mesh, nodes, elements, body, twin, parts(nodes, elements, body, averaged))
+        return cls(mesh, nodes, elements=elements, body=body, twin=twin, parts=parts(nodes, elements, body, averaged))
 
     def on(self, bodies: Iterable[int]) -> NDArray[np.bool_]:
         """Which nodes belong to some bodies, shape (n,)."""
