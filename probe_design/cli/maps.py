@@ -74,7 +74,9 @@ def scan(
 @SCENE
 @click.option("--noise", default="0.01", show_default=True, help="Relative standard deviation of one reading of the ratio.")
 @click.option("--seen", default="3", show_default=True, help="Times the noise by which a tumour that is seen changes the ratio.")
-@click.option("--told", default="0.5", show_default=True, help="Standard deviation of ln E_object up to which E_object is told.")
+@click.option(
+    "--resolved", default="0.5", show_default=True, help="Standard deviation of ln E_object up to which it is resolved."
+)
 @click.option("--depth-from", help="Least depth of a centre.  [default: 1/50 of the largest]")
 @click.option("--depth-to", help="Largest depth of a centre.  [default: 4 outer radii or what the scene's tumour needs]")
 @click.option("--diameter-from", help="Least diameter.  [default: 1/50 of the largest]")
@@ -84,10 +86,10 @@ def scan(
 @picture_option("both maps")
 @JSON
 def detectability(
-    scene: Path, noise: str, seen: str, told: str, depth_from: str | None, depth_to: str | None, diameter_from: str | None,
+    scene: Path, noise: str, seen: str, resolved: str, depth_from: str | None, depth_to: str | None, diameter_from: str | None,
     diameter_to: str | None, points: int, accuracy: str | None, picture: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
-    """Say which tumours the probe sees, and of which it tells the stiffness: maps over depth and diameter.
+    """Say which tumours the probe sees, and of which it resolves the stiffness: maps over depth and diameter.
 
     SCENE's target inclusion is exchanged for spheres of its material at its place beside the probe's axis; everything
     else stays. For each: how much it changes the ratio, and the standard deviation of ln E_object that one reading of the
@@ -97,7 +99,7 @@ def detectability(
     healthy places a tumour (6.7 %; 3.29 times makes it 5 %, Currie 1968). The ratio without tumour counts as known: where it
     is one more reading, give 1.41 times the noise.
 
-    Told: a standard deviation of ln E_object up to 0.5, a factor of 1.65 either way.
+    Resolved: a standard deviation of ln E_object up to 0.5, a factor of 1.65 either way.
 
     \b
     probe-design detectability scene.toml --noise 0.01 --plot map.png
@@ -113,7 +115,7 @@ def detectability(
     ends = {"depth_from": depth_from, "depth_to": depth_to, "diameter_from": diameter_from, "diameter_to": diameter_to}
     sizes = {key: None if text is None else length(key.replace("_", "-"), text) for key, text in ends.items()}
     positive = "a number above 0"
-    limits = Thresholds(*(number(key, text, positive) for key, text in (("noise", noise), ("seen", seen), ("told", told))))
+    limits = Thresholds(number("noise", noise, positive), number("seen", seen, positive), number("resolved", resolved, positive))
     depths, diameters = chosen_sizes(found, points, **sizes)
     wanted = None if accuracy is None else number("accuracy", accuracy)
     with counting(f"detectability of {scene}") as progress:

@@ -93,7 +93,7 @@ class Plane:
         bound = np.stack([np.interp(self.u, u, row) for row in better.bound.T], axis=-1)[:, None] + UNSURE * np.abs(more)
         inside = np.repeat((self.u > u[0] - 1e-9) & (self.u < u[-1] + 1e-9), len(self.v))
         of = self.predicted
-        of = replace(of, value=of.value + more.reshape(flat), bound=bound.reshape(flat), told=of.told & inside)
+        of = replace(of, value=of.value + more.reshape(flat), bound=bound.reshape(flat), resolved=of.resolved & inside)
         return replace(self, predicted=of, slope=self.slope + steeper.reshape(flat))
 
     def _window_of(self, rough: DepthAndStrength, wider: float) -> Floats:

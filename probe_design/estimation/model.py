@@ -29,11 +29,11 @@ class Predicted:
     """Predictions for n bodies.
 
     Attributes:
-        value: ln |ratio| or ln stiffness, in the order of ``Measurements``, shape (n, k); 0 where ``told`` is false.
+        value: ln |ratio| or ln stiffness, in the order of ``Measurements``, shape (n, k); 0 where ``resolved`` is false.
         by_modulus: derivatives of ``value`` by ln E_object, shape (n, k).
         by_diameter: by ln diameter, 0 unless asked for, shape (n, k).
         bound: on the model's error of ``value``, shape (n, k).
-        told: whether the model can say all of them to within ``WORST``, shape (n,).
+        resolved: whether the model can say all of them to within ``WORST``, shape (n,).
         agrees: whether all ratios have the sign that was measured, shape (n,).
     """
 
@@ -41,13 +41,13 @@ class Predicted:
     by_modulus: Floats
     by_diameter: Floats
     bound: Floats
-    told: Bools
+    resolved: Bools
     agrees: Bools
 
     @property
     def usable(self) -> Bools:
         """Whether both hold, shape (n,)."""
-        return self.told & self.agrees
+        return self.resolved & self.agrees
 
 
 @dataclass(frozen=True)
@@ -197,7 +197,7 @@ def _fill(out: Predicted, k: int, found: Readings, rows: slice, is_stiffness: bo
     told, ratio = (found.log_ratio_bound <= WORST)[rows], found.ratio[rows]
     out.value[:, k] = np.log(np.abs(np.where(told, ratio, 1.0)))
     out.bound[:, k] = np.where(told, found.log_ratio_bound[rows], 0.0)
-    out.told[:] &= told
+    out.resolved[:] &= told
     out.agrees[:] &= np.where(told, np.sign(ratio) == sign, True)
 
 

@@ -66,10 +66,10 @@ class Findings:
         return bool(self.track.runs and self.track.runs[end][end] == self.track.x[end])
 
 
-def reason(found: Findings, interval: Interval, widest: float, told_by_noise: bool) -> str:
+def reason(found: Findings, interval: Interval, widest: float, resolved_by_noise: bool) -> str:
     """Say why the unknown is not identifiable."""
     text = _reason(found, interval, widest)
-    if told_by_noise and found.pieces and found.shift > TOLERATED:
+    if resolved_by_noise and found.pieces and found.shift > TOLERATED:
         low, high = (shown(found.unknown, end) for end in (found.of_noise[0].low, found.of_noise[-1].high))
         text += f"; by the noise alone it would be {low} to {high}, but the model's own error hides that"
     return text
@@ -77,7 +77,7 @@ def reason(found: Findings, interval: Interval, widest: float, told_by_noise: bo
 
 def _reason(found: Findings, interval: Interval, widest: float) -> str:
     name, data = NAMES[found.unknown], found.model.data
-    if found.best is None and found.track.predicted.told.any():
+    if found.best is None and found.track.predicted.resolved.any():
         return f"no {name} gives every ratio the sign that was measured: something in the scene is not as stated"
     if found.best is None:
         return f"the model's error is above {WORST:.0%} for every {name} that fits"
@@ -147,7 +147,7 @@ def _warnings(found: Findings, fitted: DepthAndStrength | None) -> Iterator[str]
 
 
 def _not_searched(found: Findings) -> Iterator[str]:
-    good = found.track.predicted.told
+    good = found.track.predicted.resolved
     if good.all() or not good.any():
         return
     u = found.track.values(found.track.x)

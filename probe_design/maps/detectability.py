@@ -3,7 +3,7 @@
 With R the ratio over a tumour, R_0 the ratio without it, S the log-sensitivity to its Young's modulus and g the noise,
 
     change = R / R_0 - 1                                        seen where |change| >= seen g           (M1)
-    sd     = g / |S|, the standard deviation of ln E_object     told where sd <= told                   (M2)
+    sd     = g / |S|, the standard deviation of ln E_object     resolved where sd <= resolved           (M2)
 
 For one reading, R_0 and everything else in the scene being known. seen = 3 with a threshold half-way, at 1.5 g, calls a tumour
 missed, or a healthy place a tumour, in 6.7 % of all cases each: P(z > 1.5); 3.29 makes it 5 % (Currie, Anal. Chem. 40 (1968)
@@ -42,17 +42,17 @@ Verdicts = tuple[tuple[bool | None, ...], ...]
 
 @dataclass(frozen=True)
 class Thresholds:
-    """What counts as seen and told.
+    """What counts as seen and resolved.
 
     Attributes:
         noise: relative standard deviation g of one reading of the ratio.
         seen: change of the ratio, times the noise.
-        told: standard deviation of ln E_object.
+        resolved: standard deviation of ln E_object.
     """
 
     noise: float = 0.01
     seen: float = 3.0
-    told: float = 0.5
+    resolved: float = 0.5
 
     @property
     def change(self) -> float:
@@ -77,9 +77,9 @@ class Detectability:
         change: eq. (M1), shape (k, m); None too where a stress is below its own error.
         standard_deviation: eq. (M2); None too where the ratio does not depend on E_object.
         error: bound on the error of ``change``, absolute.
-        seen, told: verdicts; None too where the error leaves them open.
-        resolved: whether the error is below the change; where it is not there may still be a verdict: not seen.
-        noise, seen_threshold, told_threshold: of the verdicts, the second on |change|.
+        seen, resolved: verdicts; None too where the error leaves them open.
+        above_error: whether the change is above its error bound; where it is not there may still be a verdict: not seen.
+        noise, seen_threshold, resolved_threshold: of the verdicts, the second on |change|.
         ratio_without: R_0, with the other inclusions in place.
         evaluator, seconds, plan, warnings: see ``solver.results.result.Result``.
     """
@@ -90,11 +90,11 @@ class Detectability:
     standard_deviation: Map
     error: Map
     seen: Verdicts
-    told: Verdicts
     resolved: Verdicts
+    above_error: Verdicts
     noise: float
     seen_threshold: float
-    told_threshold: float
+    resolved_threshold: float
     ratio_without: float | None
     evaluator: str
     seconds: float
@@ -116,7 +116,7 @@ def detectability(
         scene: with a target, whose material and place beside the probe's axis are kept.
         depths: from the surface to the centre, m, shape (k,).
         diameters: m, shape (m,).
-        limits: what counts as seen and told.
+        limits: what counts as seen and resolved.
         accuracy: relative, of the ratio; left out: the noise, from 5e-4 to 0.01.
         progress: called with spheres done and all, of those that need reflections.
 
@@ -145,8 +145,8 @@ def detectability(
         **maps,
         noise=limits.noise,
         seen_threshold=limits.change,
-        told_threshold=limits.told,
-        ratio_without=float(alone.ratio[0]) if alone.told[0] else None,
+        resolved_threshold=limits.resolved,
+        ratio_without=float(alone.ratio[0]) if alone.resolved[0] else None,
         evaluator=EquivalentInclusion().name,
         seconds=perf_counter() - start,
         plan=(*base.plan, _reflections(base, len(unsure), len(found.change))),
@@ -178,21 +178,21 @@ class _Effects:
         return _Effects(**table)
 
     @property
-    def resolved(self) -> Bools:
-        """Whether the error is below the change."""
+    def above_error(self) -> Bools:
+        """Whether the change is above its error bound."""
         return np.asarray(self.error < np.abs(self.change))
 
     def seen(self, limits: Thresholds) -> Floats:
         """Verdicts: 1, 0, or NaN where the error leaves it open."""
         return _verdict(np.abs(self.change), self.error, limits.change)
 
-    def told(self, limits: Thresholds) -> Floats:
-        """Verdicts likewise: sd <= told is |S| >= noise / told."""
-        return _verdict(np.abs(self.sensitivity), self.sensitivity_error, limits.noise / limits.told)
+    def resolved(self, limits: Thresholds) -> Floats:
+        """Verdicts likewise: sd <= resolved is |S| >= noise / resolved."""
+        return _verdict(np.abs(self.sensitivity), self.sensitivity_error, limits.noise / limits.resolved)
 
     def open(self, limits: Thresholds) -> Bools:
         """Whether a verdict is open."""
-        return np.asarray(np.isnan(self.seen(limits)) | np.isnan(self.told(limits)))
+        return np.asarray(np.isnan(self.seen(limits)) | np.isnan(self.resolved(limits)))
 
 
 def _verdict(value: Floats, error: Floats, threshold: float) -> Floats:
@@ -200,8 +200,8 @@ def _verdict(value: Floats, error: Floats, threshold: float) -> Floats:
 
 
 def _effects(base: Undisturbed, found: Readings, alone: Readings) -> _Effects:
-    known = np.asarray(found.told & alone.told)
-    change = np.where(known, found.ratio / np.where(alone.told, alone.ratio, 1.0) - 1, 0.0)
+    known = np.asarray(found.resolved & alone.resolved)
+    change = np.where(known, found.ratio / np.where(alone.resolved, alone.ratio, 1.0) - 1, 0.0)
     error = np.where(known, np.abs(1 + change) * np.expm1(np.minimum(_log_error(base, found, alone), 700.0)), np.inf)
     return _Effects(known, change, error, found.log_sensitivity, np.where(known, found.sensitivity_error, np.inf))
 
@@ -236,8 +236,8 @@ def _maps(fits: Bools, found: _Effects, limits: Thresholds) -> dict[str, Any]:
         "standard_deviation": rows(deviation, strong),
         "error": rows(found.error, found.known),
         "seen": verdicts(found.seen(limits)),
-        "told": verdicts(found.told(limits)),
-        "resolved": verdicts(found.resolved.astype(float)),
+        "resolved": verdicts(found.resolved(limits)),
+        "above_error": verdicts(found.above_error.astype(float)),
     }
 
 
@@ -254,10 +254,10 @@ def _warnings(found: _Effects, limits: Thresholds) -> Iterator[str]:
     unknown = int((~found.known).sum())
     if unknown:
         yield f"all maps are null at {unknown} of {n} spheres that fit: a stress is below its own error"
-    hidden = int((found.known & ~found.resolved).sum())
+    hidden = int((found.known & ~found.above_error).sum())
     if hidden:
-        yield f"not resolved: at {hidden} of {n} spheres that fit the error bound is above the change of the ratio itself"
-    for name, verdict in (("seen", found.seen(limits)), ("told", found.told(limits))):
+        yield f"above_error is false at {hidden} of {n} spheres that fit: the error bound is above the change of the ratio itself"
+    for name, verdict in (("seen", found.seen(limits)), ("resolved", found.resolved(limits))):
         count = int((found.known & np.isnan(verdict)).sum())
         if count:
             yield f"{name} is null at {count} of {n} spheres that fit: the error bound leaves the verdict open"

@@ -34,14 +34,14 @@ def plot(found: Detectability, scene: Scene, path: Path) -> Path:
     FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2, sharex=True, sharey=True)
     change, deviation = _numbers(found.change) * 100, _numbers(found.standard_deviation)
-    threshold, told = found.seen_threshold * 100, found.told_threshold
+    threshold, most_deviation = found.seen_threshold * 100, found.resolved_threshold
     most = max(float(np.nanmax(np.abs(change), initial=0.0)), 3 * threshold)
     _map(figure, left, found, change, SymLogNorm(threshold / 3, vmin=-most, vmax=most), "RdBu_r", "change of the ratio, %")
-    norm = LogNorm(told / DECADES, told * DECADES)
+    norm = LogNorm(most_deviation / DECADES, most_deviation * DECADES)
     _map(figure, right, found, deviation, norm, "viridis_r", "standard deviation of ln E_object, one reading")
     for axes, verdicts, values, limit, text in (
         (left, found.seen, np.abs(change), threshold, f"seen: |change| \u2265 {threshold:.3g} %"),
-        (right, found.told, deviation, told, f"told: standard deviation \u2264 {told:.3g}"),
+        (right, found.resolved, deviation, most_deviation, f"resolved: standard deviation \u2264 {most_deviation:.3g}"),
     ):
         _contour(axes, found, values, limit)
         _hatched(axes, found, verdicts)
@@ -97,7 +97,7 @@ def _hatched(axes: Any, found: Detectability, verdicts: Any) -> None:
     from matplotlib.collections import PolyCollection
 
     fits = np.isfinite(_numbers(found.change))
-    hidden = fits & (np.isnan(_numbers(verdicts)) | (_numbers(found.resolved) == 0))
+    hidden = fits & (np.isnan(_numbers(verdicts)) | (_numbers(found.above_error) == 0))
     x, y = (_edges(_places(values)) for values in (found.diameter, found.depth))
     cells = [
         [(x[m], y[k]), (x[m + 1], y[k]), (x[m + 1], y[k + 1]), (x[m], y[k + 1])] for k, m in zip(*np.nonzero(hidden), strict=True)

@@ -87,18 +87,18 @@ def scan(
     found = line.bounded(base, plain, positions)
     far = line.prepared(float(np.abs(positions).max()))
     outside = base.inside(tumours)[1]
-    known = found.told & (~outside[:, scene.target] if scene.target is not None else np.zeros(len(positions), dtype=bool))
+    known = found.resolved & (~outside[:, scene.target] if scene.target is not None else np.zeros(len(positions), dtype=bool))
     stress = found.totals * indentation(scene, found)[:, None] / found.areas
     return Scan(
         along=along,
         at=line.at,
         position=tuple(positions.tolist()),
-        ratio=column(found.ratio, found.told),
+        ratio=column(found.ratio, found.resolved),
         stiffness=tuple(found.stiffness.tolist()),
         stress_inner=tuple(stress[:, 0].tolist()),
         stress_outer=tuple(stress[:, 1].tolist()),
         log_sensitivity=column(found.log_sensitivity, known) if found.by else (None,) * len(positions),
-        error_estimate=column(found.error_estimate, found.told),
+        error_estimate=column(found.error_estimate, found.resolved),
         ratio_without=ratio(scene, base.films)["ratio"],
         evaluator=EquivalentInclusion().name,
         seconds=perf_counter() - start,
@@ -148,8 +148,8 @@ def _warnings(scene: Scene, far: Undisturbed, found: Readings, outside: Bools) -
         count = int(outside.any(axis=1).sum())
         left = f"left out at {count} of {n} positions, counted in error_estimate"
         yield f"inclusions outside the round tissue that is modelled are {left}"
-    if not found.told.all():
-        where = f"{int((~found.told).sum())} of {n} positions"
+    if not found.resolved.all():
+        where = f"{int((~found.resolved).sum())} of {n} positions"
         yield f"ratio, log_sensitivity and error_estimate are null at {where}: a stress is below its own error"
     for what, reached in errors(scene, found).items():
         many = int((reached > far.accuracy).sum())
@@ -158,7 +158,7 @@ def _warnings(scene: Scene, far: Undisturbed, found: Readings, outside: Bools) -
             yield f"error bounds of {what} up to {bound} at {many} of {n} positions, accuracy {far.accuracy:g} asked for"
     if found.by and scene.target is not None:
         told = np.abs(found.log_sensitivity)
-        worse = found.told & (found.sensitivity_error > np.maximum(5 * far.accuracy * told, 1e-5))
+        worse = found.resolved & (found.sensitivity_error > np.maximum(5 * far.accuracy * told, 1e-5))
         if worse.any():
             most = f"{found.sensitivity_error[worse].max():.1g} (absolute)"
             where = f"{int(worse.sum())} of {n} positions"
@@ -168,7 +168,10 @@ def _warnings(scene: Scene, far: Undisturbed, found: Readings, outside: Bools) -
 
 def errors(scene: Scene, found: Readings) -> dict[str, Floats]:
     """Relative error bounds of what the accuracy promises, at the scene's kind of load, shape (n,) each."""
-    bounds = {"the ratio": found.error_estimate[found.told], "the stiffness": found.bound.sum(axis=1) / np.abs(found.stiffness)}
+    bounds = {
+        "the ratio": found.error_estimate[found.resolved],
+        "the stiffness": found.bound.sum(axis=1) / np.abs(found.stiffness),
+    }
     if scene.load.force is not None:  # stresses are shares of the force, so that the ratio's error bounds theirs
         return bounds
     with np.errstate(divide="ignore"):

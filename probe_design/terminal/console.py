@@ -80,13 +80,13 @@ def scan_table(scan: Scan, most: int = 41) -> Table:
 
 
 def threshold_table(found: Detectability, most: int = 20) -> Table:
-    """Return for some depths the least diameters that are seen, and whose stiffness is told; a dash where there is none."""
+    """Return for some depths the least diameters that are seen, and whose stiffness is resolved; a dash where there is none."""
     noise = f"noise {found.noise:g} on the ratio"
     title = f"{found.evaluator}, {len(found.depth)} depths x {len(found.diameter)} diameters in {found.seconds:.2g} s, {noise}"
     table = Table(title=title)
-    for heading in ("depth, mm", "largest that fits, mm", "seen from, mm", "stiffness told from, mm"):
+    for heading in ("depth, mm", "largest that fits, mm", "seen from, mm", "resolved from, mm"):
         table.add_column(heading, justify="right")
-    for depth, *columns in list(zip(found.depth, found.change, found.seen, found.told, strict=True))[
+    for depth, *columns in list(zip(found.depth, found.change, found.seen, found.resolved, strict=True))[
         :: -(-len(found.depth) // most)
     ]:
         fits = [diameter for diameter, change in zip(found.diameter, columns[0], strict=True) if change is not None]

@@ -66,15 +66,15 @@ class Readings:
         return np.asarray(self.forces.sum(axis=(1, 2)))
 
     @property
-    def told(self) -> Bools:
+    def resolved(self) -> Bools:
         """Whether both stresses are above their errors, so that there is a ratio, shape (n,)."""
         return np.asarray(np.isfinite(self.log_ratio_bound))
 
     @property
     def ratio(self) -> Floats:
-        """Stress on the inner over stress on the outer film, shape (n,); 0 where ``told`` is false."""
+        """Stress on the inner over stress on the outer film, shape (n,); 0 where ``resolved`` is false."""
         inner, outer = self.totals.T
-        shares = np.divide(inner, outer, out=np.zeros_like(inner), where=self.told)
+        shares = np.divide(inner, outer, out=np.zeros_like(inner), where=self.resolved)
         return np.asarray(shares * self.areas[1] / self.areas[0])
 
     @property
@@ -89,9 +89,9 @@ class Readings:
         return np.asarray(np.maximum(self.error_estimate, stresses))
 
     def log_ratio_by(self, key: str) -> Floats:
-        """Derivative of ln(ratio) by a quantity of the target, see ``by``, shape (n,); 0 where ``told`` is false."""
+        """Derivative of ln(ratio) by a quantity of the target, see ``by``, shape (n,); 0 where ``resolved`` is false."""
         changes = self.by[key].sum(axis=2)
-        shares = np.divide(changes, self.totals, out=np.zeros_like(changes), where=self.told[:, None])
+        shares = np.divide(changes, self.totals, out=np.zeros_like(changes), where=self.resolved[:, None])
         return np.asarray(shares[:, 0] - shares[:, 1])
 
     def log_stiffness_by(self, key: str) -> Floats:
@@ -105,11 +105,11 @@ class Readings:
 
     @property
     def sensitivity_error(self) -> Floats:
-        """Bound on the absolute error of ``log_sensitivity``, shape (n,); 0 where ``told`` is false."""
-        totals = np.where(self.told[:, None], np.abs(self.totals), 1.0)
+        """Bound on the absolute error of ``log_sensitivity``, shape (n,); 0 where ``resolved`` is false."""
+        totals = np.where(self.resolved[:, None], np.abs(self.totals), 1.0)
         slopes = np.abs(self.by["youngs_modulus"].sum(axis=2))
         errors = (self.slope_bound + slopes * self.bound / totals) / totals
-        return np.asarray(np.where(self.told, errors.sum(axis=1), 0.0))
+        return np.asarray(np.where(self.resolved, errors.sum(axis=1), 0.0))
 
 
 def readings(
