@@ -20,11 +20,9 @@ from geometry.scenes.scene import Scene
 from hw.common.samples import Samples
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import Shares, predicted
-from probe_design.built_probe.explanations import Deviation, Explanation, alike, explanations, refined
+from probe_design.built_probe.explanations import LEVEL, Deviation, Explanation, alike, explanations, refined
 from probe_design.built_probe.film_forces import newtons, strict_reading
 from probe_design.built_probe.gain_matrix import Gains
-
-LEVEL = 0.01  # p-value below which the probe fails
 
 
 @dataclass(frozen=True)
@@ -72,7 +70,7 @@ class Check:
 
 def check(
     scene: Scene, bench: Bench, samples: Sequence[Samples], gains: Gains | None = None, variables: Sequence[str] = (),
-    shares: Shares | None = None, level: float = LEVEL,
+    shares: Shares | None = None,
 ) -> Check:  # fmt: skip
     """Compare a probe with its prediction.
 
@@ -83,7 +81,6 @@ def check(
         gains: a calibration's; None: nominal, with the bench's tolerances.
         variables: that ``gains.slopes`` refers to.
         shares: the predictions, where they are known already.
-        level: p-value below which the probe fails.
 
     Raises:
         HardwareError: a reading has gaps, is saturated, too short or drifts.
@@ -98,14 +95,14 @@ def check(
     films = [newtons(strict_reading(one, bench, scene), scene, tolerance=gains is None) for one in samples]
     found = _deviation(bench, films, used, variables, known)
     p_value = float(chi2.sf(found.chi_square, len(found.logs)))
-    told, untold = explanations(found, known, level)
+    told, untold = explanations(found, known)
     names: tuple[str, ...] = ()
-    if p_value < level and told:
-        told = refined(scene, bench, found, told, level)
+    if p_value < LEVEL and told:
+        told = refined(scene, bench, found, told)
         names = alike(told)
     blocks = _blocks(scene, bench, found, known)
     return Check(
-        blocks, found.chi_square, len(blocks), p_value, level, p_value >= level, gains is not None, told, names, untold
+        blocks, found.chi_square, len(blocks), p_value, LEVEL, p_value >= LEVEL, gains is not None, told, names, untold
     )  # fmt: skip
 
 

@@ -20,6 +20,7 @@ from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import MODULI, Shares, by_outer_radius, predicted
 
 GAIN = "relative gain"
+LEVEL = 0.01  # p-value below which a deviation is one, and the probe fails
 ALIKE = 4.0  # difference of the remaining chi-squares below which two explanations are not told apart: 2 standard deviations
 LOOSE = 1.0  # standard deviation, relative to the value, above which an explanation says nothing
 WORTH_REFINING = 4  # of the best explanations: those whose chi-square is below FAR times the best's
@@ -85,22 +86,22 @@ class Explanation:
     explains: bool
 
 
-def explanations(found: Deviation, known: Shares, level: float) -> tuple[tuple[Explanation, ...], tuple[str, ...]]:
+def explanations(found: Deviation, known: Shares) -> tuple[tuple[Explanation, ...], tuple[str, ...]]:
     """Return what each variable would explain, best first, and the names of those that the readings do not tell."""
     slopes = dict(zip(known.variables, known.slopes.T, strict=True)) | {GAIN: np.ones(len(found.logs))}
     nominal = dict(zip(known.variables, known.nominal.tolist(), strict=True)) | {GAIN: 1.0}
     off = found.logs - found.drawn
-    told = [_fitted(found, name, slope - found.astray(name), off, nominal[name], level) for name, slope in slopes.items()]
+    told = [_fitted(found, name, slope - found.astray(name), off, nominal[name]) for name, slope in slopes.items()]
     good = [one for one in told if one.uncertainty < LOOSE * one.nominal]
     return _best_first(good), tuple(one.variable for one in told if one not in good)
 
 
-def refined(scene: Scene, bench: Bench, found: Deviation, told: tuple[Explanation, ...], level: float) -> tuple[Explanation, ...]:
+def refined(scene: Scene, bench: Bench, found: Deviation, told: tuple[Explanation, ...]) -> tuple[Explanation, ...]:
     """Fit the best explanations again at the designs that they ask for; those that no design can have are left out."""
     drawn = by_outer_radius(scene)
     possible = [one for one in told if _possible(drawn, one)]
     worth = [one for one in possible[:WORTH_REFINING] if one.chi_square <= FAR * possible[0].chi_square]
-    again = (_settled(drawn, bench, found, one, level) for one in worth)
+    again = (_settled(drawn, bench, found, one) for one in worth)
     return _best_first([*(one for one in again if one is not None), *possible[len(worth) :]])
 
 
@@ -124,7 +125,7 @@ def _possible(drawn: Scene, one: Explanation) -> bool:
     return True
 
 
-def _settled(drawn: Scene, bench: Bench, found: Deviation, first: Explanation, level: float) -> Explanation | None:
+def _settled(drawn: Scene, bench: Bench, found: Deviation, first: Explanation) -> Explanation | None:
     name, told = first.variable, first
     for _ in range(STEPS if name != GAIN else 0):
         if not _possible(drawn, told):
@@ -133,7 +134,7 @@ def _settled(drawn: Scene, bench: Bench, found: Deviation, first: Explanation, l
         slope = there.slopes[:, there.variables.index(name)] - found.astray(name)
         # about e_0 the shift is J(e) - G S e = log ratios there - drawn + slope (e - e_0) - G S e_0
         off = found.logs - there.log_ratios + (slope + found.astray(name)) * told.change
-        last, told = told, _fitted(found, name, slope, off, first.nominal, level)
+        last, told = told, _fitted(found, name, slope, off, first.nominal)
         if abs(told.change - last.change) < SETTLED * told.uncertainty:
             break
     return told
@@ -148,7 +149,7 @@ def _predicted(drawn: Scene, bench: Bench, name: str, told: Explanation) -> Shar
     return replace(there, blocks=tuple(replace(one, slopes=one.slopes / value) for one in there.blocks))
 
 
-def _fitted(found: Deviation, name: str, shift: Floats, off: Floats, nominal: float, level: float) -> Explanation:
+def _fitted(found: Deviation, name: str, shift: Floats, off: Floats, nominal: float) -> Explanation:
     """Eq. (K3), and what it leaves."""
     weight = found.weight
     information = max(float(shift @ weight @ shift), np.finfo(float).tiny)
@@ -156,4 +157,4 @@ def _fitted(found: Deviation, name: str, shift: Floats, off: Floats, nominal: fl
     rest = off - shift * change
     left = float(rest @ weight @ rest)
     p_value = float(chi2.sf(left, len(off) - 1)) if len(off) > 1 else 1.0
-    return Explanation(name, change, float(information**-0.5), nominal, left, p_value, p_value >= level)
+    return Explanation(name, change, float(information**-0.5), nominal, left, p_value, p_value >= LEVEL)

@@ -55,12 +55,6 @@ class Built:
         )
         return inner, outer
 
-    def matrix(self, bench: Bench) -> Floats:
-        """Return M as a calibration at the bench's frequency should find it, amplifiers included, shape (2, 2)."""
-        nominal, frequency = bench.amplifier.built(), self.frequency * bench.load.frequency
-        responses = [one.response(frequency) for one in self.amplifiers(nominal)]
-        return np.asarray(np.abs(responses)[:, None] / abs(nominal.response(frequency)) * np.array(self.gains))
-
 
 def signals(built: Built, bench: Bench, scene: Scene, forces: Floats, seed: int | list[int]) -> Callable[[Floats], Floats]:
     """Return the function from times (s, shape (n,)) to volts of inner, outer and force channel, shape (n, 3).

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from geometry.common.arrays import Floats, Ints
 from geometry.tetra.tet_mesh import BEYOND, FACE_MIDDLES, FACES, GROOVE, INCLUSION, INNER, OUTER, TISSUE
@@ -38,10 +37,6 @@ class Faces:
     body: Ints
     lines: Ints
     values: Mapping[str, Floats] = field(default_factory=dict)
-
-    def of(self, *bodies: int) -> NDArray[np.bool_]:
-        """Which triangles belong to some bodies, shape (f,)."""
-        return np.isin(self.body, bodies)
 
 
 def name(body: int) -> str:

@@ -87,10 +87,6 @@ class Job:
         else:
             levels.evaluator(self.evaluator)
 
-    def rows(self, designs: Sequence[tuple[Value, ...]]) -> list[Row]:
-        """Answer designs; see ``pieces``."""
-        return [row for rows in self.pieces(designs) for row in rows]
-
     def pieces(self, designs: Sequence[tuple[Value, ...]]) -> Iterator[list[Row]]:
         """Answer designs, ``piece`` at a time, with one thread for linear algebra, so that the bits are the same everywhere.
 

@@ -61,10 +61,6 @@ class Tradeoff:
         """Return the rows of one scene."""
         return tuple(row for row in self.rows if row.scene == scene)
 
-    def reference(self, scene: str) -> Row | None:
-        """Return the answer that the others of a scene are compared with, if any level that converges has answered."""
-        return next((row for row in self.of(scene) if row.reference), None)
-
     @property
     def settings(self) -> tuple[Setting, ...]:
         """The settings that were asked, those of one level together, coarse ones first."""

@@ -83,8 +83,8 @@ def test_large_changes_need_the_refined_fit() -> None:
     read = np.diag([(block.ratio_uncertainty / block.ratio) ** 2 for block in found.blocks])
     model = np.array([share.variance(block) for share, block in zip(known.blocks, BENCH.blocks, strict=True)])
     deviation = Deviation(logs, known.log_ratios, read, model, {})
-    linear = _of("probe.outer.youngs_modulus", explanations(deviation, known, 0.01)[0])
-    again = _of("probe.outer.youngs_modulus", refined(scene(), BLOCKS, deviation, (linear,), 0.01))
+    linear = _of("probe.outer.youngs_modulus", explanations(deviation, known)[0])
+    again = _of("probe.outer.youngs_modulus", refined(scene(), BLOCKS, deviation, (linear,)))
     assert abs(linear.change - 12e3) > 3 * linear.uncertainty
     assert abs(again.change - 12e3) < 3 * again.uncertainty
 
