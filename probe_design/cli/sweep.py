@@ -29,9 +29,9 @@ def sweep(
     """
     from probe_design.sweeps.file import read_sweep
     from probe_design.sweeps.file import time_limit as checked_time
-    from probe_design.sweeps.progress import shown
     from probe_design.sweeps.run import sweep as run
     from probe_design.terminal.console import message
+    from probe_design.terminal.sweep_bar import shown
 
     asked = read_sweep(sweep)
     if time_limit is not None:

@@ -6,21 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from geometry.common.errors import InputError
-from geometry.common.files import written_whole
+from probe_design.pictures.formats import check_format, save
 from solver.results.result import Curve
-
-FORMATS = (".png", ".svg", ".pdf")
-
-
-def check_format(path: Path) -> None:
-    """Refuse a picture whose format is not known.
-
-    Raises:
-        InputError: the file's name ends in none of ``FORMATS``.
-    """
-    if path.suffix.lower() not in FORMATS:
-        raise InputError("plot", path.name, f"a file name that ends in {', '.join(FORMATS)}")
 
 
 def plot(curve: Curve, path: Path, scene_modulus: float | None = None, tissue_modulus: float | None = None) -> Path:
@@ -56,9 +43,7 @@ def plot(curve: Curve, path: Path, scene_modulus: float | None = None, tissue_mo
                 axes.axvline(value, color="0.4", linestyle=style, linewidth=1.0, label=name)
     top.legend(loc="best", fontsize=9)
     top.set_title(f"{curve.evaluator}: {len(modulus)} moduli in {curve.seconds:.2g} s", fontsize=10)
-    with written_whole(path) as draft:
-        figure.savefig(draft, format=path.suffix[1:].lower())
-    return path
+    return save(figure, path)
 
 
 def _numbers(values: tuple[float | None, ...]) -> np.ndarray:

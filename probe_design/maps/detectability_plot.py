@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.files import written_whole
 from geometry.scenes.scene import Scene
-from probe_design.maps.curve_plot import check_format
 from probe_design.maps.detectability import Detectability
 from probe_design.maps.target_grid import target_of
+from probe_design.pictures.formats import check_format, save
 
 MM = 1e3
 DECADES = 100.0  # between the threshold and either end of a colour scale
@@ -58,9 +57,7 @@ def plot(found: Detectability, scene: Scene, path: Path) -> Path:
         fontsize=11,
     )
     _legend(figure)
-    with written_whole(path) as draft:
-        figure.savefig(draft, format=path.suffix[1:].lower())
-    return path
+    return save(figure, path)
 
 
 def _offset(scene: Scene) -> float:

@@ -12,8 +12,8 @@ from dataclasses import asdict
 from time import monotonic
 
 from probe_design.sweeps.keys import Value
+from probe_design.sweeps.local_workers import WorkerProcess
 from probe_design.sweeps.rows import Job
-from probe_design.sweeps.worker_process import WorkerProcess
 from probe_design.sweeps.workers import Outcome
 
 IDLE = 60.0  # seconds after which a process without work is ended

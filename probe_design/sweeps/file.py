@@ -34,7 +34,7 @@ class Sweep:
         variables: what is varied.
         sample: how the designs are drawn.
         evaluator, accuracy: as in ``solver.evaluate``.
-        constraints: conditions that designs must meet; see ``sweep_constraints``.
+        constraints: conditions that designs must meet; see ``probe_design.sweeps.constraints``.
         time_limit: seconds that a design may take; None for as long as it does.
     """
 

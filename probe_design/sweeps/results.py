@@ -47,7 +47,7 @@ def about(folder: Path | str) -> dict[str, Any]:
 
 
 def rows(folder: Path | str) -> Iterator[dict[str, Any]]:
-    """Yield the row of every answered design by number: number, key, the variables, then ``sweep_rows.COLUMNS``; SI units.
+    """Yield the row of every answered design by number: number, key, the variables, then ``rows.COLUMNS``; SI units.
 
     Raises:
         InputError: the folder holds no sweep.

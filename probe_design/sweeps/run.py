@@ -58,13 +58,13 @@ class Swept:
         return asdict(self) | {"folder": str(self.folder)}
 
     def dataframe(self) -> pd.DataFrame:
-        """Return all rows; see ``sweep_results.dataframe``."""
+        """Return all rows; see ``probe_design.sweeps.results.dataframe``."""
         from probe_design.sweeps.results import dataframe
 
         return dataframe(self.folder)
 
     def dataset(self) -> xr.Dataset:
-        """Return all rows with labels and units; see ``sweep_results.dataset``."""
+        """Return all rows with labels and units; see ``probe_design.sweeps.results.dataset``."""
         from probe_design.sweeps.results import dataset
 
         return dataset(self.folder)

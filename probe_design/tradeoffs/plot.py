@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from geometry.common.files import written_whole
+from probe_design.pictures.formats import save
 from probe_design.tradeoffs.rows import Row, distinct, pareto
 from probe_design.tradeoffs.study import Tradeoff
 
@@ -46,9 +46,7 @@ def plot(found: Tradeoff, path: Path) -> Path:
     left = "" if len(names) == len(found.scenes) else f" (the first {len(names)} of {len(found.scenes)} scenes)"
     figure.suptitle(f"Speed against accuracy{left}", fontsize=13)
     _legend(figure, found)
-    with written_whole(path) as draft:
-        figure.savefig(draft, format="png")
-    return path
+    return save(figure, path)
 
 
 def _bottom(grid: Any, count: int, column: int) -> Any:
