@@ -23,7 +23,7 @@ from probe_design.built_probe.bench import Bench, builtin_bench, read_bench
 from probe_design.built_probe.block_predictions import by_outer_radius
 from probe_design.built_probe.calibration_record import CalibrationRecord, Raw, read_record
 from probe_design.built_probe.virtual_probe import RATE, SCALE, VirtualBench
-from probe_design.cli.arguments import number, quantity
+from probe_design.cli.arguments import number
 from probe_design.data.builtin import builtin_scene
 
 SECONDS = 10.0  # of a live reading
@@ -163,4 +163,4 @@ def _change(scene: Scene, text: str) -> tuple[str, float]:
         raise InputError("built", text, f"KEY=VALUE with a key of {', '.join(known)}")
     if key.strip().endswith("poisson_ratio"):
         return key.strip(), number("built", value, "a number from 0 to below 0.5")
-    return key.strip(), quantity(MODULUS if key.strip().endswith("modulus") else LENGTH, "built", value.strip())
+    return key.strip(), (MODULUS if key.strip().endswith("modulus") else LENGTH).read("built", value.strip())

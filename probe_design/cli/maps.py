@@ -8,7 +8,8 @@ from typing import Any, TypeVar
 
 import click
 
-from probe_design.cli.arguments import length, number, position, print_json
+from probe_design.cli.arguments import length, number, position
+from probe_design.cli.output import check_picture, present
 
 F = TypeVar("F", bound=Callable[..., Any])
 SCENE = click.argument("scene", type=click.Path(path_type=Path))
@@ -47,27 +48,23 @@ def scan(
     import numpy as np
 
     from geometry.common.errors import InputError
+    from geometry.scenes.scene_file import read_scene
     from probe_design.maps.scan import scan as run
     from probe_design.maps.scan_plot import plot
-    from probe_design.terminal.console import counting, message, scan_table, show
+    from probe_design.terminal.console import counting, scan_table
 
-    found = _read(scene, picture)
+    read = read_scene(scene)
+    check_picture(picture)
     first, last = position("from", low), position("to", high)
     if not first < last:
         raise InputError("to", high, f"a position above from = {low!r}")
     line = None if at is None else position("at", at)
     with counting(f"scan of {scene}") as progress:
-        told = run(found, along, np.linspace(first, last, points), line, number("accuracy", accuracy), progress)
+        positions = np.linspace(first, last, points)
+        answer = run(read, along, positions, line, accuracy=number("accuracy", accuracy), progress=progress)
     if picture is not None:
-        plot(told, found, picture)
-    if as_json:
-        print_json(told.as_dict())
-        return
-    show(scan_table(told))
-    for warning in told.warnings:
-        message(f"warning: {warning}")
-    if picture is not None:
-        message(f"wrote {picture}")
+        plot(answer, read, picture)
+    present(answer, scan_table, as_json, picture)
 
 
 @click.command()
@@ -105,41 +102,23 @@ def detectability(
     probe-design detectability scene.toml --noise 0.01 --plot map.png
     probe-design detectability scene.toml --noise 0.002 --depth-to "30 mm" --diameter-to "12 mm" --json
     """  # noqa: D301
+    from geometry.scenes.scene_file import read_scene
     from probe_design.maps.detectability import Thresholds
     from probe_design.maps.detectability import detectability as run
     from probe_design.maps.detectability_plot import plot
     from probe_design.maps.target_grid import chosen_sizes
-    from probe_design.terminal.console import counting, message, show, threshold_table
+    from probe_design.terminal.console import counting, threshold_table
 
-    found = _read(scene, picture)
+    read = read_scene(scene)
+    check_picture(picture)
     ends = {"depth_from": depth_from, "depth_to": depth_to, "diameter_from": diameter_from, "diameter_to": diameter_to}
     sizes = {key: None if text is None else length(key.replace("_", "-"), text) for key, text in ends.items()}
     positive = "a number above 0"
     limits = Thresholds(number("noise", noise, positive), number("seen", seen, positive), number("resolved", resolved, positive))
-    depths, diameters = chosen_sizes(found, points, **sizes)
-    wanted = None if accuracy is None else number("accuracy", accuracy)
+    depths, diameters = chosen_sizes(read, points, **sizes)
+    asked = None if accuracy is None else number("accuracy", accuracy)
     with counting(f"detectability of {scene}") as progress:
-        answer = run(found, depths, diameters, limits, wanted, progress)
+        answer = run(read, depths, diameters, limits, accuracy=asked, progress=progress)
     if picture is not None:
-        plot(answer, found, picture)
-    if as_json:
-        print_json(answer.as_dict())
-        return
-    show(threshold_table(answer))
-    for warning in answer.warnings:
-        message(f"warning: {warning}")
-    if picture is not None:
-        message(f"wrote {picture}")
-
-
-def _read(scene: Path, picture: Path | None) -> Any:
-    """Read a scene; what would fail after the work fails before it."""
-    from geometry.common.files import check_writable
-    from geometry.scenes.scene_file import read_scene
-    from probe_design.maps.curve_plot import check_format
-
-    found = read_scene(scene)
-    if picture is not None:
-        check_format(picture)
-        check_writable(picture.parent)
-    return found
+        plot(answer, read, picture)
+    present(answer, threshold_table, as_json, picture)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from probe_design.cli.arguments import print_json
+from probe_design.cli.output import print_json
 
 
 @click.command()

@@ -107,8 +107,8 @@ class Detectability:
 
 
 def detectability(
-    scene: Scene, depths: Floats, diameters: Floats, limits: Thresholds | None = None, accuracy: float | None = None,
-    progress: Progress | None = None,
+    scene: Scene, depths: Floats, diameters: Floats, limits: Thresholds | None = None, *,
+    accuracy: float | None = None, progress: Progress | None = None,
 ) -> Detectability:  # fmt: skip
     """Exchange the scene's target for spheres of other sizes at other depths.
 

@@ -58,8 +58,9 @@ class Scan:
 
 
 def scan(
-    scene: Scene, along: str, positions: Floats, at: float | None = None, accuracy: float = 0.01, progress: Progress | None = None
-) -> Scan:
+    scene: Scene, along: str, positions: Floats, at: float | None = None, *, accuracy: float = 0.01,
+    progress: Progress | None = None,
+) -> Scan:  # fmt: skip
     """Move the scene's probe along a line over its tissue; tumours stay where they are.
 
     Args:

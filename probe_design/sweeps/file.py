@@ -163,18 +163,7 @@ def time_limit(given: object, units_required: bool = False) -> float | None:
     Raises:
         InputError: it is none.
     """
-    if given is None:
-        return None
-    try:
-        if isinstance(given, str):
-            return _TIME.parse(given)
-        if isinstance(given, bool) or not isinstance(given, int | float):
-            raise ValueError("not a time")
-        if units_required:
-            raise ValueError("the unit is missing")
-        return _TIME.checked(float(given))
-    except (ValueError, OverflowError) as fault:
-        raise InputError("time_limit", given, f"{_TIME.allowed} ({fault})") from None
+    return None if given is None else _TIME.read("time_limit", given, units_required)
 
 
 def _sample(given: object) -> DesignSampling:

@@ -51,24 +51,22 @@ class Key:
         """The unit in which people read its values; empty where they have none."""
         return self.quantity.unit if self.quantity else ""
 
-    def value(self, given: object, where: str) -> Value:
+    def value(self, given: object, where: str, units_required: bool) -> Value:
         """Return a value as a scene in SI units has it.
 
         Raises:
-            InputError: it is neither finite number, text, true nor false, or a text whose unit does not fit.
+            InputError: it is neither finite number, text, true nor false, a text whose unit does not fit, or a number without
+                the unit that is required.
         """
         if isinstance(given, bool) or (isinstance(given, str) and self.quantity is None):
             return given
-        if isinstance(given, int | float):
+        if isinstance(given, int | float) and not (units_required and self.quantity):
             if not abs(given) < math.inf or abs(given) > sys.float_info.max:
                 raise InputError(where, given, "finite numbers")
             return float(given)
-        if not isinstance(given, str) or self.quantity is None:
-            raise InputError(where, given, self.quantity.allowed if self.quantity else "a number, a text, true or false")
-        try:
-            return self.quantity.parse(given)
-        except ValueError as fault:
-            raise InputError(where, given, f"{self.quantity.allowed} ({fault})") from None
+        if self.quantity is None:
+            raise InputError(where, given, "a number, a text, true or false")
+        return self.quantity.read(where, given)
 
 
 def key(name: str, base: Mapping[str, Any]) -> Key:

@@ -82,11 +82,7 @@ def _bound(where: Key, given: Mapping[str, Any], end: str, units_required: bool)
 
 
 def _one(where: Key, value: object, name: str, units_required: bool) -> Value:
-    if isinstance(value, np.generic):
-        value = value.item()
-    if units_required and where.quantity and isinstance(value, int | float) and not isinstance(value, bool):
-        raise InputError(name, value, f"{where.quantity.allowed} (the unit is missing)")
-    return where.value(value, name)
+    return where.value(value.item() if isinstance(value, np.generic) else value, name, units_required)
 
 
 def whole(name: str, value: object, low: int, high: int) -> int:

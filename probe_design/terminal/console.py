@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +29,12 @@ CURVE_ROWS, SCAN_ROWS, MAP_ROWS = 25, 41, 20  # of a table, at most
 def message(text: str) -> None:
     """Write one line to standard error."""
     print(f"probe-design: {text}", file=sys.stderr, flush=True)
+
+
+def warn(warnings: Iterable[str]) -> None:
+    """Write each warning as a line to standard error."""
+    for warning in warnings:
+        message(f"warning: {warning}")
 
 
 def result_table(result: Result) -> Table:
