@@ -36,16 +36,16 @@ def evaluate(scene: Path, evaluator: str, accuracy: str, vtu: Path | None, pictu
     from geometry.scenes.scene_file import read_scene
     from probe_design.terminal.console import result_table, saying
 
-    asked = number("accuracy", accuracy)
+    relative = number("accuracy", accuracy)
     with saying(f"evaluating {scene}") as tell:
         if vtu is not None or picture is not None:
             from probe_design.solid_output.evaluate_with_files import evaluated
 
-            result = evaluated(read_scene(scene), evaluator, asked, vtu, picture, tell)
+            result = evaluated(read_scene(scene), evaluator, relative, vtu=vtu, picture=picture, tell=tell)
         else:
             from solver import evaluate as run
 
-            result = run(read_scene(scene), evaluator, asked, tell)
+            result = run(read_scene(scene), evaluator, relative, tell)
     present(result, result_table, as_json)
 
 

@@ -157,7 +157,7 @@ def check(
     record = setting.calibration
     with working("checking"):
         gains, variables = (None, ()) if record is None else (record.gains(), record.variables)
-        result = run(setting.scene, setting.bench, samples, gains, variables)
+        result = run(setting.scene, setting.bench, samples, gains, variables=variables)
     if output is not None:
         write_text(output, json.dumps(result.as_dict(), allow_nan=False, indent=1) + "\n")
     if as_json:

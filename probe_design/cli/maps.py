@@ -116,9 +116,9 @@ def detectability(
     positive = "a number above 0"
     limits = Thresholds(number("noise", noise, positive), number("seen", seen, positive), number("resolved", resolved, positive))
     depths, diameters = chosen_sizes(read, points, **sizes)
-    asked = None if accuracy is None else number("accuracy", accuracy)
+    relative = None if accuracy is None else number("accuracy", accuracy)
     with counting(f"detectability of {scene}") as progress:
-        answer = run(read, depths, diameters, limits, accuracy=asked, progress=progress)
+        answer = run(read, depths, diameters, limits, accuracy=relative, progress=progress)
     if picture is not None:
         plot(answer, read, picture)
     present(answer, threshold_table, as_json, picture)

@@ -40,18 +40,18 @@ def tradeoff(scenes: tuple[Path, ...], output: Path, solid: bool, as_json: bool)
     named = _named(scenes)
     check_writable(output)  # what would fail after the work fails before it
     with stages() as progress:
-        found = run(named, solid, progress)
-    files = write_all(found, output)
+        study = run(named, solid, progress)
+    files = write_all(study, output)
     if as_json:
-        print_json(found.as_dict() | {"files": [str(file) for file in files]})
+        print_json(study.as_dict() | {"files": [str(file) for file in files]})
     else:
-        show(summary_table(found))
-        show(choice_table(found))
+        show(summary_table(study))
+        show(choice_table(study))
         message(f"wrote {', '.join(file.name for file in files)} to {output}")
-    for row in found.uncertain:
+    for row in study.uncertain:
         remedy = "" if solid else "; --solid asks the three-dimensional level"
         message(f"{row.scene}: even the finest answer states an error of {row.stated_error:.2g}{remedy}")
-    warn(_broken(row) for row in found.broken)
+    warn(_broken(row) for row in study.broken)
 
 
 def _broken(row: Row) -> str:

@@ -90,8 +90,8 @@ class Track:
 
 def _runs(good: Bools) -> list[Ints]:
     """Indices of neighbours that are good, run by run."""
-    found = np.flatnonzero(good)
-    return [run for run in np.split(found, np.flatnonzero(np.diff(found) > 1) + 1) if len(run)]
+    indices = np.flatnonzero(good)
+    return [run for run in np.split(indices, np.flatnonzero(np.diff(indices) > 1) + 1) if len(run)]
 
 
 def _nodes(model: TargetModel, unknown: str, low: float, high: float) -> Floats:

@@ -92,19 +92,19 @@ class Measurements:
         places = list(dict.fromkeys(one.place for one in readings))
         rows = [(one, False, one.ratio, one.noise) for one in readings]
         rows += [(one, True, one.stiffness, one.stiffness_noise or one.noise) for one in readings if one.stiffness is not None]
-        found = np.array([row[2] for row in rows], dtype=float)
+        measured = np.array([row[2] for row in rows], dtype=float)
         return cls(
-            np.array(places, dtype=float),
-            np.array([places.index(row[0].place) for row in rows]),
-            np.array([row[1] for row in rows]),
-            np.log(np.abs(found)),
-            np.sign(found),
-            np.array([row[3] for row in rows], dtype=float),
+            places=np.array(places, dtype=float),
+            place=np.array([places.index(row[0].place) for row in rows]),
+            is_stiffness=np.array([row[1] for row in rows]),
+            value=np.log(np.abs(measured)),
+            sign=np.sign(measured),
+            noise=np.array([row[3] for row in rows], dtype=float),
         )
 
-    def some(self, kept: Bools) -> Measurements:
+    def some(self, which: Bools) -> Measurements:
         """Return part of what was measured."""
-        return replace(self, **{key: getattr(self, key)[kept] for key in ("place", "is_stiffness", "value", "sign", "noise")})
+        return replace(self, **{key: getattr(self, key)[which] for key in ("place", "is_stiffness", "value", "sign", "noise")})
 
 
 def one_reading(scene: Scene, ratio: Any, noise: Any, stiffness: Any = None, stiffness_noise: Any = None) -> tuple[Reading, ...]:
@@ -164,16 +164,23 @@ def _reading(where: str, row: Mapping[str, Any], scene: Scene, noise: Any, stiff
     for key in row:
         if key not in KEYS:
             raise InputError(f"{where}{key}", row[key], f"one of {', '.join(KEYS)}")
-    given = {"noise": noise, "stiffness_noise": stiffness_noise} | {key: value for key, value in row.items() if value is not None}
-    ratio = number(f"{where}ratio", given.get("ratio"), RATIO)
+    defaults = {"noise": noise, "stiffness_noise": stiffness_noise}
+    entries = defaults | {key: value for key, value in row.items() if value is not None}
+    ratio = number(f"{where}ratio", entries.get("ratio"), RATIO)
     if ratio == 0 or not math.isfinite(ratio):
-        raise InputError(f"{where}ratio", given["ratio"], RATIO)
-    own = _noise(f"{where}noise", given.get("noise"))
-    other = given.get("stiffness_noise")
-    x, y = (POSITION.read(f"{where}{key}", given[key]) if key in given else getattr(scene.placement, key) for key in "xy")
+        raise InputError(f"{where}ratio", entries["ratio"], RATIO)
+    own = _noise(f"{where}noise", entries.get("noise"))
+    other = entries.get("stiffness_noise")
+    x, y = (POSITION.read(f"{where}{key}", entries[key]) if key in entries else getattr(scene.placement, key) for key in "xy")
     _check_place(where, scene, x, y)
-    stiffness = _stiffness(f"{where}stiffness", given["stiffness"]) if "stiffness" in given else None
-    return Reading(x, y, ratio, own, stiffness, own if other is None else _noise(f"{where}stiffness_noise", other))
+    return Reading(
+        x=x,
+        y=y,
+        ratio=ratio,
+        noise=own,
+        stiffness=_stiffness(f"{where}stiffness", entries["stiffness"]) if "stiffness" in entries else None,
+        stiffness_noise=own if other is None else _noise(f"{where}stiffness_noise", other),
+    )
 
 
 def _check_place(where: str, scene: Scene, x: float, y: float) -> None:

@@ -126,19 +126,19 @@ def detectability(
     """
     start = perf_counter()
     limits = limits or Thresholds()
-    wanted = float(np.clip(limits.noise, FINEST, COARSEST)) if accuracy is None else accuracy
-    check_accuracy(wanted)
+    accuracy = float(np.clip(limits.noise, FINEST, COARSEST)) if accuracy is None else accuracy
+    check_accuracy(accuracy)
     target_of(scene)
     check_spheres(scene, "detectability")
-    base = EquivalentInclusion().prepared(scene, wanted)
+    base = EquivalentInclusion().prepared(scene, accuracy)
     spheres = Spheres(scene, depths, diameters, base.field.states.model.section.tissue_radius)
     tumours, index, alone = spheres.tumours, scene.target or 0, readings(base, spheres.without)
-    found = _effects(base, readings(base, tumours, index, reflect=False), alone)
-    unsure = np.flatnonzero(found.open(limits))
+    effects = _effects(base, readings(base, tumours, index, reflect=False), alone)
+    unsure = np.flatnonzero(effects.open(limits))
     if len(unsure):
         again = readings(base, tumours.of_index(unsure), index, progress=progress, reflect=True)
-        found = found.replaced(unsure, _effects(base, again, alone))
-    maps = _maps(spheres.fits, found, limits)
+        effects = effects.replaced(unsure, _effects(base, again, alone))
+    maps = _maps(spheres.fits, effects, limits)
     return Detectability(
         depth=tuple(depths.tolist()),
         diameter=tuple(diameters.tolist()),
@@ -149,8 +149,8 @@ def detectability(
         ratio_without=float(alone.ratio[0]) if alone.resolved[0] else None,
         evaluator=EquivalentInclusion().name,
         seconds=perf_counter() - start,
-        plan=(*base.plan, _reflections(base, len(unsure), len(found.change))),
-        warnings=(*base.notes, *_warnings(found, limits)),
+        plan=(*base.plan, _reflections(base, len(unsure), len(effects.change))),
+        warnings=(*base.notes, *_warnings(effects, limits)),
     )
 
 
@@ -159,12 +159,12 @@ class _Effects:
     """What n spheres change, shape (n,) each.
 
     Attributes:
-        known: whether there is a ratio.
+        has_ratio: whether there is a ratio.
         change, error: eq. (M1) and a bound on its error; inf where there is no ratio.
         sensitivity, sensitivity_error: S and a bound on its error.
     """
 
-    known: Bools
+    has_ratio: Bools
     change: Floats
     error: Floats
     sensitivity: Floats
@@ -199,26 +199,26 @@ def _verdict(value: Floats, error: Floats, threshold: float) -> Floats:
     return np.where(value - error >= threshold, 1.0, np.where(value + error < threshold, 0.0, np.nan))
 
 
-def _effects(base: Undisturbed, found: Readings, alone: Readings) -> _Effects:
-    known = np.asarray(found.resolved & alone.resolved)
-    change = np.where(known, found.ratio / np.where(alone.resolved, alone.ratio, 1.0) - 1, 0.0)
-    error = np.where(known, np.abs(1 + change) * np.expm1(np.minimum(_log_error(base, found, alone), 700.0)), np.inf)
-    return _Effects(known, change, error, found.log_sensitivity, np.where(known, found.sensitivity_error, np.inf))
+def _effects(base: Undisturbed, together: Readings, alone: Readings) -> _Effects:
+    has_ratio = np.asarray(together.resolved & alone.resolved)
+    change = np.where(has_ratio, together.ratio / np.where(alone.resolved, alone.ratio, 1.0) - 1, 0.0)
+    error = np.where(has_ratio, np.abs(1 + change) * np.expm1(np.minimum(_log_error(base, together, alone), 700.0)), np.inf)
+    return _Effects(has_ratio, change, error, together.log_sensitivity, np.where(has_ratio, together.sensitivity_error, np.inf))
 
 
-def _log_error(base: Undisturbed, found: Readings, alone: Readings) -> Floats:
+def _log_error(base: Undisturbed, together: Readings, alone: Readings) -> Floats:
     """Bound on the error of ln(R / R_0), shape (n,).
 
     The tumours' own errors, and what those of the base states do to dF / F_0: for the rest they cancel in R / R_0.
     """
     films = base.films
-    own = sum(np.abs((one.bound - films.bound.totals) / one.totals) for one in (found, alone))
-    effect = np.abs((found.totals - alone.totals) / found.totals)
+    own = sum(np.abs((one.bound - films.bound.totals) / one.totals) for one in (together, alone))
+    effect = np.abs((together.totals - alone.totals) / together.totals)
     share = np.minimum(own + CHANGES * films.relative_errors * effect, 0.999999)
     return np.asarray(-np.log1p(-share).sum(axis=1))
 
 
-def _maps(fits: Bools, found: _Effects, limits: Thresholds) -> dict[str, Any]:
+def _maps(fits: Bools, effects: _Effects, limits: Thresholds) -> dict[str, Any]:
     """Return the rows of each map, with None where there is nothing to say."""
 
     def rows(values: Floats, good: Bools) -> Map:
@@ -227,17 +227,17 @@ def _maps(fits: Bools, found: _Effects, limits: Thresholds) -> dict[str, Any]:
         return tuple(tuple(None if np.isnan(value) else float(value) for value in row) for row in table)
 
     def verdicts(values: Floats) -> Verdicts:
-        return tuple(tuple(None if value is None else value > 0 for value in row) for row in rows(values, found.known))
+        return tuple(tuple(None if value is None else value > 0 for value in row) for row in rows(values, effects.has_ratio))
 
-    strong = found.known & (found.sensitivity != 0)
-    deviation = limits.noise / np.where(strong, np.abs(found.sensitivity), 1.0)
+    strong = effects.has_ratio & (effects.sensitivity != 0)
+    deviation = limits.noise / np.where(strong, np.abs(effects.sensitivity), 1.0)
     return {
-        "change": rows(found.change, found.known),
+        "change": rows(effects.change, effects.has_ratio),
         "standard_deviation": rows(deviation, strong),
-        "error": rows(found.error, found.known),
-        "seen": verdicts(found.seen(limits)),
-        "resolved": verdicts(found.resolved(limits)),
-        "above_error": verdicts(found.above_error.astype(float)),
+        "error": rows(effects.error, effects.has_ratio),
+        "seen": verdicts(effects.seen(limits)),
+        "resolved": verdicts(effects.resolved(limits)),
+        "above_error": verdicts(effects.above_error.astype(float)),
     }
 
 
@@ -247,17 +247,17 @@ def _reflections(base: Undisturbed, count: int, n: int) -> Decision:
     return Decision(feature, count > 0, 0.0, base.accuracy, reason)
 
 
-def _warnings(found: _Effects, limits: Thresholds) -> Iterator[str]:
-    n = len(found.change)
+def _warnings(effects: _Effects, limits: Thresholds) -> Iterator[str]:
+    n = len(effects.change)
     if not n:
         yield "no sphere of these diameters fits at these depths"
-    unknown = int((~found.known).sum())
+    unknown = int((~effects.has_ratio).sum())
     if unknown:
         yield f"all maps are null at {unknown} of {n} spheres that fit: a stress is below its own error"
-    hidden = int((found.known & ~found.above_error).sum())
+    hidden = int((effects.has_ratio & ~effects.above_error).sum())
     if hidden:
         yield f"above_error is false at {hidden} of {n} spheres that fit: the error bound is above the change of the ratio itself"
-    for name, verdict in (("seen", found.seen(limits)), ("resolved", found.resolved(limits))):
-        count = int((found.known & np.isnan(verdict)).sum())
+    for name, verdict in (("seen", effects.seen(limits)), ("resolved", effects.resolved(limits))):
+        count = int((effects.has_ratio & np.isnan(verdict)).sum())
         if count:
             yield f"{name} is null at {count} of {n} spheres that fit: the error bound leaves the verdict open"

@@ -115,9 +115,9 @@ def _ratio(axes: Any, scan: Scan) -> None:
 def _second(axes: Any, scan: Scan) -> None:
     """Log-sensitivity where there is a target, else the stiffness."""
     x = np.array(scan.position) * MM
-    told = _numbers(scan.log_sensitivity)
-    if np.any(np.isfinite(told)):
-        axes.plot(x, told, color="tab:orange", marker="." if len(x) < 60 else None)
+    sensitivity = _numbers(scan.log_sensitivity)
+    if np.any(np.isfinite(sensitivity)):
+        axes.plot(x, sensitivity, color="tab:orange", marker="." if len(x) < 60 else None)
         axes.axhline(0.0, color="0.7", linewidth=0.8)
         axes.set_ylabel("log-sensitivity of the target\nd ln ratio / d ln E")
         return

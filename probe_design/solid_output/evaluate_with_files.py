@@ -15,7 +15,7 @@ from solver.solid.level import SolidLevel, indentation
 
 
 def evaluated(
-    scene: Scene, evaluator: str, accuracy: float, vtu: Path | None, picture: Path | None, tell: Callable[[str], None]
+    scene: Scene, evaluator: str, accuracy: float, *, vtu: Path | None, picture: Path | None, tell: Callable[[str], None]
 ) -> Result:
     """Evaluate by ``solid`` and write its finest mesh with displacements and stresses at the scene's load.
 
@@ -41,13 +41,13 @@ def evaluated(
         if path.suffix.lower() != suffix:
             raise InputError(key, str(path), f"a file name that ends in {suffix}")
         check_writable(path.parent)  # what would fail after the work fails before it
-    result, found, _ = SolidLevel(tell).answered(scene, accuracy)
-    lowered = indentation(scene, found, 0)
+    result, answer, _ = SolidLevel(tell).answered(scene, accuracy)
+    lowered = indentation(scene, answer, 0)
     motion = np.array([lowered, lowered, scene.placement.tilt])
     if vtu is not None:
         tell(f"writing {vtu}")
-        write_vtu(vtu, found.found.states, motion)
+        write_vtu(vtu, answer.found.states, motion)
     if picture is not None:
         tell(f"drawing {picture}")
-        draw_solid(picture, found.found.states, motion)
+        draw_solid(picture, answer.found.states, motion)
     return result

@@ -64,14 +64,14 @@ class LocalCrew:
 
     def take(self, seconds: float) -> list[FinishedBatch]:
         """Wait for answers, at most that long."""
-        found: list[FinishedBatch] = []
+        finished: list[FinishedBatch] = []
         try:
             while True:
-                worker, answer = self._answers.get(timeout=0 if found else seconds)
+                worker, answer = self._answers.get(timeout=0 if finished else seconds)
                 self._idle.append(worker)
-                found.append(answer)
+                finished.append(answer)
         except queue.Empty:
-            return found
+            return finished
 
     def close(self) -> None:
         """Stop all processes."""
@@ -85,12 +85,12 @@ class LocalCrew:
 
     def _answer(self, worker: WorkerProcess, batch: Batch) -> FinishedBatch:
         try:
-            found = worker.answer([task.values for task in batch])
+            outcome = worker.answer([task.values for task in batch])
         except Exception as fault:  # a thread that ends without an answer is waited for in vain
-            found = Outcome(refused=f"{type(fault).__name__}: {fault}")
-        if found.refused:
-            found = replace(found, refused=f"{found.refused}; {self._path} may tell why")
-        return FinishedBatch(batch, found)
+            outcome = Outcome(refused=f"{type(fault).__name__}: {fault}")
+        if outcome.refused:
+            outcome = replace(outcome, refused=f"{outcome.refused}; {self._path} may tell why")
+        return FinishedBatch(batch, outcome)
 
 
 class WorkerProcess:
@@ -119,11 +119,11 @@ class WorkerProcess:
         try:
             self._send(json.dumps(designs))
             while len(rows) < len(designs):
-                found = json.loads(self._line(min(self._piece, len(designs) - len(rows))))
-                if "refused" in found:
-                    return Outcome(refused=found["refused"])
-                rows += found["rows"]
-                if found["enough"] or self._process is None:
+                reply = json.loads(self._line(min(self._piece, len(designs) - len(rows))))
+                if "refused" in reply:
+                    return Outcome(refused=reply["refused"])
+                rows += reply["rows"]
+                if reply["enough"] or self._process is None:
                     break
         except (OSError, ValueError):  # a broken pipe, half a line
             late, self._late = self._late, False

@@ -87,18 +87,18 @@ def scan_table(scan: Scan) -> Table:
     return table
 
 
-def threshold_table(found: Detectability) -> Table:
+def threshold_table(maps: Detectability) -> Table:
     """Return for some depths the least diameters that are seen, and whose stiffness is resolved; a dash where there is none."""
-    noise = f"noise {found.noise:g} on the ratio"
-    title = f"{found.evaluator}, {len(found.depth)} depths x {len(found.diameter)} diameters in {found.seconds:.2g} s, {noise}"
+    noise = f"noise {maps.noise:g} on the ratio"
+    title = f"{maps.evaluator}, {len(maps.depth)} depths x {len(maps.diameter)} diameters in {maps.seconds:.2g} s, {noise}"
     table = Table(title=title)
     for heading in ("depth, mm", "largest that fits, mm", "seen from, mm", "resolved from, mm"):
         table.add_column(heading, justify="right")
-    for depth, *columns in list(zip(found.depth, found.change, found.seen, found.resolved, strict=True))[
-        :: -(-len(found.depth) // MAP_ROWS)
+    for depth, *columns in list(zip(maps.depth, maps.change, maps.seen, maps.resolved, strict=True))[
+        :: -(-len(maps.depth) // MAP_ROWS)
     ]:
-        fits = [diameter for diameter, change in zip(found.diameter, columns[0], strict=True) if change is not None]
-        least = (next((d for d, yes in zip(found.diameter, row, strict=True) if yes), None) for row in columns[1:])
+        fits = [diameter for diameter, change in zip(maps.diameter, columns[0], strict=True) if change is not None]
+        least = (next((d for d, yes in zip(maps.diameter, row, strict=True) if yes), None) for row in columns[1:])
         row = (depth, fits[-1] if fits else None, *least)
         table.add_row(*("-" if value is None else f"{1e3 * value:.4g}" for value in row))
     return table

@@ -14,7 +14,7 @@ from geometry import Scene
 from geometry.common.errors import InputError
 from geometry.scenes.scene_file import scene_from_dict, scene_to_toml
 from probe_design.estimation.depth_and_strength import Plane
-from probe_design.estimation.estimate import Estimate, estimate, findings
+from probe_design.estimation.estimate import Estimate, estimate, searched
 from probe_design.estimation.intervals import QUANTILE, Likelihood, threshold
 from probe_design.estimation.model import TargetModel
 from probe_design.estimation.profile import Track, coordinate
@@ -307,4 +307,4 @@ def test_findings_of_an_exact_reading_are_the_truth() -> None:
     of = model(scene(), 0.01)
     value = of.predict({"youngs_modulus": np.array([60e3])}).value[0, 0]
     exact = TargetModel(of.scene, Measurements.of((Reading(0.0, 0.0, float(np.exp(value)), 0.01),)), 0.01)
-    assert findings(exact, "youngs_modulus").best_value == pytest.approx(60e3, rel=1e-4)
+    assert searched(exact, "youngs_modulus").best_value == pytest.approx(60e3, rel=1e-4)
