@@ -28,8 +28,8 @@ from paper_notes import notes
 
 from geometry import ProbeError, Scene, read_scene
 from geometry.common.files import written_whole
-from probe_design.maps.curve_plot import check_format
 from probe_design.maps.scan import Scan, scan
+from probe_design.pictures.formats import check_format
 from probe_design.terminal.console import message, saying
 from solver import Result, evaluate
 from solver.published.table3 import AREA_RATIO, PLACES, TABLE_3, check
@@ -201,7 +201,7 @@ def _print(found: dict[int, Result], scene: Scene, asked: argparse.Namespace) ->
     console.print(check_table(found))
     for line in notes(found):
         console.print(f"- {line}", highlight=False)
-    for line in dict.fromkeys(line for one in found.values() for line in one.warnings if not line.startswith("linear")):
+    for line in dict.fromkeys(note for one in found.values() for note in one.warnings if note.kind != "linear"):
         console.print(f"- {asked.evaluator}: {line}", highlight=False)
 
 

@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
+from importlib import import_module
 from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal
 from geometry.scenes.scene import Scene
+from solver.results.evaluator import Evaluator, Tell
 from solver.results.film_forces import checked_moduli
-from solver.results.result import Curve, Evaluator, Result, unsupported
+from solver.results.kinds import unsupported
+from solver.results.result import Curve, Result
 
 if TYPE_CHECKING:
-    from solver.axisymmetric.level import Axisymmetric
-    from solver.equivalent_inclusion.level import EquivalentInclusion
     from solver.planning.plan import Plan
-    from solver.solid.level import SolidLevel
 
 AUTO = "auto"
 BUILT = ("published", "closed-form", "equivalent-inclusion", "axisymmetric", "solid")
+"""The levels' names: each lives in the room of that name, whose ``level.py`` makes it."""
 PLANNED = ("contact",)
-Tell = Callable[[str], None]
 
 
 def evaluator(name: str, tell: Tell | None = None) -> Evaluator:
@@ -35,26 +34,9 @@ def evaluator(name: str, tell: Tell | None = None) -> Evaluator:
     Raises:
         InputError: no evaluator has that name, or it is not built yet.
     """
-    if name == "published":
-        from solver.published.level import Published
-
-        return Published()
-    if name == "closed-form":
-        from solver.closed_form.level import ClosedForm
-
-        return ClosedForm()
-    if name == "equivalent-inclusion":
-        from solver.equivalent_inclusion.level import EquivalentInclusion
-
-        return EquivalentInclusion()
-    if name == "axisymmetric":
-        from solver.axisymmetric.level import Axisymmetric
-
-        return Axisymmetric()
-    if name == "solid":
-        return _solid(tell)
-    allowed = ", ".join((AUTO, *BUILT))
-    raise InputError("evaluator", name, f"{allowed} (not built yet: {', '.join(PLANNED)})")
+    if name not in BUILT:
+        raise InputError("evaluator", name, f"{', '.join((AUTO, *BUILT))} (not built yet: {', '.join(PLANNED)})")
+    return cast(Evaluator, import_module(f"solver.{name.replace('-', '_')}.level").level(tell))
 
 
 def evaluate(scene: Scene, name: str = AUTO, accuracy: float = 0.01, tell: Tell | None = None) -> Result:
@@ -74,19 +56,19 @@ def evaluate(scene: Scene, name: str = AUTO, accuracy: float = 0.01, tell: Tell 
     check_accuracy(accuracy)
     if name != AUTO:
         return evaluator(name, tell).evaluate(scene, accuracy)
-    import solver.planning.plan  # noqa: F401  what it takes to import is not the answer's cost
+    from solver.planning.plan import second_try  # what it takes to import is not the answer's cost
 
     start = perf_counter()
-    planned, level = _planned(scene, accuracy, tell)
+    planned = _planned(scene, accuracy)
     try:
-        found = level.evaluate_within(planned.scene, planned.accuracy)
+        result = _level(planned.evaluator, tell).evaluate_within(planned.scene, planned.accuracy)
     except Refusal:
-        solid = _solid(tell)
-        if planned.evaluator == solid.name or not solid.may_help(scene, accuracy):
+        again = second_try(planned, scene, accuracy)
+        if again is None:
             raise
-        planned = plan(scene, accuracy, solid=True)
-        found = solid.evaluate_within(planned.scene, planned.accuracy)
-    return replace(planned.completed(found, scene), seconds=perf_counter() - start)
+        planned = again
+        result = _level(planned.evaluator, tell).evaluate_within(planned.scene, planned.accuracy)
+    return replace(planned.completed(result, scene), seconds=perf_counter() - start)
 
 
 def plan(scene: Scene, accuracy: float = 0.01, solid: bool = False) -> Plan:
@@ -107,26 +89,21 @@ def plan(scene: Scene, accuracy: float = 0.01, solid: bool = False) -> Plan:
     return run(scene, accuracy, solid)
 
 
-def _planned(scene: Scene, accuracy: float, tell: Tell | None) -> tuple[Plan, Axisymmetric | EquivalentInclusion | SolidLevel]:
-    """The plan and its level.
+def _planned(scene: Scene, accuracy: float) -> Plan:
+    """The plan for a scene that some level takes.
 
     Raises:
         Refusal: no level built yet takes the scene.
     """
-    from solver.axisymmetric.level import Axisymmetric
-    from solver.equivalent_inclusion.level import EquivalentInclusion
-
     planned = plan(scene, accuracy)
     if planned.evaluator is None:
         raise Refusal("evaluator", AUTO, str(unsupported(scene)))
-    level = {one.name: one for one in (Axisymmetric(), EquivalentInclusion(), _solid(tell))}[planned.evaluator]
-    return planned, level
+    return planned
 
 
-def _solid(tell: Tell | None = None) -> SolidLevel:
-    from solver.solid.level import SolidLevel
-
-    return SolidLevel() if tell is None else SolidLevel(tell)
+def _level(name: str | None, tell: Tell | None) -> Evaluator:
+    assert name is not None  # _planned has refused it
+    return evaluator(name, tell)
 
 
 def curve(scene: Scene, moduli: Floats, accuracy: float = 0.01, tell: Tell | None = None) -> Curve:
@@ -145,11 +122,9 @@ def curve(scene: Scene, moduli: Floats, accuracy: float = 0.01, tell: Tell | Non
     check_accuracy(accuracy)
     checked_moduli(scene, moduli)
     start = perf_counter()
-    planned, level = _planned(scene, accuracy, tell)
-    if any(body.diameter is None for body in planned.scene.inclusion):  # only of spheres the others know curves
-        level = _solid(tell)
-    found = level.curve(planned.scene, moduli, planned.accuracy)
-    return replace(planned.completed_curve(found), seconds=perf_counter() - start)
+    planned = _planned(scene, accuracy)
+    result = _level(planned.curve_evaluator, tell).curve(planned.scene, moduli, planned.accuracy)
+    return replace(planned.completed_curve(result), seconds=perf_counter() - start)
 
 
 def check_accuracy(accuracy: float) -> None:

@@ -1,4 +1,4 @@
-"""Where eq. (B3) of ``solver/closed_form/block_compliance.py`` comes from.
+"""Where eq. CF.10 of ``solver/closed_form/block_compliance.py`` comes from.
 
 Usage: ``python -m benchmarks.closed_form.blocks [--scenes N] [--seed K]``.
 
@@ -22,7 +22,7 @@ from geometry import Contact, CylinderTissue, InputError, Load, Material, Probe,
 from geometry.common.arrays import Floats
 from solver import evaluate
 from solver.closed_form.block_compliance import ElasticBlocks
-from solver.closed_form.contact import Tissue, answer
+from solver.closed_form.contact import Tissue, solve_contact
 
 GROUND = 1e10  # Pa, under blocks of 1 kPa
 
@@ -58,7 +58,7 @@ def compared(rng: np.random.Generator) -> list[tuple[float, ...]]:
         ElasticBlocks(None, inner * one, tall[0] * one, 1e3 * one, nu[0] * one),
         ElasticBlocks(hole * one, sizes[1][1] * one, tall[1] * one, 1e3 * one, nu[1] * one),
     )
-    forces = np.diag(answer(made, Tissue(None, GROUND * one, 0 * one), [], None, bonded, 16).forces[0])
+    forces = np.diag(solve_contact(made, Tissue(None, GROUND * one, 0 * one), [], target=None, bonded=bonded, nodes=16).forces[0])
     stresses = [(exact.stress_inner or 0.0) * scene.probe.inner_area, (exact.stress_outer or 0.0) * scene.probe.outer_area]
     surplus = forces * 1e-6 / stresses - 1
     return [(k == 0, bonded, tall[k] / sizes[k][0], sizes[k][0] / sizes[k][1], nu[k], surplus[k]) for k in (0, 1)]

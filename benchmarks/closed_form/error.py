@@ -2,7 +2,7 @@
 
 ``python -m benchmarks.closed_form.error FILE`` audits: for the scenes of a file of ``closed_form_scenes.py`` it prints quantiles
 of the true errors of ln(ratio), of the logarithms of both totals and of the log-sensitivity, of the stated ones, and of true
-over stated, which must stay below 1. With ``--fit`` it prints weights for eq. (C2) of
+over stated, which must stay below 1. With ``--fit`` it prints weights for eq. CF.19 of
 ``solver/closed_form/error_bound.py``: none below
 ``LOWEST``, the sum of the logarithms of all stated errors as small as linear programming makes it (each round weighs a scene by
 what it was told before), so that no scene of the file or of tests/reference is told less than ``MARGIN`` times its error.

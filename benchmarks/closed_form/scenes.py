@@ -60,7 +60,7 @@ def _next(rng: np.random.Generator) -> tuple[Scene, dict[str, float | None]]:
         if found.ratio is None or not (found.error_estimate or 1.0) <= 0.02:
             continue
         answer = {key: getattr(found, key) for key in KEPT}
-        if any("log_sensitivity" in text for text in found.warnings):
+        if any(note.kind == "sensitivity" for note in found.warnings):
             answer["log_sensitivity"] = None
         return scene, answer
 

@@ -76,7 +76,7 @@ class Case:
 
 def judge(found: Readings, true: FilmForces) -> Judged | None:
     """Compare one answer with the reference."""
-    if not found.told[0] or true.buried is not None:
+    if not found.resolved[0] or true.unresolved_stress is not None:
         return None
     log_ratio = np.log(np.abs(found.totals[0] / true.totals)) @ [1.0, -1.0]
     off = np.abs(found.totals[0] - true.totals) - true.bound.totals

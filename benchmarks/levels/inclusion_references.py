@@ -115,7 +115,7 @@ def answer(base: Undisturbed, scene: Scene, reflect: bool) -> Readings:
 
 def told(one: Known, found: Readings) -> Told:
     """Compare with what is known."""
-    if not found.told[0]:
+    if not found.resolved[0]:
         return Told(None, None, None, None)
     slope = excess = None
     if one.log_sensitivity and found.by:

@@ -22,7 +22,7 @@ from solver import Result, evaluate
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed, undisturbed
 from solver.equivalent_inclusion.readings import TOLERANCE, Readings, readings
 from solver.inclusions.tumours import Tumours
-from solver.multiple_scattering.solve import scattered
+from solver.multiple_scattering.solve import solve_scattering
 
 SCENE = Path(__file__).parents[2] / "tests" / "reference" / "off-axis" / "stiff-cover-0.25-offset-1.toml"
 ACCURACIES = (0.01, 0.003, 0.001)
@@ -144,7 +144,7 @@ def _reflections(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -
             tell(f"speed: reflections, cover {cover:g}, offset {offset:g}")
             one = Tumours(*np.reshape([offset * outer, 0, (cover + 0.5) * DIAMETER, DIAMETER, modulus, 0.47], (6, 1, 1)))
             alone = one.of_index(0)
-            told = scattered(base.field, base.reflector(alone), base.scene.tissue, alone, TOLERANCE * base.accuracy)
+            told = solve_scattering(base.field, base.reflector(alone), base.scene.tissue, alone, TOLERANCE * base.accuracy)
             bound = float(readings(base, one, reflect=True).error_estimate[0])
             batch = replace(one, youngs_modulus=modulus * np.linspace(0.9, 1.1, BATCH)[:, None])
             readings(base, batch, reflect=True)  # finds each order's matrix
@@ -159,7 +159,14 @@ def one_map(points: int, sample: int, accuracy: float, tell: Callable[[str], Non
     scene = read_scene(SCENE)
     target = scene.inclusion[0]
     depth, diameter = np.meshgrid(np.linspace(*MAP_DEPTHS, points), np.linspace(*MAP_DIAMETERS, points), indexing="ij")
-    tumours = Tumours(0.0, 0.0, depth.reshape(-1, 1), diameter.reshape(-1, 1), target.youngs_modulus, target.poisson_ratio)
+    tumours = Tumours(
+        0.0,
+        0.0,
+        depth.reshape(-1, 1),
+        diameter=diameter.reshape(-1, 1),
+        youngs_modulus=target.youngs_modulus,
+        poisson_ratio=target.poisson_ratio,
+    )
     table = Table(
         f"{points} x {points} depths and diameters on the axis, accuracy {accuracy:g}, probe's set-up included",
         ("by", "points", "with reflections", "worst bound, error", "off by, error", "wall, s", "process, s"),

@@ -24,12 +24,12 @@ from geometry import Scene, read_scene
 from geometry.scenes.probe import Material
 from geometry.tetra.sizing import COARSE, ROUGH
 from geometry.tetra.tet_mesh import TetMesh
-from solver.axisymmetric.converged_forces import converged
+from solver.axisymmetric.converged_forces import converged_forces
 from solver.linalg.cholesky import factorise
 from solver.linalg.conjugate_gradients import Stiffness, solve
 from solver.solid.base_states import SolidStates
 from solver.solid.body_stiffness import assembled, part
-from solver.solid.difference import difference, meshed
+from solver.solid.difference import difference, mesh_domain
 from solver.solid.domain import domain
 
 TESTS = Path(__file__).parents[2] / "tests"
@@ -75,12 +75,12 @@ def correction() -> Iterator[Table]:
     scene = read_scene(TESTS / "reference" / "solid" / f"{SCENE}.toml")
     known = json.loads((TESTS / "reference" / "solid" / "expected.json").read_text())[SCENE]["ratio"]
     chosen = domain(scene, np.inf, None)
-    exact = converged(chosen.reference, 1e-3).films[0].forces
+    exact = converged_forces(chosen.reference, 1e-3).films[0].forces
     heads = ("tetrahedra, count", "unknowns, count", "by itself, error", "corrected, error")
     table, solvers = Table(f"{SCENE}: errors of the ratio", heads), []
     for fineness in (ROUGH, COARSE):
         print(f"{SCENE}: meshing and solving", file=sys.stderr, flush=True)
-        mesh: TetMesh = meshed(chosen, fineness)
+        mesh: TetMesh = mesh_domain(chosen, fineness)
         found = difference(chosen, mesh)
         alone, added = found.reference + found.forces[0], exact + found.forces[0]
         table.add(len(mesh.elements), found.unknowns, ratio(scene, alone) / known - 1, ratio(scene, added) / known - 1)

@@ -60,7 +60,9 @@ def scenes(folders: list[str], names: list[str] | None) -> Iterator[tuple[str, S
 def row(scene: Scene, known: dict[str, float], accuracy: float) -> Iterator[Any]:
     start = perf_counter()
     try:
-        found, forces, _ = SolidLevel().answered(scene, accuracy)
+        level = SolidLevel()
+        forces = level.solved(scene, accuracy)
+        found = level.answer_of(scene, forces, accuracy).result(level.name, scene, 0.0)
     except (Refusal, SolveError) as fault:
         print(f"refused: {fault}", file=sys.stderr)
         yield from [None] * 8
@@ -71,8 +73,8 @@ def row(scene: Scene, known: dict[str, float], accuracy: float) -> Iterator[Any]
     yield None if found.stiffness is None else abs(found.stiffness / known["stiffness_n_per_m"] - 1)
     told = known.get("log_sensitivity")
     yield None if not told or found.log_sensitivity is None else abs(found.log_sensitivity / told - 1)
-    yield forces.found.unknowns
-    yield len(forces.found.states.problem.solid.elements)
+    yield forces.difference.unknowns
+    yield len(forces.difference.states.problem.solid.elements)
     yield perf_counter() - start
 
 

@@ -96,17 +96,25 @@ def _section(axes: Any, probe: Probe) -> None:
     axes.plot([0, 0], [-0.15 * inch, top + 0.15 * inch], color="0.2", lw=0.8, ls="-.")
     step = LEVEL * inch
     for level, radius in enumerate((r2, ri, ro), start=1):
-        _dimension(axes, (-radius, 0), (radius, 0), -level * step, DIAMETER + number(2 * radius), inch)
-    _dimension(axes, (-rf, top), (rf, top), top + step, DIAMETER + number(2 * rf), inch)
+        _dimension(axes, (-radius, 0), (radius, 0), at=-level * step, text=DIAMETER + number(2 * radius), inch=inch)
+    _dimension(axes, (-rf, top), (rf, top), at=top + step, text=DIAMETER + number(2 * rf), inch=inch)
     lefts = [((-ro, h1), h1), ((-r2, h2), h2), ((-rf, top), top)]
     for level, (corner, height) in enumerate(lefts if h1 != h2 else lefts[::2], start=1):
-        _dimension(axes, (-ro, 0), corner, -rf - level * step, number(height), inch, upright=True)
-    _dimension(axes, (ro, under), (ro, max(h1, h2) + t), rf + 2 * step, number(base.step_height * solids.MM), inch, upright=True)
-    _dimension(axes, (rf, under), (rf, top), rf + step, number(top - under), inch, upright=True)
+        _dimension(axes, (-ro, 0), corner, at=-rf - level * step, text=number(height), inch=inch, upright=True)
+    _dimension(
+        axes,
+        (ro, under),
+        (ro, max(h1, h2) + t),
+        at=rf + 2 * step,
+        text=number(base.step_height * solids.MM),
+        inch=inch,
+        upright=True,
+    )
+    _dimension(axes, (rf, under), (rf, top), at=rf + step, text=number(top - under), inch=inch, upright=True)
     _leader(axes, (-(r2 + ri) / 2, 0), (-rf - step, -2.2 * step), f"gap {number(ri - r2)}")
     if probe.groove is not None:
         depth = probe.groove.depth * solids.MM
-        _dimension(axes, (ro, h1 - depth), (ro, h1), rf + 3 * step, number(depth), inch, upright=True)
+        _dimension(axes, (ro, h1 - depth), (ro, h1), at=rf + 3 * step, text=number(depth), inch=inch, upright=True)
         text = f"groove {number(probe.groove.width * solids.MM)} wide, {number(depth)} deep,\non this side only"
         _leader(axes, ((ri + ro) / 2, h1 - depth / 2), (max(rf, ro + 0.6 * inch) + step, -3.8 * step), text)
 
@@ -126,6 +134,7 @@ def _dimension(
     axes: Any,
     start: tuple[float, float],
     end: tuple[float, float],
+    *,
     at: float,
     text: str,
     inch: float,

@@ -29,8 +29,8 @@ def check(probe: Probe, drafts: dict[str, Path]) -> None:
         ExportError: a file does not hold what the parameters say, to ``TOLERANCE``.
     """
     expected = expected_bodies(probe)
-    found = {name: _check_part(drafts[name], name, body) for name, body in expected.items()}
-    _compare("inner.step and outer.step", _between(probe, found))
+    measured = {name: _check_part(drafts[name], name, body) for name, body in expected.items()}
+    _compare("inner.step and outer.step", _between(probe, measured))
     _check_assembly(drafts["assembly"], probe, expected)
 
 
@@ -43,10 +43,10 @@ def _check_assembly(path: Path, probe: Probe, expected: dict[str, PartMeasures])
     parts = dict(zip(expected, _read_named(path, [f"{ASSEMBLY}/{name}" for name in expected]), strict=True))
     for name, (_, _, colour) in parts.items():
         _compare(path.name, [(f"{name}: colour", *pair, 1.0) for pair in zip(colour, rgb(colour_of(name)), strict=True)])
-    found = {name: check_body(f"{path.name}: {name}", shape, expected[name]) for name, (_, shape, _) in parts.items()}
-    _compare(path.name, _between(probe, found))
+    measured = {name: check_body(f"{path.name}: {name}", shape, expected[name]) for name, (_, shape, _) in parts.items()}
+    _compare(path.name, _between(probe, measured))
     total = sum(body.volume for body in expected.values())
-    _compare(path.name, [("volume", sum(body.volume for body in found.values()), total, total)])
+    _compare(path.name, [("volume", sum(body.volume for body in measured.values()), total, total)])
     for (one, (_, first, _)), (other, (_, second, _)) in combinations(parts.items(), 2):
         _check_apart(f"{path.name}: {one} and {other}", first, second)
 
@@ -71,45 +71,47 @@ def check_body(where: str, shape: Any, expected: PartMeasures) -> PartMeasures:
     closed = [shell.wrapped.Closed() for shell in shape.Shells()]
     if closed != [True]:
         raise ExportError(f"{where}: closed shells = {closed}, expected [True]")
-    found = _measure(where, shape)
+    measured = _measure(where, shape)
     for key in ("ends", "radii", "walls"):
-        count, wanted = len(getattr(found, key)), len(getattr(expected, key))
-        if count != wanted:
-            raise ExportError(f"{where}: number of {key} = {count}, expected {wanted}")
-    _compare(where, _rows(found, expected))
-    return found
+        count, expected_count = len(getattr(measured, key)), len(getattr(expected, key))
+        if count != expected_count:
+            raise ExportError(f"{where}: number of {key} = {count}, expected {expected_count}")
+    _compare(where, _rows(measured, expected))
+    return measured
 
 
-def _rows(found: PartMeasures, expected: PartMeasures) -> Iterator[Row]:
+def _rows(measured: PartMeasures, expected: PartMeasures) -> Iterator[Row]:
     """Yield volume, areas and radii; distances between neighbouring faces, among them every height, thickness and groove size."""
-    yield "volume", found.volume, expected.volume, expected.volume
-    for (z, area), (wanted_z, wanted) in zip(found.ends, expected.ends, strict=True):
-        yield f"z of the face at {wanted_z:.6g} mm", z, wanted_z, expected.ends[-1][0]
-        yield f"area of the face at z = {wanted_z:.6g} mm", area, wanted, wanted
-    for (low, high), (from_z, to_z) in zip(pairwise(found.ends), pairwise(expected.ends), strict=True):
+    yield "volume", measured.volume, expected.volume, expected.volume
+    for (z, area), (expected_z, expected_area) in zip(measured.ends, expected.ends, strict=True):
+        yield f"z of the face at {expected_z:.6g} mm", z, expected_z, expected.ends[-1][0]
+        yield f"area of the face at z = {expected_z:.6g} mm", area, expected_area, expected_area
+    for (low, high), (from_z, to_z) in zip(pairwise(measured.ends), pairwise(expected.ends), strict=True):
         length = to_z[0] - from_z[0]
         yield f"length from z = {from_z[0]:.6g} to {to_z[0]:.6g} mm", high[0] - low[0], length, length
-    for radius, wanted in zip(found.radii, expected.radii, strict=True):
-        yield "radius", radius, wanted, wanted
-    for side, wanted_side in zip(found.walls, expected.walls, strict=True):
-        for quantity, value, wish in zip(("y", "middle x", "area"), side, wanted_side, strict=True):
+    for radius, expected_radius in zip(measured.radii, expected.radii, strict=True):
+        yield "radius", radius, expected_radius, expected_radius
+    for side, expected_side in zip(measured.walls, expected.walls, strict=True):
+        for quantity, value, wish in zip(("y", "middle x", "area"), side, expected_side, strict=True):
             yield f"{quantity} of the groove's side", value, wish, abs(wish)
 
 
-def _between(probe: Probe, found: dict[str, PartMeasures]) -> Iterator[Row]:
+def _between(probe: Probe, measured: dict[str, PartMeasures]) -> Iterator[Row]:
     """Yield what holds between the parts: the area ratio, the gap and the common axis."""
     ratio = probe.inner_area / probe.outer_area if probe.area_ratio is None else probe.area_ratio
-    yield "area ratio A2/A1", found["inner"].ends[0][1] / found["outer"].ends[0][1], ratio, ratio
+    yield "area ratio A2/A1", measured["inner"].ends[0][1] / measured["outer"].ends[0][1], ratio, ratio
     gap = probe.gap * solids.MM
-    yield "gap", found["outer"].radii[0] - found["inner"].radii[0], gap, gap
-    for name, body in found.items():
+    yield "gap", measured["outer"].radii[0] - measured["inner"].radii[0], gap, gap
+    for name, body in measured.items():
         yield f"{name}: distance of its axis from z", body.off_axis, 0.0, gap
 
 
 def _compare(where: str, rows: Iterable[Row]) -> None:
-    for quantity, found, expected, scale in rows:
-        if not abs(found - expected) <= TOLERANCE * scale:  # so that NaN fails too
-            raise ExportError(f"{where}: {quantity} = {found:.12g}, expected {expected:.12g} within {TOLERANCE:g} of {scale:.6g}")
+    for quantity, measured, expected, scale in rows:
+        if not abs(measured - expected) <= TOLERANCE * scale:  # so that NaN fails too
+            raise ExportError(
+                f"{where}: {quantity} = {measured:.12g}, expected {expected:.12g} within {TOLERANCE:g} of {scale:.6g}"
+            )
 
 
 def _measure(where: str, solid: Any) -> PartMeasures:

@@ -41,17 +41,17 @@ def _parts(document: Any) -> list[Part]:
 
     labels = TDF_LabelSequence()
     XCAFDoc_DocumentTool.ShapeTool_s(document.Main()).GetFreeShapes(labels)
-    found = []
+    parts = []
     for label in _each(labels):
         components = TDF_LabelSequence()
         XCAFDoc_ShapeTool.GetComponents_s(label, components)
         for placed in _each(components):
             part = TDF_Label()
             XCAFDoc_ShapeTool.GetReferredShape_s(placed, part)
-            found.append(_part(f"{_name(label)}/{_name(part)}", part, placed))
+            parts.append(_part(f"{_name(label)}/{_name(part)}", part, placed))
         if components.IsEmpty():
-            found.append(_part(_name(label), label, label))
-    return found
+            parts.append(_part(_name(label), label, label))
+    return parts
 
 
 def _each(labels: Any) -> list[Any]:

@@ -14,12 +14,12 @@ LARGEST_FILE = 1_000_000  # bytes; a scene has a few hundred
 _LONG_KEY = re.compile(r"(?:\.[^.\n]*){100}")
 
 
-def read_text(path: Path | str, what: str, kind: str = "a TOML file", most: int = LARGEST_FILE) -> str:
+def read_text(path: Path | str, key: str, kind: str = "a TOML file", most: int = LARGEST_FILE) -> str:
     """Return the text of a file.
 
     Args:
         path: of the file.
-        what: stands for the key in messages, such as "scene file".
+        key: stands for the key in messages, such as "scene file".
         kind: of files that are allowed, for messages.
         most: bytes that it may have; no more are read.
 
@@ -31,13 +31,13 @@ def read_text(path: Path | str, what: str, kind: str = "a TOML file", most: int 
             content = file.read(most + 1)  # no more: devices and pipes have no size to ask for
     except (OSError, ValueError) as fault:
         reason = getattr(fault, "strerror", None) or str(fault)
-        raise InputError(what, str(path), f"{kind} that can be read ({reason})") from None
+        raise InputError(key, str(path), f"{kind} that can be read ({reason})") from None
     if len(content) > most:
-        raise InputError(what, str(path), f"{kind} of at most {most} bytes")
+        raise InputError(key, str(path), f"{kind} of at most {most} bytes")
     try:
         return content.decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError:
-        raise InputError(what, str(path), f"{kind}, which is UTF-8 text") from None
+        raise InputError(key, str(path), f"{kind}, which is UTF-8 text") from None
 
 
 def tables(text: str, name: str, allowed: str) -> dict[str, Any]:
@@ -61,6 +61,6 @@ def tables(text: str, name: str, allowed: str) -> dict[str, Any]:
         raise InputError(name, Words("TOML with a huge integer or deep nesting"), allowed) from None
 
 
-def read_tables(path: Path | str, what: str, allowed: str = "a TOML file") -> dict[str, Any]:
+def read_tables(path: Path | str, key: str, allowed: str = "a TOML file") -> dict[str, Any]:
     """Return what a TOML file holds; see ``read_text`` and ``tables``."""
-    return tables(read_text(path, what, allowed), str(path), allowed)
+    return tables(read_text(path, key, allowed), str(path), allowed)

@@ -163,7 +163,17 @@ def kind(section: Section) -> Kind:
     rings = (0, 0) if sphere is None else tuple(_cells(ring)[0] for ring in sphere.rings())
     thin = bool(s.layer < THIN * s.block_size)
     columns, rows = _cells(_radii(s, box, sphere)), _cells(_tissue_levels(s, sphere, thin))
-    return Kind(columns, rows, blocks, rings, box, thin, films, base, bool(s.flange_radius > 0))  # type: ignore[arg-type]
+    return Kind(
+        columns,
+        rows,
+        blocks=blocks,  # type: ignore[arg-type]
+        rings=rings,  # type: ignore[arg-type]
+        box=box,
+        thin=thin,
+        films=films,
+        base=base,
+        flange=bool(s.flange_radius > 0),
+    )
 
 
 def frame(section: Section, layout: MeshTopology) -> MeshLines:
@@ -227,7 +237,7 @@ class _Sphere:
 
     @classmethod
     def of(cls, section: Section) -> _Sphere | None:
-        if "sphere_radius" not in section.given:
+        if "sphere_radius" not in section.lengths:
             return None
         s, gaps = section.sphere_radius, (section.cover, section.clearance)
         # between a sphere and a plane near it the field varies over sqrt(gap * radius)

@@ -14,9 +14,9 @@ Lengths = Any  # a float, or an array of floats or complex numbers, shape (...,)
 
 
 def smooth_min(*lengths: Lengths) -> Any:
-    """Return a length below the smallest of ``lengths`` by at most the root of their number, without a kink: eq. (M1).
+    """Return a length below the smallest of ``lengths`` by at most the root of their number, without a kink.
 
-    (sum_i s_i^-2)^(-1/2); all positive.
+    (sum_i s_i^-2)^(-1/2) (ME.1); all positive.
     """
     return sum(length**-2 for length in lengths) ** -0.5
 
@@ -32,9 +32,9 @@ def folds(low: float, high: float, low_size: float | None = None, high_size: flo
 
 
 def graded(low: Lengths, high: Lengths, cells: int, low_size: Lengths | None = None, high_size: Lengths | None = None) -> Any:
-    """Return the ``cells + 1`` nodes on ``low .. high``, shape (..., cells + 1), whose cells grow away from the ends: eq. (M2).
+    """Return the ``cells + 1`` nodes on ``low .. high``, shape (..., cells + 1), whose cells grow away from the ends.
 
-    Cells have the same share of the integral of 1 / (x - low + low_size) + 1 / (high - x + high_size);
+    Cells have the same share of the integral of 1 / (x - low + low_size) + 1 / (high - x + high_size) (ME.2);
     an end without a size draws no cells to it. With t = x - low and L = high - low the share up to t is
     ln[(t + a) (L + b) / (a (L - t + b))], which is solved for t.
     """

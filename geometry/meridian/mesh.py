@@ -68,14 +68,16 @@ def topology(kind: Kind, fineness: MeridianFineness) -> Topology:
     repeat = np.array([len(quads) for _, quads in cut])
     corners = np.concatenate([quads for _, quads in cut])
     shape, body, vertices, circles = (np.repeat(x, repeat, axis=0) for x in (shape, body, vertices, circles))
-    return Topology(layout, shape, vertices, circles, corners, body)
+    return Topology(layout, shape, vertices=vertices, circles=circles, corners=corners, body=body)
 
 
 def nodes(section: Section, mesh: Topology, places: Floats, chosen: Ints | None = None) -> Any:
     """Return points (r, z) of all or some elements at ``places`` of the unit square, (places, 2); (..., n, places, 2)."""
     if chosen is not None:
         shape, vertices, circles = mesh.shape[chosen], mesh.vertices[chosen], mesh.circles[chosen]
-        mesh = Topology(mesh.layout, shape, vertices, circles, mesh.corners[chosen], mesh.body[chosen])
+        mesh = Topology(
+            mesh.layout, shape, vertices=vertices, circles=circles, corners=mesh.corners[chosen], body=mesh.body[chosen]
+        )
     return _mapped(frame(section, mesh.layout), mesh, places)
 
 
@@ -220,10 +222,10 @@ def _singular(layout: MeshTopology) -> Iterator[tuple[int, int]]:
 def _layers(cell: Cell, singular: set[tuple[int, int]], layers: int) -> tuple[Cell, Floats]:
     """Cut a cell's unit square into geometric layers towards its singular corner, if it has one; shape (elements, 4, 2)."""
     shape, _, vertices, _ = cell
-    found = [k for k, vertex in enumerate(vertices) if vertex in singular]
-    if shape != TENSOR or not found or layers == 0:
+    corners = [k for k, vertex in enumerate(vertices) if vertex in singular]
+    if shape != TENSOR or not corners or layers == 0:
         return cell, SQUARE[None]
-    (k,) = found  # two cells at least lie between any two singular corners
+    (k,) = corners  # two cells at least lie between any two singular corners
     quads = [LAYER**layers * SQUARE]
     for layer in range(layers):
         x, y = LAYER**layer, LAYER ** (layer + 1)

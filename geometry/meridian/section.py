@@ -52,13 +52,13 @@ class Section:
     mesh_size: Lengths = 0.0
 
     @property
-    def given(self) -> tuple[str, ...]:
+    def lengths(self) -> tuple[str, ...]:
         """Names of the lengths that are not zero: those by which outputs can be differentiated."""
         names = (field.name for field in fields(self) if field.name != "mesh_size")
         return tuple(name for name in names if np.all(getattr(self, name) != 0))
 
     @property
-    def given_layers(self) -> bool:
+    def has_layers(self) -> bool:
         """Whether there is a film or an elastic base."""
         return bool(np.all(self.film != 0) or np.all(self.flange_thickness != 0))
 
@@ -87,7 +87,7 @@ class Section:
     @property
     def layer(self) -> Any:
         """Tissue between the blocks and what is below them: the sphere or the floor."""
-        return self.cover if "sphere_radius" in self.given else self.tissue_depth
+        return self.cover if "sphere_radius" in self.lengths else self.tissue_depth
 
     @property
     def corner_size(self) -> Any:

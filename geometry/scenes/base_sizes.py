@@ -29,9 +29,9 @@ def base_sizes(probe: Probe) -> BaseSizes:
     Raises:
         InputError: the flange is narrower than the tube.
     """
-    given, radius = probe.base, probe.tube_radius
-    flange = 1.25 * radius if given.flange_radius is None else given.flange_radius
+    base, radius = probe.base, probe.tube_radius
+    flange = 1.25 * radius if base.flange_radius is None else base.flange_radius
     if flange < radius:
         raise InputError("probe.base.flange_radius", mm(flange), f"at least the tube's outer radius of {mm(radius)}")
-    thickness = max(0.3 * radius, 1e-3) if given.thickness is None else given.thickness
-    return BaseSizes(flange, thickness, 0.2 * radius if given.step_height is None else given.step_height)
+    thickness = max(0.3 * radius, 1e-3) if base.thickness is None else base.thickness
+    return BaseSizes(flange, thickness, 0.2 * radius if base.step_height is None else base.step_height)

@@ -99,19 +99,21 @@ def _check_probe(scene: Scene) -> None:
     at, reach, tissue = scene.placement, scene.probe.tube_radius, scene.tissue
     if tissue.shape == "cylinder":
         key = "x" if abs(at.x) >= abs(at.y) else "y"
-        _check_stands("radius", tissue.radius, reach, f"placement.{key}", getattr(at, key), math.hypot(at.x, at.y))
+        _check_stands(
+            "radius", tissue.radius, reach, key=f"placement.{key}", position=getattr(at, key), offset=math.hypot(at.x, at.y)
+        )
     elif tissue.shape == "block":
-        _check_stands("length", tissue.length / 2, reach, "placement.x", at.x, abs(at.x))
-        _check_stands("breadth", tissue.breadth / 2, reach, "placement.y", at.y, abs(at.y))
+        _check_stands("length", tissue.length / 2, reach, key="placement.x", position=at.x, offset=abs(at.x))
+        _check_stands("breadth", tissue.breadth / 2, reach, key="placement.y", position=at.y, offset=abs(at.y))
 
 
-def _check_stands(size: str, room: float, reach: float, key: str, given: float, offset: float) -> None:
+def _check_stands(size: str, room: float, reach: float, *, key: str, position: float, offset: float) -> None:
     why = f"the whole probe, of radius {mm(reach)}, has to stand on the tissue"
     if reaches(reach, room):
         times = 1 if size == "radius" else 2
         raise InputError(f"tissue.{size}", mm(times * room), f"above {mm(times * reach)} ({why})")
     if reaches(offset + reach, room):
-        raise InputError(key, mm(given), f"the probe's axis less than {mm(room - reach)} from the tissue's ({why})")
+        raise InputError(key, mm(position), f"the probe's axis less than {mm(room - reach)} from the tissue's ({why})")
 
 
 def _check_inside(scene: Scene, index: int, body: Inclusion) -> None:
@@ -158,15 +160,15 @@ def _least_square(rows: Matrix, v: list[float]) -> float:
     """
     basis: Matrix = []
     total, solved = 0.0, list[float]()
-    for row, wanted in zip(rows, v, strict=True):
-        left, found = list(row), 0.0
+    for row, component in zip(rows, v, strict=True):
+        rest, projected = list(row), 0.0
         for unit, part in zip(basis, solved, strict=True):
-            along = _dot(left, unit)
-            left = [a - along * b for a, b in zip(left, unit, strict=True)]
-            found += along * part
-        length = math.hypot(*left)
-        basis.append([a / length for a in left])
-        solved.append((wanted - found) / length)
+            along = _dot(rest, unit)
+            rest = [a - along * b for a, b in zip(rest, unit, strict=True)]
+            projected += along * part
+        length = math.hypot(*rest)
+        basis.append([a / length for a in rest])
+        solved.append((component - projected) / length)
         total += solved[-1] ** 2
     return total
 

@@ -25,10 +25,10 @@ def most_telling(refused: ValidationError) -> InputError:
     if isinstance(cause, InputError):
         return InputError(f"{key}.{cause.key}".lstrip("."), cause.value, cause.allowed)
     if error["type"] in _TAGGED and isinstance(error["input"], Mapping):
-        given = error["input"].get("shape", Words("missing"))
-        return InputError("tissue.shape", given, "'cylinder', 'block' or 'half-space'")
-    given = Words("missing") if error["type"] == "missing" else error["input"]
-    return InputError(key or "scene", given, _allowed(error))
+        value = error["input"].get("shape", Words("missing"))
+        return InputError("tissue.shape", value, "'cylinder', 'block' or 'half-space'")
+    value = Words("missing") if error["type"] == "missing" else error["input"]
+    return InputError(key or "scene", value, _allowed(error))
 
 
 def _rank(error: ErrorDetails) -> int:

@@ -176,10 +176,10 @@ class Probe(Frozen):
 
     @property
     def groove_footprint(self) -> float:
-        """Area in m^2 that the groove takes from the outer block's film end: eq. (G1); zero without a groove.
+        """Area in m^2 that the groove takes from the outer block's film end; zero without a groove.
 
         The integral over |y| < a of sqrt(Ro^2 - y^2) - sqrt(Ri^2 - y^2), with a = width/2, Ri the hole's and Ro the tube's
-        radius. Half a chord strip of a disc is S(R) = a sqrt(R^2 - a^2) + R^2 asin(a/R); the footprint is S(Ro) - S(Ri).
+        radius (SC.1). Half a chord strip of a disc is S(R) = a sqrt(R^2 - a^2) + R^2 asin(a/R); the footprint is S(Ro) - S(Ri).
         """
         if self.groove is None:
             return 0.0

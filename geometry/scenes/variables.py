@@ -18,19 +18,19 @@ def values(scene: Scene) -> dict[str, float]:
     Keys are those of the scene file, ``probe.inner.youngs_modulus``; ``inclusion.depth`` is that of the one inclusion.
     """
     probe, tissue = scene.probe, scene.tissue
-    found = {f"probe.{key}": getattr(probe, key) for key in
+    lengths = {f"probe.{key}": getattr(probe, key) for key in
              ("inner_radius", "area_ratio", "outer_radius", "gap", "height", "inner_height", "outer_height")}  # fmt: skip
-    found |= {f"tissue.{key}": getattr(tissue, key, None) for key in ("radius", "length", "breadth", "depth")}
+    lengths |= {f"tissue.{key}": getattr(tissue, key, None) for key in ("radius", "length", "breadth", "depth")}
     if probe.film is not None:
         keys = ("thickness", "youngs_modulus", "adhesive_thickness", "adhesive_modulus")
-        found |= {f"probe.film.{key}": getattr(probe.film, key) or None for key in keys}
+        lengths |= {f"probe.film.{key}": getattr(probe.film, key) or None for key in keys}
     bodies = {f"probe.{block}": getattr(probe, block) for block in BLOCKS} | {"probe.base": probe.base, "tissue": tissue}
     if len(scene.inclusion) == 1:
         bodies["inclusion"] = scene.inclusion[0]
-        found |= {f"inclusion.{key}": getattr(scene.inclusion[0], key) for key in ("diameter", "depth")}
+        lengths |= {f"inclusion.{key}": getattr(scene.inclusion[0], key) for key in ("diameter", "depth")}
     for name, body in bodies.items():
-        found |= {f"{name}.{key}": getattr(body, key) for key in ("youngs_modulus", "poisson_ratio")}
-    return {key: value for key, value in found.items() if value is not None}
+        lengths |= {f"{name}.{key}": getattr(body, key) for key in ("youngs_modulus", "poisson_ratio")}
+    return {key: value for key, value in lengths.items() if value is not None}
 
 
 def changed(scene: Scene, new: Mapping[str, float]) -> Scene:
@@ -40,11 +40,11 @@ def changed(scene: Scene, new: Mapping[str, float]) -> Scene:
         InputError: the scene has no such value.
         ValueError: the scene that results is refused.
     """
-    known = values(scene)
+    current = values(scene)
     data = scene.model_dump(exclude_unset=True)
     for key, value in new.items():
-        if key not in known:
-            raise InputError("variable", key, ", ".join(known))
+        if key not in current:
+            raise InputError("variable", key, ", ".join(current))
         *path, last = key.split(".")
         place: Any = data
         for name in path:
@@ -60,24 +60,26 @@ def length_derivatives(scene: Scene) -> dict[str, dict[str, float]]:
 
     A block of tissue stands for the cylinder of the same area; a half-space has no length.
     """
-    probe, tissue, known = scene.probe, scene.tissue, values(scene)
+    probe, tissue, present = scene.probe, scene.tissue, values(scene)
     ri, ro = probe.hole_radius, probe.tube_radius
-    found: dict[str, dict[str, float]] = {
+    derivatives: dict[str, dict[str, float]] = {
         "probe.gap": {"hole_radius": 1.0},
         "probe.inner_radius": {"inner_radius": 1.0, "hole_radius": 1.0},
     }
     if probe.area_ratio is None:
-        found["probe.outer_radius"] = {"tube_radius": 1.0}
+        derivatives["probe.outer_radius"] = {"tube_radius": 1.0}
     else:  # Ro^2 = Ri^2 + r2^2 / (A2/A1)
-        found["probe.gap"]["tube_radius"] = ri / ro
-        found["probe.inner_radius"]["tube_radius"] = (ri + probe.inner_radius / probe.area_ratio) / ro
-        found["probe.area_ratio"] = {"tube_radius": -(probe.inner_radius**2) / (2 * ro * probe.area_ratio**2)}
-    found["probe.height"] = {"inner_height": 1.0, "outer_height": 1.0}
-    found |= {f"probe.{block}_height": {f"{block}_height": 1.0} for block in BLOCKS}
-    found["probe.film.thickness"], found["probe.film.adhesive_thickness"] = {"film": 1.0}, {"adhesive": 1.0}
-    found["tissue.radius"], found["tissue.depth"] = {"tissue_radius": 1.0}, {"tissue_depth": 1.0}
+        derivatives["probe.gap"]["tube_radius"] = ri / ro
+        derivatives["probe.inner_radius"]["tube_radius"] = (ri + probe.inner_radius / probe.area_ratio) / ro
+        derivatives["probe.area_ratio"] = {"tube_radius": -(probe.inner_radius**2) / (2 * ro * probe.area_ratio**2)}
+    derivatives["probe.height"] = {"inner_height": 1.0, "outer_height": 1.0}
+    derivatives |= {f"probe.{block}_height": {f"{block}_height": 1.0} for block in BLOCKS}
+    derivatives["probe.film.thickness"], derivatives["probe.film.adhesive_thickness"] = {"film": 1.0}, {"adhesive": 1.0}
+    derivatives["tissue.radius"], derivatives["tissue.depth"] = {"tissue_radius": 1.0}, {"tissue_depth": 1.0}
     if tissue.shape == "block":
         radius = math.sqrt(tissue.length * tissue.breadth / math.pi)
-        found |= {f"tissue.{side}": {"tissue_radius": radius / (2 * getattr(tissue, side))} for side in ("length", "breadth")}
-    found["inclusion.diameter"], found["inclusion.depth"] = {"sphere_radius": 0.5}, {"sphere_depth": 1.0}
-    return {key: change for key, change in found.items() if key in known}
+        derivatives |= {
+            f"tissue.{side}": {"tissue_radius": radius / (2 * getattr(tissue, side))} for side in ("length", "breadth")
+        }
+    derivatives["inclusion.diameter"], derivatives["inclusion.depth"] = {"sphere_radius": 0.5}, {"sphere_depth": 1.0}
+    return {key: change for key, change in derivatives.items() if key in present}

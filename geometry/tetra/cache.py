@@ -18,8 +18,8 @@ import numpy as np
 
 from geometry.common.files import written_whole
 from geometry.scenes.scene import Scene
-from geometry.tetra.layout import BodyLayout, extent, layout
-from geometry.tetra.mesher import meshed
+from geometry.tetra.layout import BodyLayout, body_layout, extent
+from geometry.tetra.mesher import mesh_layout
 from geometry.tetra.sizing import COARSE, TetraFineness
 from geometry.tetra.tet_mesh import TetMesh
 
@@ -42,28 +42,28 @@ def cached_mesh(
     Raises:
         InputError, Refusal, SolveError, KeyboardInterrupt: as ``volume_mesh`` does.
     """
-    found = layout(scene, half, extent(scene, tissue_extent), reference_radius)
-    path = folder() / f"{key(found, fineness)}.mesh"
-    kept = _read(path)
-    if kept is None:
-        kept, _ = meshed(found, fineness)
-        _write(path, kept)
-    return kept
+    layout = body_layout(scene, half, extent(scene, tissue_extent), reference_radius)
+    path = folder() / f"{key(layout, fineness)}.mesh"
+    mesh = _read(path)
+    if mesh is None:
+        mesh, _ = mesh_layout(layout, fineness)
+        _write(path, mesh)
+    return mesh
 
 
 def folder() -> Path:
     """Where meshes are kept."""
     import platformdirs
 
-    given = os.environ.get(FOLDER)
-    return Path(given) if given else Path(platformdirs.user_cache_dir("probe-design", appauthor=False)) / "meshes"
+    override = os.environ.get(FOLDER)
+    return Path(override) if override else Path(platformdirs.user_cache_dir("probe-design", appauthor=False)) / "meshes"
 
 
-def key(found: BodyLayout, fineness: TetraFineness) -> str:
+def key(layout: BodyLayout, fineness: TetraFineness) -> str:
     """A name by content: every number that the mesh follows from, a surface file's triangles, and the versions."""
     digest = hashlib.sha256(f"{MESHER} {version('pytetwild')} {np.__version__} {fineness!r}".encode())
-    for part in fields(found):
-        _feed(digest, getattr(found, part.name))
+    for part in fields(layout):
+        _feed(digest, getattr(layout, part.name))
     return digest.hexdigest()
 
 

@@ -20,7 +20,7 @@ _FILE_VOLUME = 0.05  # of a surface from a file, whose triangles need not be a m
 LEAST_QUALITY = 0.01  # scaled Jacobian
 
 
-def check(mesh: TetMesh, found: BodyLayout) -> None:
+def check(mesh: TetMesh, layout: BodyLayout) -> None:
     """Raise ``SolveError``, naming what is wrong, unless the mesh is the scene's."""
     quality = mesh.quality
     if not quality.min() > LEAST_QUALITY:
@@ -28,76 +28,78 @@ def check(mesh: TetMesh, found: BodyLayout) -> None:
         at = 1e3 * mesh.nodes[mesh.elements[worst, :4]].mean(axis=0)
         raise SolveError(f"volume mesh: an element of body {mesh.body[worst]} at {at.round(2)} mm is folded or flat "
                          f"(scaled Jacobian {quality[worst]:.1e})")  # fmt: skip
-    for name, (is_, expected, allowed) in {**_volumes(mesh, found), **_areas(mesh, found)}.items():
+    for name, (is_, expected, allowed) in {**_volumes(mesh, layout), **_areas(mesh, layout)}.items():
         if not abs(is_ - expected) <= allowed * expected:
-            raise SolveError(f"volume mesh: {name} is {is_ / expected - 1:+.2%} off{_why(name, found)}")
+            raise SolveError(f"volume mesh: {name} is {is_ / expected - 1:+.2%} off{_why(name, layout)}")
     inner, outer = (np.unique(mesh.elements[np.isin(mesh.body, bodies)]) for bodies in ([INNER], [OUTER, GROOVE]))
     if len(np.intersect1d(inner, outer)):
         raise SolveError("volume mesh: the gap is bridged")
     for label in np.unique(mesh.body):
-        if (pieces := _pieces(mesh.elements[mesh.body == label, :4])) != 1 and not _may_be_split(found, int(label)):
+        if (pieces := _pieces(mesh.elements[mesh.body == label, :4])) != 1 and not _may_be_split(layout, int(label)):
             raise SolveError(f"volume mesh: body {label} is in {pieces} pieces")
 
 
-def largest_error(mesh: TetMesh, found: BodyLayout) -> float:
+def largest_error(mesh: TetMesh, layout: BodyLayout) -> float:
     """The largest relative error, without sign, of the volumes of blocks, groove, ellipsoids and tissue.
 
     That of an ellipsoid further from the probe than its diameter counts less, as much as it is further.
     """
-    near = {f"inclusion[{k}]'s volume": 2 * found.tube / float(np.linalg.norm(b.centre)) for k, b in enumerate(found.inclusions)}
-    known = {name: is_ / exact - 1 for name, (is_, exact, allowed) in _volumes(mesh, found).items() if allowed == _VOLUME}
-    return max(abs(error) * min(1.0, near.get(name, 1.0)) for name, error in known.items())
+    near = {
+        f"inclusion[{k}]'s volume": 2 * layout.tube / float(np.linalg.norm(b.centre)) for k, b in enumerate(layout.inclusions)
+    }
+    relative = {name: is_ / exact - 1 for name, (is_, exact, allowed) in _volumes(mesh, layout).items() if allowed == _VOLUME}
+    return max(abs(error) * min(1.0, near.get(name, 1.0)) for name, error in relative.items())
 
 
-def _why(name: str, found: BodyLayout) -> str:
+def _why(name: str, layout: BodyLayout) -> str:
     """What may be the matter where a surface from a file leaks or does not say what is inside."""
-    for index, body in enumerate(found.inclusions):
+    for index, body in enumerate(layout.inclusions):
         if isinstance(body, Sheet) and name.startswith(f"inclusion[{index}]"):
             crossing, opened = "its triangles may cross, or be too fine for the mesh", "it is open, its volume not well defined"
             return f" (the surface from its file: {crossing if body.closed else opened})"
     return ""
 
 
-def errors(mesh: TetMesh, found: BodyLayout) -> dict[str, float]:
+def errors(mesh: TetMesh, layout: BodyLayout) -> dict[str, float]:
     """Relative errors of all volumes and areas that are known."""
-    return {name: is_ / expected - 1 for name, (is_, expected, _) in {**_volumes(mesh, found), **_areas(mesh, found)}.items()}
+    return {name: is_ / expected - 1 for name, (is_, expected, _) in {**_volumes(mesh, layout), **_areas(mesh, layout)}.items()}
 
 
-def _volumes(mesh: TetMesh, found: BodyLayout) -> dict[str, tuple[float, float, float]]:
+def _volumes(mesh: TetMesh, layout: BodyLayout) -> dict[str, tuple[float, float, float]]:
     """By name: a volume in the mesh, the exact one, and the relative error that is allowed."""
-    each = element_volumes(mesh.nodes, mesh.elements) * (2 if mesh.half else 1)
+    volumes = element_volumes(mesh.nodes, mesh.elements) * (2 if mesh.half else 1)
 
     def of(label: int) -> float:
-        return float(each[mesh.body == label].sum())
+        return float(volumes[mesh.body == label].sum())
 
-    footprint, below = _footprint(found), mesh.body >= TISSUE
-    cut = 0.0 if found.groove is None else footprint * found.groove[1]
-    whole = _tissue_area(found) * found.depth
-    tube = math.pi * (found.tube**2 - found.hole**2) * found.outer_height
+    footprint, below = _footprint(layout), mesh.body >= TISSUE
+    cut = 0.0 if layout.groove is None else footprint * layout.groove[1]
+    whole = _tissue_area(layout) * layout.depth
+    tube = math.pi * (layout.tube**2 - layout.hole**2) * layout.outer_height
     result = {
-        "the inner block's volume": (of(INNER), math.pi * found.inner**2 * found.inner_height, _VOLUME),
+        "the inner block's volume": (of(INNER), math.pi * layout.inner**2 * layout.inner_height, _VOLUME),
         "the outer block's volume": (of(OUTER), tube - cut, _VOLUME),
-        "the tissue's volume with its inclusions": (float(each[below].sum()), whole, _VOLUME),
+        "the tissue's volume with its inclusions": (float(volumes[below].sum()), whole, _VOLUME),
     }
     if cut:
         result["the groove's volume"] = (of(GROOVE), cut, _VOLUME)
-    if found.wall is not None:
-        inside = float(each[below & ~mesh.beyond].sum())
-        result["the reference cylinder's volume"] = (inside, math.pi * found.wall**2 * found.depth, _VOLUME)
-    for index, body in enumerate(found.inclusions):
+    if layout.wall is not None:
+        inside = float(volumes[below & ~mesh.beyond].sum())
+        result["the reference cylinder's volume"] = (inside, math.pi * layout.wall**2 * layout.depth, _VOLUME)
+    for index, body in enumerate(layout.inclusions):
         allowed = _VOLUME if isinstance(body, Ellipsoid) else _FILE_VOLUME
         result[f"inclusion[{index}]'s volume"] = (of(INCLUSION + index), body.volume, allowed)
     return result
 
 
-def _areas(mesh: TetMesh, found: BodyLayout) -> dict[str, tuple[float, float, float]]:
-    disc, ring = math.pi * found.inner**2, math.pi * (found.tube**2 - found.hole**2)
-    result = {"the inner block's film end": (_area(mesh, [INNER], found.inner_height), disc, _VOLUME)}
-    result["the outer block's film end"] = (_area(mesh, [OUTER, GROOVE], found.outer_height), ring, _VOLUME)
+def _areas(mesh: TetMesh, layout: BodyLayout) -> dict[str, tuple[float, float, float]]:
+    disc, ring = math.pi * layout.inner**2, math.pi * (layout.tube**2 - layout.hole**2)
+    result = {"the inner block's film end": (_area(mesh, [INNER], layout.inner_height), disc, _VOLUME)}
+    result["the outer block's film end"] = (_area(mesh, [OUTER, GROOVE], layout.outer_height), ring, _VOLUME)
     result["the inner block's end on the tissue"] = (_area(mesh, [INNER], 0.0), disc, _VOLUME)
     result["the outer block's end on the tissue"] = (_area(mesh, [OUTER], 0.0), ring, _VOLUME)
     below = np.unique(mesh.body[mesh.body >= TISSUE]).tolist()
-    result["the tissue's top"] = (_area(mesh, below, 0.0), _tissue_area(found), _VOLUME)
+    result["the tissue's top"] = (_area(mesh, below, 0.0), _tissue_area(layout), _VOLUME)
     return result
 
 
@@ -121,16 +123,16 @@ def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64
     return result
 
 
-def _footprint(found: BodyLayout) -> float:
-    if found.groove is None:
+def _footprint(layout: BodyLayout) -> float:
+    if layout.groove is None:
         return 0.0
-    a = found.groove[0]
-    strips = [r * r * math.asin(a / r) + a * math.sqrt(r * r - a * a) for r in (found.tube, found.hole)]
+    a = layout.groove[0]
+    strips = [r * r * math.asin(a / r) + a * math.sqrt(r * r - a * a) for r in (layout.tube, layout.hole)]
     return strips[0] - strips[1]
 
 
-def _tissue_area(found: BodyLayout) -> float:
-    return 4 * found.sides[0] * found.sides[1] if found.tissue_radius is None else math.pi * found.tissue_radius**2
+def _tissue_area(layout: BodyLayout) -> float:
+    return 4 * layout.sides[0] * layout.sides[1] if layout.tissue_radius is None else math.pi * layout.tissue_radius**2
 
 
 def _pieces(tetrahedra: Indices) -> int:
@@ -144,6 +146,6 @@ def _pieces(tetrahedra: Indices) -> int:
     return int(connected_components(graph, directed=False)[0])
 
 
-def _may_be_split(found: BodyLayout, label: int) -> bool:
+def _may_be_split(layout: BodyLayout, label: int) -> bool:
     """Bodies that a scene can rightly have in several pieces: what a file holds, and tissue beside a block's sides."""
-    return label == BEYOND or (label >= INCLUSION and not isinstance(found.inclusions[label - INCLUSION], Ellipsoid))
+    return label == BEYOND or (label >= INCLUSION and not isinstance(layout.inclusions[label - INCLUSION], Ellipsoid))

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
-from geometry.tetra.snapping import Surface, snapped
+from geometry.tetra.snapping import Surface, snap
 from geometry.tetra.tet_mesh import quadratic, scaled_jacobians
 
 Indices = NDArray[np.int64]
@@ -14,8 +14,8 @@ _FLOOR = 0.03  # scaled Jacobian below which no element falls that was above it
 _SHARES = (0.8, 0.7, 0.6, 0.5, 0.0, 0.0, 0.0)  # of its bend that an edge of a bad element keeps, step by step
 
 
-def curved(
-    corners: Points, tetrahedra: Indices, found: list[Surface], faces: Indices, chosen: Indices, keep: float
+def curved_mesh(
+    corners: Points, tetrahedra: Indices, surfaces: list[Surface], *, faces: Indices, chosen: Indices, keep: float
 ) -> tuple[Points, Indices]:
     """Nodes and elements of the quadratic mesh whose interface edges follow the surfaces ``chosen`` (f,) of ``faces`` (f, 3).
 
@@ -23,8 +23,8 @@ def curved(
     """
     nodes, elements, pairs = quadratic(corners, tetrahedra)
     straight, count = nodes.copy(), len(corners)
-    member = _edge_members(pairs, faces, chosen, len(found), count)
-    nodes[count:] = snapped(found, nodes[count:], member)
+    member = _edge_members(pairs, faces, chosen, len(surfaces), count)
+    nodes[count:] = snap(surfaces, nodes[count:], member)
     bent = elements[np.flatnonzero(member[elements[:, 4:] - count].any(axis=(1, 2)))]
     before = scaled_jacobians(straight, bent)
     least = np.maximum(keep * before, np.minimum(0.9 * before, _FLOOR))
@@ -41,9 +41,9 @@ def _edge_members(pairs: Indices, faces: Indices, chosen: Indices, surfaces: int
     """Which surfaces each edge (m, 2) lies on, (m, surfaces): those of the faces beside it."""
     edges = np.sort(faces[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), axis=1)
     keys = pairs[:, 0] * count + pairs[:, 1]  # the pairs are in order, so their keys are
-    wanted = edges[:, 0] * count + edges[:, 1]
-    index = np.clip(np.searchsorted(keys, wanted), 0, len(keys) - 1)
-    hit = keys[index] == wanted
+    edge_keys = edges[:, 0] * count + edges[:, 1]
+    index = np.clip(np.searchsorted(keys, edge_keys), 0, len(keys) - 1)
+    hit = keys[index] == edge_keys
     member = np.zeros((len(pairs), surfaces), dtype=bool)
     member[index[hit], np.repeat(chosen, 3)[hit]] = True
     return member

@@ -16,35 +16,37 @@ Labels = NDArray[np.int64]
 AIR, MIRROR = -1, -2  # outside all bodies; behind the plane of symmetry
 
 
-def labels(found: BodyLayout, turns: Corners, space: MeshSpace, points: Points) -> tuple[Labels, NDArray[np.bool_]]:
+def labels(layout: BodyLayout, turns: Corners, space: MeshSpace, points: Points) -> tuple[Labels, NDArray[np.bool_]]:
     """The bodies that points (n, 3) of the scene lie in, or ``AIR`` or ``MIRROR``, and whether beyond the reference cylinder."""
     x, y, z = points.T
     body = np.full(len(points), AIR)
     radius, angle, wide = np.hypot(x, y), np.arctan2(y, x), space.to_mesh(points)
-    seen = np.abs(angle) if found.half else angle
-    inner, hole, tube = (np.hypot(*wide[:, :2].T) * factor < size for size, factor in _blown(found, turns, space, seen, z))
-    body[(z > 0) & (z < found.inner_height) & inner] = INNER
-    outer = (z > 0) & (z < found.outer_height) & ~hole & tube
+    folded = np.abs(angle) if layout.half else angle
+    inner, hole, tube = (
+        np.hypot(*wide[:, :2].T) * factor < size for size, factor in _mapped_radii(layout, turns, space, folded, z)
+    )
+    body[(z > 0) & (z < layout.inner_height) & inner] = INNER
+    outer = (z > 0) & (z < layout.outer_height) & ~hole & tube
     body[outer] = OUTER
-    if found.groove is not None:
-        width, depth = found.groove
-        body[outer & (z > found.outer_height - depth) & (x > 0) & (np.abs(y) < width)] = GROOVE
-    tissue = (z < 0) & (z > -found.depth) & (radius < found.side_distance(angle))
+    if layout.groove is not None:
+        width, depth = layout.groove
+        body[outer & (z > layout.outer_height - depth) & (x > 0) & (np.abs(y) < width)] = GROOVE
+    tissue = (z < 0) & (z > -layout.depth) & (radius < layout.side_distance(angle))
     body[tissue] = TISSUE
-    beyond = tissue & (radius > (np.inf if found.wall is None else found.wall))
+    beyond = tissue & (radius > (np.inf if layout.wall is None else layout.wall))
     body[beyond] = BEYOND
-    for index, inclusion in enumerate(found.inclusions):
+    for index, inclusion in enumerate(layout.inclusions):
         inside = inclusion.inside(points) if isinstance(inclusion, Sheet) else inclusion.level(points) < 1
         body[tissue & inside] = INCLUSION + index
-    if found.half:
+    if layout.half:
         body[y < 0] = MIRROR
     return body, beyond
 
 
-def _blown(found: BodyLayout, turns: Corners, space: MeshSpace, angle: Points, z: Points) -> list[tuple[Points, Points]]:
+def _mapped_radii(layout: BodyLayout, turns: Corners, space: MeshSpace, angle: Points, z: Points) -> list[tuple[Points, Points]]:
     """Radii in the mesher's space at each point's height, and how much larger the circle is than its polygon in its direction."""
     result = []
-    for size, corners in ((found.inner, turns.hole), (turns.hole_radius, turns.hole), (found.tube, turns.tube)):
+    for size, corners in ((layout.inner, turns.hole), (turns.hole_radius, turns.hole), (layout.tube, turns.tube)):
         index = np.clip(np.searchsorted(corners, angle) - 1, 0, len(corners) - 2)
         low, high = corners[index], corners[index + 1]
         mapped = space.to_mesh(np.column_stack([np.full(len(z), size), np.zeros(len(z)), z]))[:, 0]

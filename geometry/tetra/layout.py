@@ -114,13 +114,13 @@ class BodyLayout:
         return np.array([math.atan2(q, p) % (2 * math.pi) for p, q in corners])
 
 
-def extent(scene: Scene, given: float | None) -> float:
-    """The radius and depth in m that tissue is shortened to: ``given``, infinity, or what stands for a half-space's.
+def extent(scene: Scene, tissue_extent: float | None) -> float:
+    """The radius and depth in m that tissue is shortened to: ``tissue_extent``, infinity, or what stands for a half-space's.
 
     A half-space reaches to 25 outer radii and beyond all inclusions, five times as far from the probe as they are.
     """
-    if given is not None:
-        return given
+    if tissue_extent is not None:
+        return tissue_extent
     if scene.tissue.shape != "half-space":
         return math.inf
     at = scene.placement
@@ -129,7 +129,7 @@ def extent(scene: Scene, given: float | None) -> float:
     return max(25 * scene.probe.tube_radius, *(5 * size for size in reach), 0.0)
 
 
-def layout(scene: Scene, half: bool, tissue_extent: float, reference_radius: float | None) -> BodyLayout:
+def body_layout(scene: Scene, half: bool, tissue_extent: float, reference_radius: float | None) -> BodyLayout:
     """Read a scene into its bodies in the probe's axes.
 
     Args:
@@ -150,11 +150,24 @@ def layout(scene: Scene, half: bool, tissue_extent: float, reference_radius: flo
     groove = None if probe.groove is None else (probe.groove.width / 2, probe.groove.depth)
     bodies = tuple(_inclusion(scene, index) for index in range(len(scene.inclusion)))
     centre, radius, sides, depth = _tissue(scene)
-    whole = BodyLayout(probe.inner_radius, probe.hole_radius, probe.tube_radius, probe.core_height, probe.tube_height, groove,
-                   (centre[0] - at.x, centre[1] - at.y), radius, sides, depth, None, bodies, half)  # fmt: skip
-    found = _shortened(whole, tissue_extent)
-    check_fit(found, tuple(body.surface or "" for body in scene.inclusion), tissue_extent)
-    return _with_wall(found, reference_radius)
+    whole = BodyLayout(
+        inner=probe.inner_radius,
+        hole=probe.hole_radius,
+        tube=probe.tube_radius,
+        inner_height=probe.core_height,
+        outer_height=probe.tube_height,
+        groove=groove,
+        centre=(centre[0] - at.x, centre[1] - at.y),
+        tissue_radius=radius,
+        sides=sides,
+        depth=depth,
+        wall=None,
+        inclusions=bodies,
+        half=half,
+    )
+    shortened = _shortened(whole, tissue_extent)
+    check_fit(shortened, tuple(body.surface or "" for body in scene.inclusion), tissue_extent)
+    return _with_wall(shortened, reference_radius)
 
 
 def _tissue(scene: Scene) -> tuple[tuple[float, float], float | None, tuple[float, float], float]:
@@ -177,27 +190,27 @@ def _shortened(whole: BodyLayout, extent: float) -> BodyLayout:
     return replace(shorter, centre=(0.0, 0.0), tissue_radius=extent, sides=(0.0, 0.0)) if room > extent else shorter
 
 
-def _with_wall(found: BodyLayout, wanted: float | None) -> BodyLayout:
-    room = float(found.side_distance(np.linspace(0, 2 * math.pi, 721)).min())
-    coaxial = found.tissue_radius is not None and math.hypot(*found.centre) <= _EVEN * found.tissue_radius
-    if coaxial and (wanted is None or wanted >= room * (1 - _EVEN)):
-        return found
-    wall = default_wall(found, room) if wanted is None else wanted
-    if not found.tube * 1.05 < wall < room * 0.999:
-        allowed = f"from {mm(found.tube * 1.05)} to {mm(room * 0.999)}: a cylinder round the probe's axis inside the tissue"
+def _with_wall(layout: BodyLayout, radius: float | None) -> BodyLayout:
+    room = float(layout.side_distance(np.linspace(0, 2 * math.pi, 721)).min())
+    coaxial = layout.tissue_radius is not None and math.hypot(*layout.centre) <= _EVEN * layout.tissue_radius
+    if coaxial and (radius is None or radius >= room * (1 - _EVEN)):
+        return layout
+    wall = default_wall(layout, room) if radius is None else radius
+    if not layout.tube * 1.05 < wall < room * 0.999:
+        allowed = f"from {mm(layout.tube * 1.05)} to {mm(room * 0.999)}: a cylinder round the probe's axis inside the tissue"
         raise Refusal("reference_radius", mm(wall), allowed)
-    return replace(found, wall=wall)
+    return replace(layout, wall=wall)
 
 
-def default_wall(found: BodyLayout, room: float) -> float:
+def default_wall(layout: BodyLayout, room: float) -> float:
     """The largest reference cylinder that leaves a fifth of the room beside it and keeps clear of all inclusions."""
-    free = [(found.tube * 1.05, (found.tube + room) / 2 if room < 1.2 * found.tube else 0.8 * room)]
-    for body in found.inclusions:
+    free = [(layout.tube * 1.05, (layout.tube + room) / 2 if room < 1.2 * layout.tube else 0.8 * room)]
+    for body in layout.inclusions:
         centre, reach = math.hypot(*body.centre[:2]), math.hypot(*body.reach[:2])
         spare = max(0.25 * reach, 0.12 * centre)
         low, high = centre - reach - spare, centre + reach + spare
         free = [part for a, b in free for part in ((a, min(b, low)), (max(a, high), b)) if part[1] > part[0]]
-    good = [b for a, b in free if b > 1.3 * found.tube] or [b for a, b in free] or [(found.tube + room) / 2]
+    good = [b for a, b in free if b > 1.3 * layout.tube] or [b for a, b in free] or [(layout.tube + room) / 2]
     return max(good)
 
 

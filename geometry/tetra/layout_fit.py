@@ -19,26 +19,26 @@ if TYPE_CHECKING:
 _ANGLES = np.linspace(0, 2 * np.pi, 721)
 
 
-def check_fit(found: BodyLayout, names: tuple[str, ...], extent: float) -> None:
+def check_fit(layout: BodyLayout, names: tuple[str, ...], extent: float) -> None:
     """Refuse bodies that leave the tissue or overlap; ``names`` of their files, "" without; ``extent`` of the tissue in m.
 
     Raises:
         Refusal: of ``inclusion[k].surface``, or of ``tissue_extent`` where shortened tissue has no room for a body.
     """
-    for index, (body, name) in enumerate(zip(found.inclusions, names, strict=True)):
-        left = _leaves(found, body)
+    for index, (body, name) in enumerate(zip(layout.inclusions, names, strict=True)):
+        left = _leaves(layout, body)
         if left and isinstance(body, Sheet):
             raise Refusal(f"inclusion[{index}].surface", Words(f"{name}, which leaves {left}"), "a body inside the tissue")
         if left:
             raise Refusal("tissue_extent", mm(extent), f"tissue with room for inclusion[{index}], which leaves {left}")
-    for (i, one), (j, other) in combinations(enumerate(found.inclusions), 2):
+    for (i, one), (j, other) in combinations(enumerate(layout.inclusions), 2):
         if (isinstance(one, Sheet) or isinstance(other, Sheet)) and overlapping(one, other):
             index, apart = (j, i) if isinstance(other, Sheet) else (i, j)
-            given = Words(f"{names[index]}, which overlaps or touches inclusion[{apart}]")
-            raise Refusal(f"inclusion[{index}].surface", given, "inclusions apart")
+            value = Words(f"{names[index]}, which overlaps or touches inclusion[{apart}]")
+            raise Refusal(f"inclusion[{index}].surface", value, "inclusions apart")
 
 
-def _leaves(found: BodyLayout, body: Ellipsoid | Sheet) -> str:
+def _leaves(layout: BodyLayout, body: Ellipsoid | Sheet) -> str:
     """What of the tissue a body reaches beyond, "" if it is inside."""
     if isinstance(body, Sheet):
         low, high = float(body.points[:, 2].min()), float(body.points[:, 2].max())
@@ -49,9 +49,9 @@ def _leaves(found: BodyLayout, body: Ellipsoid | Sheet) -> str:
         reach, angles = np.hypot(*outline.T), np.arctan2(outline[:, 1], outline[:, 0])
     if high >= 0:
         return f"its top by {mm(high)}"
-    if low <= -found.depth:
-        return f"its bottom by {mm(-found.depth - low)}"
-    beyond = float((reach - found.side_distance(angles)).max())
+    if low <= -layout.depth:
+        return f"its bottom by {mm(-layout.depth - low)}"
+    beyond = float((reach - layout.side_distance(angles)).max())
     return f"its side by {mm(beyond)}" if beyond >= 0 else ""
 
 

@@ -18,20 +18,20 @@ from geometry.common.arrays import Points
 from geometry.common.errors import SolveError
 from geometry.scenes.scene import Scene
 from geometry.tetra.check import check, largest_error
-from geometry.tetra.curving import curved
+from geometry.tetra.curving import curved_mesh
 from geometry.tetra.labels import labels
-from geometry.tetra.layout import BodyLayout, extent, layout
+from geometry.tetra.layout import BodyLayout, body_layout, extent
 from geometry.tetra.sizing import COARSE, FINE, ROUGH, TetraFineness, background
-from geometry.tetra.slivers import without_slivers
-from geometry.tetra.smoothing import mended, unfolded
-from geometry.tetra.snapping import exact_surfaces, held, interfaces, memberships, snapped, surfaces_of
+from geometry.tetra.slivers import remove_slivers
+from geometry.tetra.smoothing import smooth, undo_inversions
+from geometry.tetra.snapping import exact_surfaces, interfaces, memberships, snap, snap_to_permanent, surfaces_of
 from geometry.tetra.stretched_space import MeshSpace, mesh_space
 from geometry.tetra.surface_files import Sheet
 from geometry.tetra.surfaces import Corners, corners, surfaces
 from geometry.tetra.tet_mesh import TetMesh
-from geometry.tetra.tetwild_process import Failure, TooLong, tetrahedralized
+from geometry.tetra.tetwild_process import Failure, TooLong, tetrahedralize
 
-__all__ = ["COARSE", "FINE", "ROUGH", "TetraFineness", "Timing", "extent", "meshed", "volume_mesh"]
+__all__ = ["COARSE", "FINE", "ROUGH", "TetraFineness", "Timing", "extent", "mesh_layout", "volume_mesh"]
 
 _NEAR = 1.7  # far tissue begins at this many times the probe's largest length
 _ENVELOPE = 0.15  # of the smallest feature: how far pytetwild's surfaces may be from the given ones; never above half the gap
@@ -83,14 +83,14 @@ def volume_mesh(
 
     Raises:
         InputError: a surface file that cannot be used.
-        Refusal: see ``geometry.tetra.layout.layout``.
+        Refusal: see ``geometry.tetra.layout.body_layout``.
         SolveError: no mesh passed the checks, or pytetwild failed; the text says why.
         KeyboardInterrupt: Ctrl-C, at once.
     """
-    return meshed(layout(scene, half, extent(scene, tissue_extent), reference_radius), fineness)[0]
+    return mesh_layout(body_layout(scene, half, extent(scene, tissue_extent), reference_radius), fineness)[0]
 
 
-def meshed(found: BodyLayout, fineness: TetraFineness) -> tuple[TetMesh, Timing]:
+def mesh_layout(layout: BodyLayout, fineness: TetraFineness) -> tuple[TetMesh, Timing]:
     """Mesh a layout; again, within a tighter envelope, where a mesh fails the checks or a volume is off by more than 0.3 %.
 
     Returns:
@@ -104,10 +104,10 @@ def meshed(found: BodyLayout, fineness: TetraFineness) -> tuple[TetMesh, Timing]
     trials = 0
     while trials < _TRIALS and least > _GOOD:
         try:
-            mesh, seconds = _trial(found, fineness, _ENVELOPE * _TIGHTER**trials)
+            mesh, seconds = _trial(layout, fineness, _ENVELOPE * _TIGHTER**trials)
             spent += seconds
-            check(mesh, found)
-            if (off := largest_error(mesh, found)) < least:
+            check(mesh, layout)
+            if (off := largest_error(mesh, layout)) < least:
                 best, least = mesh, off
         except TooLong as failure:
             fault = f"pytetwild: {failure}"
@@ -123,36 +123,38 @@ def meshed(found: BodyLayout, fineness: TetraFineness) -> tuple[TetMesh, Timing]
     return best, Timing(float(spent[0]), float(spent[1]), float(spent[2]), trials)
 
 
-def _trial(found: BodyLayout, fineness: TetraFineness, envelope: float) -> tuple[TetMesh, Points]:
+def _trial(layout: BodyLayout, fineness: TetraFineness, envelope: float) -> tuple[TetMesh, Points]:
     times = [time.perf_counter()]
-    space = space_of(found, fineness)
-    turns = corners(found, fineness.corners)
-    soup = surfaces(found, turns, _ROWS, max(5, round(2.5 / fineness.sphere)))
-    points, triangles = _in_mesh_space(found, space, soup)
+    space = space_of(layout, fineness)
+    turns = corners(layout, fineness.corners)
+    soup = surfaces(layout, turns, _ROWS, max(5, round(2.5 / fineness.sphere)))
+    points, triangles = _in_mesh_space(layout, space, soup)
     box = np.array([points.min(axis=0), points.max(axis=0)])
     margin = _MARGIN * float(np.linalg.norm(box[1] - box[0]))
-    sizes = background(found, fineness, space, box + np.array([[-margin], [margin]]))
+    sizes = background(layout, fineness, space, box + np.array([[-margin], [margin]]))
     times.append(time.perf_counter())
-    cells = _tetrahedralized(points, triangles, envelope * _smallest(found, space), sizes)
+    cells = _tetrahedralize(points, triangles, envelope * _smallest(layout, space), sizes)
     times.append(time.perf_counter())
-    mesh = _finished(found, space, turns, *cells)
+    mesh = _finish(layout, space, turns, *cells)
     times.append(time.perf_counter())
     return mesh, np.diff(times)
 
 
-def space_of(found: BodyLayout, fineness: TetraFineness) -> MeshSpace:
+def space_of(layout: BodyLayout, fineness: TetraFineness) -> MeshSpace:
     """The mesher's space: a gap as wide as the tetrahedra at its rims, tissue beyond the probe and surface files drawn near."""
-    sheets = [float(np.linalg.norm(body.points, axis=1).max()) for body in found.inclusions if isinstance(body, Sheet)]
-    near = max(_NEAR * max(found.tube, found.inner_height, found.outer_height), *(1.05 * size for size in sheets), 0.0)
-    wide = min(fineness.rim * found.inner, _WIDEN * found.gap)
-    height = max(found.inner_height, found.outer_height)
-    return mesh_space(found.inner, found.hole, found.tube, wide, near, height, _RISE * fineness.growth * height)
+    sheets = [float(np.linalg.norm(body.points, axis=1).max()) for body in layout.inclusions if isinstance(body, Sheet)]
+    near = max(_NEAR * max(layout.tube, layout.inner_height, layout.outer_height), *(1.05 * size for size in sheets), 0.0)
+    wide = min(fineness.rim * layout.inner, _WIDEN * layout.gap)
+    height = max(layout.inner_height, layout.outer_height)
+    return mesh_space(
+        layout.inner, layout.hole, layout.tube, gap=wide, near=near, height=height, rise=_RISE * fineness.growth * height
+    )
 
 
-def _in_mesh_space(found: BodyLayout, space: MeshSpace, soup: tuple[Points, Any]) -> tuple[Points, NDArray[np.int32]]:
+def _in_mesh_space(layout: BodyLayout, space: MeshSpace, soup: tuple[Points, Any]) -> tuple[Points, NDArray[np.int32]]:
     """The surfaces mapped, with the plane of symmetry, a rectangle beyond them all, for half a scene."""
     points, triangles = space.to_mesh(soup[0]), soup[1]
-    if found.half:
+    if layout.half:
         points[np.abs(points[:, 1]) < 1e-9 * np.abs(points).max(), 1] = 0.0  # what lies on the plane up to rounding lies on it
         low, high = points.min(axis=0), points.max(axis=0)
         low, high = low - 0.02 * (high - low), high + 0.02 * (high - low)
@@ -162,18 +164,18 @@ def _in_mesh_space(found: BodyLayout, space: MeshSpace, soup: tuple[Points, Any]
     return points, triangles.astype(np.int32)
 
 
-def _smallest(found: BodyLayout, space: MeshSpace) -> float:
+def _smallest(layout: BodyLayout, space: MeshSpace) -> float:
     """The smallest feature in the mesher's space, in m."""
-    lengths = [found.gap + space.moved[2] - space.moved[1], found.tube - found.hole, found.inner_height, found.outer_height]
-    if found.groove is not None:
-        lengths += [2 * found.groove[0], found.groove[1]]
-    for body in found.inclusions:
+    lengths = [layout.gap + space.moved[2] - space.moved[1], layout.tube - layout.hole, layout.inner_height, layout.outer_height]
+    if layout.groove is not None:
+        lengths += [2 * layout.groove[0], layout.groove[1]]
+    for body in layout.inclusions:
         scale = float(space.scale(body.centre[None, :])[0])
         lengths += [0.5 * scale * body.smallest, 2 * scale * float(-body.centre[2] - body.reach[2])]
     return min(length for length in lengths if length > 0)
 
 
-def _tetrahedralized(
+def _tetrahedralize(
     points: Points, triangles: NDArray[np.int32], envelope: float, sizes: tuple[Points, NDArray[np.int32], Points]
 ) -> tuple[Points, NDArray[np.int64]]:
     """Call pytetwild; ``envelope`` in m, ``sizes`` as from ``background``."""
@@ -192,29 +194,29 @@ def _tetrahedralized(
         "bg_tets": cells,
         "bg_values": values * scale,
     }
-    nodes, tetrahedra = tetrahedralized(arguments)
+    nodes, tetrahedra = tetrahedralize(arguments)
     return nodes / scale, tetrahedra
 
 
-def _finished(found: BodyLayout, space: MeshSpace, turns: Corners, nodes: Points, tetrahedra: NDArray[np.int64]) -> TetMesh:
+def _finish(layout: BodyLayout, space: MeshSpace, turns: Corners, nodes: Points, tetrahedra: NDArray[np.int64]) -> TetMesh:
     """Label, move to the exact surfaces, mend, curve, and drop what is outside."""
     points = space.to_scene(nodes)
-    body, beyond = labels(found, turns, space, space.to_scene(nodes[tetrahedra].mean(axis=1)))
-    exact = exact_surfaces(found)
+    body, beyond = labels(layout, turns, space, space.to_scene(nodes[tetrahedra].mean(axis=1)))
+    exact = exact_surfaces(layout)
     faces, one, other = interfaces(tetrahedra, body)
-    known = np.maximum(one, other) >= 0
-    faces, chosen = faces[known], surfaces_of(exact, points, faces[known], one[known], other[known])
+    on_bodies = np.maximum(one, other) >= 0
+    faces, chosen = faces[on_bodies], surfaces_of(exact, points, faces[on_bodies], one[on_bodies], other[on_bodies])
     if (chosen < 0).any():
-        a, b = one[known][chosen < 0][0], other[known][chosen < 0][0]
+        a, b = one[on_bodies][chosen < 0][0], other[on_bodies][chosen < 0][0]
         raise SolveError(f"volume mesh: bodies {a} and {b} touch, which they do not in the scene")
-    body, faces, chosen = without_slivers(exact, points, tetrahedra, body, faces, chosen)
+    body, faces, chosen = remove_slivers(exact, points, tetrahedra, body=body, faces=faces, chosen=chosen)
     member = memberships(len(points), faces, chosen, len(exact))
     used = body >= 0
-    kept, number = np.unique(tetrahedra[used], return_inverse=True)
+    vertices, number = np.unique(tetrahedra[used], return_inverse=True)
     renumber = np.full(len(points), -1)
-    renumber[kept] = np.arange(len(kept))
-    cells, member, faces = number.reshape(-1, 4), member[kept], renumber[faces]
-    straight = mended(snapped(exact, points[kept], member), cells, exact, member, _LEAST_RATIO, 6)
-    straight = unfolded(straight, held(exact, points[kept], member), cells, _LEAST_KEPT)
-    quadratic, elements = curved(straight, cells, exact, faces, chosen, _KEEP)
-    return TetMesh(quadratic, elements, body[used], beyond[used], found.half)
+    renumber[vertices] = np.arange(len(vertices))
+    cells, member, faces = number.reshape(-1, 4), member[vertices], renumber[faces]
+    straight = smooth(snap(exact, points[vertices], member), cells, exact, member, least=_LEAST_RATIO, rounds=6)
+    straight = undo_inversions(straight, snap_to_permanent(exact, points[vertices], member), cells, _LEAST_KEPT)
+    quadratic, elements = curved_mesh(straight, cells, exact, faces=faces, chosen=chosen, keep=_KEEP)
+    return TetMesh(quadratic, elements, body[used], beyond[used], layout.half)

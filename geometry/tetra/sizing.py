@@ -50,50 +50,52 @@ COARSE = TetraFineness(groove=0.65, rim=0.1, block=0.33, wall=0.95, sphere=0.333
 FINE = TetraFineness(groove=0.4, rim=0.072, block=0.24, wall=0.65, sphere=0.222, layer=0.45, growth=0.235, corners=48)
 
 
-def sizes(found: BodyLayout, fine: TetraFineness, space: MeshSpace, points: Points) -> Points:
+def sizes(layout: BodyLayout, fine: TetraFineness, space: MeshSpace, points: Points) -> Points:
     """Edge lengths in m at points (n, 3) of the scene."""
     radius, z = np.hypot(points[:, 0], points[:, 1]), points[:, 2]
     rims = np.full(len(points), np.inf)
-    thickness = min(found.tube - found.hole, found.inner)
+    thickness = min(layout.tube - layout.hole, layout.inner)
     for rim, size in (
-        ((found.inner + found.hole) / 2, fine.rim * min(found.inner, _THIN * thickness)),
-        (found.tube, fine.rim * min(2 * found.inner, _THIN * thickness)),
+        ((layout.inner + layout.hole) / 2, fine.rim * min(layout.inner, _THIN * thickness)),
+        (layout.tube, fine.rim * min(2 * layout.inner, _THIN * thickness)),
     ):
-        away = np.maximum(np.hypot(radius - rim, z) - (found.gap if rim < found.hole else 0.0), 0.0)
+        away = np.maximum(np.hypot(radius - rim, z) - (layout.gap if rim < layout.hole else 0.0), 0.0)
         rims = np.minimum(rims, size + fine.growth * away)
-    result: Points = np.minimum(rims, fine.block * found.inner + fine.growth * _beside(found, radius, z))
-    heights = fine.wall * min(found.inner_height, found.outer_height)
-    walls = np.minimum(heights, fine.wall * thickness + fine.growth * np.maximum(found.hole - radius, 0.0))
-    result = np.minimum(result, walls + fine.growth * _beside(found, radius, z))
-    if found.groove is not None:
-        width, depth = found.groove
+    result: Points = np.minimum(rims, fine.block * layout.inner + fine.growth * _beside(layout, radius, z))
+    heights = fine.wall * min(layout.inner_height, layout.outer_height)
+    walls = np.minimum(heights, fine.wall * thickness + fine.growth * np.maximum(layout.hole - radius, 0.0))
+    result = np.minimum(result, walls + fine.growth * _beside(layout, radius, z))
+    if layout.groove is not None:
+        width, depth = layout.groove
         sideways = np.maximum(np.abs(points[:, 1]) - width, 0) + np.maximum(-points[:, 0], 0)
-        away = np.hypot(sideways, np.maximum(found.outer_height - depth - z, 0)) + np.maximum(found.hole - radius, 0)
-        result = np.minimum(result, fine.groove * min(2 * width, depth) + fine.growth * (away + _beside(found, radius, z)))
+        away = np.hypot(sideways, np.maximum(layout.outer_height - depth - z, 0)) + np.maximum(layout.hole - radius, 0)
+        result = np.minimum(result, fine.groove * min(2 * width, depth) + fine.growth * (away + _beside(layout, radius, z)))
     far = 1 - _FAR * np.log(space.scale(points))
-    for body in found.inclusions:
+    for body in layout.inclusions:
         layer = fine.layer * (np.abs(body.distance(points)) + np.abs(z))
-        result = np.minimum(result, layer + fine.growth * _beside(found, radius, z))
+        result = np.minimum(result, layer + fine.growth * _beside(layout, radius, z))
     result *= far
-    for body in found.inclusions:
+    for body in layout.inclusions:
         own, growth = fine.sphere * body.smallest * far**_FAR_INCLUSIONS, _AROUND * fine.growth * far
         result = np.minimum(result, own + growth * np.abs(body.distance(points)))
     return result
 
 
-def _beside(found: BodyLayout, radius: Points, z: Points) -> Points:
+def _beside(layout: BodyLayout, radius: Points, z: Points) -> Points:
     """Distance from the probe's blocks."""
-    return np.hypot(np.maximum(radius - found.tube, 0), np.maximum(-z, 0))
+    return np.hypot(np.maximum(radius - layout.tube, 0), np.maximum(-z, 0))
 
 
-def background(found: BodyLayout, fine: TetraFineness, space: MeshSpace, box: Points) -> tuple[Points, NDArray[np.int32], Points]:
+def background(
+    layout: BodyLayout, fine: TetraFineness, space: MeshSpace, box: Points
+) -> tuple[Points, NDArray[np.int32], Points]:
     """A mesh of the box (2, 3) of the mesher's space: points, tetrahedra and an edge length at each point."""
-    least = fine.rim * found.inner
+    least = fine.rim * layout.inner
     axes = [_graded(low, high, least, space.near) for low, high in box.T]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     scene = space.to_scene(grid)
-    values = sizes(found, fine, space, scene) * space.scale(scene)
-    values[_outside(found, scene)] *= _AIR
+    values = sizes(layout, fine, space, scene) * space.scale(scene)
+    values[_outside(layout, scene)] *= _AIR
     counts = [len(axis) for axis in axes]
     number = np.arange(len(grid)).reshape(counts)
     a, b, c = (count - 1 for count in counts)
@@ -102,13 +104,13 @@ def background(found: BodyLayout, fine: TetraFineness, space: MeshSpace, box: Po
     return grid, tetrahedra.astype(np.int32), values
 
 
-def _outside(found: BodyLayout, points: Points) -> NDArray[np.bool_]:
+def _outside(layout: BodyLayout, points: Points) -> NDArray[np.bool_]:
     """Points well outside all bodies, where nothing is kept of the mesh."""
-    radius, z, away = np.hypot(points[:, 0], points[:, 1]), points[:, 2], 0.2 * found.tube
-    above = (z > away) & ((radius > found.tube + away) | (z > max(found.inner_height, found.outer_height) + away))
-    side = found.side_distance(np.arctan2(points[:, 1], points[:, 0]))
-    beside = (radius > _BEYOND * side) | (z < -_BEYOND * found.depth)
-    return above | beside | ((points[:, 1] < -away) if found.half else False)
+    radius, z, away = np.hypot(points[:, 0], points[:, 1]), points[:, 2], 0.2 * layout.tube
+    above = (z > away) & ((radius > layout.tube + away) | (z > max(layout.inner_height, layout.outer_height) + away))
+    side = layout.side_distance(np.arctan2(points[:, 1], points[:, 0]))
+    beside = (radius > _BEYOND * side) | (z < -_BEYOND * layout.depth)
+    return above | beside | ((points[:, 1] < -away) if layout.half else False)
 
 
 def _graded(low: float, high: float, least: float, near: float) -> Points:

@@ -8,35 +8,35 @@ from numpy.typing import NDArray
 from geometry.common.arrays import Points
 from geometry.tetra.labels import AIR
 from geometry.tetra.smoothing import mean_ratios
-from geometry.tetra.snapping import Surface, interfaces, memberships, snapped, surfaces_of
+from geometry.tetra.snapping import Surface, interfaces, memberships, snap, surfaces_of
 
 Indices = NDArray[np.int64]
 _FLAT = 0.1  # mean ratio of a tetrahedron that is given away
 _ROUNDS = 3
 
 
-def without_slivers(
-    found: list[Surface], points: Points, tetrahedra: Indices, body: Indices, faces: Indices, chosen: Indices
+def remove_slivers(
+    surfaces: list[Surface], points: Points, tetrahedra: Indices, *, body: Indices, faces: Indices, chosen: Indices
 ) -> tuple[Indices, Indices, Indices]:
     """Bodies (t,), interface faces (f, 3) and their surfaces (f,) once flat tetrahedra with two faces outside are outside.
 
     Only such whose four corners are on one surface: that surface then goes along their other two faces.
     """
     for _ in range(_ROUNDS):
-        member = memberships(len(points), faces, chosen, len(found))
+        member = memberships(len(points), faces, chosen, len(surfaces))
         shared = np.logical_and.reduce(member[tetrahedra], axis=1)  # (t, surfaces)
         rows = np.flatnonzero((body >= 0) & np.logical_or.reduce(shared, axis=1))
-        exact = snapped(found, points, member)
+        exact = snap(surfaces, points, member)
         flat = rows[mean_ratios(exact, tetrahedra[rows]) < _FLAT]
-        gone = flat[_faces_outside(tetrahedra, body, flat) == 2]
-        if len(gone) == 0:
+        slivers = flat[_faces_outside(tetrahedra, body, flat) == 2]
+        if len(slivers) == 0:
             break
         body = body.copy()
-        body[gone] = AIR
+        body[slivers] = AIR
         faces, one, other = interfaces(tetrahedra, body)
-        known = np.maximum(one, other) >= 0
-        faces = faces[known]
-        chosen = surfaces_of(found, points, faces, one[known], other[known])
+        on_bodies = np.maximum(one, other) >= 0
+        faces = faces[on_bodies]
+        chosen = surfaces_of(surfaces, points, faces, one[on_bodies], other[on_bodies])
     return body, faces, chosen
 
 

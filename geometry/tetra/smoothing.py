@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from geometry.common.arrays import Points
-from geometry.tetra.snapping import Surface, snapped
+from geometry.tetra.snapping import Surface, snap
 
 Indices = NDArray[np.int64]
 _REGULAR = np.linalg.inv(np.array([[1, 0.5, 0.5], [0, 3**0.5 / 2, 3**0.5 / 6], [0, 0, (2 / 3) ** 0.5]]))
@@ -24,8 +24,8 @@ def mean_ratios(points: Points, tetrahedra: Indices) -> Points:
     return result
 
 
-def mended(
-    points: Points, tetrahedra: Indices, found: list[Surface], member: NDArray[np.bool_], least: float, rounds: int
+def smooth(
+    points: Points, tetrahedra: Indices, surfaces: list[Surface], member: NDArray[np.bool_], *, least: float, rounds: int
 ) -> Points:
     """Points (n, 3), of which some are moved until no tetrahedron's mean ratio is below ``least``, or the rounds are over."""
     result = points
@@ -38,14 +38,14 @@ def mended(
         near[tetrahedra[bad]] = True
         near[tetrahedra[near[tetrahedra].any(axis=1)]] = True
         patch = tetrahedra[near[tetrahedra].any(axis=1)]
-        trial = snapped(found, _minimised(result, patch, np.flatnonzero(near), found, member), member)
+        trial = snap(surfaces, _minimise(result, patch, np.flatnonzero(near), surfaces, member), member)
         if _worth(mean_ratios(trial, patch)) <= _worth(mean_ratios(result, patch)):
             break
         result = trial
     return result
 
 
-def unfolded(points: Points, before: Points, tetrahedra: Indices, least: float) -> Points:
+def undo_inversions(points: Points, before: Points, tetrahedra: Indices, least: float) -> Points:
     """Points (n, 3), with those of tetrahedra below a mean ratio put back to where they were ``before`` all moves.
 
     All tetrahedra were good there, so that the neighbours, put back in their turn, are good again in the end.
@@ -65,9 +65,9 @@ def _worth(quality: Points) -> float:
     return float(np.sort(quality)[:20].mean())
 
 
-def _minimised(points: Points, patch: Indices, rows: Indices, found: list[Surface], member: NDArray[np.bool_]) -> Points:
+def _minimise(points: Points, patch: Indices, rows: Indices, surfaces: list[Surface], member: NDArray[np.bool_]) -> Points:
     """Points with those of ``rows`` moved along their surfaces' tangents to the least energy of the patch."""
-    tangent = _tangents(points[rows], found, member[rows])
+    tangent = _tangents(points[rows], surfaces, member[rows])
     scale = float(np.median(np.linalg.norm(points[patch[:, 1]] - points[patch[:, 0]], axis=1)))
 
     def energy(flat: Points) -> tuple[float, Points]:
@@ -85,12 +85,12 @@ def _minimised(points: Points, patch: Indices, rows: Indices, found: list[Surfac
     return result
 
 
-def _tangents(points: Points, found: list[Surface], member: NDArray[np.bool_]) -> Points:
+def _tangents(points: Points, surfaces: list[Surface], member: NDArray[np.bool_]) -> Points:
     """Projections (n, 3, 3) onto what is left to points that lie on some surfaces."""
     result = np.broadcast_to(np.eye(3), (len(points), 3, 3)).copy()
     rows = np.flatnonzero(member.any(axis=1))
-    slopes = np.zeros((len(rows), len(found), 3))
-    for index, surface in enumerate(found):
+    slopes = np.zeros((len(rows), len(surfaces), 3))
+    for index, surface in enumerate(surfaces):
         on = np.flatnonzero(member[rows, index])
         if len(on):
             slopes[on, index] = surface.level(points[rows[on]])[1]

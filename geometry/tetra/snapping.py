@@ -28,29 +28,29 @@ class Surface:
 
     level: Level
     between: Callable[[Indices, Indices], NDArray[np.bool_]]
-    held: bool = False
+    permanent: bool = False
 
 
-def exact_surfaces(found: BodyLayout) -> list[Surface]:
+def exact_surfaces(layout: BodyLayout) -> list[Surface]:
     """All exact surfaces of a scene, the plane of symmetry last."""
     air = AIR
     result = [
-        Surface(_cylinder(found.inner), _pair([INNER], [air])),
-        Surface(_plane((0, 0, 1), found.inner_height), _pair([INNER], [air]), True),
-        Surface(_cylinder(found.hole), _pair([OUTER, GROOVE], [air])),
-        Surface(_cylinder(found.tube), _pair([OUTER, GROOVE], [air])),
-        Surface(_plane((0, 0, 1), found.outer_height), _pair([OUTER, GROOVE], [air]), True),
+        Surface(_cylinder(layout.inner), _pair([INNER], [air])),
+        Surface(_plane((0, 0, 1), layout.inner_height), _pair([INNER], [air]), True),
+        Surface(_cylinder(layout.hole), _pair([OUTER, GROOVE], [air])),
+        Surface(_cylinder(layout.tube), _pair([OUTER, GROOVE], [air])),
+        Surface(_plane((0, 0, 1), layout.outer_height), _pair([OUTER, GROOVE], [air]), True),
         Surface(_plane((0, 0, 1), 0.0), _pair([TISSUE, BEYOND], [air, INNER, OUTER]), True),
-        Surface(_plane((0, 0, 1), -found.depth), _pair([TISSUE, BEYOND], [air]), True),
+        Surface(_plane((0, 0, 1), -layout.depth), _pair([TISSUE, BEYOND], [air]), True),
     ]
-    if found.groove is not None:
-        width, depth = found.groove
-        planes = [((0, 1, 0), width), ((0, 1, 0), -width), ((0, 0, 1), found.outer_height - depth)]
+    if layout.groove is not None:
+        width, depth = layout.groove
+        planes = [((0, 1, 0), width), ((0, 1, 0), -width), ((0, 0, 1), layout.outer_height - depth)]
         result += [Surface(_plane(way, at), _pair([OUTER], [GROOVE])) for way, at in planes]
-    result += [Surface(side, _pair([TISSUE, BEYOND], [air]), found.tissue_radius is None) for side in _sides(found)]
-    if found.wall is not None:
-        result.append(Surface(_cylinder(found.wall), _within(TISSUE, BEYOND)))
-    for index, body in enumerate(found.inclusions):
+    result += [Surface(side, _pair([TISSUE, BEYOND], [air]), layout.tissue_radius is None) for side in _sides(layout)]
+    if layout.wall is not None:
+        result.append(Surface(_cylinder(layout.wall), _within(TISSUE, BEYOND)))
+    for index, body in enumerate(layout.inclusions):
         result.append(Surface(_closed(body), _only(INCLUSION + index)))
     return [*result, Surface(_plane((0, 1, 0), 0.0), _only(MIRROR), True)]
 
@@ -71,14 +71,14 @@ def interfaces(tetrahedra: Indices, body: Indices) -> tuple[Indices, Indices, In
     return corners[differ], body[one][differ], other[differ]
 
 
-def surfaces_of(found: list[Surface], points: Points, faces: Indices, one: Indices, other: Indices) -> Indices:
+def surfaces_of(surfaces: list[Surface], points: Points, faces: Indices, one: Indices, other: Indices) -> Indices:
     """Which surface each face (f, 3) stands for, (f,): of those between its bodies the nearest in place and direction."""
     corners = points[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     size = np.sqrt(np.linalg.norm(normal, axis=1)) + 1e-300
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
     best, chosen = np.full(len(faces), np.inf), np.full(len(faces), -1)
-    for index, surface in enumerate(found):
+    for index, surface in enumerate(surfaces):
         rows = np.flatnonzero(surface.between(one, other) | surface.between(other, one))
         if len(rows) == 0:
             continue
@@ -99,26 +99,26 @@ def memberships(count: int, faces: Indices, chosen: Indices, surfaces: int) -> N
     return member
 
 
-def snapped(found: list[Surface], points: Points, member: NDArray[np.bool_]) -> Points:
+def snap(surfaces: list[Surface], points: Points, member: NDArray[np.bool_]) -> Points:
     """Points (n, 3) moved to all the surfaces that each is a member of, (n, surfaces)."""
     result = points.copy()
     single = member.sum(axis=1)
     for _ in range(_STEPS):
-        for index, surface in enumerate(found):
+        for index, surface in enumerate(surfaces):
             rows = np.flatnonzero(member[:, index] & (single == 1))
             if len(rows):
                 level, slope = surface.level(result[rows])
                 result[rows] -= level[:, None] * slope
-        _to_edges(found, result, member, np.flatnonzero(single > 1))
+        _to_edges(surfaces, result, member, np.flatnonzero(single > 1))
     return result
 
 
-def held(found: list[Surface], points: Points, member: NDArray[np.bool_]) -> Points:
+def snap_to_permanent(surfaces: list[Surface], points: Points, member: NDArray[np.bool_]) -> Points:
     """Points (n, 3) moved to those alone that nodes always stay on, of the surfaces that each is a member of, (n, surfaces)."""
-    return snapped(found, points, member & np.array([surface.held for surface in found]))
+    return snap(surfaces, points, member & np.array([surface.permanent for surface in surfaces]))
 
 
-def _to_edges(found: list[Surface], points: Points, member: NDArray[np.bool_], rows: Indices) -> None:
+def _to_edges(surfaces: list[Surface], points: Points, member: NDArray[np.bool_], rows: Indices) -> None:
     """One step of Newton's method for the points of ``rows``, which lie on several surfaces."""
     if len(rows) == 0:
         return
@@ -126,7 +126,7 @@ def _to_edges(found: list[Surface], points: Points, member: NDArray[np.bool_], r
     levels, slopes = np.zeros((len(rows), len(used))), np.zeros((len(rows), len(used), 3))
     for k, index in enumerate(used):
         on = member[rows, index]
-        levels[on, k], slopes[on, k] = found[index].level(points[rows[on]])
+        levels[on, k], slopes[on, k] = surfaces[index].level(points[rows[on]])
     points[rows] -= np.einsum("nak,nk->na", np.linalg.pinv(slopes, rcond=1e-3), levels)
 
 
@@ -157,10 +157,10 @@ def _cylinder(radius: float, centre: tuple[float, float] = (0.0, 0.0)) -> Level:
     return level
 
 
-def _sides(found: BodyLayout) -> list[Level]:
-    if found.tissue_radius is not None:
-        return [_cylinder(found.tissue_radius, found.centre)]
-    (x, y), (a, b) = found.centre, found.sides
+def _sides(layout: BodyLayout) -> list[Level]:
+    if layout.tissue_radius is not None:
+        return [_cylinder(layout.tissue_radius, layout.centre)]
+    (x, y), (a, b) = layout.centre, layout.sides
     return [_plane((1, 0, 0), x + a), _plane((1, 0, 0), x - a), _plane((0, 1, 0), y + b), _plane((0, 1, 0), y - b)]
 
 

@@ -56,12 +56,12 @@ class MeshSpace:
         height = np.clip(points[:, 2], 0.0, self.near)[:, None]
         before = np.broadcast_to(np.array(self.radii), (len(points), len(self.radii)))
         after = before + part * np.array(self.moved) + height * np.array(self.rising)
-        known, wanted = (after, before) if inverse else (before, after)
-        index = np.clip((radius[:, None] >= known).sum(axis=1) - 1, 0, len(self.radii) - 2)
+        source, image = (after, before) if inverse else (before, after)
+        index = np.clip((radius[:, None] >= source).sum(axis=1) - 1, 0, len(self.radii) - 2)
         rows = np.arange(len(points))
-        low, high = known[rows, index], known[rows, index + 1]
+        low, high = source[rows, index], source[rows, index + 1]
         share = (radius - low) / (high - low)
-        mapped = wanted[rows, index] + share * (wanted[rows, index + 1] - wanted[rows, index])
+        mapped = image[rows, index] + share * (image[rows, index + 1] - image[rows, index])
         factor = np.where(radius > 0, mapped / np.where(radius > 0, radius, 1.0), 1.0)
         result = points.copy()
         result[:, :2] *= factor[:, None]
@@ -69,7 +69,7 @@ class MeshSpace:
 
 
 def mesh_space(
-    inner: float, hole: float, tube: float, gap: float, near: float, height: float = 0.0, rise: float = 0.0
+    inner: float, hole: float, tube: float, *, gap: float, near: float, height: float = 0.0, rise: float = 0.0
 ) -> MeshSpace:
     """Choose the space in which the gap between ``inner`` and ``hole`` is ``gap`` wide or wider, and ``rise`` more at ``height``.
 

@@ -151,8 +151,8 @@ def _check_closed(sheet: Sheet, name: str, key: str) -> None:
     winding = np.abs(sheet.winding(draws))
     vague = float(((winding > 0.2) & (winding < 0.8)).mean())
     if winding.max() < 0.8 or vague > 0.1:
-        given = Words(f"{name}, open: of {vague:.0%} of the points in its box it cannot be said whether they are inside")
-        raise InputError(key, given, "a closed surface, or one with small holes only")
+        value = Words(f"{name}, open: of {vague:.0%} of the points in its box it cannot be said whether they are inside")
+        raise InputError(key, value, "a closed surface, or one with small holes only")
 
 
 def _pyvista() -> Any:

@@ -43,34 +43,34 @@ class Corners:
     across: tuple[int, int]
 
 
-def corners(found: BodyLayout, count: int) -> Corners:
+def corners(layout: BodyLayout, count: int) -> Corners:
     """Choose ``count`` directions, a multiple of 4, all round; with corners where groove and block have theirs."""
-    first = 0 if found.half else -count // 2
+    first = 0 if layout.half else -count // 2
     even: Points = np.arange(first, count // 2 + 1, dtype=np.float64) * (2 * np.pi / count)
     side = even.copy()
-    for angle in found.corner_angles():
+    for angle in layout.corner_angles():
         turned = (angle + np.pi) % (2 * np.pi) - np.pi
         if turned >= even[0]:
             side[np.abs(even - turned).argmin()] = turned
-    hole_radius = found.hole / math.cos(math.pi / count)
-    if found.groove is None:
+    hole_radius = layout.hole / math.cos(math.pi / count)
+    if layout.groove is None:
         return Corners(even, even, side, hole_radius, (-first, 0))
-    at_hole, at_tube = (math.asin(found.groove[0] / radius) for radius in (hole_radius, found.tube))
+    at_hole, at_tube = (math.asin(layout.groove[0] / radius) for radius in (hole_radius, layout.tube))
     steps = int(np.clip(round((at_hole + at_tube) / 2 / (2 * np.pi / count)), 1, count // 2 - 2))
     knots = np.array([-np.pi, -steps * 2 * np.pi / count, 0, steps * 2 * np.pi / count, np.pi])
     hole, tube = (np.interp(even, knots, [-np.pi, -a, 0, a, np.pi]) for a in (at_hole, at_tube))
     return Corners(hole, tube, side, hole_radius, (-first, steps))
 
 
-def surfaces(found: BodyLayout, turns: Corners, rows: int, sphere: int) -> Soup:
+def surfaces(layout: BodyLayout, turns: Corners, rows: int, sphere: int) -> Soup:
     """All surfaces but the plane of symmetry; ``rows`` of quadrilaterals down the tissue's side, ``sphere`` to a right angle."""
-    soups = [*_blocks(found, turns), *_tissue(found, turns, rows)]
-    for body in found.inclusions:
-        soups.append((body.points, body.triangles) if isinstance(body, Sheet) else ellipsoid(body, sphere, found.half))
-    return joined(soups)
+    soups = [*_blocks(layout, turns), *_tissue(layout, turns, rows)]
+    for body in layout.inclusions:
+        soups.append((body.points, body.triangles) if isinstance(body, Sheet) else ellipsoid(body, sphere, layout.half))
+    return join(soups)
 
 
-def joined(soups: Sequence[Soup]) -> Soup:
+def join(soups: Sequence[Soup]) -> Soup:
     """One set of points, those that coincide once, and all triangles that are left."""
     starts = np.cumsum([0, *(len(points) for points, _ in soups)])
     points = np.vstack([points for points, _ in soups])
@@ -110,35 +110,35 @@ def disc(row: Points) -> Soup:
     return row, np.array(parts, dtype=np.int64)
 
 
-def _blocks(found: BodyLayout, turns: Corners) -> list[Soup]:
-    top, height = found.inner_height, found.outer_height
-    core = [ring(found.inner, turns.hole, z) for z in (0.0, top)]
-    levels = [0.0, height] if found.groove is None else [0.0, height - found.groove[1], height]
+def _blocks(layout: BodyLayout, turns: Corners) -> list[Soup]:
+    top, height = layout.inner_height, layout.outer_height
+    core = [ring(layout.inner, turns.hole, z) for z in (0.0, top)]
+    levels = [0.0, height] if layout.groove is None else [0.0, height - layout.groove[1], height]
     hole = [ring(turns.hole_radius, turns.hole, z) for z in levels]
-    tube = [ring(found.tube, turns.tube, z) for z in levels]
+    tube = [ring(layout.tube, turns.tube, z) for z in levels]
     soups = [disc(core[0]), disc(core[1]), band(*core), band(core[0], hole[0]), band(hole[0], tube[0])]
     soups += [band(*hole), band(*tube), band(hole[-1], tube[-1])]
-    if found.groove is not None:
+    if layout.groove is not None:
         middle, steps = turns.across
         across = slice(max(middle - steps, 0), middle + steps + 1)
         soups.append(band(hole[1][across], tube[1][across]))
-        for index in (middle + steps,) if found.half else (middle - steps, middle + steps):
+        for index in (middle + steps,) if layout.half else (middle - steps, middle + steps):
             soups.append(band(*(np.array([h[index], t[index]]) for h, t in zip(hole[1:], tube[1:], strict=True))))
     return soups
 
 
-def _tissue(found: BodyLayout, turns: Corners, rows: int) -> list[Soup]:
-    tube, far = ring(found.tube, turns.tube, 0.0), ring(found.side_distance(turns.side), turns.side, 0.0)
-    down = -found.depth * np.linspace(0, 1, rows + 1)
+def _tissue(layout: BodyLayout, turns: Corners, rows: int) -> list[Soup]:
+    tube, far = ring(layout.tube, turns.tube, 0.0), ring(layout.side_distance(turns.side), turns.side, 0.0)
+    down = -layout.depth * np.linspace(0, 1, rows + 1)
     soups = [band(*(far + np.array([0, 0, z]) for z in down))]
-    stops = [far] if found.wall is None else [ring(found.wall, turns.side, 0.0), far]
+    stops = [far] if layout.wall is None else [ring(layout.wall, turns.side, 0.0), far]
     soups.append(band(tube, *stops))
-    if found.wall is not None:
+    if layout.wall is not None:
         soups.append(band(*(stops[0] + np.array([0, 0, z]) for z in down)))
     shares = [(stops[0], share) for share in np.linspace(0, 1, rows + 1)[1:]]
-    floor = [row * [share, share, 0] - [0, 0, found.depth] for row, share in shares]
+    floor = [row * [share, share, 0] - [0, 0, layout.depth] for row, share in shares]
     if len(stops) > 1:
-        floor += [stops[0] * (1 - s) + far * s - [0, 0, found.depth] for s in (0.5, 1.0)]
+        floor += [stops[0] * (1 - s) + far * s - [0, 0, layout.depth] for s in (0.5, 1.0)]
     return [*soups, disc(floor[0]), band(*floor)]
 
 
@@ -164,7 +164,7 @@ def _sphere(parts: int, half: bool) -> Soup:
         up = [(number[i, j], number[i + 1, j], number[i, j + 1]) for i, j in steps if i + j < parts]
         down = [(number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]) for i, j in steps if i + j < parts - 1]
         soups.append((_evened(points), np.array(up + down, dtype=np.int64)))
-    return joined(soups)
+    return join(soups)
 
 
 def _evened(points: Points) -> Points:

@@ -34,7 +34,7 @@ class TooLong(Failure):
     """pytetwild did not end within the limit."""
 
 
-def tetrahedralized(arrays: Arrays, limit: float = LIMIT) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def tetrahedralize(arrays: Arrays, limit: float = LIMIT) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Call ``pytetwild.tetrahedralize`` in a child process that takes one core; safe in several threads at a time.
 
     Args:
@@ -69,7 +69,7 @@ def _run(arrays: Arrays, limit: float, folder: str) -> tuple[NDArray[np.float64]
         raise Failure(f"no process can be started for it ({fault})") from fault
     with child:
         try:
-            out, said = child.communicate(_packed(arrays), timeout=limit)
+            out, stderr = child.communicate(_packed(arrays), timeout=limit)
         except subprocess.TimeoutExpired:
             raise TooLong(f"it took longer than {limit:g} s") from None
         finally:
@@ -78,9 +78,9 @@ def _run(arrays: Arrays, limit: float, folder: str) -> tuple[NDArray[np.float64]
     if child.returncode in _STOPPED:
         raise KeyboardInterrupt
     if child.returncode != 0:
-        raise (TooLong if child.returncode == -_alarm() else Failure)(_reason(child.returncode, said))
-    found = _unpacked(out)
-    return found["points"], found["tetrahedra"].astype(np.int64)
+        raise (TooLong if child.returncode == -_alarm() else Failure)(_reason(child.returncode, stderr))
+    mesh = _unpacked(out)
+    return mesh["points"], mesh["tetrahedra"].astype(np.int64)
 
 
 def _environment() -> dict[str, str]:
@@ -89,8 +89,8 @@ def _environment() -> dict[str, str]:
     return {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": path, "PYTHONWARNINGS": "ignore"}
 
 
-def _reason(code: int, said: bytes) -> str:
-    lines = said.decode(errors="replace").strip().splitlines()
+def _reason(code: int, stderr: bytes) -> str:
+    lines = stderr.decode(errors="replace").strip().splitlines()
     last = f": {lines[-1]}" if lines else ""
     if code == _FAILED:
         return last.removeprefix(": ") or "it does not say why"
@@ -126,9 +126,9 @@ def _child(limit: int) -> int:
     answer = os.fdopen(os.dup(1), "wb")
     silent = os.open(os.devnull, os.O_WRONLY)
     os.dup2(silent, 1)
-    given = _unpacked(sys.stdin.buffer.read())
+    arguments = _unpacked(sys.stdin.buffer.read())
     try:
-        options = {name: value if value.ndim else value.item() for name, value in given.items()}
+        options = {name: value if value.ndim else value.item() for name, value in arguments.items()}
         points, tetrahedra = _pytetwild()(**options, num_threads=1, quiet=True, vtk_ordering=True)
     except (ImportError, RuntimeError, TypeError, ValueError) as fault:
         sys.stderr.write(f"{fault}\n")
@@ -147,8 +147,8 @@ def _pytetwild() -> Callable[..., Any]:
         for name in [name for name in sys.modules if name.startswith(("pyvista", "pytetwild"))]:
             del sys.modules[name]
         from pytetwild.pytetwild import tetrahedralize
-    found: Callable[..., Any] = tetrahedralize
-    return found
+    function: Callable[..., Any] = tetrahedralize
+    return function
 
 
 if __name__ == "__main__":

@@ -51,15 +51,17 @@ class ScopeTransport:
         except HardwareError:
             self.close()
             raise
-        told = json.loads(self._first.note)
-        scaling = [DIALECTS[self._dialect].scaled(answer) for answer in told["scales"]]
+        acquisition = json.loads(self._first.note)
+        scaling = [DIALECTS[self._dialect].scaled(answer) for answer in acquisition["scales"]]
         scale = tuple(one.step for one in scaling)
         maker, model, serial, firmware = (*str(identity).split(","), "", "", "")[:4]
         source = {
             "transport": "visa", "serial": serial, "firmware": firmware, "model": f"{maker} {model}", "resource": name,
             "started": now(), "scale": list(scale),
         }  # fmt: skip
-        self.header = Header("waveforms", 1 / scaling[0].interval, ("inner", "outer"), scale, 0, 0, source)
+        self.header = Header(
+            "waveforms", 1 / scaling[0].interval, channels=("inner", "outer"), scale=scale, size=0, stream=0, source=source
+        )
 
     @classmethod
     def open(cls, name: str) -> ScopeTransport:
@@ -133,10 +135,10 @@ class WaveformDecoder:
         Raises:
             ProtocolError: its channels do not fit each other, or the header.
         """
-        told = json.loads(note)
-        dialect = DIALECTS[told["dialect"]]
-        lengths, begin, columns = told["lengths"], 0, []
-        for length, answer in zip(lengths, told["scales"], strict=True):
+        acquisition = json.loads(note)
+        dialect = DIALECTS[acquisition["dialect"]]
+        lengths, begin, columns = acquisition["lengths"], 0, []
+        for length, answer in zip(lengths, acquisition["scales"], strict=True):
             scaling = dialect.scaled(answer)
             if length != lengths[0] or abs(scaling.interval * self.header.rate - 1) > 1e-9:
                 raise ProtocolError(f"channels of {lengths} samples, every {scaling.interval} s: leave the time base as it was")
@@ -147,7 +149,16 @@ class WaveformDecoder:
         first = self._next + len(gaps)
         self._next = first + lengths[0]
         index = np.arange(first, self._next)
-        return Samples(self.header.rate, self.header.channels, index, volts, saturated, gaps, 0, self.header.source)
+        return Samples(
+            self.header.rate,
+            self.header.channels,
+            index=index,
+            volts=volts,
+            saturated=saturated,
+            gaps=gaps,
+            overruns=0,
+            source=self.header.source,
+        )
 
 
 @contextmanager
@@ -165,10 +176,10 @@ def faults_named(name: str, missing: str = "") -> Iterator[None]:
     except HardwareError:
         raise
     except (ValueError, OSError) as fault:  # pyvisa-py lets both through when the plug is pulled
-        told = f"({' '.join(str(fault).split())})"
+        detail = f"({' '.join(str(fault).split())})"
         if missing:
-            raise NotFound(f"{name}: {missing} {told}") from fault
-        raise Disconnected(f"{name}: it went away: check plug and cable {told}") from fault
+            raise NotFound(f"{name}: {missing} {detail}") from fault
+        raise Disconnected(f"{name}: it went away: check plug and cable {detail}") from fault
     except Exception as fault:
         status = getattr(getattr(fault, "error_code", None), "name", "")
         if type(fault).__name__ not in ("VisaIOError", "InvalidSession"):

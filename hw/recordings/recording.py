@@ -113,10 +113,10 @@ def sha256(path: Path | str) -> str:
 
 def _header(line: bytes, path: Path) -> Header:
     try:
-        told: dict[str, Any] = json.loads(line)
-        kind, version = told.pop("format"), told.pop("version")
+        entries: dict[str, Any] = json.loads(line)
+        kind, version = entries.pop("format"), entries.pop("version")
         if (kind, version) == (KIND, VERSION):
-            return Header(**told | {"channels": tuple(told["channels"]), "scale": tuple(told["scale"])})
+            return Header(**entries | {"channels": tuple(entries["channels"]), "scale": tuple(entries["scale"])})
     except (ValueError, KeyError, TypeError, AttributeError) as fault:
         raise InvalidSource(f"{path} is not a recording: it does not begin with the line that describes it") from fault
     raise InvalidSource(f"{path} is a {kind} of version {version}: this program reads {KIND} of version {VERSION}")

@@ -18,7 +18,7 @@ class TooSlow(HardwareError):  # noqa: N818 - says what is wrong with the load
 
 @dataclass(frozen=True)
 class ChargeAmplifier:
-    """A high-pass of first order: V = -Q / Cf * j w tau / (1 + j w tau), tau = Rf Cf (A1).
+    """A high-pass of first order: V = -Q / Cf * j w tau / (1 + j w tau), tau = Rf Cf (SI.1).
 
     Attributes:
         resistance: Rf, ohm.
@@ -42,7 +42,7 @@ class ChargeAmplifier:
         return 1 / (2 * np.pi * self.time_constant)
 
     def response(self, frequency: float) -> complex:
-        """Volts per coulomb at a frequency (Hz), eq. (A1).
+        """Volts per coulomb at a frequency (Hz), eq. SI.1.
 
         Raises:
             TooSlow: it lies far below the corner.
@@ -54,9 +54,9 @@ class ChargeAmplifier:
         return complex(-turn / (1 + turn) / self.capacitance)
 
     def tolerance(self, frequency: float, calibrated_at: float | None = None) -> Floats:
-        """Covariance of (re, im) of ln of the response by the parts' tolerances, shape (2, 2), eq. (A2).
+        """Covariance of (re, im) of ln of the response by the parts' tolerances, shape (2, 2).
 
-        d ln H = -dC/C + (dR/R + dC/C) / (1 + j w tau). What a calibration at another frequency has seen is subtracted:
+        d ln H = -dC/C + (dR/R + dC/C) / (1 + j w tau) (SI.2). What a calibration at another frequency has seen is subtracted:
         where both are far above the corner nothing is left.
 
         Args:
@@ -66,8 +66,8 @@ class ChargeAmplifier:
         by_resistance = 1 / (1 + 2j * np.pi * frequency * self.time_constant)
         by_capacitance = by_resistance - 1
         if calibrated_at is not None:
-            known = 1 / (1 + 2j * np.pi * calibrated_at * self.time_constant)
-            by_resistance, by_capacitance = by_resistance - known, by_resistance - known
+            calibrated = 1 / (1 + 2j * np.pi * calibrated_at * self.time_constant)
+            by_resistance, by_capacitance = by_resistance - calibrated, by_resistance - calibrated
         parts = np.array([by_resistance * self.resistance_tolerance, by_capacitance * self.capacitance_tolerance])
         both = np.stack([parts.real, parts.imag])
         return np.asarray(both @ both.T)

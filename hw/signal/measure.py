@@ -130,26 +130,27 @@ def measure(
     )
 
 
-def checked(found: Measurement, least_cycles: float) -> Measurement:
+def checked(measurement: Measurement, least_cycles: float) -> Measurement:
     """Return a reading that a calibration may use: of at least so many periods of the load.
 
     Raises:
         Flawed: gaps, overruns, saturation, too few cycles, or no load.
     """
-    strength = _strength(found.charges, found.covariance)
+    strength = _strength(measurement.charges, measurement.covariance)
     flaws = {
-        f"{found.lost} gaps: samples were lost; read again": found.lost > 0,
-        f"{found.overruns} overruns of the device: ask for a lower rate": found.overruns > 0,
-        f"{found.saturated} samples are saturated: press less, or take a larger feedback capacitance": found.saturated > 0,
-        f"{found.fit.cycles:.3g} cycles of the load: at least {least_cycles:g} are needed; read longer": (
-            found.fit.cycles < least_cycles
+        f"{measurement.lost} gaps: samples were lost; read again": measurement.lost > 0,
+        f"{measurement.overruns} overruns of the device: ask for a lower rate": measurement.overruns > 0,
+        f"{measurement.saturated} samples are saturated: press less, or take a larger feedback capacitance": measurement.saturated
+        > 0,
+        f"{measurement.fit.cycles:.3g} cycles of the load: at least {least_cycles:g} are needed; read longer": (
+            measurement.fit.cycles < least_cycles
         ),
         f"the load's amplitude is {strength:.2g} of its standard deviation: is the load on?": strength < LEAST_STRENGTH,
     }
     for text, flawed in flaws.items():
         if flawed:
             raise Flawed(text)
-    return found
+    return measurement
 
 
 def _strength(charges: Complexes, covariance: Floats) -> float:

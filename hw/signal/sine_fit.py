@@ -1,6 +1,6 @@
 """Amplitudes of a sinusoidal load in all channels by linear least squares, with their covariance.
 
-The model is eq. (S1) of ``hw.signal.sine_model``: harmonics of the load, mains lines where there are any, a drift polynomial. The
+The model is eq. SI.3 of ``hw.signal.sine_model``: harmonics of the load, mains lines where there are any, a drift polynomial. The
 frequencies of load and mains are corrected by Gauss-Newton steps; both leave the amplitudes, whose phases count from the
 middle of the record, uncorrelated with them to first order.
 """
@@ -97,19 +97,19 @@ def sine_fit(samples: Samples, frequency: float | None = None, exact: bool = Fal
     return _described(lines, solved, clean, t, exact)
 
 
-def _check_samples(samples: Samples, asked: int) -> None:
+def _check_samples(samples: Samples, requested: int) -> None:
     least = 4 * (2 * (HARMONICS + HUMS) + DRIFT)
-    if len(samples.index) < max(least, LEAST_SHARE * asked):
-        wanted = f"at least {least} and a share of {LEAST_SHARE:g} are needed"
-        raise NoSine(f"{len(samples.index)} of {asked} samples arrived and are not saturated: {wanted}")
+    if len(samples.index) < max(least, LEAST_SHARE * requested):
+        needed = f"at least {least} and a share of {LEAST_SHARE:g} are needed"
+        raise NoSine(f"{len(samples.index)} of {requested} samples arrived and are not saturated: {needed}")
     dead = [name for name, swing in zip(samples.channels, np.ptp(samples.volts, axis=0), strict=True) if not swing > 0]
     if dead or not np.all(np.isfinite(samples.volts)):
         raise NoSine(f"channel {dead[0] if dead else 'of some film'} shows no change, or no numbers: is it connected?")
 
 
-def _load(samples: Samples, span: float, given: float | None, exact: bool) -> float:
+def _load(samples: Samples, span: float, nominal: float | None, exact: bool) -> float:
     """About the load's frequency, Hz."""
-    frequency = _found(samples, span) if given is None else given
+    frequency = _strongest_frequency(samples, span) if nominal is None else nominal
     _check(frequency, span, samples.rate)
     if exact:
         return frequency
@@ -126,12 +126,12 @@ def _unsaturated(samples: Samples) -> Samples:
     return replace(samples, index=samples.index[good], volts=samples.volts[good], saturated=samples.saturated[good])
 
 
-def _found(samples: Samples, span: float) -> float:
+def _strongest_frequency(samples: Samples, span: float) -> float:
     low, high = max(LOWEST, LEAST_CYCLES / span), 0.4 * samples.rate
-    found = strongest(samples, low, high)
-    if found is None:
+    frequency = strongest(samples, low, high)
+    if frequency is None:
         raise NoSine(f"no frequency between {low:.3g} and {high:.3g} Hz can be told in {span:.3g} s: read longer")
-    return found
+    return frequency
 
 
 def _check(frequency: float, span: float, rate: float) -> None:
@@ -164,28 +164,28 @@ def _settled(lines: Lines, t: Floats, volts: Floats, exact: bool) -> tuple[Lines
 
 
 def _with_mains(lines: Lines, samples: Samples, t: Floats, solved: Solved) -> Lines:
-    found = mains(samples, residual(lines, t, samples.volts, solved.found), lines.frequencies)
-    if found is None:
+    frequency = mains(samples, residual(lines, t, samples.volts, solved.coefficients), lines.frequencies)
+    if frequency is None:
         return lines
-    hums = _below_nyquist(found, samples.rate, HUMS)
-    multiples = found * np.arange(1, hums + 1)
+    hums = _below_nyquist(frequency, samples.rate, HUMS)
+    multiples = frequency * np.arange(1, hums + 1)
     if np.min(np.abs(multiples[:, None] - lines.frequencies)) < 1 / lines.half:
         raise NoSine(f"the load's {lines.load:.4g} Hz or its harmonics fall on the mains: load at another frequency")
-    return replace(lines, mains=found, hums=hums)
+    return replace(lines, mains=frequency, hums=hums)
 
 
 def _described(lines: Lines, solved: Solved, samples: Samples, t: Floats, exact: bool) -> SineFit:
-    found, width = solved.found, 2 * len(lines.frequencies)
+    coefficients, width = solved.coefficients, 2 * len(lines.frequencies)
     variance = np.diag(solved.noise)
-    excess = colour(samples, residual(lines, t, samples.volts, found), lines.load, lines.frequencies)
+    excess = colour(samples, residual(lines, t, samples.volts, coefficients), lines.load, lines.frequencies)
     spread = np.sqrt(np.outer(excess, excess))
-    drifting = np.polynomial.legendre.legvander(np.linspace(-1, 1, 101), DRIFT - 1)[:, 1:] @ found[width + 1 :]
+    drifting = np.polynomial.legendre.legvander(np.linspace(-1, 1, 101), DRIFT - 1)[:, 1:] @ coefficients[width + 1 :]
     return SineFit(
         frequency=lines.load,
         frequency_sd=0.0 if exact else float(solved.step_sd[0]),
-        amplitudes=found[0] + 1j * found[1],
+        amplitudes=coefficients[0] + 1j * coefficients[1],
         covariance=np.asarray(np.kron(solved.noise * spread, solved.inverse[:2, :2]), dtype=float),
-        offsets=found[width],
+        offsets=coefficients[width],
         offsets_sd=np.sqrt(variance * excess * solved.inverse[width, width]),
         drift=np.ptp(drifting, axis=0),
         noise=np.sqrt(variance),

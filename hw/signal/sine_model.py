@@ -1,6 +1,6 @@
 """What a record of a sinusoidal load consists of: the load's harmonics, mains lines and drift; in normal equations.
 
-    v(t) = sum_h Re(a_h e^(j 2 pi h f t)) + sum_k Re(m_k e^(j 2 pi k g t)) + sum_l d_l P_l(2 t / T)                      (S1)
+    v(t) = sum_h Re(a_h e^(j 2 pi h f t)) + sum_k Re(m_k e^(j 2 pi k g t)) + sum_l d_l P_l(2 t / T)                      (SI.3)
 
 f is the load's frequency, g that of the mains, P_l Legendre polynomials; t runs from the middle of the record of length T.
 All channels share the columns, so that one small matrix serves all of them. Rows are worked on in slices: a record of any
@@ -45,15 +45,15 @@ class Lines:
         return np.array([h * self.load for h in range(1, self.harmonics + 1)] + mains)
 
     def columns(self, t: Floats) -> Floats:
-        """Cosine and minus sine of each sinusoid, then the polynomials, shape (len(t), 2 s + DRIFT), eq. (S1)."""
+        """Cosine and minus sine of each sinusoid, then the polynomials, shape (len(t), 2 s + DRIFT), eq. SI.3."""
         turns = 2 * np.pi * np.outer(t, self.frequencies)
         waves = np.stack([np.cos(turns), -np.sin(turns)], axis=2).reshape(len(t), -1)
         return np.hstack([waves, np.polynomial.legendre.legvander(t / self.half, DRIFT - 1)])
 
-    def slopes(self, t: Floats, columns: Floats, found: Floats) -> Floats:
-        """Derivatives of eq. (S1) by f and, where there is one, g: shape (2 or 1, len(t), channels)."""
+    def slopes(self, t: Floats, columns: Floats, coefficients: Floats) -> Floats:
+        """Derivatives of eq. SI.3 by f and, where there is one, g: shape (2 or 1, len(t), channels)."""
         waves = columns[:, : 2 * len(self.frequencies)].reshape(len(t), -1, 2)
-        re, im = found[: 2 * len(self.frequencies)].reshape(-1, 2, found.shape[1]).transpose(1, 0, 2)
+        re, im = coefficients[: 2 * len(self.frequencies)].reshape(-1, 2, coefficients.shape[1]).transpose(1, 0, 2)
         # d/df Re(a e^(j w t)) = 2 pi h t Re(j a e^(j w t)), and Re(j a e^(j w t)) = -im cos + re (-sin)
         orders = np.array([*range(1, self.harmonics + 1), *range(1, self.hums + 1)])[: len(re), None]
         re, im = 2 * np.pi * orders * re, 2 * np.pi * orders * im
@@ -66,14 +66,14 @@ class Solved:
     """A least-squares solution at given frequencies.
 
     Attributes:
-        found: coefficients, shape (p, channels).
+        coefficients: coefficients, shape (p, channels).
         inverse: of the columns' normal matrix, shape (p, p).
         noise: covariance of the residuals, V^2, shape (channels, channels).
         step: correction of f and, where there is one, of g, Hz.
         step_sd: its standard deviation.
     """
 
-    found: Floats
+    coefficients: Floats
     inverse: Floats
     noise: Floats
     step: Floats
@@ -81,7 +81,7 @@ class Solved:
 
 
 def solve(lines: Lines, t: Floats, volts: Floats) -> Solved:
-    """Fit eq. (S1) at the frequencies of ``lines``, and say by how much these are off (Gauss-Newton).
+    """Fit eq. SI.3 at the frequencies of ``lines``, and say by how much these are off (Gauss-Newton).
 
     Args:
         lines: the columns.
@@ -90,25 +90,25 @@ def solve(lines: Lines, t: Floats, volts: Floats) -> Solved:
     """
     pairs = [(at := lines.columns(t[rows]), at.T @ at, at.T @ volts[rows])[1:] for rows in slices(len(t))]
     inverse: Floats = np.asarray(np.linalg.inv(sum(normal for normal, _ in pairs)), dtype=float)
-    found = inverse @ sum(right for _, right in pairs)
-    square, curve, cross, pull = _second_pass(lines, t, volts, found)
+    coefficients = inverse @ sum(right for _, right in pairs)
+    square, curve, cross, pull = _second_pass(lines, t, volts, coefficients)
     noise = square / max(len(t) - len(inverse), 1)
     quiet = np.maximum(np.diag(noise), np.finfo(float).tiny)
     curve = curve - np.einsum("apc,pq,bqc->abc", cross, inverse, cross)
     information = (curve / quiet).sum(axis=2)
     step = np.linalg.solve(information, (pull / quiet).sum(axis=1))
-    return Solved(found, inverse, noise, step, np.sqrt(np.diag(np.linalg.inv(information))))
+    return Solved(coefficients, inverse, noise, step, np.sqrt(np.diag(np.linalg.inv(information))))
 
 
-def _second_pass(lines: Lines, t: Floats, volts: Floats, found: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+def _second_pass(lines: Lines, t: Floats, volts: Floats, coefficients: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """Sums of residual x residual, slope x slope, slope x column and slope x residual over all rows."""
     sums = []
     for rows in slices(len(t)):
         columns = lines.columns(t[rows])
-        left, slopes = volts[rows] - columns @ found, lines.slopes(t[rows], columns, found)
+        remainder, slopes = volts[rows] - columns @ coefficients, lines.slopes(t[rows], columns, coefficients)
         curve = np.einsum("anc,bnc->abc", slopes, slopes)
         cross = np.einsum("anc,np->apc", slopes, columns, optimize=True)
-        sums.append((left.T @ left, curve, cross, np.einsum("anc,nc->ac", slopes, left)))
+        sums.append((remainder.T @ remainder, curve, cross, np.einsum("anc,nc->ac", slopes, remainder)))
     square, curve, cross, pull = (sum(parts[1:], start=parts[0]) for parts in zip(*sums, strict=True))
     return square, curve, cross, pull
 
@@ -118,6 +118,6 @@ def slices(rows: int) -> Iterator[slice]:
     return (slice(low, low + ROWS) for low in range(0, rows, ROWS))
 
 
-def residual(lines: Lines, t: Floats, volts: Floats, found: Floats) -> Floats:
-    """What eq. (S1) leaves of the record, V, of the shape of ``volts``."""
-    return np.concatenate([volts[rows] - lines.columns(t[rows]) @ found for rows in slices(len(t))])
+def residual(lines: Lines, t: Floats, volts: Floats, coefficients: Floats) -> Floats:
+    """What eq. SI.3 leaves of the record, V, of the shape of ``volts``."""
+    return np.concatenate([volts[rows] - lines.columns(t[rows]) @ coefficients for rows in slices(len(t))])

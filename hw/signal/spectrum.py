@@ -58,21 +58,21 @@ def strongest(samples: Samples, low: float, high: float) -> float | None:
     """Return the frequency from ``low`` to ``high`` (Hz) that all channels together hold most of, or None."""
     centred = samples.volts - samples.volts.mean(axis=0)
     quiet = centred / np.maximum(np.sqrt((centred**2).mean(axis=0)), np.finfo(float).tiny)
-    found = spectrum(samples, quiet).between(low, min(high, 0.4 * ENOUGH))
-    return float(found.frequencies[np.argmax(found.power.sum(axis=1))]) if len(found.frequencies) else None
+    band = spectrum(samples, quiet).between(low, min(high, 0.4 * ENOUGH))
+    return float(band.frequencies[np.argmax(band.power.sum(axis=1))]) if len(band.frequencies) else None
 
 
 def mains(samples: Samples, residual: Floats, fitted: Floats) -> float | None:
     """Return about where in a residual (n, channels) the mains are, Hz, or None where none stand out from the noise."""
     whole = spectrum(samples, residual).away(fitted)
-    found = []
+    candidates = []
     for nominal in MAINS:
         near, line = (whole.between(nominal - reach, nominal + reach) for reach in (NEAR, WANDERS))
         if len(line.frequencies) and len(near.frequencies) > len(line.frequencies):
             floor = np.maximum(np.median(near.power, axis=0), np.finfo(float).tiny)
             rise = (line.power / floor).max(axis=1)
-            found.append((float(rise.max()), float(line.frequencies[np.argmax(rise)])))
-    highest, frequency = max(found, default=(0.0, 0.0))
+            candidates.append((float(rise.max()), float(line.frequencies[np.argmax(rise)])))
+    highest, frequency = max(candidates, default=(0.0, 0.0))
     return frequency if highest > SEEN else None
 
 

@@ -147,7 +147,7 @@ class Firmware:
         index = self.index + np.arange(count * rows)
         counts = np.rint(self._signals(index / self.rate) / self._scale)
         codes: Codes = np.clip(counts, LOWEST, HIGHEST).astype(np.int16)
-        data = encoded(self.layout, self.stream, self.sent, self.index, codes, flags)
+        data = encoded(self.layout, stream=self.stream, sequence=self.sent, index=self.index, codes=codes, flags=flags)
         self.index += count * rows
         self.sent += count
         self._made += count

@@ -110,9 +110,9 @@ class Virtual(IBackend):  # type: ignore[misc]
 
     def bulk_read(self, dev_handle: int, ep: int, intf: int, buff: Any, timeout: int) -> int:
         self._check_there(dev_handle)
-        wanted = len(buff) * buff.itemsize
+        size = len(buff) * buff.itemsize
         try:
-            data = self.firmware.send(wanted)
+            data = self.firmware.send(size)
         except Halted as stall:
             raise _pipe() from stall
         except OSError as fault:
@@ -139,6 +139,7 @@ def virtual(
     signals: Callable[[Floats], Floats],
     rate: float,
     serial: str = "VIRTUAL",
+    *,
     faults: Sequence[Fault] = (),
     channels: int = 2,
     scale: float = 1e-4,

@@ -30,8 +30,8 @@ def descriptor_set() -> bytes:
 
 def bos() -> bytes:
     """Return the binary object store, which tells Windows to ask for the set."""
-    told = struct.pack("<IHBB", _WINDOWS, len(descriptor_set()), MS_OS_20, 0)
-    capability = struct.pack("<BBBB", 28, 16, 5, 0) + _PLATFORM.bytes_le + told
+    capability_data = struct.pack("<IHBB", _WINDOWS, len(descriptor_set()), MS_OS_20, 0)
+    capability = struct.pack("<BBBB", 28, 16, 5, 0) + _PLATFORM.bytes_le + capability_data
     return struct.pack("<BBHB", 5, 15, 5 + len(capability), 1) + capability
 
 

@@ -26,9 +26,9 @@ class UsbDevice:
         usb.core.USBError: it cannot be opened or claimed.
     """
 
-    def __init__(self, found: FoundDevice) -> None:
-        self._device, self.serial = found.device, found.serial
-        self.place = where(found.device)
+    def __init__(self, connected: FoundDevice) -> None:
+        self._device, self.serial = connected.device, connected.serial
+        self.place = where(connected.device)
         try:
             self._interface, self._endpoint = self._stream_endpoint()
             self.packet = int(self._endpoint.wMaxPacketSize)

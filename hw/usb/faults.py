@@ -51,10 +51,10 @@ def meaning(fault: Exception) -> type[HardwareError]:
     return TransferError
 
 
-def named(fault: Exception, what: str, kind: type[HardwareError] | None = None) -> HardwareError:
+def named(fault: Exception, subject: str, kind: type[HardwareError] | None = None) -> HardwareError:
     """Return the error of our family for what pyusb raised, or of ``kind``; the caller raises it from the fault."""
     kind = kind or meaning(fault)
-    return AccessDenied(what) if kind is AccessDenied else kind(f"{what}: {_REMEDY[kind]} ({_told(fault)})")
+    return AccessDenied(subject) if kind is AccessDenied else kind(f"{subject}: {_REMEDY[kind]} ({_told(fault)})")
 
 
 def _told(fault: Exception) -> str:

@@ -100,10 +100,10 @@ def release(devices: list[Any]) -> None:
 def _read_serial(device: Any) -> FoundDevice:
     """Read the serial string itself: pyusb's own property hides from us why it could not."""
     try:
-        told = bytes(device.ctrl_transfer(0x80, 6, _STRING | device.iSerialNumber, _ENGLISH, 255))
+        descriptor = bytes(device.ctrl_transfer(0x80, 6, _STRING | device.iSerialNumber, _ENGLISH, 255))
     except (usb.core.USBError, NotImplementedError) as fault:
         return FoundDevice(device, "", fault)
-    return FoundDevice(device, told[2 : told[0]].decode("utf-16-le", "replace") if told else "")
+    return FoundDevice(device, descriptor[2 : descriptor[0]].decode("utf-16-le", "replace") if descriptor else "")
 
 
 def _none(serial: str | None, probes: list[FoundDevice]) -> HardwareError:
@@ -112,5 +112,5 @@ def _none(serial: str | None, probes: list[FoundDevice]) -> HardwareError:
         if probe.fault is not None:
             return named(probe.fault, f"a probe at {where(probe.device)}")
     others = f"; connected: {[probe.serial for probe in probes]}" if probes else ""
-    asked, numbers = f"probe {serial}" if serial else "a probe", f"{VENDOR_ID:04x}:{PRODUCT_ID:04x}"
-    return NotFound(f"{asked} (USB {numbers}) is not connected: plug it in, or use --virtual or --replay{others}")
+    sought, numbers = f"probe {serial}" if serial else "a probe", f"{VENDOR_ID:04x}:{PRODUCT_ID:04x}"
+    return NotFound(f"{sought} (USB {numbers}) is not connected: plug it in, or use --virtual or --replay{others}")

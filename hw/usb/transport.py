@@ -81,9 +81,9 @@ class UsbTransport:
         self._stream, self._failures, self._heard = random.randint(1, 0xFFFF), 0, time.monotonic()
         self._fault: Exception | None = None  # of the last read: mended before the next, so that what came before it gets out
         self._note = ""
-        self._device = self._found(serial)
+        self._device = self._open_device(serial)
         try:
-            self.header = self._begun(rate)
+            self.header = self._begin(rate)
         except _FAULTS as fault:
             self._device.close()
             if meaning(fault) is Stalled:
@@ -120,13 +120,13 @@ class UsbTransport:
     def _what(self) -> str:
         return f"probe {self._device.serial}".rstrip()
 
-    def _found(self, serial: str | None) -> UsbDevice:
+    def _open_device(self, serial: str | None) -> UsbDevice:
         try:
             return UsbDevice(find(serial, self._backends))
         except _FAULTS as fault:
             raise named(fault, f"probe {serial or 'on USB'}") from fault
 
-    def _begun(self, rate: float | None) -> Header:
+    def _begin(self, rate: float | None) -> Header:
         """Set the rate, start the stream and describe it."""
         self._device.stop()  # a program that died may have left it running
         if rate is not None:
@@ -140,7 +140,15 @@ class UsbTransport:
             "transport": self._name, "serial": self._device.serial, "firmware": info.firmware, "place": self._device.place,
             "started": now(), "scale": list(info.scale),
         }  # fmt: skip
-        return Header("frames", info.rate, CHANNELS[: info.channels], info.scale, packet, self._stream, source)
+        return Header(
+            "frames",
+            info.rate,
+            channels=CHANNELS[: info.channels],
+            scale=info.scale,
+            size=packet,
+            stream=self._stream,
+            source=source,
+        )
 
     def _recover(self, fault: Exception) -> str:
         """Bring the stream back and return what happened; raises what it cannot mend."""
@@ -180,7 +188,7 @@ class UsbTransport:
         limit = time.monotonic() + self._patience.absence
         while True:
             try:
-                self._device = self._found(serial)
+                self._device = self._open_device(serial)
                 return
             except HardwareError as missing:  # access may be given a moment after it came back
                 if time.monotonic() > limit:

@@ -90,11 +90,11 @@ class FrameDecoder:
 
     def _valid(self, buffer: bytes) -> tuple[NDArray[np.void], int]:
         """Return the valid frames in the buffer and how many of its bytes are done with."""
-        size, at, found = self.layout.size, 0, []
+        size, at, runs = self.layout.size, 0, []
         while at + size <= len(buffer):
             run = np.frombuffer(buffer, self._dtype, (len(buffer) - at) // size, at)
             good = self._leading_good(run, memoryview(buffer)[at:])
-            found.append(run[:good])
+            runs.append(run[:good])
             at += good * size
             if good < len(run):
                 ahead = buffer.find(MAGIC, at + 1)
@@ -102,7 +102,7 @@ class FrameDecoder:
                     ahead = len(buffer) - buffer.endswith(MAGIC[:1])
                 self.skipped += ahead - at
                 at = ahead
-        return np.concatenate(found) if found else np.empty(0, self._dtype), at
+        return np.concatenate(runs) if runs else np.empty(0, self._dtype), at
 
     def _leading_good(self, run: NDArray[np.void], view: memoryview) -> int:
         """Return how many frames of the run are valid before the first that is not."""

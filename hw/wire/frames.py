@@ -91,7 +91,7 @@ class Frame:
         return body + CRC.pack(zlib.crc32(body))
 
 
-def encoded(layout: FrameLayout, stream: int, sequence: int, index: int, codes: Codes, flags: int = 0) -> bytes:
+def encoded(layout: FrameLayout, *, stream: int, sequence: int, index: int, codes: Codes, flags: int = 0) -> bytes:
     """Return consecutive full frames, many at once: what ``Frame.encoded`` gives for each.
 
     Args:

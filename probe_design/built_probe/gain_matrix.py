@@ -1,9 +1,9 @@
 """The gain matrix of both channels: what it makes of readings, and its estimate from readings on references.
 
-A reading y = Q / c (N, c the nominal charge per force) of film forces f is y = M f (C1): M has the relative gains on its
+A reading y = Q / c (N, c the nominal charge per force) of film forces f is y = M f (BP.1): M has the relative gains on its
 diagonal and beside it the cross-talk. On a reference k under the load F_k, f = F_k (s, 1 - s), ln(s / (1 - s)) = lambda_k: known
 exactly for a pin or a ring (s = 1, 0), predicted for a block of tissue with an error that the solver, the block's modulus and the
-workshop leave. M, F_k and lambda_k follow together from least squares (C2), each datum and each prediction with its covariance.
+workshop leave. M, F_k and lambda_k follow together from least squares (BP.2), each datum and each prediction with its covariance.
 
 Without a reference force all F_k are free and M is told up to a common factor only.
 """
@@ -53,12 +53,12 @@ class Gains:
     """The gain matrix with what is known of its error.
 
     Attributes:
-        matrix: M of eq. (C1), shape (2, 2).
+        matrix: M of eq. BP.1, shape (2, 2).
         covariance: of its entries row by row, shape (4, 4).
         slopes: by how much the estimate moves per SI unit by which a design variable is off its drawing, shape (4, v).
         workshop: standard deviations of these variables that ``covariance`` counts, SI, shape (v,).
         absolute: whether a force channel has told the common factor.
-        told: whether the readings have told each cross-talk, or what was assumed of it stands.
+        cross_talk_told: whether the readings have told each cross-talk, or what was assumed of it stands.
         chi_square: of the fit.
         freedom: its degrees of freedom.
     """
@@ -68,7 +68,7 @@ class Gains:
     slopes: Floats
     workshop: Floats
     absolute: bool
-    told: tuple[bool, bool]
+    cross_talk_told: tuple[bool, bool]
     chi_square: float = 0.0
     freedom: int = 0
 
@@ -76,8 +76,14 @@ class Gains:
     def nominal(cls, bench: Bench) -> Gains:
         """Return what is known without calibration."""
         gain, cross = bench.channels.gain**2, bench.channels.cross_talk**2
-        nothing = np.zeros((4, 0))
-        return cls(np.eye(2), np.diag([gain, cross, cross, gain]), nothing, np.zeros(0), False, (False, False))
+        return cls(
+            matrix=np.eye(2),
+            covariance=np.diag([gain, cross, cross, gain]),
+            slopes=np.zeros((4, 0)),
+            workshop=np.zeros(0),
+            absolute=False,
+            cross_talk_told=(False, False),
+        )
 
     @property
     def p_value(self) -> float:
@@ -105,7 +111,7 @@ class Gains:
 
 
 def estimated(observed: Sequence[Observed], shares: Shares, bench: Bench) -> Gains:
-    """Estimate M from readings on references, eq. (C2).
+    """Estimate M from readings on references, eq. BP.2.
 
     Args:
         observed: one for each reading.
@@ -134,23 +140,28 @@ def estimated(observed: Sequence[Observed], shares: Shares, bench: Bench) -> Gai
         raise _untold(max(spread[[0, 3]]))
     if not problem.absolute:  # the common factor is what it was before
         covariance += bench.channels.gain**2 * np.outer(matrix.ravel(), matrix.ravel())
-    told = tuple(bool(spread[k] < PRIOR_ONLY * bench.channels.cross_talk) for k in (1, 2))
-    freedom = problem.data - len(solved.x)
+    inner_told, outer_told = (bool(spread[k] < PRIOR_ONLY * bench.channels.cross_talk) for k in (1, 2))
     return Gains(
-        matrix, covariance, slopes, shares.tolerances(bench.workshop), problem.absolute, (told[0], told[1]),
-        float(2 * solved.cost), freedom,
-    )  # fmt: skip
+        matrix=matrix,
+        covariance=covariance,
+        slopes=slopes,
+        workshop=shares.tolerances(bench.workshop),
+        absolute=problem.absolute,
+        cross_talk_told=(inner_told, outer_told),
+        chi_square=float(2 * solved.cost),
+        freedom=problem.data - len(solved.x),
+    )
 
 
 def _untold(spread: float) -> InputError:
-    given = Words(f"these leave a gain uncertain by {spread:.2g}")
+    left = Words(f"these leave a gain uncertain by {spread:.2g}")
     need = "two or more references on which the films' shares differ: a pin on the inner and a ring on the outer block do most"
-    return InputError("reference", given, need)
+    return InputError("reference", left, need)
 
 
 @dataclass(frozen=True)
 class _Problem:
-    """Residuals of eq. (C2), each divided by its standard deviation. Unknowns: entries of M, ln F_k, lambda_k, force error."""
+    """Residuals of eq. BP.2, each divided by its standard deviation. Unknowns: entries of M, ln F_k, lambda_k, force error."""
 
     observed: tuple[Observed, ...]
     shares: Shares

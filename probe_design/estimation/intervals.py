@@ -1,21 +1,21 @@
 """Which values of one unknown a set of readings leaves: intervals by inversion of a test.
 
-k measured logarithms y_i are the model's m_i(u), u a coordinate of the unknown (eq. (T1)), with independent normal noise of
+k measured logarithms y_i are the model's m_i(u), u a coordinate of the unknown (eq. ES.2), with independent normal noise of
 standard deviation s_i:
 
-    chi2(u) = sum_i ((y_i - m_i(u)) / s_i)^2                                                       (L1)
-    {u : chi2(u) - floor <= q},   q = 3.841, the 95 % quantile of chi-square with one degree        (L2)
+    chi2(u) = sum_i ((y_i - m_i(u)) / s_i)^2                                                       (ES.3)
+    {u : chi2(u) - floor <= q},   q = 3.841, the 95 % quantile of chi-square with one degree        (ES.4)
 
-With one datum floor = 0, so that eq. (L2) is the exact inversion |y - m(u)| <= 1.96 s: it covers the truth in 95 % of all cases
+With one datum floor = 0, so that eq. ES.4 is the exact inversion |y - m(u)| <= 1.96 s: it covers the truth in 95 % of all cases
 whatever m is, is open where m saturates, and empty where nothing explains the reading. With several, floor is the least chi2 of
 the curve m(u) *prolonged beyond its ends along its tangents*. It is Wilks' profile likelihood (Ann. Math. Statist. 9 (1938) 60)
 where the best fit is inside; at an end, such as a body stiffer than can be told, the curve's own minimum would cover 97.5 %
 instead of 95.
 
-The model's error. Let b_i bound the error of m_i. With g the unit tangent of m / s it shifts the root of eq. (L2)'s
+The model's error. Let b_i bound the error of m_i. With g the unit tangent of m / s it shifts the root of eq. ES.4's
 statistic by at most
 
-    t = sum_i |g_i| b_i / s_i                                                                      (L3)
+    t = sum_i |g_i| b_i / s_i                                                                      (ES.5)
 
 Up to t = 1/3 the worst such shift leaves a coverage of 93.7 %, and q stays: an interval wider by a bound that is hardly ever
 reached would cover too much. Beyond, q becomes the square of the 95 % quantile of |N(t, 1)|, the shortest interval that covers
@@ -38,7 +38,7 @@ from probe_design.estimation.profile import Track
 
 LEVEL = 0.95
 QUANTILE = float(chi2.ppf(LEVEL, 1))
-TOLERATED = 1 / 3  # eq. (L3) below which the model's error is left out of the interval
+TOLERATED = 1 / 3  # eq. ES.5 below which the model's error is left out of the interval
 STEPS = 6  # of Gauss and Newton
 
 
@@ -79,7 +79,7 @@ class Likelihood:
         return points, below, above, self.at(points)[0]
 
     def chi_square(self, u: Floats, y: Floats) -> Floats:
-        """Eq. (L1) at u of shape (s,) for measured values of shape (k,) or (s, k)."""
+        """Eq. ES.3 at u of shape (s,) for measured values of shape (k,) or (s, k)."""
         return np.asarray(((y / self.noise - self.at(u)[0]) ** 2).sum(axis=-1))
 
     def best(self, y: Floats) -> tuple[Floats, Floats]:
@@ -98,7 +98,7 @@ class Likelihood:
         return best, least
 
     def floor(self, y: Floats) -> Floats:
-        """Return the floor of eq. (L2) for s sets of measured values, (s, k), shape (s,)."""
+        """Return the floor of eq. ES.4 for s sets of measured values, (s, k), shape (s,)."""
         if y.shape[1] == 1:
             return np.zeros(len(y))
         least = self.best(y)[1]
@@ -113,7 +113,7 @@ class Likelihood:
         return least
 
     def shift(self, u: Floats) -> Floats:
-        """Eq. (L3) at u of shape (s,)."""
+        """Eq. ES.5 at u of shape (s,)."""
         relative = self.track.predicted.bound / self.noise
         tangent = np.abs(self.track.slope / self.noise)
         size = np.linalg.norm(tangent, axis=1)
@@ -125,13 +125,13 @@ class Likelihood:
         return float(np.interp(u, self.track.x, np.linalg.norm(self.track.predicted.bound / self.noise, axis=1)))
 
     def pieces(self, y: Floats) -> list[Piece]:
-        """Return the set of eq. (L2) for measured values of shape (k,)."""
+        """Return the set of eq. ES.4 for measured values of shape (k,)."""
         floor, best = float(self.floor(y[None])[0]), float(self.best(y[None])[0][0])
 
         def beyond(u: Floats) -> Floats:
             return self.chi_square(u, y) - floor - threshold(self.shift(u))
 
-        found = []
+        pieces = []
         for run in self.track.runs:
             points = _with_valleys(run, best, beyond)
             inside = beyond(points) <= 0
@@ -141,12 +141,12 @@ class Likelihood:
                 low = _crossing(beyond, points[first - 1], points[first]) if first > 0 else points[0]
                 high = _crossing(beyond, points[end + 1], points[end]) if end < last else points[-1]
                 ends = self.track.values(np.array([low, high]))
-                found.append(Piece(float(ends[0]), float(ends[1]), bool(first == 0), bool(end == last)))
-        return found
+                pieces.append(Piece(float(ends[0]), float(ends[1]), bool(first == 0), bool(end == last)))
+        return pieces
 
 
 def threshold(shift: Floats) -> Floats:
-    """Return q of eq. (L2) where the model's error is at most eq. (L3)."""
+    """Return q of eq. ES.4 where the model's error is at most eq. ES.5."""
     t = np.asarray(shift, dtype=float)
     c = np.where(t > 4, t + norm.ppf(LEVEL), np.sqrt(ncx2.ppf(LEVEL, 1, np.clip(t, TOLERATED / 10, 4) ** 2)))
     return np.asarray(np.where(t > TOLERATED, c**2, QUANTILE))

@@ -2,7 +2,7 @@
 
 Far from a sphere only its strength is felt (PHYSICS section 2),
 
-    S = D^3 (c - 1) / (1 + beta (c - 1)),   c = E_object / E_tissue,   beta = 2 (4 - 5 nu) / (15 (1 - nu))     (S1)
+    S = D^3 (c - 1) / (1 + beta (c - 1)),   c = E_object / E_tissue,   beta = 2 (4 - 5 nu) / (15 (1 - nu))     (ES.1)
 
 in m^3, positive where it is stiffer than the tissue, at most D^3 / beta and at least -D^3 / (1 - beta).
 """
@@ -39,7 +39,7 @@ class DepthAndStrength:
 
 
 def strength(tissue: Material, body: Inclusion, modulus: Floats | None = None, diameter: Floats | None = None) -> Floats:
-    """Eq. (S1) of a body, or of the same with other moduli (Pa) or diameters (m), in m^3; a modulus may be inf."""
+    """Eq. ES.1 of a body, or of the same with other moduli (Pa) or diameters (m), in m^3; a modulus may be inf."""
     beta = share_of_shear(tissue)
     more = np.asarray(body.youngs_modulus if modulus is None else modulus, dtype=float) / tissue.youngs_modulus - 1
     size = np.asarray(body.diameter if diameter is None else diameter, dtype=float)
@@ -49,6 +49,6 @@ def strength(tissue: Material, body: Inclusion, modulus: Floats | None = None, d
 
 
 def share_of_shear(tissue: Material) -> float:
-    """Return beta of eq. (S1)."""
+    """Return beta of eq. ES.1."""
     nu = tissue.poisson_ratio
     return 2 * (4 - 5 * nu) / (15 * (1 - nu))

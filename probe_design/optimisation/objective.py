@@ -2,9 +2,9 @@
 
 With Q_j = |d33| F_j the charge of channel j under the force F (PHYSICS section 2),
 
-    v_j = g^2 + (q0 / Q_j)^2                        (O1)
-    I   = S^2 / (v_inner + v_outer)                 (O2)
-    objective = I^(-1/2), smaller is better         (O3)
+    v_j = g^2 + (q0 / Q_j)^2                        (OP.1)
+    I   = S^2 / (v_inner + v_outer)                 (OP.2)
+    objective = I^(-1/2), smaller is better         (OP.3)
 
 with S the log-sensitivity of the ratio; over a set of scenarios, I is averaged. A raw slope
 d(ratio)/dE would reward designs whose outer film feels nothing, and so nothing but noise.
@@ -45,14 +45,14 @@ class Noise:
         return cls(force=force, charge_per_force=abs(film.d33) or cls.charge_per_force if film else cls.charge_per_force)
 
     def information(self, sensitivity: Any, share_inner: Any, share_outer: Any) -> Any:
-        """Eqs. (O1), (O2) for the films' shares of the force, which add up to 1; floats, arrays or casadi."""
+        """Eqs. OP.1, OP.2 for the films' shares of the force, which add up to 1; floats, arrays or casadi."""
         full = self.charge / (self.charge_per_force * self.force)
         variance = 2 * self.gain**2 + (full / share_inner) ** 2 + (full / share_outer) ** 2
         return sensitivity**2 / variance
 
 
 def objective(information: Iterable[float]) -> float:
-    """Eq. (O3) over a set of scenarios; inf where nothing can be told."""
+    """Eq. OP.3 over a set of scenarios; inf where nothing can be told."""
     values = list(information)
     mean = sum(values) / len(values)
     return 1 / math.sqrt(mean) if mean > 0 else math.inf

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from time import perf_counter
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from solver.solid.level import SolidLevel, indentation
 
 
 def evaluated(
-    scene: Scene, evaluator: str, accuracy: float, vtu: Path | None, picture: Path | None, tell: Callable[[str], None]
+    scene: Scene, evaluator: str, accuracy: float, *, vtu: Path | None, picture: Path | None, tell: Callable[[str], None]
 ) -> Result:
     """Evaluate by ``solid`` and write its finest mesh with displacements and stresses at the scene's load.
 
@@ -29,7 +30,7 @@ def evaluated(
 
     Raises:
         InputError: another evaluator, or a file name that ends otherwise.
-        Refusal: see ``solver.solid.level.SolidLevel.evaluate``.
+        Refusal: see ``solver.solid.level.SolidLevel.answer``.
     """
     from probe_design.solid_output.vtu import draw_solid, write_vtu
 
@@ -41,13 +42,15 @@ def evaluated(
         if path.suffix.lower() != suffix:
             raise InputError(key, str(path), f"a file name that ends in {suffix}")
         check_writable(path.parent)  # what would fail after the work fails before it
-    result, found, _ = SolidLevel(tell).answered(scene, accuracy)
-    lowered = indentation(scene, found, 0)
+    start, level = perf_counter(), SolidLevel(tell)
+    solution = level.solved(scene, accuracy)
+    result = level.answer_of(scene, solution, accuracy).result(level.name, scene, perf_counter() - start)
+    lowered = indentation(scene, solution, 0)
     motion = np.array([lowered, lowered, scene.placement.tilt])
     if vtu is not None:
         tell(f"writing {vtu}")
-        write_vtu(vtu, found.found.states, motion)
+        write_vtu(vtu, solution.difference.states, motion)
     if picture is not None:
         tell(f"drawing {picture}")
-        draw_solid(picture, found.found.states, motion)
+        draw_solid(picture, solution.difference.states, motion)
     return result

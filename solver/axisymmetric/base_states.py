@@ -117,7 +117,19 @@ def model(
     )
     system = System.of(numbering(mesh, fineness.order, interface), edge)
     shear, volume = (part.reshape(n, 2 * s, 2 * s) for part in parts)
-    return MeridianModel(section, materials, mesh, functions, at, shear, volume, two_mu, lam, recovery, system)
+    return MeridianModel(
+        section,
+        materials,
+        mesh=mesh,
+        shapes=functions,
+        at=at,
+        shear=shear,
+        volume=volume,
+        two_mu=two_mu,
+        lam=lam,
+        recovery=recovery,
+        system=system,
+    )
 
 
 def base_states(model: MeridianModel) -> BaseStates:
@@ -128,14 +140,16 @@ def base_states(model: MeridianModel) -> BaseStates:
     """
     system = model.system
     lift = system.numbering.lift
-    v, left, residual = system.solve(np.zeros((system.numbering.unknowns, 2)), lift, passes=2)
+    v, unbalanced, residual = system.solve(np.zeros((system.numbering.unknowns, 2)), lift, passes=2)
     own, shift = system.own(v, lift), system.shifts(v, lift)
     forces = products(own, system.stiffness @ own)
-    hidden = np.abs(left.T @ system.factor.solve(left))  # what the forces would change if the equations were met exactly
+    hidden = np.abs(
+        unbalanced.T @ system.factor.solve(unbalanced)
+    )  # what the forces would change if the equations were met exactly
     # ten standard deviations of the energy when every entry of the matrices carries an independent rounding error
     variance = products(own**2, system.stiffness**2 @ own**2)
     rounding = 10 * np.finfo(float).eps * np.sqrt(variance) + hidden
-    return BaseStates(model, v, model.whole(own), shift, forces, rounding, residual)
+    return BaseStates(model, v, own=model.whole(own), shift=shift, forces=forces, rounding=rounding, residual=residual)
 
 
 def products(a: Floats, b: Floats) -> Floats:
@@ -161,5 +175,5 @@ def condensed(stiffness: Floats, skeleton: int) -> tuple[Floats, Floats]:
     outside = stiffness[:, :, low, :, low].reshape(n, edge, edge)
     across = stiffness[:, :, high, :, low].reshape(n, inner, edge)
     recovery = -np.linalg.solve(stiffness[:, :, high, :, high].reshape(n, inner, inner), across)
-    left = outside + across.transpose(0, 2, 1) @ recovery
-    return (left + left.transpose(0, 2, 1)) / 2, np.asarray(recovery)
+    reduced = outside + across.transpose(0, 2, 1) @ recovery
+    return (reduced + reduced.transpose(0, 2, 1)) / 2, np.asarray(recovery)

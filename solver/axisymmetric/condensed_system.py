@@ -65,15 +65,15 @@ class System:
         """
         v = np.zeros_like(forces)
         for k in range(passes + 1):
-            left = forces - self.add_up(self.stiffness @ self.own(v, lift))
+            unbalanced = forces - self.add_up(self.stiffness @ self.own(v, lift))
             if k < passes:
-                v += self.factor.solve(left)
+                v += self.factor.solve(unbalanced)
         scale = np.linalg.norm(self._magnitude(v, lift) + np.abs(forces), axis=0)
-        residual = float(np.max(np.linalg.norm(left, axis=0) / np.where(scale > 0, scale, 1.0)))
+        residual = float(np.max(np.linalg.norm(unbalanced, axis=0) / np.where(scale > 0, scale, 1.0)))
         if not residual <= LARGEST_RESIDUAL:
             allowed = f"relative residual {residual:.1e}, allowed {LARGEST_RESIDUAL:.0e}"
             raise SolveError(f"the linear system was not solved: {allowed}")
-        return v, left, residual
+        return v, unbalanced, residual
 
     def _magnitude(self, v: Floats, lift: Floats | float) -> Floats:
         """|K| |u|, to which rounding errors are proportional."""

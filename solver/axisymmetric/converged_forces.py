@@ -10,12 +10,13 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
-from solver.axisymmetric.omitted_details import LAYERS, Change, left_out
-from solver.axisymmetric.refinement import LEVELS, SampleErrors, refined
+from solver.axisymmetric.omitted_details import LAYERS, Change, omitted_changes
+from solver.axisymmetric.refinement import LEVELS, SampleErrors, refine
 from solver.axisymmetric.sample import MeshSample, sample
 from solver.axisymmetric.sections import sections, with_layers
-from solver.results.film_forces import Bound, FilmForces
+from solver.results.film_forces import Bound, FilmForces, above
 from solver.results.result import Decision
+from solver.results.warnings import Note
 
 NEGLIGIBLE = 0.05  # of the accuracy: films and base that change less are left out
 LAYERED = 2.0  # times the meshes' errors where films or a base are modelled: their corners are graded less finely
@@ -35,18 +36,18 @@ class Converged:
     films: tuple[FilmForces, ...]
     sample: MeshSample
     plan: tuple[Decision, ...]
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
 
 
-def converged(scene: Scene, accuracy: float, moduli: Floats | None = None) -> Converged:
+def converged_forces(scene: Scene, accuracy: float, moduli: Floats | None = None) -> Converged:
     """Return film forces on the first mesh that meets ``accuracy``, or on the finest.
 
     Raises:
         SolveError: the scene's equations cannot be solved in double precision.
     """
     plain = sections(scene)
-    rough = cache(lambda: sample(plain.section, plain, scene, LEVELS[0], moduli))
-    changes = list(left_out(scene, plain, rough, moduli))
+    rough = cache(lambda: sample(plain.section, plain, scene, LEVELS[0], moduli=moduli))
+    changes = list(omitted_changes(scene, plain, rough, moduli))
     layers = [change for change in changes if change.feature in LAYERS]
     chosen = plain
     if any(change.effect > NEGLIGIBLE * accuracy for change in layers):
@@ -55,30 +56,30 @@ def converged(scene: Scene, accuracy: float, moduli: Floats | None = None) -> Co
     missing = [change for change in changes if not change.modelled]
     solve = partial(sample, chosen.section, chosen, scene, moduli=moduli)
 
-    def good(found: MeshSample, errors: SampleErrors) -> bool:
-        numerical, films = _films(scene, found, errors), _films(scene, found, errors, missing)
+    def good(mesh_sample: MeshSample, errors: SampleErrors) -> bool:
+        numerical, films = _films(scene, mesh_sample, errors), _films(scene, mesh_sample, errors, missing)
         reached, least = (max(one.error_under(scene) for one in some) for some in (films, numerical))
         small = reached <= accuracy or (reached - least > accuracy and least <= accuracy / 2)
         return small and all(_sensitive_enough(one, accuracy) for one in numerical)
 
-    found, errors, why = refined(
+    mesh_sample, errors, why = refine(
         lambda level: rough() if level == LEVELS[0] and chosen is plain else solve(level), accuracy, good
     )
-    films = _films(scene, found, errors, missing)
+    films = _films(scene, mesh_sample, errors, missing)
     plan = tuple(change.decision(accuracy) for change in changes)
-    return Converged(films, found, plan, tuple(_notes(scene, films, missing, accuracy, why)))
+    return Converged(films, mesh_sample, plan, tuple(_notes(scene, films, missing, accuracy, why)))
 
 
-def _films(scene: Scene, found: MeshSample, errors: SampleErrors, changes: Iterable[Change] = ()) -> tuple[FilmForces, ...]:
+def _films(scene: Scene, sample: MeshSample, errors: SampleErrors, changes: Iterable[Change] = ()) -> tuple[FilmForces, ...]:
     films = []
-    for k, forces in enumerate(found.forces):
-        margin = LAYERED if found.states.model.section.given_layers else 1.0
+    for k, forces in enumerate(sample.forces):
+        margin = LAYERED if sample.states.model.section.has_layers else 1.0
         bound = Bound.independent(margin * errors.totals[k], forces)
-        told = margin * float(errors.sensitivity[k])
+        sensitivity_bound = margin * float(errors.sensitivity[k])
         for change in changes:
-            bound, told = bound + change.bounds[k], told + float(change.sensitivity[k])
-            forces = forces + np.broadcast_to(change.shift, found.forces.shape)[k]
-        films.append(FilmForces(forces, bound, found.slope[k] if scene.target is not None else None, told))
+            bound, sensitivity_bound = bound + change.bounds[k], sensitivity_bound + float(change.sensitivity[k])
+            forces = forces + np.broadcast_to(change.shift, sample.forces.shape)[k]
+        films.append(FilmForces(forces, bound, sample.slope[k] if scene.target is not None else None, sensitivity_bound))
     return tuple(films)
 
 
@@ -88,15 +89,15 @@ def _sensitive_enough(films: FilmForces, accuracy: float) -> bool:
 
 def _notes(
     scene: Scene, films: tuple[FilmForces, ...], missing: Iterable[Change], accuracy: float, why: str | None
-) -> Iterable[str]:
+) -> Iterable[Note]:
     for change in missing:
         if change.effect > NEGLIGIBLE * accuracy:
-            yield f"left out: {change.feature}, changes the ratio by at most about {change.effect:.2g}, counted in error_estimate"
+            size = f"changes the ratio by at most about {change.effect:.2g}"
+            yield Note("left_out", f"left out: {change.feature}, {size}, counted in error_estimate")
     reached = max(one.error_under(scene) for one in films)
     if reached > accuracy:
-        bounds = f"error bounds of {reached:.2g}" if reached < 1 else "error bounds no smaller than the values themselves"
-        text = f"{bounds} reached, accuracy {accuracy:g} asked for"
-        yield text + (f"; no finer mesh helped: {why}" if why else ": what stands in the way is listed")
+        obstacle = f"; no finer mesh helped: {why}" if why else ": what stands in the way is listed"
+        yield Note("accuracy", above(reached, accuracy) + obstacle)
     worst = max((one.sensitivity_error / max(abs(one.log_sensitivity or 0.0), 2e-6 / accuracy) for one in films), default=0.0)
     if scene.target is not None and worst > 5 * accuracy:
-        yield f"log_sensitivity is good to about {worst:.1g} of itself only"
+        yield Note("sensitivity", f"log_sensitivity is good to about {worst:.1g} of itself only")

@@ -117,8 +117,8 @@ def _ties(mesh: Topology, ends: Floats, interface: Interface, axis: tuple[bool, 
         owner[k] = owner[partner] if interface == "bonded" else [*owner[k, :-1], owner[partner, -1]]
     fixed = ((r0 == 0) & (r1 == 0))[:, None] & np.array(axis)
     tops = {layout.inner[-1], layout.outer[-1]} if layout.kind.base is None else {layout.base[-1]}
-    held = [0.0, *(line_label(top) for top in tops)]
-    fixed[np.isin(z0, held) & np.isin(z1, held) & (z0 == z1)] = True
+    edge_levels = [0.0, *(line_label(top) for top in tops)]
+    fixed[np.isin(z0, edge_levels) & np.isin(z1, edge_levels) & (z0 == z1)] = True
     spans = ((0, column["inner"]), (column["hole"], column["tube"]))
     under = [on & (degree == 1) & (low <= r0) & (r0 <= high) for low, high in spans]
     return owner, fixed, np.stack(under, axis=-1).astype(float)

@@ -3,8 +3,8 @@
 Nodes are smooth functions of the lengths and polynomial coefficients stay put, so that with the nodes' velocity V,
 L = grad V and tau = div V + V_r / r an energy a(u, v) = int w (2 mu eps:eps + lambda P_u P_v), w = 2 pi r dA, changes by
 
-    grad u:  -grad u L,      u_r / r:  -(u_r / r) V_r / r,      w:  w tau                                            (G1)
-    d int w P_u P_v = int w [dD_u P_v + P_u dD_v + tau (D_u P_v + P_u D_v - P_u P_v)],  D = div u, P its projection  (G2)
+    grad u:  -grad u L,      u_r / r:  -(u_r / r) V_r / r,      w:  w tau                                            (AX.5)
+    d int w P_u P_v = int w [dD_u P_v + P_u dD_v + tau (D_u P_v + P_u D_v - P_u P_v)],  D = div u, P its projection  (AX.6)
 
 Base states minimise the energy, so that nothing else changes their forces: no adjoint solve is needed. Node
 velocities are derivatives by complex steps of the map from lengths to nodes.
@@ -31,7 +31,7 @@ def variables(model: MeridianModel) -> tuple[str, ...]:
     """Names of what energies can be differentiated by: by ln of a length or modulus, and by a Poisson's ratio itself."""
     bodies = [body.name.lower() for body in model.materials]
     return (
-        *model.section.given,
+        *model.section.lengths,
         *(f"{body}_youngs_modulus" for body in bodies),
         *(f"{body}_poisson_ratio" for body in bodies),
     )
@@ -55,12 +55,12 @@ def velocities(model: MeridianModel) -> tuple[Floats, Floats]:
     Returns them, shape (lengths + 1, n, s, 2), and the derivatives of ln of the corner size by ln of each length, (lengths,):
     most lengths then move few elements, and the corner size, on which all depend, is dealt with once.
     """
-    given, section = model.section.given, model.section
-    steps = 1 + 1j * STEP * np.eye(len(given) + 1)
-    moved = {name: getattr(section, name) * steps[k] for k, name in enumerate(given)}
-    held = replace(section, **moved, mesh_size=section.corner_size * steps[-1])
+    names, section = model.section.lengths, model.section
+    steps = 1 + 1j * STEP * np.eye(len(names) + 1)
+    moved = {name: getattr(section, name) * steps[k] for k, name in enumerate(names)}
+    displaced = replace(section, **moved, mesh_size=section.corner_size * steps[-1])
     free = replace(section, **{name: lengths[:-1] for name, lengths in moved.items()})
-    by_lengths = nodes(held, model.mesh, model.shapes.places).imag / STEP
+    by_lengths = nodes(displaced, model.mesh, model.shapes.places).imag / STEP
     return by_lengths, free.corner_size.imag / STEP / section.corner_size
 
 
@@ -104,7 +104,7 @@ def _motion(at: Geometry, shapes: Shapes, velocity: Floats) -> Floats:
 
 
 def _work(motion: Floats, fields: Floats, stresses: Floats, chosen: Ints) -> Floats:
-    """Half of the change of the chosen elements' energies when the points move, eqs. (G1), (G2): shape (m, m).
+    """Half of the change of the chosen elements' energies when the points move, eqs. AX.5, AX.6: shape (m, m).
 
     lambda P works on tau (D - P / 2) in all; of this the five stresses give it tau D / 2, and the sixth the rest.
     """

@@ -48,11 +48,11 @@ def gradients(scene: Scene, sample: MeshSample, names: tuple[str, ...] | None = 
     Raises:
         InputError: a name is none of the scene's variables.
     """
-    known = _differentiable(scene, sample)
-    chosen = known if names is None else names
-    unknown = [name for name in chosen if name not in known]
+    allowed = _differentiable(scene, sample)
+    chosen = allowed if names is None else names
+    unknown = [name for name in chosen if name not in allowed]
     if unknown:
-        raise InputError("variable", unknown[0], ", ".join(known))
+        raise InputError("variable", unknown[0], ", ".join(allowed))
     chain = np.array([by_scene(scene, sample.states.model, name) for name in chosen])  # (v, section variables)
     logs = by_section(sample)
     totals, f = sample.totals, logs.totals  # (k, 2), (k, section variables, 2)
@@ -65,12 +65,12 @@ def gradients(scene: Scene, sample: MeshSample, names: tuple[str, ...] | None = 
         "stress_outer": log_stress[..., 1],
         "stiffness": _stiffness(totals, f),
     }
-    found = _values(scene, sample)
-    derivatives = {name: found[name][:, None] * (change @ chain.T) for name, change in logarithmic.items()}
+    outputs = _values(scene, sample)
+    derivatives = {name: outputs[name][:, None] * (change @ chain.T) for name, change in logarithmic.items()}
     derivatives["log_sensitivity"] = logs.sensitivity @ chain.T
     for change in derivatives.values():  # by the inclusion's modulus: that of each value, not of the states
         change[:, [name == "inclusion.youngs_modulus" for name in chosen]] /= sample.times[:, None]
-    return Gradients(chosen, found, derivatives)
+    return Gradients(chosen, outputs, derivatives)
 
 
 def _differentiable(scene: Scene, sample: MeshSample) -> tuple[str, ...]:
@@ -88,9 +88,9 @@ class SectionDerivatives:
 
 
 def by_section(sample: MeshSample) -> SectionDerivatives:
-    """Differentiate energies; the states' own change enters the slope F' alone, eq. (G3).
+    """Differentiate energies; the states' own change enters the slope F' alone.
 
-    F' = dF / d ln E = t u^T K_b u:  dF' = 2 u'^T dK u + t u^T dK_b u,  u' = du / d ln E.
+    F' = dF / d ln E = t u^T K_b u:  dF' = 2 u'^T dK u + t u^T dK_b u,  u' = du / d ln E (AX.7).
     """
     model, t = sample.states.model, sample.times
     whole, u, du = sample.states.own, np.broadcast_to(np.eye(2), (len(t), 2, 2)), None
@@ -139,17 +139,17 @@ def areas(scene: Scene, model: MeridianModel) -> Floats:
 
 def by_scene(scene: Scene, model: MeridianModel, name: str) -> Floats:
     """Derivatives of the section's variables (ln of lengths and moduli, Poisson's ratios) by one of the scene's."""
-    known = variables(model)
-    out = np.zeros(len(known))
+    section_variables = variables(model)
+    out = np.zeros(len(section_variables))
     for length, change in length_derivatives(scene).get(name, {}).items():
-        if length in known:
-            out[known.index(length)] = change / getattr(model.section, length)
-    owner, _, what = name.rpartition(".")
-    body = MATERIALS.get(owner) if what != "adhesive_modulus" else Body.ADHESIVE
-    if body is not None and body in model.materials and what in ("youngs_modulus", "poisson_ratio", "adhesive_modulus"):
-        ratio = what == "poisson_ratio"
-        key = f"{body.name.lower()}_{what if ratio else 'youngs_modulus'}"
-        out[known.index(key)] = 1.0 if ratio else 1 / model.materials[body].youngs_modulus
+        if length in section_variables:
+            out[section_variables.index(length)] = change / getattr(model.section, length)
+    owner, _, quantity = name.rpartition(".")
+    body = MATERIALS.get(owner) if quantity != "adhesive_modulus" else Body.ADHESIVE
+    if body is not None and body in model.materials and quantity in ("youngs_modulus", "poisson_ratio", "adhesive_modulus"):
+        ratio = quantity == "poisson_ratio"
+        key = f"{body.name.lower()}_{quantity if ratio else 'youngs_modulus'}"
+        out[section_variables.index(key)] = 1.0 if ratio else 1 / model.materials[body].youngs_modulus
     return out
 
 
@@ -160,5 +160,5 @@ def _values(scene: Scene, sample: MeshSample) -> dict[str, Floats]:
     indentation = (scene.load.force or 0.0) / stiffness if moved is None else np.full(len(totals), moved)
     stress = totals * indentation[:, None] / ends
     ratio = totals[:, 0] / totals[:, 1] * ends[1] / ends[0]
-    found = (ratio, stress[:, 0], stress[:, 1], stiffness, sample.log_sensitivity)
-    return dict(zip(OUTPUTS, found, strict=True))
+    columns = (ratio, stress[:, 0], stress[:, 1], stiffness, sample.log_sensitivity)
+    return dict(zip(OUTPUTS, columns, strict=True))

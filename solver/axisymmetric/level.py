@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from time import perf_counter
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -12,13 +11,13 @@ from threadpoolctl import threadpool_limits
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, SolveError
 from geometry.scenes.scene import Scene
-from solver.axisymmetric.converged_forces import Converged, converged
-from solver.results.film_forces import checked_moduli, outputs, ratio
-from solver.results.result import Curve, Result, needs_solid, within
+from solver.axisymmetric.converged_forces import Converged, converged_forces
+from solver.results.evaluator import Answer, FilmLevel, Tell
+from solver.results.kinds import needs_solid
 
 
 @dataclass(frozen=True)
-class Axisymmetric:
+class Axisymmetric(FilmLevel):
     """High-order finite elements of the meridian plane: bonded or frictionless, one sphere on the axis at most."""
 
     name: str = "axisymmetric"
@@ -38,62 +37,37 @@ class Axisymmetric:
                 return "equivalent-inclusion or closed-form for an inclusion off the probe's axis"
         return None
 
-    def evaluate_within(self, scene: Scene, accuracy: float) -> Result:
-        """Answer as ``evaluate`` does, but only if every bound is below ``accuracy``.
-
-        Raises:
-            Refusal: see ``evaluate``; and where the accuracy is out of reach.
-        """
-        return within(*self._answer(scene, accuracy), accuracy)
-
-    def evaluate(self, scene: Scene, accuracy: float = 0.01) -> Result:
+    def answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Answer:
         """Refine until ratio, stresses and stiffness are within ``accuracy`` and log_sensitivity within 5 times that.
+
+        A curve comes from one factorisation a mesh.
 
         Raises:
             Refusal: the scene is of another kind, or so extreme that its equations cannot be solved in double precision.
         """
-        return self._answer(scene, accuracy)[0]
-
-    def _answer(self, scene: Scene, accuracy: float) -> tuple[Result, float]:
-        """Return the result and the largest of the bounds on ratio, stresses and stiffness."""
-        start = perf_counter()
-        found = self.converged(scene, accuracy)
-        films = found.films[0]
-        told = outputs(scene, films)
-        warnings = (*told.pop("warnings"), *found.notes)
-        told["residual"] = found.sample.states.residual
-        return Result(self.name, perf_counter() - start, **told, plan=found.plan, warnings=warnings), films.error_under(scene)
-
-    def curve(self, scene: Scene, moduli: Floats, accuracy: float = 0.01) -> Curve:
-        """Return ratio and log-sensitivity for every Young's modulus (Pa) of the inclusion, all from one factorisation a mesh.
-
-        Raises:
-            InputError: there is no inclusion, or a modulus is not positive and finite.
-            Refusal: see ``evaluate``.
-        """
-        start = perf_counter()
-        moduli = checked_moduli(scene, moduli)
-        found = self.converged(scene, accuracy, moduli)
-        told = [ratio(scene, films) for films in found.films]
-        values = {key: tuple(one[key] for one in told) for key in ("ratio", "log_sensitivity", "error_estimate")}
-        seconds = perf_counter() - start
-        return Curve(self.name, seconds, tuple(moduli.tolist()), **values, plan=found.plan, warnings=found.notes)
+        converged = self.converged(scene, accuracy, moduli)
+        return Answer(converged.films, converged.sample.states.residual, converged.plan, converged.notes)
 
     def converged(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Converged:
         """Return film forces with their errors at the inclusion's modulus, or at all ``moduli``.
 
         Raises:
-            Refusal: see ``evaluate``.
+            Refusal: see ``answer``.
         """
         why = self.refusal(scene)
         if why is not None:
             raise Refusal("evaluator", self.name, why)
         with threadpool_limits(1, user_api="blas"):  # many small products: more threads only wait for each other
             try:
-                return converged(scene, accuracy, moduli)
+                return converged_forces(scene, accuracy, moduli)
             except SolveError as fault:
                 if moduli is not None and "curve from" in str(fault):
                     span = f"{np.min(moduli):g} to {np.max(moduli):g} Pa"
                     raise Refusal("youngs_modulus", span, f"a narrower range ({fault})") from fault
                 extremes = "scenes whose sizes and moduli lie closer together"
                 raise Refusal("evaluator", self.name, f"{extremes} ({fault})") from fault
+
+
+def level(tell: Tell | None = None) -> Axisymmetric:
+    """Return the level; it has nothing to tell."""
+    return Axisymmetric()

@@ -2,7 +2,7 @@
 
 K is affine in the modulus: with t = E / E_0, K(t) = K + (t - 1) K_b. The states at every t lie, to a stated tolerance, in the
 block Krylov space of K^-1 K_b begun with the states at t = 1. On a basis of it, orthonormal in K, K_b becomes diagonal, and
-the film forces a sum of rational functions of t, eq. (R1), which is differentiated as it stands. Galerkin's
+the film forces a sum of rational functions of t, eq. AX.8, which is differentiated as it stands. Galerkin's
 error in the forces is the square of the states' error.
 """
 
@@ -16,6 +16,7 @@ from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
 from geometry.meridian.section import Body
 from solver.axisymmetric.base_states import BaseStates, products
+from solver.linalg.rational_response import KrylovBasis, RationalResponse
 
 TOLERANCE = 1e-10  # of the film forces, relative, at both ends of the range; states are good to its root
 MOST_STEPS = 60
@@ -28,41 +29,32 @@ class ModulusResponse:
 
     With G = u_i^T K_b u_j of the states at t = 1 and c_ki = v_k^T K_b u_i of the basis, K_b v_k = l_k K v_k in it:
 
-        F(t) = F(1) + (t - 1) G - (t - 1)^2 sum_k c_k c_k^T / (1 + (t - 1) l_k)        (R1)
+        F(t) = F(1) + (t - 1) G - (t - 1)^2 sum_k c_k c_k^T / (1 + (t - 1) l_k)        (AX.8)
 
     Attributes:
         body: whose modulus varies.
         states: at t = 1.
         basis: v_k, unknowns without a lift, shape (unknowns, m).
-        share: l_k, the part of v_k's energy inside the body, 0 to 1, shape (m,).
-        inside: G, shape (2, 2).
-        coupling: c, shape (m, 2).
+        rational: eq. AX.8, l_k, G and c.
     """
 
     body: Body
     states: BaseStates
     basis: Floats
-    share: Floats
-    inside: Floats
-    coupling: Floats
+    rational: RationalResponse
 
     def forces(self, t: Floats) -> tuple[Floats, Floats]:
         """Return F and dF / d ln E for t = E / E_0 > 0, shape (n,): two arrays of shape (n, 2, 2)."""
-        x = np.asarray(t, dtype=float)[:, None, None] - 1
-        denominator = 1 + x[..., 0] * self.share
-        products = self.coupling[:, :, None] * self.coupling[:, None]
-        total = np.einsum("nk,kij->nij", 1 / denominator, products)
-        slope = np.einsum("nk,kij->nij", (2 + x[..., 0] * self.share) / denominator**2, products)
-        return self.states.forces + x * self.inside - x**2 * total, (x + 1) * (self.inside - x * slope)
+        return self.rational.at(t)
 
     def states_at(self, t: Floats) -> tuple[Floats, Floats]:
-        """Coefficients of both states on (u_1, u_2, v_1 ... v_m) and their derivatives by ln E, each (n, 2 + m, 2): eq. (R2)."""
-        x = np.asarray(t, dtype=float)[:, None, None] - 1
-        denominator = 1 + x * self.share[:, None]
-        both = np.zeros((2, len(x), 2 + len(self.share), 2))
+        """Coefficients of both states on (u_1, u_2, v_1 ... v_m) and their derivatives by ln E, each (n, 2 + m, 2).
+
+        On v_k they are -(t - 1) c_k / (1 + (t - 1) l_k) and -t c_k / (1 + (t - 1) l_k)^2 (AX.9).
+        """
+        both = np.zeros((2, len(t), 2 + len(self.rational.share), 2))
         both[0, :, :2] = np.eye(2)
-        both[0, :, 2:] = -x * self.coupling / denominator
-        both[1, :, 2:] = -(x + 1) * self.coupling / denominator**2
+        both[0, :, 2:], both[1, :, 2:] = self.rational.amplitudes(t)
         return both[0], both[1]
 
     def whole(self) -> Floats:
@@ -81,72 +73,58 @@ def response(states: BaseStates, low: float, high: float, body: Body = Body.INCL
     inside = np.flatnonzero(model.mesh.body == body)
     if not inside.size:
         raise SolveError(f"the section has no {body.name.lower()}")
-    space = _Space(states, inside)
+    space = _BodyEnergy(states, inside)
     ends = np.array([low, high])
     tolerance = max(TOLERANCE, float(np.max(states.rounding) / np.max(np.abs(states.forces))))
-    found = space.response(body)
+    curve = space.response(body)
     for _ in range(MOST_STEPS):
-        before = found.forces(ends)[0]
+        before = curve.forces(ends)[0]
         grown = space.grow()
-        found = space.response(body)
-        after = found.forces(ends)[0]
+        curve = space.response(body)
+        after = curve.forces(ends)[0]
         change = np.abs(after - before).max(axis=(1, 2)) / np.abs(after).max(axis=(1, 2))
         if not grown or np.all(change < tolerance):
-            return found
+            return curve
     raise SolveError(f"the curve from {low:g} to {high:g} times the modulus was not found to {tolerance:.0e}")
 
 
 def tangent(states: BaseStates, body: Body = Body.INCLUSION) -> ModulusResponse:
     """Return what is exact at t = 1 alone: the states and their derivatives by ln E, from one solve."""
-    space = _Space(states, np.flatnonzero(states.model.mesh.body == body))
+    space = _BodyEnergy(states, np.flatnonzero(states.model.mesh.body == body))
     space.grow()
     return space.response(body)
 
 
-class _Space:
-    """A growing basis, orthonormal in K, with the body's energies on it."""
+class _BodyEnergy:
+    """A body's energies on a growing basis: summed over its own elements."""
 
     def __init__(self, states: BaseStates, inside: Ints) -> None:
         self.states, self.inside, self.system = states, inside, states.model.system
-        size, unknowns = self.system.stiffness.shape[1], len(states.v)
+        size = self.system.stiffness.shape[1]
         skeleton, s = states.model.shapes.skeleton, len(states.model.shapes.degrees)
-        own = states.own.reshape(-1, 2, s, 2)[:, :, :skeleton].reshape(-1, size, 2)[inside]
-        self.basis, self.times = np.zeros((unknowns, 0)), np.zeros((unknowns, 0))  # v_k and K v_k
-        self.local, self.pushed = own, self.system.stiffness[inside] @ own  # of u_1, u_2, v_1 ... in the body, and K_b of them
-        self.energy = products(own, self.pushed)
-        self.last = self.pushed
+        self.local = states.own.reshape(-1, 2, s, 2)[:, :, :skeleton].reshape(-1, size, 2)[
+            inside
+        ]  # u_1, u_2, v_1 ... in the body
+        self.last = self.system.stiffness[inside] @ self.local  # K_b of the newest of them
+        self.energy = products(self.local, self.last)
+        self.basis = KrylovBasis(self.system.matrix, self.system.factor.solve, len(states.v), NOTHING_NEW)
 
     def grow(self) -> bool:
         """Add K^-1 K_b of the newest vectors; return whether anything new came."""
         whole = np.zeros((*self.system.stiffness.shape[:2], self.last.shape[-1]))
         whole[self.inside] = self.last
-        new, times = self._orthonormal(self.system.factor.solve(self.system.add_up(whole)))
+        new = self.basis.grow(self.system.add_up(whole))
         if not new.shape[1]:
             return False
-        self.basis, self.times = np.hstack([self.basis, new]), np.hstack([self.times, times])
         local = self.system.own(new)[self.inside]
         self.last = self.system.stiffness[self.inside] @ local
         across, corner = products(self.local, self.last), products(local, self.last)
-        self.local, self.pushed = np.concatenate([self.local, local], axis=2), np.concatenate([self.pushed, self.last], axis=2)
+        self.local = np.concatenate([self.local, local], axis=2)
         self.energy = np.block([[self.energy, across], [across.T, corner]])
         return True
 
-    def _orthonormal(self, new: Floats) -> tuple[Floats, Floats]:
-        """Make vectors orthonormal in K to the basis and each other; drop what is nothing new. Returns them and K times them.
-
-        K times them is computed afresh: near incompressibility it is not the forces that they were solved for.
-        """
-        new = new / np.sqrt(np.maximum(np.einsum("ik,ik->k", new, self.system.matrix @ new), 1e-300))
-        for _ in range(2):
-            new = new - self.basis @ (self.times.T @ new)
-        times = self.system.matrix @ new
-        gram = new.T @ times
-        values, vectors = np.linalg.eigh((gram + gram.T) / 2)
-        turn = vectors[:, values > NOTHING_NEW] / np.sqrt(values[values > NOTHING_NEW])
-        return new @ turn, times @ turn
-
     def response(self, body: Body) -> ModulusResponse:
-        """Diagonalise the body's energy on the basis."""
-        share, turn = np.linalg.eigh(self.energy[2:, 2:])
-        coupling = turn.T @ self.energy[2:, :2]
-        return ModulusResponse(body, self.states, self.basis @ turn, np.clip(share, 0.0, 1.0), self.energy[:2, :2], coupling)
+        """The film forces as far as the basis goes."""
+        energy, forces = self.energy, self.states.forces
+        rational = RationalResponse.of(energy[2:, 2:], energy[2:, :2], start=forces, inside=energy[:2, :2])
+        return ModulusResponse(body, self.states, self.basis.vectors @ rational.turn, rational)

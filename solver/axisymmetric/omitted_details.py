@@ -59,7 +59,7 @@ class Change:
         return Decision.of(self.feature, self.modelled, on, accuracy, reason)
 
 
-def left_out(scene: Scene, plain: Sections, rough: Callable[[], MeshSample], moduli: Floats | None) -> Iterable[Change]:
+def omitted_changes(scene: Scene, plain: Sections, rough: Callable[[], MeshSample], moduli: Floats | None) -> Iterable[Change]:
     """Yield bounds on what round blocks on a rigid base and round tissue leave out.
 
     Args:
@@ -83,20 +83,20 @@ def left_out(scene: Scene, plain: Sections, rough: Callable[[], MeshSample], mod
 
 
 def _sides(scene: Scene, plain: Sections, rough: MeshSample, moduli: Floats | None) -> Change:
-    """The tissue's sides are not round about the probe's axis: the mean over cylinders of all their distances, eq. (A4).
+    """The tissue's sides are not round about the probe's axis: the mean over cylinders of all their distances.
 
-    F = (1 / 2 pi) Int F_cylinder(R(theta)) d theta is right to first order in how far sides deviate from a circle. With b what
-    the inscribed or circumscribed cylinder changes of a total, relative, what is left is bounded by a third of the shift and b^2;
-    3D references with b = 0.03 and 0.06 leave 0.0001 and 0.002 (their own uncertainty).
+    F = (1 / 2 pi) Int F_cylinder(R(theta)) d theta (AX.4) is right to first order in how far sides deviate from a circle. With b
+    what the inscribed or circumscribed cylinder changes of a total, relative, what is left is bounded by a third of the shift and
+    b^2; 3D references with b = 0.03 and 0.06 leave 0.0001 and 0.002 (their own uncertainty).
     """
     kind = kind_of(plain.section)
     ends = []
     for section in plain.bracket:
         try:  # on a mesh of one topology errors cancel in the difference
             with np.errstate(all="ignore"):  # lengths may be in another order; the mesh's areas tell
-                ends.append(sample(section, plain, scene, LEVELS[0], moduli, kind))
+                ends.append(sample(section, plain, scene, LEVELS[0], moduli=moduli, kind=kind))
         except SolveError:
-            ends.append(sample(section, plain, scene, LEVELS[0], moduli))
+            ends.append(sample(section, plain, scene, LEVELS[0], moduli=moduli))
     radii = np.array([section.tissue_radius for section in (*plain.bracket[:2], plain.section, *plain.bracket[2:])])
     every = np.array([sample.forces for sample in (*ends[:2], rough, *ends[2:])])
     shift = pchip_interpolate(radii, every, plain.outline).mean(axis=0) - rough.forces
@@ -108,6 +108,6 @@ def _sides(scene: Scene, plain: Sections, rough: MeshSample, moduli: Floats | No
     logs = [np.log(np.abs(end.totals / rough.totals)) @ [1.0, -1.0] for end in ends]
     shifted = np.log(np.abs(1 + shift.sum(axis=2) / rough.totals)) @ [1.0, -1.0]
     ratios = SECOND_ORDER * np.abs(shifted) + SLACK * np.max(np.abs(logs), axis=0) * np.clip(2 * part.max(axis=1), 0.25, 1.0)
-    told = SLACK * np.max([np.abs(end.log_sensitivity - rough.log_sensitivity) for end in ends], axis=0)
+    sensitivity_bounds = SLACK * np.max([np.abs(end.log_sensitivity - rough.log_sensitivity) for end in ends], axis=0)
     bounds = tuple(Bound(total, float(ratio)) for total, ratio in zip(totals, ratios, strict=True))
-    return Change("sides that are not round", bounds, told, rough.totals, shift=shift)
+    return Change("sides that are not round", bounds, sensitivity_bounds, rough.totals, shift=shift)

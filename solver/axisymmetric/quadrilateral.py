@@ -104,8 +104,8 @@ def dilations(at: Geometry, shapes: Shapes, m: int = 0) -> Floats:
     parts = xr * shapes.slope[0] + yr * shapes.slope[1] + over, m * over, xz * shapes.slope[0] + yz * shapes.slope[1]
     weighted = (at.weight[..., None] * shapes.pressure).transpose(0, 2, 1)
     moments = weighted @ np.concatenate(parts, axis=2)
-    found = np.linalg.solve(weighted @ shapes.pressure, moments)
-    return np.asarray(found.reshape(*found.shape[:2], 3, -1))
+    coefficients = np.linalg.solve(weighted @ shapes.pressure, moments)
+    return np.asarray(coefficients.reshape(*coefficients.shape[:2], 3, -1))
 
 
 def projected(at: Geometry, shapes: Shapes, dilation: Floats) -> Floats:

@@ -26,7 +26,7 @@ LEVELS = (
 COARSE_ENOUGH = (3e-3, 3e-4)  # accuracies below which the first, the second level is left out
 UNSEEN_DROP = 1.5  # by which errors are trusted to fall from one level to the next before it is seen
 LEAST_SHARE = 1.5  # of the last change: the least that the error bound keeps
-GUARD = 0.3  # of the largest change that eq. (A3) allows
+GUARD = 0.3  # of the largest change that eq. AX.2 allows
 LEAST_MEMORY = 0.1  # of the change before that
 
 
@@ -38,7 +38,7 @@ class SampleErrors:
     sensitivity: Floats
 
 
-def refined(
+def refine(
     solve: Callable[[MeridianFineness], MeshSample], accuracy: float, good: Callable[[MeshSample, SampleErrors], bool]
 ) -> tuple[MeshSample, SampleErrors, str | None]:
     """Return the first sample that is good enough with its errors, or that of the finest mesh that could be solved.
@@ -50,22 +50,22 @@ def refined(
     """
     levels = LEVELS[sum(accuracy < limit for limit in COARSE_ENOUGH) :]
     history: list[MeshSample] = []
-    found: tuple[MeshSample, SampleErrors] | None = None
+    best: tuple[MeshSample, SampleErrors] | None = None
     for level in levels:
         try:
             history.append(solve(level))
         except SolveError as fault:
-            if found is None:
+            if best is None:
                 raise
-            return *found, str(fault)
+            return *best, str(fault)
         if len(history) > 1:
             latest = history[-1], errors(history)
-            if found is None or _worst(*latest) < _worst(*found):  # rounding may grow from mesh to mesh: the best is kept
-                found = latest
+            if best is None or _worst(*latest) < _worst(*best):  # rounding may grow from mesh to mesh: the best is kept
+                best = latest
             if good(*latest):
                 return *latest, None
-    assert found is not None  # there are more than two levels
-    return *found, "this is the finest"
+    assert best is not None  # there are more than two levels
+    return *best, "this is the finest"
 
 
 def _worst(sample: MeshSample, bounds: SampleErrors) -> float:
@@ -77,27 +77,27 @@ def errors(history: Sequence[MeshSample]) -> SampleErrors:
     """Bounds on the errors of the last of at least two samples.
 
     By Galerkin's orthogonality the error of film i's total is the energy product of the errors of state i and of the sum U of
-    both states, and so at most sqrt(e_ii e_UU), e the errors of F_ii and of the stiffness, eq. (A3). A part of it guards
+    both states, and so at most sqrt(e_ii e_UU), e the errors of F_ii and of the stiffness (AX.2). A part of it guards
     against changes that cancel in a total by chance.
     """
     changes = [total_change(b.forces - a.forces) for a, b in pairwise(history)]
-    told = [np.abs(b.log_sensitivity - a.log_sensitivity) for a, b in pairwise(history)]
-    return SampleErrors(_left(changes) + history[-1].rounding, _left(told))
+    sensitivity_changes = [np.abs(b.log_sensitivity - a.log_sensitivity) for a, b in pairwise(history)]
+    return SampleErrors(_remaining_error(changes) + history[-1].rounding, _remaining_error(sensitivity_changes))
 
 
 def total_change(change: Floats) -> Floats:
-    """How much both totals changed, shape (k, 2), from the change of F_ij, shape (k, 2, 2): see eq. (A3)."""
+    """How much both totals changed, shape (k, 2), from the change of F_ij, shape (k, 2, 2): see eq. AX.2."""
     single, whole = np.abs(np.diagonal(change, axis1=1, axis2=2)), np.abs(change.sum(axis=(1, 2)))[:, None]
     return np.asarray(np.maximum(np.abs(change.sum(axis=2)), GUARD * np.sqrt(single * whole)))
 
 
-def _left(changes: Sequence[Floats]) -> Floats:
-    """What is left after the last of several changes, eq. (A2).
+def _remaining_error(changes: Sequence[Floats]) -> Floats:
+    """What is left after the last of several changes.
 
-    If errors fall by q from level to level, 1 / (q - 1) of the last change is left. No more than UNSEEN_DROP is trusted
+    If errors fall by q from level to level, 1 / (q - 1) of the last change is left (AX.3). No more than UNSEEN_DROP is trusted
     before a second change shows q; never less is kept than LEAST_SHARE of the last change and LEAST_MEMORY of the one before.
     """
     if len(changes) == 1:
         return np.asarray(changes[0] / (UNSEEN_DROP - 1))
-    drop = np.clip(changes[-2] / np.maximum(changes[-1], 1e-300), 1.2, None)
-    return np.asarray(np.maximum(changes[-1] * np.maximum(LEAST_SHARE, 1 / (drop - 1)), LEAST_MEMORY * changes[-2]))
+    decay = np.clip(changes[-2] / np.maximum(changes[-1], 1e-300), 1.2, None)
+    return np.asarray(np.maximum(changes[-1] * np.maximum(LEAST_SHARE, 1 / (decay - 1)), LEAST_MEMORY * changes[-2]))

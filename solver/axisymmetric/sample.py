@@ -53,7 +53,13 @@ class MeshSample:
 
 
 def sample(
-    section: Section, of: Sections, scene: Scene, level: MeridianFineness, moduli: Floats | None = None, kind: Kind | None = None
+    section: Section,
+    of: Sections,
+    scene: Scene,
+    level: MeridianFineness,
+    *,
+    moduli: Floats | None = None,
+    kind: Kind | None = None,
 ) -> MeshSample:
     """Solve one section on one mesh, at the inclusion's modulus or at all ``moduli``.
 

@@ -23,7 +23,7 @@ class Sections:
     """What is solved for a scene.
 
     Material added to the tissue's sides adds energy to every state, so that in the order of symmetric matrices
-    F(inscribed cylinder) <= F <= F(circumscribed cylinder), eq. (A1); the cylinder of the same area lies between them too.
+    F(inscribed cylinder) <= F <= F(circumscribed cylinder) (AX.1); the cylinder of the same area lies between them too.
 
     Attributes:
         section: with the tissue as a cylinder of its own cross-section's area about the probe's axis.

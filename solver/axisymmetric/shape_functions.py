@@ -76,10 +76,22 @@ def shapes(order: int) -> Shapes:
     pressure = pressures(points, order)
     lobatto = (1 - np.cos(np.linspace(0, np.pi, order + 1))) / 2
     places = np.stack(np.meshgrid(lobatto, lobatto, indexing="ij"), axis=-1).reshape(-1, 2)
-    known = np.linalg.inv(functions(places, degrees)[0])
-    geometry, tangents, weights = value @ known, slope @ known, np.outer(w, w).ravel()
+    inverse = np.linalg.inv(functions(places, degrees)[0])
+    geometry, tangents, weights = value @ inverse, slope @ inverse, np.outer(w, w).ravel()
     tables = _products(value, slope, pressure)
-    return Shapes(order, degrees, points, weights, value, slope, pressure, places, geometry, tangents, tables)
+    return Shapes(
+        order,
+        degrees,
+        points=points,
+        weights=weights,
+        value=value,
+        slope=slope,
+        pressure=pressure,
+        places=places,
+        geometry=geometry,
+        tangents=tangents,
+        products=tables,
+    )
 
 
 def _products(value: Floats, slope: Floats, pressure: Floats) -> Products:
@@ -99,22 +111,22 @@ def polynomials(points: Floats, order: int) -> Floats:
     return np.asarray(legendre.legvander(2 * points - 1, order))
 
 
-def pressures(points: Floats, order: int, known: Floats | None = None) -> Floats:
+def pressures(points: Floats, order: int, precomputed: Floats | None = None) -> Floats:
     """Products of Legendre polynomials of total degree below p at points of the unit square, (n, 2), shape (n, p (p+1) / 2).
 
-    ``known`` is ``polynomials`` of the same points, where that is known.
+    ``precomputed`` is ``polynomials`` of the same points, where that is known.
     """
-    along = polynomials(points, order) if known is None else known
+    along = polynomials(points, order) if precomputed is None else precomputed
     i, j = np.array([(i, j) for i in range(order) for j in range(order - i)]).T
     return np.asarray(along[:, 0, i] * along[:, 1, j])
 
 
-def functions(points: Floats, degrees: Ints, known: Floats | None = None) -> tuple[Floats, Floats]:
+def functions(points: Floats, degrees: Ints, precomputed: Floats | None = None) -> tuple[Floats, Floats]:
     """Values (n, s) and slopes (2, n, s) of the functions with the given degrees at points of the unit square, (n, 2).
 
-    ``known`` is ``polynomials`` of the same points, where that is known.
+    ``precomputed`` is ``polynomials`` of the same points, where that is known.
     """
-    P = polynomials(points, int(degrees.max())) if known is None else known
+    P = polynomials(points, int(degrees.max())) if precomputed is None else precomputed
     value, slope = _along(points, P)
     i, j = degrees.T
     x, y, dx, dy = value[:, 0][:, i], value[:, 1][:, j], slope[:, 0][:, i], slope[:, 1][:, j]

@@ -127,9 +127,9 @@ class TissueField:
             & (high[:, k] > (middles[k] - halves[k] * (1 - 1e-9))[:, None])
             for k in (0, 1)
         )  # (columns or rows, elements)
-        found = [[np.flatnonzero(row & column) for column in across] for row in along]
-        most = max(len(some) for row in found for some in row)
-        table = np.array([[np.resize(some, most) for some in row] for row in found])
+        candidates = [[np.flatnonzero(row & column) for column in across] for row in along]
+        most = max(len(some) for row in candidates for some in row)
+        table = np.array([[np.resize(some, most) for some in row] for row in candidates])
         return radii, levels, table, tissue, corners, _planes(corners)
 
 

@@ -31,5 +31,5 @@ class ClosedFormFunction(Differentiated):
         values = self.start.copy()
         values[self.which] = x
         with np.errstate(all="ignore"):  # IPOPT steps back from what is not finite
-            found, derivatives = gradients(self.shape, values, self.which)
-        return found.ravel(), derivatives.reshape(len(x), -1).T
+            outputs, derivatives = gradients(self.shape, values, self.which)
+        return outputs.ravel(), derivatives.reshape(len(x), -1).T

@@ -46,17 +46,17 @@ class FilmCallback(Differentiated):
     def __init__(self, scene: Scene, variables: tuple[str, ...], accuracy: float = 0.01) -> None:
         super().__init__()
         self.scene, self.variables = _explicit(scene), variables
-        found = self.found(accuracy)
-        mesh = found.sample.states.model.mesh
+        start = self.converged(accuracy)
+        mesh = start.sample.states.model.mesh
         self.kind, self.fineness = mesh.layout.kind, mesh.layout.fineness
-        self.layered = any(one.modelled for one in found.plan)
+        self.layered = any(one.modelled for one in start.plan)
         self.begin("films", len(variables), len(OUTPUTS))
 
-    def found(self, accuracy: float) -> Converged:
+    def converged(self, accuracy: float) -> Converged:
         """Solve the scene itself, and refuse variables that it does not have."""
-        found = Axisymmetric().converged(self.scene, accuracy)
-        gradients(self.scene, found.sample, self.variables)
-        return found
+        start = Axisymmetric().converged(self.scene, accuracy)
+        gradients(self.scene, start.sample, self.variables)
+        return start
 
     def solved(self, scene: Scene, of: Sections, kind: Kind | None) -> Gradients:
         """Return the outputs and derivatives of one design, on a mesh of the given kind or of its own.
@@ -64,16 +64,16 @@ class FilmCallback(Differentiated):
         Raises:
             ProbeError: the design cannot be solved on that mesh.
         """
-        found = sample(of.section, of, scene, self.fineness, kind=kind or kind_of(of.section))
-        return gradients(scene, found, self.variables)
+        mesh_sample = sample(of.section, of, scene, self.fineness, kind=kind or kind_of(of.section))
+        return gradients(scene, mesh_sample, self.variables)
 
     def values(self, x: Floats) -> tuple[Floats, Floats]:
         """Return the outputs and their derivatives at x, NaN where there are none."""
-        found = self._solved(x)
-        if found is None:
+        solution = self._solved(x)
+        if solution is None:
             return np.full(len(OUTPUTS), np.nan), np.full((len(OUTPUTS), len(x)), np.nan)
-        values = [found.values[name][0] for name in OUTPUTS]
-        return np.array(values), np.array([found.derivatives[name][0] for name in OUTPUTS])
+        values = [solution.values[name][0] for name in OUTPUTS]
+        return np.array(values), np.array([solution.derivatives[name][0] for name in OUTPUTS])
 
     def _solved(self, x: Floats) -> Gradients | None:
         try:
@@ -102,11 +102,11 @@ class TumourCallback(FilmCallback):
         Refusal: the level cannot take the scene.
     """
 
-    def found(self, accuracy: float) -> Converged:
+    def converged(self, accuracy: float) -> Converged:
         """Solve the scene itself, and refuse variables that it does not have."""
         base = EquivalentInclusion().prepared(self.scene, accuracy)
         tumour_gradients(self.scene, first_order(self.scene, sections(self.scene)), self.variables)
-        return replace(base.found, sample=replace(base.found.sample, states=base.field.states))
+        return replace(base.converged, sample=replace(base.converged.sample, states=base.field.states))
 
     def solved(self, scene: Scene, of: Sections, kind: Kind | None) -> Gradients:
         """Return the outputs and derivatives of one design, on a mesh of the given kind or of its own.

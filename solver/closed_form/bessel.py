@@ -35,19 +35,19 @@ def _between(x: Array, tables: list[Any]) -> Array:
     outside = ~((flat.real >= 0) & (flat.real < END))
     if outside.any():
         flat = np.where(outside, 0, flat)
-    found = np.empty((len(tables), x.size), dtype=x.dtype)
+    interpolated = np.empty((len(tables), x.size), dtype=x.dtype)
     for k in range(0, x.size, SLAB):
         steps = flat[k : k + SLAB] * STEPS
         at = steps.real.astype(np.intp)
         rest = steps - at
-        for kind, cubics in zip(found, tables, strict=True):
+        for kind, cubics in zip(interpolated, tables, strict=True):
             value = cubics[0].take(at) * rest
             for c in cubics[1:3]:
                 value += c.take(at)
                 value *= rest
             kind[k : k + SLAB] = value + cubics[3].take(at)
-    found[:, outside] = np.nan
-    return found.reshape(len(tables), *x.shape)
+    interpolated[:, outside] = np.nan
+    return interpolated.reshape(len(tables), *x.shape)
 
 
 @lru_cache(maxsize=32)

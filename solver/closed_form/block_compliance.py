@@ -3,14 +3,14 @@
 A block is a disc, y = r / radius, or a tube, y = (r - hole) / wall, of height h; zeta runs from its tissue end (0) to the base
 (h). Displacements, w towards the tissue and u outwards, are products
 
-    w = sum W_ij P_i f_j(zeta),     u = (1/r) sum a_ij U_i g_j(zeta)                              (B1)
+    w = sum W_ij P_i f_j(zeta),     u = (1/r) sum a_ij U_i g_j(zeta)                              (CF.8)
 
 with Legendre's polynomials P_i on (0, 1), of y^2 in a disc, of y in a tube, and U_i = Int P_i r dr, in a tube a constant too.
 The trace of the strain is d(r u)/dr / r - dw/dzeta; every dU/dr / r g is also a dw/dzeta, as f_0 = 1 - zeta/h and
 f_j = Int_zeta^h g. So volume can be kept wherever shape changes and nothing locks as nu nears 1/2. With v = 1 - zeta/h and a
 decay b of the block's width,
 
-    g_j = (1 - exp(-b h v)) / (1 - exp(-b h)) ((exp(-b zeta) - exp(-b h)) / (1 - exp(-b h)))^j      (B2)
+    g_j = (1 - exp(-b h v)) / (1 - exp(-b h)) ((exp(-b zeta) - exp(-b h)) / (1 - exp(-b h)))^j      (CF.9)
 
 which are v, v^2, v^3 in a flat block and, in a tall one, a column clamped at the base with what decays from its loaded end.
 The stiffness K of these functions and the work B of tractions on them give the compliance B K^-1 B^T of the end.
@@ -179,17 +179,23 @@ def _across(block: ElasticBlocks) -> _Across:
     ends = np.cumsum([0, *(kind.shape[1] for kind in kinds)])
     at_rr, at_hoop, at_both, at_u, at_slope, at_w = (slice(*at) for at in pairwise(ends))
     return _Across(
-        pairs[:, at_rr, at_rr] + pairs[:, at_hoop, at_hoop], pairs[:, at_both, at_both], pairs[:, at_u, at_u],
-        pairs[:, at_both, at_w], pairs[:, at_u, at_slope], pairs[:, at_slope, at_slope], pairs[:, at_w, at_w],
-    )  # fmt: skip
+        pairs[:, at_rr, at_rr] + pairs[:, at_hoop, at_hoop],
+        pairs[:, at_both, at_both],
+        slide=pairs[:, at_u, at_u],
+        mixed=pairs[:, at_both, at_w],
+        turn=pairs[:, at_u, at_slope],
+        tilt=pairs[:, at_slope, at_slope],
+        lift=pairs[:, at_w, at_w],
+    )
 
 
 def _decay(block: ElasticBlocks) -> Array:
-    """The decay b of eq. (B2), 1/m."""
+    """The decay b of eq. CF.9, 1/m."""
     return (2.2 if block.hole is None else 2.0) / block.width
 
 
-# by which share the functions are too stiff: (2 nu)^power / (tall h/w (w/radius)^(3/2) + constant + flat w/h) with w the width
+# by which share the functions are too stiff, with w the width:
+# (2 nu)^power / (tall h/w (w/radius)^(3/2) + constant + flat w/h) (CF.10)
 _STIFF = {
     (True, True): (4.05, 3.97, 4.51, 5.92),
     (True, False): (8.24, 8.17, 1.89, 4.89),
@@ -199,7 +205,7 @@ _STIFF = {
 
 
 def _softened(block: ElasticBlocks, bonded: bool) -> Array:
-    """E without what the few functions are too stiff by, as they leave out the corners' singularities: eq. (B3).
+    """E without what the few functions are too stiff by, as they leave out the corners' singularities: eq. CF.10.
 
     Fitted to finite elements of 300 blocks on stiff ground by ``benchmarks/closed_form/blocks.py``; what is left is
     below 1.5 % of a disc, 6 % of a tube.
@@ -210,7 +216,7 @@ def _softened(block: ElasticBlocks, bonded: bool) -> Array:
 
 
 def _stiffness(block: ElasticBlocks, E: Array, wall: _Across, along: Along) -> Array:
-    """K of eq. (B1)'s functions, W first."""
+    """K of eq. CF.8's functions, W first."""
     mu = E / (2 * (1 + block.nu))
     lam = 2 * mu * (block.nu / (1 - 2 * block.nu))
     strain, spread, slide, mixed, turn, tilt, lift = (

@@ -1,4 +1,4 @@
-"""The functions of eqs. (B1) and (B2) along a block's height, and the integrals of their products."""
+"""The functions of eqs. CF.8 and CF.9 along a block's height, and the integrals of their products."""
 
 from __future__ import annotations
 
@@ -70,9 +70,21 @@ def along_height(height: Array, decay: Array) -> Along:
     at_g, at_dg, at_f, at_df = (slice(*at) for at in _ROWS)
     end = np.concatenate([0 * h + 1, (g @ (weight * dz)[:, :, None])[:, :, 0] / scale], axis=1)
     return Along(
-        pairs[:, at_g, at_g], pairs[:, at_dg, at_dg], pairs[:, at_g, at_df], pairs[:, at_dg, at_f],
-        pairs[:, at_df, at_df], pairs[:, at_f, at_f], end, zeta, w[:, 0], steep, g, dg, f, df,
-    )  # fmt: skip
+        pairs[:, at_g, at_g],
+        pairs[:, at_dg, at_dg],
+        g_df=pairs[:, at_g, at_df],
+        dg_f=pairs[:, at_dg, at_f],
+        df_df=pairs[:, at_df, at_df],
+        ff=pairs[:, at_f, at_f],
+        end=end,
+        zeta=zeta,
+        weight=w[:, 0],
+        steep=steep,
+        g=g,
+        dg=dg,
+        f=f,
+        df=df,
+    )
 
 
 def _remaining() -> Any:

@@ -3,9 +3,9 @@
 Unknown are pressures p and, where bonded, shears q on rings under both blocks. With C the work of unit loads' displacements on
 each other, of tissue and blocks' ends, and A_j the areas of the rings under block j,
 
-    C t_j = A_j,   F_ij = A_i^T t_j                                                                 (C1)
+    C t_j = A_j,   F_ij = A_i^T t_j                                                                 (CF.12)
 
-for block j's base moved by one unit, to which the spheres add eq. (I5) of ``closed_inclusions``. On a half-space C is closed
+for block j's base moved by one unit, to which the spheres add eq. CF.14 of ``closed_inclusions``. On a half-space C is closed
 (``closed_half_space``); the floor and the spheres take integrals over wave numbers, in which a ring's load is its values at few
 radii, exact for polynomials.
 """
@@ -60,7 +60,7 @@ class ContactSolution:
     Attributes:
         forces: F_ij, N/m, shape (n, 2, 2).
         slope: their derivatives by ln of the target's modulus, zero without one.
-        works, areas, tractions: C, A and t of eq. (C1), shapes (n, loads, loads), (n, loads, 2) and (n, loads, 2).
+        works, areas, tractions: C, A and t of eq. CF.12, shapes (n, loads, loads), (n, loads, 2) and (n, loads, 2).
     """
 
     forces: Array
@@ -71,21 +71,22 @@ class ContactSolution:
 
     @property
     def residual(self) -> Array:
-        """What is left of eq. (C1), relative to the largest sum of its terms' sizes, shape (n,)."""
-        left = np.abs(self.works @ self.tractions - self.areas)
-        return left.max(axis=(1, 2)) / (np.abs(self.works) @ np.abs(self.tractions)).max(axis=(1, 2))
+        """What is left of eq. CF.12, relative to the largest sum of its terms' sizes, shape (n,)."""
+        unbalanced = np.abs(self.works @ self.tractions - self.areas)
+        return unbalanced.max(axis=(1, 2)) / (np.abs(self.works) @ np.abs(self.tractions)).max(axis=(1, 2))
 
 
-def answer(
+def solve_contact(
     blocks: tuple[ElasticBlocks, ElasticBlocks],
     tissue: Tissue,
     spheres: Sequence[SphereArray],
+    *,
     target: int | None,
     bonded: bool,
     nodes: int,
     side_nodes: int = 0,
 ) -> ContactSolution:
-    """Solve eq. (C1).
+    """Solve eq. CF.12.
 
     Args:
         blocks: inner (solid) and outer (tube).
@@ -108,7 +109,8 @@ def answer(
         sides = _sides(blocks, tissue, side_nodes, bonded) if side_nodes else None
         C = C if sides is None else C + sides.work
         bodies = [
-            polarised(sphere, field, loads, weights, tissue.E, tissue.nu, _disc(blocks, tissue), sides) for sphere in spheres
+            polarised(sphere, field, loads, weights, E=tissue.E, nu=tissue.nu, disc=_disc(blocks, tissue), sides=sides)
+            for sphere in spheres
         ]
     solved = np.linalg.solve(C, np.concatenate([areas, *(np.swapaxes(body.moments, 1, 2) for body in bodies)], axis=2))
     tractions = solved[:, :, :2]
@@ -174,13 +176,13 @@ def _discs() -> tuple[Any, Any]:
     count = len(SOLID.cuts) - 1
     inner = (np.eye(count + 1) - np.eye(count + 1, k=1))[1:, 1:]
     outer = np.vstack([-np.eye(count), np.zeros(count)]) + np.vstack([np.zeros(count), np.eye(count)])
-    made = []
+    transforms = []
     for kind in ("pressure", "shear"):
         solid, tube = inner @ getattr(SOLID, kind), outer @ getattr(TUBE, kind)
         rows = np.zeros((2 * count + 1, solid.shape[1] + tube.shape[1]))
         rows[:count, : solid.shape[1]], rows[count:, solid.shape[1] :] = solid, tube
-        made.append(rows)
-    return made[0], made[1]
+        transforms.append(rows)
+    return transforms[0], transforms[1]
 
 
 _DISCS = _discs()
@@ -222,7 +224,7 @@ def _transforms(blocks: tuple[ElasticBlocks, ElasticBlocks], k: Array, bonded: b
 
 
 def _sides(blocks: tuple[ElasticBlocks, ElasticBlocks], tissue: Tissue, nodes: int, bonded: bool) -> Sides:
-    """What free sides add, eq. (S1)."""
+    """What free sides add, eq. CF.11."""
     k, weights = cut_waves(tissue.radius, blocks[1].radius, nodes)
     field = waves(k, tissue.depth, tissue.nu)
     cylinder = ElasticBlocks(None, tissue.radius, tissue.depth, tissue.E, tissue.nu)
@@ -247,15 +249,15 @@ def _larger(one: Array, other: Array) -> Array:
 
 def _concentrated() -> tuple[Any, Any]:
     """Matrices from values at the radii to transforms of the loads, shapes (radii, functions)."""
-    found = [[loads.concentrated(getattr(loads, kind)) for loads in (SOLID, TUBE)] for kind in ("pressure", "shear")]
-    return tuple(_diagonal((one[None], other[None]))[0] for one, other in found)
+    densities = [[loads.concentrated(getattr(loads, kind)) for loads in (SOLID, TUBE)] for kind in ("pressure", "shear")]
+    return tuple(_diagonal((one[None], other[None]))[0] for one, other in densities)
 
 
 _CONCENTRATED = _concentrated()
 
 
 def _floor(field: Waves, loads: tuple[Array, Array], weights: Array, mu: Array) -> Array:
-    """What the floor adds: 2 pi Int loads x eq. (L1) k dk."""
+    """What the floor adds: 2 pi Int loads x eq. CF.6 k dk."""
     scale = (np.pi / mu)[:, None, None]
     parts = [weights[:, :, None] * part[:, :, None] for part in floor_compliance(field)]
     p, q = loads

@@ -1,7 +1,7 @@
 """Level 1's formula on arrays: of designs, and of complex steps for derivatives.
 
-One formula, ``closed_probe.answer``, serves all: ``forces`` evaluates it on arrays of designs, ``gradients`` on arrays of complex
-steps, which ``closed_function`` hands to casadi, and ``closed_level`` on scenes and what their errors are told from.
+One formula, ``contact.solve_contact``, serves all: ``forces`` evaluates it on arrays of designs, ``gradients`` on arrays of
+complex steps, which ``closed_function`` hands to casadi, and ``closed_level`` on scenes and what their errors are told from.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from geometry.common.arrays import Floats
 from geometry.scenes.scene import Inclusion, Scene
 from solver.closed_form.bessel import Array
 from solver.closed_form.block_compliance import ElasticBlocks
-from solver.closed_form.contact import FLOOR_REACH, NODES_PER_WAVE, REACH, ContactSolution, Tissue, answer
+from solver.closed_form.contact import FLOOR_REACH, NODES_PER_WAVE, REACH, ContactSolution, Tissue, solve_contact
 from solver.closed_form.lateral_boundary import side_nodes, side_radius
 from solver.closed_form.surface_images import SphereArray
 
@@ -60,8 +60,13 @@ def _answer(shape: Shape, p: Array) -> ContactSolution:
     bodies = p[len(PROBE) + len(TISSUE) :].reshape(len(shape.on_axis), len(BALL), p.shape[1])
     blocks = ElasticBlocks(None, r2, hi, ei, ni), ElasticBlocks(r2 + gap, ro, ho, eo, no)
     tissue = Tissue(depth if shape.bounded else None, et, nt, side)
-    spheres = [SphereArray(b[0], b[1], b[2], b[3], b[4], on_axis) for b, on_axis in zip(bodies, shape.on_axis, strict=True)]
-    return answer(blocks, tissue, spheres, shape.target, shape.bonded, shape.nodes, shape.side_nodes)
+    spheres = [
+        SphereArray(b[0], b[1], offset=b[2], E=b[3], nu=b[4], on_axis=on_axis)
+        for b, on_axis in zip(bodies, shape.on_axis, strict=True)
+    ]
+    return solve_contact(
+        blocks, tissue, spheres, target=shape.target, bonded=shape.bonded, nodes=shape.nodes, side_nodes=shape.side_nodes
+    )
 
 
 def forces(shape: Shape, values: Array) -> tuple[Floats, Floats]:
@@ -112,8 +117,8 @@ def gradients(shape: Shape, values: Floats, which: Sequence[int]) -> tuple[Float
     """
     steps = np.zeros((len(values), len(which)), dtype=complex)
     steps[list(which), range(len(which))] = 1e-30j * np.abs(values[list(which)])
-    found = np.stack(forces(shape, values[:, None] + steps), axis=1)
-    return found[0].real, found.imag / (1e-30 * np.abs(values[list(which)]))[:, None, None, None]
+    complex_forces = np.stack(forces(shape, values[:, None] + steps), axis=1)
+    return complex_forces[0].real, complex_forces.imag / (1e-30 * np.abs(values[list(which)]))[:, None, None, None]
 
 
 def parameters(scene: Scene) -> tuple[Shape, Floats]:
@@ -130,7 +135,7 @@ def parameters(scene: Scene) -> tuple[Shape, Floats]:
     on_axis = tuple(offset <= 1e-9 * (body.diameter or 1.0) for body, offset in zip(scene.inclusion, offsets, strict=True))
     bonded, bounded = scene.contact.interface == "bonded", tissue.shape != "half-space"
     sides = side_nodes(probe.tube_radius, depth, side) if bounded else 0
-    return Shape(on_axis, scene.target, _nodes(scene), bonded, bounded, sides), np.array(values)
+    return Shape(on_axis, scene.target, nodes=_nodes(scene), bonded=bonded, bounded=bounded, side_nodes=sides), np.array(values)
 
 
 def _nodes(scene: Scene) -> int:

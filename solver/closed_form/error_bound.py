@@ -1,6 +1,6 @@
 """How far the closed form may be off.
 
-    error <= sum of weight x feature,                                                             (C2)
+    error <= sum of weight x feature,                                                             (CF.19)
 
 of ln(ratio), of the logarithms of both totals and, absolute, of the log-sensitivity, with the features of ``closed_features``.
 The weights are an envelope of random scenes and of tests/reference, times a margin: ``python -m benchmarks.closed_form.error``
@@ -76,12 +76,13 @@ class StatedErrors:
 
 
 def errors(scene: Scene, forces: Floats, slopes: Floats, sided: bool) -> StatedErrors:
-    """Return eq. (C2) for a scene, with all of groove, film and base; arguments as of ``closed_features.features``."""
-    found = features(scene, forces, slopes, sided)
+    """Return eq. CF.19 for a scene, with all of groove, film and base; arguments as of ``closed_features.features``."""
+    feature_sets = features(scene, forces, slopes, sided)
     ratio, inner, outer, sensitivity = (
-        sum(weight * part[name] for name, weight in WEIGHTS[kind].items()) for kind, part in zip(WEIGHTS, found, strict=True)
+        sum(weight * part[name] for name, weight in WEIGHTS[kind].items())
+        for kind, part in zip(WEIGHTS, feature_sets, strict=True)
     )
-    told = [detail.bound(forces[0]) for detail in details(scene.probe)]
-    films = np.array([inner, outer]) + sum(bound.totals for bound in told) / forces[0].sum(axis=1)
+    detail_bounds = [detail.bound(forces[0]) for detail in details(scene.probe)]
+    films = np.array([inner, outer]) + sum(bound.totals for bound in detail_bounds) / forces[0].sum(axis=1)
     sensitivity += LEAST_SENSITIVITY
-    return StatedErrors(min(ratio, inner + outer) + sum(bound.log_ratio for bound in told), films, sensitivity)
+    return StatedErrors(min(ratio, inner + outer) + sum(bound.log_ratio for bound in detail_bounds), films, sensitivity)

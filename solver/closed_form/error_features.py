@@ -46,11 +46,11 @@ def features(scene: Scene, forces: Floats, slopes: Floats, sided: bool) -> tuple
     spheres = np.abs(logs[0] - logs[3])
     size = float(np.abs(shares[0]).sum() + np.abs(shares[3]).sum() * _saturated(scene))
     every = {"always": 1.0, **_of_sides(scene, sided), **_of_softness(scene), **_of_gap(scene)}
-    told = _of_moduli(scene), _of_places(scene)
+    factors = _of_moduli(scene), _of_places(scene)
     return (
-        _features(logs @ [1, -1], float(spheres.sum()), *told) | every | {"cancelled": float(cancelled.max())},
-        *(_features(logs[:, i], float(spheres[i]), *told) | every | {"cancelled": float(cancelled[i])} for i in (0, 1)),
-        _features(shares @ [1, -1], size, *told)
+        _features(logs @ [1, -1], float(spheres.sum()), *factors) | every | {"cancelled": float(cancelled.max())},
+        *(_features(logs[:, i], float(spheres[i]), *factors) | every | {"cancelled": float(cancelled[i])} for i in (0, 1)),
+        _features(shares @ [1, -1], size, *factors)
         | {name: size * value for name, value in (every | {"cancelled": float(cancelled.max())} | _of_target(scene)).items()},
     )
 
@@ -59,10 +59,10 @@ def _features(
     values: Floats, spheres: float, moduli: tuple[dict[str, float], dict[str, float]], places: dict[str, float]
 ) -> dict[str, float]:
     """Features of one quantity, from what it is for the variants and what the spheres change of it."""
-    found: dict[str, float] = {}
+    terms: dict[str, float] = {}
     for name, value, times in zip(("inner", "outer"), np.abs(values[1:3] - values[0]) / math.log(STEP), moduli, strict=True):
-        found |= {name: float(value), **{f"{name} {kind}": float(value) * factor for kind, factor in times.items()}}
-    return found | {"spheres": spheres, **{f"spheres {place}": spheres * factor for place, factor in places.items()}}
+        terms |= {name: float(value), **{f"{name} {kind}": float(value) * factor for kind, factor in times.items()}}
+    return terms | {"spheres": spheres, **{f"spheres {place}": spheres * factor for place, factor in places.items()}}
 
 
 def _of_moduli(scene: Scene) -> tuple[dict[str, float], dict[str, float]]:
@@ -152,10 +152,10 @@ def _of_sides(scene: Scene, sided: bool) -> dict[str, float]:
         room = max(_room(scene, scene.placement.x, scene.placement.y), 1e-9 * outer)
         edge, slender, thin = outer / room, tissue.depth * outer / radius**2, outer / tissue.depth
         left = max(0.0, 1 - room / radius) if sided else 1.0
-    found = {"thin": thin**2, "very thin": thin**4}
+    terms = {"thin": thin**2, "very thin": thin**4}
     for name, power in {**{f"{n}": edge**n for n in (2, 4, 8)}, "slender": slender}.items():
-        found |= {f"side {name}": left * power, f"cut {name}": (1 - left) * power}
-    return found
+        terms |= {f"side {name}": left * power, f"cut {name}": (1 - left) * power}
+    return terms
 
 
 def _room(scene: Scene, x: float, y: float) -> float:

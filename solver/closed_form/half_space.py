@@ -3,15 +3,15 @@
 A disc of radius a under unit pressure has the Hankel transform a J1(ka)/k, one under the shear r has a^2 J2(ka)/k. On an
 elastic half-space with shear modulus mu the surface answers a pressure p and a shear q (outwards) by
 
-    w = [2 (1-nu) p - (1-2nu) q] / (2 mu k),   u = [2 (1-nu) q - (1-2nu) p] / (2 mu k)             (H1)
+    w = [2 (1-nu) p - (1-2nu) q] / (2 mu k),   u = [2 (1-nu) q - (1-2nu) p] / (2 mu k)             (CF.1)
 
 so that the work of one disc's load on the displacement by another's, a <= b and m = (a/b)^2, are integrals of Weber and
 Schafheitlin (DLMF 10.22.56):
 
-    pressure, pressure:   2 pi (1-nu)/mu a b Int J1(ka) J1(kb) / k^2 dk,       Int = (a/2) 2F1(1/2, -1/2; 2; m)        (H2)
-    shear, shear:         2 pi (1-nu)/mu a^2 b^2 Int J2(ka) J2(kb) / k^2 dk,   Int = (a^2/8b) 2F1(3/2, -1/2; 3; m)     (H3)
-    pressure a, shear b:  -pi (1-2nu)/mu a b^2 Int J1(ka) J2(kb) / k^2 dk,     Int = (a/4) (1 - m/2)                   (H4)
-    shear a, pressure b:  the same with a and b exchanged,                     Int = a^2/(8b)                          (H5)
+    pressure, pressure:   2 pi (1-nu)/mu a b Int J1(ka) J1(kb) / k^2 dk,       Int = (a/2) 2F1(1/2, -1/2; 2; m)        (CF.2)
+    shear, shear:         2 pi (1-nu)/mu a^2 b^2 Int J2(ka) J2(kb) / k^2 dk,   Int = (a^2/8b) 2F1(3/2, -1/2; 3; m)     (CF.3)
+    pressure a, shear b:  -pi (1-2nu)/mu a b^2 Int J1(ka) J2(kb) / k^2 dk,     Int = (a/4) (1 - m/2)                   (CF.4)
+    shear a, pressure b:  the same with a and b exchanged,                     Int = a^2/(8b)                          (CF.5)
 
 Near m = 1 both series behave as powers of 1 - m and (1-m)^2 ln(1-m) times powers; that is how they are evaluated.
 """
@@ -31,7 +31,7 @@ TINY = 1e-200  # keeps the logarithm finite where its factor is zero
 
 
 def ring_work(circles: Array, radius: Array, mu: Array, nu: Array) -> tuple[Array, Array, Array]:
-    """Return the works between discs, eqs. (H2)-(H5), of pressures, shears, and pressures (rows) on shears.
+    """Return the works between discs, eqs. CF.2-CF.5, of pressures, shears, and pressures (rows) on shears.
 
     Args:
         circles: increasing radii, shape (n, k).

@@ -1,17 +1,17 @@
 """What spheres in the tissue change of the films' forces: equivalent inclusions, their images and the blocks' answer.
 
-By Betti and Eshelby a sphere of volume V with strengths k_v, k_d (eq. (E2) of ``eshelby``) adds to the work of two tractions
+By Betti and Eshelby a sphere of volume V with strengths k_v, k_d (eq. IN.2 of ``eshelby``) adds to the work of two tractions
 
-    dF_ij = Int [(k_v - k_d/3) tr(eps_i) tr(eps_j) + k_d eps_i : eps_j] dV                        (I1)
+    dF_ij = Int [(k_v - k_d/3) tr(eps_i) tr(eps_j) + k_d eps_i : eps_j] dV                        (CF.13)
 
 over the tissue's strains without it. Of these the moments e, V e.K e, are treated better: the sphere answers to the image G of
 its own polarisation in the free surface, ``closed_images``, and to the blocks, which with loads of compliance C and moments M
 answer with S = M C^-1 M^T, and beside the axis with that of ``closed_aside``, too:
 
-    dF = e.V K [1 + (G - V S) K]^-1 e,     dF / d ln E = y.V (dK / d ln E) y,   y = [1 + (G - V S) K]^-1 e    (I5)
+    dF = e.V K [1 + (G - V S) K]^-1 e,     dF / d ln E = y.V (dK / d ln E) y,   y = [1 + (G - V S) K]^-1 e    (CF.14)
 
-with all spheres' moments in e, and (I1) to first order for what it has beyond them. Blocks and free surface nearly cancel under a
-stiff probe: with one of them alone the effect of a shallow sphere would be up to 80 % off.
+with all spheres' moments in e, and eq. CF.13 to first order for what it has beyond them. Blocks and free surface nearly cancel
+under a stiff probe: with one of them alone the effect of a shallow sphere would be up to 80 % off.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ class LoadedSpheres:
         loads: the loads' transforms by those, times k dk / 2 mu, shapes (n, q, .).
         sides: strains at the points that near sides add to each load's, (n, 4 points, m), or None.
         moments: under each load, shape (n, moments, m).
-        image: G of eq. (I2) less V S of eq. (I4), shape (n, moments, moments).
-        strength, slope: (k_v, k_d) of eq. (I1) and their derivatives by ln E.
+        image: G of eq. CF.15 less V S of eq. CF.18, shape (n, moments, moments).
+        strength, slope: (k_v, k_d) of eq. CF.13 and their derivatives by ln E.
     """
 
     sphere: SphereArray
@@ -73,11 +73,11 @@ class LoadedSpheres:
         return (4 * np.pi / 3 * self.sphere.radius**3)[:, None, None]
 
     def form(self, strength: tuple[Array, Array]) -> Array:
-        """V K of eq. (I5): (I1) on the moments."""
+        """V K of eq. CF.14: eq. CF.13 on the moments."""
         return self.volume * _form(*strength, self.moments.shape[1])
 
     def rest(self, tractions: Array, moments: Array) -> tuple[Array, Array]:
-        """What (I1) has beyond the moments under tractions (n, m, 2), with the derivative by ln E; both (n, 2, 2)."""
+        """What eq. CF.13 has beyond the moments under tractions (n, m, 2), with the derivative by ln E; both (n, 2, 2)."""
         pressures = self.loads[0].shape[2]
         pressed, sheared = self.loads[0] @ tractions[:, :pressures], self.loads[1] @ tractions[:, pressures:]
         strain = self.fields[0] @ pressed + self.fields[1] @ sheared
@@ -102,6 +102,7 @@ def polarised(
     waves: Waves,
     loads: tuple[Array, Array],
     weights: Array,
+    *,
     E: Array,
     nu: Array,
     disc: Disc,
@@ -130,21 +131,21 @@ def polarised(
         moments = moments[0] * share, moments[1] * share
         around = tuple(np.concatenate([part] * TURNS, axis=2) for part in near.parts)
         strain = fields(around, wavelets(waves.k, np.sqrt(across**2 + beside**2)))  # type: ignore[arg-type]
-    found = np.concatenate([moments[0] @ weighed[0], moments[1] @ weighed[1]], axis=2)
+    dipoles = np.concatenate([moments[0] @ weighed[0], moments[1] @ weighed[1]], axis=2)
     added = None
     if sides is not None:
         added = sides.strain(np.sqrt(across**2 + beside**2), sphere.depth[:, None] - sphere.radius[:, None] * points.z)
-        found = found + (TO_MOMENTS @ added if sphere.on_axis else _moments(added, across, beside))
+        dipoles = dipoles + (TO_MOMENTS @ added if sphere.on_axis else _moments(added, across, beside))
     mu = E / (2 * (1 + nu))
-    G = image(sphere, waves, near, weights, mu, nu)
+    G = image(sphere, waves, near, weights, mu=mu, nu=nu)
     if not sphere.on_axis:
         volume = (4 * np.pi / 3 * sphere.radius**3)[:, None, None]
-        G = G - volume * off_axis_response(sphere, near, waves.k, weights, disc, mu, loads[1].shape[2] > 0)
-    return LoadedSpheres(sphere, points, strain, weighed, added, found, G, *strengths(E, nu, sphere.E, sphere.nu))
+        G = G - volume * off_axis_response(sphere, near, waves.k, weights, disc=disc, mu=mu, bonded=loads[1].shape[2] > 0)
+    return LoadedSpheres(sphere, points, strain, weighed, added, dipoles, G, *strengths(E, nu, sphere.E, sphere.nu))
 
 
 def inclusion_forces(bodies: Sequence[LoadedSpheres], solved: Array, target: int | None) -> tuple[Array, Array]:
-    """Eq. (I5): what the spheres add to the forces on the films, and their slope by ln E of the target; both (n, 2, 2).
+    """Eq. CF.14: what the spheres add to the forces on the films, and their slope by ln E of the target; both (n, 2, 2).
 
     Args:
         bodies: the spheres.
@@ -184,7 +185,7 @@ def _moments(strain: Array, across: Array, beside: Array) -> Array:
 
 
 def _form(k_v: Array, k_d: Array, size: int) -> Array:
-    """K of eq. (I2): (I1) on the moments, shape (n, size, size)."""
+    """K of eq. CF.15: eq. CF.13 on the moments, shape (n, size, size)."""
     K = np.zeros((len(k_d), size, size), dtype=k_d.dtype)
     both = k_v - k_d / 3
     for start, times in ((0, 1.0), (2, 0.2), (7, 0.2))[: 2 if size == MOMENTS else 3]:  # the mean of zeta^2 is R^2 / 5

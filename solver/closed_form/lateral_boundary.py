@@ -3,10 +3,10 @@
 Cut a layer at r = R. Its loads' fields u leave tractions s on the cut; a field v of the cylinder, fixed to the floor, takes them
 off. By Betti's theorem, inside the cut and outside, the loads' works on each other grow by
 
-    dC_ij = -Int_cut s_i . u_j dA + b_i K^-1 b_j,     b_i = -Int_cut s_i . v dA                      (S1)
+    dC_ij = -Int_cut s_i . u_j dA + b_i K^-1 b_j,     b_i = -Int_cut s_i . v dA                      (CF.11)
 
 where the first term is the energy of what is cut off, and the second what the cylinder adds once it is free: v are the
-displacements of eq. (B1) for a disc of tissue, of stiffness K. A tall cylinder becomes a column under uniaxial stress, a wide
+displacements of eq. CF.8 for a disc of tissue, of stiffness K. A tall cylinder becomes a column under uniaxial stress, a wide
 one remains a layer. Fields at the cut are those of the loads smoothed by a Gaussian narrower than the way to the cut, so that few
 waves serve. A block of tissue is taken as the cylinder of equal cross-section about the probe's axis.
 """
@@ -59,7 +59,7 @@ class Sides:
     """What free sides add.
 
     Attributes:
-        work: to the works of the loads, eq. (S1), shape (n, m, m).
+        work: to the works of the loads, eq. CF.11, shape (n, m, m).
         tissue, along, share: the cylinder, its functions along the height and their amounts under each load, (n, functions, m).
     """
 
@@ -84,7 +84,7 @@ def _products(across: Array, along: Array) -> Array:
 
 
 def free_sides(field: Waves, loads: tuple[Array, Array], weights: Array, tissue: ElasticBlocks) -> Sides:
-    """Solve eq. (S1).
+    """Solve eq. CF.11.
 
     Args:
         field: waves on the layer.

@@ -3,12 +3,12 @@
 Loads and displacements are Hankel integrals; for one wave number k, depth z, t = k z and m = 3 - 4 nu the displacements
 u = U J1(kr), w = W J0(kr) (w downwards) are sums of four solutions of Navier's equation,
 
-    U = (c1 + c2 t) e^-t + (c3 - c4 t) e^(t-2x),   W = (c1 + c2 (t+m)) e^-t + (-c3 + c4 (t-m)) e^(t-2x)      (L1)
+    U = (c1 + c2 t) e^-t + (c3 - c4 t) e^(t-2x),   W = (c1 + c2 (t+m)) e^-t + (-c3 + c4 (t-m)) e^(t-2x)      (CF.6)
 
 with x = kH. The floor, U = W = 0 at t = x, makes c4 = (2 c1 + (2x+m) c2)/m and c3 = (m c2 + (2x-m) c4)/2; the surface's
-pressure p and shear q give, as in eq. (H1) where e^-2x is gone,
+pressure p and shear q give, as in eq. CF.1 where e^-2x is gone,
 
-    p = 2 mu k [c1 + 2 (1-nu) c2 + (c3 + 2 (1-nu) c4) e^-2x],  q = 2 mu k [c1 + (1-2nu) c2 - (c3 + (1-2nu) c4) e^-2x]   (L2)
+    p = 2 mu k [c1 + 2 (1-nu) c2 + (c3 + 2 (1-nu) c4) e^-2x],  q = 2 mu k [c1 + (1-2nu) c2 - (c3 + (1-2nu) c4) e^-2x]   (CF.7)
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from solver.closed_form.bessel import Array
 
 @dataclass(frozen=True)
 class Waves:
-    """Coefficients of eq. (L1) times 2 mu for waves k under unit pressure and under unit shear.
+    """Coefficients of eq. CF.6 times 2 mu for waves k under unit pressure and under unit shear.
 
     Attributes:
         k: wave numbers, 1/m, shape (n, q).
@@ -40,11 +40,11 @@ class Waves:
 
 
 def waves(k: Array, depth: Array | None, nu: Array) -> Waves:
-    """Solve eq. (L2) for waves k (n, q) on layers of depth (n,) (None: half-spaces) with Poisson's ratios nu (n,)."""
+    """Solve eq. CF.7 for waves k (n, q) on layers of depth (n,) (None: half-spaces) with Poisson's ratios nu (n,)."""
     nu = nu[:, None]
     near, even = 2 * (1 - nu), 1 - 2 * nu
     if depth is None:
-        loads = ((-even / k, 1 / k), ((2 - 2 * nu) / k, -1 / k))  # the inverse of (L2) without its last terms
+        loads = ((-even / k, 1 / k), ((2 - 2 * nu) / k, -1 / k))  # the inverse of eq. CF.7 without its last terms
         return Waves(k, None, nu, *loads)
     depth = depth[:, None]
     m, x = 3 - 4 * nu, k * depth
@@ -54,10 +54,10 @@ def waves(k: Array, depth: Array | None, nu: Array) -> Waves:
     top = [1 + (c3[0] + near * c4[0]) * fade, near + (c3[1] + near * c4[1]) * fade]
     side = [1 - (c3[0] + even * c4[0]) * fade, even - (c3[1] + even * c4[1]) * fade]
     determinant = k * (top[0] * side[1] - top[1] * side[0])
-    found = []
+    potentials = []
     for c1, c2 in ((side[1] / determinant, -side[0] / determinant), (-top[1] / determinant, top[0] / determinant)):
-        found.append((c1, c2, c3[0] * c1 + c3[1] * c2, c4[0] * c1 + c4[1] * c2))
-    return Waves(k, depth, nu, *found)
+        potentials.append((c1, c2, c3[0] * c1 + c3[1] * c2, c4[0] * c1 + c4[1] * c2))
+    return Waves(k, depth, nu, *potentials)
 
 
 def floor_compliance(waves: Waves) -> tuple[Array, Array, Array]:
@@ -95,26 +95,26 @@ def _amplitudes(load: tuple[Array, ...], t: Array, down: Array, up: Array | None
     c = [part[:, None, :] for part in load]
     b = c[1] * down
     a = c[0] * down + b * t
-    found = np.empty((len(t), 3, *t.shape[1:]), dtype=a.dtype)
+    amplitudes_of = np.empty((len(t), 3, *t.shape[1:]), dtype=a.dtype)
     if up is None:
-        found[:, 0], found[:, 1], found[:, 2] = a, 2 * even * b - a, even * b - a
-        return found
+        amplitudes_of[:, 0], amplitudes_of[:, 1], amplitudes_of[:, 2] = a, 2 * even * b - a, even * b - a
+        return amplitudes_of
     other = c[3] * up
     raised = c[2] * up - other * t
-    np.add(a, raised, out=found[:, 0])
-    np.subtract(2 * even * (b + other), found[:, 0], out=found[:, 1])
-    np.add(even * (b - other), raised - a, out=found[:, 2])
-    return found
+    np.add(a, raised, out=amplitudes_of[:, 0])
+    np.subtract(2 * even * (b + other), amplitudes_of[:, 0], out=amplitudes_of[:, 1])
+    np.add(even * (b - other), raised - a, out=amplitudes_of[:, 2])
+    return amplitudes_of
 
 
 def lowering(waves: Waves, z: Array) -> tuple[Array, Array]:
-    """Return W of eq. (L1) at depths z (n, p), under unit pressure and under unit shear, times 2 mu; shapes (n, p, q)."""
+    """Return W of eq. CF.6 at depths z (n, p), under unit pressure and under unit shear, times 2 mu; shapes (n, p, q)."""
     t, m = waves.k[:, None, :] * z[:, :, None], (3 - 4 * waves.nu)[:, :, None]
-    found = []
+    lowerings = []
     for load in (waves.by_pressure, waves.by_shear):
         c = [part[:, None, :] for part in load]
         W = (c[0] + c[1] * (t + m)) * np.exp(-t)
         if waves.depth is not None:
             W = W + (-c[2] + c[3] * (t - m)) * np.exp(t - 2 * waves.k[:, None, :] * waves.depth[:, :, None])
-        found.append(W)
-    return found[0], found[1]
+        lowerings.append(W)
+    return lowerings[0], lowerings[1]

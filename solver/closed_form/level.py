@@ -20,8 +20,10 @@ from geometry.scenes.scene import Scene
 from solver.closed_form.designs import BALL, PROBE, TISSUE, Shape, answers, parameters
 from solver.closed_form.error_bound import StatedErrors, errors
 from solver.closed_form.error_features import EFFECTS, STEP
-from solver.results.film_forces import FilmForces, outputs, shortfalls
-from solver.results.result import Result, needs_solid
+from solver.results.evaluator import Answer, FilmLevel, Tell
+from solver.results.film_forces import FilmForces, shortfalls
+from solver.results.kinds import needs_solid
+from solver.results.result import Result
 
 LEAST_COVER = 0.1  # of an inclusion, in its diameters
 LARGEST_ERROR = 2.9  # of ln(ratio): beyond it the formulas say nothing
@@ -32,7 +34,7 @@ BROKEN = "axisymmetric, as the formulas break down for this scene"
 
 @dataclass(frozen=True)
 class ClosedFormForces:
-    """Film forces with their bounds, the bounds on their errors, and the residual of eq. (C1)."""
+    """Film forces with their bounds, the bounds on their errors, and the residual of eq. CF.12."""
 
     films: FilmForces
     errors: StatedErrors
@@ -40,7 +42,7 @@ class ClosedFormForces:
 
 
 @dataclass(frozen=True)
-class ClosedForm:
+class ClosedForm(FilmLevel):
     """Two elastic blocks on an elastic layer, spheres by equivalent inclusion with their image: a first look, and the search."""
 
     name: str = "closed-form"
@@ -58,21 +60,26 @@ class ClosedForm:
             return f"axisymmetric for tissue thinner than {LEAST_DEPTH:g} outer radii"
         return None
 
-    def evaluate(self, scene: Scene, accuracy: float = 0.01) -> Result:
+    def answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Answer:
         """Answer as well as the formulas can, with a warning where that is worse than ``accuracy``.
 
         Raises:
             Refusal: the scene is of another kind, or the formulas break down.
         """
-        found = self.evaluate_many([scene], accuracy)[0]
-        if isinstance(found, InputError):
-            raise found
-        return found
+        scenes = [scene] if moduli is None else [_with_modulus(scene, one) for one in moduli.tolist()]
+        every = []
+        for one in self.films(scenes):
+            if isinstance(one, InputError):
+                raise one
+            every.append(one)
+        worst = max(every, key=lambda one: one.errors.largest)
+        notes = tuple(shortfalls(worst.films, worst.errors.largest, accuracy))
+        return Answer(tuple(one.films for one in every), max(one.residual for one in every), notes=notes)
 
     def evaluate_many(self, scenes: Sequence[Scene], accuracy: float = 0.01) -> list[Result | InputError]:
         """Return for each scene what ``evaluate`` returns, or the refusal it raises; ``seconds`` are shared out evenly."""
         start = perf_counter()
-        answers = [self._told(*pair, accuracy) for pair in zip(scenes, self.films(scenes), strict=True)]
+        answers = [self._result(*pair, accuracy) for pair in zip(scenes, self.films(scenes), strict=True)]
         share = (perf_counter() - start) / max(len(scenes), 1)
         return [replace(one, seconds=share) if isinstance(one, Result) else one for one in answers]
 
@@ -106,12 +113,19 @@ class ClosedForm:
         films = FilmForces(found[0], error.bound(found[0].sum(axis=1)), slope, error.sensitivity)
         return ClosedFormForces(films, error, float(residuals[0]))
 
-    def _told(self, scene: Scene, found: ClosedFormForces | InputError, accuracy: float) -> Result | InputError:
-        if isinstance(found, InputError):
-            return found
-        told = outputs(scene, found.films)
-        told["warnings"] += tuple(shortfalls(found.films, found.errors.largest, accuracy))
-        return Result(self.name, 0.0, residual=found.residual, **told)
+    def _result(self, scene: Scene, forces: ClosedFormForces | InputError, accuracy: float) -> Result | InputError:
+        if isinstance(forces, InputError):
+            return forces
+        notes = tuple(shortfalls(forces.films, forces.errors.largest, accuracy))
+        return Answer((forces.films,), forces.residual, notes=notes).result(self.name, scene, 0.0)
+
+
+def _with_modulus(scene: Scene, modulus: float) -> Scene:
+    """The scene with another Young's modulus of its target, Pa."""
+    bodies = list(scene.inclusion)
+    target = scene.target or 0
+    bodies[target] = bodies[target].model_copy(update={"youngs_modulus": modulus})
+    return scene.model_copy(update={"inclusion": tuple(bodies)})
 
 
 def variants(shape: Shape, values: Sequence[Floats]) -> tuple[Floats, Floats, Floats]:
@@ -143,3 +157,8 @@ def _variants(values: Floats) -> Floats:
     bodies = columns["no inclusions"][len(PROBE) + len(TISSUE) :].reshape(-1, len(BALL))
     bodies[:, -2:] = values[len(PROBE) + len(TISSUE) - 2 : len(PROBE) + len(TISSUE)]
     return np.stack([columns[name] for name in EFFECTS], axis=1)
+
+
+def level(tell: Tell | None = None) -> ClosedForm:
+    """Return the level; it has nothing to tell."""
+    return ClosedForm()

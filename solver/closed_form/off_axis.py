@@ -3,7 +3,7 @@
 Graf's addition theorem (DLMF 10.23.7) tells what a wave J_m(kr) cos(m phi) about the probe's axis is about the sphere's, at a
 distance d,
 
-    J_m(kd) J_0 + [J_m-1 - J_m+1](kd) J_1 cos psi + [J_m-2 + J_m+2](kd) J_2 cos 2 psi + ...        (I6)
+    J_m(kd) J_0 + [J_m-1 - J_m+1](kd) J_1 cos psi + [J_m-2 + J_m+2](kd) J_2 cos 2 psi + ...        (CF.17)
 
 and J_m(kr) sin(m phi) is [J_m-1 + J_m+1](kd) J_1 sin psi + [J_m-2 - J_m+2](kd) J_2 sin 2 psi + ...
 
@@ -13,7 +13,7 @@ j_l(ka), l = m, m+2, ..., whose waves cancel beyond it, and which are orthogonal
 l = l', pi / (2 a (2l+1)). With c the compliance in w = c p / k, of tissue and ends together, and h(k) the moments of the sphere
 under the wave of a unit load, the disc answers with
 
-    S = sum 2 a (2l+1) / (pi^2 c) v v^T,    v = Int h j_l(ka) k dk                                  (I4)
+    S = sum 2 a (2l+1) / (pi^2 c) v v^T,    v = Int h j_l(ka) k dk                                  (CF.18)
 
 Shear along one direction has transforms of the same kind; waves n = 1, 2, ... of pressure's plane less those about the vertical
 have m = n + 1, both added m = n - 1. Each counts half, and the compliance is the mean of both planes'.
@@ -33,7 +33,7 @@ ORDERS, DEGREE = 6, 8  # the largest n and l: fewer by two change the log-sensit
 
 @dataclass(frozen=True)
 class Disc:
-    """The probe's end: outer radius, m, and c of eq. (I4), tissue's and ends', under pressure and shear, m^2/N; shapes (n,)."""
+    """The probe's end: outer radius, m, and c of eq. CF.18, tissue's and ends', under pressure and shear, m^2/N; shapes (n,)."""
 
     radius: Array
     pressed: Array
@@ -56,13 +56,14 @@ def off_axis_response(
     near: Nearby,
     k: Array,
     weights: Array,
+    *,
     disc: Disc,
     mu: Array,
     bonded: bool,
     orders: int = ORDERS,
     degree: int = DEGREE,
 ) -> Array:
-    """Eq. (I4): S, shape (n, moments, moments).
+    """Eq. CF.18: S, shape (n, moments, moments).
 
     Args:
         sphere: beside the axis.
@@ -78,17 +79,17 @@ def off_axis_response(
     J = bessel(k * sphere.offset[:, None], orders + 3)
     j = spherical(k * disc.radius[:, None], degree + 1) * (weights / (2 * mu)[:, None])  # the moments are times 2 mu
     j = np.moveaxis(j, 0, 2) * np.sqrt((2 * np.arange(degree + 1) + 1) / np.pi**2)
-    found = []
+    columns = []
     for n in range(1, orders + 1):
         less = -J[1] if n == 1 else J[n - 2]  # J_-1 = -J_1
         along = _rows(J[n], J[n - 1] - J[n + 1], less + J[n + 2])
         pressed = along * near.moments[0]
-        found.append((pressed @ j[:, :, n::2]) * np.sqrt(2 * disc.radius / disc.pressed)[:, None, None])
+        columns.append((pressed @ j[:, :, n::2]) * np.sqrt(2 * disc.radius / disc.pressed)[:, None, None])
         if bonded:
             sunk, turned = along * near.moments[1], _rows(0 * J[n], J[n - 1] + J[n + 1], less - J[n + 2]) * near.turned
             for wave, m in ((sunk - turned, n + 1), (sunk + turned, n - 1)):
-                found.append((wave @ j[:, :, m::2]) * np.sqrt(disc.radius / disc.sheared)[:, None, None])
-    v = np.concatenate(found, axis=2)
+                columns.append((wave @ j[:, :, m::2]) * np.sqrt(disc.radius / disc.sheared)[:, None, None])
+    v = np.concatenate(columns, axis=2)
     return v @ np.swapaxes(v, 1, 2)
 
 

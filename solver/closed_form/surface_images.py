@@ -4,17 +4,17 @@ Near the surface a sphere answers to the image of its own polarisation too. Let 
 the sphere's vertical axis the means of a = xx+yy and of zz, their first moments along the vertical, that of the radial shear rz;
 beside the probe's axis also the mean of xz and its moment along the vertical, the moments of a, zz and the shear in the plane
 along x, and the mean of xx-yy. With g(k) the moments under a wave of pressure or of shear on a half-space, V the sphere's volume
-and K the form that eq. (I1) becomes on e, V e.K e, the image in the free surface is
+and K the form that eq. CF.13 becomes on e, V e.K e, the image in the free surface is
 
-    G = V / (2 pi) Int 2 mu k / (4 (1-nu)) (g_p g_p + g_s g_s) k dk,     K~ = K (1 + G K)^-1        (I2)
+    G = V / (2 pi) Int 2 mu k / (4 (1-nu)) (g_p g_p + g_s g_s) k dk,     K~ = K (1 + G K)^-1        (CF.15)
 
 as the field that the sphere sends up meets the compliance of the half-spaces above and below, together 4 (1-nu) / (2 mu k) for
 both kinds of wave, where below the surface only one is left. For the moments with xz waves go as cos, with 1 / pi in place of
 1 / (2 pi), and there is a third kind, of shear about the vertical, with 2 / (mu k). For the mean of xx-yy, with t = R/d,
 
-    G = t^3 / (12 (1-nu) mu) [3/4 - nu/2 + nu^2 - 0.6 (1/2 + nu) t^2 + 0.225 t^4]                   (I3)
+    G = t^3 / (12 (1-nu) mu) [3/4 - nu/2 + nu^2 - 0.6 (1/2 + nu) t^2 + 0.225 t^4]                   (CF.16)
 
-which is Mindlin's solution (Physics 7 (1936) 195), differentiated twice and averaged over the sphere; so are those of (I2).
+which is Mindlin's solution (Physics 7 (1936) 195), differentiated twice and averaged over the sphere; so are those of eq. CF.15.
 """
 
 from __future__ import annotations
@@ -84,13 +84,13 @@ def wavelets(k: Array, r: Array, which: Any = slice(None)) -> Wavelets:
 
 def fields(parts: tuple[Array, Array], at: Wavelets) -> tuple[Array, Array]:
     """Strains rr + hoop, rr - hoop, zz, rz at all points under waves of pressure and of shear, times 2 mu; (n, 4 points, q)."""
-    found = []
+    strains = []
     for part in parts:
         strain = np.empty((len(part), 4, *at.zero.shape[1:]), dtype=part.dtype)
         for row, (which, wave) in enumerate(((0, at.zero), (0, at.turn), (1, at.zero), (2, at.one))):
             np.multiply(part[:, which], wave, out=strain[:, row])
-        found.append(strain.reshape(len(part), -1, part.shape[-1]))
-    return found[0], found[1]
+        strains.append(strain.reshape(len(part), -1, part.shape[-1]))
+    return strains[0], strains[1]
 
 
 def _moment_weights() -> Any:
@@ -135,8 +135,8 @@ def nearby(sphere: SphereArray, waves: Waves) -> Nearby:
     return Nearby(parts, strain, tuple(moments), _turned(waves, sphere, near))  # type: ignore[arg-type]
 
 
-def image(sphere: SphereArray, waves: Waves, near: Nearby, weights: Array, mu: Array, nu: Array) -> Array:
-    """Eqs. (I2), (I3): G for spheres in tissue of shear modulus mu and Poisson's ratio nu (n,), shape (n, moments, moments).
+def image(sphere: SphereArray, waves: Waves, near: Nearby, weights: Array, *, mu: Array, nu: Array) -> Array:
+    """Eqs. CF.15, CF.16: G for spheres in tissue of shear modulus mu and Poisson's ratio nu (n,), shape (n, moments, moments).
 
     ``weights`` are k dk of the waves, shape (n, q).
     """

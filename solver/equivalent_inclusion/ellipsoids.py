@@ -64,31 +64,36 @@ def check(scene: Scene) -> None:
         raise Refusal("diameters", Words("an ellipsoid near a surface or another body"), why)
 
 
-def with_ellipsoids(base: Undisturbed, scene: Scene, found: Readings, bodies: Sequence[Inclusion]) -> Readings:
+def with_ellipsoids(base: Undisturbed, scene: Scene, readings: Readings, bodies: Sequence[Inclusion]) -> Readings:
     """Return one set's readings, found with spheres of the same volumes, for a scene's own bodies with given materials.
 
-    To first order the difference is eq. (E1) at each point of the ellipsoid less eq. (P1); reflections are those of the spheres.
+    To first order the difference is eq. IN.1 at each point of the ellipsoid less eq. EI.1; reflections are those of the spheres.
 
     Raises:
         Refusal: see ``hill_tensor``.
     """
     target = scene.target or 0
-    forces, bound, slope, slope_bound = found.forces.copy(), found.bound.copy(), dict(found.by), found.slope_bound.copy()
+    forces, bound, slope, slope_bound = (
+        readings.forces.copy(),
+        readings.bound.copy(),
+        dict(readings.by),
+        readings.slope_bound.copy(),
+    )
     for k, body in enumerate(bodies):
         if body.diameter is not None:
             continue
         change = difference(base, scene, body)
         forces[0] += change.forces
-        reflections = np.abs(found.forces[0].sum(axis=1) - found.first_totals[0])
+        reflections = np.abs(readings.forces[0].sum(axis=1) - readings.first_totals[0])
         otherwise = _reflected_otherwise(base, body, change)
         bound[0] += (SHAPE * change.share + LEAST) * reflections + 0.01 * np.abs(change.forces.sum(axis=1)) + otherwise
         if k == target and slope:
             reflected = np.abs((slope["youngs_modulus"][0] - change.sphere_slope).sum(axis=1))
             slope["youngs_modulus"] = slope["youngs_modulus"] + change.slope
-            told = np.abs(slope["youngs_modulus"][0].sum(axis=1))
-            slope_bound[0] += (SHAPE * change.share + LEAST) * reflected + UNLIKE * told + otherwise
+            target_slope = np.abs(slope["youngs_modulus"][0].sum(axis=1))
+            slope_bound[0] += (SHAPE * change.share + LEAST) * reflected + UNLIKE * target_slope + otherwise
     only_tumours = bound - base.films.bound.totals
-    return replace(found, forces=forces, bound=only_tumours, by=slope, slope_bound=slope_bound).with_bounds_of(base)
+    return replace(readings, forces=forces, bound=only_tumours, by=slope, slope_bound=slope_bound).with_bounds_of(base)
 
 
 def _reflected_otherwise(base: Undisturbed, body: Inclusion, change: ShapeCorrection) -> Floats:
@@ -115,9 +120,9 @@ def difference(base: Undisturbed, scene: Scene, body: Inclusion) -> ShapeCorrect
     x, y, z = (points @ axes.T + np.array([body.x - at.x, body.y - at.y, -body.depth])).T
     section, reach = base.field.states.model.section, np.hypot(x, y).max()
     if reach > section.tissue_radius or z.max() > 0 or -z.min() > section.tissue_depth:
-        given = f"one that reaches {mm(float(reach))} from the probe's axis and {mm(float(-z.min()))} deep"
+        position = f"one that reaches {mm(float(reach))} from the probe's axis and {mm(float(-z.min()))} deep"
         room = f"ellipsoids within {mm(section.tissue_radius)} and {mm(section.tissue_depth)} (planned: solid)"
-        raise Refusal("diameters", Words(given), room)
+        raise Refusal("diameters", Words(position), room)
     strain = _cartesian(base, x, y, z)
     material = Material(youngs_modulus=body.youngs_modulus, poisson_ratio=body.poisson_ratio)
     volume = 4 / 3 * np.pi * abs(float(np.linalg.det(axes)))
@@ -134,10 +139,10 @@ def difference(base: Undisturbed, scene: Scene, body: Inclusion) -> ShapeCorrect
 def _cartesian(base: Undisturbed, x: Floats, y: Floats, z: Floats) -> Floats:
     """Strains xx, yy, zz, 2 yz, 2 xz, 2 xy of both base states at points, shape (q, 6, 2)."""
     r = np.hypot(x, y)
-    found = base.field.at(r, z)
+    strains = base.field.at(r, z)
     cos, sin = (np.divide(part, r, out=np.full_like(r, one), where=r > 0)[:, None] for part, one in ((x, 1.0), (y, 0.0)))
-    rr, zz, hoop, rz = found.strain.transpose(1, 0, 2)
-    excess = (found.dilation - rr - zz - hoop) / 3
+    rr, zz, hoop, rz = strains.strain.transpose(1, 0, 2)
+    excess = (strains.dilation - rr - zz - hoop) / 3
     xx, yy = cos**2 * rr + sin**2 * hoop, sin**2 * rr + cos**2 * hoop
     normal = [part + excess for part in (xx, yy, zz)]
     return np.stack([*normal, 2 * sin * rz, 2 * cos * rz, 2 * cos * sin * (rr - hoop)], axis=1)

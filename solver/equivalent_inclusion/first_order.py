@@ -2,11 +2,11 @@
 
 By reciprocity a sphere changes the film forces F_ij of the base states by
 
-    dF_ij = Int [k_v tr(eps_i) tr(eps_j) + k_d e_i:e_j] dV                                        (P1)
+    dF_ij = Int [k_v tr(eps_i) tr(eps_j) + k_d e_i:e_j] dV                                        (EI.1)
 
-with the strains of the tissue without it at each point and its strength k, eq. (E2) of ``eshelby.py`` (PHYSICS section 4).
-Effects of several add. Moving the sphere, or letting it grow, adds what lies under its surface: the derivatives of eq. (P1) by
-the place of its centre and by its radius are integrals of the same products over its surface, eq. (P2).
+with the strains of the tissue without it at each point and its strength k, eq. IN.2 of ``eshelby.py`` (PHYSICS section 4).
+Effects of several add. Moving the sphere, or letting it grow, adds what lies under its surface: the derivatives of eq. EI.1 by
+the place of its centre and by its radius are integrals of the same products over its surface (EI.2).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Effects:
     """Changes of the film forces F_ij (N/m) by n spheres, each alone, and their derivatives; shapes (n, 2, 2).
 
     Attributes:
-        forces: eq. (P1).
+        forces: eq. EI.1.
         by_log_modulus: by ln E of the sphere.
         by_poisson: by its Poisson's ratio.
         by_depth, by_offset: by the place of its centre, N/m^2; None unless asked for.
@@ -73,7 +73,14 @@ def effects(energies: Energies, tissue: Material, tumours: Tumours, places: bool
     over, up, out = _integrals(energies, tumours, *_sphere(*SURFACE))
     area = 4 * np.pi * radius**2
     moved = [_matrices(part * area[:, None], of.volume, of.shear) for part in (-up, out, over)]
-    return Effects(whole, by_modulus, by_poisson, moved[0], moved[1], moved[2] * radius[:, None, None])
+    return Effects(
+        whole,
+        by_modulus,
+        by_poisson=by_poisson,
+        by_depth=moved[0],
+        by_offset=moved[1],
+        by_log_diameter=moved[2] * radius[:, None, None],
+    )
 
 
 def _matrices(products: Floats, volume: Floats, shear: Floats) -> Floats:
@@ -84,7 +91,7 @@ def _matrices(products: Floats, volume: Floats, shear: Floats) -> Floats:
 def _integrals(energies: Energies, tumours: Tumours, points: Floats, weights: Floats) -> list[Floats]:
     """Weighted sums of the six products over points of the unit ball, (q, 3), with columns of weights, (q, w): w of (n, 6)."""
     n = len(tumours.x)
-    found = np.empty((weights.shape[1], n, 6))
+    integrals = np.empty((weights.shape[1], n, 6))
     radius = tumours.diameter / 2
     table = np.full(n, n > FEW) & energies.covers(tumours.offset + radius, -tumours.cover, -tumours.depth - radius)
     for which, ask in ((table, energies.quick), (np.logical_not(table), energies.at)):
@@ -94,8 +101,8 @@ def _integrals(energies: Energies, tumours: Tumours, points: Floats, weights: Fl
             x, y, up = (points[:, k] * radius[block, None] for k in range(3))
             r, z = np.hypot(tumours.offset[block, None] + x, y), up - tumours.depth[block, None]
             values = ask(r.ravel(), z.ravel()).reshape(6, *r.shape)
-            found[:, block] = np.einsum("pnq,qw->wnp", values, weights)
-    return list(found)
+            integrals[:, block] = np.einsum("pnq,qw->wnp", values, weights)
+    return list(integrals)
 
 
 @lru_cache(maxsize=8)

@@ -18,7 +18,7 @@ MOST = 0.9  # rho
 
 
 def first_order_share(base: Undisturbed, tumours: Tumours) -> Floats:
-    """Bound on the relative error of each tumour's effect, shape (n, t): rho / (1 - rho) for what it reflects, eq. (P3)."""
+    """Bound on the relative error of each tumour's effect, shape (n, t): rho / (1 - rho) for what it reflects (EI.3)."""
     rho = np.minimum(reflection(base, tumours), MOST)
     return np.asarray(rho / (1 - rho) + base.field_error(tumours) + LEAST)
 

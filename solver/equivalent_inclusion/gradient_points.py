@@ -58,7 +58,16 @@ class QuadraturePoints:
         weight = (4 / 3 * np.pi * radius**3 * share[:, 0]).ravel()
         number = np.repeat(np.arange(len(r)), len(ball))
         sink = np.broadcast_to([0.0, -1.0], (len(weight), 2))
-        return cls(states, number, weight, element, place, r.ravel(), sink, grow.reshape(-1, 2))
+        return cls(
+            states,
+            number,
+            weight=weight,
+            element=element,
+            place=place,
+            r=r.ravel(),
+            by_depth=sink,
+            by_log_diameter=grow.reshape(-1, 2),
+        )
 
     @property
     def elements(self) -> Ints:

@@ -1,9 +1,9 @@
 """Exact derivatives of the first-order level by every number of a scene: forces, ratio, log-sensitivity with tumours anywhere.
 
-With u the base states, K their matrix and G the form of eq. (P1), F = u^T K u + u^T G u. The states minimise the first term but
+With u the base states, K their matrix and G the form of eq. EI.1, F = u^T K u + u^T G u. The states minimise the first term but
 not the second, so that one more solve with their polarisation as load, K l = G u, takes their change into account,
 
-    dF = u^T dK u + u^T dG u - l^T dK u - u^T dK l                                                 (P7)
+    dF = u^T dK u + u^T dG u - l^T dK u - u^T dK l                                                 (EI.4)
 
 and another one does it for the log-sensitivity, whose form G' = dG / d ln E belongs to the target alone. The mesh moves with the
 design under tumours that stay: dG is a complex step (``first_order_points.py``). Where a point passes from one element to the
@@ -67,7 +67,7 @@ class FirstOrder:
         return whole + np.einsum("q,a,qai,qaj->ij", shear, METRIC, strain, strain)
 
     def adjoint(self, strengths: Strengths) -> Floats:
-        """All values of l of eq. (P7) in the elements, shape (n, 2 s, 2)."""
+        """All values of l of eq. EI.4 in the elements, shape (n, 2 s, 2)."""
         m, points = self.states.model, self.points
         strain_form, dilation_form = points.forms(self._corners)
         strain, dilation = self._at_points(strain_form, dilation_form)
@@ -94,9 +94,9 @@ class FirstOrder:
             changed: perhaps complex values that take the place of modulus, nu (tissue), youngs_modulus, poisson_ratio (tumours).
         """
         t = self.tumours
-        given: dict[str, Any] = {"modulus": self.tissue.youngs_modulus, "nu": self.tissue.poisson_ratio}
-        given |= {"youngs_modulus": t.youngs_modulus, "poisson_ratio": t.poisson_ratio}
-        whole, (volume, shear) = strengths(**{**given, **changed})
+        moduli: dict[str, Any] = {"modulus": self.tissue.youngs_modulus, "nu": self.tissue.poisson_ratio}
+        moduli |= {"youngs_modulus": t.youngs_modulus, "poisson_ratio": t.poisson_ratio}
+        whole, (volume, shear) = strengths(**{**moduli, **changed})
         mine = np.arange(len(t.x)) == self.target
         return whole, (volume * mine, shear * mine)
 
@@ -136,61 +136,61 @@ def first_order(scene: Scene, of: Sections, fineness: MeridianFineness = FIELDS[
     return FirstOrder(states, QuadraturePoints.of(states, tumours), tumours, scene.target)
 
 
-def tumour_gradients(scene: Scene, found: FirstOrder, names: tuple[str, ...]) -> Gradients:
+def tumour_gradients(scene: Scene, solution: FirstOrder, names: tuple[str, ...]) -> Gradients:
     """Differentiate first-order outputs at a fixed topology of the mesh, see ``solver.axisymmetric.gradients.gradients``.
 
     Raises:
         InputError: a name is none of the scene's variables.
     """
-    known = tuple(values(scene))
-    unknown = [name for name in names if name not in known]
+    allowed = tuple(values(scene))
+    unknown = [name for name in names if name not in allowed]
     if unknown:
-        raise InputError("variable", unknown[0], ", ".join(known))
-    values_now = found.forms()
-    values_now[0] += found.states.forces
-    model = found.states.model
+        raise InputError("variable", unknown[0], ", ".join(allowed))
+    values_now = solution.forms()
+    values_now[0] += solution.states.forces
+    model = solution.states.model
     chain = np.array([by_scene(scene, model, name) for name in names]).reshape(len(names), len(variables(model)))
-    changes = np.einsum("nv,vkij->nkij", chain, _by_section(found))
+    changes = np.einsum("nv,vkij->nkij", chain, _by_section(solution))
     for k, name in enumerate(names):
         if name.startswith("inclusion."):
-            changes[k] = _by_tumour(found, name.removeprefix("inclusion."))
-    return _outputs(scene, found, names, values_now, changes, chain)
+            changes[k] = _by_tumour(solution, name.removeprefix("inclusion."))
+    return _outputs(scene, solution, names, now=values_now, changes=changes, chain=chain)
 
 
-def _by_section(found: FirstOrder) -> Floats:
-    """Derivatives of the forces and of their slopes by the section's variables, eq. (P7), shape (v, 2, 2, 2)."""
-    m = found.states.model
-    whole = np.concatenate([found.states.own, *(found.adjoint(k) for k in found.strengths())], axis=-1)
+def _by_section(solution: FirstOrder) -> Floats:
+    """Derivatives of the forces and of their slopes by the section's variables, eq. EI.4, shape (v, 2, 2, 2)."""
+    m = solution.states.model
+    whole = np.concatenate([solution.states.own, *(solution.adjoint(k) for k in solution.strengths())], axis=-1)
     dK = energy_derivatives(m, whole, Body.INCLUSION)[0]
-    out: Floats = np.array([_explicit(found, name) for name in variables(m)])
+    out: Floats = np.array([_explicit(solution, name) for name in variables(m)])
     out[:, 0] += dK[:, :2, :2] - dK[:, 2:4, :2] - dK[:, :2, 2:4]
     out[:, 1] -= dK[:, 4:, :2] + dK[:, :2, 4:]
     return out
 
 
-def _explicit(found: FirstOrder, name: str) -> Floats:
+def _explicit(solution: FirstOrder, name: str) -> Floats:
     """u^T dG u and u^T dG' u by one of the section's variables with the states' own values held, shape (2, 2, 2)."""
-    section, tissue = found.states.model.section, found.tissue
+    section, tissue = solution.states.model.section, solution.tissue
     if name == "tissue_youngs_modulus":
-        return _imaginary(found.forms(modulus=tissue.youngs_modulus * (1 + 1j * STEP)))
+        return _imaginary(solution.forms(modulus=tissue.youngs_modulus * (1 + 1j * STEP)))
     if name == "tissue_poisson_ratio":
-        return _imaginary(found.forms(nu=tissue.poisson_ratio + 1j * STEP))
-    if name not in section.given:
+        return _imaginary(solution.forms(nu=tissue.poisson_ratio + 1j * STEP))
+    if name not in section.lengths:
         return np.zeros((2, 2, 2))
     moved = replace(section, **{name: getattr(section, name) * (1 + 1j * STEP)})
-    return _imaginary(found.forms(found.points.corners(moved)))
+    return _imaginary(solution.forms(solution.points.corners(moved)))
 
 
-def _by_tumour(found: FirstOrder, what: str) -> Floats:
+def _by_tumour(solution: FirstOrder, quantity: str) -> Floats:
     """The same by a number of the one tumour."""
-    points, t = found.points, found.tumours
-    if what == "youngs_modulus":
-        return np.asarray(_imaginary(found.forms(youngs_modulus=t.youngs_modulus * (1 + 1j * STEP))) / t.youngs_modulus[0])
-    if what == "poisson_ratio":
-        return _imaginary(found.forms(poisson_ratio=t.poisson_ratio + 1j * STEP))
-    if what == "depth":
-        return _imaginary(found.forms(moved=1j * STEP * points.by_depth))
-    grown = _imaginary(found.forms(moved=1j * STEP * points.by_log_diameter)) + 3 * found.forms()
+    points, t = solution.points, solution.tumours
+    if quantity == "youngs_modulus":
+        return np.asarray(_imaginary(solution.forms(youngs_modulus=t.youngs_modulus * (1 + 1j * STEP))) / t.youngs_modulus[0])
+    if quantity == "poisson_ratio":
+        return _imaginary(solution.forms(poisson_ratio=t.poisson_ratio + 1j * STEP))
+    if quantity == "depth":
+        return _imaginary(solution.forms(moved=1j * STEP * points.by_depth))
+    grown = _imaginary(solution.forms(moved=1j * STEP * points.by_log_diameter)) + 3 * solution.forms()
     return np.asarray(grown / t.diameter[0])
 
 
@@ -198,11 +198,13 @@ def _imaginary(values: Any) -> Floats:
     return np.asarray(np.imag(values) / STEP)
 
 
-def _outputs(scene: Scene, found: FirstOrder, names: tuple[str, ...], now: Floats, changes: Floats, chain: Floats) -> Gradients:
+def _outputs(
+    scene: Scene, solution: FirstOrder, names: tuple[str, ...], *, now: Floats, changes: Floats, chain: Floats
+) -> Gradients:
     """From forces and slopes, (2, 2, 2), and their derivatives, (n, 2, 2, 2), to the outputs and theirs."""
     (totals, slopes), d_totals = now.sum(axis=2), changes.sum(axis=3)
     logs, stiffness = d_totals[:, 0] / totals, d_totals[:, 0].sum(axis=1) / totals.sum()
-    stress = logs - chain @ areas(scene, found.states.model)
+    stress = logs - chain @ areas(scene, solution.states.model)
     if scene.load.indentation is None:
         stress = stress - stiffness[:, None]
     sensitivity = slopes / totals

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from time import perf_counter
 
 import numpy as np
 
@@ -14,12 +13,14 @@ from solver.equivalent_inclusion.ellipsoids import check, with_ellipsoids
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed, undisturbed
 from solver.equivalent_inclusion.readings import Readings, readings
 from solver.inclusions.tumours import Tumours
-from solver.results.film_forces import Bound, FilmForces, checked_moduli, outputs, ratio, shortfalls
-from solver.results.result import Curve, Decision, Result, needs_solid, within
+from solver.results.evaluator import Answer, FilmLevel, Tell
+from solver.results.film_forces import Bound, FilmForces, shortfalls
+from solver.results.kinds import needs_solid
+from solver.results.result import Decision
 
 
 @dataclass(frozen=True)
-class EquivalentInclusion:
+class EquivalentInclusion(FilmLevel):
     """Axisymmetric finite elements of probe and tissue; tumours anywhere by scattering: bonded or frictionless."""
 
     name: str = "equivalent-inclusion"
@@ -29,59 +30,32 @@ class EquivalentInclusion:
         """Say which kind of thing in the scene this level does not know, or None."""
         return needs_solid(scene)
 
-    def evaluate_within(self, scene: Scene, accuracy: float) -> Result:
-        """Answer as ``evaluate`` does, but only if every bound is below ``accuracy``.
-
-        Raises:
-            Refusal: see ``evaluate``; and where the accuracy is out of reach.
-        """
-        return within(*self._answer(scene, accuracy), accuracy)
-
-    def evaluate(self, scene: Scene, accuracy: float = 0.01) -> Result:
+    def answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Answer:
         """Answer to first order where that is good enough, else with reflections.
 
         Raises:
-            Refusal: the scene is of another kind, or so extreme that its equations cannot be solved in double precision.
+            Refusal: the scene is of another kind, or so extreme that its equations cannot be solved in double precision; a curve
+                of a scene with ellipsoids.
         """
-        return self._answer(scene, accuracy)[0]
-
-    def _answer(self, scene: Scene, accuracy: float) -> tuple[Result, float]:
-        start = perf_counter()
-        base = self.prepared(scene, accuracy)
-        found = readings(base, Tumours.of(scene), scene.target or 0, sensitive=scene.target is not None)
-        found = with_ellipsoids(base, scene, found, scene.inclusion)
-        films = film_forces(found, 0, scene.target is not None)
-        told = outputs(scene, films) | {"residual": base.residual}
-        reached = films.error_under(scene)
-        warnings = (*told.pop("warnings"), *base.notes, *shortfalls(films, reached, accuracy))
-        plan = (*base.plan, *_decisions(base, found, 0))
-        return Result(self.name, perf_counter() - start, **told, plan=plan, warnings=warnings), reached
-
-    def curve(self, scene: Scene, moduli: Floats, accuracy: float = 0.01) -> Curve:
-        """Return ratio and log-sensitivity for every Young's modulus (Pa) of the target inclusion.
-
-        Raises:
-            InputError: there is no target, or a modulus is not positive and finite.
-            Refusal: see ``evaluate``.
-        """
-        start, moduli = perf_counter(), checked_moduli(scene, moduli)
-        target = scene.target or 0
-        base = self.prepared(scene, accuracy)
-        found = readings(base, Tumours.of(scene).with_moduli(moduli, target), target, sensitive=True)
-        if any(body.diameter is None for body in scene.inclusion):
-            raise Refusal("inclusion", Words("an ellipsoid"), "spheres for a curve (evaluate takes ellipsoids)")
-        told = [ratio(scene, film_forces(found, k, True)) for k in range(len(moduli))]
-        values = {key: tuple(one[key] for one in told) for key in ("ratio", "log_sensitivity", "error_estimate")}
-        worst = int(np.argmax(found.worst))
-        notes = (*base.notes, *shortfalls(film_forces(found, worst, True), float(found.worst[worst]), accuracy))
-        plan = (*base.plan, *_decisions(base, found, worst))
-        return Curve(self.name, perf_counter() - start, tuple(moduli.tolist()), **values, plan=plan, warnings=notes)
+        base, target, tumours = self.prepared(scene, accuracy), scene.target or 0, Tumours.of(scene)
+        if moduli is None:
+            read = readings(base, tumours, target, sensitive=scene.target is not None)
+            read = with_ellipsoids(base, scene, read, scene.inclusion)
+        else:
+            if any(body.diameter is None for body in scene.inclusion):
+                raise Refusal("inclusion", Words("an ellipsoid"), "spheres for a curve (evaluate takes ellipsoids)")
+            read = readings(base, tumours.with_moduli(moduli, target), target, sensitive=True)
+        films = tuple(film_forces(read, k, scene.target is not None) for k in range(len(read.forces)))
+        worst = int(np.argmax(read.worst))
+        reached = films[0].error_under(scene) if moduli is None else float(read.worst[worst])
+        notes = (*base.notes, *shortfalls(films[worst], reached, accuracy))
+        return Answer(films, base.residual, (*base.plan, *_decisions(base, read, worst)), notes)
 
     def prepared(self, scene: Scene, accuracy: float) -> Undisturbed:
         """Return the scene's probe on its tissue without tumours, solved.
 
         Raises:
-            Refusal: see ``evaluate``.
+            Refusal: see ``answer``.
         """
         why = self.refusal(scene)
         if why is not None:
@@ -108,3 +82,8 @@ def _decisions(base: Undisturbed, found: Readings, k: int) -> list[Decision]:
     modelled = bool(found.reflected[k])
     reason = f"modelled: {size}" if modelled else f"left out: {size}, counted in error_estimate"
     return [Decision(feature, modelled, effect, base.accuracy, reason)]
+
+
+def level(tell: Tell | None = None) -> EquivalentInclusion:
+    """Return the level; it has nothing to tell."""
+    return EquivalentInclusion()

@@ -15,7 +15,7 @@ from geometry.meridian.section import Section
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Load, Scene
 from solver.axisymmetric.base_states import base_states, model
-from solver.axisymmetric.converged_forces import Converged, converged
+from solver.axisymmetric.converged_forces import Converged, converged_forces
 from solver.axisymmetric.dofs import Interface
 from solver.axisymmetric.tissue_field import TissueField
 from solver.equivalent_inclusion.strain_products import Energies
@@ -23,6 +23,7 @@ from solver.inclusions.tumours import Tumours
 from solver.multiple_scattering.exchange import Reflector
 from solver.results.film_forces import FilmForces
 from solver.results.result import Decision
+from solver.results.warnings import Note, of_kind
 
 FIELDS = (
     MeridianFineness(1.5, 3, 5),
@@ -50,19 +51,19 @@ class Undisturbed:
 
     scene: Scene
     accuracy: float
-    found: Converged
+    converged: Converged
     energies: Energies
     nearest_error: float
 
     @property
     def films(self) -> FilmForces:
         """Film forces without tumours."""
-        return self.found.films[0]
+        return self.converged.films[0]
 
     @property
     def residual(self) -> float:
         """Relative residual of the base states, of those behind the film forces and those behind the strains the larger."""
-        return max(self.found.sample.states.residual, self.field.states.residual)
+        return max(self.converged.sample.states.residual, self.field.states.residual)
 
     @property
     def field(self) -> TissueField:
@@ -140,12 +141,12 @@ class Undisturbed:
     @property
     def plan(self) -> tuple[Decision, ...]:
         """What is left out or modelled beyond blocks and tissue."""
-        return tuple(replace(decision, tolerance=self.accuracy) for decision in self.found.plan)
+        return tuple(replace(decision, tolerance=self.accuracy) for decision in self.converged.plan)
 
     @property
-    def notes(self) -> tuple[str, ...]:
+    def notes(self) -> tuple[Note, ...]:
         """What is left out and matters."""
-        return tuple(note for note in self.found.notes if note.startswith("left out"))
+        return of_kind(self.converged.notes, "left_out")
 
 
 def undisturbed(scene: Scene, accuracy: float) -> Undisturbed:
@@ -167,13 +168,13 @@ def _undisturbed(scene: Scene, accuracy: float, shallow: bool) -> Undisturbed:
     assert interface != "unilateral"  # refused before
     with threadpool_limits(1, user_api="blas"):
         try:
-            found = converged(scene, SHARE * accuracy)
-            coarse = found.sample.states.model
+            films_alone = converged_forces(scene, SHARE * accuracy)
+            coarse = films_alone.sample.states.model
             states = base_states(model(_nearer(scene, coarse.section), coarse.materials, interface, FIELDS[fine]))
         except SolveError as fault:
             text = f"scenes whose sizes and moduli lie closer together ({fault})"
             raise Refusal("evaluator", "equivalent-inclusion", text) from fault
-    return Undisturbed(scene, accuracy, found, Energies(TissueField(states)), FIELD_ERRORS[fine])
+    return Undisturbed(scene, accuracy, films_alone, Energies(TissueField(states)), FIELD_ERRORS[fine])
 
 
 def _nearer(scene: Scene, section: Section) -> Section:

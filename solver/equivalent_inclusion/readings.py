@@ -14,7 +14,7 @@ from solver.equivalent_inclusion.first_order_bound import first_order_error, fir
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.inclusions.tumours import Tumours
 from solver.linalg.threads import one_thread
-from solver.multiple_scattering.solve import scattered
+from solver.multiple_scattering.solve import solve_scattering
 
 TOLERANCE = 0.1  # of the accuracy: what of a tumour's effect reflections may leave out
 SAFETY = 3.0  # on the estimate of that
@@ -66,15 +66,15 @@ class Readings:
         return np.asarray(self.forces.sum(axis=(1, 2)))
 
     @property
-    def told(self) -> Bools:
+    def resolved(self) -> Bools:
         """Whether both stresses are above their errors, so that there is a ratio, shape (n,)."""
         return np.asarray(np.isfinite(self.log_ratio_bound))
 
     @property
     def ratio(self) -> Floats:
-        """Stress on the inner over stress on the outer film, shape (n,); 0 where ``told`` is false."""
+        """Stress on the inner over stress on the outer film, shape (n,); 0 where ``resolved`` is false."""
         inner, outer = self.totals.T
-        shares = np.divide(inner, outer, out=np.zeros_like(inner), where=self.told)
+        shares = np.divide(inner, outer, out=np.zeros_like(inner), where=self.resolved)
         return np.asarray(shares * self.areas[1] / self.areas[0])
 
     @property
@@ -89,9 +89,9 @@ class Readings:
         return np.asarray(np.maximum(self.error_estimate, stresses))
 
     def log_ratio_by(self, key: str) -> Floats:
-        """Derivative of ln(ratio) by a quantity of the target, see ``by``, shape (n,); 0 where ``told`` is false."""
+        """Derivative of ln(ratio) by a quantity of the target, see ``by``, shape (n,); 0 where ``resolved`` is false."""
         changes = self.by[key].sum(axis=2)
-        shares = np.divide(changes, self.totals, out=np.zeros_like(changes), where=self.told[:, None])
+        shares = np.divide(changes, self.totals, out=np.zeros_like(changes), where=self.resolved[:, None])
         return np.asarray(shares[:, 0] - shares[:, 1])
 
     def log_stiffness_by(self, key: str) -> Floats:
@@ -105,11 +105,11 @@ class Readings:
 
     @property
     def sensitivity_error(self) -> Floats:
-        """Bound on the absolute error of ``log_sensitivity``, shape (n,); 0 where ``told`` is false."""
-        totals = np.where(self.told[:, None], np.abs(self.totals), 1.0)
+        """Bound on the absolute error of ``log_sensitivity``, shape (n,); 0 where ``resolved`` is false."""
+        totals = np.where(self.resolved[:, None], np.abs(self.totals), 1.0)
         slopes = np.abs(self.by["youngs_modulus"].sum(axis=2))
         errors = (self.slope_bound + slopes * self.bound / totals) / totals
-        return np.asarray(np.where(self.told, errors.sum(axis=1), 0.0))
+        return np.asarray(np.where(self.resolved, errors.sum(axis=1), 0.0))
 
 
 def readings(
@@ -117,6 +117,7 @@ def readings(
     tumours: Tumours,
     target: int = 0,
     places: bool = False,
+    *,
     progress: Callable[[int, int], None] | None = None,
     reflect: bool | None = None,
     sensitive: bool = False,
@@ -142,16 +143,25 @@ def readings(
     with one_thread():
         inside, left_out = base.inside(tumours)
         first = _first_order(base, inside, left_out, target, places)
-        wanted = (first.worst > base.accuracy) | bool(reflect)
+        insufficient = (first.worst > base.accuracy) | bool(reflect)
         if sensitive and tumours.shape[1]:
             allowed = np.maximum(5 * base.accuracy * np.abs(first.log_sensitivity), 1e-5)
-            wanted |= first.with_bounds_of(base).sensitivity_error > allowed
-        wanted &= np.any(~left_out, axis=1) & (reflect is not False)
-        chosen = np.flatnonzero(wanted)
+            insufficient |= first.with_bounds_of(base).sensitivity_error > allowed
+        insufficient &= np.any(~left_out, axis=1) & (reflect is not False)
+        chosen = np.flatnonzero(insufficient)
         for k, number in enumerate(chosen):
             if progress is not None:
                 progress(k, len(chosen))
-            _reflect(base, inside.of_index(number), left_out[number], first, int(number), target, sensitive, len(chosen) > FEW)
+            _reflect(
+                base,
+                inside.of_index(number),
+                left_out[number],
+                first,
+                number=int(number),
+                target=target,
+                sensitive=sensitive,
+                often=len(chosen) > FEW,
+            )
         if progress is not None:
             progress(len(chosen), len(chosen))
     return first.with_bounds_of(base)
@@ -160,57 +170,77 @@ def readings(
 def _first_order(base: Undisturbed, tumours: Tumours, left_out: Bools, target: int, places: bool) -> Readings:
     """Readings whose ``bound`` is that of the tumours alone; those left out count twice in it, and not in the forces."""
     n, t = tumours.shape
-    each = effects(base.energies, base.scene.tissue, tumours.flat(), places)
-    changes = each.forces.reshape(n, t, 2, 2)
+    single = effects(base.energies, base.scene.tissue, tumours.flat(), places)
+    changes = single.forces.reshape(n, t, 2, 2)
     outside = np.abs(np.where(left_out[..., None, None], changes, 0.0)).sum(axis=(1, 3))
     changes = np.where(left_out[..., None, None], 0.0, changes)
     forces = base.films.forces + changes.sum(axis=1)
     share = first_order_share(base, tumours)
     bound = first_order_error(share, changes) + 2 * outside
-    slope = np.abs(each.by_log_modulus.reshape(n, t, 2, 2)[:, target]).sum(axis=2) if t else np.zeros((n, 2))
+    slope = np.abs(single.by_log_modulus.reshape(n, t, 2, 2)[:, target]).sum(axis=2) if t else np.zeros((n, 2))
     slope_bound = 2 * share[:, target, None] * slope if t else slope
     areas = np.array([base.scene.probe.inner_area, base.scene.probe.outer_area])
     log_ratio = base.with_bounds(bound, forces)[1]
-    by = _derivatives(each, tumours, left_out, target) if t else {}
-    return Readings(areas, forces, bound, log_ratio, slope_bound, np.zeros(n, dtype=bool), log_ratio, forces.sum(axis=2), by)
+    by = _derivatives(single, tumours, left_out, target) if t else {}
+    return Readings(
+        areas,
+        forces,
+        bound=bound,
+        log_ratio_bound=log_ratio,
+        slope_bound=slope_bound,
+        reflected=np.zeros(n, dtype=bool),
+        first_share=log_ratio,
+        first_totals=forces.sum(axis=2),
+        by=by,
+    )
 
 
-def _derivatives(each: Effects, tumours: Tumours, left_out: Bools, target: int) -> dict[str, Floats]:
+def _derivatives(single: Effects, tumours: Tumours, left_out: Bools, target: int) -> dict[str, Floats]:
     """What stands in ``Readings.by``."""
 
     def of_target(values: Floats) -> Floats:
-        kept = values.reshape(*tumours.shape, 2, 2)[:, target]
-        return np.asarray(np.where(left_out[:, target, None, None], 0.0, kept))
+        mine = values.reshape(*tumours.shape, 2, 2)[:, target]
+        return np.asarray(np.where(left_out[:, target, None, None], 0.0, mine))
 
-    by = {"youngs_modulus": of_target(each.by_log_modulus)}
-    if each.by_depth is not None and each.by_offset is not None and each.by_log_diameter is not None:
-        by |= {"depth": of_target(each.by_depth) * tumours.depth[:, target, None, None], "offset": of_target(each.by_offset)}
-        by |= {"diameter": of_target(each.by_log_diameter), "poisson_ratio": of_target(each.by_poisson)}
+    by = {"youngs_modulus": of_target(single.by_log_modulus)}
+    if single.by_depth is not None and single.by_offset is not None and single.by_log_diameter is not None:
+        by |= {"depth": of_target(single.by_depth) * tumours.depth[:, target, None, None], "offset": of_target(single.by_offset)}
+        by |= {"diameter": of_target(single.by_log_diameter), "poisson_ratio": of_target(single.by_poisson)}
     return by
 
 
 def _reflect(
-    base: Undisturbed, tumours: Tumours, left_out: Bools, into: Readings, number: int, target: int, sensitive: bool, often: bool
+    base: Undisturbed,
+    tumours: Tumours,
+    left_out: Bools,
+    into: Readings,
+    *,
+    number: int,
+    target: int,
+    sensitive: bool,
+    often: bool,
 ) -> None:
     """Put one set's answer with reflections in the place of that of first order."""
-    kept = np.flatnonzero(~left_out)
-    mine = tumours.of_index(kept)
+    included = np.flatnonzero(~left_out)
+    mine = tumours.of_index(included)
     try:
         tolerance, places = TOLERANCE * base.accuracy, "depth" in into.by
-        found = scattered(base.field, base.reflector(mine), base.scene.tissue, mine, tolerance, places, sensitive, often)
+        scattering = solve_scattering(
+            base.field, base.reflector(mine), base.scene.tissue, mine, tolerance, places=places, sensitive=sensitive, often=often
+        )
     except SolveError as fault:
         raise Refusal("inclusion", f"set {number}", f"tumours whose reflections can be computed ({fault})") from fault
-    into.forces[number] = base.films.forces + found.forces
+    into.forces[number] = base.films.forces + scattering.forces
     share = float((base.field_error(mine) + base.reflection_error(mine)).max()) + LEAST_REFLECTED
-    into.bound[number] = SAFETY * found.error + first_order_error(np.full((1, 1), share), found.forces[None, None])[0]
+    into.bound[number] = SAFETY * scattering.error + first_order_error(np.full((1, 1), share), scattering.forces[None, None])[0]
     into.reflected[number] = True
-    if target in kept:
-        k = int(np.searchsorted(kept, target))
-        into.by["youngs_modulus"][number] = found.by_log_modulus[k]
-        if found.moved:
-            into.by["depth"][number] = found.moved[k].by_depth * tumours.depth[target]
-            into.by["diameter"][number] = found.moved[k].by_log_diameter
-            into.by["offset"][number] = found.moved[k].by_offset
-            into.by["poisson_ratio"][number] = found.moved[k].by_poisson
-        spread = SAFETY * found.slope_error[k] + SENSITIVE * share * np.abs(found.by_log_modulus[k])
+    if target in included:
+        k = int(np.searchsorted(included, target))
+        into.by["youngs_modulus"][number] = scattering.by_log_modulus[k]
+        if scattering.moved:
+            into.by["depth"][number] = scattering.moved[k].by_depth * tumours.depth[target]
+            into.by["diameter"][number] = scattering.moved[k].by_log_diameter
+            into.by["offset"][number] = scattering.moved[k].by_offset
+            into.by["poisson_ratio"][number] = scattering.moved[k].by_poisson
+        spread = SAFETY * scattering.slope_error[k] + SENSITIVE * share * np.abs(scattering.by_log_modulus[k])
         into.slope_bound[number] = spread.sum(axis=1)

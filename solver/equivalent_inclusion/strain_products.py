@@ -36,9 +36,9 @@ class Energies:
         Raises:
             InputError: a point lies outside the tissue.
         """
-        found = self.field.at(r, z)
-        rr, zz, hoop, rz = found.strain.transpose(1, 0, 2)
-        sums, trace = rr + zz + hoop, found.dilation
+        strains = self.field.at(r, z)
+        rr, zz, hoop, rz = strains.strain.transpose(1, 0, 2)
+        sums, trace = rr + zz + hoop, strains.dilation
         product = [
             rr[:, i] * rr[:, j] + zz[:, i] * zz[:, j] + hoop[:, i] * hoop[:, j] + 2 * rz[:, i] * rz[:, j] for i, j in PAIRS
         ]

@@ -3,12 +3,12 @@
 An ellipsoid of another material in a uniform strain is itself strained uniformly (Eshelby, Proc. R. Soc. A 241 (1957) 376).
 With dC = C_object - C_tissue and Hill's tensor P of its shape the work that it adds per volume to two strains is
 
-    eps_i : k : eps_j,   k = dC (1 + P dC)^-1                                                      (E1)
+    eps_i : k : eps_j,   k = dC (1 + P dC)^-1                                                      (IN.1)
 
 and for a sphere, with e the deviator (PHYSICS sections 3 and 4),
 
-    k = k_v 1 x 1 + k_d I_dev,   k_v = dK / (1 + alpha dK / K),   k_d = 2 dmu / (1 + beta dmu / mu)   (E2)
-    alpha = (1 + nu) / (3 (1 - nu)),   beta = 2 (4 - 5 nu) / (15 (1 - nu)).
+    k = k_v 1 x 1 + k_d I_dev,   k_v = dK / (1 + alpha dK / K),   k_d = 2 dmu / (1 + beta dmu / mu)
+    alpha = (1 + nu) / (3 (1 - nu)),   beta = 2 (4 - 5 nu) / (15 (1 - nu))                      (IN.2)
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal
 from geometry.scenes.probe import Material
 
-LARGEST_ASPECT = 20.0  # of an ellipsoid's diameters: beyond it eq. (E3) would need too many points
+LARGEST_ASPECT = 20.0  # of an ellipsoid's diameters: beyond it eq. IN.3 would need too many points
 VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 
 
 @dataclass(frozen=True)
 class Strength:
-    """Eq. (E2) of spheres and its derivatives; arrays of any one shape, Pa.
+    """Eq. IN.2 of spheres and its derivatives; arrays of any one shape, Pa.
 
     Attributes:
         volume, shear: k_v and k_d.
@@ -65,7 +65,7 @@ def strengths(modulus: Any, nu: Any, youngs_modulus: Any, poisson_ratio: Any) ->
 
 
 def polarisation(matrix: Material, body: Material, axes: Floats) -> tuple[Floats, Floats]:
-    """Return k of an ellipsoid, eq. (E1), and its derivative by ln E of the body; 6 x 6 matrices, Pa.
+    """Return k of an ellipsoid, eq. IN.1, and its derivative by ln E of the body; 6 x 6 matrices, Pa.
 
     They work on strains (xx, yy, zz, 2 yz, 2 xz, 2 xy) of the frame in which the semi-axes are given.
 
@@ -96,7 +96,7 @@ def hill_tensor(matrix: Material, axes: Floats) -> Floats:
     """Return Hill's tensor of an ellipsoid as a 6 x 6 matrix from stresses to strains with engineering shears, 1/Pa.
 
     P_ijkl = 1 / (4 pi) Int sym(n_i G_jk n_l) dS over the unit sphere's xi, with n the direction of A^-T xi, A the semi-axes and
-    G = (1 - n n (lam + mu) / (lam + 2 mu)) / mu                                              (E3)
+    G = (1 - n n (lam + mu) / (lam + 2 mu)) / mu                                              (IN.3)
     (Mura, Micromechanics of Defects in Solids, 1987, section 11; after the substitution xi = A^T k the weight is uniform).
 
     Raises:

@@ -1,8 +1,8 @@
 """Sums of modes at many points, and the transpose: what many points give to each mode.
 
-Displacements and stresses of modes are polynomials of the place times solid harmonics, eqs. (M3) to (M6) of ``multipoles.py``:
+Displacements and stresses of modes are polynomials of the place times solid harmonics, eqs. IN.6 to IN.9 of ``multipoles.py``:
 
-    field_a (x) = sum_j p_j (x) h_aj (x),   p = 1, x, y, rho^2, z,   h_aj a sum of solid harmonics         (M8)
+    field_a (x) = sum_j p_j (x) h_aj (x),   p = 1, x, y, rho^2, z,   h_aj a sum of solid harmonics         (IN.11)
 
 so that one product with a table of harmonics, which all modes share, gives all sums. Points of one plane z = const need no p = z.
 """
@@ -21,7 +21,7 @@ from geometry.common.arrays import Floats, Ints
 from solver.inclusions.solid_harmonics import Side, SolidHarmonics
 
 Values = NDArray[Any]  # real, or complex for derivatives by complex steps
-FACTORS = 5  # p_j of eq. (M8)
+FACTORS = 5  # p_j of eq. IN.11
 ONE, X, Y, SQUARE, Z = range(FACTORS)
 KEPT = 4_000_000  # values of harmonics that a sampler keeps: 32 MB
 BLOCK = 2048  # points at a time: a table of harmonics that stays in the cache
@@ -29,7 +29,7 @@ BLOCK = 2048  # points at a time: a table of harmonics that stays in the cache
 
 @dataclass(frozen=True)
 class Stack:
-    """The sums h_aj of eq. (M8) of some components a.
+    """The sums h_aj of eq. IN.11 of some components a.
 
     Attributes:
         matrix: coefficients of the harmonics per mode, sparse (a FACTORS 2 count, modes).

@@ -75,8 +75,8 @@ def _orthonormal(modes: Modes, points: Floats) -> Values:
 def _regular(modes: Modes, fields: Values) -> Values:
     """From components along the orthonormal harmonics, shape (..., modes), to those along the regular modes.
 
-    Eq. (M7): a regular mode of kind 1 has (sqrt(l(l+1)) / 2, (3l+1 - 2 nu (2l+1)) / (2l+3)) / ((2l+1) (1-nu)) along the
-    harmonics of kinds 0 and 1; the other modes are multiples of one.
+    A regular mode of kind 1 has (sqrt(l(l+1)) / 2, (3l+1 - 2 nu (2l+1)) / (2l+3)) / ((2l+1) (1-nu)) along the
+    harmonics of kinds 0 and 1 (IN.10); the other modes are multiples of one.
     """
     kind, nu = modes.kind, modes.nu
     out = fields * np.where(kind == 2, np.sqrt(modes.ell + 0.5), np.ones(len(modes), np.result_type(nu, float)))

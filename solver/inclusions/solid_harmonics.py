@@ -57,8 +57,8 @@ class SolidHarmonics:
     def _table(self, x: Floats, y: Floats, z: Floats, square: Floats, factor: Floats) -> Floats:
         """Products of Pi_l^m(z, rho^2) and of the real and imaginary parts of (x + i y)^m, times a factor.
 
-        Eq. (M1), DLMF 14.10.3 for orthonormal harmonics: Pi_l = a z Pi_(l-1) - b rho^2 Pi_(l-2),
-        a^2 = (4 l^2 - 1) / (l^2 - m^2), b^2 = (2l+1) / (2l-3) ((l-1)^2 - m^2) / (l^2 - m^2).
+        DLMF 14.10.3 for orthonormal harmonics: Pi_l = a z Pi_(l-1) - b rho^2 Pi_(l-2),
+        a^2 = (4 l^2 - 1) / (l^2 - m^2), b^2 = (2l+1) / (2l-3) ((l-1)^2 - m^2) / (l^2 - m^2) (IN.4).
         """
         out = np.empty((2, self.count, len(x)))
         power = np.empty((2, self.order + 1, len(x)))
@@ -84,16 +84,16 @@ class SolidHarmonics:
 
 @lru_cache(maxsize=64)
 def _recursion(degree: int, order: int) -> list[tuple[Floats, Floats, float]]:
-    """For each degree: factors a and b of eq. (M1), (m, 1), and Pi_l^l: Y_l^l without (x + i y)^l."""
-    found = []
+    """For each degree: factors a and b of eq. IN.4, (m, 1), and Pi_l^l: Y_l^l without (x + i y)^l."""
+    terms = []
     steps = [sqrt(1 / (4 * np.pi)), *(sqrt((2 * m + 1) / (2 * m) * (2 if m == 1 else 1)) for m in range(1, degree + 1))]
     tops = np.cumprod(steps)  # the mean of cos^2 m phi is 1 for m = 0 and 1/2 above
     for ell, top in enumerate(tops):
         m, n = np.arange(min(ell, order + 1))[:, None], np.arange(min(max(ell - 1, 0), order + 1))[:, None]
         a = np.sqrt((4 * ell**2 - 1) / (ell**2 - m**2))
         b = np.sqrt((2 * ell + 1) / (2 * ell - 3) * ((ell - 1) ** 2 - n**2) / (ell**2 - n**2))
-        found.append((a, b, float(top)))
-    return found
+        terms.append((a, b, float(top)))
+    return terms
 
 
 @lru_cache(maxsize=16)
@@ -102,10 +102,10 @@ def derivatives(harmonics: SolidHarmonics, side: Side) -> tuple[Any, Any, Any]:
 
     Exact for sums of degree below the largest and, across the axis, of order below the largest; higher harmonics are dropped.
 
-    Eq. (M2), from Hobson's J_l^m = d_z^(l-m) (d_x + i d_y)^m (1 / rho) = (-1)^l (l-m)! P_l^m e^(i m phi) / rho^(l+1) and
+    From Hobson's J_l^m = d_z^(l-m) (d_x + i d_y)^m (1 / rho) = (-1)^l (l-m)! P_l^m e^(i m phi) / rho^(l+1) and
     R_l^m = rho^l P_l^m e^(i m phi) / (l+m)!: with e = 1 (irregular, to degree l + 1) or -1 (regular, to l - 1)
 
-        d_z F^m = F^m,  (d_x + i d_y) F^m = e F^(m+1),  (d_x - i d_y) F^m = -e F^(m-1), m > 0.
+        d_z F^m = F^m,  (d_x + i d_y) F^m = e F^(m+1),  (d_x - i d_y) F^m = -e F^(m-1), m > 0        (IN.5)
     """
     step = 1 if side == "outgoing" else -1
     entries: tuple[list[tuple[int, int, float]], ...] = ([], [], [])
@@ -121,7 +121,7 @@ def derivatives(harmonics: SolidHarmonics, side: Side) -> tuple[Any, Any, Any]:
 
 
 def _terms(m: int, e: int) -> list[tuple[int, bool, int, float]]:
-    """Eq. (M2) in real and imaginary parts: axis, family (sine?), order of the derivative, its factor."""
+    """Eq. IN.5 in real and imaginary parts: axis, family (sine?), order of the derivative, its factor."""
     if m == 0:
         return [(2, False, 0, 1), (0, False, 1, e), (1, False, 1, e)]
     out: list[tuple[int, bool, int, float]] = []

@@ -98,10 +98,10 @@ def _toroidal(degree: int, ratio: complex) -> tuple[Values, Values, Values]:
 def surface(ell: Ints, nu: complex, side: Side) -> Values:
     """Displacement and traction of modes l > 0 at rho = 1, rows a, b, tau_r, tau_t / (2 mu), columns kinds 0 and 1, (l, 4, 2).
 
-    Eq. (S1): u = a Y e_r + b grad_s Y and traction likewise, with n = l for regular and -l - 1 for outgoing modes
+    u = a Y e_r + b grad_s Y and traction likewise, with n = l for regular and -l - 1 for outgoing modes
 
         grad f:       n, 1;                             n (n-1), n - 1
-        other field:  (n+1) (n-2+4 nu), n + 5 - 4 nu;   (n+1) (n^2-n-2-2 nu), n^2 + 2n - 1 + 2 nu.
+        other field:  (n+1) (n-2+4 nu), n + 5 - 4 nu;   (n+1) (n^2-n-2-2 nu), n^2 + 2n - 1 + 2 nu      (IN.12)
     """
     n = ell if side == "regular" else -ell - 1
     lone = np.stack([n, np.ones_like(n), n * (n - 1), n - 1])
@@ -114,8 +114,8 @@ def surface(ell: Ints, nu: complex, side: Side) -> Values:
 def _matched(regular: Values, outgoing: Values, inner: Values, ratio: complex) -> tuple[Values, Values, Values]:
     """S, inside and dS of pairs of kinds, from ``surface`` values.
 
-    Eq. (S2): with U displacement, t traction / (2 mu) and D = t_out U_out^-1, all of order one,
-    (D U_in - ratio t_in) inside = D U_reg - t_reg. Both terms on the left have one sign as forms: no contrast makes
+    With U displacement, t traction / (2 mu) and D = t_out U_out^-1, all of order one,
+    (D U_in - ratio t_in) inside = D U_reg - t_reg (IN.13). Both terms on the left have one sign as forms: no contrast makes
     them cancel. Then U_out S = U_in inside - U_reg, and the derivatives follow from these two.
     """
     (U, t), (V, s), (W, r) = ((one[:, :2], one[:, 2:]) for one in (regular, outgoing, inner))
@@ -127,7 +127,7 @@ def _matched(regular: Values, outgoing: Values, inner: Values, ratio: complex) -
 
 
 def _single(regular: Any, outgoing: Any, inner: Any, ratio: complex) -> tuple[Values, Values, Values]:
-    """Eq. (S2) for one mode a side, each told by displacement and traction / (2 mu)."""
+    """Eq. IN.13 for one mode a side, each told by displacement and traction / (2 mu)."""
     (U, t), (V, s), (W, r) = regular, outgoing, inner
     left = s * W - ratio * r * V
     inside = (s * U - t * V) / left

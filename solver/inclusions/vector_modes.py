@@ -4,11 +4,11 @@ In an unbounded isotropic body every displacement that balances is a sum of vect
 ones, u = rho^p (a Y e_r + b grad_s Y), and a toroidal one. Lengths are in units of the sphere's radius R, axes are the
 sphere's own. In terms of solid harmonics f = rho^l Y (regular) or rho^(-l-1) Y (outgoing), with v = nu:
 
-    kind        regular                                                outgoing
-    0 (M3)      grad f, p = l - 1                                      (4-4v-l) rho^2 grad f + (2l+2 + (4l+2)(1-2v)) x f, p = -l
-    1 (M4)      (l+5-4v) rho^2 grad f - (2l + (4l+2)(1-2v)) x f,       grad f, p = -l - 2
-                p = l + 1; l = 0: x
-    2 (M5)      x cross grad f, p = l                                  x cross grad f, p = -l - 1
+    kind  regular                                            outgoing
+    0     grad f, p = l - 1                                  (4-4v-l) rho^2 grad f + (2l+2 + (4l+2)(1-2v)) x f, p = -l  (IN.6)
+    1     (l+5-4v) rho^2 grad f - (2l + (4l+2)(1-2v)) x f,   grad f, p = -l - 2
+          p = l + 1; l = 0: x                                                                                           (IN.7)
+    2     x cross grad f, p = l                              x cross grad f, p = -l - 1                                 (IN.8)
 
 Each right-hand side is its left one with l -> -l-1; all are polynomials in v, so that nothing degenerates at any l or v
 (with a unit grad_s part kind 0 would at l = 4 - 4v). They are scaled to be of order 1 at rho = 1, and such that an
@@ -34,7 +34,7 @@ from solver.inclusions.solid_harmonics import Side, SolidHarmonics, derivatives
 Parity = Literal["even", "both"]
 VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))  # xx, yy, zz, yz, xz, xy
 CYCLES = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
-PLACES = (X, Y, Z)  # of x_i among the factors of eq. (M8)
+PLACES = (X, Y, Z)  # of x_i among the factors of eq. IN.11
 EVERY = tuple(range(9))  # components
 DISPLACEMENT = EVERY[:3]
 
@@ -58,17 +58,17 @@ class Modes:
     @cached_property
     def labels(self) -> Ints:
         """Rows kind, l, m and sine (1 where the scalar harmonic is sin m phi), shape (4, modes)."""
-        found: list[tuple[int, int, int, int]] = []
+        modes: list[tuple[int, int, int, int]] = []
         for m in range(min(self.order, self.degree) + 1):
             for sine in (0, 1):
                 for ell in range(m, self.degree + 1):
-                    found += [(kind, ell, m, sine) for kind in self._kinds(ell, m, sine)]
-        return np.array(found).T
+                    modes += [(kind, ell, m, sine) for kind in self._kinds(ell, m, sine)]
+        return np.array(modes).T
 
     def _kinds(self, ell: int, m: int, sine: int) -> list[int]:
         """Kinds that a scalar harmonic makes; x cross grad turns an even function into an odd field and the reverse."""
-        kept = range(3) if self.parity == "both" else [2] if sine else [0, 1]
-        return [kind for kind in kept if (m > 0 or not sine) and (ell > 0 or kind == 1)]
+        allowed = range(3) if self.parity == "both" else [2] if sine else [0, 1]
+        return [kind for kind in allowed if (m > 0 or not sine) and (ell > 0 or kind == 1)]
 
     @property
     def kind(self) -> Ints:
@@ -134,8 +134,8 @@ class Modes:
     def shapes(self, points: Floats, side: Side) -> Values:
         """Displacement of every mode by itself, shape (n, 3, modes)."""
         table, (x, y, z) = self.harmonics.table(points, side), points.T
-        each = stack(self, side, DISPLACEMENT)
-        blocks = [each.matrix[low : low + len(table)].T @ table for low in range(0, each.matrix.shape[0], len(table))]
+        terms = stack(self, side, DISPLACEMENT)
+        blocks = [terms.matrix[low : low + len(table)].T @ table for low in range(0, terms.matrix.shape[0], len(table))]
         factors = np.stack([np.ones_like(x), x, y, x * x + y * y + z * z, z])
         out: Values = np.einsum("ajmn,jn->nam", np.reshape(blocks, (3, FACTORS, len(self), -1)), factors)
         return out
@@ -148,7 +148,7 @@ class Modes:
 
 @lru_cache(maxsize=32)
 def stack(modes: Modes, side: Side, components: tuple[int, ...]) -> Stack:
-    """Displacement (components 0 to 2) and stress / (2 mu) (3 to 8: xx, yy, zz, yz, xz, xy) as sums of eq. (M8)."""
+    """Displacement (components 0 to 2) and stress / (2 mu) (3 to 8: xx, yy, zz, yz, xz, xy) as sums of eq. IN.11."""
     sums = [row for component in components for row in _sums(modes, side)[component]]
     matrix = sp.vstack(sums, format="csr")
     matrix.eliminate_zeros()
@@ -157,12 +157,12 @@ def stack(modes: Modes, side: Side, components: tuple[int, ...]) -> Stack:
 
 @lru_cache(maxsize=16)
 def _sums(modes: Modes, side: Side) -> list[list[Any]]:
-    """Sparse (harmonics, modes) matrices h_aj of eq. (M8), for each component a a list over j.
+    """Sparse (harmonics, modes) matrices h_aj of eq. IN.11, for each component a a list over j.
 
     From scalar sums P, V, W, Z and H = nu / (1-2nu) div u, indices being derivatives, and G = V + W / 2:
 
         u_i = P_i + rho^2 V_i + x_i W + (x cross grad Z)_i
-        strain_ij + delta_ij H = P_ij + rho^2 V_ij + x_i G_j + x_j G_i + delta_ij (W + H) + (T_ij + T_ji) / 2    (M6)
+        strain_ij + delta_ij H = P_ij + rho^2 V_ij + x_i G_j + x_j G_i + delta_ij (W + H) + (T_ij + T_ji) / 2    (IN.9)
 
     with T_ij = (x cross grad Z_j)_i.
     """
@@ -210,7 +210,7 @@ def _potentials(modes: Modes, side: Side) -> Values:
 
 
 def scales(ell: Ints, nu: complex, side: Side) -> tuple[Values, Values, Values]:
-    """Factors of the fields (M3), (M4) and (M5) in the modes of degrees l > 0 (for l = 0 they mean nothing).
+    """Factors of the fields of eqs. IN.6, IN.7 and IN.8 in the modes of degrees l > 0 (for l = 0 they mean nothing).
 
     Gradients have unit mean square times 4 pi at rho = 1; the other factors then make ``work`` 1.
     """

@@ -82,18 +82,18 @@ class _Pardiso:
 
     @classmethod
     def of(cls, library: Any, matrix: Any, pattern: object | None) -> _Pardiso:
-        found = None if pattern is None else _ANALYSED.get(pattern)
-        if found is None:
+        analysed = None if pattern is None else _ANALYSED.get(pattern)
+        if analysed is None:
             lower = matrix.indices >= np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
             # its upper triangle by rows is the lower one by columns
             solver = library.PardisoSolver(sp.tril(matrix, format="csc").T, mtype=POSITIVE_DEFINITE, iparms=METIS)
             values = matrix.data[lower]
-            found = _Analysed(solver, lower, values)
+            analysed = _Analysed(solver, lower, values)
             if pattern is not None:
-                _ANALYSED[pattern] = found
-            return cls(found, values)
-        factor = cls(found, matrix.data[found.lower])
-        with found.lock:
+                _ANALYSED[pattern] = analysed
+            return cls(analysed, values)
+        factor = cls(analysed, matrix.data[analysed.lower])
+        with analysed.lock:
             factor._refresh()
         return factor
 

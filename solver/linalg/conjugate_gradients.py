@@ -18,7 +18,7 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
 from solver.linalg.cholesky import Factor, factorise
 
-WANTED = 1e-9  # relative residual
+TARGET_RESIDUAL = 1e-9  # relative residual
 LARGEST_RESIDUAL = 1e-8
 ROUNDING = 1e-14  # of |K| |v|: what no solver can avoid
 MOST_STEPS = 300
@@ -85,30 +85,30 @@ def solve(matrix: Stiffness, forces: Floats, near: Factor, start: Floats | None 
         SolveError: what is left of the forces is too large for the solution to be trusted.
     """
     v = np.zeros_like(forces) if start is None else start.copy()
-    left, size = forces - matrix @ v, np.maximum(np.linalg.norm(forces, axis=0), np.finfo(float).tiny)
-    direction, product = np.zeros_like(left), np.zeros(left.shape[1])
-    was, best, best_v, since = left, np.inf, v, 0
+    remainder, size = forces - matrix @ v, np.maximum(np.linalg.norm(forces, axis=0), np.finfo(float).tiny)
+    direction, product = np.zeros_like(remainder), np.zeros(remainder.shape[1])
+    was, best, best_v, since = remainder, np.inf, v, 0
     for _ in range(MOST_STEPS):
-        now = float(np.max(np.linalg.norm(left, axis=0) / size))
+        now = float(np.max(np.linalg.norm(remainder, axis=0) / size))
         since = 0 if now < best / 2 else since + 1
         if now < best:
             best, best_v = now, v
-        if best <= WANTED or since > STUCK:
+        if best <= TARGET_RESIDUAL or since > STUCK:
             break
-        z = near.solve(left)
-        gain = _columns(left - was, z)  # Polak and Ribiere: the factor may be no symmetric operator to rounding
-        direction, product = z + _ratio(gain, product) * direction, _columns(left, z)
+        z = near.solve(remainder)
+        gain = _columns(remainder - was, z)  # Polak and Ribiere: the factor may be no symmetric operator to rounding
+        direction, product = z + _ratio(gain, product) * direction, _columns(remainder, z)
         image = matrix @ direction
         step = _ratio(product, _columns(direction, image))
-        v, left, was = v + step * direction, left - step * image, left
+        v, remainder, was = v + step * direction, remainder - step * image, remainder
     _check(matrix, forces, best_v)
     return best_v
 
 
 def residual(matrix: Stiffness, forces: Floats, v: Floats) -> float:
     """Return what is left of the forces, relative to them, of the worst column; forces and v of shape (n, k)."""
-    left, size = (np.linalg.norm(x, axis=0) for x in (forces - matrix @ v, forces))
-    return float(np.max(left / np.maximum(size, np.finfo(float).tiny)))
+    remainder, size = (np.linalg.norm(x, axis=0) for x in (forces - matrix @ v, forces))
+    return float(np.max(remainder / np.maximum(size, np.finfo(float).tiny)))
 
 
 def _columns(a: Floats, b: Floats) -> Floats:
@@ -120,9 +120,9 @@ def _ratio(a: Floats, b: Floats) -> Floats:
 
 
 def _check(matrix: Stiffness, forces: Floats, v: Floats) -> None:
-    left, size = (np.linalg.norm(x, axis=0) for x in (forces - matrix @ v, forces))
-    if np.all(left <= LARGEST_RESIDUAL * size):
+    remainder, size = (np.linalg.norm(x, axis=0) for x in (forces - matrix @ v, forces))
+    if np.all(remainder <= LARGEST_RESIDUAL * size):
         return
-    if not np.all(left <= np.maximum(LARGEST_RESIDUAL * size, ROUNDING * np.linalg.norm(matrix.magnitude(v), axis=0))):
+    if not np.all(remainder <= np.maximum(LARGEST_RESIDUAL * size, ROUNDING * np.linalg.norm(matrix.magnitude(v), axis=0))):
         allowed = f"relative residual {residual(matrix, forces, v):.1e}, allowed {LARGEST_RESIDUAL:.0e}"
         raise SolveError(f"the linear system was not solved: {allowed}")

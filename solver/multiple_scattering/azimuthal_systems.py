@@ -1,6 +1,6 @@
 """Elasticity of the meridian plane for fields that vary as cos m theta round the axis: one factorised system for each order m.
 
-    u_r = U cos m theta,  u_theta = V sin m theta,  u_z = W cos m theta                            (H1)
+    u_r = U cos m theta,  u_theta = V sin m theta,  u_z = W cos m theta                            (MS.1)
 
 and the same turned by a quarter of a wave, (sin, -cos, sin). For m > 0 the components are U + V, U - V and W: near the
 axis they behave as r^(m+1), r^(m-1) and r^m, so that each either vanishes there or is free. Elements are those of the base
@@ -91,7 +91,7 @@ class Harmonic:
 class AzimuthalSystems:
     """What the systems of all orders are made of.
 
-    Element matrices are quadratic in m, eq. (H2): those of m = 1, 2 and 3 tell all others, eq. (H3).
+    Element matrices are quadratic in m, eq. MS.3: those of m = 1, 2 and 3 tell all others (MS.2).
     """
 
     model: MeridianModel
@@ -114,13 +114,13 @@ class AzimuthalSystems:
     @cached_property
     def _samples(self) -> list[tuple[Floats, Floats, Floats]]:
         """Batches of element matrices of orders 1, 2 and 3."""
-        found, model = [], self.model
+        samples, model = [], self.model
         for low in range(0, len(model.two_mu), BATCH):
             part = np.arange(low, min(low + BATCH, len(model.two_mu)))
             at, moduli = model.at.of(part), (model.two_mu[part], model.lam[part])
             one, two, three = (_stiffness(at, model.shapes, *moduli, m) for m in (1, 2, 3))
-            found.append((one, two, three))
-        return found
+            samples.append((one, two, three))
+        return samples
 
 
 def _stiffness(at: Geometry, shapes: Shapes, two_mu: Floats, lam: Floats, m: int) -> Floats:
@@ -142,7 +142,7 @@ def _stiffness(at: Geometry, shapes: Shapes, two_mu: Floats, lam: Floats, m: int
 def _strains(at: Geometry, shapes: Shapes, m: int) -> tuple[Floats, Floats]:
     """Strains (shears times the root of 1/2, so that their squares add up to eps:eps), (n, q, 6, 3 s), and dilation, (n, q, 3 s).
 
-    rr = U,r;  zz = W,z;  hoop = (U + m V) / r;  rz = U,z + W,r;  r theta = V,r - (V + m U) / r;  theta z = V,z - m W / r   (H2)
+    rr = U,r;  zz = W,z;  hoop = (U + m V) / r;  rz = U,z + W,r;  r theta = V,r - (V + m U) / r;  theta z = V,z - m W / r   (MS.3)
     """
     (xr, xz), (yr, yz) = (at.inverse[..., k, :, None].transpose(2, 0, 1, 3) for k in (0, 1))
     by_r, by_z = xr * shapes.slope[0] + yr * shapes.slope[1], xz * shapes.slope[0] + yz * shapes.slope[1]

@@ -1,18 +1,18 @@
 """What finite elements answer to a field given on the tissue's boundary, as one symmetric matrix for each azimuthal order.
 
 A field u_s that balances in the tissue leaves forces on its boundary. What must come on top of it (its reflection w) solves the
-base problem, eq. (B1): in the tissue the unknown is w, in the blocks the whole, which on the ends is w + u_s:
+base problem: in the tissue the unknown is w, in the blocks the whole, which on the ends is w + u_s:
 
-    forces -Int t_s . v on the tissue's surface and side; the blocks strained by u_s on their ends; w = -u_s on the floor.
+    forces -Int t_s . v on the tissue's surface and side; the blocks strained by u_s on their ends; w = -u_s on the floor (MS.4)
 
 With Y lifting u_s of the ends into the blocks and -u_s of the floor into the tissue, and t_s the forces,
 
-    w = v + Y_floor u_s,   K v = -F (t_s, u_s),   F = t_s + K Y u_s                                       (B2)
+    w = v + Y_floor u_s,   K v = -F (t_s, u_s),   F = t_s + K Y u_s                                       (MS.5)
 
 Of w only its work on other fields u_1 from the same sphere or others is asked for, by Betti an integral over the boundary:
 
     Int t_1 . w_2 - t(w_2) . u_1 = -F_1^T K^-1 F_2 + (Y u_1)^T K Y u_2 + t_1^T Y_floor u_2
-                                   + Int_surface,side u_1 . t_2 - Int_floor t_1 . u_2                     (B3)
+                                   + Int_surface,side u_1 . t_2 - Int_floor t_1 . u_2                     (MS.6)
 
 It is symmetric. All data go through the elements' functions on the boundary, so that all terms leave out alike what these
 cannot follow.
@@ -46,7 +46,7 @@ class BoundaryData:
         elements: with an edge on the boundary, shape (e,).
         forces: on those elements' own values, by the tractions on surface and side, sparse (4 c p e, 6 n), c components.
         values: the own values lifted: displacements of the blocks' ends, and minus those of the floor.
-        direct: the last line of eq. (B3), sparse (6 n, 6 n), symmetric.
+        direct: the last line of eq. MS.6, sparse (6 n, 6 n), symmetric.
     """
 
     elements: Ints
@@ -59,22 +59,25 @@ class BoundaryData:
         """Find them for order 0 or, the same for all, above."""
         amplitudes, around = COMPONENTS[min(m, 1)], 2 * np.pi if m == 0 else np.pi
         inverse, b = np.linalg.pinv(amplitudes), boundary
-        held = np.diag([0.0, 0.0, 1.0]) if interface == "frictionless" else np.eye(3)
+        tied = np.diag([0.0, 0.0, 1.0]) if interface == "frictionless" else np.eye(3)
         elements = np.unique(np.concatenate([edges.element for edges in (b.surface, b.side, b.floor, b.ends)]))
         place = _BoundaryPlace(elements, 4 * model.shapes.order, len(amplitudes.T), len(panels.r))
         surface, side, floor = panels.parts
 
-        def told(edges: Edges, at: Floats, line: PanelLine, part: slice) -> tuple[Any, Any]:
+        def couplings(edges: Edges, at: Floats, line: PanelLine, part: slice) -> tuple[Any, Any]:
             """Forces by tractions on a line's edges, and the edges' values of displacements."""
             to = line.to(at)
             loads = np.einsum("eq,qs,eqn->esn", around * edges.weight, edges.values, to)
             values = np.einsum("sq,eqn->esn", edges.coefficients, to)
             return place.sparse(edges, loads, amplitudes.T, 0, part.start), place.sparse(edges, values, inverse, 3, part.start)
 
-        above, beside = told(b.surface, b.surface.r, panels.surface, surface), told(b.side, -b.side.z, panels.side, side)
-        below = told(b.floor, b.floor.r, panels.floor, floor)
+        above, beside = (
+            couplings(b.surface, b.surface.r, panels.surface, surface),
+            couplings(b.side, -b.side.z, panels.side, side),
+        )
+        below = couplings(b.floor, b.floor.r, panels.floor, floor)
         ends = np.einsum("sq,eqn->esn", b.ends.coefficients, panels.surface.to(b.ends.r))
-        values = place.sparse(b.ends, ends, inverse @ held, 3, surface.start) - below[1]
+        values = place.sparse(b.ends, ends, inverse @ tied, 3, surface.start) - below[1]
         direct = above[0].T @ above[1] + beside[0].T @ beside[1] - below[0].T @ below[1]
         return cls(elements, above[0] + beside[0], values, ((direct + direct.T) / 2).tocsr())
 
@@ -91,29 +94,29 @@ class _BoundaryPlace:
     def sparse(self, edges: Edges, table: Floats, turn: Floats, first: int, start: int) -> Any:
         """From points of one line to functions of its edges, table (e, s, n), and from x, y, z to components, turn (c, 3)."""
         row = np.searchsorted(self.elements, edges.element)[:, None] * self.components
-        found = []
+        triplets = []
         for c, component in enumerate(turn):
             rows = (row + c) * self.functions + edges.local
             for a, share in enumerate(component):
                 if share:
                     e, s, n = np.nonzero(table)
-                    found.append((rows[e, s], (first + a) * self.points + start + n, share * table[e, s, n]))
-        rows_, columns, entries = (np.concatenate(part) for part in zip(*found, strict=True))
+                    triplets.append((rows[e, s], (first + a) * self.points + start + n, share * table[e, s, n]))
+        rows_, columns, entries = (np.concatenate(part) for part in zip(*triplets, strict=True))
         size = len(self.elements) * self.components * self.functions, 6 * self.points
         return sp.csr_array((entries, (rows_, columns)), shape=size)
 
 
 @dataclass(frozen=True)
 class BoundaryResponse:
-    """What one azimuthal order answers to data on the boundary: the symmetric matrix of eq. (B3).
+    """What one azimuthal order answers to data on the boundary: the symmetric matrix of eq. MS.6.
 
     Attributes:
         harmonic: the order's system.
-        told: what data do to it.
+        boundary: what data do to it.
     """
 
     harmonic: Harmonic
-    told: BoundaryData
+    boundary: BoundaryData
 
     def to(self, data: Floats, often: bool) -> Floats:
         """Return the matrix times data, shape (6 n, k) both; the matrix itself is found only for those who ask ``often``.
@@ -123,37 +126,37 @@ class BoundaryResponse:
         """
         if not often:
             return self._solved(data)
-        out = np.asarray(self.told.direct @ data)
+        out = np.asarray(self.boundary.direct @ data)
         out[self._felt] += self._matrix @ data[self._felt]
         return out
 
     def _solved(self, data: Floats) -> Floats:
-        lifted, pulled = self.told.values @ data, self.told.forces @ data
+        lifted, pulled = self.boundary.values @ data, self.boundary.forces @ data
         strained = self._strained(lifted)
         w = self._gather @ self.harmonic.solve(-(self._gather.T @ (pulled + strained)))
-        works = self.told.forces.T @ (w + lifted / 2) + self.told.values.T @ (strained + self._strained(w) + pulled / 2)
-        return np.asarray(self.told.direct @ data + works)
+        works = self.boundary.forces.T @ (w + lifted / 2) + self.boundary.values.T @ (strained + self._strained(w) + pulled / 2)
+        return np.asarray(self.boundary.direct @ data + works)
 
     def _strained(self, own: Floats) -> Floats:
         """Forces of the boundary's elements on their own values, (4 c p e, k) both."""
-        blocks = self.harmonic.system.stiffness[self.told.elements]
+        blocks = self.harmonic.system.stiffness[self.boundary.elements]
         return np.asarray(blocks @ own.reshape(*blocks.shape[:2], -1)).reshape(own.shape)
 
     @cached_property
     def _gather(self) -> Any:
         """From unknowns to the elements' own values."""
-        return self.harmonic.gathered(self.told.elements)
+        return self.harmonic.gathered(self.boundary.elements)
 
     @cached_property
     def _felt(self) -> Ints:
         """Data that do anything to the elements."""
-        entries = np.diff(self.told.values.tocsc().indptr) + np.diff(self.told.forces.tocsc().indptr)
+        entries = np.diff(self.boundary.values.tocsc().indptr) + np.diff(self.boundary.forces.tocsc().indptr)
         return np.flatnonzero(entries)
 
     @cached_property
     def _matrix(self) -> Floats:
-        """Eq. (B3) without ``told.direct``, between the data that are felt."""
-        lifted, pulled = (some[:, self._felt].toarray() for some in (self.told.values, self.told.forces))
+        """Eq. MS.6 without ``boundary.direct``, between the data that are felt."""
+        lifted, pulled = (some[:, self._felt].toarray() for some in (self.boundary.values, self.boundary.forces))
         strained = self._strained(lifted)
         forces = self._gather.T @ (pulled + strained)
         pressed = np.flatnonzero(forces.any(axis=1))

@@ -59,8 +59,8 @@ class Boundary:
         layout, body = model.mesh.layout, model.mesh.body
         surface, side = line_label(layout.row["surface"]), line_label(layout.column["side"])
         tissue, probe = body == Body.TISSUE, (body == Body.INNER) | (body == Body.OUTER)
-        wanted = ((1, surface, tissue), (0, side, tissue), (1, line_label(0), tissue), (1, surface, probe))
-        return cls(*(_edges(model, axis, line, which) for axis, line, which in wanted))
+        lines = ((1, surface, tissue), (0, side, tissue), (1, line_label(0), tissue), (1, surface, probe))
+        return cls(*(_edges(model, axis, line, which) for axis, line, which in lines))
 
 
 def _edges(model: MeridianModel, axis: int, line: float, which: Floats) -> Edges:
@@ -69,18 +69,18 @@ def _edges(model: MeridianModel, axis: int, line: float, which: Floats) -> Edges
     x, weight = _lobatto(order + EXTRA)
     elements, locals_, starts = [], [], []
     for number, (a, b) in enumerate(ENDS):
-        found = np.flatnonzero(which & (label[:, a, axis] == line) & (label[:, b, axis] == line))
-        elements.append(found)
+        matching = np.flatnonzero(which & (label[:, a, axis] == line) & (label[:, b, axis] == line))
+        elements.append(matching)
         own = np.array([a, b, *range(4 + number * (order - 1), 4 + (number + 1) * (order - 1))])
-        locals_.append(np.broadcast_to(own, (len(found), order + 1)))
-        starts.append(np.broadcast_to([a, b], (len(found), 2)))
+        locals_.append(np.broadcast_to(own, (len(matching), order + 1)))
+        starts.append(np.broadcast_to([a, b], (len(matching), 2)))
     element, start = np.concatenate(elements), np.concatenate(starts)
     corners = nodes(model.section, model.mesh, SQUARE, element)
     first, last = (corners[np.arange(len(element)), start[:, k]] for k in (0, 1))
     r, z = ((1 - x) * first[:, k, None] + x * last[:, k, None] for k in (0, 1))
     length = np.hypot(*(last - first).T)
     along = functions(np.stack([x, np.zeros_like(x)], axis=1), np.array([(0, 0), (1, 0), *((k, 0) for k in range(2, order + 1))]))
-    return Edges(element, np.concatenate(locals_), r, z, weight * length[:, None] * r, along[0])
+    return Edges(element, np.concatenate(locals_), r=r, z=z, weight=weight * length[:, None] * r, values=along[0])
 
 
 def _lobatto(count: int) -> tuple[Floats, Floats]:

@@ -91,10 +91,10 @@ class ModeSamples:
             scattered: outgoing coefficients about each sphere, (modes, k), m.
         """
         total = sum(self._values(number, c) for number, c in enumerate(scattered))
-        each = self.rounds.waves[None] @ np.asarray(total).transpose(1, 0, 2, 3).reshape(2, 3, self.rounds.count, -1)
+        fields = self.rounds.waves[None] @ np.asarray(total).transpose(1, 0, 2, 3).reshape(2, 3, self.rounds.count, -1)
         n, orders = len(self.panels.r), self.rounds.orders
-        each = each.reshape(6, orders, -1, scattered[0].shape[1], n)
-        return np.ascontiguousarray(each.transpose(1, 0, 4, 2, 3)).reshape(orders, 6 * n, -1)
+        fields = fields.reshape(6, orders, -1, scattered[0].shape[1], n)
+        return np.ascontiguousarray(fields.transpose(1, 0, 4, 2, 3)).reshape(orders, 6 * n, -1)
 
     def works(self, weights: Floats) -> list[Floats]:
         """The transpose of ``amplitudes``: products of each sphere's every outgoing mode with weights, (modes, k).
@@ -105,8 +105,8 @@ class ModeSamples:
         some, n, families = len(weights), len(self.panels.r), 1 if self.rounds.mirrored else 2
         parts = weights.reshape(some, 6, n, families, -1).transpose(1, 0, 3, 4, 2)
         flat = np.ascontiguousarray(parts).reshape(2, 3, some * families, -1)
-        each = self.rounds.waves[None, :, : some * families].transpose(0, 1, 3, 2) @ flat
-        values = each.reshape(6, self.rounds.count, -1, n).transpose(1, 0, 2, 3)
+        fields = self.rounds.waves[None, :, : some * families].transpose(0, 1, 3, 2) @ flat
+        values = fields.reshape(6, self.rounds.count, -1, n).transpose(1, 0, 2, 3)
         return [self._work(number, values) for number in range(len(self.sources))]
 
     def _values(self, number: int, coefficients: Floats) -> Floats:
@@ -114,10 +114,10 @@ class ModeSamples:
         angles, k, n = self.rounds.count, coefficients.shape[1], len(self.panels.r)
         out = np.empty((angles, 6, k, n))
         for sampler, pieces in self._samplers[number]:
-            found = sampler.values(coefficients)
+            sampled = sampler.values(coefficients)
             for columns, part, turn in pieces:
-                each = found[..., columns].reshape(len(found), k, angles, -1).transpose(2, 0, 1, 3)
-                out[..., part] = (turn @ each.reshape(angles, len(found), -1)).reshape(angles, 6, k, -1)
+                turned = sampled[..., columns].reshape(len(sampled), k, angles, -1).transpose(2, 0, 1, 3)
+                out[..., part] = (turn @ turned.reshape(angles, len(sampled), -1)).reshape(angles, 6, k, -1)
         out[:, :3] *= self.two_mu / self.sources[number].radius
         return out
 
@@ -127,26 +127,28 @@ class ModeSamples:
         scaled = values * np.repeat([self.two_mu / self.sources[number].radius, 1.0], 3)[:, None, None]
         total = np.zeros((len(self.sources[number].modes), k))
         for sampler, pieces in self._samplers[number]:
-            each = np.empty((sampler.stack.components, k, sampler.count))
+            components = np.empty((sampler.stack.components, k, sampler.count))
             for columns, part, turn in pieces:
-                found = turn.transpose(0, 2, 1) @ scaled[..., part].reshape(angles, 6, -1)
-                each[..., columns] = found.reshape(angles, len(each), k, -1).transpose(1, 2, 0, 3).reshape(len(each), k, -1)
-            total += sampler.adjoint(each)
+                turned = turn.transpose(0, 2, 1) @ scaled[..., part].reshape(angles, 6, -1)
+                components[..., columns] = (
+                    turned.reshape(angles, len(components), k, -1).transpose(1, 2, 0, 3).reshape(len(components), k, -1)
+                )
+            total += sampler.adjoint(components)
         return total
 
     @cached_property
     def _samplers(self) -> list[list[tuple[Sampler, list[_Piece]]]]:
         """For each sphere those of surface, side and floor, or for a single angle, where there is little to save, one of all."""
-        points, each = _points(self.panels, self.rounds), [(PLANE, True), (ROUND, False), (PLANE, True)]
+        points, kinds = _points(self.panels, self.rounds), [(PLANE, True), (ROUND, False), (PLANE, True)]
         pieces = list(zip(self.panels.parts, turns(self.rounds), strict=True))
-        groups = [(*kind, [piece]) for kind, piece in zip(each, pieces, strict=True)]
+        groups = [(*kind, [piece]) for kind, piece in zip(kinds, pieces, strict=True)]
         if self.rounds.count == 1:
             groups = [(EVERY, False, pieces)]
-        found = []
+        samplers = []
         for one in self.sources:
             table = Table(one.modes.harmonics, "outgoing", (points - one.centre) / one.radius)
-            found.append([self._sampler(one.modes, table, *group) for group in groups])
-        return found
+            samplers.append([self._sampler(one.modes, table, *group) for group in groups])
+        return samplers
 
     def _sampler(
         self, modes: Modes, table: Table, components: tuple[int, ...], flat: bool, pieces: Sequence[tuple[slice, Floats]]

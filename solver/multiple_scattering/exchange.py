@@ -2,7 +2,7 @@
 
 Scattered fields are known in closed form anywhere (``multipoles.py``), so that the finite elements never see the sphere: they
 are told the tractions and displacements that the field leaves on the tissue's boundary, one azimuthal order at a time. What
-comes back to a sphere is told by its work on the sphere's outgoing modes, which is found on the boundary too, eq. (B3) of
+comes back to a sphere is told by its work on the sphere's outgoing modes, which is found on the boundary too, eq. MS.6 of
 ``compliance.py``: its regular modes are the next incident field, and reflection is exactly symmetric.
 """
 
@@ -36,7 +36,7 @@ class Reflector:
     Attributes:
         states: base states without a sphere.
         interface: between blocks and tissue.
-        close: whether spheres may lie too close to the boundary for eq. (B3), see ``close.py``.
+        close: whether spheres may lie too close to the boundary for eq. MS.6, see ``close.py``.
     """
 
     states: BaseStates
@@ -48,7 +48,7 @@ class Reflector:
     def response(self, m: int) -> BoundaryResponse:
         """Return what an order answers; its system is factorised the first time."""
         if m not in self._responses:
-            self._responses[m] = BoundaryResponse(self._harmonics.of_order(m), self._told[min(m, 1)])
+            self._responses[m] = BoundaryResponse(self._harmonics.of_order(m), self._boundary_data[min(m, 1)])
         return self._responses[m]
 
     def interior(self, m: int) -> Interior:
@@ -70,7 +70,7 @@ class Reflector:
         return AzimuthalSystems(self.states.model, self.interface)
 
     @cached_property
-    def _told(self) -> tuple[BoundaryData, BoundaryData]:
+    def _boundary_data(self) -> tuple[BoundaryData, BoundaryData]:
         """Of order 0 and of all others."""
         model, boundary = self.states.model, self._boundary
         first, other = (BoundaryData.of(model, boundary, self.panels, self.interface, m) for m in (0, 1))
@@ -92,7 +92,9 @@ class Reflector:
         tissue = self.states.model.materials[Body.TISSUE]
         two_mu = tissue.youngs_modulus / (1 + tissue.poisson_ratio)
         if self.close:
-            return CloseExchange(self.interior, self._field, self.interface, spheres, rounds, two_mu)
+            return CloseExchange(
+                self.interior, self._field, interface=self.interface, spheres=spheres, rounds=rounds, two_mu=two_mu
+            )
         samples = ModeSamples([one.source for one in spheres], self.panels, rounds, two_mu)
         return Exchange(self, spheres, samples, often)
 
@@ -128,8 +130,8 @@ class Exchange:
         answers, k, quiet = np.empty_like(data), scattered[0].shape[1], 0
         for m in range(min(most, len(data))):
             answers[m] = self.reflector.response(m).to(data[m], self.often)
-            each = (data[m].reshape(-1, k)).T @ answers[m].reshape(-1, k)
-            quiet = quiet + 1 if np.abs(each).max() < enough else 0
+            exchanged = (data[m].reshape(-1, k)).T @ answers[m].reshape(-1, k)
+            quiet = quiet + 1 if np.abs(exchanged).max() < enough else 0
             if quiet == 2:
                 break
         works = self.samples.works(answers[: m + 1])

@@ -1,4 +1,4 @@
-"""What one azimuthal order answers inside the tissue to data on the elements' edges: eq. (B1) of ``compliance.py``."""
+"""What one azimuthal order answers inside the tissue to data on the elements' edges: eq. MS.4 of ``compliance.py``."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class Interior:
         return out
 
     def to(self, data: BoundaryAmplitudes, elements: Ints) -> Floats:
-        """Solve eq. (B1); values U, V, W of w in some of the tissue's elements, (e, 3, s, k).
+        """Solve eq. MS.4; values U, V, W of w in some of the tissue's elements, (e, 3, s, k).
 
         Args:
             data: amplitudes of this order.
@@ -94,12 +94,12 @@ class Interior:
         Raises:
             SolveError: see ``Harmonic.solve``.
         """
-        held = -self._placed("floor", data.floor)
+        imposed = -self._placed("floor", data.floor)
         forces = self._placed("surface", data.surface) + self._placed("side", data.side)
-        forces += self._stiffness @ (held + self._placed("ends", data.ends))
+        forces += self._stiffness @ (imposed + self._placed("ends", data.ends))
         k = forces.shape[-1]
         v = self.harmonic.solve(-(self._add_up @ forces.reshape(-1, k)))
         edge = (self.harmonic.gathered(elements) @ v).reshape(len(elements), -1, k)
         low = np.isin(elements, self.boundary.floor.element)
-        edge[low] += held[np.searchsorted(self._elements, elements[low])]
+        edge[low] += imposed[np.searchsorted(self._elements, elements[low])]
         return self.harmonic.whole(edge, elements)

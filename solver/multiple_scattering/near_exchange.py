@@ -1,7 +1,7 @@
-"""What comes back to spheres that lie too close to the boundary for eq. (B3) of ``compliance.py``: found at their own points.
+"""What comes back to spheres that lie too close to the boundary for eq. MS.6 of ``compliance.py``: found at their own points.
 
 Data so sharp that the elements cannot follow them would count in full in an energy on the boundary; inside the tissue, what is
-wrong of them dies out. Fields are sampled at all points of the elements' edges, and w of eq. (B2) is projected on the spheres.
+wrong of them dies out. Fields are sampled at all points of the elements' edges, and w of eq. MS.5 is projected on the spheres.
 """
 
 from __future__ import annotations
@@ -66,10 +66,10 @@ class CloseExchange:
             data = BoundaryAmplitudes(
                 *(self._amplitudes(values, m, edges) for values, edges in zip(samples, self._edges, strict=True))
             )
-            found = self.interior(m).to(data, self._elements)
+            displacement = self.interior(m).to(data, self._elements)
             work = np.zeros((scattered[0].shape[1],) * 2)
             for k, (sphere, c, place) in enumerate(zip(self.spheres, scattered, self._places, strict=True)):
-                came = sphere.coefficients(*self._arrived(place, m, found))
+                came = sphere.coefficients(*self._arrived(place, m, displacement))
                 total[k] += came
                 work += (c * (self.two_mu * sphere.radius * sphere.modes.work)[:, None]).T @ came
             quiet = quiet + 1 if np.abs(work).max() < enough else 0
@@ -97,9 +97,9 @@ class CloseExchange:
             for sphere, c in zip(self.spheres, scattered, strict=True):
                 table = Table(sphere.modes.harmonics, "outgoing", (self._points(edges) - sphere.centre) / sphere.radius)
                 sampler = Sampler(stack(sphere.modes, "outgoing", components), table, slice(0, len(table.points)), number != 1)
-                found = sampler.values(c).reshape(len(components), c.shape[1], self.rounds.count, -1).transpose(2, 0, 1, 3)
+                sampled = sampler.values(c).reshape(len(components), c.shape[1], self.rounds.count, -1).transpose(2, 0, 1, 3)
                 unit = self.two_mu / sphere.radius if number < 2 else 1.0
-                turned = turn[..., components] @ found.reshape(self.rounds.count, len(components), -1)
+                turned = turn[..., components] @ sampled.reshape(self.rounds.count, len(components), -1)
                 parts.append(unit * turned.reshape(self.rounds.count, 3, c.shape[1], -1))
             out.append(np.asarray(sum(parts)))
         if self.interface == "frictionless":
@@ -118,30 +118,32 @@ class CloseExchange:
 
     @cached_property
     def _places(self) -> list[_SpherePlace]:
-        found, shapes = [], self.field.states.model.shapes
+        places_of_spheres, shapes = [], self.field.states.model.shapes
         for sphere in self.spheres:
             x, y, z = sphere.points.T
             element, places, _ = self.field.locate(np.stack([np.hypot(x, y), z], axis=1))
             value = functions(places, shapes.degrees)[0]
-            found.append(_SpherePlace(element, value, pressures(places, shapes.order), np.arctan2(y, x)))
-        return found
+            places_of_spheres.append(_SpherePlace(element, value, pressures(places, shapes.order), np.arctan2(y, x)))
+        return places_of_spheres
 
     @cached_property
     def _elements(self) -> Ints:
         return np.unique(np.concatenate([place.element for place in self._places]))
 
-    def _arrived(self, place: _SpherePlace, m: int, found: Floats) -> tuple[Floats, Floats | None]:
+    def _arrived(self, place: _SpherePlace, m: int, displacement: Floats) -> tuple[Floats, Floats | None]:
         """Displacement and, where it counts, dilation of one order (e, 3, s, families k) at a sphere's points."""
         cos, sin = np.cos(m * place.angle), np.sin(m * place.angle)
         waves: Floats = np.array([[cos, sin, cos], [sin, -cos, sin]][: 1 if self.rounds.mirrored else 2])
-        found = found.reshape(*found.shape[:3], len(waves), -1)
+        displacement = displacement.reshape(*displacement.shape[:3], len(waves), -1)
         row, model = np.searchsorted(self._elements, place.element), self.field.states.model
-        at = (place.value[:, None, None] @ found.reshape(*found.shape[:3], -1)[row]).reshape(len(row), 3, len(waves), -1)
+        at = (place.value[:, None, None] @ displacement.reshape(*displacement.shape[:3], -1)[row]).reshape(
+            len(row), 3, len(waves), -1
+        )
         u = (waves.transpose(2, 1, 0)[:, :, None] @ at)[:, :, 0]
         cos, sin = np.cos(place.angle)[:, None], np.sin(place.angle)[:, None]
         cartesian = np.stack([cos * u[:, 0] - sin * u[:, 1], sin * u[:, 0] + cos * u[:, 1], u[:, 2]], axis=1)
         if model.materials[Body.TISSUE].poisson_ratio < NEARLY:
             return cartesian, None
         strains = dilations(model.at.of(self._elements), model.shapes, m)
-        pressed = np.einsum("ekcs,ecsfj->ekfj", strains, found, optimize=True)
+        pressed = np.einsum("ekcs,ecsfj->ekfj", strains, displacement, optimize=True)
         return cartesian, np.einsum("qk,fq,qkfj->qj", place.pressure, waves[:, 0], pressed[row], optimize=True)

@@ -13,7 +13,7 @@ from geometry.common.arrays import Floats
 
 @dataclass(frozen=True)
 class Reflections:
-    """Fields c_0 .. c_n that reach the spheres one reflection after the other, eq. (P5) of ``scattered.py``.
+    """Fields c_0 .. c_n that reach the spheres one reflection after the other, eq. MS.8 of ``scattered.py``.
 
     Attributes:
         fields: regular coefficients of both base states about all spheres, (modes, 2) each.
@@ -45,34 +45,34 @@ class Reflections:
         return len(self.fields) - 1
 
     @cached_property
-    def found(self) -> Floats:
-        """Weights a of c_0 .. c_n (the last 0) in eq. (P5), shape (n + 1, 2, 2)."""
+    def galerkin(self) -> Floats:
+        """Weights a of c_0 .. c_n (the last 0) in eq. MS.8, shape (n + 1, 2, 2)."""
         n, mu = self.count, np.array(self.moments)
         A = _hankel(mu[:-1] - mu[1:], n)
         a = np.linalg.lstsq(A, mu[:n].reshape(-1, 2), rcond=1e-12)[0].reshape(n, 2, 2)
         return np.concatenate([a, np.zeros((1, 2, 2))])
 
     @cached_property
-    def left(self) -> Floats:
+    def remainder(self) -> Floats:
         """Weights in what is left, r = c_0 - (1 - R S) c, shape (n + 1, 2, 2)."""
-        return np.concatenate([np.eye(2)[None], self.found[:-1]]) - self.found
+        return np.concatenate([np.eye(2)[None], self.galerkin[:-1]]) - self.galerkin
 
     @cached_property
     def forces(self) -> Floats:
         """Change of the film forces, B^T a with what is left, r^T T r, added once; shape (2, 2)."""
-        left = self.left.reshape(-1, 2)
-        value = sum((mu @ a for mu, a in zip(self.moments, self.found, strict=False)), np.zeros((2, 2)))
-        return _symmetric(value + left.T @ _hankel(np.array(self.moments), self.count + 1) @ left)
+        remainder = self.remainder.reshape(-1, 2)
+        value = sum((mu @ a for mu, a in zip(self.moments, self.galerkin, strict=False)), np.zeros((2, 2)))
+        return _symmetric(value + remainder.T @ _hankel(np.array(self.moments), self.count + 1) @ remainder)
 
     @cached_property
-    def more(self) -> Floats:
+    def correction(self) -> Floats:
         """How far that is from c_0^T T c, what is not symmetric in the reflections included; shape (2, 2)."""
-        each = [_symmetric(self.works[0].T @ c) @ a for c, a in zip(self.fields, self.found, strict=True)]
-        return np.asarray(self.forces - np.sum(each, axis=0))
+        works = [_symmetric(self.works[0].T @ c) @ a for c, a in zip(self.fields, self.galerkin, strict=True)]
+        return np.asarray(self.forces - np.sum(works, axis=0))
 
     @cached_property
     def rho(self) -> float:
-        """The share of a field that comes back, eq. (P6)."""
+        """The share of a field that comes back, eq. MS.9."""
         size = [max(float(np.linalg.norm(one)), 1e-300) for one in self.moments]
         return min(0.9, max(size[1] / size[0], sqrt(size[-1] / size[-3]), size[-1] / size[-2]))
 

@@ -2,7 +2,7 @@
 
 Where an interface moves by V_n along its normal n, energies of states that stay in balance change by
 
-    dF_ij = Int V_n [ s_i:e_j (in) - s_i:e_j (out) - s_i(out):(e_j(in) - e_j(out)) - s_j(out):(e_i(in) - e_i(out)) ] dS     (P8)
+    dF_ij = Int V_n [ s_i:e_j (in) - s_i:e_j (out) - s_i(out):(e_j(in) - e_j(out)) - s_j(out):(e_i(in) - e_i(out)) ] dS    (MS.10)
 
 with stresses s and strains e on both sides (Eshelby, J. Elasticity 5 (1975) 321: the jump of the energy-momentum tensor; the
 jump of the displacement gradient is a x n, so that traction times it is stress times the jump of strain). All fields on the
@@ -44,7 +44,7 @@ class Moved:
 
 
 def moved(sphere: ScatteringSphere, scattering: Scattering, matrix: Material, own: Material, incident: Floats) -> Moved:
-    """Return eq. (P8) for shifts and growth of a sphere that the whole incident field, (modes, 2), reaches."""
+    """Return eq. MS.10 for shifts and growth of a sphere that the whole incident field, (modes, 2), reaches."""
     modes = sphere.modes
     points, weights = quadrature(modes, 6)
     outside = modes.regular(points, incident)[1] + modes.outgoing(points, scattering.S @ incident)[1]

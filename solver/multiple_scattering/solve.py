@@ -3,14 +3,14 @@
 With c0 the regular modes of the base states at the spheres, S and T their scattering and work (``scattering.py``) and R what the
 boundary sends back, the whole field that reaches them is c = c0 + R S c, and
 
-    dF = c0^T T c = c0^T T (1 - R S)^-1 c0                                                         (P4)
+    dF = c0^T T c = c0^T T (1 - R S)^-1 c0                                                         (MS.7)
 
 Reflections c_k+1 = R S c_k span a small space; as T and T R S are symmetric, c is found in it as the best in energy (Galerkin),
 
-    mu_i+j = c_i^T T c_j,   A_ij = mu_i+j - mu_i+j+1,   B_i = mu_i,   a = A^-1 B,   c = sum_i c_i a_i   (P5)
+    mu_i+j = c_i^T T c_j,   A_ij = mu_i+j - mu_i+j+1,   B_i = mu_i,   a = A^-1 B,   c = sum_i c_i a_i   (MS.8)
 
 What the last reflection shows to be left, r = c0 - (1 - R S) c, is added once more: dF = B^T a + r^T T r + ..., and the next
-term is smaller by rho, the share of a field that comes back (eq. P6). The derivative by ln E of a sphere is c^T (dT / d ln E) c.
+term is smaller by rho, the share of a field that comes back (MS.9). The derivative by ln E of a sphere is c^T (dT / d ln E) c.
 """
 
 from __future__ import annotations
@@ -69,17 +69,18 @@ class Scattered:
     orders: int
 
 
-def scattered(
+def solve_scattering(
     field: TissueField,
     reflector: Reflector,
     tissue: Material,
     tumours: Tumours,
     tolerance: float,
+    *,
     places: bool = False,
     sensitive: bool = False,
     often: bool = False,
 ) -> Scattered:
-    """Solve eq. (P5) for a set of t spheres, arrays of shape (t,), until what is left is below ``tolerance`` of each total.
+    """Solve eq. MS.8 for a set of t spheres, arrays of shape (t,), until what is left is below ``tolerance`` of each total.
 
     Args:
         field: the base states' strains.
@@ -96,42 +97,44 @@ def scattered(
     """
     section = reflector.states.model.section
     spheres, rounds = arranged(section, tissue, tumours)
-    each = SphereSet.of(spheres, tissue, tumours)
+    sphere_set = SphereSet.of(spheres, tissue, tumours)
     exchange, c = reflector.exchange(spheres, rounds, often), np.concatenate([incident(field, one) for one in spheres])
-    known, orders, gone = Reflections.first(c, each.work(c)), rounds.orders, np.inf
-    enough = ENOUGH * tolerance * float(np.abs(known.moments[0]).max())
-    slopes = each.slopes(c)
+    series, orders, previous_energy = Reflections.first(c, sphere_set.work(c)), rounds.orders, np.inf
+    enough = ENOUGH * tolerance * float(np.abs(series.moments[0]).max())
+    slopes = sphere_set.slopes(c)
     for _ in range(STEPS):
-        c, orders = _reflected(exchange, each.scattered(known.fields[-1]), enough, orders)
-        known = known.followed(c, each.work(c))
-        change = known.rho / (1 - known.rho) * known.more
-        gone, drop = _drop(gone, float(np.linalg.norm(known.more)), known.rho)
-        whole = known.whole(known.found + known.left)
-        last, slopes = slopes, each.slopes(whole)
-        slope_change = np.maximum(np.abs(slopes - each.slopes(known.whole(known.found))), drop * np.abs(slopes - last))
-        totals = np.abs((reflector.states.forces + known.forces).sum(axis=1))
+        c, orders = _reflected(exchange, sphere_set.scattered(series.fields[-1]), enough, orders)
+        series = series.followed(c, sphere_set.work(c))
+        change = series.rho / (1 - series.rho) * series.correction
+        previous_energy, decay = _decay(previous_energy, float(np.linalg.norm(series.correction)), series.rho)
+        total = series.whole(series.galerkin + series.remainder)
+        last, slopes = slopes, sphere_set.slopes(total)
+        slope_change = np.maximum(
+            np.abs(slopes - sphere_set.slopes(series.whole(series.galerkin))), decay * np.abs(slopes - last)
+        )
+        totals = np.abs((reflector.states.forces + series.forces).sum(axis=1))
         settled = np.all(total_change(change[None])[0] <= tolerance * totals)
         if settled and (not sensitive or np.all(slope_change <= SENSITIVE * tolerance * np.max(np.abs(slopes)))):
             break
-    forces, left_out = known.forces, _unresolved(section, tumours, spheres) + 2 * ENOUGH * tolerance
-    error = total_change(np.array([change, _tail(spheres, each, known, whole), left_out * forces])).sum(axis=0)
+    forces, left_out = series.forces, _unresolved(section, tumours, spheres) + 2 * ENOUGH * tolerance
+    error = total_change(np.array([change, _tail(spheres, sphere_set, series, total), left_out * forces])).sum(axis=0)
     slope_error = slope_change + SENSITIVE * left_out * np.abs(slopes)
-    moves = tuple(_moves(tissue, tumours, spheres, each, whole)) if places else ()
-    return Scattered(forces, slopes, error, slope_error, moves, known.count, orders)
+    moves = tuple(_moves(tissue, tumours, spheres, sphere_set, total)) if places else ()
+    return Scattered(forces, slopes, error=error, slope_error=slope_error, moved=moves, steps=series.count, orders=orders)
 
 
-def _drop(before: float, gone: float, rho: float) -> tuple[float, float]:
+def _decay(previous_energy: float, energy: float, rho: float) -> tuple[float, float]:
     """What is left in energy, and all further changes of the slopes as a multiple of the last: as fields, they go by its root."""
-    share = min(0.9, np.sqrt(gone / before)) if np.isfinite(before) and before > 0 else rho
-    return gone, share / (1 - share)
+    share = min(0.9, np.sqrt(energy / previous_energy)) if np.isfinite(previous_energy) and previous_energy > 0 else rho
+    return energy, share / (1 - share)
 
 
 def _moves(
-    tissue: Material, tumours: Tumours, spheres: Sequence[ScatteringSphere], each: SphereSet, whole: Floats
+    tissue: Material, tumours: Tumours, spheres: Sequence[ScatteringSphere], sphere_set: SphereSet, total: Floats
 ) -> Iterator[Moved]:
-    for k, (sphere, one, part) in enumerate(zip(spheres, each.scatterings, each.parts, strict=True)):
+    for k, (sphere, one, part) in enumerate(zip(spheres, sphere_set.scatterings, sphere_set.parts, strict=True)):
         own = Material(youngs_modulus=float(tumours.youngs_modulus[k]), poisson_ratio=float(tumours.poisson_ratio[k]))
-        yield moved(sphere, one, tissue, own, whole[part])
+        yield moved(sphere, one, tissue, own, total[part])
 
 
 def degrees(section: Section, tumours: Tumours) -> tuple[Floats, Floats]:
@@ -157,8 +160,8 @@ def _unresolved(section: Section, tumours: Tumours, spheres: Sequence[Scattering
     if np.any(4 * radius / inner + 4 > DEGREES[1]):
         return 1e3
     image = UNRESOLVED * (1 + 2 * _nearest(section, tumours) / radius) ** (-2.0 * degree)
-    seen = np.minimum(np.exp(-degree * inner / (2 * radius)), (radius / tumours.depth) ** (2 * degree))
-    return float(np.max(image + np.maximum(seen, np.exp(-degree * outer / (2 * radius)))))
+    pressed = np.minimum(np.exp(-degree * inner / (2 * radius)), (radius / tumours.depth) ** (2 * degree))
+    return float(np.max(image + np.maximum(pressed, np.exp(-degree * outer / (2 * radius)))))
 
 
 def arranged(section: Section, tissue: Material, tumours: Tumours) -> tuple[list[ScatteringSphere], AzimuthalGrid]:
@@ -169,9 +172,9 @@ def arranged(section: Section, tissue: Material, tumours: Tumours) -> tuple[list
     x, y = np.cos(turn) * tumours.x + np.sin(turn) * tumours.y, np.cos(turn) * tumours.y - np.sin(turn) * tumours.x
     plane = bool(np.all(np.abs(y) <= 1e-9 * radius))
     axis = bool(np.all(offset <= 1e-9 * radius))
-    spheres, wanted = [], degrees(section, tumours)
+    spheres, required = [], degrees(section, tumours)
     for k in range(len(offset)):
-        degree = int(np.clip(np.ceil(max(wanted[0][k], wanted[1][k])), *DEGREES))
+        degree = int(np.clip(np.ceil(max(required[0][k], required[1][k])), *DEGREES))
         modes = _same(Modes(degree, tissue.poisson_ratio, 0 if axis else min(degree, ORDERS), "even" if plane else "both"))
         centre = np.array([x[k], 0.0 if plane else y[k], -tumours.depth[k]]) * [not axis, not axis, 1]
         spheres.append(ScatteringSphere(centre, float(radius[k]), modes, _projection(modes)))
@@ -199,10 +202,10 @@ def incident(field: TissueField, sphere: ScatteringSphere) -> Floats:
     """Regular coefficients of the base states at a sphere, (modes, 2), m per m."""
     x, y, z = sphere.points.T
     r = np.hypot(x, y)
-    found = field.at(r, z)
-    u = found.displacement
+    strains = field.at(r, z)
+    u = strains.displacement
     away = np.stack([np.divide(part, r, out=np.zeros_like(r), where=r > 0) for part in (x, y)], axis=1)
-    return sphere.coefficients(np.concatenate([away[:, :, None] * u[:, :1], u[:, 1:]], axis=1), found.dilation)
+    return sphere.coefficients(np.concatenate([away[:, :, None] * u[:, :1], u[:, 1:]], axis=1), strains.dilation)
 
 
 def _reflected(exchange: Exchange | CloseExchange, outgoing: Sequence[Floats], enough: float, orders: int) -> tuple[Floats, int]:
@@ -222,14 +225,14 @@ def _neighbours(spheres: Sequence[ScatteringSphere], outgoing: Sequence[Floats])
     return total
 
 
-def _tail(spheres: Sequence[ScatteringSphere], each: SphereSet, known: Reflections, whole: Floats) -> Floats:
+def _tail(spheres: Sequence[ScatteringSphere], sphere_set: SphereSet, series: Reflections, fields: Floats) -> Floats:
     """What degrees beyond the largest would add, shape (2, 2).
 
     A field from the surface or beyond falls off as (R / depth)^l on the sphere: a geometric series from the last degrees.
     """
     total = np.zeros((2, 2))
-    for sphere, part in zip(spheres, each.parts, strict=True):
+    for sphere, part in zip(spheres, sphere_set.parts, strict=True):
         last = sphere.modes.ell >= sphere.modes.degree - 1
-        drop = min(0.9, float((sphere.radius / sphere.centre[2]) ** 4))  # of two degrees' work
-        total += known.works[0][part][last].T @ whole[part][last] * (drop / (1 - drop))
+        decay = min(0.9, float((sphere.radius / sphere.centre[2]) ** 4))  # of two degrees' work
+        total += series.works[0][part][last].T @ fields[part][last] * (decay / (1 - decay))
     return (total + total.T) / 2

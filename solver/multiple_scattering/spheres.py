@@ -73,9 +73,9 @@ class SphereSet:
     def of(cls, spheres: Sequence[ScatteringSphere], tissue: Material, tumours: Tumours) -> SphereSet:
         """Scattering by tumours, shape (t,), in the tissue."""
         moduli = zip(spheres, tumours.youngs_modulus, tumours.poisson_ratio, strict=True)
-        found = [scattering(one.modes, tissue.youngs_modulus, float(E), float(nu), one.radius) for one, E, nu in moduli]
+        scatterings = [scattering(one.modes, tissue.youngs_modulus, float(E), float(nu), one.radius) for one, E, nu in moduli]
         ends = np.cumsum([0, *(len(one.modes) for one in spheres)]).tolist()
-        return cls(found, [slice(*pair) for pair in pairwise(ends)])
+        return cls(scatterings, [slice(*pair) for pair in pairwise(ends)])
 
     def scattered(self, c: Floats) -> list[Floats]:
         """Outgoing coefficients S c about each sphere."""

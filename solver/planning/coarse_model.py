@@ -16,7 +16,7 @@ from geometry.meridian.mesh import SQUARE, nodes
 from geometry.meridian.section import Body
 from geometry.scenes.scene import Contact, HalfSpaceTissue, Load, Scene
 from solver.axisymmetric.converged_forces import Converged
-from solver.axisymmetric.omitted_details import Change, left_out
+from solver.axisymmetric.omitted_details import Change, omitted_changes
 from solver.axisymmetric.refinement import LEVELS
 from solver.axisymmetric.sample import MeshSample, sample
 from solver.axisymmetric.sections import sections
@@ -56,7 +56,7 @@ class CoarseModel:
         plain = sections(bare)
         try:
             found = sample(plain.section, plain, bare, LEVELS[0])
-            return cls(bare, found, tuple(left_out(bare, plain, lambda: found, None)))
+            return cls(bare, found, tuple(omitted_changes(bare, plain, lambda: found, None)))
         except SolveError as fault:
             why = f"scenes whose sizes and moduli lie closer together ({fault})"
             raise Refusal("scene", "too extreme for a plan", why) from fault

@@ -99,8 +99,8 @@ def _found(scene: Scene, rough: CoarseModel) -> _Found:
 def _on_target(tumours: Tumours, changes: Floats, slopes: Floats, target: int) -> Floats:
     """Bound on what each inclusion changes of the target's slope by its own field there, relative.
 
-    Fields of spheres fall off with the cube of the distance; the work of one on the other is bounded by both effects, eq. (L1):
-    4 sqrt(dF_k / dF_t) (r_k r_t)^(3/2) / d^3.
+    Fields of spheres fall off with the cube of the distance; the work of one on the other is bounded by both effects:
+    4 sqrt(dF_k / dF_t) (r_k r_t)^(3/2) / d^3 (PL.1).
     """
     one = tumours.of_index(0)
     radius = one.diameter / 2

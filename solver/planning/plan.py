@@ -1,7 +1,7 @@
 """The cheapest model of a scene that meets an accuracy: what is modelled, what is left out, and what that may change.
 
-Every estimate comes from one coarse solution of the probe on its tissue (``rough.py``); what is left out is bounded, what is
-modelled or beyond every evaluator is estimated.
+Every estimate comes from one coarse solution of the probe on its tissue (``coarse_model.py``); what is left out is bounded, what
+is modelled or beyond every evaluator is estimated.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ from solver.planning.coarse_model import CoarseModel
 from solver.planning.negligible_inclusions import SHARE, reduced
 from solver.planning.nonlinear_effects import unmodelled
 from solver.results.film_forces import LINEAR_STRAIN
-from solver.results.result import Curve, Decision, Effect, Result, needs_solid, unsupported
+from solver.results.kinds import needs_solid, unsupported
+from solver.results.result import Curve, Decision, Effect, Result
+from solver.results.warnings import Note, null_sensitivity
 from solver.solid.domain import domain, reach
 from solver.solid.level import SolidLevel
 
@@ -47,7 +49,12 @@ class Plan:
     accuracy: float
     left_out: float
     decisions: tuple[Decision, ...]
-    warnings: tuple[str, ...]
+    warnings: tuple[Note, ...]
+
+    @property
+    def curve_evaluator(self) -> str | None:
+        """The level that answers a curve: those cheaper than ``solid`` know curves of spheres only."""
+        return SOLID if any(body.diameter is None for body in self.scene.inclusion) else self.evaluator
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design plan``."""
@@ -99,8 +106,20 @@ def plan(scene: Scene, accuracy: float, solid: bool = False) -> Plan:
         *(_detail(change, level, accuracy) for change in rough.changes),
         *beyond,
     )
-    notes = tuple(f"{one.feature}: {one.reason}" for one in beyond if accuracy < one.effect and _worth_a_warning(one))
+    worth = (one for one in beyond if accuracy < one.effect and _worth_a_warning(one))
+    notes = tuple(Note("linear", f"{one.feature}: {one.reason}") for one in worth)
     return Plan(level, _model(fewer.scene, level), fewer.scene, asked, fewer.left_out, decisions, notes)
+
+
+def second_try(planned: Plan, scene: Scene, accuracy: float) -> Plan | None:
+    """Return the plan for ``solid`` where that may reach what the level planned did not, else None.
+
+    Raises:
+        InputError, Refusal: see ``plan``.
+    """
+    if planned.evaluator == SOLID or not SolidLevel().may_help(scene, accuracy):
+        return None
+    return plan(scene, accuracy, solid=True)
 
 
 def _level(scene: Scene, rough: CoarseModel, accuracy: float) -> str | None:
@@ -161,6 +180,5 @@ def _worth_a_warning(decision: Decision) -> bool:
 
 def _untargeted(result: Result) -> Result:
     """Without a target there is no log_sensitivity, however many inclusions are left."""
-    reason = "log_sensitivity is null: several inclusions and none marked target = true"
-    others = tuple(line for line in result.warnings if not line.startswith("log_sensitivity"))
-    return replace(result, log_sensitivity=None, warnings=(reason, *others))
+    others = tuple(note for note in result.warnings if note.kind != "sensitivity")
+    return replace(result, log_sensitivity=None, warnings=(null_sensitivity(2), *others))

@@ -1,6 +1,6 @@
 """The paper's eqs. (4) and (6) to (8) with their defects mended (PHYSICS section 1), to see what the defects cost.
 
-    1 / E_eq = 1 / E_matrix + k (1 / E_object - 1 / E_matrix),  k = 3 a D / (4 d^2)                                (K1)
+    1 / E_eq = 1 / E_matrix + k (1 / E_object - 1 / E_matrix),  k = 3 a D / (4 d^2)                                (PU.1)
 
 The object's shortening carries (1-nu^2) as the tissue's does, and the shortening of the tissue that it replaces is subtracted. So
 an object of matrix modulus vanishes and a stiffer one stiffens. The stress at depth is still the far field of eq. (1): a formula
@@ -15,7 +15,7 @@ from solver.published.equations import checked
 
 @checked
 def modulus(a: float, d: float, D: float, E_matrix: float, E_object: float) -> float:
-    """Eq. (K1) for E_eq.
+    """Eq. PU.1 for E_eq.
 
     Raises:
         InputError: k is not below 1.
@@ -26,7 +26,7 @@ def modulus(a: float, d: float, D: float, E_matrix: float, E_object: float) -> f
 
 @checked
 def object_modulus(a: float, d: float, D: float, E_matrix: float, E_eq: float) -> float:
-    """Eq. (K1) solved for E_object.
+    """Eq. PU.1 solved for E_object.
 
     Raises:
         InputError: k is not below 1, or E_eq is not below that of a rigid object.
@@ -40,7 +40,7 @@ def object_modulus(a: float, d: float, D: float, E_matrix: float, E_eq: float) -
 
 @checked
 def diameter(a: float, d: float, E_matrix: float, E_object: float, E_eq: float) -> float:
-    """Eq. (K1) solved for D.
+    """Eq. PU.1 solved for D.
 
     Raises:
         InputError: E_eq is not between E_matrix and E_object, so that k is not between 0 and 1.
@@ -52,7 +52,7 @@ def diameter(a: float, d: float, E_matrix: float, E_object: float, E_eq: float) 
 
 
 def _share(a: float, d: float, D: float) -> float:
-    """K of eq. (K1): the object's share of the shortening."""
+    """K of eq. PU.1: the object's share of the shortening."""
     if 3 * a * D >= 4 * d**2:
         raise InputError("3 a D / (4 d^2)", Words(f"{3 * a * D / (4 * d**2):.4g}"), "below 1: a smaller or deeper object")
     return 3 * a * D / (4 * d**2)

@@ -30,17 +30,17 @@ def checked(formula: Callable[P, R]) -> Callable[P, R]:
 
     @wraps(formula)
     def of(*args: P.args, **kwargs: P.kwargs) -> R:
-        given = names.bind(*args, **kwargs).arguments
-        for name, value in given.items():
+        arguments = names.bind(*args, **kwargs).arguments
+        for name, value in arguments.items():
             for one in _numbers(value):
                 _check(name, one)
         try:
-            found = formula(*args, **kwargs)
+            result = formula(*args, **kwargs)
         except ArithmeticError:
-            found = None
-        if found is None or not all(map(math.isfinite, _numbers(found))):
+            result = None
+        if result is None or not all(map(math.isfinite, _numbers(result))):
             raise InputError(formula.__name__, Words("out of range"), "arguments whose result double precision holds")
-        return found
+        return result
 
     return of
 
@@ -77,7 +77,7 @@ def displacement_object(sigma: float, a: float, d: float, D: float, E_object: fl
 
 
 @checked
-def displacement_below(sigma: float, a: float, d: float, D: float, nu: float, E_matrix: float) -> float:
+def displacement_below(sigma: float, a: float, d: float, D: float, *, nu: float, E_matrix: float) -> float:
     """Eq. (4): DIS_C = 3 (1-nu^2) sigma a^2 D / (2 E_matrix d^2)."""
     return 3 * (1 - nu**2) * sigma * a**2 * D / (2 * E_matrix * d**2)
 
@@ -89,20 +89,20 @@ def displacement_equivalent(sigma: float, a: float, nu: float, E_eq: float) -> f
 
 
 @checked
-def displacement_total(sigma: float, a: float, d: float, D: float, nu: float, E_matrix: float, E_object: float) -> float:
+def displacement_total(sigma: float, a: float, d: float, D: float, *, nu: float, E_matrix: float, E_object: float) -> float:
     """Eq. (6): DIS = DIS_A + DIS_B + DIS_C."""
     a_and_b = displacement_matrix(sigma, a, nu, E_matrix) + displacement_object(sigma, a, d, D, E_object)
-    return a_and_b + displacement_below(sigma, a, d, D, nu, E_matrix)
+    return a_and_b + displacement_below(sigma, a, d, D, nu=nu, E_matrix=E_matrix)
 
 
 @checked
-def modulus_from_compatibility(a: float, d: float, D: float, nu: float, E_matrix: float, E_object: float) -> float:
+def modulus_from_compatibility(a: float, d: float, D: float, *, nu: float, E_matrix: float, E_object: float) -> float:
     """Eq. (7) solved for E_eq: eq. (5) set equal to eq. (6); sigma cancels."""
-    return 2 * (1 - nu**2) * a / displacement_total(1.0, a, d, D, nu, E_matrix, E_object)
+    return 2 * (1 - nu**2) * a / displacement_total(1.0, a, d, D, nu=nu, E_matrix=E_matrix, E_object=E_object)
 
 
 @checked
-def modulus_printed(a: float, d: float, D: float, nu: float, E_matrix: float, E_object: float) -> float:
+def modulus_printed(a: float, d: float, D: float, *, nu: float, E_matrix: float, E_object: float) -> float:
     """Eq. (8): E_eq = 4 E_matrix E_object (1-nu^2) d^2 / [E_object (1-nu)^2 (4 d^2 + 3 a D) + 3 a D E_matrix]."""
     below = E_object * (1 - nu) ** 2 * (4 * d**2 + 3 * a * D) + 3 * a * D * E_matrix
     return 4 * E_matrix * E_object * (1 - nu**2) * d**2 / below
@@ -128,7 +128,7 @@ def modulus_of_layers(E_1: float, E_2: float, E_3: float) -> float:
 
 
 @checked
-def film_force(Q: float, psi_1: float, psi_2: float, d31: float, d32: float, d33: float) -> float:
+def film_force(Q: float, psi_1: float, psi_2: float, *, d31: float, d32: float, d33: float) -> float:
     """Eq. (12): F = Q / (psi_1 d31 + psi_2 d32 + d33).
 
     Raises:
@@ -161,7 +161,7 @@ def object_modulus_from_layers(E_eq: float, E_1: float) -> float:
 
 
 @checked
-def diameter_printed(a: float, d: float, nu: float, E_matrix: float, E_object: float, E_eq: float) -> float:
+def diameter_printed(a: float, d: float, *, nu: float, E_matrix: float, E_object: float, E_eq: float) -> float:
     """Eq. (8) solved for D; the answer may be larger than 2 d, which the paper does not exclude.
 
     D = 4 d^2 E_object [E_matrix (1-nu^2) - E_eq (1-nu)^2] / (3 a E_eq [E_object (1-nu)^2 + E_matrix])
@@ -177,7 +177,7 @@ def diameter_printed(a: float, d: float, nu: float, E_matrix: float, E_object: f
 
 
 @checked
-def object_modulus_printed(a: float, d: float, D: float, nu: float, E_matrix: float, E_eq: float) -> float:
+def object_modulus_printed(a: float, d: float, D: float, *, nu: float, E_matrix: float, E_eq: float) -> float:
     """Eq. (8) solved for E_object.
 
     E_object = 3 a D E_matrix E_eq / [4 E_matrix (1-nu^2) d^2 - E_eq (1-nu)^2 (4 d^2 + 3 a D)]
@@ -200,4 +200,4 @@ def object_and_diameter(a: float, d: float, nu: float, E_matrix: float, E_eq: fl
         InputError: E_eq is not below E_matrix / 2.
     """
     E_object = object_modulus_from_layers(E_eq, E_matrix)
-    return E_object, diameter_printed(a, d, nu, E_matrix, E_object, E_eq)
+    return E_object, diameter_printed(a, d, nu=nu, E_matrix=E_matrix, E_object=E_object, E_eq=E_eq)

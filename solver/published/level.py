@@ -6,11 +6,14 @@ import math
 from dataclasses import dataclass
 from time import perf_counter
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal
 from geometry.scenes.scene import Scene
 from solver.published import corrected_equations as corrected
 from solver.published import equations as printed
-from solver.results.result import Result
+from solver.results.evaluator import Tell
+from solver.results.result import Curve, Result
+from solver.results.warnings import Note
 
 DEFECTS = (
     "eq. (1) is a far field: on the axis sigma [1 - (d / sqrt(a^2 + d^2))^3] holds, at d = a 0.646 sigma, printed 1.5 sigma",
@@ -55,14 +58,30 @@ class Published:
             raise Refusal("evaluator", self.name, why)
         body, tissue = scene.inclusion[0], scene.tissue
         sizes, moduli = (scene.probe.tube_radius, body.depth, body.diameter or 0.0), (tissue.youngs_modulus, body.youngs_modulus)
-        modulus = printed.modulus_printed(*sizes, tissue.poisson_ratio, *moduli)
-        by_7 = printed.modulus_from_compatibility(*sizes, tissue.poisson_ratio, *moduli)
-        why_null = (
-            "stresses, ratio and error_estimate are null: the paper's equations give an equivalent modulus, not film stresses"
-        )
+        elastic = {"nu": tissue.poisson_ratio, "E_matrix": moduli[0], "E_object": moduli[1]}
+        modulus = printed.modulus_printed(*sizes, **elastic)
+        by_7 = printed.modulus_from_compatibility(*sizes, **elastic)
+        null = "stresses, ratio and error_estimate are null: the paper's equations give an equivalent modulus, not film stresses"
         cost = f"equivalent_modulus is {modulus:.4g} Pa by eq. (8), {by_7:.4g} Pa by eq. (7), {_corrected(sizes, moduli)}"
-        defects = (f"defect of the paper: {defect}" for defect in DEFECTS)
-        return Result(self.name, perf_counter() - start, equivalent_modulus=modulus, warnings=(why_null, cost, *defects))
+        texts = (cost, *(f"defect of the paper: {defect}" for defect in DEFECTS))
+        notes = (Note("null", null), *(Note("published", text) for text in texts))
+        return Result(self.name, perf_counter() - start, equivalent_modulus=modulus, warnings=notes)
+
+    def evaluate_within(self, scene: Scene, accuracy: float) -> Result:
+        """Refuse: no accuracy is within reach of equations that give no stresses.
+
+        Raises:
+            Refusal: always.
+        """
+        raise Refusal("accuracy", accuracy, "none for this level: the paper's equations give no film stresses")
+
+    def curve(self, scene: Scene, moduli: Floats, accuracy: float = 0.01) -> Curve:
+        """Refuse: there is no ratio to follow.
+
+        Raises:
+            Refusal: always.
+        """
+        raise Refusal("evaluator", self.name, "any other for a curve: the paper's equations give no film stresses")
 
 
 def _corrected(sizes: tuple[float, float, float], moduli: tuple[float, float]) -> str:
@@ -70,3 +89,8 @@ def _corrected(sizes: tuple[float, float, float], moduli: tuple[float, float]) -
         return f"{corrected.modulus(*sizes, *moduli):.4g} Pa without their defects"
     except InputError as fault:
         return f"none without their defects ({fault})"
+
+
+def level(tell: Tell | None = None) -> Published:
+    """Return the level; it has nothing to tell."""
+    return Published()

@@ -2,7 +2,7 @@
 
 Films, an elastic base and the groove all make the blocks' ends give way. With F the film forces
 per unit displacement, T = F 1 their totals and C the compliance that a detail adds, the forces
-become (F^-1 + C)^-1 and the totals change by F C T to first order, eq. (D1).
+become (F^-1 + C)^-1 and the totals change by F C T to first order (RE.4).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Detail:
     lost: float = 0.0
 
     def bound(self, forces: Floats) -> Bound:
-        """What the detail changes of the film forces, eq. (D1)."""
+        """What the detail changes of the film forces, eq. RE.4."""
         totals = forces.sum(axis=1)
         change = forces @ self.compliance @ totals
         with np.errstate(divide="ignore"):
@@ -53,9 +53,9 @@ def details(probe: Probe) -> Iterator[Detail]:
 
 
 def _groove(probe: Probe) -> Floats:
-    """Eq. (D2): a column of area A_1 that lacks a share f of its section over the groove's depth g.
+    """A column of area A_1 that lacks a share f of its section over the groove's depth g.
 
-    To first order it is more compliant by f g / (A_1 E_1); times 6, as stress concentrates round a
+    To first order it is more compliant by f g / (A_1 E_1) (RE.5); times 6, as stress concentrates round a
     notch. The converged 3D reference tests/reference/solid/groove-on-axis asks for a factor of 3.
     """
     assert probe.groove is not None
@@ -65,7 +65,7 @@ def _groove(probe: Probe) -> Floats:
 
 
 def _bridged(probe: Probe) -> float:
-    """Eq. (D3): what the floor left under the groove, which bends, may fail to carry: -1.5 ln(1 - f) g / h.
+    """What the floor left under the groove, which bends, may fail to carry: -1.5 ln(1 - f) g / h (RE.6).
 
     It is what stiff blocks lose. A groove of 6 mm x 2.9 mm in blocks of 3 mm (f = 0.21) changes the
     ratio by 26 % at 10 MPa and 30 % at 1 MPa in 3D finite elements; the bound says 34 % and more.
@@ -82,7 +82,7 @@ def _film(film: Film) -> float:
 
 
 def _base(base: Base, radius: float) -> Floats:
-    """Eq. (D4): a half-space under the probe's footprint, 2 (1 - nu^2) / (pi R E), for each block and between them.
+    """A half-space under the probe's footprint, 2 (1 - nu^2) / (pi R E) (RE.7), for each block and between them.
 
     Twice the rigid punch's compliance (1 - nu^2) / (2 R E) is 1 / (R E); uniform pressure gives
     16 (1 - nu^2) / (3 pi^2 R E). The bound taken covers both.

@@ -11,6 +11,7 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
 from geometry.scenes.probe import Probe
 from geometry.scenes.scene import Scene
+from solver.results.warnings import Note, null_sensitivity
 
 LINEAR_STRAIN = 0.05  # beyond it, linear elasticity is no longer good to about as much
 
@@ -29,7 +30,10 @@ class Bound:
 
     @classmethod
     def independent(cls, totals: Floats, forces: Floats) -> Bound:
-        """Return the bound where the two films' errors know nothing of each other, eq. (F3)."""
+        """Return the bound where the two films' errors know nothing of each other.
+
+        With e_i their relative errors that of ln(ratio) is at most -ln(1 - e_0) - ln(1 - e_1) (RE.1).
+        """
         with np.errstate(divide="ignore"):
             inner, outer = totals / np.abs(forces.sum(axis=1))
         worst = max(inner, outer)
@@ -58,7 +62,7 @@ class FilmForces:
 
     @property
     def totals(self) -> Floats:
-        """Force on each film per unit indentation of the whole base, N/m: eq. (F1), F_i = sum_j F_ij."""
+        """Force on each film per unit indentation of the whole base, N/m: F_i = sum_j F_ij (RE.2)."""
         return np.asarray(self.forces.sum(axis=1))
 
     @property
@@ -68,7 +72,7 @@ class FilmForces:
             return np.asarray(self.bound.totals / np.abs(self.totals))
 
     @property
-    def buried(self) -> str | None:
+    def unresolved_stress(self) -> str | None:
         """Name of a stress that is below its own error, if there is one."""
         return next(
             (name for name, error in zip(("stress_inner", "stress_outer"), self.relative_errors, strict=True) if error >= 1), None
@@ -76,7 +80,7 @@ class FilmForces:
 
     @property
     def log_sensitivity(self) -> float | None:
-        """Log-sensitivity of the ratio, eq. (F2): S = d ln(F_0 / F_1) / d ln E_object."""
+        """Log-sensitivity of the ratio: S = d ln(F_0 / F_1) / d ln E_object (RE.3)."""
         if self.slope is None:
             return None
         inner, outer = self.slope.sum(axis=1) / self.totals
@@ -110,12 +114,10 @@ def outputs(scene: Scene, films: FilmForces) -> dict[str, Any]:
     stress = films.totals * indentation / areas
     film = scene.probe.film
     charge = stress * areas * film.charge_per_force if film is not None else (None, None)
-    reasons = []
-    if films.slope is None:
-        how = "several inclusions and none marked target = true" if scene.inclusion else "the scene has no inclusion"
-        reasons.append(f"log_sensitivity is null: {how}")
-    if films.buried is not None:
-        reasons = [f"ratio, log_sensitivity and error_estimate are null: {films.buried} is below its own error"]
+    reasons = [] if films.slope is not None else [null_sensitivity(len(scene.inclusion))]
+    if films.unresolved_stress is not None:
+        why = f"ratio, log_sensitivity and error_estimate are null: {films.unresolved_stress} is below its own error"
+        reasons = [Note("null", why)]
     return {
         "stress_inner": float(stress[0]),
         "stress_outer": float(stress[1]),
@@ -129,7 +131,7 @@ def outputs(scene: Scene, films: FilmForces) -> dict[str, Any]:
 
 def ratio(scene: Scene, films: FilmForces) -> dict[str, float | None]:
     """Return ratio, its log-sensitivity and its error; all None where a stress is below its own error."""
-    if films.buried is not None:
+    if films.unresolved_stress is not None:
         return dict.fromkeys(("ratio", "log_sensitivity", "error_estimate"))
     inner, outer = films.totals / [scene.probe.inner_area, scene.probe.outer_area]
     return {"ratio": float(inner / outer), "log_sensitivity": films.log_sensitivity, "error_estimate": films.ratio_error}
@@ -149,18 +151,21 @@ def checked_moduli(scene: Scene, moduli: Floats) -> Floats:
     return found
 
 
-def shortfalls(films: FilmForces, reached: float, accuracy: float) -> list[str]:
+def shortfalls(films: FilmForces, reached: float, accuracy: float) -> list[Note]:
     """Say what is not as accurate as was asked for, where ``reached`` is the largest of the bounds."""
-    notes = []
-    if reached > accuracy:
-        bounds = f"error bounds of {reached:.2g}" if reached < 1 else "error bounds no smaller than the values themselves"
-        notes.append(f"{bounds} reached, accuracy {accuracy:g} asked for: this level's best")
-    told = abs(films.log_sensitivity or 0.0)
-    if films.slope is not None and films.sensitivity_error > max(5 * accuracy * told, 1e-5):
-        share = films.sensitivity_error / told if told > 0 else np.inf
+    notes = [] if reached <= accuracy else [Note("accuracy", f"{above(reached, accuracy)}: this level's best")]
+    size = abs(films.log_sensitivity or 0.0)
+    if films.slope is not None and films.sensitivity_error > max(5 * accuracy * size, 1e-5):
+        share = films.sensitivity_error / size if size > 0 else np.inf
         good = f"good to about {share:.1g} of itself only" if share < 10 else "smaller than its own error"
-        notes.append(f"log_sensitivity is {good}")
+        notes.append(Note("sensitivity", f"log_sensitivity is {good}"))
     return notes
+
+
+def above(reached: float, accuracy: float) -> str:
+    """Say that the largest bound on the errors is above the accuracy."""
+    bounds = f"error bounds of {reached:.2g}" if reached < 1 else "error bounds no smaller than the values themselves"
+    return f"{bounds} reached, accuracy {accuracy:g} asked for"
 
 
 def strains(probe: Probe, stress: Floats, indentation: float) -> dict[str, float]:
@@ -172,11 +177,12 @@ def strains(probe: Probe, stress: Floats, indentation: float) -> dict[str, float
     }
 
 
-def _beyond_linear(scene: Scene, stress: Floats, indentation: float) -> list[str]:
+def _beyond_linear(scene: Scene, stress: Floats, indentation: float) -> list[Note]:
     where, strain = max(strains(scene.probe, stress, indentation).items(), key=lambda item: item[1])
     if strain <= LINEAR_STRAIN:
         return []
-    return [
+    text = (
         f"linear elasticity is exact for small loads only: a strain of about {strain:.2g} in {where} is above {LINEAR_STRAIN}; "
         f"below {LINEAR_STRAIN / strain:.2g} of this load it holds"
-    ]
+    )
+    return [Note("linear", text)]

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any, Protocol
+from typing import Any
 
-from geometry.common.errors import Refusal
-from geometry.scenes.scene import Scene
+from solver.results.warnings import Note
 
 LARGEST = 1e9  # effects are cut there: all the same, and JSON knows no infinity
 
@@ -83,43 +82,11 @@ class Result:
     equivalent_modulus: float | None = None
     residual: float | None = None
     plan: tuple[Decision, ...] = ()
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Note, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design evaluate``."""
         return asdict(self)
-
-
-def unsupported(scene: Scene) -> str | None:
-    """Say which kind of thing in the scene no level knows yet, or None."""
-    if scene.contact.interface == "unilateral":
-        return "none built yet for contact.interface = 'unilateral' (planned: contact)"
-    return None
-
-
-def needs_solid(scene: Scene) -> str | None:
-    """Say which kind of thing in the scene no level, or only ``solid``, knows; or None."""
-    if unsupported(scene) is not None:
-        return unsupported(scene)
-    if scene.placement.tilt != 0:
-        return "solid for placement.tilt other than 0"
-    if any(body.surface is not None for body in scene.inclusion):
-        return "solid for an inclusion that is neither sphere nor ellipsoid"
-    return None
-
-
-def within(result: Result, reached: float, accuracy: float) -> Result:
-    """Return a result whose largest error bound is ``reached``, or refuse it.
-
-    Raises:
-        Refusal: it is above ``accuracy``.
-    """
-    if reached > accuracy:
-        why = f"{reached:.2g} or more for this scene (--evaluator {result.evaluator} answers with that error)"
-        if reached >= 1:
-            why = f"none for this scene: errors are no smaller than the values (--evaluator {result.evaluator} tells which)"
-        raise Refusal("accuracy", accuracy, why)
-    return result
 
 
 @dataclass(frozen=True)
@@ -140,35 +107,8 @@ class Curve:
     log_sensitivity: tuple[float | None, ...]
     error_estimate: tuple[float | None, ...]
     plan: tuple[Decision, ...] = ()
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Note, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design curve``."""
         return asdict(self)
-
-
-class Evaluator(Protocol):
-    """One level of fidelity.
-
-    Attributes:
-        name: as on the command line.
-        summary: one line for ``--help``: what it models, its usual error and cost.
-    """
-
-    @property
-    def name(self) -> str: ...  # noqa: D102
-
-    @property
-    def summary(self) -> str: ...  # noqa: D102
-
-    def refusal(self, scene: Scene) -> str | None:
-        """Say which evaluator can take what in the scene is of a *kind* that this level cannot, or None if it can."""
-        ...
-
-    def evaluate(self, scene: Scene, accuracy: float) -> Result:
-        """Answer to within ``accuracy`` (relative, on ratio, stresses and stiffness), or as well as possible with a warning.
-
-        Raises:
-            Refusal: the scene is of a kind that this level cannot take.
-        """
-        ...

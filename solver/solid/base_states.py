@@ -96,8 +96,8 @@ def _factor(problem: Problem) -> Factor:
 
 def energies(problem: Problem, v: Floats) -> Mapping[int, Floats]:
     """Twice the elastic energies of pairs of states, of each body that is there; symmetric (k, k)."""
-    found = {body: problem.energy(body, v) for body in problem.materials if body in problem.solid.parts}
-    return {body: (e + e.T) / 2 for body, e in found.items()}
+    products = {body: problem.energy(body, v) for body in problem.materials if body in problem.solid.parts}
+    return {body: (e + e.T) / 2 for body, e in products.items()}
 
 
 @dataclass(frozen=True)

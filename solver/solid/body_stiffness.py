@@ -45,7 +45,7 @@ class Part:
 
     Attributes:
         rows, columns: the pairs' nodes, columns <= rows, shape (n,).
-        gram: G of eq. (T1) added up, shape (n, 3, 3), m.
+        gram: G of eq. SO.1 added up, shape (n, 3, 3), m.
         dilation: what stands for it beside lambda, the same array unless the dilation is averaged.
     """
 
@@ -55,7 +55,7 @@ class Part:
     dilation: Floats
 
     def blocks(self, lam: float, mu: float) -> Floats:
-        """The stiffness, eq. (T2), shape (n, 3, 3), N/m."""
+        """The stiffness, eq. SO.2, shape (n, 3, 3), N/m."""
         out = lam * self.dilation + mu * self.gram.transpose(0, 2, 1)
         out += (mu * np.trace(self.gram, axis1=1, axis2=2))[:, None, None] * np.eye(3)
         return np.asarray(out)

@@ -1,8 +1,8 @@
 """What inclusions, groove and edges change of the film forces, on one mesh: the scene less its rotationally symmetric reference.
 
-Both are solved on the same mesh, so that most of what the mesh gets wrong (rims, gap) cancels in the difference, eq. (S1):
+Both are solved on the same mesh, so that most of what the mesh gets wrong (rims, gap) cancels in the difference:
 
-    F = F_reference, exact + (F_scene - F_reference) on the mesh
+    F = F_reference, exact + (F_scene - F_reference) on the mesh                                  (SO.4)
 
 """
 
@@ -53,7 +53,7 @@ class SceneDifference:
     residual: float
 
 
-def meshed(domain: Domain, fineness: TetraFineness) -> TetMesh:
+def mesh_domain(domain: Domain, fineness: TetraFineness) -> TetMesh:
     """Return the domain's mesh, from the cache if it was made before.
 
     Raises:
@@ -81,12 +81,12 @@ def difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> S
     return SceneDifference(
         reactions[:, :2, :2] - less[:2, :2],
         slope[:, :2, :2],
-        reactions[:, :2, 2] - less[:2, 2],
-        slope[:, :2, 2],
-        less[:2, :2],
-        states,
-        problem.supports.unknowns,
-        max(reference.residual, states.residual),
+        tilt=reactions[:, :2, 2] - less[:2, 2],
+        tilt_slope=slope[:, :2, 2],
+        reference=less[:2, :2],
+        states=states,
+        unknowns=problem.supports.unknowns,
+        residual=max(reference.residual, states.residual),
     )
 
 
@@ -114,20 +114,20 @@ def _reactions(states: SolidStates, scene: Scene, target: int | None, moduli: Fl
 def _reference_materials(scene: Scene) -> Mapping[int, Elastic]:
     """Of bodies in the reference: inclusions are tissue, the groove is filled."""
     probe, tissue = scene.probe, scene.tissue
-    found: dict[int, Elastic] = {INNER: probe.inner, OUTER: probe.outer, TISSUE: tissue}
+    materials: dict[int, Elastic] = {INNER: probe.inner, OUTER: probe.outer, TISSUE: tissue}
     if probe.groove is not None:
-        found[GROOVE] = probe.outer
-    return found | {INCLUSION + k: tissue for k in range(len(scene.inclusion))}
+        materials[GROOVE] = probe.outer
+    return materials | {INCLUSION + k: tissue for k in range(len(scene.inclusion))}
 
 
 def _materials(scene: Scene, solid: Solid) -> Mapping[int, Elastic]:
     """Of bodies in the scene."""
     probe, tissue = scene.probe, scene.tissue
-    found: dict[int, Elastic] = {INNER: probe.inner, OUTER: probe.outer, TISSUE: tissue}
+    materials: dict[int, Elastic] = {INNER: probe.inner, OUTER: probe.outer, TISSUE: tissue}
     if np.any(solid.body == BEYOND):
-        found[BEYOND] = tissue
+        materials[BEYOND] = tissue
     for k, body in enumerate(scene.inclusion):
-        found[INCLUSION + k] = body
+        materials[INCLUSION + k] = body
         if np.any(solid.body == outside(INCLUSION + k)):
-            found[outside(INCLUSION + k)] = body
-    return found
+            materials[outside(INCLUSION + k)] = body
+    return materials

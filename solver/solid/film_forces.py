@@ -3,7 +3,7 @@
 With A the exact forces of the reference (``solid_domain.py``), D the difference that a mesh finds (``solid_difference.py``) and
 C the compliance by which the whole probe on the whole tissue, films, base and far tissue included, exceeds the reference,
 
-    F = ((A + D)^-1 + C)^-1,    C = F_whole^-1 - A^-1                                              (S2)
+    F = ((A + D)^-1 + C)^-1,    C = F_whole^-1 - A^-1                                              (SO.5)
 
 both A and F_whole by ``converged.py``.
 """
@@ -20,13 +20,14 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
-from geometry.tetra.layout import layout
+from geometry.tetra.layout import body_layout
 from geometry.tetra.sizing import COARSE, FINE, ROUGH
 from geometry.tetra.tet_mesh import TetMesh
-from solver.axisymmetric.converged_forces import Converged, converged
+from solver.axisymmetric.converged_forces import Converged, converged_forces
 from solver.results.film_forces import Bound, FilmForces
 from solver.results.result import Decision
-from solver.solid.difference import SceneDifference, difference, meshed
+from solver.results.warnings import Note, of_kind
+from solver.solid.difference import SceneDifference, difference, mesh_domain
 from solver.solid.domain import Domain, coaxial, domain, plain, reach, room
 
 MESHES = ROUGH, COARSE, FINE
@@ -50,7 +51,7 @@ class SolidForces:
         tilt_slope: their derivative by ln E of the target.
         tilt_error: on ``tilt``, shape (2,).
         domain: what was meshed.
-        found: on the finest mesh.
+        difference: on the finest mesh.
         plan: what is modelled or left out.
         notes: what stands in the way of a better answer.
     """
@@ -60,14 +61,14 @@ class SolidForces:
     tilt_slope: Floats
     tilt_error: Floats
     domain: Domain
-    found: SceneDifference
+    difference: SceneDifference
     plan: tuple[Decision, ...]
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
 
 
 @dataclass(frozen=True)
 class _Symmetric:
-    """The rotationally symmetric part of eq. (S2).
+    """The rotationally symmetric part of eq. SO.5.
 
     Attributes:
         domain: what is to be meshed.
@@ -84,7 +85,7 @@ class _Symmetric:
     edges: float
 
     def corrected(self, change: Floats) -> Floats:
-        """Eq. (S2), for D of shape (k, 2, 2)."""
+        """Eq. SO.5, for D of shape (k, 2, 2)."""
         return np.asarray(np.linalg.inv(np.linalg.inv(self.exact + change) + self.compliance))
 
     def carried(self, change: Floats, small: Floats) -> Floats:
@@ -109,30 +110,32 @@ def solid_forces(scene: Scene, accuracy: float, moduli: Floats | None = None, te
     """
     tell("the symmetric part")
     symmetric = _symmetric(scene, accuracy)
-    known: list[SceneDifference] = []
+    differences: list[SceneDifference] = []
     for one in _differences(symmetric.domain, moduli, tell):
-        known.append(one)
-        if len(known) > 1:
-            films = _films(scene, symmetric, known[-2], known[-1], FLOOR / (len(known) - 1))
-            if max(film.error_under(scene) for film in films) <= accuracy and all(_told(film, accuracy) for film in films):
+        differences.append(one)
+        if len(differences) > 1:
+            films = _films(scene, symmetric, differences[-2], differences[-1], FLOOR / (len(differences) - 1))
+            if max(film.error_under(scene) for film in films) <= accuracy and all(
+                _sensitive_enough(film, accuracy) for film in films
+            ):
                 break
-    notes = tuple(note for note in symmetric.whole.notes if note.startswith("left out"))
-    tilt = _tilted(symmetric, known[-1])
-    before = _tilted(symmetric, known[-2])
+    notes = of_kind(symmetric.whole.notes, "left_out")
+    tilt = _tilted(symmetric, differences[-1])
+    before = _tilted(symmetric, differences[-2])
     error = SAFETY * np.abs(tilt[0] - before[0]).max(axis=0) + FLOOR * np.abs(tilt[0]).max(axis=0)
-    plan = (*symmetric.whole.plan, *_decisions(symmetric, known[-1], accuracy))
-    return SolidForces(films, *tilt, error, symmetric.domain, known[-1], plan, notes)
+    plan = (*symmetric.whole.plan, *_decisions(symmetric, differences[-1], accuracy))
+    return SolidForces(films, *tilt, error, symmetric.domain, differences[-1], plan, notes)
 
 
 def _differences(domain: Domain, moduli: Floats | None, tell: Tell) -> Iterator[SceneDifference]:
     """The difference on finer and finer meshes; the first two are meshed side by side."""
     tell("meshing twice")
     with ThreadPoolExecutor(2) as pool:
-        for made in [pool.submit(meshed, domain, fineness) for fineness in MESHES[:2]]:
-            yield _solved(domain, made.result(), moduli, tell)
+        for mesh in [pool.submit(mesh_domain, domain, fineness) for fineness in MESHES[:2]]:
+            yield _solved(domain, mesh.result(), moduli, tell)
     for fineness in MESHES[2:]:
         tell("meshing more finely")
-        yield _solved(domain, meshed(domain, fineness), moduli, tell)
+        yield _solved(domain, mesh_domain(domain, fineness), moduli, tell)
 
 
 def _solved(domain: Domain, mesh: TetMesh, moduli: Floats | None, tell: Tell) -> SceneDifference:
@@ -143,7 +146,7 @@ def _solved(domain: Domain, mesh: TetMesh, moduli: Floats | None, tell: Tell) ->
 def _symmetric(scene: Scene, accuracy: float) -> _Symmetric:
     """Cut far tissue off where that changes what inclusions do by little enough."""
     alone = plain(scene)
-    whole = converged(alone, SHARE * accuracy)
+    whole = converged_forces(alone, SHARE * accuracy)
     span = reach(scene)
     while True:
         chosen = domain(scene, span, _wall(scene))
@@ -151,10 +154,10 @@ def _symmetric(scene: Scene, accuracy: float) -> _Symmetric:
         if chosen.shortened and not coaxial(scene) and unsure:  # the tissue's sides are known better where they are meshed
             span = np.inf
             continue
-        exact = converged(chosen.reference, SHARE * accuracy).films[0].forces
-        found = _Symmetric(chosen, exact, *_compliance(alone, chosen, exact, whole, accuracy))
-        if not chosen.shortened or EDGES * found.edges <= accuracy:
-            return found
+        exact = converged_forces(chosen.reference, SHARE * accuracy).films[0].forces
+        symmetric = _Symmetric(chosen, exact, *_compliance(alone, chosen, exact, whole, accuracy))
+        if not chosen.shortened or EDGES * symmetric.edges <= accuracy:
+            return symmetric
         span *= STEP
 
 
@@ -166,16 +169,16 @@ def _wall(scene: Scene) -> float | None:
     if room(scene) < tube + BESIDE * tube:
         near = Words(f"the probe {mm(room(scene) - tube)} from the tissue's edge")
         raise Refusal("placement", near, f"{mm(BESIDE * tube)} or more for solid: the reference cylinder needs room")
-    return layout(scene, False, np.inf, None).wall
+    return body_layout(scene, False, np.inf, None).wall
 
 
 def _compliance(
     alone: Scene, chosen: Domain, exact: Floats, whole: Converged, accuracy: float
 ) -> tuple[Floats, Converged, float]:
-    """C of eq. (S2), the converged whole, and what of it far tissue makes."""
+    """C of eq. SO.5, the converged whole, and what of it far tissue makes."""
     if chosen.radius is not None:  # edges are meshed: only films and base are left for C
         probe = alone.probe
-        whole = converged(chosen.reference.model_copy(update={"probe": probe}), SHARE * accuracy)
+        whole = converged_forces(chosen.reference.model_copy(update={"probe": probe}), SHARE * accuracy)
     forces = whole.films[0].forces
     compliance = np.linalg.inv(forces) - np.linalg.inv(exact)
     totals = np.abs(forces.sum(axis=1) - exact.sum(axis=1)) / np.abs(exact.sum(axis=1))
@@ -186,7 +189,7 @@ def _films(
     scene: Scene, symmetric: _Symmetric, coarse: SceneDifference, fine: SceneDifference, floor: float
 ) -> tuple[FilmForces, ...]:
     """Film forces of the finer mesh, with bounds from both."""
-    known = symmetric.whole.films[0]
+    whole = symmetric.whole.films[0]
     forces, before = symmetric.corrected(fine.forces), symmetric.corrected(coarse.forces)
     slope, slope_before = (symmetric.carried(one.forces, one.slope) for one in (fine, coarse))
     none = symmetric.whole.films[0].forces
@@ -196,15 +199,15 @@ def _films(
         totals, was, plainly = (one.sum(axis=1) for one in (now, before[k], none))
         change = np.abs(totals - plainly)
         doubt = floor + EDGES * symmetric.edges
-        error = SAFETY * np.abs(totals - was) + doubt * change + RAW * raw * change + known.bound.totals
+        error = SAFETY * np.abs(totals - was) + doubt * change + RAW * raw * change + whole.bound.totals
         with np.errstate(divide="ignore", invalid="ignore"):
             logs = [float(np.log(np.abs(one)) @ [1.0, -1.0]) for one in (totals, was, plainly)]
         moved = abs(logs[0] - logs[2])
-        log_ratio = SAFETY * abs(logs[0] - logs[1]) + doubt * moved + RAW * float(raw.max()) * moved + known.bound.log_ratio
+        log_ratio = SAFETY * abs(logs[0] - logs[1]) + doubt * moved + RAW * float(raw.max()) * moved + whole.bound.log_ratio
         one, other = _log_sensitivity(slope[k], now), _log_sensitivity(slope_before[k], before[k])
-        told = SAFETY * abs(one - other) + FLOOR * abs(one)
+        sensitivity_bound = SAFETY * abs(one - other) + FLOOR * abs(one)
         bound = Bound(error, log_ratio if np.all(error < np.abs(totals)) else np.inf)
-        films.append(FilmForces(now, bound, slope[k] if scene.target is not None else None, told))
+        films.append(FilmForces(now, bound, slope[k] if scene.target is not None else None, sensitivity_bound))
     return tuple(films)
 
 
@@ -213,19 +216,19 @@ def _log_sensitivity(slope: Floats, forces: Floats) -> float:
         return float(np.nan_to_num((slope.sum(axis=1) / forces.sum(axis=1)) @ [1.0, -1.0]))
 
 
-def _told(films: FilmForces, accuracy: float) -> bool:
+def _sensitive_enough(films: FilmForces, accuracy: float) -> bool:
     return films.sensitivity_error <= max(5 * accuracy * abs(films.log_sensitivity or 0.0), 1e-5)
 
 
 def _tilted(symmetric: _Symmetric, one: SceneDifference) -> tuple[Floats, Floats]:
-    """Film forces per unit rotation and their slopes, carried through eq. (S2), shape (k, 2) each."""
+    """Film forces per unit rotation and their slopes, carried through eq. SO.5, shape (k, 2) each."""
     tilt, slope = (symmetric.carried(one.forces, part[..., None])[..., 0] for part in (one.tilt, one.tilt_slope))
     return tilt, slope
 
 
-def _decisions(symmetric: _Symmetric, found: SceneDifference, accuracy: float) -> Iterator[Decision]:
+def _decisions(symmetric: _Symmetric, difference: SceneDifference, accuracy: float) -> Iterator[Decision]:
     """What of the scene was meshed."""
-    none, every = symmetric.exact, symmetric.exact + found.forces[0]
+    none, every = symmetric.exact, symmetric.exact + difference.forces[0]
     effect = abs(float(np.log(np.abs(every.sum(axis=1) / none.sum(axis=1))) @ [1.0, -1.0]))
     size = f"changes the ratio by about {effect:.2g}"
     yield Decision("inclusions, groove and edges, in three dimensions", True, effect, accuracy, f"modelled: {size}")

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from time import perf_counter
-from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -15,8 +12,11 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, SolveError, Words
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
-from solver.results.film_forces import Bound, FilmForces, checked_moduli, outputs, ratio, shortfalls
-from solver.results.result import Curve, Result, unsupported, within
+from solver.results.evaluator import Answer, FilmLevel, Tell, silent
+from solver.results.film_forces import Bound, FilmForces, shortfalls
+from solver.results.kinds import unsupported
+from solver.results.result import Result
+from solver.results.warnings import Note
 from solver.solid.domain import coaxial
 from solver.solid.film_forces import SolidForces, solid_forces
 
@@ -26,14 +26,14 @@ STEEP = math.radians(10)  # the largest tilt: beyond, its square is above 3 %
 
 
 @dataclass(frozen=True)
-class SolidLevel:
+class SolidLevel(FilmLevel):
     """Quadratic tetrahedra on a pytetwild mesh: bonded or frictionless.
 
     Attributes:
         tell: called with a line before each piece of work.
     """
 
-    tell: Callable[[str], None] = field(default=lambda text: None, compare=False)
+    tell: Tell = field(default=silent, compare=False)
     name: str = "solid"
     summary: str = "3D finite elements: groove, edges, tilt, tumours of any shape; 1e-2 in 10 to 60 s"
 
@@ -51,58 +51,35 @@ class SolidLevel:
         """Answer as ``evaluate`` does, but only if every bound is below ``accuracy``.
 
         Raises:
-            Refusal: see ``evaluate``; and where the accuracy is out of reach.
+            InputError, Refusal: see ``answer``; and where the accuracy is out of reach.
         """
         if accuracy < BEST:
             raise Refusal("accuracy", accuracy, f"{BEST} or more for this scene")
-        result, _, reached = self.answered(scene, accuracy)
-        return within(result, reached, accuracy)
+        return super().evaluate_within(scene, accuracy)
 
-    def evaluate(self, scene: Scene, accuracy: float = 0.01) -> Result:
-        """Answer from two or three meshes.
+    def answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Answer:
+        """Answer from two or three meshes, a curve from one factor a mesh.
 
         Raises:
             InputError: a surface file that cannot be used.
             Refusal: the scene is of another kind, or cannot be meshed, or its equations cannot be solved.
         """
-        return self.answered(scene, accuracy)[0]
+        return self.answer_of(scene, self.solved(scene, accuracy, moduli), accuracy)
 
-    def answered(self, scene: Scene, accuracy: float) -> tuple[Result, SolidForces, float]:
-        """Return the result, the states behind it and the largest of the bounds on ratio, stresses and stiffness.
-
-        Raises:
-            InputError, Refusal: see ``evaluate``.
-        """
-        start = perf_counter()
-        found = self.solved(scene, accuracy)
-        films, stiffness = tilted(scene, found, 0)
-        told = outputs(scene, films) | {"stiffness": stiffness, "residual": found.found.residual}
-        reached = films.error_under(scene)
-        warnings = (*told.pop("warnings"), *_tilt_notes(scene, films), *found.notes, *shortfalls(films, reached, accuracy))
-        result = Result(self.name, perf_counter() - start, **told, plan=found.plan, warnings=warnings)
-        return result, found, reached
-
-    def curve(self, scene: Scene, moduli: Floats, accuracy: float = 0.01) -> Curve:
-        """Return ratio and log-sensitivity for every Young's modulus (Pa) of the target, from one factor a mesh.
-
-        Raises:
-            InputError: there is no target, or a modulus is not positive and finite.
-            Refusal: see ``evaluate``.
-        """
-        start, moduli = perf_counter(), checked_moduli(scene, moduli)
-        found = self.solved(scene, accuracy, moduli)
-        every = [tilted(scene, found, k)[0] for k in range(len(moduli))]
-        told = [ratio(scene, films) for films in every]
-        values: dict[str, Any] = {key: tuple(one[key] for one in told) for key in ("ratio", "log_sensitivity", "error_estimate")}
-        worst = max(every, key=lambda films: films.error_under(scene))
-        notes = (*_tilt_notes(scene, worst), *found.notes, *shortfalls(worst, worst.error_under(scene), accuracy))
-        return Curve(self.name, perf_counter() - start, tuple(moduli.tolist()), **values, plan=found.plan, warnings=notes)
+    def answer_of(self, scene: Scene, solution: SolidForces, accuracy: float) -> Answer:
+        """Return what a solution says of the scene at its load; see ``tilted`` for what it refuses."""
+        every = [tilted(scene, solution, k) for k in range(len(solution.films))]
+        films = tuple(one for one, _ in every)
+        worst = max(films, key=lambda one: one.error_under(scene))
+        short = shortfalls(worst, worst.error_under(scene), accuracy)
+        notes = (*_tilt_notes(scene, worst), *solution.notes, *short)
+        return Answer(films, solution.difference.residual, solution.plan, notes, every[0][1])
 
     def solved(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> SolidForces:
         """Return film forces with their errors, and the states behind them.
 
         Raises:
-            InputError, Refusal: see ``evaluate``.
+            InputError, Refusal: see ``answer``.
         """
         why = self.refusal(scene)
         if why is not None:
@@ -141,7 +118,7 @@ def tilted(scene: Scene, found: SolidForces, k: int) -> tuple[FilmForces, float]
     """Film forces at the scene's load with what the tilt adds, per unit indentation; and the stiffness, N/m.
 
     With w the indentation of the base's centre and t the tilt, the films feel F 1 w + T t, so that per unit of w
-    T t / w comes on top, eq. (S3).
+    T t / w comes on top (SO.6).
 
     Raises:
         Refusal: a tilted probe without load, or one that the load does not press down.
@@ -162,7 +139,7 @@ def tilted(scene: Scene, found: SolidForces, k: int) -> tuple[FilmForces, float]
     return replace(films, forces=forces, bound=bound, slope=slope), stiffness
 
 
-def _tilt_notes(scene: Scene, films: FilmForces) -> list[str]:
+def _tilt_notes(scene: Scene, films: FilmForces) -> list[Note]:
     tilt, load = abs(scene.placement.tilt), scene.load
     if tilt == 0:
         return []
@@ -171,4 +148,9 @@ def _tilt_notes(scene: Scene, films: FilmForces) -> list[str]:
     if raised <= indentation:
         return []
     sides = f"the tilt raises one side by {1e3 * raised:.3g} mm, the load lowers the probe by {1e3 * indentation:.3g} mm"
-    return [f"{sides}: there the contact is taken to pull, where a real one opens"]
+    return [Note("linear", f"{sides}: there the contact is taken to pull, where a real one opens")]
+
+
+def level(tell: Tell | None = None) -> SolidLevel:
+    """Return the level."""
+    return SolidLevel(tell or silent)

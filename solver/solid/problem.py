@@ -3,7 +3,7 @@
 The blocks' unknowns are what is left of their displacement beside the base's rigid motion, which strains nothing: so stiff
 blocks add no rounding errors. In the tissue that motion appears where the blocks are tied to it, as a lift:
 
-    K v = -K_tissue lift,    F_ij = u_i^T K u_j,  u = v in the blocks, v + lift in the tissue       (D1)
+    K v = -K_tissue lift,    F_ij = u_i^T K u_j,  u = v in the blocks, v + lift in the tissue       (SO.3)
 
 which is the consistent reaction of the base: the sum of the nodal forces that hold it, weighted by its motion.
 """
@@ -61,7 +61,7 @@ class Solid:
         """
         nodes, elements, twin = _sliding(mesh) if frictionless else (mesh.nodes, mesh.elements, np.arange(len(mesh.nodes)))
         body = np.where((mesh.body >= INCLUSION) & mesh.beyond, -1 - mesh.body, mesh.body)
-        return cls(mesh, nodes, elements, body, twin, parts(nodes, elements, body, averaged))
+        return cls(mesh, nodes, elements=elements, body=body, twin=twin, parts=parts(nodes, elements, body, averaged))
 
     def on(self, bodies: Iterable[int]) -> NDArray[np.bool_]:
         """Which nodes belong to some bodies, shape (n,)."""
@@ -161,7 +161,7 @@ class Problem:
         return 2.0 if self.solid.mesh.half else 1.0
 
     def own(self, v: Floats, body: int) -> Floats:
-        """Displacements (3 n, k) as a body feels them, of unknowns v (unknowns, k): eq. (D1)."""
+        """Displacements (3 n, k) as a body feels them, of unknowns v (unknowns, k): eq. SO.3."""
         out = self.spread(v)
         return out if body in BLOCKS else out + self.supports.lift.reshape(out.shape)
 

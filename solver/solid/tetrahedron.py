@@ -2,8 +2,8 @@
 
 With g_a the gradient of function a, everything that an isotropic element needs is one matrix of nine numbers for each pair:
 
-    G_(ai)(bj) = Int g_ai g_bj dV                                                            (T1)
-    K_(ai)(bj) = lambda G_(ai)(bj) + mu (G_(aj)(bi) + delta_ij sum_k G_(ak)(bk))             (T2)
+    G_(ai)(bj) = Int g_ai g_bj dV                                                            (SO.1)
+    K_(ai)(bj) = lambda G_(ai)(bj) + mu (G_(aj)(bi) + delta_ij sum_k G_(ak)(bk))             (SO.2)
 
 Nodes are in VTK's order: corners 0 1 2 3, then the middles of edges 01 12 02 03 13 23. An element whose middles lie
 elsewhere is curved; its mapping is quadratic, its Jacobian no longer constant.
@@ -112,7 +112,7 @@ def integrated(x: Floats) -> Iterator[tuple[Ints, Floats, Floats, Floats]]:
 
 
 def grams(g: Floats, weight: Floats) -> Floats:
-    """G of eq. (T1), shape (n, 30, 30), from g (n, q, 10, 3) and weights (n, q)."""
+    """G of eq. SO.1, shape (n, 30, 30), from g (n, q, 10, 3) and weights (n, q)."""
     n, q = weight.shape
     root = (g * np.sqrt(weight)[..., None, None]).reshape(n, q, 30)
     return np.asarray(root.transpose(0, 2, 1) @ root)

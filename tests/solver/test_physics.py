@@ -164,7 +164,7 @@ def test_tumours_of_tissue_are_none(level: str, scene: Scene) -> None:
 def test_sensitivity_is_the_slope_of_the_ratio(level: str, scene: Scene, like: bool) -> None:
     """At the tumours' moduli and at the tissue's."""
     scene = homogeneous(scene) if like else scene
-    assume(films(level, scene).buried is None)
+    assume(films(level, scene).unresolved_stress is None)
     step = 1.01
     logs = [math.log(np.divide(*films(level, stiffened(scene, "inclusion", times)).totals)) for times in (step, 1 / step)]
     found = films(level, scene)

@@ -41,4 +41,13 @@ def sampled(signals: Callable[[Floats], Floats], rows: int = ROWS, rate: float =
     index = np.arange(rows)
     volts = signals(index / rate)[:, :channels]
     names = ("inner", "outer", "force")[:channels]
-    return Samples(rate, names, index, volts, np.zeros(volts.shape, bool), (), 0, {"transport": "simulated"})
+    return Samples(
+        rate,
+        names,
+        index=index,
+        volts=volts,
+        saturated=np.zeros(volts.shape, bool),
+        gaps=(),
+        overruns=0,
+        source={"transport": "simulated"},
+    )

@@ -17,7 +17,7 @@ sizes = st.tuples(*[st.none() | between(1e-5, 1e2)] * 2)  # of cells at the ends
 
 
 def density(x: float, length: float, low: float | None, high: float | None) -> float:
-    """The integrand of eq. (M2)."""
+    """The integrand of eq. ME.2."""
     return sum(1 / (away + size) for away, size in ((x, low), (length - x, high)) if size is not None)
 
 

@@ -133,9 +133,9 @@ def assert_smooth(case: dict[str, float], way: dict[str, float]) -> None:
 
 def test_many_designs_at_once_have_the_nodes_of_each() -> None:
     s = section(**PAPER | FILMS_AND_BASE | {"inner_height": 0.5})
-    scales = 1 + 1e-3 * np.eye(len(s.given))
-    each = [replace(s, **{name: getattr(s, name) * scale for name, scale in zip(s.given, row, strict=True)}) for row in scales]
-    together = replace(s, **{name: getattr(s, name) * scales[:, k] for k, name in enumerate(s.given)})
+    scales = 1 + 1e-3 * np.eye(len(s.lengths))
+    each = [replace(s, **{name: getattr(s, name) * scale for name, scale in zip(s.lengths, row, strict=True)}) for row in scales]
+    together = replace(s, **{name: getattr(s, name) * scales[:, k] for k, name in enumerate(s.lengths)})
     one = [nodes(design, mesh_of(s), SQUARE) for design in each]
     np.testing.assert_allclose(nodes(together, mesh_of(s), SQUARE), one, rtol=1e-12, atol=1e-15)
 
@@ -161,7 +161,7 @@ def independent(s: Section) -> list[tuple[str, ...]]:
     """Lengths that may change alone; under a level base, which would get a step, the heights do so together."""
     heights = "inner_height", "outer_height"
     level = kind_of(s).base == 0
-    return [(name,) for name in s.given if not (level and name in heights)] + [heights] * level
+    return [(name,) for name in s.lengths if not (level and name in heights)] + [heights] * level
 
 
 SOFT = Material(youngs_modulus=1e4, poisson_ratio=0.4)
@@ -172,7 +172,7 @@ def test_velocities_add_up_to_the_derivatives_by_all_lengths() -> None:
     s = section(**PAPER | FILMS_AND_BASE | {"inner_height": 0.5})
     solved = model(s, dict.fromkeys(Body, SOFT), "bonded", MeridianFineness(1, 1, 2))
     every, shares = velocities(solved)
-    for name, velocity, share in zip(s.given, every[:-1], shares, strict=True):
-        steps = {other: getattr(s, other) * (1 + 1e-30j * (other == name)) for other in s.given}
+    for name, velocity, share in zip(s.lengths, every[:-1], shares, strict=True):
+        steps = {other: getattr(s, other) * (1 + 1e-30j * (other == name)) for other in s.lengths}
         exact = nodes(replace(s, **steps), solved.mesh, solved.shapes.places).imag / 1e-30
         np.testing.assert_allclose(velocity + share * every[-1], exact, rtol=1e-10, atol=1e-12 * s.tissue_depth)

@@ -12,12 +12,12 @@ def made(monkeypatch, tmp_path):
     monkeypatch.setenv(mesh_cache.FOLDER, str(tmp_path / "cache"))
     calls = []
 
-    def meshed(found, fineness):
+    def mesh_layout(found, fineness):
         calls.append(fineness)
         nodes, elements, _ = quadratic(np.vstack([np.zeros(3), np.eye(3)]), np.array([[0, 1, 2, 3]]))
         return TetMesh(nodes, elements, np.array([len(calls)]), np.array([False]), found.half), None
 
-    monkeypatch.setattr(mesh_cache, "meshed", meshed)
+    monkeypatch.setattr(mesh_cache, "mesh_layout", mesh_layout)
     return calls
 
 

@@ -6,8 +6,8 @@ import pytest
 from geometry import Refusal, SolveError
 from geometry.tetra import mesher as module
 from geometry.tetra.check import LEAST_QUALITY, check, errors, largest_error
-from geometry.tetra.layout import Ellipsoid, layout, mirror_symmetric
-from geometry.tetra.mesher import COARSE, FINE, ROUGH, extent, meshed, volume_mesh
+from geometry.tetra.layout import Ellipsoid, body_layout, mirror_symmetric
+from geometry.tetra.mesher import COARSE, FINE, ROUGH, extent, mesh_layout, volume_mesh
 from geometry.tetra.stretched_space import mesh_space
 from geometry.tetra.surfaces import ellipsoid
 from geometry.tetra.tet_mesh import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE, TetMesh, element_volumes, quadratic
@@ -17,8 +17,8 @@ from tests.support.block_scene import scene
 
 @pytest.fixture(scope="module")
 def grooved():
-    found = layout(scene(), True, 0.1, None)
-    return (*meshed(found, ROUGH), found)
+    found = body_layout(scene(), True, 0.1, None)
+    return (*mesh_layout(found, ROUGH), found)
 
 
 def test_every_volume_and_area_is_the_scenes(grooved):
@@ -71,7 +71,7 @@ def test_each_fineness_is_finer_everywhere():
 
 
 class TestTrials:
-    """What ``meshed`` does with meshes that are made up."""
+    """What ``mesh_layout`` does with meshes that are made up."""
 
     def meshes(self, monkeypatch, *outcomes):
         left, seen = list(outcomes), []
@@ -89,22 +89,22 @@ class TestTrials:
 
     def test_the_best_of_three_is_kept(self, monkeypatch):
         seen = self.meshes(monkeypatch, 8e-3, 4e-3, 6e-3)
-        mesh, timing = meshed(None, COARSE)
+        mesh, timing = mesh_layout(None, COARSE)
         assert (mesh, timing.trials, timing.tetwild) == (4e-3, 3, 3.0)
         assert seen[0][1] > seen[1][1] > seen[2][1]
 
     def test_a_good_one_is_taken_at_once(self, monkeypatch):
         self.meshes(monkeypatch, 2e-3)
-        assert meshed(None, COARSE)[1].trials == 1
+        assert mesh_layout(None, COARSE)[1].trials == 1
 
     def test_a_crash_is_tried_again(self, monkeypatch):
         self.meshes(monkeypatch, Failure("SIGSEGV"), SolveError("folded"), 4e-3)
-        assert meshed(None, COARSE)[0] == 4e-3
+        assert mesh_layout(None, COARSE)[0] == 4e-3
 
     def test_a_run_that_takes_too_long_is_not_tried_again(self, monkeypatch):
         seen = self.meshes(monkeypatch, TooLong("it took longer than 600 s"))
         with pytest.raises(SolveError, match="longer than 600 s"):
-            meshed(None, COARSE)
+            mesh_layout(None, COARSE)
         assert len(seen) == 1
 
 
@@ -119,18 +119,18 @@ def test_half_of_a_scene_without_symmetry_is_refused():
 @pytest.mark.parametrize("radius", [3e-3, 40e-3])
 def test_a_reference_cylinder_has_to_lie_between_probe_and_sides(radius):
     with pytest.raises(Refusal, match="reference_radius"):
-        layout(scene(), True, 0.1, radius)
+        body_layout(scene(), True, 0.1, radius)
 
 
 def test_the_reference_cylinder_avoids_inclusions():
     far = {"diameter": "6 mm", "depth": "9 mm", "x": "18 mm", "youngs_modulus": "60 kPa", "poisson_ratio": 0.45}
-    found = layout(scene(inclusion=[far]), True, 0.1, None)
+    found = body_layout(scene(inclusion=[far]), True, 0.1, None)
     assert found.wall is not None
     assert found.wall < 15e-3 or found.wall > 21e-3
 
 
 def test_the_space_of_the_mesher_is_mapped_back_exactly():
-    space = mesh_space(4e-3, 4.02e-3, 6e-3, 0.5e-3, 8e-3, 3e-3, 1e-3)
+    space = mesh_space(4e-3, 4.02e-3, 6e-3, gap=0.5e-3, near=8e-3, height=3e-3, rise=1e-3)
     points = np.random.default_rng(1).normal(scale=20e-3, size=(500, 3))
     back = space.to_scene(space.to_mesh(points))
     assert np.abs(back - points).max() < 1e-12
@@ -161,7 +161,7 @@ def test_an_ellipsoids_triangles_lie_on_it(half):
 def test_a_half_space_ends_beyond_all_bodies():
     soft = {"shape": "half-space", "youngs_modulus": "6 kPa", "poisson_ratio": 0.45}
     far = scene(tissue=soft)
-    found = layout(far, True, extent(far, None), None)
+    found = body_layout(far, True, extent(far, None), None)
     assert found.tissue_radius == found.depth >= 25 * found.tube
     assert found.wall is None
     assert math.isclose(extent(far, 0.2), 0.2)
@@ -173,25 +173,25 @@ def test_a_half_space_ends_beyond_all_bodies():
 def test_shortened_tissue_is_a_cylinder_round_the_probe(shape):
     soft = {"depth": "70 mm", "youngs_modulus": "6 kPa", "poisson_ratio": 0.45}
     large = scene(tissue={**shape, **soft}, placement={"x": "2 mm"})
-    found = layout(large, True, 0.03, None)
+    found = body_layout(large, True, 0.03, None)
     assert (found.centre, found.tissue_radius, found.depth, found.wall) == ((0.0, 0.0), 0.03, 0.03, None)
-    assert layout(large, True, extent(large, None), None).depth == 0.07
-    assert layout(large, True, extent(large, None), None).wall is not None
-    assert layout(large, True, 0.03, 0.02).wall == 0.02
+    assert body_layout(large, True, extent(large, None), None).depth == 0.07
+    assert body_layout(large, True, extent(large, None), None).wall is not None
+    assert body_layout(large, True, 0.03, 0.02).wall == 0.02
 
 
 def test_tissue_within_the_extent_stays_but_for_its_depth():
-    found = layout(scene(), True, 0.0395, None)
+    found = body_layout(scene(), True, 0.0395, None)
     assert (found.tissue_radius, found.sides, found.depth) == (None, (0.03, 0.025), 0.0395)
 
 
 @pytest.mark.parametrize(("extent", "reason"), [(9e-3, "inclusion.0."), (5e-3, "above")])
 def test_shortened_tissue_has_room_for_probe_and_inclusions(extent, reason):
     with pytest.raises(Refusal, match=f"tissue_extent.*{reason}"):
-        layout(scene(), True, extent, None)
+        body_layout(scene(), True, extent, None)
 
 
 def test_a_half_space_has_to_end_somewhere():
     soft = {"shape": "half-space", "youngs_modulus": "6 kPa", "poisson_ratio": 0.45}
     with pytest.raises(Refusal, match="tissue_extent"):
-        layout(scene(tissue=soft), True, math.inf, None)
+        body_layout(scene(tissue=soft), True, math.inf, None)

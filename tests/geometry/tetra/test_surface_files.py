@@ -7,9 +7,9 @@ import pyvista
 
 from geometry import InputError, Refusal, SolveError
 from geometry.tetra.check import check, errors
-from geometry.tetra.layout import layout
+from geometry.tetra.layout import body_layout
 from geometry.tetra.layout_fit import least_distances
-from geometry.tetra.mesher import ROUGH, meshed
+from geometry.tetra.mesher import ROUGH, mesh_layout
 from geometry.tetra.surface_files import read_surface
 from geometry.tetra.tet_mesh import INCLUSION, TISSUE
 from tests.support.block_scene import scene
@@ -61,8 +61,8 @@ def test_dirty_surfaces_are_meshed(tmp_path, fault):
     else:
         both = whole.merge(ball(2.0, (2.5, 0.0, 0.0)), merge_points=False).extract_surface(algorithm="dataset_surface")
         dirty = both.flip_faces()
-    found = layout(with_file(saved(tmp_path, dirty)), False, 0.02, None)
-    mesh, _ = meshed(found, ROUGH)
+    found = body_layout(with_file(saved(tmp_path, dirty)), False, 0.02, None)
+    mesh, _ = mesh_layout(found, ROUGH)
     volume = mesh.volumes[INCLUSION]
     least = whole.volume * 1e-9
     assert least * 0.97 < volume < (1.02 if fault == "hole" else 1.5) * least
@@ -93,7 +93,7 @@ def test_files_that_cannot_be_read_are_refused(tmp_path, name, content):
 )
 def test_a_file_that_leaves_the_tissue_is_refused(tmp_path, depth, x, left):
     with pytest.raises(Refusal, match=rf"inclusion\[0\]\.surface.*leaves its {left}"):
-        layout(with_file(saved(tmp_path, ball()), depth=depth, x=x), False, 0.1, None)
+        body_layout(with_file(saved(tmp_path, ball()), depth=depth, x=x), False, 0.1, None)
 
 
 @pytest.mark.parametrize(
@@ -109,10 +109,10 @@ def test_a_file_that_leaves_the_tissue_is_refused(tmp_path, depth, x, left):
 def test_a_file_that_overlaps_an_ellipsoid_is_refused(tmp_path, other, apart):
     both = with_file(saved(tmp_path, ball()), {"depth": "9 mm", **SOFT, **other})
     if apart:
-        assert len(layout(both, False, 0.1, None).inclusions) == 2
+        assert len(body_layout(both, False, 0.1, None).inclusions) == 2
     else:
         with pytest.raises(Refusal, match=r"inclusion\[1\]\.surface.*overlaps or touches inclusion\[0\]"):
-            layout(both, False, 0.1, None)
+            body_layout(both, False, 0.1, None)
 
 
 @pytest.mark.parametrize(("radius", "x", "apart"), [(2.0, 4.8, False), (2.0, 5.2, True), (1.0, 0.0, False)])
@@ -120,10 +120,10 @@ def test_files_that_overlap_are_refused(tmp_path, radius, x, apart):
     other = {"surface": saved(tmp_path, ball(radius), "other.stl"), "depth": "9 mm", "x": f"{2 + x} mm", **SOFT}
     both = with_file(saved(tmp_path, ball()), other)
     if apart:
-        assert len(layout(both, False, 0.1, None).inclusions) == 2
+        assert len(body_layout(both, False, 0.1, None).inclusions) == 2
     else:
         with pytest.raises(Refusal, match=r"inclusion\[1\]\.surface.*inclusion\[0\]"):
-            layout(both, False, 0.1, None)
+            body_layout(both, False, 0.1, None)
 
 
 def test_distances_to_triangles_are_those_of_many_points_on_them():

@@ -13,9 +13,9 @@ from geometry import SolveError
 from geometry.tetra import mesher as volume_mesh
 from geometry.tetra import tetwild_process
 from geometry.tetra.cache import FOLDER
-from geometry.tetra.layout import layout
+from geometry.tetra.layout import body_layout
 from geometry.tetra.sizing import ROUGH
-from geometry.tetra.tetwild_process import Failure, TooLong, tetrahedralized
+from geometry.tetra.tetwild_process import Failure, TooLong, tetrahedralize
 from tests.support.block_scene import scene
 from tests.support.paths import ROOT
 
@@ -65,34 +65,34 @@ def end(children, number):
 @pytest.mark.slow
 def test_two_threads_mesh_at_the_same_time():
     with ThreadPoolExecutor(2) as pool:
-        for points, tetrahedra in pool.map(lambda size: tetrahedralized(cube(size)), (0.3, 0.4)):
+        for points, tetrahedra in pool.map(lambda size: tetrahedralize(cube(size)), (0.3, 0.4)):
             assert volume(points, tetrahedra) == pytest.approx(1, abs=0.01)
 
 
 def test_what_pytetwild_refuses_is_said():
     with pytest.raises(Failure, match="must all be given"):
-        tetrahedralized({**cube(), "bg_vertices": CUBE})
+        tetrahedralize({**cube(), "bg_vertices": CUBE})
 
 
 def test_a_process_that_takes_too_long_is_ended(children):
     with pytest.raises(TooLong, match=r"longer than 0\.3 s"):
-        tetrahedralized(cube(0.005), limit=0.3)
+        tetrahedralize(cube(0.005), limit=0.3)
     assert children[0].poll() is not None
 
 
 def test_a_process_that_cannot_start_is_a_failure(monkeypatch):
     monkeypatch.setattr(sys, "executable", "/none/python")
     with pytest.raises(Failure, match="no process can be started"):
-        tetrahedralized(cube())
+        tetrahedralize(cube())
 
 
 @POSIX
 def test_a_killed_process_is_a_solve_error(children, monkeypatch):
     monkeypatch.setattr(volume_mesh, "_TRIALS", 1)
-    found = layout(scene(), True, 0.1, None)
+    found = body_layout(scene(), True, 0.1, None)
     thread = end(children, signal.SIGKILL)
     with pytest.raises(SolveError, match="SIGKILL"):
-        volume_mesh.meshed(found, ROUGH)
+        volume_mesh.mesh_layout(found, ROUGH)
     thread.join()
 
 
@@ -100,7 +100,7 @@ def test_a_killed_process_is_a_solve_error(children, monkeypatch):
 def test_ctrl_c_in_the_child_alone_ends_it_without_a_word(children):
     thread = end(children, signal.SIGINT)
     with pytest.raises(KeyboardInterrupt):
-        tetrahedralized(cube(0.005))
+        tetrahedralize(cube(0.005))
     thread.join()
 
 

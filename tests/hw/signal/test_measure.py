@@ -24,7 +24,9 @@ def record(seed: int, frequency: float = 5.0, noise: float = 1e-5, rows: int = 4
         volts = np.column_stack([volts, 0.02 * np.cos(2 * np.pi * frequency * t + 1)])
     volts = volts + noise * random.standard_normal(volts.shape)
     names = ("inner", "outer", "force")[: volts.shape[1]]
-    return Samples(500.0, names, np.arange(rows), volts, np.zeros(volts.shape, bool), (), 0, {})
+    return Samples(
+        500.0, names, index=np.arange(rows), volts=volts, saturated=np.zeros(volts.shape, bool), gaps=(), overruns=0, source={}
+    )
 
 
 def test_half_a_hertz_reads_4_7_percent_low() -> None:

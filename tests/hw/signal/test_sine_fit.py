@@ -29,7 +29,9 @@ def record(
     volts = volts + hum * mains[:, None] * [1.0, 0.7]
     volts = volts + drift * ((t / t[-1]) + 0.3 * (t / t[-1]) ** 2)[:, None] * [1.0, 0.5]
     volts = volts + NOISE * random.standard_normal((rows, 2)) + walk * np.cumsum(random.standard_normal((rows, 2)), axis=0)
-    return Samples(RATE, ("inner", "outer"), index, volts, np.zeros((rows, 2), bool), (), 0, {})
+    return Samples(
+        RATE, ("inner", "outer"), index=index, volts=volts, saturated=np.zeros((rows, 2), bool), gaps=(), overruns=0, source={}
+    )
 
 
 @cache

@@ -110,7 +110,7 @@ def test_no_flipped_byte_passes(at: int, mask: int) -> None:
 def test_million_samples_arrive_once_each() -> None:
     layout = FrameLayout(64, 2)
     codes = codes_at(np.arange(1_000_000))
-    data = encoded(layout, STREAM, 2**32 - 1000, 0, codes)
+    data = encoded(layout, stream=STREAM, sequence=2**32 - 1000, index=0, codes=codes)
     found = fed(decoder(layout), data, 16_411)
     np.testing.assert_array_equal(found.index, np.arange(1_000_000))
     np.testing.assert_array_equal(found.volts, codes * SCALE)

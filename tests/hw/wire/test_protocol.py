@@ -23,7 +23,7 @@ def test_many_frames_at_once_are_the_single_ones() -> None:
     layout = FrameLayout(65, 3)
     codes = codes_at(np.arange(4 * layout.rows), 3)
     single = [Frame(2**32 - 2 + k, 7 + 6 * k, STREAM, codes[6 * k : 6 * k + 6], 0x21).encoded(layout) for k in range(4)]
-    assert encoded(layout, STREAM, 2**32 - 2, 7, codes, 0x21) == b"".join(single)
+    assert encoded(layout, stream=STREAM, sequence=2**32 - 2, index=7, codes=codes, flags=0x21) == b"".join(single)
 
 
 def test_frame_is_laid_out_as_documented() -> None:

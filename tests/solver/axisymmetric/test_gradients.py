@@ -32,7 +32,7 @@ def solved(scene: Scene, fineness: MeridianFineness, moduli: np.ndarray | None =
     add = with_layers if scene.probe.film or not scene.probe.base.rigid else lambda _, plain: plain
     of = add(scene, sections(scene))
     kind = kind_of(add(like, sections(like)).section) if like else None
-    return sample(of.section, of, scene, fineness, moduli, kind)
+    return sample(of.section, of, scene, fineness, moduli=moduli, kind=kind)
 
 
 @pytest.mark.parametrize("name", slow_unless("examples/scene.toml".__eq__, INDEPENDENT))

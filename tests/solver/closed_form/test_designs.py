@@ -13,7 +13,7 @@ from solver import evaluate
 from solver.casadi_functions.closed_form import ClosedFormFunction
 from solver.closed_form.bessel import bessel, spherical
 from solver.closed_form.block_compliance import ElasticBlocks
-from solver.closed_form.contact import Tissue, answer
+from solver.closed_form.contact import Tissue, solve_contact
 from solver.closed_form.designs import PROBE, Shape, forces, gradients, parameters
 from solver.closed_form.half_space import ring_work
 from solver.closed_form.layer import Waves, floor_compliance, waves
@@ -75,7 +75,7 @@ def test_bessel_functions() -> None:
 
 @pytest.mark.parametrize(("a", "b"), [(0.1, 1.0), (0.7, 1.0), (0.98, 1.0), (1.0, 1.0)])
 def test_work_of_discs(a: float, b: float) -> None:
-    # the Hankel integrals of eqs. (H2)-(H5) by quadrature, their slow tails averaged out by a factor exp(-e k) with e to 0
+    # the Hankel integrals of eqs. CF.2-CF.5 by quadrature, their slow tails averaged out by a factor exp(-e k) with e to 0
     nu, mu = 0.3, 2.0
 
     def integral(m: int, n: int, x: float, y: float) -> float:
@@ -103,7 +103,7 @@ def punch(nu: float, depth: float | None, bonded: bool) -> float:
     one = np.ones(1)
     blocks = ElasticBlocks(None, 0.5 * one, one, 1e9 * one, 0 * one), ElasticBlocks(0.5001 * one, one, one, 1e9 * one, 0 * one)
     tissue = Tissue(None if depth is None else depth * one, 2 * (1 + nu) * one, nu * one)
-    return float(answer(blocks, tissue, [], None, bonded, 40).forces.sum())
+    return float(solve_contact(blocks, tissue, [], target=None, bonded=bonded, nodes=40).forces.sum())
 
 
 @pytest.mark.parametrize(
@@ -129,7 +129,11 @@ def on_cylinder(radius: float, depth: float, nu: float, nodes: int) -> float:
     """Force per indentation of two stiff blocks, outer radius 1, on a free cylinder with E = 1."""
     one = np.ones(1)
     blocks = ElasticBlocks(None, 0.5 * one, one, 1e6 * one, 0 * one), ElasticBlocks(0.501 * one, one, one, 1e6 * one, 0 * one)
-    return float(answer(blocks, Tissue(depth * one, one, nu * one, radius * one), [], None, True, 40, nodes).forces.sum())
+    return float(
+        solve_contact(
+            blocks, Tissue(depth * one, one, nu * one, radius * one), [], target=None, bonded=True, nodes=40, side_nodes=nodes
+        ).forces.sum()
+    )
 
 
 @pytest.mark.parametrize("nu", [0.0, 0.3, 0.49])
@@ -160,7 +164,9 @@ def test_block_on_rigid_ground(radius_per_height: float, nu: float, apparent: fl
     one = np.ones(1)
     inner = ElasticBlocks(None, one, one / radius_per_height, one, nu * one)
     outer = ElasticBlocks(1.1 * one, 2 * one, one, one, 0.3 * one)
-    stiff = answer((inner, outer), Tissue(None, 1e9 * one, 0 * one), [], None, True, 16).forces[0, 0, 0]
+    stiff = solve_contact((inner, outer), Tissue(None, 1e9 * one, 0 * one), [], target=None, bonded=True, nodes=16).forces[
+        0, 0, 0
+    ]
     assert stiff * float(inner.height[0]) / np.pi == pytest.approx(apparent, rel=0.02)
 
 
@@ -175,7 +181,7 @@ def test_image_is_mindlins() -> None:
     x, weight = np.polynomial.legendre.leggauss(60)
     one, k = np.ones(1), 20 * (x[None] + 1)
     sphere, near, field = near_surface(k, 0.3)
-    found = image(sphere, field, near, 20 * weight * k, one, 0.3 * one)[0]
+    found = image(sphere, field, near, 20 * weight * k, mu=one, nu=0.3 * one)[0]
     assert found.shape == (ALL, ALL)
     exact = {(0, 0): 0.0069661, (0, 1): -0.0096447, (1, 1): 0.0170852, (5, 5): 0.0067197}
     assert [found[at] for at in exact] == pytest.approx(list(exact.values()), rel=3e-3)
@@ -186,8 +192,10 @@ def test_a_wide_disc_turns_the_image_round() -> None:
     x, weight = np.polynomial.legendre.leggauss(160)
     one, k = np.ones(1), 7 * (x[None] + 1)
     sphere, near, field = near_surface(k, 0.0)
-    free = image(sphere, field, near, 7 * weight * k, one, 0 * one)[0]
-    answer = off_axis_response(sphere, near, k, 7 * weight * k, Disc(6 * one, one, one), one, True, orders=3, degree=96)[0]
+    free = image(sphere, field, near, 7 * weight * k, mu=one, nu=0 * one)[0]
+    answer = off_axis_response(
+        sphere, near, k, 7 * weight * k, disc=Disc(6 * one, one, one), mu=one, bonded=True, orders=3, degree=96
+    )[0]
     aside = slice(MOMENTS, ALL)
     assert (np.pi / 6 * answer)[aside, aside] == pytest.approx(2 * free[aside, aside], rel=5e-3, abs=1e-9)
 

@@ -74,7 +74,9 @@ def test_a_tumour_of_tissue_is_none(reflect: bool) -> None:
     scene = named("solid", "flank").scene
     base = undisturbed(scene, 0.01)
     tissue = scene.tissue
-    same = Tumours(0.004, 0.0, 0.006, 0.008, [[tissue.youngs_modulus]], tissue.poisson_ratio)
+    same = Tumours(
+        0.004, 0.0, 0.006, diameter=0.008, youngs_modulus=[[tissue.youngs_modulus]], poisson_ratio=tissue.poisson_ratio
+    )
     found = readings(base, same, reflect=reflect)
     assert found.forces[0] == pytest.approx(base.films.forces, rel=1e-9)
 
@@ -82,7 +84,7 @@ def test_a_tumour_of_tissue_is_none(reflect: bool) -> None:
 def test_only_the_distance_from_the_axis_matters() -> None:
     base = undisturbed(named("solid", "flank").scene, 0.01)
     angle = np.array([[0.0], [1.0], [2.5], [-2.0]])
-    tumours = Tumours(0.004 * np.cos(angle), 0.004 * np.sin(angle), 0.006, 0.008, 6e4, 0.45)
+    tumours = Tumours(0.004 * np.cos(angle), 0.004 * np.sin(angle), 0.006, diameter=0.008, youngs_modulus=6e4, poisson_ratio=0.45)
     for reflect in (False, True):
         forces = readings(base, tumours, reflect=reflect).forces
         assert forces == pytest.approx(np.broadcast_to(forces[:1], forces.shape), rel=1e-9)
@@ -91,7 +93,7 @@ def test_only_the_distance_from_the_axis_matters() -> None:
 def test_near_the_axis_is_the_limit_of_on_it() -> None:
     base = undisturbed(named("solid", "flank").scene, 0.003)
     x = np.array([[0.0], [2e-5]])  # the one by axisymmetric modes, the other by all orders
-    forces = readings(base, Tumours(x, 0.0, 0.006, 0.008, 6e4, 0.45), reflect=True).forces
+    forces = readings(base, Tumours(x, 0.0, 0.006, diameter=0.008, youngs_modulus=6e4, poisson_ratio=0.45), reflect=True).forces
     assert forces[1] == pytest.approx(forces[0], rel=2e-4)
 
 
@@ -99,7 +101,9 @@ def test_stiffness_rises_with_the_modulus_of_any_tumour() -> None:
     base = undisturbed(named("solid", "flank").scene, 0.01)
     E = np.geomspace(60, 6e6, 9)[:, None]
     for reflect in (False, True):
-        stiffness = readings(base, Tumours(0.006, 0.0, 0.0055, 0.008, E, 0.45), reflect=reflect).stiffness
+        stiffness = readings(
+            base, Tumours(0.006, 0.0, 0.0055, diameter=0.008, youngs_modulus=E, poisson_ratio=0.45), reflect=reflect
+        ).stiffness
         assert np.all(np.diff(stiffness) > 0)
 
 
@@ -208,7 +212,14 @@ def test_turning_tumours_at_different_azimuths_changes_nothing(turn: float) -> N
 
     def forces(by: float) -> np.ndarray:
         x, y = offset * np.cos(angle + by), offset * np.sin(angle + by)
-        tumours = Tumours(x[None], y[None], [[0.006, 0.0055, 0.0065]], [[0.006, 0.005, 0.006]], [[6e4, 6e2, 2e4]], 0.45)
+        tumours = Tumours(
+            x[None],
+            y[None],
+            [[0.006, 0.0055, 0.0065]],
+            diameter=[[0.006, 0.005, 0.006]],
+            youngs_modulus=[[6e4, 6e2, 2e4]],
+            poisson_ratio=0.45,
+        )
         return readings(base, tumours, reflect=True).forces[0]
 
     assert forces(turn) == pytest.approx(forces(0.0), rel=1e-9)
@@ -217,6 +228,16 @@ def test_turning_tumours_at_different_azimuths_changes_nothing(turn: float) -> N
 def test_modes_without_mirror_symmetry_say_the_same_as_those_with_it() -> None:
     """The second tumour is 10 um off the plane of the first: all modes and both families of waves are used."""
     base = undisturbed(named("solid", "flank").scene, 0.003)
-    pairs = [Tumours([[0.004, -0.005]], [[0.0, y]], [[0.006, 0.0055]], [[0.006, 0.005]], [[6e4, 6e2]], 0.45) for y in (0.0, 1e-5)]
+    pairs = [
+        Tumours(
+            [[0.004, -0.005]],
+            [[0.0, y]],
+            [[0.006, 0.0055]],
+            diameter=[[0.006, 0.005]],
+            youngs_modulus=[[6e4, 6e2]],
+            poisson_ratio=0.45,
+        )
+        for y in (0.0, 1e-5)
+    ]
     plane, free = (readings(base, pair, reflect=True).forces[0] - base.films.forces for pair in pairs)
     assert free == pytest.approx(plane, abs=2e-5 * np.abs(plane).max())

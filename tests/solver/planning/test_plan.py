@@ -15,7 +15,7 @@ from geometry.scenes.probe import Base, Film, Groove
 from geometry.scenes.scene import Contact
 from probe_design.cli.main import cli
 from solver import Decision, evaluate, evaluator, plan
-from solver.axisymmetric.converged_forces import converged
+from solver.axisymmetric.converged_forces import converged_forces
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.plan import Plan
 from solver.solid.domain import plain
@@ -112,7 +112,7 @@ class TestDetails:
         layered = with_probe(SCENE, film=Film(youngs_modulus=stiff), base=Base(youngs_modulus=stiff, poisson_ratio=0.3))
         scene = plain(layered)
         found = plan(scene, 0.05)
-        changes = converged(scene, 1e-5).films[0], converged(plain(SCENE), 1e-5).films[0]
+        changes = converged_forces(scene, 1e-5).films[0], converged_forces(plain(SCENE), 1e-5).films[0]
         logs = [math.log(films.totals[0] / films.totals[1]) for films in changes]
         promised = decision(found, "film compliance"), decision(found, "elastic base")
         assert not any(one.modelled for one in promised)

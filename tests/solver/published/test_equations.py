@@ -39,19 +39,19 @@ def test_equations_1_to_6_by_hand() -> None:
     assert printed.stress_at_depth(2, 1, 3) == pytest.approx(1 / 3)
     assert printed.displacement_matrix(2, 1, 0, 4) == 1
     assert printed.displacement_object(2, 1, 3, 0.5, 8) == pytest.approx(1 / 48)
-    assert printed.displacement_below(2, 1, 3, 0.5, 0, 4) == pytest.approx(1 / 24)
+    assert printed.displacement_below(2, 1, 3, 0.5, nu=0, E_matrix=4) == pytest.approx(1 / 24)
     assert printed.displacement_equivalent(2, 1, 0, 4) == 1
-    assert printed.displacement_total(2, 1, 3, 0.5, 0, 4, 8) == pytest.approx(1 + 1 / 48 + 1 / 24)
+    assert printed.displacement_total(2, 1, 3, 0.5, nu=0, E_matrix=4, E_object=8) == pytest.approx(1 + 1 / 48 + 1 / 24)
 
 
 def test_poissons_ratio_in_equations_2_to_8_by_hand() -> None:
     # nu = 1/2: 1-nu^2 = 3/4, (1-nu)^2 = 1/4; sigma = 2, a = 1, d = 1, D = 1, E_matrix = 4, E_object = 8
     assert printed.displacement_matrix(2, 1, 0.5, 4) == 0.75
-    assert printed.displacement_below(2, 1, 1, 1, 0.5, 4) == pytest.approx(9 / 16)
+    assert printed.displacement_below(2, 1, 1, 1, nu=0.5, E_matrix=4) == pytest.approx(9 / 16)
     assert printed.displacement_equivalent(2, 1, 0.5, 4) == 0.75
     # eq. (7): 3/E_eq = 3/4 + 3/8 + 9/16; eq. (8): 4*4*8*3/4 / (8/4 * 7 + 3*4)
-    assert printed.modulus_from_compatibility(1, 1, 1, 0.5, 4, 8) == pytest.approx(16 / 9)
-    assert printed.modulus_printed(1, 1, 1, 0.5, 4, 8) == pytest.approx(96 / 26)
+    assert printed.modulus_from_compatibility(1, 1, 1, nu=0.5, E_matrix=4, E_object=8) == pytest.approx(16 / 9)
+    assert printed.modulus_printed(1, 1, 1, nu=0.5, E_matrix=4, E_object=8) == pytest.approx(96 / 26)
 
 
 def test_equations_9_to_11_give_a_homogeneous_block_a_third() -> None:
@@ -63,9 +63,9 @@ def test_equations_9_to_11_give_a_homogeneous_block_a_third() -> None:
 
 def test_equation_12_with_table_1() -> None:
     # psi = 1: Table 1 sums to 20 + 2 - 20 = +2 pC/N
-    assert printed.film_force(2e-12, 1, 1, 20e-12, 2e-12, -20e-12) == pytest.approx(1.0)
+    assert printed.film_force(2e-12, 1, 1, d31=20e-12, d32=2e-12, d33=-20e-12) == pytest.approx(1.0)
     with pytest.raises(InputError, match="other than 0"):
-        printed.film_force(2e-12, 0, 0, 20e-12, 2e-12, 0.0)
+        printed.film_force(2e-12, 0, 0, d31=20e-12, d32=2e-12, d33=0.0)
 
 
 def test_every_equation_has_its_number() -> None:
@@ -86,13 +86,15 @@ POISSON = st.floats(0.0, 0.5)
 @given(LENGTHS, MODULI, POISSON)
 def test_equation_8_inverted_for_modulus_and_diameter(sizes: tuple[float, ...], moduli: tuple[float, ...], nu: float) -> None:
     (a, d, D), (E_matrix, E_object) = sizes, moduli
-    E_eq = printed.modulus_printed(a, d, D, nu, E_matrix, E_object)
-    small, rigid = (printed.modulus_printed(a, d, *end) for end in ((1e-12 * D, nu, E_matrix, E_object), (D, nu, E_matrix, 1e30)))
+    E_eq = printed.modulus_printed(a, d, D, nu=nu, E_matrix=E_matrix, E_object=E_object)
+    small = printed.modulus_printed(a, d, 1e-12 * D, nu=nu, E_matrix=E_matrix, E_object=E_object)
+    rigid = printed.modulus_printed(a, d, D, nu=nu, E_matrix=E_matrix, E_object=1e30)
     # as far as the printed modulus depends on them at all: what cancels is lost
     if E_eq < small * (1 - 1e-6):
-        assert printed.diameter_printed(a, d, nu, E_matrix, E_object, E_eq) == pytest.approx(D, rel=1e-8)
+        diameter = printed.diameter_printed(a, d, nu=nu, E_matrix=E_matrix, E_object=E_object, E_eq=E_eq)
+        assert diameter == pytest.approx(D, rel=1e-8)
     if E_eq < rigid * (1 - 1e-6):
-        assert printed.object_modulus_printed(a, d, D, nu, E_matrix, E_eq) == pytest.approx(E_object, rel=1e-8)
+        assert printed.object_modulus_printed(a, d, D, nu=nu, E_matrix=E_matrix, E_eq=E_eq) == pytest.approx(E_object, rel=1e-8)
 
 
 @given(LENGTHS, MODULI, POISSON)
@@ -103,7 +105,7 @@ def test_the_paper_s_order_satisfies_both_its_equations(sizes: tuple[float, ...]
         return
     E_object, D = printed.object_and_diameter(a, d, nu, E_matrix, E_eq)
     assert E_object == pytest.approx(E_2, rel=1e-7)
-    assert printed.modulus_printed(a, d, D, nu, E_matrix, E_object) == pytest.approx(E_eq, rel=1e-9)
+    assert printed.modulus_printed(a, d, D, nu=nu, E_matrix=E_matrix, E_object=E_object) == pytest.approx(E_eq, rel=1e-9)
 
 
 def test_the_paper_s_order_cannot_take_the_paper_s_own_modulus() -> None:
@@ -118,7 +120,7 @@ def test_the_paper_s_order_cannot_take_the_paper_s_own_modulus() -> None:
     # limits by hand: E_1/2; E_m (1+nu)/(1-nu); 4 E_m (1-nu^2) d^2 / [(1-nu)^2 (4 d^2 + 3 a D)]; E_m / (1 - 3aD/4d^2)
     [
         (lambda E_eq: printed.object_modulus_from_layers(E_eq, 1e3), 500.0),
-        (lambda E_eq: printed.diameter_printed(5.72e-3, 0.01, 0.4, 1e3, 1e5, E_eq), 1e3 * 1.4 / 0.6),
+        (lambda E_eq: printed.diameter_printed(5.72e-3, 0.01, nu=0.4, E_matrix=1e3, E_object=1e5, E_eq=E_eq), 1e3 * 1.4 / 0.6),
         (lambda E_eq: printed.object_modulus_printed(**CASE, E_matrix=1e3, E_eq=E_eq), 1e3 * 3.36e-4 / (0.36 * 5.3728e-4)),
         (lambda E_eq: corrected.object_modulus(**SIZES, E_matrix=1e3, E_eq=E_eq), 1e3 / 0.6568),
     ],
@@ -149,7 +151,7 @@ def test_other_arguments_are_refused() -> None:
     with pytest.raises(InputError, match="shortenings = -1"):
         printed.modulus_from_shortenings(1.0, 1.0, 0.4, (1.0, -1.0, 1.0))
     with pytest.raises(InputError, match="Q = nan"):
-        printed.film_force(math.nan, 0, 0, 0, 0, 1)
+        printed.film_force(math.nan, 0, 0, d31=0, d32=0, d33=1)
 
 
 @pytest.mark.parametrize("d", [1e-200, 1e200])
@@ -171,7 +173,7 @@ def test_corrected_formula_is_equation_7_with_its_two_defects_mended() -> None:
     shortening = (
         printed.displacement_matrix(1.0, a, nu, E_matrix)
         + (1 - nu**2) * printed.displacement_object(1.0, a, d, D, E_object)
-        - printed.displacement_below(1.0, a, d, D, nu, E_matrix)
+        - printed.displacement_below(1.0, a, d, D, nu=nu, E_matrix=E_matrix)
     )
     E_eq = corrected.modulus(a, d, D, E_matrix, E_object)
     assert printed.displacement_equivalent(1.0, a, nu, E_eq) == pytest.approx(shortening, rel=1e-12)

@@ -17,7 +17,7 @@ from geometry.common.errors import SolveError
 from geometry.scenes.probe import Material
 from geometry.scenes.scene_file import scene_from_dict
 from geometry.tetra.tet_mesh import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE, TetMesh
-from solver.axisymmetric.converged_forces import converged
+from solver.axisymmetric.converged_forces import converged_forces
 from solver.linalg import conjugate_gradients as solid_factor
 from solver.linalg.conjugate_gradients import Stiffness, solve
 from solver.solid import base_states as solid_states_module
@@ -191,7 +191,7 @@ def axisymmetric(interface: str) -> np.ndarray:
     sizes = {"inner_radius": "4 mm", "outer_radius": "6 mm", "gap": "0.1 mm", "height": "3 mm", "base": {"rigid": True}}
     tissue = {"shape": "cylinder", "radius": "16 mm", "depth": "16 mm", "youngs_modulus": "6 kPa", "poisson_ratio": 0.45}
     data = {"probe": {**sizes, **probe}, "tissue": tissue, "contact": {"interface": interface}, "load": {"force": "0.1 N"}}
-    return converged(scene_from_dict(data), 1e-3).films[0].totals
+    return converged_forces(scene_from_dict(data), 1e-3).films[0].totals
 
 
 class TestCurve:

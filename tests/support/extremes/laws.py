@@ -8,7 +8,8 @@ from dataclasses import replace
 from typing import Any
 
 from geometry import Inclusion, Load, Scene, read_scene
-from tests.support.extremes.rows import REFERENCE, Row, Truth, truths
+from tests.support.extremes.rows import Row, Truth, truths
+from tests.support.paths import REFERENCE
 
 FORCES = (0.0, 1e-9, 1e4)  # N
 GRAIN = 1e-5  # of the ratio: more than a sphere of 0.1 mm, a millionth of the tissue that the middle probe feels, can change

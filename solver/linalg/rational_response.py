@@ -1,0 +1,100 @@
+"""What a matrix that is linear in a number t does, K(t) = K + (t - 1) B, for every t from one factor of K.
+
+Solutions u(t) of given loads lie, to a stated tolerance, in the block Krylov space of K^-1 B begun with B u(1). On a basis of it
+that is orthonormal in K, B is made diagonal, and products of the solutions become sums of rational functions of t.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from geometry.common.arrays import Floats
+
+
+class KrylovBasis:
+    """A growing basis, orthonormal in K.
+
+    Args:
+        matrix: K (n, n), symmetric and positive definite: whatever multiplies arrays (n, k) by ``@``.
+        solve: returns K^-1 loads, shape (n, k) both.
+        unknowns: n.
+        negligible: share of a vector's energy that it has to have beside the basis, or it adds nothing.
+
+    Attributes:
+        vectors: v_k, shape (n, m).
+        images: K v_k, shape (n, m).
+    """
+
+    def __init__(self, matrix: Any, solve: Callable[[Floats], Floats], unknowns: int, negligible: float) -> None:
+        self._matrix, self._solve, self._negligible = matrix, solve, negligible
+        self.vectors, self.images = np.zeros((unknowns, 0)), np.zeros((unknowns, 0))
+
+    def grow(self, loads: Floats) -> Floats:
+        """Add K^-1 loads, shape (n, k), and return what came new to the basis, shape (n, 0) to (n, k)."""
+        new, images = self._orthonormal(self._solve(loads))
+        self.vectors, self.images = np.hstack([self.vectors, new]), np.hstack([self.images, images])
+        return new
+
+    def _orthonormal(self, new: Floats) -> tuple[Floats, Floats]:
+        """Make vectors orthonormal in K to the basis and each other; drop what is nothing new. Returns them and K times them.
+
+        K times them is computed afresh: near incompressibility it is not the loads that they were solved for.
+        """
+        new = new / np.sqrt(np.maximum(np.einsum("ik,ik->k", new, self._matrix @ new), 1e-300))
+        for _ in range(2):
+            new = new - self.vectors @ (self.images.T @ new)
+        images = self._matrix @ new
+        gram = new.T @ images
+        values, vectors = np.linalg.eigh((gram + gram.T) / 2)
+        turn = vectors[:, values > self._negligible] / np.sqrt(values[values > self._negligible])
+        return new @ turn, images @ turn
+
+
+@dataclass(frozen=True)
+class RationalResponse:
+    """Products F_ij(t) = u_i(t)^T K(t) u_j(t) for every t > 0, of k solutions whose values are imposed, not their loads.
+
+    With B w_k = l_k K w_k on the turned basis w, c_ki = w_k^T B u_i and G_ij = u_i^T B u_j, u at t = 1,
+
+        F(t) = F(1) + (t - 1) G - (t - 1)^2 sum_k c_k c_k^T / (1 + (t - 1) l_k).
+
+    Attributes:
+        start: F(1), shape (k, k).
+        inside: G, shape (k, k).
+        share: l_k, the part of w_k's energy that is B's, 0 to 1, shape (m,).
+        coupling: c, shape (m, k).
+        turn: from the basis v to w, shape (m, m).
+        weight: of the sum: how many times over the basis stands for the whole, 2 for one half of a symmetric body.
+    """
+
+    start: Floats
+    inside: Floats
+    share: Floats
+    coupling: Floats
+    turn: Floats
+    weight: float = 1.0
+
+    @classmethod
+    def of(cls, energy: Floats, coupling: Floats, *, start: Floats, inside: Floats, weight: float = 1.0) -> RationalResponse:
+        """Diagonalise the energies v_i^T B v_j, shape (m, m), on a basis; ``coupling`` v_k^T B u_i, shape (m, k)."""
+        share, turn = np.linalg.eigh(energy)
+        return cls(start, inside, np.clip(share, 0.0, 1.0), turn.T @ coupling, turn=turn, weight=weight)
+
+    def at(self, t: Floats) -> tuple[Floats, Floats]:
+        """Return F and dF / d ln t, t of shape (n,): two arrays of shape (n, k, k)."""
+        x = np.asarray(t, dtype=float)[:, None, None] - 1
+        denominator = 1 + x[..., 0] * self.share
+        products = self.weight * self.coupling[:, :, None] * self.coupling[:, None]
+        total = np.einsum("nk,kij->nij", 1 / denominator, products)
+        slope = np.einsum("nk,kij->nij", (2 + x[..., 0] * self.share) / denominator**2, products)
+        return self.start + x * self.inside - x**2 * total, (x + 1) * (self.inside - x * slope)
+
+    def amplitudes(self, t: Floats) -> tuple[Floats, Floats]:
+        """What u(t) - u(1) is on w and its derivative by ln t, shape (n, m, k) each."""
+        x = np.asarray(t, dtype=float)[:, None, None] - 1
+        denominator = 1 + x * self.share[:, None]
+        return -x * self.coupling / denominator, -(x + 1) * self.coupling / denominator**2

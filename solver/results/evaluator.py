@@ -1,0 +1,138 @@
+"""What a level of fidelity is, and the one place where film forces become what it returns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any, Protocol
+
+from geometry.common.arrays import Floats
+from geometry.common.errors import Refusal
+from geometry.scenes.scene import Scene
+from solver.results.film_forces import FilmForces, checked_moduli, outputs, ratio
+from solver.results.result import Curve, Decision, Result
+from solver.results.warnings import Note
+
+Tell = Callable[[str], None]
+
+
+def silent(text: str) -> None:
+    """Tell nobody."""
+
+
+class Evaluator(Protocol):
+    """One level of fidelity; the module ``level`` of its room makes it by ``level(tell)``.
+
+    Attributes:
+        name: as on the command line.
+        summary: one line for ``--help``: what it models, its usual error and cost.
+    """
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+
+    @property
+    def summary(self) -> str: ...  # noqa: D102
+
+    def refusal(self, scene: Scene) -> str | None:
+        """Say which evaluator can take what in the scene is of a *kind* that this level cannot, or None if it can."""
+        ...
+
+    def evaluate(self, scene: Scene, accuracy: float = 0.01) -> Result:
+        """Answer to within ``accuracy`` (relative, on ratio, stresses and stiffness), or as well as possible with a warning.
+
+        Raises:
+            InputError: a surface file that cannot be used.
+            Refusal: the scene is of a kind that this level cannot take, or its equations cannot be solved.
+        """
+        ...
+
+    def evaluate_within(self, scene: Scene, accuracy: float) -> Result:
+        """Answer as ``evaluate`` does, but only if every bound is below ``accuracy``.
+
+        Raises:
+            InputError, Refusal: see ``evaluate``; and where the accuracy is out of reach.
+        """
+        ...
+
+    def curve(self, scene: Scene, moduli: Floats, accuracy: float = 0.01) -> Curve:
+        """Return ratio and log-sensitivity for every Young's modulus (Pa, shape (k,)) of the target inclusion.
+
+        Raises:
+            InputError: see ``evaluate``; there is no target, or a modulus is not positive and finite.
+            Refusal: see ``evaluate``.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a level finds of a scene, at the target's modulus or at several.
+
+    Attributes:
+        films: film forces with their errors, one for each modulus.
+        residual: relative, the largest of the solutions behind them; None where none is solved for.
+        plan: what was modelled and what was left out.
+        notes: warnings of the level's own.
+        stiffness: N/m, where it is not the sum of the film forces.
+    """
+
+    films: tuple[FilmForces, ...]
+    residual: float | None = None
+    plan: tuple[Decision, ...] = ()
+    notes: tuple[Note, ...] = ()
+    stiffness: float | None = None
+
+    def result(self, name: str, scene: Scene, seconds: float) -> Result:
+        """Return the level's result for the scene's own target."""
+        fields = outputs(scene, self.films[0])
+        if self.stiffness is not None:
+            fields["stiffness"] = self.stiffness
+        warnings = (*fields.pop("warnings"), *self.notes)
+        return Result(name, seconds, **fields, residual=self.residual, plan=self.plan, warnings=warnings)
+
+    def curve(self, name: str, scene: Scene, moduli: Floats, seconds: float) -> Curve:
+        """Return the level's curve over moduli, Pa, shape (k,)."""
+        rows = [ratio(scene, films) for films in self.films]
+        values: dict[str, Any] = {key: tuple(row[key] for row in rows) for key in ("ratio", "log_sensitivity", "error_estimate")}
+        return Curve(name, seconds, tuple(moduli.tolist()), **values, plan=self.plan, warnings=self.notes)
+
+
+class FilmLevel:
+    """A level that finds film forces: a subclass says how, by ``answer``; see ``Evaluator`` for what it then has."""
+
+    name: str
+
+    def answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Answer:
+        """Return what is found at the target's modulus, or at all ``moduli`` (Pa); see ``Evaluator`` for what it raises."""
+        raise NotImplementedError
+
+    def evaluate(self, scene: Scene, accuracy: float = 0.01) -> Result:
+        """See ``Evaluator``."""
+        start = perf_counter()
+        answer = self.answer(scene, accuracy)
+        return answer.result(self.name, scene, perf_counter() - start)
+
+    def evaluate_within(self, scene: Scene, accuracy: float) -> Result:
+        """See ``Evaluator``."""
+        start = perf_counter()
+        answer = self.answer(scene, accuracy)
+        check_reached(self.name, answer.films[0].error_under(scene), accuracy)
+        return answer.result(self.name, scene, perf_counter() - start)
+
+    def curve(self, scene: Scene, moduli: Floats, accuracy: float = 0.01) -> Curve:
+        """See ``Evaluator``."""
+        start, moduli = perf_counter(), checked_moduli(scene, moduli)
+        answer = self.answer(scene, accuracy, moduli)
+        return answer.curve(self.name, scene, moduli, perf_counter() - start)
+
+
+def check_reached(name: str, reached: float, accuracy: float) -> None:
+    """Raise ``Refusal`` where the largest bound on a level's errors is above the accuracy."""
+    if reached <= accuracy:
+        return
+    why = f"{reached:.2g} or more for this scene (--evaluator {name} answers with that error)"
+    if reached >= 1:
+        why = f"none for this scene: errors are no smaller than the values (--evaluator {name} tells which)"
+    raise Refusal("accuracy", accuracy, why)

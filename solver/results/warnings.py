@@ -1,0 +1,42 @@
+"""Warnings: strings for people that carry what they are about for programs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Literal
+
+Kind = Literal["null", "accuracy", "sensitivity", "left_out", "linear", "published"]
+
+
+class Note(str):
+    """One line of warning, a string wherever it goes; nothing reads its text to decide.
+
+    Attributes:
+        kind: "null", a value is None; "accuracy", a bound is above what was asked for; "sensitivity", the log-sensitivity is
+            None or worse than promised; "left_out", a detail counted in the error; "linear", the load is beyond what the linear
+            model tells; "published", what is wrong in the paper.
+    """
+
+    __slots__ = ("kind",)
+    kind: Kind
+
+    def __new__(cls, kind: Kind, text: str) -> Note:
+        """Return the text with its kind."""
+        note = super().__new__(cls, text)
+        note.kind = kind
+        return note
+
+    def __getnewargs__(self) -> tuple[Kind, str]:  # type: ignore[override]  # copies and pickles keep the kind
+        """Return what a copy is made of."""
+        return self.kind, str(self)
+
+
+def of_kind(notes: Iterable[Note], kind: Kind) -> tuple[Note, ...]:
+    """Return the notes of a kind."""
+    return tuple(note for note in notes if note.kind == kind)
+
+
+def null_sensitivity(inclusions: int) -> Note:
+    """Say why a scene with so many inclusions and no target has no log-sensitivity."""
+    how = "several inclusions and none marked target = true" if inclusions else "the scene has no inclusion"
+    return Note("sensitivity", f"log_sensitivity is null: {how}")
