@@ -95,6 +95,7 @@ def test_no_room_is_refused() -> None:
         space(builtin_scene(), 1e-3)
 
 
+@pytest.mark.slow
 def test_optimize_from_the_command_line(tmp_path: Path) -> None:
     out = tmp_path / "out"
     ended = run("optimize", "-o", out, "--starts", "2", "--json")
@@ -115,6 +116,7 @@ def test_optimize_from_the_command_line(tmp_path: Path) -> None:
     assert not [path for path in out.iterdir() if path.name.startswith(".")]
 
 
+@pytest.mark.slow
 def test_no_gain_is_said_and_exits_1(tmp_path: Path) -> None:
     # the optimum of the built-in scene, printed by `probe-design optimize`: nothing within its own radius is better
     first = tmp_path / "first"

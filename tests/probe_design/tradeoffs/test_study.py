@@ -182,6 +182,7 @@ def test_what_nobody_takes_is_refused() -> None:
         tradeoff({"sliding": sliding}, settings=FEW, finest=())
 
 
+@pytest.mark.slow
 def test_files_and_one_json_object(tmp_path: Path) -> None:
     ended = run("tradeoff", SCENE, "-o", tmp_path / "out", "--json")
     assert ended.returncode == 0, ended.stderr
