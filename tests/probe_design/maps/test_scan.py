@@ -63,6 +63,7 @@ def test_tumours_beside_the_axis(one: object) -> None:
     assert told.error_estimate[0] <= 0.011
 
 
+@pytest.mark.slow
 def test_a_symmetric_scene_gives_a_symmetric_scan_along_any_line() -> None:
     scene = read_scene(REFERENCE / "solid" / "two-tumours-on-large-tumour.toml")
     body = scene.inclusion[0]
@@ -123,6 +124,7 @@ def test_a_tumour_beyond_the_round_tissue_is_counted_as_an_error() -> None:
     assert any("outside the round tissue" in warning for warning in told.warnings)
 
 
+@pytest.mark.slow
 def test_positions_at_the_edge_do_not_spoil_those_in_the_middle() -> None:
     """The bounds of each position hold what the tissue's side does there, with the same answers."""
     scene = read_scene(REFERENCE / "solid" / "flank.toml")

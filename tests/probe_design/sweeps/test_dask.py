@@ -44,6 +44,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_two_of_four_workers_die_and_one_stands_still(whole: Path, tmp_path: Path) -> None:
     """The one that stands still keeps its batches, which others are given too."""
     script = tmp_path / "program.py"
@@ -57,6 +58,7 @@ def test_two_of_four_workers_die_and_one_stands_still(whole: Path, tmp_path: Pat
     assert "takes long" in (tmp_path / "out" / "sweep.log").read_text()
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_dies_and_comes_back(tmp_path: Path) -> None:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -124,7 +126,7 @@ def test_a_dask_worker_keeps_its_process_for_a_while(monkeypatch: pytest.MonkeyP
 
 
 def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path) -> None:
-    program = "from probe_design import cli, sweep_dask; sweep_dask.CONNECT = 0.5; cli.main()"
+    program = "from probe_design import cli; from probe_design.sweeps import dask_workers; dask_workers.CONNECT = 0.5; cli.main()"
     arguments = ["sweep", toml(tmp_path), "-o", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:9"]
     ended = subprocess.run([sys.executable, "-W", "error", "-c", program, *arguments], capture_output=True, text=True, cwd=ROOT)
     assert (ended.returncode, ended.stderr.splitlines()[-1].startswith("probe-design: scheduler = ")) == (2, True)

@@ -39,10 +39,11 @@ class TestSurvival:
             assert (row["status"] == "failed") == (row["probe.gap"] == 2e-4)
         assert "killed by signal 9" in row["reason"]
 
+    @pytest.mark.slow
     def test_twenty_kills_leave_what_no_kill_leaves(self, whole: Path, tmp_path: Path) -> None:
         chance, out, path = random.Random(8), tmp_path / "out", toml(tmp_path)
         kills, counts = 0, [0]
-        begin = "from probe_design import sweep_run\nsweep_run.SECONDS = 0.02\n"
+        begin = "from probe_design.sweeps import run as sweep_run\nsweep_run.SECONDS = 0.02\n"
         for kill in range(20):
             process = subprocess.Popen(
                 [sys.executable, "-c", f"{begin}sweep_run.sweep({str(path)!r}, {str(out)!r}, workers=1)"],
@@ -65,7 +66,7 @@ class TestSurvival:
 
     def test_a_second_process_is_refused_and_ctrl_c_keeps_what_is_there(self, whole: Path, tmp_path: Path) -> None:
         path, out = toml(tmp_path), tmp_path / "out"
-        slow = "from probe_design import cli, sweep_run; sweep_run.SECONDS = 0.01; cli.main()"
+        slow = "from probe_design import cli; from probe_design.sweeps import run; run.SECONDS = 0.01; cli.main()"
         first = subprocess.Popen(
             [sys.executable, "-c", slow, "sweep", path, "-o", out], cwd=ROOT, stderr=subprocess.PIPE, text=True
         )
@@ -82,6 +83,7 @@ class TestSurvival:
         sweep(path, out)
         assert stored(out) == stored(whole)
 
+    @pytest.mark.slow
     def test_the_design_that_takes_too_long_fails_and_no_other(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         """A worker that is stopped in the middle answers as one does that computes for ever."""
         line = WorkerProcess._line
