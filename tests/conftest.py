@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 import tempfile
 from pathlib import Path
 
@@ -17,6 +18,10 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_
 
 def pytest_configure(config: pytest.Config) -> None:
     """Before workers start: a mesh cache that is nobody's, and one thread for each worker's linear algebra."""
+    if (
+        signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    ):  # a shell's way with what it runs in the background, programs' under test too
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     if hasattr(config, "workerinput"):
         return  # a worker inherits both
     os.environ.update(dict.fromkeys(THREADS, "1"))

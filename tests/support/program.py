@@ -44,6 +44,20 @@ def started(*arguments: str | Path, cwd: Path | None = None) -> Ended:
     return subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, cwd=cwd, timeout=250)
 
 
+INSIDE = "import os, sys; from probe_design.cli.main import main; os.close(int(sys.argv.pop(1))); main()"
+
+
+def begun(*arguments: str | Path) -> subprocess.Popen[str]:
+    """Start the program in a process of its own, and wait until it is where it minds signals, however slow the machine is."""
+    waiting, inside = os.pipe()
+    command = [sys.executable, "-c", INSIDE, str(inside), *map(str, arguments)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, pass_fds=[inside])
+    os.close(inside)
+    os.read(waiting, 1)  # returns when the other end is closed
+    os.close(waiting)
+    return process
+
+
 def refused(*arguments: str | Path) -> str:
     """Return the one line of a refusal."""
     ended = run(*arguments)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -18,7 +16,7 @@ from geometry.scenes.scene import Inclusion
 from probe_design.maps.scan import scan
 from solver import evaluate
 from tests.support.paths import EXAMPLES, REFERENCE
-from tests.support.program import refused, run
+from tests.support.program import begun, refused, run
 from tests.support.references import expected, named
 
 SCENE = REFERENCE / "solid" / "two-tumours-between.toml"
@@ -136,9 +134,8 @@ def test_positions_at_the_edge_do_not_spoil_those_in_the_middle() -> None:
 
 
 def test_interrupted_is_one_line_and_leaves_no_file(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "probe_design", "scan", str(SCENE), "--points", "2000", "--plot", str(tmp_path / "scan.png")]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as started:
-        time.sleep(6)
+    with begun("scan", SCENE, "--points", "2000", "--plot", tmp_path / "scan.png") as started:
+        time.sleep(3)
         started.send_signal(signal.SIGINT)
         out, said = started.communicate(timeout=60)
     assert started.returncode == 130

@@ -6,8 +6,6 @@ import io
 import json
 import re
 import signal
-import subprocess
-import sys
 import time
 from dataclasses import asdict
 from pathlib import Path
@@ -26,7 +24,7 @@ from probe_design.tradeoffs.timing import with_new_probe, with_other_tumours
 from solver import evaluate
 from solver.levels import BUILT
 from tests.support.paths import REFERENCE, ROOT
-from tests.support.program import refused, run
+from tests.support.program import begun, refused, run
 from tests.support.references import named
 
 SCENE = REFERENCE / "axisymmetric" / "shallow.toml"
@@ -218,9 +216,8 @@ def test_bad_input_is_one_line(tmp_path: Path) -> None:
 
 
 def test_interrupted_is_one_line_and_leaves_no_file(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "probe_design", "tradeoff", "-o", str(tmp_path)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as started:
-        time.sleep(6)
+    with begun("tradeoff", "-o", tmp_path) as started:
+        time.sleep(3)
         started.send_signal(signal.SIGINT)
         out, said = started.communicate(timeout=60)
     assert started.returncode == 130
