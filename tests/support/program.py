@@ -44,13 +44,19 @@ def started(*arguments: str | Path, cwd: Path | None = None) -> Ended:
     return subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, cwd=cwd, timeout=250)
 
 
-INSIDE = "import os, sys; from probe_design.cli.main import main; os.close(int(sys.argv.pop(1))); main()"
+INSIDE = (
+    "import importlib, os, sys; from probe_design.cli.main import main; importlib.import_module(sys.argv.pop(1)); "
+    "os.close(int(sys.argv.pop(1))); main()"
+)
 
 
-def begun(*arguments: str | Path) -> subprocess.Popen[str]:
-    """Start the program in a process of its own, and wait until it is where it minds signals, however slow the machine is."""
+def begun(module: str, *arguments: str | Path) -> subprocess.Popen[str]:
+    """Start the program in a process of its own, and wait until it has imported the module that does the work.
+
+    However slow the machine is, it then minds signals: some libraries swallow Ctrl-C while they are imported.
+    """
     waiting, inside = os.pipe()
-    command = [sys.executable, "-c", INSIDE, str(inside), *map(str, arguments)]
+    command = [sys.executable, "-c", INSIDE, module, str(inside), *map(str, arguments)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, pass_fds=[inside])
     os.close(inside)
     os.read(waiting, 1)  # returns when the other end is closed

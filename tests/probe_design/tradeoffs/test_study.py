@@ -216,7 +216,7 @@ def test_bad_input_is_one_line(tmp_path: Path) -> None:
 
 
 def test_interrupted_is_one_line_and_leaves_no_file(tmp_path: Path) -> None:
-    with begun("tradeoff", "-o", tmp_path) as started:
+    with begun("probe_design.tradeoffs.study", "tradeoff", "-o", tmp_path) as started:
         time.sleep(3)
         started.send_signal(signal.SIGINT)
         out, said = started.communicate(timeout=60)
