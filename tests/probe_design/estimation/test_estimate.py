@@ -175,6 +175,7 @@ def test_what_cannot_be_told_is_said_plainly() -> None:
     assert "sign" in str(negative.reason)
 
 
+@pytest.mark.slow
 def test_a_scan_tells_depth_and_strength() -> None:
     truth = scene()
     places = SCAN[1:-1]

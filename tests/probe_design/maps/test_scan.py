@@ -18,6 +18,7 @@ from solver import evaluate
 from tests.support.paths import EXAMPLES, REFERENCE
 from tests.support.program import begun, refused, run
 from tests.support.references import expected, named
+from tests.support.slow import slow_unless
 
 SCENE = REFERENCE / "solid" / "two-tumours-between.toml"
 KEYS = {
@@ -53,7 +54,10 @@ def test_both_references_of_solid_lie_on_one_scan(tmp_path: Path) -> None:
     assert height > 700
 
 
-@pytest.mark.parametrize("one", [one for one in expected("off-axis") if "0.25" in one.name], ids=lambda one: one.name)
+BESIDE = [one for one in expected("off-axis") if "0.25" in one.name]
+
+
+@pytest.mark.parametrize("one", slow_unless(BESIDE[:2].__contains__, BESIDE), ids=lambda one: one.name)
 def test_tumours_beside_the_axis(one: object) -> None:
     """3D references with the probe beside the tumour."""
     told = scan(one.scene, "x", np.array([one.scene.placement.x]))  # type: ignore[attr-defined]

@@ -198,6 +198,7 @@ class TestPicture:
         assert (lower.max(axis=-1) < 0.999).mean() > 0.4
         assert len(np.unique((255 * lower).astype(int).reshape(-1, 3), axis=0)) > 1000
 
+    @pytest.mark.slow
     def test_a_whole_that_does_not_move(self, tmp_path: Path) -> None:
         """Cut open at y = 0; nothing to exaggerate, no stress to scale colours by."""
         problem = Problem.of(Solid.of(whole()), MATERIALS)

@@ -22,6 +22,7 @@ os.execv(sys.argv[1], sys.argv[1:])
 """
 
 
+@pytest.mark.slow
 def test_files_that_may_not_grow(whole: Path, tmp_path: Path) -> None:
     """The designs do not fit."""
     swept = [sys.executable, "-c", LIMITED, *command(toml(tmp_path), "-o", tmp_path / "out")]
@@ -29,6 +30,7 @@ def test_files_that_may_not_grow(whole: Path, tmp_path: Path) -> None:
     check_kept(ended, tmp_path / "out", whole)
 
 
+@pytest.mark.slow
 def test_a_file_system_without_room(whole: Path, tmp_path: Path) -> None:
     """A real one: the rows do not fit."""
     disk = tmp_path / "disk"

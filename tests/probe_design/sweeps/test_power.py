@@ -72,6 +72,7 @@ def lost(events: list[Event], folder: Path, seed: int) -> tuple[int, int]:
     return kept, len(found)
 
 
+@pytest.mark.slow
 def test_committed_rows_outlive_power(tmp_path: Path, recorder: Recorder, monkeypatch: pytest.MonkeyPatch) -> None:
     events = recorded(tmp_path / "whole", recorder, monkeypatch, {})
     copied = [k for k, event in enumerate(events) if (event.kind, event.name) == ("write", NAME)]

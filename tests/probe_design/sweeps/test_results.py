@@ -55,6 +55,7 @@ class TestResults:
         assert main_effect(list(range(4)), np.array([1.0, 2.0, 3.0, 4.0])) is None
 
 
+@pytest.mark.slow
 def test_command_line(tmp_path: Path) -> None:
     path = tmp_path / "sweep.toml"
     path.write_text(

@@ -19,6 +19,7 @@ from probe_design.sweeps.store import writing
 from probe_design.sweeps.workers import CrewError
 from solver import evaluate
 from tests.support.paths import SCENE
+from tests.support.slow import slow_unless
 from tests.support.sweeps import grid, stored
 
 
@@ -64,7 +65,7 @@ class TestRows:
         assert sweep(grid(3, 2), tmp_path, workers=1).answered == 2  # the middle gap
         assert len(list(rows(tmp_path))) == 6
 
-    @pytest.mark.parametrize("evaluator", ["axisymmetric", "equivalent-inclusion"])
+    @pytest.mark.parametrize("evaluator", slow_unless("axisymmetric".__eq__, ["axisymmetric", "equivalent-inclusion"]))
     def test_no_row_depends_on_those_before(self, evaluator: str, tmp_path: Path) -> None:
         """Solvers keep factors and analyses from design to design; the last bits, the residual's too, are the same."""
 

@@ -23,6 +23,7 @@ from tests.support.sweeps import count, grid, run, stored, toml, wait_for_rows
 
 
 class TestSurvival:
+    @pytest.mark.slow
     def test_the_design_that_kills_its_workers_fails_and_no_other(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         send = WorkerProcess._send
 
@@ -106,6 +107,7 @@ class TestSurvival:
         again = sweep(job | {"time_limit": None}, tmp_path, workers=1, retry_failed=True)
         assert (again.ok, again.failed, again.answered) == (6, 0, 1)
 
+    @pytest.mark.slow
     def test_formulas_too_have_a_time_limit(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         """Of designs that are answered together each is tried alone, and the one that is held up fails."""
         send, held = WorkerProcess._send, json.dumps(sweep_from_dict(grid(4, 4)).designs()[4][1])

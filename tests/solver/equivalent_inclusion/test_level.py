@@ -12,6 +12,7 @@ from solver.equivalent_inclusion.probe_on_tissue import undisturbed
 from solver.equivalent_inclusion.readings import readings
 from solver.inclusions.tumours import Tumours
 from tests.support.references import Expected, expected, named
+from tests.support.slow import slow_unless
 
 LEVEL = "equivalent-inclusion"
 GROOVED = ("groove-on-axis", "groove-over-tumour")
@@ -28,7 +29,7 @@ def cover(scene: Scene) -> float:
     return min((body.depth / (body.diameter or max(body.diameters)) - 0.5 for body in scene.inclusion), default=1.0)
 
 
-@pytest.mark.parametrize("one", ON_AXIS, ids=name)
+@pytest.mark.parametrize("one", slow_unless(ON_AXIS[::5].__contains__, ON_AXIS), ids=name)
 def test_on_the_axis(one: Expected) -> None:
     result = evaluate(one.scene, LEVEL, 0.01)
     if result.ratio is None or result.error_estimate is None:
@@ -41,14 +42,17 @@ def test_on_the_axis(one: Expected) -> None:
         assert result.error_estimate <= 0.05
 
 
-@pytest.mark.parametrize("one", [one for one in ON_AXIS if cover(one.scene) >= 0.1], ids=name)
+COVERED = [one for one in ON_AXIS if cover(one.scene) >= 0.1]
+
+
+@pytest.mark.parametrize("one", slow_unless(COVERED[::6].__contains__, COVERED), ids=name)
 def test_sensitivity_on_the_axis(one: Expected) -> None:
     result = evaluate(one.scene, LEVEL, 0.005)
     if one.log_sensitivity is not None:
         assert result.log_sensitivity == pytest.approx(one.log_sensitivity, rel=0.025, abs=3e-5)
 
 
-@pytest.mark.parametrize("one", OFF_AXIS, ids=name)
+@pytest.mark.parametrize("one", slow_unless(OFF_AXIS[::3].__contains__, OFF_AXIS), ids=name)
 def test_off_the_axis(one: Expected) -> None:
     result = evaluate(one.scene, LEVEL, 0.005)
     assert result.ratio is not None
@@ -62,6 +66,7 @@ def test_off_the_axis(one: Expected) -> None:
         assert result.log_sensitivity == pytest.approx(one.log_sensitivity, rel=0.025, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_auto_takes_this_level_for_tumours_off_the_axis() -> None:
     scene = named("off-axis", "stiff-cover-0.25-offset-1").scene
     assert evaluate(scene, "auto", 0.005).evaluator == LEVEL
@@ -107,7 +112,7 @@ def test_stiffness_rises_with_the_modulus_of_any_tumour() -> None:
         assert np.all(np.diff(stiffness) > 0)
 
 
-@pytest.mark.parametrize("reflect", [False, True])
+@pytest.mark.parametrize("reflect", slow_unless(False.__eq__, [False, True]))
 @pytest.mark.parametrize("key", ["depth", "diameter", "offset", "youngs_modulus", "poisson_ratio"])
 def test_derivatives_by_the_tumours_own_numbers(key: str, reflect: bool) -> None:
     """Central differences of the film forces, which are integrals over the volume; derivatives are ones over the surface."""
