@@ -15,7 +15,7 @@ from geometry.tetra.layout import body_layout, extent
 from geometry.tetra.mesher import volume_mesh
 from geometry.tetra.sizing import COARSE, ROUGH, TetraFineness
 from geometry.tetra.tet_mesh import BEYOND, TetMesh
-from solver.solid.domain import Domain, domain
+from solver.solid.domain import Domain, domain, reach
 from tests.support.paths import MESHES, REFERENCE
 
 SCENE = "flank"  # of tests/reference/solid: half of it is meshed
@@ -38,7 +38,8 @@ def scene_mesh(of: Domain, fineness: TetraFineness) -> TetMesh:
 
 
 def main() -> None:
-    of = domain(read_scene(REFERENCE / "solid" / f"{SCENE}.toml"), np.inf, None)
+    scene = read_scene(REFERENCE / "solid" / f"{SCENE}.toml")
+    of = domain(scene, reach(scene), None)
     for fineness, name in FINENESS.items():
         mesh = volume_mesh(of.scene, fineness, of.half, None, of.radius)
         assert np.array_equal(mesh.beyond, mesh.body == BEYOND)

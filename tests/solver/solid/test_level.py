@@ -27,16 +27,16 @@ def solved(scene: Scene, accuracy: float = 0.01) -> Result:
 @pytest.mark.slow
 @pytest.mark.parametrize("one", SOLID, ids=lambda one: one.name)
 def test_against_an_independent_code(one: Expected) -> None:
-    assert_as_expected(one)
+    assert_as_expected(solved(one.scene), one)
 
 
 def test_against_an_independent_code_on_stored_meshes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("solver.solid.film_forces.mesh_domain", scene_mesh)
-    assert_as_expected(named("solid", SCENE))
+    one = named("solid", SCENE)
+    assert_as_expected(solved(one.scene, 0.05), one)  # two meshes reach 0.01 too, but for the sensitivity
 
 
-def assert_as_expected(one: Expected) -> None:
-    result = solved(one.scene)
+def assert_as_expected(result: Result, one: Expected) -> None:
     assert result.ratio is not None
     assert result.error_estimate is not None
     off = abs(result.ratio / one.ratio - 1)
