@@ -69,7 +69,7 @@ def references() -> Iterator[tuple[Scene, dict[str, Any]]]:
 
 
 @dataclass(frozen=True)
-class Row:
+class JudgedScene:
     """A scene's features, true and stated errors by the names of ``WEIGHTS``; no error of a sensitivity that is not known."""
 
     features: dict[str, dict[str, float]]
@@ -77,7 +77,7 @@ class Row:
     stated: dict[str, float]
 
 
-def rows(scenes: list[tuple[Scene, dict[str, Any]]]) -> Iterator[Row]:
+def rows(scenes: list[tuple[Scene, dict[str, Any]]]) -> Iterator[JudgedScene]:
     """Yield those of the scenes for which the formulas give totals above zero."""
     for scene, answer in scenes:
         shape, values = parameters(scene)
@@ -88,7 +88,7 @@ def rows(scenes: list[tuple[Scene, dict[str, Any]]]) -> Iterator[Row]:
         told = errors(scene, forces, slopes, sided)
         stated = told.log_ratio, *told.log_totals, told.sensitivity
         true = _true(scene, answer, forces[0], slopes[0])
-        yield Row(
+        yield JudgedScene(
             dict(zip(WEIGHTS, features(scene, forces, slopes, sided), strict=True)),
             {name: error for name, error in zip(WEIGHTS, true, strict=True) if error is not None},
             dict(zip(WEIGHTS, map(float, stated), strict=True)),
@@ -106,7 +106,7 @@ def _true(scene: Scene, answer: dict[str, Any], forces: Floats, slope: Floats) -
     return abs(float(wrong[0] - wrong[1])), *map(float, np.abs(wrong)), sensitivity
 
 
-def fit(found: list[Row]) -> None:
+def fit(found: list[JudgedScene]) -> None:
     """Print the weights."""
     for kind in WEIGHTS:
         known = [row for row in found if kind in row.true]
@@ -133,7 +133,7 @@ def _envelope(table: Floats, least: Floats, lowest: Floats, floor: float) -> Flo
     return np.where(w > 1e-6, np.ceil(w / digits) * digits, 0.0)
 
 
-def audit(found: list[Row]) -> None:
+def audit(found: list[JudgedScene]) -> None:
     """Print quantiles over those that are not refused."""
     found = [row for row in found if row.stated["ratio"] <= LARGEST_ERROR]
     for kind in WEIGHTS:

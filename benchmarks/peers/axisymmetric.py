@@ -25,7 +25,7 @@ from rich.console import Console
 
 from benchmarks.peers import comparisons
 from benchmarks.peers.measured import NAMES, cases
-from benchmarks.tables import Table
+from benchmarks.tables import MeasuredTable
 
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 PARTS = ("evaluate", "calculix", "curve", "gradients", "factorisations", "growth")
@@ -41,10 +41,10 @@ def arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def measure(chosen: argparse.Namespace, tell: Callable[[str], None]) -> Iterator[Table]:
+def measure(chosen: argparse.Namespace, tell: Callable[[str], None]) -> Iterator[MeasuredTable]:
     """Yield the tables as they are ready."""
     scenes, points, few = cases(chosen.scene or NAMES), chosen.points, min(chosen.repeats, 3)
-    parts: dict[str, Callable[[], Iterator[Table]]] = {
+    parts: dict[str, Callable[[], Iterator[MeasuredTable]]] = {
         "evaluate": lambda: comparisons.evaluations(scenes, chosen.repeats, tell),
         "calculix": lambda: comparisons.calculix(scenes, tell),
         "curve": lambda: comparisons.curves(scenes, points, few, tell),

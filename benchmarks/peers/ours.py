@@ -9,7 +9,7 @@ from time import perf_counter
 
 import numpy as np
 
-from benchmarks.peers.measured import Answer, Curve, Stopwatch
+from benchmarks.peers.measured import Answer, RatioCurve, Stopwatch
 from geometry import Scene
 from geometry.common.arrays import Floats
 from geometry.meridian.frame import MeridianFineness
@@ -44,11 +44,11 @@ def one_mesh(scene: Scene, level: MeridianFineness) -> Answer:
     return Answer(float(ratio), unknowns, {"all": perf_counter() - start})
 
 
-def curve(scene: Scene, moduli: Floats, accuracy: float) -> Curve:
+def curve(scene: Scene, moduli: Floats, accuracy: float) -> RatioCurve:
     """Find the curve over the inclusion's modulus, with its error estimate."""
     found = Axisymmetric().curve(scene, moduli, accuracy)
     ratio, told = (np.array(values, dtype=float) for values in (found.ratio, found.log_sensitivity))
-    return Curve(moduli, ratio, told)
+    return RatioCurve(moduli, ratio, told)
 
 
 def gradients(scene: Scene, moduli: Floats, accuracy: float) -> dict[str, Floats]:

@@ -20,7 +20,7 @@ import ngsolve as ngs
 import numpy as np
 
 from benchmarks.references import outline as reference_outline
-from benchmarks.references.axisymmetric import LADDER, Reference, difference, entry, solve
+from benchmarks.references.axisymmetric import LADDER, ReferenceAnswer, difference, entry, solve
 from benchmarks.references.outline import Edge, Refinement, meshed
 from geometry import Inclusion, Scene, read_scene
 
@@ -71,7 +71,7 @@ def make_mesh(scene: Scene, refinement: Refinement) -> ngs.Mesh:
     return meshed(outline(scene), refinement)
 
 
-def reference(scene: Scene) -> Reference:
+def reference(scene: Scene) -> ReferenceAnswer:
     """Solve on both meshes."""
     start = time.perf_counter()
     coarse, fine = (solve(scene, refinement, make_mesh) for refinement in MESHES)
