@@ -1,6 +1,6 @@
 """The closed form's stated errors: where their weights come from, and how they do on other scenes.
 
-``python -m benchmarks.closed_form.error FILE`` audits: for the scenes of a file of ``closed_form_scenes.py`` it prints quantiles
+``python -m benchmarks.closed_form.error FILE`` audits: for the scenes of a file of ``scenes.py`` it prints quantiles
 of the true errors of ln(ratio), of the logarithms of both totals and of the log-sensitivity, of the stated ones, and of true
 over stated, which must stay below 1. With ``--fit`` it prints weights for eq. CF.19 of
 ``solver/closed_form/error_bound.py``: none below

@@ -4,8 +4,8 @@ Usage: ``pip install -e '.[bench]'`` and ``apt-get install calculix-ccx``, then 
 of it takes about ten minutes on a quiet core; ``--part`` and ``--scene`` (both may be repeated) restrict it. Everything
 runs on one thread. Times are wall-clock medians of ``--repeats`` runs; of long runs (CalculiX, differences, growth), one.
 
-True values are those of ``tests/reference/axisymmetric``: NGSolve of order up to 12 (``reference_axisymmetric.py``).
-The peers are used as their best users would, see ``peer_ngsolve.py``, ``ngsolve_settings.py``, ``peer_calculix.py``.
+True values are those of ``tests/reference/axisymmetric``: NGSolve of order up to 12 (``benchmarks/references/axisymmetric.py``).
+The peers are used as their best users would, see ``ngsolve_meridian.py``, ``ngsolve_settings.py``, ``calculix_meridian.py``.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ The problem: linear elasticity of a cylinder of tissue bonded at its bottom, two
 frictionless interface, at most one sphere on the axis (PHYSICS.md sections 5 and 7). Between each block and the base lie,
 if the scene has a film, the film (its modulus) and, if it has a thickness, the adhesive (its modulus, or the film's), both
 with ``FILM_POISSON``, which no scene gives, both bonded to all that they touch. A rigid base holds them, or the blocks'
-ends. The elastic base (``reference_outline``) is bonded to the machine: its upper face moves as a rigid plane, the rest
+ends. The elastic base (``outline``) is bonded to the machine: its upper face moves as a rigid plane, the rest
 of its surface is free of traction.
 
 The method: displacements of order 6 to 12 (no locking near incompressibility) on curved triangles that netgen grades by

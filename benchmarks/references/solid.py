@@ -1,6 +1,6 @@
 """Reference solutions of scenes with tumours off the probe's axis by NGSolve in three dimensions, independent of ``solver``.
 
-The problem: that of ``reference_axisymmetric``, but with any number of spheres and ellipsoids whose centres and axes lie in
+The problem: that of ``axisymmetric``, but with any number of spheres and ellipsoids whose centres and axes lie in
 the plane y = 0 of symmetry; tissue in a cylinder about the probe's axis, rigid base, no film, no groove, bonded or
 frictionless interface.
 
@@ -16,7 +16,7 @@ has the error of that quadrature only, the second that of w's energy: a(w - w_h,
 error in w gives a few tenths of per cent of the tumour's second-order effect, and F approaches its limit from one side.
 The derivative is the exact one of the discrete forces.
 
-Half of the bodies, y > 0, is meshed (``reference_bodies``). The value is that of the finest mesh; ``relative_uncertainty``
+Half of the bodies, y > 0, is meshed (``bodies``). The value is that of the finest mesh; ``relative_uncertainty``
 is the largest change of stresses, ratio and stiffness from the mesh before, which is coarser in size and order at once;
 ``log_sensitivity_uncertainty`` the change of that (absolute). On the axis (contrast 10, cover of
 0.25 diameters), where the axisymmetric code knows the answer, the change from order 4 to 5 was 1.1e-4 and the true error

@@ -1,6 +1,6 @@
 """Reference solutions for a spheroid on the probe's axis, diameters [a, a, c], by NGSolve.
 
-The problem and its discretisation are those of ``reference_axisymmetric``; only the mesh differs: the sphere's two quarter
+The problem and its discretisation are those of ``axisymmetric``; only the mesh differs: the sphere's two quarter
 circles become quarters of an ellipse, which netgen's rational splines are exactly and along which it grades the mesh by
 curvature. ``relative_uncertainty`` is the largest change from the first of ``MESHES`` to the second, which gives the values.
 

@@ -2,7 +2,7 @@
 
     error <= sum of weight x feature,                                                             (CF.19)
 
-of ln(ratio), of the logarithms of both totals and, absolute, of the log-sensitivity, with the features of ``closed_features``.
+of ln(ratio), of the logarithms of both totals and, absolute, of the log-sensitivity, with the features of ``error_features``.
 The weights are an envelope of random scenes and of tests/reference, times a margin: ``python -m benchmarks.closed_form.error``
 prints them, and audits them on other scenes.
 """
@@ -76,7 +76,7 @@ class StatedErrors:
 
 
 def errors(scene: Scene, forces: Floats, slopes: Floats, sided: bool) -> StatedErrors:
-    """Return eq. CF.19 for a scene, with all of groove, film and base; arguments as of ``closed_features.features``."""
+    """Return eq. CF.19 for a scene, with all of groove, film and base; arguments as of ``error_features.features``."""
     feature_sets = features(scene, forces, slopes, sided)
     ratio, inner, outer, sensitivity = (
         sum(weight * part[name] for name, weight in WEIGHTS[kind].items())

@@ -13,7 +13,7 @@ from tests.support.paths import ROOT
 PACKAGES = ("geometry", "hw", "probe_design", "solver")
 CODE = (*PACKAGES, "benchmarks")
 FACES = {*PACKAGES, "probe_design/cli"}  # what users and the installed program import by these names
-FEWEST, MOST = 1, 18  # modules beside ``__init__.py``
+FEWEST, MOST = 1, 18  # modules beside its ``__init__``
 LONGEST = 400  # lines
 
 
