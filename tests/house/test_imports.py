@@ -5,15 +5,13 @@ A room is a folder of a package; the modules of a package's own folder are its f
 
 from __future__ import annotations
 
-import ast
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator
 from graphlib import TopologicalSorter
-from pathlib import Path
 
 import pytest
 
+from tests.support.imports import at_import, everywhere, module, room, sources
 from tests.support.paths import ROOT
 
 SCENES = {"geometry.common", "geometry.scenes"}
@@ -138,46 +136,6 @@ ALLOWED: dict[str, set[str]] = {
 }
 PACKAGES = sorted({room.split(".")[0] for room in ALLOWED})
 HEAVY = {"cadquery", "OCP", "matplotlib", "vtk", "vtkmodules", "pyvista", "pytetwild"}
-
-
-def sources(package: str) -> list[Path]:
-    return sorted((ROOT / package).rglob("*.py"))
-
-
-def module(path: Path) -> str:
-    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
-
-
-def room(name: str) -> str:
-    """Of a module of ours: its package and the folder in it."""
-    parts = name.split(".")
-    return ".".join(parts[: 1 + (ROOT / Path(*parts[:2])).is_dir()])
-
-
-def imported(nodes: Iterable[ast.AST]) -> Iterator[str]:
-    """Full names of the modules that these statements import, ``from package import module`` as module."""
-    for node in nodes:
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            assert not node.level, "imports are absolute"
-            folder = ROOT / str(node.module).replace(".", "/")
-            names = {alias.name for alias in node.names}
-            inner = {name for name in names if (folder / f"{name}.py").exists() or (folder / name).is_dir()}
-            yield from (f"{node.module}.{name}" for name in inner)
-            if inner < names:
-                yield str(node.module)
-
-
-def everywhere(path: Path) -> set[str]:
-    """Modules of ours that a source imports anywhere in it, for types too; tests and benchmarks count as ours."""
-    found = imported(ast.walk(ast.parse(path.read_bytes(), str(path))))
-    return {name for name in found if name.split(".")[0] in {*PACKAGES, "tests", "benchmarks"}}
-
-
-def at_import(path: Path) -> set[str]:
-    """Modules that are imported when a source is, by its top-level statements."""
-    return set(imported(ast.parse(path.read_bytes(), str(path)).body))
 
 
 def test_every_room_has_a_direction() -> None:

@@ -11,42 +11,37 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.named import OURS, commands, exists, files, modules, resolves, runs, texts
+from tests.support.imports import OURS, everywhere, module, sources
+from tests.support.named import commands, exists, files, modules, paths, resolves, runs, texts
 from tests.support.paths import REFERENCE, ROOT
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), REFERENCE / "README.md"]
-SOURCES = [path for folder in (*OURS, "examples") for path in sorted((ROOT / folder).rglob("*.py"))]
+SOURCES = [path for folder in (*OURS, "examples") for path in sources(folder)]
 GENERATED = {"out"}  # folders that commands write
 
 
-def there(name: str, folder: Path | None) -> bool:
-    if "/" in name:
-        return name.split("/")[0] in GENERATED or exists(name)
-    return folder is not None and exists(name, folder)
+def there(path: Path) -> bool:
+    return path.parts[0] in GENERATED or exists(path)
 
 
 def test_sources_name_files_that_exist() -> None:
     wrong = []
-    for path in SOURCES:
-        for text in texts(path):
-            wrong += [f"{path.relative_to(ROOT)}: {name}" for name in files(text) if not there(name, path.parent)]
+    for source in SOURCES:
+        here = source.relative_to(ROOT)
+        named = [Path(name) if "/" in name else here.parent / name for text in texts(source) for name in files(text)]
+        wrong += [f"{here}: {path}" for path in named if not there(path)]
     assert wrong == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_pages_name_files_that_exist(page: Path) -> None:
-    wrong = []
-    for cell in (cell for line in prose(page).splitlines() for cell in line.split("|")):
-        folder = None
-        for name in files(cell):
-            wrong += [] if there(name, folder) else [name]
-            folder = (ROOT / name).parent if "/" in name else folder
-    assert wrong == []
+    assert [str(path) for cell in cells(page) for path in paths(cell) if not there(path)] == []
 
 
-def prose(page: Path) -> str:
-    """A page without blocks of code, whose files are the reader's, and without links' targets, which have a test of their own."""
-    return re.sub(r"(?s)```.*?```|\]\([^)]*\)", "", page.read_text(encoding="utf-8"))
+def cells(page: Path) -> list[str]:
+    """Lines and table cells of a page, without blocks of code, whose files are the reader's, and targets of links, tested apart."""
+    prose = re.sub(r"(?s)```.*?```|\]\([^)]*\)", "", page.read_text(encoding="utf-8"))
+    return [cell for line in prose.splitlines() for cell in line.split("|")]
 
 
 def test_sources_name_modules_that_exist() -> None:
@@ -62,3 +57,16 @@ def test_pages_name_modules_that_exist(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     assert [name for name in modules(text) if not resolves(name)] == []
     assert [name for name in commands(text) if not runs(name)] == []
+
+
+def test_every_benchmark_has_a_purpose() -> None:
+    """It is named by a page, or imported by one that is."""
+    programs = {module(path): path for path in sources("benchmarks") if path.name != "__init__.py"}
+    told = {module(ROOT / path) for page in PAGES for cell in cells(page) for path in paths(cell) if path.suffix == ".py"}
+    told |= {name for page in PAGES for name in commands(page.read_text(encoding="utf-8"))}
+    waiting = [name for name in programs if name.removesuffix(".__main__") in told]
+    reached: set[str] = set()
+    while waiting:
+        reached.add(name := waiting.pop())
+        waiting += (everywhere(programs[name]) & programs.keys()) - reached
+    assert programs.keys() - reached == set()

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.imports import sources
 from tests.support.paths import ROOT
 
 PACKAGES = ("geometry", "hw", "probe_design", "solver")
@@ -18,7 +19,7 @@ LONGEST = 400  # lines
 
 
 def rooms(package: str) -> list[Path]:
-    return sorted({path.parent for path in (ROOT / package).rglob("*.py")} - {ROOT / package})
+    return sorted({path.parent for path in sources(package)} - {ROOT / package})
 
 
 def parsed(path: Path) -> ast.Module:
@@ -36,7 +37,7 @@ def test_rooms_are_small_and_one_deep(package: str) -> None:
 
 @pytest.mark.parametrize("folder", [*CODE, "tests", "examples"])
 def test_no_file_is_long(folder: str) -> None:
-    lengths = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in (ROOT / folder).rglob("*.py")}
+    lengths = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in sources(folder)}
     assert [str(path) for path, lines in lengths.items() if lines > LONGEST] == []
 
 
@@ -51,7 +52,7 @@ def test_a_room_says_what_it_is_and_imports_nothing(package: str) -> None:
 
 def test_class_names_are_unique() -> None:
     """Of all that others may import: a module's own, with an underscore, are its own affair."""
-    trees = [parsed(path) for package in CODE for path in sorted((ROOT / package).rglob("*.py"))]
+    trees = [parsed(path) for package in CODE for path in sources(package)]
     names = Counter(node.name for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef))
     assert [name for name, times in names.items() if times > 1 and not name.startswith("_")] == []
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import ast
 import re
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+from tests.support.imports import OURS
 from tests.support.paths import ROOT
 
-OURS = ("geometry", "solver", "probe_design", "hw", "benchmarks", "tests")
 TOP = (*OURS, "docs", "examples")
 _PATH = re.compile(r"(?<![\w./:<*\[-])[\w.*-]+(?:/[\w.*-]+)*\.(?:py|md|toml|json|npz|rules)(?![\w(])")
 _FOLDER = re.compile(rf"(?<![\w./:-])(?:{'|'.join(TOP)})/[\w./*-]*\w")
@@ -42,9 +43,9 @@ def commands(text: str) -> set[str]:
     return set(_COMMAND.findall(text))
 
 
-def exists(name: str, folder: Path = ROOT) -> bool:
-    """Whether a file or folder is there; ``*`` stands for anything."""
-    return any(folder.glob(name))
+def exists(path: Path) -> bool:
+    """Whether a file or folder is there, from the root; ``*`` stands for anything."""
+    return any(ROOT.glob(str(path)))
 
 
 @cache
@@ -84,3 +85,12 @@ def _bound(node: ast.stmt) -> set[str]:
         return {alias.asname or alias.name for alias in node.names}
     targets = node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
     return {name.id for target in targets for name in ast.walk(target) if isinstance(name, ast.Name)}
+
+
+def paths(cell: str) -> Iterator[Path]:
+    """Files that a line or table cell of a page names, from the root; bare names lie where the last path before them does."""
+    folder = Path()
+    for name in files(cell):
+        path = Path(name) if "/" in name else folder / name
+        folder = path.parent
+        yield path
