@@ -39,7 +39,7 @@ def test_pages_name_files_that_exist(page: Path) -> None:
 
 
 def cells(page: Path) -> list[str]:
-    """Lines and table cells of a page, without blocks of code, whose files are the reader's, and targets of links, tested apart."""
+    """Lines and table cells of a page, without blocks of code, whose files are the reader's, and targets of links."""
     prose = re.sub(r"(?s)```.*?```|\]\([^)]*\)", "", page.read_text(encoding="utf-8"))
     return [cell for line in prose.splitlines() for cell in line.split("|")]
 
