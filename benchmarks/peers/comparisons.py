@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.peers import calculix_meridian as peer_calculix
 from benchmarks.peers import ours
 from benchmarks.peers.designs import LENGTHS, MATERIALS, VARIABLES
-from benchmarks.peers.measured import Answer, KnownScene, limited_memory, timed, typical
+from benchmarks.peers.measured import KnownScene, PeerAnswer, limited_memory, timed, typical
 from benchmarks.peers.ngsolve_curve import central_difference, looping, reusing
 from benchmarks.peers.ngsolve_meridian import ALL, MeridianSetting
 from benchmarks.peers.ngsolve_meridian import evaluate as ngsolve_evaluate
@@ -184,7 +184,7 @@ def growth(cases: list[KnownScene], tell: Tell) -> Iterator[MeasuredTable]:
     columns = ("code", "unknowns, count", "true error, error", *(f"{stage}, s" for stage in stages), "all, s")
     table = MeasuredTable(f"d. growth with the unknowns, {case.name}", columns)
 
-    def add(code: str, answer: Answer) -> None:
+    def add(code: str, answer: PeerAnswer) -> None:
         times = (answer.stages.get(stage) for stage in stages)
         table.add(code, answer.unknowns, case.error(answer.ratio), *times, answer.seconds)
 

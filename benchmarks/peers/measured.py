@@ -57,7 +57,7 @@ class RatioCurve:
 
 
 @dataclass(frozen=True)
-class Answer:
+class PeerAnswer:
     """The ratio by one code on one mesh, the unknowns of its system, and the seconds of each of its stages."""
 
     ratio: float

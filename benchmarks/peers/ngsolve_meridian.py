@@ -16,7 +16,7 @@ import numpy as np
 from netgen.geom2d import SplineGeometry
 from netgen.meshing import MeshingParameters
 
-from benchmarks.peers.measured import Answer, Stopwatch
+from benchmarks.peers.measured import PeerAnswer, Stopwatch
 from benchmarks.references.outline import ENDS, INCLUSION, INNER, NAMES, OUTER, OUTSIDE, TISSUE, Edge, outline
 from geometry import Material, Scene
 from geometry.common.arrays import Floats
@@ -151,7 +151,7 @@ class NGSolveProblem:
         return float(forces[0] / probe.inner_area / (forces[1] / probe.outer_area))
 
 
-def evaluate(scene: Scene, setting: MeridianSetting) -> Answer:
+def evaluate(scene: Scene, setting: MeridianSetting) -> PeerAnswer:
     """Find the ratio: one mesh, one factorisation, one solve."""
     watch = Stopwatch()
     mesh = make_mesh(scene, setting)
@@ -167,4 +167,4 @@ def evaluate(scene: Scene, setting: MeridianSetting) -> Answer:
     reaction = (matrix * problem.solve(matrix, inverse, pressed)).Evaluate()
     forces = np.array([ngs.InnerProduct(reaction, lift) for lift in problem.lifts])
     watch.lap("solve")
-    return Answer(problem.ratio(forces), problem.unknowns, watch.stages)
+    return PeerAnswer(problem.ratio(forces), problem.unknowns, watch.stages)

@@ -1,12 +1,12 @@
 """What docstrings, comments and pages name is there: files, modules and programs.
 
 A name with a slash counts from the repository's root, a link from its page. The bare name of a source stands for one in the
-folder of the module that names it; in a page, in the folder of the last path before it in the same line or table cell.
+folder of the module that names it; in a page, in the folder of the last path before it in the same line or table cell, or else in
+the folder that the section's heading names.
 """
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import pytest
@@ -35,13 +35,7 @@ def test_sources_name_files_that_exist() -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_pages_name_files_that_exist(page: Path) -> None:
-    assert [str(path) for cell in cells(page) for path in paths(cell) if not there(path)] == []
-
-
-def cells(page: Path) -> list[str]:
-    """Lines and table cells of a page, without blocks of code, whose files are the reader's, and targets of links."""
-    prose = re.sub(r"(?s)```.*?```|\]\([^)]*\)", "", page.read_text(encoding="utf-8"))
-    return [cell for line in prose.splitlines() for cell in line.split("|")]
+    assert [str(path) for path in paths(page.read_text(encoding="utf-8")) if not there(path)] == []
 
 
 def test_sources_name_modules_that_exist() -> None:
@@ -62,8 +56,9 @@ def test_pages_name_modules_that_exist(page: Path) -> None:
 def test_every_benchmark_has_a_purpose() -> None:
     """It is named by a page, or imported by one that is."""
     programs = {module(path): path for path in sources("benchmarks") if path.name != "__init__.py"}
-    told = {module(ROOT / path) for page in PAGES for cell in cells(page) for path in paths(cell) if path.suffix == ".py"}
-    told |= {name for page in PAGES for name in commands(page.read_text(encoding="utf-8"))}
+    pages = [page.read_text(encoding="utf-8") for page in PAGES]
+    told = {module(ROOT / path) for page in pages for path in paths(page) if path.suffix == ".py"}
+    told |= {name for page in pages for name in commands(page)}
     waiting = [name for name in programs if name.removesuffix(".__main__") in told]
     reached: set[str] = set()
     while waiting:

@@ -87,10 +87,18 @@ def _bound(node: ast.stmt) -> set[str]:
     return {name.id for target in targets for name in ast.walk(target) if isinstance(name, ast.Name)}
 
 
-def paths(cell: str) -> Iterator[Path]:
-    """Files that a line or table cell of a page names, from the root; bare names lie where the last path before them does."""
-    folder = Path()
-    for name in files(cell):
-        path = Path(name) if "/" in name else folder / name
-        folder = path.parent
-        yield path
+def paths(page: str) -> Iterator[Path]:
+    """Files and folders that a page names, from the root.
+
+    Left out are blocks of code, whose files are the reader's, and targets of links. A bare name lies where the last path before
+    it in the same line or table cell does, or else in the folder that its section's heading names.
+    """
+    section = Path()
+    for line in re.sub(r"(?s)```.*?```|\]\([^)]*\)", "", page).splitlines():
+        section = section if not line.startswith("#") else Path(*files(line)[-1:])
+        for cell in line.split("|"):
+            folder = section
+            for name in files(cell):
+                path = Path(name) if "/" in name else folder / name
+                folder = path.parent if path.suffix else path
+                yield path
