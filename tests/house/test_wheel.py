@@ -23,4 +23,4 @@ def test_wheel_holds_every_source_and_all_data(tmp_path: Path) -> None:
     held = {name for name in ZipFile(wheel).namelist() if ".dist-info/" not in name}
     files = (path for package in PACKAGES for path in (ROOT / package).rglob("*.*") if path.is_file())
     assert held == {path.relative_to(ROOT).as_posix() for path in files if path.suffix != ".pyc"}
-    assert {Path(name).suffix for name in held} >= {".py", ".toml", ".in", ".rules"}
+    assert {Path(name).suffix for name in held} >= {".py", ".json", ".npy", ".toml", ".in", ".rules"}
