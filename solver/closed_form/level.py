@@ -101,16 +101,16 @@ class ClosedForm(FilmLevel):
         return [found[place] for place in range(len(scenes))]
 
     def _bounded(
-        self, scene: Scene, shape: Shape, found: Floats, slopes: Floats, residuals: Floats
+        self, scene: Scene, shape: Shape, forces: Floats, slopes: Floats, residuals: Floats
     ) -> ClosedFormForces | InputError:
         """What stands behind the answer of a scene, from its variants."""
-        if not (np.all(np.isfinite(found)) and np.all(found.sum(axis=2) > 0) and np.all(residuals < LARGEST_RESIDUAL)):
+        if not (np.all(np.isfinite(forces)) and np.all(forces.sum(axis=2) > 0) and np.all(residuals < LARGEST_RESIDUAL)):
             return Refusal("evaluator", self.name, BROKEN)
-        error = errors(scene, found, slopes, shape.side_nodes > 0)
+        error = errors(scene, forces, slopes, shape.side_nodes > 0)
         if error.log_ratio > LARGEST_ERROR:
             return Refusal("evaluator", self.name, BROKEN)
         slope = slopes[0] if scene.target is not None else None
-        films = FilmForces(found[0], error.bound(found[0].sum(axis=1)), slope, error.sensitivity)
+        films = FilmForces(forces[0], error.bound(forces[0].sum(axis=1)), slope, error.sensitivity)
         return ClosedFormForces(films, error, float(residuals[0]))
 
     def _result(self, scene: Scene, forces: ClosedFormForces | InputError, accuracy: float) -> Result | InputError:

@@ -125,8 +125,8 @@ def _ball(body: Inclusion) -> Inclusion:
     return body.model_copy(update={"diameter": min(size, 2 * BURIED * body.depth), "diameters": None, "surface": None})
 
 
-def _decision(scene: Scene, k: int, found: _Found, dropped: bool, accuracy: float) -> Decision:
-    effect = found.effect(k, bounded=dropped)
+def _decision(scene: Scene, k: int, coarse: _Found, dropped: bool, accuracy: float) -> Decision:
+    effect = coarse.effect(k, bounded=dropped)
     size = f"changes the ratio by {'at most ' if dropped else ''}about {effect.ratio:.2g}"
     what = f"left out: {size}, counted in error_estimate" if dropped else f"modelled: {size}"
     if k == scene.target:
