@@ -28,8 +28,8 @@ from paper_notes import notes
 
 from geometry import ProbeError, Scene, read_scene
 from geometry.common.files import written_whole
-from probe_design.maps.curve_plot import check_format
 from probe_design.maps.scan import Scan, scan
+from probe_design.pictures.formats import check_format
 from probe_design.terminal.console import message, saying
 from solver import Result, evaluate
 from solver.published.table3 import AREA_RATIO, PLACES, TABLE_3, check

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 from pydantic import ValidationInfo
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
+from geometry.common.errors import InputError, Words
+
 if TYPE_CHECKING:
     import pint
     from pydantic import GetCoreSchemaHandler
@@ -66,6 +68,27 @@ class Quantity:
             raise ValueError("out of range")
         return inside
 
+    def value(self, entry: object, units_required: bool) -> float:
+        """Return the SI value of a text or, unless units are required, of a number; raises ``ValueError`` saying why not."""
+        if isinstance(entry, str):
+            return self.parse(entry)
+        if isinstance(entry, bool) or not isinstance(entry, int | float):
+            raise ValueError("not a quantity")
+        if units_required:
+            raise ValueError("the unit is missing")
+        return self.checked(float(entry))
+
+    def read(self, key: str, entry: object, units_required: bool = True) -> float:
+        """Return the SI value that is given for a key.
+
+        Raises:
+            InputError: it is no such quantity, or out of range.
+        """
+        try:
+            return self.value(entry, units_required)
+        except (ValueError, OverflowError) as fault:
+            raise InputError(key, entry, f"{self.allowed} ({fault})") from None
+
     def text(self, value: float) -> str:
         """Write an SI value so that reading it gives the same float again."""
         short = f"{shown(value, self.si, self.unit):.12g} {self.unit}"
@@ -73,13 +96,7 @@ class Quantity:
 
     def _validate(self, value: Any, info: ValidationInfo) -> float:
         try:
-            if isinstance(value, str):
-                return self.parse(value)
-            if isinstance(value, bool) or not isinstance(value, int | float):
-                raise ValueError("not a quantity")
-            if info.context and info.context.get("units_required"):
-                raise ValueError("the unit is missing")
-            return self.checked(float(value))
+            return self.value(value, bool(info.context and info.context.get("units_required")))
         except (ValueError, OverflowError) as fault:
             raise PydanticCustomError("quantity", "{allowed} ({why})", {"allowed": self.allowed, "why": str(fault)}) from None
 
@@ -87,6 +104,22 @@ class Quantity:
         """Tell pydantic how to read and, as JSON, write the quantity."""
         write = core_schema.plain_serializer_function_ser_schema(self.text, when_used="json-unless-none")
         return core_schema.with_info_plain_validator_function(self._validate, serialization=write)
+
+
+def number(key: str, entry: Any, allowed: str) -> float:
+    """Return a number or the number that a text says; whether it is in range is for those to say who use it.
+
+    Raises:
+        InputError: it is none; ``allowed`` says what is one.
+    """
+    if entry is None:
+        raise InputError(key, Words("missing"), allowed)
+    try:
+        if not isinstance(entry, bool):
+            return float(entry)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise InputError(key, entry, allowed)
 
 
 def shown(value: float, si: str, unit: str) -> float:

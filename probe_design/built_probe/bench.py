@@ -97,8 +97,8 @@ class Reference(Frozen):
     @model_validator(mode="after")
     def _modulus_of_tissue(self) -> Self:
         if (self.youngs_modulus is None) == (self.on == "tissue"):
-            given = Words("missing" if self.on == "tissue" else f"given beside on = '{self.on}'")
-            raise InputError("youngs_modulus", given, "given for on = 'tissue', and for nothing else")
+            entry = Words("missing" if self.on == "tissue" else f"given beside on = '{self.on}'")
+            raise InputError("youngs_modulus", entry, "given for on = 'tissue', and for nothing else")
         return self
 
     @property
@@ -151,5 +151,5 @@ def first_fault(refused: ValidationError, what: str) -> InputError:
     key = ".".join(map(str, error["loc"])) or what
     if isinstance(cause, InputError):
         return InputError(f"{key}.{cause.key}", cause.value, cause.allowed)
-    given = Words("missing") if error["type"] == "missing" else error["input"]
-    return InputError(key, given, error["msg"].removeprefix("Input should be "))
+    entry = Words("missing") if error["type"] == "missing" else error["input"]
+    return InputError(key, entry, error["msg"].removeprefix("Input should be "))

@@ -89,8 +89,8 @@ def predicted(scene: Scene, references: Sequence[Reference]) -> Shares:
     by_radius = by_outer_radius(scene)
     names = tuple(key for key in values(by_radius) if key.startswith("probe."))
     blocks = tuple(_share(on_block(by_radius, one), names) for one in references if one.on == "tissue")
-    known = values(by_radius)
-    return Shares((*names, MODULI), np.array([*(known[name] for name in names), 1.0]), blocks)
+    nominal = values(by_radius)
+    return Shares((*names, MODULI), np.array([*(nominal[name] for name in names), 1.0]), blocks)
 
 
 def on_block(scene: Scene, reference: Reference) -> Scene:
@@ -107,14 +107,14 @@ def by_outer_radius(scene: Scene) -> Scene:
 
 
 def _share(scene: Scene, names: tuple[str, ...]) -> Share:
-    found = Axisymmetric().converged(scene, ACCURACY)
-    films = found.films[0]
+    solution = Axisymmetric().converged(scene, ACCURACY)
+    films = solution.films[0]
     ratio = outputs(scene, films)["ratio"]
     if ratio is None or ratio <= 0:
         raise Refusal("reference.youngs_modulus", scene.tissue.youngs_modulus, "one on which both films are pressed")
     areas = scene.probe.inner_area / scene.probe.outer_area
-    told = gradients(scene, found.sample)
-    by_name = dict(zip(told.variables, told.derivatives["ratio"][0] / told.values["ratio"][0], strict=True))
+    gradient = gradients(scene, solution.sample)
+    by_name = dict(zip(gradient.variables, gradient.derivatives["ratio"][0] / gradient.values["ratio"][0], strict=True))
     by_modulus = float(by_name[TISSUE] * scene.tissue.youngs_modulus)
     slopes = np.array([*(by_name.get(name, 0.0) + _by_areas(scene, name) for name in names), by_modulus])
     return Share(math.log(ratio * areas), films.bound.log_ratio, slopes, by_modulus)

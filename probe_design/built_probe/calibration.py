@@ -65,20 +65,27 @@ def calibrate(scene: Scene, bench: Bench, samples: Sequence[Samples], shares: Sh
     """
     if len(samples) != len(bench.reference):
         raise InputError("readings", len(samples), f"one for each of the bench's {len(bench.reference)} references")
-    found = [strict_reading(one, bench, scene) for one in samples]
-    seen = tuple(observed(one, reference, scene) for one, reference in zip(found, bench.reference, strict=True))
-    known = predicted(scene, bench.reference) if shares is None else shares
-    gains = estimated(seen, known, bench)
-    offsets = np.array([one.fit.offsets[:2] for one in found])
-    spread = offsets.std(axis=0, ddof=1) / np.sqrt(len(offsets)) if len(offsets) > 1 else found[0].fit.offsets_sd[:2]
+    measurements = [strict_reading(one, bench, scene) for one in samples]
+    observations = tuple(observed(one, reference, scene) for one, reference in zip(measurements, bench.reference, strict=True))
+    predictions = predicted(scene, bench.reference) if shares is None else shares
+    gains = estimated(observations, predictions, bench)
+    offsets = np.array([one.fit.offsets[:2] for one in measurements])
+    spread = offsets.std(axis=0, ddof=1) / np.sqrt(len(offsets)) if len(offsets) > 1 else measurements[0].fit.offsets_sd[:2]
     return Calibration(
-        scene, bench, gains, known.variables, _frequency(found), offsets.mean(axis=0), spread, seen,
-        tuple(_warnings(found, gains)),
-    )  # fmt: skip
+        scene=scene,
+        bench=bench,
+        gains=gains,
+        variables=predictions.variables,
+        frequency=_frequency(measurements),
+        offsets=offsets.mean(axis=0),
+        offsets_sd=spread,
+        readings=observations,
+        warnings=tuple(_warnings(measurements, gains)),
+    )
 
 
-def _frequency(found: Sequence[Measurement]) -> float:
-    frequencies = [one.fit.frequency for one in found]
+def _frequency(measurements: Sequence[Measurement]) -> float:
+    frequencies = [one.fit.frequency for one in measurements]
     mean = float(np.mean(frequencies))
     if np.ptp(frequencies) > SAME * mean:
         spread = Words(f"{min(frequencies):.4g} to {max(frequencies):.4g} Hz")
@@ -86,17 +93,17 @@ def _frequency(found: Sequence[Measurement]) -> float:
     return mean
 
 
-def _warnings(found: Sequence[Measurement], gains: Gains) -> list[str]:
+def _warnings(measurements: Sequence[Measurement], gains: Gains) -> list[str]:
     warnings = []
     if not gains.absolute:
         warnings.append("no force channel: the ratio is calibrated, the stresses' common factor is not")
-    for told, entry in zip(gains.told, ("inner from outer", "outer from inner"), strict=True):
-        if not told:
+    for measured, entry in zip(gains.cross_talk_told, ("inner from outer", "outer from inner"), strict=True):
+        if not measured:
             warnings.append(f"cross-talk {entry}: the readings hardly tell it; what the bench assumes stands")
     if gains.p_value < UNLIKELY:
         text = f"chi-square {gains.chi_square:.3g} for {gains.freedom} degrees of freedom, p = {gains.p_value:.1g}"
         warnings.append(f"{text}: the readings contradict the predictions or each other; run check")
-    lags = [abs(one.lag[0]) - 3 * one.lag[1] for one in found]
+    lags = [abs(one.lag[0]) - 3 * one.lag[1] for one in measurements]
     if max(lags) > MOST_LAG:
         warnings.append(f"the films differ by {max(lags):.2g} rad or more in phase: tissue that flows, or an amplifier")
     return warnings

@@ -93,10 +93,16 @@ class CalibrationRecord(Frozen):
 
     def gains(self) -> Gains:
         """Return the gain matrix with its covariance."""
-        told = self.cross_talk_told
-        tables = (self.matrix, self.covariance, self.slopes, self.workshop)
-        matrix, covariance, slopes, workshop = (np.array(one, dtype=float) for one in tables)
-        return Gains(matrix, covariance, slopes, workshop, self.absolute, told, self.chi_square, self.degrees_of_freedom)
+        return Gains(
+            matrix=np.array(self.matrix, dtype=float),
+            covariance=np.array(self.covariance, dtype=float),
+            slopes=np.array(self.slopes, dtype=float),
+            workshop=np.array(self.workshop, dtype=float),
+            absolute=self.absolute,
+            cross_talk_told=self.cross_talk_told,
+            chi_square=self.chi_square,
+            freedom=self.degrees_of_freedom,
+        )
 
     def scene_read(self) -> Scene:
         """Return the scene that the calibration took as known."""
@@ -107,32 +113,32 @@ class CalibrationRecord(Frozen):
         return bench_from_dict(self.bench)
 
 
-def record(found: Calibration, raw: Sequence[Raw], device: str) -> CalibrationRecord:
+def record(calibration: Calibration, raw: Sequence[Raw], device: str) -> CalibrationRecord:
     """Return the record of a calibration; ``raw`` in the order of its readings."""
-    gains = found.gains
+    gains = calibration.gains
     readings = tuple(
         ReadingRecord(
             on=one.reference.name, films=tuple(one.films.tolist()), films_sd=tuple(np.sqrt(np.diag(one.covariance)).tolist()),
             force=one.force, sha256=data.sha256, file=data.file,
         )
-        for one, data in zip(found.readings, raw, strict=True)
+        for one, data in zip(calibration.readings, raw, strict=True)
     )  # fmt: skip
     tables: dict[str, Any] = {name: getattr(gains, name).tolist() for name in ("matrix", "covariance", "slopes", "workshop")}
     return CalibrationRecord.model_validate(
         _tuples(tables)
         | {
             "format": FORMAT, "version": VERSION, "software": f"probe-design {version('probe-design')}",
-            "date": datetime.now(UTC).isoformat(timespec="seconds"), "device": device, "frequency": found.frequency,
-            "absolute": gains.absolute, "entries": ENTRIES, "cross_talk_told": gains.told,
-            "offsets": tuple(found.offsets.tolist()), "offsets_sd": tuple(found.offsets_sd.tolist()),
-            "chi_square": gains.chi_square, "degrees_of_freedom": gains.freedom, "variables": found.variables,
-            "warnings": found.warnings, "reading": readings, "scene": scene_to_dict(found.scene),
-            "bench": found.bench.model_dump(mode="json", exclude_none=True),
+            "date": datetime.now(UTC).isoformat(timespec="seconds"), "device": device, "frequency": calibration.frequency,
+            "absolute": gains.absolute, "entries": ENTRIES, "cross_talk_told": gains.cross_talk_told,
+            "offsets": tuple(calibration.offsets.tolist()), "offsets_sd": tuple(calibration.offsets_sd.tolist()),
+            "chi_square": gains.chi_square, "degrees_of_freedom": gains.freedom, "variables": calibration.variables,
+            "warnings": calibration.warnings, "reading": readings, "scene": scene_to_dict(calibration.scene),
+            "bench": calibration.bench.model_dump(mode="json", exclude_none=True),
         }
     )  # fmt: skip
 
 
-def write_record(path: Path, told: CalibrationRecord) -> Path:
+def write_record(path: Path, contents: CalibrationRecord) -> Path:
     """Write a record whole; returns ``path``.
 
     Raises:
@@ -141,15 +147,15 @@ def write_record(path: Path, told: CalibrationRecord) -> Path:
     import tomli_w
 
     check_free(path)
-    return write_text(path, HEADER + tomli_w.dumps(told.model_dump(mode="json", exclude_none=True)))
+    return write_text(path, HEADER + tomli_w.dumps(contents.model_dump(mode="json", exclude_none=True)))
 
 
 def read_record(path: Path | str) -> CalibrationRecord:
     """Read a record. Raises ``InputError``."""
     data = read_tables(path, "calibration", "a calibration that `probe-design calibrate` has written")
     if (data.get("format"), data.get("version")) != (FORMAT, VERSION):
-        given = Words(f"{path}: {data.get('format', 'no format')}, version {data.get('version', 'missing')}")
-        raise InputError("calibration", given, f"{FORMAT}, version {VERSION}")
+        header = Words(f"{path}: {data.get('format', 'no format')}, version {data.get('version', 'missing')}")
+        raise InputError("calibration", header, f"{FORMAT}, version {VERSION}")
     try:
         return CalibrationRecord.model_validate(_tuples(data))
     except ValidationError as refused:

@@ -20,11 +20,9 @@ from geometry.scenes.scene import Scene
 from hw.common.samples import Samples
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import Shares, predicted
-from probe_design.built_probe.explanations import Deviation, Explanation, alike, explanations, refined
+from probe_design.built_probe.explanations import LEVEL, Deviation, Explanation, alike, explanations, refined
 from probe_design.built_probe.film_forces import newtons, strict_reading
 from probe_design.built_probe.gain_matrix import Gains
-
-LEVEL = 0.01  # p-value below which the probe fails
 
 
 @dataclass(frozen=True)
@@ -71,9 +69,14 @@ class Check:
 
 
 def check(
-    scene: Scene, bench: Bench, samples: Sequence[Samples], gains: Gains | None = None, variables: Sequence[str] = (),
-    shares: Shares | None = None, level: float = LEVEL,
-) -> Check:  # fmt: skip
+    scene: Scene,
+    bench: Bench,
+    samples: Sequence[Samples],
+    gains: Gains | None = None,
+    *,
+    variables: Sequence[str] = (),
+    shares: Shares | None = None,
+) -> Check:
     """Compare a probe with its prediction.
 
     Args:
@@ -83,7 +86,6 @@ def check(
         gains: a calibration's; None: nominal, with the bench's tolerances.
         variables: that ``gains.slopes`` refers to.
         shares: the predictions, where they are known already.
-        level: p-value below which the probe fails.
 
     Raises:
         HardwareError: a reading has gaps, is saturated, too short or drifts.
@@ -93,48 +95,57 @@ def check(
         raise InputError(
             "readings", len(samples), f"one for each of the bench's {len(bench.blocks)} blocks of tissue, at least one"
         )
-    known = predicted(scene, bench.reference) if shares is None else shares
-    used = Gains.nominal(bench) if gains is None else gains
+    predictions = predicted(scene, bench.reference) if shares is None else shares
+    effective = Gains.nominal(bench) if gains is None else gains
     films = [newtons(strict_reading(one, bench, scene), scene, tolerance=gains is None) for one in samples]
-    found = _deviation(bench, films, used, variables, known)
-    p_value = float(chi2.sf(found.chi_square, len(found.logs)))
-    told, untold = explanations(found, known, level)
+    deviation = _deviation(bench, films, effective, variables, predictions)
+    p_value = float(chi2.sf(deviation.chi_square, len(deviation.logs)))
+    explained, untold = explanations(deviation, predictions)
     names: tuple[str, ...] = ()
-    if p_value < level and told:
-        told = refined(scene, bench, found, told, level)
-        names = alike(told)
-    blocks = _blocks(scene, bench, found, known)
+    if p_value < LEVEL and explained:
+        explained = refined(scene, bench, deviation, explained)
+        names = alike(explained)
     return Check(
-        blocks, found.chi_square, len(blocks), p_value, level, p_value >= level, gains is not None, told, names, untold
-    )  # fmt: skip
+        blocks=_blocks(scene, bench, deviation, predictions),
+        chi_square=deviation.chi_square,
+        degrees_of_freedom=len(bench.blocks),
+        p_value=p_value,
+        level=LEVEL,
+        passed=p_value >= LEVEL,
+        calibrated=gains is not None,
+        explanations=explained,
+        alike=names,
+        untold=untold,
+    )
 
 
 def _deviation(
-    bench: Bench, films: Sequence[tuple[Floats, Floats]], gains: Gains, variables: Sequence[str], known: Shares
+    bench: Bench, films: Sequence[tuple[Floats, Floats]], gains: Gains, variables: Sequence[str], shares: Shares
 ) -> Deviation:
-    told = [_log_ratio(gains, *one) for one in films]
-    logs, noise, by_gain = (np.array(part) for part in zip(*told, strict=True))
-    model = np.array([share.variance(block) for share, block in zip(known.blocks, bench.blocks, strict=True)])
+    parts = [_log_ratio(gains, *one) for one in films]
+    logs, noise, by_gain = (np.array(part) for part in zip(*parts, strict=True))
+    model = np.array([share.variance(block) for share, block in zip(shares.blocks, bench.blocks, strict=True)])
     read = np.diag(noise) + by_gain @ gains.as_drawn @ by_gain.T
     columns = {name: by_gain @ gains.slopes[:, k] for k, name in enumerate(variables)}
-    return Deviation(logs, known.log_ratios, read, model, columns)
+    return Deviation(logs, shares.log_ratios, read, model, columns)
 
 
 def _log_ratio(gains: Gains, films: Floats, covariance: Floats) -> tuple[float, float, Floats]:
     """ln(F_inner / F_outer), its variance by noise, and its derivatives by the entries of M, shape (4,)."""
     forces = gains.forces(films)
     if not np.all(forces > 0):
-        given = Words(f"{forces[0]:.3g} N on the inner, {forces[1]:.3g} N on the outer film")
-        raise InputError("reading", given, "pressure on both films: are the channels exchanged?")
+        measured = Words(f"{forces[0]:.3g} N on the inner, {forces[1]:.3g} N on the outer film")
+        raise InputError("reading", measured, "pressure on both films: are the channels exchanged?")
     slope = np.array([1.0, -1.0]) / forces
     by_films = slope @ np.linalg.inv(gains.matrix)
     return float(np.log(forces[0] / forces[1])), float(by_films @ covariance @ by_films), slope @ gains.by_entries(films)
 
 
-def _blocks(scene: Scene, bench: Bench, found: Deviation, known: Shares) -> tuple[BlockDeviation, ...]:
+def _blocks(scene: Scene, bench: Bench, deviation: Deviation, shares: Shares) -> tuple[BlockDeviation, ...]:
     areas = scene.probe.outer_area / scene.probe.inner_area
-    ratios, told = np.exp(found.logs) * areas, np.exp(known.log_ratios) * areas
-    read, model = np.diag(found.read), found.model
-    columns = (ratios, ratios * np.sqrt(read), told, told * np.sqrt(model), (found.logs - found.drawn) / np.sqrt(read + model))
+    ratios, predictions = np.exp(deviation.logs) * areas, np.exp(shares.log_ratios) * areas
+    read, model = np.diag(deviation.read), deviation.model
+    z = (deviation.logs - deviation.drawn) / np.sqrt(read + model)
+    columns = (ratios, ratios * np.sqrt(read), predictions, predictions * np.sqrt(model), z)
     rows = np.stack(columns, axis=1).tolist()
     return tuple(BlockDeviation(block.name, *row) for block, row in zip(bench.blocks, rows, strict=True))

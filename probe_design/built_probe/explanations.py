@@ -21,6 +21,7 @@ from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import MODULI, Shares, by_outer_radius, predicted
 
 GAIN = "relative gain"
+LEVEL = 0.01  # p-value below which a deviation is one, and the probe fails
 ALIKE = 4.0  # difference of the remaining chi-squares below which two explanations are not told apart: 2 standard deviations
 LOOSE = 1.0  # standard deviation, relative to the value, above which an explanation says nothing
 WORTH_REFINING = 4  # of the best explanations: those whose chi-square is below FAR times the best's
@@ -38,14 +39,14 @@ class Deviation:
         drawn: as predicted for the probe as drawn, shape (k,).
         read: covariance of ``logs``, shape (k, k).
         model: variances of ``drawn``, shape (k,).
-        led_astray: G S of eq. BP.5 by variable, shape (k,) each; 0 where one is missing.
+        calibration_bias: G S of eq. BP.5 by variable, shape (k,) each; 0 where one is missing.
     """
 
     logs: Floats
     drawn: Floats
     read: Floats
     model: Floats
-    led_astray: Mapping[str, Floats]
+    calibration_bias: Mapping[str, Floats]
 
     @property
     def weight(self) -> Floats:
@@ -58,9 +59,9 @@ class Deviation:
         off = self.logs - self.drawn
         return float(off @ self.weight @ off)
 
-    def astray(self, name: str) -> Floats:
+    def bias(self, name: str) -> Floats:
         """G S of a variable, shape (k,)."""
-        return self.led_astray.get(name, np.zeros(len(self.logs)))
+        return self.calibration_bias.get(name, np.zeros(len(self.logs)))
 
 
 @dataclass(frozen=True)
@@ -86,32 +87,32 @@ class Explanation:
     explains: bool
 
 
-def explanations(found: Deviation, known: Shares, level: float) -> tuple[tuple[Explanation, ...], tuple[str, ...]]:
+def explanations(deviation: Deviation, shares: Shares) -> tuple[tuple[Explanation, ...], tuple[str, ...]]:
     """Return what each variable would explain, best first, and the names of those that the readings do not tell."""
-    slopes = dict(zip(known.variables, known.slopes.T, strict=True)) | {GAIN: np.ones(len(found.logs))}
-    nominal = dict(zip(known.variables, known.nominal.tolist(), strict=True)) | {GAIN: 1.0}
-    off = found.logs - found.drawn
-    told = [_fitted(found, name, slope - found.astray(name), off, nominal[name], level) for name, slope in slopes.items()]
-    good = [one for one in told if one.uncertainty < LOOSE * one.nominal]
-    return _best_first(good), tuple(one.variable for one in told if one not in good)
+    slopes = dict(zip(shares.variables, shares.slopes.T, strict=True)) | {GAIN: np.ones(len(deviation.logs))}
+    nominal = dict(zip(shares.variables, shares.nominal.tolist(), strict=True)) | {GAIN: 1.0}
+    off = deviation.logs - deviation.drawn
+    fits = [_fitted(deviation, name, slope - deviation.bias(name), off, nominal[name]) for name, slope in slopes.items()]
+    good = [one for one in fits if one.uncertainty < LOOSE * one.nominal]
+    return _best_first(good), tuple(one.variable for one in fits if one not in good)
 
 
-def refined(scene: Scene, bench: Bench, found: Deviation, told: tuple[Explanation, ...], level: float) -> tuple[Explanation, ...]:
+def refined(scene: Scene, bench: Bench, deviation: Deviation, explained: tuple[Explanation, ...]) -> tuple[Explanation, ...]:
     """Fit the best explanations again at the designs that they ask for; those that no design can have are left out."""
     drawn = by_outer_radius(scene)
-    possible = [one for one in told if _possible(drawn, one)]
+    possible = [one for one in explained if _possible(drawn, one)]
     worth = [one for one in possible[:WORTH_REFINING] if one.chi_square <= FAR * possible[0].chi_square]
-    again = (_settled(drawn, bench, found, one, level) for one in worth)
+    again = (_settled(drawn, bench, deviation, one) for one in worth)
     return _best_first([*(one for one in again if one is not None), *possible[len(worth) :]])
 
 
-def alike(told: tuple[Explanation, ...]) -> tuple[str, ...]:
+def alike(explained: tuple[Explanation, ...]) -> tuple[str, ...]:
     """Return the best explanation's name and those that the readings do not tell apart from it."""
-    return tuple(one.variable for one in told if one.chi_square - told[0].chi_square < ALIKE)
+    return tuple(one.variable for one in explained if one.chi_square - explained[0].chi_square < ALIKE)
 
 
-def _best_first(told: list[Explanation]) -> tuple[Explanation, ...]:
-    return tuple(sorted(told, key=lambda one: one.chi_square))
+def _best_first(fits: list[Explanation]) -> tuple[Explanation, ...]:
+    return tuple(sorted(fits, key=lambda one: one.chi_square))
 
 
 def _possible(drawn: Scene, one: Explanation) -> bool:
@@ -125,23 +126,23 @@ def _possible(drawn: Scene, one: Explanation) -> bool:
     return True
 
 
-def _settled(drawn: Scene, bench: Bench, found: Deviation, first: Explanation, level: float) -> Explanation | None:
-    name, told = first.variable, first
+def _settled(drawn: Scene, bench: Bench, deviation: Deviation, first: Explanation) -> Explanation | None:
+    name, fit = first.variable, first
     for _ in range(STEPS if name != GAIN else 0):
-        if not _possible(drawn, told):
+        if not _possible(drawn, fit):
             return None
-        there = _predicted(drawn, bench, name, told)
-        slope = there.slopes[:, there.variables.index(name)] - found.astray(name)
+        there = _predicted(drawn, bench, name, fit)
+        slope = there.slopes[:, there.variables.index(name)] - deviation.bias(name)
         # about e_0 the shift is J(e) - G S e = log ratios there - drawn + slope (e - e_0) - G S e_0
-        off = found.logs - there.log_ratios + (slope + found.astray(name)) * told.change
-        last, told = told, _fitted(found, name, slope, off, first.nominal, level)
-        if abs(told.change - last.change) < SETTLED * told.uncertainty:
+        off = deviation.logs - there.log_ratios + (slope + deviation.bias(name)) * fit.change
+        last, fit = fit, _fitted(deviation, name, slope, off, first.nominal)
+        if abs(fit.change - last.change) < SETTLED * fit.uncertainty:
             break
-    return told
+    return fit
 
 
-def _predicted(drawn: Scene, bench: Bench, name: str, told: Explanation) -> Shares:
-    value = told.nominal + told.change
+def _predicted(drawn: Scene, bench: Bench, name: str, fit: Explanation) -> Shares:
+    value = fit.nominal + fit.change
     if name != MODULI:
         return predicted(changed(drawn, {name: value}), bench.reference)
     blocks = [one.model_copy(update={"youngs_modulus": (one.youngs_modulus or 0.0) * value}) for one in bench.blocks]
@@ -149,12 +150,20 @@ def _predicted(drawn: Scene, bench: Bench, name: str, told: Explanation) -> Shar
     return replace(there, blocks=tuple(replace(one, slopes=one.slopes / value) for one in there.blocks))
 
 
-def _fitted(found: Deviation, name: str, shift: Floats, off: Floats, nominal: float, level: float) -> Explanation:
+def _fitted(deviation: Deviation, name: str, shift: Floats, off: Floats, nominal: float) -> Explanation:
     """Eq. BP.6, and what it leaves."""
-    weight = found.weight
+    weight = deviation.weight
     information = max(float(shift @ weight @ shift), np.finfo(float).tiny)
     change = float(shift @ weight @ off) / information
     rest = off - shift * change
     left = float(rest @ weight @ rest)
     p_value = float(chi2.sf(left, len(off) - 1)) if len(off) > 1 else 1.0
-    return Explanation(name, change, float(information**-0.5), nominal, left, p_value, p_value >= level)
+    return Explanation(
+        variable=name,
+        change=change,
+        uncertainty=float(information**-0.5),
+        nominal=nominal,
+        chi_square=left,
+        p_value=p_value,
+        explains=p_value >= LEVEL,
+    )

@@ -29,8 +29,8 @@ def strict_reading(samples: Samples, bench: Bench, scene: Scene) -> Measurement:
     Raises:
         HardwareError: gaps, saturation, too few cycles, no load, or a temperature that drifts.
     """
-    found = checked(reading(samples.whole(), bench), bench.load.least_cycles)
-    warmed = warming(found, bench, scene.probe)
+    measurement = checked(reading(samples.whole(), bench), bench.load.least_cycles)
+    warmed = warming(measurement, bench, scene.probe)
     worst = int(np.argmax(warmed))
     if warmed[worst] > bench.load.most_warming:
         newtons = warmed[worst] * newtons_per_kelvin(scene)[worst]
@@ -38,39 +38,39 @@ def strict_reading(samples: Samples, bench: Bench, scene: Scene) -> Measurement:
             f"film {FILMS[worst]} warmed by up to {warmed[worst]:.2g} K during the reading, worth {newtons:.2g} N; at most "
             f"{bench.load.most_warming:g} K is allowed: wait until the temperature is steady, or null the amplifier's offset"
         )
-    return found
+    return measurement
 
 
-def observed(found: Measurement, reference: Reference, scene: Scene) -> Observed:
+def observed(measurement: Measurement, reference: Reference, scene: Scene) -> Observed:
     """Return a reading on a reference in newtons of nominal gain."""
-    films, covariance = newtons(found, scene)
-    return Observed(reference, films, covariance, found.force, found.force_sd)
+    films, covariance = newtons(measurement, scene)
+    return Observed(reference, films, covariance, measurement.force, measurement.force_sd)
 
 
-def newtons(found: Measurement, scene: Scene, tolerance: bool = False) -> tuple[Floats, Floats]:
+def newtons(measurement: Measurement, scene: Scene, tolerance: bool = False) -> tuple[Floats, Floats]:
     """Return both films' readings over the nominal charge per force, N, (2,), and their covariance, (2, 2).
 
     Args:
-        found: a reading.
+        measurement: a reading.
         scene: for its film.
         tolerance: whether what the amplifiers' parts may add is counted.
     """
     per_newton = abs(charge_per_force(scene))
     if per_newton == 0:
         raise InputError("probe.film.d33", Words("no charge per force"), "psi1 d31 + psi2 d32 + d33 other than 0")
-    spread = found.in_phase_covariance + (found.in_phase_tolerance if tolerance else 0.0)
-    return found.in_phase / per_newton, spread / per_newton**2
+    spread = measurement.in_phase_covariance + (measurement.in_phase_tolerance if tolerance else 0.0)
+    return measurement.in_phase / per_newton, spread / per_newton**2
 
 
-def warming(found: Measurement, bench: Bench, probe: Probe) -> Floats:
+def warming(measurement: Measurement, bench: Bench, probe: Probe) -> Floats:
     """Return the most by which each film's temperature may have changed during a reading, K, shape (2,).
 
     A steady rate leaves p A dT/dt through the feedback resistor, an offset V = Rf p A dT/dt; a change within tau the charge
     p A dT, a drift V = p A dT / Cf (BP.3). The electronics' own offset counts with them, so that this is a bound.
     """
     areas = PYROELECTRIC * np.array([probe.inner_area, probe.outer_area])
-    steady = np.abs(found.fit.offsets[:2]) * found.fit.seconds / (bench.amplifier.resistance * areas)
-    return np.asarray(steady + found.fit.drift[:2] * bench.amplifier.capacitance / areas)
+    steady = np.abs(measurement.fit.offsets[:2]) * measurement.fit.seconds / (bench.amplifier.resistance * areas)
+    return np.asarray(steady + measurement.fit.drift[:2] * bench.amplifier.capacitance / areas)
 
 
 def newtons_per_kelvin(scene: Scene) -> Floats:

@@ -58,7 +58,7 @@ class Gains:
         slopes: by how much the estimate moves per SI unit by which a design variable is off its drawing, shape (4, v).
         workshop: standard deviations of these variables that ``covariance`` counts, SI, shape (v,).
         absolute: whether a force channel has told the common factor.
-        told: whether the readings have told each cross-talk, or what was assumed of it stands.
+        cross_talk_told: whether the readings have told each cross-talk, or what was assumed of it stands.
         chi_square: of the fit.
         freedom: its degrees of freedom.
     """
@@ -68,7 +68,7 @@ class Gains:
     slopes: Floats
     workshop: Floats
     absolute: bool
-    told: tuple[bool, bool]
+    cross_talk_told: tuple[bool, bool]
     chi_square: float = 0.0
     freedom: int = 0
 
@@ -76,8 +76,14 @@ class Gains:
     def nominal(cls, bench: Bench) -> Gains:
         """Return what is known without calibration."""
         gain, cross = bench.channels.gain**2, bench.channels.cross_talk**2
-        nothing = np.zeros((4, 0))
-        return cls(np.eye(2), np.diag([gain, cross, cross, gain]), nothing, np.zeros(0), False, (False, False))
+        return cls(
+            matrix=np.eye(2),
+            covariance=np.diag([gain, cross, cross, gain]),
+            slopes=np.zeros((4, 0)),
+            workshop=np.zeros(0),
+            absolute=False,
+            cross_talk_told=(False, False),
+        )
 
     @property
     def p_value(self) -> float:
@@ -134,18 +140,23 @@ def estimated(observed: Sequence[Observed], shares: Shares, bench: Bench) -> Gai
         raise _untold(max(spread[[0, 3]]))
     if not problem.absolute:  # the common factor is what it was before
         covariance += bench.channels.gain**2 * np.outer(matrix.ravel(), matrix.ravel())
-    told = tuple(bool(spread[k] < PRIOR_ONLY * bench.channels.cross_talk) for k in (1, 2))
-    freedom = problem.data - len(solved.x)
+    inner_told, outer_told = (bool(spread[k] < PRIOR_ONLY * bench.channels.cross_talk) for k in (1, 2))
     return Gains(
-        matrix, covariance, slopes, shares.tolerances(bench.workshop), problem.absolute, (told[0], told[1]),
-        float(2 * solved.cost), freedom,
-    )  # fmt: skip
+        matrix=matrix,
+        covariance=covariance,
+        slopes=slopes,
+        workshop=shares.tolerances(bench.workshop),
+        absolute=problem.absolute,
+        cross_talk_told=(inner_told, outer_told),
+        chi_square=float(2 * solved.cost),
+        freedom=problem.data - len(solved.x),
+    )
 
 
 def _untold(spread: float) -> InputError:
-    given = Words(f"these leave a gain uncertain by {spread:.2g}")
+    left = Words(f"these leave a gain uncertain by {spread:.2g}")
     need = "two or more references on which the films' shares differ: a pin on the inner and a ring on the outer block do most"
-    return InputError("reference", given, need)
+    return InputError("reference", left, need)
 
 
 @dataclass(frozen=True)

@@ -85,25 +85,25 @@ def prediction(scene: Scene, accuracy: float) -> Result:
     return evaluate(scene, AUTO if level is None else level.name, accuracy)
 
 
-def read(found: Measurement, scene: Scene, bench: Bench, told: Result, gains: Gains | None = None) -> Read:
+def read(measurement: Measurement, scene: Scene, bench: Bench, predicted: Result, gains: Gains | None = None) -> Read:
     """Return a reading in stresses.
 
     Args:
-        found: of both films.
+        measurement: of both films.
         scene: what the probe was pressed on.
         bench: how it was read.
-        told: the scene's ``prediction``.
+        predicted: the scene's ``prediction``.
         gains: a calibration's; None: nominal, with the bench's tolerances.
     """
-    used = Gains.nominal(bench) if gains is None else gains
-    films, noise = newtons(found, scene, tolerance=True)
-    forces, covariance = used.forces(films), used.forces_covariance(films, noise)
+    effective = Gains.nominal(bench) if gains is None else gains
+    films, noise = newtons(measurement, scene, tolerance=True)
+    forces, covariance = effective.forces(films), effective.forces_covariance(films, noise)
     areas = np.array([scene.probe.inner_area, scene.probe.outer_area])
     stress, spread = forces / areas, np.sqrt(np.diag(covariance)) / areas
     ratio, ratio_sd = _ratio(forces, covariance, float(areas[1] / areas[0]))
-    relative = None if told.error_estimate is None else SPREAD * told.error_estimate
-    at_load, at_load_sd = _at_load(found, scene, bench, told, relative)
-    ratio_told_sd = None if told.ratio is None or relative is None else abs(told.ratio) * relative
+    relative = None if predicted.error_estimate is None else SPREAD * predicted.error_estimate
+    at_load, at_load_sd = _at_load(measurement, scene, bench, predicted, relative)
+    predicted_ratio_sd = None if predicted.ratio is None or relative is None else abs(predicted.ratio) * relative
     return Read(
         ratio=ratio,
         ratio_uncertainty=ratio_sd,
@@ -113,50 +113,50 @@ def read(found: Measurement, scene: Scene, bench: Bench, told: Result, gains: Ga
         stress_outer_uncertainty=float(spread[1]),
         force=float(forces.sum()),
         force_uncertainty=float(np.sqrt(covariance.sum())),
-        reference_force=found.force,
-        evaluator=told.evaluator,
-        predicted_ratio=told.ratio,
-        predicted_ratio_uncertainty=ratio_told_sd,
+        reference_force=measurement.force,
+        evaluator=predicted.evaluator,
+        predicted_ratio=predicted.ratio,
+        predicted_ratio_uncertainty=predicted_ratio_sd,
         predicted_stress_inner=at_load[0],
         predicted_stress_outer=at_load[1],
-        z_ratio=_z(ratio, ratio_sd, told.ratio, ratio_told_sd),
+        z_ratio=_z(ratio, ratio_sd, predicted.ratio, predicted_ratio_sd),
         z_stress_inner=_z(float(stress[0]), float(spread[0]), at_load[0], at_load_sd[0]),
         z_stress_outer=_z(float(stress[1]), float(spread[1]), at_load[1], at_load_sd[1]),
-        frequency=found.fit.frequency,
-        cycles=found.fit.cycles,
-        phase=found.lag[0],
-        phase_uncertainty=found.lag[1],
-        mains=found.fit.mains,
+        frequency=measurement.fit.frequency,
+        cycles=measurement.fit.cycles,
+        phase=measurement.lag[0],
+        phase_uncertainty=measurement.lag[1],
+        mains=measurement.fit.mains,
         calibrated=gains is not None,
-        samples=found.fit.rows,
-        saturated=found.saturated,
-        gaps=found.lost,
-        overruns=found.overruns,
-        warnings=tuple(_warnings(found, bench, gains, ratio)),
+        samples=measurement.fit.rows,
+        saturated=measurement.saturated,
+        gaps=measurement.lost,
+        overruns=measurement.overruns,
+        warnings=tuple(_warnings(measurement, bench, gains, ratio)),
     )
 
 
-def _z(read: float | None, spread: float | None, told: float | None, told_spread: float | None) -> float | None:
-    if read is None or spread is None or told is None or told_spread is None:
+def _z(read: float | None, spread: float | None, predicted: float | None, predicted_spread: float | None) -> float | None:
+    if read is None or spread is None or predicted is None or predicted_spread is None:
         return None
-    return (read - told) / math.hypot(spread, told_spread)
+    return (read - predicted) / math.hypot(spread, predicted_spread)
 
 
 def _at_load(
-    found: Measurement, scene: Scene, bench: Bench, told: Result, relative: float | None
+    measurement: Measurement, scene: Scene, bench: Bench, predicted: Result, relative: float | None
 ) -> tuple[tuple[float | None, ...], tuple[float | None, ...]]:
     """Both stresses that are predicted at the load, and their standard deviations."""
-    if told.stress_inner is None or told.stress_outer is None or relative is None:
+    if predicted.stress_inner is None or predicted.stress_outer is None or relative is None:
         return (None, None), (None, None)
-    stress = np.array([told.stress_inner, told.stress_outer])
-    if found.force is not None and bench.force is not None:
-        stress = stress * found.force / float(stress @ [scene.probe.inner_area, scene.probe.outer_area])
+    stress = np.array([predicted.stress_inner, predicted.stress_outer])
+    if measurement.force is not None and bench.force is not None:
+        stress = stress * measurement.force / float(stress @ [scene.probe.inner_area, scene.probe.outer_area])
         relative = math.hypot(relative, bench.force.tolerance)
     return tuple(stress.tolist()), tuple((np.abs(stress) * relative).tolist())
 
 
-def _warnings(found: Measurement, bench: Bench, gains: Gains | None, ratio: float | None) -> list[str]:
-    lost = {"gaps": found.lost, "overruns": found.overruns, "saturated samples": found.saturated}
+def _warnings(measurement: Measurement, bench: Bench, gains: Gains | None, ratio: float | None) -> list[str]:
+    lost = {"gaps": measurement.lost, "overruns": measurement.overruns, "saturated samples": measurement.saturated}
     warnings = [f"{count} {what}: left out, never filled in" for what, count in lost.items() if count]
     if gains is None:
         channels = bench.channels
@@ -166,7 +166,7 @@ def _warnings(found: Measurement, bench: Bench, gains: Gains | None, ratio: floa
         warnings.append("the calibration had no force channel: the stresses' common factor is nominal")
     if ratio is None:
         warnings.append("ratio is null: stress_outer is below its own uncertainty")
-    phase, spread = found.lag
+    phase, spread = measurement.lag
     if abs(phase) > max(5 * spread, 0.02):
         warnings.append(f"the films differ by {phase:.2g} rad in phase: only the parts in phase with their sum are told")
     return warnings

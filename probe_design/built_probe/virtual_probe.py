@@ -55,12 +55,6 @@ class Built:
         )
         return inner, outer
 
-    def matrix(self, bench: Bench) -> Floats:
-        """Return M as a calibration at the bench's frequency should find it, amplifiers included, shape (2, 2)."""
-        nominal, frequency = bench.amplifier.built(), self.frequency * bench.load.frequency
-        responses = [one.response(frequency) for one in self.amplifiers(nominal)]
-        return np.asarray(np.abs(responses)[:, None] / abs(nominal.response(frequency)) * np.array(self.gains))
-
 
 def signals(built: Built, bench: Bench, scene: Scene, forces: Floats, seed: int | list[int]) -> Callable[[Floats], Floats]:
     """Return the function from times (s, shape (n,)) to volts of inner, outer and force channel, shape (n, 3).
@@ -123,12 +117,12 @@ class VirtualBench:
     built: Built = Built()
     seed: int = 0
 
-    def on_scene(self, told: Result) -> Callable[[Floats], Floats]:
+    def on_scene(self, result: Result) -> Callable[[Floats], Floats]:
         """Signals on the scene's tissue, from its evaluation."""
-        if told.stress_inner is None or told.stress_outer is None:
-            raise Refusal("scene", told.evaluator, "one whose film stresses are told")
+        if result.stress_inner is None or result.stress_outer is None:
+            raise Refusal("scene", result.evaluator, "one whose film stresses are told")
         probe = self.scene.probe
-        forces = np.array([told.stress_inner * probe.inner_area, told.stress_outer * probe.outer_area])
+        forces = np.array([result.stress_inner * probe.inner_area, result.stress_outer * probe.outer_area])
         return self._signals(forces, 0)
 
     def on_references(self, load: float, run: int = 0) -> tuple[Callable[[Floats], Floats], ...]:

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from probe_design.cli.arguments import length, print_json
+from probe_design.cli.arguments import length
+from probe_design.cli.output import print_json
 
 
 @click.command()

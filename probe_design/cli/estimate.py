@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+
+from probe_design.cli.arguments import number
+from probe_design.cli.output import present
 
 if TYPE_CHECKING:
     from geometry.scenes.scene import Scene
@@ -48,24 +50,18 @@ def estimate(
     """  # noqa: D301
     from geometry.scenes.scene_file import read_scene
     from probe_design.estimation.estimate import estimate as run
-    from probe_design.terminal.console import message, show, working
+    from probe_design.terminal.console import working
     from probe_design.terminal.estimate_table import estimate_table, sentence
 
-    found = read_scene(scene)
-    read = _readings(found, ratio, noise, stiffness, stiffness_noise, file)
+    read = read_scene(scene)
+    readings = _readings(read, file, ratio=ratio, noise=noise, stiffness=stiffness, stiffness_noise=stiffness_noise)
     with working(f"estimating {unknown} of {scene}"):
-        told = run(found, read, unknown, None if accuracy is None else _number("accuracy", accuracy))
-    if as_json:
-        print(json.dumps(told.as_dict(), allow_nan=False))
-        return
-    show(estimate_table(told))
-    print(sentence(told))
-    for warning in told.warnings:
-        message(f"warning: {warning}")
+        answer = run(read, readings, unknown, None if accuracy is None else number("accuracy", accuracy))
+    present(answer, estimate_table, as_json, lines=lambda estimate: [sentence(estimate)])
 
 
 def _readings(
-    scene: Scene, ratio: str | None, noise: str | None, stiffness: str | None, stiffness_noise: str | None, file: Path | None
+    scene: Scene, file: Path | None, *, ratio: str | None, noise: str | None, stiffness: str | None, stiffness_noise: str | None
 ) -> tuple[Reading, ...]:
     from geometry.common.errors import InputError, Words
     from probe_design.estimation.model import check_kind
@@ -73,19 +69,10 @@ def _readings(
 
     check_kind(scene)
     if (ratio is None) == (file is None):
-        given = Words("missing") if ratio is None else Words(f"{ratio} beside --readings")
-        raise InputError("ratio", given, "exactly one of --ratio and --readings")
+        what = Words("missing") if ratio is None else Words(f"{ratio} beside --readings")
+        raise InputError("ratio", what, "exactly one of --ratio and --readings")
     if file is None:
         return one_reading(scene, ratio, USUAL_NOISE if noise is None else noise, stiffness, stiffness_noise)
     if stiffness is not None:
         raise InputError("stiffness", stiffness, "nothing beside --readings, whose file has a column for it")
     return read_readings(file, scene, USUAL_NOISE if noise is None else noise, stiffness_noise)
-
-
-def _number(key: str, text: str) -> float:
-    from geometry.common.errors import InputError
-
-    try:
-        return float(text)
-    except ValueError:
-        raise InputError(key, text, "a number above 0 and below 1, such as 0.01") from None

@@ -7,7 +7,8 @@ from typing import Any
 
 import click
 
-from probe_design.cli.arguments import modulus, number, print_json
+from probe_design.cli.arguments import modulus, number
+from probe_design.cli.output import check_picture, present
 
 EVALUATORS = "auto, published, closed-form, equivalent-inclusion, axisymmetric, solid"
 
@@ -33,24 +34,19 @@ def evaluate(scene: Path, evaluator: str, accuracy: str, vtu: Path | None, pictu
                           reaches --accuracy; refuses rather than answer worse
     """  # noqa: D301
     from geometry.scenes.scene_file import read_scene
-    from probe_design.terminal.console import message, result_table, saying, show
+    from probe_design.terminal.console import result_table, saying
 
-    asked = number("accuracy", accuracy)
+    relative = number("accuracy", accuracy)
     with saying(f"evaluating {scene}") as tell:
         if vtu is not None or picture is not None:
             from probe_design.solid_output.evaluate_with_files import evaluated
 
-            result = evaluated(read_scene(scene), evaluator, asked, vtu, picture, tell)
+            result = evaluated(read_scene(scene), evaluator, relative, vtu=vtu, picture=picture, tell=tell)
         else:
             from solver import evaluate as run
 
-            result = run(read_scene(scene), evaluator, asked, tell)
-    if as_json:
-        print_json(result.as_dict())
-        return
-    show(result_table(result))
-    for warning in result.warnings:
-        message(f"warning: {warning}")
+            result = run(read_scene(scene), evaluator, relative, tell)
+    present(result, result_table, as_json)
 
 
 @click.command()
@@ -69,28 +65,18 @@ def curve(scene: Path, low: str, high: str, points: int, accuracy: str, picture:
     With one sphere on the probe's axis all moduli follow exactly from one factorisation, so that a thousand cost as much as
     ten; with tumours elsewhere each modulus costs some 10 to 100 ms.
     """
-    from geometry.common.files import check_writable
     from geometry.scenes.scene_file import read_scene
-    from probe_design.maps.curve_plot import check_format, plot
-    from probe_design.terminal.console import curve_table, message, saying, show
+    from probe_design.maps.curve_plot import plot
+    from probe_design.terminal.console import curve_table, saying
     from solver import curve as run
 
-    found = read_scene(scene)
-    if picture is not None:
-        check_format(picture)  # what would fail after the work fails before it
-        check_writable(picture.parent)
+    read = read_scene(scene)
+    check_picture(picture)
     with saying(f"curve of {scene}") as tell:
-        told = run(found, _moduli(low, high, points), number("accuracy", accuracy), tell)
+        answer = run(read, _moduli(low, high, points), number("accuracy", accuracy), tell)
     if picture is not None:
-        plot(told, picture, found.inclusion[found.target or 0].youngs_modulus, found.tissue.youngs_modulus)
-    if as_json:
-        print_json(told.as_dict())
-        return
-    show(curve_table(told))
-    for warning in told.warnings:
-        message(f"warning: {warning}")
-    if picture is not None:
-        message(f"wrote {picture}")
+        plot(answer, picture, read.inclusion[read.target or 0].youngs_modulus, read.tissue.youngs_modulus)
+    present(answer, curve_table, as_json, picture)
 
 
 def _moduli(low: str, high: str, points: int) -> Any:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from probe_design.cli.arguments import number, print_json
+from probe_design.cli.arguments import number
+from probe_design.cli.output import print_json
 
 if TYPE_CHECKING:
     from hw.common.samples import Samples
@@ -60,32 +61,31 @@ def read(scene: Path | None, bench: Path | None, calibration: Path | None, accur
     from probe_design.built_probe.reading import prediction
     from probe_design.built_probe.reading import read as judged
     from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
-    from probe_design.terminal.console import message, show, working
+    from probe_design.terminal.console import show, warn, working
     from probe_design.terminal.hardware_tables import read_table
     from probe_design.terminal.live import following
 
-    chosen, setting = SampleSource(**source), HardwareSetup.of(scene, bench, calibration)
-    length, (recording,) = chosen.length, chosen.recordings(1)
-    (opener,) = chosen.openers(lambda: (_on_scene(setting, chosen, accuracy),), 1, sys.stderr.isatty())
+    origin, setting = SampleSource(**source), HardwareSetup.of(scene, bench, calibration)
+    length, (recording,) = origin.length, origin.recordings(1)
+    (opener,) = origin.openers(lambda: (_on_scene(setting, origin, accuracy),), 1, sys.stderr.isatty())
     with opener() as reader:  # what is not there is missed before anything is computed
         with working("predicting"):
-            told = prediction(setting.scene, number("accuracy", accuracy))
+            predicted = prediction(setting.scene, number("accuracy", accuracy))
         gains, at = None, None
         if setting.calibration is not None:
             gains, at = setting.calibration.gains(), setting.calibration.frequency
 
         def judge(samples: Samples) -> Any:
-            return judged(reading(samples, setting.bench, at), setting.scene, setting.bench, told, gains)
+            return judged(reading(samples, setting.bench, at), setting.scene, setting.bench, predicted, gains)
 
         with following(judge, setting.bench.load.frequency) as follow:
             samples = collected(reader, length, recording, follow)
-    found = judge(samples)
+    result = judge(samples)
     if as_json:
-        print_json(found.as_dict())
+        print_json(result.as_dict())
     else:
-        show(read_table(found))
-    for warning in found.warnings + tuple(note for note in told.warnings if note.kind == "linear"):
-        message(f"warning: {warning}")
+        show(read_table(result))
+    warn(result.warnings + tuple(note for note in predicted.warnings if note.kind == "linear"))
     _tell_written(recording)
 
 
@@ -106,24 +106,23 @@ def calibrate(scene: Path | None, bench: Path | None, output: Path, as_json: boo
     from probe_design.built_probe.calibration import calibrate as run
     from probe_design.built_probe.calibration_record import check_free, record, write_record
     from probe_design.cli.hardware_sources import HardwareSetup, SampleSource, described, raw
-    from probe_design.terminal.console import message, show, working
+    from probe_design.terminal.console import message, show, warn, working
     from probe_design.terminal.hardware_tables import calibration_table
 
-    chosen, setting = SampleSource(**source), HardwareSetup.of(scene, bench, None)
+    origin, setting = SampleSource(**source), HardwareSetup.of(scene, bench, None)
     check_free(output)
     check_writable(output.parent)
-    samples, files = _readings(setting, chosen, setting.bench.reference, run=0)
+    samples, files = _readings(setting, origin, setting.bench.reference, run=0)
     with working("calibrating"):
-        found = run(setting.scene, setting.bench, samples)
+        calibration = run(setting.scene, setting.bench, samples)
     hashes = [raw(one, file) for one, file in zip(samples, files, strict=True)]
-    told = record(found, hashes, described(samples[0]))
-    write_record(output, told)
+    recorded = record(calibration, hashes, described(samples[0]))
+    write_record(output, recorded)
     if as_json:
-        print_json(told.model_dump(mode="json"))
+        print_json(recorded.model_dump(mode="json"))
     else:
-        show(calibration_table(told))
-    for warning in told.warnings:
-        message(f"warning: {warning}")
+        show(calibration_table(recorded))
+    warn(recorded.warnings)
     message(f"wrote {output}")
 
 
@@ -148,29 +147,29 @@ def check(
     from probe_design.built_probe.calibration_record import check_free
     from probe_design.built_probe.check import check as run
     from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
-    from probe_design.terminal.console import message, show, working
+    from probe_design.terminal.console import show, warn, working
     from probe_design.terminal.hardware_tables import check_table, explanations_table, sentence
 
-    chosen, setting = SampleSource(**source), HardwareSetup.of(scene, bench, calibration)
+    origin, setting = SampleSource(**source), HardwareSetup.of(scene, bench, calibration)
     if output is not None:
         check_free(output)
-    samples, _ = _readings(setting, chosen, setting.bench.blocks, run=1)
-    known = setting.calibration
+    samples, _ = _readings(setting, origin, setting.bench.blocks, run=1)
+    record = setting.calibration
     with working("checking"):
-        gains, variables = (None, ()) if known is None else (known.gains(), known.variables)
-        found = run(setting.scene, setting.bench, samples, gains, variables)
+        gains, variables = (None, ()) if record is None else (record.gains(), record.variables)
+        result = run(setting.scene, setting.bench, samples, gains, variables=variables)
     if output is not None:
-        write_text(output, json.dumps(found.as_dict(), allow_nan=False, indent=1) + "\n")
+        write_text(output, json.dumps(result.as_dict(), allow_nan=False, indent=1) + "\n")
     if as_json:
-        print_json(found.as_dict())
+        print_json(result.as_dict())
     else:
-        show(check_table(found))
-        if not found.passed:
-            show(explanations_table(found))
-        print(sentence(found))
-    if known is None:
-        message("warning: not calibrated: nominal gains, with the bench's tolerances")
-    if not found.passed:
+        show(check_table(result))
+        if not result.passed:
+            show(explanations_table(result))
+        print(sentence(result))
+    if record is None:
+        warn(["not calibrated: nominal gains, with the bench's tolerances"])
+    if not result.passed:
         raise SystemExit(1)
 
 
@@ -222,7 +221,7 @@ def _on_references(setting: HardwareSetup, source: SampleSource, references: Seq
     bench = setting.virtual(source)
     load = load_of(bench.scene, prediction(bench.scene, 0.01).stiffness)
     signals = zip(setting.bench.reference, bench.on_references(load, run), strict=True)
-    return tuple(one for reference, one in signals if any(reference is wanted for wanted in references))
+    return tuple(one for reference, one in signals if any(reference is pressed for pressed in references))
 
 
 def _tell_written(recording: Path | None) -> None:

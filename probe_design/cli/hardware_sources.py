@@ -23,7 +23,7 @@ from probe_design.built_probe.bench import Bench, builtin_bench, read_bench
 from probe_design.built_probe.block_predictions import by_outer_radius
 from probe_design.built_probe.calibration_record import CalibrationRecord, Raw, read_record
 from probe_design.built_probe.virtual_probe import RATE, SCALE, VirtualBench
-from probe_design.cli.arguments import number, quantity
+from probe_design.cli.arguments import number
 from probe_design.data.builtin import builtin_scene
 
 SECONDS = 10.0  # of a live reading
@@ -46,8 +46,8 @@ class SampleSource:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        given = [self.virtual, bool(self.replay), self.device is not None]
-        if sum(given) > 1:
+        sources = [self.virtual, bool(self.replay), self.device is not None]
+        if sum(sources) > 1:
             raise InputError("source", Words("several"), "one of --virtual, --replay and --device")
         if self.built and not self.virtual:
             raise InputError("built", self.built[0], "nothing without --virtual: it says how the virtual probe was built")
@@ -111,12 +111,12 @@ class HardwareSetup:
         Raises:
             InputError: a file is not what it should be, or the calibration is another probe's or amplifier's.
         """
-        told = None if calibration is None else read_record(calibration)
-        known_scene, known_bench = (None, None) if told is None else (told.scene_read(), told.bench_read())
+        record = None if calibration is None else read_record(calibration)
+        known_scene, known_bench = (None, None) if record is None else (record.scene_read(), record.bench_read())
         setting = cls(
             read_scene(scene) if scene is not None else known_scene or builtin_scene(),
             read_bench(bench) if bench is not None else known_bench or builtin_bench(),
-            told,
+            record,
         )
         if known_scene is not None and not _same_probe(known_scene, setting.scene):
             raise InputError("calibration", str(calibration), "one of this probe: dimensions, moduli or films differ")
@@ -158,9 +158,9 @@ def _same_probe(one: Scene, other: Scene) -> bool:
 
 def _change(scene: Scene, text: str) -> tuple[str, float]:
     key, _, value = text.partition("=")
-    known = [name for name in values(scene) if name.startswith("probe.")]
-    if key.strip() not in known:
-        raise InputError("built", text, f"KEY=VALUE with a key of {', '.join(known)}")
+    names = [name for name in values(scene) if name.startswith("probe.")]
+    if key.strip() not in names:
+        raise InputError("built", text, f"KEY=VALUE with a key of {', '.join(names)}")
     if key.strip().endswith("poisson_ratio"):
         return key.strip(), number("built", value, "a number from 0 to below 0.5")
-    return key.strip(), quantity(MODULUS if key.strip().endswith("modulus") else LENGTH, "built", value.strip())
+    return key.strip(), (MODULUS if key.strip().endswith("modulus") else LENGTH).read("built", value.strip())

@@ -8,7 +8,8 @@ from typing import Any, TypeVar
 
 import click
 
-from probe_design.cli.arguments import length, number, position, print_json
+from probe_design.cli.arguments import length, number, position
+from probe_design.cli.output import check_picture, present
 
 F = TypeVar("F", bound=Callable[..., Any])
 SCENE = click.argument("scene", type=click.Path(path_type=Path))
@@ -47,34 +48,32 @@ def scan(
     import numpy as np
 
     from geometry.common.errors import InputError
+    from geometry.scenes.scene_file import read_scene
     from probe_design.maps.scan import scan as run
     from probe_design.maps.scan_plot import plot
-    from probe_design.terminal.console import counting, message, scan_table, show
+    from probe_design.terminal.console import counting, scan_table
 
-    found = _read(scene, picture)
+    read = read_scene(scene)
+    check_picture(picture)
     first, last = position("from", low), position("to", high)
     if not first < last:
         raise InputError("to", high, f"a position above from = {low!r}")
     line = None if at is None else position("at", at)
     with counting(f"scan of {scene}") as progress:
-        told = run(found, along, np.linspace(first, last, points), line, number("accuracy", accuracy), progress)
+        positions = np.linspace(first, last, points)
+        answer = run(read, along, positions, line, accuracy=number("accuracy", accuracy), progress=progress)
     if picture is not None:
-        plot(told, found, picture)
-    if as_json:
-        print_json(told.as_dict())
-        return
-    show(scan_table(told))
-    for warning in told.warnings:
-        message(f"warning: {warning}")
-    if picture is not None:
-        message(f"wrote {picture}")
+        plot(answer, read, picture)
+    present(answer, scan_table, as_json, picture)
 
 
 @click.command()
 @SCENE
 @click.option("--noise", default="0.01", show_default=True, help="Relative standard deviation of one reading of the ratio.")
 @click.option("--seen", default="3", show_default=True, help="Times the noise by which a tumour that is seen changes the ratio.")
-@click.option("--told", default="0.5", show_default=True, help="Standard deviation of ln E_object up to which E_object is told.")
+@click.option(
+    "--resolved", default="0.5", show_default=True, help="Standard deviation of ln E_object up to which it is resolved."
+)
 @click.option("--depth-from", help="Least depth of a centre.  [default: 1/50 of the largest]")
 @click.option("--depth-to", help="Largest depth of a centre.  [default: 4 outer radii or what the scene's tumour needs]")
 @click.option("--diameter-from", help="Least diameter.  [default: 1/50 of the largest]")
@@ -84,10 +83,10 @@ def scan(
 @picture_option("both maps")
 @JSON
 def detectability(
-    scene: Path, noise: str, seen: str, told: str, depth_from: str | None, depth_to: str | None, diameter_from: str | None,
+    scene: Path, noise: str, seen: str, resolved: str, depth_from: str | None, depth_to: str | None, diameter_from: str | None,
     diameter_to: str | None, points: int, accuracy: str | None, picture: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
-    """Say which tumours the probe sees, and of which it tells the stiffness: maps over depth and diameter.
+    """Say which tumours the probe sees, and of which it resolves the stiffness: maps over depth and diameter.
 
     SCENE's target inclusion is exchanged for spheres of its material at its place beside the probe's axis; everything
     else stays. For each: how much it changes the ratio, and the standard deviation of ln E_object that one reading of the
@@ -97,47 +96,29 @@ def detectability(
     healthy places a tumour (6.7 %; 3.29 times makes it 5 %, Currie 1968). The ratio without tumour counts as known: where it
     is one more reading, give 1.41 times the noise.
 
-    Told: a standard deviation of ln E_object up to 0.5, a factor of 1.65 either way.
+    Resolved: a standard deviation of ln E_object up to 0.5, a factor of 1.65 either way.
 
     \b
     probe-design detectability scene.toml --noise 0.01 --plot map.png
     probe-design detectability scene.toml --noise 0.002 --depth-to "30 mm" --diameter-to "12 mm" --json
     """  # noqa: D301
+    from geometry.scenes.scene_file import read_scene
     from probe_design.maps.detectability import Thresholds
     from probe_design.maps.detectability import detectability as run
     from probe_design.maps.detectability_plot import plot
     from probe_design.maps.target_grid import chosen_sizes
-    from probe_design.terminal.console import counting, message, show, threshold_table
+    from probe_design.terminal.console import counting, threshold_table
 
-    found = _read(scene, picture)
+    read = read_scene(scene)
+    check_picture(picture)
     ends = {"depth_from": depth_from, "depth_to": depth_to, "diameter_from": diameter_from, "diameter_to": diameter_to}
     sizes = {key: None if text is None else length(key.replace("_", "-"), text) for key, text in ends.items()}
     positive = "a number above 0"
-    limits = Thresholds(*(number(key, text, positive) for key, text in (("noise", noise), ("seen", seen), ("told", told))))
-    depths, diameters = chosen_sizes(found, points, **sizes)
-    wanted = None if accuracy is None else number("accuracy", accuracy)
+    limits = Thresholds(number("noise", noise, positive), number("seen", seen, positive), number("resolved", resolved, positive))
+    depths, diameters = chosen_sizes(read, points, **sizes)
+    relative = None if accuracy is None else number("accuracy", accuracy)
     with counting(f"detectability of {scene}") as progress:
-        answer = run(found, depths, diameters, limits, wanted, progress)
+        answer = run(read, depths, diameters, limits, accuracy=relative, progress=progress)
     if picture is not None:
-        plot(answer, found, picture)
-    if as_json:
-        print_json(answer.as_dict())
-        return
-    show(threshold_table(answer))
-    for warning in answer.warnings:
-        message(f"warning: {warning}")
-    if picture is not None:
-        message(f"wrote {picture}")
-
-
-def _read(scene: Path, picture: Path | None) -> Any:
-    """Read a scene; what would fail after the work fails before it."""
-    from geometry.common.files import check_writable
-    from geometry.scenes.scene_file import read_scene
-    from probe_design.maps.curve_plot import check_format
-
-    found = read_scene(scene)
-    if picture is not None:
-        check_format(picture)
-        check_writable(picture.parent)
-    return found
+        plot(answer, read, picture)
+    present(answer, threshold_table, as_json, picture)

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from probe_design.cli.arguments import number, print_json
+from probe_design.cli.arguments import number
+from probe_design.cli.output import present
 
 
 @click.command()
@@ -20,16 +21,9 @@ def plan(scene: Path, accuracy: str, as_json: bool) -> None:
     of the ratio, of the stresses and of the stiffness; what no evaluator can model yet is estimated at the scene's load.
     """
     from geometry.scenes.scene_file import read_scene
-    from probe_design.terminal.console import message, plan_table, show, working
+    from probe_design.terminal.console import plan_table, working
     from solver import plan as run
 
     with working(f"planning {scene}"):
-        found = run(read_scene(scene), number("accuracy", accuracy))
-    if as_json:
-        print_json(found.as_dict())
-        return
-    show(plan_table(found))
-    for one in found.decisions:
-        print(f"{one.feature}: {one.reason}")
-    for warning in found.warnings:
-        message(f"warning: {warning}")
+        decided = run(read_scene(scene), number("accuracy", accuracy))
+    present(decided, plan_table, as_json, lines=lambda plan: [f"{one.feature}: {one.reason}" for one in plan.decisions])

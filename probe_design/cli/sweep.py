@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from probe_design.cli.arguments import print_json
+from probe_design.cli.output import print_json
 
 
 @click.command()
@@ -29,21 +29,21 @@ def sweep(
     """
     from probe_design.sweeps.file import read_sweep
     from probe_design.sweeps.file import time_limit as checked_time
-    from probe_design.sweeps.progress import shown
     from probe_design.sweeps.run import sweep as run
     from probe_design.terminal.console import message
+    from probe_design.terminal.sweep_bar import shown
 
-    asked = read_sweep(sweep)
+    checked = read_sweep(sweep)
     if time_limit is not None:
-        asked = replace(asked, time_limit=checked_time(time_limit))
+        checked = replace(checked, time_limit=checked_time(time_limit))
     with shown() as progress:
-        found = run(asked, output, scheduler, workers, progress, retry_failed)
+        swept = run(checked, output, scheduler=scheduler, workers=workers, progress=progress, retry_failed=retry_failed)
     files = _files(output)
     if as_json:
-        print_json(found.as_dict() | {"files": [str(file) for file in files]})
+        print_json(swept.as_dict() | {"files": [str(file) for file in files]})
         return
     print(
-        f"{found.designs} designs: {found.ok} ok, {found.refused} refused, {found.failed} failed; {found.answered} answered now"
+        f"{swept.designs} designs: {swept.ok} ok, {swept.refused} refused, {swept.failed} failed; {swept.answered} answered now"
     )
     message(f"wrote {', '.join(file.name for file in files)} to {output}")
 

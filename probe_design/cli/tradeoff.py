@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from probe_design.cli.arguments import print_json
+from probe_design.cli.output import print_json
 
 if TYPE_CHECKING:
     from geometry.scenes.scene import Scene
+    from probe_design.tradeoffs.rows import Row
 
 
 @click.command()
@@ -31,7 +32,7 @@ def tradeoff(scenes: tuple[Path, ...], output: Path, solid: bool, as_json: bool)
     probe-design tradeoff mine.toml other.toml -o out --json
     """  # noqa: D301
     from geometry.common.files import check_writable
-    from probe_design.terminal.console import message, show, stages
+    from probe_design.terminal.console import message, show, stages, warn
     from probe_design.tradeoffs.files import write_all
     from probe_design.tradeoffs.study import tradeoff as run
     from probe_design.tradeoffs.tables import choice_table, summary_table
@@ -39,21 +40,24 @@ def tradeoff(scenes: tuple[Path, ...], output: Path, solid: bool, as_json: bool)
     named = _named(scenes)
     check_writable(output)  # what would fail after the work fails before it
     with stages() as progress:
-        found = run(named, solid, progress)
-    files = write_all(found, output)
+        study = run(named, solid, progress)
+    files = write_all(study, output)
     if as_json:
-        print_json(found.as_dict() | {"files": [str(file) for file in files]})
+        print_json(study.as_dict() | {"files": [str(file) for file in files]})
     else:
-        show(summary_table(found))
-        show(choice_table(found))
+        show(summary_table(study))
+        show(choice_table(study))
         message(f"wrote {', '.join(file.name for file in files)} to {output}")
-    for row in found.uncertain:
+    for row in study.uncertain:
         remedy = "" if solid else "; --solid asks the three-dimensional level"
         message(f"{row.scene}: even the finest answer states an error of {row.stated_error:.2g}{remedy}")
-    for row in found.broken:
-        asked = "" if row.accuracy is None else f" at {row.accuracy:g}"
-        why = f"states an error of {row.stated_error:.2g}, which is {row.true_error_least:.2g} at least: a defect of the program"
-        message(f"warning: {row.scene}: {row.evaluator}{asked} {why}")
+    warn(_broken(row) for row in study.broken)
+
+
+def _broken(row: Row) -> str:
+    setting = row.evaluator if row.accuracy is None else f"{row.evaluator} at {row.accuracy:g}"
+    why = f"states an error of {row.stated_error:.2g}, which is {row.true_error_least:.2g} at least: a defect of the program"
+    return f"{row.scene}: {setting} {why}"
 
 
 def _named(paths: Sequence[Path]) -> dict[str, Scene]:

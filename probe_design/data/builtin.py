@@ -15,14 +15,9 @@ TYPICAL: dict[str, dict[str, float]] = {  # what of the tumour of typical.toml i
 }
 
 
-def builtin_text() -> str:
-    """Return the built-in scene file, with the origin of every number."""
-    return _text("builtin.toml")
-
-
 def builtin_scene() -> Scene:
-    """Return the built-in scene."""
-    return scene_from_toml(builtin_text(), "builtin.toml")
+    """Return the built-in scene, whose file says where every number comes from."""
+    return scene_from_toml(_text("builtin.toml"), "builtin.toml")
 
 
 def typical_scenes() -> dict[str, Scene]:

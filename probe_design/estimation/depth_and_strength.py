@@ -62,9 +62,9 @@ class Plane:
         else:
             v = np.linspace(np.log(1 / 50), 0.0, SIZES)
         depth, size = (part.ravel() for part in np.meshgrid(np.exp(u), v, indexing="ij"))
-        found = np.exp(size) * (model.room(depth) if partner == "diameter" else 1.0)
-        predicted = model.predict({"depth": depth, partner: found}, reflect=False, by_diameter=partner == "diameter")
-        return cls(model, partner, u, v, predicted, getattr(predicted, SLOPES[partner]))
+        values = np.exp(size) * (model.room(depth) if partner == "diameter" else 1.0)
+        predicted = model.predict({"depth": depth, partner: values}, reflect=False, by_diameter=partner == "diameter")
+        return cls(model, partner, u=u, v=v, predicted=predicted, slope=getattr(predicted, SLOPES[partner]))
 
     def with_reflections(self, y: Floats) -> Plane:
         """Add to these first-order predictions what reflections change, in a window of depths about the fit to y of shape (k,).
@@ -93,16 +93,16 @@ class Plane:
         bound = np.stack([np.interp(self.u, u, row) for row in better.bound.T], axis=-1)[:, None] + UNSURE * np.abs(more)
         inside = np.repeat((self.u > u[0] - 1e-9) & (self.u < u[-1] + 1e-9), len(self.v))
         of = self.predicted
-        of = replace(of, value=of.value + more.reshape(flat), bound=bound.reshape(flat), told=of.told & inside)
+        of = replace(of, value=of.value + more.reshape(flat), bound=bound.reshape(flat), resolved=of.resolved & inside)
         return replace(self, predicted=of, slope=self.slope + steeper.reshape(flat))
 
     def _window_of(self, rough: DepthAndStrength, wider: float) -> Floats:
         """Three depths (ln): ``wider`` times as far as the interval reaches, where the model can tell, and the fit between."""
         middle = float(np.log(rough.depth))
-        told = self.u[self.predicted.usable.reshape(len(self.u), -1)[:, int(np.argmin(np.abs(self.v - self._place_of(rough))))]]
+        usable = self.u[self.predicted.usable.reshape(len(self.u), -1)[:, int(np.argmin(np.abs(self.v - self._place_of(rough))))]]
         low, high = (
-            edge if end is None else float(np.clip(middle + wider * (np.log(end) - middle) + spare, told[0], told[-1]))
-            for end, edge, spare in zip(rough.depth_interval, (told[0], told[-1]), (-0.05, 0.05), strict=True)
+            edge if end is None else float(np.clip(middle + wider * (np.log(end) - middle) + spare, usable[0], usable[-1]))
+            for end, edge, spare in zip(rough.depth_interval, (usable[0], usable[-1]), (-0.05, 0.05), strict=True)
         )
         return np.array([low, min(max(middle, low + 0.02), high - 0.02), high])
 
@@ -181,7 +181,7 @@ class Plane:
             v = _window(v, left, right)
         else:
             u, v, chi2, inside = last
-        return self._told(u, v, chi2, inside, best)
+        return self._summary(u, v, chi2, inside, best)
 
     def _best(self, y: Floats) -> tuple[Floats, Floats, float, tuple[float, float]]:
         """Return the first window, all there is, with the least chi-square and where it lies."""
@@ -193,7 +193,7 @@ class Plane:
             u, v = _window(u, int(i) - 8, int(i) + 8), _window(v, int(j) - 8, int(j) + 8)
         return *whole, least, best
 
-    def _told(self, u: Floats, v: Floats, chi2: Floats, inside: Bools, best: tuple[float, float]) -> DepthAndStrength:
+    def _summary(self, u: Floats, v: Floats, chi2: Floats, inside: Bools, best: tuple[float, float]) -> DepthAndStrength:
         dark = np.pad(~np.isfinite(chi2), 1)  # pairs that the model cannot tell
         near_dark = inside & (dark[:-2, 1:-1] | dark[2:, 1:-1] | dark[1:-1, :-2] | dark[1:-1, 2:])
         rows, strengths = np.exp(u), self.strengths(u, v)
@@ -206,18 +206,20 @@ class Plane:
         full = self.partner == "diameter" and bool(inside[:, -1].any() and v[-1] >= self.v[-1])  # no larger one fits
         weak, strong = (_reached(near_dark, inside, strengths, end) for end in (np.min, np.max))
         positive = float(strength(self.model.scene.tissue, self.model.target)) > 0
-        told = strengths[inside]
-        found = rows[inside.any(axis=1)]
+        within = strengths[inside]
+        depths = rows[inside.any(axis=1)]
         here = float(self.strengths(np.array([best[0]]), np.array([best[1]]))[0, 0])
-        low = None if weak or (full and not positive) else float(min(told.min(), here))
-        high = None if strong or (full and positive) else float(max(told.max(), here))
+        low = None if weak or (full and not positive) else float(min(within.min(), here))
+        high = None if strong or (full and positive) else float(max(within.max(), here))
         depth = float(np.exp(best[0]))
-        ends = None if shallow else float(min(found.min(), depth)), None if deep else float(max(found.max(), depth))
+        ends = None if shallow else float(min(depths.min(), depth)), None if deep else float(max(depths.max(), depth))
         modulus = float(np.exp(best[1])) if self.partner == "youngs_modulus" else self.model.target.youngs_modulus
         size = float(self.model.target.diameter or 0.0)
         if self.partner == "diameter":
             size = float(np.exp(best[1]) * self.model.room(np.array([depth]))[0])
-        return DepthAndStrength(depth, ends, here, (low, high), modulus, size)
+        return DepthAndStrength(
+            depth=depth, depth_interval=ends, strength=here, strength_interval=(low, high), modulus=modulus, diameter=size
+        )
 
 
 def _reached(near_dark: Bools, inside: Bools, values: Floats, end: Callable[[Floats], Floats]) -> bool:
@@ -229,8 +231,8 @@ def _reached(near_dark: Bools, inside: Bools, values: Floats, end: Callable[[Flo
 
 
 def _ends(row: Bools) -> tuple[int, int]:
-    found = np.flatnonzero(row)
-    return int(found[0]), int(found[-1])
+    places = np.flatnonzero(row)
+    return int(places[0]), int(places[-1])
 
 
 def _window(points: Floats, low: int, high: int) -> Floats:

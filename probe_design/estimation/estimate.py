@@ -77,8 +77,8 @@ class Estimate:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design estimate``."""
-        found = asdict(self)
-        return {self.unknown: found.pop("value")} | found
+        fields = asdict(self)
+        return {self.unknown: fields.pop("value")} | fields
 
 
 def estimate(
@@ -109,57 +109,75 @@ def estimate(
     notes: tuple[str, ...] = ()
     useless = data.is_stiffness & (model.stiffness_error > data.noise)
     if useless.any():
-        known = f"the model's stiffness is good to {model.stiffness_error:.2g} only"
-        notes = (f"{useless.sum()} stiffnesses left out: {known}, which is more than their noise",)
+        limit = f"the model's stiffness is good to {model.stiffness_error:.2g} only"
+        notes = (f"{useless.sum()} stiffnesses left out: {limit}, which is more than their noise",)
         model = replace(model, data=data.some(~useless))
-    found = findings(model, unknown)
-    return _estimate(found, _together(found), notes, start)
+    findings = searched(model, unknown)
+    return _estimate(findings, _together(findings), notes, start)
 
 
-def findings(model: TargetModel, unknown: str) -> Findings:
+def searched(model: TargetModel, unknown: str) -> Findings:
     """Return which values of the unknown the readings leave."""
     track, noise, y = Track.of(model, unknown), model.data.noise, model.data.value
     if not track.runs:
-        return Findings(track, (), (), None, 1.0, np.inf)
+        return Findings(track, pieces=(), of_noise=(), best=None, p_value=1.0, shift=np.inf)
     along = Likelihood(track, noise)
     best, least = (float(part[0]) for part in along.best(y[None]))
-    shift = float(along.shift(np.array([best]))[0])
-    of_noise = Likelihood(track.exact(), noise).pieces(y)
-    return Findings(track, tuple(along.pieces(y)), tuple(of_noise), best, p_value(least, len(y), along.spoiled(best)), shift)
+    return Findings(
+        track,
+        pieces=tuple(along.pieces(y)),
+        of_noise=tuple(Likelihood(track.exact(), noise).pieces(y)),
+        best=best,
+        p_value=p_value(least, len(y), along.spoiled(best)),
+        shift=float(along.shift(np.array([best]))[0]),
+    )
 
 
-def _together(found: Findings) -> DepthAndStrength | None:
+def _together(findings: Findings) -> DepthAndStrength | None:
     """Fit depth and strength together where there are readings from several places."""
-    model = found.model
+    model = findings.model
     if len(model.data.places) < 2:
         return None
     try:
-        plane = Plane.of(model, "diameter" if found.unknown == "diameter" else "youngs_modulus")
+        plane = Plane.of(model, "diameter" if findings.unknown == "diameter" else "youngs_modulus")
     except Refusal:  # the target fits at one depth only
         return None
     return plane.with_reflections(model.data.value).fit(model.data.value)
 
 
-def _estimate(found: Findings, fitted: DepthAndStrength | None, notes: tuple[str, ...], start: float) -> Estimate:
-    unknown, best = found.unknown, found.best_value
-    interval = hull(found.pieces)
+def _estimate(findings: Findings, fitted: DepthAndStrength | None, notes: tuple[str, ...], start: float) -> Estimate:
+    unknown, best = findings.unknown, findings.best_value
+    interval, of_noise = hull(findings.pieces), hull(findings.of_noise)
     good = identifiable(interval, unknown)
     value = best if good else None
-    depth: float | None = found.model.target.depth
+    depth: float | None = findings.model.target.depth
     depth_interval: Interval | None = None
-    if fitted is not None:
+    if fitted is None:
+        strong, strong_interval = _strength(findings, best, interval)
+    else:
+        strong, strong_interval = fitted.strength, fitted.strength_interval
         depth, depth_interval = fitted.depth, fitted.depth_interval
     if unknown == "depth":
         depth, depth_interval = value, interval
-    strong, strong_interval = _strength(found, best, interval) if fitted is None else (fitted.strength, fitted.strength_interval)
-    of_noise = hull(found.of_noise)
     return Estimate(
-        unknown, value, interval, of_noise, _several(found.pieces), good,
-        None if good else reason(found, interval, WIDEST[unknown], identifiable(of_noise, unknown)),
-        depth, depth_interval, strong, strong_interval,
-        None if best is None else found.p_value, _error(found), EquivalentInclusion().name,
-        perf_counter() - start, found.model.base.plan, (*notes, *warnings(found, fitted)),
-    )  # fmt: skip
+        unknown=unknown,
+        value=value,
+        interval=interval,
+        interval_of_noise=of_noise,
+        pieces=_several(findings.pieces),
+        identifiable=good,
+        reason=None if good else reason(findings, interval, WIDEST[unknown], identifiable(of_noise, unknown)),
+        depth=depth,
+        depth_interval=depth_interval,
+        strength=strong,
+        strength_interval=strong_interval,
+        p_value=None if best is None else findings.p_value,
+        error_estimate=_error(findings),
+        evaluator=EquivalentInclusion().name,
+        seconds=perf_counter() - start,
+        plan=findings.model.base.plan,
+        warnings=(*notes, *warnings(findings, fitted)),
+    )
 
 
 def identifiable(interval: Interval, unknown: str) -> bool:
@@ -179,37 +197,37 @@ def _several(pieces: tuple[Piece, ...]) -> tuple[tuple[float, float], ...]:
     return tuple((piece.low, piece.high) for piece in pieces) if len(pieces) > 1 else ()
 
 
-def _strength(found: Findings, best: float | None, interval: Interval) -> tuple[float | None, Interval | None]:
+def _strength(findings: Findings, best: float | None, interval: Interval) -> tuple[float | None, Interval | None]:
     """Eq. ES.1 at the best fit and at the ends of the interval, depth being known.
 
     It grows with the modulus and, for stiff bodies, with the diameter. Where the modulus is open the strength is not: a rigid
     body's, or a hole's, is the end; a diameter that is open below ends at no body at all.
     """
-    scene, body = found.model.scene, found.model.target
-    if found.unknown == "depth":
+    scene, body = findings.model.scene, findings.model.target
+    if findings.unknown == "depth":
         return float(strength(scene.tissue, body)), None
     if best is None:
         return None, OPEN
-    key = "modulus" if found.unknown == "youngs_modulus" else "diameter"
+    key = "modulus" if findings.unknown == "youngs_modulus" else "diameter"
 
     def at(value: Floats | float) -> float:
         return float(strength(scene.tissue, body, **{key: np.asarray(value)}))
 
-    if not found.pieces:
+    if not findings.pieces:
         return at(best), OPEN
     low, high = interval
     beyond = np.inf if key == "modulus" else None
     ends = [
-        at(low) if low is not None else at(0.0) if found.searched_all(0) else None,
-        at(high) if high is not None else at(beyond) if beyond and found.searched_all(-1) else None,
+        at(low) if low is not None else at(0.0) if findings.searched_all(0) else None,
+        at(high) if high is not None else at(beyond) if beyond and findings.searched_all(-1) else None,
     ]
     return at(best), (ends[0], ends[1]) if at(best) >= 0 or key == "modulus" else (ends[1], ends[0])
 
 
-def _error(found: Findings) -> float | None:
+def _error(findings: Findings) -> float | None:
     """Bound on the relative error of the ratios at the best fit."""
-    if found.best is None:
+    if findings.best is None:
         return None
-    track = found.track
-    bound = track.predicted.bound[:, ~found.model.data.is_stiffness].max(axis=1)
-    return float(np.expm1(np.interp(found.best, track.x, bound)))
+    track = findings.track
+    bound = track.predicted.bound[:, ~findings.model.data.is_stiffness].max(axis=1)
+    return float(np.expm1(np.interp(findings.best, track.x, bound)))

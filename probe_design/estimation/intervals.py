@@ -131,7 +131,7 @@ class Likelihood:
         def beyond(u: Floats) -> Floats:
             return self.chi_square(u, y) - floor - threshold(self.shift(u))
 
-        found = []
+        pieces = []
         for run in self.track.runs:
             points = _with_valleys(run, best, beyond)
             inside = beyond(points) <= 0
@@ -141,8 +141,8 @@ class Likelihood:
                 low = _crossing(beyond, points[first - 1], points[first]) if first > 0 else points[0]
                 high = _crossing(beyond, points[end + 1], points[end]) if end < last else points[-1]
                 ends = self.track.values(np.array([low, high]))
-                found.append(Piece(float(ends[0]), float(ends[1]), bool(first == 0), bool(end == last)))
-        return found
+                pieces.append(Piece(float(ends[0]), float(ends[1]), bool(first == 0), bool(end == last)))
+        return pieces
 
 
 def threshold(shift: Floats) -> Floats:

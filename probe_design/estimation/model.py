@@ -29,11 +29,11 @@ class Predicted:
     """Predictions for n bodies.
 
     Attributes:
-        value: ln |ratio| or ln stiffness, in the order of ``Measurements``, shape (n, k); 0 where ``told`` is false.
+        value: ln |ratio| or ln stiffness, in the order of ``Measurements``, shape (n, k); 0 where ``resolved`` is false.
         by_modulus: derivatives of ``value`` by ln E_object, shape (n, k).
         by_diameter: by ln diameter, 0 unless asked for, shape (n, k).
         bound: on the model's error of ``value``, shape (n, k).
-        told: whether the model can say all of them to within ``WORST``, shape (n,).
+        resolved: whether the model can say all of them to within ``WORST``, shape (n,).
         agrees: whether all ratios have the sign that was measured, shape (n,).
     """
 
@@ -41,13 +41,13 @@ class Predicted:
     by_modulus: Floats
     by_diameter: Floats
     bound: Floats
-    told: Bools
+    resolved: Bools
     agrees: Bools
 
     @property
     def usable(self) -> Bools:
         """Whether both hold, shape (n,)."""
-        return self.told & self.agrees
+        return self.resolved & self.agrees
 
 
 @dataclass(frozen=True)
@@ -138,13 +138,19 @@ class TargetModel:
         """
         n = len(next(iter(target.values())))
         shape = (n, len(self.data.value))
-        value, by_modulus, by_size, bound = (np.zeros(shape) for _ in range(4))
-        out = Predicted(value, by_modulus, by_size, bound, np.ones(n, dtype=bool), np.ones(n, dtype=bool))
+        out = Predicted(
+            value=np.zeros(shape),
+            by_modulus=np.zeros(shape),
+            by_diameter=np.zeros(shape),
+            bound=np.zeros(shape),
+            resolved=np.ones(n, dtype=bool),
+            agrees=np.ones(n, dtype=bool),
+        )
         seen, alike = self._alike
-        found = self._readings(self._tumours(seen, n, target), reflect, by_diameter)
+        answers = self._readings(self._tumours(seen, n, target), reflect, by_diameter)
         for k, place in enumerate(alike[self.data.place]):
             rows = slice(int(place), None, len(seen))
-            _fill(out, k, found, rows, bool(self.data.is_stiffness[k]), self.data.sign[k])
+            _fill(out, k, answers, rows=rows, is_stiffness=bool(self.data.is_stiffness[k]), sign=self.data.sign[k])
         return out
 
     @cached_property
@@ -160,18 +166,18 @@ class TargetModel:
     def _readings(self, tumours: Tumours, reflect: bool | None, by_diameter: bool) -> Readings:
         """First-order readings, with reflections where they may matter: no two neighbours then differ by how they were found."""
         scene = self.scene
-        found = readings(self.base, tumours, scene.target or 0, by_diameter, reflect=False)
-        wanted = np.full(len(tumours.x), bool(reflect))
+        answers = readings(self.base, tumours, scene.target or 0, by_diameter, reflect=False)
+        reflected = np.full(len(tumours.x), bool(reflect))
         if reflect is None:
-            wanted = found.first_share - self.base.films.bound.log_ratio > NEGLIGIBLE * self.accuracy
-        if wanted.any():
-            better = readings(self.base, tumours.of_index(wanted), scene.target or 0, by_diameter, reflect=True)
-            for field in fields(found):
+            reflected = answers.first_share - self.base.films.bound.log_ratio > NEGLIGIBLE * self.accuracy
+        if reflected.any():
+            better = readings(self.base, tumours.of_index(reflected), scene.target or 0, by_diameter, reflect=True)
+            for field in fields(answers):
                 if field.name not in ("areas", "by"):
-                    getattr(found, field.name)[wanted] = getattr(better, field.name)
-            for key, values in found.by.items():
-                values[wanted] = better.by[key]
-        return found
+                    getattr(answers, field.name)[reflected] = getattr(better, field.name)
+            for key, values in answers.by.items():
+                values[reflected] = better.by[key]
+        return answers
 
     def _tumours(self, places: Floats, n: int, target: dict[str, Floats]) -> Tumours:
         """Return the inclusions of the scene with n targets as seen from some places, shape (n times places, inclusions)."""
@@ -185,20 +191,20 @@ class TargetModel:
         return Tumours(*(table[key].reshape(n * len(places), -1) for key in keys))
 
 
-def _fill(out: Predicted, k: int, found: Readings, rows: slice, is_stiffness: bool, sign: float) -> None:
-    slopes = found.log_stiffness_by if is_stiffness else found.log_ratio_by
+def _fill(out: Predicted, k: int, answers: Readings, *, rows: slice, is_stiffness: bool, sign: float) -> None:
+    slopes = answers.log_stiffness_by if is_stiffness else answers.log_ratio_by
     out.by_modulus[:, k] = slopes("youngs_modulus")[rows]
-    if "diameter" in found.by:
+    if "diameter" in answers.by:
         out.by_diameter[:, k] = slopes("diameter")[rows]
     if is_stiffness:
-        out.value[:, k] = np.log(found.stiffness)[rows]
-        out.bound[:, k] = (found.bound.sum(axis=1) / found.stiffness)[rows]
+        out.value[:, k] = np.log(answers.stiffness)[rows]
+        out.bound[:, k] = (answers.bound.sum(axis=1) / answers.stiffness)[rows]
         return
-    told, ratio = (found.log_ratio_bound <= WORST)[rows], found.ratio[rows]
-    out.value[:, k] = np.log(np.abs(np.where(told, ratio, 1.0)))
-    out.bound[:, k] = np.where(told, found.log_ratio_bound[rows], 0.0)
-    out.told[:] &= told
-    out.agrees[:] &= np.where(told, np.sign(ratio) == sign, True)
+    resolved, ratio = (answers.log_ratio_bound <= WORST)[rows], answers.ratio[rows]
+    out.value[:, k] = np.log(np.abs(np.where(resolved, ratio, 1.0)))
+    out.bound[:, k] = np.where(resolved, answers.log_ratio_bound[rows], 0.0)
+    out.resolved[:] &= resolved
+    out.agrees[:] &= np.where(resolved, np.sign(ratio) == sign, True)
 
 
 def check_kind(scene: Scene) -> None:

@@ -52,7 +52,7 @@ class Track:
         """Predict."""
         low, high = model.span(unknown)
         x = _nodes(model, unknown, low, high)
-        values = _back(model, unknown, x)
+        values = _value_at(model, unknown, x)
         predicted = model.predict({unknown: values})
         if unknown == "youngs_modulus":
             return cls(model, unknown, x, predicted, predicted.by_modulus / _by_log_modulus(model, values)[:, None])
@@ -68,11 +68,7 @@ class Track:
 
     def values(self, x: Floats) -> Floats:
         """Return the unknown, SI, at x."""
-        return _back(self.model, self.unknown, np.asarray(x, dtype=float))
-
-    def coordinate(self, values: Floats) -> Floats:
-        """Return x of the unknown, SI."""
-        return _forth(self.model, self.unknown, np.asarray(values, dtype=float))
+        return _value_at(self.model, self.unknown, np.asarray(x, dtype=float))
 
     def at(self, x: Floats) -> tuple[Floats, Floats]:
         """Return predictions and their derivatives by x at points of shape (s,): two of shape (s, k)."""
@@ -94,17 +90,17 @@ class Track:
 
 def _runs(good: Bools) -> list[Ints]:
     """Indices of neighbours that are good, run by run."""
-    found = np.flatnonzero(good)
-    return [run for run in np.split(found, np.flatnonzero(np.diff(found) > 1) + 1) if len(run)]
+    indices = np.flatnonzero(good)
+    return [run for run in np.split(indices, np.flatnonzero(np.diff(indices) > 1) + 1) if len(run)]
 
 
 def _nodes(model: TargetModel, unknown: str, low: float, high: float) -> Floats:
     if unknown == "diameter":
         return np.array(SIZES)
-    ends = _forth(model, unknown, np.array([low, high]))
+    ends = coordinate(model, unknown, np.array([low, high]))
     if unknown == "depth":
         return np.linspace(ends[0], ends[1], DEPTHS)
-    soft = _forth(model, unknown, np.array([c * model.scene.tissue.youngs_modulus for c in SOFT]))
+    soft = coordinate(model, unknown, np.array([c * model.scene.tissue.youngs_modulus for c in SOFT]))
     stiff = np.linspace(-1.0, ends[1], STIFF)
     return np.concatenate([ends[:1], soft[soft > ends[0]], stiff])
 
@@ -113,13 +109,14 @@ def _beta(model: TargetModel) -> float:
     return share_of_shear(model.scene.tissue)
 
 
-def _forth(model: TargetModel, unknown: str, values: Floats) -> Floats:
+def coordinate(model: TargetModel, unknown: str, values: Floats) -> Floats:
+    """Return x of eq. ES.2 for values of the unknown, SI, shape (n,)."""
     if unknown == "youngs_modulus":
         return np.asarray(-1 / (1 + _beta(model) * (values / model.scene.tissue.youngs_modulus - 1)))
     return np.log(values) if unknown == "depth" else np.asarray(values / model.span("diameter")[1])
 
 
-def _back(model: TargetModel, unknown: str, x: Floats) -> Floats:
+def _value_at(model: TargetModel, unknown: str, x: Floats) -> Floats:
     if unknown == "youngs_modulus":
         return np.asarray(model.scene.tissue.youngs_modulus * (1 + (-1 / x - 1) / _beta(model)))
     return np.exp(x) if unknown == "depth" else np.asarray(x * model.span("diameter")[1])
@@ -127,5 +124,5 @@ def _back(model: TargetModel, unknown: str, x: Floats) -> Floats:
 
 def _by_log_modulus(model: TargetModel, moduli: Floats) -> Floats:
     """Return d x / d ln E = beta c x^2."""
-    x = _forth(model, "youngs_modulus", moduli)
+    x = coordinate(model, "youngs_modulus", moduli)
     return np.asarray(_beta(model) * moduli / model.scene.tissue.youngs_modulus * x**2)

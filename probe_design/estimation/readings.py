@@ -30,13 +30,14 @@ from geometry.common.text_files import read_text, tables
 from geometry.scenes import fit as placement
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Placement, Scene
-from geometry.scenes.units import Quantity
+from geometry.scenes.units import Quantity, number
 
 KEYS = ("x", "y", "ratio", "noise", "stiffness", "stiffness_noise")
 MOST_READINGS = 1000
 LARGEST_FILE = 200_000  # bytes
 LEAST_NOISE = 1e-6  # no reader is as good; far below it the model's own error is all there is
 POSITION = Quantity("position", "m", "mm", -10.0, 10.0)
+RATIO = "a number other than 0, stress_inner over stress_outer"
 STIFFNESS = Quantity("stiffness", "N/m", "N/m", 1e-9, 1e15)
 
 
@@ -91,19 +92,19 @@ class Measurements:
         places = list(dict.fromkeys(one.place for one in readings))
         rows = [(one, False, one.ratio, one.noise) for one in readings]
         rows += [(one, True, one.stiffness, one.stiffness_noise or one.noise) for one in readings if one.stiffness is not None]
-        found = np.array([row[2] for row in rows], dtype=float)
+        measured = np.array([row[2] for row in rows], dtype=float)
         return cls(
-            np.array(places, dtype=float),
-            np.array([places.index(row[0].place) for row in rows]),
-            np.array([row[1] for row in rows]),
-            np.log(np.abs(found)),
-            np.sign(found),
-            np.array([row[3] for row in rows], dtype=float),
+            places=np.array(places, dtype=float),
+            place=np.array([places.index(row[0].place) for row in rows]),
+            is_stiffness=np.array([row[1] for row in rows]),
+            value=np.log(np.abs(measured)),
+            sign=np.sign(measured),
+            noise=np.array([row[3] for row in rows], dtype=float),
         )
 
-    def some(self, kept: Bools) -> Measurements:
+    def some(self, which: Bools) -> Measurements:
         """Return part of what was measured."""
-        return replace(self, **{key: getattr(self, key)[kept] for key in ("place", "is_stiffness", "value", "sign", "noise")})
+        return replace(self, **{key: getattr(self, key)[which] for key in ("place", "is_stiffness", "value", "sign", "noise")})
 
 
 def one_reading(scene: Scene, ratio: Any, noise: Any, stiffness: Any = None, stiffness_noise: Any = None) -> tuple[Reading, ...]:
@@ -152,9 +153,9 @@ def _csv_rows(text: str, name: str) -> list[Mapping[str, Any]]:
         raise InputError(name, Words(f"not CSV: {fault}"), f"columns {', '.join(KEYS)}") from None
     if not lines or len(set(lines[0])) < len(lines[0]):
         raise InputError(name, Words("no row of names, each once"), f"a first row with names among {', '.join(KEYS)}")
-    for number, row in enumerate(lines[1:]):
+    for index, row in enumerate(lines[1:]):
         if len(row) != len(lines[0]):
-            raise InputError(f"reading[{number}]", Words(f"{len(row)} cells"), f"{len(lines[0])} cells as in the first row")
+            raise InputError(f"reading[{index}]", Words(f"{len(row)} cells"), f"{len(lines[0])} cells as in the first row")
     return [{key: cell for key, cell in zip(lines[0], row, strict=True) if cell} for row in lines[1:]]
 
 
@@ -163,16 +164,23 @@ def _reading(where: str, row: Mapping[str, Any], scene: Scene, noise: Any, stiff
     for key in row:
         if key not in KEYS:
             raise InputError(f"{where}{key}", row[key], f"one of {', '.join(KEYS)}")
-    given = {"noise": noise, "stiffness_noise": stiffness_noise} | {key: value for key, value in row.items() if value is not None}
-    ratio = _number(f"{where}ratio", given.get("ratio"), "a number other than 0, stress_inner over stress_outer")
-    if ratio == 0:
-        raise InputError(f"{where}ratio", given["ratio"], "a number other than 0, stress_inner over stress_outer")
-    own = _noise(f"{where}noise", given.get("noise"))
-    other = given.get("stiffness_noise")
-    x, y = (_quantity(f"{where}{key}", given[key], POSITION) if key in given else getattr(scene.placement, key) for key in "xy")
+    defaults = {"noise": noise, "stiffness_noise": stiffness_noise}
+    entries = defaults | {key: value for key, value in row.items() if value is not None}
+    ratio = number(f"{where}ratio", entries.get("ratio"), RATIO)
+    if ratio == 0 or not math.isfinite(ratio):
+        raise InputError(f"{where}ratio", entries["ratio"], RATIO)
+    own = _noise(f"{where}noise", entries.get("noise"))
+    other = entries.get("stiffness_noise")
+    x, y = (POSITION.read(f"{where}{key}", entries[key]) if key in entries else getattr(scene.placement, key) for key in "xy")
     _check_place(where, scene, x, y)
-    stiffness = _stiffness(f"{where}stiffness", given["stiffness"]) if "stiffness" in given else None
-    return Reading(x, y, ratio, own, stiffness, own if other is None else _noise(f"{where}stiffness_noise", other))
+    return Reading(
+        x=x,
+        y=y,
+        ratio=ratio,
+        noise=own,
+        stiffness=_stiffness(f"{where}stiffness", entries["stiffness"]) if "stiffness" in entries else None,
+        stiffness_noise=own if other is None else _noise(f"{where}stiffness_noise", other),
+    )
 
 
 def _check_place(where: str, scene: Scene, x: float, y: float) -> None:
@@ -185,7 +193,7 @@ def _check_place(where: str, scene: Scene, x: float, y: float) -> None:
 
 def _noise(key: str, value: Any) -> float:
     allowed = f"a number from {LEAST_NOISE:g} to 10: relative, one standard deviation, such as 0.05"
-    noise = _number(key, value, allowed)
+    noise = number(key, value, allowed)
     if not LEAST_NOISE <= noise <= 10:
         raise InputError(key, value, allowed)
     return noise
@@ -194,27 +202,6 @@ def _noise(key: str, value: Any) -> float:
 def _stiffness(key: str, value: Any) -> float:
     """Read a stiffness, N/m where it has no unit."""
     try:
-        return STIFFNESS.checked(float(value)) if not isinstance(value, bool) else STIFFNESS.parse("")
-    except (TypeError, ValueError):
-        return _quantity(key, value, STIFFNESS)
-
-
-def _quantity(key: str, value: Any, kind: Quantity) -> float:
-    try:
-        if not isinstance(value, str):
-            raise ValueError("the unit is missing")
-        return kind.parse(value)
-    except ValueError as fault:
-        raise InputError(key, value, f"{kind.allowed} ({fault})") from None
-
-
-def _number(key: str, value: Any, allowed: str) -> float:
-    if value is None:
-        raise InputError(key, Words("missing"), allowed)
-    try:
-        number = math.nan if isinstance(value, bool) else float(value)
+        return STIFFNESS.checked(math.nan if isinstance(value, bool) else float(value))
     except (TypeError, ValueError, OverflowError):
-        number = math.nan
-    if not math.isfinite(number):
-        raise InputError(key, value, allowed)
-    return number
+        return STIFFNESS.read(key, value)

@@ -66,53 +66,53 @@ class Findings:
         return bool(self.track.runs and self.track.runs[end][end] == self.track.x[end])
 
 
-def reason(found: Findings, interval: Interval, widest: float, told_by_noise: bool) -> str:
+def reason(findings: Findings, interval: Interval, widest: float, resolved_by_noise: bool) -> str:
     """Say why the unknown is not identifiable."""
-    text = _reason(found, interval, widest)
-    if told_by_noise and found.pieces and found.shift > TOLERATED:
-        low, high = (shown(found.unknown, end) for end in (found.of_noise[0].low, found.of_noise[-1].high))
+    text = _reason(findings, interval, widest)
+    if resolved_by_noise and findings.pieces and findings.shift > TOLERATED:
+        low, high = (shown(findings.unknown, end) for end in (findings.of_noise[0].low, findings.of_noise[-1].high))
         text += f"; by the noise alone it would be {low} to {high}, but the model's own error hides that"
     return text
 
 
-def _reason(found: Findings, interval: Interval, widest: float) -> str:
-    name, data = NAMES[found.unknown], found.model.data
-    if found.best is None and found.track.predicted.told.any():
+def _reason(findings: Findings, interval: Interval, widest: float) -> str:
+    name, data = NAMES[findings.unknown], findings.model.data
+    if findings.best is None and findings.track.predicted.resolved.any():
         return f"no {name} gives every ratio the sign that was measured: something in the scene is not as stated"
-    if found.best is None:
+    if findings.best is None:
         return f"the model's error is above {WORST:.0%} for every {name} that fits"
     low, high = interval
-    if not found.pieces:
-        return _unexplained(found)
+    if not findings.pieces:
+        return _unexplained(findings)
     if low is None and high is None:
-        change = np.expm1(np.ptp(found.values))
+        change = np.expm1(np.ptp(findings.values))
         change = f"over all of them the ratio changes by {change:.2g} of itself, its noise is {data.noise[0]:.2g}"
         return f"any {name} explains what was read: {change}"
     for end, value, ends in ((0, low, 0), (1, high, -1)):
         if value is None:
-            return _open(found, ENDS[found.unknown][end], ends)
+            return _open(findings, ENDS[findings.unknown][end], ends)
     assert low is not None
     assert high is not None
     return f"the interval's ends are a factor of {high / low:.3g} apart, more than {widest:g}"
 
 
-def _open(found: Findings, how: str, end: int) -> str:
-    if not found.searched_all(end):
-        limit = shown(found.unknown, float(found.track.values(found.track.runs[end][end])))
+def _open(findings: Findings, how: str, end: int) -> str:
+    if not findings.searched_all(end):
+        limit = shown(findings.unknown, float(findings.track.values(findings.track.runs[end][end])))
         return f"the interval reaches {limit}, beyond which the model's error is above {WORST:.0%}"
-    if found.unknown == "youngs_modulus":
-        ratio = np.exp(found.track.predicted.value[end, 0]) * found.model.data.sign[0]
+    if findings.unknown == "youngs_modulus":
+        ratio = np.exp(findings.track.predicted.value[end, 0]) * findings.model.data.sign[0]
         why = f"the ratio saturates at {ratio:.4g}, too near the reading for its noise"
         return f"a body however {how} explains what was read: {why}"
     return f"a body as {how} as fits explains what was read"
 
 
-def _unexplained(found: Findings) -> str:
+def _unexplained(findings: Findings) -> str:
     """Say how a reading lies beyond what any value gives."""
-    data, name = found.model.data, NAMES[found.unknown]
+    data, name = findings.model.data, NAMES[findings.unknown]
     if len(data.value) > 1:
         return f"no {name} explains the readings: something in the scene, or the noise, is not as stated"
-    values = found.values
+    values = findings.values
     ends = np.exp([values.min(), values.max()])
     side, end = ("below", ends[0]) if data.value[0] < values.min() else ("above", ends[1])
     read, limit = np.exp(data.value[0]) * data.sign[0], end * data.sign[0]
@@ -120,51 +120,52 @@ def _unexplained(found: Findings) -> str:
     return f"the reading {read:.4g} lies {side} {limit:.4g}, {last}: something in the scene is not as stated"
 
 
-def warnings(found: Findings, fitted: DepthAndStrength | None) -> tuple[str, ...]:
+def warnings(findings: Findings, fitted: DepthAndStrength | None) -> tuple[str, ...]:
     """Return what a user has to know, one line each."""
-    return tuple(dict.fromkeys(_warnings(found, fitted)))
+    return tuple(dict.fromkeys(_warnings(findings, fitted)))
 
 
-def _warnings(found: Findings, fitted: DepthAndStrength | None) -> Iterator[str]:
-    yield from found.model.base.notes  # of the places farthest from the tissue's middle
-    if found.best is None:
+def _warnings(findings: Findings, fitted: DepthAndStrength | None) -> Iterator[str]:
+    yield from findings.model.base.notes  # of the places farthest from the tissue's middle
+    if findings.best is None:
         return
-    yield from _of_load(found)
-    if found.p_value < IMPROBABLE:
-        yield f"the readings contradict the scene or their noise: so bad a fit has a probability of {found.p_value:.1g}"
-    if found.shift > TOLERATED:
+    yield from _of_load(findings)
+    if findings.p_value < IMPROBABLE:
+        yield f"the readings contradict the scene or their noise: so bad a fit has a probability of {findings.p_value:.1g}"
+    if findings.shift > TOLERATED:
         yield (
-            f"the model's own error, up to {found.shift:.2g} standard deviations of the noise, is above a third of it: "
+            f"the model's own error, up to {findings.shift:.2g} standard deviations of the noise, is above a third of it: "
             "the interval is widened by it and covers more than 95 %; a smaller --accuracy may help"
         )
-    if len(found.pieces) > 1:
-        parts = " or ".join(f"{shown(found.unknown, one.low)} to {shown(found.unknown, one.high)}" for one in found.pieces)
+    if len(findings.pieces) > 1:
+        ends = [(shown(findings.unknown, one.low), shown(findings.unknown, one.high)) for one in findings.pieces]
+        parts = " or ".join(f"{low} to {high}" for low, high in ends)
         yield f"the interval is the hull of separate parts: {parts}"
-    yield from _not_searched(found)
-    if fitted is not None and found.unknown != "depth" and not _contains(fitted.depth_interval, found.model.target.depth):
-        given = shown("depth", found.model.target.depth)
-        yield f"the scan says another depth than the scene's {given}, with which {NAMES[found.unknown]} was estimated"
+    yield from _not_searched(findings)
+    if fitted is not None and findings.unknown != "depth" and not _contains(fitted.depth_interval, findings.model.target.depth):
+        stated = shown("depth", findings.model.target.depth)
+        yield f"the scan says another depth than the scene's {stated}, with which {NAMES[findings.unknown]} was estimated"
 
 
-def _not_searched(found: Findings) -> Iterator[str]:
-    good = found.track.predicted.told
+def _not_searched(findings: Findings) -> Iterator[str]:
+    good = findings.track.predicted.resolved
     if good.all() or not good.any():
         return
-    u = found.track.values(found.track.x)
+    u = findings.track.values(findings.track.x)
     first, last = np.flatnonzero(good)[[0, -1]]
-    parts = [f"below {shown(found.unknown, u[first])}"] if first else []
-    parts += [f"above {shown(found.unknown, u[last])}"] if last < len(u) - 1 else []
+    parts = [f"below {shown(findings.unknown, u[first])}"] if first else []
+    parts += [f"above {shown(findings.unknown, u[last])}"] if last < len(u) - 1 else []
     parts += ["at some places between"] if not good[first:last].all() else []
     yield f"not searched {' and '.join(parts)}: the model's error is above {WORST:.0%} there"
 
 
-def _of_load(found: Findings) -> Iterator[str]:
+def _of_load(findings: Findings) -> Iterator[str]:
     """Yield what the evaluator says of the scene's load at the best fit."""
-    model, assumed = found.model, found.model.scene
-    body = model.target.model_copy(update={found.unknown: found.best_value})
+    model, assumed = findings.model, findings.model.scene
+    body = model.target.model_copy(update={findings.unknown: findings.best_value})
     bodies = tuple(body if index == assumed.target else one for index, one in enumerate(assumed.inclusion))
-    told = readings(model.base, Tumours.of(assumed.model_copy(update={"inclusion": bodies})), assumed.target or 0)
-    films = FilmForces(told.forces[0], Bound(told.bound[0], float(told.log_ratio_bound[0])), told.by["youngs_modulus"][0])
+    best = readings(model.base, Tumours.of(assumed.model_copy(update={"inclusion": bodies})), assumed.target or 0)
+    films = FilmForces(best.forces[0], Bound(best.bound[0], float(best.log_ratio_bound[0])), best.by["youngs_modulus"][0])
     yield from outputs(assumed, films)["warnings"]
 
 

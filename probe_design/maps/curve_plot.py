@@ -6,21 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from geometry.common.errors import InputError
-from geometry.common.files import written_whole
+from probe_design.pictures.formats import check_format, save
 from solver.results.result import Curve
-
-FORMATS = (".png", ".svg", ".pdf")
-
-
-def check_format(path: Path) -> None:
-    """Refuse a picture whose format is not known.
-
-    Raises:
-        InputError: the file's name ends in none of ``FORMATS``.
-    """
-    if path.suffix.lower() not in FORMATS:
-        raise InputError("plot", path.name, f"a file name that ends in {', '.join(FORMATS)}")
 
 
 def plot(curve: Curve, path: Path, scene_modulus: float | None = None, tissue_modulus: float | None = None) -> Path:
@@ -39,12 +26,12 @@ def plot(curve: Curve, path: Path, scene_modulus: float | None = None, tissue_mo
     top, bottom = figure.subplots(2, 1, sharex=True)
     modulus = np.array(curve.youngs_modulus)
     order = np.argsort(modulus)
-    ratio, error, told = (_numbers(values)[order] for values in (curve.ratio, curve.error_estimate, curve.log_sensitivity))
+    ratio, error, sensitivity = (_numbers(values)[order] for values in (curve.ratio, curve.error_estimate, curve.log_sensitivity))
     top.plot(modulus[order], ratio, color="tab:blue", marker="." if len(modulus) < 25 else None)
     band = np.abs(ratio) * np.minimum(error, 1.0)
     top.fill_between(modulus[order], ratio - band, ratio + band, color="tab:blue", alpha=0.2, label="bound on the error")
     top.set_ylabel("ratio of inner to outer film stress")
-    bottom.plot(modulus[order], told, color="tab:orange", marker="." if len(modulus) < 25 else None)
+    bottom.plot(modulus[order], sensitivity, color="tab:orange", marker="." if len(modulus) < 25 else None)
     bottom.axhline(0.0, color="0.7", linewidth=0.8)
     bottom.set_ylabel("log-sensitivity  d ln ratio / d ln E")
     bottom.set_xlabel("Young's modulus of the inclusion, Pa")
@@ -56,9 +43,7 @@ def plot(curve: Curve, path: Path, scene_modulus: float | None = None, tissue_mo
                 axes.axvline(value, color="0.4", linestyle=style, linewidth=1.0, label=name)
     top.legend(loc="best", fontsize=9)
     top.set_title(f"{curve.evaluator}: {len(modulus)} moduli in {curve.seconds:.2g} s", fontsize=10)
-    with written_whole(path) as draft:
-        figure.savefig(draft, format=path.suffix[1:].lower())
-    return path
+    return save(figure, path)
 
 
 def _numbers(values: tuple[float | None, ...]) -> np.ndarray:

@@ -3,7 +3,7 @@
 With R the ratio over a tumour, R_0 the ratio without it, S the log-sensitivity to its Young's modulus and g the noise,
 
     change = R / R_0 - 1                                        seen where |change| >= seen g           (MA.1)
-    sd     = g / |S|, the standard deviation of ln E_object     told where sd <= told                   (MA.2)
+    sd     = g / |S|, the standard deviation of ln E_object     resolved where sd <= resolved           (MA.2)
 
 For one reading, R_0 and everything else in the scene being known. seen = 3 with a threshold half-way, at 1.5 g, calls a tumour
 missed, or a healthy place a tumour, in 6.7 % of all cases each: P(z > 1.5); 3.29 makes it 5 % (Currie, Anal. Chem. 40 (1968)
@@ -42,17 +42,17 @@ Verdicts = tuple[tuple[bool | None, ...], ...]
 
 @dataclass(frozen=True)
 class Thresholds:
-    """What counts as seen and told.
+    """What counts as seen and resolved.
 
     Attributes:
         noise: relative standard deviation g of one reading of the ratio.
         seen: change of the ratio, times the noise.
-        told: standard deviation of ln E_object.
+        resolved: standard deviation of ln E_object.
     """
 
     noise: float = 0.01
     seen: float = 3.0
-    told: float = 0.5
+    resolved: float = 0.5
 
     @property
     def change(self) -> float:
@@ -77,9 +77,9 @@ class Detectability:
         change: eq. MA.1, shape (k, m); None too where a stress is below its own error.
         standard_deviation: eq. MA.2; None too where the ratio does not depend on E_object.
         error: bound on the error of ``change``, absolute.
-        seen, told: verdicts; None too where the error leaves them open.
-        resolved: whether the error is below the change; where it is not there may still be a verdict: not seen.
-        noise, seen_threshold, told_threshold: of the verdicts, the second on |change|.
+        seen, resolved: verdicts; None too where the error leaves them open.
+        above_error: whether the change is above its error bound; where it is not there may still be a verdict: not seen.
+        noise, seen_threshold, resolved_threshold: of the verdicts, the second on |change|.
         ratio_without: R_0, with the other inclusions in place.
         evaluator, seconds, plan, warnings: see ``solver.results.result.Result``.
     """
@@ -90,11 +90,11 @@ class Detectability:
     standard_deviation: Map
     error: Map
     seen: Verdicts
-    told: Verdicts
     resolved: Verdicts
+    above_error: Verdicts
     noise: float
     seen_threshold: float
-    told_threshold: float
+    resolved_threshold: float
     ratio_without: float | None
     evaluator: str
     seconds: float
@@ -107,8 +107,8 @@ class Detectability:
 
 
 def detectability(
-    scene: Scene, depths: Floats, diameters: Floats, limits: Thresholds | None = None, accuracy: float | None = None,
-    progress: Progress | None = None,
+    scene: Scene, depths: Floats, diameters: Floats, limits: Thresholds | None = None, *,
+    accuracy: float | None = None, progress: Progress | None = None,
 ) -> Detectability:  # fmt: skip
     """Exchange the scene's target for spheres of other sizes at other depths.
 
@@ -116,7 +116,7 @@ def detectability(
         scene: with a target, whose material and place beside the probe's axis are kept.
         depths: from the surface to the centre, m, shape (k,).
         diameters: m, shape (m,).
-        limits: what counts as seen and told.
+        limits: what counts as seen and resolved.
         accuracy: relative, of the ratio; left out: the noise, from 5e-4 to 0.01.
         progress: called with spheres done and all, of those that need reflections.
 
@@ -126,31 +126,31 @@ def detectability(
     """
     start = perf_counter()
     limits = limits or Thresholds()
-    wanted = float(np.clip(limits.noise, FINEST, COARSEST)) if accuracy is None else accuracy
-    check_accuracy(wanted)
+    accuracy = float(np.clip(limits.noise, FINEST, COARSEST)) if accuracy is None else accuracy
+    check_accuracy(accuracy)
     target_of(scene)
     check_spheres(scene, "detectability")
-    base = EquivalentInclusion().prepared(scene, wanted)
+    base = EquivalentInclusion().prepared(scene, accuracy)
     spheres = Spheres(scene, depths, diameters, base.field.states.model.section.tissue_radius)
     tumours, index, alone = spheres.tumours, scene.target or 0, readings(base, spheres.without)
-    found = _effects(base, readings(base, tumours, index, reflect=False), alone)
-    unsure = np.flatnonzero(found.open(limits))
+    effects = _effects(base, readings(base, tumours, index, reflect=False), alone)
+    unsure = np.flatnonzero(effects.open(limits))
     if len(unsure):
         again = readings(base, tumours.of_index(unsure), index, progress=progress, reflect=True)
-        found = found.replaced(unsure, _effects(base, again, alone))
-    maps = _maps(spheres.fits, found, limits)
+        effects = effects.replaced(unsure, _effects(base, again, alone))
+    maps = _maps(spheres.fits, effects, limits)
     return Detectability(
         depth=tuple(depths.tolist()),
         diameter=tuple(diameters.tolist()),
         **maps,
         noise=limits.noise,
         seen_threshold=limits.change,
-        told_threshold=limits.told,
+        resolved_threshold=limits.resolved,
         ratio_without=float(alone.ratio[0]) if alone.resolved[0] else None,
         evaluator=EquivalentInclusion().name,
         seconds=perf_counter() - start,
-        plan=(*base.plan, _reflections(base, len(unsure), len(found.change))),
-        warnings=(*base.notes, *_warnings(found, limits)),
+        plan=(*base.plan, _reflections(base, len(unsure), len(effects.change))),
+        warnings=(*base.notes, *_warnings(effects, limits)),
     )
 
 
@@ -159,12 +159,12 @@ class _Effects:
     """What n spheres change, shape (n,) each.
 
     Attributes:
-        known: whether there is a ratio.
+        has_ratio: whether there is a ratio.
         change, error: eq. MA.1 and a bound on its error; inf where there is no ratio.
         sensitivity, sensitivity_error: S and a bound on its error.
     """
 
-    known: Bools
+    has_ratio: Bools
     change: Floats
     error: Floats
     sensitivity: Floats
@@ -178,47 +178,47 @@ class _Effects:
         return _Effects(**table)
 
     @property
-    def resolved(self) -> Bools:
-        """Whether the error is below the change."""
+    def above_error(self) -> Bools:
+        """Whether the change is above its error bound."""
         return np.asarray(self.error < np.abs(self.change))
 
     def seen(self, limits: Thresholds) -> Floats:
         """Verdicts: 1, 0, or NaN where the error leaves it open."""
         return _verdict(np.abs(self.change), self.error, limits.change)
 
-    def told(self, limits: Thresholds) -> Floats:
-        """Verdicts likewise: sd <= told is |S| >= noise / told."""
-        return _verdict(np.abs(self.sensitivity), self.sensitivity_error, limits.noise / limits.told)
+    def resolved(self, limits: Thresholds) -> Floats:
+        """Verdicts likewise: sd <= resolved is |S| >= noise / resolved."""
+        return _verdict(np.abs(self.sensitivity), self.sensitivity_error, limits.noise / limits.resolved)
 
     def open(self, limits: Thresholds) -> Bools:
         """Whether a verdict is open."""
-        return np.asarray(np.isnan(self.seen(limits)) | np.isnan(self.told(limits)))
+        return np.asarray(np.isnan(self.seen(limits)) | np.isnan(self.resolved(limits)))
 
 
 def _verdict(value: Floats, error: Floats, threshold: float) -> Floats:
     return np.where(value - error >= threshold, 1.0, np.where(value + error < threshold, 0.0, np.nan))
 
 
-def _effects(base: Undisturbed, found: Readings, alone: Readings) -> _Effects:
-    known = np.asarray(found.resolved & alone.resolved)
-    change = np.where(known, found.ratio / np.where(alone.resolved, alone.ratio, 1.0) - 1, 0.0)
-    error = np.where(known, np.abs(1 + change) * np.expm1(np.minimum(_log_error(base, found, alone), 700.0)), np.inf)
-    return _Effects(known, change, error, found.log_sensitivity, np.where(known, found.sensitivity_error, np.inf))
+def _effects(base: Undisturbed, together: Readings, alone: Readings) -> _Effects:
+    has_ratio = np.asarray(together.resolved & alone.resolved)
+    change = np.where(has_ratio, together.ratio / np.where(alone.resolved, alone.ratio, 1.0) - 1, 0.0)
+    error = np.where(has_ratio, np.abs(1 + change) * np.expm1(np.minimum(_log_error(base, together, alone), 700.0)), np.inf)
+    return _Effects(has_ratio, change, error, together.log_sensitivity, np.where(has_ratio, together.sensitivity_error, np.inf))
 
 
-def _log_error(base: Undisturbed, found: Readings, alone: Readings) -> Floats:
+def _log_error(base: Undisturbed, together: Readings, alone: Readings) -> Floats:
     """Bound on the error of ln(R / R_0), shape (n,).
 
     The tumours' own errors, and what those of the base states do to dF / F_0: for the rest they cancel in R / R_0.
     """
     films = base.films
-    own = sum(np.abs((one.bound - films.bound.totals) / one.totals) for one in (found, alone))
-    effect = np.abs((found.totals - alone.totals) / found.totals)
+    own = sum(np.abs((one.bound - films.bound.totals) / one.totals) for one in (together, alone))
+    effect = np.abs((together.totals - alone.totals) / together.totals)
     share = np.minimum(own + CHANGES * films.relative_errors * effect, 0.999999)
     return np.asarray(-np.log1p(-share).sum(axis=1))
 
 
-def _maps(fits: Bools, found: _Effects, limits: Thresholds) -> dict[str, Any]:
+def _maps(fits: Bools, effects: _Effects, limits: Thresholds) -> dict[str, Any]:
     """Return the rows of each map, with None where there is nothing to say."""
 
     def rows(values: Floats, good: Bools) -> Map:
@@ -227,17 +227,17 @@ def _maps(fits: Bools, found: _Effects, limits: Thresholds) -> dict[str, Any]:
         return tuple(tuple(None if np.isnan(value) else float(value) for value in row) for row in table)
 
     def verdicts(values: Floats) -> Verdicts:
-        return tuple(tuple(None if value is None else value > 0 for value in row) for row in rows(values, found.known))
+        return tuple(tuple(None if value is None else value > 0 for value in row) for row in rows(values, effects.has_ratio))
 
-    strong = found.known & (found.sensitivity != 0)
-    deviation = limits.noise / np.where(strong, np.abs(found.sensitivity), 1.0)
+    strong = effects.has_ratio & (effects.sensitivity != 0)
+    deviation = limits.noise / np.where(strong, np.abs(effects.sensitivity), 1.0)
     return {
-        "change": rows(found.change, found.known),
+        "change": rows(effects.change, effects.has_ratio),
         "standard_deviation": rows(deviation, strong),
-        "error": rows(found.error, found.known),
-        "seen": verdicts(found.seen(limits)),
-        "told": verdicts(found.told(limits)),
-        "resolved": verdicts(found.resolved.astype(float)),
+        "error": rows(effects.error, effects.has_ratio),
+        "seen": verdicts(effects.seen(limits)),
+        "resolved": verdicts(effects.resolved(limits)),
+        "above_error": verdicts(effects.above_error.astype(float)),
     }
 
 
@@ -247,17 +247,17 @@ def _reflections(base: Undisturbed, count: int, n: int) -> Decision:
     return Decision(feature, count > 0, 0.0, base.accuracy, reason)
 
 
-def _warnings(found: _Effects, limits: Thresholds) -> Iterator[str]:
-    n = len(found.change)
+def _warnings(effects: _Effects, limits: Thresholds) -> Iterator[str]:
+    n = len(effects.change)
     if not n:
         yield "no sphere of these diameters fits at these depths"
-    unknown = int((~found.known).sum())
+    unknown = int((~effects.has_ratio).sum())
     if unknown:
         yield f"all maps are null at {unknown} of {n} spheres that fit: a stress is below its own error"
-    hidden = int((found.known & ~found.resolved).sum())
+    hidden = int((effects.has_ratio & ~effects.above_error).sum())
     if hidden:
-        yield f"not resolved: at {hidden} of {n} spheres that fit the error bound is above the change of the ratio itself"
-    for name, verdict in (("seen", found.seen(limits)), ("told", found.told(limits))):
-        count = int((found.known & np.isnan(verdict)).sum())
+        yield f"above_error is false at {hidden} of {n} spheres that fit: the error bound is above the change of the ratio itself"
+    for name, verdict in (("seen", effects.seen(limits)), ("resolved", effects.resolved(limits))):
+        count = int((effects.has_ratio & np.isnan(verdict)).sum())
         if count:
             yield f"{name} is null at {count} of {n} spheres that fit: the error bound leaves the verdict open"

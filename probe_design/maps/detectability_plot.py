@@ -8,17 +8,16 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.files import written_whole
 from geometry.scenes.scene import Scene
-from probe_design.maps.curve_plot import check_format
 from probe_design.maps.detectability import Detectability
 from probe_design.maps.target_grid import target_of
+from probe_design.pictures.formats import check_format, save
 
 MM = 1e3
 DECADES = 100.0  # between the threshold and either end of a colour scale
 
 
-def plot(found: Detectability, scene: Scene, path: Path) -> Path:
+def plot(maps: Detectability, scene: Scene, path: Path) -> Path:
     """Draw both maps to a file; returns ``path``.
 
     Raises:
@@ -33,34 +32,33 @@ def plot(found: Detectability, scene: Scene, path: Path) -> Path:
     figure = Figure(figsize=(11.0, 5.6), dpi=130, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2, sharex=True, sharey=True)
-    change, deviation = _numbers(found.change) * 100, _numbers(found.standard_deviation)
-    threshold, told = found.seen_threshold * 100, found.told_threshold
+    change, deviation = _numbers(maps.change) * 100, _numbers(maps.standard_deviation)
+    threshold, most_deviation = maps.seen_threshold * 100, maps.resolved_threshold
     most = max(float(np.nanmax(np.abs(change), initial=0.0)), 3 * threshold)
-    _map(figure, left, found, change, SymLogNorm(threshold / 3, vmin=-most, vmax=most), "RdBu_r", "change of the ratio, %")
-    norm = LogNorm(told / DECADES, told * DECADES)
-    _map(figure, right, found, deviation, norm, "viridis_r", "standard deviation of ln E_object, one reading")
+    norms = SymLogNorm(threshold / 3, vmin=-most, vmax=most), LogNorm(most_deviation / DECADES, most_deviation * DECADES)
+    _map(figure, left, maps, change, norm=norms[0], colours="RdBu_r", label="change of the ratio, %")
+    label = "standard deviation of ln E_object, one reading"
+    _map(figure, right, maps, deviation, norm=norms[1], colours="viridis_r", label=label)
     for axes, verdicts, values, limit, text in (
-        (left, found.seen, np.abs(change), threshold, f"seen: |change| \u2265 {threshold:.3g} %"),
-        (right, found.told, deviation, told, f"told: standard deviation \u2264 {told:.3g}"),
+        (left, maps.seen, np.abs(change), threshold, f"seen: |change| \u2265 {threshold:.3g} %"),
+        (right, maps.resolved, deviation, most_deviation, f"resolved: standard deviation \u2264 {most_deviation:.3g}"),
     ):
-        _contour(axes, found, values, limit)
-        _hatched(axes, found, verdicts)
+        _contour(axes, maps, values, limit)
+        _hatched(axes, maps, verdicts)
         axes.set_title(text, fontsize=10)
         axes.set_xlabel("diameter, mm")
-        _mark(axes, found, scene)
+        _mark(axes, maps, scene)
     left.set_ylabel("depth of the centre, mm")
     left.invert_yaxis()
     body, offset = target_of(scene), _offset(scene)
     where = "on the probe's axis" if offset == 0 else f"{offset * MM:.3g} mm off the probe's axis"
     figure.suptitle(
         f"spheres of {body.youngs_modulus / 1e3:.4g} kPa in tissue of {scene.tissue.youngs_modulus / 1e3:.4g} kPa {where}, "
-        f"noise {found.noise * 100:.3g} % on the ratio",
+        f"noise {maps.noise * 100:.3g} % on the ratio",
         fontsize=11,
     )
     _legend(figure)
-    with written_whole(path) as draft:
-        figure.savefig(draft, format=path.suffix[1:].lower())
-    return path
+    return save(figure, path)
 
 
 def _offset(scene: Scene) -> float:
@@ -68,23 +66,23 @@ def _offset(scene: Scene) -> float:
     return float(np.hypot(body.x - at.x, body.y - at.y))
 
 
-def _map(figure: Any, axes: Any, found: Detectability, values: Floats, norm: Any, colours: str, text: str) -> None:
+def _map(figure: Any, axes: Any, maps: Detectability, values: Floats, *, norm: Any, colours: str, label: str) -> None:
     from matplotlib import colormaps
 
     axes.set_facecolor("0.85")
-    chosen = colormaps[colours].copy()
-    shown = axes.pcolormesh(_places(found.diameter), _places(found.depth), values, norm=norm, cmap=chosen, shading="nearest")
-    bar = figure.colorbar(shown, ax=axes, label=text, extend="both" if norm.vmin > 0 else "neither", format="%g")
+    palette = colormaps[colours].copy()
+    shown = axes.pcolormesh(_places(maps.diameter), _places(maps.depth), values, norm=norm, cmap=palette, shading="nearest")
+    bar = figure.colorbar(shown, ax=axes, label=label, extend="both" if norm.vmin > 0 else "neither", format="%g")
     bar.ax.minorticks_off()
 
 
-def _contour(axes: Any, found: Detectability, values: Floats, limit: float) -> None:
+def _contour(axes: Any, maps: Detectability, values: Floats, limit: float) -> None:
     """Draw the line between yes and no."""
     inside = np.log(np.maximum(values, 1e-300) / limit)
     if np.any(inside < 0) and np.any(inside > 0):
         axes.contour(
-            _places(found.diameter),
-            _places(found.depth),
+            _places(maps.diameter),
+            _places(maps.depth),
             np.ma.masked_invalid(inside),
             levels=[0.0],
             colors="black",
@@ -92,13 +90,13 @@ def _contour(axes: Any, found: Detectability, values: Floats, limit: float) -> N
         )
 
 
-def _hatched(axes: Any, found: Detectability, verdicts: Any) -> None:
+def _hatched(axes: Any, maps: Detectability, verdicts: Any) -> None:
     """Hatch where the error bound leaves the verdict open, or is above the change."""
     from matplotlib.collections import PolyCollection
 
-    fits = np.isfinite(_numbers(found.change))
-    hidden = fits & (np.isnan(_numbers(verdicts)) | (_numbers(found.resolved) == 0))
-    x, y = (_edges(_places(values)) for values in (found.diameter, found.depth))
+    fits = np.isfinite(_numbers(maps.change))
+    hidden = fits & (np.isnan(_numbers(verdicts)) | (_numbers(maps.above_error) == 0))
+    x, y = (_edges(_places(values)) for values in (maps.diameter, maps.depth))
     cells = [
         [(x[m], y[k]), (x[m + 1], y[k]), (x[m + 1], y[k + 1]), (x[m], y[k + 1])] for k, m in zip(*np.nonzero(hidden), strict=True)
     ]
@@ -111,10 +109,10 @@ def _edges(centres: Floats) -> Floats:
     return np.concatenate([[2 * centres[0] - middles[0]], middles, [2 * centres[-1] - middles[-1]]])
 
 
-def _mark(axes: Any, found: Detectability, scene: Scene) -> None:
+def _mark(axes: Any, maps: Detectability, scene: Scene) -> None:
     body = target_of(scene)
     x, y = (body.diameter or 0.0) * MM, body.depth * MM
-    if found.diameter[0] * MM <= x <= found.diameter[-1] * MM and found.depth[0] * MM <= y <= found.depth[-1] * MM:
+    if maps.diameter[0] * MM <= x <= maps.diameter[-1] * MM and maps.depth[0] * MM <= y <= maps.depth[-1] * MM:
         axes.plot(x, y, marker="*", markersize=15, markerfacecolor="gold", markeredgecolor="black", linestyle="none")
 
 

@@ -59,8 +59,9 @@ class Scan:
 
 
 def scan(
-    scene: Scene, along: str, positions: Floats, at: float | None = None, accuracy: float = 0.01, progress: Progress | None = None
-) -> Scan:
+    scene: Scene, along: str, positions: Floats, at: float | None = None, *, accuracy: float = 0.01,
+    progress: Progress | None = None,
+) -> Scan:  # fmt: skip
     """Move the scene's probe along a line over its tissue; tumours stay where they are.
 
     Args:
@@ -85,26 +86,26 @@ def scan(
     base = line.prepared(float(np.abs(positions).min()))  # serves all positions: only the bounds are others elsewhere
     tumours = line.tumours(positions)
     plain = readings(base, tumours, scene.target or 0, progress=progress, sensitive=scene.target is not None)
-    found = line.bounded(base, plain, positions)
+    answers = line.bounded(base, plain, positions)
     far = line.prepared(float(np.abs(positions).max()))
     outside = base.inside(tumours)[1]
-    known = found.resolved & (~outside[:, scene.target] if scene.target is not None else np.zeros(len(positions), dtype=bool))
-    stress = found.totals * indentation(scene, found)[:, None] / found.areas
+    targeted = ~outside[:, scene.target] if scene.target is not None else np.zeros(len(positions), dtype=bool)
+    stress = answers.totals * indentation(scene, answers)[:, None] / answers.areas
     return Scan(
         along=along,
         at=line.at,
         position=tuple(positions.tolist()),
-        ratio=column(found.ratio, found.resolved),
-        stiffness=tuple(found.stiffness.tolist()),
+        ratio=column(answers.ratio, answers.resolved),
+        stiffness=tuple(answers.stiffness.tolist()),
         stress_inner=tuple(stress[:, 0].tolist()),
         stress_outer=tuple(stress[:, 1].tolist()),
-        log_sensitivity=column(found.log_sensitivity, known) if found.by else (None,) * len(positions),
-        error_estimate=column(found.error_estimate, found.resolved),
+        log_sensitivity=column(answers.log_sensitivity, answers.resolved & targeted) if answers.by else (None,) * len(positions),
+        error_estimate=column(answers.error_estimate, answers.resolved),
         ratio_without=ratio(scene, base.films)["ratio"],
         evaluator=EquivalentInclusion().name,
         seconds=perf_counter() - start,
-        plan=(*far.plan, *reflections(base, found)),
-        warnings=tuple(dict.fromkeys(_warnings(scene, far, found, outside))),
+        plan=(*far.plan, *reflections(base, answers)),
+        warnings=tuple(dict.fromkeys(_warnings(scene, far, answers, outside))),
     )
 
 
@@ -114,30 +115,30 @@ def check_accuracy(accuracy: float) -> None:
         raise InputError("accuracy", accuracy, "a number above 0 and below 1, such as 0.01")
 
 
-def indentation(scene: Scene, found: Readings) -> Floats:
+def indentation(scene: Scene, answers: Readings) -> Floats:
     """Indentation at the scene's load, m, shape (n,)."""
-    given = scene.load.indentation
-    return (scene.load.force or 0.0) / found.stiffness if given is None else np.full(len(found.forces), given)
+    imposed = scene.load.indentation
+    return (scene.load.force or 0.0) / answers.stiffness if imposed is None else np.full(len(answers.forces), imposed)
 
 
-def column(values: Floats, known: Bools) -> Column:
+def column(values: Floats, valid: Bools) -> Column:
     """Return values as JSON has them, None where they are not known."""
-    return tuple(value if good else None for value, good in zip(values.tolist(), known.tolist(), strict=True))
+    return tuple(value if good else None for value, good in zip(values.tolist(), valid.tolist(), strict=True))
 
 
-def reflections(base: Undisturbed, found: Readings) -> Iterator[Decision]:
+def reflections(base: Undisturbed, answers: Readings) -> Iterator[Decision]:
     """Yield what is said in a plan of what tumours reflect."""
-    if not found.by:
+    if not answers.by:
         return
-    count, n = int(found.reflected.sum()), len(found.reflected)
-    effect = float(min(found.first_share.max(), 1e9))
+    count, n = int(answers.reflected.sum()), len(answers.reflected)
+    effect = float(min(answers.first_share.max(), 1e9))
     size = f"changes the ratio by at most about {effect:.2g}"
     reason = f"modelled for {count} of {n}, elsewhere counted in error_estimate: {size}"
     yield Decision("what surface, blocks and floor send back of the tumours' fields", count > 0, effect, base.accuracy, reason)
 
 
-def _warnings(scene: Scene, far: Undisturbed, found: Readings, outside: Bools) -> Iterator[str]:
-    n = len(found.forces)
+def _warnings(scene: Scene, far: Undisturbed, answers: Readings, outside: Bools) -> Iterator[str]:
+    n = len(answers.forces)
     yield from far.notes
     if scene.target is None:
         how = "several inclusions and none marked target = true" if scene.inclusion else "the scene has no inclusion"
@@ -149,41 +150,41 @@ def _warnings(scene: Scene, far: Undisturbed, found: Readings, outside: Bools) -
         count = int(outside.any(axis=1).sum())
         left = f"left out at {count} of {n} positions, counted in error_estimate"
         yield f"inclusions outside the round tissue that is modelled are {left}"
-    if not found.resolved.all():
-        where = f"{int((~found.resolved).sum())} of {n} positions"
+    if not answers.resolved.all():
+        where = f"{int((~answers.resolved).sum())} of {n} positions"
         yield f"ratio, log_sensitivity and error_estimate are null at {where}: a stress is below its own error"
-    for what, reached in errors(scene, found).items():
+    for what, reached in errors(scene, answers).items():
         many = int((reached > far.accuracy).sum())
         if many:
             bound = f"{reached.max():.2g}" if reached.max() < 1 else "1 and more"
             yield f"error bounds of {what} up to {bound} at {many} of {n} positions, accuracy {far.accuracy:g} asked for"
-    if found.by and scene.target is not None:
-        told = np.abs(found.log_sensitivity)
-        worse = found.resolved & (found.sensitivity_error > np.maximum(5 * far.accuracy * told, 1e-5))
+    if answers.by and scene.target is not None:
+        sensitivity = np.abs(answers.log_sensitivity)
+        worse = answers.resolved & (answers.sensitivity_error > np.maximum(5 * far.accuracy * sensitivity, 1e-5))
         if worse.any():
-            most = f"{found.sensitivity_error[worse].max():.1g} (absolute)"
+            most = f"{answers.sensitivity_error[worse].max():.1g} (absolute)"
             where = f"{int(worse.sum())} of {n} positions"
             yield f"error bounds of log_sensitivity up to {most} at {where}, above 5 times the accuracy"
-    yield from _of_load(scene, found)
+    yield from _of_load(scene, answers)
 
 
-def errors(scene: Scene, found: Readings) -> dict[str, Floats]:
+def errors(scene: Scene, answers: Readings) -> dict[str, Floats]:
     """Relative error bounds of what the accuracy promises, at the scene's kind of load, shape (n,) each."""
     bounds = {
-        "the ratio": found.error_estimate[found.resolved],
-        "the stiffness": found.bound.sum(axis=1) / np.abs(found.stiffness),
+        "the ratio": answers.error_estimate[answers.resolved],
+        "the stiffness": answers.bound.sum(axis=1) / np.abs(answers.stiffness),
     }
     if scene.load.force is not None:  # stresses are shares of the force, so that the ratio's error bounds theirs
         return bounds
     with np.errstate(divide="ignore"):
-        return bounds | {"the stresses": (found.bound / np.abs(found.totals)).max(axis=1)}
+        return bounds | {"the stresses": (answers.bound / np.abs(answers.totals)).max(axis=1)}
 
 
-def _of_load(scene: Scene, found: Readings) -> Iterator[str]:
+def _of_load(scene: Scene, answers: Readings) -> Iterator[str]:
     """Yield what is said of the scene's load where the blocks or the tissue are strained most."""
-    deep = indentation(scene, found)
+    deep = indentation(scene, answers)
     moduli = np.array([scene.probe.inner.youngs_modulus, scene.probe.outer.youngs_modulus])
-    strain = np.max(np.abs(found.totals) * deep[:, None] / found.areas / moduli, axis=1)
+    strain = np.max(np.abs(answers.totals) * deep[:, None] / answers.areas / moduli, axis=1)
     most = int(np.argmax(np.maximum(strain, deep / scene.probe.tube_radius)))
-    said = outputs(scene, film_forces(found, most, False))["warnings"]
-    yield from of_kind(said, "linear")
+    notes = outputs(scene, film_forces(answers, most, False))["warnings"]
+    yield from of_kind(notes, "linear")

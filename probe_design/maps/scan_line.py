@@ -91,14 +91,14 @@ class ScanLine:
         placement = Placement.model_validate({key: float(value) for key, value in at.items()})
         return EquivalentInclusion().prepared(self.scene.model_copy(update={"placement": placement}), self.accuracy)
 
-    def bounded(self, base: Undisturbed, found: Readings, positions: Floats) -> Readings:
+    def bounded(self, base: Undisturbed, answers: Readings, positions: Floats) -> Readings:
         """Return readings, made with one ``base`` for all positions, with what the tissue's sides do where each was made.
 
         Film forces change with the square of the distance from the middle, to which ``base`` is nearest, between it and the
         farthest position of each part; the error bounds are those of that position.
         """
-        own, forces = found.bound - base.films.bound.totals, found.forces.copy()
-        bound, log_ratio = np.empty_like(found.bound), np.empty_like(found.log_ratio_bound)
+        own, forces = answers.bound - base.films.bound.totals, answers.forces.copy()
+        bound, log_ratio = np.empty_like(answers.bound), np.empty_like(answers.log_ratio_bound)
         order = np.argsort(np.abs(positions))
         near, away = positions[order[0]] ** 2, positions**2
         for part, there in self._parts(positions, order, self.prepared(positions[order[-1]]), SPLITS):
@@ -107,7 +107,7 @@ class ScanLine:
             forces[part] += share[:, None, None] * change
             apart = NOT_SQUARE * np.abs(change.sum(axis=1))
             bound[part], log_ratio[part] = there.with_bounds(own[part] + apart, forces[part])
-        return replace(found, forces=forces, bound=bound, log_ratio_bound=log_ratio)
+        return replace(answers, forces=forces, bound=bound, log_ratio_bound=log_ratio)
 
     def _parts(self, positions: Floats, order: Ints, far: Undisturbed, splits: int) -> list[tuple[Ints, Undisturbed]]:
         """Halve positions, sorted by their distance, until what is solved at the farthest of each part bounds it closely."""

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.files import written_whole
 from geometry.scenes.scene import Inclusion, Scene
-from probe_design.maps.curve_plot import check_format
 from probe_design.maps.scan import Column, Scan
+from probe_design.pictures.formats import check_format, save
 
 MM = 1e3
 WIDTH, LEFT, RIGHT = 9.0, 0.95, 0.25  # of the figure and its margins, inches
@@ -62,9 +61,7 @@ def plot(scan: Scan, scene: Scene, path: Path) -> Path:
         fontsize=10,
     )
     top.legend(loc="best", fontsize=8)
-    with written_whole(path) as draft:
-        figure.savefig(draft, format=path.suffix[1:].lower())
-    return path
+    return save(figure, path)
 
 
 def _window(scan: Scan, scene: Scene) -> tuple[float, float, float]:
@@ -118,9 +115,9 @@ def _ratio(axes: Any, scan: Scan) -> None:
 def _second(axes: Any, scan: Scan) -> None:
     """Log-sensitivity where there is a target, else the stiffness."""
     x = np.array(scan.position) * MM
-    told = _numbers(scan.log_sensitivity)
-    if np.any(np.isfinite(told)):
-        axes.plot(x, told, color="tab:orange", marker="." if len(x) < 60 else None)
+    sensitivity = _numbers(scan.log_sensitivity)
+    if np.any(np.isfinite(sensitivity)):
+        axes.plot(x, sensitivity, color="tab:orange", marker="." if len(x) < 60 else None)
         axes.axhline(0.0, color="0.7", linewidth=0.8)
         axes.set_ylabel("log-sensitivity of the target\nd ln ratio / d ln E")
         return

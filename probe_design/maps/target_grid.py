@@ -83,9 +83,9 @@ def check_spheres(scene: Scene, verb: str) -> None:
     """Raise ``Refusal`` where an inclusion is no sphere: the level's arrays of many tumours hold spheres alone."""
     for index, body in enumerate(scene.inclusion):
         if body.diameter is None:
-            given = Words("diameters" if body.diameters is not None else "surface")
+            shape = Words("diameters" if body.diameters is not None else "surface")
             raise Refusal(
-                f"inclusion[{index}]", given, f"a diameter, as {verb} is built for spheres so far (evaluate takes ellipsoids)"
+                f"inclusion[{index}]", shape, f"a diameter, as {verb} is built for spheres so far (evaluate takes ellipsoids)"
             )
 
 
@@ -108,7 +108,7 @@ def target_of(scene: Scene) -> Inclusion:
 
 
 def chosen_sizes(
-    scene: Scene, points: int, depth_from: float | None = None, depth_to: float | None = None,
+    scene: Scene, points: int, *, depth_from: float | None = None, depth_to: float | None = None,
     diameter_from: float | None = None, diameter_to: float | None = None,
 ) -> tuple[Floats, Floats]:  # fmt: skip
     """Return evenly spaced depths and diameters between the ends given, or between those that probe and target suggest.

@@ -37,13 +37,13 @@ def search(space: Space, starts: int, progress: Callable[[int, int], None]) -> F
     """
     screened = screen(space)
     solver, formula = _ipopt(space)
-    found = []
+    optima = []
     for k in range(starts):
         progress(k, starts)
-        found.append(_polished(space, solver, screened[:, k]))
+        optima.append(_polished(space, solver, screened[:, k]))
     progress(starts, starts)
     del formula  # casadi holds no reference to it
-    designs = np.concatenate([np.array(found).T, screened], axis=1)
+    designs = np.concatenate([np.array(optima).T, screened], axis=1)
     designs = designs[:, _nearly(space, designs)]
     return _distinct(designs[:, np.argsort(log_objectives(space, designs))])
 
@@ -54,8 +54,8 @@ def log_objectives(space: Space, designs: Floats) -> Floats:
     columns = np.repeat(values[:, None], designs.shape[1], axis=1)
     columns[_VARIED] = _varied(space, designs)
     with np.errstate(all="ignore"):  # what is not finite is no candidate
-        found = -0.5 * np.log(_information(space, *(part.sum(axis=2).T for part in forces(shape, columns))))
-    return np.where(np.isfinite(found), found, np.inf)
+        objectives = -0.5 * np.log(_information(space, *(part.sum(axis=2).T for part in forces(shape, columns))))
+    return np.where(np.isfinite(objectives), objectives, np.inf)
 
 
 _VARIED = [PROBE.index(name) for name in ("inner_radius", "gap", "outer_radius", "inner_height", "outer_height")]
@@ -118,10 +118,10 @@ def _nearly(space: Space, designs: Floats) -> NDArray[np.bool_]:
 
 def _distinct(designs: Floats) -> Floats:
     """Drop designs that differ from a better one by less than 5 % in every variable."""
-    kept: list[Floats] = []
+    distinct: list[Floats] = []
     for design in designs.T:
-        if all(np.max(np.abs(np.log(design / other))) > 0.05 for other in kept):
-            kept.append(design)
-        if len(kept) == 50:
+        if all(np.max(np.abs(np.log(design / other))) > 0.05 for other in distinct):
+            distinct.append(design)
+        if len(distinct) == 50:
             break
-    return np.array(kept).T
+    return np.array(distinct).T

@@ -52,9 +52,9 @@ def polish(space: Space, start: Scene, judge: str) -> Floats:
     solver = ca.nlpsol("polish", "ipopt", {"x": x, "f": -0.5 * ca.log(information), "g": constraints}, QUIET | choices)
     low, high = np.log(space.low), np.log(space.high)
     start_inside = np.clip(x0, low, high)
-    found = np.exp(np.array(solver(x0=start_inside, lbx=low, ubx=high, lbg=[0.0, 1.0], ubg=[1.0, math.inf])["x"]).ravel())
+    optimum = np.exp(np.array(solver(x0=start_inside, lbx=low, ubx=high, lbg=[0.0, 1.0], ubg=[1.0, math.inf])["x"]).ravel())
     stopped_by_user(solver)
-    return np.asarray(np.clip(found, space.low, space.high))
+    return np.asarray(np.clip(optimum, space.low, space.high))
 
 
 def _by_area_ratio(scene: Scene) -> Scene:

@@ -16,7 +16,7 @@ from solver.solid.level import SolidLevel, indentation
 
 
 def evaluated(
-    scene: Scene, evaluator: str, accuracy: float, vtu: Path | None, picture: Path | None, tell: Callable[[str], None]
+    scene: Scene, evaluator: str, accuracy: float, *, vtu: Path | None, picture: Path | None, tell: Callable[[str], None]
 ) -> Result:
     """Evaluate by ``solid`` and write its finest mesh with displacements and stresses at the scene's load.
 

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from geometry.common.arrays import Floats, Ints
 from geometry.tetra.tet_mesh import BEYOND, FACE_MIDDLES, FACES, GROOVE, INCLUSION, INNER, OUTER, TISSUE
@@ -39,10 +38,6 @@ class Faces:
     lines: Ints
     values: Mapping[str, Floats] = field(default_factory=dict)
 
-    def of(self, *bodies: int) -> NDArray[np.bool_]:
-        """Which triangles belong to some bodies, shape (f,)."""
-        return np.isin(self.body, bodies)
-
 
 def name(body: int) -> str:
     """What a body is called: its part outside the reference cylinder, of an inclusion, is ``inclusion[i] beyond``."""
@@ -64,15 +59,15 @@ def skin(problem: Problem) -> Faces:
     return _flat(solid.nodes, faces[once], body[once])
 
 
-def section(problem: Problem, found: SolidFields) -> Faces:
+def section(problem: Problem, fields: SolidFields) -> Faces:
     """The cut at y = 0, with fields averaged at the nodes of each body by itself: they jump where bodies meet."""
     solid, nodes = problem.solid, problem.solid.nodes
     parts = []
     for body in present(problem):
         inside = solid.body == body
-        averages = {"pressure": found.vertical, "von_mises": found.von_mises}
+        averages = {"pressure": fields.vertical, "von_mises": fields.von_mises}
         values = {name: at_nodes(solid.elements[inside], each[inside], len(nodes)) for name, each in averages.items()}
-        values["displacement"] = found.displacement
+        values["displacement"] = fields.displacement
         if solid.mesh.half:
             near = AT * float(np.ptp(nodes, axis=0).max())
             faces, _ = _sides(problem, [body])
@@ -92,11 +87,11 @@ def _sides(problem: Problem, bodies: list[int]) -> tuple[Ints, Ints]:
 
 def _flat(nodes: Floats, faces: Ints, body: Ints, values: Mapping[str, Floats] | None = None) -> Faces:
     """Quadratic triangles (f, 6) as flat ones."""
-    kept, number = np.unique(faces, return_inverse=True)
+    used, number = np.unique(faces, return_inverse=True)
     faces = number.reshape(-1, 6)
     lines = np.unique(np.sort(faces[:, RIM].reshape(-1, 2), axis=1), axis=0)
-    own = {name: each[kept] for name, each in (values or {}).items()}
-    return Faces(nodes[kept], faces[:, SPLIT].reshape(-1, 3), np.repeat(body, len(SPLIT)), lines, own)
+    own = {name: each[used] for name, each in (values or {}).items()}
+    return Faces(nodes[used], faces[:, SPLIT].reshape(-1, 3), np.repeat(body, len(SPLIT)), lines, own)
 
 
 def _sliced(nodes: Floats, elements: Ints, body: int, values: Mapping[str, Floats]) -> Faces:

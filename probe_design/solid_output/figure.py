@@ -11,9 +11,8 @@ import numpy as np
 
 from geometry.cad.solids import COLOURS, MM
 from geometry.common.arrays import Floats
-from geometry.common.files import written_whole
 from geometry.tetra.tet_mesh import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE
-from probe_design.maps.curve_plot import check_format
+from probe_design.pictures.formats import check_format, save
 from probe_design.solid_output.faces import Faces, name, present, section, skin
 from probe_design.solid_output.render import rendered
 from probe_design.solid_output.stress_panel import deformed, draw_stress, in_millimetres, mesh_lines
@@ -76,9 +75,7 @@ def draw_solid(path: Path, states: SolidStates, motion: Sequence[float] | Floats
     shape = deformed(cut, DESCENT * sizes.tube, _window(cut, sizes))
     for one, left in zip(("pressure", "von_mises"), LEFTS, strict=True):
         draw_stress(figure.add_axes((left, *STRESS)), figure.add_axes((left + STRESS[1] + 0.012, *BAR)), shape, one)
-    with written_whole(path) as draft:
-        figure.savefig(draft, format=path.suffix[1:].lower())
-    return path
+    return save(figure, path)
 
 
 def colour(body: int) -> tuple[float, float, float]:

@@ -44,21 +44,21 @@ def rendered(parts: Sequence[Faces], colour: Callable[[int], tuple[float, float,
         "close": np.array(close),
     }
     with tempfile.TemporaryDirectory() as folder:
-        given, picture = Path(folder, "arrays.npz"), Path(folder, "picture.png")
-        np.savez(given, **arrays)
-        _run(given, picture)
+        source, picture = Path(folder, "arrays.npz"), Path(folder, "picture.png")
+        np.savez(source, **arrays)
+        _run(source, picture)
         return _cropped(picture)
 
 
-def _run(given: Path, picture: Path) -> None:
-    command = [sys.executable, "-P", str(PROGRAM), str(given), str(picture)]
+def _run(arrays: Path, picture: Path) -> None:
+    command = [sys.executable, "-P", str(PROGRAM), str(arrays), str(picture)]
     try:
         run = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=PATIENCE, check=False)
     except subprocess.TimeoutExpired as fault:
         raise MissingLibrary(f"VTK has not rendered the mesh in {PATIENCE:g} s: {REMEDY}") from fault
     if run.returncode or not picture.exists():
-        said = [line for line in run.stderr.strip().splitlines() if line.strip()]
-        why = re.sub(r"\x1b\[\d*m", "", said[-1].rsplit("| ", 1)[-1]).split(". ")[0] if said else f"exit code {run.returncode}"
+        lines = [line for line in run.stderr.strip().splitlines() if line.strip()]
+        why = re.sub(r"\x1b\[\d*m", "", lines[-1].rsplit("| ", 1)[-1]).split(". ")[0] if lines else f"exit code {run.returncode}"
         raise MissingLibrary(f"VTK cannot render ({why}): {REMEDY}")
 
 

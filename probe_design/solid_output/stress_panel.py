@@ -101,8 +101,8 @@ def in_millimetres(axes: Any) -> None:
 def _outline(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
     """Sides of one triangle only: bodies share no points."""
     sides = np.sort(triangles[:, [(0, 1), (1, 2), (2, 0)]].reshape(-1, 2), axis=1)
-    found, count = np.unique(sides, axis=0, return_counts=True)
-    return np.asarray(found[count == 1])
+    sides, count = np.unique(sides, axis=0, return_counts=True)
+    return np.asarray(sides[count == 1])
 
 
 def _even(low: float, high: float) -> tuple[Any, Any]:

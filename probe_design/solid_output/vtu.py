@@ -50,16 +50,16 @@ def write_vtu(path: Path, states: SolidStates, motion: Sequence[float] | Floats)
 def _grid(states: SolidStates, motion: Floats) -> Any:
     import pyvista
 
-    problem, found = states.problem, fields(states, motion)
+    problem, solution = states.problem, fields(states, motion)
     solid, bodies = problem.solid, present(problem)
     inside = np.isin(solid.body, bodies)
-    kept, number = np.unique(solid.elements[inside], return_inverse=True)
-    grid = pyvista.UnstructuredGrid({pyvista.CellType.QUADRATIC_TETRA: number.reshape(-1, 10)}, solid.nodes[kept])
-    grid.point_data["displacement"] = found.displacement[kept]
+    used, number = np.unique(solid.elements[inside], return_inverse=True)
+    grid = pyvista.UnstructuredGrid({pyvista.CellType.QUADRATIC_TETRA: number.reshape(-1, 10)}, solid.nodes[used])
+    grid.point_data["displacement"] = solution.displacement[used]
     grid.cell_data["body"] = solid.body[inside]
-    grid.cell_data["stress"] = found.stress[inside][:, _TO_TENSOR]
-    grid.cell_data["von_mises"] = found.von_mises[inside]
-    grid.cell_data["pressure"] = found.vertical[inside]
+    grid.cell_data["stress"] = solution.stress[inside][:, _TO_TENSOR]
+    grid.cell_data["von_mises"] = solution.von_mises[inside]
+    grid.cell_data["pressure"] = solution.vertical[inside]
     stress = grid.GetCellData().GetAbstractArray("stress")
     for component, label in enumerate(TENSOR):
         stress.SetComponentName(component, label)

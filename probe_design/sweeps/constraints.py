@@ -30,7 +30,7 @@ _SHOWN = ("m", "Pa", "N", "N/m", "rad", "m^2", "m^3", "C/N")
 LONGEST = 1000
 
 
-def kept(text: str, read: Read, count: int) -> NDArray[np.bool_]:
+def satisfied(text: str, read: Read, count: int) -> NDArray[np.bool_]:
     """Say which of ``count`` designs meet a condition.
 
     Args:
@@ -52,8 +52,8 @@ def kept(text: str, read: Read, count: int) -> NDArray[np.bool_]:
     if not isinstance(tree, ast.Compare | ast.BoolOp | ast.UnaryOp):
         raise InputError("constraints", text, _ALLOWED)
     with np.errstate(all="ignore"):  # what is not finite is refused below
-        found = _Condition(text, read).truth(tree)
-    return np.broadcast_to(np.asarray(found, dtype=bool), (count,))
+        truth = _Condition(text, read).truth(tree)
+    return np.broadcast_to(np.asarray(truth, dtype=bool), (count,))
 
 
 @dataclass(frozen=True)
@@ -86,10 +86,10 @@ class _Condition:
         raise self._refused()
 
     def number(self, node: ast.expr) -> _Number:
-        found = self._number(node)
-        if not np.all(np.isfinite(found.value)):
+        result = self._number(node)
+        if not np.all(np.isfinite(result.value)):
             raise InputError("constraints", self._text, "a condition whose sides are finite for every design")
-        return found
+        return result
 
     def _number(self, node: ast.expr) -> _Number:
         if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool):
@@ -97,8 +97,8 @@ class _Condition:
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
             return self._quantity(node.value)
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
-            found = self.number(node.operand)
-            return _Number(-found.value, found.unit)
+            operand = self.number(node.operand)
+            return _Number(-operand.value, operand.unit)
         if isinstance(node, ast.BinOp) and type(node.op) in _ARITHMETIC:
             return self._computed(node)
         if isinstance(node, ast.Name | ast.Attribute | ast.Subscript):
@@ -131,9 +131,9 @@ class _Condition:
         units = [side.unit for _, side in sides if side.unit is not None]
         if len(units) < 2 or units[0] == units[1]:
             return
-        told = " and ".join(f"{ast.unparse(node)} ({_told(side.unit)})" for node, side in sides)
+        described = " and ".join(f"{ast.unparse(node)} ({_in_words(side.unit)})" for node, side in sides)
         remedy = "; quantities are written with their unit, in quotes: '2 mm'" if base_unit("") in units else ""
-        raise InputError("constraints", self._text, f"sides of one unit, not {told}{remedy}")
+        raise InputError("constraints", self._text, f"sides of one unit, not {described}{remedy}")
 
     def _quantity(self, text: str) -> _Number:
         try:
@@ -145,7 +145,7 @@ class _Condition:
         return InputError("constraints", self._text, _ALLOWED)
 
 
-def _told(unit: Any) -> str:
+def _in_words(unit: Any) -> str:
     """A unit in words."""
     if unit is None or unit == base_unit(""):
         return "without a unit"

@@ -12,8 +12,8 @@ from dataclasses import asdict
 from time import monotonic
 
 from probe_design.sweeps.keys import Value
+from probe_design.sweeps.local_workers import WorkerProcess
 from probe_design.sweeps.rows import Job
-from probe_design.sweeps.worker_process import WorkerProcess
 from probe_design.sweeps.workers import Outcome
 
 IDLE = 60.0  # seconds after which a process without work is ended
@@ -28,11 +28,11 @@ class _Pool:
 
     def lent(self, name: str) -> WorkerProcess | None:
         with self._lock:
-            found = next((one for one in self._idle if one[1] == name), None)
-            if found is None:
+            entry = next((one for one in self._idle if one[1] == name), None)
+            if entry is None:
                 return None
-            self._idle.remove(found)
-            return found[2]
+            self._idle.remove(entry)
+            return entry[2]
 
     def back(self, name: str, worker: WorkerProcess) -> None:
         with self._lock:
@@ -69,6 +69,6 @@ def answered(job: Job, limit: float | None, designs: Sequence[tuple[Value, ...]]
     """
     name = json.dumps([asdict(job), limit])
     worker = _POOL.lent(name) or WorkerProcess(job, limit)
-    found = worker.answer(designs)
+    outcome = worker.answer(designs)
     _POOL.back(name, worker)
-    return found
+    return outcome

@@ -90,9 +90,9 @@ class DaskCrew:
         while True:
             if self._client.status != "running":
                 self._again()
-            found = [answer for out in list(self._out) if (answer := self._answer(out)) is not None]
-            if found or time.monotonic() >= until:
-                return found
+            finished = [answer for out in list(self._out) if (answer := self._answer(out)) is not None]
+            if finished or time.monotonic() >= until:
+                return finished
             self._hurry()
             time.sleep(POLL)
 
@@ -112,14 +112,14 @@ class DaskCrew:
     def _answer(self, out: _Out) -> FinishedBatch | None:
         for future in list(out.futures):
             if future.status == "finished":
-                found = self._fetched(future)
+                outcome = self._fetched(future)
             elif future.status in ("error", "cancelled", "lost"):
-                found = self._failed(out, future)
+                outcome = self._failed(out, future)
             else:
                 continue
-            if found is not None:
+            if outcome is not None:
                 self._done(out)
-                return FinishedBatch(out.batch, found)
+                return FinishedBatch(out.batch, outcome)
             out.futures.remove(future)  # its worker went before the answer was fetched, or something of Dask's own
             if not out.futures:
                 out.since = time.monotonic()
@@ -138,13 +138,13 @@ class DaskCrew:
         out.faults += fault is not None
         if out.faults < FAULTS:
             return None
-        told = " ".join(f"{type(fault).__name__}: {fault}".split())[:300]
-        return Outcome(refused=f"Dask workers cannot run this program, of this version ({told})")
+        reason = " ".join(f"{type(fault).__name__}: {fault}".split())[:300]
+        return Outcome(refused=f"Dask workers cannot run this program, of this version ({reason})")
 
     def _fetched(self, future: Any) -> Outcome | None:
         try:
-            found: Outcome = future.result(timeout=FETCH)
-            return found
+            outcome: Outcome = future.result(timeout=FETCH)
+            return outcome
         except Exception:  # whatever happened to it on its way, it is computed again
             return None
 
@@ -182,8 +182,8 @@ class DaskCrew:
                 break
             except (OSError, ValueError):
                 if time.monotonic() > until:
-                    told = f"{self._address}: no scheduler for {PATIENCE:g} s; all rows are kept, start again"
-                    raise CrewError(told) from None
+                    reason = f"{self._address}: no scheduler for {PATIENCE:g} s; all rows are kept, start again"
+                    raise CrewError(reason) from None
                 time.sleep(1.0)
         self._log("a Dask scheduler is there again")
         for out in self._out:
@@ -196,10 +196,10 @@ class DaskCrew:
 
     def _check_address(self) -> None:
         """Raise ``ValueError`` for an address of which Dask would say so with a traceback, after half a minute."""
-        addressing, known = extra("distributed.comm.addressing"), extra("distributed.comm.registry").backends
+        addressing, backends = extra("distributed.comm.addressing"), extra("distributed.comm.registry").backends
         scheme, place = addressing.parse_address(self._address)
-        if scheme not in known:
-            raise ValueError(f"{scheme} is none of {', '.join(sorted(known))}")
+        if scheme not in backends:
+            raise ValueError(f"{scheme} is none of {', '.join(sorted(backends))}")
         if scheme in ("tcp", "tls"):
             addressing.parse_host_port(place)
 

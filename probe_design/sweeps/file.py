@@ -16,8 +16,8 @@ from geometry.scenes.messages import most_telling
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import read_scene, scene_from_dict
 from geometry.scenes.units import Quantity
-from probe_design.sweeps.constraints import kept
-from probe_design.sweeps.keys import Key, Value, changed, found, key
+from probe_design.sweeps.constraints import satisfied
+from probe_design.sweeps.keys import Key, Value, at_path, changed, key
 from probe_design.sweeps.samples import KINDS, DesignSampling, Variable
 from probe_design.sweeps.variables import variable, whole
 
@@ -34,7 +34,7 @@ class Sweep:
         variables: what is varied.
         sample: how the designs are drawn.
         evaluator, accuracy: as in ``solver.evaluate``.
-        constraints: conditions that designs must meet; see ``sweep_constraints``.
+        constraints: conditions that designs must meet; see ``probe_design.sweeps.constraints``.
         time_limit: seconds that a design may take; None for as long as it does.
     """
 
@@ -60,22 +60,22 @@ class Sweep:
         drawn = self.sample.designs(self.variables)
         meets = np.ones(len(drawn), dtype=bool)
         for text in self.constraints:
-            meets &= kept(text, lambda name: self._read(name, drawn), len(drawn))
+            meets &= satisfied(text, lambda name: self._read(name, drawn), len(drawn))
         if not meets.any():
             raise InputError("constraints", Words("met by no design"), "conditions that some design meets")
         return [(number, values) for number, values in enumerate(drawn) if meets[number]]
 
     def _read(self, name: str, drawn: list[tuple[Value, ...]]) -> tuple[Any, str]:
-        wanted = key(name, self.base)
+        target = key(name, self.base)
         for column, one in enumerate(self.keys):
-            if one.path == wanted.path:
+            if one.path == target.path:
                 values: list[Any] = [row[column] for row in drawn]
                 if all(isinstance(value, float) for value in values):
-                    return np.array(values), wanted.unit
-        value = found(changed(self.base, self.keys, drawn[0]), wanted.path)  # without what a variable takes the place of
+                    return np.array(values), target.unit
+        value = at_path(changed(self.base, self.keys, drawn[0]), target.path)  # without what a variable takes the place of
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise InputError("constraints", name, "keys that hold a number, in the scene or as a variable")
-        return value, wanted.unit
+        return value, target.unit
 
 
 def read_sweep(path: Path | str) -> Sweep:
@@ -103,15 +103,20 @@ def sweep_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_r
             raise InputError(str(name), tables[name], f"one of {', '.join(_KEYS)}")
     base = _with_whole_names(_scene(tables.get("scene"), Path(folder)).model_dump(exclude_unset=True))
     sample = _sample(tables.get("sample", {}))
-    given = tables.get("variables")
-    if not isinstance(given, Mapping) or not given:
+    entries = tables.get("variables")
+    if not isinstance(entries, Mapping) or not entries:
         raise InputError(
-            "variables", Words("missing") if given is None else given, 'a table of variables, [variables."probe.gap"] or the like'
+            "variables",
+            Words("missing") if entries is None else entries,
+            'a table of variables, [variables."probe.gap"] or the like',
         )
-    for name in given:
+    for name in entries:
         if not isinstance(name, str):
             raise InputError("variable", name, "keys of the scene file, such as probe.gap")
-    variables = tuple(variable(name, one, base, sample.kind, units_required, Path(folder)) for name, one in given.items())
+    variables = tuple(
+        variable(name, one, base, kind=sample.kind, units_required=units_required, folder=Path(folder))
+        for name, one in entries.items()
+    )
     if len({one.key.path for one in variables}) < len(variables):
         raise InputError("variables", Words("two for one key"), "each key once")
     constraints = tables.get("constraints", [])
@@ -119,20 +124,22 @@ def sweep_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_r
         raise InputError("constraints", constraints, "a list of conditions, each a text")
     if constraints and sample.kind == "saltelli":
         raise InputError("constraints", constraints, "none with sample.kind = 'saltelli', whose indices need every design")
+    evaluator, accuracy = _settings(tables)
+    limit = time_limit(tables.get("time_limit"), units_required)
     return Sweep(
-        base, variables, sample, *_settings(tables), tuple(constraints), time_limit(tables.get("time_limit"), units_required)
+        base, variables, sample, evaluator=evaluator, accuracy=accuracy, constraints=tuple(constraints), time_limit=limit
     )
 
 
-def _scene(given: object, folder: Path) -> Scene:
-    if isinstance(given, Scene):
-        return given
-    if isinstance(given, str | Path):
-        return read_scene(folder / given)
-    if isinstance(given, Mapping):
-        return scene_from_dict(dict(given))
+def _scene(entry: object, folder: Path) -> Scene:
+    if isinstance(entry, Scene):
+        return entry
+    if isinstance(entry, str | Path):
+        return read_scene(folder / entry)
+    if isinstance(entry, Mapping):
+        return scene_from_dict(dict(entry))
     raise InputError(
-        "scene", Words("missing") if given is None else given, "the name of a scene file, or its tables, [scene.probe]"
+        "scene", Words("missing") if entry is None else entry, "the name of a scene file, or its tables, [scene.probe]"
     )
 
 
@@ -157,41 +164,30 @@ def _settings(tables: Mapping[str, Any]) -> tuple[str, float]:
     return str(evaluator), float(accuracy)
 
 
-def time_limit(given: object, units_required: bool = False) -> float | None:
+def time_limit(entry: object, units_required: bool = False) -> float | None:
     """Return a time limit in seconds, from a text such as ``'60 s'`` or, unless units are required, a number; None for None.
 
     Raises:
         InputError: it is none.
     """
-    if given is None:
-        return None
-    try:
-        if isinstance(given, str):
-            return _TIME.parse(given)
-        if isinstance(given, bool) or not isinstance(given, int | float):
-            raise ValueError("not a time")
-        if units_required:
-            raise ValueError("the unit is missing")
-        return _TIME.checked(float(given))
-    except (ValueError, OverflowError) as fault:
-        raise InputError("time_limit", given, f"{_TIME.allowed} ({fault})") from None
+    return None if entry is None else _TIME.read("time_limit", entry, units_required)
 
 
-def _sample(given: object) -> DesignSampling:
-    if not isinstance(given, Mapping):
-        raise InputError("sample", given, "a table, [sample]")
-    for name in given:
+def _sample(table: object) -> DesignSampling:
+    if not isinstance(table, Mapping):
+        raise InputError("sample", table, "a table, [sample]")
+    for name in table:
         if name not in ("kind", "n", "seed"):
-            raise InputError(f"sample.{name}", given[name], "one of kind, n, seed")
-    kind = given.get("kind", "grid")
+            raise InputError(f"sample.{name}", table[name], "one of kind, n, seed")
+    kind = table.get("kind", "grid")
     if kind not in KINDS:
         raise InputError("sample.kind", kind, f"one of {', '.join(KINDS)}")
     if kind == "grid":
-        if len(given) > ("kind" in given):
+        if len(table) > ("kind" in table):
             raise InputError("sample", Words("n or seed of a grid"), f"n and seed with kind = {', '.join(KINDS[1:])}")
         return DesignSampling()
     return DesignSampling(
-        kind, whole("sample.n", given.get("n"), 1, 10_000_000), whole("sample.seed", given.get("seed", 0), 0, 2**63)
+        kind, whole("sample.n", table.get("n"), 1, 10_000_000), whole("sample.seed", table.get("seed", 0), 0, 2**63)
     )
 
 

@@ -51,24 +51,22 @@ class Key:
         """The unit in which people read its values; empty where they have none."""
         return self.quantity.unit if self.quantity else ""
 
-    def value(self, given: object, where: str) -> Value:
+    def value(self, entry: object, where: str, units_required: bool) -> Value:
         """Return a value as a scene in SI units has it.
 
         Raises:
-            InputError: it is neither finite number, text, true nor false, or a text whose unit does not fit.
+            InputError: it is neither finite number, text, true nor false, a text whose unit does not fit, or a number without
+                the unit that is required.
         """
-        if isinstance(given, bool) or (isinstance(given, str) and self.quantity is None):
-            return given
-        if isinstance(given, int | float):
-            if not abs(given) < math.inf or abs(given) > sys.float_info.max:
-                raise InputError(where, given, "finite numbers")
-            return float(given)
-        if not isinstance(given, str) or self.quantity is None:
-            raise InputError(where, given, self.quantity.allowed if self.quantity else "a number, a text, true or false")
-        try:
-            return self.quantity.parse(given)
-        except ValueError as fault:
-            raise InputError(where, given, f"{self.quantity.allowed} ({fault})") from None
+        if isinstance(entry, bool) or (isinstance(entry, str) and self.quantity is None):
+            return entry
+        if isinstance(entry, int | float) and not (units_required and self.quantity):
+            if not abs(entry) < math.inf or abs(entry) > sys.float_info.max:
+                raise InputError(where, entry, "finite numbers")
+            return float(entry)
+        if self.quantity is None:
+            raise InputError(where, entry, "a number, a text, true or false")
+        return self.quantity.read(where, entry)
 
 
 def key(name: str, base: Mapping[str, Any]) -> Key:
@@ -106,7 +104,7 @@ def changed(base: Mapping[str, Any], keys: tuple[Key, ...], values: tuple[Value,
     return data
 
 
-def found(base: Mapping[str, Any], path: Path) -> object:
+def at_path(base: Mapping[str, Any], path: Path) -> object:
     """Return what stands under a path, or None."""
     place: Any = base
     for part in path:
@@ -142,7 +140,7 @@ def _quantity(name: str, path: Path, base: Mapping[str, Any]) -> Quantity | None
     for depth, part in enumerate(path):
         models = _models(kind)
         if isinstance(part, int):
-            held = found(base, path[:depth])
+            held = at_path(base, path[:depth])
             if not isinstance(held, list | tuple) or part >= len(held):
                 count = len(held) if isinstance(held, list | tuple) else 0
                 raise InputError("variable", name, f"a number in brackets below {count}, as many as the scene has")

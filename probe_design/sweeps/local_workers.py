@@ -1,15 +1,32 @@
-"""Workers on this computer: processes, and a thread here that waits for each."""
+"""Workers on this computer: processes, and a thread here that waits for each.
+
+Where a process has ended another is started: what dies or takes too long takes only itself along.
+"""
 
 from __future__ import annotations
 
+import json
+import os
 import queue
+import signal
+import subprocess
+import sys
 import threading
-from dataclasses import replace
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import IO, Any
 
-from probe_design.sweeps.rows import Job
-from probe_design.sweeps.worker_process import WorkerProcess
+from probe_design.sweeps.keys import Value
+from probe_design.sweeps.rows import Job, Row
 from probe_design.sweeps.workers import Batch, FinishedBatch, Outcome
+
+# libraries read these when they are loaded; MKL's bits depend on where arrays lie unless it is told otherwise
+_ENVIRONMENT = {f"{one}_NUM_THREADS": "1" for one in ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "VECLIB")} | {
+    "MKL_CBWR": "AUTO,STRICT"
+}
+STARTS = 3  # attempts, each with a process that ends before it asks for work
 
 
 class LocalCrew:
@@ -47,14 +64,14 @@ class LocalCrew:
 
     def take(self, seconds: float) -> list[FinishedBatch]:
         """Wait for answers, at most that long."""
-        found: list[FinishedBatch] = []
+        finished: list[FinishedBatch] = []
         try:
             while True:
-                worker, answer = self._answers.get(timeout=0 if found else seconds)
+                worker, answer = self._answers.get(timeout=0 if finished else seconds)
                 self._idle.append(worker)
-                found.append(answer)
+                finished.append(answer)
         except queue.Empty:
-            return found
+            return finished
 
     def close(self) -> None:
         """Stop all processes."""
@@ -68,9 +85,146 @@ class LocalCrew:
 
     def _answer(self, worker: WorkerProcess, batch: Batch) -> FinishedBatch:
         try:
-            found = worker.answer([task.values for task in batch])
+            outcome = worker.answer([task.values for task in batch])
         except Exception as fault:  # a thread that ends without an answer is waited for in vain
-            found = Outcome(refused=f"{type(fault).__name__}: {fault}")
-        if found.refused:
-            found = replace(found, refused=f"{found.refused}; {self._path} may tell why")
-        return FinishedBatch(batch, found)
+            outcome = Outcome(refused=f"{type(fault).__name__}: {fault}")
+        if outcome.refused:
+            outcome = replace(outcome, refused=f"{outcome.refused}; {self._path} may tell why")
+        return FinishedBatch(batch, outcome)
+
+
+class WorkerProcess:
+    """A process of ``worker_main``, started when it is needed and again when it has ended."""
+
+    def __init__(self, job: Job, limit: float | None = None, errors: IO[bytes] | None = None) -> None:
+        """Note what it is for.
+
+        Args:
+            job: what all designs share.
+            limit: seconds that a design may take.
+            errors: file for what libraries write to standard error; without it, where this process writes its own.
+        """
+        self._job, self._piece = json.dumps(asdict(job)), job.piece
+        self._limit, self._errors = limit, errors
+        self._process: subprocess.Popen[bytes] | None = None
+        self._late = self._closed = False
+
+    def answer(self, designs: Sequence[tuple[Value, ...]]) -> Outcome:
+        """Have designs answered; waits for it."""
+        if self._process is None and not any(self._begun() for _ in range(STARTS)):
+            return Outcome(refused="no worker process starts")
+        if self._closed:
+            return Outcome()
+        rows: list[Row] = []
+        try:
+            self._send(json.dumps(designs))
+            while len(rows) < len(designs):
+                reply = json.loads(self._line(min(self._piece, len(designs) - len(rows))))
+                if "refused" in reply:
+                    return Outcome(refused=reply["refused"])
+                rows += reply["rows"]
+                if reply["enough"] or self._process is None:
+                    break
+        except (OSError, ValueError):  # a broken pipe, half a line
+            late, self._late = self._late, False
+            held = min(self._piece, len(designs) - len(rows))
+            return Outcome(tuple(rows), held, self._ended(), late)
+        return Outcome(tuple(rows))
+
+    def kill(self) -> None:
+        """End it; whoever waits for it goes on."""
+        if (process := self._process) is not None:
+            _kill(process)
+
+    def stop(self) -> None:
+        """End it for good; before, ``close`` and whoever waits."""
+        self.kill()
+        self._ended()
+
+    def close(self) -> None:
+        """Start no work any more."""
+        self._closed = True
+        self.kill()
+
+    def _line(self, count: int) -> bytes:
+        """The next line, that of ``count`` designs; one that takes longer than allowed ends the process."""
+        stream = _stream(self._process, "stdout")
+        if self._limit is None:
+            return bytes(stream.readline())
+        watch = threading.Timer(count * self._limit, self._overdue)
+        watch.start()
+        try:
+            line = bytes(stream.readline())
+        finally:
+            watch.cancel()
+            watch.join()
+        if line and self._late:  # answered at the last moment: the process is gone, and no design is to blame
+            self._late = False
+            self._ended()
+        return line
+
+    def _overdue(self) -> None:
+        self._late = True
+        self.kill()
+
+    def _begun(self) -> bool:
+        """Start a process; say whether it came as far as to ask for work."""
+        try:
+            self._process = _started(self._errors)
+            self._send(self._job)
+            ready = bool(_stream(self._process, "stdout").readline())
+        except OSError:
+            ready = False
+        if not ready:
+            self._ended()
+        return ready
+
+    def _send(self, line: str) -> None:
+        stream = _stream(self._process, "stdin")
+        stream.write(line.encode() + b"\n")
+        stream.flush()
+
+    def _ended(self) -> str:
+        """Clear the process away and say how it ended."""
+        process, self._process = self._process, None
+        if process is None:
+            return "the worker process could not be asked"
+        try:
+            code = process.wait(5)  # its own end, not ours, is what the row tells
+        except subprocess.TimeoutExpired:
+            _kill(process)
+            code = process.wait()
+        for name in ("stdin", "stdout"):
+            with suppress(OSError):
+                _stream(process, name).close()
+        killed = f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
+        return f"the worker process {killed}: out of memory, a crash of a library, or ended from outside"
+
+
+def _started(errors: IO[bytes] | None) -> subprocess.Popen[bytes]:
+    root = str(Path(__file__).parents[2])
+    path = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
+    return subprocess.Popen(
+        [sys.executable, "-m", "probe_design.sweeps.worker_main"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=errors,
+        env=os.environ | _ENVIRONMENT | {"PYTHONPATH": path},
+        start_new_session=True,
+    )
+
+
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    """End a process, and with it those that mesh for it, where the system knows groups of processes."""
+    if sys.platform == "win32":
+        process.kill()
+    else:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+
+
+def _stream(process: subprocess.Popen[bytes] | None, name: str) -> IO[Any]:
+    stream: IO[Any] | None = getattr(process, name, None)
+    if stream is None:
+        raise OSError("no process")
+    return stream

@@ -1,4 +1,4 @@
-"""How far a sweep is: a bar on a terminal, lines elsewhere, and lines in a log either way."""
+"""How far a sweep is, and the lines in its log that say so."""
 
 from __future__ import annotations
 
@@ -68,29 +68,3 @@ def logged(folder: Path, tell: Tell | None) -> Iterator[tuple[Tell, Callable[[st
                 tell(state)
 
         yield update, line
-
-
-@contextmanager
-def shown() -> Iterator[Tell]:
-    """Yield a function that shows the state on standard error."""
-    from rich.console import Console
-    from rich.progress import BarColumn, SpinnerColumn, TextColumn
-    from rich.progress import Progress as Bars
-
-    from probe_design.terminal.console import message
-
-    console = Console(stderr=True)
-    if console.is_terminal:
-        with Bars(SpinnerColumn(), BarColumn(), TextColumn("{task.description}"), console=console, transient=True) as bars:
-            task = bars.add_task("starting")
-            yield lambda state: bars.update(task, description=state.line(), completed=state.done, total=state.total)
-        return
-    last = -EVERY
-
-    def tell(state: Progress) -> None:
-        nonlocal last
-        if monotonic() - last >= EVERY or state.done == state.total:
-            last = monotonic()
-            message(state.line())
-
-    yield tell

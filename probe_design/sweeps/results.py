@@ -40,14 +40,14 @@ def extra(name: str) -> Any:
 def about(folder: Path | str) -> dict[str, Any]:
     """Return what the sweep in a folder was asked. Raises ``InputError``, ``StoreError``."""
     with reading(Path(folder)) as store:
-        found = store.about()
-    if not found:
+        request = store.about()
+    if not request:
         raise InputError("folder", str(folder), "a folder of a sweep that has begun")
-    return found
+    return request
 
 
 def rows(folder: Path | str) -> Iterator[dict[str, Any]]:
-    """Yield the row of every answered design by number: number, key, the variables, then ``sweep_rows.COLUMNS``; SI units.
+    """Yield the row of every answered design by number: number, key, the variables, then ``rows.COLUMNS``; SI units.
 
     Raises:
         InputError: the folder holds no sweep.
@@ -92,25 +92,25 @@ def dataset(folder: Path | str) -> xr.Dataset:
         InputError: the folder holds no sweep.
         StoreError: it cannot be read.
     """
-    xarray, asked, frame = extra("xarray"), about(folder), dataframe(folder)
-    found: xr.Dataset
-    names, columns = asked["names"], [*OUTPUTS, "seconds", "status", "evaluator", "reason"]
-    if asked["sample"]["kind"] == "grid":
-        axes = [one["values"] for one in asked["variables"]]
+    xarray, request, frame = extra("xarray"), about(folder), dataframe(folder)
+    labelled: xr.Dataset
+    names, columns = request["names"], [*OUTPUTS, "seconds", "status", "evaluator", "reason"]
+    if request["sample"]["kind"] == "grid":
+        axes = [one["values"] for one in request["variables"]]
         shape = tuple(len(axis) for axis in axes)
         count = 1
         for length in shape:
             count *= length
         whole = frame.reindex(range(count))  # designs that constraints left out come in without values
         arrays = {name: (names, whole[name].to_numpy().reshape(shape)) for name in columns}
-        found = xarray.Dataset(arrays, coords=dict(zip(names, axes, strict=True)))
+        labelled = xarray.Dataset(arrays, coords=dict(zip(names, axes, strict=True)))
     else:
         labels = {"design": frame.index.to_numpy()} | {name: ("design", frame[name].to_numpy()) for name in names}
-        found = xarray.Dataset({name: ("design", frame[name].to_numpy()) for name in columns}, coords=labels)
+        labelled = xarray.Dataset({name: ("design", frame[name].to_numpy()) for name in columns}, coords=labels)
     for name, unit in units(folder).items():
-        found[name].attrs["units"] = unit or "1"
-    found.attrs |= {name: asked[name] for name in ("evaluator", "accuracy", "version")}
-    return found
+        labelled[name].attrs["units"] = unit or "1"
+    labelled.attrs |= {name: request[name] for name in ("evaluator", "accuracy", "version")}
+    return labelled
 
 
 def to_csv(folder: Path | str, path: Path) -> Path:

@@ -87,10 +87,6 @@ class Job:
         else:
             levels.evaluator(self.evaluator)
 
-    def rows(self, designs: Sequence[tuple[Value, ...]]) -> list[Row]:
-        """Answer designs; see ``pieces``."""
-        return [row for rows in self.pieces(designs) for row in rows]
-
     def pieces(self, designs: Sequence[tuple[Value, ...]]) -> Iterator[list[Row]]:
         """Answer designs, ``piece`` at a time, with one thread for linear algebra, so that the bits are the same everywhere.
 
@@ -109,8 +105,8 @@ class Job:
     def _answered(self, keys: tuple[Key, ...], designs: Sequence[tuple[Value, ...]]) -> list[Row]:
         start = perf_counter()
         built = [_caught(lambda values=values: scene_of(self.base, keys, values)) for values in designs]  # type: ignore[misc]
-        found = iter(self._evaluated([one for one in built if isinstance(one, Scene)]))
-        answers = [next(found) if isinstance(one, Scene) else one for one in built]
+        results = iter(self._evaluated([one for one in built if isinstance(one, Scene)]))
+        answers = [next(results) if isinstance(one, Scene) else one for one in built]
         seconds = (perf_counter() - start) / len(designs)
         return [_row(one, seconds) for one in answers]
 
@@ -134,22 +130,22 @@ def _caught(made: Callable[[], T]) -> T | Exception:
         return fault
 
 
-def _row(found: Result | Exception, seconds: float) -> Row:
+def _row(result: Result | Exception, seconds: float) -> Row:
     """The row of a result, or of a design that was refused or failed."""
-    if isinstance(found, Exception):
-        return blank("refused" if isinstance(found, InputError) else "failed", type(found).__name__, str(found), seconds)
-    numbers = {name: getattr(found, name) for name in OUTPUTS}
+    if isinstance(result, Exception):
+        return blank("refused" if isinstance(result, InputError) else "failed", type(result).__name__, str(result), seconds)
+    numbers = {name: getattr(result, name) for name in OUTPUTS}
     if not all(math.isfinite(number) for number in numbers.values() if number is not None):
         return blank("failed", "ArithmeticError", "a result is not finite", seconds)
-    told = {"plan": [asdict(one) for one in found.plan], "warnings": found.warnings}
-    texts = {name: json.dumps(value, allow_nan=False) for name, value in told.items()}
-    return dict.fromkeys(COLUMNS) | {"status": "ok", "evaluator": found.evaluator, "seconds": seconds} | numbers | texts
+    details = {"plan": [asdict(one) for one in result.plan], "warnings": result.warnings}
+    texts = {name: json.dumps(value, allow_nan=False) for name, value in details.items()}
+    return dict.fromkeys(COLUMNS) | {"status": "ok", "evaluator": result.evaluator, "seconds": seconds} | numbers | texts
 
 
 def blank(status: str, kind: str, reason: str, seconds: float) -> Row:
     """Return the row of a design that has no answer."""
-    told = " ".join(reason.split())[:2000]
-    return dict.fromkeys(COLUMNS) | {"status": status, "type": kind, "reason": told, "seconds": seconds}
+    line = " ".join(reason.split())[:2000]
+    return dict.fromkeys(COLUMNS) | {"status": status, "type": kind, "reason": line, "seconds": seconds}
 
 
 @cache

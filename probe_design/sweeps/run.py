@@ -58,21 +58,22 @@ class Swept:
         return asdict(self) | {"folder": str(self.folder)}
 
     def dataframe(self) -> pd.DataFrame:
-        """Return all rows; see ``sweep_results.dataframe``."""
+        """Return all rows; see ``probe_design.sweeps.results.dataframe``."""
         from probe_design.sweeps.results import dataframe
 
         return dataframe(self.folder)
 
     def dataset(self) -> xr.Dataset:
-        """Return all rows with labels and units; see ``sweep_results.dataset``."""
+        """Return all rows with labels and units; see ``probe_design.sweeps.results.dataset``."""
         from probe_design.sweeps.results import dataset
 
         return dataset(self.folder)
 
 
 def sweep(
-    asked: Sweep | Mapping[str, Any] | Path | str,
+    specification: Sweep | Mapping[str, Any] | Path | str,
     output: Path | str,
+    *,
     scheduler: str | None = None,
     workers: int | None = None,
     progress: Tell | None = None,
@@ -81,7 +82,7 @@ def sweep(
     """Answer every design of a sweep that has no row in ``output`` yet.
 
     Args:
-        asked: the name of a sweep file, or its tables; numbers are then in SI units and ``scene`` may be a ``Scene``.
+        specification: the name of a sweep file, or its tables; numbers are then in SI units and ``scene`` may be a ``Scene``.
         output: folder of the store.
         scheduler: address of a Dask scheduler, ``tcp://host:8786``; processes on this computer without.
         workers: how many processes; one for each processor without.
@@ -95,23 +96,24 @@ def sweep(
         KeyboardInterrupt: likewise.
     """
     start = monotonic()
-    wanted = asked if isinstance(asked, Sweep) else _checked(asked)
+    checked = specification if isinstance(specification, Sweep) else _checked(specification)
     if workers is not None:
         whole("workers", workers, 1, 1024)
     if workers is not None and scheduler is not None:
         raise InputError("workers", workers, "none with a scheduler, which has its own")
     folder = Path(output)
     with writing(folder) as store, logged(folder, progress) as (tell, log):
-        job = Job.of(wanted)
-        total, left_out = _begun(store, wanted, job)
+        job = Job.of(checked)
+        total, left_out = _begun(store, checked, job)
         if retry_failed:
             log(f"forgets {store.forget('failed')} failed rows")
         tasks = [Task(key, values, count) for count, values, key in store.missing()]
         log(f"begins: {total} designs, {len(tasks)} to be answered, version {job.version}")
         if tasks:
-            limit = wanted.time_limit
-            with _crew(job, scheduler, min(workers or _processors(), len(tasks)), limit, folder, log) as crew:
-                _Run(store, crew, tell, log, total, limit).answer(tasks)
+            limit = checked.time_limit
+            processes = min(workers or _processors(), len(tasks))
+            with _crew(job, scheduler, processes, limit=limit, folder=folder, log=log) as crew:
+                _Run(store, crew, tell, log, total=total, limit=limit).answer(tasks)
         counts = store.counts()
         log(f"ends: {counts}")
     return Swept(folder, total, left_out, **counts, answered=len(tasks), seconds=monotonic() - start)
@@ -120,7 +122,7 @@ def sweep(
 class _Run:
     """The work of one run."""
 
-    def __init__(self, store: Store, crew: Crew, tell: Tell, log: Log, total: int, limit: float | None) -> None:
+    def __init__(self, store: Store, crew: Crew, tell: Tell, log: Log, *, total: int, limit: float | None) -> None:
         self._store, self._crew, self._tell, self._log, self._total, self._limit = store, crew, tell, log, total, limit
         self._begun, self._counts = monotonic(), store.counts()
         self._before = sum(self._counts.values())
@@ -129,7 +131,7 @@ class _Run:
     def answer(self, tasks: list[Task]) -> None:
         """Answer all of them."""
         waiting, alone, out = deque(tasks), deque[Task](), 0
-        self._told()
+        self._report()
         while waiting or alone or out:
             while (waiting or alone) and self._crew.free() > 0:
                 self._crew.give((alone.popleft(),) if alone else self._batch(waiting))
@@ -139,7 +141,7 @@ class _Run:
                 rest, suspects = self._taken(answer)
                 waiting.extendleft(reversed(rest))
                 alone.extend(suspects)
-            self._told()
+            self._report()
 
     def _batch(self, waiting: deque[Task]) -> Batch:
         """The next designs: half a second of work, less towards the end so that all workers end together."""
@@ -149,29 +151,29 @@ class _Run:
 
     def _taken(self, answer: FinishedBatch) -> tuple[list[Task], list[Task]]:
         """Commit rows; return the designs that nobody worked on yet, and those that another worker must try, each alone."""
-        found, count = answer.outcome, len(answer.outcome.rows)
-        if found.refused:
-            raise CrewError(found.refused)
+        outcome, count = answer.outcome, len(answer.outcome.rows)
+        if outcome.refused:
+            raise CrewError(outcome.refused)
         if count:
-            self._commit(answer.batch[:count], found.rows)
-            cost = sum(row["seconds"] for row in found.rows) / count
+            self._commit(answer.batch[:count], outcome.rows)
+            cost = sum(row["seconds"] for row in outcome.rows) / count
             self._cost = max(0.5 * (self._cost + cost), 1e-6)
-        held = answer.batch[count : count + found.held]
-        return list(answer.batch[count + found.held :]), self._again(held, found) if held else []
+        held = answer.batch[count : count + outcome.held]
+        return list(answer.batch[count + outcome.held :]), self._again(held, outcome) if held else []
 
-    def _again(self, held: Batch, found: Outcome) -> list[Task]:
+    def _again(self, held: Batch, outcome: Outcome) -> list[Task]:
         """Of designs with which a worker ended those that are tried again, each alone; that which ended it becomes a row."""
-        why = f"longer than {self._limit:g} s" if found.late else found.ended
+        why = f"longer than {self._limit:g} s" if outcome.late else outcome.ended
         self._log(f"a worker ended with {len(held)} designs: {why}")
         if len(held) > 1:
             return list(held)
         task = held[0]
-        if found.late:
+        if outcome.late:
             row = blank("failed", "TimeLimit", f"took {why}", self._limit or 0.0)
         elif task.deaths + 1 < TRIES:
             return [replace(task, deaths=task.deaths + 1)]
         else:
-            row = blank("failed", "WorkerDied", f"{TRIES} times in a row, {found.ended}", 0.0)
+            row = blank("failed", "WorkerDied", f"{TRIES} times in a row, {outcome.ended}", 0.0)
         self._commit(held, [row])
         return []
 
@@ -180,33 +182,33 @@ class _Run:
         for task, row in zip(batch, rows, strict=True):
             self._counts[row["status"]] += task.count
 
-    def _told(self) -> None:
+    def _report(self) -> None:
         done = sum(self._counts.values())
         rate = (done - self._before) / max(monotonic() - self._begun, 1e-9)
         counts = (self._counts["refused"], self._counts["failed"])
         self._tell(Progress(self._total, done, *counts, rate, self._crew.size()))
 
 
-def _checked(asked: Mapping[str, Any] | Path | str) -> Sweep:
-    return sweep_from_dict(asked) if isinstance(asked, Mapping) else read_sweep(asked)
+def _checked(specification: Mapping[str, Any] | Path | str) -> Sweep:
+    return sweep_from_dict(specification) if isinstance(specification, Mapping) else read_sweep(specification)
 
 
-def _begun(store: Store, wanted: Sweep, job: Job) -> tuple[int, int]:
+def _begun(store: Store, sweep: Sweep, job: Job) -> tuple[int, int]:
     """Note the designs unless they are noted already; returns how many there are and how many constraints left out."""
-    drawn = wanted.sample.count(wanted.variables)
-    asked = hashlib.sha256(repr((replace(wanted, time_limit=None), job)).encode() + _surfaces(wanted, job)).hexdigest()
+    drawn = sweep.sample.count(sweep.variables)
+    digest = hashlib.sha256(repr((replace(sweep, time_limit=None), job)).encode() + _surfaces(sweep, job)).hexdigest()
     about = store.about()
-    if about.get("digest") != asked:
-        keys = wanted.keys
-        designs = [(number, values, job.digest(keys, values)) for number, values in wanted.designs()]
-        store.begin(_about(wanted, job) | {"digest": asked, "designs": len(designs)}, designs)
+    if about.get("digest") != digest:
+        keys = sweep.keys
+        designs = [(number, values, job.digest(keys, values)) for number, values in sweep.designs()]
+        store.begin(_about(sweep, job) | {"digest": digest, "designs": len(designs)}, designs)
         about = {"designs": len(designs)}
     return int(about["designs"]), drawn - int(about["designs"])
 
 
-def _about(wanted: Sweep, job: Job) -> dict[str, Any]:
+def _about(sweep: Sweep, job: Job) -> dict[str, Any]:
     """What readers of the store need to know."""
-    grid = wanted.sample.kind == "grid"
+    grid = sweep.sample.kind == "grid"
     variables = [
         {
             "name": one.key.name,
@@ -215,19 +217,19 @@ def _about(wanted: Sweep, job: Job) -> dict[str, Any]:
             "values": list(one.values) if grid else [],
             "log": one.log,
         }
-        for one in wanted.variables
+        for one in sweep.variables
     ]
-    sample = asdict(wanted.sample)
-    return {**asdict(job), "variables": variables, "sample": sample, "constraints": list(wanted.constraints)}
+    sample = asdict(sweep.sample)
+    return {**asdict(job), "variables": variables, "sample": sample, "constraints": list(sweep.constraints)}
 
 
-def _surfaces(wanted: Sweep, job: Job) -> bytes:
+def _surfaces(sweep: Sweep, job: Job) -> bytes:
     """Content of the surface files of the scene."""
-    return job.digest((), ()) if any(body.get("surface") for body in wanted.base.get("inclusion", ())) else b""
+    return job.digest((), ()) if any(body.get("surface") for body in sweep.base.get("inclusion", ())) else b""
 
 
 @contextmanager
-def _crew(job: Job, scheduler: str | None, workers: int, limit: float | None, folder: Path, log: Log) -> Iterator[Crew]:
+def _crew(job: Job, scheduler: str | None, workers: int, *, limit: float | None, folder: Path, log: Log) -> Iterator[Crew]:
     crew: Crew
     if scheduler is None:
         crew = LocalCrew(job, workers, limit, folder / "workers.log")

@@ -47,6 +47,6 @@ def sobol_indices(y: Floats, d: int) -> list[tuple[float, float, float, float]]:
     Source: Saltelli et al., Computer Physics Communications 181 (2010) 259-270, table 2, eqs. (b) and (f), as in SALib.
     """
     problem = {"num_vars": d, "names": [str(one) for one in range(d)], "bounds": [[0.0, 1.0]] * d}
-    found = extra("SALib.analyze.sobol").analyze(problem, y, calc_second_order=False, conf_level=0.95, seed=SEED)
-    columns = (map(float, found[name]) for name in ("S1", "S1_conf", "ST", "ST_conf"))
+    indices = extra("SALib.analyze.sobol").analyze(problem, y, calc_second_order=False, conf_level=0.95, seed=SEED)
+    columns = (map(float, indices[name]) for name in ("S1", "S1_conf", "ST", "ST_conf"))
     return list(zip(*columns, strict=True))

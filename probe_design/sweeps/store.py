@@ -91,12 +91,12 @@ class Store:
             yield number, inputs, key, dict(zip(COLUMNS, values, strict=True))
 
     def _all(self, query: str) -> list[Any]:
-        with _told(self.folder):
+        with _store_errors(self.folder):
             return self._connection.execute(query).fetchall()
 
     @contextmanager
     def _written(self) -> Iterator[sqlite3.Connection]:
-        with _told(self.folder):
+        with _store_errors(self.folder):
             try:
                 self._connection.execute("BEGIN IMMEDIATE")
                 yield self._connection
@@ -117,7 +117,7 @@ def writing(folder: Path) -> Iterator[Store]:
         OSError: the folder cannot be made.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    with _alone(folder), _told(folder):
+    with _alone(folder), _store_errors(folder):
         connection = sqlite3.connect(folder / NAME, isolation_level=None, timeout=30)
         try:
             for pragma in ("journal_mode = WAL", "synchronous = FULL", "fullfsync = 1", "checkpoint_fullfsync = 1"):
@@ -140,7 +140,7 @@ def reading(folder: Path) -> Iterator[Store]:
     """
     if not (folder / NAME).is_file():
         raise InputError("folder", str(folder), "a folder that a sweep was written to")
-    with _told(folder):
+    with _store_errors(folder):
         connection = sqlite3.connect(folder / NAME, isolation_level=None, timeout=30)
         try:
             connection.execute("PRAGMA query_only = 1")
@@ -170,21 +170,21 @@ def _alone(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _told(folder: Path) -> Iterator[None]:
+def _store_errors(folder: Path) -> Iterator[None]:
     try:
         yield
     except sqlite3.Error as fault:
-        kept = "; all rows committed before are kept" if isinstance(fault, sqlite3.OperationalError) else ""
+        safe = "; all rows committed before are kept" if isinstance(fault, sqlite3.OperationalError) else ""
         remedy = "; free space and start again" if fault.sqlite_errorname in _NO_ROOM else ""
-        raise StoreError(f"{folder / NAME}: {fault}{kept}{remedy}") from None
+        raise StoreError(f"{folder / NAME}: {fault}{safe}{remedy}") from None
 
 
 def _check_format(folder: Path, connection: sqlite3.Connection) -> int:
     """Return the format of a store, 0 of one without tables; raise ``InputError`` for one of another program's."""
-    found = int(connection.execute("PRAGMA user_version").fetchone()[0])
-    if found not in (0, FORMAT):
-        raise InputError("folder", str(folder), f"a folder whose store is of format {FORMAT}, not {Words(found)}")
-    return found
+    version = int(connection.execute("PRAGMA user_version").fetchone()[0])
+    if version not in (0, FORMAT):
+        raise InputError("folder", str(folder), f"a folder whose store is of format {FORMAT}, not {Words(version)}")
+    return version
 
 
 def _flush(folder: Path) -> None:

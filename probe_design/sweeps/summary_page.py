@@ -30,16 +30,16 @@ def write_page(folder: Path | str, path: Path) -> Path:
         InputError: the folder holds no sweep.
         StoreError: it cannot be read.
     """
-    asked, all_rows = about(folder), list(rows(folder))
+    request, all_rows = about(folder), list(rows(folder))
     good = [row for row in all_rows if row["status"] == "ok"]
-    told = [name for name in SHOWN if any(row[name] is not None for row in good)]
-    parts = [_counts(asked, all_rows)]
-    for name in told:
+    names = [name for name in SHOWN if any(row[name] is not None for row in good)]
+    parts = [_counts(request, all_rows)]
+    for name in names:
         answered = [row for row in good if row[name] is not None]
         y = np.array([row[name] for row in answered], dtype=float)
         parts.append(f"<h2>{_label(name, UNITS[name])}</h2>")
-        parts.append(_picture(name, asked["variables"], answered, y))
-        parts.append(_effects(asked, answered, y, complete=len(answered) == asked["designs"]))
+        parts.append(_picture(name, request["variables"], answered, y))
+        parts.append(_effects(request, answered, y, complete=len(answered) == request["designs"]))
     parts.append(_reasons(all_rows))
     style = (
         "<style>body{font:15px sans-serif;margin:2em;max-width:70em}img{max-width:100%}"
@@ -48,15 +48,15 @@ def write_page(folder: Path | str, path: Path) -> Path:
     return write_text(path, f"<!doctype html><meta charset=utf-8><title>Sweep</title>{style}<h1>Sweep</h1>{''.join(parts)}\n")
 
 
-def _counts(asked: dict[str, Any], all_rows: list[dict[str, Any]]) -> str:
+def _counts(request: dict[str, Any], all_rows: list[dict[str, Any]]) -> str:
     count = Counter(row["status"] for row in all_rows)
-    told = [
-        ("designs", asked["designs"]), ("ok", count["ok"]), ("refused", count["refused"]), ("failed", count["failed"]),
-        ("sample", asked["sample"]["kind"]), ("evaluator", asked["evaluator"]), ("accuracy", asked["accuracy"]),
-        ("version", asked["version"]), ("constraints", "; ".join(asked["constraints"]) or "none"),
+    lines = [
+        ("designs", request["designs"]), ("ok", count["ok"]), ("refused", count["refused"]), ("failed", count["failed"]),
+        ("sample", request["sample"]["kind"]), ("evaluator", request["evaluator"]), ("accuracy", request["accuracy"]),
+        ("version", request["version"]), ("constraints", "; ".join(request["constraints"]) or "none"),
         ("seconds of work", f"{sum(row['seconds'] for row in all_rows):.4g}"),
     ]  # fmt: skip
-    return _table(("", ""), told)
+    return _table(("", ""), lines)
 
 
 def _reasons(all_rows: list[dict[str, Any]]) -> str:
@@ -68,18 +68,18 @@ def _reasons(all_rows: list[dict[str, Any]]) -> str:
     return f"<h2>Without an answer</h2>{table}"
 
 
-def _effects(asked: dict[str, Any], answered: list[dict[str, Any]], y: Floats, complete: bool) -> str:
+def _effects(request: dict[str, Any], answered: list[dict[str, Any]], y: Floats, complete: bool) -> str:
     """Share of the variance that each variable explains on its own, and Sobol indices."""
     if len(y) < 2 or np.ptp(y) == 0.0:
         return "<p>The same for all designs.</p>"
-    if asked["sample"]["kind"] == "saltelli" and complete:
-        found = sobol_indices(y, len(asked["names"]))
-        table = [(name, *(f"{low:.3g}" for low in one)) for name, one in zip(asked["names"], found, strict=True)]
+    if request["sample"]["kind"] == "saltelli" and complete:
+        indices = sobol_indices(y, len(request["names"]))
+        table = [(name, *(f"{low:.3g}" for low in one)) for name, one in zip(request["names"], indices, strict=True)]
         return _table(("variable", "first order", "+-", "total", "+-"), table) + "<p>Sobol indices, 95 % intervals.</p>"
-    effects = [(name, main_effect([row[name] for row in answered], y)) for name in asked["names"]]
-    told = [(name, "-" if effect is None else f"{effect:.3g}") for name, effect in effects]
-    note = "" if asked["sample"]["kind"] != "saltelli" else " Sobol indices need an answer for every design."
-    return _table(("variable", "share of the variance"), told) + f"<p>Of the means over each variable alone.{note}</p>"
+    effects = [(name, main_effect([row[name] for row in answered], y)) for name in request["names"]]
+    lines = [(name, "-" if effect is None else f"{effect:.3g}") for name, effect in effects]
+    note = "" if request["sample"]["kind"] != "saltelli" else " Sobol indices need an answer for every design."
+    return _table(("variable", "share of the variance"), lines) + f"<p>Of the means over each variable alone.{note}</p>"
 
 
 def _picture(name: str, variables: list[Any], answered: list[Any], y: Floats) -> str:

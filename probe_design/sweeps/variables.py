@@ -15,12 +15,12 @@ from probe_design.sweeps.samples import Variable
 MOST_VALUES = 1_000_000
 
 
-def variable(name: str, given: object, base: Mapping[str, Any], kind: str, units_required: bool, folder: Path) -> Variable:
+def variable(name: str, entry: object, base: Mapping[str, Any], *, kind: str, units_required: bool, folder: Path) -> Variable:
     """Check one variable.
 
     Args:
         name: its key.
-        given: its values, or a table.
+        entry: its values, or a table.
         base: the tables of the scene.
         kind: of the sample; in a grid ranges need points.
         units_required: whether a bare number is refused where a unit belongs.
@@ -30,63 +30,59 @@ def variable(name: str, given: object, base: Mapping[str, Any], kind: str, units
         InputError: something is not allowed.
     """
     where = key(name, base)
-    if isinstance(given, list | tuple | np.ndarray):
-        given = {"values": given}
-    if not isinstance(given, Mapping):
-        raise InputError(name, given, "a list of values, or a table with from and to")
-    for part in given:
+    if isinstance(entry, list | tuple | np.ndarray):
+        entry = {"values": entry}
+    if not isinstance(entry, Mapping):
+        raise InputError(name, entry, "a list of values, or a table with from and to")
+    for part in entry:
         if part not in ("values", "from", "to", "points", "scale"):
-            raise InputError(f"{name}.{part}", given[part], "one of values, from, to, points, scale")
-    if "values" in given:
-        listed = _listed(where, given, units_required)
+            raise InputError(f"{name}.{part}", entry[part], "one of values, from, to, points, scale")
+    if "values" in entry:
+        listed = _listed(where, entry, units_required)
         if where.path[-1] == "surface":
             listed = tuple(str((folder / str(one)).absolute()) for one in listed)
         return Variable(where, listed)
-    low, high = (_bound(where, given, end, units_required) for end in ("from", "to"))
-    scale = given.get("scale", "linear")
+    low, high = (_bound(where, entry, end, units_required) for end in ("from", "to"))
+    scale = entry.get("scale", "linear")
     if scale not in ("linear", "log"):
         raise InputError(f"{name}.scale", scale, "'linear' or 'log'")
     if not np.isfinite(high - low):
-        raise InputError(f"{name}.to", given["to"], "ranges narrower than 1.7e308")
+        raise InputError(f"{name}.to", entry["to"], "ranges narrower than 1.7e308")
     if not low < high or (scale == "log" and low <= 0):
         raise InputError(
-            f"{name}.to", given["to"], f"more than from = {given['from']!r}" + (", both above 0" if scale == "log" else "")
+            f"{name}.to", entry["to"], f"more than from = {entry['from']!r}" + (", both above 0" if scale == "log" else "")
         )
     if kind != "grid":
-        if "points" in given:
-            raise InputError(f"{name}.points", given["points"], "none but in a grid: sample.n says how many")
+        if "points" in entry:
+            raise InputError(f"{name}.points", entry["points"], "none but in a grid: sample.n says how many")
         return Variable(where, (), low, high, scale == "log")
-    points = whole(f"{name}.points", given.get("points"), 2, MOST_VALUES)
+    points = whole(f"{name}.points", entry.get("points"), 2, MOST_VALUES)
     values = np.geomspace(low, high, points) if scale == "log" else np.linspace(low, high, points)
     values[0], values[-1] = low, high
     return Variable(where, tuple(values.tolist()), log=scale == "log")
 
 
-def _listed(where: Key, given: Mapping[str, Any], units_required: bool) -> tuple[Value, ...]:
-    values = given["values"].tolist() if isinstance(given["values"], np.ndarray) else given["values"]
-    if not isinstance(values, list | tuple) or not 1 <= len(values) <= MOST_VALUES or len(given) > 1:
+def _listed(where: Key, table: Mapping[str, Any], units_required: bool) -> tuple[Value, ...]:
+    values = table["values"].tolist() if isinstance(table["values"], np.ndarray) else table["values"]
+    if not isinstance(values, list | tuple) or not 1 <= len(values) <= MOST_VALUES or len(table) > 1:
         raise InputError(f"{where.name}.values", values, "a list of values, alone")
-    found = tuple(_one(where, value, f"{where.name}.values", units_required) for value in values)
-    if len({type(value) for value in found}) > 1:
+    checked = tuple(_one(where, value, f"{where.name}.values", units_required) for value in values)
+    if len({type(value) for value in checked}) > 1:
         raise InputError(f"{where.name}.values", values, "values of one kind: numbers, texts, or true and false")
-    return found
+    return checked
 
 
-def _bound(where: Key, given: Mapping[str, Any], end: str, units_required: bool) -> float:
-    if end not in given:
+def _bound(where: Key, table: Mapping[str, Any], end: str, units_required: bool) -> float:
+    if end not in table:
         raise InputError(f"{where.name}.{end}", Words("missing"), "from and to, or values")
-    value = _one(where, given[end], f"{where.name}.{end}", units_required)
+    value = _one(where, table[end], f"{where.name}.{end}", units_required)
     if not isinstance(value, float) or not np.isfinite(value):
-        raise InputError(f"{where.name}.{end}", given[end], "a finite number" + (" with its unit" if where.quantity else ""))
+        raise InputError(f"{where.name}.{end}", table[end], "a finite number" + (" with its unit" if where.quantity else ""))
     return value
 
 
 def _one(where: Key, value: object, name: str, units_required: bool) -> Value:
-    if isinstance(value, np.generic):
-        value = value.item()
-    if units_required and where.quantity and isinstance(value, int | float) and not isinstance(value, bool):
-        raise InputError(name, value, f"{where.quantity.allowed} (the unit is missing)")
-    return where.value(value, name)
+    return where.value(value.item() if isinstance(value, np.generic) else value, name, units_required)
 
 
 def whole(name: str, value: object, low: int, high: int) -> int:

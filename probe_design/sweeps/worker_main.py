@@ -24,9 +24,9 @@ def main() -> None:
     from probe_design.sweeps.rows import Job
     from solver.linalg.memory import give_back
 
-    def tell(found: Any) -> None:
+    def tell(answer: Any) -> None:
         try:
-            answers.write(json.dumps(found) + "\n")
+            answers.write(json.dumps(answer) + "\n")
             answers.flush()
         except BrokenPipeError:
             os._exit(1)

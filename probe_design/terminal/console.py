@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -23,10 +23,18 @@ UNITS = {
     "charge_outer": "C", "error_estimate": "", "equivalent_modulus": "Pa", "residual": "",
 }  # fmt: skip
 
+CURVE_ROWS, SCAN_ROWS, MAP_ROWS = 25, 41, 20  # of a table, at most
+
 
 def message(text: str) -> None:
     """Write one line to standard error."""
     print(f"probe-design: {text}", file=sys.stderr, flush=True)
+
+
+def warn(warnings: Iterable[str]) -> None:
+    """Write each warning as a line to standard error."""
+    for warning in warnings:
+        message(f"warning: {warning}")
 
 
 def result_table(result: Result) -> Table:
@@ -53,44 +61,44 @@ def plan_table(plan: Plan) -> Table:
     return table
 
 
-def curve_table(curve: Curve, most: int = 25) -> Table:
-    """Return a curve as a table, of ``most`` rows at most; what is null is a dash."""
+def curve_table(curve: Curve) -> Table:
+    """Return a curve as a table, of 25 rows at most; what is null is a dash."""
     table = Table(title=f"{curve.evaluator}, {len(curve.ratio)} moduli in {curve.seconds:.2g} s")
     for heading in ("youngs_modulus, Pa", "ratio", "log_sensitivity", "error_estimate"):
         table.add_column(heading, justify="right")
-    step = -(-len(curve.ratio) // most)
+    step = -(-len(curve.ratio) // CURVE_ROWS)
     for row in list(zip(curve.youngs_modulus, curve.ratio, curve.log_sensitivity, curve.error_estimate, strict=True))[::step]:
         table.add_row(*("-" if value is None else f"{value:.{digits}g}" for value, digits in zip(row, (4, 6, 4, 2), strict=True)))
     return table
 
 
-def scan_table(scan: Scan, most: int = 41) -> Table:
-    """Return a scan as a table, of ``most`` rows at most; what is null is a dash."""
+def scan_table(scan: Scan) -> Table:
+    """Return a scan as a table, of 41 rows at most; what is null is a dash."""
     across = "y" if scan.along == "x" else "x"
     where = f"along {scan.along} at {across} = {scan.at * 1e3:.6g} mm"
     table = Table(title=f"{scan.evaluator}, {len(scan.ratio)} positions {where} in {scan.seconds:.2g} s")
     for heading in ("position, mm", "ratio", "stiffness, N/m", "log_sensitivity", "error_estimate"):
         table.add_column(heading, justify="right")
     columns = ([1e3 * at for at in scan.position], scan.ratio, scan.stiffness, scan.log_sensitivity, scan.error_estimate)
-    for row in list(zip(*columns, strict=True))[:: -(-len(scan.ratio) // most)]:
+    for row in list(zip(*columns, strict=True))[:: -(-len(scan.ratio) // SCAN_ROWS)]:
         table.add_row(
             *("-" if value is None else f"{value:.{digits}g}" for value, digits in zip(row, (4, 6, 6, 4, 2), strict=True))
         )
     return table
 
 
-def threshold_table(found: Detectability, most: int = 20) -> Table:
-    """Return for some depths the least diameters that are seen, and whose stiffness is told; a dash where there is none."""
-    noise = f"noise {found.noise:g} on the ratio"
-    title = f"{found.evaluator}, {len(found.depth)} depths x {len(found.diameter)} diameters in {found.seconds:.2g} s, {noise}"
+def threshold_table(maps: Detectability) -> Table:
+    """Return for some depths the least diameters that are seen, and whose stiffness is resolved; a dash where there is none."""
+    noise = f"noise {maps.noise:g} on the ratio"
+    title = f"{maps.evaluator}, {len(maps.depth)} depths x {len(maps.diameter)} diameters in {maps.seconds:.2g} s, {noise}"
     table = Table(title=title)
-    for heading in ("depth, mm", "largest that fits, mm", "seen from, mm", "stiffness told from, mm"):
+    for heading in ("depth, mm", "largest that fits, mm", "seen from, mm", "resolved from, mm"):
         table.add_column(heading, justify="right")
-    for depth, *columns in list(zip(found.depth, found.change, found.seen, found.told, strict=True))[
-        :: -(-len(found.depth) // most)
+    for depth, *columns in list(zip(maps.depth, maps.change, maps.seen, maps.resolved, strict=True))[
+        :: -(-len(maps.depth) // MAP_ROWS)
     ]:
-        fits = [diameter for diameter, change in zip(found.diameter, columns[0], strict=True) if change is not None]
-        least = (next((d for d, yes in zip(found.diameter, row, strict=True) if yes), None) for row in columns[1:])
+        fits = [diameter for diameter, change in zip(maps.diameter, columns[0], strict=True) if change is not None]
+        least = (next((d for d, yes in zip(maps.diameter, row, strict=True) if yes), None) for row in columns[1:])
         row = (depth, fits[-1] if fits else None, *least)
         table.add_row(*("-" if value is None else f"{1e3 * value:.4g}" for value in row))
     return table

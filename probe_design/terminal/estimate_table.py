@@ -9,40 +9,41 @@ from probe_design.estimation.reasons import NAMES, shown
 from probe_design.estimation.strength import Interval
 
 
-def sentence(told: Estimate) -> str:
+def sentence(estimate: Estimate) -> str:
     """Say what was found, in one sentence or two."""
-    name = NAMES[told.unknown]
-    if told.value is not None:
-        return f"{name} = {shown(told.unknown, told.value)}, 95 % interval {_between(told.unknown, told.interval)}"
-    instead = [] if told.unknown == "depth" or told.depth is None else [_depth(told)]
-    if told.strength is not None:
-        given = " (the scene's)" if told.strength_interval is None else _sized(told.strength_interval)
-        instead.append(f"strength {told.strength * 1e9:.4g} mm^3{given}")
+    name = NAMES[estimate.unknown]
+    if estimate.value is not None:
+        value, interval = shown(estimate.unknown, estimate.value), _between(estimate.unknown, estimate.interval)
+        return f"{name} = {value}, 95 % interval {interval}"
+    instead = [] if estimate.unknown == "depth" or estimate.depth is None else [_depth(estimate)]
+    if estimate.strength is not None:
+        size = " (the scene's)" if estimate.strength_interval is None else _sized(estimate.strength_interval)
+        instead.append(f"strength {estimate.strength * 1e9:.4g} mm^3{size}")
     left = f" What can be told: {', '.join(instead)}." if instead else ""
-    return f"{name} is not identifiable: {told.reason}.{left}"
+    return f"{name} is not identifiable: {estimate.reason}.{left}"
 
 
-def estimate_table(told: Estimate) -> Table:
+def estimate_table(estimate: Estimate) -> Table:
     """Return an estimate as a table."""
-    table = Table(title=f"{told.evaluator}, {told.seconds:.2g} s")
+    table = Table(title=f"{estimate.evaluator}, {estimate.seconds:.2g} s")
     for heading in ("quantity", "value", "95 % interval"):
         table.add_column(heading, justify="left" if heading == "quantity" else "right")
-    value = "not identifiable" if told.value is None else shown(told.unknown, told.value)
-    table.add_row(told.unknown, value, _between(told.unknown, told.interval))
-    table.add_row("by the noise alone", "", _between(told.unknown, told.interval_of_noise))
-    if told.unknown != "depth" and told.depth is not None:
-        table.add_row("depth", shown("depth", told.depth), _optional("depth", told.depth_interval))
-    if told.strength is not None:
-        table.add_row("strength", f"{told.strength * 1e9:.4g} mm^3", _sized(told.strength_interval, "given").strip(" ()"))
-    if told.error_estimate is not None:
-        table.add_row("error_estimate", f"{told.error_estimate:.2g}", "")
+    value = "not identifiable" if estimate.value is None else shown(estimate.unknown, estimate.value)
+    table.add_row(estimate.unknown, value, _between(estimate.unknown, estimate.interval))
+    table.add_row("by the noise alone", "", _between(estimate.unknown, estimate.interval_of_noise))
+    if estimate.unknown != "depth" and estimate.depth is not None:
+        table.add_row("depth", shown("depth", estimate.depth), _optional("depth", estimate.depth_interval))
+    if estimate.strength is not None:
+        table.add_row("strength", f"{estimate.strength * 1e9:.4g} mm^3", _sized(estimate.strength_interval, "given").strip(" ()"))
+    if estimate.error_estimate is not None:
+        table.add_row("error_estimate", f"{estimate.error_estimate:.2g}", "")
     return table
 
 
-def _depth(told: Estimate) -> str:
-    assert told.depth is not None
-    where = " (the scene's)" if told.depth_interval is None else f" ({_between('depth', told.depth_interval)})"
-    return f"depth {shown('depth', told.depth)}{where}"
+def _depth(estimate: Estimate) -> str:
+    assert estimate.depth is not None
+    where = " (the scene's)" if estimate.depth_interval is None else f" ({_between('depth', estimate.depth_interval)})"
+    return f"depth {shown('depth', estimate.depth)}{where}"
 
 
 def _optional(unknown: str, interval: Interval | None) -> str:

@@ -14,63 +14,63 @@ from probe_design.built_probe.reading import Read
 MOST = 6  # explanations shown
 
 
-def read_table(found: Read) -> Table:
+def read_table(reading: Read) -> Table:
     """Return a reading: read, predicted, z."""
-    table = Table(title=f"{found.cycles:.4g} cycles of {found.frequency:.5g} Hz; predicted by {found.evaluator}")
+    table = Table(title=f"{reading.cycles:.4g} cycles of {reading.frequency:.5g} Hz; predicted by {reading.evaluator}")
     _columns(table, "quantity", "read", "sd", "predicted", "z")
     rows = (
-        ("ratio", found.ratio, found.ratio_uncertainty, found.predicted_ratio, found.z_ratio),
-        _stress("inner", found.stress_inner, found.stress_inner_uncertainty, found.predicted_stress_inner, found.z_stress_inner),
-        _stress("outer", found.stress_outer, found.stress_outer_uncertainty, found.predicted_stress_outer, found.z_stress_outer),
-        ("force on both films, N", found.force, found.force_uncertainty, found.reference_force, None),
+        ("ratio", reading.ratio, reading.ratio_uncertainty, reading.predicted_ratio, reading.z_ratio),
+        _stress(reading, "inner"),
+        _stress(reading, "outer"),
+        ("force on both films, N", reading.force, reading.force_uncertainty, reading.reference_force, None),
     )
     for name, *values in rows:
         table.add_row(name, *(_text(value, digits) for value, digits in zip(values, (5, 2, 5, 2), strict=True)))
     return table
 
 
-def calibration_table(told: CalibrationRecord) -> Table:
+def calibration_table(record: CalibrationRecord) -> Table:
     """Return the gain matrix and what it was told by."""
-    scale = "absolute" if told.absolute else "relative: the outer gain is the unit"
-    fit = f"chi-square {told.chi_square:.3g} for {told.degrees_of_freedom} degrees of freedom"
-    table = Table(title=f"{len(told.reading)} references at {told.frequency:.5g} Hz; gains {scale}; {fit}")
+    scale = "absolute" if record.absolute else "relative: the outer gain is the unit"
+    fit = f"chi-square {record.chi_square:.3g} for {record.degrees_of_freedom} degrees of freedom"
+    table = Table(title=f"{len(record.reading)} references at {record.frequency:.5g} Hz; gains {scale}; {fit}")
     _columns(table, "quantity", "value", "sd")
-    spread = np.sqrt(np.diag(np.array(told.covariance)))
-    for name, value, sd in zip(ENTRIES, np.array(told.matrix).ravel(), spread, strict=True):
+    spread = np.sqrt(np.diag(np.array(record.covariance)))
+    for name, value, sd in zip(ENTRIES, np.array(record.matrix).ravel(), spread, strict=True):
         table.add_row(name, f"{value:.5g}", f"{sd:.2g}")
-    for name, value, sd in zip(("inner", "outer"), told.offsets, told.offsets_sd, strict=True):
+    for name, value, sd in zip(("inner", "outer"), record.offsets, record.offsets_sd, strict=True):
         table.add_row(f"offset {name}, mV", f"{1e3 * value:.4g}", f"{1e3 * sd:.2g}")
     return table
 
 
-def check_table(found: Check) -> Table:
+def check_table(check: Check) -> Table:
     """Return the ratios of all blocks."""
-    verdict = "passed" if found.passed else "failed"
-    fit = f"chi-square {found.chi_square:.4g} for {found.degrees_of_freedom} degrees of freedom, p = {found.p_value:.2g}"
-    table = Table(title=f"{verdict}: {fit} (fails below {found.level:g})")
+    verdict = "passed" if check.passed else "failed"
+    fit = f"chi-square {check.chi_square:.4g} for {check.degrees_of_freedom} degrees of freedom, p = {check.p_value:.2g}"
+    table = Table(title=f"{verdict}: {fit} (fails below {check.level:g})")
     _columns(table, "reference", "ratio read", "sd", "predicted", "sd", "z")
-    for one in found.blocks:
+    for one in check.blocks:
         values = (one.ratio, one.ratio_uncertainty, one.predicted, one.predicted_uncertainty, one.z)
         table.add_row(one.name, *(_text(value, digits) for value, digits in zip(values, (5, 2, 5, 2, 2), strict=True)))
     return table
 
 
-def explanations_table(found: Check) -> Table:
+def explanations_table(check: Check) -> Table:
     """Return what would explain a deviation, best first."""
     table = Table(title="which one variable would explain it")
     _columns(table, "variable", "drawn", "would be", "sd", "chi2 left")
-    for one in found.explanations[:MOST]:
+    for one in check.explanations[:MOST]:
         table.add_row(one.variable.removeprefix("probe."), *_in_units(one), f"{one.chi_square:.3g}")
     return table
 
 
-def sentence(found: Check) -> str:
+def sentence(check: Check) -> str:
     """Say what a check comes to."""
-    if found.passed:
+    if check.passed:
         return "the probe does what was predicted, within the uncertainties"
-    if not found.explanations or not found.explanations[0].explains:
+    if not check.explanations or not check.explanations[0].explains:
         return "the probe does not do what was predicted, and no single variable explains it"
-    best, *others = found.alike
+    best, *others = check.alike
     if not others:
         return f"the probe does not do what was predicted; {best} would explain it"
     return f"the probe does not do what was predicted; {best} would explain it; not told apart from it: {', '.join(others)}"
@@ -86,8 +86,9 @@ def _in_units(one: Explanation) -> tuple[str, str, str]:
     return f"{scale * one.nominal:.5g} {unit}", f"{scale * value:.5g}", f"{scale * one.uncertainty:.2g}"
 
 
-def _stress(film: str, *values: float | None) -> tuple[str, float | None, float | None, float | None, float | None]:
-    read, spread, predicted, z = values
+def _stress(reading: Read, film: str) -> tuple[str, float | None, float | None, float | None, float | None]:
+    key = f"stress_{film}"
+    read, spread, predicted, z = (getattr(reading, name) for name in (key, f"{key}_uncertainty", f"predicted_{key}", f"z_{key}"))
     return f"stress {film}, Pa", read, spread, predicted, z
 
 

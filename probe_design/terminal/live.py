@@ -32,10 +32,10 @@ def following(judge: Callable[[Samples], Read], frequency: float) -> Iterator[Sh
     seconds = max(LEAST_PERIODS / frequency, LONGEST)
 
     def judged(samples: Samples) -> Read:
-        found = judge(window(samples, seconds))
-        if found.ratio is not None:
-            ratios.append(found.ratio)
-        return found
+        reading = judge(window(samples, seconds))
+        if reading.ratio is not None:
+            ratios.append(reading.ratio)
+        return reading
 
     if not console.is_terminal:
         yield lambda samples: message(_line(samples, judged(samples)))
@@ -44,18 +44,18 @@ def following(judge: Callable[[Samples], Read], frequency: float) -> Iterator[Sh
         yield lambda samples: live.update(_picture(samples, judged(samples), ratios, console), refresh=True)
 
 
-def _line(samples: Samples, found: Read) -> str:
-    stresses = f"stresses {found.stress_inner:.4g} and {found.stress_outer:.4g} Pa"
-    return f"{samples.index[-1] / samples.rate:.1f} s: ratio {_ratio(found)}, {stresses}"
+def _line(samples: Samples, reading: Read) -> str:
+    stresses = f"stresses {reading.stress_inner:.4g} and {reading.stress_outer:.4g} Pa"
+    return f"{samples.index[-1] / samples.rate:.1f} s: ratio {_ratio(reading)}, {stresses}"
 
 
-def _picture(samples: Samples, found: Read, ratios: list[float], console: Console) -> Group:
+def _picture(samples: Samples, reading: Read, ratios: list[float], console: Console) -> Group:
     table = Table(show_header=False, box=None)
     rows = {
         "time, s": f"{samples.index[-1] / samples.rate:.1f}",
-        "ratio": _ratio(found),
-        "stress inner, Pa": f"{found.stress_inner:.5g} +- {found.stress_inner_uncertainty:.1g}",
-        "stress outer, Pa": f"{found.stress_outer:.5g} +- {found.stress_outer_uncertainty:.1g}",
+        "ratio": _ratio(reading),
+        "stress inner, Pa": f"{reading.stress_inner:.5g} +- {reading.stress_inner_uncertainty:.1g}",
+        "stress outer, Pa": f"{reading.stress_outer:.5g} +- {reading.stress_outer_uncertainty:.1g}",
         "gaps, overruns": f"{len(samples.gaps)}, {samples.overruns}",
     }
     for name, value in rows.items():
@@ -69,5 +69,5 @@ def _picture(samples: Samples, found: Read, ratios: list[float], console: Consol
     return Group(table, Text(f"films, mV, last {SHOWN:g} s"), Text(films), Text("ratio"), Text(ratio))
 
 
-def _ratio(found: Read) -> str:
-    return "-" if found.ratio is None else f"{found.ratio:.5g} +- {found.ratio_uncertainty:.1g}"
+def _ratio(reading: Read) -> str:
+    return "-" if reading.ratio is None else f"{reading.ratio:.5g} +- {reading.ratio_uncertainty:.1g}"

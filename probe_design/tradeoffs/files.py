@@ -11,14 +11,14 @@ from probe_design.tradeoffs.study import Tradeoff
 from probe_design.tradeoffs.tables import page
 
 
-def write_all(found: Tradeoff, folder: Path) -> list[Path]:
+def write_all(study: Tradeoff, folder: Path) -> list[Path]:
     """Write everything into ``folder``, each file whole, the JSON file last; returns their paths.
 
     Raises:
         OSError: the folder cannot be written.
     """
-    picture = plot(found, folder / "tradeoff.png")
-    files = [picture, write_text(folder / "tradeoff.md", page(found, picture.name)), folder / "tradeoff.json"]
-    summary = found.as_dict() | {"files": [str(file) for file in files]}
+    picture = plot(study, folder / "tradeoff.png")
+    files = [picture, write_text(folder / "tradeoff.md", page(study, picture.name)), folder / "tradeoff.json"]
+    summary = study.as_dict() | {"files": [str(file) for file in files]}
     write_text(files[-1], json.dumps(summary, indent=2, allow_nan=False) + "\n")
     return files

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from geometry.common.files import written_whole
+from probe_design.pictures.formats import save
 from probe_design.tradeoffs.rows import Row, distinct, pareto
 from probe_design.tradeoffs.study import Tradeoff
 
@@ -19,7 +19,7 @@ FLOOR = 1e-8  # errors below are drawn here
 MOST_PANELS = 30
 
 
-def plot(found: Tradeoff, path: Path) -> Path:
+def plot(study: Tradeoff, path: Path) -> Path:
     """Draw a panel for each of the first 30 scenes to a .png file; returns ``path``.
 
     Raises:
@@ -28,7 +28,7 @@ def plot(found: Tradeoff, path: Path) -> Path:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    names = list(found.scenes)[:MOST_PANELS]
+    names = list(study.scenes)[:MOST_PANELS]
     across = min(3, len(names))
     down = -(-len(names) // across)
     size = (max(7.5, 4.2 * across), 3.5 * down + 1.6)
@@ -36,19 +36,17 @@ def plot(found: Tradeoff, path: Path) -> Path:
     FigureCanvasAgg(figure)
     grid = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False)
     for axes, name in zip(grid.flat, names, strict=False):
-        _panel(axes, name, found.of(name))
+        _panel(axes, name, study.of(name))
     for axes in grid.flat[len(names) :]:
         axes.set_axis_off()
     for column in range(across):
         _bottom(grid, len(names), column).set_xlabel("time of one answer, s")
     for axes in grid[:, 0]:
         axes.set_ylabel("relative error of the ratio")
-    left = "" if len(names) == len(found.scenes) else f" (the first {len(names)} of {len(found.scenes)} scenes)"
+    left = "" if len(names) == len(study.scenes) else f" (the first {len(names)} of {len(study.scenes)} scenes)"
     figure.suptitle(f"Speed against accuracy{left}", fontsize=13)
-    _legend(figure, found)
-    with written_whole(path) as draft:
-        figure.savefig(draft, format="png")
-    return path
+    _legend(figure, study)
+    return save(figure, path)
 
 
 def _bottom(grid: Any, count: int, column: int) -> Any:
@@ -121,13 +119,13 @@ def _shown(error: float | None) -> float:
     return math.nan if error is None else max(error, FLOOR)
 
 
-def _legend(figure: Any, found: Tradeoff) -> None:
+def _legend(figure: Any, study: Tradeoff) -> None:
     from matplotlib.lines import Line2D
 
     def line(label: str, marker: str = "", colour: str = "0.3", style: str = "", **more: Any) -> Line2D:
         return Line2D([], [], marker=marker, color=colour, linestyle=style, label=label, **more)
 
-    levels = dict.fromkeys(row.evaluator for row in found.rows if row.ratio is not None)
+    levels = dict.fromkeys(row.evaluator for row in study.rows if row.ratio is not None)
     handles = [
         line(level if level == "closed-form" else f"{level}: accuracy asked", MARKERS[level], COLOURS[level]) for level in levels
     ]
@@ -140,5 +138,5 @@ def _legend(figure: Any, found: Tradeoff) -> None:
         line("next tumour, same probe", "|", style=":", markersize=8),
     ]
     figure.legend(
-        handles=handles, loc="outside lower center", ncols=3 if len(found.scenes) > 1 else 2, fontsize=8.5, frameon=False
+        handles=handles, loc="outside lower center", ncols=3 if len(study.scenes) > 1 else 2, fontsize=8.5, frameon=False
     )

@@ -85,10 +85,10 @@ def judged(rows: Sequence[Row], converging: Iterable[str]) -> tuple[Row, ...]:
     error lies between |d| - e |1 + d| and |d| + e |1 + d| (TR.1).
     """
     levels = set(converging)
-    known = [row for row in rows if row.evaluator in levels and row.ratio is not None and row.stated_error is not None]
-    if not known:
+    candidates = [row for row in rows if row.evaluator in levels and row.ratio is not None and row.stated_error is not None]
+    if not candidates:
         return tuple(rows)
-    reference = min(known, key=lambda row: row.stated_error or 0.0)
+    reference = min(candidates, key=lambda row: row.stated_error or 0.0)
     return tuple(_compared(row, reference) for row in rows)
 
 
@@ -117,17 +117,17 @@ def _sensitivity_error(value: float | None, reference: float | None) -> float | 
 
 def distinct(rows: Iterable[Row]) -> tuple[Row, ...]:
     """Leave out rows whose evaluator gave the same answer when it was asked for less: their times differ by chance."""
-    kept: dict[tuple[str, str, float | None], Row] = {}
+    first: dict[tuple[str, str, float | None], Row] = {}
     for row in rows:
         if row.ratio is not None:
-            kept.setdefault((row.scene, row.evaluator, row.ratio), row)
-    return tuple(kept.values())
+            first.setdefault((row.scene, row.evaluator, row.ratio), row)
+    return tuple(first.values())
 
 
 def pareto(rows: Iterable[Row], error: Error = "stated_error") -> tuple[Row, ...]:
     """Return the rows that no other beats in time without a larger error, fastest first; time is ``seconds_probe``."""
-    known = [(row.seconds_probe, getattr(row, error), row) for row in rows]
-    ranked = sorted(((s, e, row) for s, e, row in known if s is not None and e is not None), key=lambda one: one[:2])
+    costs = [(row.seconds_probe, getattr(row, error), row) for row in rows]
+    ranked = sorted(((s, e, row) for s, e, row in costs if s is not None and e is not None), key=lambda one: one[:2])
     front: list[Row] = []
     least = math.inf
     for _, value, row in ranked:

@@ -61,15 +61,11 @@ class Tradeoff:
         """Return the rows of one scene."""
         return tuple(row for row in self.rows if row.scene == scene)
 
-    def reference(self, scene: str) -> Row | None:
-        """Return the answer that the others of a scene are compared with, if any level that converges has answered."""
-        return next((row for row in self.of(scene) if row.reference), None)
-
     @property
     def settings(self) -> tuple[Setting, ...]:
         """The settings that were asked, those of one level together, coarse ones first."""
-        found = {row.setting for row in self.rows}
-        return tuple(sorted(found, key=lambda one: (BUILT.index(one.evaluator), -(one.accuracy or 1.0))))
+        settings = {row.setting for row in self.rows}
+        return tuple(sorted(settings, key=lambda one: (BUILT.index(one.evaluator), -(one.accuracy or 1.0))))
 
     @property
     def broken(self) -> tuple[Row, ...]:
@@ -133,14 +129,18 @@ def tradeoff(
     """
     if not scenes:
         raise InputError("SCENE", Words("none"), "one scene or more")
-    rows = tuple(row for name, scene in scenes.items() for row in _of_scene(name, scene, solid, progress, settings, finest))
+    rows = tuple(
+        row
+        for name, scene in scenes.items()
+        for row in _of_scene(name, scene, solid, progress=progress, settings=settings, finest=finest)
+    )
     if all(row.ratio is None for row in rows):
         raise Refusal("SCENE", Words(", ".join(scenes)), f"a scene that some evaluator takes ({rows[-1].reason})")
     return Tradeoff(scenes, rows, {name: why for name, why in SKIPPED.items() if not (name == "solid" and solid)})
 
 
 def _of_scene(
-    name: str, scene: Scene, solid: bool, progress: Progress, settings: Sequence[Setting], finest: Sequence[Setting]
+    name: str, scene: Scene, solid: bool, *, progress: Progress, settings: Sequence[Setting], finest: Sequence[Setting]
 ) -> tuple[Row, ...]:
     total = len(settings) + len(finest) + len(SOLID) + 1
     rows: list[Row] = []

@@ -34,35 +34,35 @@ one under the same probe. Slowest: of the new probes. Times are medians of wall 
 machine to machine."""
 
 
-def summary_cells(found: Tradeoff) -> list[Cells]:
+def summary_cells(study: Tradeoff) -> list[Cells]:
     """Return a line for each setting: the worst errors over all scenes, and the median times."""
-    return [_summary(found, setting) for setting in found.settings]
+    return [_summary(study, setting) for setting in study.settings]
 
 
-def choice_cells(found: Tradeoff) -> list[Cells]:
+def choice_cells(study: Tradeoff) -> list[Cells]:
     """Return for each scene and tolerance the cheapest answer that states to be within it, and the cheapest that is."""
-    return [(name, f"{100 * tolerance:g} %", _chosen(stated), _chosen(true)) for name, tolerance, stated, true in found.choices()]
+    return [(name, f"{100 * tolerance:g} %", _chosen(stated), _chosen(true)) for name, tolerance, stated, true in study.choices()]
 
 
-def row_cells(found: Tradeoff) -> list[Cells]:
+def row_cells(study: Tradeoff) -> list[Cells]:
     """Return a line for each scene and setting that answered."""
-    return [_each(row) for row in found.rows if row.ratio is not None]
+    return [_each(row) for row in study.rows if row.ratio is not None]
 
 
-def page(found: Tradeoff, picture: str) -> str:
+def page(study: Tradeoff, picture: str) -> str:
     """Return all of it as a page of Markdown; ``picture`` is the name of the plot's file."""
-    refusals = [f"- {row.scene}, {row.evaluator}: {row.reason}" for row in found.rows if row.reason is not None]
-    skipped = [f"- {name}: {why}" for name, why in found.skipped.items()]
+    refusals = [f"- {row.scene}, {row.evaluator}: {row.reason}" for row in study.rows if row.reason is not None]
+    skipped = [f"- {name}: {why}" for name, why in study.skipped.items()]
     return "\n\n".join(
         (
             "# Speed against accuracy",
             f"![Error against time]({picture})",
-            markdown(SUMMARY, summary_cells(found)),
+            markdown(SUMMARY, summary_cells(study)),
             NOTES,
             "## The cheapest for each scene",
-            markdown(CHOICES, choice_cells(found)),
+            markdown(CHOICES, choice_cells(study)),
             "## Every answer",
-            markdown(EACH, row_cells(found)),
+            markdown(EACH, row_cells(study)),
             "## Not asked, or no answer",
             "\n".join((*skipped, *dict.fromkeys(refusals))) + "\n",
         )
@@ -75,15 +75,16 @@ def markdown(headings: Sequence[str], rows: Iterable[Cells]) -> str:
     return "\n".join([*head, *("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows)])
 
 
-def summary_table(found: Tradeoff) -> Table:
+def summary_table(study: Tradeoff) -> Table:
     """Return the summary for the terminal: what fits into 80 columns of it."""
-    kept = [0, 1, 2, 3, 4, 7, 8]
-    return _terminal("what each setting reaches and costs", BRIEF, [tuple(row[k] for k in kept) for row in summary_cells(found)])
+    columns = [0, 1, 2, 3, 4, 7, 8]
+    rows = [tuple(row[k] for k in columns) for row in summary_cells(study)]
+    return _terminal("what each setting reaches and costs", BRIEF, rows)
 
 
-def choice_table(found: Tradeoff) -> Table:
+def choice_table(study: Tradeoff) -> Table:
     """Return for the terminal the cheapest answer that states to be within each tolerance; each scene is named once."""
-    rows = [row[:3] for row in choice_cells(found)]
+    rows = [row[:3] for row in choice_cells(study)]
     before = ["", *(row[0] for row in rows)]
     shown = [("" if row[0] == name else row[0], *row[1:]) for row, name in zip(rows, before, strict=False)]
     return _terminal("the cheapest answer to each scene", CHOICES[:3], shown)
@@ -98,8 +99,8 @@ def _terminal(title: str, headings: Sequence[str], rows: Iterable[Cells]) -> Tab
     return table
 
 
-def _summary(found: Tradeoff, setting: Setting) -> Cells:
-    rows = [row for row in found.rows if row.setting == setting]
+def _summary(study: Tradeoff, setting: Setting) -> Cells:
+    rows = [row for row in study.rows if row.setting == setting]
     answers = [row for row in rows if row.ratio is not None]
     if not answers:
         return (*_words(setting), f"0/{len(rows)}", *("-",) * (len(SUMMARY) - 3))

@@ -27,10 +27,10 @@ def first(name: str, scene: Scene, setting: Setting) -> Row:
         result, seconds = _timed(scene, setting)
     except ProbeError as refused:
         return replace(row, reason=str(refused))
-    told = replace(row, seconds_first=seconds, seconds_probe=seconds)
+    answered = replace(row, seconds_first=seconds, seconds_probe=seconds)
     if result.ratio is None:
-        return replace(told, reason=next(iter(result.warnings), "no ratio"))
-    return replace(told, ratio=result.ratio, log_sensitivity=result.log_sensitivity, stated_error=result.error_estimate)
+        return replace(answered, reason=next(iter(result.warnings), "no ratio"))
+    return replace(answered, ratio=result.ratio, log_sensitivity=result.log_sensitivity, stated_error=result.error_estimate)
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ def timed(scene: Scene, rows: Sequence[Row]) -> tuple[Row, ...]:
         for index, row in enumerate(rows):
             if row.ratio is not None and not times[index].enough:
                 times[index] = _again(scene, row, times[index], k)
-    return tuple(_with(row, found) for row, found in zip(rows, times, strict=True))
+    return tuple(_with(row, measured) for row, measured in zip(rows, times, strict=True))
 
 
 def _again(scene: Scene, row: Row, so_far: Times, k: int) -> Times:

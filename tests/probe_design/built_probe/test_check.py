@@ -30,7 +30,7 @@ def loop(logs: Floats, seed: int) -> Check:
     read = [sampled(signals(BUILT, BENCH, scene(), one, [seed, k])) for k, one in enumerate(forces)]
     again = [sampled(signals(BUILT, BENCH, scene(), one, [seed, 10 + k])) for k, one in enumerate(forces[2:])]
     found = calibrate(scene(), BENCH, read, shares())
-    return check(scene(), BENCH, again, found.gains, found.variables, shares())
+    return check(scene(), BENCH, again, found.gains, variables=found.variables, shares=shares())
 
 
 def delivered(seed: int) -> tuple[Reference, ...]:
@@ -83,8 +83,8 @@ def test_large_changes_need_the_refined_fit() -> None:
     read = np.diag([(block.ratio_uncertainty / block.ratio) ** 2 for block in found.blocks])
     model = np.array([share.variance(block) for share, block in zip(known.blocks, BENCH.blocks, strict=True)])
     deviation = Deviation(logs, known.log_ratios, read, model, {})
-    linear = _of("probe.outer.youngs_modulus", explanations(deviation, known, 0.01)[0])
-    again = _of("probe.outer.youngs_modulus", refined(scene(), BLOCKS, deviation, (linear,), 0.01))
+    linear = _of("probe.outer.youngs_modulus", explanations(deviation, known)[0])
+    again = _of("probe.outer.youngs_modulus", refined(scene(), BLOCKS, deviation, (linear,)))
     assert abs(linear.change - 12e3) > 3 * linear.uncertainty
     assert abs(again.change - 12e3) < 3 * again.uncertainty
 
@@ -118,7 +118,7 @@ def _quick(logs: Floats, seed: int) -> Check:
             for run in (0, 1))  # fmt: skip
     read, again = runs
     found = calibrate(scene(), bench, read, shares())
-    return check(scene(), bench, again[2:], found.gains, found.variables, shares())
+    return check(scene(), bench, again[2:], found.gains, variables=found.variables, shares=shares())
 
 
 def test_what_the_calibration_has_absorbed_is_not_told() -> None:
@@ -126,7 +126,7 @@ def test_what_the_calibration_has_absorbed_is_not_told() -> None:
     forces = films(shares().log_ratios, BLOCKS)
     read = [sampled(signals(BUILT, BLOCKS, scene(), one, [5, k]), channels=2) for k, one in enumerate(forces)]
     alone = calibrate(scene(), BLOCKS, read, shares())
-    found = check(scene(), BLOCKS, read, alone.gains, alone.variables, shares())
+    found = check(scene(), BLOCKS, read, alone.gains, variables=alone.variables, shares=shares())
     spread = {one.variable: one.uncertainty / one.nominal for one in found.explanations}
     told = {one.variable: one.uncertainty / one.nominal for one in built("probe.gap", 2.0).explanations}
     for name in ("probe.outer.youngs_modulus", "probe.height"):

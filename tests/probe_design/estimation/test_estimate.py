@@ -14,10 +14,10 @@ from geometry import Scene
 from geometry.common.errors import InputError
 from geometry.scenes.scene_file import scene_from_dict, scene_to_toml
 from probe_design.estimation.depth_and_strength import Plane
-from probe_design.estimation.estimate import Estimate, estimate, findings
+from probe_design.estimation.estimate import Estimate, estimate, searched
 from probe_design.estimation.intervals import QUANTILE, Likelihood, threshold
 from probe_design.estimation.model import TargetModel
-from probe_design.estimation.profile import Track
+from probe_design.estimation.profile import Track, coordinate
 from probe_design.estimation.readings import Measurements, Reading, one_reading, read_readings
 from probe_design.estimation.strength import strength
 from solver import evaluate
@@ -72,7 +72,7 @@ def track(scene: Scene, unknown: str, places: tuple[float, ...], stiffness: bool
 def test_coverage(truth: Scene, unknown: str, noise: float, places: tuple[float, ...], stiffness: bool) -> None:
     along = track(truth, unknown, places, stiffness)
     fit = Likelihood(along, np.full(len(along.model.data.value), noise))
-    here = along.coordinate(np.array([value_of(truth, unknown)]))
+    here = coordinate(along.model, unknown, np.array([value_of(truth, unknown)]))
     mean = along.model.predict({unknown: along.values(here)}).value
     y = mean + noise * np.random.default_rng(7).normal(size=(SIMULATIONS, mean.shape[1]))
     covered = fit.chi_square(here, y) - fit.floor(y) <= QUANTILE
@@ -131,7 +131,7 @@ def test_numbers_of_physics_section_2() -> None:
     ratio = evaluate(truth, "axisymmetric", 1e-3).ratio
     of = model(truth, 0.05)
     slopes = {unknown: Track.of(of, unknown) for unknown in ("diameter", "depth")}
-    at = {key: along.coordinate(np.array([value_of(truth, key)])) for key, along in slopes.items()}
+    at = {key: coordinate(of, key, np.array([value_of(truth, key)])) for key in slopes}
     assert slopes["depth"].at(at["depth"])[1][0, 0] == pytest.approx(-0.75, rel=0.05)
     assert slopes["diameter"].at(at["diameter"])[1][0, 0] * at["diameter"][0] == pytest.approx(0.72, rel=0.05)
     sensitivity = of.predict({"youngs_modulus": np.array([60e3])}).by_modulus[0, 0]
@@ -193,7 +193,7 @@ def test_a_track_is_the_model_between_its_nodes() -> None:
         x = (along.x[1:-1] + along.x[2:])[:-1] / 2
         real = along.model.predict({unknown: along.values(x)})
         assert np.abs(along.at(x)[0] - real.value).max() < 1e-3
-        assert along.coordinate(along.values(x)) == pytest.approx(x, rel=1e-9)
+        assert coordinate(along.model, unknown, along.values(x)) == pytest.approx(x, rel=1e-9)
 
 
 def test_useless_stiffness_is_left_out_and_scenes_of_two_tumours_work() -> None:
@@ -307,4 +307,4 @@ def test_findings_of_an_exact_reading_are_the_truth() -> None:
     of = model(scene(), 0.01)
     value = of.predict({"youngs_modulus": np.array([60e3])}).value[0, 0]
     exact = TargetModel(of.scene, Measurements.of((Reading(0.0, 0.0, float(np.exp(value)), 0.01),)), 0.01)
-    assert findings(exact, "youngs_modulus").best_value == pytest.approx(60e3, rel=1e-4)
+    assert searched(exact, "youngs_modulus").best_value == pytest.approx(60e3, rel=1e-4)

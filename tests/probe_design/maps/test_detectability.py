@@ -19,8 +19,8 @@ from tests.support.program import refused, run
 from tests.support.references import expected
 
 KEYS = {
-    "depth", "diameter", "change", "standard_deviation", "error", "seen", "told", "resolved", "noise", "seen_threshold",
-    "told_threshold", "ratio_without", "evaluator", "seconds", "plan", "warnings",
+    "depth", "diameter", "change", "standard_deviation", "error", "seen", "resolved", "above_error", "noise", "seen_threshold",
+    "resolved_threshold", "ratio_without", "evaluator", "seconds", "plan", "warnings",
 }  # fmt: skip
 
 
@@ -38,7 +38,7 @@ def test_json_and_picture(tmp_path: Path) -> None:
     assert set(found) == KEYS
     assert found["depth"] == pytest.approx(np.linspace(4e-3, 20e-3, 9).tolist())
     assert found["seen_threshold"] == pytest.approx(0.03)
-    for key in ("change", "standard_deviation", "error", "seen", "told", "resolved"):
+    for key in ("change", "standard_deviation", "error", "seen", "resolved", "above_error"):
         assert [len(row) for row in found[key]] == [9] * 9
     for k, depth in enumerate(found["depth"]):
         for m, diameter in enumerate(found["diameter"]):
@@ -46,7 +46,7 @@ def test_json_and_picture(tmp_path: Path) -> None:
             assert (found["change"][k][m] is not None) == fits
             assert (found["error"][k][m] is not None) == fits
             if not fits:
-                assert found["seen"][k][m] is found["told"][k][m] is found["standard_deviation"][k][m] is None
+                assert found["seen"][k][m] is found["resolved"][k][m] is found["standard_deviation"][k][m] is None
     assert found["seen"][0][0] is False  # 1 mm at 4 mm
     assert found["seen"][0][4] is True  # 6.5 mm at 4 mm
     assert matplotlib.image.imread(picture).shape[1] == 1430
@@ -63,7 +63,7 @@ def test_points_are_what_axisymmetric_says(depth: float, diameter: float) -> Non
     assert told.change[0][0] == pytest.approx(change, abs=told.error[0][0] + 2e-4 * abs(change))
     assert told.standard_deviation[0][0] == pytest.approx(noise / with_it.log_sensitivity, rel=0.15)
     assert told.seen[0][0] in (None, abs(change) >= 0.06)
-    assert told.told[0][0] in (None, noise / with_it.log_sensitivity <= 0.5)
+    assert told.resolved[0][0] in (None, noise / with_it.log_sensitivity <= 0.5)
 
 
 @pytest.mark.parametrize("one", [one for one in expected("off-axis") if "0.25" in one.name], ids=lambda one: one.name)
@@ -84,10 +84,10 @@ def test_verdicts_hold_with_less_error() -> None:
     scene = read_scene(SCENE)
     depths, diameters = np.linspace(5e-3, 16e-3, 5), np.linspace(2e-3, 9e-3, 5)
     coarse, fine = (detectability(scene, depths, diameters, accuracy=accuracy) for accuracy in (0.05, 0.0005))
-    noisy = detectability(scene, depths, diameters, Thresholds(0.02), 0.0005)
+    noisy = detectability(scene, depths, diameters, Thresholds(0.02), accuracy=0.0005)
     for k in range(5):
         for m in range(5):
-            for one, other in ((coarse.seen, fine.seen), (coarse.told, fine.told)):
+            for one, other in ((coarse.seen, fine.seen), (coarse.resolved, fine.resolved)):
                 assert one[k][m] is None or other[k][m] is None or one[k][m] == other[k][m]
             if fine.change[k][m] is not None:
                 assert coarse.change[k][m] == pytest.approx(fine.change[k][m], abs=coarse.error[k][m] + fine.error[k][m])
@@ -134,7 +134,7 @@ def test_table() -> None:
     [
         ((SCENE, "--noise", "0"), ("noise", "above 0")),
         ((SCENE, "--noise", "much"), ("noise", "much")),
-        ((SCENE, "--told", "nan"), ("told",)),
+        ((SCENE, "--resolved", "nan"), ("resolved",)),
         ((SCENE, "--depth-to", "20"), ("depth-to", "unit is missing")),
         ((SCENE, "--depth-from", "9 mm", "--depth-to", "8 mm"), ("depth-to", "above depth-from")),
         ((SCENE, "--points", "1"), ("points",)),

@@ -104,7 +104,7 @@ def test_far_from_tumours_and_without_them_the_ratio_is_that_of_tissue_alone() -
 
 
 def test_a_force_is_shared_by_both_films() -> None:
-    scene = changed(read_scene(EXAMPLES / "scene.toml"), load={"force": 0.1})
+    scene = changed(read_scene(SCENE), load={"force": 0.1})
     told = scan(scene, "x", np.array([-0.015, 0.005]))
     areas = scene.probe.inner_area, scene.probe.outer_area
     total = np.array(told.stress_inner) * areas[0] + np.array(told.stress_outer) * areas[1]
@@ -113,7 +113,7 @@ def test_a_force_is_shared_by_both_films() -> None:
 
 
 def test_a_tumour_beyond_the_round_tissue_is_counted_as_an_error() -> None:
-    scene = read_scene(EXAMPLES / "scene.toml")
+    scene = read_scene(SCENE)
     corner = Inclusion(diameter=0.006, depth=0.01, x=0.045, y=0.035, youngs_modulus=6e4, poisson_ratio=0.45, target=True)
     one = changed(scene, inclusion=(corner,))
     told = scan(one, "x", np.array([-0.02, 0.04]), at=0.0)

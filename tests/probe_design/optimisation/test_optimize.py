@@ -5,13 +5,14 @@ from __future__ import annotations
 import csv
 import json
 import math
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from geometry import Film, InputError, read_scene
-from probe_design.data.builtin import builtin_scene, builtin_text
+from probe_design.data.builtin import builtin_scene
 from probe_design.optimisation.design_space import space
 from probe_design.optimisation.global_search import log_objectives, search
 from probe_design.optimisation.local_search import polish
@@ -56,7 +57,8 @@ def test_builtin_scene_has_the_papers_numbers() -> None:
     assert (probe.groove.width, probe.groove.depth, probe.film.thickness) == pytest.approx((2e-3, 1e-3, 110e-6))
     assert (scene.tissue.youngs_modulus, scene.tissue.poisson_ratio, scene.tissue.depth) == pytest.approx((1e3, 0.40, 0.06))
     assert (scene.inclusion[0].youngs_modulus, scene.inclusion[0].poisson_ratio) == (1e5, 0.45)
-    assert all("# (" in line or "# ..." in line for line in builtin_text().splitlines() if " = " in line)
+    text = resources.files("probe_design.data").joinpath("builtin.toml").read_text(encoding="utf-8")
+    assert all("# (" in line or "# ..." in line for line in text.splitlines() if " = " in line)
 
 
 def test_search_cost_is_the_closed_forms_objective() -> None:

@@ -135,12 +135,12 @@ class TestCut:
             found = replace(found, displacement=np.tile(found.displacement, (2, 1)), stress=np.tile(found.stress, (2, 1)))
         cut = section(problem, found)
         assert np.abs(cut.points[:, 1]).max() < 2e-7
-        assert area(cut, cut.of(INNER)) == pytest.approx(24e-6, rel=1e-3)
-        assert area(cut, cut.of(OUTER)) == pytest.approx(2 * 1.9e-3 * 3e-3 - 1.9e-6, rel=1e-3)
-        assert area(cut, cut.of(INCLUSION)) == pytest.approx(np.pi * 2.5e-3**2, rel=0.02)  # a polygon
+        assert area(cut, cut.body == INNER) == pytest.approx(24e-6, rel=1e-3)
+        assert area(cut, cut.body == OUTER) == pytest.approx(2 * 1.9e-3 * 3e-3 - 1.9e-6, rel=1e-3)
+        assert area(cut, cut.body == INCLUSION) == pytest.approx(np.pi * 2.5e-3**2, rel=0.02)  # a polygon
         top = cut.points[:, 2] > 0.003 - 1e-9
         assert cut.values["displacement"][top, 2] == pytest.approx(-1e-5 * np.ones(top.sum()))
-        inner = np.unique(cut.triangles[cut.of(INNER)])
+        inner = np.unique(cut.triangles[cut.body == INNER])
         assert 0 < np.median(cut.values["pressure"][inner]) < cut.values["pressure"].max()
         assert cut.lines.max() < len(cut.points)
 
@@ -149,7 +149,7 @@ class TestCut:
         still = SolidFields(np.zeros(mesh.nodes.shape), np.zeros((len(mesh.elements), 6)))
         cut = section(Problem.of(Solid.of(mesh), MATERIALS), still)
         assert set(cut.body.tolist()) == {INNER, OUTER, TISSUE}
-        assert area(cut, cut.of(INNER)) == pytest.approx(3e-3 * 2 * 7**0.5 * 1e-3, rel=0.01)
+        assert area(cut, cut.body == INNER) == pytest.approx(3e-3 * 2 * 7**0.5 * 1e-3, rel=0.01)
 
     def test_skin_closes(self) -> None:
         """The skin's normals add up to nothing, and each side has two triangles."""

@@ -14,8 +14,8 @@ from geometry import InputError
 from probe_design import sweep
 from probe_design.sweeps import dask_task as sweep_remote
 from probe_design.sweeps.file import sweep_from_dict
+from probe_design.sweeps.local_workers import WorkerProcess
 from probe_design.sweeps.rows import Job
-from probe_design.sweeps.worker_process import WorkerProcess
 from probe_design.sweeps.workers import CrewError
 from tests.support.paths import ROOT
 from tests.support.sweeps import command, grid, stored, toml, wait_for_rows

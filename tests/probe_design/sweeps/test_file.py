@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from geometry import InputError
-from probe_design.sweeps.constraints import kept
+from probe_design.sweeps.constraints import satisfied
 from probe_design.sweeps.file import read_sweep, scene_of, sweep_from_dict
 from probe_design.sweeps.samples import DesignSampling
 from probe_design.sweeps.sensitivity_indices import sobol_indices
@@ -102,7 +102,7 @@ class TestFile:
         assert [values for _, values in asked.designs()] == [(1e-4, 0.009), (2e-4, 0.009)]
 
     def test_each_side_is_read_once(self) -> None:
-        assert kept("a.b > 1 and a.b < 3", lambda name: (np.array([1.0, 2.0, 3.0]), ""), 3).tolist() == [False, True, False]
+        assert satisfied("a.b > 1 and a.b < 3", lambda name: (np.array([1.0, 2.0, 3.0]), ""), 3).tolist() == [False, True, False]
 
     @pytest.mark.parametrize(
         ("old", "new", "word"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -47,13 +48,13 @@ class TestRows:
 
         monkeypatch.setattr("solver.evaluate", broken)
         job = Job.of(sweep_from_dict(grid(2, 2) | {"evaluator": "axisymmetric"}))
-        (row,) = job.rows([(1e-4, 0.009)])
+        ((row,),) = job.pieces([(1e-4, 0.009)])
         assert (row["status"], row["type"], row["reason"]) == ("failed", "ZeroDivisionError", "by zero")
 
     def test_another_version_answers_nothing(self) -> None:
         job = Job.of(sweep_from_dict(grid(2, 2)))
         with pytest.raises(InputError, match="version"):
-            Job(job.base, job.names, job.evaluator, job.accuracy, "0").rows([(1e-4, 0.009)])
+            next(replace(job, version="0").pieces([(1e-4, 0.009)]))
 
     def test_starting_again_repeats_no_row_and_a_larger_grid_keeps_those_there(self, tmp_path: Path) -> None:
         assert sweep(grid(2, 2), tmp_path, workers=1).answered == 4

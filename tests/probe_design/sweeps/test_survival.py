@@ -15,8 +15,8 @@ import pytest
 
 from probe_design import sweep
 from probe_design.sweeps.file import sweep_from_dict
+from probe_design.sweeps.local_workers import WorkerProcess
 from probe_design.sweeps.results import rows
-from probe_design.sweeps.worker_process import WorkerProcess
 from probe_design.sweeps.workers import CrewError
 from tests.support.paths import ROOT
 from tests.support.sweeps import count, grid, run, stored, toml, wait_for_rows

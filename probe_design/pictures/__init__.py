@@ -1,0 +1,1 @@
+"""Pictures as files: which formats there are, and how one is written whole."""

@@ -1,0 +1,80 @@
+"""The levels behind one interface: each by its name, their curves and accuracies, and warnings that carry their kind."""
+
+from __future__ import annotations
+
+import copy
+import json
+import pickle
+
+import numpy as np
+import pytest
+
+from geometry import Refusal, Scene, read_scene
+from solver import evaluator
+from solver.levels import BUILT
+from solver.results.warnings import Note, of_kind
+from tests.support.paths import SCENE
+
+MODULI = np.array([3e3, 3e4, 3e5])
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return read_scene(SCENE)
+
+
+def with_modulus(scene: Scene, modulus: float) -> Scene:
+    return scene.model_copy(update={"inclusion": (scene.inclusion[0].model_copy(update={"youngs_modulus": modulus}),)})
+
+
+@pytest.mark.parametrize("name", BUILT)
+def test_a_name_gives_a_level_that_answers_to_it(name: str) -> None:
+    level = evaluator(name)
+    assert level.name == name
+    assert level.summary
+    assert all(callable(getattr(level, method)) for method in ("refusal", "evaluate", "evaluate_within", "curve"))
+
+
+@pytest.mark.parametrize(("name", "rounding"), [("closed-form", 1e-12), ("equivalent-inclusion", 1e-6), ("axisymmetric", 0.01)])
+def test_a_curve_goes_through_the_answers(scene: Scene, name: str, rounding: float) -> None:
+    """The finite elements' curve comes from other solutions on perhaps another mesh: within the accuracy asked for."""
+    level = evaluator(name)
+    curve = level.curve(scene, MODULI, 0.01)
+    for k, modulus in enumerate(MODULI):
+        alone = level.evaluate(with_modulus(scene, modulus), 0.01)
+        assert curve.ratio[k] == pytest.approx(alone.ratio, rel=rounding)
+        assert curve.log_sensitivity[k] == pytest.approx(alone.log_sensitivity, rel=5 * rounding)
+
+
+@pytest.mark.parametrize(("name", "reached", "missed"), [("closed-form", 0.5, 1e-4), ("axisymmetric", 0.02, 1e-12)])
+def test_an_accuracy_is_kept_or_refused(scene: Scene, name: str, reached: float, missed: float) -> None:
+    estimate = evaluator(name).evaluate_within(scene, reached).error_estimate
+    assert estimate is not None
+    assert estimate <= reached
+    with pytest.raises(Refusal, match="accuracy = "):
+        evaluator(name).evaluate_within(scene, missed)
+
+
+def test_the_papers_equations_refuse_what_needs_stresses(scene: Scene) -> None:
+    with pytest.raises(Refusal, match="no film stresses"):
+        evaluator("published").evaluate_within(scene, 0.5)
+    with pytest.raises(Refusal, match="no film stresses"):
+        evaluator("published").curve(scene, MODULI)
+
+
+def test_a_warning_is_its_text_and_keeps_its_kind() -> None:
+    note = Note("linear", "too much")
+    assert note == "too much"
+    assert json.dumps([note]) == '["too much"]'
+    for same in (copy.deepcopy(note), pickle.loads(pickle.dumps(note))):
+        assert (type(same), same.kind, str(same)) == (Note, "linear", "too much")
+    assert of_kind([note, Note("null", "why")], "null") == ("why",)
+
+
+@pytest.mark.parametrize(("name", "kinds"), [("published", {"null", "published"}), ("closed-form", {"accuracy"})])
+def test_levels_say_of_what_kind_their_warnings_are(scene: Scene, name: str, kinds: set[str]) -> None:
+    warnings = evaluator(name).evaluate(scene, 1e-3).warnings
+    assert kinds <= {note.kind for note in warnings}
+    assert all(
+        isinstance(text, str) for text in json.loads(json.dumps(evaluator(name).evaluate(scene, 1e-3).as_dict()))["warnings"]
+    )
