@@ -10,7 +10,7 @@ import pytest
 
 from tests.support.paths import ROOT
 
-PACKAGES = ("geometry", "solver", "hw")
+PACKAGES = ("geometry", "solver", "hw", "probe_design")
 MOST = 5
 OUTSIDE = {
     "hw/simulation/virtual.py: ctrl_transfer": "pyusb's backend calls it by position",
