@@ -36,12 +36,27 @@ def cached_mesh(
     tissue_extent: float | None = None,
     reference_radius: float | None = None,
 ) -> TetMesh:
-    """Return what ``geometry.tetra.mesher.volume_mesh`` does for the same arguments, from the cache if it is there.
+    """Mesh a scene, tilt and films left out, or read its mesh from the cache.
 
     A cache that cannot be read or written costs time only. It keeps nothing of a mesh that was not finished.
 
+    Args:
+        scene: the scene.
+        fineness: ``ROUGH``, ``COARSE``, ``FINE`` or other sizes.
+        half: mesh only y >= 0 (probe's axes) of a scene that is its own mirror image there.
+        tissue_extent: radius and depth in m that stand for a half-space's, left out 25 outer radii or more. Other tissue that
+            reaches further becomes a cylinder of that radius about the probe's axis, deeper tissue as deep; left out, it stays.
+        reference_radius: of the reference cylinder about the probe's axis, in m; left out, the tissue's own side where it is
+            coaxial, else as large as there is room for.
+
+    Returns:
+        The mesh, nodes in m.
+
     Raises:
-        InputError, Refusal, SolveError, KeyboardInterrupt: as ``volume_mesh`` does.
+        InputError: a surface file that cannot be used.
+        Refusal: see ``geometry.tetra.layout.body_layout``.
+        SolveError: no mesh passed the checks, or pytetwild failed; the text says why.
+        KeyboardInterrupt: Ctrl-C, at once.
     """
     layout = body_layout(scene, half, extent(scene, tissue_extent), reference_radius)
     path = folder() / f"{key(layout, fineness)}.mesh"

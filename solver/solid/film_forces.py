@@ -105,7 +105,7 @@ def solid_forces(scene: Scene, accuracy: float, moduli: Floats | None = None, te
         tell: called with a line before each piece of work.
 
     Raises:
-        InputError, Refusal: see ``geometry.tetra.mesher.volume_mesh``.
+        InputError, Refusal: see ``geometry.tetra.cache.cached_mesh``.
         SolveError: a mesh or a solution failed.
     """
     tell("the symmetric part")
