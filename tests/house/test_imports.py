@@ -77,15 +77,16 @@ ALLOWED: dict[str, set[str]] = {
     # probe_design: what is computed knows neither the terminal nor the command line, so that scripts and workers can ask for it;
     # beside the solver's face each room sees those inner rooms whose many answers at once it needs
     "probe_design.data": {"geometry.scenes"},
+    "probe_design.pictures": {"geometry.common"},
     "probe_design.optimisation": {"solver.casadi_functions", "solver.closed_form", "geometry.cad", *ANSWERS},
-    "probe_design.maps": {"solver.equivalent_inclusion", "solver.inclusions", *ANSWERS},
+    "probe_design.maps": {"probe_design.pictures", "solver.equivalent_inclusion", "solver.inclusions", *ANSWERS},
     "probe_design.estimation": {
         "probe_design.maps.target_grid",
         "solver.equivalent_inclusion",
         "solver.inclusions",
         *ANSWERS,
     },
-    "probe_design.tradeoffs": {"geometry.tetra", *ANSWERS},
+    "probe_design.tradeoffs": {"probe_design.pictures", "geometry.tetra", *ANSWERS},
     "probe_design.sweeps": {"solver.closed_form", "solver.linalg", "solver.planning", *ANSWERS},
     "probe_design.built_probe": {
         "solver.axisymmetric",
@@ -96,7 +97,7 @@ ALLOWED: dict[str, set[str]] = {
         *ANSWERS,
     },
     "probe_design.solid_output": {
-        "probe_design.maps.formats",
+        "probe_design.pictures",
         "solver.solid",
         "geometry.cad",
         "geometry.tetra",
@@ -119,6 +120,7 @@ ALLOWED: dict[str, set[str]] = {
         "probe_design.estimation",
         "probe_design.maps",
         "probe_design.optimisation",
+        "probe_design.pictures",
         "probe_design.solid_output",
         "probe_design.sweeps",
         "probe_design.terminal",
