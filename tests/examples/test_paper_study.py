@@ -91,6 +91,7 @@ def run(*arguments: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, cwd=cwd, timeout=250)
 
 
+@pytest.mark.slow
 def test_as_a_user_runs_it(tmp_path: Path) -> None:
     ended = run("--evaluator", QUICK, "--accuracy", "0.05", "--json", "--plot", "study.png", cwd=tmp_path)
     assert ended.returncode == 0, ended.stderr

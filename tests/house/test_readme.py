@@ -1,4 +1,7 @@
-"""Every command and snippet of README runs; its two install commands are the ones that CI runs."""
+"""Every command and snippet of README runs; its two install commands are the ones that CI runs.
+
+Most take seconds; `tests/probe_design/cli/test_main.py` starts every verb on something cheap.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +10,13 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 
 from tests.support.paths import ROOT
+from tests.support.slow import slow_unless
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGES = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))}
@@ -41,11 +46,23 @@ def test_install_commands_are_ci_s() -> None:
     assert TEST in (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
 
 
+def test_ci_runs_every_test() -> None:
+    """README's command leaves out what is marked slow, and CI runs that, and what README says runs all."""
+    options = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["pytest"]["ini_options"]["addopts"]
+    assert options.endswith("-m 'not slow'")
+    assert ".venv/bin/pytest -m slow" in (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
+    assert "`.venv/bin/pytest -m ''`" in README
+
+
 def test_there_are_commands() -> None:
     assert len(COMMANDS) >= 5
 
 
-@pytest.mark.parametrize("command", [command for command in COMMANDS if command != BUILTIN])
+def cheap(command: str) -> bool:
+    return "closed-form" in command or command.startswith("probe-design plan")
+
+
+@pytest.mark.parametrize("command", slow_unless(cheap, [command for command in COMMANDS if command != BUILTIN]))
 def test_command_runs(command: str, folder: Path) -> None:
     words = [sys.executable, "-m", "probe_design", *shlex.split(command)[1:]]
     ended = subprocess.run(words, cwd=folder, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=250)
@@ -53,6 +70,7 @@ def test_command_runs(command: str, folder: Path) -> None:
     assert ended.stdout or "wrote" in ended.stderr
 
 
+@pytest.mark.slow
 def test_printed_optimum_is_what_the_command_prints(folder: Path) -> None:
     assert BUILTIN in COMMANDS
     words = [sys.executable, "-m", "probe_design", *shlex.split(BUILTIN)[1:]]
@@ -68,7 +86,9 @@ def numbers(table: str, row: str) -> list[float]:
     return [float(cell) for cell in re.findall(r"[│|]\s+([0-9.e+-]+)\s+(?=[│|])", line)]
 
 
-@pytest.mark.parametrize("snippet", [snippet for page in PAGES.values() for snippet in blocks("python", page)])
+@pytest.mark.parametrize(
+    "snippet", slow_unless(README.__contains__, [x for page in PAGES.values() for x in blocks("python", page)])
+)
 def test_snippet_runs(snippet: str, folder: Path) -> None:
     ended = subprocess.run([sys.executable, "-W", "error", "-c", snippet], cwd=folder, capture_output=True, text=True, timeout=60)
     assert ended.returncode == 0, ended.stderr

@@ -22,6 +22,7 @@ from solver.equivalent_inclusion.readings import readings
 from solver.inclusions.tumours import Tumours
 from solver.results.film_forces import Bound, FilmForces
 from tests.support.random_scenes import MODULI, between, homogeneous, in_a_block, moved, scaled, scenes, stiffened
+from tests.support.slow import slow_unless
 
 ACCURACY = 0.05
 EXACT = 1e-9  # rounding, and the residuals of the equations' solutions
@@ -35,10 +36,10 @@ BESIDE = ("closed-form", "equivalent-inclusion")  # levels that take tumours bes
 
 
 def held(levels: Mapping[str, int] | tuple[str, ...] = tuple(EXAMPLES), **more: st.SearchStrategy) -> Callable:
-    """Make a law (level, scene, more) a test of each level on scenes that it takes."""
+    """Make a law (level, scene, more) a test of each level on scenes that it takes; what all levels hold is slow for the last."""
 
     def of(law: Callable[..., None]) -> Callable[[str], None]:
-        @pytest.mark.parametrize("level", levels)
+        @pytest.mark.parametrize("level", slow_unless(lambda level: levels == BESIDE or level != "equivalent-inclusion", levels))
         def test(level: str) -> None:
             def check(**drawn: Any) -> None:
                 assume(taken(level, drawn["scene"]))

@@ -39,10 +39,8 @@ def command(*arguments: str | Path) -> list[str]:
     return [sys.executable, "-W", "error", "-m", "probe_design", "sweep", *map(str, arguments)]
 
 
-def run(*arguments: str | Path, **more: Any) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        command(*arguments), capture_output=True, text=True, stdin=subprocess.DEVNULL, cwd=ROOT, timeout=100, **more
-    )
+def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command(*arguments), capture_output=True, text=True, stdin=subprocess.DEVNULL, cwd=ROOT, timeout=100)
 
 
 def stored(folder: Path) -> list[tuple[Any, ...]]:

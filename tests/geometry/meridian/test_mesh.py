@@ -53,12 +53,14 @@ def test_special_sections_are_covered_once(case: dict[str, float]) -> None:
     assert_covered_once(section(**case), mesh_of(section(**case)))
 
 
+@pytest.mark.slow
 @many
 @given(numbers)
 def test_promised_sections_are_covered_once(case: dict[str, float]) -> None:
     assert_covered_once(section(**case), mesh_of(section(**case)))
 
 
+@pytest.mark.slow
 @many
 @given(numbers, st.sampled_from(LEVELS))
 def test_no_cell_is_turned_inside_out_on_any_level(case: dict[str, float], level: MeridianFineness) -> None:

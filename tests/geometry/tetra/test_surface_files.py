@@ -53,6 +53,7 @@ def test_a_step_file_says_its_unit(tmp_path):
     assert sheet.closed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["inverted and crossing", "hole"])
 def test_dirty_surfaces_are_meshed(tmp_path, fault):
     whole = ball()

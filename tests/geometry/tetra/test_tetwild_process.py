@@ -62,6 +62,7 @@ def end(children, number):
     return thread
 
 
+@pytest.mark.slow
 def test_two_threads_mesh_at_the_same_time():
     with ThreadPoolExecutor(2) as pool:
         for points, tetrahedra in pool.map(lambda size: tetrahedralize(cube(size)), (0.3, 0.4)):

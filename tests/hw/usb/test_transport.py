@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 
 from tests.support.paths import ROOT
+from tests.support.slow import slow_unless
 
 PYTHON = "/usr/bin/python3"  # Debian's, which has the bindings of umockdev
 NEEDS = "umockdev gir1.2-umockdev-1.0 python3-gi"
@@ -66,7 +67,7 @@ def gaps(told: dict[str, Any]) -> list[tuple[int, int, str]]:
     return [(gap["first"], gap["count"], gap["reason"]) for gap in told["gaps"]]
 
 
-@pytest.mark.parametrize("packet", [64, 511, 512, 513, 1024])
+@pytest.mark.parametrize("packet", slow_unless((512).__eq__, ROWS))
 def test_packet_sizes(packet: int) -> None:
     told = reading({"serial": "A1", "packet": packet}, seconds=0.3)
     assert gaps(told) == []
@@ -75,6 +76,7 @@ def test_packet_sizes(packet: int) -> None:
     assert (told["source"]["transport"], told["source"]["firmware"]) == ("usb", "emulated 1")
 
 
+@pytest.mark.slow
 def test_million_samples_without_one_lost_or_invented() -> None:
     told = reading({"serial": "A1", "sequence": 2**32 - 100}, seconds=10)  # the sequence wraps on the way
     assert gaps(told) == []
@@ -123,18 +125,18 @@ FIRST = 30 * ROWS[512]
 
 @pytest.mark.parametrize(
     ("kind", "count", "lost", "reason"),
-    [
+    slow_unless(lambda case: case[0] in ("drop", "unplug"), [
         ("drop", 2, 2, "frames were lost or damaged on the way"), ("stall", 1, 1, "the endpoint was halted"),
         ("stall", 3, 3, "the endpoint was halted"), ("error", 1, 1, "the bus failed"), ("error", 3, 3, "the bus failed"),
         ("unplug", 1, 5, "the device was unplugged, and came back at bus 1 address 12"),
-    ],
+    ]),
 )  # fmt: skip
 def test_fault_becomes_a_gap(kind: str, count: int, lost: int, reason: str) -> None:
     """What came in the same transfer before the fault is kept: the gap begins at the fault's frame."""
     assert gaps(faulty(kind, count)) == [(FIRST, lost * ROWS[512], reason)]
 
 
-@pytest.mark.parametrize("kind", ["partial", "timeout"])
+@pytest.mark.parametrize("kind", slow_unless("partial".__eq__, ["partial", "timeout"]))
 def test_time_out_loses_nothing(kind: str) -> None:
     told = faulty(kind)
     assert gaps(told) == []
@@ -145,12 +147,14 @@ def test_device_that_lost_its_power_is_not_spliced() -> None:
     assert gaps(faulty("power")) == [(FIRST, -1, "the device was unplugged, and came back at bus 1 address 12")]
 
 
+@pytest.mark.slow
 def test_unplugged_again_and_again_beside_another_device() -> None:
     faults = [[30, "unplug", 1], [100, "unplug", 1], [200, "power", 1]]
     told = reading({"serial": "A1", "faults": faults}, {"serial": "B2"}, serial="A1", seconds=0.5)
     assert [(count, reason.rsplit(" ", 1)[1]) for _, count, reason in gaps(told)] == [(610, "12"), (610, "22"), (-1, "32")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "error", "cause"),
     [("stall", "Stalled", "USBError"), ("error", "TransferError", "USBError"), ("timeout", "Timeout", "USBTimeoutError")],
@@ -166,13 +170,16 @@ def test_device_that_does_not_come_back() -> None:
     assert "did not come back" in told["message"]
 
 
-@pytest.mark.parametrize(("acquisitions", "third"), [(2, "Disconnected from USBError"), (3, "came")])
+@pytest.mark.parametrize(
+    ("acquisitions", "third"), slow_unless(lambda case: case[0] == 2, [(2, "Disconnected from USBError"), (3, "came")])
+)
 def test_oscilloscope_by_pyvisa_over_usbtmc(acquisitions: int, third: str) -> None:
     told = reading({"serial": "DS1", "acquisitions": acquisitions, "returns": False}, serial=RESOURCE)
     assert (told["wrong"], told["third"]) == (0, third)
     assert told["source"]["model"] == "RIGOL TECHNOLOGIES DS1104Z"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("state", "error"), [({"busy": True}, "Busy"), ({"denied": True}, "NotFound"), ({"serial": "DS2"}, "NotFound")]
 )

@@ -10,16 +10,13 @@ import subprocess
 import sys
 import time
 import tomllib
-from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import dataclass
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from probe_design.built_probe.virtual_probe import Built
-from probe_design.cli.main import main
+from tests.support import program
 from tests.support.paths import DOCS, SCENE
 
 PAGE = (DOCS / "hardware.md").read_text(encoding="utf-8")
@@ -29,23 +26,11 @@ KEYS = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Ended:
-    stdout: str
-    stderr: str
-
-
-def run(*arguments: str | Path, code: int = 0) -> Ended:
-    """Run the program in this process, which saves its start-up."""
-    output, errors = StringIO(), StringIO()
-    with pytest.MonkeyPatch.context() as patch, redirect_stdout(output), redirect_stderr(errors):
-        patch.setattr(sys, "argv", ["probe-design", *map(str, arguments)])
-        patch.setattr(sys, "stdin", StringIO())
-        with pytest.raises(SystemExit) as ended:
-            main()
-    assert ended.value.code == code, errors.getvalue()
-    assert "defect" not in errors.getvalue()
-    return Ended(output.getvalue(), errors.getvalue())
+def run(*arguments: str | Path, code: int = 0) -> program.Ended:
+    ended = program.run(*arguments)
+    assert ended.returncode == code, ended.stderr
+    assert "defect" not in ended.stderr
+    return ended
 
 
 def told(*arguments: str | Path, code: int = 0) -> dict[str, Any]:
@@ -143,6 +128,7 @@ def test_check_passes_a_probe_as_drawn(folder: Path) -> None:
     assert json.loads((folder / "check.json").read_text()) == found
 
 
+@pytest.mark.slow
 def test_check_fails_a_probe_off_its_drawing_and_says_why(folder: Path) -> None:
     words = ("--virtual", "--calibration", folder / "probe.toml", "--built", "probe.outer.youngs_modulus=92 kPa")
     ended = run("check", *words, "-o", folder / "failed.json", code=1)

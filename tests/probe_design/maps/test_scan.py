@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -18,7 +16,7 @@ from geometry.scenes.scene import Inclusion
 from probe_design.maps.scan import scan
 from solver import evaluate
 from tests.support.paths import EXAMPLES, REFERENCE
-from tests.support.program import refused, run
+from tests.support.program import begun, refused, run
 from tests.support.references import expected, named
 
 SCENE = REFERENCE / "solid" / "two-tumours-between.toml"
@@ -63,6 +61,7 @@ def test_tumours_beside_the_axis(one: object) -> None:
     assert told.error_estimate[0] <= 0.011
 
 
+@pytest.mark.slow
 def test_a_symmetric_scene_gives_a_symmetric_scan_along_any_line() -> None:
     scene = read_scene(REFERENCE / "solid" / "two-tumours-on-large-tumour.toml")
     body = scene.inclusion[0]
@@ -123,6 +122,7 @@ def test_a_tumour_beyond_the_round_tissue_is_counted_as_an_error() -> None:
     assert any("outside the round tissue" in warning for warning in told.warnings)
 
 
+@pytest.mark.slow
 def test_positions_at_the_edge_do_not_spoil_those_in_the_middle() -> None:
     """The bounds of each position hold what the tissue's side does there, with the same answers."""
     scene = read_scene(REFERENCE / "solid" / "flank.toml")
@@ -134,9 +134,8 @@ def test_positions_at_the_edge_do_not_spoil_those_in_the_middle() -> None:
 
 
 def test_interrupted_is_one_line_and_leaves_no_file(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "probe_design", "scan", str(SCENE), "--points", "2000", "--plot", str(tmp_path / "scan.png")]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as started:
-        time.sleep(6)
+    with begun("scan", SCENE, "--points", "2000", "--plot", tmp_path / "scan.png") as started:
+        time.sleep(3)
         started.send_signal(signal.SIGINT)
         out, said = started.communicate(timeout=60)
     assert started.returncode == 130

@@ -22,7 +22,8 @@ from probe_design.solid_output.stress_panel import deformed
 from probe_design.solid_output.vtu import draw_solid, write_vtu
 from solver.solid.base_states import SolidFields, SolidStates, fields, solid_states
 from solver.solid.problem import Problem, Solid
-from tests.support.paths import MESHES, ROOT
+from tests.support.meshes import stored_mesh
+from tests.support.paths import ROOT
 from tests.support.tet_meshes import body_volumes
 
 DOWN = np.array([1e-5, 1e-5, 0.0])
@@ -35,11 +36,8 @@ def material(modulus: float, ratio: float = 0.45) -> Material:
 MATERIALS = {INNER: material(1e6), OUTER: material(8e4), TISSUE: material(6e3), INCLUSION: material(6e4)}  # a groove cut out
 
 
-@cache
 def half() -> TetMesh:
-    data = np.load(MESHES / "probe.npz")
-    body = data["body"].astype(np.int64)
-    return TetMesh(data["nodes"], data["elements"].astype(np.int64), body, body == BEYOND, bool(data["half"]))
+    return stored_mesh("probe")
 
 
 def whole() -> TetMesh:

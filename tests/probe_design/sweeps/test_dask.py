@@ -44,6 +44,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_two_of_four_workers_die_and_one_stands_still(whole: Path, tmp_path: Path) -> None:
     """The one that stands still keeps its batches, which others are given too."""
     script = tmp_path / "program.py"
@@ -57,6 +58,7 @@ def test_two_of_four_workers_die_and_one_stands_still(whole: Path, tmp_path: Pat
     assert "takes long" in (tmp_path / "out" / "sweep.log").read_text()
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_dies_and_comes_back(tmp_path: Path) -> None:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))

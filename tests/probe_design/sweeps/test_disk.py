@@ -6,23 +6,26 @@ import shlex
 import shutil
 import sqlite3
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from probe_design import sweep
 from tests.support.paths import ROOT
-from tests.support.sweeps import command, run, stored, toml
+from tests.support.sweeps import command, stored, toml
+
+LIMITED = """
+import os, resource, sys  # not on Windows
+resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))
+os.execv(sys.argv[1], sys.argv[1:])
+"""
 
 
 def test_files_that_may_not_grow(whole: Path, tmp_path: Path) -> None:
     """The designs do not fit."""
-    import resource  # not on Windows
-
-    room = 30_000
-    ended = run(
-        toml(tmp_path), "-o", tmp_path / "out", preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
-    )
+    swept = [sys.executable, "-c", LIMITED, *command(toml(tmp_path), "-o", tmp_path / "out")]
+    ended = subprocess.run(swept, capture_output=True, text=True, cwd=ROOT, timeout=100)
     check_kept(ended, tmp_path / "out", whole)
 
 

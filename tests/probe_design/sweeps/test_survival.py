@@ -39,6 +39,7 @@ class TestSurvival:
             assert (row["status"] == "failed") == (row["probe.gap"] == 2e-4)
         assert "killed by signal 9" in row["reason"]
 
+    @pytest.mark.slow
     def test_twenty_kills_leave_what_no_kill_leaves(self, whole: Path, tmp_path: Path) -> None:
         chance, out, path = random.Random(8), tmp_path / "out", toml(tmp_path)
         kills, counts = 0, [0]
@@ -82,6 +83,7 @@ class TestSurvival:
         sweep(path, out)
         assert stored(out) == stored(whole)
 
+    @pytest.mark.slow
     def test_the_design_that_takes_too_long_fails_and_no_other(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         """A worker that is stopped in the middle answers as one does that computes for ever."""
         line = WorkerProcess._line

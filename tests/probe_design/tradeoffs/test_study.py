@@ -6,8 +6,6 @@ import io
 import json
 import re
 import signal
-import subprocess
-import sys
 import time
 from dataclasses import asdict
 from pathlib import Path
@@ -26,7 +24,7 @@ from probe_design.tradeoffs.timing import with_new_probe, with_other_tumours
 from solver import evaluate
 from solver.levels import BUILT
 from tests.support.paths import REFERENCE, ROOT
-from tests.support.program import refused, run
+from tests.support.program import begun, refused, run
 from tests.support.references import named
 
 SCENE = REFERENCE / "axisymmetric" / "shallow.toml"
@@ -182,6 +180,7 @@ def test_what_nobody_takes_is_refused() -> None:
         tradeoff({"sliding": sliding}, settings=FEW, finest=())
 
 
+@pytest.mark.slow
 def test_files_and_one_json_object(tmp_path: Path) -> None:
     ended = run("tradeoff", SCENE, "-o", tmp_path / "out", "--json")
     assert ended.returncode == 0, ended.stderr
@@ -217,9 +216,8 @@ def test_bad_input_is_one_line(tmp_path: Path) -> None:
 
 
 def test_interrupted_is_one_line_and_leaves_no_file(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "probe_design", "tradeoff", "-o", str(tmp_path)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as started:
-        time.sleep(6)
+    with begun("tradeoff", "-o", tmp_path) as started:
+        time.sleep(3)
         started.send_signal(signal.SIGINT)
         out, said = started.communicate(timeout=60)
     assert started.returncode == 130

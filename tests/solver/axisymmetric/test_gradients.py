@@ -20,6 +20,7 @@ from solver.axisymmetric.sections import sections, with_layers
 from solver.casadi_functions.finite_elements import FilmCallback
 from tests.support.paths import REFERENCE
 from tests.support.references import named
+from tests.support.slow import slow_unless
 
 INDEPENDENT = json.loads((REFERENCE / "gradients.json").read_text())  # benchmarks/references/gradients.py, NGSolve
 FINE, COARSE = MeridianFineness(1, 4, 8), MeridianFineness(1, 2, 4)
@@ -34,7 +35,7 @@ def solved(scene: Scene, fineness: MeridianFineness, moduli: np.ndarray | None =
     return sample(of.section, of, scene, fineness, moduli=moduli, kind=kind)
 
 
-@pytest.mark.parametrize("name", INDEPENDENT)
+@pytest.mark.parametrize("name", slow_unless("examples/scene.toml".__eq__, INDEPENDENT))
 def test_against_an_independent_code(name: str) -> None:
     root = REFERENCE.parents[1]
     scene = read_scene(root / name)
@@ -66,7 +67,7 @@ SCENES = {
 }
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", slow_unless("bonded".__eq__, SCENES))
 def test_taylor_rate_is_two_for_every_variable(name: str) -> None:
     scene = named(*SCENES[name]).scene
     start = solved(scene, COARSE)

@@ -7,6 +7,7 @@ from collections import Counter
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -38,6 +39,7 @@ def test_each_is_answered_as_on_its_own(drawn: list[Scene], seed: int) -> None:
     assert [told(one) for one in ClosedForm().evaluate_many(every)] == [alone(scene) for scene in every]
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(scenes(**KINDS), st.integers(2, 140))
 def test_bits_do_not_depend_on_the_columns_beside(scene: Scene, count: int) -> None:

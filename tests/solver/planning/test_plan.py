@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -18,9 +19,11 @@ from solver import Decision, evaluate, evaluator, plan
 from solver.axisymmetric.converged_forces import converged_forces
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.plan import Plan
+from solver.results.film_forces import FilmForces
 from solver.solid.domain import plain
 from tests.support.paths import REFERENCE
 from tests.support.references import expected, named
+from tests.support.slow import slow_unless
 
 SCENE = read_scene(REFERENCE / "solid" / "flank.toml")
 
@@ -33,7 +36,10 @@ def with_probe(scene: Scene, **changes: object) -> Scene:
     return scene.model_copy(update={"probe": scene.probe.model_copy(update=changes)})
 
 
-@pytest.mark.parametrize("folder", ["axisymmetric", "extra", "extreme", "half-space", "layers", "off-axis", "solid"])
+FOLDERS = ["axisymmetric", "extra", "extreme", "half-space", "layers", "off-axis", "solid"]
+
+
+@pytest.mark.parametrize("folder", slow_unless(lambda folder: folder != "extra", FOLDERS))
 def test_every_reference_scene_has_a_plan(folder: str) -> None:
     for one in expected(folder):
         found = plan(one.scene)
@@ -107,12 +113,19 @@ class TestInclusions:
 class TestDetails:
     """Films and base against the layered mesh, groove and sides against 3D of an independent code."""
 
+    @staticmethod
+    @cache
+    def bare() -> FilmForces:
+        """Of the probe without films, under a rigid base."""
+        return converged_forces(plain(SCENE), 1e-5).films[0]
+
+    @pytest.mark.slow
     @pytest.mark.parametrize("stiff", [3e8, 3e9])
     def test_layers(self, stiff: float) -> None:
         layered = with_probe(SCENE, film=Film(youngs_modulus=stiff), base=Base(youngs_modulus=stiff, poisson_ratio=0.3))
         scene = plain(layered)
         found = plan(scene, 0.05)
-        changes = converged_forces(scene, 1e-5).films[0], converged_forces(plain(SCENE), 1e-5).films[0]
+        changes = converged_forces(scene, 1e-5).films[0], self.bare()
         logs = [math.log(films.totals[0] / films.totals[1]) for films in changes]
         promised = decision(found, "film compliance"), decision(found, "elastic base")
         assert not any(one.modelled for one in promised)

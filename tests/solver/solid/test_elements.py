@@ -26,14 +26,7 @@ from solver.solid.body_stiffness import assembled, part
 from solver.solid.modulus_response import solid_response
 from solver.solid.problem import Problem, Solid, outside
 from solver.solid.tetrahedron import curved, functions, integrated
-from tests.support.paths import MESHES
-
-
-@cache
-def mesh(name: str) -> TetMesh:
-    data = np.load(MESHES / f"{name}.npz")
-    body = data["body"].astype(np.int64)
-    return TetMesh(data["nodes"], data["elements"].astype(np.int64), body, body == BEYOND, bool(data["half"]))
+from tests.support.meshes import stored_mesh
 
 
 def material(modulus: float, ratio: float = 0.45) -> Material:
@@ -48,7 +41,7 @@ def materials(sphere: float, ratio: float = 0.45) -> dict[int, Material]:
 
 @cache
 def solid(frictionless: bool = False) -> Solid:
-    return Solid.of(mesh("probe"), frictionless)
+    return Solid.of(stored_mesh("probe"), frictionless)
 
 
 @cache
@@ -65,14 +58,14 @@ class TestElements:
 
     def test_volume_of_curved_elements(self) -> None:
         """Quadratic sides: 418 elements have the cylinder's volume to 1e-5, where straight ones have it to 1 %."""
-        m = mesh(CYLINDERS[0])
+        m = stored_mesh(CYLINDERS[0])
         assert curved(m.nodes[m.elements]).any()
         assert sum(w.sum() for _, _, _, w in integrated(m.nodes[m.elements])) == pytest.approx(np.pi, rel=1e-5)
 
     @pytest.mark.parametrize("averaged", [False, True])
     def test_patch(self, averaged: bool) -> None:
         """A linear field leaves no force on any node inside, curved elements included; a rigid motion none anywhere."""
-        m = mesh(CYLINDERS[0])
+        m = stored_mesh(CYLINDERS[0])
         piece, random = part(m.nodes, m.elements, averaged), np.random.default_rng(2)
         linear = m.nodes @ random.normal(size=(3, 3)) + random.normal(size=3)
         turn = np.cross(m.nodes, random.normal(size=3)) + random.normal(size=3)
@@ -83,7 +76,7 @@ class TestElements:
         assert forces[..., 1] == pytest.approx(np.zeros((len(forces), 3)), abs=1e-13)
 
     def test_an_element_inside_out_is_refused(self) -> None:
-        m = mesh(CYLINDERS[0])
+        m = stored_mesh(CYLINDERS[0])
         with pytest.raises(SolveError, match="1 elements of the mesh are turned inside out"):
             part(m.nodes, np.vstack([m.elements[:5], m.elements[5, [1, 0, 2, 3, 4, 6, 5, 8, 7, 9]]]))
 
@@ -110,13 +103,13 @@ def apparent_modulus(m: TetMesh, ratio: float, averaged: bool) -> float:
 @pytest.mark.parametrize(("ratio", "worst"), [(0.3, 0.005), (0.49, 0.011), (0.4999, 0.012)])
 def test_bonded_cylinder(ratio: float, worst: float) -> None:
     """Mean dilation: no locking, and the singular edges' rate (1.4 to 1.7 for a halved size) at every Poisson ratio."""
-    coarse, fine = (apparent_modulus(mesh(name), ratio, True) / BONDED[ratio] - 1 for name in CYLINDERS)
+    coarse, fine = (apparent_modulus(stored_mesh(name), ratio, True) / BONDED[ratio] - 1 for name in CYLINDERS)
     assert abs(coarse) < worst
     assert np.log2(abs(coarse / fine)) > 1.4
 
 
 def test_plain_elements_lock() -> None:
-    plain, averaged = (apparent_modulus(mesh(CYLINDERS[0]), 0.4999, way) / BONDED[0.4999] - 1 for way in (False, True))
+    plain, averaged = (apparent_modulus(stored_mesh(CYLINDERS[0]), 0.4999, way) / BONDED[0.4999] - 1 for way in (False, True))
     assert plain > 10 * averaged > 0
 
 
@@ -179,7 +172,7 @@ class TestStates:
         assert cut.forces.sum() < states().forces.sum() < wide.forces.sum()
 
     def test_an_inclusion_beyond_the_reference_is_a_body_of_its_own(self) -> None:
-        m = mesh("probe")
+        m = stored_mesh("probe")
         across = replace(m, body=np.where(m.body == BEYOND, INCLUSION, m.body))
         assert set(Solid.of(across).parts) == {INNER, OUTER, GROOVE, TISSUE, INCLUSION, outside(INCLUSION)}
 

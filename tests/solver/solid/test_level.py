@@ -13,6 +13,7 @@ from solver.results.result import Result
 from solver.solid.domain import domain, reach
 from solver.solid.film_forces import solid_forces
 from solver.solid.level import SolidLevel
+from tests.support.meshes import SCENE, scene_mesh
 from tests.support.references import Expected, expected, named
 
 pytestmark = pytest.mark.timeout(600)
@@ -23,8 +24,18 @@ def solved(scene: Scene, accuracy: float = 0.01) -> Result:
     return SolidLevel().evaluate(scene, accuracy)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("one", SOLID, ids=lambda one: one.name)
 def test_against_an_independent_code(one: Expected) -> None:
+    assert_as_expected(one)
+
+
+def test_against_an_independent_code_on_stored_meshes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("solver.solid.film_forces.mesh_domain", scene_mesh)
+    assert_as_expected(named("solid", SCENE))
+
+
+def assert_as_expected(one: Expected) -> None:
     result = solved(one.scene)
     assert result.ratio is not None
     assert result.error_estimate is not None
@@ -35,6 +46,7 @@ def test_against_an_independent_code(one: Expected) -> None:
     assert result.stiffness == pytest.approx(one.stiffness, rel=0.005 + one.uncertainty)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["published-materials", "nearly-incompressible", "soft-cyst"])
 def test_on_the_axis(name: str) -> None:
     """The meshes know nothing of the symmetry: a tumour on the axis must come out as in the meridian plane."""
@@ -46,6 +58,7 @@ def test_on_the_axis(name: str) -> None:
     assert result.log_sensitivity == pytest.approx(one.log_sensitivity, rel=0.05, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_the_frictionless_interface() -> None:
     one = named("off-axis", "frictionless-cover-0.25-offset-0.5")
     result = solved(one.scene, 0.02)
@@ -55,6 +68,7 @@ def test_the_frictionless_interface() -> None:
     assert 0 < result.residual < 1e-8  # of the loads: conjugate gradients stop there
 
 
+@pytest.mark.slow
 def test_an_ellipsoid_turned_off_the_axis() -> None:
     one = next(one for one in expected("off-axis") if one.scene.inclusion[0].diameters is not None)
     result = solved(one.scene, 0.02)
@@ -62,6 +76,7 @@ def test_an_ellipsoid_turned_off_the_axis() -> None:
     assert abs(result.ratio / one.ratio - 1) <= min(0.01, result.error_estimate or 0.0)
 
 
+@pytest.mark.slow
 def test_a_tilt_moves_no_mean_stress_of_a_symmetric_scene_and_does_beside_a_tumour() -> None:
     """PHYSICS section 2: a small tilt is an m = 1 field. Mirrored, it acts the other way."""
     scene = named("solid", "flank").scene
@@ -74,6 +89,7 @@ def test_a_tilt_moves_no_mean_stress_of_a_symmetric_scene_and_does_beside_a_tumo
     assert mirrored.tilt[0] == pytest.approx(-beside.tilt[0], abs=0.05 * size)
 
 
+@pytest.mark.slow
 def test_a_curve_is_what_evaluations_are() -> None:
     scene = named("solid", "flank").scene
     moduli = np.array([1e3, 1e6])
@@ -85,6 +101,7 @@ def test_a_curve_is_what_evaluations_are() -> None:
         assert found.log_sensitivity[k] == pytest.approx(one.log_sensitivity, rel=1e-3, abs=1e-7)
 
 
+@pytest.mark.slow
 def test_far_tissue_may_be_cut_off() -> None:
     """On a half-space little is meshed; the equivalent-inclusion level, which ends 300 radii away, agrees."""
     whole = named("solid", "flank").scene
@@ -127,6 +144,7 @@ def test_mirror_images_share_a_mesh() -> None:
     assert domain(scene, math.inf, 0.02) == domain(other, math.inf, 0.02)
 
 
+@pytest.mark.slow
 def test_auto_comes_here_for_what_others_leave_out() -> None:
     flank = named("solid", "flank").scene
     tilted = flank.model_copy(update={"placement": Placement(tilt=1e-4)})

@@ -1,0 +1,54 @@
+"""Meshes of tetrahedra that tests share, in tests/meshes, so that only meshing's own tests mesh.
+
+Those of `scene_mesh` are made anew by ``python -m tests.support.meshes``, the others by benchmarks/references/solid_meshes.py.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from geometry.scenes.scene_file import read_scene
+from geometry.tetra.check import check
+from geometry.tetra.layout import BodyLayout, body_layout, extent
+from geometry.tetra.mesher import mesh_layout
+from geometry.tetra.sizing import COARSE, ROUGH, TetraFineness
+from geometry.tetra.tet_mesh import BEYOND, TetMesh
+from solver.solid.domain import Domain, domain
+from tests.support.paths import MESHES, REFERENCE
+
+SCENE = "flank"  # of tests/reference/solid: half of it is meshed
+FINENESS = {ROUGH: "rough", COARSE: "coarse"}
+
+
+@cache
+def stored_mesh(name: str) -> TetMesh:
+    """Read one of tests/meshes."""
+    data = np.load(MESHES / f"{name}.npz")
+    body = data["body"].astype(np.int64)
+    return TetMesh(data["nodes"], data["elements"].astype(np.int64), body, body == BEYOND, bool(data["half"]))
+
+
+def scene_mesh(of: Domain, fineness: TetraFineness) -> TetMesh:
+    """What solver.solid.difference.mesh_domain returns, of a scene with the bodies of SCENE only; ``check`` holds that it is."""
+    mesh = stored_mesh(f"{SCENE}-{FINENESS[fineness]}")
+    check(mesh, _layout(of))
+    return mesh
+
+
+def _layout(of: Domain) -> BodyLayout:
+    return body_layout(of.scene, of.half, extent(of.scene, None), of.radius)
+
+
+def main() -> None:
+    of = domain(read_scene(REFERENCE / "solid" / f"{SCENE}.toml"), np.inf, None)
+    for fineness, name in FINENESS.items():
+        mesh, _ = mesh_layout(_layout(of), fineness)
+        assert np.array_equal(mesh.beyond, mesh.body == BEYOND)
+        small = {"elements": mesh.elements.astype(np.uint16), "body": mesh.body.astype(np.int8)}
+        np.savez_compressed(MESHES / f"{SCENE}-{name}.npz", nodes=mesh.nodes, half=np.array(mesh.half), **small)
+
+
+if __name__ == "__main__":
+    main()
