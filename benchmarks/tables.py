@@ -21,7 +21,7 @@ TIMES = (", ms", ", s")
 
 
 @dataclass
-class Table:
+class MeasuredTable:
     """A table with named columns.
 
     Attributes:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -77,24 +77,17 @@ class Reader:
                     if end is not None and block.index[-1] >= end - 1:
                         return
 
-    def collect(
-        self, seconds: float | None = None, record: Path | str | None = None, progress: Callable[[float], None] | None = None
-    ) -> Samples:
+    def collect(self, seconds: float | None = None, record: Path | str | None = None) -> Samples:
         """Return all samples of ``seconds``; for the arguments see ``blocks``.
 
         Args:
             seconds: how long; None: until the source ends.
             record: a new file for the raw bytes.
-            progress: told the seconds that have been read, after each block.
 
         Raises:
             Timeout: the source ended before its first sample.
         """
-        parts = []
-        for block in self.blocks(seconds, record):
-            parts.append(block)
-            if progress and len(block):
-                progress((int(block.index[-1]) + 1) / block.rate)
+        parts = list(self.blocks(seconds, record))
         if not parts:
             raise Timeout(f"no samples from {self.header.source.get('transport', 'the source')}: is the recording empty?")
         return joined(parts)

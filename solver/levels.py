@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 AUTO = "auto"
 BUILT = ("published", "closed-form", "equivalent-inclusion", "axisymmetric", "solid")
-"""The levels' names: each lives in the room of that name, whose ``level.py`` makes it."""
+"""The levels' names: each lives in the room of that name, one of ``solver/*/level.py``."""
 PLANNED = ("contact",)
 
 

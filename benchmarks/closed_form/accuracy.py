@@ -1,7 +1,7 @@
 """The closed form's true error scene by scene, and its speed.
 
 ``python -m benchmarks.closed_form.accuracy`` prints for all scenes of tests/reference that it takes the error of ratio and
-log-sensitivity and the stated error (all relative), then designs per second on one core. ``closed_form_error.py`` audits the
+log-sensitivity and the stated error (all relative), then designs per second on one core. ``error.py`` audits the
 stated errors.
 """
 

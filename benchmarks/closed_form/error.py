@@ -1,9 +1,9 @@
 """The closed form's stated errors: where their weights come from, and how they do on other scenes.
 
-``python -m benchmarks.closed_form.error FILE`` audits: for the scenes of a file of ``closed_form_scenes.py`` it prints quantiles
+``python -m benchmarks.closed_form.error FILE`` audits: for the scenes of a file of ``scenes.py`` it prints quantiles
 of the true errors of ln(ratio), of the logarithms of both totals and of the log-sensitivity, of the stated ones, and of true
-over stated, which must stay below 1. With ``--fit`` it prints weights for eq. CF.19 of
-``solver/closed_form/error_bound.py``: none below
+over stated, which must stay below 1. With ``--fit`` it writes weights for eq. CF.19, and where they come from, to
+``solver/closed_form/error_weights.json``; ``--seeds 1:1600 2:500`` says how many of the scenes each seed drew. No weight is below
 ``LOWEST``, the sum of the logarithms of all stated errors as small as linear programming makes it (each round weighs a scene by
 what it was told before), so that no scene of the file or of tests/reference is told less than ``MARGIN`` times its error.
 """
@@ -14,8 +14,8 @@ import argparse
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
-from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -25,11 +25,13 @@ from benchmarks.closed_form.scenes import answered
 from geometry import Scene, read_scene
 from geometry.common.arrays import Floats
 from solver.closed_form.designs import parameters
-from solver.closed_form.error_bound import LEAST_SENSITIVITY, WEIGHTS, errors
+from solver.closed_form.error_bound import LEAST_SENSITIVITY, QUANTITIES, errors
 from solver.closed_form.error_features import features
 from solver.closed_form.level import LARGEST_ERROR, ClosedForm, variants
 
-REFERENCE = Path(__file__).parents[2] / "tests" / "reference"
+ROOT = Path(__file__).parents[2]
+REFERENCE = ROOT / "tests" / "reference"
+WEIGHTS = ROOT / "solver" / "closed_form" / "error_weights.json"
 FOLDERS = ("axisymmetric", "extra", "extreme", "extremes", "half-space", "off-axis", "solid", "layers")
 MARGIN = 2.5
 ROUNDS = 10
@@ -49,12 +51,29 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("file", type=Path)
     parser.add_argument("--fit", action="store_true")
+    parser.add_argument("--seeds", nargs="+", default=[], metavar="SEED:SCENES", help="what drew the scenes of a fit")
     options = parser.parse_args()
     scenes = list(answered(options.file))
     if options.fit:
-        fit(list(rows(scenes + list(references()))))
+        seeds = {seed: int(number) for seed, number in (drawn.split(":") for drawn in options.seeds)}
+        if sum(seeds.values()) != len(scenes):
+            parser.error(f"--seeds add up to {sum(seeds.values())} scenes, the file holds {len(scenes)}")
+        found = {"origin": origin(seeds), "weights": fit(list(rows(scenes + list(references()))))}
+        WEIGHTS.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     else:
         audit(list(rows(scenes)))
+
+
+def origin(seeds: dict[str, int]) -> dict[str, Any]:
+    """Where weights fitted now come from."""
+    return {
+        "script": "python -m benchmarks.closed_form.error FILE --fit",
+        "date": date.today().isoformat(),
+        "scenes": sum(seeds.values()),
+        "seeds": seeds,
+        "references": FOLDERS,
+        "margin": MARGIN,
+    }
 
 
 def references() -> Iterator[tuple[Scene, dict[str, Any]]]:
@@ -69,15 +88,15 @@ def references() -> Iterator[tuple[Scene, dict[str, Any]]]:
 
 
 @dataclass(frozen=True)
-class Row:
-    """A scene's features, true and stated errors by the names of ``WEIGHTS``; no error of a sensitivity that is not known."""
+class JudgedScene:
+    """A scene's features, true and stated errors by the names of ``QUANTITIES``; no error of a sensitivity that is not known."""
 
     features: dict[str, dict[str, float]]
     true: dict[str, float]
     stated: dict[str, float]
 
 
-def rows(scenes: list[tuple[Scene, dict[str, Any]]]) -> Iterator[Row]:
+def rows(scenes: list[tuple[Scene, dict[str, Any]]]) -> Iterator[JudgedScene]:
     """Yield those of the scenes for which the formulas give totals above zero."""
     for scene, answer in scenes:
         shape, values = parameters(scene)
@@ -88,10 +107,10 @@ def rows(scenes: list[tuple[Scene, dict[str, Any]]]) -> Iterator[Row]:
         told = errors(scene, forces, slopes, sided)
         stated = told.log_ratio, *told.log_totals, told.sensitivity
         true = _true(scene, answer, forces[0], slopes[0])
-        yield Row(
-            dict(zip(WEIGHTS, features(scene, forces, slopes, sided), strict=True)),
-            {name: error for name, error in zip(WEIGHTS, true, strict=True) if error is not None},
-            dict(zip(WEIGHTS, map(float, stated), strict=True)),
+        yield JudgedScene(
+            dict(zip(QUANTITIES, features(scene, forces, slopes, sided), strict=True)),
+            {name: error for name, error in zip(QUANTITIES, true, strict=True) if error is not None},
+            dict(zip(QUANTITIES, map(float, stated), strict=True)),
         )
 
 
@@ -106,21 +125,19 @@ def _true(scene: Scene, answer: dict[str, Any], forces: Floats, slope: Floats) -
     return abs(float(wrong[0] - wrong[1])), *map(float, np.abs(wrong)), sensitivity
 
 
-def fit(found: list[Row]) -> None:
-    """Print the weights."""
-    for kind in WEIGHTS:
-        known = [row for row in found if kind in row.true]
-        names = list(known[0].features[kind])
-        table = np.array([[row.features[kind][name] for name in names] for row in known])
-        least = np.minimum(MARGIN * np.array([row.true[kind] for row in known]), LARGEST_ERROR)
-        if kind == "sensitivity":
-            least = np.maximum(least - LEAST_SENSITIVITY, 0)
-        weights = _envelope(table, least, np.array([LOWEST.get(name, 0.0) for name in names]), LEAST[kind])
-        told = " ".join(
-            f'"{name}":_{weight:.3g},'.replace(" ", "_") for name, weight in zip(names, weights, strict=True) if weight > 0
-        )
-        lines = fill(told, 120, initial_indent=" " * 8, subsequent_indent=" " * 8, break_on_hyphens=False)
-        print(f'    "{kind}": {{\n{lines.replace("_", " ")}\n    }},')
+def fit(found: list[JudgedScene]) -> dict[str, dict[str, float]]:
+    """Return the weights above zero by quantity and feature."""
+    return {kind: _fitted(kind, [row for row in found if kind in row.true]) for kind in QUANTITIES}
+
+
+def _fitted(kind: str, known: list[JudgedScene]) -> dict[str, float]:
+    names = list(known[0].features[kind])
+    table = np.array([[row.features[kind][name] for name in names] for row in known])
+    least = np.minimum(MARGIN * np.array([row.true[kind] for row in known]), LARGEST_ERROR)
+    if kind == "sensitivity":
+        least = np.maximum(least - LEAST_SENSITIVITY, 0)
+    weights = _envelope(table, least, np.array([LOWEST.get(name, 0.0) for name in names]), LEAST[kind])
+    return {name: float(f"{weight:.3g}") for name, weight in zip(names, weights, strict=True) if weight > 0}
 
 
 def _envelope(table: Floats, least: Floats, lowest: Floats, floor: float) -> Floats:
@@ -133,10 +150,10 @@ def _envelope(table: Floats, least: Floats, lowest: Floats, floor: float) -> Flo
     return np.where(w > 1e-6, np.ceil(w / digits) * digits, 0.0)
 
 
-def audit(found: list[Row]) -> None:
+def audit(found: list[JudgedScene]) -> None:
     """Print quantiles over those that are not refused."""
     found = [row for row in found if row.stated["ratio"] <= LARGEST_ERROR]
-    for kind in WEIGHTS:
+    for kind in QUANTITIES:
         known = [row for row in found if kind in row.true]
         true, stated = (np.array([getattr(row, name)[kind] for row in known]) for name in ("true", "stated"))
         for text, values in (("true error", true), ("stated error", stated), ("true / stated", true / stated)):

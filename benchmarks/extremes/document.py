@@ -29,7 +29,7 @@ printed this page; a run that was interrupted goes on where it ended.
 The load does not matter in linear elasticity; a warning says where that ends. stress_inner crosses zero in the rows named
 `inner-...`, where the ring presses a lid of tissue over a hollow, stress_outer in those of `zero`.
 
-True values come from NGSolve (`benchmarks/references/axisymmetric.py`, `reference_solid.py`, `reference_half_space.py`;
+True values come from NGSolve (`benchmarks/references/axisymmetric.py`, `solid.py`, `half_space.py`;
 values and their uncertainty in `tests/reference`), or follow from such a value by the law that stands in the table. Those
 of `extremes` were found by `python -m benchmarks.references.extremes_scenes tests/reference/extremes`, then
 `python -m benchmarks.references.axisymmetric tests/reference/extremes`.

@@ -25,7 +25,7 @@ from rich.console import Console
 from benchmarks.levels.inclusion_audit import audit
 from benchmarks.levels.inclusion_references import FOLDERS, references
 from benchmarks.levels.inclusion_speed import one_map, speed
-from benchmarks.tables import Table
+from benchmarks.tables import MeasuredTable
 
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 PARTS = ("references", "audit", "speed", "map")
@@ -47,10 +47,10 @@ def arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def measure(chosen: argparse.Namespace, tell: Callable[[str], None]) -> Iterator[Table]:
+def measure(chosen: argparse.Namespace, tell: Callable[[str], None]) -> Iterator[MeasuredTable]:
     """Yield the tables as they are ready."""
     folders, seeds = chosen.folder or FOLDERS[:3], chosen.seed or [1, 2]
-    parts: dict[str, Callable[[], Iterator[Table]]] = {
+    parts: dict[str, Callable[[], Iterator[MeasuredTable]]] = {
         "references": lambda: references(folders, chosen.single, tell),
         "audit": lambda: audit(seeds, chosen.scenes, chosen.accuracy, chosen.worst, tell),
         "speed": lambda: speed(chosen.repeats, tell),

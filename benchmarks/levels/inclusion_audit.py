@@ -8,8 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from benchmarks.levels.inclusion_draws import Draw, draw
-from benchmarks.tables import Table
+from benchmarks.levels.inclusion_draws import DrawnScene, draw
+from benchmarks.tables import MeasuredTable
 from geometry import InputError, Refusal
 from geometry.common.errors import SolveError
 from solver.axisymmetric.level import Axisymmetric
@@ -60,18 +60,18 @@ class Judged:
 
 
 @dataclass(frozen=True)
-class Case:
+class AuditedScene:
     """A scene with both tiers' answers; ``None``: no ratio is told."""
 
     seed: int
     number: int
-    drawn: Draw
+    drawn: DrawnScene
     first: Judged | None
     reflected: Judged | None
 
     def __str__(self) -> str:
         """Where it comes from and its numbers."""
-        return f"seed {self.seed}, number {self.number}: Draw({self.drawn})"
+        return f"seed {self.seed}, number {self.number}: DrawnScene({self.drawn})"
 
 
 def judge(found: Readings, true: FilmForces) -> Judged | None:
@@ -91,7 +91,7 @@ def judge(found: Readings, true: FilmForces) -> Judged | None:
     )
 
 
-def case(seed: int, number: int, accuracy: float) -> Case | None:
+def case(seed: int, number: int, accuracy: float) -> AuditedScene | None:
     """Answer one random scene by both tiers and by the reference; None where it does not fit or the reference fails."""
     drawn = draw(seed, number)
     try:
@@ -101,10 +101,10 @@ def case(seed: int, number: int, accuracy: float) -> Case | None:
         first, reflected = (judge(readings(base, tumours, reflect=reflect), true) for reflect in (False, True))
     except (InputError, Refusal, SolveError, ValueError):
         return None
-    return Case(seed, number, drawn, first, reflected)
+    return AuditedScene(seed, number, drawn, first, reflected)
 
 
-def audit(seeds: Sequence[int], scenes: int, accuracy: float, worst: int, tell: Callable[[str], None]) -> Iterator[Table]:
+def audit(seeds: Sequence[int], scenes: int, accuracy: float, worst: int, tell: Callable[[str], None]) -> Iterator[MeasuredTable]:
     """Yield tables of how bounds compare with true errors, over ``scenes`` random ones of each seed."""
     found, wrong = [], 0
     for seed in seeds:
@@ -125,13 +125,13 @@ def audit(seeds: Sequence[int], scenes: int, accuracy: float, worst: int, tell: 
 TIERS = {"first order": "first", "with reflections": "reflected"}
 
 
-def _told(found: Sequence[Case], tier: str) -> list[tuple[Case, Judged]]:
+def _told(found: Sequence[AuditedScene], tier: str) -> list[tuple[AuditedScene, Judged]]:
     return [(one, judged) for one in found if (judged := getattr(one, TIERS[tier])) is not None]
 
 
-def _summary(title: str, found: Sequence[Case]) -> Table:
+def _summary(title: str, found: Sequence[AuditedScene]) -> MeasuredTable:
     columns = ("tier", "told", "right", "wrong", "largest (true - reference's) / stated", "of stresses", "of log-sensitivity")
-    table = Table(title, (*columns, "log-sensitivities wrong", "median true, error", "median stated, error"))
+    table = MeasuredTable(title, (*columns, "log-sensitivities wrong", "median true, error", "median stated, error"))
     for tier in TIERS:
         judged = [one for _, one in _told(found, tier)]
         if not judged:
@@ -145,8 +145,8 @@ def _summary(title: str, found: Sequence[Case]) -> Table:
     return table
 
 
-def _groups(found: Sequence[Case]) -> Table:
-    table = Table(
+def _groups(found: Sequence[AuditedScene]) -> MeasuredTable:
+    table = MeasuredTable(
         "by cover over diameter",
         (
             "cover / D",
@@ -169,8 +169,8 @@ def _groups(found: Sequence[Case]) -> Table:
     return table
 
 
-def _worst(found: Sequence[Case], count: int) -> Table:
-    table = Table("worst scenes", ("tier", "true, error", "stated, error", "wrong bounds", "scene"))
+def _worst(found: Sequence[AuditedScene], count: int) -> MeasuredTable:
+    table = MeasuredTable("worst scenes", ("tier", "true, error", "stated, error", "wrong bounds", "scene"))
     for tier in TIERS:
         told = sorted(_told(found, tier), key=lambda pair: -max(pair[1].excess, pair[1].totals, pair[1].slope_excess))
         for one, judged in told[:count]:

@@ -13,7 +13,7 @@ CONTACTS = ("bonded", "frictionless")
 
 
 @dataclass(frozen=True)
-class Draw:
+class DrawnScene:
     """A scene in numbers: lengths in mm; ``_ratio``: of the tissue's modulus or of a radius, as said.
 
     Attributes:
@@ -41,7 +41,7 @@ class Draw:
     contact: str
 
     def __str__(self) -> str:
-        """All numbers, as they are given to ``Draw`` again."""
+        """All numbers, as they are given to ``DrawnScene`` again."""
         values = ((field.name, getattr(self, field.name)) for field in fields(self))
         return ", ".join(f"{name}={value:.6g}" if isinstance(value, float) else f"{name}={value!r}" for name, value in values)
 
@@ -74,7 +74,7 @@ class Draw:
         return Scene(probe=probe, tissue=tissue, inclusion=(body,), contact=contact, load=Load(indentation=1e-6))
 
 
-def draw(seed: int, number: int) -> Draw:
+def draw(seed: int, number: int) -> DrawnScene:
     """Return one scene, the same for the same seed and number."""
     rng = np.random.default_rng([seed, number])
 
@@ -86,7 +86,7 @@ def draw(seed: int, number: int) -> Draw:
     outer = float(np.sqrt((radius + gap) ** 2 + area_ratio * radius**2))
     diameter, cover = between(0.2, 4) * outer, between(*COVERS)
     room = (between(1.3, 15) * outer, between(0.7, 1.0) * diameter)
-    return Draw(
+    return DrawnScene(
         inner_radius=radius,
         area_ratio=area_ratio,
         gap=gap,

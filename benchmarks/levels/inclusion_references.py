@@ -12,7 +12,7 @@ from time import perf_counter
 
 import numpy as np
 
-from benchmarks.tables import Table
+from benchmarks.tables import MeasuredTable
 from geometry import Scene, read_scene
 from solver.equivalent_inclusion.ellipsoids import with_ellipsoids
 from solver.equivalent_inclusion.level import EquivalentInclusion
@@ -124,7 +124,7 @@ def told(one: Known, found: Readings) -> Told:
     return Told(abs(float(found.ratio[0]) / one.ratio - 1), float(found.error_estimate[0]), slope, excess)
 
 
-def references(folders: Sequence[str], single: bool, tell: Callable[[str], None]) -> Iterator[Table]:
+def references(folders: Sequence[str], single: bool, tell: Callable[[str], None]) -> Iterator[MeasuredTable]:
     """Yield a table over folders and, if asked, one of single scenes for each accuracy."""
     level, summary = EquivalentInclusion(), _summary()
     for accuracy in ACCURACIES:
@@ -142,10 +142,10 @@ def references(folders: Sequence[str], single: bool, tell: Callable[[str], None]
     yield summary
 
 
-def _scenes(accuracy: float) -> Table:
+def _scenes(accuracy: float) -> MeasuredTable:
     columns = ("true, error", "stated, error", "of log-sensitivity, error", "over its bound")
     both = [f"{tier}: {column}" for tier in ("first order", "reflections") for column in columns]
-    return Table(f"accuracy {accuracy:g}", ("scene", *both, "evaluate, ms", "probe known, ms"))
+    return MeasuredTable(f"accuracy {accuracy:g}", ("scene", *both, "evaluate, ms", "probe known, ms"))
 
 
 def _row(one: Known, found: Answers) -> Iterator[float | str | None]:
@@ -154,7 +154,7 @@ def _row(one: Known, found: Answers) -> Iterator[float | str | None]:
     yield from (found.cold, found.warm)
 
 
-def _summary() -> Table:
+def _summary() -> MeasuredTable:
     columns = (
         "worst true, error",
         "worst stated, error",
@@ -162,12 +162,12 @@ def _summary() -> Table:
         "median evaluate, ms",
         "probe known, ms",
     )
-    return Table(
+    return MeasuredTable(
         "worst of each folder", ("scenes", "asked", "tier", "number", "told", "wrong", "log-sensitivities wrong", *columns)
     )
 
 
-def _summarise(table: Table, folder: str, accuracy: float, rows: Sequence[tuple[Known, Answers]]) -> None:
+def _summarise(table: MeasuredTable, folder: str, accuracy: float, rows: Sequence[tuple[Known, Answers]]) -> None:
     for tier in ("first order", "reflections"):
         each = [(one, found.first if tier == "first order" else found.reflected) for one, found in rows]
         right = [told for _, told in each if told.true is not None]

@@ -16,7 +16,7 @@ from time import perf_counter, process_time
 
 import numpy as np
 
-from benchmarks.tables import Table
+from benchmarks.tables import MeasuredTable
 from geometry import Scene, read_scene
 from solver import Result, evaluate
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed, undisturbed
@@ -55,7 +55,7 @@ def timed(run: Callable[[], object], repeats: int) -> Time:
     return Time(median(walls), median(cpus))
 
 
-def speed(repeats: int, tell: Callable[[str], None]) -> Iterator[Table]:
+def speed(repeats: int, tell: Callable[[str], None]) -> Iterator[MeasuredTable]:
     """Yield tables of seconds."""
     scene = read_scene(SCENE)
     yield _setup(scene, repeats, tell)
@@ -65,8 +65,10 @@ def speed(repeats: int, tell: Callable[[str], None]) -> Iterator[Table]:
     yield _reflections(base, repeats, tell)
 
 
-def _setup(scene: Scene, repeats: int, tell: Callable[[str], None]) -> Table:
-    table = Table("the probe on its tissue, once for all tumours", ("accuracy", "unknowns, count", "wall, ms", "process, ms"))
+def _setup(scene: Scene, repeats: int, tell: Callable[[str], None]) -> MeasuredTable:
+    table = MeasuredTable(
+        "the probe on its tissue, once for all tumours", ("accuracy", "unknowns, count", "wall, ms", "process, ms")
+    )
     for accuracy in ACCURACIES:
         tell(f"speed: probe at {accuracy:g}")
         spent = timed(partial(_solved, scene, accuracy), repeats)
@@ -81,8 +83,8 @@ def _solved(scene: Scene, accuracy: float) -> Undisturbed:
     return undisturbed(scene, accuracy * (1 - 1e-9 * next(_number)))
 
 
-def _orders(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -> Table:
-    table = Table("set-up of each azimuthal order, once per probe", ("m", "wall, ms", "process, ms"))
+def _orders(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -> MeasuredTable:
+    table = MeasuredTable("set-up of each azimuthal order, once per probe", ("m", "wall, ms", "process, ms"))
     spent: list[list[Time]] = [[] for _ in range(ORDERS)]
     for k in range(repeats):
         tell(f"speed: orders, run {k + 1} of {repeats}")
@@ -112,8 +114,8 @@ def many(scene: Scene, number: int, seed: int = 1) -> Tumours:
     return Tumours(*(value[:, None] for value in values))
 
 
-def _first_order(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -> Table:
-    table = Table(
+def _first_order(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -> MeasuredTable:
+    table = MeasuredTable(
         f"{MANY:,} random tumours to first order".replace(",", " "),
         ("with", "wall, s", "process, s", "tumours per process second, count"),
     )
@@ -134,10 +136,10 @@ def _first_order(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -
     return table
 
 
-def _reflections(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -> Table:
+def _reflections(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -> MeasuredTable:
     title = f"a tumour of {1e3 * DIAMETER:g} mm, contrast 10, with reflections, its probe and orders known"
     headings = ("cover / D", "offset, outer radii", "orders", "reflections", "bound, error", "alone, ms", f"one of {BATCH}, ms")
-    table = Table(title, headings)
+    table = MeasuredTable(title, headings)
     modulus, outer = 10 * base.scene.tissue.youngs_modulus, base.scene.probe.tube_radius
     for cover in COVERS:
         for offset in OFFSETS:
@@ -154,7 +156,7 @@ def _reflections(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -
     return table
 
 
-def one_map(points: int, sample: int, accuracy: float, tell: Callable[[str], None]) -> Iterator[Table]:
+def one_map(points: int, sample: int, accuracy: float, tell: Callable[[str], None]) -> Iterator[MeasuredTable]:
     """Yield the seconds of one map of ``points`` x ``points`` depths and diameters, and of ``axisymmetric`` for each of them."""
     scene = read_scene(SCENE)
     target = scene.inclusion[0]
@@ -167,7 +169,7 @@ def one_map(points: int, sample: int, accuracy: float, tell: Callable[[str], Non
         youngs_modulus=target.youngs_modulus,
         poisson_ratio=target.poisson_ratio,
     )
-    table = Table(
+    table = MeasuredTable(
         f"{points} x {points} depths and diameters on the axis, accuracy {accuracy:g}, probe's set-up included",
         ("by", "points", "with reflections", "worst bound, error", "off by, error", "wall, s", "process, s"),
     )

@@ -19,7 +19,7 @@ import numpy as np
 import scipy.sparse as sp
 from rich.console import Console
 
-from benchmarks.tables import Table
+from benchmarks.tables import MeasuredTable
 from geometry import Scene, read_scene
 from geometry.scenes.probe import Material
 from geometry.tetra.sizing import COARSE, ROUGH
@@ -42,9 +42,9 @@ def main() -> None:
         table.print(Console())
 
 
-def elements() -> Table:
+def elements() -> MeasuredTable:
     """Bonded cylinders: quadratic tetrahedra as they are, and with each element's dilation averaged."""
-    table = Table(
+    table = MeasuredTable(
         "apparent modulus of a bonded cylinder, R/h = 1: errors", ("tetrahedra", "nu", "plain, error", "mean dilation, error")
     )
     for name in ("bonded-coarse", "bonded-fine"):
@@ -70,14 +70,14 @@ def apparent_modulus(nodes: Any, tetrahedra: Any, ratio: float, averaged: bool) 
     return float((u.T @ piece.forces(stuff, u)).item() / np.pi)
 
 
-def correction() -> Iterator[Table]:
+def correction() -> Iterator[MeasuredTable]:
     """One scene on two meshes: its ratio by itself and corrected by the reference; then its solvers."""
     scene = read_scene(TESTS / "reference" / "solid" / f"{SCENE}.toml")
     known = json.loads((TESTS / "reference" / "solid" / "expected.json").read_text())[SCENE]["ratio"]
     chosen = domain(scene, np.inf, None)
     exact = converged_forces(chosen.reference, 1e-3).films[0].forces
     heads = ("tetrahedra, count", "unknowns, count", "by itself, error", "corrected, error")
-    table, solvers = Table(f"{SCENE}: errors of the ratio", heads), []
+    table, solvers = MeasuredTable(f"{SCENE}: errors of the ratio", heads), []
     for fineness in (ROUGH, COARSE):
         print(f"{SCENE}: meshing and solving", file=sys.stderr, flush=True)
         mesh: TetMesh = mesh_domain(chosen, fineness)
@@ -95,11 +95,11 @@ def ratio(scene: Scene, forces: Any) -> float:
     return float(inner / outer * scene.probe.outer_area / scene.probe.inner_area)
 
 
-def solver(states: SolidStates) -> Table:
+def solver(states: SolidStates) -> MeasuredTable:
     """Factors and solutions of three states by the libraries that are there."""
     matrix, loads = states.problem.matrix, states.problem.loads()
     full = sp.csc_array(matrix.lower + sp.tril(matrix.lower, -1).T)
-    table = Table(f"{len(loads)} unknowns, three states", ("library", "factor or set-up, s", "three solutions, s"))
+    table = MeasuredTable(f"{len(loads)} unknowns, three states", ("library", "factor or set-up, s", "three solutions, s"))
     candidates: dict[str, Callable[[], Any]] = {
         "rslab, double precision": lambda: matrix.factor(),
         "rslab, single precision": lambda: matrix.factor(single=True),

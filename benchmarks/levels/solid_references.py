@@ -17,7 +17,7 @@ from typing import Any
 
 from rich.console import Console
 
-from benchmarks.tables import Table
+from benchmarks.tables import MeasuredTable
 from geometry import Refusal, Scene, read_scene
 from geometry.common.errors import SolveError
 from solver.solid.level import SolidLevel
@@ -42,7 +42,7 @@ def main() -> None:
         "tetrahedra, count",
         "all, s",
     )
-    table = Table(f"solid at accuracy {given.accuracy:g}: relative errors", headings)
+    table = MeasuredTable(f"solid at accuracy {given.accuracy:g}: relative errors", headings)
     for name, scene, known in scenes(given.folder or ["solid"], given.name):
         print(f"{name} ...", file=sys.stderr, flush=True)
         table.add(name, *row(scene, known, given.accuracy))

@@ -4,8 +4,8 @@ Usage: ``pip install -e '.[bench]'`` and ``apt-get install calculix-ccx``, then 
 of it takes about ten minutes on a quiet core; ``--part`` and ``--scene`` (both may be repeated) restrict it. Everything
 runs on one thread. Times are wall-clock medians of ``--repeats`` runs; of long runs (CalculiX, differences, growth), one.
 
-True values are those of ``tests/reference/axisymmetric``: NGSolve of order up to 12 (``reference_axisymmetric.py``).
-The peers are used as their best users would, see ``peer_ngsolve.py``, ``ngsolve_settings.py``, ``peer_calculix.py``.
+True values are those of ``tests/reference/axisymmetric``: NGSolve of order up to 12 (``benchmarks/references/axisymmetric.py``).
+The peers are used as their best users would, see ``ngsolve_meridian.py``, ``ngsolve_settings.py``, ``calculix_meridian.py``.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from rich.console import Console
 
 from benchmarks.peers import comparisons
 from benchmarks.peers.measured import NAMES, cases
-from benchmarks.tables import Table
+from benchmarks.tables import MeasuredTable
 
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 PARTS = ("evaluate", "calculix", "curve", "gradients", "factorisations", "growth")
@@ -41,10 +41,10 @@ def arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def measure(chosen: argparse.Namespace, tell: Callable[[str], None]) -> Iterator[Table]:
+def measure(chosen: argparse.Namespace, tell: Callable[[str], None]) -> Iterator[MeasuredTable]:
     """Yield the tables as they are ready."""
     scenes, points, few = cases(chosen.scene or NAMES), chosen.points, min(chosen.repeats, 3)
-    parts: dict[str, Callable[[], Iterator[Table]]] = {
+    parts: dict[str, Callable[[], Iterator[MeasuredTable]]] = {
         "evaluate": lambda: comparisons.evaluations(scenes, chosen.repeats, tell),
         "calculix": lambda: comparisons.calculix(scenes, tell),
         "curve": lambda: comparisons.curves(scenes, points, few, tell),

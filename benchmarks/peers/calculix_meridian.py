@@ -16,7 +16,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from benchmarks.peers.calculix_mesh import Fineness, Meridian, Mesh
-from benchmarks.peers.measured import Answer, Stopwatch
+from benchmarks.peers.measured import PeerAnswer, Stopwatch
 from geometry import Material, Scene
 
 HOW_TO_GET = "ccx not found: `apt-get install calculix-ccx` on Debian and Ubuntu, else www.calculix.de"
@@ -58,7 +58,7 @@ def _materials(scene: Scene) -> Iterator[str]:
         yield f"*SOLID SECTION, ELSET={name}, MATERIAL={name}"
 
 
-def evaluate(scene: Scene, fineness: Fineness, element: str = "CAX8R") -> Answer:
+def evaluate(scene: Scene, fineness: Fineness, element: str = "CAX8R") -> PeerAnswer:
     """Find the ratio by one run of ``ccx``."""
     watch = Stopwatch()
     mesh = Meridian(scene, fineness).build()
@@ -71,7 +71,7 @@ def evaluate(scene: Scene, fineness: Fineness, element: str = "CAX8R") -> Answer
         watch.lap("ccx")
         inner, outer = reactions((Path(folder) / "probe.dat").read_text(encoding="ascii"))
     probe = scene.probe
-    return Answer(inner / probe.inner_area / (outer / probe.outer_area), 2 * len(mesh.nodes), watch.stages)
+    return PeerAnswer(inner / probe.inner_area / (outer / probe.outer_area), 2 * len(mesh.nodes), watch.stages)
 
 
 def reactions(text: str) -> tuple[float, float]:

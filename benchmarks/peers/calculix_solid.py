@@ -1,7 +1,7 @@
 """CalculiX (``ccx``) on the scenes of ``solid.py``: netgen's tetrahedra with ten nodes (C3D10), the middles on the true surfaces.
 
 The film forces are the reactions RF of the nodes at the blocks' ends, the base moved by 1 mm. Run as a program it takes a
-scene's file and a ``Setting`` as JSON, and prints ratio, unknowns and seconds as JSON; ``ccx`` with its reading, assembly,
+scene's file and a ``SolidSetting`` as JSON, and prints ratio, unknowns and seconds as JSON; ``ccx`` with its reading, assembly,
 solving and writing cannot be told apart. Solvers: those Debian's package has, ``SPOOLES``, ``ITERATIVE CHOLESKY``,
 ``ITERATIVE SCALING``.
 """
@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.measured_solid import Laps, Solved
-from benchmarks.peers.solid_mesh import ENDS, FLAT, MM, Setting, materials, tetrahedra
+from benchmarks.peers.measured_solid import Laps, SolidAnswer
+from benchmarks.peers.solid_mesh import ENDS, FLAT, MM, SolidSetting, materials, tetrahedra
 from geometry import Scene, read_scene
 
 HOW_TO_GET = "ccx not found: `apt-get install calculix-ccx` on Debian and Ubuntu, else www.calculix.de"
@@ -69,7 +69,7 @@ def _sets(scene: Scene, nodes: Any, used: Any) -> dict[str, Any]:
     return {name: used[mask] for name, mask in where.items()}
 
 
-def evaluate(scene: Scene, setting: Setting) -> Solved:
+def evaluate(scene: Scene, setting: SolidSetting) -> SolidAnswer:
     """Find the ratio by one run of ``ccx``."""
     laps = Laps()
     mesh = tetrahedra(scene, setting)
@@ -84,7 +84,7 @@ def evaluate(scene: Scene, setting: Setting) -> Solved:
         inner, outer = (2 * force for force in reactions((Path(folder) / "probe.dat").read_text(encoding="ascii")))
     ratio = inner / scene.probe.inner_area / (outer / scene.probe.outer_area)
     unknowns = 3 * len(np.unique(mesh.Elements3D().NumPy()["nodes"][:, :10]))
-    return Solved(ratio, -inner - outer, unknowns, len(mesh.Elements3D()), laps.wall, laps.process)
+    return SolidAnswer(ratio, -inner - outer, unknowns, len(mesh.Elements3D()), laps.wall, laps.process)
 
 
 def reactions(text: str) -> tuple[float, float]:
@@ -97,5 +97,5 @@ def reactions(text: str) -> tuple[float, float]:
 if __name__ == "__main__":
     if shutil.which("ccx") is None:
         sys.exit(HOW_TO_GET)
-    print(json.dumps(vars(evaluate(read_scene(sys.argv[1]), Setting(**json.loads(sys.argv[2]))))), flush=True)
+    print(json.dumps(vars(evaluate(read_scene(sys.argv[1]), SolidSetting(**json.loads(sys.argv[2]))))), flush=True)
     os._exit(0)

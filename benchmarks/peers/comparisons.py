@@ -12,18 +12,21 @@ import numpy as np
 from benchmarks.peers import calculix_meridian as peer_calculix
 from benchmarks.peers import ours
 from benchmarks.peers.designs import LENGTHS, MATERIALS, VARIABLES
-from benchmarks.peers.measured import Answer, Case, limited_memory, timed, typical
+from benchmarks.peers.measured import KnownScene, PeerAnswer, limited_memory, timed, typical
 from benchmarks.peers.ngsolve_curve import central_difference, looping, reusing
-from benchmarks.peers.ngsolve_meridian import ALL, Setting
+from benchmarks.peers.ngsolve_meridian import ALL, MeridianSetting
 from benchmarks.peers.ngsolve_meridian import evaluate as ngsolve_evaluate
 from benchmarks.peers.ngsolve_settings import ACCURACIES, COARSE, EXACT, FINE, cheapest
-from benchmarks.tables import Table
+from benchmarks.tables import MeasuredTable
 from geometry.common.arrays import Floats
 from solver.axisymmetric.refinement import LEVELS
 
 STEP = 0.01  # relative, of central differences: smaller ones drown in the changes of the mesh
 DIFFERENCED = {"sphere_depth": len(LENGTHS), "tissue.youngs_modulus": len(MATERIALS)}  # and how many variables each stands for
-GROWTH = (Setting(2, 2.0, 0.9, 2, singular=ALL), *(Setting(4, 0.5, 0.3, 3, singular=ALL, halvings=k) for k in range(5)))
+GROWTH = (
+    MeridianSetting(2, 2.0, 0.9, 2, singular=ALL),
+    *(MeridianSetting(4, 0.5, 0.3, 3, singular=ALL, halvings=k) for k in range(5)),
+)
 CURVE_COLUMNS = (
     "scene",
     "ours error, error",
@@ -38,7 +41,7 @@ T = TypeVar("T")
 Tell = Callable[[str], None]
 
 
-def seam(run: Callable[[], T], table: Table) -> T | None:
+def seam(run: Callable[[], T], table: MeasuredTable) -> T | None:
     """Return what ours finds, or None with a note where there is no such function yet."""
     try:
         return run()
@@ -47,11 +50,11 @@ def seam(run: Callable[[], T], table: Table) -> T | None:
         return None
 
 
-def evaluations(cases: list[Case], repeats: int, tell: Tell) -> Iterator[Table]:
+def evaluations(cases: list[KnownScene], repeats: int, tell: Tell) -> Iterator[MeasuredTable]:
     """Compare one evaluation with NGSolve's cheapest, for each accuracy."""
     for accuracy in ACCURACIES:
         columns = ("scene", "code", "order", "unknowns, count", "true error, error", "mesh, ms", "solve, ms", "all, ms")
-        table = Table(f"a. one evaluation at {accuracy * 100:g} %", (*columns, "ours over it, times"))
+        table = MeasuredTable(f"a. one evaluation at {accuracy * 100:g} %", (*columns, "ours over it, times"))
         for case in cases:
             tell(f"one evaluation of {case.name} at {accuracy:g}")
             _evaluation(case, accuracy, repeats, table)
@@ -65,7 +68,7 @@ def evaluations(cases: list[Case], repeats: int, tell: Tell) -> Iterator[Table]:
         yield table
 
 
-def _evaluation(case: Case, accuracy: float, repeats: int, table: Table) -> None:
+def _evaluation(case: KnownScene, accuracy: float, repeats: int, table: MeasuredTable) -> None:
     first = ours.evaluate(case.scene, accuracy)
     mine = typical(partial(ours.evaluate, case.scene, accuracy), repeats)
     level = next(one for one in LEVELS if case.error(ours.one_mesh(case.scene, one).ratio) <= accuracy)
@@ -82,10 +85,10 @@ def _evaluation(case: Case, accuracy: float, repeats: int, table: Table) -> None
             table.note(f"{case.name}: {code} misses the accuracy with this release of NGSolve: run ngsolve_settings.py again")
 
 
-def calculix(cases: list[Case], tell: Tell) -> Iterator[Table]:
+def calculix(cases: list[KnownScene], tell: Tell) -> Iterator[MeasuredTable]:
     """Run CalculiX at each refinement with each of its elements."""
     columns = ("scene", "element", "unknowns, count", "true error, error", "mesh, ms", "write, ms", "ccx, ms", "all, ms")
-    table = Table("a. one evaluation by CalculiX", columns)
+    table = MeasuredTable("a. one evaluation by CalculiX", columns)
     if not peer_calculix.installed():
         table.note(peer_calculix.HOW_TO_GET)
         cases = []
@@ -98,9 +101,9 @@ def calculix(cases: list[Case], tell: Tell) -> Iterator[Table]:
     yield table
 
 
-def curves(cases: list[Case], points: int, repeats: int, tell: Tell) -> Iterator[Table]:
+def curves(cases: list[KnownScene], points: int, repeats: int, tell: Tell) -> Iterator[MeasuredTable]:
     """Compare whole curves at the first accuracy."""
-    table = Table(f"b. ratio and log-sensitivity at {points} moduli of the inclusion, {COARSE * 100:g} %", CURVE_COLUMNS)
+    table = MeasuredTable(f"b. ratio and log-sensitivity at {points} moduli of the inclusion, {COARSE * 100:g} %", CURVE_COLUMNS)
     for case in cases:
         tell(f"curves of {case.name}")
         table.add(case.name, *_curve(case, case.moduli(points), repeats))
@@ -110,7 +113,7 @@ def curves(cases: list[Case], points: int, repeats: int, tell: Tell) -> Iterator
     yield table
 
 
-def _curve(case: Case, moduli: Floats, repeats: int) -> tuple[float, ...]:
+def _curve(case: KnownScene, moduli: Floats, repeats: int) -> tuple[float, ...]:
     scene, setting = case.scene, cheapest(case.name, "curve")
     true = reusing(scene, EXACT, moduli).curve
     mine, seconds = timed(lambda: ours.curve(scene, moduli, COARSE), repeats)
@@ -119,10 +122,10 @@ def _curve(case: Case, moduli: Floats, repeats: int) -> tuple[float, ...]:
     return mine.largest_difference(true)[0], seconds, error, loop, reuse, loop / seconds, reuse / seconds
 
 
-def gradients(cases: list[Case], points: int, repeats: int, tell: Tell) -> Iterator[Table]:
+def gradients(cases: list[KnownScene], points: int, repeats: int, tell: Tell) -> Iterator[MeasuredTable]:
     """Compare curves with all gradients, NGSolve's by central differences."""
     columns = (*CURVE_COLUMNS[:6], "finer error, error", "finer, ms", *CURVE_COLUMNS[6:], "finer / ours, times")
-    table = Table(f"c. the curve and its derivatives by {len(VARIABLES)} variables, {COARSE * 100:g} %", columns)
+    table = MeasuredTable(f"c. the curve and its derivatives by {len(VARIABLES)} variables, {COARSE * 100:g} %", columns)
     for case in cases:
         tell(f"gradients of {case.name}")
         table.add(case.name, *_gradient(case, case.moduli(points), repeats, table))
@@ -135,7 +138,7 @@ def gradients(cases: list[Case], points: int, repeats: int, tell: Tell) -> Itera
     yield table
 
 
-def _gradient(case: Case, moduli: Floats, repeats: int, table: Table) -> tuple[float | None, ...]:
+def _gradient(case: KnownScene, moduli: Floats, repeats: int, table: MeasuredTable) -> tuple[float | None, ...]:
     found = seam(lambda: timed(lambda: ours.gradients(case.scene, moduli, COARSE), repeats), table)
     true = central_difference(reusing, case.scene, EXACT, moduli, "sphere_depth", STEP)[0]
     setting, errors, totals = cheapest(case.name, "curve"), [], []
@@ -154,10 +157,10 @@ def _apart(found: Floats, true: Floats) -> float:
     return float(np.max(np.abs(found - true)) / np.max(np.abs(true)))
 
 
-def factorisations(cases: list[Case], points: int, repeats: int, tell: Tell) -> Iterator[Table]:
+def factorisations(cases: list[KnownScene], points: int, repeats: int, tell: Tell) -> Iterator[MeasuredTable]:
     """Express our times in factorisations of our own matrix, with each library that is installed."""
     columns = ("scene", "library", "factorisation, ms", "evaluate, times", "curve, times", "curve and gradients, times")
-    table = Table(f"d. ours at {COARSE * 100:g} % in bare factorisations of its own matrix", columns)
+    table = MeasuredTable(f"d. ours at {COARSE * 100:g} % in bare factorisations of its own matrix", columns)
     for case, library in product(cases, ours.libraries()):
         tell(f"factorisations of {case.name} by {library}")
         with ours.using(library):
@@ -166,7 +169,7 @@ def factorisations(cases: list[Case], points: int, repeats: int, tell: Tell) -> 
     yield table
 
 
-def _in_factorisations(case: Case, moduli: Floats, repeats: int) -> list[float]:
+def _in_factorisations(case: KnownScene, moduli: Floats, repeats: int) -> list[float]:
     bare = ours.bare_factorisation(case.scene, COARSE)
     runs = (
         partial(ours.evaluate, case.scene, COARSE),
@@ -175,13 +178,13 @@ def _in_factorisations(case: Case, moduli: Floats, repeats: int) -> list[float]:
     return [bare, *(timed(run, repeats)[1] / bare for run in runs)]
 
 
-def growth(cases: list[Case], tell: Tell) -> Iterator[Table]:
+def growth(cases: list[KnownScene], tell: Tell) -> Iterator[MeasuredTable]:
     """Show how time grows with the number of unknowns, for the first scene."""
     case, stages = cases[0], ("mesh", "assemble", "factorise", "solve")
     columns = ("code", "unknowns, count", "true error, error", *(f"{stage}, s" for stage in stages), "all, s")
-    table = Table(f"d. growth with the unknowns, {case.name}", columns)
+    table = MeasuredTable(f"d. growth with the unknowns, {case.name}", columns)
 
-    def add(code: str, answer: Answer) -> None:
+    def add(code: str, answer: PeerAnswer) -> None:
         times = (answer.stages.get(stage) for stage in stages)
         table.add(code, answer.unknowns, case.error(answer.ratio), *times, answer.seconds)
 

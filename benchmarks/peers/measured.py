@@ -25,7 +25,7 @@ CONTRASTS = (0.1, 1000.0)  # of inclusion to tissue, at the ends of a curve
 
 
 @dataclass(frozen=True)
-class Case:
+class KnownScene:
     """A scene and its true ratio and log-sensitivity, by a code of high order; see tests/reference/README.md."""
 
     name: str
@@ -43,21 +43,21 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Curve:
+class RatioCurve:
     """Ratio and its log-sensitivity at moduli of the inclusion (Pa); arrays of one shape."""
 
     youngs_modulus: Floats
     ratio: Floats
     log_sensitivity: Floats
 
-    def largest_difference(self, other: Curve) -> tuple[float, float]:
+    def largest_difference(self, other: RatioCurve) -> tuple[float, float]:
         """Return the largest differences: of the ratio, relative; of the log-sensitivity, relative to its largest value."""
         slope = np.abs(self.log_sensitivity - other.log_sensitivity) / np.max(np.abs(other.log_sensitivity))
         return float(np.max(np.abs(self.ratio / other.ratio - 1))), float(np.max(slope))
 
 
 @dataclass(frozen=True)
-class Answer:
+class PeerAnswer:
     """The ratio by one code on one mesh, the unknowns of its system, and the seconds of each of its stages."""
 
     ratio: float
@@ -126,10 +126,10 @@ def limited_memory(share: float = 0.7) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_AS, before)
 
 
-def cases(names: Sequence[str] = NAMES) -> list[Case]:
+def cases(names: Sequence[str] = NAMES) -> list[KnownScene]:
     """Read the scenes and their true values."""
     found = json.loads((FOLDER / "expected.json").read_text(encoding="utf-8"))
     return [
-        Case(name, read_scene(FOLDER / f"{name}.toml"), found[name]["ratio"], found[name].get("log_sensitivity", math.nan))
+        KnownScene(name, read_scene(FOLDER / f"{name}.toml"), found[name]["ratio"], found[name].get("log_sensitivity", math.nan))
         for name in names
     ]

@@ -34,7 +34,7 @@ def expected(name: str) -> dict[str, float]:
 
 
 @dataclass(frozen=True)
-class Solved:
+class SolidAnswer:
     """The ratio by one code on one mesh.
 
     Attributes:

@@ -14,8 +14,8 @@ import ngsolve as ngs
 import numpy as np
 
 from benchmarks.peers.designs import varied
-from benchmarks.peers.measured import Curve, Stopwatch
-from benchmarks.peers.ngsolve_meridian import Problem, Setting, make_mesh
+from benchmarks.peers.measured import RatioCurve, Stopwatch
+from benchmarks.peers.ngsolve_meridian import MeridianSetting, NGSolveProblem, make_mesh
 from benchmarks.references.outline import INCLUSION
 from geometry import Scene
 from geometry.common.arrays import Floats
@@ -25,7 +25,7 @@ from geometry.common.arrays import Floats
 class CurveRun:
     """A curve, the unknowns of its system, and the seconds of each stage."""
 
-    curve: Curve
+    curve: RatioCurve
     unknowns: int
     stages: dict[str, float] = field(default_factory=dict)
 
@@ -35,10 +35,10 @@ class CurveRun:
         return sum(self.stages.values())
 
 
-Run = Callable[[Scene, Setting, Floats], CurveRun]
+Run = Callable[[Scene, MeridianSetting, Floats], CurveRun]
 
 
-def looping(scene: Scene, setting: Setting, moduli: Floats) -> CurveRun:
+def looping(scene: Scene, setting: MeridianSetting, moduli: Floats) -> CurveRun:
     """Assemble and factorise for each modulus anew, on one mesh and one space."""
     watch = Stopwatch()
     problem = _prepare(scene, setting, watch)
@@ -55,7 +55,7 @@ def looping(scene: Scene, setting: Setting, moduli: Floats) -> CurveRun:
     return _run(problem, moduli, points, watch)
 
 
-def reusing(scene: Scene, setting: Setting, moduli: Floats) -> CurveRun:
+def reusing(scene: Scene, setting: MeridianSetting, moduli: Floats) -> CurveRun:
     """Assemble twice in all, then add, factorise in the ordering found first, and solve for each modulus."""
     watch = Stopwatch()
     problem = _prepare(scene, setting, watch)
@@ -75,15 +75,15 @@ def reusing(scene: Scene, setting: Setting, moduli: Floats) -> CurveRun:
     return _run(problem, moduli, points, watch)
 
 
-def _prepare(scene: Scene, setting: Setting, watch: Stopwatch) -> Problem:
+def _prepare(scene: Scene, setting: MeridianSetting, watch: Stopwatch) -> NGSolveProblem:
     mesh = make_mesh(scene, setting)
     watch.lap("mesh")
-    problem = Problem(scene, mesh, setting.order)
+    problem = NGSolveProblem(scene, mesh, setting.order)
     watch.lap("space")
     return problem
 
 
-def _affine(problem: Problem) -> tuple[Any, Any]:
+def _affine(problem: NGSolveProblem) -> tuple[Any, Any]:
     """Return K_0 and K_o in one sparsity pattern, from two moduli: a form of the inclusion alone has a pattern of its own."""
     unit = problem.scene.tissue.youngs_modulus
     start, double = problem.form(unit).mat, problem.form(2 * unit).mat
@@ -93,7 +93,7 @@ def _affine(problem: Problem) -> tuple[Any, Any]:
     return start, slope
 
 
-def _point(problem: Problem, matrix: Any, inverse: Any, slope: Any) -> tuple[Floats, Floats]:
+def _point(problem: NGSolveProblem, matrix: Any, inverse: Any, slope: Any) -> tuple[Floats, Floats]:
     """Return the film forces and their derivatives with respect to the inclusion's modulus, both blocks pressed."""
     states = [problem.solve(matrix, inverse, lift) for lift in problem.lifts]
     pressed = states[0].CreateVector()
@@ -105,15 +105,15 @@ def _point(problem: Problem, matrix: Any, inverse: Any, slope: Any) -> tuple[Flo
     return found[0], found[1]
 
 
-def _run(problem: Problem, moduli: Floats, points: Sequence[tuple[Floats, Floats]], watch: Stopwatch) -> CurveRun:
+def _run(problem: NGSolveProblem, moduli: Floats, points: Sequence[tuple[Floats, Floats]], watch: Stopwatch) -> CurveRun:
     forces, slopes = (np.array(values) for values in zip(*points, strict=True))
     sensitivity = moduli * (slopes[:, 0] / forces[:, 0] - slopes[:, 1] / forces[:, 1])
-    curve = Curve(moduli, np.array([problem.ratio(pair) for pair in forces]), sensitivity)
+    curve = RatioCurve(moduli, np.array([problem.ratio(pair) for pair in forces]), sensitivity)
     return CurveRun(curve, problem.unknowns, watch.stages)
 
 
 def central_difference(
-    run: Run, scene: Scene, setting: Setting, moduli: Floats, variable: str, step: float
+    run: Run, scene: Scene, setting: MeridianSetting, moduli: Floats, variable: str, step: float
 ) -> tuple[Floats, float]:
     """Return d ln ratio / d ln variable along the curve and the seconds of its two runs."""
     runs = [run(varied(scene, variable, 1 + sign * step), setting, moduli) for sign in (1, -1)]

@@ -16,7 +16,7 @@ import numpy as np
 from netgen.geom2d import SplineGeometry
 from netgen.meshing import MeshingParameters
 
-from benchmarks.peers.measured import Answer, Stopwatch
+from benchmarks.peers.measured import PeerAnswer, Stopwatch
 from benchmarks.references.outline import ENDS, INCLUSION, INNER, NAMES, OUTER, OUTSIDE, TISSUE, Edge, outline
 from geometry import Material, Scene
 from geometry.common.arrays import Floats
@@ -27,7 +27,7 @@ CONTACT, ENDS_TOO, ALL = ("contact",), ("contact", *ENDS), ("contact", *ENDS, "b
 
 
 @dataclass(frozen=True)
-class Setting:
+class MeridianSetting:
     """One discretisation.
 
     Attributes:
@@ -51,7 +51,7 @@ class Setting:
     halvings: int = 0
 
 
-def make_mesh(scene: Scene, setting: Setting) -> ngs.Mesh:
+def make_mesh(scene: Scene, setting: MeridianSetting) -> ngs.Mesh:
     """Mesh the meridian plane."""
     edges = outline(scene)
     singular = corners(edges, setting.singular)
@@ -109,7 +109,7 @@ def energy(u: tuple[Any, Any], v: tuple[Any, Any], mu: Any, lam: Any) -> Any:
     return 2 * math.pi * ngs.x * (lam * sum(e) * sum(f) + 2 * mu * product)
 
 
-class Problem:
+class NGSolveProblem:
     """Mesh, space and lifted boundary values: all that does not depend on the moduli."""
 
     def __init__(self, scene: Scene, mesh: ngs.Mesh, order: int) -> None:
@@ -151,12 +151,12 @@ class Problem:
         return float(forces[0] / probe.inner_area / (forces[1] / probe.outer_area))
 
 
-def evaluate(scene: Scene, setting: Setting) -> Answer:
+def evaluate(scene: Scene, setting: MeridianSetting) -> PeerAnswer:
     """Find the ratio: one mesh, one factorisation, one solve."""
     watch = Stopwatch()
     mesh = make_mesh(scene, setting)
     watch.lap("mesh")
-    problem = Problem(scene, mesh, setting.order)
+    problem = NGSolveProblem(scene, mesh, setting.order)
     watch.lap("space")
     matrix = problem.form().mat
     watch.lap("assemble")
@@ -167,4 +167,4 @@ def evaluate(scene: Scene, setting: Setting) -> Answer:
     reaction = (matrix * problem.solve(matrix, inverse, pressed)).Evaluate()
     forces = np.array([ngs.InnerProduct(reaction, lift) for lift in problem.lifts])
     watch.lap("solve")
-    return Answer(problem.ratio(forces), problem.unknowns, watch.stages)
+    return PeerAnswer(problem.ratio(forces), problem.unknowns, watch.stages)

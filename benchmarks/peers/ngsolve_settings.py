@@ -21,13 +21,13 @@ from time import process_time
 
 import ngsolve as ngs
 
-from benchmarks.peers.measured import Case, Curve, cases
+from benchmarks.peers.measured import KnownScene, RatioCurve, cases
 from benchmarks.peers.ngsolve_curve import looping, reusing
-from benchmarks.peers.ngsolve_meridian import ALL, CONTACT, ENDS_TOO, Setting, evaluate
+from benchmarks.peers.ngsolve_meridian import ALL, CONTACT, ENDS_TOO, MeridianSetting, evaluate
 
 FILE = Path(__file__).with_suffix(".json")
 ACCURACIES = COARSE, FINE = (0.005, 0.0001)
-EXACT = Setting(order=7, size=0.8, grading=0.35, layers=7, singular=ALL)  # what curves are compared with
+EXACT = MeridianSetting(order=7, size=0.8, grading=0.35, layers=7, singular=ALL)  # what curves are compared with
 SIZES, GRADINGS, SINGULAR = (0.7, 1.0, 1.4, 2.0, 3.0), (0.3, 0.5, 0.7, 0.9), (CONTACT, ENDS_TOO, ALL)
 ORDERS = {COARSE: (2, 3, 4), FINE: (3, 4, 5, 6)}
 LAYERS = {
@@ -36,25 +36,25 @@ LAYERS = {
 }
 SAMPLES = 5  # moduli that stand for a curve
 FINALISTS, ROUNDS = 24, 9
-Trial = Callable[[Setting], float]
+Trial = Callable[[MeridianSetting], float]
 """Runs with a setting and returns the true error."""
 
 
-def cheapest(scene: str, kind: str) -> Setting:
+def cheapest(scene: str, kind: str) -> MeridianSetting:
     """Return the cheapest setting found for a scene, or for "all"."""
     found = json.loads(FILE.read_text(encoding="utf-8"))[scene][kind]
-    return Setting(**found | {"singular": tuple(found["singular"])})
+    return MeridianSetting(**found | {"singular": tuple(found["singular"])})
 
 
-def settings(accuracy: float) -> list[Setting]:
+def settings(accuracy: float) -> list[MeridianSetting]:
     """Return all settings to be tried."""
     return [
-        Setting(order, size, grading, *layers, corners, smoothing=1)
+        MeridianSetting(order, size, grading, *layers, corners, smoothing=1)
         for order, size, grading, layers, corners in product(ORDERS[accuracy], SIZES, GRADINGS, LAYERS[accuracy], SINGULAR)
     ]
 
 
-def search(name: str, trials: Sequence[Trial], accuracy: float) -> Setting:
+def search(name: str, trials: Sequence[Trial], accuracy: float) -> MeridianSetting:
     """Try all settings once, then the cheapest good ones in turns, with more and less smoothing of the mesh."""
     tried = settings(accuracy)
     first = [cost(trials, setting, accuracy) for setting in tried]
@@ -68,24 +68,24 @@ def search(name: str, trials: Sequence[Trial], accuracy: float) -> Setting:
     return best
 
 
-def cost(trials: Sequence[Trial], setting: Setting, accuracy: float) -> float:
+def cost(trials: Sequence[Trial], setting: MeridianSetting, accuracy: float) -> float:
     """Return the seconds of all trials, inf if one misses: of the processor, to be free of the machine's other work."""
     start = process_time()
     good = all(trial(setting) <= accuracy for trial in trials)
     return process_time() - start if good else math.inf
 
 
-def single(case: Case, setting: Setting) -> float:
+def single(case: KnownScene, setting: MeridianSetting) -> float:
     return case.error(evaluate(case.scene, setting).ratio)
 
 
-def along(case: Case, true: Curve, setting: Setting) -> float:
+def along(case: KnownScene, true: RatioCurve, setting: MeridianSetting) -> float:
     return looping(case.scene, setting, true.youngs_modulus).curve.largest_difference(true)[0]
 
 
 def main() -> None:
     ngs.SetNumThreads(1)
-    every, found = cases(), dict[str, dict[str, Setting]]()
+    every, found = cases(), dict[str, dict[str, MeridianSetting]]()
     for accuracy in ACCURACIES:
         kind = f"{accuracy:g}"
         found.setdefault("all", {})[kind] = search(f"all, {kind}", [partial(single, case) for case in every], accuracy)

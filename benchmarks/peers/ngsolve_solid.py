@@ -1,6 +1,6 @@
 """NGSolve as its best user would use it on the scenes of ``solid.py``: curved elements, graded by hand, one thread.
 
-Run as a program it takes a scene's file and a ``Setting`` as JSON, and prints ratio, unknowns and seconds as JSON.
+Run as a program it takes a scene's file and a ``SolidSetting`` as JSON, and prints ratio, unknowns and seconds as JSON.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from typing import Any
 import ngsolve as ngs
 from ngsolve.krylovspace import CGSolver
 
-from benchmarks.peers.measured_solid import Laps, Solved
-from benchmarks.peers.solid_mesh import ENDS, Setting, materials, tetrahedra
+from benchmarks.peers.measured_solid import Laps, SolidAnswer
+from benchmarks.peers.solid_mesh import ENDS, SolidSetting, materials, tetrahedra
 from geometry import Scene, read_scene
 
 TOLERANCE = 1e-6  # of the iterations: the ratio is then off by 1e-5 at most
 
 
-def make_mesh(scene: Scene, setting: Setting) -> ngs.Mesh:
+def make_mesh(scene: Scene, setting: SolidSetting) -> ngs.Mesh:
     """Build the curved mesh: tetrahedra, and prisms round the rims where there are layers."""
     mesh = ngs.Mesh(tetrahedra(scene, setting))
     if setting.layers:
@@ -29,7 +29,7 @@ def make_mesh(scene: Scene, setting: Setting) -> ngs.Mesh:
     return mesh
 
 
-def system(scene: Scene, mesh: ngs.Mesh, setting: Setting) -> tuple[Any, Any, Any]:
+def system(scene: Scene, mesh: ngs.Mesh, setting: SolidSetting) -> tuple[Any, Any, Any]:
     """Assemble; return space, form and preconditioner (None for direct solvers)."""
     held = {"dirichletx": "bottom|end_inner|end_outer", "dirichlety": "bottom|end_inner|end_outer|mirror"}
     flags = {"wb_withedges": False} if setting.solver == "vertices" else {}
@@ -53,7 +53,7 @@ def system(scene: Scene, mesh: ngs.Mesh, setting: Setting) -> tuple[Any, Any, An
     return space, form, condition
 
 
-def evaluate(scene: Scene, setting: Setting) -> Solved:
+def evaluate(scene: Scene, setting: SolidSetting) -> SolidAnswer:
     """Find the ratio: one mesh, one system, one solve."""
     laps = Laps()
     mesh = make_mesh(scene, setting)
@@ -81,10 +81,10 @@ def evaluate(scene: Scene, setting: Setting) -> Solved:
     inner, outer = (2 * ngs.InnerProduct(reaction, lift) for lift in lifts)
     laps.lap("solve")
     ratio = inner / scene.probe.inner_area / (outer / scene.probe.outer_area)
-    return Solved(ratio, inner + outer, int(free.NumSet()), mesh.ne, laps.wall, laps.process, {"iterations": iterations})
+    return SolidAnswer(ratio, inner + outer, int(free.NumSet()), mesh.ne, laps.wall, laps.process, {"iterations": iterations})
 
 
 if __name__ == "__main__":
     ngs.SetNumThreads(1)
-    print(json.dumps(vars(evaluate(read_scene(sys.argv[1]), Setting(**json.loads(sys.argv[2]))))), flush=True)
+    print(json.dumps(vars(evaluate(read_scene(sys.argv[1]), SolidSetting(**json.loads(sys.argv[2]))))), flush=True)
     os._exit(0)

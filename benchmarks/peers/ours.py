@@ -9,7 +9,7 @@ from time import perf_counter
 
 import numpy as np
 
-from benchmarks.peers.measured import Answer, Curve, Stopwatch
+from benchmarks.peers.measured import PeerAnswer, RatioCurve, Stopwatch
 from geometry import Scene
 from geometry.common.arrays import Floats
 from geometry.meridian.frame import MeridianFineness
@@ -26,14 +26,14 @@ GROWTH = (1, 2, 4, 8, 16)  # multiples of the coarsest mesh's cells in each dire
 SMALLEST = MeridianFineness(1, 0, 2)  # 1e3 unknowns
 
 
-def evaluate(scene: Scene, accuracy: float) -> Answer:
+def evaluate(scene: Scene, accuracy: float) -> PeerAnswer:
     """Find the ratio within ``accuracy``, its error estimate included in the time."""
     start = perf_counter()
     result = solver_evaluate(scene, "axisymmetric", accuracy)
-    return Answer(result.ratio or np.nan, 0, {"all": perf_counter() - start})
+    return PeerAnswer(result.ratio or np.nan, 0, {"all": perf_counter() - start})
 
 
-def one_mesh(scene: Scene, level: MeridianFineness) -> Answer:
+def one_mesh(scene: Scene, level: MeridianFineness) -> PeerAnswer:
     """Find the ratio on one mesh, without an error estimate."""
     of = sections(scene)
     start = perf_counter()
@@ -41,14 +41,14 @@ def one_mesh(scene: Scene, level: MeridianFineness) -> Answer:
     inner, outer = found.totals[0]
     ratio = inner / outer * scene.probe.outer_area / scene.probe.inner_area
     unknowns = found.states.model.system.numbering.unknowns
-    return Answer(float(ratio), unknowns, {"all": perf_counter() - start})
+    return PeerAnswer(float(ratio), unknowns, {"all": perf_counter() - start})
 
 
-def curve(scene: Scene, moduli: Floats, accuracy: float) -> Curve:
+def curve(scene: Scene, moduli: Floats, accuracy: float) -> RatioCurve:
     """Find the curve over the inclusion's modulus, with its error estimate."""
     found = Axisymmetric().curve(scene, moduli, accuracy)
     ratio, told = (np.array(values, dtype=float) for values in (found.ratio, found.log_sensitivity))
-    return Curve(moduli, ratio, told)
+    return RatioCurve(moduli, ratio, told)
 
 
 def gradients(scene: Scene, moduli: Floats, accuracy: float) -> dict[str, Floats]:
@@ -99,7 +99,7 @@ def last(scene: Scene, accuracy: float) -> MeshSample:
     return Axisymmetric().converged(scene, accuracy).sample
 
 
-def growth(scene: Scene) -> Iterator[Answer]:
+def growth(scene: Scene) -> Iterator[PeerAnswer]:
     """Solve on finer and finer meshes whose topologies are known, 1e3 to 1e6 unknowns."""
     of = sections(scene)
     areas = scene.probe.outer_area / scene.probe.inner_area
@@ -110,4 +110,4 @@ def growth(scene: Scene) -> Iterator[Answer]:
             watch.lap("assemble and factorise")
             forces = base_states(found).forces.sum(axis=1)
             watch.lap("solve")
-        yield Answer(float(forces[0] / forces[1] * areas), found.system.numbering.unknowns, watch.stages)
+        yield PeerAnswer(float(forces[0] / forces[1] * areas), found.system.numbering.unknowns, watch.stages)

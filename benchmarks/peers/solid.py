@@ -29,7 +29,7 @@ from typing import Any
 from rich.console import Console
 
 from benchmarks.peers.measured_solid import ACCURACIES, SCENES, expected, scene_file
-from benchmarks.tables import Table
+from benchmarks.tables import MeasuredTable
 from geometry import read_scene
 
 HERE = Path(__file__).resolve().parent
@@ -152,9 +152,9 @@ def worst(name: str, ratio: float, stiffness: float) -> float:
     return max(abs(relative - 1), abs(relative * part / whole - 1))
 
 
-def measure(accuracy: float, chosen: argparse.Namespace, tell: Callable[[str], None]) -> Table:
+def measure(accuracy: float, chosen: argparse.Namespace, tell: Callable[[str], None]) -> MeasuredTable:
     """Return the table of one accuracy."""
-    table = Table(f"one evaluation at {accuracy * 100:g} %", COLUMNS)
+    table = MeasuredTable(f"one evaluation at {accuracy * 100:g} %", COLUMNS)
     for name in chosen.scene or SCENES:
         true, mine = expected(name), None
         for code in CODES:

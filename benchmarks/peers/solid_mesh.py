@@ -21,7 +21,7 @@ ENDS = ("end_inner", "end_outer")
 
 
 @dataclass(frozen=True)
-class Setting:
+class SolidSetting:
     """One discretisation; lengths in mm.
 
     Attributes:
@@ -99,7 +99,7 @@ def bodies(scene: Scene) -> dict[str, Any]:
     return {"tissue": whole, "inner": occ.Cylinder(origin, occ.Z, inner, heights[0]), "outer": outer, **named}
 
 
-def shape(scene: Scene, setting: Setting) -> Any:
+def shape(scene: Scene, setting: SolidSetting) -> Any:
     """Return the half y > 0 of all bodies, with names and sizes."""
     half = occ.Box(occ.Pnt(-1e3, 0, -1e3), occ.Pnt(1e3, 1e3, 1e3))
     sizes = {"inner": setting.block, "outer": setting.block, "groove": setting.block}
@@ -135,7 +135,7 @@ def _name(low: Any, high: Any, hole: float, tube_top: float, core_top: float) ->
     return "bottom" if high[2] < -FLAT else "free"
 
 
-def tetrahedra(scene: Scene, setting: Setting) -> Any:
+def tetrahedra(scene: Scene, setting: SolidSetting) -> Any:
     """Return netgen's mesh of straight tetrahedra."""
     parameters = MeshingParameters(
         maxh=setting.far,

@@ -23,8 +23,8 @@ import numpy as np
 
 from benchmarks.peers import calculix_solid as peer_calculix_solid
 from benchmarks.peers import ngsolve_solid as peer_ngsolve_solid
-from benchmarks.peers.measured_solid import ACCURACIES, SCENES, Solved, expected, scene_file
-from benchmarks.peers.solid_mesh import Setting, tetrahedra
+from benchmarks.peers.measured_solid import ACCURACIES, SCENES, SolidAnswer, expected, scene_file
+from benchmarks.peers.solid_mesh import SolidSetting, tetrahedra
 from geometry import Scene, read_scene
 
 FILE = Path(__file__).with_suffix(".json")
@@ -33,17 +33,17 @@ COUNT, SEED = 110, 2
 ROUNDS, FINALISTS, CANDIDATES = 2, 3, 30
 MOST = {0: 9000, 1: 4500, 2: 3200, 3: 1500, 4: 1000}  # tetrahedra at order - 2 + layers: what is above cannot be the cheapest
 SOLVERS = {"ngsolve": {2: ("sparsecholesky",), 3: ("sparsecholesky",)}, "calculix": {2: ("SPOOLES",)}}
-Evaluate = Callable[[Scene, Setting], Solved]
+Evaluate = Callable[[Scene, SolidSetting], SolidAnswer]
 EVALUATE: dict[str, Evaluate] = {"ngsolve": peer_ngsolve_solid.evaluate, "calculix": peer_calculix_solid.evaluate}
 
 
-def finer(setting: Setting, factor: float) -> Setting:
+def finer(setting: SolidSetting, factor: float) -> SolidSetting:
     """Multiply all sizes."""
     lengths = {name: round(getattr(setting, name) * factor, 4) for name in ("rim", "block", "tumour", "end", "far")}
     return replace(setting, **lengths)
 
 
-def draws() -> Iterator[Setting]:
+def draws() -> Iterator[SolidSetting]:
     """Draw settings, seeded."""
     random = np.random.default_rng(SEED)
     while True:
@@ -52,7 +52,7 @@ def draws() -> Iterator[Setting]:
         least = LEAST[min(order - 2 + layers, 2)]
         rim = round(float(np.exp(random.uniform(np.log(least), np.log(1.3)))), 3)
         pick: dict[str, Any] = {name: float(random.choice(values)) for name, values in CHOICES.items()}
-        yield Setting(order, rim, **pick, layers=layers, factor=factor, solver="sparsecholesky")
+        yield SolidSetting(order, rim, **pick, layers=layers, factor=factor, solver="sparsecholesky")
 
 
 ORDERS = (2, 2, 2, 2, 3)  # a first round of 22 settings showed order 3 and ``fill=False`` to be dearer at these accuracies
@@ -79,7 +79,7 @@ class Trials:
         self.scenes = {name: read_scene(scene_file(name)) for name in SCENES}
         self.true = {name: expected(name)["ratio"] for name in SCENES}
 
-    def __call__(self, peer: str, name: str, setting: Setting) -> dict[str, Any]:
+    def __call__(self, peer: str, name: str, setting: SolidSetting) -> dict[str, Any]:
         """Return error and seconds; an infinite error where there is no mesh."""
         key = json.dumps([peer, name, asdict(setting)])
         if key not in self.done:
@@ -93,7 +93,7 @@ class Trials:
             self._keep(found)
         return self.done[key]
 
-    def few(self, name: str, setting: Setting) -> bool:
+    def few(self, name: str, setting: SolidSetting) -> bool:
         """Whether a setting's mesh is small enough to be worth a solve."""
         key = json.dumps(["mesh", name, asdict(setting)])
         if key not in self.done:
@@ -109,22 +109,22 @@ class Trials:
         with self.log.open("a", encoding="utf-8") as file:
             file.write(json.dumps(found) + "\n")
 
-    def sound(self, peer: str, name: str, setting: Setting, accuracy: float) -> bool:
+    def sound(self, peer: str, name: str, setting: SolidSetting, accuracy: float) -> bool:
         """Whether a setting and the finer ones are exact enough."""
         return all(self(peer, name, one)["error"] <= accuracy for one in (setting, finer(setting, FINER)))
 
-    def again(self, peer: str, name: str, settings: list[Setting]) -> list[float]:
+    def again(self, peer: str, name: str, settings: list[SolidSetting]) -> list[float]:
         """Return the least seconds of several runs, in turns."""
         turns = [[sum(EVALUATE[peer](self.scenes[name], one).process.values()) for one in settings] for _ in range(ROUNDS)]
         return [min(seconds) for seconds in zip(*turns, strict=True)]
 
 
-def search(trials: Trials, peer: str, name: str, tried: list[Setting], accuracy: float) -> Setting:
+def search(trials: Trials, peer: str, name: str, tried: list[SolidSetting], accuracy: float) -> SolidSetting:
     """Return the cheapest sound setting."""
     good = sorted(
         (one for one in tried if trials(peer, name, one)["error"] <= accuracy), key=lambda s: trials(peer, name, s)["seconds"]
     )
-    sound: list[Setting] = []
+    sound: list[SolidSetting] = []
     for one in good[:CANDIDATES]:
         if trials.sound(peer, name, one, accuracy):
             sound.append(one)
@@ -166,7 +166,7 @@ def main() -> None:
             FILE.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
 
 
-def promising(trials: Trials, setting: Setting) -> bool:
+def promising(trials: Trials, setting: SolidSetting) -> bool:
     """Whether a setting is worth trying in the other scenes: near both accuracies at least in the first."""
     return bool(trials("ngsolve", SCENES[0], setting)["error"] <= 1.2 * max(ACCURACIES))
 

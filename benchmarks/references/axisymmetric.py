@@ -4,7 +4,7 @@ The problem: linear elasticity of a cylinder of tissue bonded at its bottom, two
 frictionless interface, at most one sphere on the axis (PHYSICS.md sections 5 and 7). Between each block and the base lie,
 if the scene has a film, the film (its modulus) and, if it has a thickness, the adhesive (its modulus, or the film's), both
 with ``FILM_POISSON``, which no scene gives, both bonded to all that they touch. A rigid base holds them, or the blocks'
-ends. The elastic base (``reference_outline``) is bonded to the machine: its upper face moves as a rigid plane, the rest
+ends. The elastic base (``outline``) is bonded to the machine: its upper face moves as a rigid plane, the rest
 of its surface is free of traction.
 
 The method: displacements of order 6 to 12 (no locking near incompressibility) on curved triangles that netgen grades by
@@ -62,7 +62,7 @@ Mesher = Callable[[Scene, Refinement], ngs.Mesh]
 
 
 @dataclass(frozen=True)
-class Reference:
+class ReferenceAnswer:
     """Film stresses (Pa) at the scene's load, stiffness (N/m), log-sensitivity (None without an inclusion)."""
 
     stress_inner: float
@@ -88,7 +88,7 @@ def materials(scene: Scene) -> dict[int, Material]:
     return found
 
 
-class Problem:
+class ReferenceProblem:
     """The discrete problem on one mesh.
 
     Its unknowns are u_z and u_r of each region. To u_z belong two given fields: in the blocks the jump at their ends; in the
@@ -171,18 +171,18 @@ class Problem:
 
 def film_forces(scene: Scene, refinement: Refinement, mesher: Mesher = make_mesh) -> tuple[np.ndarray, np.ndarray]:
     """Find F_ij (N per m of displacement) and dF_ij / d ln E_object on one mesh."""
-    problem, unit = Problem(scene, refinement, mesher), scene.probe.inner_radius
+    problem, unit = ReferenceProblem(scene, refinement, mesher), scene.probe.inner_radius
     states = problem.states()
     works = [problem.work(states, part) * unit for part in problem.parts]
     return np.asarray(sum(works)), works[1]
 
 
-def solve(scene: Scene, refinement: Refinement, mesher: Mesher = make_mesh) -> Reference:
+def solve(scene: Scene, refinement: Refinement, mesher: Mesher = make_mesh) -> ReferenceAnswer:
     """Find the stresses on one mesh, and what follows from them."""
     return summary(scene, *film_forces(scene, refinement, mesher))
 
 
-def summary(scene: Scene, forces: np.ndarray, slopes: np.ndarray) -> Reference:
+def summary(scene: Scene, forces: np.ndarray, slopes: np.ndarray) -> ReferenceAnswer:
     """Return stresses and the like from F_ij (N per m of base displacement) and dF_ij / d ln E_object."""
     per_metre, change = forces.sum(axis=1), slopes.sum(axis=1)
     stiffness = float(per_metre.sum())
@@ -190,10 +190,10 @@ def summary(scene: Scene, forces: np.ndarray, slopes: np.ndarray) -> Reference:
     inner = float(per_metre[0] * indentation / scene.probe.inner_area)
     outer = float(per_metre[1] * indentation / scene.probe.outer_area)
     sensitivity = float(change[0] / per_metre[0] - change[1] / per_metre[1]) if scene.inclusion else None
-    return Reference(inner, outer, inner / outer, stiffness, sensitivity)
+    return ReferenceAnswer(inner, outer, inner / outer, stiffness, sensitivity)
 
 
-def difference(a: Reference, b: Reference) -> float:
+def difference(a: ReferenceAnswer, b: ReferenceAnswer) -> float:
     """Return the largest relative difference; the log-sensitivity's is relative to at least ``SENSITIVITY_FLOOR``."""
     found = [abs(getattr(a, key) / getattr(b, key) - 1) for key in ("stress_inner", "stress_outer", "ratio", "stiffness")]
     if a.log_sensitivity is not None and b.log_sensitivity is not None:
@@ -201,7 +201,7 @@ def difference(a: Reference, b: Reference) -> float:
     return float(max(found))
 
 
-def reference(scene: Scene, tolerance: float = 1e-6) -> Reference:
+def reference(scene: Scene, tolerance: float = 1e-6) -> ReferenceAnswer:
     """Climb the ladder of refinements until two in a row agree within the tolerance or the ladder ends."""
     start, coarse = time.perf_counter(), solve(scene, LADDER[0])
     for refinement in LADDER[1:]:
@@ -213,14 +213,14 @@ def reference(scene: Scene, tolerance: float = 1e-6) -> Reference:
     return replace(fine, relative_uncertainty=uncertainty, seconds=time.perf_counter() - start)
 
 
-def printed(path: Path) -> Reference:
+def printed(path: Path) -> ReferenceAnswer:
     """Find the reference of a scene file and print it as one JSON object."""
     found = reference(read_scene(path))
     print(json.dumps({"scene": path.stem} | asdict(found)), flush=True)
     return found
 
 
-def entry(found: Reference) -> dict[str, float]:
+def entry(found: ReferenceAnswer) -> dict[str, float]:
     """Return the values as ``expected.json`` names them."""
     units = {"stress_inner": "_pa", "stress_outer": "_pa", "stiffness": "_n_per_m"}
     values = {f"{key}{units.get(key, '')}": value for key, value in asdict(found).items() if key != "seconds"}

@@ -1,6 +1,6 @@
 """The new scenes of the matrix of extremes: an ordinary one, then its numbers at their limits, alone and together.
 
-``python -m benchmarks.references.extremes_scenes tests/reference/extremes`` writes them; then ``reference_axisymmetric.py`` on
+``python -m benchmarks.references.extremes_scenes tests/reference/extremes`` writes them; then ``axisymmetric.py`` on
 that folder for the answers.
 """
 

@@ -29,7 +29,7 @@ from typing import Any
 import ngsolve as ngs
 import numpy as np
 
-from benchmarks.references.axisymmetric import LADDER, Problem, materials
+from benchmarks.references.axisymmetric import LADDER, ReferenceProblem, materials
 from benchmarks.references.outline import NAMES, Refinement
 from geometry import Scene, read_scene
 
@@ -91,7 +91,7 @@ def smooth(t: Any) -> Any:
     return t**2 * (3 - 2 * t)
 
 
-def extension(problem: Problem, on_edges: Any, sphere: bool, names: set[str]) -> ngs.GridFunction:
+def extension(problem: ReferenceProblem, on_edges: Any, sphere: bool, names: set[str]) -> ngs.GridFunction:
     """Return the harmonic function with the given values on the sphere or on the other edges, zero on the rest of ``names``."""
     space = ngs.H1(problem.mesh, order=problem.order, dirichlet="|".join(names))
     u, v = space.TnT()
@@ -103,14 +103,14 @@ def extension(problem: Problem, on_edges: Any, sphere: bool, names: set[str]) ->
     return found
 
 
-def fields(problem: Problem, x: dict[str, float], name: str) -> tuple[ngs.GridFunction, ngs.GridFunction]:
+def fields(problem: ReferenceProblem, x: dict[str, float], name: str) -> tuple[ngs.GridFunction, ngs.GridFunction]:
     """Return the nodes' velocity for a length; the axis is an edge for V_r alone."""
     across, along, sphere = velocity(x, name)
     names = set(problem.mesh.GetBoundaries())
     return extension(problem, across, sphere, names), extension(problem, along, sphere, names - {"axis"})
 
 
-def strains(problem: Problem, state: ngs.GridFunction, part: Any, moved: Any) -> tuple[Any, Any]:
+def strains(problem: ReferenceProblem, state: ngs.GridFunction, part: Any, moved: Any) -> tuple[Any, Any]:
     """Return a state's strain and its derivative where the nodes move."""
     _, radial, axial = part
     u = state.components[radial]
@@ -121,14 +121,14 @@ def strains(problem: Problem, state: ngs.GridFunction, part: Any, moved: Any) ->
     return problem.strain(state.components, part), change
 
 
-def integral(problem: Problem, densities: list[Any], bodies: str) -> np.ndarray:
+def integral(problem: ReferenceProblem, densities: list[Any], bodies: str) -> np.ndarray:
     """Integrate the densities of 00, 01 and 11 and return the row sums of the symmetric matrix."""
     compiled, order = ngs.CoefficientFunction(tuple(densities)).Compile(), 2 * problem.order + 5
     found = ngs.Integrate(compiled, problem.mesh, order=order, definedon=problem.mesh.Materials(bodies))
     return np.array([found[0] + found[1], found[1] + found[2]])
 
 
-def by_length(problem: Problem, states: list[ngs.GridFunction], moved: tuple[Any, Any]) -> np.ndarray:
+def by_length(problem: ReferenceProblem, states: list[ngs.GridFunction], moved: tuple[Any, Any]) -> np.ndarray:
     """Return the derivative of the films' total forces by a length."""
     total, (across, along) = np.zeros(2), moved
     growth = ngs.grad(across)[0] + ngs.grad(along)[1] + across / ngs.x
@@ -140,7 +140,7 @@ def by_length(problem: Problem, states: list[ngs.GridFunction], moved: tuple[Any
     return total
 
 
-def by_materials(problem: Problem, states: list[ngs.GridFunction], scene: Scene) -> Derivatives:
+def by_materials(problem: ReferenceProblem, states: list[ngs.GridFunction], scene: Scene) -> Derivatives:
     """Return the derivatives of the films' total forces by ln E and by nu of each body."""
     found, lam, mu = {}, problem.lam, problem.mu
     for number, body in materials(scene).items():
@@ -164,7 +164,7 @@ def log_areas(x: dict[str, float], name: str) -> np.ndarray:
     )
 
 
-def first_order(problem: Problem, scene: Scene, moved: dict[str, Any]) -> Derivatives:
+def first_order(problem: ReferenceProblem, scene: Scene, moved: dict[str, Any]) -> Derivatives:
     """Return the derivatives of ln(ratio), ln(stress_inner) and ln(stress_outer) by every parameter."""
     problem.fill(scene)
     states, x = problem.states(), lengths(scene)
@@ -176,7 +176,7 @@ def first_order(problem: Problem, scene: Scene, moved: dict[str, Any]) -> Deriva
 
 def all_orders(scene: Scene, refinement: Refinement) -> tuple[Derivatives, Derivatives]:
     """Return the derivatives of all results on one mesh, and the change by the last extrapolation."""
-    problem, body, x = Problem(scene, refinement), scene.inclusion[0], lengths(scene)
+    problem, body, x = ReferenceProblem(scene, refinement), scene.inclusion[0], lengths(scene)
     moved = {name: fields(problem, x, name) for name in x}
 
     def stiffened(step: float) -> Derivatives:
@@ -197,7 +197,7 @@ def all_orders(scene: Scene, refinement: Refinement) -> tuple[Derivatives, Deriv
 def gradients(scene: Scene) -> dict[str, Any]:
     """Differentiate by every parameter; log_sensitivity on meshes one step coarser than the rest."""
     (coarse, _), (middle, change) = (all_orders(scene, refinement) for refinement in LADDER[1:3])
-    problem, x = Problem(scene, LADDER[3]), lengths(scene)
+    problem, x = ReferenceProblem(scene, LADDER[3]), lengths(scene)
     fine = first_order(problem, scene, {name: fields(problem, x, name) for name in x})
     found = {}
     for name, slopes in fine.items():

@@ -20,7 +20,7 @@ from pathlib import Path
 import ngsolve as ngs
 import numpy as np
 
-from benchmarks.references.axisymmetric import LADDER, Reference, difference, entry, film_forces, summary
+from benchmarks.references.axisymmetric import LADDER, ReferenceAnswer, difference, entry, film_forces, summary
 from benchmarks.references.outline import Refinement
 from geometry import CylinderTissue, Scene, read_scene
 
@@ -43,13 +43,13 @@ def endless(values: list[np.ndarray]) -> np.ndarray:
     return column[0]
 
 
-def extrapolated(scene: Scene, refinement: Refinement) -> tuple[Reference, Reference]:
+def extrapolated(scene: Scene, refinement: Refinement) -> tuple[ReferenceAnswer, ReferenceAnswer]:
     """Return the results on the half-space without and with the largest cylinder."""
     found = [np.array(film_forces(bounded(scene, reach), refinement)) for reach in REACHES]
     return summary(scene, *endless(found[:-1])), summary(scene, *endless(found))
 
 
-def reference(scene: Scene) -> Reference:
+def reference(scene: Scene) -> ReferenceAnswer:
     """Extrapolate on two refinements."""
     start = time.perf_counter()
     (_, coarse), (smaller, fine) = (extrapolated(scene, refinement) for refinement in LADDER[-2:])

@@ -1,6 +1,6 @@
 """Reference solutions of scenes with tumours off the probe's axis by NGSolve in three dimensions, independent of ``solver``.
 
-The problem: that of ``reference_axisymmetric``, but with any number of spheres and ellipsoids whose centres and axes lie in
+The problem: that of ``axisymmetric``, but with any number of spheres and ellipsoids whose centres and axes lie in
 the plane y = 0 of symmetry; tissue in a cylinder about the probe's axis, rigid base, no film, no groove, bonded or
 frictionless interface.
 
@@ -16,7 +16,7 @@ has the error of that quadrature only, the second that of w's energy: a(w - w_h,
 error in w gives a few tenths of per cent of the tumour's second-order effect, and F approaches its limit from one side.
 The derivative is the exact one of the discrete forces.
 
-Half of the bodies, y > 0, is meshed (``reference_bodies``). The value is that of the finest mesh; ``relative_uncertainty``
+Half of the bodies, y > 0, is meshed (``bodies``). The value is that of the finest mesh; ``relative_uncertainty``
 is the largest change of stresses, ratio and stiffness from the mesh before, which is coarser in size and order at once;
 ``log_sensitivity_uncertainty`` the change of that (absolute). On the axis (contrast 10, cover of
 0.25 diameters), where the axisymmetric code knows the answer, the change from order 4 to 5 was 1.1e-4 and the true error
@@ -39,7 +39,7 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve.comp import IntegrationRuleSpace
 
-from benchmarks.references.axisymmetric import Problem, Reference, difference, summary
+from benchmarks.references.axisymmetric import ReferenceAnswer, ReferenceProblem, difference, summary
 from benchmarks.references.bodies import check, make_mesh
 from benchmarks.references.outline import Refinement
 from geometry import Scene, read_scene
@@ -59,12 +59,12 @@ class Forces:
     unknowns: int
 
 
-class Plane:
+class MeridianStates:
     """The two states without tumours, by the axisymmetric code."""
 
     def __init__(self, scene: Scene) -> None:
         bare = scene.model_copy(update={"inclusion": ()})
-        self.problem = Problem(bare, PLANE)
+        self.problem = ReferenceProblem(bare, PLANE)
         self.states = self.problem.states()
         works = [self.problem.work(self.states, part) for part in self.problem.parts]
         self.forces = np.sum(works, axis=0) * scene.probe.inner_radius
@@ -89,10 +89,10 @@ def cartesian(meridian: np.ndarray, points: np.ndarray) -> np.ndarray:
     return np.column_stack([xx, xy, xz, xy, yy, yz, xz, yz, axial])
 
 
-class Solid:
+class ScatteredFields:
     """The scattered fields on one mesh."""
 
-    def __init__(self, scene: Scene, refinement: Refinement, plane: Plane) -> None:
+    def __init__(self, scene: Scene, refinement: Refinement, plane: MeridianStates) -> None:
         self.scene, self.plane, self.order = scene, plane, refinement.order
         self.mesh = make_mesh(scene, refinement)
         self.slides = scene.contact.interface == "frictionless"
@@ -190,10 +190,10 @@ def work(mu: Any, lam: Any, e: Any, f: Any) -> Any:
 def reference(scene: Scene, ladder: tuple[Refinement, ...] = LADDER) -> dict[str, Any]:
     """Find the entry of ``expected.json``: the finest mesh's values."""
     check(scene)
-    plane, found = Plane(scene), list[Reference]()
+    plane, found = MeridianStates(scene), list[ReferenceAnswer]()
     for refinement in ladder:
         start = time.perf_counter()
-        forces = Solid(scene, refinement, plane).forces()
+        forces = ScatteredFields(scene, refinement, plane).forces()
         found.append(summarised(scene, forces.present, forces.slopes))
         print(refinement, forces.unknowns, found[-1], f"{time.perf_counter() - start:.0f} s", file=sys.stderr, flush=True)
     coarse, fine = found[-2:]
@@ -212,7 +212,7 @@ def reference(scene: Scene, ladder: tuple[Refinement, ...] = LADDER) -> dict[str
     }
 
 
-def summarised(scene: Scene, forces: np.ndarray, slopes: np.ndarray | None) -> Reference:
+def summarised(scene: Scene, forces: np.ndarray, slopes: np.ndarray | None) -> ReferenceAnswer:
     """Return the stresses of a common displacement; the log-sensitivity is None where there is no target."""
     if slopes is None:
         return summary(scene.model_copy(update={"inclusion": ()}), forces, np.zeros((2, 2)))

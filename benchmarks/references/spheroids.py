@@ -1,6 +1,6 @@
 """Reference solutions for a spheroid on the probe's axis, diameters [a, a, c], by NGSolve.
 
-The problem and its discretisation are those of ``reference_axisymmetric``; only the mesh differs: the sphere's two quarter
+The problem and its discretisation are those of ``axisymmetric``; only the mesh differs: the sphere's two quarter
 circles become quarters of an ellipse, which netgen's rational splines are exactly and along which it grades the mesh by
 curvature. ``relative_uncertainty`` is the largest change from the first of ``MESHES`` to the second, which gives the values.
 
@@ -20,7 +20,7 @@ import ngsolve as ngs
 import numpy as np
 
 from benchmarks.references import outline as reference_outline
-from benchmarks.references.axisymmetric import LADDER, Reference, difference, entry, solve
+from benchmarks.references.axisymmetric import LADDER, ReferenceAnswer, difference, entry, solve
 from benchmarks.references.outline import Edge, Refinement, meshed
 from geometry import Inclusion, Scene, read_scene
 
@@ -71,7 +71,7 @@ def make_mesh(scene: Scene, refinement: Refinement) -> ngs.Mesh:
     return meshed(outline(scene), refinement)
 
 
-def reference(scene: Scene) -> Reference:
+def reference(scene: Scene) -> ReferenceAnswer:
     """Solve on both meshes."""
     start = time.perf_counter()
     coarse, fine = (solve(scene, refinement, make_mesh) for refinement in MESHES)

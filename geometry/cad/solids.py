@@ -152,19 +152,6 @@ def built(name: str, make: Callable[[], Any]) -> Any:
         raise ExportError(f"{name}: the modeller fails: {type(fault).__name__} {_first_line(fault)}".rstrip()) from fault
 
 
-def assembly(probe: Probe) -> Any:
-    """Build the coloured cadquery Assembly ``probe`` of all parts, each in its place.
-
-    Raises:
-        ExportError, InputError, MissingLibrary: see ``parts``.
-    """
-    cq = cadquery()
-    whole = cq.Assembly(name="probe")
-    for name, solid in parts(probe).items():
-        whole.add(solid, name=name, color=cq.Color(*COLOURS[name]))
-    return whole
-
-
 def _ring(inner: float, outer: float, bottom: float, top: float) -> Any:
     return _revolved([(inner, bottom), (outer, bottom), (outer, top), (inner, top)])
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from geometry.scenes.scene import Inclusion, Scene
 
 Matrix = list[list[float]]
+_DIRECTIONS = 72  # in which a body's reach is looked for
 _TOUCHING = 1 + 1e-9  # bodies nearer than this, relative to their size, count as touching
 
 
@@ -73,7 +74,7 @@ def _exceeds(function: Callable[[float], float], bound: float) -> bool:
     return False
 
 
-def lateral_reach(body: Inclusion, samples: int = 72) -> float:
+def lateral_reach(body: Inclusion) -> float:
     """Largest distance of the body's points from the tissue's axis, in m.
 
     The maximum over directions n of the support function n.c + sqrt(n^T Q n): the best of some directions, refined.
@@ -86,8 +87,8 @@ def lateral_reach(body: Inclusion, samples: int = 72) -> float:
         n, m = math.cos(angle), math.sin(angle)
         return n * body.x + m * body.y + math.hypot(*(n * a + m * b for a, b in zip(across, along, strict=True)))
 
-    step = 2 * math.pi / samples
-    best = max((step * k for k in range(samples)), key=support)
+    step = 2 * math.pi / _DIRECTIONS
+    best = max((step * k for k in range(_DIRECTIONS)), key=support)
     low, high = best - step, best + step
     for _ in range(60):
         left, right = low + (high - low) / 3, high - (high - low) / 3

@@ -1,4 +1,4 @@
-"""Volume meshes kept by content: the same bodies and sizes, meshed by the same versions, are read back instead.
+"""Volume meshes kept by content: the same bodies and sizes, meshed by the same sources and versions, are read back instead.
 
 The folder is the user's cache, or the one that the environment variable ``PROBE_DESIGN_CACHE`` names. A file is written
 whole or not at all and carries its checksum: one that does not match is made again.
@@ -10,6 +10,7 @@ import hashlib
 import io
 import os
 from dataclasses import fields
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from geometry.tetra.sizing import COARSE, TetraFineness
 from geometry.tetra.tet_mesh import TetMesh
 
 FOLDER = "PROBE_DESIGN_CACHE"  # the environment variable
-MESHER = 2  # raised whenever our own part of the mesher gives another mesh
+ROOM = Path(__file__).parent
 _CHECKSUM = hashlib.sha256().digest_size
 
 
@@ -35,12 +36,27 @@ def cached_mesh(
     tissue_extent: float | None = None,
     reference_radius: float | None = None,
 ) -> TetMesh:
-    """Return what ``geometry.tetra.mesher.volume_mesh`` does for the same arguments, from the cache if it is there.
+    """Mesh a scene, tilt and films left out, or read its mesh from the cache.
 
     A cache that cannot be read or written costs time only. It keeps nothing of a mesh that was not finished.
 
+    Args:
+        scene: the scene.
+        fineness: ``ROUGH``, ``COARSE``, ``FINE`` or other sizes.
+        half: mesh only y >= 0 (probe's axes) of a scene that is its own mirror image there.
+        tissue_extent: radius and depth in m that stand for a half-space's, left out 25 outer radii or more. Other tissue that
+            reaches further becomes a cylinder of that radius about the probe's axis, deeper tissue as deep; left out, it stays.
+        reference_radius: of the reference cylinder about the probe's axis, in m; left out, the tissue's own side where it is
+            coaxial, else as large as there is room for.
+
+    Returns:
+        The mesh, nodes in m.
+
     Raises:
-        InputError, Refusal, SolveError, KeyboardInterrupt: as ``volume_mesh`` does.
+        InputError: a surface file that cannot be used.
+        Refusal: see ``geometry.tetra.layout.body_layout``.
+        SolveError: no mesh passed the checks, or pytetwild failed; the text says why.
+        KeyboardInterrupt: Ctrl-C, at once.
     """
     layout = body_layout(scene, half, extent(scene, tissue_extent), reference_radius)
     path = folder() / f"{key(layout, fineness)}.mesh"
@@ -60,10 +76,19 @@ def folder() -> Path:
 
 
 def key(layout: BodyLayout, fineness: TetraFineness) -> str:
-    """A name by content: every number that the mesh follows from, a surface file's triangles, and the versions."""
-    digest = hashlib.sha256(f"{MESHER} {version('pytetwild')} {np.__version__} {fineness!r}".encode())
+    """A name by content: every number that the mesh follows from, a surface file's triangles, our sources and the versions."""
+    digest = hashlib.sha256(f"{sources()} {version('pytetwild')} {np.__version__} {fineness!r}".encode())
     for part in fields(layout):
         _feed(digest, getattr(layout, part.name))
+    return digest.hexdigest()
+
+
+@cache
+def sources() -> str:
+    """Digest of this room's sources: our own part of what a mesh follows from, read once a process."""
+    digest = hashlib.sha256()
+    for path in sorted(ROOM.glob("*.py")):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()
 
 

@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
 from geometry.common.errors import SolveError
-from geometry.scenes.scene import Scene
 from geometry.tetra.check import check, largest_error
 from geometry.tetra.curving import curved_mesh
 from geometry.tetra.labels import labels
-from geometry.tetra.layout import BodyLayout, body_layout, extent
+from geometry.tetra.layout import BodyLayout
 from geometry.tetra.sizing import COARSE, FINE, ROUGH, TetraFineness, background
 from geometry.tetra.slivers import remove_slivers
 from geometry.tetra.smoothing import smooth, undo_inversions
@@ -31,7 +30,7 @@ from geometry.tetra.surfaces import Corners, corners, surfaces
 from geometry.tetra.tet_mesh import TetMesh
 from geometry.tetra.tetwild_process import Failure, TooLong, tetrahedralize
 
-__all__ = ["COARSE", "FINE", "ROUGH", "TetraFineness", "Timing", "extent", "mesh_layout", "volume_mesh"]
+__all__ = ["COARSE", "FINE", "ROUGH", "TetraFineness", "Timing", "mesh_layout"]
 
 _NEAR = 1.7  # far tissue begins at this many times the probe's largest length
 _ENVELOPE = 0.15  # of the smallest feature: how far pytetwild's surfaces may be from the given ones; never above half the gap
@@ -58,36 +57,6 @@ class Timing:
     tetwild: float
     after: float
     trials: int
-
-
-def volume_mesh(
-    scene: Scene,
-    fineness: TetraFineness = COARSE,
-    half: bool = False,
-    tissue_extent: float | None = None,
-    reference_radius: float | None = None,
-) -> TetMesh:
-    """Mesh a scene, tilt and films left out.
-
-    Args:
-        scene: the scene.
-        fineness: ``ROUGH``, ``COARSE``, ``FINE`` or other sizes.
-        half: mesh only y >= 0 (probe's axes) of a scene that is its own mirror image there.
-        tissue_extent: radius and depth in m that stand for a half-space's, left out 25 outer radii or more. Other tissue that
-            reaches further becomes a cylinder of that radius about the probe's axis, deeper tissue as deep; left out, it stays.
-        reference_radius: of the reference cylinder about the probe's axis, in m; left out, the tissue's own side where it is
-            coaxial, else as large as there is room for.
-
-    Returns:
-        The mesh, nodes in m.
-
-    Raises:
-        InputError: a surface file that cannot be used.
-        Refusal: see ``geometry.tetra.layout.body_layout``.
-        SolveError: no mesh passed the checks, or pytetwild failed; the text says why.
-        KeyboardInterrupt: Ctrl-C, at once.
-    """
-    return mesh_layout(body_layout(scene, half, extent(scene, tissue_extent), reference_radius), fineness)[0]
 
 
 def mesh_layout(layout: BodyLayout, fineness: TetraFineness) -> tuple[TetMesh, Timing]:

@@ -36,12 +36,6 @@ class TetMesh:
     half: bool
 
     @property
-    def volumes(self) -> dict[int, float]:
-        """Volume in m^3 of each body, of the meshed half where ``half``."""
-        each = element_volumes(self.nodes, self.elements)
-        return {int(label): float(each[self.body == label].sum()) for label in np.unique(self.body)}
-
-    @property
     def quality(self) -> Points:
         """The least scaled Jacobian of each element, (t,): 1 for a regular one, 0 or less for one that folds."""
         return scaled_jacobians(self.nodes, self.elements)

@@ -100,11 +100,6 @@ class Recording:
                 yield chunk
 
 
-def read_recording(path: Path | str) -> Recording:
-    """Return a recorded file; see ``Recording``."""
-    return Recording(path)
-
-
 def sha256(path: Path | str) -> str:
     """Return the file's SHA-256 in hexadecimal: what a calibration record keeps of its raw data."""
     with Path(path).open("rb") as file:

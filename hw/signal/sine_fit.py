@@ -38,7 +38,7 @@ class SineFit:
 
     Attributes:
         frequency: f, Hz.
-        frequency_sd: its standard deviation; 0 where it was given as exact.
+        frequency_sd: its standard deviation.
         amplitudes: (channels,), V.
         covariance: of (re, im) of each channel in turn, V^2, shape (2 channels, 2 channels).
         offsets: (channels,) mean of what neither load nor mains explain, V.
@@ -70,7 +70,7 @@ class SineFit:
         return self.seconds * self.frequency
 
 
-def sine_fit(samples: Samples, frequency: float | None = None, exact: bool = False) -> SineFit:
+def sine_fit(samples: Samples, frequency: float | None = None) -> SineFit:
     """Fit a sinusoidal load to all channels.
 
     Rows that are saturated in any channel are left out; gaps are simply not there: neither is filled in.
@@ -78,7 +78,6 @@ def sine_fit(samples: Samples, frequency: float | None = None, exact: bool = Fal
     Args:
         samples: of one reading.
         frequency: of the load, Hz; it may be off by a tenth, or 1 Hz. None: looked for everywhere.
-        exact: whether it is not to be corrected.
 
     Raises:
         NoSine: too short, too slowly sampled, or no sinusoid in it.
@@ -87,14 +86,14 @@ def sine_fit(samples: Samples, frequency: float | None = None, exact: bool = Fal
     begin, end = (int(samples.index[k]) for k in (0, -1)) if len(samples.index) else (0, 0)
     span = (end - begin) / clean.rate
     _check_samples(clean, end - begin + 1)
-    load = _load(clean, span, frequency, exact)
+    load = _load(clean, span, frequency)
     t = np.asarray((clean.index - (begin + end) / 2) / clean.rate, dtype=float)
     lines = Lines(load, _below_nyquist(load, clean.rate, HARMONICS), None, 0, span / 2)
-    lines, solved = _settled(lines, t, clean.volts, exact)
+    lines, solved = _settled(lines, t, clean.volts)
     lines = _with_mains(lines, clean, t, solved)
     if lines.mains is not None:
-        lines, solved = _settled(lines, t, clean.volts, exact)
-    return _described(lines, solved, clean, t, exact)
+        lines, solved = _settled(lines, t, clean.volts)
+    return _described(lines, solved, clean, t)
 
 
 def _check_samples(samples: Samples, requested: int) -> None:
@@ -107,12 +106,10 @@ def _check_samples(samples: Samples, requested: int) -> None:
         raise NoSine(f"channel {dead[0] if dead else 'of some film'} shows no change, or no numbers: is it connected?")
 
 
-def _load(samples: Samples, span: float, nominal: float | None, exact: bool) -> float:
+def _load(samples: Samples, span: float, nominal: float | None) -> float:
     """About the load's frequency, Hz."""
     frequency = _strongest_frequency(samples, span) if nominal is None else nominal
     _check(frequency, span, samples.rate)
-    if exact:
-        return frequency
     near = min(0.1 * frequency, NEAR)
     frequency = strongest(samples, frequency - near, frequency + near) or frequency
     _check(frequency, span, samples.rate)
@@ -148,16 +145,15 @@ def _below_nyquist(frequency: float, rate: float, most: int) -> int:
     return max(1, min(most, int(0.45 * rate / frequency)))
 
 
-def _settled(lines: Lines, t: Floats, volts: Floats, exact: bool) -> tuple[Lines, Solved]:
+def _settled(lines: Lines, t: Floats, volts: Floats) -> tuple[Lines, Solved]:
     """Correct the frequencies until they stay."""
     start = lines.load
     for _ in range(STEPS):
         solved = solve(lines, t, volts)
-        step = solved.step * [0.0 if exact else 1.0, 1.0][: len(solved.step)]
-        if np.all(np.abs(step) <= CLOSE * solved.step_sd):
+        if np.all(np.abs(solved.step) <= CLOSE * solved.step_sd):
             return lines, solved
-        hum = None if lines.mains is None else lines.mains + float(step[-1])
-        lines = replace(lines, load=lines.load + float(step[0]), mains=hum)
+        hum = None if lines.mains is None else lines.mains + float(solved.step[-1])
+        lines = replace(lines, load=lines.load + float(solved.step[0]), mains=hum)
         if abs(lines.load - start) * 2 * lines.half > 1:
             raise NoSine(f"no sinusoid near {start:.6g} Hz: the fit leaves that frequency; is the load on, its frequency right?")
     return lines, solve(lines, t, volts)
@@ -174,7 +170,7 @@ def _with_mains(lines: Lines, samples: Samples, t: Floats, solved: Solved) -> Li
     return replace(lines, mains=frequency, hums=hums)
 
 
-def _described(lines: Lines, solved: Solved, samples: Samples, t: Floats, exact: bool) -> SineFit:
+def _described(lines: Lines, solved: Solved, samples: Samples, t: Floats) -> SineFit:
     coefficients, width = solved.coefficients, 2 * len(lines.frequencies)
     variance = np.diag(solved.noise)
     excess = colour(samples, residual(lines, t, samples.volts, coefficients), lines.load, lines.frequencies)
@@ -182,7 +178,7 @@ def _described(lines: Lines, solved: Solved, samples: Samples, t: Floats, exact:
     drifting = np.polynomial.legendre.legvander(np.linspace(-1, 1, 101), DRIFT - 1)[:, 1:] @ coefficients[width + 1 :]
     return SineFit(
         frequency=lines.load,
-        frequency_sd=0.0 if exact else float(solved.step_sd[0]),
+        frequency_sd=float(solved.step_sd[0]),
         amplitudes=coefficients[0] + 1j * coefficients[1],
         covariance=np.asarray(np.kron(solved.noise * spread, solved.inverse[:2, :2]), dtype=float),
         offsets=coefficients[width],

@@ -97,7 +97,7 @@ def _warnings(measurements: Sequence[Measurement], gains: Gains) -> list[str]:
     warnings = []
     if not gains.absolute:
         warnings.append("no force channel: the ratio is calibrated, the stresses' common factor is not")
-    for measured, entry in zip(gains.cross_talk_told, ("inner from outer", "outer from inner"), strict=True):
+    for measured, entry in zip(gains.cross_talk_resolved, ("inner from outer", "outer from inner"), strict=True):
         if not measured:
             warnings.append(f"cross-talk {entry}: the readings hardly tell it; what the bench assumes stands")
     if gains.p_value < UNLIKELY:

@@ -67,7 +67,7 @@ class CalibrationRecord(Frozen):
     entries: tuple[str, ...]
     matrix: tuple[Row, Row]
     covariance: tuple[Row, Row, Row, Row]
-    cross_talk_told: tuple[bool, bool]
+    cross_talk_resolved: tuple[bool, bool]
     offsets: Row
     offsets_sd: Row
     chi_square: float
@@ -99,7 +99,7 @@ class CalibrationRecord(Frozen):
             slopes=np.array(self.slopes, dtype=float),
             workshop=np.array(self.workshop, dtype=float),
             absolute=self.absolute,
-            cross_talk_told=self.cross_talk_told,
+            cross_talk_resolved=self.cross_talk_resolved,
             chi_square=self.chi_square,
             freedom=self.degrees_of_freedom,
         )
@@ -129,7 +129,7 @@ def record(calibration: Calibration, raw: Sequence[Raw], device: str) -> Calibra
         | {
             "format": FORMAT, "version": VERSION, "software": f"probe-design {version('probe-design')}",
             "date": datetime.now(UTC).isoformat(timespec="seconds"), "device": device, "frequency": calibration.frequency,
-            "absolute": gains.absolute, "entries": ENTRIES, "cross_talk_told": gains.cross_talk_told,
+            "absolute": gains.absolute, "entries": ENTRIES, "cross_talk_resolved": gains.cross_talk_resolved,
             "offsets": tuple(calibration.offsets.tolist()), "offsets_sd": tuple(calibration.offsets_sd.tolist()),
             "chi_square": gains.chi_square, "degrees_of_freedom": gains.freedom, "variables": calibration.variables,
             "warnings": calibration.warnings, "reading": readings, "scene": scene_to_dict(calibration.scene),

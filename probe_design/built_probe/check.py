@@ -49,7 +49,7 @@ class Check:
         calibrated: whether gains come from a calibration.
         explanations: the variables that the readings tell, best first.
         alike: the best and those that the readings do not tell apart from it; empty if the check is passed.
-        untold: variables of which the readings tell nothing, or that the calibration has absorbed.
+        unresolved: variables of which the readings tell nothing, or that the calibration has absorbed.
     """
 
     blocks: tuple[BlockDeviation, ...]
@@ -61,7 +61,7 @@ class Check:
     calibrated: bool
     explanations: tuple[Explanation, ...]
     alike: tuple[str, ...]
-    untold: tuple[str, ...]
+    unresolved: tuple[str, ...]
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design check``."""
@@ -100,7 +100,7 @@ def check(
     films = [newtons(strict_reading(one, bench, scene), scene, tolerance=gains is None) for one in samples]
     deviation = _deviation(bench, films, effective, variables, predictions)
     p_value = float(chi2.sf(deviation.chi_square, len(deviation.logs)))
-    explained, untold = explanations(deviation, predictions)
+    explained, unresolved = explanations(deviation, predictions)
     names: tuple[str, ...] = ()
     if p_value < LEVEL and explained:
         explained = refined(scene, bench, deviation, explained)
@@ -115,7 +115,7 @@ def check(
         calibrated=gains is not None,
         explanations=explained,
         alike=names,
-        untold=untold,
+        unresolved=unresolved,
     )
 
 

@@ -58,7 +58,7 @@ class Gains:
         slopes: by how much the estimate moves per SI unit by which a design variable is off its drawing, shape (4, v).
         workshop: standard deviations of these variables that ``covariance`` counts, SI, shape (v,).
         absolute: whether a force channel has told the common factor.
-        cross_talk_told: whether the readings have told each cross-talk, or what was assumed of it stands.
+        cross_talk_resolved: whether the readings have told each cross-talk, or what was assumed of it stands.
         chi_square: of the fit.
         freedom: its degrees of freedom.
     """
@@ -68,7 +68,7 @@ class Gains:
     slopes: Floats
     workshop: Floats
     absolute: bool
-    cross_talk_told: tuple[bool, bool]
+    cross_talk_resolved: tuple[bool, bool]
     chi_square: float = 0.0
     freedom: int = 0
 
@@ -82,7 +82,7 @@ class Gains:
             slopes=np.zeros((4, 0)),
             workshop=np.zeros(0),
             absolute=False,
-            cross_talk_told=(False, False),
+            cross_talk_resolved=(False, False),
         )
 
     @property
@@ -123,13 +123,13 @@ def estimated(observed: Sequence[Observed], shares: Shares, bench: Bench) -> Gai
     """
     problem = _Problem(tuple(observed), shares, bench)
     if problem.data <= len(problem.start()):
-        raise _untold(np.inf)
+        raise _unresolved(np.inf)
     solved = least_squares(problem.residuals, problem.start(), method="lm", x_scale="jac", xtol=1e-12, ftol=1e-12)
     entries = problem.entries
     information = solved.jac.T @ solved.jac
     scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
     if np.linalg.cond(information / np.outer(scale, scale)) > 1e14:
-        raise _untold(np.inf)
+        raise _unresolved(np.inf)
     whole = np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale)
     matrix = problem.matrix(solved.x)
     covariance, slopes = np.zeros((4, 4)), np.zeros((4, len(shares.variables)))
@@ -137,23 +137,23 @@ def estimated(observed: Sequence[Observed], shares: Shares, bench: Bench) -> Gai
     slopes[entries] = (whole @ solved.jac.T @ problem.shift(shares.slopes))[: len(entries)]
     spread = np.sqrt(np.diag(covariance))
     if max(spread[[0, 3]] / np.abs(np.diag(matrix))) > LEAST_TOLD:
-        raise _untold(max(spread[[0, 3]]))
+        raise _unresolved(max(spread[[0, 3]]))
     if not problem.absolute:  # the common factor is what it was before
         covariance += bench.channels.gain**2 * np.outer(matrix.ravel(), matrix.ravel())
-    inner_told, outer_told = (bool(spread[k] < PRIOR_ONLY * bench.channels.cross_talk) for k in (1, 2))
+    inner_resolved, outer_resolved = (bool(spread[k] < PRIOR_ONLY * bench.channels.cross_talk) for k in (1, 2))
     return Gains(
         matrix=matrix,
         covariance=covariance,
         slopes=slopes,
         workshop=shares.tolerances(bench.workshop),
         absolute=problem.absolute,
-        cross_talk_told=(inner_told, outer_told),
+        cross_talk_resolved=(inner_resolved, outer_resolved),
         chi_square=float(2 * solved.cost),
         freedom=problem.data - len(solved.x),
     )
 
 
-def _untold(spread: float) -> InputError:
+def _unresolved(spread: float) -> InputError:
     left = Words(f"these leave a gain uncertain by {spread:.2g}")
     need = "two or more references on which the films' shares differ: a pin on the inner and a ring on the outer block do most"
     return InputError("reference", left, need)

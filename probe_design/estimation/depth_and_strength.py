@@ -4,7 +4,7 @@ From readings at several places depth and strength S, eq. ES.1, are fitted toget
 
     {(depth, S) : chi2 - least chi2 <= q}                                                          (ES.6)
 
-and its shadows on both axes are the intervals of depth and strength by profile likelihood, with q as in ``likelihood.py`` but t
+and its shadows on both axes are the intervals of depth and strength by profile likelihood, with q as in ``intervals.py`` but t
 of eq. ES.5 the root of sum_i (b_i / s_i)^2, which bounds a shift in any direction. The strength is varied by what the scene
 leaves open: E_object at the scene's diameter, or the diameter at the scene's E_object.
 """

@@ -27,6 +27,7 @@ OUTPUTS = (
 )  # fmt: skip
 COLUMNS = ("status", "type", "reason", "evaluator", *OUTPUTS, "plan", "warnings", "seconds")
 ROOT = Path(__file__).parents[2]
+SOURCES = {".py", ".npy", ".json"}  # that results depend on
 PIECE = 128  # closed-form designs at once: more are no faster
 Row = dict[str, Any]
 T = TypeVar("T")
@@ -150,10 +151,10 @@ def blank(status: str, kind: str, reason: str, seconds: float) -> Row:
 
 @cache
 def version() -> str:
-    """Return the version of the software, a digest of the sources that results depend on, the versions of NumPy and SciPy."""
+    """Return the software's version, a digest of the sources and data that results depend on, the versions of NumPy and SciPy."""
     digest = hashlib.sha256()
     for package in ("geometry", "solver"):
-        for path in sorted((ROOT / package).rglob("*.py")):
+        for path in sorted(path for path in (ROOT / package).rglob("*") if path.suffix in SOURCES):
             digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     numbers = (metadata.version(name) for name in ("numpy", "scipy"))
     return f"{_own_version()}+{digest.hexdigest()[:12]} numpy {' scipy '.join(numbers)}"

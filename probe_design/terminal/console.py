@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-from rich.table import Table
-
-from solver.results.result import Curve, Result
-
 if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress
+    from rich.table import Table
+
     from probe_design.maps.detectability import Detectability
     from probe_design.maps.scan import Scan
     from solver.planning.plan import Plan
+    from solver.results.result import Curve, Result
 
 UNITS = {
     "stress_inner": "Pa", "stress_outer": "Pa", "ratio": "", "log_sensitivity": "", "stiffness": "N/m", "charge_inner": "C",
@@ -39,7 +38,7 @@ def warn(warnings: Iterable[str]) -> None:
 
 def result_table(result: Result) -> Table:
     """Return the results of one evaluation as a table; what is null is left out, its reason is a warning."""
-    table = Table(title=f"{result.evaluator}, {result.seconds:.2g} s")
+    table = _table(title=f"{result.evaluator}, {result.seconds:.2g} s")
     for heading in ("quantity", "value", "unit"):
         table.add_column(heading, justify="right" if heading == "value" else "left")
     values = result.as_dict()
@@ -51,7 +50,7 @@ def result_table(result: Result) -> Table:
 
 def plan_table(plan: Plan) -> Table:
     """Return a plan as a table, a line for each decision."""
-    table = Table(title=f"{plan.evaluator or 'no evaluator'}: {plan.dimension}", caption="relative changes by each feature")
+    table = _table(title=f"{plan.evaluator or 'no evaluator'}: {plan.dimension}", caption="relative changes by each feature")
     for heading in ("feature", "modelled", "ratio", "stresses", "stiffness"):
         table.add_column(heading, justify="left" if heading in ("feature", "modelled") else "right", no_wrap=True)
     for one in plan.decisions:
@@ -63,7 +62,7 @@ def plan_table(plan: Plan) -> Table:
 
 def curve_table(curve: Curve) -> Table:
     """Return a curve as a table, of 25 rows at most; what is null is a dash."""
-    table = Table(title=f"{curve.evaluator}, {len(curve.ratio)} moduli in {curve.seconds:.2g} s")
+    table = _table(title=f"{curve.evaluator}, {len(curve.ratio)} moduli in {curve.seconds:.2g} s")
     for heading in ("youngs_modulus, Pa", "ratio", "log_sensitivity", "error_estimate"):
         table.add_column(heading, justify="right")
     step = -(-len(curve.ratio) // CURVE_ROWS)
@@ -76,7 +75,7 @@ def scan_table(scan: Scan) -> Table:
     """Return a scan as a table, of 41 rows at most; what is null is a dash."""
     across = "y" if scan.along == "x" else "x"
     where = f"along {scan.along} at {across} = {scan.at * 1e3:.6g} mm"
-    table = Table(title=f"{scan.evaluator}, {len(scan.ratio)} positions {where} in {scan.seconds:.2g} s")
+    table = _table(title=f"{scan.evaluator}, {len(scan.ratio)} positions {where} in {scan.seconds:.2g} s")
     for heading in ("position, mm", "ratio", "stiffness, N/m", "log_sensitivity", "error_estimate"):
         table.add_column(heading, justify="right")
     columns = ([1e3 * at for at in scan.position], scan.ratio, scan.stiffness, scan.log_sensitivity, scan.error_estimate)
@@ -91,7 +90,7 @@ def threshold_table(maps: Detectability) -> Table:
     """Return for some depths the least diameters that are seen, and whose stiffness is resolved; a dash where there is none."""
     noise = f"noise {maps.noise:g} on the ratio"
     title = f"{maps.evaluator}, {len(maps.depth)} depths x {len(maps.diameter)} diameters in {maps.seconds:.2g} s, {noise}"
-    table = Table(title=title)
+    table = _table(title=title)
     for heading in ("depth, mm", "largest that fits, mm", "seen from, mm", "resolved from, mm"):
         table.add_column(heading, justify="right")
     for depth, *columns in list(zip(maps.depth, maps.change, maps.seen, maps.resolved, strict=True))[
@@ -106,21 +105,46 @@ def threshold_table(maps: Detectability) -> Table:
 
 def show(table: Table) -> None:
     """Write a table to standard output."""
+    from rich.console import Console
+
     Console(soft_wrap=True).print(table)
+
+
+def _table(title: str, caption: str | None = None) -> Table:
+    from rich.table import Table  # rich waits until there is something to show: --json into a file needs none
+
+    return Table(title=title, caption=caption)
+
+
+def _terminal() -> Console | None:
+    """Standard error, if it is a terminal."""
+    if not sys.stderr.isatty():
+        return None
+    from rich.console import Console
+
+    return Console(stderr=True)
+
+
+def _bars(console: Console, transient: bool) -> Progress:
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    return Progress(*columns, console=console, transient=transient)
 
 
 @contextmanager
 def working(text: str) -> Iterator[None]:
     """Show on a terminal that something is being computed."""
-    with Console(stderr=True).status(text):
+    console = _terminal()
+    with console.status(text) if console else nullcontext():
         yield
 
 
 @contextmanager
 def saying(text: str) -> Iterator[Callable[[str], None]]:
     """Yield a function (line) that tells what is being done: beside a spinner on a terminal, in lines elsewhere."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
+    console = _terminal()
+    if console is None:
         yield message
         return
     with console.status(text) as status:
@@ -130,12 +154,11 @@ def saying(text: str) -> Iterator[Callable[[str], None]]:
 @contextmanager
 def counting(text: str) -> Iterator[Callable[[int, int], None]]:
     """Yield a function (done, total) that moves a bar on a terminal, and does nothing elsewhere."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
+    console = _terminal()
+    if console is None:
         yield lambda done, total: None
         return
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as bars:
+    with _bars(console, transient=True) as bars:
         task = bars.add_task(text, total=None)
         yield lambda done, total: bars.update(task, completed=done, total=total)
 
@@ -143,12 +166,11 @@ def counting(text: str) -> Iterator[Callable[[int, int], None]]:
 @contextmanager
 def stages() -> Iterator[Any]:
     """Yield a function (stage, done, total) that shows a bar per stage, or lines where there is no terminal."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
+    console = _terminal()
+    if console is None:
         yield lambda stage, done, total: message(f"{stage}: {done} of {total}") if done in (0, total) else None
         return
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console) as bars:
+    with _bars(console, transient=False) as bars:
         tasks: dict[str, Any] = {}
 
         def update(stage: str, done: int, total: int) -> None:

@@ -36,7 +36,7 @@ class System:
 
     @classmethod
     def of(cls, numbering: Numbering, stiffness: Floats, shared: bool = True) -> System:
-        """Assemble and factorise; systems of one numbering that are used in turn are not ``shared``, see ``factor.py``."""
+        """Assemble and factorise; systems of one numbering used in turn are not ``shared``, see ``solver/linalg/cholesky.py``."""
         matrix = numbering.assemble(stiffness)
         return cls(numbering, stiffness, matrix, factorise(matrix, numbering if shared else None))
 

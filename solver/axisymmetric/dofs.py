@@ -22,7 +22,8 @@ AXIS = {0: (True, False), 1: (True, False, True)}
 class Numbering:
     """Unknowns of a condensed system: u_r and u_z of the functions on corners and edges, 8 p for each element.
 
-    For fields of azimuthal order m > 0 (``azimuthal.py``) there are three components and 12 p values for each element.
+    For fields of azimuthal order m > 0 (``solver/multiple_scattering/azimuthal_systems.py``) there are three components and 12 p
+    values for each element.
 
     Attributes:
         gather: from unknowns to the elements' own values, shape (8 p n, unknowns); edges' odd functions change

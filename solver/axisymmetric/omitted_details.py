@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import pchip_interpolate
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
@@ -90,6 +89,8 @@ def _sides(scene: Scene, plain: Sections, rough: MeshSample, moduli: Floats | No
     b^2; 3D references with b = 0.03 and 0.06 leave 0.0001 and 0.002 (their own uncertainty).
     """
     kind = kind_of(plain.section)
+    from scipy.interpolate import pchip_interpolate  # half of what this level imports, for scenes of this kind alone
+
     ends = []
     for section in plain.bracket:
         try:  # on a mesh of one topology errors cancel in the difference

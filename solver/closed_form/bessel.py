@@ -1,20 +1,21 @@
 """Bessel functions of real and, a step away, complex numbers: scipy's values between which cubics lead.
 
 Cubics that meet values and slopes at steps of 1/8 are off by less than 3e-7, and their own derivatives are continuous: what a
-complex step differentiates is what is evaluated. A table takes far less time than the cosines and sines of a fit.
+complex step differentiates is what is evaluated. A table takes far less time than the cosines and sines of a fit. The values
+are stored, as importing scipy takes ten times as long as a scene; ``python -m benchmarks.closed_form.tables`` makes them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import lru_cache
+from functools import cache, lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
-from scipy.special import jv, jvp, spherical_jn
 
 Array = Any  # numpy array of floats, or of complex numbers on the way to a derivative
+STORED = Path(__file__).with_name("bessel.npy")
+STORED_ORDERS = 10  # those of ``off_axis``, and one more for the slope
 STEPS = 8  # of the table, in one
 END = 1024
 SLAB = 4096  # values at once: what they need then stays in the processor's cache
@@ -52,15 +53,41 @@ def _between(x: Array, tables: list[Any]) -> Array:
 
 @lru_cache(maxsize=32)
 def _cylindrical(order: int) -> Any:
-    return _cubics(lambda x: jv(order, x), lambda x: jvp(order, x))
+    """Cubics of J_n, whose slope is (J_n-1 - J_n+1) / 2."""
+    before = _values(0, order - 1) if order else -_values(0, 1)
+    return _cubics(_values(0, order), (before - _values(0, order + 1)) / 2)
 
 
 @lru_cache(maxsize=32)
 def _spherical(order: int) -> Any:
-    return _cubics(lambda x: spherical_jn(order, x), lambda x: spherical_jn(order, x, derivative=True))
+    """Cubics of j_n, whose slope is j_n-1 - (n+1) j_n / x; at 0 it is 1/3 for j_1, none for others."""
+    value = _values(1, order)
+    if order == 0:
+        return _cubics(value, -_values(1, 1))
+    x = np.arange(1.0, END * STEPS + 1) / STEPS
+    return _cubics(value, np.append(1 / 3 if order == 1 else 0.0, _values(1, order - 1)[1:] - (order + 1) * value[1:] / x))
 
 
-def _cubics(value: Callable[[Any], Any], slope: Callable[[Any], Any]) -> Any:
-    """Coefficients of cubics, highest power first, shape (4, steps)."""
-    s = np.arange(END * STEPS + 1.0)
-    return CubicHermiteSpline(s, value(s / STEPS), slope(s / STEPS) / STEPS).c
+def _cubics(value: Any, slope: Any) -> Any:
+    """Coefficients of the cubics from step to step that meet values and slopes, highest power first, shape (4, steps)."""
+    rise, slope = np.diff(value), slope / STEPS
+    bend = slope[:-1] + slope[1:] - 2 * rise
+    return np.stack([bend, rise - slope[:-1] - bend, slope[:-1], value[:-1]])
+
+
+def _values(kind: int, order: int) -> Any:
+    """J_n, kind 0, or j_n, kind 1, at the steps from 0 to ``END``, shape (steps + 1,)."""
+    return _stored()[kind, order] if order < STORED_ORDERS else made(kind, order)
+
+
+def made(kind: int, order: int) -> Any:
+    """Return the same by scipy, which stored orders, all that scenes need, do without."""
+    from scipy.special import jv, spherical_jn
+
+    return (jv, spherical_jn)[kind](order, np.arange(END * STEPS + 1.0) / STEPS)
+
+
+@cache
+def _stored() -> Any:
+    """The orders of both kinds, shape (2, STORED_ORDERS, steps + 1)."""
+    return np.load(STORED)

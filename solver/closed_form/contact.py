@@ -5,8 +5,8 @@ each other, of tissue and blocks' ends, and A_j the areas of the rings under blo
 
     C t_j = A_j,   F_ij = A_i^T t_j                                                                 (CF.12)
 
-for block j's base moved by one unit, to which the spheres add eq. CF.14 of ``closed_inclusions``. On a half-space C is closed
-(``closed_half_space``); the floor and the spheres take integrals over wave numbers, in which a ring's load is its values at few
+for block j's base moved by one unit, to which the spheres add eq. CF.14 of ``inclusions``. On a half-space C is closed
+(``half_space``); the floor and the spheres take integrals over wave numbers, in which a ring's load is its values at few
 radii, exact for polynomials.
 """
 

@@ -1,7 +1,8 @@
 """Level 1's formula on arrays: of designs, and of complex steps for derivatives.
 
 One formula, ``contact.solve_contact``, serves all: ``forces`` evaluates it on arrays of designs, ``gradients`` on arrays of
-complex steps, which ``closed_function`` hands to casadi, and ``closed_level`` on scenes and what their errors are told from.
+complex steps, which ``solver.casadi_functions.closed_form`` hands to casadi, and ``level`` on scenes and what their errors are
+told from.
 """
 
 from __future__ import annotations

@@ -2,14 +2,17 @@
 
     error <= sum of weight x feature,                                                             (CF.19)
 
-of ln(ratio), of the logarithms of both totals and, absolute, of the log-sensitivity, with the features of ``closed_features``.
+of ln(ratio), of the logarithms of both totals and, absolute, of the log-sensitivity, with the features of ``error_features``.
 The weights are an envelope of random scenes and of tests/reference, times a margin: ``python -m benchmarks.closed_form.error``
-prints them, and audits them on other scenes.
+writes them to ``error_weights.json``, and audits them on other scenes.
 """
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
+from functools import cache
+from importlib import resources
 
 import numpy as np
 
@@ -20,41 +23,15 @@ from solver.results.detail_compliance import details
 from solver.results.film_forces import Bound
 
 LEAST_SENSITIVITY = 5e-6  # half of what no one asks to be told
-WEIGHTS: dict[str, dict[str, float]] = {
-    "ratio": {
-        "inner": 0.281, "inner small": 0.1, "inner soft": 0.05, "outer": 0.02, "outer tall shell": 0.701,
-        "outer soft shell": 0.1, "outer soft tall": 0.0849, "spheres near surface": 1.32, "spheres near floor": 0.1,
-        "spheres at the floor": 1.83, "spheres near sides": 1, "spheres under rim": 0.02, "spheres several": 0.02,
-        "always": 0.01, "thin": 0.005, "very thin": 0.002, "side 2": 0.37, "side 4": 0.3, "cut 4": 0.05, "side 8": 1,
-        "cut 8": 4.45, "side slender": 0.2, "cut slender": 0.03, "soft squared": 0.199, "soft wide": 1.76,
-        "hairline small": 0.823, "cancelled": 0.00598,
-    },
-    "inner": {
-        "inner": 0.02, "inner small": 0.1, "inner soft": 0.05, "inner in shell": 0.256, "outer": 0.02,
-        "outer tall shell": 0.2, "outer soft shell": 0.952, "outer wide": 1.02, "spheres near surface": 3.29,
-        "spheres near floor": 0.1, "spheres near sides": 7.15, "spheres under rim": 0.02, "spheres several": 0.02,
-        "always": 0.0197, "thin": 0.005, "very thin": 0.002, "side 2": 0.03, "side 4": 0.3, "cut 4": 0.05, "side 8": 1,
-        "cut 8": 0.925, "side slender": 0.88, "cut slender": 0.0577, "soft squared": 0.0599, "soft wide": 1.96,
-        "hairline": 0.0292, "hairline small": 0.597, "cancelled": 0.00398,
-    },
-    "outer": {
-        "inner": 0.02, "inner small": 0.1, "inner soft": 0.05, "inner in shell": 4.34, "outer": 0.02,
-        "outer tall shell": 0.727, "outer soft shell": 0.1, "outer soft tall": 0.0807, "spheres": 0.0224,
-        "spheres near surface": 1.46, "spheres near floor": 0.1, "spheres at the floor": 1.56,
-        "spheres near sides": 4.68, "spheres under rim": 0.02, "spheres several": 0.02, "always": 0.01, "thin": 0.005,
-        "very thin": 0.002, "side 2": 0.03, "side 4": 0.3, "cut 4": 0.05, "side 8": 1, "cut 8": 3.76,
-        "side slender": 0.986, "cut slender": 0.0955, "soft squared": 0.0325, "hairline small": 0.1,
-        "cancelled": 0.00373,
-    },
-    "sensitivity": {
-        "inner": 0.02, "inner small": 7.08, "inner soft": 1.77, "inner in shell": 0.833, "outer": 0.02,
-        "outer tall shell": 0.668, "outer soft shell": 0.1, "outer soft tall": 9.28, "spheres near surface": 3.13,
-        "spheres near floor": 0.1, "spheres at the floor": 4.02, "spheres near sides": 1, "spheres under rim": 1.68,
-        "spheres several": 2.55, "always": 0.01, "thin": 0.81, "very thin": 0.002, "side 2": 0.03, "side 4": 0.3,
-        "cut 4": 0.858, "side 8": 1, "cut 8": 0.3, "side slender": 0.2, "cut slender": 0.0927, "soft squared": 0.02,
-        "soft wide": 4.45, "hairline small": 0.106, "cancelled": 0.0103,
-    },
-}  # fmt: skip
+QUANTITIES = ("ratio", "inner", "outer", "sensitivity")  # ln(ratio), the logarithms of both totals, the log-sensitivity
+
+
+@cache
+def weights() -> dict[str, dict[str, float]]:
+    """Weights of eq. CF.19 by ``QUANTITIES`` and features; the file tells which scenes, margin and command they come from."""
+    text = resources.files("solver.closed_form").joinpath("error_weights.json").read_text(encoding="utf-8")
+    found: dict[str, dict[str, float]] = json.loads(text)["weights"]
+    return found
 
 
 @dataclass(frozen=True)
@@ -76,11 +53,11 @@ class StatedErrors:
 
 
 def errors(scene: Scene, forces: Floats, slopes: Floats, sided: bool) -> StatedErrors:
-    """Return eq. CF.19 for a scene, with all of groove, film and base; arguments as of ``closed_features.features``."""
+    """Return eq. CF.19 for a scene, with all of groove, film and base; arguments as of ``error_features.features``."""
     feature_sets = features(scene, forces, slopes, sided)
     ratio, inner, outer, sensitivity = (
-        sum(weight * part[name] for name, weight in WEIGHTS[kind].items())
-        for kind, part in zip(WEIGHTS, feature_sets, strict=True)
+        sum(weight * part[name] for name, weight in weights()[kind].items())
+        for kind, part in zip(QUANTITIES, feature_sets, strict=True)
     )
     detail_bounds = [detail.bound(forces[0]) for detail in details(scene.probe)]
     films = np.array([inner, outer]) + sum(bound.totals for bound in detail_bounds) / forces[0].sum(axis=1)

@@ -12,7 +12,7 @@ A quantity is ln(ratio), the logarithm of either total or the log-sensitivity. I
   soft the outer block is, and wide beside the inner.
 
 The last group's, for the log-sensitivity, are times what the target changes of both totals; it has some of its own. From these
-``benchmarks/closed_form/error.py`` chooses: a feature without a weight in ``error_bound.py`` is one that no scene asked for.
+``benchmarks/closed_form/error.py`` chooses: one without a weight in ``error_weights.json`` is one that no scene asked for.
 """
 
 from __future__ import annotations

@@ -5,8 +5,8 @@ By Betti and Eshelby a sphere of volume V with strengths k_v, k_d (eq. IN.2 of `
     dF_ij = Int [(k_v - k_d/3) tr(eps_i) tr(eps_j) + k_d eps_i : eps_j] dV                        (CF.13)
 
 over the tissue's strains without it. Of these the moments e, V e.K e, are treated better: the sphere answers to the image G of
-its own polarisation in the free surface, ``closed_images``, and to the blocks, which with loads of compliance C and moments M
-answer with S = M C^-1 M^T, and beside the axis with that of ``closed_aside``, too:
+its own polarisation in the free surface, ``surface_images``, and to the blocks, which with loads of compliance C and moments M
+answer with S = M C^-1 M^T, and beside the axis with that of ``off_axis``, too:
 
     dF = e.V K [1 + (G - V S) K]^-1 e,     dF / d ln E = y.V (dK / d ln E) y,   y = [1 + (G - V S) K]^-1 e    (CF.14)
 

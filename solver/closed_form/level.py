@@ -85,32 +85,32 @@ class ClosedForm(FilmLevel):
 
     def films(self, scenes: Sequence[Scene]) -> list[ClosedFormForces | InputError]:
         """Return for each scene what stands behind an answer, or the refusal."""
-        found: dict[int, ClosedFormForces | InputError] = {}
+        every: dict[int, ClosedFormForces | InputError] = {}
         groups: dict[Shape, list[tuple[int, Floats]]] = defaultdict(list)
         for place, scene in enumerate(scenes):
             why = self.refusal(scene)
             if why is not None:
-                found[place] = Refusal("evaluator", self.name, why)
+                every[place] = Refusal("evaluator", self.name, why)
                 continue
             shape, values = parameters(scene)
             groups[shape].append((place, values))
         for shape, group in groups.items():
-            every = variants(shape, [values for _, values in group])
-            for (place, _), *one in zip(group, *every, strict=True):
-                found[place] = self._bounded(scenes[place], shape, *one)
-        return [found[place] for place in range(len(scenes))]
+            stacked = variants(shape, [values for _, values in group])
+            for (place, _), *one in zip(group, *stacked, strict=True):
+                every[place] = self._bounded(scenes[place], shape, *one)
+        return [every[place] for place in range(len(scenes))]
 
     def _bounded(
-        self, scene: Scene, shape: Shape, found: Floats, slopes: Floats, residuals: Floats
+        self, scene: Scene, shape: Shape, forces: Floats, slopes: Floats, residuals: Floats
     ) -> ClosedFormForces | InputError:
         """What stands behind the answer of a scene, from its variants."""
-        if not (np.all(np.isfinite(found)) and np.all(found.sum(axis=2) > 0) and np.all(residuals < LARGEST_RESIDUAL)):
+        if not (np.all(np.isfinite(forces)) and np.all(forces.sum(axis=2) > 0) and np.all(residuals < LARGEST_RESIDUAL)):
             return Refusal("evaluator", self.name, BROKEN)
-        error = errors(scene, found, slopes, shape.side_nodes > 0)
+        error = errors(scene, forces, slopes, shape.side_nodes > 0)
         if error.log_ratio > LARGEST_ERROR:
             return Refusal("evaluator", self.name, BROKEN)
         slope = slopes[0] if scene.target is not None else None
-        films = FilmForces(found[0], error.bound(found[0].sum(axis=1)), slope, error.sensitivity)
+        films = FilmForces(forces[0], error.bound(forces[0].sum(axis=1)), slope, error.sensitivity)
         return ClosedFormForces(films, error, float(residuals[0]))
 
     def _result(self, scene: Scene, forces: ClosedFormForces | InputError, accuracy: float) -> Result | InputError:
@@ -142,9 +142,9 @@ def variants(shape: Shape, values: Sequence[Floats]) -> tuple[Floats, Floats, Fl
     columns = np.concatenate([_variants(one) for one in values], axis=1)
     with np.errstate(all="ignore"):
         parts = [(one.forces, one.slope, one.residual) for one in answers(shape, columns)]
-        found, slopes, residuals = (np.concatenate(part) for part in zip(*parts, strict=True))
+        forces, slopes, residuals = (np.concatenate(part) for part in zip(*parts, strict=True))
     size = len(values), -1
-    return found.reshape(*size, 2, 2), slopes.reshape(*size, 2, 2), residuals.reshape(size)
+    return forces.reshape(*size, 2, 2), slopes.reshape(*size, 2, 2), residuals.reshape(size)
 
 
 def _variants(values: Floats) -> Floats:

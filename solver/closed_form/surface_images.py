@@ -109,7 +109,7 @@ class Nearby:
     """What waves do to a sphere: strains at the points of ``NEAR`` and moments, under waves of pressure and of shear, times 2 mu.
 
     Attributes:
-        parts: ``closed_layer.amplitudes`` at the points' depths, under waves of pressure and of shear.
+        parts: ``layer.amplitudes`` at the points' depths, under waves of pressure and of shear.
         strain: under waves about the sphere's vertical axis, two arrays (n, 4 points, q).
         moments: the first five under the same; the next five under waves that go as cos about that axis, and the last as cos of
             twice the angle, from half-spaces or layers; two arrays (n, moments, q).

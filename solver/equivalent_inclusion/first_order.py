@@ -4,9 +4,10 @@ By reciprocity a sphere changes the film forces F_ij of the base states by
 
     dF_ij = Int [k_v tr(eps_i) tr(eps_j) + k_d e_i:e_j] dV                                        (EI.1)
 
-with the strains of the tissue without it at each point and its strength k, eq. IN.2 of ``eshelby.py`` (PHYSICS section 4).
-Effects of several add. Moving the sphere, or letting it grow, adds what lies under its surface: the derivatives of eq. EI.1 by
-the place of its centre and by its radius are integrals of the same products over its surface (EI.2).
+with the strains of the tissue without it at each point and its strength k, eq. IN.2 of ``solver/inclusions/eshelby.py``
+(PHYSICS section 4). Effects of several add. Moving the sphere, or letting it grow, adds what lies under its surface: the
+derivatives of eq. EI.1 by the place of its centre and by its radius are integrals of the same products over its surface
+(EI.2).
 """
 
 from __future__ import annotations

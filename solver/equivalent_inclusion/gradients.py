@@ -6,7 +6,7 @@ not the second, so that one more solve with their polarisation as load, K l = G 
     dF = u^T dK u + u^T dG u - l^T dK u - u^T dK l                                                 (EI.4)
 
 and another one does it for the log-sensitivity, whose form G' = dG / d ln E belongs to the target alone. The mesh moves with the
-design under tumours that stay: dG is a complex step (``first_order_points.py``). Where a point passes from one element to the
+design under tumours that stay: dG is a complex step (``gradient_points.py``). Where a point passes from one element to the
 next, strains, and with them the outputs, jump by the mesh's error, 1e-6 or so.
 """
 

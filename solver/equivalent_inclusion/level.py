@@ -64,22 +64,22 @@ class EquivalentInclusion(FilmLevel):
         return undisturbed(scene, accuracy)
 
 
-def film_forces(found: Readings, k: int, target: bool) -> FilmForces:
+def film_forces(read: Readings, k: int, target: bool) -> FilmForces:
     """Return one set's film forces with their errors."""
-    bound = Bound(found.bound[k], float(found.log_ratio_bound[k]))
+    bound = Bound(read.bound[k], float(read.log_ratio_bound[k]))
     if not target:
-        return FilmForces(found.forces[k], bound)
-    return FilmForces(found.forces[k], bound, found.by["youngs_modulus"][k], float(found.sensitivity_error[k]))
+        return FilmForces(read.forces[k], bound)
+    return FilmForces(read.forces[k], bound, read.by["youngs_modulus"][k], float(read.sensitivity_error[k]))
 
 
-def _decisions(base: Undisturbed, found: Readings, k: int) -> list[Decision]:
+def _decisions(base: Undisturbed, read: Readings, k: int) -> list[Decision]:
     """What tumours reflect, in words."""
-    if not found.by:
+    if not read.by:
         return []
     feature = "what surface, blocks and floor send back of the tumours' fields"
-    effect = float(min(found.first_share[k], 1e9))
+    effect = float(min(read.first_share[k], 1e9))
     size = f"changes the ratio by at most about {effect:.2g}"
-    modelled = bool(found.reflected[k])
+    modelled = bool(read.reflected[k])
     reason = f"modelled: {size}" if modelled else f"left out: {size}, counted in error_estimate"
     return [Decision(feature, modelled, effect, base.accuracy, reason)]
 

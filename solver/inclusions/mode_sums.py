@@ -1,6 +1,6 @@
 """Sums of modes at many points, and the transpose: what many points give to each mode.
 
-Displacements and stresses of modes are polynomials of the place times solid harmonics, eqs. IN.6 to IN.9 of ``multipoles.py``:
+Displacements and stresses of modes are polynomials of the place times solid harmonics, eqs. IN.6 to IN.9 of ``vector_modes.py``:
 
     field_a (x) = sum_j p_j (x) h_aj (x),   p = 1, x, y, rho^2, z,   h_aj a sum of solid harmonics         (IN.11)
 

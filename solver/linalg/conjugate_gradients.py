@@ -1,7 +1,7 @@
 """Solves for the stiffness of tetrahedra: a sparse factor of this matrix, or of one near it, and conjugate gradients on top.
 
 rslab (MIT, wheels for Linux, macOS and Windows) factorises as fast as PARDISO on one thread; where it is missing,
-``factor.py`` does it. A factor in single precision takes half the memory: conjugate gradients give the digits back, unless
+``cholesky.py`` does it. A factor in single precision takes half the memory: conjugate gradients give the digits back, unless
 slivers, near incompressibility and contrast come together.
 """
 

@@ -4,7 +4,7 @@
 
 and the same turned by a quarter of a wave, (sin, -cos, sin). For m > 0 the components are U + V, U - V and W: near the
 axis they behave as r^(m+1), r^(m-1) and r^m, so that each either vanishes there or is free. Elements are those of the base
-states, volumetric strain projected alike (``quadrilateral.py``).
+states, volumetric strain projected alike (``solver/axisymmetric/quadrilateral.py``).
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from solver.inclusions.mode_sums import Sampler, Table
 from solver.inclusions.vector_modes import EVERY, Modes, stack
 from solver.multiple_scattering.panels import Panels
 
-STRESS = ((3, 8, 7), (8, 4, 6), (7, 6, 5))  # components of ``multipoles.stack`` that are stresses xx .. zz
+STRESS = ((3, 8, 7), (8, 4, 6), (7, 6, 5))  # components of ``solver.inclusions.vector_modes.stack`` that are stresses xx .. zz
 PLANE = (7, 6, 5, 0, 1, 2)  # those asked for on planes across z: xz, yz, zz and displacements
 ROUND = (3, 8, 4, 7, 6, 0, 1, 2)  # and on the side: xx, xy, yy, xz, yz and displacements
 _Piece = tuple[slice, slice, Floats]  # of a sampler: its points, the panels', what turns components to data
@@ -162,7 +162,7 @@ class ModeSamples:
 
 @lru_cache(maxsize=64)
 def turns(rounds: AzimuthalGrid) -> tuple[Floats, Floats, Floats]:
-    """From the components of ``multipoles.stack`` to tractions and displacements along r, theta, z: (angles, 6, 9).
+    """From the components of ``vector_modes.stack`` to tractions and displacements along r, theta, z: (angles, 6, 9).
 
     On surface, side and floor.
     """

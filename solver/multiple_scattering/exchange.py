@@ -1,9 +1,10 @@
 """What surface, blocks, side and floor send back of the fields that spheres scatter.
 
-Scattered fields are known in closed form anywhere (``multipoles.py``), so that the finite elements never see the sphere: they
-are told the tractions and displacements that the field leaves on the tissue's boundary, one azimuthal order at a time. What
-comes back to a sphere is told by its work on the sphere's outgoing modes, which is found on the boundary too, eq. MS.6 of
-``compliance.py``: its regular modes are the next incident field, and reflection is exactly symmetric.
+Scattered fields are known in closed form anywhere (``solver/inclusions/vector_modes.py``), so that the finite elements never
+see the sphere: they are told the tractions and displacements that the field leaves on the tissue's boundary, one azimuthal
+order at a time. What comes back to a sphere is told by its work on the sphere's outgoing modes, which is found on the boundary
+too, eq. MS.6 of ``boundary_compliance.py``: its regular modes are the next incident field, and reflection is exactly
+symmetric.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ class Reflector:
     Attributes:
         states: base states without a sphere.
         interface: between blocks and tissue.
-        close: whether spheres may lie too close to the boundary for eq. MS.6, see ``close.py``.
+        close: whether spheres may lie too close to the boundary for eq. MS.6, see ``near_exchange.py``.
     """
 
     states: BaseStates

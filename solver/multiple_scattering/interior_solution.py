@@ -1,4 +1,4 @@
-"""What one azimuthal order answers inside the tissue to data on the elements' edges: eq. MS.4 of ``compliance.py``."""
+"""What one azimuthal order answers inside the tissue to data on the elements' edges: eq. MS.4 of ``boundary_compliance.py``."""
 
 from __future__ import annotations
 

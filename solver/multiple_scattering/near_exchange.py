@@ -1,4 +1,4 @@
-"""What comes back to spheres that lie too close to the boundary for eq. MS.6 of ``compliance.py``: found at their own points.
+"""What comes back to spheres too close to the boundary for eq. MS.6 of ``boundary_compliance.py``: found at their own points.
 
 Data so sharp that the elements cannot follow them would count in full in an energy on the boundary; inside the tissue, what is
 wrong of them dies out. Fields are sampled at all points of the elements' edges, and w of eq. MS.5 is projected on the spheres.
@@ -59,7 +59,7 @@ class CloseExchange:
     two_mu: float
 
     def reflect(self, scattered: Sequence[Floats], enough: float, most: int) -> tuple[list[Floats], int]:
-        """Return the regular coefficients of what comes back: see ``reflection.Exchange.reflect``."""
+        """Return the regular coefficients of what comes back: see ``exchange.Exchange.reflect``."""
         samples, quiet = self._samples(scattered), 0
         total = [np.zeros_like(c) for c in scattered]
         for m in range(min(most, self.rounds.orders)):

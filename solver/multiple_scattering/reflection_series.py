@@ -13,7 +13,7 @@ from geometry.common.arrays import Floats
 
 @dataclass(frozen=True)
 class Reflections:
-    """Fields c_0 .. c_n that reach the spheres one reflection after the other, eq. MS.8 of ``scattered.py``.
+    """Fields c_0 .. c_n that reach the spheres one reflection after the other, eq. MS.8 of ``solve.py``.
 
     Attributes:
         fields: regular coefficients of both base states about all spheres, (modes, 2) each.

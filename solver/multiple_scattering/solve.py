@@ -1,7 +1,8 @@
 """Tumours with everything that comes back to them: the second tier of the equivalent-inclusion level.
 
-With c0 the regular modes of the base states at the spheres, S and T their scattering and work (``scattering.py``) and R what the
-boundary sends back, the whole field that reaches them is c = c0 + R S c, and
+With c0 the regular modes of the base states at the spheres, S and T their scattering and work
+(``solver/inclusions/sphere_scattering.py``) and R what the boundary sends back, the whole field that reaches them is
+c = c0 + R S c, and
 
     dF = c0^T T c = c0^T T (1 - R S)^-1 c0                                                         (MS.7)
 

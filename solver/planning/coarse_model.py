@@ -55,8 +55,8 @@ class CoarseModel:
         bare = _bare(scene)
         plain = sections(bare)
         try:
-            found = sample(plain.section, plain, bare, LEVELS[0])
-            return cls(bare, found, tuple(omitted_changes(bare, plain, lambda: found, None)))
+            coarse = sample(plain.section, plain, bare, LEVELS[0])
+            return cls(bare, coarse, tuple(omitted_changes(bare, plain, lambda: coarse, None)))
         except SolveError as fault:
             why = f"scenes whose sizes and moduli lie closer together ({fault})"
             raise Refusal("scene", "too extreme for a plan", why) from fault
@@ -70,8 +70,8 @@ class CoarseModel:
     def undisturbed(self) -> Undisturbed:
         """The same as base states of tumours."""
         films = FilmForces(self.forces, Bound.independent(OFF * np.abs(self.forces.sum(axis=1)), self.forces))
-        found = Converged((films,), self.sample, (), ())
-        return Undisturbed(self.scene, 1.0, found, Energies(TissueField(self.sample.states)), OFF)
+        forces = Converged((films,), self.sample, (), ())
+        return Undisturbed(self.scene, 1.0, forces, Energies(TissueField(self.sample.states)), OFF)
 
     @property
     def edges(self) -> Effect | None:
@@ -124,10 +124,10 @@ class CoarseModel:
         r = np.concatenate([low + steps * (high - low) for low, high in spans])
         ring = np.repeat([(high - low) / PLACES for low, high in spans], PLACES) * r
         depth = min(BELOW * section.tube_radius, section.tissue_depth / 10)
-        found = self.undisturbed.field.at(r, np.full_like(r, -depth))
+        strains = self.undisturbed.field.at(r, np.full_like(r, -depth))
         lam = tissue.youngs_modulus * tissue.poisson_ratio / ((1 + tissue.poisson_ratio) * (1 - 2 * tissue.poisson_ratio))
         shear = tissue.youngs_modulus / (1 + tissue.poisson_ratio)
-        force = -(lam * found.dilation + shear * found.strain[:, 1]).sum(axis=-1) * ring
+        force = -(lam * strains.dilation + shear * strains.strain[:, 1]).sum(axis=-1) * ring
         return float(np.maximum(-force, 0.0).sum() / np.abs(force).sum())
 
 

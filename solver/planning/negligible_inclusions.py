@@ -35,7 +35,7 @@ class Reduced:
 
 
 @dataclass(frozen=True)
-class _Found:
+class _Effects:
     """Of each of t inclusions: estimates and bounds of what it changes, and a bound on its share in the target's slope."""
 
     ratio: Floats
@@ -60,16 +60,16 @@ def reduced(scene: Scene, rough: CoarseModel, accuracy: float) -> Reduced:
     """
     if not scene.inclusion:
         return Reduced(scene, (), 0.0)
-    found = _found(scene, rough)
-    every = [found.effect(k, bounded=True) for k in range(len(scene.inclusion))]
+    effects = _effects(scene, rough)
+    every = [effects.effect(k, bounded=True) for k in range(len(scene.inclusion))]
     dropped: list[int] = []
     spent = np.zeros(2)
     for k in sorted(range(len(every)), key=lambda k: every[k].largest):
-        cost = np.array([every[k].largest, found.on_target[k] / 5])  # DESIGN: the log-sensitivity may be off by 5 times as much
+        cost = np.array([every[k].largest, effects.on_target[k] / 5])  # DESIGN: the log-sensitivity may be off by 5 times as much
         if k != scene.target and scene.inclusion[k].surface is None and np.all(spent + cost <= SHARE * accuracy):
             dropped.append(k)
             spent += cost
-    decisions = tuple(_decision(scene, k, found, k in dropped, accuracy) for k in range(len(every)))
+    decisions = tuple(_decision(scene, k, effects, k in dropped, accuracy) for k in range(len(every)))
     kept = tuple(_marked(scene, k) for k in range(len(every)) if k not in dropped)
     return Reduced(scene.model_copy(update={"inclusion": kept}) if dropped else scene, decisions, float(spent[0]))
 
@@ -78,7 +78,7 @@ def _marked(scene: Scene, k: int) -> Inclusion:
     return scene.inclusion[k].model_copy(update={"target": k == scene.target})
 
 
-def _found(scene: Scene, rough: CoarseModel) -> _Found:
+def _effects(scene: Scene, rough: CoarseModel) -> _Effects:
     base, target = rough.undisturbed, scene.target
     tumours = base.inside(Tumours.of(scene.model_copy(update={"inclusion": tuple(map(_ball, scene.inclusion))})))[0]
     each = effects(base.energies, scene.tissue, tumours.flat())
@@ -93,7 +93,7 @@ def _found(scene: Scene, rough: CoarseModel) -> _Found:
     on_target = np.zeros(len(share))
     if target is not None:
         on_target = doubts.sum(axis=1) + np.abs(parts).max(axis=1) + _on_target(tumours, each.forces, each.by_log_modulus, target)
-    return _Found(np.abs(parts[:, 0] - parts[:, 1]), np.abs(parts).max(axis=1), whole, doubts.sum(axis=1), on_target)
+    return _Effects(np.abs(parts[:, 0] - parts[:, 1]), np.abs(parts).max(axis=1), whole, doubts.sum(axis=1), on_target)
 
 
 def _on_target(tumours: Tumours, changes: Floats, slopes: Floats, target: int) -> Floats:
@@ -125,8 +125,8 @@ def _ball(body: Inclusion) -> Inclusion:
     return body.model_copy(update={"diameter": min(size, 2 * BURIED * body.depth), "diameters": None, "surface": None})
 
 
-def _decision(scene: Scene, k: int, found: _Found, dropped: bool, accuracy: float) -> Decision:
-    effect = found.effect(k, bounded=dropped)
+def _decision(scene: Scene, k: int, effects: _Effects, dropped: bool, accuracy: float) -> Decision:
+    effect = effects.effect(k, bounded=dropped)
     size = f"changes the ratio by {'at most ' if dropped else ''}about {effect.ratio:.2g}"
     what = f"left out: {size}, counted in error_estimate" if dropped else f"modelled: {size}"
     if k == scene.target:

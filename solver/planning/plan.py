@@ -83,8 +83,8 @@ class Plan:
 
     def _with(self, decisions: tuple[Decision, ...]) -> tuple[Decision, ...]:
         """The level's own decisions in the place of what was planned of the same features."""
-        told = {one.feature for one in decisions}
-        return (*(one for one in self.decisions if one.feature not in told), *decisions)
+        own = {one.feature for one in decisions}
+        return (*(one for one in self.decisions if one.feature not in own), *decisions)
 
 
 def plan(scene: Scene, accuracy: float, solid: bool = False) -> Plan:

@@ -4,7 +4,7 @@
 
 The object's shortening carries (1-nu^2) as the tissue's does, and the shortening of the tissue that it replaces is subtracted. So
 an object of matrix modulus vanishes and a stiffer one stiffens. The stress at depth is still the far field of eq. (1): a formula
-for ``d`` well above ``a`` and ``D``, not one to measure with. Symbols, units and checks as in ``published_equations``.
+for ``d`` well above ``a`` and ``D``, not one to measure with. Symbols, units and checks as in ``equations``.
 """
 
 from __future__ import annotations

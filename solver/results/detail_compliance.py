@@ -56,7 +56,7 @@ def _groove(probe: Probe) -> Floats:
     """A column of area A_1 that lacks a share f of its section over the groove's depth g.
 
     To first order it is more compliant by f g / (A_1 E_1) (RE.5); times 6, as stress concentrates round a
-    notch. The converged 3D reference tests/reference/solid/groove-on-axis asks for a factor of 3.
+    notch. The converged 3D reference tests/reference/solid/groove-on-axis.toml asks for a factor of 3.
     """
     assert probe.groove is not None
     missing = probe.groove_footprint / probe.outer_area

@@ -143,12 +143,12 @@ def checked_moduli(scene: Scene, moduli: Floats) -> Floats:
     Raises:
         InputError: the scene has no target, or a modulus is not positive and finite.
     """
-    found = np.asarray(moduli, dtype=float)
+    values = np.asarray(moduli, dtype=float)
     if scene.target is None:
         raise InputError("inclusion.target", Words("none"), "one inclusion, or one of several marked target = true")
-    if found.ndim != 1 or not found.size or not np.all(np.isfinite(found) & (found > 0)):
+    if values.ndim != 1 or not values.size or not np.all(np.isfinite(values) & (values > 0)):
         raise InputError("youngs_modulus", Words("not all positive"), "one or more positive finite moduli, Pa")
-    return found
+    return values
 
 
 def shortfalls(films: FilmForces, reached: float, accuracy: float) -> list[Note]:

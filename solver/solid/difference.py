@@ -57,7 +57,7 @@ def mesh_domain(domain: Domain, fineness: TetraFineness) -> TetMesh:
     """Return the domain's mesh, from the cache if it was made before.
 
     Raises:
-        InputError, Refusal, SolveError: see ``geometry.tetra.mesher.volume_mesh``.
+        InputError, Refusal, SolveError: see ``geometry.tetra.cache.cached_mesh``.
     """
     return cached_mesh(domain.scene, fineness, domain.half, None, domain.radius)
 

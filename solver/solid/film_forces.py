@@ -1,11 +1,11 @@
 """Film forces in three dimensions with their errors: an exact symmetric part, and what two meshes say of the rest.
 
-With A the exact forces of the reference (``solid_domain.py``), D the difference that a mesh finds (``solid_difference.py``) and
+With A the exact forces of the reference (``domain.py``), D the difference that a mesh finds (``difference.py``) and
 C the compliance by which the whole probe on the whole tissue, films, base and far tissue included, exceeds the reference,
 
     F = ((A + D)^-1 + C)^-1,    C = F_whole^-1 - A^-1                                              (SO.5)
 
-both A and F_whole by ``converged.py``.
+both A and F_whole by ``solver/axisymmetric/converged_forces.py``.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def solid_forces(scene: Scene, accuracy: float, moduli: Floats | None = None, te
         tell: called with a line before each piece of work.
 
     Raises:
-        InputError, Refusal: see ``geometry.tetra.mesher.volume_mesh``.
+        InputError, Refusal: see ``geometry.tetra.cache.cached_mesh``.
         SolveError: a mesh or a solution failed.
     """
     tell("the symmetric part")

@@ -106,15 +106,15 @@ def _check_sizes(scene: Scene) -> None:
             raise Refusal(f"inclusion[{k}].diameter", mm(size), allowed)
 
 
-def indentation(scene: Scene, found: SolidForces, k: int) -> float:
+def indentation(scene: Scene, solution: SolidForces, k: int) -> float:
     """How far the scene's load lowers the middle of the base, m."""
     if scene.load.indentation is not None:
         return scene.load.indentation
-    tilting = float(found.tilt[k].sum()) * scene.placement.tilt
-    return ((scene.load.force or 0.0) - tilting) / float(found.films[k].totals.sum())
+    tilting = float(solution.tilt[k].sum()) * scene.placement.tilt
+    return ((scene.load.force or 0.0) - tilting) / float(solution.films[k].totals.sum())
 
 
-def tilted(scene: Scene, found: SolidForces, k: int) -> tuple[FilmForces, float]:
+def tilted(scene: Scene, solution: SolidForces, k: int) -> tuple[FilmForces, float]:
     """Film forces at the scene's load with what the tilt adds, per unit indentation; and the stiffness, N/m.
 
     With w the indentation of the base's centre and t the tilt, the films feel F 1 w + T t, so that per unit of w
@@ -123,18 +123,18 @@ def tilted(scene: Scene, found: SolidForces, k: int) -> tuple[FilmForces, float]
     Raises:
         Refusal: a tilted probe without load, or one that the load does not press down.
     """
-    films, tilt = found.films[k], scene.placement.tilt
+    films, tilt = solution.films[k], scene.placement.tilt
     stiffness = float(films.totals.sum())
     if tilt == 0:
         return films, stiffness
-    w = indentation(scene, found, k)
+    w = indentation(scene, solution, k)
     if not w > 0:
         key, value = ("indentation", f"{w:g} m") if scene.load.force is None else ("force", f"{scene.load.force:g} N")
         raise Refusal(f"load.{key}", Words(value), "a load that presses the tilted probe into the tissue")
     share = tilt / w
-    error = films.bound.totals + np.abs(share) * found.tilt_error + tilt**2 * np.abs(share * found.tilt[k])
-    forces = films.forces + np.diag(share * found.tilt[k])
-    slope = None if films.slope is None else films.slope + np.diag(share * found.tilt_slope[k])
+    error = films.bound.totals + np.abs(share) * solution.tilt_error + tilt**2 * np.abs(share * solution.tilt[k])
+    forces = films.forces + np.diag(share * solution.tilt[k])
+    slope = None if films.slope is None else films.slope + np.diag(share * solution.tilt_slope[k])
     bound = Bound.independent(np.asarray(error), forces)
     return replace(films, forces=forces, bound=bound, slope=slope), stiffness
 

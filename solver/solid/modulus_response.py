@@ -1,7 +1,7 @@
 """Film forces in three dimensions as a function of one body's Young's modulus, from the factor of one modulus.
 
 As in the meridian plane, K(t) = K + (t - 1) K_b, t = E / E_0, and the states at all t lie in the block Krylov space of K^-1 K_b
-begun with those at t = 1 (``rational_response.py``). On a basis v_k orthonormal in K in which K_b is diagonal,
+begun with those at t = 1 (``solver/linalg/rational_response.py``). On a basis v_k orthonormal in K in which K_b is diagonal,
 K_b v_k = l_k K v_k, with c_kj = v_k^T K_b u_j and G_ij = u_i^T K_b u_j:
 
     F(t) = F(1) + (t - 1) G - (t - 1)^2 sum_k c_k c_k^T / (1 + (t - 1) l_k)                    (SO.7)

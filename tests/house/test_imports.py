@@ -1,76 +1,173 @@
-"""Import direction: geometry <- solver <- probe_design -> hw; and what a bare import must not load."""
+"""Direction of imports, package by package and room by room; and what a bare import must not load.
+
+A room is a folder of a package; the modules of a package's own folder are its face, a room by the package's name.
+"""
 
 from __future__ import annotations
 
-import ast
 import subprocess
 import sys
-from collections.abc import Iterator
-from pathlib import Path
+from graphlib import TopologicalSorter
 
 import pytest
 
+from tests.support.imports import at_import, everywhere, module, room, sources
 from tests.support.paths import ROOT
 
-# What each package may import of ours, and why:
-# geometry and hw stand alone: a workshop needs no solver, a measuring computer neither shapes nor solvers;
-# solver sees scenes only: results never depend on how they are asked for, optimised or shown.
-ALLOWED = {
-    "geometry": {"geometry"},
-    "hw": {"hw"},
-    "solver": {"solver", "geometry"},
-    "probe_design": {"probe_design", "solver", "geometry", "hw"},
+SCENES = {"geometry.common", "geometry.scenes"}
+MESHES = {"geometry.meridian", *SCENES}
+ANSWERS = {"solver", "solver.results", *SCENES}  # asked for by the face
+
+# What each room may import of ours beside itself: rooms, or single modules of rooms that it needs nothing else of; and why.
+ALLOWED: dict[str, set[str]] = {
+    # geometry stands alone: a workshop needs no solver
+    "geometry": SCENES,
+    "geometry.common": set(),
+    "geometry.scenes": {"geometry.common"},
+    "geometry.meridian": {"geometry.common"},
+    "geometry.cad": SCENES,
+    "geometry.tetra": {"geometry.cad", *SCENES},
+    # hw stands alone: a measuring computer needs neither shapes nor solvers; sources of samples know the wire, the reader all
+    "hw": {"hw.common", "hw.wire", "hw.recordings", "hw.usb", "hw.simulation", "hw.oscilloscope"},
+    "hw.common": set(),
+    "hw.wire": {"hw.common"},
+    "hw.signal": {"hw.common"},
+    "hw.recordings": {"hw.common"},
+    "hw.usb": {"hw.common", "hw.wire"},
+    "hw.simulation": {"hw.common", "hw.wire"},
+    "hw.oscilloscope": {"hw.common", "hw.usb"},
+    # solver sees scenes only: results never depend on how they are asked for, optimised or shown; a level knows those that it
+    # stands on, planning the three that it chooses from, the face all, and no level the face
+    "solver.linalg": {"geometry.common"},
+    "solver.results": SCENES,
+    "solver.inclusions": SCENES,
+    "solver.published": {"solver.results", *SCENES},
+    "solver.closed_form": {"solver.inclusions", "solver.results", *SCENES},
+    "solver.axisymmetric": {"solver.linalg", "solver.results", *MESHES},
+    "solver.multiple_scattering": {"solver.axisymmetric", "solver.inclusions", *MESHES},
+    "solver.equivalent_inclusion": {
+        "solver.axisymmetric",
+        "solver.inclusions",
+        "solver.linalg",
+        "solver.multiple_scattering",
+        "solver.results",
+        *MESHES,
+    },
+    "solver.solid": {"solver.axisymmetric", "solver.linalg", "solver.results", "geometry.tetra", *SCENES},
+    "solver.planning": {
+        "solver.axisymmetric",
+        "solver.equivalent_inclusion",
+        "solver.inclusions",
+        "solver.results",
+        "solver.solid",
+        "geometry.tetra",
+        *MESHES,
+    },
+    "solver.casadi_functions": {"solver.axisymmetric", "solver.closed_form", "solver.equivalent_inclusion", *MESHES},
+    "solver": {
+        "solver.axisymmetric",
+        "solver.closed_form",
+        "solver.equivalent_inclusion",
+        "solver.planning",
+        "solver.published",
+        "solver.results",
+        "solver.solid",
+        *SCENES,
+    },
+    # probe_design: what is computed knows neither the terminal nor the command line, so that scripts and workers can ask for it;
+    # beside the solver's face each room sees those inner rooms whose many answers at once it needs
+    "probe_design.data": {"geometry.scenes"},
+    "probe_design.pictures": {"geometry.common"},
+    "probe_design.optimisation": {"solver.casadi_functions", "solver.closed_form", "geometry.cad", *ANSWERS},
+    "probe_design.maps": {"probe_design.pictures", "solver.equivalent_inclusion", "solver.inclusions", *ANSWERS},
+    "probe_design.estimation": {
+        "probe_design.maps.target_grid",
+        "solver.equivalent_inclusion",
+        "solver.inclusions",
+        *ANSWERS,
+    },
+    "probe_design.tradeoffs": {"probe_design.pictures", "geometry.tetra", *ANSWERS},
+    "probe_design.sweeps": {"solver.closed_form", "solver.linalg", "solver.planning", *ANSWERS},
+    "probe_design.built_probe": {
+        "solver.axisymmetric",
+        "solver.equivalent_inclusion",
+        "hw",
+        "hw.common",
+        "hw.signal",
+        *ANSWERS,
+    },
+    "probe_design.solid_output": {
+        "probe_design.pictures",
+        "solver.solid",
+        "geometry.cad",
+        "geometry.tetra",
+        *ANSWERS,
+    },
+    # terminal shows what they found, cli asks them for it; the face offers the one that is asked for from Python
+    "probe_design.terminal": {
+        "probe_design.built_probe",
+        "probe_design.estimation",
+        "probe_design.maps",
+        "probe_design.sweeps",
+        "solver.planning",
+        "solver.results",
+        "geometry.common",
+        "hw.common",
+    },
+    "probe_design.cli": {
+        "probe_design.built_probe",
+        "probe_design.data",
+        "probe_design.estimation",
+        "probe_design.maps",
+        "probe_design.optimisation",
+        "probe_design.pictures",
+        "probe_design.solid_output",
+        "probe_design.sweeps",
+        "probe_design.terminal",
+        "probe_design.tradeoffs",
+        "solver",
+        "geometry.cad",
+        "hw",
+        "hw.common",
+        "hw.recordings",
+        "hw.signal",
+        "hw.simulation",
+        *SCENES,
+    },
+    "probe_design": {"probe_design.cli", "probe_design.sweeps"},
 }
+PACKAGES = sorted({room.split(".")[0] for room in ALLOWED})
 HEAVY = {"cadquery", "OCP", "matplotlib", "vtk", "vtkmodules", "pyvista", "pytetwild"}
 
 
-def sources(package: str) -> list[Path]:
-    return sorted((ROOT / package).rglob("*.py"))
+def test_every_room_has_a_direction() -> None:
+    assert {room(module(path)) for package in PACKAGES for path in sources(package)} == ALLOWED.keys()
 
 
-def imported(path: Path) -> Iterator[str]:
-    """Full names of the modules that a source imports anywhere in it, relative ones resolved."""
-    package = path.relative_to(ROOT).with_suffix("").parts[:-1]
-    for node in ast.walk(ast.parse(path.read_bytes(), str(path))):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.level:
-            yield ".".join([*package[: len(package) - node.level + 1], *filter(None, [node.module])])
-        elif isinstance(node, ast.ImportFrom):
-            yield str(node.module)
-
-
-@pytest.mark.parametrize("package", ALLOWED)
+@pytest.mark.parametrize("package", PACKAGES)
 def test_direction(package: str) -> None:
-    assert sources(package)
-    ours = ALLOWED.keys() - ALLOWED[package]
-    wrong = [f"{path.relative_to(ROOT)} imports {name}" for path in sources(package) for name in imported(path)]
-    assert [line for line in wrong if line.rsplit(" ", 1)[1].split(".")[0] in ours | {"tests", "benchmarks"}] == []
+    wrong = []
+    for path in sources(package):
+        here = room(module(path))
+        allowed = {here, *ALLOWED[here]}
+        wrong += [f"{path.relative_to(ROOT)} imports {name}" for name in everywhere(path) if not {name, room(name)} & allowed]
+    assert wrong == []
 
 
-@pytest.mark.parametrize("package", ALLOWED)
+@pytest.mark.parametrize("package", PACKAGES)
 def test_no_import_cycles(package: str) -> None:
     """The modules of a package can be put in an order in which each imports earlier ones only."""
-    names = {".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path for path in sources(package)}
-    needs = {name: {other for other in at_import(path) if other in names and other != name} for name, path in names.items()}
-    done: set[str] = set()
-    while ready := {name for name in needs.keys() - done if needs[name] <= done}:
-        done |= ready
-    assert sorted(needs.keys() - done) == []
+    names = {module(path): at_import(path) - {module(path)} for path in sources(package)}
+    TopologicalSorter({name: needs & names.keys() for name, needs in names.items()}).prepare()
 
 
-def at_import(path: Path) -> Iterator[str]:
-    """Modules that are imported when a source is, by its top-level statements; ``from package import module`` as module."""
-    for node in ast.parse(path.read_bytes(), str(path)).body:
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and (ROOT / str(node.module) / "__init__.py").exists():
-            submodules = {alias.name for alias in node.names if (ROOT / str(node.module) / f"{alias.name}.py").exists()}
-            yield from (f"{node.module}.{name}" for name in submodules)
-            if len(submodules) < len(node.names):
-                yield str(node.module)
-        elif isinstance(node, ast.ImportFrom):
-            yield str(node.module)
+def test_no_cycles_of_rooms() -> None:
+    """So can all rooms, whatever is imported late or for types only."""
+    needs: dict[str, set[str]] = {name: set() for name in ALLOWED}
+    for path in (path for package in PACKAGES for path in sources(package)):
+        here = room(module(path))
+        needs[here] |= {room(name) for name in everywhere(path)} - {here}
+    TopologicalSorter(needs).prepare()
 
 
 @pytest.mark.parametrize("module", ["geometry", "solver", "hw.reader", "hw.simulation.virtual"])

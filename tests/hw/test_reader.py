@@ -104,12 +104,3 @@ def test_device_is_stopped_at_the_end() -> None:
         reader.collect(0.01)
         assert source.firmware.stream
     assert source.firmware.stream == 0
-
-
-def test_progress_and_blocks() -> None:
-    told: list[float] = []
-    with Reader.open(probe()) as reader:
-        reader.collect(0.2, progress=told.append)
-    assert told == sorted(told)
-    assert told[-1] == 0.2
-    assert len(told) > 2

@@ -1,6 +1,6 @@
 """The extremes: no cell of the matrix is silently wrong; docs/extremes.md tells all of them.
 
-True values are NGSolve's, or follow from them by laws of elasticity (reference/README.md, tests/support/extremes/laws.py).
+True values are NGSolve's, or follow from them by laws of elasticity (tests/reference/README.md, tests/support/extremes/laws.py).
 """
 
 from __future__ import annotations

@@ -11,8 +11,8 @@ import numpy as np
 
 from geometry.scenes.scene_file import read_scene
 from geometry.tetra.check import check
-from geometry.tetra.layout import body_layout, extent
-from geometry.tetra.mesher import volume_mesh
+from geometry.tetra.layout import BodyLayout, body_layout, extent
+from geometry.tetra.mesher import mesh_layout
 from geometry.tetra.sizing import COARSE, ROUGH, TetraFineness
 from geometry.tetra.tet_mesh import BEYOND, TetMesh
 from solver.solid.domain import Domain, domain, reach
@@ -33,15 +33,19 @@ def stored_mesh(name: str) -> TetMesh:
 def scene_mesh(of: Domain, fineness: TetraFineness) -> TetMesh:
     """What solver.solid.difference.mesh_domain returns, of a scene with the bodies of SCENE only; ``check`` holds that it is."""
     mesh = stored_mesh(f"{SCENE}-{FINENESS[fineness]}")
-    check(mesh, body_layout(of.scene, of.half, extent(of.scene, None), of.radius))
+    check(mesh, _layout(of))
     return mesh
+
+
+def _layout(of: Domain) -> BodyLayout:
+    return body_layout(of.scene, of.half, extent(of.scene, None), of.radius)
 
 
 def main() -> None:
     scene = read_scene(REFERENCE / "solid" / f"{SCENE}.toml")
     of = domain(scene, reach(scene), None)
     for fineness, name in FINENESS.items():
-        mesh = volume_mesh(of.scene, fineness, of.half, None, of.radius)
+        mesh, _ = mesh_layout(_layout(of), fineness)
         assert np.array_equal(mesh.beyond, mesh.body == BEYOND)
         small = {"elements": mesh.elements.astype(np.uint16), "body": mesh.body.astype(np.int8)}
         np.savez_compressed(MESHES / f"{SCENE}-{name}.npz", nodes=mesh.nodes, half=np.array(mesh.half), **small)

@@ -1,4 +1,4 @@
-"""Scenes with converged results of independent codes; origins in reference/README.md."""
+"""Scenes with converged results of independent codes; origins in tests/reference/README.md."""
 
 from __future__ import annotations
 

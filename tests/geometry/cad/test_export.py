@@ -130,14 +130,6 @@ class TestFiles:
             assert found[name] == pytest.approx(colour, abs=1e-6)
 
 
-def test_assembly_in_memory_has_the_same_names_colours_and_volume(exported):
-    whole = solids.assembly(make())
-    assert [part.name for part in whole.children] == NAMES
-    for part in whole.children:
-        assert part.color.toTuple()[:3] == pytest.approx(solids.COLOURS[part.name], abs=1e-6)
-    assert whole.toCompound().Volume() == pytest.approx(read(exported / "assembly.step").Volume(), rel=1e-12)
-
-
 def numbers_of_colours(text: str) -> list[float]:
     return [float(value) for row in re.findall(r"COLOUR_RGB\('',([^)]*)\)", text) for value in row.split(",")]
 

@@ -10,7 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from geometry.scenes.probe import LENGTH
-from geometry.scenes.units import Quantity
+from geometry.scenes.units import USUAL, Quantity, factor_by_pint
 
 POSITION = Quantity("position", "m", "mm", -10.0, 10.0)
 MODULUS = Quantity("modulus", "Pa", "Pa", 1e-3, 1e13)
@@ -192,3 +192,8 @@ class TestGarbage:
 )
 def test_decimal_lengths_are_the_nearest_float(text: str, si: float) -> None:
     assert LENGTH.parse(text) == si
+
+
+@pytest.mark.parametrize(("unit", "si"), [(unit, si) for si, units in USUAL.items() for unit in units])
+def test_usual_units_are_what_pint_says(unit: str, si: str) -> None:
+    assert USUAL[si][unit] == factor_by_pint(unit, si)

@@ -1,3 +1,5 @@
+import shutil
+
 import numpy as np
 import pytest
 
@@ -46,6 +48,41 @@ def test_what_the_mesh_does_not_depend_on_makes_no_other(made):
     mesh_cache.cached_mesh(scene())
     mesh_cache.cached_mesh(scene(load={"force": "2 N"}), COARSE)
     assert len(made) == 1
+
+
+@pytest.fixture
+def room(monkeypatch, tmp_path):
+    """A copy of the room's sources in their place."""
+    copy = shutil.copytree(mesh_cache.ROOM, tmp_path / "tetra", ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(mesh_cache, "ROOM", copy)
+    yield copy
+    mesh_cache.sources.cache_clear()
+
+
+def digest():
+    mesh_cache.sources.cache_clear()
+    return mesh_cache.sources()
+
+
+def test_a_change_of_any_source_makes_other_meshes(room):
+    known = {digest()}
+    (room / "layout_fit.py").rename(room / "moved.py")
+    known.add(digest())
+    for path in sorted(room.iterdir()):
+        path.write_bytes(path.read_bytes() + b"#")
+        known.add(digest())
+    assert len(known) == 2 + len(list(room.iterdir())) > 10
+
+
+def test_meshes_of_other_sources_are_not_taken(made, room):
+    digest()
+    mesh_cache.cached_mesh(scene())
+    (room / "smoothing.py").unlink()
+    mesh_cache.cached_mesh(scene())
+    assert len(made) == 1  # read once a process: what runs is what was imported
+    digest()
+    mesh_cache.cached_mesh(scene())
+    assert len(made) == len(files()) == 2
 
 
 @pytest.mark.parametrize("damage", [lambda c: c[:-7], lambda c: b"", lambda c: c[:100] + b"!" + c[101:]])

@@ -6,8 +6,8 @@ import pytest
 from geometry import Refusal, SolveError
 from geometry.tetra import mesher as module
 from geometry.tetra.check import LEAST_QUALITY, check, errors, largest_error
-from geometry.tetra.layout import Ellipsoid, body_layout, mirror_symmetric
-from geometry.tetra.mesher import COARSE, FINE, ROUGH, extent, mesh_layout, volume_mesh
+from geometry.tetra.layout import Ellipsoid, body_layout, extent, mirror_symmetric
+from geometry.tetra.mesher import COARSE, FINE, ROUGH, mesh_layout
 from geometry.tetra.stretched_space import mesh_space
 from geometry.tetra.surfaces import ellipsoid
 from geometry.tetra.tet_mesh import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE, TetMesh, element_volumes, quadratic
@@ -30,7 +30,7 @@ def test_every_volume_and_area_is_the_scenes(grooved):
 
 def test_bodies_are_labelled_and_apart(grooved):
     mesh, _, _ = grooved
-    assert set(mesh.volumes) == {INNER, OUTER, GROOVE, TISSUE, BEYOND, INCLUSION}
+    assert set(mesh.body.tolist()) == {INNER, OUTER, GROOVE, TISSUE, BEYOND, INCLUSION}
     inner, outer = (np.unique(mesh.elements[np.isin(mesh.body, bodies)]) for bodies in ([INNER], [OUTER, GROOVE]))
     assert len(np.intersect1d(inner, outer)) == 0
     assert (mesh.beyond == (mesh.body == BEYOND)).all()
@@ -113,7 +113,7 @@ def test_half_of_a_scene_without_symmetry_is_refused():
     assert mirror_symmetric(scene())
     assert not mirror_symmetric(lopsided)
     with pytest.raises(Refusal, match="mirror image"):
-        volume_mesh(lopsided, half=True)
+        body_layout(lopsided, True, math.inf, None)
 
 
 @pytest.mark.parametrize("radius", [3e-3, 40e-3])

@@ -20,7 +20,7 @@ from hw.common.errors import (
 )
 from hw.common.transport import Chunk
 from hw.reader import Reader
-from hw.recordings.recording import KIND, Recorder, read_recording, sha256
+from hw.recordings.recording import KIND, Recorder, Recording, sha256
 from hw.simulation.firmware import Fault
 from hw.usb.transport import UsbTransport
 from tests.support.virtual_probes import HURRIED, probe, right
@@ -73,9 +73,9 @@ def test_cut_recording_is_whole_up_to_the_cut(recorded: Path, data: st.DataObjec
     end = data.draw(st.integers(header, len(whole) - 1))
     cut = recorded.with_name("cut.probe")
     cut.write_bytes(whole[:end])
-    recording = read_recording(cut)
+    recording = Recording(cut)
     chunks = list(recording.chunks())
-    full = list(read_recording(recorded).chunks())
+    full = list(Recording(recorded).chunks())
     assert chunks == full[: len(chunks)]
     assert recording.cut is not None
     assert "was cut or damaged at byte" in recording.cut

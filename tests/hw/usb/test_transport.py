@@ -1,4 +1,7 @@
-"""The real libusb, on emulated devices: usb_emulator.py is the kernel and the boards, usb_reading.py the program under test."""
+"""The real libusb, on emulated devices.
+
+tests/support/usb_emulator.py is the kernel and the boards, tests/support/usb_reading.py the program under test.
+"""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ def test_true_gains_are_found() -> None:
     assert np.all(np.abs(off) < 3.5 * np.sqrt(np.diag(found.gains.covariance)))
     assert np.all(np.abs(off[[1, 2]]) < 1e-3)  # cross-talk, which pin and ring show directly
     assert found.gains.absolute
-    assert found.gains.cross_talk_told == (True, True)
+    assert found.gains.cross_talk_resolved == (True, True)
     assert found.frequency == pytest.approx(BUILT.frequency * 5.0, abs=1e-3)
     # the true offsets, and what the slow drift has become in the middle of the 5 s
     drifted = BUILT.drift * np.array([1.0, 0.6]) * (1 - math.exp(-2.5 / 60))

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -152,29 +150,6 @@ def test_output_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
     ended = run("export", SCENE, "-o", tmp_path / "file")
     assert ended.returncode == 1
     assert ended.stderr.count("\n") == 1
-
-
-def test_help_needs_no_heavy_imports() -> None:
-    code = (
-        "import sys; sys.argv = ['probe-design', 'evaluate', '--help']\n"
-        "from probe_design.cli.main import main\n"
-        "try: main()\nexcept SystemExit: pass\n"
-        "heavy = {'numpy', 'scipy', 'casadi', 'cadquery', 'matplotlib', 'pint', 'pydantic'} & set(sys.modules)\n"
-        "sys.exit(f'imported {heavy}' if heavy else 0)"
-    )
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert ended.returncode == 0, ended.stderr
-    assert "axisymmetric" in ended.stdout
-
-
-def test_evaluate_imports_no_cad() -> None:
-    code = (
-        f"import sys; sys.argv = ['probe-design', 'evaluate', {str(SCENE)!r}]\n"
-        "from probe_design.cli.main import main\n"
-        "try: main()\nexcept SystemExit: pass\n"
-        "sys.exit(1 if {'cadquery', 'matplotlib', 'OCP'} & set(sys.modules) else 0)"
-    )
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, timeout=60).returncode == 0
 
 
 def test_no_verb_shows_help() -> None:

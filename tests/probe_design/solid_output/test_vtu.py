@@ -24,6 +24,7 @@ from solver.solid.base_states import SolidFields, SolidStates, fields, solid_sta
 from solver.solid.problem import Problem, Solid
 from tests.support.meshes import stored_mesh
 from tests.support.paths import ROOT
+from tests.support.tet_meshes import body_volumes
 
 DOWN = np.array([1e-5, 1e-5, 0.0])
 
@@ -67,8 +68,8 @@ class TestFile:
         assert names == {INNER: "inner", OUTER: "outer", TISSUE: "tissue", INCLUSION: "inclusion[0]"}
         nodes, elements = np.asarray(grid.points), grid.cells.reshape(-1, 11)[:, 1:]
         read = TetMesh(nodes, elements, np.asarray(grid["body"]), np.zeros(len(elements), dtype=bool), half=True)
-        expected = {body: volume for body, volume in half().volumes.items() if body in MATERIALS}
-        assert read.volumes == pytest.approx(expected, rel=1e-12)
+        expected = {body: volume for body, volume in body_volumes(half()).items() if body in MATERIALS}
+        assert body_volumes(read) == pytest.approx(expected, rel=1e-12)
         vtks = np.abs(grid.compute_cell_sizes(length=False, area=False)["Volume"])
         assert {b: vtks[read.body == b].sum() for b in MATERIALS} == pytest.approx(expected, rel=0.03)
 

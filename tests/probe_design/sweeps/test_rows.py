@@ -14,7 +14,7 @@ from geometry import InputError, read_scene
 from probe_design import sweep
 from probe_design.sweeps.file import sweep_from_dict
 from probe_design.sweeps.results import rows
-from probe_design.sweeps.rows import Job
+from probe_design.sweeps.rows import Job, version
 from probe_design.sweeps.store import writing
 from probe_design.sweeps.workers import CrewError
 from solver import evaluate
@@ -56,6 +56,15 @@ class TestRows:
         job = Job.of(sweep_from_dict(grid(2, 2)))
         with pytest.raises(InputError, match="version"):
             next(replace(job, version="0").pieces([(1e-4, 0.009)]))
+
+    def test_other_sources_or_data_are_another_version(self, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+        monkeypatch.setattr("probe_design.sweeps.rows.ROOT", tmp_path)
+        found = set()
+        for name in ("geometry/a.py", "solver/room/b.py", "solver/room/weights.json"):
+            (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+            (tmp_path / name).write_text("1")
+            found.add(version.__wrapped__())
+        assert len(found) == 3
 
     def test_starting_again_repeats_no_row_and_a_larger_grid_keeps_those_there(self, tmp_path: Path) -> None:
         assert sweep(grid(2, 2), tmp_path, workers=1).answered == 4

@@ -44,10 +44,10 @@ class TestSurvival:
     def test_twenty_kills_leave_what_no_kill_leaves(self, whole: Path, tmp_path: Path) -> None:
         chance, out, path = random.Random(8), tmp_path / "out", toml(tmp_path)
         kills, counts = 0, [0]
-        begin = "from probe_design.sweeps import run as sweep_run\nsweep_run.SECONDS = 0.02\n"
+        begin = "from probe_design.sweeps import run\nrun.SECONDS = 0.02\n"
         for kill in range(20):
             process = subprocess.Popen(
-                [sys.executable, "-c", f"{begin}sweep_run.sweep({str(path)!r}, {str(out)!r}, workers=1)"],
+                [sys.executable, "-c", f"{begin}run.sweep({str(path)!r}, {str(out)!r}, workers=1)"],
                 cwd=ROOT, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
             )  # fmt: skip
             if kill % 2:

@@ -18,10 +18,10 @@ from tests.support.references import Expected, expected, named
 from tests.support.slow import slow_unless
 
 SHARED = expected("axisymmetric")
-# origins in reference/README.md: corners of the range of designs; elastic bases and films; tissue without end
+# origins in tests/reference/README.md: corners of the range of designs; elastic bases and films; tissue without end
 KEPT = [(folder, one) for folder in ("extra", "extreme", "layers", "half-space") for one in expected(folder)]
-SHARED_SLACK = 1e-4  # the stresses and stiffness of the shared set are up to 9e-5 too high, see reference/README.md
-WRONG_SENSITIVITY = "published-materials-frictionless"  # 1.3 % low in the shared set, see reference/README.md
+SHARED_SLACK = 1e-4  # the stresses and stiffness of the shared set are up to 9e-5 too high, see tests/reference/README.md
+WRONG_SENSITIVITY = "published-materials-frictionless"  # 1.3 % low in the shared set, see tests/reference/README.md
 
 
 def name(one: Expected | tuple[str, Expected]) -> str:

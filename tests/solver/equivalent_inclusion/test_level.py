@@ -16,7 +16,7 @@ from tests.support.slow import slow_unless
 
 LEVEL = "equivalent-inclusion"
 GROOVED = ("groove-on-axis", "groove-over-tumour")
-# origins in reference/README.md
+# origins in tests/reference/README.md
 ON_AXIS = [one for folder in ("axisymmetric", "extra", "extreme", "layers", "half-space") for one in expected(folder)]
 OFF_AXIS = [one for folder in ("solid", "off-axis") for one in expected(folder) if one.name not in GROOVED]
 
@@ -62,7 +62,7 @@ def test_off_the_axis(one: Expected) -> None:
     if cover(one.scene) >= 0.1 and all(body.diameter is not None for body in one.scene.inclusion):
         assert off <= 0.003
     if one.log_sensitivity is not None and all(body.diameter is not None for body in one.scene.inclusion):
-        # what the reference's two meshes leave of it is up to 1e-4, see reference/README.md
+        # what the reference's two meshes leave of it is up to 1e-4, see tests/reference/README.md
         assert result.log_sensitivity == pytest.approx(one.log_sensitivity, rel=0.025, abs=1e-4)
 
 

@@ -1,0 +1,61 @@
+"""What a verb imports: the start is short because what it does not need waits. Modules are held, not times."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from tests.support.paths import EXAMPLES, REFERENCE
+
+SCENE = REFERENCE / "axisymmetric" / "shallow.toml"
+BESIDE = EXAMPLES / "two-tumours.toml"
+OURS = {"geometry", "solver", "probe_design"}
+SCENES = OURS | {"click", "numpy", "pydantic", "pydantic_core", "annotated_types", "typing_extensions", "typing_inspection"}
+HEAVY = {
+    "OCP", "cadquery", "casadi", "dask", "distributed", "matplotlib", "pandas", "pint", "pytetwild", "pyvista", "usb", "vtk",
+    "xarray",
+}  # fmt: skip
+PROGRAM = """
+import sys
+before = set(sys.modules)
+sys.argv = ["probe-design", *sys.argv[1:]]
+from probe_design.cli.main import main
+try:
+    main()
+except SystemExit as ended:
+    assert not ended.code, ended
+print(*sorted({name.split(".")[0] for name in set(sys.modules) - before}), file=sys.stderr)
+"""
+
+
+def modules(*arguments: object) -> set[str]:
+    """Top-level modules of others and ours, without those of Python, that a verb imports in a process of its own."""
+    command = [sys.executable, "-W", "error", "-c", PROGRAM, *map(str, arguments)]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
+    assert ended.returncode == 0, ended.stderr
+    return {name for name in ended.stderr.split("\n")[-2].split() if not name.startswith("_")} - sys.stdlib_module_names
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--help"], ["evaluate", "--help"], ["optimize", "--help"], ["read", "--help"], ["--version"]]
+)
+def test_help_needs_click_alone(arguments: list[str]) -> None:
+    assert modules(*arguments) == {"click", "probe_design"}
+
+
+@pytest.mark.parametrize(("evaluator", "scene"), [("published", SCENE), ("closed-form", SCENE), ("closed-form", BESIDE)])
+def test_formulas_need_numpy_and_pydantic_alone(evaluator: str, scene: object) -> None:
+    assert modules("evaluate", scene, "--evaluator", evaluator, "--json") <= SCENES
+
+
+def test_a_table_needs_rich() -> None:
+    found = modules("evaluate", SCENE, "--evaluator", "closed-form")
+    assert found - SCENES - {"rich"} <= {"markdown_it", "mdurl", "pygments"}
+
+
+def test_elements_need_no_cad_no_plots_no_tables() -> None:
+    found = modules("evaluate", SCENE, "--accuracy", "0.1", "--json")
+    assert found & HEAVY == set()
+    assert {"scipy", "threadpoolctl"} <= found

@@ -1,0 +1,51 @@
+"""Modules of ours, the rooms they lie in, and what they import; found without importing any."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from tests.support.paths import ROOT
+
+OURS = ("geometry", "solver", "probe_design", "hw", "benchmarks", "tests")
+
+
+def sources(package: str) -> list[Path]:
+    return sorted((ROOT / package).rglob("*.py"))
+
+
+def module(path: Path) -> str:
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+def room(name: str) -> str:
+    """Of a module of ours: its package and the folder in it."""
+    parts = name.split(".")
+    return ".".join(parts[: 1 + (ROOT / Path(*parts[:2])).is_dir()])
+
+
+def imported(nodes: Iterable[ast.AST]) -> Iterator[str]:
+    """Full names of the modules that these statements import, ``from package import module`` as module."""
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert not node.level, "imports are absolute"
+            folder = ROOT / str(node.module).replace(".", "/")
+            names = {alias.name for alias in node.names}
+            inner = {name for name in names if (folder / f"{name}.py").exists() or (folder / name).is_dir()}
+            yield from (f"{node.module}.{name}" for name in inner)
+            if inner < names:
+                yield str(node.module)
+
+
+def everywhere(path: Path) -> set[str]:
+    """Modules of ours that a source imports anywhere in it, for types too."""
+    found = imported(ast.walk(ast.parse(path.read_bytes(), str(path))))
+    return {name for name in found if name.split(".")[0] in OURS}
+
+
+def at_import(path: Path) -> set[str]:
+    """Modules that are imported when a source is, by its top-level statements."""
+    return set(imported(ast.parse(path.read_bytes(), str(path)).body))
