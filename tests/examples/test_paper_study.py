@@ -23,6 +23,7 @@ import paper_study
 from geometry import BlockTissue, Scene, read_scene
 from solver import Result, evaluate
 from solver.published import table3 as published_table
+from solver.results.warnings import Note
 
 QUICK = "equivalent-inclusion"
 
@@ -107,7 +108,9 @@ def test_as_a_user_runs_it(tmp_path: Path) -> None:
 
 
 def test_tables_and_refusal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    one = Result("solid", 1.0, 12.59e3, 0.5157e3, 24.42, 1e-3, 13.0, error_estimate=0.004, warnings=("a warning",))
+    one = Result(
+        "solid", 1.0, 12.59e3, 0.5157e3, 24.42, 1e-3, 13.0, error_estimate=0.004, warnings=(Note("accuracy", "a warning"),)
+    )
     monkeypatch.setattr(paper_study, "solved", lambda *_: dict.fromkeys(range(1, 5), one))
     assert paper_study.main([]) == 0
     out, _ = capsys.readouterr()

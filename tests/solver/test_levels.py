@@ -14,6 +14,7 @@ from solver import evaluator
 from solver.levels import BUILT
 from solver.results.warnings import Note, of_kind
 from tests.support.paths import SCENE
+from tests.support.slow import slow_unless
 
 MODULI = np.array([3e3, 3e4, 3e5])
 
@@ -46,7 +47,10 @@ def test_a_curve_goes_through_the_answers(scene: Scene, name: str, rounding: flo
         assert curve.log_sensitivity[k] == pytest.approx(alone.log_sensitivity, rel=5 * rounding)
 
 
-@pytest.mark.parametrize(("name", "reached", "missed"), [("closed-form", 0.5, 1e-4), ("axisymmetric", 0.02, 1e-12)])
+@pytest.mark.parametrize(
+    ("name", "reached", "missed"),
+    slow_unless(lambda case: case[0] == "closed-form", [("closed-form", 0.5, 1e-4), ("axisymmetric", 0.02, 1e-12)]),
+)
 def test_an_accuracy_is_kept_or_refused(scene: Scene, name: str, reached: float, missed: float) -> None:
     estimate = evaluator(name).evaluate_within(scene, reached).error_estimate
     assert estimate is not None

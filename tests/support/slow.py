@@ -10,6 +10,5 @@ import pytest
 
 def slow_unless(quick: Callable[[Any], bool], cases: Iterable[Any]) -> list[Any]:
     """Return all cases for ``parametrize``, marked slow where they are not quick; a tuple is a case of several arguments."""
-    return [
-        one if quick(one) else pytest.param(*(one if isinstance(one, tuple) else (one,)), marks=pytest.mark.slow) for one in cases
-    ]
+    every = [(one if isinstance(one, tuple) else (one,), () if quick(one) else (pytest.mark.slow,)) for one in cases]
+    return [pytest.param(*arguments, marks=marks) for arguments, marks in every]

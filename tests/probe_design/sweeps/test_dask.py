@@ -29,7 +29,7 @@ from probe_design.sweeps import run as sweep_run
 def main(path, out):
     dask.config.set({"distributed.worker.daemon": True, "logging.distributed": "critical"})
     sweep_run.SECONDS, sweep_dask.LEAST, sweep_dask.FETCH = 0.05, 0.3, 0.5
-    with distributed.LocalCluster(n_workers=4, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster:
+    with distributed.LocalCluster(n_workers=4, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as cluster:
         pids = [worker.process.pid for worker in cluster.workers.values()]
         signals = [signal.SIGSTOP, signal.SIGKILL, signal.SIGKILL]
         def act(state):
@@ -103,7 +103,7 @@ def test_workers_without_this_program_are_one_line(tmp_path: Path, monkeypatch: 
 
     monkeypatch.setattr("probe_design.sweeps.dask_workers.answered", missing)
     with (
-        distributed.LocalCluster(processes=False, n_workers=1, dashboard_address=None, silence_logs=60) as cluster,
+        distributed.LocalCluster(processes=False, n_workers=1, dashboard_address=":0", silence_logs=60) as cluster,
         pytest.raises(CrewError, match=r"cannot run this program.*ModuleNotFoundError: No module named 'probe_design'"),
     ):
         sweep(grid(2, 2), tmp_path, scheduler=cluster.scheduler_address)

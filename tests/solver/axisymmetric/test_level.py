@@ -59,7 +59,7 @@ def test_sensitivity_that_the_shared_set_has_wrong() -> None:
     assert result.log_sensitivity == pytest.approx(0.00132841, rel=1e-3)
 
 
-@pytest.mark.parametrize("one", slow_unless(KEPT[::4].__contains__, KEPT), ids=name)
+@pytest.mark.parametrize("one", slow_unless(lambda case: case[0] in KEPT[::4], [(one,) for one in KEPT]), ids=name)
 @pytest.mark.parametrize("accuracy", slow_unless((0.02).__eq__, [0.02, 0.001]))
 def test_extremes_are_right_within_their_own_estimate(one: tuple[str, Expected], accuracy: float) -> None:
     true = one[1]

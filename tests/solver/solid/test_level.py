@@ -169,6 +169,7 @@ def test_a_probe_at_the_tissue_s_edge_is_refused() -> None:
         solved(scene.model_copy(update={"placement": Placement(x=44.3e-3)}))
 
 
+@pytest.mark.slow
 def test_a_tilted_probe_needs_a_load() -> None:
     flank = named("solid", "flank").scene
     from geometry import Load
