@@ -215,6 +215,7 @@ def test_bad_input_is_one_line(tmp_path: Path) -> None:
     assert ended.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_interrupted_is_one_line_and_leaves_no_file(tmp_path: Path) -> None:
     with begun("probe_design.tradeoffs.study", "tradeoff", "-o", tmp_path) as started:
         time.sleep(3)
