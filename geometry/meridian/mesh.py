@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import pairwise, product
 from typing import Any
 
@@ -58,7 +57,6 @@ class Topology:
     body: Ints
 
 
-@lru_cache(maxsize=64)
 def topology(kind: Kind, fineness: MeridianFineness) -> Topology:
     """Return the elements of every mesh of a kind."""
     layout = MeshTopology(kind, fineness)

@@ -24,9 +24,11 @@ from solver.axisymmetric.condensed_system import System
 from solver.axisymmetric.dofs import Interface, numbering
 from solver.axisymmetric.quadrilateral import Geometry, geometry, lame, matrices
 from solver.axisymmetric.shape_functions import Shapes, shapes
+from solver.linalg.workspace import current, kept
 
 Materials = Mapping[Body, Material]
 LARGEST = 1e9  # bytes of all element matrices; the whole takes about four times as much
+_mesh = kept(topology)
 
 
 @dataclass(frozen=True)
@@ -103,11 +105,12 @@ def model(
     Raises:
         SolveError: the mesh has a cell without area, or too many cells.
     """
-    mesh = topology(kind or kind_of(section), fineness)
+    mesh = _mesh(kind or kind_of(section), fineness)
     functions = shapes(fineness.order)
     size = 16 * len(mesh.body) * (2 * len(functions.degrees)) ** 2
     if size > LARGEST:
         raise SolveError(f"its element matrices need {size / 1e9:.1f} GB, allowed {LARGEST / 1e9:g} GB")
+    current().make_room(4 * size)
     at = geometry(nodes(section, mesh, functions.places), functions)
     two_mu, lam = _moduli(mesh, materials)
     n, s = len(mesh.body), len(functions.degrees)

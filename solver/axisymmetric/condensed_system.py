@@ -38,7 +38,7 @@ class System:
     def of(cls, numbering: Numbering, stiffness: Floats, shared: bool = True) -> System:
         """Assemble and factorise; systems of one numbering used in turn are not ``shared``, see ``solver/linalg/cholesky.py``."""
         matrix = numbering.assemble(stiffness)
-        return cls(numbering, stiffness, matrix, factorise(matrix, numbering if shared else None))
+        return cls(numbering, stiffness, matrix, factorise(matrix, numbering.pattern if shared else None))
 
     def own(self, v: Floats, lift: Floats | float = 0.0) -> Floats:
         """The elements' own values of displacements v (unknowns, k) and lift (n, 8 p, k), rigid shifts taken out; (n, 8 p, k)."""

@@ -14,6 +14,7 @@ from solver.axisymmetric.omitted_details import LAYERS, Change, omitted_changes
 from solver.axisymmetric.refinement import LEVELS, SampleErrors, refine
 from solver.axisymmetric.sample import MeshSample, sample
 from solver.axisymmetric.sections import sections, with_layers
+from solver.linalg.workspace import current
 from solver.results.film_forces import Bound, FilmForces, above
 from solver.results.result import Decision
 from solver.results.warnings import Note
@@ -45,6 +46,7 @@ def converged_forces(scene: Scene, accuracy: float, moduli: Floats | None = None
     Raises:
         SolveError: the scene's equations cannot be solved in double precision.
     """
+    current().begin()
     plain = sections(scene)
     rough = cache(lambda: sample(plain.section, plain, scene, LEVELS[0], moduli=moduli))
     changes = list(omitted_changes(scene, plain, rough, moduli))

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -12,6 +11,8 @@ import scipy.sparse as sp
 from geometry.common.arrays import Bools, Floats, Ints
 from geometry.meridian.mesh import Topology, labels, line_label
 from geometry.meridian.section import Body
+from solver.linalg.cholesky import Pattern
+from solver.linalg.workspace import kept
 
 Interface = Literal["bonded", "frictionless"]
 # what vanishes on the axis of u_r, u_z (m = 0), else of u_r + u_theta, u_r - u_theta, u_z: only a translation (m = 1) does not
@@ -34,6 +35,7 @@ class Numbering:
         slots: for each entry of the elements' matrices its place in the data, or one beyond the last; shape (n (8 p)^2,).
         signs: of the elements' own values, shape (n, 8 p).
         vertical: the elements' own values that a shift along z sets to 1, shape (8 p,); none where m > 0.
+        pattern: of the matrices of systems that are used one after the other.
     """
 
     gather: sp.csr_array
@@ -43,6 +45,7 @@ class Numbering:
     slots: Ints
     signs: Floats
     vertical: Floats
+    pattern: Pattern = field(default_factory=Pattern)
 
     @property
     def unknowns(self) -> int:
@@ -56,7 +59,7 @@ class Numbering:
         return sp.csc_array((data, self.rows, self.starts), shape=(self.unknowns,) * 2)
 
 
-@lru_cache(maxsize=16)  # some 35 MB each, more on the finest meshes
+@kept
 def numbering(mesh: Topology, order: int, interface: Interface, m: int = 0) -> Numbering:
     """Number the unknowns of a mesh at one polynomial order, for fields of azimuthal order m."""
     probe = (mesh.body != Body.TISSUE) & (mesh.body != Body.INCLUSION)
@@ -137,4 +140,4 @@ def _pattern(dofs: Ints, unknowns: int) -> tuple[Ints, Ints, Ints]:
     keys, slots = np.unique(key, return_inverse=True)
     keys = keys[keys < unknowns**2]
     starts = np.searchsorted(keys, np.arange(unknowns + 1) * unknowns)
-    return (keys % unknowns).astype(np.int32), starts.astype(np.int32), slots
+    return (keys % unknowns).astype(np.int32), starts.astype(np.int32), slots.astype(np.int32)

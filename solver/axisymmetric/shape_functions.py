@@ -7,12 +7,12 @@ ends (Szabo & Babuska, Finite Element Analysis, 1991, section 6.1). An element o
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial import legendre
 
 from geometry.common.arrays import Floats, Ints
+from solver.linalg.workspace import kept
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Shapes:
         return 4 * self.order
 
 
-@lru_cache(maxsize=16)
+@kept
 def shapes(order: int) -> Shapes:
     """Tabulate the functions of an order."""
     x, w = legendre.leggauss(order + 2)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import asdict
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -106,7 +106,7 @@ class TumourCallback(FilmCallback):
         """Solve the scene itself, and refuse variables that it does not have."""
         base = EquivalentInclusion().prepared(self.scene, accuracy)
         tumour_gradients(self.scene, first_order(self.scene, sections(self.scene)), self.variables)
-        return replace(base.converged, sample=replace(base.converged.sample, states=base.field.states))
+        return base.converged
 
     def solved(self, scene: Scene, of: Sections, kind: Kind | None) -> Gradients:
         """Return the outputs and derivatives of one design, on a mesh of the given kind or of its own.

@@ -20,6 +20,7 @@ from solver.closed_form.block_compliance import ElasticBlocks
 from solver.closed_form.contact import FLOOR_REACH, NODES_PER_WAVE, REACH, ContactSolution, Tissue, solve_contact
 from solver.closed_form.lateral_boundary import side_nodes, side_radius
 from solver.closed_form.surface_images import SphereArray
+from solver.linalg.memory import keep_freed
 
 PROBE = (
     "inner_radius", "gap", "outer_radius", "inner_height", "outer_height",
@@ -29,9 +30,6 @@ TISSUE = ("tissue_depth", "tissue_radius", "tissue_modulus", "tissue_poisson")
 BALL = ("radius", "depth", "offset", "modulus", "poisson")
 MOST = 256  # nodes over wave numbers
 CHUNK = 512  # designs at once: what they need then stays in the processor's cache
-np.empty(
-    2**22 - 2**12
-)  # glibc keeps freed arrays smaller than the largest ever freed: a good part of the time would go into new ones
 
 
 @dataclass(frozen=True)
@@ -89,6 +87,8 @@ def forces(shape: Shape, values: Array) -> tuple[Floats, Floats]:
 def answers(shape: Shape, values: Array) -> Iterator[ContactSolution]:
     """Yield what stands behind ``forces``, for some designs at a time."""
     values = np.asarray(values)
+    if values.shape[1] >= CHUNK:
+        keep_freed()
     for k in range(0, values.shape[1], CHUNK):
         try:
             yield _answer(shape, values[:, k : k + CHUNK])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -20,6 +20,7 @@ from solver.axisymmetric.dofs import Interface
 from solver.axisymmetric.tissue_field import TissueField
 from solver.equivalent_inclusion.strain_products import Energies
 from solver.inclusions.tumours import Tumours
+from solver.linalg.workspace import current, kept
 from solver.multiple_scattering.exchange import Reflector
 from solver.results.film_forces import FilmForces
 from solver.results.result import Decision
@@ -45,6 +46,8 @@ class Undisturbed:
     Attributes:
         scene: without inclusions, at no load.
         accuracy: what was asked for with tumours.
+        converged: film forces without tumours; its states are those behind the strains, on another mesh.
+        residual: relative, of both meshes' base states, the larger.
         energies: strain products of the base states.
         nearest_error: relative error of the effects of near tumours that follow from them.
     """
@@ -52,6 +55,7 @@ class Undisturbed:
     scene: Scene
     accuracy: float
     converged: Converged
+    residual: float
     energies: Energies
     nearest_error: float
 
@@ -59,11 +63,6 @@ class Undisturbed:
     def films(self) -> FilmForces:
         """Film forces without tumours."""
         return self.converged.films[0]
-
-    @property
-    def residual(self) -> float:
-        """Relative residual of the base states, of those behind the film forces and those behind the strains the larger."""
-        return max(self.converged.sample.states.residual, self.field.states.residual)
 
     @property
     def field(self) -> TissueField:
@@ -150,18 +149,19 @@ class Undisturbed:
 
 
 def undisturbed(scene: Scene, accuracy: float) -> Undisturbed:
-    """Solve the base states of a scene's probe on its tissue; those asked for last are kept.
+    """Solve the base states of a scene's probe on its tissue; those asked for last are kept, see ``solver.linalg.workspace``.
 
     The finer of two meshes is used for fine accuracies, and where one of the scene's own tumours is shallow for the probe.
 
     Raises:
         Refusal: scenes so extreme that their equations cannot be solved in double precision.
     """
+    current().begin()
     shallow = any(body.depth < SHALLOW * scene.probe.tube_radius for body in scene.inclusion)
     return _undisturbed(scene.model_copy(update={"inclusion": (), "load": Load(indentation=0.0)}), accuracy, shallow)
 
 
-@lru_cache(maxsize=2)  # with the systems of all azimuthal orders each may hold a gigabyte
+@kept
 def _undisturbed(scene: Scene, accuracy: float, shallow: bool) -> Undisturbed:
     fine = int(accuracy < FINE or shallow)
     interface = scene.contact.interface
@@ -174,7 +174,11 @@ def _undisturbed(scene: Scene, accuracy: float, shallow: bool) -> Undisturbed:
         except SolveError as fault:
             text = f"scenes whose sizes and moduli lie closer together ({fault})"
             raise Refusal("evaluator", "equivalent-inclusion", text) from fault
-    return Undisturbed(scene, accuracy, films_alone, Energies(TissueField(states)), FIELD_ERRORS[fine])
+    current().begin()  # what it took to get here may go
+    residual = max(films_alone.sample.states.residual, states.residual)
+    # lets the finest mesh go, which no tumour asks for
+    converged = replace(films_alone, sample=replace(films_alone.sample, states=states))
+    return Undisturbed(scene, accuracy, converged, residual, Energies(TissueField(states)), FIELD_ERRORS[fine])
 
 
 def _nearer(scene: Scene, section: Section) -> Section:

@@ -1,7 +1,8 @@
 """Sparse Cholesky factors: by PARDISO where it is installed, else by scipy's SuperLU.
 
 PARDISO (``pip install 'probe-design[fast]'``) analyses a pattern once and then factorises 5 to 10 times faster than
-SuperLU (benchmarks/levels/factorisations.py). It keeps one set of factors per pattern: older ones are made again when asked for.
+SuperLU (benchmarks/levels/factorisations.py). Of matrices of one ``Pattern`` it keeps the factors of the last: older ones
+are made again when asked for.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ from functools import cache
 from importlib import import_module
 from threading import Lock
 from typing import Any, Protocol
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import scipy.sparse as sp
@@ -32,12 +32,18 @@ class Factor(Protocol):
         ...
 
 
-def factorise(matrix: Any, pattern: object | None) -> Factor:
+class Pattern:
+    """Where matrices that share it are not zero; what PARDISO has found out about that, and their factors, hang on it."""
+
+    analysed: _Analysed | None = None
+
+
+def factorise(matrix: Any, pattern: Pattern | None) -> Factor:
     """Factorise a symmetric positive definite matrix in compressed columns.
 
     Args:
         matrix: both triangles, rows sorted.
-        pattern: an object that all matrices of one pattern share, or None for a matrix whose factors are kept.
+        pattern: that all matrices of one pattern share, or None for a matrix whose factors are kept.
     """
     library = _pardiso()
     if library is not None:
@@ -45,8 +51,7 @@ def factorise(matrix: Any, pattern: object | None) -> Factor:
             return _Pardiso.of(library, matrix, pattern)
         except RuntimeError:  # not positive definite to rounding: SuperLU pivots
             pass
-    factor: Factor = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    return factor
+    return _SuperLU(splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}))
 
 
 def loaded() -> bool:
@@ -62,6 +67,19 @@ def _pardiso() -> Any:
         return None
 
 
+@dataclass(frozen=True)
+class _SuperLU:
+    factors: Any
+
+    @property
+    def foreign_bytes(self) -> int:
+        """What the library holds: values and rows of both triangles."""
+        return 12 * int(self.factors.nnz)
+
+    def solve(self, forces: Floats) -> Floats:
+        return np.asarray(self.factors.solve(forces))
+
+
 @dataclass
 class _Analysed:
     """PARDISO's analysis of a pattern and the values that it factorised last."""
@@ -71,8 +89,10 @@ class _Analysed:
     values: Floats
     lock: Any = field(default_factory=Lock)
 
-
-_ANALYSED: WeakKeyDictionary[object, _Analysed] = WeakKeyDictionary()
+    @property
+    def foreign_bytes(self) -> int:
+        """What the library holds: kB for the analysis, kB for the factors."""
+        return 1024 * int(self.solver.get_iparm_value(15) + self.solver.get_iparm_value(16))
 
 
 @dataclass(frozen=True)
@@ -81,16 +101,19 @@ class _Pardiso:
     values: Floats
 
     @classmethod
-    def of(cls, library: Any, matrix: Any, pattern: object | None) -> _Pardiso:
-        analysed = None if pattern is None else _ANALYSED.get(pattern)
+    def of(cls, library: Any, matrix: Any, pattern: Pattern | None) -> _Pardiso:
+        analysed = None if pattern is None else pattern.analysed
         if analysed is None:
             lower = matrix.indices >= np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
             # its upper triangle by rows is the lower one by columns
             solver = library.PardisoSolver(sp.tril(matrix, format="csc").T, mtype=POSITIVE_DEFINITE, iparms=METIS)
-            values = matrix.data[lower]
+            if pattern is None:  # never another matrix's: its values need not be known again
+                lower, values = np.empty(0, dtype=bool), np.empty(0)
+            else:
+                values = matrix.data[lower]
             analysed = _Analysed(solver, lower, values)
             if pattern is not None:
-                _ANALYSED[pattern] = analysed
+                pattern.analysed = analysed
             return cls(analysed, values)
         factor = cls(analysed, matrix.data[analysed.lower])
         with analysed.lock:

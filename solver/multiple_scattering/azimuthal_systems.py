@@ -9,7 +9,6 @@ states, volumetric strain projected alike (``solver/axisymmetric/quadrilateral.p
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -20,9 +19,10 @@ from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
 from solver.axisymmetric.base_states import MeridianModel, condensed
 from solver.axisymmetric.condensed_system import LARGEST_RESIDUAL, System
-from solver.axisymmetric.dofs import Interface, numbering
+from solver.axisymmetric.dofs import Interface, Numbering, numbering
 from solver.axisymmetric.quadrilateral import Geometry
 from solver.axisymmetric.shape_functions import Shapes
+from solver.linalg.cholesky import Factor
 
 BATCH = 64  # elements at once, which bounds the memory of their strains
 # U, V and W from the components, for m = 0 and m > 0
@@ -39,14 +39,25 @@ class Harmonic:
     Attributes:
         m: the order.
         model: the base states' model, whose mesh and materials it shares.
-        system: of the components on corners and edges.
-        recovery: what gives the values inside an element from those on corners and edges, (n, c (p-1)^2, 4 c p), c components.
+        boundary: elements with an edge on the tissue's boundary, shape (e,).
+        stiffness: theirs, on corners and edges, shape (e, 4 c p, 4 c p), c components.
+        numbering: of the components on corners and edges.
+        matrix: of the whole system, shape (unknowns, unknowns).
+        factor: of it.
     """
 
     m: int
     model: MeridianModel
-    system: System
-    recovery: Floats
+    boundary: Ints
+    stiffness: Floats
+    numbering: Numbering
+    matrix: Any
+    factor: Factor
+
+    @classmethod
+    def of(cls, m: int, model: MeridianModel, boundary: Ints, system: System) -> Harmonic:
+        """Take of a system what is asked for: all elements' matrices would be a third of what an order holds."""
+        return cls(m, model, boundary, system.stiffness[boundary], system.numbering, system.matrix, system.factor)
 
     @property
     def amplitudes(self) -> Floats:
@@ -59,10 +70,10 @@ class Harmonic:
         Raises:
             SolveError: the residual is too large.
         """
-        v = self.system.factor.solve(forces)
+        v = self.factor.solve(forces)
         mix = np.cos(np.arange(1, forces.shape[1] + 1)) / np.maximum(np.linalg.norm(forces, axis=0), 1e-300)
         one, force = v @ mix, forces @ mix  # a sum of all: one column is multiplied five times faster than two
-        left = np.linalg.norm(force - self.system.matrix.T @ one)  # symmetric; by rows it is read faster
+        left = np.linalg.norm(force - self.matrix.T @ one)  # symmetric; by rows it is read faster
         scale = np.linalg.norm(self._magnitude * np.abs(one) + np.abs(force))
         residual = float(left / scale) if scale > 0 else 0.0
         if not residual <= LARGEST_RESIDUAL:
@@ -72,17 +83,22 @@ class Harmonic:
     @cached_property
     def _magnitude(self) -> Floats:
         """The matrix's diagonal, which is its largest entry in every row and column."""
-        return np.asarray(self.system.matrix.diagonal())
+        return np.asarray(self.matrix.diagonal())
 
     def gathered(self, elements: Ints) -> Any:
-        """Rows of ``system.numbering.gather``: from unknowns to the elements' own values, sparse (4 c p elements, unknowns)."""
-        size = self.system.stiffness.shape[1]
-        return self.system.numbering.gather[(elements[:, None] * size + np.arange(size)).ravel()]
+        """Rows of ``numbering.gather``: from unknowns to the elements' own values, sparse (4 c p elements, unknowns)."""
+        size = self.stiffness.shape[1]
+        return self.numbering.gather[(elements[:, None] * size + np.arange(size)).ravel()]
 
-    def whole(self, edge: Floats, elements: Ints) -> Floats:
-        """All values of some elements as U, V, W, (e, 3, s, k), from the components on corners and edges, (e, 4 c p, k)."""
-        e, k, c = len(elements), edge.shape[-1], self.amplitudes.shape[1]
-        inside = self.recovery[elements] @ edge
+    def whole(self, edge: Floats, recovery: Floats) -> Floats:
+        """All values of some elements as U, V, W, (e, 3, s, k).
+
+        Args:
+            edge: the components on corners and edges, shape (e, 4 c p, k).
+            recovery: of the elements, see ``AzimuthalSystems.recovery``.
+        """
+        e, k, c = len(edge), edge.shape[-1], self.amplitudes.shape[1]
+        inside = recovery @ edge
         components = np.concatenate([edge.reshape(e, c, -1, k), inside.reshape(e, c, -1, k)], axis=2)
         return np.asarray(np.einsum("ac,ecsk->eask", self.amplitudes, components))
 
@@ -92,35 +108,51 @@ class AzimuthalSystems:
     """What the systems of all orders are made of.
 
     Element matrices are quadratic in m, eq. MS.3: those of m = 1, 2 and 3 tell all others (MS.2).
+
+    Attributes:
+        model: the base states'.
+        interface: between blocks and tissue.
+        boundary: elements with an edge on the tissue's boundary, shape (e,).
     """
 
     model: MeridianModel
     interface: Interface
+    boundary: Ints
 
     def of_order(self, m: int) -> Harmonic:
         """Combine, condense and factorise for one order; order 0 (no torsion) is the base states' own system."""
         model = self.model
         if m == 0:
-            return Harmonic(0, model, model.system, model.recovery)
-        edges, insides = zip(*(condensed(part, model.shapes.skeleton) for part in self._combined(m)), strict=True)
+            return Harmonic.of(0, model, self.boundary, model.system)
+        parts = (slice(low, low + BATCH) for low in range(0, len(model.two_mu), BATCH))
+        edges = [condensed(self._combined(m, part), model.shapes.skeleton)[0] for part in parts]
         numbered = numbering(model.mesh, model.shapes.order, self.interface, min(m, 2))  # higher orders vanish on the axis alike
-        return Harmonic(m, model, System.of(numbered, np.concatenate(edges), shared=False), np.concatenate(insides))
+        system = System.of(numbered, np.concatenate(edges), shared=False)
+        return Harmonic.of(m, model, self.boundary, system)
 
-    def _combined(self, m: int) -> Iterator[Floats]:
+    def recovery(self, m: int, elements: Ints) -> Floats:
+        """Return what gives the values inside some elements from those on corners and edges, (e, c (p-1)^2, 4 c p)."""
+        if m == 0:
+            return self.model.recovery[elements]
+        return condensed(self._combined(m, elements), self.model.shapes.skeleton)[1]
+
+    def _combined(self, m: int, part: slice | Ints) -> Floats:
+        """Eq. MS.2 for some elements."""
+        first, second, third = (sample[part] for sample in self._samples)
         shares = (m - 2) * (m - 3) / 2, -(m - 1) * (m - 3), (m - 1) * (m - 2) / 2
-        for first, second, third in self._samples:
-            yield shares[0] * first + shares[1] * second + shares[2] * third
+        return np.asarray(shares[0] * first + shares[1] * second + shares[2] * third)
 
     @cached_property
-    def _samples(self) -> list[tuple[Floats, Floats, Floats]]:
-        """Batches of element matrices of orders 1, 2 and 3."""
-        samples, model = [], self.model
-        for low in range(0, len(model.two_mu), BATCH):
-            part = np.arange(low, min(low + BATCH, len(model.two_mu)))
+    def _samples(self) -> Floats:
+        """Element matrices of orders 1, 2 and 3, shape (3, n, 3, s, 3, s)."""
+        model, n, s = self.model, len(self.model.two_mu), len(self.model.shapes.degrees)
+        found = np.empty((3, n, 3, s, 3, s))
+        for low in range(0, n, BATCH):
+            part = np.arange(low, min(low + BATCH, n))
             at, moduli = model.at.of(part), (model.two_mu[part], model.lam[part])
-            one, two, three = (_stiffness(at, model.shapes, *moduli, m) for m in (1, 2, 3))
-            samples.append((one, two, three))
-        return samples
+            for k, sample in enumerate(found):
+                sample[part] = _stiffness(at, model.shapes, *moduli, k + 1)
+        return found
 
 
 def _stiffness(at: Geometry, shapes: Shapes, two_mu: Floats, lam: Floats, m: int) -> Floats:

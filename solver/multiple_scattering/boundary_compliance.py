@@ -43,13 +43,12 @@ class BoundaryData:
     other: 6 n rows.
 
     Attributes:
-        elements: with an edge on the boundary, shape (e,).
-        forces: on those elements' own values, by the tractions on surface and side, sparse (4 c p e, 6 n), c components.
+        forces: on the own values of the e elements with an edge on the boundary, by the tractions on surface and side, sparse
+            (4 c p e, 6 n), c components.
         values: the own values lifted: displacements of the blocks' ends, and minus those of the floor.
         direct: the last line of eq. MS.6, sparse (6 n, 6 n), symmetric.
     """
 
-    elements: Ints
     forces: Any
     values: Any
     direct: Any
@@ -60,8 +59,7 @@ class BoundaryData:
         amplitudes, around = COMPONENTS[min(m, 1)], 2 * np.pi if m == 0 else np.pi
         inverse, b = np.linalg.pinv(amplitudes), boundary
         tied = np.diag([0.0, 0.0, 1.0]) if interface == "frictionless" else np.eye(3)
-        elements = np.unique(np.concatenate([edges.element for edges in (b.surface, b.side, b.floor, b.ends)]))
-        place = _BoundaryPlace(elements, 4 * model.shapes.order, len(amplitudes.T), len(panels.r))
+        place = _BoundaryPlace(b.elements, 4 * model.shapes.order, len(amplitudes.T), len(panels.r))
         surface, side, floor = panels.parts
 
         def couplings(edges: Edges, at: Floats, line: PanelLine, part: slice) -> tuple[Any, Any]:
@@ -79,7 +77,7 @@ class BoundaryData:
         ends = np.einsum("sq,eqn->esn", b.ends.coefficients, panels.surface.to(b.ends.r))
         values = place.sparse(b.ends, ends, inverse @ tied, 3, surface.start) - below[1]
         direct = above[0].T @ above[1] + beside[0].T @ beside[1] - below[0].T @ below[1]
-        return cls(elements, above[0] + beside[0], values, ((direct + direct.T) / 2).tocsr())
+        return cls(above[0] + beside[0], values, ((direct + direct.T) / 2).tocsr())
 
 
 @dataclass(frozen=True)
@@ -139,13 +137,13 @@ class BoundaryResponse:
 
     def _strained(self, own: Floats) -> Floats:
         """Forces of the boundary's elements on their own values, (4 c p e, k) both."""
-        blocks = self.harmonic.system.stiffness[self.boundary.elements]
+        blocks = self.harmonic.stiffness
         return np.asarray(blocks @ own.reshape(*blocks.shape[:2], -1)).reshape(own.shape)
 
     @cached_property
     def _gather(self) -> Any:
         """From unknowns to the elements' own values."""
-        return self.harmonic.gathered(self.boundary.elements)
+        return self.harmonic.gathered(self.harmonic.boundary)
 
     @cached_property
     def _felt(self) -> Ints:

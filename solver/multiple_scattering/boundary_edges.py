@@ -62,6 +62,11 @@ class Boundary:
         lines = ((1, surface, tissue), (0, side, tissue), (1, line_label(0), tissue), (1, surface, probe))
         return cls(*(_edges(model, axis, line, which) for axis, line, which in lines))
 
+    @property
+    def elements(self) -> Ints:
+        """All elements with an edge on it, shape (e,)."""
+        return np.unique(np.concatenate([edges.element for edges in (self.surface, self.side, self.floor, self.ends)]))
+
 
 def _edges(model: MeridianModel, axis: int, line: float, which: Floats) -> Edges:
     """Sides of some bodies' elements on a line of constant label: of r for axis 0, of z for axis 1."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from geometry.meridian.section import Body
 from solver.axisymmetric.base_states import BaseStates
 from solver.axisymmetric.dofs import Interface
 from solver.axisymmetric.tissue_field import TissueField
+from solver.linalg.workspace import current
 from solver.multiple_scattering.azimuthal_systems import AzimuthalSystems
 from solver.multiple_scattering.boundary_compliance import BoundaryData, BoundaryResponse
 from solver.multiple_scattering.boundary_edges import Boundary
@@ -49,13 +50,16 @@ class Reflector:
     def response(self, m: int) -> BoundaryResponse:
         """Return what an order answers; its system is factorised the first time."""
         if m not in self._responses:
+            current().make_room()
             self._responses[m] = BoundaryResponse(self._harmonics.of_order(m), self._boundary_data[min(m, 1)])
         return self._responses[m]
 
     def interior(self, m: int) -> Interior:
         """Return what an order answers inside the tissue, for spheres that lie close."""
         if m not in self._interiors:
-            self._interiors[m] = Interior(self._harmonics.of_order(m), self._boundary)
+            current().make_room()
+            recovery = partial(self._harmonics.recovery, m)
+            self._interiors[m] = Interior(self._harmonics.of_order(m), self._boundary, recovery)
         return self._interiors[m]
 
     @cached_property
@@ -68,7 +72,7 @@ class Reflector:
 
     @cached_property
     def _harmonics(self) -> AzimuthalSystems:
-        return AzimuthalSystems(self.states.model, self.interface)
+        return AzimuthalSystems(self.states.model, self.interface, self._boundary.elements)
 
     @cached_property
     def _boundary_data(self) -> tuple[BoundaryData, BoundaryData]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -35,25 +36,18 @@ class Interior:
     Attributes:
         harmonic: the order's system.
         boundary: the edges.
+        recovery: what gives the values inside elements, ``AzimuthalSystems.recovery`` of the order.
     """
 
     harmonic: Harmonic
     boundary: Boundary
-
-    @cached_property
-    def _elements(self) -> Ints:
-        """All elements with an edge on the boundary."""
-        b = self.boundary
-        return np.unique(np.concatenate([edges.element for edges in (b.surface, b.side, b.floor, b.ends)]))
+    recovery: Callable[[Ints], Floats]
+    _recovered: dict[bytes, Floats] = field(default_factory=dict, repr=False)
 
     @cached_property
     def _add_up(self) -> Any:
         """Adds forces on the own values of those elements up, a sparse matrix (unknowns, 4 c p elements)."""
-        return self.harmonic.gathered(self._elements).T.tocsr()
-
-    @cached_property
-    def _stiffness(self) -> Floats:
-        return self.harmonic.system.stiffness[self._elements]
+        return self.harmonic.gathered(self.harmonic.boundary).T.tocsr()
 
     @cached_property
     def _tables(self) -> dict[str, tuple[Ints, Ints, Floats]]:
@@ -75,12 +69,16 @@ class Interior:
     def _table(self, edges: Edges, table: Floats) -> tuple[Ints, Ints, Floats]:
         e, c, s = table.shape[:3]
         functions = np.arange(c)[:, None] * 4 * self.harmonic.model.shapes.order + edges.local[:, None]  # (e, c, p + 1)
-        return np.searchsorted(self._elements, edges.element)[:, None], functions.reshape(e, c * s), table.reshape(e, c * s, -1)
+        return (
+            np.searchsorted(self.harmonic.boundary, edges.element)[:, None],
+            functions.reshape(e, c * s),
+            table.reshape(e, c * s, -1),
+        )
 
     def _placed(self, name: str, data: Floats) -> Floats:
         """Data (e, q, 3, k) as own values of the boundary's elements, (elements, 4 c p, k)."""
         row, column, table = self._tables[name]
-        out = np.zeros((len(self._elements), self._stiffness.shape[1], data.shape[-1]))
+        out = np.zeros((len(self.harmonic.boundary), self.harmonic.stiffness.shape[1], data.shape[-1]))
         out[row, column] = table @ data.reshape(len(data), -1, data.shape[-1])
         return out
 
@@ -96,10 +94,18 @@ class Interior:
         """
         imposed = -self._placed("floor", data.floor)
         forces = self._placed("surface", data.surface) + self._placed("side", data.side)
-        forces += self._stiffness @ (imposed + self._placed("ends", data.ends))
+        forces += self.harmonic.stiffness @ (imposed + self._placed("ends", data.ends))
         k = forces.shape[-1]
         v = self.harmonic.solve(-(self._add_up @ forces.reshape(-1, k)))
         edge = (self.harmonic.gathered(elements) @ v).reshape(len(elements), -1, k)
         low = np.isin(elements, self.boundary.floor.element)
-        edge[low] += imposed[np.searchsorted(self._elements, elements[low])]
-        return self.harmonic.whole(edge, elements)
+        edge[low] += imposed[np.searchsorted(self.harmonic.boundary, elements[low])]
+        return self.harmonic.whole(edge, self._inside(elements))
+
+    def _inside(self, elements: Ints) -> Floats:
+        """The recovery of the elements asked for last: one exchange asks for the same again and again."""
+        key = elements.tobytes()
+        if key not in self._recovered:
+            self._recovered.clear()
+            self._recovered[key] = self.recovery(elements)
+        return self._recovered[key]

@@ -71,7 +71,8 @@ class CoarseModel:
         """The same as base states of tumours."""
         films = FilmForces(self.forces, Bound.independent(OFF * np.abs(self.forces.sum(axis=1)), self.forces))
         forces = Converged((films,), self.sample, (), ())
-        return Undisturbed(self.scene, 1.0, forces, Energies(TissueField(self.sample.states)), OFF)
+        states = self.sample.states
+        return Undisturbed(self.scene, 1.0, forces, states.residual, Energies(TissueField(states)), OFF)
 
     @property
     def edges(self) -> Effect | None:

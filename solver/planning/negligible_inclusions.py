@@ -35,7 +35,7 @@ class Reduced:
 
 
 @dataclass(frozen=True)
-class _Effects:
+class _InclusionEffects:
     """Of each of t inclusions: estimates and bounds of what it changes, and a bound on its share in the target's slope."""
 
     ratio: Floats
@@ -78,7 +78,7 @@ def _marked(scene: Scene, k: int) -> Inclusion:
     return scene.inclusion[k].model_copy(update={"target": k == scene.target})
 
 
-def _effects(scene: Scene, rough: CoarseModel) -> _Effects:
+def _effects(scene: Scene, rough: CoarseModel) -> _InclusionEffects:
     base, target = rough.undisturbed, scene.target
     tumours = base.inside(Tumours.of(scene.model_copy(update={"inclusion": tuple(map(_ball, scene.inclusion))})))[0]
     each = effects(base.energies, scene.tissue, tumours.flat())
@@ -93,7 +93,7 @@ def _effects(scene: Scene, rough: CoarseModel) -> _Effects:
     on_target = np.zeros(len(share))
     if target is not None:
         on_target = doubts.sum(axis=1) + np.abs(parts).max(axis=1) + _on_target(tumours, each.forces, each.by_log_modulus, target)
-    return _Effects(np.abs(parts[:, 0] - parts[:, 1]), np.abs(parts).max(axis=1), whole, doubts.sum(axis=1), on_target)
+    return _InclusionEffects(np.abs(parts[:, 0] - parts[:, 1]), np.abs(parts).max(axis=1), whole, doubts.sum(axis=1), on_target)
 
 
 def _on_target(tumours: Tumours, changes: Floats, slopes: Floats, target: int) -> Floats:
@@ -125,7 +125,7 @@ def _ball(body: Inclusion) -> Inclusion:
     return body.model_copy(update={"diameter": min(size, 2 * BURIED * body.depth), "diameters": None, "surface": None})
 
 
-def _decision(scene: Scene, k: int, effects: _Effects, dropped: bool, accuracy: float) -> Decision:
+def _decision(scene: Scene, k: int, effects: _InclusionEffects, dropped: bool, accuracy: float) -> Decision:
     effect = effects.effect(k, bounded=dropped)
     size = f"changes the ratio by {'at most ' if dropped else ''}about {effect.ratio:.2g}"
     what = f"left out: {size}, counted in error_estimate" if dropped else f"modelled: {size}"

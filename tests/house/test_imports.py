@@ -42,9 +42,9 @@ ALLOWED: dict[str, set[str]] = {
     "solver.results": SCENES,
     "solver.inclusions": SCENES,
     "solver.published": {"solver.results", *SCENES},
-    "solver.closed_form": {"solver.inclusions", "solver.results", *SCENES},
+    "solver.closed_form": {"solver.inclusions", "solver.linalg", "solver.results", *SCENES},
     "solver.axisymmetric": {"solver.linalg", "solver.results", *MESHES},
-    "solver.multiple_scattering": {"solver.axisymmetric", "solver.inclusions", *MESHES},
+    "solver.multiple_scattering": {"solver.axisymmetric", "solver.inclusions", "solver.linalg", *MESHES},
     "solver.equivalent_inclusion": {
         "solver.axisymmetric",
         "solver.inclusions",

@@ -51,10 +51,9 @@ def test_a_room_says_what_it_is_and_imports_nothing(package: str) -> None:
 
 
 def test_class_names_are_unique() -> None:
-    """Of all that others may import: a module's own, with an underscore, are its own affair."""
     trees = [parsed(path) for package in CODE for path in sources(package)]
     names = Counter(node.name for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef))
-    assert [name for name, times in names.items() if times > 1 and not name.startswith("_")] == []
+    assert [name for name, times in names.items() if times > 1] == []
 
 
 @pytest.mark.parametrize("package", PACKAGES)

@@ -94,12 +94,18 @@ def test_a_sphere_that_all_but_touches_the_surface_is_refused() -> None:
         geometry_of(s, mesh_of(s), 4)
 
 
+def same(one: Topology, other: Topology) -> bool:
+    """Whether two meshes have the same elements between the same lines."""
+    arrays = ("shape", "vertices", "circles", "corners", "body")
+    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in arrays)
+
+
 def test_a_kind_has_one_topology() -> None:
     s = section(**PAPER)
     wider = replace(s, tissue_radius=1.01 * s.tissue_radius)
     assert kind_of(wider) == kind_of(s)
-    assert mesh_of(wider) is mesh_of(s)
-    assert mesh_of(wider, replace(COARSE, layers=3)) is not mesh_of(s)
+    assert same(mesh_of(wider), mesh_of(s))
+    assert not same(mesh_of(wider, replace(COARSE, layers=3)), mesh_of(s))
 
 
 @pytest.mark.parametrize("key", [*DEFAULTS, *PAPER])
@@ -109,7 +115,7 @@ def test_designs_near_the_papers_fit_on_its_mesh(key: str, factor: float) -> Non
     start = section(**PAPER)
     s = section(**PAPER | {key: factor * (DEFAULTS | PAPER)[key]})
     assert_covered_once(s, mesh_of(start))
-    assert (mesh_of(s) is mesh_of(start)) == (kind_of(s) == kind_of(start))
+    assert same(mesh_of(s), mesh_of(start)) == (kind_of(s) == kind_of(start))
 
 
 def test_nodes_are_smooth_where_the_limits_of_the_spheres_box_change_places() -> None:

@@ -188,6 +188,7 @@ def drawn(path: Path, given: SolidStates, motion: np.ndarray) -> np.ndarray:
 
 
 class TestPicture:
+    @pytest.mark.slow
     def test_png(self, tmp_path: Path) -> None:
         """Of its size, with the blocks' colours in the upper left and both colour scales below."""
         picture = drawn(tmp_path / "probe.png", states(), DOWN)

@@ -81,6 +81,7 @@ def test_a_bound_that_does_not_hold_is_found() -> None:
     assert without.held
 
 
+@pytest.mark.slow
 def test_true_errors_are_those_against_an_independent_code(found: Tradeoff) -> None:
     for name in ON_AXIS:
         truth = named("axisymmetric", name)
@@ -97,6 +98,7 @@ def test_true_errors_are_those_against_an_independent_code(found: Tradeoff) -> N
     )
 
 
+@pytest.mark.slow
 def test_stated_errors_hold_and_answers_are_the_evaluators_own(found: Tradeoff) -> None:
     assert found.broken == ()
     assert len(found.rows) == 3 * (len(FEW) + 2)  # an answer to 1e-4 is not fine enough to do without the second of the finest
@@ -105,6 +107,7 @@ def test_stated_errors_hold_and_answers_are_the_evaluators_own(found: Tradeoff) 
         assert (one.ratio, one.log_sensitivity, one.stated_error) == (told.ratio, told.log_sensitivity, told.error_estimate)
 
 
+@pytest.mark.slow
 def test_a_refusal_is_a_row_with_its_reason(found: Tradeoff) -> None:
     silent = [one for one in found.of("two") if one.evaluator == "axisymmetric"]
     assert len(silent) == 2
@@ -116,6 +119,7 @@ def test_a_refusal_is_a_row_with_its_reason(found: Tradeoff) -> None:
     assert (reference.evaluator, reference.accuracy) == ("equivalent-inclusion", 0.01)
 
 
+@pytest.mark.slow
 def test_times_are_there_where_there_is_an_answer(found: Tradeoff) -> None:
     finest = {(one.evaluator, one.accuracy) for one in found.rows} - {(one.evaluator, one.accuracy) for one in FEW}
     for one in (one for one in found.rows if one.ratio is not None):
@@ -126,6 +130,7 @@ def test_times_are_there_where_there_is_an_answer(found: Tradeoff) -> None:
     assert [one.seconds_tumour for one in bare.rows] == [None, None]
 
 
+@pytest.mark.slow
 def test_a_reference_that_left_the_groove_out_says_so() -> None:
     """The 3D reference is 1.9 % from what rotationally symmetric levels answer; they state 8 %."""
     groove = named("solid", "groove-on-axis")
@@ -138,6 +143,7 @@ def test_a_reference_that_left_the_groove_out_says_so() -> None:
         assert not one.resolved
 
 
+@pytest.mark.slow
 def test_tables_fit_a_terminal(found: Tradeoff) -> None:
     console = Console(width=80, file=io.StringIO(), record=True)
     console.print(summary_table(found))
@@ -215,6 +221,7 @@ def test_bad_input_is_one_line(tmp_path: Path) -> None:
     assert ended.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_interrupted_is_one_line_and_leaves_no_file(tmp_path: Path) -> None:
     with begun("probe_design.tradeoffs.study", "tradeoff", "-o", tmp_path) as started:
         time.sleep(3)
@@ -226,6 +233,7 @@ def test_interrupted_is_one_line_and_leaves_no_file(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_readme_s_table_is_one_of_the_command_s(found: Tradeoff) -> None:
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     block = re.search(r"<!-- tradeoff -->\n(.*?)\n<!-- /tradeoff -->", readme, re.S)

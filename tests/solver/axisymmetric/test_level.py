@@ -39,7 +39,7 @@ def deviations(result: Result, one: Expected) -> list[float]:
 
 
 @pytest.mark.parametrize("one", SHARED, ids=name)
-@pytest.mark.parametrize("accuracy", slow_unless((0.0001).__lt__, [0.05, 0.01, 0.001, 0.0001]))
+@pytest.mark.parametrize("accuracy", slow_unless([0.01, 0.001].__contains__, [0.05, 0.01, 0.001, 0.0001]))
 def test_shared_references_are_met_to_the_accuracy_asked_for(one: Expected, accuracy: float) -> None:
     result = evaluate(one.scene, "axisymmetric", accuracy)
     ratio, *others = deviations(result, one)
@@ -59,7 +59,7 @@ def test_sensitivity_that_the_shared_set_has_wrong() -> None:
     assert result.log_sensitivity == pytest.approx(0.00132841, rel=1e-3)
 
 
-@pytest.mark.parametrize("one", slow_unless(lambda case: case[0] in KEPT[::4], [(one,) for one in KEPT]), ids=name)
+@pytest.mark.parametrize("one", slow_unless(lambda case: case[0] in KEPT[::6], [(one,) for one in KEPT]), ids=name)
 @pytest.mark.parametrize("accuracy", slow_unless((0.02).__eq__, [0.02, 0.001]))
 def test_extremes_are_right_within_their_own_estimate(one: tuple[str, Expected], accuracy: float) -> None:
     true = one[1]

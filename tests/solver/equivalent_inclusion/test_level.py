@@ -29,7 +29,7 @@ def cover(scene: Scene) -> float:
     return min((body.depth / (body.diameter or max(body.diameters)) - 0.5 for body in scene.inclusion), default=1.0)
 
 
-@pytest.mark.parametrize("one", slow_unless(ON_AXIS[::5].__contains__, ON_AXIS), ids=name)
+@pytest.mark.parametrize("one", slow_unless(ON_AXIS[::8].__contains__, ON_AXIS), ids=name)
 def test_on_the_axis(one: Expected) -> None:
     result = evaluate(one.scene, LEVEL, 0.01)
     if result.ratio is None or result.error_estimate is None:
@@ -45,14 +45,14 @@ def test_on_the_axis(one: Expected) -> None:
 COVERED = [one for one in ON_AXIS if cover(one.scene) >= 0.1]
 
 
-@pytest.mark.parametrize("one", slow_unless(COVERED[::6].__contains__, COVERED), ids=name)
+@pytest.mark.parametrize("one", slow_unless(COVERED[::10].__contains__, COVERED), ids=name)
 def test_sensitivity_on_the_axis(one: Expected) -> None:
     result = evaluate(one.scene, LEVEL, 0.005)
     if one.log_sensitivity is not None:
         assert result.log_sensitivity == pytest.approx(one.log_sensitivity, rel=0.025, abs=3e-5)
 
 
-@pytest.mark.parametrize("one", slow_unless(OFF_AXIS[::3].__contains__, OFF_AXIS), ids=name)
+@pytest.mark.parametrize("one", slow_unless(OFF_AXIS[::4].__contains__, OFF_AXIS), ids=name)
 def test_off_the_axis(one: Expected) -> None:
     result = evaluate(one.scene, LEVEL, 0.005)
     assert result.ratio is not None

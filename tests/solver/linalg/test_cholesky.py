@@ -9,10 +9,6 @@ import scipy.sparse as sp
 from solver.linalg import cholesky as factor
 
 
-class Pattern:
-    """What matrices of one pattern share."""
-
-
 def matrix(seed: int) -> sp.csc_array:
     """A symmetric positive definite matrix: a plane grid's Laplacian with random weights, one pattern for all seeds."""
     weights = np.random.default_rng(seed).uniform(1, 2, 900)
@@ -29,7 +25,7 @@ def test_every_factor_solves_its_own_matrix(library: str, monkeypatch: pytest.Mo
         monkeypatch.setattr(factor, "_pardiso", lambda: None)
     else:
         pytest.importorskip("pymklpardiso", reason="py-mkl-pardiso is not installed: it has no wheel for this machine")
-    pattern, forces = Pattern(), np.random.default_rng(0).normal(size=(900, 3))
+    pattern, forces = factor.Pattern(), np.random.default_rng(0).normal(size=(900, 3))
     matrices = [matrix(seed) for seed in range(3)]
     factors = [factor.factorise(one, pattern) for one in matrices]
     for k in (2, 0, 1, 0):
@@ -41,4 +37,5 @@ def test_what_is_not_positive_definite_goes_to_superlu() -> None:
     pytest.importorskip("pymklpardiso", reason="py-mkl-pardiso is not installed: it has no wheel for this machine")
     indefinite = matrix(0) - 3 * sp.eye_array(900, format="csc")
     forces = np.ones((900, 1))
-    assert indefinite @ factor.factorise(sp.csc_array(indefinite), Pattern()).solve(forces) == pytest.approx(forces, abs=1e-9)
+    found = factor.factorise(sp.csc_array(indefinite), factor.Pattern()).solve(forces)
+    assert indefinite @ found == pytest.approx(forces, abs=1e-9)

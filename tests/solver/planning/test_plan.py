@@ -147,6 +147,7 @@ class TestDetails:
         assert not decision(plan(small, 0.05), "groove").modelled
         assert plan(small, 0.003).evaluator != "solid" or decision(plan(small, 0.003), "groove").modelled
 
+    @pytest.mark.slow
     def test_sides(self) -> None:
         one = named("solid", "two-tumours-between")
         bare = one.scene.model_copy(update={"inclusion": ()})

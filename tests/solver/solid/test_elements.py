@@ -27,6 +27,7 @@ from solver.solid.modulus_response import solid_response
 from solver.solid.problem import Problem, Solid, outside
 from solver.solid.tetrahedron import curved, functions, integrated
 from tests.support.meshes import stored_mesh
+from tests.support.slow import slow_unless
 
 
 def material(modulus: float, ratio: float = 0.45) -> Material:
@@ -188,7 +189,7 @@ def axisymmetric(interface: str) -> np.ndarray:
 
 
 class TestCurve:
-    @pytest.mark.parametrize("ratio", [0.45, 0.4999])
+    @pytest.mark.parametrize("ratio", slow_unless((0.45).__eq__, [0.45, 0.4999]))
     def test_twelve_decades_from_one_factor(self, ratio: float) -> None:
         found = solid_response(states(6e4, ratio=ratio), INCLUSION, 1e-7, 1e5)
         for t in (1e-7, 1.0, 30.0, 1e5):

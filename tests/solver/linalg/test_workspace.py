@@ -1,0 +1,142 @@
+"""What evaluators keep: by key, within a limit, oldest out first, nothing twice counted, an evaluation's own spared."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from geometry import InputError, read_scene
+from solver import evaluate
+from solver.linalg import workspace
+from solver.linalg.cholesky import Pattern, factorise
+from solver.linalg.workspace import Workspace, current, kept, of_process, size, using
+from tests.support.paths import REFERENCE
+
+SCENE = REFERENCE / "off-axis" / "pair-off-axis.toml"
+
+
+@dataclass
+class Thing:
+    """Something with an array."""
+
+    array: Any
+    foreign_bytes: int = 0
+
+
+def thousand() -> Thing:
+    return Thing(np.zeros(125))
+
+
+def test_a_key_is_made_once() -> None:
+    held, made = Workspace(), []
+    for _ in range(2):
+        assert held.keep("key", lambda: made.append(1) or "value") == "value"
+    assert made == [1]
+
+
+def test_the_oldest_go_first() -> None:
+    held = Workspace(limit=2500)
+    first, second = held.keep(1, thousand), held.keep(2, thousand)
+    assert held.keep(1, thousand) is first
+    held.begin()
+    held.keep(3, thousand)
+    assert held.bytes_held == 2000
+    assert held.keep(1, thousand) is first
+    assert held.keep(2, thousand) is not second
+
+
+def test_what_an_evaluation_uses_stays_until_the_next() -> None:
+    held = Workspace(limit=2500)
+    for key in range(5):
+        held.keep(key, thousand)
+    assert held.bytes_held == 5000
+    held.begin()
+    held.make_room()
+    assert held.bytes_held == 2000
+    held.make_room(wanted=2000)
+    assert held.bytes_held == 0
+
+
+def test_what_grows_is_measured_anew() -> None:
+    held = Workspace(limit=2500)
+    thing = held.keep(1, thousand)
+    thing.array = np.zeros(1000)
+    assert held.bytes_held == 8000
+    held.begin()
+    held.keep(2, thousand)
+    held.make_room()
+    assert held.bytes_held == 1000
+
+
+def test_clear() -> None:
+    held = Workspace()
+    held.keep(1, thousand)
+    held.clear()
+    assert held.bytes_held == 0
+
+
+def test_shared_arrays_and_views_count_once() -> None:
+    array = np.zeros((10, 10))
+    assert size([array, array[2:], array.T.reshape(-1)[:3], {"a": (array,)}]) == 800 + 800  # the reshaped is a copy
+    held = Workspace()
+    for key in range(3):
+        held.keep(key, lambda: Thing(array))
+    assert held.bytes_held == 800
+
+
+def test_sparse_matrices_and_what_libraries_hold_count() -> None:
+    matrix = sp.csc_array(sp.diags_array([-np.ones(99), 3 * np.ones(100), -np.ones(99)], offsets=[-1, 0, 1]))
+    assert size(matrix) == matrix.data.nbytes + matrix.indices.nbytes + matrix.indptr.nbytes
+    assert size(Thing(np.zeros(1), 1000)) == 1008
+    assert size(factorise(matrix, Pattern())) > 8 * 199
+
+
+def test_functions_keep_where_one_works() -> None:
+    calls = []
+
+    @kept
+    def double(x: int) -> int:
+        calls.append(x)
+        return 2 * x
+
+    with using(Workspace()) as mine:
+        assert (double(1), double(1), double(2)) == (2, 2, 4)
+        assert current() is mine
+    with using(Workspace()):
+        double(1)
+    assert calls == [1, 2, 1]
+    assert current() is of_process()
+
+
+@pytest.mark.parametrize(("given", "limit"), [(None, 1e9), ("0.25", 2.5e8), ("0", 0.0)])
+def test_the_limit_comes_from_the_environment(given: str | None, limit: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(workspace.LIMIT, raising=False)
+    if given is not None:
+        monkeypatch.setenv(workspace.LIMIT, given)
+    assert of_process.__wrapped__().limit == limit
+
+
+@pytest.mark.parametrize("given", ["", "much", "-1", "nan", "inf", "1 GB"])
+def test_a_limit_that_is_none_is_refused(given: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(workspace.LIMIT, given)
+    with pytest.raises(InputError, match=f"{workspace.LIMIT} = .*: allowed: a number of GB"):
+        of_process.__wrapped__()
+
+
+def test_answers_do_not_depend_on_what_is_kept() -> None:
+    scene = read_scene(SCENE)
+    with using(Workspace(limit=0)) as nothing:
+        poor = evaluate(scene, "equivalent-inclusion", 0.01).as_dict()
+        nothing.begin()
+        nothing.make_room()
+        assert nothing.bytes_held == 0
+    with using(Workspace()) as much:
+        rich = [evaluate(scene, "equivalent-inclusion", 0.01).as_dict() for _ in range(2)]
+        assert 1e7 < much.bytes_held < 1e9
+    for one in (poor, *rich):
+        del one["seconds"]
+    assert poor == rich[0] == rich[1]
