@@ -40,6 +40,7 @@ _LEAST_RATIO = 0.2  # straight tetrahedra below this mean ratio are mended
 _LEAST_KEPT = 0.05  # those that stay below this are put back to where pytetwild had them, off all but the outer planes
 _KEEP = 0.2  # of its quality an element keeps when its edges are curved, or they stay straight
 _TRIALS = 3
+_PATIENCE = 240.0, 600.0, 600.0  # s for pytetwild in each: no two runs are alike, and one in many never ends
 _TIGHTER = 0.7  # the envelope from trial to trial: pytetwild's time goes with its square
 _GOOD = 3e-3  # error of a block's or ellipsoid's volume above which another trial is made
 _ITERATIONS = 25  # of pytetwild: where these do not do, more hardly help
@@ -66,21 +67,22 @@ def mesh_layout(layout: BodyLayout, fineness: TetraFineness) -> tuple[TetMesh, T
         Of the meshes that passed the checks that with the least error of volume, and how long all trials took.
 
     Raises:
-        SolveError: none passed, or pytetwild took longer than its limit; the text says why.
+        SolveError: none passed, or pytetwild took longer than its limit twice; the text says why.
         KeyboardInterrupt: Ctrl-C, at once.
     """
     spent, fault, best, least = np.zeros(3), "", None, np.inf
     trials = 0
     while trials < _TRIALS and least > _GOOD:
         try:
-            mesh, seconds = _trial(layout, fineness, _ENVELOPE * _TIGHTER**trials)
+            mesh, seconds = _trial(layout, fineness, _ENVELOPE * _TIGHTER**trials, _PATIENCE[trials])
             spent += seconds
             check(mesh, layout)
             if (off := largest_error(mesh, layout)) < least:
                 best, least = mesh, off
         except TooLong as failure:
             fault = f"pytetwild: {failure}"
-            break
+            if trials > 0:
+                break
         except Failure as failure:
             fault = f"pytetwild: {failure}"
         except SolveError as failure:
@@ -92,7 +94,7 @@ def mesh_layout(layout: BodyLayout, fineness: TetraFineness) -> tuple[TetMesh, T
     return best, Timing(float(spent[0]), float(spent[1]), float(spent[2]), trials)
 
 
-def _trial(layout: BodyLayout, fineness: TetraFineness, envelope: float) -> tuple[TetMesh, Points]:
+def _trial(layout: BodyLayout, fineness: TetraFineness, envelope: float, patience: float) -> tuple[TetMesh, Points]:
     times = [time.perf_counter()]
     space = space_of(layout, fineness)
     turns = corners(layout, fineness.corners)
@@ -102,7 +104,7 @@ def _trial(layout: BodyLayout, fineness: TetraFineness, envelope: float) -> tupl
     margin = _MARGIN * float(np.linalg.norm(box[1] - box[0]))
     sizes = background(layout, fineness, space, box + np.array([[-margin], [margin]]))
     times.append(time.perf_counter())
-    cells = _tetrahedralize(points, triangles, envelope * _smallest(layout, space), sizes)
+    cells = _tetrahedralize(points, triangles, envelope * _smallest(layout, space), sizes, patience)
     times.append(time.perf_counter())
     mesh = _finish(layout, space, turns, *cells)
     times.append(time.perf_counter())
@@ -145,9 +147,13 @@ def _smallest(layout: BodyLayout, space: MeshSpace) -> float:
 
 
 def _tetrahedralize(
-    points: Points, triangles: NDArray[np.int32], envelope: float, sizes: tuple[Points, NDArray[np.int32], Points]
+    points: Points,
+    triangles: NDArray[np.int32],
+    envelope: float,
+    sizes: tuple[Points, NDArray[np.int32], Points],
+    patience: float,
 ) -> tuple[Points, NDArray[np.int64]]:
-    """Call pytetwild; ``envelope`` in m, ``sizes`` as from ``background``."""
+    """Call pytetwild; ``envelope`` in m, ``sizes`` as from ``background``, ``patience`` in s."""
     scale = 1 / float(np.linalg.norm(np.ptp(points, axis=0)))
     grid, cells, values = sizes
     values = np.minimum(values, _LARGEST / scale)
@@ -163,7 +169,7 @@ def _tetrahedralize(
         "bg_tets": cells,
         "bg_values": values * scale,
     }
-    nodes, tetrahedra = tetrahedralize(arguments)
+    nodes, tetrahedra = tetrahedralize(arguments, patience)
     return nodes / scale, tetrahedra
 
 

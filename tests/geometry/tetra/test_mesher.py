@@ -76,7 +76,7 @@ class TestTrials:
     def meshes(self, monkeypatch, *outcomes):
         left, seen = list(outcomes), []
 
-        def trial(found, fineness, envelope):
+        def trial(found, fineness, envelope, patience):
             seen.append((fineness, envelope))
             if isinstance(left[0], Exception):
                 raise left.pop(0)
@@ -101,11 +101,15 @@ class TestTrials:
         self.meshes(monkeypatch, Failure("SIGSEGV"), SolveError("folded"), 4e-3)
         assert mesh_layout(None, COARSE)[0] == 4e-3
 
-    def test_a_run_that_takes_too_long_is_not_tried_again(self, monkeypatch):
-        seen = self.meshes(monkeypatch, TooLong("it took longer than 600 s"))
+    def test_a_run_that_takes_too_long_is_tried_once_more(self, monkeypatch):
+        self.meshes(monkeypatch, TooLong("it took longer than 240 s"), 2e-3)
+        assert mesh_layout(None, COARSE)[0] == 2e-3
+
+    def test_two_runs_that_take_too_long_are_enough(self, monkeypatch):
+        seen = self.meshes(monkeypatch, TooLong("it took longer than 240 s"), TooLong("it took longer than 600 s"))
         with pytest.raises(SolveError, match="longer than 600 s"):
             mesh_layout(None, COARSE)
-        assert len(seen) == 1
+        assert len(seen) == 2
 
 
 def test_half_of_a_scene_without_symmetry_is_refused():
