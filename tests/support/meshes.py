@@ -14,7 +14,7 @@ from geometry.tetra.check import check
 from geometry.tetra.layout import BodyLayout, body_layout, extent
 from geometry.tetra.mesher import mesh_layout
 from geometry.tetra.sizing import COARSE, ROUGH, TetraFineness
-from geometry.tetra.tet_mesh import BEYOND, TetMesh
+from geometry.tetra.tet_mesh import BEYOND, TetMesh, element_volumes
 from solver.solid.domain import Domain, domain, reach
 from tests.support.paths import MESHES, REFERENCE
 
@@ -35,6 +35,12 @@ def scene_mesh(of: Domain, fineness: TetraFineness) -> TetMesh:
     mesh = stored_mesh(f"{SCENE}-{FINENESS[fineness]}")
     check(mesh, _layout(of))
     return mesh
+
+
+def body_volumes(mesh: TetMesh) -> dict[int, float]:
+    """Volume in m^3 of each body, of the meshed half where the mesh is one."""
+    volumes = element_volumes(mesh.nodes, mesh.elements)
+    return {int(label): float(volumes[mesh.body == label].sum()) for label in np.unique(mesh.body)}
 
 
 def _layout(of: Domain) -> BodyLayout:

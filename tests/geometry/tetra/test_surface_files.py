@@ -13,7 +13,7 @@ from geometry.tetra.mesher import ROUGH, mesh_layout
 from geometry.tetra.surface_files import read_surface
 from geometry.tetra.tet_mesh import INCLUSION, TISSUE
 from tests.support.block_scene import scene
-from tests.support.tet_meshes import body_volumes
+from tests.support.meshes import body_volumes
 
 CENTRE = np.array([0.002, 0.0, -0.009])
 

@@ -22,9 +22,8 @@ from probe_design.solid_output.stress_panel import deformed
 from probe_design.solid_output.vtu import draw_solid, write_vtu
 from solver.solid.base_states import SolidFields, SolidStates, fields, solid_states
 from solver.solid.problem import Problem, Solid
-from tests.support.meshes import stored_mesh
+from tests.support.meshes import body_volumes, stored_mesh
 from tests.support.paths import ROOT
-from tests.support.tet_meshes import body_volumes
 
 DOWN = np.array([1e-5, 1e-5, 0.0])
 
