@@ -105,8 +105,7 @@ class UsbTransport:
         try:
             data = self._device.read(buffer, round(1e3 * self._patience.read))
         except _FAULTS as fault:
-            self._fault = fault
-            return Chunk(_before_fault(buffer), self._stream, self._note)
+            self._fault, data = fault, _before_fault(buffer, self._device.packet)
         if data:
             self._failures, self._heard = 0, time.monotonic()
         note, self._note = self._note, "" if data else self._note
@@ -198,9 +197,13 @@ class UsbTransport:
             time.sleep(0.05)
 
 
-def _before_fault(buffer: array[int]) -> bytes:
-    """Return what a failed read brought before it failed: frames carry checksums, so that it is safe to look for them."""
-    return buffer.tobytes().rstrip(b"\0")
+def _before_fault(buffer: array[int], packet: int) -> bytes:
+    """Return what a failed read brought before it failed: frames carry checksums, so that it is safe to look for them.
+
+    Whole packets, because the checksum of one frame in 256 ends in a zero that came over the bus.
+    """
+    size = len(buffer.tobytes().rstrip(b"\0"))
+    return buffer[: -(-size // packet) * packet].tobytes()
 
 
 def _same(backend: IBackend) -> IBackend:

@@ -118,8 +118,8 @@ class Port(UMockdev.IoctlBase):
         node = f"bus/usb/001/{number + 1:03d}"
         facts = [f"P: {self.path}", f"N: {node}", "E: SUBSYSTEM=usb", "E: DEVTYPE=usb_device", f"E: DEVNAME=/dev/{node}"]
         facts += [f"A: {name}\\n" for name in ("bConfigurationValue=1", "busnum=1", f"devnum={number + 1}", "speed=480")]
+        bed.attach_ioctl(f"/dev/{node}", self)  # before the node is there to be opened
         bed.add_from_string("\n".join([*facts, f"H: descriptors={probe.descriptors().hex().upper()}", ""]))
-        bed.attach_ioctl(f"/dev/{node}", self)
         self.node = os.path.join(bed.get_root_dir(), "dev", node)
         if probe.told.get("denied"):
             os.chmod(self.node, 0)
