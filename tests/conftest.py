@@ -1,9 +1,7 @@
-"""What all tests share: seeded examples, a cache and threads of their own, one sweep to compare others with."""
+"""What all tests share: seeded examples, threads and a cache of their own, one sweep to compare others with."""
 
 import os
-import shutil
 import signal
-import tempfile
 from pathlib import Path
 
 import pytest
@@ -12,25 +10,22 @@ from hypothesis import settings
 # A test that fails for one fails for all: Hypothesis draws the same examples every time.
 settings.register_profile("seeded", derandomize=True, deadline=None, database=None)
 settings.load_profile("seeded")
-CACHE = pytest.StashKey[str]()
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Before workers start: a mesh cache that is nobody's, and one thread for each worker's linear algebra."""
-    if (
-        signal.getsignal(signal.SIGINT) is signal.SIG_IGN
-    ):  # a shell's way with what it runs in the background, programs' under test too
+    """Before workers start: one thread for each worker's linear algebra, and Ctrl-C as a terminal's programs know it."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # a shell's way with what it runs in the background
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    if hasattr(config, "workerinput"):
-        return  # a worker inherits both
     os.environ.update(dict.fromkeys(THREADS, "1"))
-    os.environ["PROBE_DESIGN_CACHE"] = config.stash[CACHE] = tempfile.mkdtemp(prefix="probe-design-tests-")
 
 
-def pytest_unconfigure(config: pytest.Config) -> None:
-    if CACHE in config.stash:
-        shutil.rmtree(config.stash[CACHE], ignore_errors=True)
+@pytest.fixture(scope="session", autouse=True)
+def mesh_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """One for all workers and nobody else's; pytest removes it with its other folders, however a session ended."""
+    base = tmp_path_factory.getbasetemp()
+    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    os.environ["PROBE_DESIGN_CACHE"] = str(shared / "meshes")
 
 
 @pytest.fixture(scope="session")
