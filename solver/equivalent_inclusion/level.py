@@ -13,6 +13,7 @@ from solver.equivalent_inclusion.ellipsoids import check, with_ellipsoids
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed, undisturbed
 from solver.equivalent_inclusion.readings import Readings, readings
 from solver.inclusions.tumours import Tumours
+from solver.linalg.workspace import in_own_workspace
 from solver.results.evaluator import Answer, FilmLevel, Tell
 from solver.results.film_forces import Bound, FilmForces, shortfalls
 from solver.results.kinds import needs_solid
@@ -51,6 +52,7 @@ class EquivalentInclusion(FilmLevel):
         notes = (*base.notes, *shortfalls(films[worst], reached, accuracy))
         return Answer(films, base.residual, (*base.plan, *_decisions(base, read, worst)), notes)
 
+    @in_own_workspace
     def prepared(self, scene: Scene, accuracy: float) -> Undisturbed:
         """Return the scene's probe on its tissue without tumours, solved.
 

@@ -39,8 +39,8 @@ ALLOWED: dict[str, set[str]] = {
     # solver sees scenes only: results never depend on how they are asked for, optimised or shown; a level knows those that it
     # stands on, planning the three that it chooses from, the face all, and no level the face
     "solver.linalg": {"geometry.common"},
-    "solver.results": SCENES,
-    "solver.inclusions": SCENES,
+    "solver.results": {"solver.linalg", *SCENES},
+    "solver.inclusions": {"solver.linalg", *SCENES},
     "solver.published": {"solver.results", *SCENES},
     "solver.closed_form": {"solver.inclusions", "solver.linalg", "solver.results", *SCENES},
     "solver.axisymmetric": {"solver.linalg", "solver.results", *MESHES},
@@ -68,6 +68,7 @@ ALLOWED: dict[str, set[str]] = {
         "solver.axisymmetric",
         "solver.closed_form",
         "solver.equivalent_inclusion",
+        "solver.linalg",
         "solver.planning",
         "solver.published",
         "solver.results",
