@@ -1,9 +1,10 @@
 """What evaluators keep from one scene to the next: meshes, patterns, factors, solved probes; within a limit of bytes.
 
-An evaluator owns a workspace and works in it, ``with using(workspace):``, and everything below it keeps there what it may be asked
-for again, by ``kept``. Outside any, the process's own is used, and an evaluator that is given none takes the one it is made in.
-What was used longest ago goes first, and what an evaluation itself uses stays while it runs: it is alive anyway, and another tumour
-under the same probe then costs little. So a workspace holds its limit or what the last evaluation needed, whichever is more.
+An evaluator owns a workspace and works in it, ``with using(workspace):``, and everything below it keeps there what it may be
+asked for again, by ``kept``. Outside any, the process's own is used, and an evaluator that is given none takes the one it is made
+in. What was used longest ago goes first, and what an evaluation itself uses stays while it runs: it is alive anyway, and another
+tumour under the same probe then costs little. So a workspace holds its limit or what the last evaluation needed, whichever is
+more.
 """
 
 from __future__ import annotations

@@ -87,7 +87,7 @@ ALLOWED: dict[str, set[str]] = {
         "solver.inclusions",
         *ANSWERS,
     },
-    "probe_design.tradeoffs": {"probe_design.pictures", "geometry.tetra", *ANSWERS},
+    "probe_design.tradeoffs": {"probe_design.pictures", "solver.linalg", "geometry.tetra", *ANSWERS},
     "probe_design.sweeps": {"solver.closed_form", "solver.linalg", "solver.planning", *ANSWERS},
     "probe_design.built_probe": {
         "solver.axisymmetric",
