@@ -63,7 +63,13 @@ ALLOWED: dict[str, set[str]] = {
         "geometry.tetra",
         *MESHES,
     },
-    "solver.casadi_functions": {"solver.axisymmetric", "solver.closed_form", "solver.equivalent_inclusion", *MESHES},
+    "solver.casadi_functions": {
+        "solver.axisymmetric",
+        "solver.closed_form",
+        "solver.equivalent_inclusion",
+        "solver.results",
+        *MESHES,
+    },
     "solver": {
         "solver.axisymmetric",
         "solver.closed_form",
