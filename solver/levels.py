@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, cast
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal
 from geometry.scenes.scene import Scene
+from solver.linalg.workspace import Workspace, current, using
 from solver.results.evaluator import Evaluator, Tell
 from solver.results.film_forces import checked_moduli
 from solver.results.kinds import unsupported
@@ -24,19 +25,22 @@ BUILT = ("published", "closed-form", "equivalent-inclusion", "axisymmetric", "so
 PLANNED = ("contact",)
 
 
-def evaluator(name: str, tell: Tell | None = None) -> Evaluator:
+def evaluator(name: str, tell: Tell | None = None, workspace: Workspace | None = None) -> Evaluator:
     """Return the evaluator of that name; importing it only now keeps the start-up short.
 
     Args:
         name: its name.
         tell: called with a line before each long piece of work, by those that have any.
+        workspace: the evaluator's own; left out: the one that is worked in, usually the process's.
 
     Raises:
         InputError: no evaluator has that name, or it is not built yet.
     """
     if name not in BUILT:
         raise InputError("evaluator", name, f"{', '.join((AUTO, *BUILT))} (not built yet: {', '.join(PLANNED)})")
-    return cast(Evaluator, import_module(f"solver.{name.replace('-', '_')}.level").level(tell))
+    room = import_module(f"solver.{name.replace('-', '_')}.level")
+    with using(current() if workspace is None else workspace):
+        return cast(Evaluator, room.level(tell))
 
 
 def evaluate(scene: Scene, name: str = AUTO, accuracy: float = 0.01, tell: Tell | None = None) -> Result:

@@ -15,7 +15,7 @@ from geometry.scenes.scene import Scene
 from probe_design.maps.scan_line import ScanLine
 from probe_design.maps.target_grid import check_spheres
 from solver.equivalent_inclusion.level import EquivalentInclusion, film_forces
-from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
+from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
 from solver.equivalent_inclusion.readings import Readings, readings
 from solver.results.film_forces import outputs, ratio
 from solver.results.result import Decision
@@ -87,7 +87,7 @@ def scan(
     tumours = line.tumours(positions)
     plain = readings(base, tumours, scene.target or 0, progress=progress, sensitive=scene.target is not None)
     answers = line.bounded(base, plain, positions)
-    far = line.prepared(float(np.abs(positions).max()))
+    far = line.alone(float(np.abs(positions).max()))
     outside = base.inside(tumours)[1]
     targeted = ~outside[:, scene.target] if scene.target is not None else np.zeros(len(positions), dtype=bool)
     stress = answers.totals * indentation(scene, answers)[:, None] / answers.areas
@@ -137,7 +137,7 @@ def reflections(base: Undisturbed, answers: Readings) -> Iterator[Decision]:
     yield Decision("what surface, blocks and floor send back of the tumours' fields", count > 0, effect, base.accuracy, reason)
 
 
-def _warnings(scene: Scene, far: Undisturbed, answers: Readings, outside: Bools) -> Iterator[str]:
+def _warnings(scene: Scene, far: ProbeAlone, answers: Readings, outside: Bools) -> Iterator[str]:
     n = len(answers.forces)
     yield from far.notes
     if scene.target is None:

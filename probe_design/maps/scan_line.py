@@ -17,7 +17,7 @@ from geometry.common.errors import InputError
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Placement, Scene
 from solver.equivalent_inclusion.level import EquivalentInclusion
-from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
+from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
 from solver.equivalent_inclusion.readings import Readings
 from solver.inclusions.tumours import Tumours
 
@@ -87,9 +87,20 @@ class ScanLine:
         Raises:
             Refusal: the scene is of a kind that the level cannot take, or too extreme for double precision.
         """
+        return EquivalentInclusion().prepared(self._at(position), self.accuracy)
+
+    def alone(self, position: float) -> ProbeAlone:
+        """Return only the film forces there without tumours.
+
+        Raises:
+            Refusal: see ``prepared``.
+        """
+        return EquivalentInclusion().alone(self._at(position), self.accuracy)
+
+    def _at(self, position: float) -> Scene:
         at = {self.along: abs(position), self.across: abs(self.at), "tilt": self.scene.placement.tilt}
         placement = Placement.model_validate({key: float(value) for key, value in at.items()})
-        return EquivalentInclusion().prepared(self.scene.model_copy(update={"placement": placement}), self.accuracy)
+        return self.scene.model_copy(update={"placement": placement})
 
     def bounded(self, base: Undisturbed, answers: Readings, positions: Floats) -> Readings:
         """Return readings, made with one ``base`` for all positions, with what the tissue's sides do where each was made.
@@ -101,7 +112,7 @@ class ScanLine:
         bound, log_ratio = np.empty_like(answers.bound), np.empty_like(answers.log_ratio_bound)
         order = np.argsort(np.abs(positions))
         near, away = positions[order[0]] ** 2, positions**2
-        for part, there in self._parts(positions, order, self.prepared(positions[order[-1]]), SPLITS):
+        for part, there in self._parts(positions, order, self.alone(positions[order[-1]]), SPLITS):
             change, span = there.films.forces - base.films.forces, away[part].max() - near
             share = (away[part] - near) / span if span > 0 else np.zeros(len(part))
             forces[part] += share[:, None, None] * change
@@ -109,13 +120,13 @@ class ScanLine:
             bound[part], log_ratio[part] = there.with_bounds(own[part] + apart, forces[part])
         return replace(answers, forces=forces, bound=bound, log_ratio_bound=log_ratio)
 
-    def _parts(self, positions: Floats, order: Ints, far: Undisturbed, splits: int) -> list[tuple[Ints, Undisturbed]]:
+    def _parts(self, positions: Floats, order: Ints, far: ProbeAlone, splits: int) -> list[tuple[Ints, ProbeAlone]]:
         """Halve positions, sorted by their distance, until what is solved at the farthest of each part bounds it closely."""
         worst = max(far.films.ratio_error, far.films.relative_errors.max())
         if worst <= ENOUGH * self.accuracy or splits == 0 or len(order) < 2:
             return [(order, far)]
         near, rest = order[: len(order) // 2], order[len(order) // 2 :]
         return [
-            *self._parts(positions, near, self.prepared(positions[near[-1]]), splits - 1),
+            *self._parts(positions, near, self.alone(positions[near[-1]]), splits - 1),
             *self._parts(positions, rest, far, splits - 1),
         ]

@@ -42,7 +42,7 @@ def evaluated(
         if path.suffix.lower() != suffix:
             raise InputError(key, str(path), f"a file name that ends in {suffix}")
         check_writable(path.parent)  # what would fail after the work fails before it
-    start, level = perf_counter(), SolidLevel(tell)
+    start, level = perf_counter(), SolidLevel(tell=tell)
     solution = level.solved(scene, accuracy)
     result = level.answer_of(scene, solution, accuracy).result(level.name, scene, perf_counter() - start)
     lowered = indentation(scene, solution, 0)

@@ -33,7 +33,7 @@ class Row:
         ratio, log_sensitivity: see ``solver.Result``.
         stated_error: bound on the relative error of the ratio, as the answer itself states it.
         seconds_first: wall clock of the first answer to the scene in the run; it includes what a process builds only once.
-        seconds_probe: median for a probe that the process has not met; the first answer's where that is all there is.
+        seconds_probe: median for a probe and a mesh of which nothing is kept; the first answer's where that is all there is.
         seconds_tumour: median for another tumour under a probe that it has just met; None where there is no tumour.
         reason: why there is no answer.
         reference: whether this is the answer that the scene's others are compared with.

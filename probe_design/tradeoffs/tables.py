@@ -29,7 +29,7 @@ reference, the finest answer of any level that converges; `<`: no more than that
 own stated error. `*`: for some scenes the reference is of the same level: the difference shows how far that has converged, and
 no error that all its settings share; equivalent-inclusion and axisymmetric share the probe on tissue without tumours.
 Log-sensitivity off by: relative to the reference's, or to 1e-5 where that is smaller; the reference's own error is not counted.
-First answer: with all that a process builds only once. New probe: one that the process has not met. Next tumour: another
+First answer: with all that a process builds only once. New probe: nothing is kept of another. Next tumour: another
 one under the same probe. Slowest: of the new probes. Times are medians of wall clock: of them, ratios are what holds from
 machine to machine."""
 

@@ -1,4 +1,7 @@
-"""One setting on one scene, timed: the first answer, a new probe, another tumour under the same probe."""
+"""One setting on one scene, timed: the first answer, a new probe, another tumour under the same probe.
+
+Each has a workspace of its own, so that nothing is at hand that another answer kept.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,8 @@ from geometry.common.errors import ProbeError
 from geometry.scenes.scene import Inclusion, Scene
 from geometry.tetra.cache import FOLDER
 from probe_design.tradeoffs.rows import Row, Setting
-from solver import Result, evaluate
+from solver import Result, Workspace, evaluate
+from solver.linalg.workspace import using
 
 REPEATS = 9  # at most
 ENOUGH = 1.0  # s: what took as long in all is repeated no more
@@ -24,7 +28,8 @@ def first(name: str, scene: Scene, setting: Setting) -> Row:
     """Return the first answer of a setting, or the row of its refusal."""
     row = Row(name, setting.evaluator, setting.accuracy)
     try:
-        result, seconds = _timed(scene, setting)
+        with using(Workspace()):
+            result, seconds = _timed(scene, setting)
     except ProbeError as refused:
         return replace(row, reason=str(refused))
     answered = replace(row, seconds_first=seconds, seconds_probe=seconds)
@@ -49,18 +54,18 @@ class Times:
 def timed(scene: Scene, rows: Sequence[Row]) -> tuple[Row, ...]:
     """Repeat the settings that have answered, in turns, so that what else the machine does slows all of them alike."""
     times = [Times() for _ in rows]
-    for k in range(REPEATS):
+    for _ in range(REPEATS):
         for index, row in enumerate(rows):
             if row.ratio is not None and not times[index].enough:
-                times[index] = _again(scene, row, times[index], k)
+                with using(Workspace()):
+                    times[index] = _again(scene, row, times[index])
     return tuple(_with(row, measured) for row, measured in zip(rows, times, strict=True))
 
 
-def _again(scene: Scene, row: Row, so_far: Times, k: int) -> Times:
-    fresh = with_new_probe(scene, k)
+def _again(scene: Scene, row: Row, so_far: Times) -> Times:
     try:
-        probe = _timed(fresh, row.setting)[1]
-        tumour = (_timed(with_other_tumours(fresh), row.setting)[1],) if scene.inclusion else ()
+        probe = _timed(scene, row.setting)[1]
+        tumour = (_timed(with_other_tumours(scene), row.setting)[1],) if scene.inclusion else ()
     except ProbeError:  # the scene lies at the end of what the level takes
         return so_far
     return Times((*so_far.probe, probe), (*so_far.tumour, *tumour))
@@ -69,14 +74,6 @@ def _again(scene: Scene, row: Row, so_far: Times, k: int) -> Times:
 def _with(row: Row, times: Times) -> Row:
     probe = median(times.probe) if times.probe else row.seconds_probe
     return replace(row, seconds_probe=probe, seconds_tumour=median(times.tumour) if times.tumour else None)
-
-
-def with_new_probe(scene: Scene, k: int) -> Scene:
-    """Return a scene that no evaluator has kept anything of: the blocks' moduli are changed by parts in a thousand million."""
-    times = 1 + 1e-9 * (k + 1)
-    blocks = {name: getattr(scene.probe, name) for name in ("inner", "outer")}
-    changed = {name: block.model_copy(update={"youngs_modulus": block.youngs_modulus * times}) for name, block in blocks.items()}
-    return scene.model_copy(update={"probe": scene.probe.model_copy(update=changed)})
 
 
 def with_other_tumours(scene: Scene) -> Scene:

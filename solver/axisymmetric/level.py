@@ -12,6 +12,7 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, SolveError
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.converged_forces import Converged, converged_forces
+from solver.linalg.workspace import in_own_workspace
 from solver.results.evaluator import Answer, FilmLevel, Tell
 from solver.results.kinds import needs_solid
 
@@ -48,6 +49,7 @@ class Axisymmetric(FilmLevel):
         converged = self.converged(scene, accuracy, moduli)
         return Answer(converged.films, converged.sample.states.residual, converged.plan, converged.notes)
 
+    @in_own_workspace
     def converged(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Converged:
         """Return film forces with their errors at the inclusion's modulus, or at all ``moduli``.
 

@@ -9,12 +9,11 @@ from threadpoolctl import threadpool_limits
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import ProbeError
-from geometry.meridian.frame import Kind
+from geometry.meridian.frame import Kind, MeshTopology
 from geometry.meridian.frame import kind as kind_of
 from geometry.scenes.base_sizes import base_sizes
 from geometry.scenes.scene import Scene
 from geometry.scenes.variables import changed
-from solver.axisymmetric.converged_forces import Converged
 from solver.axisymmetric.gradients import Gradients, gradients
 from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.sample import sample
@@ -22,6 +21,7 @@ from solver.axisymmetric.sections import Sections, sections, with_layers
 from solver.casadi_functions.base import Differentiated
 from solver.equivalent_inclusion.gradients import first_order, tumour_gradients
 from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.results.result import Decision
 
 OUTPUTS = ("ratio", "stress_inner", "stress_outer", "log_sensitivity")
 
@@ -46,17 +46,16 @@ class FilmCallback(Differentiated):
     def __init__(self, scene: Scene, variables: tuple[str, ...], accuracy: float = 0.01) -> None:
         super().__init__()
         self.scene, self.variables = _explicit(scene), variables
-        start = self.converged(accuracy)
-        mesh = start.sample.states.model.mesh
-        self.kind, self.fineness = mesh.layout.kind, mesh.layout.fineness
-        self.layered = any(one.modelled for one in start.plan)
+        layout, plan = self.started(accuracy)
+        self.kind, self.fineness = layout.kind, layout.fineness
+        self.layered = any(one.modelled for one in plan)
         self.begin("films", len(variables), len(OUTPUTS))
 
-    def converged(self, accuracy: float) -> Converged:
-        """Solve the scene itself, and refuse variables that it does not have."""
+    def started(self, accuracy: float) -> tuple[MeshTopology, tuple[Decision, ...]]:
+        """Solve the scene itself, and refuse variables that it does not have; return the mesh and what was modelled."""
         start = Axisymmetric().converged(self.scene, accuracy)
         gradients(self.scene, start.sample, self.variables)
-        return start
+        return start.sample.states.model.mesh.layout, start.plan
 
     def solved(self, scene: Scene, of: Sections, kind: Kind | None) -> Gradients:
         """Return the outputs and derivatives of one design, on a mesh of the given kind or of its own.
@@ -102,11 +101,11 @@ class TumourCallback(FilmCallback):
         Refusal: the level cannot take the scene.
     """
 
-    def converged(self, accuracy: float) -> Converged:
-        """Solve the scene itself, and refuse variables that it does not have."""
+    def started(self, accuracy: float) -> tuple[MeshTopology, tuple[Decision, ...]]:
+        """See ``FilmCallback``."""
         base = EquivalentInclusion().prepared(self.scene, accuracy)
         tumour_gradients(self.scene, first_order(self.scene, sections(self.scene)), self.variables)
-        return base.converged
+        return base.field.states.model.mesh.layout, base.plan
 
     def solved(self, scene: Scene, of: Sections, kind: Kind | None) -> Gradients:
         """Return the outputs and derivatives of one design, on a mesh of the given kind or of its own.

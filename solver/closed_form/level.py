@@ -20,6 +20,7 @@ from geometry.scenes.scene import Scene
 from solver.closed_form.designs import BALL, PROBE, TISSUE, Shape, answers, parameters
 from solver.closed_form.error_bound import StatedErrors, errors
 from solver.closed_form.error_features import EFFECTS, STEP
+from solver.linalg.workspace import in_own_workspace
 from solver.results.evaluator import Answer, FilmLevel, Tell
 from solver.results.film_forces import FilmForces, shortfalls
 from solver.results.kinds import needs_solid
@@ -83,6 +84,7 @@ class ClosedForm(FilmLevel):
         share = (perf_counter() - start) / max(len(scenes), 1)
         return [replace(one, seconds=share) if isinstance(one, Result) else one for one in answers]
 
+    @in_own_workspace
     def films(self, scenes: Sequence[Scene]) -> list[ClosedFormForces | InputError]:
         """Return for each scene what stands behind an answer, or the refusal."""
         every: dict[int, ClosedFormForces | InputError] = {}

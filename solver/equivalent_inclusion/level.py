@@ -10,9 +10,10 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
 from geometry.scenes.scene import Scene
 from solver.equivalent_inclusion.ellipsoids import check, with_ellipsoids
-from solver.equivalent_inclusion.probe_on_tissue import Undisturbed, undisturbed
+from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed, alone, undisturbed
 from solver.equivalent_inclusion.readings import Readings, readings
 from solver.inclusions.tumours import Tumours
+from solver.linalg.workspace import in_own_workspace
 from solver.results.evaluator import Answer, FilmLevel, Tell
 from solver.results.film_forces import Bound, FilmForces, shortfalls
 from solver.results.kinds import needs_solid
@@ -51,17 +52,31 @@ class EquivalentInclusion(FilmLevel):
         notes = (*base.notes, *shortfalls(films[worst], reached, accuracy))
         return Answer(films, base.residual, (*base.plan, *_decisions(base, read, worst)), notes)
 
+    @in_own_workspace
     def prepared(self, scene: Scene, accuracy: float) -> Undisturbed:
         """Return the scene's probe on its tissue without tumours, solved.
 
         Raises:
             Refusal: see ``answer``.
         """
+        self._check(scene)
+        return undisturbed(scene, accuracy)
+
+    @in_own_workspace
+    def alone(self, scene: Scene, accuracy: float) -> ProbeAlone:
+        """Return the film forces without tumours only, of which many weigh little.
+
+        Raises:
+            Refusal: see ``answer``.
+        """
+        self._check(scene)
+        return alone(scene, accuracy)
+
+    def _check(self, scene: Scene) -> None:
         why = self.refusal(scene)
         if why is not None:
             raise Refusal("evaluator", self.name, why)
         check(scene)
-        return undisturbed(scene, accuracy)
 
 
 def film_forces(read: Readings, k: int, target: bool) -> FilmForces:

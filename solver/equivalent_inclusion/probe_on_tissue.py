@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -14,7 +16,7 @@ from geometry.meridian.frame import MeridianFineness
 from geometry.meridian.section import Section
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Load, Scene
-from solver.axisymmetric.base_states import base_states, model
+from solver.axisymmetric.base_states import BaseStates, Materials, base_states, model
 from solver.axisymmetric.converged_forces import Converged, converged_forces
 from solver.axisymmetric.dofs import Interface
 from solver.axisymmetric.tissue_field import TissueField
@@ -40,29 +42,65 @@ SHARE = 0.2  # of the accuracy asked for that film forces without tumours may ta
 
 
 @dataclass(frozen=True)
-class Undisturbed:
-    """The base states of a scene's probe and tissue.
+class ProbeAlone:
+    """Film forces of a scene's probe on its tissue without tumours: a few numbers, for bounds at many places.
 
     Attributes:
         scene: without inclusions, at no load.
         accuracy: what was asked for with tumours.
-        converged: film forces without tumours; its states are those behind the strains, on another mesh.
-        residual: relative, of both meshes' base states, the larger.
-        energies: strain products of the base states.
-        nearest_error: relative error of the effects of near tumours that follow from them.
+        films: film forces without tumours.
+        plan: what is left out or modelled beyond blocks and tissue.
+        notes: what is left out and matters.
+        section, materials: what is modelled.
+        residual: relative, of the linear solutions behind it, the larger.
     """
 
     scene: Scene
     accuracy: float
-    converged: Converged
+    films: FilmForces
+    plan: tuple[Decision, ...]
+    notes: tuple[Note, ...]
+    section: Section
+    materials: Materials
     residual: float
+
+    @classmethod
+    def of(cls, scene: Scene, accuracy: float, converged: Converged) -> ProbeAlone:
+        """Take what is asked for of film forces, whose mesh would be most of what is held."""
+        states, notes = converged.sample.states, of_kind(converged.notes, "left_out")
+        plan, of = tuple(replace(decision, tolerance=accuracy) for decision in converged.plan), states.model
+        return cls(scene, accuracy, converged.films[0], plan, notes, of.section, of.materials, states.residual)
+
+    def with_bounds(self, bound: Floats, forces: Floats) -> tuple[Floats, Floats]:
+        """Return bounds on each film's total, (n, 2), and on ln(ratio), (n,), from those of what tumours change, (n, 2).
+
+        The latter is inf where a total is below its own error.
+        """
+        films, totals = self.films, np.abs(forces.sum(axis=2))
+        whole = bound + films.bound.totals
+        buried = np.any(whole >= totals, axis=1)
+        own = np.divide(bound, totals, out=np.zeros_like(bound), where=np.logical_not(buried)[:, None])
+        log_ratio = films.bound.log_ratio - np.log1p(-own).sum(axis=1)
+        return whole, np.where(buried, np.inf, log_ratio)
+
+
+@dataclass(frozen=True)
+class Undisturbed(ProbeAlone):
+    """The base states of a scene's probe and tissue, everywhere.
+
+    Attributes:
+        energies: strain products of the base states, on another mesh than film forces.
+        nearest_error: relative error of the effects of near tumours that follow from them.
+    """
+
     energies: Energies
     nearest_error: float
 
-    @property
-    def films(self) -> FilmForces:
-        """Film forces without tumours."""
-        return self.converged.films[0]
+    @classmethod
+    def on(cls, films: ProbeAlone, states: BaseStates, nearest_error: float) -> Undisturbed:
+        """Add the base states."""
+        fields = vars(films) | {"residual": max(films.residual, states.residual)}
+        return cls(**fields, energies=Energies(TissueField(states)), nearest_error=nearest_error)
 
     @property
     def field(self) -> TissueField:
@@ -125,28 +163,6 @@ class Undisturbed:
         times = np.where(tumours.offset > widest, widest / np.maximum(tumours.offset, 1e-300), 1.0)
         return replace(tumours, x=tumours.x * times, y=tumours.y * times, depth=np.minimum(tumours.depth, deepest)), out
 
-    def with_bounds(self, bound: Floats, forces: Floats) -> tuple[Floats, Floats]:
-        """Return bounds on each film's total, (n, 2), and on ln(ratio), (n,), from those of what tumours change, (n, 2).
-
-        The latter is inf where a total is below its own error.
-        """
-        films, totals = self.films, np.abs(forces.sum(axis=2))
-        whole = bound + films.bound.totals
-        buried = np.any(whole >= totals, axis=1)
-        own = np.divide(bound, totals, out=np.zeros_like(bound), where=np.logical_not(buried)[:, None])
-        log_ratio = films.bound.log_ratio - np.log1p(-own).sum(axis=1)
-        return whole, np.where(buried, np.inf, log_ratio)
-
-    @property
-    def plan(self) -> tuple[Decision, ...]:
-        """What is left out or modelled beyond blocks and tissue."""
-        return tuple(replace(decision, tolerance=self.accuracy) for decision in self.converged.plan)
-
-    @property
-    def notes(self) -> tuple[Note, ...]:
-        """What is left out and matters."""
-        return of_kind(self.converged.notes, "left_out")
-
 
 def undisturbed(scene: Scene, accuracy: float) -> Undisturbed:
     """Solve the base states of a scene's probe on its tissue; those asked for last are kept, see ``solver.linalg.workspace``.
@@ -158,27 +174,49 @@ def undisturbed(scene: Scene, accuracy: float) -> Undisturbed:
     """
     current().begin()
     shallow = any(body.depth < SHALLOW * scene.probe.tube_radius for body in scene.inclusion)
-    return _undisturbed(scene.model_copy(update={"inclusion": (), "load": Load(indentation=0.0)}), accuracy, shallow)
+    return _undisturbed(_bare(scene), accuracy, shallow)
+
+
+def alone(scene: Scene, accuracy: float) -> ProbeAlone:
+    """Solve the film forces of a scene's probe on its tissue only; they are kept too.
+
+    Raises:
+        Refusal: see ``undisturbed``.
+    """
+    current().begin()
+    return _alone(_bare(scene), accuracy)
+
+
+def _bare(scene: Scene) -> Scene:
+    return scene.model_copy(update={"inclusion": (), "load": Load(indentation=0.0)})
 
 
 @kept
 def _undisturbed(scene: Scene, accuracy: float, shallow: bool) -> Undisturbed:
-    fine = int(accuracy < FINE or shallow)
+    fine, films = int(accuracy < FINE or shallow), _alone(scene, accuracy)
     interface = scene.contact.interface
     assert interface != "unilateral"  # refused before
+    with _solving():
+        states = base_states(model(_nearer(scene, films.section), films.materials, interface, FIELDS[fine]))
+    current().begin()  # what it took to get here may go
+    return Undisturbed.on(films, states, FIELD_ERRORS[fine])
+
+
+@kept
+def _alone(scene: Scene, accuracy: float) -> ProbeAlone:
+    with _solving():
+        return ProbeAlone.of(scene, accuracy, converged_forces(scene, SHARE * accuracy))
+
+
+@contextmanager
+def _solving() -> Iterator[None]:
+    """Solve with one thread, and refuse what cannot be solved."""
     with threadpool_limits(1, user_api="blas"):
         try:
-            films_alone = converged_forces(scene, SHARE * accuracy)
-            coarse = films_alone.sample.states.model
-            states = base_states(model(_nearer(scene, coarse.section), coarse.materials, interface, FIELDS[fine]))
+            yield
         except SolveError as fault:
             text = f"scenes whose sizes and moduli lie closer together ({fault})"
             raise Refusal("evaluator", "equivalent-inclusion", text) from fault
-    current().begin()  # what it took to get here may go
-    residual = max(films_alone.sample.states.residual, states.residual)
-    # lets the finest mesh go, which no tumour asks for
-    converged = replace(films_alone, sample=replace(films_alone.sample, states=states))
-    return Undisturbed(scene, accuracy, converged, residual, Energies(TissueField(states)), FIELD_ERRORS[fine])
 
 
 def _nearer(scene: Scene, section: Section) -> Section:

@@ -9,7 +9,6 @@ For uniform strain this is Eshelby's sphere.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from geometry.common.arrays import Ints
 from solver.inclusions.mode_sums import Values
 from solver.inclusions.solid_harmonics import Side
 from solver.inclusions.vector_modes import Modes, scales
+from solver.linalg.workspace import kept_table
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def scattering(modes: Modes, E: complex, sphere_E: complex, sphere_nu: complex, 
     return Scattering(S, unit * T, inside, (slope, unit * work))
 
 
-@lru_cache(maxsize=64)
+@kept_table
 def _matched_modes(modes: Modes, sphere_nu: complex, ratio: complex) -> tuple[Any, Any, Any, Any, Any]:
     """S, T, inside, dS and dT: spheres of one material differ in the unit of T alone, here 2 mu R."""
     pairs, singles = _spheroidal(modes.degree, modes.nu, sphere_nu, ratio), _toroidal(modes.degree, ratio)

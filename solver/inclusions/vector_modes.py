@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -30,6 +30,7 @@ import scipy.sparse as sp
 from geometry.common.arrays import Floats, Ints
 from solver.inclusions.mode_sums import FACTORS, ONE, SQUARE, Sampler, Stack, Table, Values, X, Y, Z
 from solver.inclusions.solid_harmonics import Side, SolidHarmonics, derivatives
+from solver.linalg.workspace import kept_table
 
 Parity = Literal["even", "both"]
 VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))  # xx, yy, zz, yz, xz, xy
@@ -146,7 +147,7 @@ class Modes:
         return SolidHarmonics(self.degree + 2, min(self.order, self.degree) + 2)
 
 
-@lru_cache(maxsize=32)
+@kept_table
 def stack(modes: Modes, side: Side, components: tuple[int, ...]) -> Stack:
     """Displacement (components 0 to 2) and stress / (2 mu) (3 to 8: xx, yy, zz, yz, xz, xy) as sums of eq. IN.11."""
     sums = [row for component in components for row in _sums(modes, side)[component]]
@@ -155,7 +156,7 @@ def stack(modes: Modes, side: Side, components: tuple[int, ...]) -> Stack:
     return Stack(matrix, modes.harmonics, side)
 
 
-@lru_cache(maxsize=16)
+@kept_table
 def _sums(modes: Modes, side: Side) -> list[list[Any]]:
     """Sparse (harmonics, modes) matrices h_aj of eq. IN.11, for each component a a list over j.
 

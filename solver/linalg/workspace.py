@@ -1,9 +1,10 @@
 """What evaluators keep from one scene to the next: meshes, patterns, factors, solved probes; within a limit of bytes.
 
-An evaluator works in a workspace, ``with using(workspace):``, and everything below it keeps there what it may be asked for again,
-by ``kept``. Outside any, the process's own is used. What was used longest ago goes first, and what an evaluation itself uses
-stays while it runs: it is alive anyway, and another tumour under the same probe then costs little. So a workspace holds its limit
-or what the last evaluation needed, whichever is more.
+An evaluator owns a workspace and works in it, ``with using(workspace):``, and everything below it keeps there what it may be
+asked for again, by ``kept``. Outside any, the process's own is used, and an evaluator that is given none takes the one it is made
+in. What was used longest ago goes first, and what an evaluation itself uses stays while it runs: it is alive anyway, and another
+tumour under the same probe then costs little. So a workspace holds its limit or what the last evaluation needed, whichever is
+more.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache, wraps
 from threading import RLock
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 
 import numpy as np
 
@@ -32,10 +33,11 @@ T = TypeVar("T")
 
 @dataclass
 class _Entry:
-    """A value, its bytes when it was last measured, and the evaluation that used it last."""
+    """A value, its bytes when it was last measured, whether it is once and for all, and the evaluation that used it last."""
 
     value: Any
     bytes: int
+    fixed: bool
     used: int
 
 
@@ -64,8 +66,8 @@ class Workspace:
         """Begin an evaluation: what is held from before it may go from now on."""
         self._evaluation += 1
 
-    def keep(self, key: Hashable, make: Callable[[], T]) -> T:
-        """Return what is held under a key, made now if there is none."""
+    def keep(self, key: Hashable, make: Callable[[], T], fixed: bool = False) -> T:
+        """Return what is held under a key, made now if there is none; ``fixed`` is what neither grows nor shares arrays."""
         with self._lock:
             entry = self._entries.get(key)
             if entry is not None:
@@ -74,7 +76,7 @@ class Workspace:
                 return entry.value  # type: ignore[no-any-return]
         value = make()
         with self._lock:
-            self._entries[key] = _Entry(value, size(value), self._evaluation)
+            self._entries[key] = _Entry(value, size(value), fixed, self._evaluation)
             if sum(one.bytes for one in self._entries.values()) > self.limit:
                 self.make_room()
         return value
@@ -93,10 +95,11 @@ class Workspace:
                 give_back()
 
     def _measure(self) -> int:
-        """Measure all values anew, as some grow: what several share is counted with the one that was used last."""
+        """Measure values anew, as some grow: what several share is counted with the one that was used last."""
         seen: set[int] = set()
         for entry in reversed(self._entries.values()):
-            entry.bytes = size(entry.value, seen)
+            if not entry.fixed:
+                entry.bytes = size(entry.value, seen)
         return sum(entry.bytes for entry in self._entries.values())
 
 
@@ -145,6 +148,27 @@ def current() -> Workspace:
     return _CURRENT.get() or of_process()
 
 
+class Owner(Protocol):
+    """What has a workspace of its own."""
+
+    @property
+    def workspace(self) -> Workspace: ...  # noqa: D102
+
+
+Owning = TypeVar("Owning", bound=Owner)
+
+
+def in_own_workspace(method: Callable[Concatenate[Owning, P], T]) -> Callable[Concatenate[Owning, P], T]:
+    """Let a method work in the workspace of its object."""
+
+    @wraps(method)
+    def worked(self: Owning, /, *args: P.args, **named: P.kwargs) -> T:
+        with using(self.workspace):
+            return method(self, *args, **named)
+
+    return worked
+
+
 @cache
 def of_process() -> Workspace:
     """Return the workspace of all evaluators that are given none.
@@ -164,10 +188,18 @@ def of_process() -> Workspace:
 
 def kept(function: Callable[P, T]) -> Callable[P, T]:
     """Keep what a function returns in the current workspace, by its arguments, which are hashable."""
+    return _kept(function, fixed=False)
 
+
+def kept_table(function: Callable[P, T]) -> Callable[P, T]:
+    """Do so with tables: of those there are many, and as they do not grow they are measured once."""
+    return _kept(function, fixed=True)
+
+
+def _kept(function: Callable[P, T], fixed: bool) -> Callable[P, T]:
     @wraps(function)
     def looked_up(*args: P.args, **named: P.kwargs) -> T:
         key = (function, args, tuple(named.items()))
-        return current().keep(key, lambda: function(*args, **named))
+        return current().keep(key, lambda: function(*args, **named), fixed)
 
     return looked_up

@@ -20,6 +20,7 @@ cannot follow.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -109,11 +110,11 @@ class BoundaryResponse:
     """What one azimuthal order answers to data on the boundary: the symmetric matrix of eq. MS.6.
 
     Attributes:
-        harmonic: the order's system.
+        factorised: makes the order's system.
         boundary: what data do to it.
     """
 
-    harmonic: Harmonic
+    factorised: Callable[[], Harmonic]
     boundary: BoundaryData
 
     def to(self, data: Floats, often: bool) -> Floats:
@@ -122,18 +123,53 @@ class BoundaryResponse:
         Raises:
             SolveError: see ``Harmonic.solve``.
         """
-        if not often:
-            return self._solved(data)
         out = np.asarray(self.boundary.direct @ data)
+        if not often:
+            return out + self._system.works(data)
         out[self._felt] += self._matrix @ data[self._felt]
         return out
 
-    def _solved(self, data: Floats) -> Floats:
+    @cached_property
+    def _system(self) -> _System:
+        return _System(self.factorised(), self.boundary)
+
+    @cached_property
+    def _felt(self) -> Ints:
+        """Data that do anything to the elements."""
+        entries = np.diff(self.boundary.values.tocsc().indptr) + np.diff(self.boundary.forces.tocsc().indptr)
+        return np.flatnonzero(entries)
+
+    @cached_property
+    def _matrix(self) -> Floats:
+        """Eq. MS.6 without ``boundary.direct``, between the data that are felt; the system, ten times as large, may go."""
+        matrix = self._system.matrix(self._felt)
+        vars(self).pop("_system")
+        return matrix
+
+
+@dataclass(frozen=True)
+class _System:
+    """A factorised system and what data on the boundary do to it."""
+
+    harmonic: Harmonic
+    boundary: BoundaryData
+
+    def works(self, data: Floats) -> Floats:
+        """Eq. MS.6 without ``boundary.direct``, times data."""
         lifted, pulled = self.boundary.values @ data, self.boundary.forces @ data
         strained = self._strained(lifted)
         w = self._gather @ self.harmonic.solve(-(self._gather.T @ (pulled + strained)))
         works = self.boundary.forces.T @ (w + lifted / 2) + self.boundary.values.T @ (strained + self._strained(w) + pulled / 2)
-        return np.asarray(self.boundary.direct @ data + works)
+        return np.asarray(works)
+
+    def matrix(self, felt: Ints) -> Floats:
+        """The same as a matrix between some data."""
+        lifted, pulled = (some[:, felt].toarray() for some in (self.boundary.values, self.boundary.forces))
+        strained = self._strained(lifted)
+        forces = self._gather.T @ (pulled + strained)
+        pressed = np.flatnonzero(forces.any(axis=1))
+        half = lifted.T @ (strained / 2 + pulled / 2) - forces[pressed].T @ self.harmonic.solve(forces)[pressed] / 2
+        return np.asarray(half + half.T)
 
     def _strained(self, own: Floats) -> Floats:
         """Forces of the boundary's elements on their own values, (4 c p e, k) both."""
@@ -144,19 +180,3 @@ class BoundaryResponse:
     def _gather(self) -> Any:
         """From unknowns to the elements' own values."""
         return self.harmonic.gathered(self.harmonic.boundary)
-
-    @cached_property
-    def _felt(self) -> Ints:
-        """Data that do anything to the elements."""
-        entries = np.diff(self.boundary.values.tocsc().indptr) + np.diff(self.boundary.forces.tocsc().indptr)
-        return np.flatnonzero(entries)
-
-    @cached_property
-    def _matrix(self) -> Floats:
-        """Eq. MS.6 without ``boundary.direct``, between the data that are felt."""
-        lifted, pulled = (some[:, self._felt].toarray() for some in (self.boundary.values, self.boundary.forces))
-        strained = self._strained(lifted)
-        forces = self._gather.T @ (pulled + strained)
-        pressed = np.flatnonzero(forces.any(axis=1))
-        half = lifted.T @ (strained / 2 + pulled / 2) - forces[pressed].T @ self.harmonic.solve(forces)[pressed] / 2
-        return np.asarray(half + half.T)

@@ -48,10 +48,10 @@ class Reflector:
     _interiors: dict[int, Interior] = field(default_factory=dict, repr=False)
 
     def response(self, m: int) -> BoundaryResponse:
-        """Return what an order answers; its system is factorised the first time."""
+        """Return what an order answers; its system is factorised when it is asked."""
         if m not in self._responses:
             current().make_room()
-            self._responses[m] = BoundaryResponse(self._harmonics.of_order(m), self._boundary_data[min(m, 1)])
+            self._responses[m] = BoundaryResponse(partial(self._harmonics.of_order, m), self._boundary_data[min(m, 1)])
         return self._responses[m]
 
     def interior(self, m: int) -> Interior:

@@ -30,6 +30,7 @@ from solver.axisymmetric.tissue_field import TissueField
 from solver.inclusions.projection import Projection, projection
 from solver.inclusions.tumours import Tumours
 from solver.inclusions.vector_modes import Modes
+from solver.linalg.workspace import kept_table
 from solver.multiple_scattering.boundary_samples import AzimuthalGrid
 from solver.multiple_scattering.exchange import Exchange, Reflector
 from solver.multiple_scattering.near_exchange import CloseExchange
@@ -41,8 +42,9 @@ DEGREES = (4, 36)  # least and largest degree of the modes
 ORDERS = 16  # largest azimuthal order of the modes
 UNRESOLVED = 0.1  # of the effect: what degrees left out may change, times their share of a field next to the surface
 ANGLES = (10, 40)  # least and largest number of angles where a sphere lies off the axis
-SMALL = 20  # largest degree of modes off the axis whose projections are kept: some 8 MB each
+SMALL = 20  # largest degree of modes off the axis whose projections are kept: 1 to 30 MB each
 STEPS = 6  # reflections at most
+_kept_projection = kept_table(projection)
 SENSITIVE = 5.0  # times more than the effect do derivatives by the modulus feel what is left out
 ENOUGH = 0.3  # of the tolerance: two azimuthal orders that change less end the sum over them
 
@@ -185,18 +187,13 @@ def arranged(section: Section, tissue: Material, tumours: Tumours) -> tuple[list
 
 def _projection(modes: Modes) -> Projection:
     """The projection on modes; small ones are kept, as half of a tumour's cost on the axis is to make them."""
-    return _kept(modes) if modes.order == 0 or modes.degree <= SMALL else projection(modes)
+    return _kept_projection(modes) if modes.order == 0 or modes.degree <= SMALL else projection(modes)
 
 
 @lru_cache(maxsize=64)
 def _same(modes: Modes) -> Modes:
     """The first of equal modes, which may know its labels already."""
     return modes
-
-
-@lru_cache(maxsize=32)
-def _kept(modes: Modes) -> Projection:
-    return projection(modes)
 
 
 def incident(field: TissueField, sphere: ScatteringSphere) -> Floats:

@@ -20,9 +20,7 @@ from solver.axisymmetric.omitted_details import Change, omitted_changes
 from solver.axisymmetric.refinement import LEVELS
 from solver.axisymmetric.sample import MeshSample, sample
 from solver.axisymmetric.sections import sections
-from solver.axisymmetric.tissue_field import TissueField
-from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
-from solver.equivalent_inclusion.strain_products import Energies
+from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
 from solver.results.film_forces import Bound, FilmForces
 from solver.results.result import Effect
 
@@ -70,9 +68,8 @@ class CoarseModel:
     def undisturbed(self) -> Undisturbed:
         """The same as base states of tumours."""
         films = FilmForces(self.forces, Bound.independent(OFF * np.abs(self.forces.sum(axis=1)), self.forces))
-        forces = Converged((films,), self.sample, (), ())
-        states = self.sample.states
-        return Undisturbed(self.scene, 1.0, forces, states.residual, Energies(TissueField(states)), OFF)
+        alone = ProbeAlone.of(self.scene, 1.0, Converged((films,), self.sample, (), ()))
+        return Undisturbed.on(alone, self.sample.states, OFF)
 
     @property
     def edges(self) -> Effect | None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any, Protocol
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal
 from geometry.scenes.scene import Scene
+from solver.linalg.workspace import Workspace, current, in_own_workspace
 from solver.results.film_forces import FilmForces, checked_moduli, outputs, ratio
 from solver.results.result import Curve, Decision, Result
 from solver.results.warnings import Note
@@ -99,21 +100,29 @@ class Answer:
         return Curve(name, seconds, tuple(moduli.tolist()), **values, plan=self.plan, warnings=self.notes)
 
 
+@dataclass(frozen=True, kw_only=True)
 class FilmLevel:
-    """A level that finds film forces: a subclass says how, by ``answer``; see ``Evaluator`` for what it then has."""
+    """A level that finds film forces: a subclass says how, by ``answer``; see ``Evaluator`` for what it then has.
+
+    Attributes:
+        workspace: where it keeps what the next scene may need; left out: the one that is worked in, usually the process's.
+    """
 
     name: str
+    workspace: Workspace = field(default_factory=current, compare=False, repr=False)
 
     def answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Answer:
         """Return what is found at the target's modulus, or at all ``moduli`` (Pa); see ``Evaluator`` for what it raises."""
         raise NotImplementedError
 
+    @in_own_workspace
     def evaluate(self, scene: Scene, accuracy: float = 0.01) -> Result:
         """See ``Evaluator``."""
         start = perf_counter()
         answer = self.answer(scene, accuracy)
         return answer.result(self.name, scene, perf_counter() - start)
 
+    @in_own_workspace
     def evaluate_within(self, scene: Scene, accuracy: float) -> Result:
         """See ``Evaluator``."""
         start = perf_counter()
@@ -121,6 +130,7 @@ class FilmLevel:
         check_reached(self.name, answer.films[0].error_under(scene), accuracy)
         return answer.result(self.name, scene, perf_counter() - start)
 
+    @in_own_workspace
     def curve(self, scene: Scene, moduli: Floats, accuracy: float = 0.01) -> Curve:
         """See ``Evaluator``."""
         start, moduli = perf_counter(), checked_moduli(scene, moduli)

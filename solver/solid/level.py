@@ -12,6 +12,7 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, SolveError, Words
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
+from solver.linalg.workspace import in_own_workspace
 from solver.results.evaluator import Answer, FilmLevel, Tell, silent
 from solver.results.film_forces import Bound, FilmForces, shortfalls
 from solver.results.kinds import unsupported
@@ -75,6 +76,7 @@ class SolidLevel(FilmLevel):
         notes = (*_tilt_notes(scene, worst), *solution.notes, *short)
         return Answer(films, solution.difference.residual, solution.plan, notes, every[0][1])
 
+    @in_own_workspace
     def solved(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> SolidForces:
         """Return film forces with their errors, and the states behind them.
 
@@ -153,4 +155,4 @@ def _tilt_notes(scene: Scene, films: FilmForces) -> list[Note]:
 
 def level(tell: Tell | None = None) -> SolidLevel:
     """Return the level."""
-    return SolidLevel(tell or silent)
+    return SolidLevel(tell=tell or silent)

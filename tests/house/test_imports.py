@@ -39,8 +39,8 @@ ALLOWED: dict[str, set[str]] = {
     # solver sees scenes only: results never depend on how they are asked for, optimised or shown; a level knows those that it
     # stands on, planning the three that it chooses from, the face all, and no level the face
     "solver.linalg": {"geometry.common"},
-    "solver.results": SCENES,
-    "solver.inclusions": SCENES,
+    "solver.results": {"solver.linalg", *SCENES},
+    "solver.inclusions": {"solver.linalg", *SCENES},
     "solver.published": {"solver.results", *SCENES},
     "solver.closed_form": {"solver.inclusions", "solver.linalg", "solver.results", *SCENES},
     "solver.axisymmetric": {"solver.linalg", "solver.results", *MESHES},
@@ -63,11 +63,18 @@ ALLOWED: dict[str, set[str]] = {
         "geometry.tetra",
         *MESHES,
     },
-    "solver.casadi_functions": {"solver.axisymmetric", "solver.closed_form", "solver.equivalent_inclusion", *MESHES},
+    "solver.casadi_functions": {
+        "solver.axisymmetric",
+        "solver.closed_form",
+        "solver.equivalent_inclusion",
+        "solver.results",
+        *MESHES,
+    },
     "solver": {
         "solver.axisymmetric",
         "solver.closed_form",
         "solver.equivalent_inclusion",
+        "solver.linalg",
         "solver.planning",
         "solver.published",
         "solver.results",
@@ -86,7 +93,7 @@ ALLOWED: dict[str, set[str]] = {
         "solver.inclusions",
         *ANSWERS,
     },
-    "probe_design.tradeoffs": {"probe_design.pictures", "geometry.tetra", *ANSWERS},
+    "probe_design.tradeoffs": {"probe_design.pictures", "solver.linalg", "geometry.tetra", *ANSWERS},
     "probe_design.sweeps": {"solver.closed_form", "solver.linalg", "solver.planning", *ANSWERS},
     "probe_design.built_probe": {
         "solver.axisymmetric",

@@ -10,12 +10,16 @@ import pytest
 import scipy.sparse as sp
 
 from geometry import InputError, read_scene
-from solver import evaluate
+from solver import evaluate, evaluator
+from solver.axisymmetric.level import Axisymmetric
+from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.linalg import workspace
 from solver.linalg.cholesky import Pattern, factorise
 from solver.linalg.workspace import Workspace, current, kept, of_process, size, using
 from tests.support.paths import REFERENCE
+from tests.support.random_scenes import scaled
 
+SHALLOW = REFERENCE / "axisymmetric" / "shallow.toml"
 SCENE = REFERENCE / "off-axis" / "pair-off-axis.toml"
 
 
@@ -140,3 +144,36 @@ def test_answers_do_not_depend_on_what_is_kept() -> None:
     for one in (poor, *rich):
         del one["seconds"]
     assert poor == rich[0] == rich[1]
+
+
+@pytest.mark.parametrize("level", [Axisymmetric, EquivalentInclusion])
+def test_evaluators_with_workspaces_of_their_own_do_not_share(level: type[Axisymmetric | EquivalentInclusion]) -> None:
+    unused = Workspace()
+    first, second = (level(workspace=Workspace()) for _ in range(2))
+    with using(unused):
+        first.evaluate(read_scene(SHALLOW), 0.05)
+    assert unused.bytes_held == second.workspace.bytes_held == 0 < first.workspace.bytes_held
+    second.evaluate(read_scene(SHALLOW), 0.05)
+    assert second.workspace.bytes_held == first.workspace.bytes_held
+    one, other = ({id(entry.value) for entry in held.workspace._entries.values()} for held in (first, second))
+    assert not one & other
+
+
+def test_an_evaluator_takes_the_workspace_that_it_is_given_or_made_in() -> None:
+    mine = Workspace()
+    assert evaluator("axisymmetric", workspace=mine) == evaluator("axisymmetric")
+    assert Axisymmetric().workspace is of_process()
+    with using(mine):
+        assert Axisymmetric().workspace is mine
+
+
+def test_a_limit_is_held_from_scene_to_scene() -> None:
+    level = EquivalentInclusion(workspace=Workspace(limit=6e7))
+    most = 0
+    for times in (1.0, 1.2, 1.4):
+        level.evaluate(scaled(read_scene(SHALLOW), lengths=times, moduli=times**2), 0.05)
+        most = max(most, level.workspace.bytes_held)
+        level.workspace.begin()
+        level.workspace.make_room()
+        assert 0 < level.workspace.bytes_held <= 6e7
+    assert most > 6e7  # something had to go
