@@ -5,6 +5,7 @@ One factorisation and no refinement: some 20 ms, film forces within a few per ce
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -105,6 +106,12 @@ class CoarseModel:
     def approach(self) -> float:
         """The most that the walls near each other per unit indentation; 0 where they do so nowhere."""
         return float(np.max(self.closing[1], initial=0.0))
+
+    @property
+    def closure(self) -> float:
+        """Force that closes the gap in linear elasticity, N, several times what really closes it; infinite where none does."""
+        approach = self.approach
+        return float(self.forces.sum()) * self.scene.probe.gap / approach if approach > 0 else math.inf
 
     def _wall(self, body: Body, radius: float) -> tuple[Floats, Floats]:
         """Rising heights of the elements' corners on a block's wall, and how far each moves outwards per unit indentation."""
