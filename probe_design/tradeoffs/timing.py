@@ -14,7 +14,7 @@ from geometry.common.errors import ProbeError
 from geometry.scenes.scene import Inclusion, Scene
 from geometry.tetra.cache import FOLDER
 from probe_design.tradeoffs.rows import Row, Setting
-from solver import Result, evaluate
+from solver import Result, evaluator
 
 REPEATS = 9  # at most
 ENOUGH = 1.0  # s: what took as long in all is repeated no more
@@ -96,7 +96,7 @@ def _other(body: Inclusion) -> Inclusion:
 
 def _timed(scene: Scene, setting: Setting) -> tuple[Result, float]:
     start = perf_counter()
-    result = evaluate(scene, setting.evaluator, 0.01 if setting.accuracy is None else setting.accuracy)
+    result = evaluator(setting.evaluator).evaluate(scene, 0.01 if setting.accuracy is None else setting.accuracy)
     return result, perf_counter() - start
 
 

@@ -24,6 +24,7 @@ from solver.axisymmetric.sections import sections
 from solver.axisymmetric.tissue_field import TissueField
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.strain_products import Energies
+from solver.planning.loads import LoadRule
 from solver.results.film_forces import Bound, FilmForces
 from solver.results.result import Effect
 
@@ -47,8 +48,12 @@ class CoarseModel:
     changes: tuple[Change, ...]
 
     @classmethod
-    def of(cls, scene: Scene) -> CoarseModel:
+    def of(cls, scene: Scene, details: bool = True) -> CoarseModel:
         """Solve it.
+
+        Args:
+            scene: whatever stands on the tissue.
+            details: whether ``changes`` are asked for.
 
         Raises:
             Refusal: so extreme that its equations cannot be solved in double precision.
@@ -57,7 +62,7 @@ class CoarseModel:
         plain = sections(bare)
         try:
             coarse = sample(plain.section, plain, bare, LEVELS[0])
-            return cls(bare, coarse, tuple(omitted_changes(bare, plain, lambda: coarse, None)))
+            return cls(bare, coarse, tuple(omitted_changes(bare, plain, lambda: coarse, None)) if details else ())
         except SolveError as fault:
             why = f"scenes whose sizes and moduli lie closer together ({fault})"
             raise Refusal("scene", "too extreme for a plan", why) from fault
@@ -112,6 +117,10 @@ class CoarseModel:
         """Force that closes the gap in linear elasticity, N, several times what really closes it; infinite where none does."""
         approach = self.approach
         return float(self.forces.sum()) * self.scene.probe.gap / approach if approach > 0 else math.inf
+
+    def rule(self, scene: Scene) -> LoadRule:
+        """Return the rule for loads on the scene that this was made of; its stiffness is that without tumours."""
+        return LoadRule.of(scene, self.forces.sum(axis=1), self.closure)
 
     def _wall(self, body: Body, radius: float) -> tuple[Floats, Floats]:
         """Rising heights of the elements' corners on a block's wall, and how far each moves outwards per unit indentation."""

@@ -17,11 +17,18 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
+from solver.results.result import LargestLoad
 
 RATIO_CHANGE = 0.1  # of ratio, stresses and stiffness per x
 SENSITIVITY_GROWTH = 0.8  # of ln(log-sensitivity) per x
 LARGEST_X = 0.3
 CLOSING = 1 / 25  # of the linear closure force
+NEARING = (
+    0.9,
+    0.11,
+    1.4,
+    0.09,
+)  # of eq. PL.4: 1.3 times what 562 scenes need; 7 times too much for half of them
 DEEP = 9.0  # outer radii: the shallowest tissue that the rule was read off
 
 Cause = Literal["ratio", "log_sensitivity", "strain limit", "gap closure"]
@@ -51,20 +58,31 @@ def largest_x(accuracy: float, promise: bool) -> tuple[float, Cause]:
     return limits[by], by
 
 
-@dataclass(frozen=True)
-class LargestLoad:
-    """The largest load that is allowed.
+def least_closure(scene: Scene, totals: Floats) -> float:
+    """Bound from below on the force that closes the gap in linear elasticity, N, for levels that do not know the blocks' walls.
 
-    Attributes:
-        force: N.
-        indentation: m, at that force.
-        by: what sets it: "ratio" or "log_sensitivity", which finite strain puts beyond the accuracy; "strain limit", x = 0.3; or
-            "gap closure".
+    Per indentation the walls near each other by at most
+
+        0.9 e_i r_i + 0.11 e_o w + (1.4 (1 - 2 nu) + 0.09) E r_h / (E r_h + E_o w)      (PL.4)
+
+    with the blocks' mean strains e per indentation, the tube's wall w and hole radius r_h, and the tissue's E and nu: both blocks
+    widen, and the tissue drags the tube's end inwards, the thinner and softer the more.
+
+    Args:
+        scene: its load does not matter.
+        totals: force on each film, inner and outer, per indentation, N/m, shape (2,).
     """
-
-    force: float
-    indentation: float
-    by: Cause
+    probe, tissue = scene.probe, scene.tissue
+    inner, outer = np.abs(totals) / (
+        probe.inner_area * probe.inner.youngs_modulus,
+        probe.outer_area * probe.outer.youngs_modulus,
+    )
+    wall, hole = probe.tube_radius - probe.hole_radius, probe.hole_radius * tissue.youngs_modulus
+    dragged = hole / (hole + probe.outer.youngs_modulus * wall)
+    by_inner, by_outer, compressible, rest = NEARING
+    nearing = by_inner * inner * probe.inner_radius + by_outer * outer * wall
+    nearing += (compressible * (1 - 2 * tissue.poisson_ratio) + rest) * dragged
+    return float(totals.sum() * probe.gap / nearing)
 
 
 @dataclass(frozen=True)
@@ -76,11 +94,13 @@ class LoadRule:
             blocks' own strain is worth.
         stiffness: linear, force per indentation, N/m.
         closure: force that closes the gap in linear elasticity, N; infinite where the blocks' walls do not near each other.
+        tilted: by how much a tilt lowers one side of the probe, m, which counts as indentation.
     """
 
     strain: float
     stiffness: float
     closure: float
+    tilted: float = 0.0
 
     @classmethod
     def of(cls, scene: Scene, totals: Floats, closure: float) -> LoadRule:
@@ -99,21 +119,27 @@ class LoadRule:
         moduli = np.array([probe.inner.youngs_modulus, probe.outer.youngs_modulus])
         blocks = np.array([probe.core_height, probe.tube_height]) * (totals / areas / moduli) ** 2 / RATIO_CHANGE
         deep = 0.0 if tissue.shape == "half-space" else DEEP / tissue.depth
-        return cls(max(1 / probe.tube_radius, deep, float(blocks.max())), float(totals.sum()), closure)
+        tilted = probe.tube_radius * math.tan(abs(scene.placement.tilt))
+        return cls(max(1 / probe.tube_radius, deep, float(blocks.max())), float(totals.sum()), closure, tilted)
+
+    def force(self, scene: Scene) -> float:
+        """Return the force of a scene's load, N."""
+        load = scene.load
+        return self.stiffness * load.indentation if load.indentation is not None else load.force or 0.0
 
     def x(self, force: float) -> float:
         """Return x under a force, N."""
-        return self.strain * force / self.stiffness
+        return self.strain * (force / self.stiffness + self.tilted)
 
     def largest(self, accuracy: float, promise: bool) -> LargestLoad:
-        """Return the largest load that keeps an accuracy.
+        """Return the largest load that keeps an accuracy; 0 where the tilt alone does not.
 
         Args:
             accuracy: relative, on ratio, stresses and stiffness.
             promise: whether the log-sensitivity has to be good to five times that.
         """
         x, by = largest_x(accuracy, promise)
-        force = x / self.strain * self.stiffness
+        force = max(0.0, x / self.strain - self.tilted) * self.stiffness
         if CLOSING * self.closure < force:
             force, by = CLOSING * self.closure, "gap closure"
         return LargestLoad(force, force / self.stiffness, by)
@@ -121,3 +147,11 @@ class LoadRule:
     def knows(self, force: float) -> bool:
         """Whether the rule says anything of a force, N."""
         return self.x(force) <= LARGEST_X and force <= CLOSING * self.closure
+
+    def ratio_change(self, force: float) -> float:
+        """Bound on what a force, N, changes of ratio, stresses and stiffness; infinite where nothing is known."""
+        return ratio_change(self.x(force)) if self.knows(force) else math.inf
+
+    def log_sensitivity_change(self, force: float) -> float:
+        """Bound on what a force, N, changes of the log-sensitivity; infinite where nothing is known."""
+        return log_sensitivity_change(self.x(force)) if self.knows(force) else math.inf

@@ -9,11 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from geometry import Scene, read_scene
+from geometry import Load, Scene, read_scene
+from geometry.common.errors import InputError, Refusal
+from geometry.scenes.scene_file import scene_from_dict, scene_to_dict
+from solver import evaluate, plan
 from solver.planning.coarse_model import CoarseModel
-from solver.planning.loads import LoadRule, log_sensitivity_change, ratio_change
+from solver.planning.loads import LoadRule, least_closure, log_sensitivity_change, ratio_change
 from tests.support.paths import REFERENCE
 from tests.support.references import named
+from tests.support.slow import slow_unless
 
 
 @dataclass(frozen=True)
@@ -100,3 +104,113 @@ def test_soft_blocks_count_as_much_as_their_own_strain() -> None:
     height = np.array([scene.probe.core_height, scene.probe.tube_height])
     rule = LoadRule.of(scene, soft * areas / height, math.inf)  # all of the indentation shortens the blocks
     assert ratio_change(rule.strain * strain * height.min()) >= (secant - 1) * 0.97
+
+
+def at(scene: Scene, **load: float) -> Scene:
+    return scene.model_copy(update={"load": Load(**load)})
+
+
+@EVERY
+def test_what_auto_answers_is_within_its_error_of_what_is_true(one: ContactReference) -> None:
+    """Linear answers at the loads of the references, the rule's effect counted, whatever it makes of them."""
+    known = 0
+    for row in one.rows:
+        result = evaluate(at(one.scene, indentation=row["indentation"]), accuracy=0.05, linear=True)
+        if result.error_estimate is None:
+            continue
+        known += 1
+        assert result.ratio == pytest.approx(row["ratio"], rel=result.error_estimate, abs=row["ratio_unc"])
+        assert result.stiffness == pytest.approx(row["force"] / row["indentation"], rel=result.error_estimate)
+    assert known >= (one.name == "example")
+
+
+SCENE = read_scene(REFERENCE / "contact" / "example.toml")
+
+
+class TestAuto:
+    def test_refuses_with_a_load_that_it_then_answers(self) -> None:
+        with pytest.raises(Refusal, match=r"load.force = 0.1 N: allowed: up to 0.0\d+ N .*--linear") as refused:
+            evaluate(SCENE)
+        limit = float(str(refused.value).split("up to ")[1].split(" N")[0])
+        result = evaluate(at(SCENE, force=limit))
+        assert result.error_estimate is not None
+        assert result.error_estimate <= 0.01
+        with pytest.raises(Refusal, match=r"load.force"):
+            evaluate(at(SCENE, force=1.2 * limit))
+
+    def test_refuses_an_indentation_in_millimetres(self) -> None:
+        with pytest.raises(Refusal, match=r"load.indentation = 1 mm: allowed: up to 0.2\d+ mm"):
+            evaluate(at(SCENE, indentation=1e-3))
+
+    def test_counts_the_effect_at_loads_that_are_allowed(self) -> None:
+        scene = at(SCENE, indentation=2e-4)
+        alone, loaded = evaluate(scene, "axisymmetric", plan(scene).accuracy), evaluate(scene)
+        assert alone.error_estimate is not None
+        assert loaded.error_estimate is not None
+        rule = 0.1 * 2e-4 / SCENE.probe.tube_radius
+        assert loaded.error_estimate == pytest.approx((1 + alone.error_estimate) * (1 + rule) - 1, rel=1e-9)
+        assert loaded.ratio == alone.ratio
+
+    def test_a_load_of_zero_has_a_ratio(self) -> None:
+        result = evaluate(at(SCENE, force=0.0))
+        assert result.stress_inner == 0
+        assert result.ratio == pytest.approx(0.56295, rel=0.01)
+
+    def test_the_promise_on_log_sensitivity_counts(self) -> None:
+        without = SCENE.model_copy(update={"inclusion": ()})
+        limits = [plan(one).linear_limit_load for one in (SCENE, without)]
+        assert [limit.by for limit in limits] == ["log_sensitivity", "ratio"]
+        assert limits[0].indentation < 0.7 * limits[1].indentation
+
+    def test_linear_answers_where_something_is_known_with_the_effect_and_beyond_without_a_bound(self) -> None:
+        some, unknown = (evaluate(at(SCENE, force=force), linear=True) for force in (0.05, 2000.0 * 1e-3))
+        assert some.error_estimate is not None
+        assert 0.01 < some.error_estimate < 0.03
+        assert unknown.error_estimate is None
+        assert unknown.ratio == pytest.approx(some.ratio, rel=1e-9)
+        for result in (some, unknown):
+            assert [note.kind for note in result.warnings] == ["linear"]
+
+    def test_a_tilt_counts_as_indentation(self) -> None:
+        tilted = SCENE.model_copy(update={"placement": SCENE.placement.model_copy(update={"tilt": 0.2})})
+        with pytest.raises(Refusal, match=r"placement.tilt = 11.5 deg"):
+            evaluate(at(tilted, force=0.01))
+
+
+class TestNamedEvaluators:
+    @pytest.mark.parametrize("name", ["closed-form", "axisymmetric", "equivalent-inclusion"])
+    def test_answer_linearly_and_warn(self, name: str) -> None:
+        light, heavy = (evaluate(at(SCENE, force=force), name, 0.05) for force in (1e-3, 0.1))
+        assert not any(note.kind == "linear" for note in light.warnings)
+        assert any("beyond linear_limit_load" in note for note in heavy.warnings if note.kind == "linear")
+        assert heavy.error_estimate == light.error_estimate
+        assert heavy.ratio == light.ratio
+        assert heavy.linear_limit_load is not None
+        assert heavy.linear_limit_load.force < 0.1
+
+    def test_the_paper_gives_no_stress_and_so_no_limit(self) -> None:
+        assert evaluate(SCENE, "published").linear_limit_load is None
+
+    @pytest.mark.parametrize("name", ["auto", "closed-form", "axisymmetric"])
+    def test_nobody_drives_a_probe_through_the_tissue(self, name: str) -> None:
+        with pytest.raises(Refusal, match=r"load.force = 2000 N: allowed: "):
+            evaluate(at(SCENE, force=2000.0), name, 0.05)
+
+    def test_nor_linearly(self) -> None:
+        with pytest.raises(Refusal, match=r"mm into tissue 50 mm deep"):
+            evaluate(at(SCENE, force=2000.0), linear=True)
+
+
+@pytest.mark.parametrize("indentation", [0.05, 0.07])
+def test_an_indentation_deeper_than_the_tissue_is_no_scene(indentation: float) -> None:
+    tables = scene_to_dict(SCENE) | {"load": {"indentation": f"{1e3 * indentation} mm"}}
+    with pytest.raises(InputError, match=r"load.indentation = .* mm: allowed: less than the tissue's depth of 50 mm"):
+        scene_from_dict(tables)
+
+
+@pytest.mark.parametrize("folder", slow_unless(("contact").__ne__, ["axisymmetric", "contact", "extra", "extremes"]))
+def test_the_gap_closes_no_earlier_than_the_formulas_say(folder: str) -> None:
+    paths = sorted((REFERENCE / folder).glob("*.toml"))
+    for scene in map(read_scene, paths):
+        rough = CoarseModel.of(scene, details=False)
+        assert least_closure(scene, rough.forces.sum(axis=1)) <= rough.closure
