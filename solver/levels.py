@@ -43,8 +43,11 @@ def evaluator(name: str, tell: Tell | None = None, workspace: Workspace | None =
         return cast(Evaluator, room.level(tell))
 
 
-def evaluate(scene: Scene, name: str = AUTO, accuracy: float = 0.01, tell: Tell | None = None) -> Result:
+def evaluate(scene: Scene, name: str = AUTO, accuracy: float = 0.01, tell: Tell | None = None, *, linear: bool = False) -> Result:
     """Evaluate a scene.
+
+    An evaluator that is named answers linearly: its ``error_estimate`` refers to linear elasticity, and beyond
+    ``linear_limit_load`` it warns. ``auto`` counts what finite strain may change and refuses larger loads.
 
     Args:
         scene: what is pressed on what.
@@ -52,18 +55,24 @@ def evaluate(scene: Scene, name: str = AUTO, accuracy: float = 0.01, tell: Tell 
             of ``axisymmetric``, ``equivalent-inclusion`` and ``solid``; it refuses to answer worse than asked.
         accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
         tell: called with a line before each long piece of work.
+        linear: whether ``auto`` answers linearly at any load; ``error_estimate`` counts the effect, None where nothing is known.
 
     Raises:
         InputError: no such evaluator or accuracy.
-        Refusal: the scene is of a kind that the evaluator cannot take, or ``auto`` cannot reach the accuracy.
+        Refusal: the scene is of a kind that the evaluator cannot take, or ``auto`` cannot reach the accuracy, or its load is
+            beyond what linear elasticity allows.
     """
     check_accuracy(accuracy)
     if name != AUTO:
-        return evaluator(name, tell).evaluate(scene, accuracy)
+        from solver.planning.load_check import with_warning
+
+        return with_warning(evaluator(name, tell).evaluate(scene, accuracy), scene, accuracy)
     from solver.planning.plan import second_try  # what it takes to import is not the answer's cost
 
     start = perf_counter()
     planned = _planned(scene, accuracy)
+    if not linear:
+        planned.check_load(scene, accuracy)
     try:
         result = _level(planned.evaluator, tell).evaluate_within(planned.scene, planned.accuracy)
     except Refusal:
@@ -72,7 +81,7 @@ def evaluate(scene: Scene, name: str = AUTO, accuracy: float = 0.01, tell: Tell 
             raise
         planned = again
         result = _level(planned.evaluator, tell).evaluate_within(planned.scene, planned.accuracy)
-    return replace(planned.completed(result, scene), seconds=perf_counter() - start)
+    return replace(planned.completed(result, scene, accuracy, linear), seconds=perf_counter() - start)
 
 
 def plan(scene: Scene, accuracy: float = 0.01, solid: bool = False) -> Plan:
@@ -110,7 +119,7 @@ def _level(name: str | None, tell: Tell | None) -> Evaluator:
     return evaluator(name, tell)
 
 
-def curve(scene: Scene, moduli: Floats, accuracy: float = 0.01, tell: Tell | None = None) -> Curve:
+def curve(scene: Scene, moduli: Floats, accuracy: float = 0.01, tell: Tell | None = None, *, linear: bool = False) -> Curve:
     """Return ratio and log-sensitivity of a scene for every Young's modulus (Pa) of its target, by the level of ``auto``.
 
     Args:
@@ -118,17 +127,20 @@ def curve(scene: Scene, moduli: Floats, accuracy: float = 0.01, tell: Tell | Non
         moduli: shape (k,).
         accuracy: relative, on every ratio; above 0, below 1.
         tell: called with a line before each long piece of work.
+        linear: see ``evaluate``.
 
     Raises:
         InputError: no such accuracy or moduli; no target.
-        Refusal: the scene is of a kind that no level built yet can take.
+        Refusal: the scene is of a kind that no level built yet can take, or its load is beyond what linear elasticity allows.
     """
     check_accuracy(accuracy)
     checked_moduli(scene, moduli)
     start = perf_counter()
     planned = _planned(scene, accuracy)
+    if not linear:
+        planned.check_load(scene, accuracy)
     result = _level(planned.curve_evaluator, tell).curve(planned.scene, moduli, planned.accuracy)
-    return replace(planned.completed_curve(result), seconds=perf_counter() - start)
+    return replace(planned.completed_curve(result, scene, accuracy, linear), seconds=perf_counter() - start)
 
 
 def check_accuracy(accuracy: float) -> None:

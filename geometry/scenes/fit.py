@@ -25,6 +25,7 @@ def check(scene: Scene) -> None:
     if len(targets) > 1:
         raise InputError(f"inclusion[{targets[1]}].target", True, f"true for one inclusion (it is for inclusion[{targets[0]}])")
     _check_probe(scene)
+    _check_load(scene)
     bodies = [(index, body) for index, body in enumerate(scene.inclusion) if body.surface is None]
     for index, body in bodies:
         _check_inside(scene, index, body)
@@ -106,6 +107,12 @@ def _check_probe(scene: Scene) -> None:
     elif tissue.shape == "block":
         _check_stands("length", tissue.length / 2, reach, key="placement.x", position=at.x, offset=abs(at.x))
         _check_stands("breadth", tissue.breadth / 2, reach, key="placement.y", position=at.y, offset=abs(at.y))
+
+
+def _check_load(scene: Scene) -> None:
+    deep, tissue = scene.load.indentation, scene.tissue
+    if deep is not None and tissue.shape != "half-space" and reaches(deep, tissue.depth):
+        raise InputError("load.indentation", mm(deep), f"less than the tissue's depth of {mm(tissue.depth)}")
 
 
 def _check_stands(size: str, room: float, reach: float, *, key: str, position: float, offset: float) -> None:

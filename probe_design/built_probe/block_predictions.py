@@ -7,20 +7,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import Refusal
+from geometry.common.errors import Refusal, Words
 from geometry.scenes.scene import Placement, Scene
 from geometry.scenes.variables import changed, values
 from probe_design.built_probe.bench import Reference, Workshop
 from solver.axisymmetric.gradients import gradients
 from solver.axisymmetric.level import Axisymmetric
+from solver.planning.coarse_model import CoarseModel
+from solver.planning.load_check import REMEDY, largest, why
+from solver.planning.loads import LoadRule
 from solver.results.film_forces import outputs
 
 ACCURACY = 1e-3
+LINEAR = 0.01  # accuracy at which a load is allowed
 STEP = 1e-5  # relative, of the central difference of the nominal areas' ratio, which is a polynomial
 TISSUE = "tissue.youngs_modulus"
 MODULI = "reference.youngs_modulus"  # a variable beside the design's: all blocks' moduli off by one relative change
@@ -35,16 +39,34 @@ class Share:
         bound: on its error by the solver.
         slopes: its derivatives by the design's variables, per SI unit, shape (v,).
         by_modulus: d log_ratio / d ln of the block's modulus.
+        rule: for loads on the block; None: the load does not matter.
     """
 
     log_ratio: float
     bound: float
     slopes: Floats
     by_modulus: float
+    rule: LoadRule | None = None
 
     def variance(self, reference: Reference) -> float:
         """Of ``log_ratio`` by the block's modulus and, as evenly spread within its bound (GUM 4.3.7), the solver's error."""
         return (self.by_modulus * reference.tolerance) ** 2 + self.bound**2 / 3
+
+    def under(self, force: float, name: str, linear: bool) -> Share:
+        """Return the prediction under a force, N, whose finite strain its bound then counts.
+
+        Raises:
+            Refusal: the force is beyond what linear elasticity allows; ``linear`` allows all of which anything is known.
+        """
+        if self.rule is None:
+            return self
+        limit, known = largest(self.rule, LINEAR, promise=False), self.rule.knows(force)
+        if force > limit.force and not (linear and known):
+            remedy = f", {REMEDY}" if known else ""
+            raise Refusal(
+                "load", Words(f"{force:.3g} N on the {name}"), f"up to {limit.force:.3g} N ({why(limit, LINEAR)}){remedy}"
+            )
+        return replace(self, bound=self.bound - math.log1p(-self.rule.ratio_change(force)))
 
 
 @dataclass(frozen=True)
@@ -70,6 +92,11 @@ class Shares:
     def slopes(self) -> Floats:
         """Shape (blocks, v)."""
         return np.array([one.slopes for one in self.blocks]).reshape(len(self.blocks), len(self.variables))
+
+    def under(self, forces: Sequence[float], references: Sequence[Reference], linear: bool) -> Shares:
+        """Return the predictions under forces, N, on those of the references that are tissue; see ``Share.under``."""
+        blocks = [(force, one.name) for force, one in zip(forces, references, strict=True) if one.on == "tissue"]
+        return replace(self, blocks=tuple(share.under(*block, linear) for share, block in zip(self.blocks, blocks, strict=True)))
 
     def tolerances(self, workshop: Workshop) -> Floats:
         """Standard deviations of the variables, SI, shape (v,)."""
@@ -117,7 +144,8 @@ def _share(scene: Scene, names: tuple[str, ...]) -> Share:
     by_name = dict(zip(gradient.variables, gradient.derivatives["ratio"][0] / gradient.values["ratio"][0], strict=True))
     by_modulus = float(by_name[TISSUE] * scene.tissue.youngs_modulus)
     slopes = np.array([*(by_name.get(name, 0.0) + _by_areas(scene, name) for name in names), by_modulus])
-    return Share(math.log(ratio * areas), films.bound.log_ratio, slopes, by_modulus)
+    rule = CoarseModel(scene, solution.sample, ()).rule(scene)
+    return Share(math.log(ratio * areas), films.bound.log_ratio, slopes, by_modulus, rule)
 
 
 def _by_areas(scene: Scene, name: str) -> float:

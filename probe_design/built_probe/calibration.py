@@ -49,7 +49,9 @@ class Calibration:
     warnings: tuple[str, ...]
 
 
-def calibrate(scene: Scene, bench: Bench, samples: Sequence[Samples], shares: Shares | None = None) -> Calibration:
+def calibrate(
+    scene: Scene, bench: Bench, samples: Sequence[Samples], shares: Shares | None = None, *, linear: bool = False
+) -> Calibration:
     """Calibrate a probe.
 
     Args:
@@ -57,17 +59,19 @@ def calibrate(scene: Scene, bench: Bench, samples: Sequence[Samples], shares: Sh
         bench: references and tolerances.
         samples: one reading for each of the bench's references, in their order.
         shares: the predictions, where they are known already.
+        linear: whether to take loads whose finite strain may change a prediction by more than 0.8 %; it is counted anyway.
 
     Raises:
         HardwareError: a reading has gaps, is saturated, too short or drifts.
         InputError: the references cannot tell the gains.
-        Refusal: the meridian level cannot take the probe.
+        Refusal: the meridian level cannot take the probe, or a load is beyond what linear elasticity allows.
     """
     if len(samples) != len(bench.reference):
         raise InputError("readings", len(samples), f"one for each of the bench's {len(bench.reference)} references")
     measurements = [strict_reading(one, bench, scene) for one in samples]
     observations = tuple(observed(one, reference, scene) for one, reference in zip(measurements, bench.reference, strict=True))
     predictions = predicted(scene, bench.reference) if shares is None else shares
+    predictions = predictions.under([one.load for one in observations], bench.reference, linear)
     gains = estimated(observations, predictions, bench)
     offsets = np.array([one.fit.offsets[:2] for one in measurements])
     spread = offsets.std(axis=0, ddof=1) / np.sqrt(len(offsets)) if len(offsets) > 1 else measurements[0].fit.offsets_sd[:2]

@@ -21,7 +21,7 @@ from hw.common.samples import Samples
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import Shares, predicted
 from probe_design.built_probe.explanations import LEVEL, Deviation, Explanation, alike, explanations, refined
-from probe_design.built_probe.film_forces import newtons, strict_reading
+from probe_design.built_probe.film_forces import newtons, observed, strict_reading
 from probe_design.built_probe.gain_matrix import Gains
 
 
@@ -76,6 +76,7 @@ def check(
     *,
     variables: Sequence[str] = (),
     shares: Shares | None = None,
+    linear: bool = False,
 ) -> Check:
     """Compare a probe with its prediction.
 
@@ -86,10 +87,12 @@ def check(
         gains: a calibration's; None: nominal, with the bench's tolerances.
         variables: that ``gains.slopes`` refers to.
         shares: the predictions, where they are known already.
+        linear: whether to take loads whose finite strain may change a prediction by more than 0.8 %; it is counted anyway.
 
     Raises:
         HardwareError: a reading has gaps, is saturated, too short or drifts.
         InputError: no blocks, or not one reading for each.
+        Refusal: a load is beyond what linear elasticity allows.
     """
     if not bench.blocks or len(samples) != len(bench.blocks):
         raise InputError(
@@ -97,7 +100,10 @@ def check(
         )
     predictions = predicted(scene, bench.reference) if shares is None else shares
     effective = Gains.nominal(bench) if gains is None else gains
-    films = [newtons(strict_reading(one, bench, scene), scene, tolerance=gains is None) for one in samples]
+    measurements = [strict_reading(one, bench, scene) for one in samples]
+    loads = [observed(one, block, scene).load for one, block in zip(measurements, bench.blocks, strict=True)]
+    predictions = predictions.under(loads, bench.blocks, linear)
+    films = [newtons(one, scene, tolerance=gains is None) for one in measurements]
     deviation = _deviation(bench, films, effective, variables, predictions)
     p_value = float(chi2.sf(deviation.chi_square, len(deviation.logs)))
     explained, unresolved = explanations(deviation, predictions)

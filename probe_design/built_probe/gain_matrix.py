@@ -47,6 +47,11 @@ class Observed:
     force: float | None = None
     force_sd: float | None = None
 
+    @property
+    def load(self) -> float:
+        """Amplitude of the load, N: by the force channel, else by the films' nominal gains."""
+        return float(self.films.sum()) if self.force is None else self.force
+
 
 @dataclass(frozen=True)
 class Gains:
@@ -181,7 +186,7 @@ class _Problem:
         return len(self.residuals(self.start()))
 
     def start(self) -> Floats:
-        loads = [one.films.sum() if one.force is None else one.force for one in self.observed]
+        loads = [one.load for one in self.observed]
         entries = np.array([1.0, 0.0, 0.0, 1.0])[self.entries]
         return np.concatenate([entries, np.log(loads), self.shares.log_ratios, [0.0] * self.absolute])
 

@@ -17,6 +17,7 @@ from probe_design.built_probe.gain_matrix import Gains
 from solver.axisymmetric.level import Axisymmetric
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.levels import AUTO, evaluate
+from solver.planning.load_check import check_load, exact, load_rule, with_load
 from solver.results.result import Result
 
 SPREAD = 3**-0.5  # standard deviation of what lies anywhere within a bound of 1: GUM 4.3.7
@@ -79,10 +80,19 @@ class Read:
         return asdict(self)
 
 
-def prediction(scene: Scene, accuracy: float) -> Result:
-    """Evaluate a scene by the fastest level of finite elements that takes it, whatever error it then states."""
+def prediction(scene: Scene, accuracy: float, linear: bool = False) -> Result:
+    """Evaluate a scene by the fastest level of finite elements that takes it, whatever error it then states.
+
+    Raises:
+        Refusal: no level takes the scene, or, unless ``linear``, its load is beyond what linear elasticity allows.
+    """
     level = next((one for one in (Axisymmetric(), EquivalentInclusion()) if one.refusal(scene) is None), None)
-    return evaluate(scene, AUTO if level is None else level.name, accuracy)
+    if level is None:
+        return evaluate(scene, AUTO, accuracy, linear=linear)
+    result, rule = level.evaluate(scene, accuracy), load_rule(scene)
+    if not linear:
+        check_load(scene, exact(rule, result), accuracy, promise=False)
+    return with_load(result, scene, rule, accuracy, promise=False)
 
 
 def read(measurement: Measurement, scene: Scene, bench: Bench, predicted: Result, gains: Gains | None = None) -> Read:

@@ -5,6 +5,13 @@ Each function raises ``InputError``, one line, for what is none.
 
 from __future__ import annotations
 
+import click
+
+linear_option = click.option(
+    "--linear", is_flag=True, help="Answer loads beyond linear elasticity too, what is known of the effect counted in the error."
+)
+"""Of the verbs that refuse such loads without it."""
+
 
 def number(key: str, text: str, allowed: str = "a number above 0 and below 1, such as 0.01") -> float:
     """Read a number; whether it is in range is for those to say who use it."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from probe_design.cli.arguments import number
+from probe_design.cli.arguments import linear_option, number
 from probe_design.cli.output import present
 
 if TYPE_CHECKING:
@@ -26,10 +26,11 @@ USUAL_NOISE = "0.05"  # the paper's "about 5 %"
 @click.option("--readings", "file", type=click.Path(path_type=Path), help="In place of --ratio: a .toml or .csv file, see below.")
 @click.option("--unknown", default="youngs_modulus", show_default=True, help="youngs_modulus, diameter or depth of the target.")
 @click.option("--accuracy", help="Relative error that the model's ratio may have.  [default: 1/4 of --noise, at most 0.01]")
+@linear_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def estimate(
     scene: Path, ratio: str | None, noise: str | None, stiffness: str | None, stiffness_noise: str | None, file: Path | None,
-    unknown: str, accuracy: str | None, as_json: bool,
+    unknown: str, accuracy: str | None, linear: bool, as_json: bool,
 ) -> None:  # fmt: skip
     """Say what was pressed on: E_object, diameter or depth of SCENE's target, with its 95 % interval.
 
@@ -56,7 +57,7 @@ def estimate(
     read = read_scene(scene)
     readings = _readings(read, file, ratio=ratio, noise=noise, stiffness=stiffness, stiffness_noise=stiffness_noise)
     with working(f"estimating {unknown} of {scene}"):
-        answer = run(read, readings, unknown, None if accuracy is None else number("accuracy", accuracy))
+        answer = run(read, readings, unknown, None if accuracy is None else number("accuracy", accuracy), linear=linear)
     present(answer, estimate_table, as_json, lines=lambda estimate: [sentence(estimate)])
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from probe_design.cli.arguments import modulus, number
+from probe_design.cli.arguments import linear_option, modulus, number
 from probe_design.cli.output import check_picture, present
 
 EVALUATORS = "auto, published, closed-form, equivalent-inclusion, axisymmetric, solid"
@@ -17,10 +17,13 @@ EVALUATORS = "auto, published, closed-form, equivalent-inclusion, axisymmetric, 
 @click.argument("scene", type=click.Path(path_type=Path))
 @click.option("--evaluator", default="auto", show_default=True, help=f"Level of fidelity: {EVALUATORS}.")
 @click.option("--accuracy", default="0.01", show_default=True, help="Relative error that ratio, stresses and stiffness may have.")
+@linear_option
 @click.option("--vtu", type=click.Path(path_type=Path), help="With solid: write mesh, displacements and stresses for ParaView.")
 @click.option("--plot", "picture", type=click.Path(path_type=Path), help="With solid: draw mesh and stresses to this .png file.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def evaluate(scene: Path, evaluator: str, accuracy: str, vtu: Path | None, picture: Path | None, as_json: bool) -> None:
+def evaluate(
+    scene: Path, evaluator: str, accuracy: str, linear: bool, vtu: Path | None, picture: Path | None, as_json: bool
+) -> None:
     """Say what both films feel, and how well their ratio tells E_object.
 
     \b
@@ -32,6 +35,9 @@ def evaluate(scene: Path, evaluator: str, accuracy: str, vtu: Path | None, pictu
                           of any shape, from STL and STEP files too
     auto                  what plan says: the cheapest of the last three that takes the scene and
                           reaches --accuracy; refuses rather than answer worse
+
+    All are exact for small loads. Beyond linear_limit_load an evaluator that is named warns, and auto refuses, or with --linear
+    counts in error_estimate what finite strain may change.
     """  # noqa: D301
     from geometry.scenes.scene_file import read_scene
     from probe_design.terminal.console import result_table, saying
@@ -45,7 +51,7 @@ def evaluate(scene: Path, evaluator: str, accuracy: str, vtu: Path | None, pictu
         else:
             from solver import evaluate as run
 
-            result = run(read_scene(scene), evaluator, relative, tell)
+            result = run(read_scene(scene), evaluator, relative, tell, linear=linear)
     present(result, result_table, as_json)
 
 
@@ -57,9 +63,12 @@ def evaluate(scene: Path, evaluator: str, accuracy: str, vtu: Path | None, pictu
     "--points", default=50, show_default=True, type=click.IntRange(2, 100_000), help="Moduli, evenly on a logarithmic scale."
 )
 @click.option("--accuracy", default="0.01", show_default=True, help="Relative error that the ratio may have at every modulus.")
+@linear_option
 @click.option("--plot", "picture", type=click.Path(path_type=Path), help="Draw the curve to this .png, .svg or .pdf file.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def curve(scene: Path, low: str, high: str, points: int, accuracy: str, picture: Path | None, as_json: bool) -> None:
+def curve(
+    scene: Path, low: str, high: str, points: int, accuracy: str, linear: bool, picture: Path | None, as_json: bool
+) -> None:
     """Say how ratio and log-sensitivity depend on the inclusion's Young's modulus.
 
     With one sphere on the probe's axis all moduli follow exactly from one factorisation, so that a thousand cost as much as
@@ -73,7 +82,7 @@ def curve(scene: Path, low: str, high: str, points: int, accuracy: str, picture:
     read = read_scene(scene)
     check_picture(picture)
     with saying(f"curve of {scene}") as tell:
-        answer = run(read, _moduli(low, high, points), number("accuracy", accuracy), tell)
+        answer = run(read, _moduli(low, high, points), number("accuracy", accuracy), tell, linear=linear)
     if picture is not None:
         plot(answer, picture, read.inclusion[read.target or 0].youngs_modulus, read.tissue.youngs_modulus)
     present(answer, curve_table, as_json, picture)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from probe_design.cli.arguments import number
+from probe_design.cli.arguments import linear_option, number
 from probe_design.cli.output import print_json
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ def _with_source(verb: Verb) -> Verb:
         click.option("--bench", type=click.Path(path_type=Path), help="TOML file of load, amplifier and references."),
         click.option("--built", multiple=True, help="How the virtual probe differs: 'probe.gap=0.12 mm'."),
         click.option("--seed", default=0, show_default=True, type=click.IntRange(0, 2**31), help="Of the virtual probe's noise."),
+        linear_option,
         click.option("--json", "as_json", is_flag=True, help="Print one JSON object."),
     )
     for option in reversed(options):
@@ -45,7 +46,9 @@ def _with_source(verb: Verb) -> Verb:
 @_with_source
 @click.option("--calibration", type=click.Path(path_type=Path), help="What calibrate has written.")
 @click.option("--accuracy", default="0.01", show_default=True, help="Relative error that the prediction may have.")
-def read(scene: Path | None, bench: Path | None, calibration: Path | None, accuracy: str, as_json: bool, **source: Any) -> None:
+def read(
+    scene: Path | None, bench: Path | None, calibration: Path | None, accuracy: str, linear: bool, as_json: bool, **source: Any
+) -> None:
     """Read the probe under a sinusoidal load: ratio and stresses, beside what is predicted for SCENE.
 
     Live numbers and curves run on a terminal, plain lines elsewhere; the reading ends by itself. Without SCENE the
@@ -70,7 +73,7 @@ def read(scene: Path | None, bench: Path | None, calibration: Path | None, accur
     (opener,) = origin.openers(lambda: (_on_scene(setting, origin, accuracy),), 1, sys.stderr.isatty())
     with opener() as reader:  # what is not there is missed before anything is computed
         with working("predicting"):
-            predicted = prediction(setting.scene, number("accuracy", accuracy))
+            predicted = prediction(setting.scene, number("accuracy", accuracy), linear)
         gains, at = None, None
         if setting.calibration is not None:
             gains, at = setting.calibration.gains(), setting.calibration.frequency
@@ -92,7 +95,7 @@ def read(scene: Path | None, bench: Path | None, calibration: Path | None, accur
 @click.command()
 @_with_source
 @click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="New file for the calibration record.")
-def calibrate(scene: Path | None, bench: Path | None, output: Path, as_json: bool, **source: Any) -> None:
+def calibrate(scene: Path | None, bench: Path | None, output: Path, linear: bool, as_json: bool, **source: Any) -> None:
     """Tell gains, cross-talk and offsets of SCENE's probe from readings on the bench's references.
 
     Each reference is read in turn: with a device, the program asks for it. Refused are gaps, saturation, too few cycles
@@ -114,7 +117,7 @@ def calibrate(scene: Path | None, bench: Path | None, output: Path, as_json: boo
     check_writable(output.parent)
     samples, files = _readings(setting, origin, setting.bench.reference, run=0)
     with working("calibrating"):
-        calibration = run(setting.scene, setting.bench, samples)
+        calibration = run(setting.scene, setting.bench, samples, linear=linear)
     hashes = [raw(one, file) for one, file in zip(samples, files, strict=True)]
     recorded = record(calibration, hashes, described(samples[0]))
     write_record(output, recorded)
@@ -131,8 +134,9 @@ def calibrate(scene: Path | None, bench: Path | None, output: Path, as_json: boo
 @click.option("--calibration", type=click.Path(path_type=Path), help="What calibrate has written.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="New file for the result, as JSON.")
 def check(
-    scene: Path | None, bench: Path | None, calibration: Path | None, output: Path | None, as_json: bool, **source: Any
-) -> None:
+    scene: Path | None, bench: Path | None, calibration: Path | None, output: Path | None, linear: bool, as_json: bool,
+    **source: Any,
+) -> None:  # fmt: skip
     """Say whether the probe does what was predicted on the bench's blocks of tissue, and what would explain it if not.
 
     Exit code 1 if it does not. Without --calibration gains are nominal, with the bench's tolerances.
@@ -157,7 +161,7 @@ def check(
     record = setting.calibration
     with working("checking"):
         gains, variables = (None, ()) if record is None else (record.gains(), record.variables)
-        result = run(setting.scene, setting.bench, samples, gains, variables=variables)
+        result = run(setting.scene, setting.bench, samples, gains, variables=variables, linear=linear)
     if output is not None:
         write_text(output, json.dumps(result.as_dict(), allow_nan=False, indent=1) + "\n")
     if as_json:
@@ -211,7 +215,7 @@ def _on_scene(setting: HardwareSetup, source: SampleSource, accuracy: str) -> An
     from probe_design.built_probe.reading import prediction
 
     bench = setting.virtual(source)
-    return bench.on_scene(prediction(bench.scene, number("accuracy", accuracy)))
+    return bench.on_scene(prediction(bench.scene, number("accuracy", accuracy), linear=True))
 
 
 def _on_references(setting: HardwareSetup, source: SampleSource, references: Sequence[Reference], run: int) -> Any:
@@ -219,7 +223,7 @@ def _on_references(setting: HardwareSetup, source: SampleSource, references: Seq
     from probe_design.built_probe.virtual_probe import load_of
 
     bench = setting.virtual(source)
-    load = load_of(bench.scene, prediction(bench.scene, 0.01).stiffness)
+    load = load_of(bench.scene, prediction(bench.scene, 0.01, linear=True).stiffness)
     signals = zip(setting.bench.reference, bench.on_references(load, run), strict=True)
     return tuple(one for reference, one in signals if any(reference is pressed for pressed in references))
 

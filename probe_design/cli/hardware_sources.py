@@ -24,7 +24,7 @@ from probe_design.built_probe.block_predictions import by_outer_radius
 from probe_design.built_probe.calibration_record import CalibrationRecord, Raw, read_record
 from probe_design.built_probe.virtual_probe import RATE, SCALE, VirtualBench
 from probe_design.cli.arguments import number
-from probe_design.data.builtin import builtin_scene
+from probe_design.data.builtin import builtin_reading
 
 SECONDS = 10.0  # of a live reading
 CHANNELS = 3
@@ -114,7 +114,7 @@ class HardwareSetup:
         record = None if calibration is None else read_record(calibration)
         known_scene, known_bench = (None, None) if record is None else (record.scene_read(), record.bench_read())
         setting = cls(
-            read_scene(scene) if scene is not None else known_scene or builtin_scene(),
+            read_scene(scene) if scene is not None else known_scene or builtin_reading(),
             read_bench(bench) if bench is not None else known_bench or builtin_bench(),
             record,
         )

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import click
 
-from probe_design.cli.arguments import length, number, position
+from probe_design.cli.arguments import length, linear_option, number, position
 from probe_design.cli.output import check_picture, present
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -30,11 +30,13 @@ def picture_option(what: str) -> Callable[[F], F]:
 @click.option("--points", default=41, show_default=True, type=click.IntRange(2, 10_000), help="Positions, evenly spaced.")
 @click.option("--at", help="Where the line lies along the other axis.  [default: the scene's placement]")
 @click.option("--accuracy", default="0.01", show_default=True, help="Relative error that ratio, stresses and stiffness may have.")
+@linear_option
 @picture_option("the scan above a section of the tissue")
 @JSON
 def scan(
-    scene: Path, along: str, low: str, high: str, points: int, at: str | None, accuracy: str, picture: Path | None, as_json: bool
-) -> None:
+    scene: Path, along: str, low: str, high: str, points: int, at: str | None, accuracy: str, linear: bool, picture: Path | None,
+    as_json: bool,
+) -> None:  # fmt: skip
     """Say what the probe reads along a line over the tissue.
 
     The probe is lifted, moved and pressed again; tumours and tissue stay where SCENE has them, and SCENE's own
@@ -61,7 +63,7 @@ def scan(
     line = None if at is None else position("at", at)
     with counting(f"scan of {scene}") as progress:
         positions = np.linspace(first, last, points)
-        answer = run(read, along, positions, line, accuracy=number("accuracy", accuracy), progress=progress)
+        answer = run(read, along, positions, line, accuracy=number("accuracy", accuracy), linear=linear, progress=progress)
     if picture is not None:
         plot(answer, read, picture)
     present(answer, scan_table, as_json, picture)
@@ -80,11 +82,12 @@ def scan(
 @click.option("--diameter-to", help="Largest diameter.  [default: 2.5 outer radii or what the scene's tumour needs]")
 @click.option("--points", default=50, show_default=True, type=click.IntRange(2, 300), help="Depths, and as many diameters.")
 @click.option("--accuracy", help="Relative error that the ratio may have.  [default: --noise, between 0.0005 and 0.01]")
+@linear_option
 @picture_option("both maps")
 @JSON
 def detectability(
     scene: Path, noise: str, seen: str, resolved: str, depth_from: str | None, depth_to: str | None, diameter_from: str | None,
-    diameter_to: str | None, points: int, accuracy: str | None, picture: Path | None, as_json: bool,
+    diameter_to: str | None, points: int, accuracy: str | None, linear: bool, picture: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Say which tumours the probe sees, and of which it resolves the stiffness: maps over depth and diameter.
 
@@ -118,7 +121,7 @@ def detectability(
     depths, diameters = chosen_sizes(read, points, **sizes)
     relative = None if accuracy is None else number("accuracy", accuracy)
     with counting(f"detectability of {scene}") as progress:
-        answer = run(read, depths, diameters, limits, accuracy=relative, progress=progress)
+        answer = run(read, depths, diameters, limits, accuracy=relative, linear=linear, progress=progress)
     if picture is not None:
         plot(answer, read, picture)
     present(answer, threshold_table, as_json, picture)

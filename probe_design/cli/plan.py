@@ -18,12 +18,13 @@ def plan(scene: Path, accuracy: str, as_json: bool) -> None:
     """Say which model of SCENE meets --accuracy at the least cost, what it leaves out, and why.
 
     This is what evaluate and curve do without --evaluator. Every feature that could be left out is listed with what it changes
-    of the ratio, of the stresses and of the stiffness; what no evaluator can model yet is estimated at the scene's load.
+    of the ratio, of the stresses and of the stiffness; what no evaluator can model yet is bounded at the scene's load, and the
+    largest load that auto answers is told.
     """
     from geometry.scenes.scene_file import read_scene
-    from probe_design.terminal.console import plan_table, working
+    from probe_design.terminal.console import plan_lines, plan_table, working
     from solver import plan as run
 
     with working(f"planning {scene}"):
         decided = run(read_scene(scene), number("accuracy", accuracy))
-    present(decided, plan_table, as_json, lines=lambda plan: [f"{one.feature}: {one.reason}" for one in plan.decisions])
+    present(decided, plan_table, as_json, lines=plan_lines)

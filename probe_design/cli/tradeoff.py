@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from probe_design.cli.arguments import linear_option
 from probe_design.cli.output import print_json
 
 if TYPE_CHECKING:
@@ -19,8 +20,9 @@ if TYPE_CHECKING:
 @click.argument("scenes", metavar="[SCENE]...", nargs=-1, type=click.Path(path_type=Path))
 @click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder for table, plot and JSON file.")
 @click.option("--solid", is_flag=True, help="Ask the three-dimensional level too: minutes for each scene.")
+@linear_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def tradeoff(scenes: tuple[Path, ...], output: Path, solid: bool, as_json: bool) -> None:
+def tradeoff(scenes: tuple[Path, ...], output: Path, solid: bool, linear: bool, as_json: bool) -> None:
     """Say what accuracy costs on your scenes: every evaluator and setting, timed, stated error against true one.
 
     True errors are differences from the finest answer of any level that converges, which has a stated error of its own. Allow
@@ -40,7 +42,7 @@ def tradeoff(scenes: tuple[Path, ...], output: Path, solid: bool, as_json: bool)
     named = _named(scenes)
     check_writable(output)  # what would fail after the work fails before it
     with stages() as progress:
-        study = run(named, solid, progress)
+        study = run(named, solid, progress, linear=linear)
     files = write_all(study, output)
     if as_json:
         print_json(study.as_dict() | {"files": [str(file) for file in files]})
@@ -51,7 +53,7 @@ def tradeoff(scenes: tuple[Path, ...], output: Path, solid: bool, as_json: bool)
     for row in study.uncertain:
         remedy = "" if solid else "; --solid asks the three-dimensional level"
         message(f"{row.scene}: even the finest answer states an error of {row.stated_error:.2g}{remedy}")
-    warn(_broken(row) for row in study.broken)
+    warn((*study.warnings, *(_broken(row) for row in study.broken)))
 
 
 def _broken(row: Row) -> str:

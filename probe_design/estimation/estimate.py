@@ -29,6 +29,7 @@ from probe_design.estimation.readings import Measurements, Reading
 from probe_design.estimation.reasons import Findings, reason, warnings
 from probe_design.estimation.strength import DepthAndStrength, Interval, strength
 from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.planning.load_check import check_load
 from solver.results.result import Decision
 
 WIDEST = {"youngs_modulus": 100.0, "diameter": 4.0, "depth": 4.0}
@@ -82,8 +83,9 @@ class Estimate:
 
 
 def estimate(
-    scene: Scene, readings: tuple[Reading, ...], unknown: str = "youngs_modulus", accuracy: float | None = None
-) -> Estimate:
+    scene: Scene, readings: tuple[Reading, ...], unknown: str = "youngs_modulus", accuracy: float | None = None, *,
+    linear: bool = False,
+) -> Estimate:  # fmt: skip
     """Estimate one unknown of the scene's target.
 
     Args:
@@ -91,10 +93,12 @@ def estimate(
         readings: one or more.
         unknown: youngs_modulus, diameter or depth.
         accuracy: of the evaluator; left out: a quarter of the ratios' least noise, from 5e-4 to 0.01.
+        linear: whether to take any load. The intervals count what finite strain may change; left out, that is less than the
+            ratios' least noise.
 
     Raises:
         InputError: no such unknown or accuracy; an inclusion that cannot be seen from one of the places.
-        Refusal: the scene is of a kind that cannot be estimated.
+        Refusal: the scene is of a kind that cannot be estimated, or its load is beyond what linear elasticity allows.
     """
     start = perf_counter()
     if unknown not in WIDEST:
@@ -106,6 +110,8 @@ def estimate(
     if not 0 < accuracy < 1:
         raise InputError("accuracy", accuracy, "a number above 0 and below 1, such as 0.01")
     model = TargetModel(scene, data, accuracy)
+    if not linear:
+        check_load(scene, model.rule, model.tolerance, promise=False)
     notes: tuple[str, ...] = ()
     useless = data.is_stiffness & (model.stiffness_error > data.noise)
     if useless.any():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +17,8 @@ from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import Readings, readings
 from solver.inclusions.tumours import Tumours
+from solver.planning.load_check import LoadChanges, load_rule
+from solver.planning.loads import LoadRule
 
 CLEAR = 0.995  # of the room that a body may fill: what touches the surface has no model
 WORST = 0.3  # bound on the error of ln ratio beyond which the model is none: such bodies are not searched
@@ -83,6 +85,16 @@ class TargetModel:
             far = np.array([np.hypot(*self.data.places.T).max(), 0.0])
         scene = self.scene.model_copy(update={"placement": Placement(x=float(far[0]), y=float(far[1]))})
         return EquivalentInclusion().prepared(scene, self.accuracy)
+
+    @cached_property
+    def rule(self) -> LoadRule:
+        """For the scene's load, with the stiffness without tumours."""
+        return load_rule(self.scene)
+
+    @property
+    def tolerance(self) -> float:
+        """What the load may change of the ratio without being asked for: its least noise, at most 0.9."""
+        return min(float(self.data.noise[~self.data.is_stiffness].min()), 0.9)
 
     @property
     def stiffness_error(self) -> float:
@@ -164,7 +176,10 @@ class TargetModel:
         return places[first], alike
 
     def _readings(self, tumours: Tumours, reflect: bool | None, by_diameter: bool) -> Readings:
-        """First-order readings, with reflections where they may matter: no two neighbours then differ by how they were found."""
+        """First-order readings, with reflections where they may matter: no two neighbours then differ by how they were found.
+
+        Their bounds count what the load changes; there is no ratio where nothing is known of that.
+        """
         scene = self.scene
         answers = readings(self.base, tumours, scene.target or 0, by_diameter, reflect=False)
         reflected = np.full(len(tumours.x), bool(reflect))
@@ -177,7 +192,13 @@ class TargetModel:
                     getattr(answers, field.name)[reflected] = getattr(better, field.name)
             for key, values in answers.by.items():
                 values[reflected] = better.by[key]
-        return answers
+        changes = LoadChanges.of(scene, self.rule, answers.stiffness).ratio
+        small = np.where(np.isfinite(changes), changes, 0.0)
+        return replace(
+            answers,
+            bound=answers.bound + small[:, None] * np.abs(answers.totals),
+            log_ratio_bound=answers.log_ratio_bound + np.where(np.isfinite(changes), -np.log1p(-small), np.inf),
+        )
 
     def _tumours(self, places: Floats, n: int, target: dict[str, Floats]) -> Tumours:
         """Return the inclusions of the scene with n targets as seen from some places, shape (n times places, inclusions)."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from probe_design.estimation.profile import Track
 from probe_design.estimation.strength import DepthAndStrength, Interval
 from solver.equivalent_inclusion.readings import readings
 from solver.inclusions.tumours import Tumours
+from solver.planning.load_check import load_notes
 from solver.results.film_forces import Bound, FilmForces, outputs
 
 IMPROBABLE = 0.01  # a fit this bad says that scene or noise are not what they are said to be
@@ -167,6 +168,8 @@ def _of_load(findings: Findings) -> Iterator[str]:
     best = readings(model.base, Tumours.of(assumed.model_copy(update={"inclusion": bodies})), assumed.target or 0)
     films = FilmForces(best.forces[0], Bound(best.bound[0], float(best.log_ratio_bound[0])), best.by["youngs_modulus"][0])
     yield from outputs(assumed, films)["warnings"]
+    rule = replace(model.rule, stiffness=float(best.stiffness[0]))
+    yield from load_notes(assumed, rule, model.tolerance, promise=False)
 
 
 def _contains(interval: Interval, value: float) -> bool:

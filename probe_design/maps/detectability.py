@@ -17,7 +17,7 @@ more with reflections, and where it stays open there is no verdict (None).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from time import perf_counter
 from typing import Any
 
@@ -31,6 +31,7 @@ from probe_design.maps.target_grid import Spheres, check_spheres, target_of
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import Readings, readings
+from solver.planning.load_check import DOUBT, LoadChanges, budget, check_load, load_notes, load_rule
 from solver.results.result import Decision
 
 FINEST, COARSEST = 5e-4, 0.01  # accuracies chosen by the noise
@@ -108,7 +109,7 @@ class Detectability:
 
 def detectability(
     scene: Scene, depths: Floats, diameters: Floats, limits: Thresholds | None = None, *,
-    accuracy: float | None = None, progress: Progress | None = None,
+    accuracy: float | None = None, linear: bool = False, progress: Progress | None = None,
 ) -> Detectability:  # fmt: skip
     """Exchange the scene's target for spheres of other sizes at other depths.
 
@@ -118,11 +119,12 @@ def detectability(
         diameters: m, shape (m,).
         limits: what counts as seen and resolved.
         accuracy: relative, of the ratio; left out: the noise, from 5e-4 to 0.01.
+        linear: whether to answer linearly at any load, see ``solver.evaluate``.
         progress: called with spheres done and all, of those that need reflections.
 
     Raises:
         InputError: no target, or sizes that are not positive.
-        Refusal: the scene is of a kind that the level cannot take.
+        Refusal: the scene is of a kind that the level cannot take, or its load is beyond what linear elasticity allows.
     """
     start = perf_counter()
     limits = limits or Thresholds()
@@ -130,7 +132,10 @@ def detectability(
     check_accuracy(accuracy)
     target_of(scene)
     check_spheres(scene, "detectability")
-    base = EquivalentInclusion().prepared(scene, accuracy)
+    rule = load_rule(scene)
+    if not linear:
+        check_load(scene, rule, accuracy, True, DOUBT)
+    base = EquivalentInclusion().prepared(scene, budget(rule, rule.force(scene), accuracy, True))
     spheres = Spheres(scene, depths, diameters, base.field.states.model.section.tissue_radius)
     tumours, index, alone = spheres.tumours, scene.target or 0, readings(base, spheres.without)
     effects = _effects(base, readings(base, tumours, index, reflect=False), alone)
@@ -138,6 +143,10 @@ def detectability(
     if len(unsure):
         again = readings(base, tumours.of_index(unsure), index, progress=progress, reflect=True)
         effects = effects.replaced(unsure, _effects(base, again, alone))
+    load = LoadChanges.of(scene, rule, np.append(effects.stiffness, alone.stiffness))
+    if not linear:
+        check_load(scene, load.weakest, accuracy, True)
+    effects = effects.loaded(load)
     maps = _maps(spheres.fits, effects, limits)
     return Detectability(
         depth=tuple(depths.tolist()),
@@ -150,7 +159,7 @@ def detectability(
         evaluator=EquivalentInclusion().name,
         seconds=perf_counter() - start,
         plan=(*base.plan, _reflections(base, len(unsure), len(effects.change))),
-        warnings=(*base.notes, *_warnings(effects, limits)),
+        warnings=(*base.notes, *_warnings(effects, limits), *load_notes(scene, load.weakest, accuracy, True)),
     )
 
 
@@ -162,6 +171,7 @@ class _Effects:
         has_ratio: whether there is a ratio.
         change, error: eq. MA.1 and a bound on its error; inf where there is no ratio.
         sensitivity, sensitivity_error: S and a bound on its error.
+        stiffness: N/m.
     """
 
     has_ratio: Bools
@@ -169,6 +179,15 @@ class _Effects:
     error: Floats
     sensitivity: Floats
     sensitivity_error: Floats
+    stiffness: Floats
+
+    def loaded(self, load: LoadChanges) -> _Effects:
+        """Return these with what the load changes in their errors: of R and R_0 each, and of S."""
+        ratio, slope = load.ratio[:-1], load.log_sensitivity[:-1]
+        factor = (1 + ratio) * (1 + load.ratio[-1])
+        error = self.error * factor + np.abs(1 + self.change) * (factor - 1)
+        sensitivity_error = self.sensitivity_error * (1 + slope) + np.abs(self.sensitivity) * slope
+        return replace(self, error=error, sensitivity_error=sensitivity_error)
 
     def replaced(self, which: Ints, others: _Effects) -> _Effects:
         """Return these with some of them exchanged."""
@@ -203,7 +222,14 @@ def _effects(base: Undisturbed, together: Readings, alone: Readings) -> _Effects
     has_ratio = np.asarray(together.resolved & alone.resolved)
     change = np.where(has_ratio, together.ratio / np.where(alone.resolved, alone.ratio, 1.0) - 1, 0.0)
     error = np.where(has_ratio, np.abs(1 + change) * np.expm1(np.minimum(_log_error(base, together, alone), 700.0)), np.inf)
-    return _Effects(has_ratio, change, error, together.log_sensitivity, np.where(has_ratio, together.sensitivity_error, np.inf))
+    return _Effects(
+        has_ratio,
+        change,
+        error,
+        together.log_sensitivity,
+        np.where(has_ratio, together.sensitivity_error, np.inf),
+        together.stiffness,
+    )
 
 
 def _log_error(base: Undisturbed, together: Readings, alone: Readings) -> Floats:

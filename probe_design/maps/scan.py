@@ -14,12 +14,12 @@ from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
 from probe_design.maps.scan_line import ScanLine
 from probe_design.maps.target_grid import check_spheres
-from solver.equivalent_inclusion.level import EquivalentInclusion, film_forces
+from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
 from solver.equivalent_inclusion.readings import Readings, readings
-from solver.results.film_forces import outputs, ratio
+from solver.planning.load_check import DOUBT, LoadChanges, budget, check_load, load_notes, load_rule
+from solver.results.film_forces import ratio
 from solver.results.result import Decision
-from solver.results.warnings import of_kind
 
 Progress = Callable[[int, int], None]
 Column = tuple[float | None, ...]
@@ -60,7 +60,7 @@ class Scan:
 
 def scan(
     scene: Scene, along: str, positions: Floats, at: float | None = None, *, accuracy: float = 0.01,
-    progress: Progress | None = None,
+    linear: bool = False, progress: Progress | None = None,
 ) -> Scan:  # fmt: skip
     """Move the scene's probe along a line over its tissue; tumours stay where they are.
 
@@ -70,19 +70,25 @@ def scan(
         positions: of the probe's axis along the line, m, shape (n,).
         at: where the line lies along the other axis, m; left out: the scene's placement.
         accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
+        linear: whether to answer linearly at any load, see ``solver.evaluate``.
         progress: called with positions done and all, of those that need reflections.
 
     Raises:
         InputError: the probe would leave the tissue.
-        Refusal: the scene is of a kind that the level cannot take, or too extreme for double precision.
+        Refusal: the scene is of a kind that the level cannot take, or too extreme for double precision; its load is beyond what
+            linear elasticity allows.
     """
     start = perf_counter()
     check_accuracy(accuracy)
     check_spheres(scene, "scan")
     across = "y" if along == "x" else "x"
-    line = ScanLine(scene, along, float(getattr(scene.placement, across) if at is None else at), accuracy)
+    rule, promise = load_rule(scene), scene.target is not None
+    asked = budget(rule, rule.force(scene), accuracy, promise)
+    line = ScanLine(scene, along, float(getattr(scene.placement, across) if at is None else at), asked)
     positions = np.asarray(positions, dtype=float)
     line.check(positions)
+    if not linear:
+        check_load(scene, rule, accuracy, promise, DOUBT)
     base = line.prepared(float(np.abs(positions).min()))  # serves all positions: only the bounds are others elsewhere
     tumours = line.tumours(positions)
     plain = readings(base, tumours, scene.target or 0, progress=progress, sensitive=scene.target is not None)
@@ -90,6 +96,9 @@ def scan(
     far = line.alone(float(np.abs(positions).max()))
     outside = base.inside(tumours)[1]
     targeted = ~outside[:, scene.target] if scene.target is not None else np.zeros(len(positions), dtype=bool)
+    load = LoadChanges.of(scene, rule, answers.stiffness)
+    if not linear:
+        check_load(scene, load.weakest, accuracy, promise)
     stress = answers.totals * indentation(scene, answers)[:, None] / answers.areas
     return Scan(
         along=along,
@@ -100,12 +109,15 @@ def scan(
         stress_inner=tuple(stress[:, 0].tolist()),
         stress_outer=tuple(stress[:, 1].tolist()),
         log_sensitivity=column(answers.log_sensitivity, answers.resolved & targeted) if answers.by else (None,) * len(positions),
-        error_estimate=column(answers.error_estimate, answers.resolved),
+        error_estimate=column(load.with_errors(answers.error_estimate), answers.resolved & load.known),
         ratio_without=ratio(scene, base.films)["ratio"],
         evaluator=EquivalentInclusion().name,
         seconds=perf_counter() - start,
         plan=(*far.plan, *reflections(base, answers)),
-        warnings=tuple(dict.fromkeys(_warnings(scene, far, answers, outside))),
+        warnings=(
+            *dict.fromkeys(_warnings(scene, far, answers, outside)),
+            *load_notes(scene, load.weakest, accuracy, promise),
+        ),
     )
 
 
@@ -165,7 +177,6 @@ def _warnings(scene: Scene, far: ProbeAlone, answers: Readings, outside: Bools) 
             most = f"{answers.sensitivity_error[worse].max():.1g} (absolute)"
             where = f"{int(worse.sum())} of {n} positions"
             yield f"error bounds of log_sensitivity up to {most} at {where}, above 5 times the accuracy"
-    yield from _of_load(scene, answers)
 
 
 def errors(scene: Scene, answers: Readings) -> dict[str, Floats]:
@@ -178,13 +189,3 @@ def errors(scene: Scene, answers: Readings) -> dict[str, Floats]:
         return bounds
     with np.errstate(divide="ignore"):
         return bounds | {"the stresses": (answers.bound / np.abs(answers.totals)).max(axis=1)}
-
-
-def _of_load(scene: Scene, answers: Readings) -> Iterator[str]:
-    """Yield what is said of the scene's load where the blocks or the tissue are strained most."""
-    deep = indentation(scene, answers)
-    moduli = np.array([scene.probe.inner.youngs_modulus, scene.probe.outer.youngs_modulus])
-    strain = np.max(np.abs(answers.totals) * deep[:, None] / answers.areas / moduli, axis=1)
-    most = int(np.argmax(np.maximum(strain, deep / scene.probe.tube_radius)))
-    notes = outputs(scene, film_forces(answers, most, False))["warnings"]
-    yield from of_kind(notes, "linear")

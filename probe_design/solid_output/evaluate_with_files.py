@@ -11,6 +11,7 @@ import numpy as np
 from geometry.common.errors import InputError
 from geometry.common.files import check_writable
 from geometry.scenes.scene import Scene
+from solver.planning.load_check import with_warning
 from solver.results.result import Result
 from solver.solid.level import SolidLevel, indentation
 
@@ -53,4 +54,4 @@ def evaluated(
     if picture is not None:
         tell(f"drawing {picture}")
         draw_solid(picture, solution.difference.states, motion)
-    return result
+    return with_warning(result, scene, accuracy)

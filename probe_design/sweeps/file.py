@@ -21,7 +21,7 @@ from probe_design.sweeps.keys import Key, Value, at_path, changed, key
 from probe_design.sweeps.samples import KINDS, DesignSampling, Variable
 from probe_design.sweeps.variables import variable, whole
 
-_KEYS = ("scene", "evaluator", "accuracy", "time_limit", "sample", "constraints", "variables")
+_KEYS = ("scene", "evaluator", "accuracy", "linear", "time_limit", "sample", "constraints", "variables")
 _TIME = Quantity("time", "s", "s", 1e-3, 1e7)
 
 
@@ -33,7 +33,7 @@ class Sweep:
         base: the tables of the scene that is varied.
         variables: what is varied.
         sample: how the designs are drawn.
-        evaluator, accuracy: as in ``solver.evaluate``.
+        evaluator, accuracy, linear: as in ``solver.evaluate``.
         constraints: conditions that designs must meet; see ``probe_design.sweeps.constraints``.
         time_limit: seconds that a design may take; None for as long as it does.
     """
@@ -43,6 +43,7 @@ class Sweep:
     sample: DesignSampling
     evaluator: str = "auto"
     accuracy: float = 0.01
+    linear: bool = False
     constraints: tuple[str, ...] = ()
     time_limit: float | None = None
 
@@ -124,11 +125,12 @@ def sweep_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_r
         raise InputError("constraints", constraints, "a list of conditions, each a text")
     if constraints and sample.kind == "saltelli":
         raise InputError("constraints", constraints, "none with sample.kind = 'saltelli', whose indices need every design")
-    evaluator, accuracy = _settings(tables)
+    evaluator, accuracy, linear = _settings(tables)
     limit = time_limit(tables.get("time_limit"), units_required)
     return Sweep(
-        base, variables, sample, evaluator=evaluator, accuracy=accuracy, constraints=tuple(constraints), time_limit=limit
-    )
+        base, variables, sample, evaluator=evaluator, accuracy=accuracy, linear=linear, constraints=tuple(constraints),
+        time_limit=limit,
+    )  # fmt: skip
 
 
 def _scene(entry: object, folder: Path) -> Scene:
@@ -152,16 +154,18 @@ def _with_whole_names(base: dict[str, Any]) -> dict[str, Any]:
     return base | {"inclusion": bodies} if bodies else base
 
 
-def _settings(tables: Mapping[str, Any]) -> tuple[str, float]:
+def _settings(tables: Mapping[str, Any]) -> tuple[str, float, bool]:
     from solver.levels import AUTO, BUILT, check_accuracy
 
-    evaluator, accuracy = tables.get("evaluator", AUTO), tables.get("accuracy", 0.01)
+    evaluator, accuracy, linear = tables.get("evaluator", AUTO), tables.get("accuracy", 0.01), tables.get("linear", False)
     if evaluator not in (AUTO, *BUILT):
         raise InputError("evaluator", evaluator, f"one of {', '.join((AUTO, *BUILT))}")
     if isinstance(accuracy, bool) or not isinstance(accuracy, int | float):
         raise InputError("accuracy", accuracy, "a number above 0 and below 1, such as 0.01")
     check_accuracy(accuracy)
-    return str(evaluator), float(accuracy)
+    if not isinstance(linear, bool):
+        raise InputError("linear", linear, "true or false")
+    return str(evaluator), float(accuracy), linear
 
 
 def time_limit(entry: object, units_required: bool = False) -> float | None:

@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from importlib import metadata
 from pathlib import Path
 from time import perf_counter
@@ -40,7 +40,7 @@ class Job:
     Attributes:
         base: the tables of the scene that is varied.
         names: the keys of the variables.
-        evaluator, accuracy: as in ``solver.evaluate``.
+        evaluator, accuracy, linear: as in ``solver.evaluate``.
         version: of the software that is to answer; see ``version``.
     """
 
@@ -48,13 +48,14 @@ class Job:
     names: tuple[str, ...]
     evaluator: str
     accuracy: float
+    linear: bool
     version: str
 
     @classmethod
     def of(cls, sweep: Sweep) -> Job:
         """Return the job of a sweep, for this software."""
         names = tuple(one.name for one in sweep.keys)
-        return cls(sweep.base, names, sweep.evaluator, sweep.accuracy, version())
+        return cls(sweep.base, names, sweep.evaluator, sweep.accuracy, sweep.linear, version())
 
     @property
     def keys(self) -> tuple[Key, ...]:
@@ -62,14 +63,14 @@ class Job:
         return tuple(key(name, self.base) for name in self.names)
 
     def digest(self, keys: tuple[Key, ...], values: tuple[Value, ...]) -> bytes:
-        """Return the SHA-256 of one design's scene, of evaluator, accuracy and version.
+        """Return the SHA-256 of one design's scene, of evaluator, accuracy, ``linear`` and version.
 
         The scene stands for itself as JSON with sorted keys, floats written so that they read back the same; surface files
         count by what they hold, not by their name.
         """
         scene = changed(self.base, keys, values)
         bodies = [_with_content(body) if body.get("surface") else body for body in scene.get("inclusion", ())]
-        return _digest([scene | {"inclusion": bodies}, self.evaluator, self.accuracy, self.version])
+        return _digest([scene | {"inclusion": bodies}, self.evaluator, self.accuracy, self.linear, self.version])
 
     @property
     def piece(self) -> int:
@@ -113,14 +114,17 @@ class Job:
 
     def _evaluated(self, scenes: Sequence[Scene]) -> list[Result | Exception]:
         from solver import evaluate
+        from solver.planning.load_check import with_warning
 
         if self.evaluator == "closed-form":
             from solver.closed_form.level import ClosedForm
 
             together = _caught(lambda: ClosedForm().evaluate_many(scenes, self.accuracy))
             if not isinstance(together, Exception):
-                return list(together)
-        return [_caught(lambda scene=scene: evaluate(scene, self.evaluator, self.accuracy)) for scene in scenes]  # type: ignore[misc]
+                pairs = zip(together, scenes, strict=True)
+                return [one if isinstance(one, Exception) else with_warning(one, scene, self.accuracy) for one, scene in pairs]
+        answer = partial(evaluate, name=self.evaluator, accuracy=self.accuracy, linear=self.linear)
+        return [_caught(partial(answer, scene)) for scene in scenes]
 
 
 def _caught(made: Callable[[], T]) -> T | Exception:

@@ -45,19 +45,30 @@ def result_table(result: Result) -> Table:
     for key, unit in UNITS.items():
         if values[key] is not None:
             table.add_row(key, f"{values[key]:.6g}", unit)
+    if result.linear_limit_load is not None:
+        table.add_row("linear_limit_load", f"{result.linear_limit_load.force:.3g}", "N")
     return table
 
 
 def plan_table(plan: Plan) -> Table:
     """Return a plan as a table, a line for each decision."""
+    from solver.results.result import LARGEST
+
     table = _table(title=f"{plan.evaluator or 'no evaluator'}: {plan.dimension}", caption="relative changes by each feature")
     for heading in ("feature", "modelled", "ratio", "stresses", "stiffness"):
         table.add_column(heading, justify="left" if heading in ("feature", "modelled") else "right", no_wrap=True)
     for one in plan.decisions:
         effects = (one.effect, one.effect_on_stresses, one.effect_on_stiffness)
-        sizes = ("-" if effect is None else f"{effect:.2g}" for effect in effects)
+        sizes = ("-" if effect is None else "unknown" if effect >= LARGEST else f"{effect:.2g}" for effect in effects)
         table.add_row(one.feature, "yes" if one.modelled else "no", *sizes)
     return table
+
+
+def plan_lines(plan: Plan) -> list[str]:
+    """Return the reason of each decision, and the largest load that is answered."""
+    load = plan.linear_limit_load
+    most = f"load: auto answers up to {load.force:.3g} N, an indentation of {1e3 * load.indentation:.3g} mm, limited by {load.by}"
+    return [*(f"{one.feature}: {one.reason}" for one in plan.decisions), most]
 
 
 def curve_table(curve: Curve) -> Table:

@@ -18,6 +18,7 @@ from geometry.scenes.scene_file import scene_to_dict
 from probe_design.tradeoffs.rows import Row, Setting, cheapest, distinct, judged, pareto
 from probe_design.tradeoffs.timing import first, no_kept_meshes, timed
 from solver.levels import BUILT
+from solver.planning.load_check import check_load, load_notes, load_rule
 
 SETTINGS = (
     Setting("closed-form", None),
@@ -38,6 +39,7 @@ SKIPPED = {
     "published": "gives an equivalent modulus, no ratio to compare",
     "solid": "takes minutes: asked only with --solid, or where nothing else takes the scene",
 }
+LINEAR = 0.01  # accuracy at which a load is allowed
 UNCERTAIN = 0.01  # stated error of a reference beyond which it is said
 TOLERANCES = (0.05, 0.01, 0.001)
 Progress = Callable[[str, int, int], None]
@@ -51,11 +53,13 @@ class Tradeoff:
         scenes: by name.
         rows: one for each scene and setting, in that order.
         skipped: evaluators that were not asked everywhere, with the reason.
+        warnings: of loads beyond which linear elasticity, to which all errors refer, says little.
     """
 
     scenes: Mapping[str, Scene]
     rows: tuple[Row, ...]
     skipped: Mapping[str, str]
+    warnings: tuple[str, ...] = ()
 
     def of(self, scene: str) -> tuple[Row, ...]:
         """Return the rows of one scene."""
@@ -103,6 +107,7 @@ class Tradeoff:
                 for name, tolerance, stated, true in self.choices()
             ],
             "skipped": dict(self.skipped),
+            "warnings": list(self.warnings),
         }
 
 
@@ -112,6 +117,8 @@ def tradeoff(
     progress: Progress = lambda scene, done, total: None,
     settings: Sequence[Setting] = SETTINGS,
     finest: Sequence[Setting] = FINEST,
+    *,
+    linear: bool = False,
 ) -> Tradeoff:
     """Answer scenes by every evaluator and setting; time the answers; compare them with the finest.
 
@@ -122,13 +129,15 @@ def tradeoff(
         progress: called with a scene's name, the settings that are done and their number.
         settings: what is timed.
         finest: asked in turn for a reference until one states an error of at most 1e-5; timed once.
+        linear: whether to take scenes whose load is beyond what linear elasticity, to which all errors refer, allows at 1 %.
 
     Raises:
         InputError: there is no scene.
-        Refusal: no evaluator takes any of the scenes.
+        Refusal: no evaluator takes any of the scenes; a load is beyond what linear elasticity allows.
     """
     if not scenes:
         raise InputError("SCENE", Words("none"), "one scene or more")
+    notes = tuple(f"{name}: {note}" for name, scene in scenes.items() for note in _of_load(scene, linear))
     rows = tuple(
         row
         for name, scene in scenes.items()
@@ -136,7 +145,15 @@ def tradeoff(
     )
     if all(row.ratio is None for row in rows):
         raise Refusal("SCENE", Words(", ".join(scenes)), f"a scene that some evaluator takes ({rows[-1].reason})")
-    return Tradeoff(scenes, rows, {name: why for name, why in SKIPPED.items() if not (name == "solid" and solid)})
+    return Tradeoff(scenes, rows, {name: why for name, why in SKIPPED.items() if not (name == "solid" and solid)}, notes)
+
+
+def _of_load(scene: Scene, linear: bool) -> tuple[str, ...]:
+    """What is said of a scene's load; ``Refusal`` where it is beyond the limit, unless ``linear``."""
+    rule, promise = load_rule(scene), scene.target is not None
+    if not linear:
+        check_load(scene, rule, LINEAR, promise)
+    return load_notes(scene, rule, LINEAR, promise)
 
 
 def _of_scene(

@@ -17,7 +17,7 @@ from geometry.common.errors import ProbeError
 from geometry.scenes.scene import Inclusion, Scene
 from geometry.tetra.cache import FOLDER
 from probe_design.tradeoffs.rows import Row, Setting
-from solver import Result, Workspace, evaluate
+from solver import Result, Workspace, evaluator
 from solver.linalg.workspace import using
 
 REPEATS = 9  # at most
@@ -93,7 +93,7 @@ def _other(body: Inclusion) -> Inclusion:
 
 def _timed(scene: Scene, setting: Setting) -> tuple[Result, float]:
     start = perf_counter()
-    result = evaluate(scene, setting.evaluator, 0.01 if setting.accuracy is None else setting.accuracy)
+    result = evaluator(setting.evaluator).evaluate(scene, 0.01 if setting.accuracy is None else setting.accuracy)
     return result, perf_counter() - start
 
 

@@ -5,6 +5,7 @@ One factorisation and no refinement: some 20 ms, film forces within a few per ce
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -21,6 +22,7 @@ from solver.axisymmetric.refinement import LEVELS
 from solver.axisymmetric.sample import MeshSample, sample
 from solver.axisymmetric.sections import sections
 from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
+from solver.planning.loads import LoadRule
 from solver.results.film_forces import Bound, FilmForces
 from solver.results.result import Effect
 
@@ -44,8 +46,12 @@ class CoarseModel:
     changes: tuple[Change, ...]
 
     @classmethod
-    def of(cls, scene: Scene) -> CoarseModel:
+    def of(cls, scene: Scene, details: bool = True) -> CoarseModel:
         """Solve it.
+
+        Args:
+            scene: whatever stands on the tissue.
+            details: whether ``changes`` are asked for.
 
         Raises:
             Refusal: so extreme that its equations cannot be solved in double precision.
@@ -54,7 +60,7 @@ class CoarseModel:
         plain = sections(bare)
         try:
             coarse = sample(plain.section, plain, bare, LEVELS[0])
-            return cls(bare, coarse, tuple(omitted_changes(bare, plain, lambda: coarse, None)))
+            return cls(bare, coarse, tuple(omitted_changes(bare, plain, lambda: coarse, None)) if details else ())
         except SolveError as fault:
             why = f"scenes whose sizes and moduli lie closer together ({fault})"
             raise Refusal("scene", "too extreme for a plan", why) from fault
@@ -102,6 +108,16 @@ class CoarseModel:
     def approach(self) -> float:
         """The most that the walls near each other per unit indentation; 0 where they do so nowhere."""
         return float(np.max(self.closing[1], initial=0.0))
+
+    @property
+    def closure(self) -> float:
+        """Force that closes the gap in linear elasticity, N, several times what really closes it; infinite where none does."""
+        approach = self.approach
+        return float(self.forces.sum()) * self.scene.probe.gap / approach if approach > 0 else math.inf
+
+    def rule(self, scene: Scene) -> LoadRule:
+        """Return the rule for loads on the scene that this was made of; its stiffness is that without tumours."""
+        return LoadRule.of(scene, self.forces.sum(axis=1), self.closure)
 
     def _wall(self, body: Body, radius: float) -> tuple[Floats, Floats]:
         """Rising heights of the elements' corners on a block's wall, and how far each moves outwards per unit indentation."""

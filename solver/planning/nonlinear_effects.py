@@ -1,44 +1,44 @@
-"""What no evaluator can model yet, estimated at the scene's load: walls that meet, surfaces that part, finite strain."""
+"""What no evaluator can model yet, at the scene's load: finite strain, walls that meet, surfaces that part."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
 
-import numpy as np
-
 from geometry.scenes.scene import Scene
 from solver.planning.coarse_model import CoarseModel
-from solver.results.film_forces import strains
+from solver.planning.loads import CLOSING, LARGEST_X, log_sensitivity_change, ratio_change
 from solver.results.result import Decision, Effect
-
-NEARLY = 0.9  # of the gap closed: what the coarsest mesh cannot tell from all of it
 
 
 def unmodelled(scene: Scene, rough: CoarseModel, accuracy: float) -> Iterator[Decision]:
-    """Yield what would change at the scene's load if nothing were linear."""
-    totals = rough.forces.sum(axis=1)
-    stiffness = float(totals.sum())
-    load = scene.load
-    indentation = load.indentation if load.indentation is not None else (load.force or 0.0) / stiffness
-    yield _gap_contact(scene, rough, stiffness, indentation, accuracy)
-    yield _lift_off(scene, rough, indentation, accuracy)
-    stress = totals * indentation / np.array([scene.probe.inner_area, scene.probe.outer_area])
-    where, strain = max(strains(scene.probe, stress, indentation).items(), key=lambda item: item[1])
-    limit = f"{accuracy * stiffness * indentation / strain:.2g} N" if strain > 0 else "any load"
-    reason = f"no evaluator: a strain of about {strain:.2g} in {where}; linear elasticity is good to {accuracy:g} up to {limit}"
-    yield _decision("finite strain", strain, accuracy, reason)
+    """Yield what would change at the scene's load if nothing were linear, by the rule of ``loads.py``."""
+    rule = rough.rule(scene)
+    force = rule.force(scene)
+    yield _gap_contact(force, CLOSING * rule.closure, accuracy)
+    yield _lift_off(scene, rough, force / rule.stiffness, accuracy)
+    yield _finite_strain(rule.x(force), accuracy)
 
 
-def _gap_contact(scene: Scene, rough: CoarseModel, stiffness: float, indentation: float, accuracy: float) -> Decision:
-    """Beyond the load that closes the gap the walls bear on each other: about the share of the load above it."""
-    closed = rough.approach * indentation / scene.probe.gap
-    effect = max(0.0, 1 - NEARLY / closed) if closed > 0 else 0.0
-    reason = "no evaluator: the blocks' walls do not near each other"
-    if rough.approach > 0:
-        at = stiffness * scene.probe.gap / rough.approach
-        reason = f"no evaluator: this load closes about {closed:.2g} of the gap, which closes at about {at:.2g} N"
-    return _decision("gap contact", effect, accuracy, reason)
+def _finite_strain(x: float, accuracy: float) -> Decision:
+    """Indentation over outer radius, or what else is strained by as much, and what that may change."""
+    at = f"no evaluator: indented by {x:.2g} of the outer radius"
+    if x > LARGEST_X:
+        return _decision("finite strain", math.inf, accuracy, f"{at}; beyond {LARGEST_X:g} nothing is known")
+    changes = (
+        f"ratio, stresses and stiffness by at most {ratio_change(x):.2g}, log_sensitivity by {log_sensitivity_change(x):.2g}"
+    )
+    return _decision("finite strain", ratio_change(x), accuracy, f"{at}, which changes {changes}")
+
+
+def _gap_contact(force: float, open_up_to: float, accuracy: float) -> Decision:
+    """The gap of every reference is open up to 1/22 of the force that closes it in linear elasticity, of most far beyond."""
+    if math.isinf(open_up_to):
+        return _decision("gap contact", 0.0, accuracy, "no evaluator: the blocks' walls do not near each other")
+    known = f"no evaluator: the gap stays open up to {open_up_to:.2g} N at least"
+    if force <= open_up_to:
+        return _decision("gap contact", 0.0, accuracy, known)
+    return _decision("gap contact", math.inf, accuracy, f"{known}; at {force:.2g} N nothing is known")
 
 
 def _lift_off(scene: Scene, rough: CoarseModel, indentation: float, accuracy: float) -> Decision:

@@ -12,16 +12,18 @@ from typing import Any
 
 import numpy as np
 
+from geometry.common.errors import Refusal
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.converged_forces import NEGLIGIBLE
 from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.omitted_details import BEYOND, LAYERS, Change
 from solver.planning.coarse_model import CoarseModel
+from solver.planning.load_check import DOUBT, LoadChanges, budget, check_load, exact, largest, load_notes, with_error, with_load
+from solver.planning.loads import LoadRule
 from solver.planning.negligible_inclusions import SHARE, reduced
 from solver.planning.nonlinear_effects import unmodelled
-from solver.results.film_forces import LINEAR_STRAIN
 from solver.results.kinds import needs_solid, unsupported
-from solver.results.result import Curve, Decision, Effect, Result
+from solver.results.result import Curve, Decision, Effect, LargestLoad, Result
 from solver.results.warnings import Note, null_sensitivity
 from solver.solid.domain import domain, reach
 from solver.solid.level import SolidLevel
@@ -40,6 +42,8 @@ class Plan:
         accuracy: what that level is asked for.
         left_out: bound on what the inclusions left out change together of ln(ratio) or of a stress or the stiffness.
         decisions: one for each feature that could be left out.
+        rule: for loads, with the stiffness that the coarsest mesh has without tumours.
+        linear_limit_load: the largest load that ``auto`` answers.
         warnings: one line each.
     """
 
@@ -49,7 +53,9 @@ class Plan:
     accuracy: float
     left_out: float
     decisions: tuple[Decision, ...]
-    warnings: tuple[Note, ...]
+    rule: LoadRule
+    linear_limit_load: LargestLoad
+    warnings: tuple[Note, ...] = ()
 
     @property
     def curve_evaluator(self) -> str | None:
@@ -62,24 +68,42 @@ class Plan:
             "evaluator": self.evaluator,
             "dimension": self.dimension,
             "plan": [asdict(one) for one in self.decisions],
+            "linear_limit_load": asdict(self.linear_limit_load),
             "warnings": list(self.warnings),
         }
 
-    def completed(self, result: Result, scene: Scene) -> Result:
-        """Return a level's answer to the reduced scene as one to the whole, what was left out counted in its error."""
-        result = replace(result, plan=self._with(result.plan), warnings=(*result.warnings, *self.warnings))
-        if len(self.scene.inclusion) == len(scene.inclusion):
-            return result
-        if result.error_estimate is not None:
-            result = replace(result, error_estimate=float(np.expm1(np.log1p(result.error_estimate) + self.left_out)))
-        return result if scene.target is not None else _untargeted(result)
+    def check_load(self, scene: Scene, accuracy: float) -> None:
+        """Raise ``Refusal`` where the load is so far beyond the limit that no answer's own stiffness can allow it."""
+        check_load(scene, self.rule, accuracy, scene.target is not None, DOUBT)
 
-    def completed_curve(self, curve: Curve) -> Curve:
-        """Return a level's curve of the reduced scene as one of the whole."""
-        errors = tuple(
-            None if error is None else float(np.expm1(np.log1p(error) + self.left_out)) for error in curve.error_estimate
-        )
-        return replace(curve, error_estimate=errors, plan=self._with(curve.plan))
+    def completed(self, result: Result, scene: Scene, accuracy: float, linear: bool) -> Result:
+        """Return a level's answer to the reduced scene as one to the whole, what load and left-out bodies change in its error.
+
+        Raises:
+            Refusal: the load is beyond the limit, unless ``linear``.
+        """
+        if not linear:
+            check_load(scene, exact(self.rule, result), accuracy, scene.target is not None)
+        result = replace(result, plan=self._with(result.plan), warnings=(*result.warnings, *self.warnings))
+        if len(self.scene.inclusion) < len(scene.inclusion):
+            result = replace(result, error_estimate=with_error(result.error_estimate, float(np.expm1(self.left_out))))
+            result = result if scene.target is not None else _untargeted(result)
+        result = with_load(result, scene, self.rule, accuracy, scene.target is not None)
+        if not linear and result.error_estimate is not None and result.error_estimate > accuracy * (1 + 1e-9):
+            reached = f"{result.error_estimate:.2g} or more at this load; a smaller load allows less"
+            raise Refusal("accuracy", accuracy, reached)
+        return result
+
+    def completed_curve(self, curve: Curve, scene: Scene, accuracy: float, linear: bool) -> Curve:
+        """Return a level's curve of the reduced scene as one of the whole; see ``completed``."""
+        changes = LoadChanges.of(scene, self.rule, np.array(curve.stiffness))
+        if not linear:
+            check_load(scene, changes.weakest, accuracy, True)
+        left = float(np.expm1(self.left_out))
+        pairs = zip(curve.error_estimate, changes.ratio.tolist(), strict=True)
+        errors = tuple(with_error(with_error(one, left), load) for one, load in pairs)
+        notes = load_notes(scene, changes.weakest, accuracy, True)
+        return replace(curve, error_estimate=errors, plan=self._with(curve.plan), warnings=(*curve.warnings, *notes))
 
     def _with(self, decisions: tuple[Decision, ...]) -> tuple[Decision, ...]:
         """The level's own decisions in the place of what was planned of the same features."""
@@ -96,19 +120,21 @@ def plan(scene: Scene, accuracy: float, solid: bool = False) -> Plan:
     """
     rough = CoarseModel.of(scene)
     fewer = reduced(scene, rough, accuracy)
-    asked = accuracy if len(scene.inclusion) < 2 else (1 - SHARE) * accuracy
+    rule, promise = rough.rule(scene), scene.target is not None
+    rest = budget(rule, rule.force(scene), accuracy, promise)
+    asked = rest if len(scene.inclusion) < 2 else float((1 + rest) * np.exp(-SHARE * accuracy) - 1)
     level = SOLID if solid else _level(fewer.scene, rough, asked)
-    beyond = tuple(unmodelled(scene, rough, accuracy))
+    limit = largest(rule, accuracy, promise)
     decisions = (
         _dimension(fewer.scene, rough, level, accuracy),
         *fewer.decisions,
         *_edges(rough, accuracy),
         *(_detail(change, level, accuracy) for change in rough.changes),
-        *beyond,
+        *unmodelled(scene, rough, accuracy),
     )
-    worth = (one for one in beyond if accuracy < one.effect and _worth_a_warning(one))
-    notes = tuple(Note("linear", f"{one.feature}: {one.reason}") for one in worth)
-    return Plan(level, _model(fewer.scene, level), fewer.scene, asked, fewer.left_out, decisions, notes)
+    return Plan(
+        level, _model(fewer.scene, level), fewer.scene, asked, fewer.left_out, decisions, rule=rule, linear_limit_load=limit
+    )
 
 
 def second_try(planned: Plan, scene: Scene, accuracy: float) -> Plan | None:
@@ -171,11 +197,6 @@ def _detail(change: Change, level: str | None, accuracy: float) -> Decision:
     layer = change.feature in LAYERS
     modelled = change.effect > NEGLIGIBLE * accuracy if layer else level == SOLID and change.feature != BEYOND
     return replace(change, modelled=modelled).decision(accuracy)
-
-
-def _worth_a_warning(decision: Decision) -> bool:
-    """Whether no other line says so: the scene ties a contact that pulls, and every level tells of larger strains."""
-    return decision.feature == "gap contact" or (decision.feature == "finite strain" and decision.effect <= LINEAR_STRAIN)
 
 
 def _untargeted(result: Result) -> Result:

@@ -97,6 +97,7 @@ class Answer:
         """Return the level's curve over moduli, Pa, shape (k,)."""
         rows = [ratio(scene, films) for films in self.films]
         values: dict[str, Any] = {key: tuple(row[key] for row in rows) for key in ("ratio", "log_sensitivity", "error_estimate")}
+        values["stiffness"] = tuple(float(films.totals.sum()) for films in self.films)
         return Curve(name, seconds, tuple(moduli.tolist()), **values, plan=self.plan, warnings=self.notes)
 
 

@@ -8,12 +8,10 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import InputError, Words
-from geometry.scenes.probe import Probe
+from geometry.common.errors import InputError, Refusal, Words
+from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
 from solver.results.warnings import Note, null_sensitivity
-
-LINEAR_STRAIN = 0.05  # beyond it, linear elasticity is no longer good to about as much
 
 
 @dataclass(frozen=True)
@@ -106,11 +104,13 @@ class FilmForces:
 
 
 def outputs(scene: Scene, films: FilmForces) -> dict[str, Any]:
-    """Return the fields of a ``Result`` that follow from film forces, warnings included."""
+    """Return the fields of a ``Result`` that follow from film forces, warnings included.
+
+    Raises:
+        Refusal: the load drives the probe deeper than the tissue.
+    """
     areas = np.array([scene.probe.inner_area, scene.probe.outer_area])
-    indentation = scene.load.indentation
-    if indentation is None:
-        indentation = float((scene.load.force or 0.0) / films.totals.sum())
+    indentation = indented(scene, float(films.totals.sum()))
     stress = films.totals * indentation / areas
     film = scene.probe.film
     charge = stress * areas * film.charge_per_force if film is not None else (None, None)
@@ -125,8 +125,24 @@ def outputs(scene: Scene, films: FilmForces) -> dict[str, Any]:
         "charge_inner": None if charge[0] is None else float(charge[0]),
         "charge_outer": None if charge[1] is None else float(charge[1]),
         **ratio(scene, films),
-        "warnings": (*reasons, *_beyond_linear(scene, stress, indentation)),
+        "warnings": tuple(reasons),
     }
+
+
+def indented(scene: Scene, stiffness: float) -> float:
+    """Return the indentation at the scene's load, m, where the stiffness is that, N/m.
+
+    Raises:
+        Refusal: it is deeper than the tissue.
+    """
+    if scene.load.indentation is not None:
+        return scene.load.indentation
+    force = scene.load.force or 0.0
+    deep = force / stiffness
+    if scene.tissue.shape != "half-space" and deep >= scene.tissue.depth:
+        why = f"it drives the probe {1e3 * deep:.3g} mm into tissue {mm(scene.tissue.depth)} deep"
+        raise Refusal("load.force", Words(f"{force:g} N"), f"below {stiffness * scene.tissue.depth:.3g} N ({why})")
+    return deep
 
 
 def ratio(scene: Scene, films: FilmForces) -> dict[str, float | None]:
@@ -166,23 +182,3 @@ def above(reached: float, accuracy: float) -> str:
     """Say that the largest bound on the errors is above the accuracy."""
     bounds = f"error bounds of {reached:.2g}" if reached < 1 else "error bounds no smaller than the values themselves"
     return f"{bounds} reached, accuracy {accuracy:g} asked for"
-
-
-def strains(probe: Probe, stress: Floats, indentation: float) -> dict[str, float]:
-    """Estimate the largest strains, by place, from the stresses on both films (Pa, shape (2,)) and the indentation (m)."""
-    return {
-        "the inner block": float(abs(stress[0]) / probe.inner.youngs_modulus),
-        "the outer block": float(abs(stress[1]) / probe.outer.youngs_modulus),
-        "the tissue": indentation / probe.tube_radius,
-    }
-
-
-def _beyond_linear(scene: Scene, stress: Floats, indentation: float) -> list[Note]:
-    where, strain = max(strains(scene.probe, stress, indentation).items(), key=lambda item: item[1])
-    if strain <= LINEAR_STRAIN:
-        return []
-    text = (
-        f"linear elasticity is exact for small loads only: a strain of about {strain:.2g} in {where} is above {LINEAR_STRAIN}; "
-        f"below {LINEAR_STRAIN / strain:.2g} of this load it holds"
-    )
-    return [Note("linear", text)]

@@ -51,6 +51,22 @@ class Decision:
 
 
 @dataclass(frozen=True)
+class LargestLoad:
+    """The largest load that linear elasticity may answer, see ``solver.planning.loads``.
+
+    Attributes:
+        force: N.
+        indentation: m, at that force.
+        by: what sets it: "ratio" or "log_sensitivity", which finite strain puts beyond the accuracy; "strain limit" or "gap
+            closure", beyond which nothing is known.
+    """
+
+    force: float
+    indentation: float
+    by: str
+
+
+@dataclass(frozen=True)
 class Result:
     """What an evaluator says of a scene, at the scene's load; ``None`` where a warning gives the reason.
 
@@ -60,11 +76,12 @@ class Result:
         log_sensitivity: d ln(ratio) / d ln(E_object) of the target inclusion.
         stiffness: force on the base per indentation, N/m.
         charge_inner, charge_outer: film charges by the paper's eq. (12), C.
-        error_estimate: bound on the relative error of ``ratio``.
+        error_estimate: bound on the relative error of ``ratio``; of an evaluator that was named, against linear elasticity.
         evaluator: the level that answered.
         seconds: what the answer cost.
         equivalent_modulus: Pa; of ``published`` alone.
         residual: relative, the largest of the solutions that answer; None where none is solved for.
+        linear_limit_load: the largest that ``auto`` answers at the accuracy asked for; None where it is not known.
         plan: what was modelled and what was left out.
         warnings: one line each.
     """
@@ -81,6 +98,7 @@ class Result:
     error_estimate: float | None = None
     equivalent_modulus: float | None = None
     residual: float | None = None
+    linear_limit_load: LargestLoad | None = None
     plan: tuple[Decision, ...] = ()
     warnings: tuple[Note, ...] = ()
 
@@ -97,6 +115,7 @@ class Curve:
         youngs_modulus: of the target, Pa.
         ratio, log_sensitivity: see ``Result``; None where ``stress_outer`` is below its own error.
         error_estimate: bound on the relative error of each ratio.
+        stiffness: force on the base per indentation, N/m.
         evaluator, seconds, plan, warnings: see ``Result``.
     """
 
@@ -106,6 +125,7 @@ class Curve:
     ratio: tuple[float | None, ...]
     log_sensitivity: tuple[float | None, ...]
     error_estimate: tuple[float | None, ...]
+    stiffness: tuple[float, ...]
     plan: tuple[Decision, ...] = ()
     warnings: tuple[Note, ...] = ()
 

@@ -1,0 +1,214 @@
+"""Whether linear elasticity may answer at a scene's load, and what the load adds to an answer's error."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from geometry.common.arrays import Bools, Floats
+from geometry.common.errors import Refusal, Words
+from geometry.scenes.probe import mm
+from geometry.scenes.scene import Scene
+from solver.planning.loads import CLOSING, LARGEST_X, RATIO_CHANGE, SENSITIVITY_GROWTH, LoadRule, least_closure
+from solver.results.film_forces import indented
+from solver.results.result import LargestLoad, Result
+from solver.results.warnings import Note
+
+FORMULAS = "closed-form"
+LOAD_SHARE = 0.8  # of the accuracy that the load may take; the rest is the level's
+DOUBT = 1.5  # times: what tumours, and the coarsest mesh, may change of the stiffness that a plan knows
+WHY = {
+    "ratio": "beyond it finite strain may change ratio and stresses by more than {accuracy:.2g}",
+    "log_sensitivity": "beyond it finite strain may change log_sensitivity by more than {promise:.2g} of itself",
+    "strain limit": "nothing is known of larger strains",
+    "gap closure": "nothing is known of larger loads: the gap may close",
+}
+REMEDY = "or --linear (linear=True)"
+
+
+def load_rule(scene: Scene) -> LoadRule:
+    """Return the rule for loads on a scene; its stiffness is that without tumours, from the coarsest mesh.
+
+    Raises:
+        Refusal: so extreme that not even the coarsest mesh can be solved in double precision.
+    """
+    from solver.planning.coarse_model import CoarseModel  # formulas start without finite elements
+
+    return CoarseModel.of(scene, details=False).rule(scene)
+
+
+def largest(rule: LoadRule, accuracy: float, promise: bool) -> LargestLoad:
+    """Return the largest load that ``auto`` answers: finite strain may take ``LOAD_SHARE`` of the accuracy.
+
+    Args:
+        rule: of the scene.
+        accuracy: relative, on ratio, stresses and stiffness.
+        promise: whether the log-sensitivity is promised too, to five times that.
+    """
+    return rule.largest(LOAD_SHARE * accuracy, promise)
+
+
+def check_load(scene: Scene, rule: LoadRule, accuracy: float, promise: bool, doubt: float = 1.0) -> None:
+    """Raise ``Refusal`` where linear elasticity may not answer at the scene's load.
+
+    Args:
+        scene: for its load.
+        rule: with the stiffness that turns force into indentation.
+        accuracy: see ``largest``.
+        promise: likewise.
+        doubt: factor by which the rule's stiffness may be wrong: only what is beyond the limit by more is refused.
+    """
+    limit = largest(rule, accuracy, promise)
+    if _within(rule.force(scene) / doubt, limit):
+        return
+    if limit.force == 0:
+        raise Refusal("placement.tilt", Words(f"{math.degrees(scene.placement.tilt):.3g} deg"), f"a smaller one, {REMEDY}")
+    raise Refusal(*_load(scene), f"up to {_most(scene, limit)} ({why(limit, accuracy)}), {REMEDY}")
+
+
+def why(limit: LargestLoad, accuracy: float) -> str:
+    """Say what sets a limit."""
+    return WHY[limit.by].format(accuracy=LOAD_SHARE * accuracy, promise=5 * LOAD_SHARE * accuracy)
+
+
+def budget(rule: LoadRule, force: float, accuracy: float, promise: bool) -> float:
+    """Return what a force, N, leaves of the accuracy for the level that answers; all of it where the load is refused anyway."""
+    if force > DOUBT * largest(rule, accuracy, promise).force:
+        return accuracy
+    most = DOUBT * force
+    change = max(rule.ratio_change(most), rule.log_sensitivity_change(most) / 5 if promise else 0.0)
+    return (1 + accuracy) / (1 + min(change, LOAD_SHARE * accuracy)) - 1
+
+
+def with_error(error: float | None, change: float) -> float | None:
+    """Return an error bound with what the load may change on top; None where either is not known."""
+    return None if error is None or math.isinf(change) else float(math.expm1(math.log1p(error) + math.log1p(change)))
+
+
+def with_load(result: Result, scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> Result:
+    """Return a linear answer, the load's effect counted in its error.
+
+    Args:
+        result: an answer to the scene.
+        scene: for its load.
+        rule: of the scene; the answer's own stiffness counts.
+        accuracy: see ``largest``.
+        promise: likewise.
+    """
+    rule = exact(rule, result)
+    force = rule.force(scene)
+    error = with_error(result.error_estimate, rule.ratio_change(force))
+    result = replace(result, error_estimate=error, linear_limit_load=largest(rule, accuracy, promise))
+    return _noted(result, load_notes(scene, rule, accuracy, promise))
+
+
+def load_notes(scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> tuple[Note, ...]:
+    """Return what has to be said of an answer that counts the load's effect: nothing at a load that needs no ``linear``."""
+    force, limit = rule.force(scene), largest(rule, accuracy, promise)
+    if _within(force, limit):
+        return ()
+    null = "" if rule.knows(force) else "; error_estimate is null"
+    return (Note("linear", f"answered linearly beyond {_most(scene, limit)}: {effect(rule, force, promise)}{null}"),)
+
+
+def with_warning(result: Result, scene: Scene, accuracy: float) -> Result:
+    """Return the answer of an evaluator that was named: its error refers to linear elasticity; beyond the limit it warns."""
+    if result.stiffness is None:
+        return result
+    try:
+        rule = _of_formulas(scene, result) if result.evaluator == FORMULAS else exact(load_rule(scene), result)
+    except Refusal as fault:
+        return replace(result, warnings=(*result.warnings, Note("linear", f"linear_limit_load is null: {fault}")))
+    promise = scene.target is not None
+    limit, force = largest(rule, accuracy, promise), rule.force(scene)
+    result = replace(result, linear_limit_load=limit)
+    if _within(force, limit):
+        return result
+    at = f"the load is beyond linear_limit_load, {_most(scene, limit)}"
+    text = f"{at}: error_estimate refers to linear elasticity; {effect(rule, force, promise)}"
+    return _noted(result, (Note("linear", text),))
+
+
+@dataclass(frozen=True)
+class LoadChanges:
+    """What one load changes of n answers.
+
+    Attributes:
+        ratio, log_sensitivity: bounds, relative, shape (n,); infinite where nothing is known.
+        weakest: the rule for the answer that changes most.
+    """
+
+    ratio: Floats
+    log_sensitivity: Floats
+    weakest: LoadRule
+
+    @classmethod
+    def of(cls, scene: Scene, rule: LoadRule, stiffness: Floats) -> LoadChanges:
+        """Return the changes where the stiffness is that, N/m, shape (n,).
+
+        Raises:
+            Refusal: the load drives the probe deeper than the tissue.
+        """
+        indented(scene, float(stiffness.min()))
+        load = scene.load
+        force = stiffness * load.indentation if load.indentation is not None else np.full_like(stiffness, load.force or 0.0)
+        x = rule.strain * (force / stiffness + rule.tilted)
+        known = (x <= LARGEST_X) & (force <= CLOSING * rule.closure)
+        slopes = np.expm1(SENSITIVITY_GROWTH * np.minimum(x, LARGEST_X))
+        ratio = np.where(known, RATIO_CHANGE * x, np.inf)
+        worst = int(np.argmax(force)) if load.indentation is not None else int(np.argmin(stiffness))
+        return cls(ratio, np.where(known, slopes, np.inf), replace(rule, stiffness=float(stiffness[worst])))
+
+    @property
+    def known(self) -> Bools:
+        """Where anything is known, shape (n,)."""
+        return np.isfinite(self.ratio)
+
+    def with_errors(self, errors: Floats) -> Floats:
+        """Return bounds on relative errors of the ratio, shape (n,), with the load's change on top."""
+        return np.asarray((1 + errors) * (1 + self.ratio) - 1)
+
+
+def exact(rule: LoadRule, result: Result) -> LoadRule:
+    """Return the rule with an answer's own stiffness."""
+    return rule if result.stiffness is None else replace(rule, stiffness=result.stiffness)
+
+
+def _of_formulas(scene: Scene, result: Result) -> LoadRule:
+    """The rule without a mesh: the gap's closure by its bound."""
+    inner, outer = (result.ratio or 0.0) * scene.probe.inner_area, scene.probe.outer_area
+    totals = (result.stiffness or 0.0) * np.array([inner, outer]) / (inner + outer)
+    return LoadRule.of(scene, totals, least_closure(scene, totals))
+
+
+def effect(rule: LoadRule, force: float, promise: bool) -> str:
+    """Say what a force, N, changes beyond linear elasticity."""
+    if not rule.knows(force):
+        return "nothing is known of what finite strain and the gap's walls do at this load"
+    text = f"finite strain may change ratio, stresses and stiffness by {rule.ratio_change(force):.2g}"
+    return f"{text}, log_sensitivity by {rule.log_sensitivity_change(force):.2g} of itself" if promise else text
+
+
+def _within(force: float, limit: LargestLoad) -> bool:
+    """Whether a force, N, is at most the limit, but for rounding; no force is, however tilted the probe."""
+    return force == 0 or force <= limit.force * (1 + 1e-12)
+
+
+def _noted(result: Result, notes: tuple[Note, ...]) -> Result:
+    return replace(result, warnings=(*result.warnings, *notes))
+
+
+def _load(scene: Scene) -> tuple[str, Words]:
+    """The load's key and value."""
+    if scene.load.indentation is not None:
+        return "load.indentation", mm(scene.load.indentation)
+    return "load.force", Words(f"{scene.load.force:g} N")
+
+
+def _most(scene: Scene, limit: LargestLoad) -> str:
+    """A limit in the unit of the scene's load, rounded down so that it is allowed itself."""
+    value, unit = (limit.force, "N") if scene.load.indentation is None else (1e3 * limit.indentation, "mm")
+    step = 10.0 ** (math.floor(math.log10(value)) - 2) if value > 0 else 1.0
+    return f"{math.floor(value / step) * step:.3g} {unit}"

@@ -1,0 +1,157 @@
+"""How large a load linear elasticity may answer: the rule that stands in for finite strain and contact until a level models them.
+
+With x the indentation over the outer radius, finite strain changes ratio, stresses and stiffness by at most 0.1 x and the
+log-sensitivity by at most exp(0.8 x) - 1, relative (PL.2). The rule is read off solutions with finite strain and contact, which
+tests hold it against (``tests/reference/contact``); nothing is known beyond x = 0.3, nor beyond 1/25 of the force that closes
+the gap in linear elasticity: the true closure was found at 1/22 of it. Those solutions have stiff blocks on deep tissue, so
+that what else is strained counts as the indentation that would be as bad.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from geometry.common.arrays import Floats
+from geometry.scenes.scene import Scene
+from solver.results.result import LargestLoad
+
+RATIO_CHANGE = 0.1  # of ratio, stresses and stiffness per x
+SENSITIVITY_GROWTH = 0.8  # of ln(log-sensitivity) per x
+LARGEST_X = 0.3
+CLOSING = 1 / 25  # of the linear closure force
+NEARING = (
+    0.9,
+    0.11,
+    1.4,
+    0.09,
+)  # of eq. PL.4: 1.3 times what 562 scenes need; 7 times too much for half of them
+DEEP = 9.0  # outer radii: the shallowest tissue that the rule was read off
+
+Cause = Literal["ratio", "log_sensitivity", "strain limit", "gap closure"]
+
+
+def ratio_change(x: float) -> float:
+    """Bound on what finite strain changes of ratio, stresses and stiffness, relative: eq. PL.2."""
+    return RATIO_CHANGE * x
+
+
+def log_sensitivity_change(x: float) -> float:
+    """Bound on what it changes of the log-sensitivity, relative: eq. PL.2; infinite beyond all floating-point numbers."""
+    return math.expm1(SENSITIVITY_GROWTH * x) if x < 800 else math.inf
+
+
+def largest_x(accuracy: float, promise: bool) -> tuple[float, Cause]:
+    """Return the largest x at which the rule keeps an accuracy, and what sets it.
+
+    Args:
+        accuracy: relative, on ratio, stresses and stiffness.
+        promise: whether the log-sensitivity has to be good to five times that.
+    """
+    limits: dict[Cause, float] = {"strain limit": LARGEST_X, "ratio": accuracy / RATIO_CHANGE}
+    if promise:
+        limits["log_sensitivity"] = math.log1p(5 * accuracy) / SENSITIVITY_GROWTH
+    by = min(limits, key=lambda cause: limits[cause])
+    return limits[by], by
+
+
+def least_closure(scene: Scene, totals: Floats) -> float:
+    """Bound from below on the force that closes the gap in linear elasticity, N, for levels that do not know the blocks' walls.
+
+    Per indentation the walls near each other by at most
+
+        0.9 e_i r_i + 0.11 e_o w + (1.4 (1 - 2 nu) + 0.09) E r_h / (E r_h + E_o w)      (PL.4)
+
+    with the blocks' mean strains e per indentation, the tube's wall w and hole radius r_h, and the tissue's E and nu: both blocks
+    widen, and the tissue drags the tube's end inwards, the thinner and softer the more.
+
+    Args:
+        scene: its load does not matter.
+        totals: force on each film, inner and outer, per indentation, N/m, shape (2,).
+    """
+    probe, tissue = scene.probe, scene.tissue
+    inner, outer = np.abs(totals) / (
+        probe.inner_area * probe.inner.youngs_modulus,
+        probe.outer_area * probe.outer.youngs_modulus,
+    )
+    wall, hole = probe.tube_radius - probe.hole_radius, probe.hole_radius * tissue.youngs_modulus
+    dragged = hole / (hole + probe.outer.youngs_modulus * wall)
+    by_inner, by_outer, compressible, rest = NEARING
+    nearing = by_inner * inner * probe.inner_radius + by_outer * outer * wall
+    nearing += (compressible * (1 - 2 * tissue.poisson_ratio) + rest) * dragged
+    return float(totals.sum() * probe.gap / nearing)
+
+
+@dataclass(frozen=True)
+class LoadRule:
+    """The rule for one probe on one tissue.
+
+    Attributes:
+        strain: x per indentation, 1/m: the largest of one over the outer radius, ``DEEP`` over the tissue's depth, and what the
+            blocks' own strain is worth.
+        stiffness: linear, force per indentation, N/m.
+        closure: force that closes the gap in linear elasticity, N; infinite where the blocks' walls do not near each other.
+        tilted: by how much a tilt lowers one side of the probe, m, which counts as indentation.
+    """
+
+    strain: float
+    stiffness: float
+    closure: float
+    tilted: float = 0.0
+
+    @classmethod
+    def of(cls, scene: Scene, totals: Floats, closure: float) -> LoadRule:
+        """Return the rule of a scene from its linear answer.
+
+        A block of height h whose mean strain is e per indentation d changes the stiffness by about e times its share e h / d of
+        the indentation (PL.3).
+
+        Args:
+            scene: its load does not matter.
+            totals: force on each film, inner and outer, per indentation, N/m, shape (2,).
+            closure: ``CoarseModel.closure``.
+        """
+        probe, tissue = scene.probe, scene.tissue
+        areas = np.array([probe.inner_area, probe.outer_area])
+        moduli = np.array([probe.inner.youngs_modulus, probe.outer.youngs_modulus])
+        blocks = np.array([probe.core_height, probe.tube_height]) * (totals / areas / moduli) ** 2 / RATIO_CHANGE
+        deep = 0.0 if tissue.shape == "half-space" else DEEP / tissue.depth
+        tilted = probe.tube_radius * math.tan(abs(scene.placement.tilt))
+        return cls(max(1 / probe.tube_radius, deep, float(blocks.max())), float(totals.sum()), closure, tilted)
+
+    def force(self, scene: Scene) -> float:
+        """Return the force of a scene's load, N."""
+        load = scene.load
+        return self.stiffness * load.indentation if load.indentation is not None else load.force or 0.0
+
+    def x(self, force: float) -> float:
+        """Return x under a force, N."""
+        return self.strain * (force / self.stiffness + self.tilted)
+
+    def largest(self, accuracy: float, promise: bool) -> LargestLoad:
+        """Return the largest load that keeps an accuracy; 0 where the tilt alone does not.
+
+        Args:
+            accuracy: relative, on ratio, stresses and stiffness.
+            promise: whether the log-sensitivity has to be good to five times that.
+        """
+        x, by = largest_x(accuracy, promise)
+        force = max(0.0, x / self.strain - self.tilted) * self.stiffness
+        if CLOSING * self.closure < force:
+            force, by = CLOSING * self.closure, "gap closure"
+        return LargestLoad(force, force / self.stiffness, by)
+
+    def knows(self, force: float) -> bool:
+        """Whether the rule says anything of a force, N."""
+        return self.x(force) <= LARGEST_X and force <= CLOSING * self.closure
+
+    def ratio_change(self, force: float) -> float:
+        """Bound on what a force, N, changes of ratio, stresses and stiffness; infinite where nothing is known."""
+        return ratio_change(self.x(force)) if self.knows(force) else math.inf
+
+    def log_sensitivity_change(self, force: float) -> float:
+        """Bound on what a force, N, changes of the log-sensitivity; infinite where nothing is known."""
+        return log_sensitivity_change(self.x(force)) if self.knows(force) else math.inf

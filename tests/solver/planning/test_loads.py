@@ -1,0 +1,216 @@
+"""The rule for loads against solutions with finite strain and contact, and against closed solutions of simple compression."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from geometry import Load, Scene, read_scene
+from geometry.common.errors import InputError, Refusal
+from geometry.scenes.scene_file import scene_from_dict, scene_to_dict
+from solver import evaluate, plan
+from solver.planning.coarse_model import CoarseModel
+from solver.planning.loads import LoadRule, least_closure, log_sensitivity_change, ratio_change
+from tests.support.paths import REFERENCE
+from tests.support.references import named
+from tests.support.slow import slow_unless
+
+
+@dataclass(frozen=True)
+class ContactReference:
+    """Solutions of one scene at several loads, and at a small one; keys as in ``tests/reference/contact/expected.json``."""
+
+    name: str
+    scene: Scene
+    small: dict[str, float]
+    rows: tuple[dict[str, float], ...]
+    closure: float
+
+    @property
+    def rule(self) -> LoadRule:
+        rough = CoarseModel.of(self.scene)
+        return LoadRule.of(self.scene, rough.forces.sum(axis=1), rough.closure)
+
+
+def contact_references() -> list[ContactReference]:
+    folder = REFERENCE / "contact"
+    found = json.loads((folder / "expected.json").read_text())
+    return [
+        ContactReference(
+            name, read_scene(folder / f"{name}.toml"), one["small_load"], tuple(one["rows"]), one["gap_closure_force"]
+        )
+        for name, one in found.items()
+    ]
+
+
+EVERY = pytest.mark.parametrize("one", contact_references(), ids=lambda one: one.name)
+
+
+@EVERY
+def test_the_rule_holds_for_every_row_below_the_closure_limit(one: ContactReference) -> None:
+    for row in one.rows:
+        if not one.rule.knows(row["force"]):
+            continue
+        x = row["indentation"] / one.scene.probe.tube_radius
+        limits = {"ratio": ratio_change(x), "stiffness": ratio_change(x), "log_sensitivity": log_sensitivity_change(x)}
+        values = row | {"stiffness": row["force"] / row["indentation"], "stiffness_unc": row["force_unc"] / row["indentation"]}
+        for key, limit in limits.items():
+            assert abs(values[key] / one.small[key] - 1) <= limit + values[f"{key}_unc"] / one.small[key], (key, x)
+
+
+def test_some_rows_are_below_it() -> None:
+    assert sum(one.rule.knows(row["force"]) for one in contact_references() for row in one.rows) >= 2
+
+
+@EVERY
+def test_x_is_indentation_over_outer_radius_unless_a_block_is_softer_than_the_tissue(one: ContactReference) -> None:
+    times = one.rule.strain * one.scene.probe.tube_radius
+    assert 1 < times < 1.5 if one.name == "paper" else times == pytest.approx(1, rel=1e-12)
+
+
+@EVERY
+def test_no_load_that_is_allowed_closes_the_gap(one: ContactReference) -> None:
+    largest = one.rule.largest(0.9, promise=False)
+    assert largest.force < one.closure
+    assert one.rule.knows(largest.force * (1 - 1e-12))
+    assert not one.rule.knows(largest.force * 1.001)
+
+
+def test_each_cause_limits_in_its_turn() -> None:
+    rule = LoadRule(strain=1 / 5e-3, stiffness=100.0, closure=math.inf)
+    for accuracy, promise, cause, x in (
+        (0.01, False, "ratio", 0.1),
+        (0.01, True, "log_sensitivity", math.log(1.05) / 0.8),
+        (0.5, False, "strain limit", 0.3),
+    ):
+        largest = rule.largest(accuracy, promise)
+        assert largest.by == cause
+        assert largest.indentation == pytest.approx(x * 5e-3, rel=1e-12)
+        assert largest.force == pytest.approx(x * 5e-3 * 100.0, rel=1e-12)
+    assert LoadRule(1 / 5e-3, 100.0, 0.5).largest(0.01, True).by == "gap closure"
+
+
+def test_soft_blocks_count_as_much_as_their_own_strain() -> None:
+    """Lubricated columns of incompressible neo-Hooke: nominal stress E/3 (l - l^-2) at the stretch l, against E e."""
+    scene = named("axisymmetric", "homogeneous").scene
+    strain = 0.01
+    secant = ((1 - strain) ** -2 - (1 - strain)) / (3 * strain)
+    areas = np.array([scene.probe.inner_area, scene.probe.outer_area])
+    soft = np.array([scene.probe.inner.youngs_modulus, scene.probe.outer.youngs_modulus])
+    height = np.array([scene.probe.core_height, scene.probe.tube_height])
+    rule = LoadRule.of(scene, soft * areas / height, math.inf)  # all of the indentation shortens the blocks
+    assert ratio_change(rule.strain * strain * height.min()) >= (secant - 1) * 0.97
+
+
+def at(scene: Scene, **load: float) -> Scene:
+    return scene.model_copy(update={"load": Load(**load)})
+
+
+@EVERY
+def test_what_auto_answers_is_within_its_error_of_what_is_true(one: ContactReference) -> None:
+    """Linear answers at the loads of the references, the rule's effect counted, whatever it makes of them."""
+    known = 0
+    for row in one.rows:
+        result = evaluate(at(one.scene, indentation=row["indentation"]), accuracy=0.05, linear=True)
+        if result.error_estimate is None:
+            continue
+        known += 1
+        assert result.ratio == pytest.approx(row["ratio"], rel=result.error_estimate, abs=row["ratio_unc"])
+        assert result.stiffness == pytest.approx(row["force"] / row["indentation"], rel=result.error_estimate)
+    assert known >= (one.name == "example")
+
+
+SCENE = read_scene(REFERENCE / "contact" / "example.toml")
+
+
+class TestAuto:
+    def test_refuses_with_a_load_that_it_then_answers(self) -> None:
+        with pytest.raises(Refusal, match=r"load.force = 0.1 N: allowed: up to 0.0\d+ N .*--linear") as refused:
+            evaluate(SCENE)
+        limit = float(str(refused.value).split("up to ")[1].split(" N")[0])
+        result = evaluate(at(SCENE, force=limit))
+        assert result.error_estimate is not None
+        assert result.error_estimate <= 0.01
+        with pytest.raises(Refusal, match=r"load.force"):
+            evaluate(at(SCENE, force=1.2 * limit))
+
+    def test_refuses_an_indentation_in_millimetres(self) -> None:
+        with pytest.raises(Refusal, match=r"load.indentation = 1 mm: allowed: up to 0.2\d+ mm"):
+            evaluate(at(SCENE, indentation=1e-3))
+
+    def test_counts_the_effect_at_loads_that_are_allowed(self) -> None:
+        scene = at(SCENE, indentation=2e-4)
+        alone, loaded = evaluate(scene, "axisymmetric", plan(scene).accuracy), evaluate(scene)
+        assert alone.error_estimate is not None
+        assert loaded.error_estimate is not None
+        rule = 0.1 * 2e-4 / SCENE.probe.tube_radius
+        assert loaded.error_estimate == pytest.approx((1 + alone.error_estimate) * (1 + rule) - 1, rel=1e-9)
+        assert loaded.ratio == alone.ratio
+
+    def test_a_load_of_zero_has_a_ratio(self) -> None:
+        result = evaluate(at(SCENE, force=0.0))
+        assert result.stress_inner == 0
+        assert result.ratio == pytest.approx(0.56295, rel=0.01)
+
+    def test_the_promise_on_log_sensitivity_counts(self) -> None:
+        without = SCENE.model_copy(update={"inclusion": ()})
+        limits = [plan(one).linear_limit_load for one in (SCENE, without)]
+        assert [limit.by for limit in limits] == ["log_sensitivity", "ratio"]
+        assert limits[0].indentation < 0.7 * limits[1].indentation
+
+    def test_linear_answers_where_something_is_known_with_the_effect_and_beyond_without_a_bound(self) -> None:
+        some, unknown = (evaluate(at(SCENE, force=force), linear=True) for force in (0.05, 2000.0 * 1e-3))
+        assert some.error_estimate is not None
+        assert 0.01 < some.error_estimate < 0.03
+        assert unknown.error_estimate is None
+        assert unknown.ratio == pytest.approx(some.ratio, rel=1e-9)
+        for result in (some, unknown):
+            assert [note.kind for note in result.warnings] == ["linear"]
+
+    def test_a_tilt_counts_as_indentation(self) -> None:
+        tilted = SCENE.model_copy(update={"placement": SCENE.placement.model_copy(update={"tilt": 0.2})})
+        with pytest.raises(Refusal, match=r"placement.tilt = 11.5 deg"):
+            evaluate(at(tilted, force=0.01))
+
+
+class TestNamedEvaluators:
+    @pytest.mark.parametrize("name", ["closed-form", "axisymmetric", "equivalent-inclusion"])
+    def test_answer_linearly_and_warn(self, name: str) -> None:
+        light, heavy = (evaluate(at(SCENE, force=force), name, 0.05) for force in (1e-3, 0.1))
+        assert not any(note.kind == "linear" for note in light.warnings)
+        assert any("beyond linear_limit_load" in note for note in heavy.warnings if note.kind == "linear")
+        assert heavy.error_estimate == light.error_estimate
+        assert heavy.ratio == light.ratio
+        assert heavy.linear_limit_load is not None
+        assert heavy.linear_limit_load.force < 0.1
+
+    def test_the_paper_gives_no_stress_and_so_no_limit(self) -> None:
+        assert evaluate(SCENE, "published").linear_limit_load is None
+
+    @pytest.mark.parametrize("name", ["auto", "closed-form", "axisymmetric"])
+    def test_nobody_drives_a_probe_through_the_tissue(self, name: str) -> None:
+        with pytest.raises(Refusal, match=r"load.force = 2000 N: allowed: "):
+            evaluate(at(SCENE, force=2000.0), name, 0.05)
+
+    def test_nor_linearly(self) -> None:
+        with pytest.raises(Refusal, match=r"mm into tissue 50 mm deep"):
+            evaluate(at(SCENE, force=2000.0), linear=True)
+
+
+@pytest.mark.parametrize("indentation", [0.05, 0.07])
+def test_an_indentation_deeper_than_the_tissue_is_no_scene(indentation: float) -> None:
+    tables = scene_to_dict(SCENE) | {"load": {"indentation": f"{1e3 * indentation} mm"}}
+    with pytest.raises(InputError, match=r"load.indentation = .* mm: allowed: less than the tissue's depth of 50 mm"):
+        scene_from_dict(tables)
+
+
+@pytest.mark.parametrize("folder", slow_unless(("contact").__ne__, ["axisymmetric", "contact", "extra", "extremes"]))
+def test_the_gap_closes_no_earlier_than_the_formulas_say(folder: str) -> None:
+    paths = sorted((REFERENCE / folder).glob("*.toml"))
+    for scene in map(read_scene, paths):
+        rough = CoarseModel.of(scene, details=False)
+        assert least_closure(scene, rough.forces.sum(axis=1)) <= rough.closure
