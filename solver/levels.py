@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, cast
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal
+from geometry.common.limits import least
 from geometry.scenes.scene import Scene
 from solver.linalg.workspace import Workspace, current, using
-from solver.results.evaluator import Evaluator, Tell
+from solver.results.evaluator import Evaluator, OutOfReach, Tell
 from solver.results.film_forces import checked_moduli
 from solver.results.kinds import unsupported
 from solver.results.result import Curve, Result
@@ -67,9 +68,17 @@ def evaluate(scene: Scene, name: str = AUTO, accuracy: float = 0.01, tell: Tell 
         from solver.planning.load_check import with_warning
 
         return with_warning(evaluator(name, tell).evaluate(scene, accuracy), scene, accuracy)
+    start = perf_counter()
+    try:
+        return replace(_auto(scene, accuracy, linear, tell), seconds=perf_counter() - start)
+    except OutOfReach as fault:
+        raise Refusal("accuracy", accuracy, _reachable(fault, accuracy / fault.accuracy, tell)) from None
+
+
+def _auto(scene: Scene, accuracy: float, linear: bool, tell: Tell | None) -> Result:
+    """The answer of the level that the plan names, or of ``solid`` where that one refuses."""
     from solver.planning.plan import second_try  # what it takes to import is not the answer's cost
 
-    start = perf_counter()
     planned = _planned(scene, accuracy)
     if not linear:
         planned.check_load(scene, accuracy)
@@ -81,7 +90,27 @@ def evaluate(scene: Scene, name: str = AUTO, accuracy: float = 0.01, tell: Tell 
             raise
         planned = again
         result = _level(planned.evaluator, tell).evaluate_within(planned.scene, planned.accuracy)
-    return replace(planned.completed(result, scene, accuracy, linear), seconds=perf_counter() - start)
+    return planned.completed(result, scene, accuracy, linear)
+
+
+def _reachable(fault: OutOfReach, share: float, tell: Tell | None) -> str:
+    """Say which accuracy the level that refused one does reach, by asking it: the effort that it makes depends on what is asked.
+
+    Args:
+        fault: the refusal.
+        share: what the whole answer is asked, over what the level is asked.
+        tell: as in ``evaluate``.
+    """
+    reached = share * fault.reached
+    while reached < 1:
+        text = least(reached, 2)
+        try:
+            evaluator(fault.name, tell).evaluate_within(fault.scene, float(text) / share)
+        except OutOfReach as again:
+            reached = max(share * again.reached, 1.25 * float(text))
+        else:
+            return f"{text} or more for this scene (--evaluator {fault.name} answers with its own error)"
+    return f"none for this scene: errors are no smaller than the values (--evaluator {fault.name} tells which)"
 
 
 def plan(scene: Scene, accuracy: float = 0.01, solid: bool = False) -> Plan:

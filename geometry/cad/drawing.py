@@ -7,9 +7,10 @@ from typing import Any
 
 from geometry.cad import cutaway, solids
 from geometry.common.files import written_whole
-from geometry.scenes.base_sizes import base_sizes
+from geometry.scenes.base_sizes import assumed_sizes, base_sizes, has_flange
 from geometry.scenes.probe import Material, Probe
 
+ASSUMED = "*"  # behind dimensions that the scene does not give
 DIAMETER = "\N{LATIN CAPITAL LETTER O WITH STROKE}"
 Points = list[tuple[float, float]]
 SHEET = (16.0, 9.0)  # inches
@@ -31,8 +32,10 @@ def draw(probe: Probe, path: Path) -> Path:
 
     figure = Figure(figsize=SHEET, dpi=150, facecolor="white")
     FigureCanvasAgg(figure)
-    figure.text(0.03, 0.955, "Tactile probe: section through the groove's plane (y = 0)", fontsize=15, weight="bold")
-    figure.text(0.03, 0.93, "dimensions in mm; tissue below, at z = 0", fontsize=10)
+    plane = "its axis" if probe.groove is None else "the groove's plane"
+    star = f"; {ASSUMED} assumed: not in the scene" if assumed_sizes(probe) else ""
+    figure.text(0.03, 0.955, f"Tactile probe: section through {plane} (y = 0)", fontsize=15, weight="bold")
+    figure.text(0.03, 0.93, f"dimensions in mm; tissue below, at z = 0{star}", fontsize=10)
     _section(figure.add_axes(PANEL), probe)
     _detail(figure.add_axes((0.60, 0.07, 0.16, 0.31)), probe)
     for line, (text, colour) in enumerate(_notes(probe)):
@@ -56,8 +59,7 @@ def outlines(probe: Probe) -> dict[str, list[Points]]:
     return {
         "inner": [_box(-r2, r2, 0, h2)],
         "outer": [_box(-ro, -ri, 0, ends[0]), _box(ri, ro, 0, ends[1])],
-        "film-inner": [_box(-r2, r2, h2, h2 + t)],
-        "film-outer": films,
+        **({} if probe.film is None else {"film-inner": [_box(-r2, r2, h2, h2 + t)], "film-outer": films}),
         "base": [side + [(-x, z) for x, z in reversed(side)]],
     }
 
@@ -97,20 +99,17 @@ def _section(axes: Any, probe: Probe) -> None:
     step = LEVEL * inch
     for level, radius in enumerate((r2, ri, ro), start=1):
         _dimension(axes, (-radius, 0), (radius, 0), at=-level * step, text=DIAMETER + number(2 * radius), inch=inch)
-    _dimension(axes, (-rf, top), (rf, top), at=top + step, text=DIAMETER + number(2 * rf), inch=inch)
-    lefts = [((-ro, h1), h1), ((-r2, h2), h2), ((-rf, top), top)]
-    for level, (corner, height) in enumerate(lefts if h1 != h2 else lefts[::2], start=1):
-        _dimension(axes, (-ro, 0), corner, at=-rf - level * step, text=number(height), inch=inch, upright=True)
-    _dimension(
-        axes,
-        (ro, under),
-        (ro, max(h1, h2) + t),
-        at=rf + 2 * step,
-        text=number(base.step_height * solids.MM),
-        inch=inch,
-        upright=True,
-    )
-    _dimension(axes, (rf, under), (rf, top), at=rf + step, text=number(top - under), inch=inch, upright=True)
+    if has_flange(probe):
+        text = DIAMETER + _marked(probe, "base.flange_radius", 2 * rf)
+        _dimension(axes, (-rf, top), (rf, top), at=top + step, text=text, inch=inch)
+        text, low = _marked(probe, "base.step_height", base.step_height * solids.MM), max(h1, h2) + t
+        _dimension(axes, (ro, under), (ro, low), at=rf + 2 * step, text=text, inch=inch, upright=True)
+    whole = number(top) + ASSUMED * (assumed_sizes(probe).keys() - {"probe.base.flange_radius"} != set())
+    lefts = [((-ro, h1), number(h1)), ((-r2, h2), number(h2)), ((-rf, top), whole)]
+    for level, (corner, text) in enumerate(lefts if h1 != h2 else lefts[::2], start=1):
+        _dimension(axes, (-ro, 0), corner, at=-rf - level * step, text=text, inch=inch, upright=True)
+    text = _marked(probe, "base.thickness", top - under)
+    _dimension(axes, (rf, under), (rf, top), at=rf + step, text=text, inch=inch, upright=True)
     _leader(axes, (-(r2 + ri) / 2, 0), (-rf - step, -2.2 * step), f"gap {number(ri - r2)}")
     if probe.groove is not None:
         depth = probe.groove.depth * solids.MM
@@ -173,31 +172,36 @@ def _detail(axes: Any, probe: Probe) -> None:
     reach = 2.2 * max(gap, t)
     x, z = -(r2 + ri) / 2, h1 + t / 2
     axes.set(xlim=(x - reach, x + reach), ylim=(z - reach, z + reach), xticks=[], yticks=[], aspect="equal")
-    axes.set_title("detail at the outer film, -x side", fontsize=10)
+    place = "film" if probe.film else "block's upper end"
+    axes.set_title(f"detail at the outer {place}, -x side", fontsize=10)
     _fill(axes, probe)
     height = h1 - min(reach, h1) / 2
     boss = h2 + t < height  # the base reaches down into the hole and halves the gap
     tip, text = (x - gap / 4, f"clearance {number(gap / 2)}") if boss else (x, f"gap {number(gap)}")
     _leader(axes, (tip, height), (x - 0.5 * reach, z - 0.85 * reach), text)
-    film = -ri - min(reach - gap / 2, ro - ri) / 2  # the middle of what is seen of it
-    _leader(axes, (film, z), (film, z + 0.7 * reach), f"film {number(t)}")
+    if probe.film is not None:
+        film = -ri - min(reach - gap / 2, ro - ri) / 2  # the middle of what is seen of it
+        _leader(axes, (film, z), (film, z + 0.7 * reach), f"film {_marked(probe, 'film.thickness', t)}")
 
 
 def _notes(probe: Probe) -> list[tuple[str, Any]]:
     """Return lines of text, those of the parts with their colour."""
-    thick = f"{number(solids.film_thickness(probe) * solids.MM)} thick"
+    thick = f"{_marked(probe, 'film.thickness', solids.film_thickness(probe) * solids.MM)} thick"
     cut, step = probe.groove_footprint, DIAMETER + number(2 * probe.tube_radius * solids.MM)
     texts = {
         "inner": f"inner block: {_material(probe.inner)}",
         "outer": f"outer block: {_material(probe.outer)}",
         "film-inner": f"inner film, {thick}",
         "film-outer": f"outer film, {thick}" + (", open above the groove" if cut else ""),
-        "base": f"base, step {step}",
+        "base": f"base, step {step}" if has_flange(probe) else f"base, {step}",
     }
-    lines: list[tuple[str, Any]] = [(text, solids.COLOURS[name]) for name, text in texts.items()]
+    drawn = outlines(probe)
+    lines: list[tuple[str, Any]] = [(text, solids.COLOURS[name]) for name, text in texts.items() if name in drawn]
+    lines += [] if probe.film else [("no films: the scene has none", None)]
     areas = {"inner end A2": probe.inner_area, "outer end A1": probe.outer_area}
     if cut:
-        areas |= {"outer end at the film": probe.outer_area - cut, "groove's footprint": cut}
+        end = "film" if probe.film else "base"
+        areas |= {f"outer end at the {end}": probe.outer_area - cut, "groove's footprint": cut}
     lines += [(f"{what} = {area * solids.MM**2:.6g} mm\u00b2", None) for what, area in areas.items()]
     lines += [(f"A2/A1 = {probe.inner_area / probe.outer_area:.6g}", None)]
     return lines
@@ -207,6 +211,11 @@ def _material(material: Material) -> str:
     modulus = material.youngs_modulus
     size, unit = next(((size, unit) for size, unit in ((1e9, "GPa"), (1e6, "MPa"), (1e3, "kPa")) if modulus >= size), (1.0, "Pa"))
     return f"E = {modulus / size:.4g} {unit}, Poisson's ratio {material.poisson_ratio:g}"
+
+
+def _marked(probe: Probe, key: str, length: float) -> str:
+    """Write a length in mm that the probe's scene may leave open under ``key``."""
+    return number(length) + (ASSUMED if f"probe.{key}" in assumed_sizes(probe) else "")
 
 
 def number(length: float) -> str:

@@ -40,11 +40,14 @@ def expected_bodies(probe: Probe) -> dict[str, PartMeasures]:
     if groove is not None:
         depth = groove.depth * mm
         floor = ((h1 - depth, cut),)
+    films = {
+        "film-inner": PartMeasures(a2 * t, ((h2, a2), (h2 + t, a2)), (r2,)),
+        "film-outer": PartMeasures((a1 - cut) * t, ((h1, a1 - cut), (h1 + t, a1 - cut)), (ri, ro), _walls(probe, t)),
+    }
     return {
         "inner": PartMeasures(a2 * h2, ((0, a2), (h2, a2)), (r2,)),
         "outer": PartMeasures(a1 * h1 - cut * depth, ((0, a1), *floor, (h1, a1 - cut)), (ri, ro), _walls(probe, depth)),
-        "film-inner": PartMeasures(a2 * t, ((h2, a2), (h2 + t, a2)), (r2,)),
-        "film-outer": PartMeasures((a1 - cut) * t, ((h1, a1 - cut), (h1 + t, a1 - cut)), (ri, ro), _walls(probe, t)),
+        **({} if probe.film is None else films),
         "base": _expected_base(probe),
     }
 

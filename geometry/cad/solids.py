@@ -1,7 +1,8 @@
 """The parts of the probe as cadquery solids, in millimetres.
 
 z = 0 is the plane of the tissue's surface and z grows towards the base: the blocks stand on it, the films lie on the
-blocks' film ends, the base lies on the films. The groove runs along +x. cadquery is imported by ``cadquery`` alone.
+blocks' film ends, the base lies on the films, or on the blocks of a probe without films. The groove runs along +x.
+cadquery is imported by ``cadquery`` alone.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from geometry.common.errors import ExportError, MissingLibrary
 from geometry.scenes.base_sizes import base_sizes
-from geometry.scenes.probe import Film, Probe, mm
+from geometry.scenes.probe import Probe, mm
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -69,12 +70,12 @@ def cadquery() -> Any:
 
 
 def film_thickness(probe: Probe) -> float:
-    """Thickness of either film in m: the probe's, or that of a default ``Film``; its adhesive is not modelled."""
-    return (probe.film or Film()).thickness
+    """Thickness of either film in m, 0 where the probe has none; its adhesive is not modelled."""
+    return 0.0 if probe.film is None else probe.film.thickness
 
 
 def film_tops(probe: Probe) -> tuple[float, float]:
-    """Heights of the inner and the outer film's upper face in m; one height where "5 mm" and "0.5 cm" differ by rounding."""
+    """Heights of the base's lower faces over both blocks in m; one height where "5 mm" and "0.5 cm" differ by rounding."""
     inner, outer = (height + film_thickness(probe) for height in (probe.core_height, probe.tube_height))
     return (outer, outer) if math.isclose(inner, outer, rel_tol=1e-14) else (inner, outer)
 
@@ -129,7 +130,7 @@ def base(probe: Probe) -> Any:
 
 
 def parts(probe: Probe) -> dict[str, Any]:
-    """Build all solids, by their names: inner, outer, film-inner, film-outer, base.
+    """Build all solids, by their names: inner, outer, film-inner and film-outer where there are films, base.
 
     Raises:
         ExportError: the modeller cannot build a part, as with sizes near its tolerance of 1e-7 mm.
@@ -137,7 +138,8 @@ def parts(probe: Probe) -> dict[str, Any]:
         MissingLibrary: see ``cadquery``.
     """
     cadquery()
-    builders = {"inner": inner_block, "outer": outer_block, "film-inner": inner_film, "film-outer": outer_film, "base": base}
+    films = {} if probe.film is None else {"film-inner": inner_film, "film-outer": outer_film}
+    builders = {"inner": inner_block, "outer": outer_block, **films, "base": base}
     return {name: built(name, partial(builder, probe)) for name, builder in builders.items()}
 
 

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+from geometry.common.errors import InputError
+
+# what another name for the output helps against; a full disk is no fault of the name
+_OF_THE_NAME = {errno.EEXIST, errno.ENOTDIR, errno.EISDIR, errno.ENOENT, errno.EACCES, errno.EPERM, errno.EROFS,
+                errno.ENAMETOOLONG, errno.ELOOP, errno.EINVAL}  # fmt: skip
 
 
 @contextmanager
@@ -30,11 +37,38 @@ def written_whole(path: Path) -> Iterator[Path]:
         os.rmdir(folder)
 
 
-def check_writable(folder: Path) -> None:
-    """Make sure that files can be written into ``folder``, making it if needed. Raises ``OSError``."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryFile(dir=folder):
-        pass
+def check_writable(folder: Path, key: str = "output") -> None:
+    """Make sure that files can be written into ``folder``, making it if needed; ``key`` is what names it in messages.
+
+    Raises:
+        InputError: it cannot be a folder to write to: a file is in the way, the user has no right to, or the like.
+        OSError: it could be, but for a full disk or another failure.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as fault:
+        if fault.errno not in _OF_THE_NAME:
+            raise
+        raise InputError(key, str(folder), f"a folder that files can be written to: {_obstacle(folder, fault)}") from None
+
+
+def check_writable_file(path: Path, key: str = "output") -> None:
+    """Make sure that a file of that name can be written, making its folder if needed; see ``check_writable``."""
+    if path.is_dir():
+        raise InputError(key, str(path), "the name of a file: this is a folder")
+    check_writable(path.parent, key)
+
+
+def _obstacle(folder: Path, fault: OSError) -> str:
+    """What is in the way, and the remedy."""
+    for place in (folder, *folder.parents):
+        if os.path.lexists(place):
+            break
+    if os.path.isdir(place):
+        return f"{fault.strerror} in {place}; give another folder, or the right to write there"
+    return f"{place} is {'a file' if os.path.exists(place) else 'a link to nothing'}; give another folder, or move it away"
 
 
 def write_text(path: Path, text: str) -> Path:

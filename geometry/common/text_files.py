@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import tomllib
 from pathlib import Path
@@ -27,7 +28,7 @@ def read_text(path: Path | str, key: str, kind: str = "a TOML file", most: int =
         InputError: it cannot be read, is too large or no UTF-8 text.
     """
     try:
-        with Path(path).open("rb") as file:
+        with open(path, "rb", opener=_without_waiting) as file:
             content = file.read(most + 1)  # no more: devices and pipes have no size to ask for
     except (OSError, ValueError) as fault:
         reason = getattr(fault, "strerror", None) or str(fault)
@@ -38,6 +39,15 @@ def read_text(path: Path | str, key: str, kind: str = "a TOML file", most: int =
         return content.decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError:
         raise InputError(key, str(path), f"{kind}, which is UTF-8 text") from None
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    """Open a file; a pipe that nobody writes to is empty, where a plain ``open`` would wait for ever."""
+    if os.name == "nt":
+        return os.open(path, flags)
+    handle = os.open(path, flags | os.O_NONBLOCK)
+    os.set_blocking(handle, True)
+    return handle
 
 
 def tables(text: str, name: str, allowed: str) -> dict[str, Any]:

@@ -1,21 +1,22 @@
-"""Dimensions of the base: those given, the others from the probe."""
+"""Dimensions of the base: those given, the others from the probe; and which of a probe's dimensions are such assumptions."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from geometry.common.errors import InputError
+from geometry.common.limits import least_mm, reaches
 from geometry.scenes.probe import Probe, mm
 
 
 @dataclass(frozen=True)
 class BaseSizes:
-    """Dimensions of the base in m: a step of the tube's radius below a wider flange.
+    """Dimensions of the base in m: a step of the tube's radius below a wider flange; without a flange a disc of that radius.
 
     Attributes:
-        flange_radius: radius of the flange.
-        thickness: of the flange.
-        step_height: from the higher of the two films to the flange, so that the flange stays whole.
+        flange_radius: radius of the flange; the tube's where there is none.
+        thickness: of the flange, or of the disc.
+        step_height: from the higher of the two films to the flange, so that the flange stays whole; 0 without one.
     """
 
     flange_radius: float
@@ -26,12 +27,37 @@ class BaseSizes:
 def base_sizes(probe: Probe) -> BaseSizes:
     """Dimensions of the base; left out, 1.25 outer radii, 0.3 outer radii but at least 1 mm, and 0.2 outer radii.
 
+    A rigid base of which neither the flange's radius nor the step's height is given has no flange. An elastic one has, for
+    that is what the levels solve.
+
     Raises:
         InputError: the flange is narrower than the tube.
     """
     base, radius = probe.base, probe.tube_radius
-    flange = 1.25 * radius if base.flange_radius is None else base.flange_radius
-    if flange < radius:
-        raise InputError("probe.base.flange_radius", mm(flange), f"at least the tube's outer radius of {mm(radius)}")
     thickness = max(0.3 * radius, 1e-3) if base.thickness is None else base.thickness
-    return BaseSizes(flange, thickness, 0.2 * radius if base.step_height is None else base.step_height)
+    if not has_flange(probe):
+        return BaseSizes(radius, thickness, 0.0)
+    flange = 1.25 * radius if base.flange_radius is None else base.flange_radius
+    if not reaches(flange, radius):
+        raise InputError("probe.base.flange_radius", mm(flange), f"at least the tube's outer radius of {least_mm(radius)}")
+    return BaseSizes(max(flange, radius), thickness, 0.2 * radius if base.step_height is None else base.step_height)
+
+
+def has_flange(probe: Probe) -> bool:
+    """Whether the base has a flange above its step; see ``base_sizes``."""
+    base = probe.base
+    return not base.rigid or base.flange_radius is not None or base.step_height is not None
+
+
+def assumed_sizes(probe: Probe) -> dict[str, float]:
+    """Return the dimensions (m) of the probe's parts that the scene leaves open, by the keys that would give them.
+
+    Raises:
+        InputError: see ``base_sizes``.
+    """
+    keys = ("flange_radius", "thickness", "step_height") if has_flange(probe) else ("thickness",)
+    sizes = base_sizes(probe)
+    open_sizes = {f"probe.base.{key}": getattr(sizes, key) for key in keys if getattr(probe.base, key) is None}
+    if probe.film is not None and "thickness" not in probe.film.model_fields_set:
+        open_sizes["probe.film.thickness"] = probe.film.thickness
+    return open_sizes

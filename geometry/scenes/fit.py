@@ -7,7 +7,8 @@ from itertools import combinations
 from typing import TYPE_CHECKING
 
 from geometry.common.errors import InputError
-from geometry.scenes.probe import mm, reaches
+from geometry.common.limits import least_mm, most_mm, reaches
+from geometry.scenes.probe import mm
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -119,22 +120,22 @@ def _check_stands(size: str, room: float, reach: float, *, key: str, position: f
     why = f"the whole probe, of radius {mm(reach)}, has to stand on the tissue"
     if reaches(reach, room):
         times = 1 if size == "radius" else 2
-        raise InputError(f"tissue.{size}", mm(times * room), f"above {mm(times * reach)} ({why})")
+        raise InputError(f"tissue.{size}", mm(times * room), f"above {least_mm(times * reach)} ({why})")
     if reaches(offset + reach, room):
-        raise InputError(key, mm(position), f"the probe's axis less than {mm(room - reach)} from the tissue's ({why})")
+        raise InputError(key, mm(position), f"the probe's axis less than {most_mm(room - reach)} from the tissue's ({why})")
 
 
 def _check_inside(scene: Scene, index: int, body: Inclusion) -> None:
     tissue, name = scene.tissue, f"inclusion[{index}]"
     half = [math.hypot(*row) for row in semi_axes(body)]
     if reaches(half[2], body.depth):
-        raise InputError(f"{name}.depth", mm(body.depth), f"above {mm(half[2])} (it leaves the tissue's surface)")
+        raise InputError(f"{name}.depth", mm(body.depth), f"above {least_mm(half[2])} (it leaves the tissue's surface)")
     if tissue.shape != "half-space" and reaches(body.depth + half[2], tissue.depth):
-        least = f"a centre less than {mm(tissue.depth - half[2])} deep" if tissue.depth > 2 * half[2] else "a smaller body"
+        least = f"a centre less than {most_mm(tissue.depth - half[2])} deep" if tissue.depth > 2 * half[2] else "a smaller body"
         raise InputError(f"{name}.depth", mm(body.depth), f"{least} (it leaves the tissue's bottom at {mm(tissue.depth)})")
     if tissue.shape == "cylinder" and reaches(lateral_reach(body), tissue.radius):
         key = "x" if abs(body.x) >= abs(body.y) else "y"
-        at = f"the whole body within {mm(tissue.radius)} of the tissue's axis (it leaves the tissue's side)"
+        at = f"the whole body within {most_mm(tissue.radius)} of the tissue's axis (it leaves the tissue's side)"
         raise InputError(f"{name}.{key}", mm(getattr(body, key)), at)
     if tissue.shape == "block":
         _check_beside(name, body, half, (tissue.length / 2, tissue.breadth / 2))
@@ -143,7 +144,7 @@ def _check_inside(scene: Scene, index: int, body: Inclusion) -> None:
 def _check_beside(name: str, body: Inclusion, half: list[float], rooms: tuple[float, float]) -> None:
     for key, centre, size, room in zip("xy", (body.x, body.y), half, rooms, strict=False):
         if reaches(abs(centre) + size, room):
-            at = f"the whole body within {mm(room)} of the tissue's middle (it leaves the tissue's side)"
+            at = f"the whole body within {most_mm(room)} of the tissue's middle (it leaves the tissue's side)"
             raise InputError(f"{name}.{key}", mm(centre), at)
 
 

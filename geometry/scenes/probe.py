@@ -8,6 +8,7 @@ from typing import Annotated, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from geometry.common.errors import InputError, Words
+from geometry.common.limits import least_mm, most_mm, reaches
 from geometry.scenes.units import Quantity
 
 LENGTH = Quantity("length", "m", "mm", 1e-9, 10.0)
@@ -39,8 +40,8 @@ class Material(Frozen):
 class Base(Frozen):
     """The base that both blocks hang under: a step as wide as the probe below a wider flange.
 
-    Rigid, or elastic with a modulus and a Poisson ratio. The dimensions serve the CAD model;
-    left out, they follow from the probe (see ``geometry.scenes.base_sizes.base_sizes``).
+    Rigid, or elastic with a modulus and a Poisson ratio. The dimensions serve the CAD model, and the
+    solver where the base is elastic; see ``geometry.scenes.base_sizes`` for what holds where they are left out.
 
     Attributes:
         flange_radius: at least the probe's outer radius.
@@ -130,7 +131,7 @@ class Probe(Frozen):
     def _check_wall(self) -> None:
         if self.tube_radius - self.hole_radius >= 1e-9 * self.tube_radius:
             return
-        least = f"an outer radius, now {mm(self.tube_radius)}, above inner_radius + gap = {mm(self.hole_radius)}"
+        least = f"an outer radius, now {mm(self.tube_radius)}, above inner_radius + gap = {least_mm(self.hole_radius)}"
         raise InputError(*_given(self, "outer_radius", "area_ratio"), least)
 
     def _check_groove(self) -> None:
@@ -139,7 +140,7 @@ class Probe(Frozen):
         for key, limit, what in (("width", 2 * self.hole_radius, "hole diameter"), ("depth", self.tube_height, "height")):
             size = getattr(self.groove, key)
             if reaches(size, limit):
-                raise InputError(f"groove.{key}", mm(size), f"below the outer block's {what} of {mm(limit)}")
+                raise InputError(f"groove.{key}", mm(size), f"below the outer block's {what} of {most_mm(limit)}")
 
     @property
     def hole_radius(self) -> float:
@@ -193,11 +194,6 @@ class Probe(Frozen):
 def mm(length: float) -> Words:
     """Write a length for a message: ``5 mm``."""
     return Words(f"{length * 1e3:.6g} mm")
-
-
-def reaches(size: float, limit: float) -> bool:
-    """Whether ``size`` is at least ``limit``, but for the rounding by which "10.2 mm" and twice "5.1 mm" may differ."""
-    return size >= limit - 1e-12 * abs(limit)
 
 
 def _given(probe: Probe, *keys: str) -> tuple[str, Words]:

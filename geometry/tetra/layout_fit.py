@@ -10,6 +10,7 @@ import numpy as np
 
 from geometry.common.arrays import Points
 from geometry.common.errors import Refusal, Words
+from geometry.common.limits import least_mm
 from geometry.scenes.probe import mm
 from geometry.tetra.surface_files import Sheet
 
@@ -94,4 +95,4 @@ def _to_edge(a: Points, b: Points) -> Points:
 def check_extent(tube: float, extent: float) -> None:
     """Refuse shortened tissue that does not reach beyond the probe, or has no end."""
     if not tube * 1.05 < extent < math.inf:
-        raise Refusal("tissue_extent", mm(extent), f"a length above {mm(1.05 * tube)}: tissue reaches beyond the probe")
+        raise Refusal("tissue_extent", mm(extent), f"a length above {least_mm(1.05 * tube)}: tissue reaches beyond the probe")

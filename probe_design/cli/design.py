@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from probe_design.cli.arguments import length
 from probe_design.cli.output import print_json
+
+if TYPE_CHECKING:
+    from geometry.scenes.scene import Scene
+
+
+FORCE = click.option("--force", is_flag=True, help="Replace parts of another design that the folder holds.")
 
 
 @click.command()
@@ -20,9 +27,10 @@ from probe_design.cli.output import print_json
 @click.option(
     "--evaluator", help="Who judges and polishes: axisymmetric or equivalent-inclusion.  [default: what the scene asks for]"
 )
+@FORCE
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def optimize(
-    scene: Path | None, output: Path, outer_radius: str | None, starts: int, evaluator: str | None, as_json: bool
+    scene: Path | None, output: Path, outer_radius: str | None, starts: int, evaluator: str | None, force: bool, as_json: bool
 ) -> None:
     """Find a probe that tells E_object better than SCENE's, prove it by finite elements, export it.
 
@@ -31,6 +39,7 @@ def optimize(
     both moduli by formulas; the ten best designs are judged by finite elements, the best three
     of them polished with exact derivatives. Exit code 1 if the judge sees no gain.
     """
+    from geometry.cad.record import check_asked
     from geometry.cad.solids import cadquery
     from geometry.common.files import check_writable
     from geometry.scenes.scene_file import read_scene
@@ -42,10 +51,13 @@ def optimize(
     start = builtin_scene() if scene is None else read_scene(scene)
     limit = None if outer_radius is None else length("outer-radius", outer_radius)
     check_writable(output)  # what would fail after the search fails before it
+    asked = _question(start)
+    if not force:
+        check_asked(output, asked)
     cadquery()
     with stages() as progress:
         optimum = run(start, progress, limit, starts, evaluator)
-        files = write_all(optimum, output, progress)
+        files = write_all(optimum, output, progress, force=force, asked=asked)
     if as_json:
         print_json(summary(optimum, files))
     else:
@@ -59,9 +71,18 @@ def optimize(
 @click.command()
 @click.argument("scene", type=click.Path(path_type=Path))
 @click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder for the STEP files.")
+@FORCE
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def export(scene: Path, output: Path, as_json: bool) -> None:
-    """Write SCENE's probe as STEP files in millimetres, each read back and measured, and a drawing."""
+def export(scene: Path, output: Path, force: bool, as_json: bool) -> None:
+    """Write SCENE's probe as STEP files in millimetres, each read back and measured, and a drawing.
+
+    What SCENE leaves open and a part needs, such as the base's thickness, is assumed and marked; parts.json tells it too, and
+    whose parts they are: a folder that holds another design is refused.
+    """
+    from geometry.cad.record import describe
+    from geometry.common.files import check_writable
+    from geometry.scenes.base_sizes import assumed_sizes
+    from geometry.scenes.probe import mm
     from geometry.scenes.scene_file import read_scene
     from probe_design.terminal.console import message, working
 
@@ -70,8 +91,27 @@ def export(scene: Path, output: Path, as_json: bool) -> None:
         from geometry.cad.export import export as write
 
         probe = read_scene(scene).probe
-        files = [*write(probe, output), draw(probe, output / "drawing.png")]
+        check_writable(output)
+        files = [*write(probe, output, force), draw(probe, output / "drawing.png")]
+        describe(output, files[-1:])
+    assumed = {key: str(mm(size)) for key, size in assumed_sizes(probe).items()}
     if as_json:
-        print_json({"files": [str(file) for file in files]})
-    else:
-        message(f"wrote {', '.join(file.name for file in files)} to {output}")
+        print_json({"files": [str(file) for file in files], "assumed": assumed})
+        return
+    for key, size in assumed.items():
+        message(f"assumed: {key} = {size}, which the scene does not give")
+    if probe.film is None:
+        message("no films: the scene has no [probe.film]; the base lies on the blocks")
+    message(f"wrote {', '.join(file.name for file in files)} to {output}")
+
+
+def _question(start: Scene) -> str:
+    """What an optimisation is asked: the scene, and every option that its answer depends on."""
+    from importlib.metadata import version
+
+    from geometry.cad.record import digest
+    from geometry.scenes.scene_file import scene_to_dict
+
+    others = ("scene", "output", "force", "as_json")
+    options = {key: str(value) for key, value in click.get_current_context().params.items() if key not in others}
+    return digest({"scene": scene_to_dict(start), "version": version("probe-design"), **options})

@@ -105,7 +105,7 @@ def calibrate(scene: Path | None, bench: Path | None, output: Path, linear: bool
     probe-design calibrate scene.toml --virtual -o probe.toml
     probe-design calibrate scene.toml --record run.probe -o probe.toml
     """  # noqa: D301
-    from geometry.common.files import check_writable
+    from geometry.common.files import check_writable_file
     from probe_design.built_probe.calibration import calibrate as run
     from probe_design.built_probe.calibration_record import check_free, record, write_record
     from probe_design.cli.hardware_sources import HardwareSetup, SampleSource, described, raw
@@ -114,7 +114,7 @@ def calibrate(scene: Path | None, bench: Path | None, output: Path, linear: bool
 
     origin, setting = SampleSource(**source), HardwareSetup.of(scene, bench, None)
     check_free(output)
-    check_writable(output.parent)
+    check_writable_file(output)
     samples, files = _readings(setting, origin, setting.bench.reference, run=0)
     with working("calibrating"):
         calibration = run(setting.scene, setting.bench, samples, linear=linear)
@@ -147,7 +147,7 @@ def check(
     """  # noqa: D301
     import json
 
-    from geometry.common.files import write_text
+    from geometry.common.files import check_writable_file, write_text
     from probe_design.built_probe.calibration_record import check_free
     from probe_design.built_probe.check import check as run
     from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
@@ -157,6 +157,7 @@ def check(
     origin, setting = SampleSource(**source), HardwareSetup.of(scene, bench, calibration)
     if output is not None:
         check_free(output)
+        check_writable_file(output)
     samples, _ = _readings(setting, origin, setting.bench.blocks, run=1)
     record = setting.calibration
     with working("checking"):

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from geometry.common.errors import InputError, Words
+from geometry.common.files import check_writable_file
 from geometry.scenes.probe import LENGTH, MODULUS
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import read_scene
@@ -84,7 +85,7 @@ class SampleSource:
         """Return the file of each reading's raw data: numbered where there are several.
 
         Raises:
-            InputError: one of them exists.
+            InputError: one of them exists, or cannot be written.
         """
         if self.record is None:
             return (None,) * count
@@ -93,6 +94,7 @@ class SampleSource:
         for path in paths:
             if path.exists():
                 raise InputError("record", str(path), "a name that is not taken: recordings are never overwritten")
+            check_writable_file(path, "record")
         return tuple(paths)
 
 

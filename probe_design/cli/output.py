@@ -65,12 +65,11 @@ def check_picture(picture: Path | None) -> None:
     """Refuse a picture that could not be written: what would fail after the work fails before it.
 
     Raises:
-        InputError: no such format.
-        OSError: its folder cannot be written.
+        InputError: no such format, or its folder cannot be written.
     """
-    from geometry.common.files import check_writable
+    from geometry.common.files import check_writable_file
     from probe_design.pictures.formats import check_format
 
     if picture is not None:
         check_format(picture)
-        check_writable(picture.parent)
+        check_writable_file(picture, "plot")

@@ -27,6 +27,7 @@ def sweep(
     Stopped by whatever, the same command goes on where it ended; no row is computed twice. A design that is refused or fails
     is a row too, with the reason.
     """
+    from geometry.common.files import check_writable
     from probe_design.sweeps.file import read_sweep
     from probe_design.sweeps.file import time_limit as checked_time
     from probe_design.sweeps.run import sweep as run
@@ -36,6 +37,7 @@ def sweep(
     checked = read_sweep(sweep)
     if time_limit is not None:
         checked = replace(checked, time_limit=checked_time(time_limit))
+    check_writable(output)
     with shown() as progress:
         swept = run(checked, output, scheduler=scheduler, workers=workers, progress=progress, retry_failed=retry_failed)
     files = _files(output)

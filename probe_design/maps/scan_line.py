@@ -14,6 +14,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import InputError
+from geometry.common.limits import most_mm
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Placement, Scene
 from solver.equivalent_inclusion.level import EquivalentInclusion
@@ -67,11 +68,11 @@ class ScanLine:
         why = f"the whole probe, of radius {mm(self.scene.probe.tube_radius)}, has to stand on the tissue"
         if most <= 0:
             widest = replace(self, along=self.across, at=0.0).limit
-            raise InputError("at", mm(self.at), f"less than {mm(widest)} from the tissue's middle ({why})")
+            raise InputError("at", mm(self.at), f"less than {most_mm(widest)} from the tissue's middle ({why})")
         for key, end in (("from", positions.min()), ("to", positions.max())):
             if abs(end) >= most:
                 beside = f" at {self.across} = {mm(self.at)}" if self.at else ""
-                raise InputError(key, mm(end), f"positions between {mm(-most)} and {mm(most)}{beside} ({why})")
+                raise InputError(key, mm(end), f"positions between -{most_mm(most)} and {most_mm(most)}{beside} ({why})")
 
     def tumours(self, positions: Floats) -> Tumours:
         """Return the inclusions as seen from each position, shape (n, inclusions)."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import InputError, Refusal, Words
+from geometry.common.limits import least_mm
 from geometry.scenes.probe import LENGTH, mm
 from geometry.scenes.scene import Inclusion, Scene
 from solver.inclusions.tumours import Tumours
@@ -128,5 +129,5 @@ def _between(key: str, low: float | None, high: float | None, usual: float, poin
     last = max(usual, 2 * (low or 0.0)) if high is None else high
     first = last / LINES if low is None else low
     if not first < last:
-        raise InputError(f"{key}-to", mm(last), f"above {key}-from = {mm(first)}")
+        raise InputError(f"{key}-to", mm(last), f"above {key}-from = {least_mm(first)}")
     return np.linspace(first, last, points)

@@ -24,20 +24,26 @@ Row = tuple[str, str, str]
 PAGE = resources.files("probe_design.data").joinpath("report.html.in")
 
 
-def write_all(optimum: Optimum, folder: Path, progress: Callable[[str, int, int], None]) -> list[Path]:
+def write_all(
+    optimum: Optimum, folder: Path, progress: Callable[[str, int, int], None], *, force: bool = False, asked: str | None = None
+) -> list[Path]:
     """Write everything into ``folder``, each file whole; the STEP files are checked before they take their names.
+
+    ``force`` and ``asked`` are those of ``geometry.cad.export.export``.
 
     Raises:
         ExportError: a part is not what the parameters say.
+        InputError: the folder holds another design.
         MissingLibrary: CAD cannot be loaded.
         OSError: the folder cannot be written.
     """
     progress("writing STEP files, drawing and report", 0, 3)
     from geometry.cad.drawing import draw
     from geometry.cad.export import export
+    from geometry.cad.record import describe
 
     probe = optimum.best.scene.probe
-    files = list(export(probe, folder))
+    files = list(parts := export(probe, folder, force, asked))
     progress("writing STEP files, drawing and report", 1, 3)
     files.append(draw(probe, folder / "drawing.png"))
     progress("writing STEP files, drawing and report", 2, 3)
@@ -46,6 +52,7 @@ def write_all(optimum: Optimum, folder: Path, progress: Callable[[str, int, int]
     files.append(write_text(folder / "report.html", page(optimum, [file.name for file in files])))
     listed = [*files, folder / "optimize.json"]
     files.append(write_text(folder / "optimize.json", json.dumps(summary(optimum, listed), indent=2, allow_nan=False) + "\n"))
+    describe(folder, files[len(parts) :])
     progress("writing STEP files, drawing and report", 3, 3)
     return files
 

@@ -9,7 +9,7 @@ from time import perf_counter
 import numpy as np
 
 from geometry.common.errors import InputError
-from geometry.common.files import check_writable
+from geometry.common.files import check_writable_file
 from geometry.scenes.scene import Scene
 from solver.planning.load_check import with_warning
 from solver.results.result import Result
@@ -42,7 +42,7 @@ def evaluated(
             raise InputError("evaluator", evaluator, f"solid, for --{key}")
         if path.suffix.lower() != suffix:
             raise InputError(key, str(path), f"a file name that ends in {suffix}")
-        check_writable(path.parent)  # what would fail after the work fails before it
+        check_writable_file(path, key)  # what would fail after the work fails before it
     start, level = perf_counter(), SolidLevel(tell=tell)
     solution = level.solved(scene, accuracy)
     result = level.answer_of(scene, solution, accuracy).result(level.name, scene, perf_counter() - start)

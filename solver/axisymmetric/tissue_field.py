@@ -14,6 +14,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import InputError
+from geometry.common.limits import most
 from geometry.meridian.frame import frame
 from geometry.meridian.mesh import SQUARE, nodes
 from geometry.meridian.section import Body
@@ -67,7 +68,7 @@ class TissueField:
         inside = (r >= 0) & (r <= s.tissue_radius) & (z <= 0) & (z >= -s.tissue_depth)
         if not np.all(inside):
             far = points[np.flatnonzero(~inside)[0]]
-            allowed = f"0 <= r <= {s.tissue_radius:g}, {-s.tissue_depth:g} <= z <= 0, m"
+            allowed = f"0 <= r <= {most(s.tissue_radius)}, -{most(s.tissue_depth)} <= z <= 0, m"
             raise InputError("points", f"r = {far[0]:g}, z = {far[1]:g}", allowed)
 
     def _chunk(self, points: Floats) -> tuple[Floats, Floats, Floats]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
+from geometry.common.limits import most_mm
 from geometry.scenes.fit import semi_axes
 from geometry.scenes.probe import Material, mm
 from geometry.scenes.scene import Inclusion, Scene
@@ -58,9 +59,7 @@ def check(scene: Scene) -> None:
     apart = np.linalg.norm(places[:, :, None] - places[:, None], axis=0) - radius[:, None] - radius
     np.fill_diagonal(apart, np.inf)
     if np.any(of.cover <= 0) or np.any(of.depth[0] + radius >= depth) or np.any(apart <= 0):
-        why = (
-            "ellipsoids for which the sphere of their volume can stand: inside the tissue and apart from others (planned: solid)"
-        )
+        why = "ellipsoids for which the sphere of their volume can stand: inside the tissue and apart from others; or solid"
         raise Refusal("diameters", Words("an ellipsoid near a surface or another body"), why)
 
 
@@ -121,7 +120,7 @@ def difference(base: Undisturbed, scene: Scene, body: Inclusion) -> ShapeCorrect
     section, reach = base.field.states.model.section, np.hypot(x, y).max()
     if reach > section.tissue_radius or z.max() > 0 or -z.min() > section.tissue_depth:
         position = f"one that reaches {mm(float(reach))} from the probe's axis and {mm(float(-z.min()))} deep"
-        room = f"ellipsoids within {mm(section.tissue_radius)} and {mm(section.tissue_depth)} (planned: solid)"
+        room = f"ellipsoids within {most_mm(section.tissue_radius)} and {most_mm(section.tissue_depth)}; or solid"
         raise Refusal("diameters", Words(position), room)
     strain = _cartesian(base, x, y, z)
     material = Material(youngs_modulus=body.youngs_modulus, poisson_ratio=body.poisson_ratio)

@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import Refusal, SolveError
+from geometry.common.limits import most_mm
 from geometry.meridian.frame import MeridianFineness
 from geometry.meridian.section import Section
 from geometry.scenes.probe import mm
@@ -157,8 +158,9 @@ class Undisturbed(ProbeAlone):
         section, radius = self.field.states.model.section, tumours.diameter / 2
         widest, deepest = ((size - radius) * (1 - 1e-6) for size in (section.tissue_radius, section.tissue_depth))
         if np.any(widest <= 0) or np.any(deepest <= radius):
-            largest = min(section.tissue_radius, section.tissue_depth / 2)
-            raise Refusal("inclusion.diameter", mm(float(tumours.diameter.max())), f"below {mm(2 * largest)} under this probe")
+            largest = min(section.tissue_radius, section.tissue_depth / 2 * (1 - 1e-6))
+            given = mm(float(tumours.diameter.max()))
+            raise Refusal("inclusion.diameter", given, f"below {most_mm(2 * largest)} under this probe")
         out = np.asarray((tumours.offset > widest) | (tumours.depth > deepest))
         times = np.where(tumours.offset > widest, widest / np.maximum(tumours.offset, 1e-300), 1.0)
         return replace(tumours, x=tumours.x * times, y=tumours.y * times, depth=np.minimum(tumours.depth, deepest)), out

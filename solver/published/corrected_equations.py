@@ -10,6 +10,7 @@ for ``d`` well above ``a`` and ``D``, not one to measure with. Symbols, units an
 from __future__ import annotations
 
 from geometry.common.errors import InputError, Words
+from geometry.common.limits import most
 from solver.published.equations import checked
 
 
@@ -34,7 +35,7 @@ def object_modulus(a: float, d: float, D: float, E_matrix: float, E_eq: float) -
     k = _share(a, d, D)
     rigid = E_matrix / (1 - k)
     if E_eq >= rigid:
-        raise InputError("E_eq", E_eq, f"below that of a rigid object, {rigid:g} Pa")
+        raise InputError("E_eq", E_eq, f"below that of a rigid object, {most(rigid)} Pa")
     return k * E_eq * rigid / (rigid - E_eq)
 
 

@@ -17,6 +17,7 @@ from inspect import signature
 from typing import ParamSpec, TypeVar
 
 from geometry.common.errors import InputError, Words
+from geometry.common.limits import most
 
 P = ParamSpec("P")
 R = TypeVar("R", float, tuple[float, float], tuple[float, float, float])
@@ -156,7 +157,7 @@ def object_modulus_from_layers(E_eq: float, E_1: float) -> float:
         InputError: E_eq is not below E_1 / 2: no positive modulus fits.
     """
     if E_eq >= E_1 / 2:
-        raise InputError("E_eq", E_eq, f"below E_1 / 2 = {E_1 / 2:g} Pa, else eq. (11) has no positive E_object")
+        raise InputError("E_eq", E_eq, f"below E_1 / 2 = {most(E_1 / 2)} Pa, else eq. (11) has no positive E_object")
     return E_eq * E_1 / (E_1 - 2 * E_eq)
 
 
@@ -171,7 +172,7 @@ def diameter_printed(a: float, d: float, *, nu: float, E_matrix: float, E_object
     """
     largest = E_matrix * (1 + nu) / (1 - nu)
     if E_eq >= largest:
-        raise InputError("E_eq", E_eq, f"below E_matrix (1+nu) / (1-nu) = {largest:g} Pa, else eq. (8) has no positive D")
+        raise InputError("E_eq", E_eq, f"below E_matrix (1+nu) / (1-nu) = {most(largest)} Pa, else eq. (8) has no positive D")
     stiff = E_object * (1 - nu) ** 2
     return 4 * d**2 * stiff * (largest - E_eq) / (3 * a * E_eq * (stiff + E_matrix))
 
@@ -188,7 +189,7 @@ def object_modulus_printed(a: float, d: float, D: float, *, nu: float, E_matrix:
     loose = (1 - nu) ** 2 * (4 * d**2 + 3 * a * D)
     rigid = 4 * E_matrix * (1 - nu**2) * d**2 / loose
     if E_eq >= rigid:
-        raise InputError("E_eq", E_eq, f"below that of a rigid object, {rigid:g} Pa, else eq. (8) has no positive E_object")
+        raise InputError("E_eq", E_eq, f"below that of a rigid object, {most(rigid)} Pa, else eq. (8) has no positive E_object")
     return 3 * a * D * E_matrix * E_eq / (loose * (rigid - E_eq))
 
 

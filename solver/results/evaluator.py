@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal
+from geometry.common.limits import least
 from geometry.scenes.scene import Scene
 from solver.linalg.workspace import Workspace, current, in_own_workspace
 from solver.results.film_forces import FilmForces, checked_moduli, outputs, ratio
@@ -128,7 +129,9 @@ class FilmLevel:
         """See ``Evaluator``."""
         start = perf_counter()
         answer = self.answer(scene, accuracy)
-        check_reached(self.name, answer.films[0].error_under(scene), accuracy)
+        reached = answer.films[0].error_under(scene)
+        if reached > accuracy:
+            raise OutOfReach(self.name, scene, accuracy, reached)
         return answer.result(self.name, scene, perf_counter() - start)
 
     @in_own_workspace
@@ -139,11 +142,18 @@ class FilmLevel:
         return answer.curve(self.name, scene, moduli, perf_counter() - start)
 
 
-def check_reached(name: str, reached: float, accuracy: float) -> None:
-    """Raise ``Refusal`` where the largest bound on a level's errors is above the accuracy."""
-    if reached <= accuracy:
-        return
-    why = f"{reached:.2g} or more for this scene (--evaluator {name} answers with that error)"
-    if reached >= 1:
-        why = f"none for this scene: errors are no smaller than the values (--evaluator {name} tells which)"
-    raise Refusal("accuracy", accuracy, why)
+class OutOfReach(Refusal):
+    """An accuracy that a level does not reach.
+
+    Attributes:
+        name: of the level.
+        scene, accuracy: what it was asked.
+        reached: the largest bound on its errors; asked for that, it may refine less and reach less.
+    """
+
+    def __init__(self, name: str, scene: Scene, accuracy: float, reached: float) -> None:
+        self.name, self.scene, self.accuracy, self.reached = name, scene, accuracy, reached
+        why = f"{least(reached, 2)} or more for this scene (--evaluator {name} answers with that error)"
+        if reached >= 1:
+            why = f"none for this scene: errors are no smaller than the values (--evaluator {name} tells which)"
+        super().__init__("accuracy", accuracy, why)

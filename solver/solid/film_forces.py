@@ -18,6 +18,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
+from geometry.common.limits import least_mm, reaches
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
 from geometry.tetra.layout import body_layout
@@ -166,9 +167,9 @@ def _wall(scene: Scene) -> float | None:
     if coaxial(scene):
         return None
     tube = scene.probe.tube_radius
-    if room(scene) < tube + BESIDE * tube:
+    if not reaches(room(scene) - tube, BESIDE * tube):
         near = Words(f"the probe {mm(room(scene) - tube)} from the tissue's edge")
-        raise Refusal("placement", near, f"{mm(BESIDE * tube)} or more for solid: the reference cylinder needs room")
+        raise Refusal("placement", near, f"{least_mm(BESIDE * tube)} or more for solid: the reference cylinder needs room")
     return body_layout(scene, False, np.inf, None).wall
 
 

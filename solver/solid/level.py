@@ -55,7 +55,7 @@ class SolidLevel(FilmLevel):
             InputError, Refusal: see ``answer``; and where the accuracy is out of reach.
         """
         if accuracy < BEST:
-            raise Refusal("accuracy", accuracy, f"{BEST} or more for this scene")
+            raise Refusal("accuracy", accuracy, f"{BEST} or more, which is the best that solid reaches on any scene")
         return super().evaluate_within(scene, accuracy)
 
     def answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Answer:

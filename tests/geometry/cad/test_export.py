@@ -3,7 +3,6 @@
 import builtins
 import math
 import re
-import struct
 import sys
 import tempfile
 from pathlib import Path
@@ -14,18 +13,10 @@ from scipy.integrate import quad
 from geometry.cad import drawing, solids, step_check, step_writer
 from geometry.cad import export as step
 from geometry.common.errors import ExportError, InputError, MissingLibrary
-from geometry.scenes.probe import Base, Film, Groove, Material, Probe
+from geometry.scenes.probe import Base, Film, Groove
+from tests.support.parts import FLANGE, make
 
-RUBBER = Material(youngs_modulus=1e6, poisson_ratio=0.4)
 NAMES = ["inner", "outer", "film-inner", "film-outer", "base"]
-
-
-def make(inner_radius=5e-3, area_ratio=3.7, gap=1e-4, height=5e-3, groove=(2e-3, 1e-3), **others) -> Probe:
-    cut = None if groove is None else Groove(width=groove[0], depth=groove[1])
-    heights = {} if "inner_height" in others else {"height": height}
-    sizes = {} if "outer_radius" in others else {"area_ratio": area_ratio}
-    blocks = {"inner": RUBBER, "outer": RUBBER}
-    return Probe(inner_radius=inner_radius, gap=gap, groove=cut, **heights, **sizes, **blocks, **others)
 
 
 def read(path: Path):
@@ -54,7 +45,7 @@ def exported(tmp_path_factory):
 class TestFiles:
     def test_paths_and_nothing_else(self, tmp_path):
         paths = step.export(make(), tmp_path / "new" / "folder é")
-        assert [path.name for path in paths] == [f"{name}.step" for name in [*NAMES, "assembly"]]
+        assert [path.name for path in paths] == [*(f"{name}.step" for name in [*NAMES, "assembly"]), "parts.json"]
         assert sorted(paths) == sorted((tmp_path / "new" / "folder é").iterdir())
 
     @pytest.mark.parametrize("name", [*NAMES, "assembly"])
@@ -77,8 +68,7 @@ class TestFiles:
         outer = math.sqrt(5.1**2 + 25 / 3.7)
         groove = quad(lambda y: math.sqrt(outer**2 - y**2) - math.sqrt(5.1**2 - y**2), -1, 1, epsabs=1e-13)[0]
         ring = math.pi * (outer**2 - 5.1**2)
-        # defaults of the base: flange 1.25 Ro wide and 0.3 Ro thick, step 0.2 Ro high
-        base = math.pi * outer**3 * (0.2 + 1.25**2 * 0.3)
+        base = math.pi * outer**2 * 0.3 * outer  # a disc; its thickness is an assumption
         wanted = {"inner": math.pi * 125, "outer": ring * 5 - groove, "film-inner": math.pi * 25 * 0.11}
         wanted |= {"film-outer": (ring - groove) * 0.11, "base": base}
         found = {name: read(exported / f"{name}.step").Volume() for name in NAMES}
@@ -148,11 +138,10 @@ class TestBase:
 
     def test_heights_that_differ_by_rounding_give_a_flat_base(self, tmp_path):
         step.export(make(inner_height=5e-3, outer_height=math.nextafter(5e-3, 1)), tmp_path)
-        assert len(read(tmp_path / "base.step").Faces()) == 5
+        assert len(read(tmp_path / "base.step").Faces()) == 3
 
     def test_given_sizes(self, tmp_path):
-        base = Base(rigid=True, flange_radius=9e-3, thickness=3e-3, step_height=2e-3)
-        step.export(make(base=base, film=Film(thickness=50e-6)), tmp_path)
+        step.export(make(base=FLANGE, film=Film(thickness=50e-6)), tmp_path)
         box = read(tmp_path / "base.step").BoundingBox(1e-6)
         assert (box.xmax, box.zmin, box.zmax) == pytest.approx((9, 5.05, 10.05), abs=1e-5)
 
@@ -165,6 +154,31 @@ class TestBase:
         with pytest.raises(InputError, match=r"^probe\.base\.flange_radius = 5 mm: allowed: at least .* 6 mm$"):
             step.export(make(outer_radius=6e-3, base=Base(rigid=True, flange_radius=5e-3)), tmp_path)
         assert list(tmp_path.iterdir()) == []
+
+    @pytest.mark.parametrize(
+        ("base", "sizes"),  # in outer radii: of the flange, its thickness, of the step
+        [
+            (Base(rigid=True), (1.0, 0.3, 0.0)),  # none of it was asked for: no flange is invented
+            (Base(rigid=True, thickness=6e-3), (1.0, 1.0, 0.0)),
+            (Base(rigid=True, flange_radius=9e-3), (1.5, 0.3, 0.2)),
+            (Base(rigid=True, step_height=6e-3), (1.25, 0.3, 1.0)),
+            (Base(youngs_modulus=1e9, poisson_ratio=0.3), (1.25, 0.3, 0.2)),  # what the levels solve
+        ],
+    )
+    def test_a_flange_is_there_where_one_is_asked_for(self, tmp_path, base, sizes):
+        step.export(make(outer_radius=6e-3, film=None, groove=None, base=base), tmp_path)
+        box = read(tmp_path / "base.step").BoundingBox(1e-6)
+        radius, thickness, low = sizes
+        assert (box.xmax, box.zmin, box.zmax) == pytest.approx((6 * radius, 5, 5 + 6 * (thickness + low)), abs=1e-5)
+
+    @pytest.mark.parametrize("groove", [None, (2e-3, 1e-3)])
+    @pytest.mark.parametrize("core", [4e-3, 5e-3, 6e-3])
+    def test_without_films_the_base_lies_on_the_blocks(self, tmp_path, groove, core):
+        paths = step.export(make(film=None, groove=groove, inner_height=core, outer_height=5e-3), tmp_path)
+        assert {path.name for path in paths} == {"inner.step", "outer.step", "base.step", "assembly.step", "parts.json"}
+        base, inner, outer = (read(tmp_path / f"{name}.step") for name in ("base", "inner", "outer"))
+        assert (inner.distance(base), outer.distance(base)) == pytest.approx((0, 0), abs=1e-9)
+        assert len(read(tmp_path / "assembly.step").Solids()) == 3
 
 
 class TestFootprint:
@@ -256,7 +270,7 @@ class TestTampering:
         (tmp_path / "inner.step").write_text("old")
         tamper(monkeypatch, builder, change)
         with pytest.raises(ExportError, match=message) as fault:
-            step.export(make(), tmp_path)
+            step.export(make(), tmp_path, force=True)
         assert "\n" not in str(fault.value)
         assert [path.name for path in tmp_path.iterdir()] == ["inner.step"]
         assert (tmp_path / "inner.step").read_text() == "old"
@@ -307,7 +321,7 @@ class TestInterruption:
 
         monkeypatch.setattr(step_writer, "write", interrupted)
         with pytest.raises(KeyboardInterrupt):
-            step.export(make(), tmp_path)
+            step.export(make(), tmp_path, force=True)
         assert [path.name for path in tmp_path.iterdir()] == [name]
         assert (tmp_path / name).read_text() == "old"
 
@@ -355,33 +369,6 @@ class TestMissingLibrary:
                 use()
             assert "\n" not in str(fault.value)
         assert list(tmp_path.iterdir()) == []
-
-
-class TestDrawing:
-    def test_png_of_its_size_written_whole(self, tmp_path):
-        path = drawing.draw(make(inner_height=5e-3, outer_height=6e-3), tmp_path / "probe.png")
-        data = path.read_bytes()
-        assert data[:8] == b"\x89PNG\r\n\x1a\n"
-        assert struct.unpack(">II", data[16:24]) == (2400, 1350)
-        assert list(tmp_path.iterdir()) == [path]
-
-    @pytest.mark.parametrize(("gap", "height", "groove"), [(1e-6, 0.1e-3, None), (5e-3, 100e-3, (5e-3, 50e-3))])
-    def test_extremes(self, tmp_path, gap, height, groove):
-        drawing.draw(make(gap=gap, height=height, groove=groove), tmp_path / "probe.png")
-
-    def test_outlines_enclose_the_area_that_the_solids_have_in_the_plane(self):
-        probe = make(inner_height=4e-3, outer_height=5e-3)
-        cq = solids.cadquery()
-        plane = cq.Face.makePlane(100, 100, (0, 0, 0), (0, 1, 0))
-        for name, polygons in drawing.outlines(probe).items():
-            area = sum(abs(sum(a * d - b * c for (a, b), (c, d) in zip(p, p[1:] + p[:1], strict=True))) / 2 for p in polygons)
-            assert area == pytest.approx(plane.intersect(solids.parts(probe)[name]).Area(), rel=1e-9), name
-
-    @pytest.mark.parametrize(
-        ("length", "text"), [(5.0, "5"), (11.44849, "11.4485"), (0.001, "0.001"), (0.0001, "0.0001"), (100.0, "100")]
-    )
-    def test_numbers(self, length, text):
-        assert drawing.number(length) == text
 
 
 def test_no_draft_folders_in_the_system_folder(tmp_path):

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from geometry.common.files import check_writable, write_text, written_whole
+from geometry.common.errors import InputError
+from geometry.common.files import check_writable, check_writable_file, write_text, written_whole
 
 
 def test_replaces_the_old_file_only_when_the_new_one_is_whole(tmp_path: Path) -> None:
@@ -25,7 +26,45 @@ def test_replaces_the_old_file_only_when_the_new_one_is_whole(tmp_path: Path) ->
     assert [entry.name for entry in path.parent.iterdir()] == ["a.txt"]
 
 
-def test_unwritable_folder_is_an_os_error(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["file", "file/folder", "file/folder/deeper"])
+def test_a_file_in_a_folder_s_place_is_named_with_the_remedy(name: str, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
-    with pytest.raises(OSError, match="file"):
-        check_writable(tmp_path / "file" / "folder")
+    with pytest.raises(InputError, match=f"/{name}'.*: allowed: .*/file is a file; give another folder, or move it away$"):
+        check_writable(tmp_path / name)
+    assert (tmp_path / "file").read_text() == "in the way"
+
+
+@pytest.mark.parametrize(
+    ("name", "why"), [("link", "link is a link to nothing"), ("n" * 300, "File name too long"), ("/proc/new", "/proc")]
+)
+def test_other_folders_that_cannot_be_are_refused(name: str, why: str, tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(tmp_path / "nothing" / "there")
+    with pytest.raises(InputError, match=rf"^there = .*: allowed: a folder that files can be written to: .*{why}"):
+        check_writable(tmp_path / name, "there")
+
+
+def test_a_folder_without_the_right_to_write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the system refuses it; root, as whom tests may run, has every right."""
+
+    def denied(dir: Path) -> None:
+        raise PermissionError(13, "Permission denied", str(dir))
+
+    monkeypatch.setattr("tempfile.TemporaryFile", denied)
+    with pytest.raises(InputError, match=r"Permission denied in .*; give another folder, or the right to write there$"):
+        check_writable(tmp_path)
+
+
+def test_a_full_disk_is_no_fault_of_the_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(dir: Path) -> None:
+        raise OSError(28, "No space left on device", str(dir))
+
+    monkeypatch.setattr("tempfile.TemporaryFile", full)
+    with pytest.raises(OSError, match="No space left"):
+        check_writable(tmp_path)
+
+
+def test_a_folder_in_a_file_s_place(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"^plot = .*: allowed: the name of a file: this is a folder$"):
+        check_writable_file(tmp_path, "plot")
+    check_writable_file(tmp_path / "new" / "a.png", "plot")
+    assert (tmp_path / "new").is_dir()

@@ -72,7 +72,7 @@ def test_refusals_are_one_line_and_exit_2(arguments: tuple[str | Path, ...], wor
 def test_a_picture_that_cannot_be_written_leaves_no_file(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("no folder")
     ended = run("curve", SCENE, "--points", "2", "--plot", tmp_path / "file" / "curve.png")
-    assert ended.returncode == 1
+    assert ended.returncode == 2
     assert ended.stderr.count("\n") == 1
     assert ended.stdout == ""  # refused before the work
     assert [path.name for path in tmp_path.iterdir()] == ["file"]

@@ -1,0 +1,171 @@
+"""Which design the parts in a folder are of: a record beside them, and the refusal to put another design's in their place."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import astuple
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from geometry.common.errors import InputError
+from geometry.common.files import write_text
+from geometry.common.text_files import read_text
+from geometry.scenes.base_sizes import assumed_sizes, base_sizes
+from geometry.scenes.probe import Probe, mm
+
+NAME = "parts.json"
+PARTS = tuple(f"{name}.step" for name in ("inner", "outer", "film-inner", "film-outer", "base", "assembly"))
+FORMAT: Literal["probe-design parts"] = "probe-design parts"
+VERSION: Literal[1] = 1
+DIGITS = 9  # of a length or modulus; designs that differ less are the same parts
+Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+FileName = Annotated[str, Field(pattern=r"^\w[\w.-]*$", max_length=100)]
+
+
+class PartsRecord(BaseModel):
+    """What ``parts.json`` says of the files beside it.
+
+    Attributes:
+        design: digest of the probe's numbers, see ``design_of``.
+        assumed: dimensions that the scene leaves open, by the keys that would give them.
+        files: SHA-256 of the parts, and of what else was written about this design, by name.
+        asked: digest of the question whose answer the design is, where it is one's.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+    format: Literal["probe-design parts"] = FORMAT
+    version: Literal[1] = VERSION
+    design: Digest
+    assumed: dict[str, str]
+    files: dict[FileName, Digest]
+    asked: Digest | None = None
+
+    def text(self) -> str:
+        """Return the text of the file."""
+        return self.model_dump_json(indent=2) + "\n"
+
+
+def design_of(probe: Probe) -> str:
+    """Return the digest of every number that the parts are made from, however the scene has given it."""
+    sizes = probe.inner_radius, probe.hole_radius, probe.tube_radius, probe.core_height, probe.tube_height
+    bodies = probe.model_dump(
+        include={"inner": True, "outer": True, "groove": True, "film": True, "base": {"youngs_modulus", "poisson_ratio"}}
+    )
+    return digest({"sizes": sizes, "base": astuple(base_sizes(probe)), "bodies": bodies})
+
+
+def digest(content: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of numbers, to ``DIGITS``, and texts by their names."""
+    return hashlib.sha256(json.dumps(_rounded(content), sort_keys=True, default=str).encode()).hexdigest()
+
+
+def record_of(probe: Probe, drafts: Mapping[str, Path], before: PartsRecord | None, asked: str | None) -> PartsRecord:
+    """Return the record of new parts.
+
+    Args:
+        probe: whose.
+        drafts: where each file is now, by the name that it will have.
+        before: the record of the same design in the same folder, whose other files stay valid.
+        asked: see ``PartsRecord``.
+    """
+    kept, question = ({}, asked) if before is None else (before.files, asked or before.asked)
+    assumed = {key: str(mm(length)) for key, length in assumed_sizes(probe).items()}
+    files = {**kept, **{name: _sha256(path) for name, path in drafts.items()}}
+    return PartsRecord(design=design_of(probe), assumed=assumed, files=files, asked=question)
+
+
+def check_same(folder: Path, probe: Probe) -> PartsRecord | None:
+    """Return the record of the parts in a folder, which are this probe's, or None where it holds none.
+
+    Raises:
+        InputError: it holds parts of another design, or of one that cannot be told.
+    """
+    record = held(folder)
+    if record is not None and record.design != design_of(probe):
+        raise _refused(folder, "those there are of another design")
+    return record
+
+
+def check_asked(folder: Path, asked: str) -> None:
+    """Make sure, before the work, that a folder holds no parts but those that answered the same question.
+
+    Raises:
+        InputError: it does, or that cannot be told.
+    """
+    record = held(folder)
+    if record is not None and record.asked != asked:
+        raise _refused(folder, "those there are of another design")
+
+
+def held(folder: Path) -> PartsRecord | None:
+    """Return the record of the parts in a folder, or None where it holds none.
+
+    Raises:
+        InputError: the record is missing, damaged, or one of other files than those that are there.
+    """
+    there = [name for name in PARTS if os.path.lexists(folder / name)]
+    if not there and not os.path.lexists(folder / NAME):
+        return None
+    record = read_record(folder)
+    if record is None:
+        trouble = "damaged" if os.path.lexists(folder / NAME) else "missing"
+        raise _refused(folder, f"whose design those there are cannot be told: {NAME} is {trouble}")
+    for name in there:
+        if record.files.get(name) != _sha256(folder / name):
+            raise _refused(folder, f"{name} is not the file that {NAME} tells of")
+    return record
+
+
+def read_record(folder: Path) -> PartsRecord | None:
+    """Return the record in a folder; None where there is none that can be read."""
+    try:
+        return PartsRecord.model_validate_json(read_text(folder / NAME, "output"))
+    except (InputError, ValidationError):
+        return None
+
+
+def describe(folder: Path, paths: Iterable[Path]) -> None:
+    """Add files to a folder's record that tell of its design too, such as a drawing.
+
+    Raises:
+        OSError: the record cannot be written.
+    """
+    record = read_record(folder)
+    if record is not None:
+        files = {**record.files, **{path.name: _sha256(path) for path in paths}}
+        write_text(folder / NAME, record.model_copy(update={"files": files}).text())
+
+
+def clear(folder: Path, before: PartsRecord | None, written: Iterable[str]) -> None:
+    """Take away what is left of a design that was replaced: its other parts, and files of its record that nobody has changed."""
+    new, told = set(written), {} if before is None else before.files
+    for name in {*PARTS, *told} - new:
+        path = folder / name
+        if path.is_file() and (name in PARTS or _sha256(path) == told[name]):
+            path.unlink()
+
+
+def _refused(folder: Path, why: str) -> InputError:
+    return InputError("output", str(folder), f"a folder without parts, or with the same design's ({why}); --force replaces them")
+
+
+def _sha256(path: Path) -> str:
+    """Of a file's content; of what is none, a pipe or a folder, the empty text."""
+    if not path.is_file():
+        return ""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, float):
+        return f"{value:.{DIGITS}g}"
+    if isinstance(value, Mapping):
+        return {key: _rounded(one) for key, one in value.items()}
+    return [_rounded(one) for one in value] if isinstance(value, list | tuple) else value

@@ -1,0 +1,90 @@
+"""The drawing: what there is, what is assumed, and outlines of the area that the solids have."""
+
+import struct
+from pathlib import Path
+
+import pytest
+
+from geometry.cad import drawing, solids
+from geometry.scenes.base_sizes import assumed_sizes
+from geometry.scenes.probe import Base, Film
+from tests.support.parts import FLANGE, make
+
+
+@pytest.mark.parametrize(
+    ("options", "wanted"),
+    [
+        ({}, {"base.thickness": 1.8e-3}),
+        ({"film": None}, {"base.thickness": 1.8e-3}),
+        ({"film": Film(d33=-2e-11)}, {"base.thickness": 1.8e-3, "film.thickness": 110e-6}),
+        ({"base": FLANGE}, {}),
+        ({"base": Base(rigid=True, flange_radius=9e-3)}, {"base.thickness": 1.8e-3, "base.step_height": 1.2e-3}),
+        (
+            {"base": Base(youngs_modulus=1e9, poisson_ratio=0.3, thickness=2e-3)},
+            {"base.flange_radius": 7.5e-3, "base.step_height": 1.2e-3},
+        ),
+    ],
+)
+def test_what_the_scene_leaves_open(options, wanted):
+    assert assumed_sizes(make(outer_radius=6e-3, **options)) == pytest.approx({f"probe.{k}": v for k, v in wanted.items()})
+
+
+def test_png_of_its_size_written_whole(tmp_path):
+    path = drawing.draw(make(inner_height=5e-3, outer_height=6e-3), tmp_path / "probe.png")
+    data = path.read_bytes()
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    assert struct.unpack(">II", data[16:24]) == (2400, 1350)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(("gap", "height", "groove"), [(1e-6, 0.1e-3, None), (5e-3, 100e-3, (5e-3, 50e-3))])
+def test_extremes(tmp_path, gap, height, groove):
+    drawing.draw(make(gap=gap, height=height, groove=groove), tmp_path / "probe.png")
+
+
+@pytest.mark.parametrize(
+    ("options", "there", "not_there"),
+    [
+        (
+            {"film": None, "groove": None},
+            ["section through its axis", "no films: the scene has none", "base, \u00d812", "1.8*", "6.8*"],
+            ["groove", "step", "inner film", "film 0.11", "\u00d815"],
+        ),
+        ({"base": FLANGE}, ["the groove's plane", "groove 2 wide", "film 0.11", "\u00d818", "base, step"], ["*", "assumed"]),
+        ({"film": Film(d33=-2e-11)}, ["film 0.11*", "inner film, 0.11* thick", "* assumed: not in the scene"], ["\u00d815"]),
+        (
+            {"groove": None, "base": Base(youngs_modulus=1e9, poisson_ratio=0.3)},
+            ["its axis", "\u00d815*", "1.2*", "1.8*", "8.11*"],
+            ["groove", "film 0.11*"],
+        ),
+    ],
+)
+def test_says_what_there_is_and_what_is_assumed(tmp_path, monkeypatch, options, there, not_there):
+    from matplotlib.figure import Figure
+    from matplotlib.text import Text
+
+    drawn = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, path, **_: drawn.append(figure) or Path(path).touch())
+    drawing.draw(make(outer_radius=6e-3, **options), tmp_path / "probe.png")
+    texts = [text.get_text() for text in drawn[0].findobj(Text)]
+    for word in there:
+        assert any(word in text for text in texts), (word, texts)
+    for word in not_there:
+        assert not any(word in text for text in texts), (word, texts)
+
+
+@pytest.mark.parametrize("options", [{}, {"film": None}, {"base": FLANGE}], ids=["film", "bare", "flange"])
+def test_outlines_enclose_the_area_that_the_solids_have_in_the_plane(options):
+    probe = make(inner_height=4e-3, outer_height=5e-3, **options)
+    cq = solids.cadquery()
+    plane = cq.Face.makePlane(100, 100, (0, 0, 0), (0, 1, 0))
+    for name, polygons in drawing.outlines(probe).items():
+        area = sum(abs(sum(a * d - b * c for (a, b), (c, d) in zip(p, p[1:] + p[:1], strict=True))) / 2 for p in polygons)
+        assert area == pytest.approx(plane.intersect(solids.parts(probe)[name]).Area(), rel=1e-9), name
+
+
+@pytest.mark.parametrize(
+    ("length", "text"), [(5.0, "5"), (11.44849, "11.4485"), (0.001, "0.001"), (0.0001, "0.0001"), (100.0, "100")]
+)
+def test_numbers(length, text):
+    assert drawing.number(length) == text

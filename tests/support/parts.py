@@ -1,0 +1,28 @@
+"""Probes to be exported and drawn."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from geometry.scenes.probe import Base, Film, Groove, Material, Probe
+
+RUBBER = Material(youngs_modulus=1e6, poisson_ratio=0.4)
+FILM = Film(thickness=110e-6)
+FLANGE = Base(rigid=True, flange_radius=9e-3, thickness=3e-3, step_height=2e-3)
+
+
+def make(
+    inner_radius: float = 5e-3,
+    area_ratio: float = 3.7,
+    gap: float = 1e-4,
+    height: float = 5e-3,
+    groove: tuple[float, float] | None = (2e-3, 1e-3),
+    film: Film | None = FILM,
+    **others: Any,
+) -> Probe:
+    """A probe with a groove of that width and depth, or none; other heights, sizes and bases take the place of those here."""
+    cut = None if groove is None else Groove(width=groove[0], depth=groove[1])
+    heights = {} if "inner_height" in others else {"height": height}
+    sizes = {} if "outer_radius" in others else {"area_ratio": area_ratio}
+    blocks = {"inner": RUBBER, "outer": RUBBER}
+    return Probe(inner_radius=inner_radius, gap=gap, groove=cut, film=film, **heights, **sizes, **blocks, **others)
