@@ -5,12 +5,29 @@ Each function raises ``InputError``, one line, for what is none.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any, TypeVar
+
 import click
+
+from probe_design.data.noise import ALLOWED, NOISE, checked_noise
 
 linear_option = click.option(
     "--linear", is_flag=True, help="Answer loads beyond linear elasticity too, what is known of the effect counted in the error."
 )
 """Of the verbs that refuse such loads without it."""
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def noise_option(command: F) -> F:
+    """Add the option --noise, which means the same to every verb that has it; a text, or None for the default."""
+    text = f"Relative standard deviation of one reading of the ratio.  [default: {NOISE:g}]"
+    return click.option("--noise", help=text)(command)
+
+
+def noise_of(text: str | None) -> float:
+    """Read the noise of a ratio; the default where there is none."""
+    return NOISE if text is None else checked_noise(number("noise", text, ALLOWED))
 
 
 def number(key: str, text: str, allowed: str = "a number above 0 and below 1, such as 0.01") -> float:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from probe_design.cli.arguments import length
+from probe_design.cli.arguments import length, noise_of, noise_option
 from probe_design.cli.output import print_json
 
 if TYPE_CHECKING:
@@ -27,44 +27,62 @@ FORCE = click.option("--force", is_flag=True, help="Replace parts of another des
 @click.option(
     "--evaluator", help="Who judges and polishes: axisymmetric or equivalent-inclusion.  [default: what the scene asks for]"
 )
+@noise_option
 @FORCE
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def optimize(
-    scene: Path | None, output: Path, outer_radius: str | None, starts: int, evaluator: str | None, force: bool, as_json: bool
-) -> None:
+    scene: Path | None, output: Path, outer_radius: str | None, starts: int, evaluator: str | None, noise: str | None,
+    force: bool, as_json: bool,
+) -> None:  # fmt: skip
     """Find a probe that tells E_object better than SCENE's, prove it by finite elements, export it.
 
     Without SCENE the built-in one is improved: the paper's materials, gap, groove and films on a
     cylinder of tissue with one 8 mm tumour. The search varies inner radius, A2/A1, gap, height and
     both moduli by formulas; the ten best designs are judged by finite elements, the best three
-    of them polished with exact derivatives. Exit code 1 if the judge sees no gain.
-    """
+    of them polished with exact derivatives. A gain counts where it is beyond what the errors of start and design can
+    feign. Exit code 1 if none does.
+
+    \b
+    Limits, each as far as the start lies if that is beyond it:
+      outer radius   --outer-radius, and 0.95 of the tissue's radius or half its breadth
+      inner radius   0.5 mm or more, and 0.55 groove widths
+      wall           0.5 mm or more, of the outer block
+      A2/A1          0.05 to 20
+      gap            0.1 mm to 0.5 mm
+      height         1 mm to 20 mm, and 1.25 groove depths
+      moduli         10 kPa to 1 MPa, of each block
+    The force is the least of what SCENE's load gives on the design, the force at which finite strain changes the ratio
+    by 1 %, and 1/25 of the force that closes the gap. The table says which limits are active and what sets the force.
+    """  # noqa: D301
     from geometry.cad.record import check_asked
     from geometry.cad.solids import cadquery
     from geometry.common.files import check_writable
     from geometry.scenes.scene_file import read_scene
     from probe_design.data.builtin import builtin_scene
+    from probe_design.optimisation.comparison import levels_table
     from probe_design.optimisation.optimize import optimize as run
-    from probe_design.optimisation.report import levels_table, summary, write_all
-    from probe_design.terminal.console import message, show, stages
+    from probe_design.optimisation.report import summary, write_all
+    from probe_design.terminal.console import message, show, stages, warn
 
     start = builtin_scene() if scene is None else read_scene(scene)
     limit = None if outer_radius is None else length("outer-radius", outer_radius)
+    relative = noise_of(noise)
     check_writable(output)  # what would fail after the search fails before it
     asked = _question(start)
     if not force:
         check_asked(output, asked)
     cadquery()
     with stages() as progress:
-        optimum = run(start, progress, limit, starts, evaluator)
+        optimum = run(start, progress, outer_radius=limit, starts=starts, judge=evaluator, noise=relative)
         files = write_all(optimum, output, progress, force=force, asked=asked)
     if as_json:
         print_json(summary(optimum, files))
     else:
         show(levels_table(optimum))
         message(f"wrote {len(files)} files to {output}; begin with {output / 'report.html'}")
+    warn(optimum.remarks)
+    message(optimum.verdict)
     if optimum.status == "no-gain":
-        message(f"no gain: {optimum.baseline.judged.evaluator} sees no design that beats the start")
         raise SystemExit(1)
 
 

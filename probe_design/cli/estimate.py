@@ -7,20 +7,19 @@ from typing import TYPE_CHECKING
 
 import click
 
-from probe_design.cli.arguments import linear_option, number
+from probe_design.cli.arguments import linear_option, noise_option, number
 from probe_design.cli.output import present
+from probe_design.data.noise import NOISE
 
 if TYPE_CHECKING:
     from geometry.scenes.scene import Scene
     from probe_design.estimation.readings import Reading
 
-USUAL_NOISE = "0.05"  # the paper's "about 5 %"
-
 
 @click.command()
 @click.argument("scene", type=click.Path(path_type=Path))
 @click.option("--ratio", help="stress_inner / stress_outer as it was read at the scene's placement.")
-@click.option("--noise", help=f"Relative standard deviation of a ratio.  [default: {USUAL_NOISE}]")
+@noise_option
 @click.option("--stiffness", help="Force on the base per indentation as it was read beside --ratio, N/m.")
 @click.option("--stiffness-noise", help="Relative standard deviation of a stiffness.  [default: that of the ratio]")
 @click.option("--readings", "file", type=click.Path(path_type=Path), help="In place of --ratio: a .toml or .csv file, see below.")
@@ -73,7 +72,7 @@ def _readings(
         what = Words("missing") if ratio is None else Words(f"{ratio} beside --readings")
         raise InputError("ratio", what, "exactly one of --ratio and --readings")
     if file is None:
-        return one_reading(scene, ratio, USUAL_NOISE if noise is None else noise, stiffness, stiffness_noise)
+        return one_reading(scene, ratio, NOISE if noise is None else noise, stiffness, stiffness_noise)
     if stiffness is not None:
         raise InputError("stiffness", stiffness, "nothing beside --readings, whose file has a column for it")
-    return read_readings(file, scene, USUAL_NOISE if noise is None else noise, stiffness_noise)
+    return read_readings(file, scene, NOISE if noise is None else noise, stiffness_noise)

@@ -8,8 +8,9 @@ from typing import Any, TypeVar
 
 import click
 
-from probe_design.cli.arguments import length, linear_option, number, position
+from probe_design.cli.arguments import length, linear_option, noise_of, noise_option, number, position
 from probe_design.cli.output import check_picture, present
+from probe_design.data.noise import RESOLVED
 
 F = TypeVar("F", bound=Callable[..., Any])
 SCENE = click.argument("scene", type=click.Path(path_type=Path))
@@ -71,10 +72,10 @@ def scan(
 
 @click.command()
 @SCENE
-@click.option("--noise", default="0.01", show_default=True, help="Relative standard deviation of one reading of the ratio.")
+@noise_option
 @click.option("--seen", default="3", show_default=True, help="Times the noise by which a tumour that is seen changes the ratio.")
 @click.option(
-    "--resolved", default="0.5", show_default=True, help="Standard deviation of ln E_object up to which it is resolved."
+    "--resolved", default=f"{RESOLVED:g}", show_default=True, help="Standard deviation of ln E_object up to which it is resolved."
 )
 @click.option("--depth-from", help="Least depth of a centre.  [default: 1/50 of the largest]")
 @click.option("--depth-to", help="Largest depth of a centre.  [default: 4 outer radii or what the scene's tumour needs]")
@@ -86,8 +87,9 @@ def scan(
 @picture_option("both maps")
 @JSON
 def detectability(
-    scene: Path, noise: str, seen: str, resolved: str, depth_from: str | None, depth_to: str | None, diameter_from: str | None,
-    diameter_to: str | None, points: int, accuracy: str | None, linear: bool, picture: Path | None, as_json: bool,
+    scene: Path, noise: str | None, seen: str, resolved: str, depth_from: str | None, depth_to: str | None,
+    diameter_from: str | None, diameter_to: str | None, points: int, accuracy: str | None, linear: bool, picture: Path | None,
+    as_json: bool,
 ) -> None:  # fmt: skip
     """Say which tumours the probe sees, and of which it resolves the stiffness: maps over depth and diameter.
 
@@ -117,7 +119,7 @@ def detectability(
     ends = {"depth_from": depth_from, "depth_to": depth_to, "diameter_from": diameter_from, "diameter_to": diameter_to}
     sizes = {key: None if text is None else length(key.replace("_", "-"), text) for key, text in ends.items()}
     positive = "a number above 0"
-    limits = Thresholds(number("noise", noise, positive), number("seen", seen, positive), number("resolved", resolved, positive))
+    limits = Thresholds(noise_of(noise), number("seen", seen, positive), number("resolved", resolved, positive))
     depths, diameters = chosen_sizes(read, points, **sizes)
     relative = None if accuracy is None else number("accuracy", accuracy)
     with counting(f"detectability of {scene}") as progress:

@@ -43,6 +43,7 @@ class Estimate:
 
     Attributes:
         unknown: youngs_modulus, diameter or depth.
+        noise: relative standard deviation of each ratio that was read.
         value: of the unknown; None where it is not identifiable.
         interval: 95 %.
         interval_of_noise: the same for a model without error.
@@ -59,6 +60,7 @@ class Estimate:
     """
 
     unknown: str
+    noise: tuple[float, ...]
     value: float | None
     interval: Interval
     interval_of_noise: Interval
@@ -152,7 +154,7 @@ def _together(findings: Findings) -> DepthAndStrength | None:
 
 
 def _estimate(findings: Findings, fitted: DepthAndStrength | None, notes: tuple[str, ...], start: float) -> Estimate:
-    unknown, best = findings.unknown, findings.best_value
+    unknown, best, data = findings.unknown, findings.best_value, findings.model.data
     interval, of_noise = hull(findings.pieces), hull(findings.of_noise)
     good = identifiable(interval, unknown)
     value = best if good else None
@@ -167,6 +169,7 @@ def _estimate(findings: Findings, fitted: DepthAndStrength | None, notes: tuple[
         depth, depth_interval = value, interval
     return Estimate(
         unknown=unknown,
+        noise=tuple(data.noise[~data.is_stiffness].tolist()),
         value=value,
         interval=interval,
         interval_of_noise=of_noise,

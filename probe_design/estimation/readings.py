@@ -31,11 +31,11 @@ from geometry.scenes import fit as placement
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Placement, Scene
 from geometry.scenes.units import Quantity, number
+from probe_design.data.noise import ALLOWED, checked_noise
 
 KEYS = ("x", "y", "ratio", "noise", "stiffness", "stiffness_noise")
 MOST_READINGS = 1000
 LARGEST_FILE = 200_000  # bytes
-LEAST_NOISE = 1e-6  # no reader is as good; far below it the model's own error is all there is
 POSITION = Quantity("position", "m", "mm", -10.0, 10.0)
 RATIO = "a number other than 0, stress_inner over stress_outer"
 STIFFNESS = Quantity("stiffness", "N/m", "N/m", 1e-9, 1e15)
@@ -192,11 +192,7 @@ def _check_place(where: str, scene: Scene, x: float, y: float) -> None:
 
 
 def _noise(key: str, value: Any) -> float:
-    allowed = f"a number from {LEAST_NOISE:g} to 10: relative, one standard deviation, such as 0.05"
-    noise = number(key, value, allowed)
-    if not LEAST_NOISE <= noise <= 10:
-        raise InputError(key, value, allowed)
-    return noise
+    return checked_noise(number(key, value, ALLOWED), key)
 
 
 def _stiffness(key: str, value: Any) -> float:

@@ -26,6 +26,7 @@ import numpy as np
 from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
+from probe_design.data.noise import NOISE, RESOLVED, checked_noise
 from probe_design.maps.scan import Progress, check_accuracy
 from probe_design.maps.target_grid import Spheres, check_spheres, target_of
 from solver.equivalent_inclusion.level import EquivalentInclusion
@@ -35,6 +36,7 @@ from solver.planning.load_check import DOUBT, LoadChanges, budget, check_load, l
 from solver.results.result import Decision
 
 FINEST, COARSEST = 5e-4, 0.01  # accuracies chosen by the noise
+MOST = 1e6  # of thresholds: beyond it they are none
 CHANGES = 2.0  # times the base states' relative error in a tumour's effect: dF grows by twice, F_0 by once what the strains do
 
 Map = tuple[tuple[float | None, ...], ...]
@@ -51,9 +53,9 @@ class Thresholds:
         resolved: standard deviation of ln E_object.
     """
 
-    noise: float = 0.01
+    noise: float = NOISE
     seen: float = 3.0
-    resolved: float = 0.5
+    resolved: float = RESOLVED
 
     @property
     def change(self) -> float:
@@ -62,11 +64,11 @@ class Thresholds:
 
     def __post_init__(self) -> None:
         """Raise ``InputError`` for numbers that are no thresholds."""
-        for field in fields(self):
-            value = getattr(self, field.name)
-            most = 1.0 if field.name == "noise" else 1e6
-            if not 0 < value < most:
-                raise InputError(field.name, value, f"a number above 0 and below {most:g}")
+        checked_noise(self.noise)
+        for name in ("seen", "resolved"):
+            value = getattr(self, name)
+            if not 0 < value < MOST:
+                raise InputError(name, value, f"a number above 0 and below {MOST:g}")
 
 
 @dataclass(frozen=True)

@@ -15,15 +15,38 @@ from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
 
 VARIABLES = ("inner_radius", "area_ratio", "gap", "height", "inner_modulus", "outer_modulus")
-LEAST_GAP, LARGEST_GAP = 0.1e-3, 0.5e-3  # m: the paper found wider gaps "less robust"
-LEAST_WALL = 0.5e-3  # m: thinner sleeves of elastomer are not handled well
+LEAST_RADIUS = 0.5e-3  # m: thinner cylinders of elastomer, and thinner sleeves, are not handled well
+LEAST_WALL = 0.5e-3  # m
+AREA_RATIOS = (0.05, 20.0)
+GAPS = (0.1e-3, 0.5e-3)  # m: narrower ones fill with glue, the paper found wider ones "less robust"
+HEIGHTS = (1e-3, 20e-3)  # m: the thinnest sheet that is cut, the tallest block that stands
 MODULI = (10e3, 1e6)  # Pa: soft silicone gel to rubber a tenth as stiff as the paper's base, which counts as rigid
+WIDER = 1.4  # times the start's outer radius: its limit unless one is given
 DIGITS = 3  # of moduli; lengths are rounded to 0.01 mm
+CLOSE = 0.005  # relative: designs that differ less are one, and a limit this near is active
+
+
+@dataclass(frozen=True)
+class Limit:
+    """One limit of the designs.
+
+    Attributes:
+        name: of what, such as ``least gap``.
+        value: SI.
+        active: whether the design in question lies on it.
+    """
+
+    name: str
+    value: float
+    active: bool
 
 
 @dataclass(frozen=True)
 class Space:
     """Bounds of the variables, SI, and the constraints that join them.
+
+    Each follows from the start and from what a workshop can make, none from another: a tighter limit takes designs away, and no
+    other ones come instead.
 
     Attributes:
         scene: the scene whose probe is varied; everything else in it stays.
@@ -61,27 +84,53 @@ class Space:
         except ValueError:
             return None
 
+    def limits(self, scene: Scene) -> tuple[Limit, ...]:
+        """Return all limits, and which of them a scene's probe lies on."""
+        probe, at = scene.probe, variables(scene)
+        rows = [
+            ("largest outer_radius", self.outer_radius, probe.tube_radius),
+            ("least wall", self.wall, probe.tube_radius - probe.hole_radius),
+            ("least inner_radius", self.low[0], at[0]),
+        ]
+        for k, name in list(enumerate(VARIABLES))[1:]:
+            rows += [(f"least {name}", self.low[k], at[k]), (f"largest {name}", self.high[k], at[k])]
+        return tuple(Limit(name, float(limit), bool(abs(value - limit) <= CLOSE * limit)) for name, limit, value in rows)
+
+
+def variables(scene: Scene) -> Floats:
+    """Return the design of a scene's probe in the order of ``VARIABLES``, SI, shape (6,)."""
+    probe = scene.probe
+    sizes = [probe.inner_radius, probe.inner_area / probe.outer_area, probe.gap, probe.core_height]
+    return np.array([*sizes, probe.inner.youngs_modulus, probe.outer.youngs_modulus])
+
+
+def alike(one: Scene, other: Scene) -> bool:
+    """Whether two scenes' probes differ by ``CLOSE`` or less in every variable."""
+    return bool(np.all(np.abs(np.log(variables(one) / variables(other))) <= CLOSE))
+
 
 def space(scene: Scene, outer_radius: float | None = None) -> Space:
     """Return the design space round a scene's probe; the limit of the outer radius is 1.4 times the start's unless given.
+
+    Where the start lies beyond a limit other than that, the limit is where the start lies.
 
     Raises:
         InputError: the limit leaves no room for a probe, or for the probe on the tissue.
     """
     probe, tissue = scene.probe, scene.tissue
-    limit = 1.4 * probe.tube_radius if outer_radius is None else outer_radius
+    limit = WIDER * probe.tube_radius if outer_radius is None else outer_radius
     room = math.inf if tissue.shape == "half-space" else tissue.radius if tissue.shape == "cylinder" else tissue.breadth / 2
     limit = min(limit, 0.95 * room)
-    gap = (min(LEAST_GAP, probe.gap), max(LARGEST_GAP, probe.gap))
-    wall = min(LEAST_WALL, probe.tube_radius - probe.hole_radius, 0.1 * limit)
-    groove = probe.groove
-    narrowest = max(0.1 * limit, 0.0 if groove is None else 0.55 * groove.width)
-    flattest = max(0.2 * limit, 0.0 if groove is None else 1.25 * groove.depth)
-    widest = limit - gap[0] - wall
-    if widest <= narrowest:
-        least = narrowest + gap[0] + wall
+    start, groove = variables(scene), probe.groove
+    bounds = [(LEAST_RADIUS, math.inf), AREA_RATIOS, GAPS, HEIGHTS, MODULI, MODULI]
+    low, high = (
+        np.array([pick(bound[k], value) for bound, value in zip(bounds, start, strict=True)]) for k, pick in enumerate((min, max))
+    )
+    if groove is not None:
+        low[0], low[3] = max(low[0], 0.55 * groove.width), max(low[3], 1.25 * groove.depth)
+    wall = min(LEAST_WALL, probe.tube_radius - probe.hole_radius)
+    high[0] = limit - low[2] - wall
+    if high[0] <= low[0]:
+        least = low[0] + low[2] + wall
         raise InputError("outer-radius", mm(limit), f"above {mm(least)}: inner block, gap and wall need as much")
-    moduli = [(min(MODULI[0], E), max(MODULI[1], E)) for E in (probe.inner.youngs_modulus, probe.outer.youngs_modulus)]
-    bounds = [(narrowest, widest), (0.05, 20.0), gap, (flattest, max(1.5 * limit, flattest)), *moduli]
-    low, high = np.array(bounds).T
     return Space(scene, low, high, limit, wall)

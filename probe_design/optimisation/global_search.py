@@ -1,7 +1,13 @@
-"""Global search on the closed form: a Sobol screening, then IPOPT from the best starts."""
+"""Global search on the closed form: a Sobol screening, then IPOPT from the best starts.
+
+What is screened does not depend on the limit of the outer radius but by what the limit takes away, and IPOPT starts from the best
+design of each shell of outer radii before it starts from the second best of any: a wider limit adds designs and starts, and
+takes none away as long as there are starts enough.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -10,13 +16,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from geometry.common.arrays import Floats
+from geometry.common.arrays import Floats, Ints
+from geometry.common.errors import Refusal, Words
 from probe_design.optimisation.design_space import Space
 from probe_design.optimisation.objective import Noise
+from probe_design.optimisation.pressing import pressing_force
 from solver.casadi_functions.closed_form import ClosedFormFunction
 from solver.closed_form.designs import PROBE, forces, parameters
 
-SCREENED = 2048  # designs, a power of two as Sobol's sequence likes it
+SCREENED = 512  # designs in each shell, a power of two as Sobol's sequence likes it
+SHELLS = 2  # of outer radii in each octave
+APART = 0.05  # of the logarithm of a variable: designs nearer to each other are searched and judged once
+MOST = 50  # designs that are handed on
 SEED = 20
 QUIET: dict[str, Any] = {
     "ipopt.print_level": 0,
@@ -27,34 +38,42 @@ QUIET: dict[str, Any] = {
 }
 
 
-def search(space: Space, starts: int, progress: Callable[[int, int], None]) -> Floats:
+def search(space: Space, noise: Noise, starts: int, progress: Callable[[int, int], None]) -> Floats:
     """Return designs, best first, shape (6, n): local optima from several starts, then the best screened designs.
 
     Args:
         space: the bounds and constraints.
-        starts: how many of the best screened designs IPOPT starts from.
+        noise: of a reading.
+        starts: how many of the screened designs IPOPT starts from.
         progress: called with the starts done and their number.
+
+    Raises:
+        Refusal: the formulas can tell nothing of any design.
     """
     screened = screen(space)
-    solver, formula = _ipopt(space)
+    values = log_objectives(space, noise, screened)
+    if not np.isfinite(values).any():
+        raise Refusal("inclusion", Words("of a kind that the search's formulas can tell nothing of"), "a sphere as the target")
+    solver, formula = _ipopt(space, noise)
     optima = []
-    for k in range(starts):
+    for k, start in enumerate(_starts(space, screened, values)[:starts]):
         progress(k, starts)
-        optima.append(_polished(space, solver, screened[:, k]))
+        optima.append(_polished(space, solver, screened[:, start]))
     progress(starts, starts)
     del formula  # casadi holds no reference to it
     designs = np.concatenate([np.array(optima).T, screened], axis=1)
     designs = designs[:, _nearly(space, designs)]
-    return _distinct(designs[:, np.argsort(log_objectives(space, designs))])
+    return _distinct(designs[:, np.argsort(log_objectives(space, noise, designs))])
 
 
-def log_objectives(space: Space, designs: Floats) -> Floats:
+def log_objectives(space: Space, noise: Noise, designs: Floats) -> Floats:
     """The logarithm of the objective, eq. OP.3, of designs (6, n) by the closed form, inf where it cannot tell; shape (n,)."""
     shape, values = parameters(space.scene)
     columns = np.repeat(values[:, None], designs.shape[1], axis=1)
     columns[_VARIED] = _varied(space, designs)
     with np.errstate(all="ignore"):  # what is not finite is no candidate
-        objectives = -0.5 * np.log(_information(space, *(part.sum(axis=2).T for part in forces(shape, columns))))
+        parts = (part.sum(axis=2).T for part in forces(shape, columns))
+        objectives = -0.5 * np.log(_information(space, noise, designs, *parts))
     return np.where(np.isfinite(objectives), objectives, np.inf)
 
 
@@ -67,32 +86,54 @@ def _varied(space: Space, v: Any) -> list[Any]:
     return [v[0], v[2], space.derived_radius(v), v[3], v[3], v[4], v[5]]
 
 
-def _information(space: Space, totals: Any, slopes: Any) -> Any:
+def _information(space: Space, noise: Noise, v: Any, totals: Any, slopes: Any) -> Any:
     """Eq. OP.2 from both films' forces under a common displacement and their slopes; arrays or casadi."""
     sensitivity = slopes[0] / totals[0] - slopes[1] / totals[1]
-    whole = totals[0] + totals[1]
-    return Noise.of(space.scene).information(sensitivity, totals[0] / whole, totals[1] / whole)
+    force = pressing_force(space.scene, v, space.derived_radius(v), totals)
+    return noise.information(sensitivity, totals[0] / (totals[0] + totals[1]), force)
 
 
 def screen(space: Space) -> Floats:
-    """Return the admissible designs of a Sobol sequence, uniform in the logarithms, best first; shape (6, n)."""
+    """Return the admissible designs of Sobol sequences, uniform in the logarithms, and the smallest of all, shape (6, n)."""
+    inner, _, gap, *rest = space.low
+    least = inner + gap + space.wall
+    first, last = (math.floor(SHELLS * math.log2(radius)) for radius in (least, space.outer_radius))
+    designs = np.concatenate([_shell_of_designs(space, k) for k in range(first, last + 1)], axis=1)
+    smallest = np.array([[inner, inner**2 / (least**2 - (inner + gap) ** 2), gap, *rest]]).T
+    return np.concatenate([smallest, designs[:, space.admits(designs) & (designs[0] >= inner)]], axis=1)
+
+
+def _shell_of_designs(space: Space, k: int) -> Floats:
+    """Designs whose outer radius is between 2^(k / SHELLS) and 2^((k + 1) / SHELLS) m."""
     sample = qmc.Sobol(6, seed=SEED).random(SCREENED)
-    designs = np.exp(qmc.scale(sample, np.log(space.low), np.log(space.high))).T
-    designs = designs[:, space.admits(designs)]
-    return np.asarray(designs[:, np.argsort(log_objectives(space, designs))])
+    radius = 2 ** ((k + sample[:, 0]) / SHELLS)
+    ratio, gap, *rest = np.exp(qmc.scale(sample[:, 1:], np.log(space.low[1:]), np.log(space.high[1:]))).T
+    a, b, c = 1 + 1 / ratio, gap, gap**2 - radius**2  # a r^2 + 2 b r + c = 0 is r^2 / ratio = radius^2 - (r + gap)^2
+    inner = (np.sqrt(np.maximum(b**2 - a * c, 0.0)) - b) / a
+    return np.array([inner, ratio, gap, *rest])
 
 
-def _ipopt(space: Space) -> tuple[Any, ClosedFormFunction]:
+def _starts(space: Space, designs: Floats, values: Floats) -> Ints:
+    """Indices of designs in the order in which IPOPT starts from them: the best of each shell, then the second best, ..."""
+    shells = np.floor(SHELLS * np.log2(space.derived_radius(designs)))
+    best_first = np.argsort(values)
+    turn = np.empty(len(values), dtype=int)
+    for shell in np.unique(shells):
+        members = best_first[shells[best_first] == shell]
+        turn[members] = np.arange(len(members))
+    return np.lexsort((values, turn))
+
+
+def _ipopt(space: Space, noise: Noise) -> tuple[Any, ClosedFormFunction]:
     formula = ClosedFormFunction(*parameters(space.scene), _VARIED)
     x = ca.MX.sym("x", 6)
     v = ca.vertsplit(ca.exp(x))
     radius = space.derived_radius(v)
     parts = ca.vertsplit(formula(ca.vertcat(*_varied(space, v))))
-    cost = -0.5 * ca.log(
-        _information(space, [parts[0] + parts[1], parts[2] + parts[3]], [parts[4] + parts[5], parts[6] + parts[7]])
-    )
+    totals, slopes = [parts[0] + parts[1], parts[2] + parts[3]], [parts[4] + parts[5], parts[6] + parts[7]]
+    cost = -0.5 * ca.log(_information(space, noise, v, totals, slopes))
     constraints = ca.vertcat(radius / space.outer_radius, (radius - v[0] - v[2]) / space.wall)
-    choices = {"ipopt.hessian_approximation": "limited-memory", "ipopt.max_iter": 80, "ipopt.tol": 1e-6}
+    choices = {"ipopt.hessian_approximation": "limited-memory", "ipopt.max_iter": 40, "ipopt.tol": 1e-6}
     return ca.nlpsol("search", "ipopt", {"x": x, "f": cost, "g": constraints}, QUIET | choices), formula
 
 
@@ -117,11 +158,11 @@ def _nearly(space: Space, designs: Floats) -> NDArray[np.bool_]:
 
 
 def _distinct(designs: Floats) -> Floats:
-    """Drop designs that differ from a better one by less than 5 % in every variable."""
+    """Drop designs that differ from a better one by less than ``APART`` in every variable."""
     distinct: list[Floats] = []
     for design in designs.T:
-        if all(np.max(np.abs(np.log(design / other))) > 0.05 for other in distinct):
+        if all(np.max(np.abs(np.log(design / other))) > APART for other in distinct):
             distinct.append(design)
-        if len(distinct) == 50:
+        if len(distinct) == MOST:
             break
     return np.array(distinct).T

@@ -9,10 +9,11 @@ import casadi as ca
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.scenes.scene import Scene
-from probe_design.optimisation.design_space import Space
+from geometry.scenes.scene import Load, Scene
+from probe_design.optimisation.design_space import Space, variables
 from probe_design.optimisation.global_search import QUIET, stopped_by_user
 from probe_design.optimisation.objective import Noise
+from probe_design.optimisation.pressing import pressing_force
 from solver.casadi_functions.finite_elements import FilmCallback, TumourCallback
 
 # keys of ``geometry.scenes.variables.values`` in the order of ``probe_design.optimisation.design_space.VARIABLES``
@@ -21,15 +22,18 @@ KEYS = (
     "probe.outer.youngs_modulus",
 )  # fmt: skip
 ACCURACY = 0.03  # of the outputs at the start: what is found is judged more finely
+UNIT = 1e-6  # m
 STEPS = 15  # of IPOPT; each costs one to a few solutions with their derivatives
 
 
-def polish(space: Space, start: Scene, judge: str) -> Floats:
+def polish(space: Space, noise: Noise, start: Scene, nearing: float, judge: str) -> Floats:
     """Return the local optimum near a design, six variables in the order of ``VARIABLES``, shape (6,).
 
     Args:
         space: bounds and constraints.
+        noise: of a reading.
         start: a scene with a design within them.
+        nearing: of the start's walls per unit indentation, see ``pressing.pressing_force``; it is taken as the same nearby.
         judge: ``axisymmetric``, or ``equivalent-inclusion``, whose derivatives are those of its first order.
 
     Raises:
@@ -37,29 +41,28 @@ def polish(space: Space, start: Scene, judge: str) -> Floats:
         KeyboardInterrupt: Ctrl-C, also where casadi swallows it.
     """
     scene = _by_area_ratio(start)
-    probe = scene.probe
-    at = [probe.inner_radius, probe.area_ratio or 0.0, probe.gap, probe.core_height]
-    x0 = np.log([*at, probe.inner.youngs_modulus, probe.outer.youngs_modulus])
     films = (FilmCallback if judge == "axisymmetric" else TumourCallback)(scene, KEYS, ACCURACY)
     x = ca.MX.sym("x", len(KEYS))
-    v = ca.exp(x)
-    ratio, _, _, sensitivity = ca.vertsplit(films(v))
-    forces = ratio * v[1]  # inner over outer
-    information = Noise.of(scene).information(sensitivity, forces / (1 + forces), 1 / (1 + forces))
-    radius = space.derived_radius(ca.vertsplit(v))
+    v = ca.vertsplit(ca.exp(x))
+    _, inner, outer, sensitivity = ca.vertsplit(films(ca.vertcat(*v)))
+    totals = [inner / UNIT * np.pi * v[0] ** 2, outer / UNIT * np.pi * v[0] ** 2 / v[1]]
+    radius = space.derived_radius(v)
+    force = pressing_force(space.scene, v, radius, totals, nearing)
+    information = noise.information(sensitivity, totals[0] / (totals[0] + totals[1]), force)
     constraints = ca.vertcat(radius / space.outer_radius, (radius - v[0] - v[2]) / space.wall)
     choices: dict[str, Any] = {"ipopt.hessian_approximation": "limited-memory", "ipopt.max_iter": STEPS, "ipopt.tol": 1e-3}
     solver = ca.nlpsol("polish", "ipopt", {"x": x, "f": -0.5 * ca.log(information), "g": constraints}, QUIET | choices)
     low, high = np.log(space.low), np.log(space.high)
-    start_inside = np.clip(x0, low, high)
-    optimum = np.exp(np.array(solver(x0=start_inside, lbx=low, ubx=high, lbg=[0.0, 1.0], ubg=[1.0, math.inf])["x"]).ravel())
+    start_inside = np.clip(np.log(variables(start)), low, high)
+    with np.errstate(all="ignore"):  # IPOPT steps back from what is not finite
+        optimum = np.exp(np.array(solver(x0=start_inside, lbx=low, ubx=high, lbg=[0.0, 1.0], ubg=[1.0, math.inf])["x"]).ravel())
     stopped_by_user(solver)
     return np.asarray(np.clip(optimum, space.low, space.high))
 
 
 def _by_area_ratio(scene: Scene) -> Scene:
-    """Write the scene's probe by A2/A1 and one height, as the variables do."""
+    """Write the scene's probe by A2/A1 and one height, as the variables do, under an indentation of ``UNIT``."""
     probe = scene.probe
     data = probe.model_dump(exclude={"outer_radius", "inner_height", "outer_height"}, exclude_unset=True)
     data |= {"area_ratio": probe.inner_area / probe.outer_area, "height": probe.core_height}
-    return Scene.model_validate(scene.model_dump(exclude_unset=True) | {"probe": data})
+    return Scene.model_validate(scene.model_dump(exclude_unset=True) | {"probe": data, "load": Load(indentation=UNIT)})

@@ -1,24 +1,24 @@
 """The objective: the standard deviation of ln E_object that one reading of the ratio leaves.
 
-With Q_j = |d33| F_j the charge of channel j under the force F (PHYSICS section 2),
+With g the noise of the ratio, half of its variance from each channel, and Q_j = |d33| F_j the charge of channel j under the force
+that ``pressing`` allows the design (PHYSICS section 2),
 
-    v_j = g^2 + (q0 / Q_j)^2                        (OP.1)
+    v_j = g^2 / 2 + (q0 / Q_j)^2                    (OP.1)
     I   = S^2 / (v_inner + v_outer)                 (OP.2)
     objective = I^(-1/2), smaller is better         (OP.3)
 
-with S the log-sensitivity of the ratio; over a set of scenarios, I is averaged. A raw slope
-d(ratio)/dE would reward designs whose outer film feels nothing, and so nothing but noise.
+with S the log-sensitivity of the ratio. A raw slope d(ratio)/dE would reward designs whose outer film feels nothing, and so
+nothing but noise.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 from geometry.scenes.scene import Scene
-from solver.results.result import Result
+from probe_design.data.noise import NOISE, checked_noise, of_channel
 
 
 @dataclass(frozen=True)
@@ -26,42 +26,35 @@ class Noise:
     """What limits a reading.
 
     Attributes:
-        gain: relative error of each channel; the default is the paper's "about 5 %".
+        ratio: relative standard deviation of one reading of the ratio, see ``probe_design.data.noise``.
         charge: charge noise of each channel, C.
-        force: force on the base, N.
         charge_per_force: |d33| of the films, C/N.
+
+    Raises:
+        InputError: the noise of the ratio is none, see ``checked_noise``.
     """
 
-    gain: float = 0.05
+    ratio: float = NOISE
     charge: float = 0.01e-12
-    force: float = 0.1
     charge_per_force: float = 20e-12
 
-    @classmethod
-    def of(cls, scene: Scene) -> Noise:
-        """Return the defaults with the scene's own force and film where it has them."""
-        force = scene.load.force or cls.force
-        film = scene.probe.film
-        return cls(force=force, charge_per_force=abs(film.d33) or cls.charge_per_force if film else cls.charge_per_force)
+    def __post_init__(self) -> None:
+        """Refuse what is no noise."""
+        checked_noise(self.ratio)
 
-    def information(self, sensitivity: Any, share_inner: Any, share_outer: Any) -> Any:
-        """Eqs. OP.1, OP.2 for the films' shares of the force, which add up to 1; floats, arrays or casadi."""
-        full = self.charge / (self.charge_per_force * self.force)
-        variance = 2 * self.gain**2 + (full / share_inner) ** 2 + (full / share_outer) ** 2
+    @classmethod
+    def of(cls, scene: Scene, ratio: float = NOISE) -> Noise:
+        """Return the noise of a scene's probe, with its own film where it has one."""
+        film = scene.probe.film
+        return cls(ratio, charge_per_force=abs(film.d33) or cls.charge_per_force if film else cls.charge_per_force)
+
+    def information(self, sensitivity: Any, share_inner: Any, force: Any) -> Any:
+        """Eqs. OP.1, OP.2 for the inner film's share of the force, N, the outer one has the rest; floats, arrays or casadi."""
+        full = self.charge / (self.charge_per_force * force)
+        variance = 2 * of_channel(self.ratio) ** 2 + (full / share_inner) ** 2 + (full / (1 - share_inner)) ** 2
         return sensitivity**2 / variance
 
 
-def objective(information: Iterable[float]) -> float:
-    """Eq. OP.3 over a set of scenarios; inf where nothing can be told."""
-    values = list(information)
-    mean = sum(values) / len(values)
-    return 1 / math.sqrt(mean) if mean > 0 else math.inf
-
-
-def objective_of(scene: Scene, result: Result) -> float:
-    """Return the objective of one evaluated scene; inf where the evaluator could not tell the sensitivity."""
-    if result.log_sensitivity is None or not result.ratio:
-        return math.inf
-    forces = result.ratio * scene.probe.inner_area / scene.probe.outer_area  # inner over outer, also at zero load
-    shares = (forces / (1 + forces), 1 / (1 + forces))
-    return objective([Noise.of(scene).information(result.log_sensitivity, *shares)])
+def objective(information: float) -> float:
+    """Eq. OP.3; inf where nothing can be told."""
+    return 1 / math.sqrt(information) if information > 0 else math.inf

@@ -25,7 +25,7 @@ def sentence(estimate: Estimate) -> str:
 
 def estimate_table(estimate: Estimate) -> Table:
     """Return an estimate as a table."""
-    table = Table(title=f"{estimate.evaluator}, {estimate.seconds:.2g} s")
+    table = Table(title=f"{estimate.evaluator}, {estimate.seconds:.2g} s, {_noise(estimate)}")
     for heading in ("quantity", "value", "95 % interval"):
         table.add_column(heading, justify="left" if heading == "quantity" else "right")
     value = "not identifiable" if estimate.value is None else shown(estimate.unknown, estimate.value)
@@ -38,6 +38,11 @@ def estimate_table(estimate: Estimate) -> Table:
     if estimate.error_estimate is not None:
         table.add_row("error_estimate", f"{estimate.error_estimate:.2g}", "")
     return table
+
+
+def _noise(estimate: Estimate) -> str:
+    least, most = min(estimate.noise), max(estimate.noise)
+    return f"noise {least:g}{f' to {most:g}' if most > least else ''} on the ratio"
 
 
 def _depth(estimate: Estimate) -> str:

@@ -83,10 +83,18 @@ ALLOWED: dict[str, set[str]] = {
     },
     # probe_design: what is computed knows neither the terminal nor the command line, so that scripts and workers can ask for it;
     # beside the solver's face each room sees those inner rooms whose many answers at once it needs
-    "probe_design.data": {"geometry.scenes"},
+    "probe_design.data": SCENES,
     "probe_design.pictures": {"geometry.common"},
-    "probe_design.optimisation": {"solver.casadi_functions", "solver.closed_form", "geometry.cad", *ANSWERS},
+    "probe_design.optimisation": {
+        "probe_design.data",
+        "solver.casadi_functions",
+        "solver.closed_form",
+        "solver.planning",
+        "geometry.cad",
+        *ANSWERS,
+    },
     "probe_design.maps": {
+        "probe_design.data",
         "probe_design.pictures",
         "solver.equivalent_inclusion",
         "solver.inclusions",
@@ -94,6 +102,7 @@ ALLOWED: dict[str, set[str]] = {
         *ANSWERS,
     },
     "probe_design.estimation": {
+        "probe_design.data",
         "probe_design.maps.target_grid",
         "solver.equivalent_inclusion",
         "solver.inclusions",

@@ -33,12 +33,13 @@ def with_sphere(scene: Scene, depth: float, diameter: float) -> Scene:
 def test_json_and_picture(tmp_path: Path) -> None:
     picture = tmp_path / "map.png"
     sizes = ("--depth-from", "4 mm", "--depth-to", "20 mm", "--diameter-from", "1 mm", "--diameter-to", "12 mm")
-    ended = run("detectability", SCENE, *sizes, "--points", "9", "--json", "--plot", picture)
+    ended = run("detectability", SCENE, *sizes, "--noise", "0.01", "--points", "9", "--json", "--plot", picture)
     assert ended.returncode == 0, ended.stderr
     found = json.loads(ended.stdout, parse_constant=lambda word: pytest.fail(word))
     assert set(found) == KEYS
     assert found["depth"] == pytest.approx(np.linspace(4e-3, 20e-3, 9).tolist())
     assert found["seen_threshold"] == pytest.approx(0.03)
+    assert found["noise"] == 0.01
     for key in ("change", "standard_deviation", "error", "seen", "resolved", "above_error"):
         assert [len(row) for row in found[key]] == [9] * 9
     for k, depth in enumerate(found["depth"]):
@@ -140,7 +141,7 @@ def test_table() -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ((SCENE, "--noise", "0"), ("noise", "above 0")),
+        ((SCENE, "--noise", "0"), ("noise", "from 1e-06 to 10")),
         ((SCENE, "--noise", "much"), ("noise", "much")),
         ((SCENE, "--resolved", "nan"), ("resolved",)),
         ((SCENE, "--depth-to", "20"), ("depth-to", "unit is missing")),

@@ -1,0 +1,139 @@
+"""A design with what two levels say of it, and how far its objective can be off."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from time import perf_counter
+
+import numpy as np
+
+from geometry.common.errors import Refusal
+from geometry.scenes.scene import Scene
+from probe_design.optimisation.design_space import alike
+from probe_design.optimisation.objective import Noise, objective
+from probe_design.optimisation.pressing import Pressing, pressing
+from solver import Result, evaluator
+from solver.planning.coarse_model import CoarseModel
+from solver.planning.loads import log_sensitivity_change, ratio_change
+from solver.results.evaluator import Answer, FilmLevel
+from solver.results.film_forces import FilmForces
+
+ACCURACY = 0.01  # of the judge
+FINER = 0.001  # of the judge where its errors at ``ACCURACY`` hide a gain
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A design with what two levels say of it.
+
+    Attributes:
+        scene: the scene with this probe.
+        judged: the judge's result, at the load of ``pressing``.
+        pressing: the load that the objective counts with.
+        nearing: of the walls per unit indentation, see ``CoarseModel.approach``.
+        judged_objective: standard deviation of ln E_object by the judge, smaller is better.
+        least, most: what it can be, whatever the judge's errors within their bounds and finite strain within its rule are.
+        searched: the closed form's result, or None where it refuses the scene.
+        refused: what it takes instead, or None.
+        searched_objective: by the closed form, inf where it refuses.
+    """
+
+    scene: Scene
+    judged: Result
+    pressing: Pressing
+    nearing: float
+    judged_objective: float
+    least: float
+    most: float
+    searched: Result | None = None
+    refused: str | None = None
+    searched_objective: float = math.inf
+
+    @property
+    def pressed(self) -> Scene:
+        """The scene under the load that it is judged with."""
+        return _under(self.scene, self.pressing)
+
+    def beats(self, other: Candidate) -> bool:
+        """Whether it is better than the other, whatever the errors of both are."""
+        return self.most < other.least
+
+
+def candidate(scene: Scene, noise: Noise, judge: str, accuracy: float = ACCURACY) -> Candidate:
+    """Judge a scene's probe.
+
+    Raises:
+        Refusal: the judge cannot take the scene.
+    """
+    start, rough = perf_counter(), CoarseModel.of(scene)
+    answer = answered(scene, judge, accuracy)
+    films = answer.films[0]
+    pressed = pressing(scene, films.totals, rough.closure)
+    least, most = _ends(films, noise, pressed)
+    candidate = Candidate(
+        scene=scene,
+        judged=answer.result(judge, _under(scene, pressed), perf_counter() - start),
+        pressing=pressed,
+        nearing=rough.approach,
+        judged_objective=objective_of(films, noise, pressed.force),
+        least=least,
+        most=most,
+    )
+    try:
+        answer = answered(scene, "closed-form", accuracy)
+    except Refusal as fault:
+        return replace(candidate, refused=fault.allowed)
+    films = answer.films[0]
+    pressed = pressing(scene, films.totals, rough.closure)
+    searched = answer.result("closed-form", _under(scene, pressed), 0.0)
+    return replace(candidate, searched=searched, searched_objective=objective_of(films, noise, pressed.force))
+
+
+def answered(scene: Scene, level: str, accuracy: float = ACCURACY) -> Answer:
+    """Return what a level finds, with the error of its log-sensitivity.
+
+    Raises:
+        Refusal: the level cannot take the scene.
+    """
+    made = evaluator(level)
+    assert isinstance(made, FilmLevel)
+    return made.answer(scene, accuracy)
+
+
+def _under(scene: Scene, pressed: Pressing) -> Scene:
+    return scene.model_copy(update={"load": pressed.load})
+
+
+def objective_of(films: FilmForces, noise: Noise, force: float) -> float:
+    """Return the objective under a force, N; inf where the sensitivity could not be told."""
+    if films.unresolved_stress is not None or films.log_sensitivity is None:
+        return math.inf
+    return objective(noise.information(films.log_sensitivity, _share(films), force))
+
+
+def merged(candidates: Iterable[Candidate]) -> tuple[Candidate, ...]:
+    """Return candidates, best first, without those that are like a better one."""
+    distinct: list[Candidate] = []
+    for one in sorted(candidates, key=lambda one: one.judged_objective):
+        if not any(alike(one.scene, other.scene) for other in distinct):
+            distinct.append(one)
+    return tuple(distinct)
+
+
+def _share(films: FilmForces) -> float:
+    """The inner film's share of the force."""
+    return float(films.totals[0] / films.totals.sum())
+
+
+def _ends(films: FilmForces, noise: Noise, pressed: Pressing) -> tuple[float, float]:
+    """The least and the most that the objective can be."""
+    if films.unresolved_stress is not None or films.log_sensitivity is None:
+        return 0.0, math.inf
+    size, share = abs(films.log_sensitivity), _share(films)
+    off = films.sensitivity_error + size * log_sensitivity_change(pressed.x)
+    shift = films.bound.log_ratio + ratio_change(pressed.x)
+    odds = share / (1 - share) * np.exp([-shift, 0.0, shift])  # inner over outer force
+    noises = [objective(noise.information(1.0, one / (1 + one), pressed.force)) for one in odds.tolist()]
+    return min(noises) / (size + off), max(noises) / (size - off) if size > off else math.inf

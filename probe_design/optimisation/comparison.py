@@ -1,0 +1,130 @@
+"""What an optimisation found as rows of text: start and optimum side by side, limits, all judged designs."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+
+from rich.table import Table
+
+from probe_design.optimisation.candidate import Candidate
+from probe_design.optimisation.design_space import Limit
+from probe_design.optimisation.optimum import Optimum
+
+Row = tuple[str, str, str, str]
+Cells = list[tuple[str, str, str]]  # quantity, value, the variable that limits hang on
+MILLI, KILO = 1e-3, 1e3
+
+
+def level_rows(optimum: Optimum) -> list[Row]:
+    """Return the comparison: quantity, start, the design found, limits of the quantity."""
+    start, best, limits = optimum.baseline, optimum.found, optimum.limits
+    rows = [
+        (name, one, other, _limits(limits, variable))
+        for (name, one, variable), (_, other, _) in zip(_design(start), _design(best), strict=True)
+    ]
+    rows += [(name, one, other, "") for (name, one), (_, other) in zip(_load(start), _load(best), strict=True)]
+    for level, pick in (("closed-form", _searched), (optimum.judge, _judged)):
+        for (name, one), (_, other) in zip(pick(start), pick(best), strict=True):
+            rows.append((f"{name} by {level}", one, other, ""))
+    return rows
+
+
+def levels_table(optimum: Optimum) -> Table:
+    """Return the comparison as a table for the terminal."""
+    table = Table(title=f"optimize: {optimum.status}", caption=f"{noise_line(optimum)}; *: the limit is active")
+    for heading in headings(optimum):
+        table.add_column(heading, justify="left" if heading == "quantity" else "right")
+    for row in level_rows(optimum):
+        table.add_row(*row)
+    return table
+
+
+def headings(optimum: Optimum) -> Row:
+    """Return the comparison's headings."""
+    return ("quantity", "start", "optimum" if optimum.winner else "found, no gain", "limits")
+
+
+def noise_line(optimum: Optimum) -> str:
+    """Say which noise the standard deviations count with."""
+    noise = optimum.noise
+    return f"noise {noise.ratio:g} on the ratio, {noise.charge * 1e12:g} pC on each channel's charge"
+
+
+def candidates_csv(optimum: Optimum) -> str:
+    """Return all judged designs, best first, as CSV with units in the headings."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    names = [name for name, *_ in (*_design(optimum.baseline), *_load(optimum.baseline))]
+    objectives = [f"objective {optimum.judge}", "least", "most"]
+    writer.writerow(["design", *names, "objective closed-form", *objectives, "ratio", "log_sensitivity", "error_estimate"])
+    for name, one in [("start", optimum.baseline), *((f"{k + 1}", c) for k, c in enumerate(optimum.candidates))]:
+        judged = one.judged
+        results = (one.searched_objective, one.judged_objective, one.least, one.most)
+        answers = (judged.ratio, judged.log_sensitivity, judged.error_estimate)
+        numbers = [f"{v:.6g}" if v is not None and math.isfinite(v) else "" for v in (*results, *answers)]
+        writer.writerow([name, *(cells[1] for cells in (*_design(one), *_load(one))), *numbers])
+    return text.getvalue()
+
+
+def _limits(limits: tuple[Limit, ...], variable: str) -> str:
+    """The limits of a variable, an active one with a star: ``0.1* to 0.5``."""
+    shown = {}
+    for limit in limits:
+        kind, _, of = limit.name.partition(" ")
+        if of == variable:
+            unit = KILO if "modulus" in of else 1.0 if of == "area_ratio" else MILLI
+            shown[kind] = f"{limit.value / unit:.4g}{'*' * limit.active}"
+    if len(shown) == 2:
+        return f"{shown['least']} to {shown['largest']}"
+    return "".join(f"{'from' if kind == 'least' else 'up to'} {text}" for kind, text in shown.items())
+
+
+def _design(candidate: Candidate) -> Cells:
+    probe = candidate.scene.probe
+    heights = [f"{height / MILLI:.4g}" for height in dict.fromkeys((probe.core_height, probe.tube_height))]
+    return [
+        ("inner radius, mm", f"{probe.inner_radius / MILLI:.4g}", "inner_radius"),
+        ("A2/A1", f"{probe.inner_area / probe.outer_area:.4g}", "area_ratio"),
+        ("outer radius, mm", f"{probe.tube_radius / MILLI:.4g}", "outer_radius"),
+        ("wall, mm", f"{(probe.tube_radius - probe.hole_radius) / MILLI:.4g}", "wall"),
+        ("gap, mm", f"{probe.gap / MILLI:.4g}", "gap"),
+        ("height, mm", " / ".join(heights), "height"),
+        ("inner modulus, kPa", f"{probe.inner.youngs_modulus / KILO:.4g}", "inner_modulus"),
+        ("outer modulus, kPa", f"{probe.outer.youngs_modulus / KILO:.4g}", "outer_modulus"),
+    ]
+
+
+def _load(candidate: Candidate) -> list[tuple[str, str]]:
+    pressed = candidate.pressing
+    depth = pressed.force / candidate.judged.stiffness if candidate.judged.stiffness else math.nan
+    return [
+        ("force, N", f"{pressed.force:.3g}"),
+        ("indentation, mm", f"{depth / MILLI:.3g}"),
+        ("force limited by", pressed.by),
+    ]
+
+
+def _searched(candidate: Candidate) -> list[tuple[str, str]]:
+    return [
+        ("log-sensitivity", number(candidate.searched.log_sensitivity if candidate.searched else None)),
+        ("sd of ln E_object", number(candidate.searched_objective)),
+    ]
+
+
+def _judged(candidate: Candidate) -> list[tuple[str, str]]:
+    result = candidate.judged
+    return [
+        ("ratio", number(result.ratio)),
+        ("error estimate", number(result.error_estimate)),
+        ("log-sensitivity", number(result.log_sensitivity)),
+        ("sd of ln E_object", number(candidate.judged_objective)),
+        ("least sd", number(candidate.least)),
+        ("most sd", number(candidate.most)),
+    ]
+
+
+def number(value: float | None) -> str:
+    """Write a number with four digits, a dash where there is none."""
+    return "-" if value is None or not math.isfinite(value) else f"{value:.4g}"

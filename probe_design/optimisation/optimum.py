@@ -1,0 +1,91 @@
+"""What an optimisation found, and whether it counts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from probe_design.optimisation.candidate import Candidate
+from probe_design.optimisation.design_space import Limit, Space
+from probe_design.optimisation.objective import Noise
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """What an optimisation found.
+
+    Attributes:
+        judge: the evaluator that ranked the designs.
+        room: the limits they were to keep.
+        noise: of a reading.
+        baseline: the start.
+        candidates: the re-ranked designs, best first.
+    """
+
+    judge: str
+    room: Space
+    noise: Noise
+    baseline: Candidate
+    candidates: tuple[Candidate, ...]
+
+    @property
+    def winner(self) -> Candidate | None:
+        """The first design that beats the start by more than the errors of both."""
+        return next((one for one in self.candidates if one.beats(self.baseline)), None)
+
+    @property
+    def status(self) -> Literal["improved", "no-gain"]:
+        """``improved``, or ``no-gain`` where no design is better than the start beyond the errors of both."""
+        return "no-gain" if self.winner is None else "improved"
+
+    @property
+    def best(self) -> Candidate:
+        """The design to build: the start itself where nothing beats it."""
+        return self.winner or self.baseline
+
+    @property
+    def found(self) -> Candidate:
+        """The best design that was found, whether it counts or not; the start itself where there is none."""
+        return self.winner or next(iter(self.candidates), self.baseline)
+
+    @property
+    def limits(self) -> tuple[Limit, ...]:
+        """All limits of the designs, and which of them the one that was found lies on."""
+        return self.room.limits(self.found.scene)
+
+    @property
+    def verdict(self) -> str:
+        """What was found, and why it counts or does not, in one sentence."""
+        found, start, by = _told(self.found), f"the start's {_told(self.baseline)}", f"by {self.judge}"
+        if self.winner is not None:
+            return f"improved: standard deviation of ln E_object {found} in place of {start}, {by}"
+        less = 1 - self.found.judged_objective / self.baseline.judged_objective
+        if not less > 0:
+            best = f": the best has {found}" if self.candidates else ""
+            none = f"none of {len(self.candidates)} designs has a standard deviation of ln E_object"
+            return f"no gain: {none} below {start}, {by}{best}"
+        return (
+            f"no gain that counts: the best design's standard deviation of ln E_object is {found}, {100 * less:.2g} % less than "
+            f"{start}, {by}, which its errors may feign"
+        )
+
+    @property
+    def remarks(self) -> Iterator[str]:
+        """What else one has to know of the search."""
+        refused = self.baseline.refused or self.best.refused
+        if refused is not None:
+            yield (
+                f"closed-form refuses this scene, which is one for {refused}; its formulas steered the search all the same: "
+                f"of what was found {self.judge} alone tells anything"
+            )
+        start, limit = self.baseline.scene.probe.tube_radius, self.room.outer_radius
+        if start > limit and self.winner is None:
+            yield f"the start's outer radius of {start * 1e3:.4g} mm is above the limit of {limit * 1e3:.4g} mm"
+
+
+def _told(one: Candidate) -> str:
+    """An objective with the ends that errors leave it."""
+    ends = f"above {one.least:.3g}" if math.isinf(one.most) else f"{one.least:.3g} to {one.most:.3g}"
+    return f"{one.judged_objective:.3g} ({ends} within its errors)"

@@ -1,0 +1,104 @@
+"""How hard a design is pressed: as the scene says, or as far as linear elasticity answers for it.
+
+The force is the least of the scene's (its own, or its indentation times the design's stiffness) and of what the rule of
+``solver.planning.loads`` allows where the ratio has to be good to ``RATIO``. What finite strain does to the log-sensitivity is no
+limit: it is counted in the judge's error.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from decimal import ROUND_FLOOR, Decimal
+from typing import Any
+
+import numpy as np
+
+from geometry.common.arrays import Floats
+from geometry.common.errors import InputError
+from geometry.scenes.scene import Load, Scene
+from solver.planning.loads import CLOSING, DEEP, RATIO_CHANGE, LoadRule, largest_x
+
+RATIO = 0.01  # relative change of the ratio by finite strain that is allowed
+DIGITS = 3  # of a load that the rule sets
+BY = {"ratio": "strain", "strain limit": "strain", "gap closure": "gap closure"}
+
+
+@dataclass(frozen=True)
+class Pressing:
+    """How a design is pressed.
+
+    Attributes:
+        load: the scene's, or the lower one of the same kind that is allowed, of ``DIGITS`` digits.
+        force: on the base under it, N.
+        x: the strain that the rule counts with, see ``LoadRule``.
+        by: what sets the load: "scene", "strain" or "gap closure".
+    """
+
+    load: Load
+    force: float
+    x: float
+    by: str
+
+
+def pressing(scene: Scene, totals: Floats, closure: float) -> Pressing:
+    """Return how a scene's probe is pressed.
+
+    Args:
+        scene: with a load above 0.
+        totals: force on each film per unit indentation, N/m, shape (2,).
+        closure: force that closes the gap in linear elasticity, N; see ``CoarseModel.closure``.
+    """
+    rule = LoadRule.of(scene, totals, closure)
+    largest, load, by = rule.largest(RATIO, promise=False), scene.load, "scene"
+    if largest.force < asked(scene.load, rule.stiffness):
+        by = BY[largest.by]
+        load = Load(force=_down(largest.force)) if load.indentation is None else Load(indentation=_down(largest.indentation))
+    force = asked(load, rule.stiffness)
+    return Pressing(load, force, rule.x(force), by)
+
+
+def _down(value: float) -> float:
+    """Round down to ``DIGITS`` digits."""
+    unit = Decimal(1).scaleb(Decimal(value).adjusted() + 1 - DIGITS)
+    return float(Decimal(value).quantize(unit, ROUND_FLOOR))
+
+
+def asked(load: Load, stiffness: Any) -> Any:
+    """The force that a load means, N, at a stiffness, N/m; floats, arrays or casadi."""
+    return load.force if load.indentation is None else load.indentation * stiffness
+
+
+def check_load(scene: Scene) -> None:
+    """Raise ``InputError`` for a load of 0: without charges there is nothing to read."""
+    load = scene.load
+    key = "force" if load.indentation is None else "indentation"
+    if not getattr(load, key):
+        raise InputError(f"load.{key}", 0, f"a {key} above 0: at 0 the films give no charge to read")
+
+
+def pressing_force(scene: Scene, v: Any, radius: Any, totals: Any, nearing: float = 0.0) -> Any:
+    """Return the same force for many designs, or as an expression; closure is known as far as ``nearing`` tells it.
+
+    Args:
+        scene: whose tissue and load count.
+        v: the variables of designs, in the order of ``design_space.VARIABLES``.
+        radius: outer radii, m.
+        totals: force on the inner and on the outer film per unit indentation, N/m.
+        nearing: by how much the walls near each other per unit indentation, see ``CoarseModel.approach``; 0 where not known.
+    """
+    stiffness, deep = totals[0] + totals[1], 0.0 if scene.tissue.shape == "half-space" else DEEP / scene.tissue.depth
+    areas = (np.pi * v[0] ** 2, np.pi * v[0] ** 2 / v[1])
+    strain = _greater(1 / radius, deep)
+    for total, area, modulus in zip(totals, areas, (v[4], v[5]), strict=True):
+        strain = _greater(strain, v[3] * (total / area / modulus) ** 2 / RATIO_CHANGE)
+    force = _lesser(asked(scene.load, stiffness), largest_x(RATIO, promise=False)[0] / strain * stiffness)
+    return _lesser(force, CLOSING * stiffness * v[2] / nearing) if nearing > 0 else force
+
+
+def _lesser(a: Any, b: Any) -> Any:
+    """The lesser of two, floats, arrays or casadi."""
+    return a * (a <= b) + b * (b < a)
+
+
+def _greater(a: Any, b: Any) -> Any:
+    return a * (a >= b) + b * (b > a)
