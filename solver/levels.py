@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, cast
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal
+from geometry.common.limits import LimitReached, Limits, limited, timed
 from geometry.scenes.scene import Scene
+from geometry.scenes.surface_names import check_surface_names
 from solver.results.evaluator import Evaluator, Tell
 from solver.results.film_forces import checked_moduli
 from solver.results.kinds import unsupported
@@ -39,7 +41,9 @@ def evaluator(name: str, tell: Tell | None = None) -> Evaluator:
     return cast(Evaluator, import_module(f"solver.{name.replace('-', '_')}.level").level(tell))
 
 
-def evaluate(scene: Scene, name: str = AUTO, accuracy: float = 0.01, tell: Tell | None = None) -> Result:
+def evaluate(
+    scene: Scene, name: str = AUTO, accuracy: float = 0.01, tell: Tell | None = None, *, limits: Limits | None = None
+) -> Result:
     """Evaluate a scene.
 
     Args:
@@ -48,20 +52,28 @@ def evaluate(scene: Scene, name: str = AUTO, accuracy: float = 0.01, tell: Tell 
             of ``axisymmetric``, ``equivalent-inclusion`` and ``solid``; it refuses to answer worse than asked.
         accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
         tell: called with a line before each long piece of work.
+        limits: of memory and time, 2 GB and 120 s unless ``geometry.common.limits.limited`` says otherwise.
 
     Raises:
-        InputError: no such evaluator or accuracy.
+        InputError: no such evaluator or accuracy, or a surface file that is missing.
         Refusal: the scene is of a kind that the evaluator cannot take, or ``auto`` cannot reach the accuracy.
+        LimitReached: the answer would take more memory or time than is allowed.
     """
     check_accuracy(accuracy)
-    if name != AUTO:
-        return evaluator(name, tell).evaluate(scene, accuracy)
+    with limited(limits), timed():
+        check_surface_names(scene)
+        return _automatic(scene, accuracy, tell) if name == AUTO else evaluator(name, tell).evaluate(scene, accuracy)
+
+
+def _automatic(scene: Scene, accuracy: float, tell: Tell | None) -> Result:
     from solver.planning.plan import second_try  # what it takes to import is not the answer's cost
 
     start = perf_counter()
     planned = _planned(scene, accuracy)
     try:
         result = _level(planned.evaluator, tell).evaluate_within(planned.scene, planned.accuracy)
+    except LimitReached:
+        raise
     except Refusal:
         again = second_try(planned, scene, accuracy)
         if again is None:
@@ -86,7 +98,9 @@ def plan(scene: Scene, accuracy: float = 0.01, solid: bool = False) -> Plan:
     from solver.planning.plan import plan as run
 
     check_accuracy(accuracy)
-    return run(scene, accuracy, solid)
+    with timed():
+        check_surface_names(scene)
+        return run(scene, accuracy, solid)
 
 
 def _planned(scene: Scene, accuracy: float) -> Plan:
@@ -106,7 +120,9 @@ def _level(name: str | None, tell: Tell | None) -> Evaluator:
     return evaluator(name, tell)
 
 
-def curve(scene: Scene, moduli: Floats, accuracy: float = 0.01, tell: Tell | None = None) -> Curve:
+def curve(
+    scene: Scene, moduli: Floats, accuracy: float = 0.01, tell: Tell | None = None, *, limits: Limits | None = None
+) -> Curve:
     """Return ratio and log-sensitivity of a scene for every Young's modulus (Pa) of its target, by the level of ``auto``.
 
     Args:
@@ -114,16 +130,19 @@ def curve(scene: Scene, moduli: Floats, accuracy: float = 0.01, tell: Tell | Non
         moduli: shape (k,).
         accuracy: relative, on every ratio; above 0, below 1.
         tell: called with a line before each long piece of work.
+        limits: see ``evaluate``.
 
     Raises:
         InputError: no such accuracy or moduli; no target.
         Refusal: the scene is of a kind that no level built yet can take.
+        LimitReached: see ``evaluate``.
     """
     check_accuracy(accuracy)
     checked_moduli(scene, moduli)
     start = perf_counter()
-    planned = _planned(scene, accuracy)
-    result = _level(planned.curve_evaluator, tell).curve(planned.scene, moduli, planned.accuracy)
+    with limited(limits), timed():
+        planned = _planned(scene, accuracy)
+        result = _level(planned.curve_evaluator, tell).curve(planned.scene, moduli, planned.accuracy)
     return replace(planned.completed_curve(result), seconds=perf_counter() - start)
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from probe_design.cli.arguments import length
+from probe_design.cli.arguments import length, limiting
 from probe_design.cli.output import print_json
 
 
@@ -20,6 +20,7 @@ from probe_design.cli.output import print_json
 @click.option(
     "--evaluator", help="Who judges and polishes: axisymmetric or equivalent-inclusion.  [default: what the scene asks for]"
 )
+@limiting
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def optimize(
     scene: Path | None, output: Path, outer_radius: str | None, starts: int, evaluator: str | None, as_json: bool

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from probe_design.cli.arguments import number
+from probe_design.cli.arguments import limiting, number
 from probe_design.cli.output import present
 
 if TYPE_CHECKING:
@@ -26,6 +26,7 @@ USUAL_NOISE = "0.05"  # the paper's "about 5 %"
 @click.option("--readings", "file", type=click.Path(path_type=Path), help="In place of --ratio: a .toml or .csv file, see below.")
 @click.option("--unknown", default="youngs_modulus", show_default=True, help="youngs_modulus, diameter or depth of the target.")
 @click.option("--accuracy", help="Relative error that the model's ratio may have.  [default: 1/4 of --noise, at most 0.01]")
+@limiting
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def estimate(
     scene: Path, ratio: str | None, noise: str | None, stiffness: str | None, stiffness_noise: str | None, file: Path | None,

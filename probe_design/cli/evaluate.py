@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from probe_design.cli.arguments import modulus, number
+from probe_design.cli.arguments import limiting, modulus, number
 from probe_design.cli.output import check_picture, present
 
 EVALUATORS = "auto, published, closed-form, equivalent-inclusion, axisymmetric, solid"
@@ -19,6 +19,7 @@ EVALUATORS = "auto, published, closed-form, equivalent-inclusion, axisymmetric, 
 @click.option("--accuracy", default="0.01", show_default=True, help="Relative error that ratio, stresses and stiffness may have.")
 @click.option("--vtu", type=click.Path(path_type=Path), help="With solid: write mesh, displacements and stresses for ParaView.")
 @click.option("--plot", "picture", type=click.Path(path_type=Path), help="With solid: draw mesh and stresses to this .png file.")
+@limiting
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def evaluate(scene: Path, evaluator: str, accuracy: str, vtu: Path | None, picture: Path | None, as_json: bool) -> None:
     """Say what both films feel, and how well their ratio tells E_object.
@@ -58,6 +59,7 @@ def evaluate(scene: Path, evaluator: str, accuracy: str, vtu: Path | None, pictu
 )
 @click.option("--accuracy", default="0.01", show_default=True, help="Relative error that the ratio may have at every modulus.")
 @click.option("--plot", "picture", type=click.Path(path_type=Path), help="Draw the curve to this .png, .svg or .pdf file.")
+@limiting
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def curve(scene: Path, low: str, high: str, points: int, accuracy: str, picture: Path | None, as_json: bool) -> None:
     """Say how ratio and log-sensitivity depend on the inclusion's Young's modulus.

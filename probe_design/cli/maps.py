@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import click
 
-from probe_design.cli.arguments import length, number, position
+from probe_design.cli.arguments import length, limiting, number, position
 from probe_design.cli.output import check_picture, present
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -31,6 +31,7 @@ def picture_option(what: str) -> Callable[[F], F]:
 @click.option("--at", help="Where the line lies along the other axis.  [default: the scene's placement]")
 @click.option("--accuracy", default="0.01", show_default=True, help="Relative error that ratio, stresses and stiffness may have.")
 @picture_option("the scan above a section of the tissue")
+@limiting
 @JSON
 def scan(
     scene: Path, along: str, low: str, high: str, points: int, at: str | None, accuracy: str, picture: Path | None, as_json: bool
@@ -81,6 +82,7 @@ def scan(
 @click.option("--points", default=50, show_default=True, type=click.IntRange(2, 300), help="Depths, and as many diameters.")
 @click.option("--accuracy", help="Relative error that the ratio may have.  [default: --noise, between 0.0005 and 0.01]")
 @picture_option("both maps")
+@limiting
 @JSON
 def detectability(
     scene: Path, noise: str, seen: str, resolved: str, depth_from: str | None, depth_to: str | None, diameter_from: str | None,

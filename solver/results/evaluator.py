@@ -9,10 +9,11 @@ from typing import Any, Protocol
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal
+from geometry.common.limits import timed
 from geometry.scenes.scene import Scene
 from solver.results.film_forces import FilmForces, checked_moduli, outputs, ratio
 from solver.results.result import Curve, Decision, Result
-from solver.results.warnings import Note
+from solver.results.warnings import Note, of_kind
 
 Tell = Callable[[str], None]
 
@@ -111,28 +112,32 @@ class FilmLevel:
     def evaluate(self, scene: Scene, accuracy: float = 0.01) -> Result:
         """See ``Evaluator``."""
         start = perf_counter()
-        answer = self.answer(scene, accuracy)
+        with timed():
+            answer = self.answer(scene, accuracy)
         return answer.result(self.name, scene, perf_counter() - start)
 
     def evaluate_within(self, scene: Scene, accuracy: float) -> Result:
         """See ``Evaluator``."""
         start = perf_counter()
-        answer = self.answer(scene, accuracy)
-        check_reached(self.name, answer.films[0].error_under(scene), accuracy)
+        with timed():
+            answer = self.answer(scene, accuracy)
+        stopped = next(iter(of_kind(answer.notes, "limit")), "")
+        check_reached(self.name, answer.films[0].error_under(scene), accuracy, stopped)
         return answer.result(self.name, scene, perf_counter() - start)
 
     def curve(self, scene: Scene, moduli: Floats, accuracy: float = 0.01) -> Curve:
         """See ``Evaluator``."""
         start, moduli = perf_counter(), checked_moduli(scene, moduli)
-        answer = self.answer(scene, accuracy, moduli)
+        with timed():
+            answer = self.answer(scene, accuracy, moduli)
         return answer.curve(self.name, scene, moduli, perf_counter() - start)
 
 
-def check_reached(name: str, reached: float, accuracy: float) -> None:
-    """Raise ``Refusal`` where the largest bound on a level's errors is above the accuracy."""
+def check_reached(name: str, reached: float, accuracy: float, stopped: str = "") -> None:
+    """Raise ``Refusal`` where the largest bound on the errors is above the accuracy; ``stopped``: which limit forbade more."""
     if reached <= accuracy:
         return
     why = f"{reached:.2g} or more for this scene (--evaluator {name} answers with that error)"
     if reached >= 1:
         why = f"none for this scene: errors are no smaller than the values (--evaluator {name} tells which)"
-    raise Refusal("accuracy", accuracy, why)
+    raise Refusal("accuracy", accuracy, f"{why}; {stopped}" if stopped else why)
