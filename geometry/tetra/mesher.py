@@ -119,7 +119,7 @@ def _prepared(
 ) -> tuple[MeshSpace, Corners, tuple[Points, NDArray[np.int32]], tuple[Points, NDArray[np.int32], Points]]:
     """The mesher's space, the polygons that stand for circles, surfaces in that space, and the sizes wanted there."""
     space, turns = space_of(layout, fineness), corners(layout, fineness.corners)
-    points, triangles = _in_mesh_space(layout, space, surfaces(layout, turns, _ROWS, max(5, round(2.5 / fineness.sphere))))
+    points, triangles = _in_mesh_space(layout, space, surfaces(layout, turns, space, _ROWS, max(5, round(2.5 / fineness.sphere))))
     box = np.array([points.min(axis=0), points.max(axis=0)])
     margin = _MARGIN * float(np.linalg.norm(box[1] - box[0]))
     return space, turns, (points, triangles), background(layout, fineness, space, box + np.array([[-margin], [margin]]))
