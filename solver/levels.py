@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, cast
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal
 from geometry.common.limits import least
+from geometry.common.resources import LimitReached, Limits, limited, timed
 from geometry.scenes.scene import Scene
+from geometry.scenes.surface_names import check_surface_names
 from solver.linalg.workspace import Workspace, current, using
 from solver.results.evaluator import Evaluator, OutOfReach, Tell
 from solver.results.film_forces import checked_moduli
@@ -44,7 +46,15 @@ def evaluator(name: str, tell: Tell | None = None, workspace: Workspace | None =
         return cast(Evaluator, room.level(tell))
 
 
-def evaluate(scene: Scene, name: str = AUTO, accuracy: float = 0.01, tell: Tell | None = None, *, linear: bool = False) -> Result:
+def evaluate(
+    scene: Scene,
+    name: str = AUTO,
+    accuracy: float = 0.01,
+    tell: Tell | None = None,
+    *,
+    linear: bool = False,
+    limits: Limits | None = None,
+) -> Result:
     """Evaluate a scene.
 
     An evaluator that is named answers linearly: its ``error_estimate`` refers to linear elasticity, and beyond
@@ -57,25 +67,36 @@ def evaluate(scene: Scene, name: str = AUTO, accuracy: float = 0.01, tell: Tell 
         accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
         tell: called with a line before each long piece of work.
         linear: whether ``auto`` answers linearly at any load; ``error_estimate`` counts the effect, None where nothing is known.
+        limits: of memory and time, 2 GB and 120 s unless ``geometry.common.resources.limited`` says otherwise.
 
     Raises:
-        InputError: no such evaluator or accuracy.
+        InputError: no such evaluator or accuracy, or a surface file that is missing.
         Refusal: the scene is of a kind that the evaluator cannot take, or ``auto`` cannot reach the accuracy, or its load is
             beyond what linear elasticity allows.
+        LimitReached: the answer would take more memory or time than is allowed.
     """
     check_accuracy(accuracy)
-    if name != AUTO:
-        from solver.planning.load_check import with_warning
-
-        return with_warning(evaluator(name, tell).evaluate(scene, accuracy), scene, accuracy)
     start = perf_counter()
-    try:
-        return replace(_auto(scene, accuracy, linear, tell), seconds=perf_counter() - start)
-    except OutOfReach as fault:
-        raise Refusal("accuracy", accuracy, _reachable(fault, accuracy / fault.accuracy, tell)) from None
+    with limited(limits), timed():
+        check_surface_names(scene)
+        if name != AUTO:
+            return _named(scene, name, accuracy, tell)
+        try:
+            return replace(_automatic(scene, accuracy, linear, tell), seconds=perf_counter() - start)
+        except OutOfReach as fault:
+            if fault.stopped:
+                raise
+            raise Refusal("accuracy", accuracy, _reachable(fault, accuracy / fault.accuracy, tell)) from None
 
 
-def _auto(scene: Scene, accuracy: float, linear: bool, tell: Tell | None) -> Result:
+def _named(scene: Scene, name: str, accuracy: float, tell: Tell | None) -> Result:
+    """The linear answer of one level, with a warning where the load is beyond linear elasticity."""
+    from solver.planning.load_check import with_warning
+
+    return with_warning(evaluator(name, tell).evaluate(scene, accuracy), scene, accuracy)
+
+
+def _automatic(scene: Scene, accuracy: float, linear: bool, tell: Tell | None) -> Result:
     """The answer of the level that the plan names, or of ``solid`` where that one refuses."""
     from solver.planning.plan import second_try  # what it takes to import is not the answer's cost
 
@@ -84,6 +105,8 @@ def _auto(scene: Scene, accuracy: float, linear: bool, tell: Tell | None) -> Res
         planned.check_load(scene, accuracy)
     try:
         result = _level(planned.evaluator, tell).evaluate_within(planned.scene, planned.accuracy)
+    except LimitReached:
+        raise
     except Refusal:
         again = second_try(planned, scene, accuracy)
         if again is None:
@@ -106,10 +129,14 @@ def _reachable(fault: OutOfReach, share: float, tell: Tell | None) -> str:
         text = least(reached, 2)
         try:
             evaluator(fault.name, tell).evaluate_within(fault.scene, float(text) / share)
+        except LimitReached:
+            break
         except OutOfReach as again:
             reached = max(share * again.reached, 1.25 * float(text))
         else:
             return f"{text} or more for this scene (--evaluator {fault.name} answers with its own error)"
+    if reached < 1:
+        return f"more than {least(reached, 2)} for this scene (--evaluator {fault.name} answers with its own error)"
     return f"none for this scene: errors are no smaller than the values (--evaluator {fault.name} tells which)"
 
 
@@ -128,7 +155,9 @@ def plan(scene: Scene, accuracy: float = 0.01, solid: bool = False) -> Plan:
     from solver.planning.plan import plan as run
 
     check_accuracy(accuracy)
-    return run(scene, accuracy, solid)
+    with timed():
+        check_surface_names(scene)
+        return run(scene, accuracy, solid)
 
 
 def _planned(scene: Scene, accuracy: float) -> Plan:
@@ -148,7 +177,15 @@ def _level(name: str | None, tell: Tell | None) -> Evaluator:
     return evaluator(name, tell)
 
 
-def curve(scene: Scene, moduli: Floats, accuracy: float = 0.01, tell: Tell | None = None, *, linear: bool = False) -> Curve:
+def curve(
+    scene: Scene,
+    moduli: Floats,
+    accuracy: float = 0.01,
+    tell: Tell | None = None,
+    *,
+    linear: bool = False,
+    limits: Limits | None = None,
+) -> Curve:
     """Return ratio and log-sensitivity of a scene for every Young's modulus (Pa) of its target, by the level of ``auto``.
 
     Args:
@@ -157,18 +194,21 @@ def curve(scene: Scene, moduli: Floats, accuracy: float = 0.01, tell: Tell | Non
         accuracy: relative, on every ratio; above 0, below 1.
         tell: called with a line before each long piece of work.
         linear: see ``evaluate``.
+        limits: see ``evaluate``.
 
     Raises:
         InputError: no such accuracy or moduli; no target.
         Refusal: the scene is of a kind that no level built yet can take, or its load is beyond what linear elasticity allows.
+        LimitReached: see ``evaluate``.
     """
     check_accuracy(accuracy)
     checked_moduli(scene, moduli)
     start = perf_counter()
-    planned = _planned(scene, accuracy)
-    if not linear:
-        planned.check_load(scene, accuracy)
-    result = _level(planned.curve_evaluator, tell).curve(planned.scene, moduli, planned.accuracy)
+    with limited(limits), timed():
+        planned = _planned(scene, accuracy)
+        if not linear:
+            planned.check_load(scene, accuracy)
+        result = _level(planned.curve_evaluator, tell).curve(planned.scene, moduli, planned.accuracy)
     return replace(planned.completed_curve(result, scene, accuracy, linear), seconds=perf_counter() - start)
 
 

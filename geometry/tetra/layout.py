@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
 from geometry.common.errors import Refusal
@@ -104,6 +105,13 @@ class BodyLayout:
             return result
         rooms = np.where(ways > 0, np.array(self.sides) + centre, np.array(self.sides) - centre)
         return np.asarray((rooms / np.maximum(np.abs(ways), 1e-300)).min(axis=1))
+
+    def holds(self, points: Points) -> NDArray[np.bool_]:
+        """Which of points (n, 3) lie in tissue or blocks, gap and groove counted to these; of a half those with y >= 0."""
+        radius, z = np.hypot(points[:, 0], points[:, 1]), points[:, 2]
+        tissue = (z <= 0) & (z >= -self.depth) & (radius <= self.side_distance(np.arctan2(points[:, 1], points[:, 0])))
+        blocks = (z > 0) & (z <= max(self.inner_height, self.outer_height)) & (radius <= self.tube)
+        return np.asarray((tissue | blocks) & ((points[:, 1] >= 0) | (not self.half)))
 
     def corner_angles(self) -> Points:
         """Directions of a block's corners from the probe's axis, from 0 to 2 pi."""

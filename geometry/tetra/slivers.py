@@ -18,9 +18,9 @@ _ROUNDS = 3
 def remove_slivers(
     surfaces: list[Surface], points: Points, tetrahedra: Indices, *, body: Indices, faces: Indices, chosen: Indices
 ) -> tuple[Indices, Indices, Indices]:
-    """Bodies (t,), interface faces (f, 3) and their surfaces (f,) once flat tetrahedra with two faces outside are outside.
+    """Bodies (t,), interface faces (f, 3) and their surfaces (f,) once flat tetrahedra with two or three outer faces are outside.
 
-    Only such whose four corners are on one surface: that surface then goes along their other two faces.
+    Only such whose four corners are on one surface: that surface then goes along their other faces.
     """
     for _ in range(_ROUNDS):
         member = memberships(len(points), faces, chosen, len(surfaces))
@@ -28,7 +28,7 @@ def remove_slivers(
         rows = np.flatnonzero((body >= 0) & np.logical_or.reduce(shared, axis=1))
         exact = snap(surfaces, points, member)
         flat = rows[mean_ratios(exact, tetrahedra[rows]) < _FLAT]
-        slivers = flat[_faces_outside(tetrahedra, body, flat) == 2]
+        slivers = flat[_faces_outside(tetrahedra, body, flat) >= 2]
         if len(slivers) == 0:
             break
         body = body.copy()

@@ -1,13 +1,14 @@
 """Inclusions from STL and STEP files: read, checked, and asked how far points are from them.
 
 A file's own coordinates are relative to the inclusion's centre (x, y, -depth) in the scene's axes. An STL file is in
-millimetres; a STEP file says its unit, and cadquery turns it into millimetres. pyvista is imported here alone.
+millimetres; a STEP file says its unit, and cadquery turns it into millimetres. Files are read in a process of their own.
 """
 
 from __future__ import annotations
 
+import tempfile
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +17,13 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from geometry.common.arrays import Points
+from geometry.common.child_process import Failure, run_program
 from geometry.common.errors import InputError, Words
+from geometry.common.resources import limits, seconds_left
+from geometry.scenes.surface_names import check_name
 
-_DEFLECTION = 0.002  # of a STEP surface's diagonal: how far its triangles may lie from it
+_PROGRAM = Path(__file__).with_name("surface_program.py")
+_PATIENCE = 60.0  # s for reading a file: sound ones take one or two
 _INSIDE = 0.5  # winding number from which a point counts as inside
 _CHUNK = 2_000_000
 _SAMPLES = 10_000
@@ -126,21 +131,33 @@ def read_surface(name: str, key: str, centre: Points) -> Sheet:
     Raises:
         InputError: the file cannot be read, holds no triangles, or does not say what is inside.
     """
-    path = Path(name)
-    readers = {".stl": _read_stl, ".step": _read_step, ".stp": _read_step}
-    if path.suffix.lower() not in readers:
-        raise InputError(key, name, "a file whose name ends in .stl, .step or .stp")
-    if not path.is_file():
-        raise InputError(key, name, "an STL or STEP file that exists")
+    check_name(name, key)
     try:
-        points, triangles = readers[path.suffix.lower()](path)
-    except Exception as fault:  # readers raise what they like
-        raise InputError(key, name, f"an STL or STEP file that can be read ({type(fault).__name__}: {fault})") from None
+        points, triangles = _triangles(Path(name).suffix.lower(), Path(name).read_bytes())
+    except (Failure, OSError) as fault:
+        raise InputError(key, name, f"an STL or STEP file that can be read ({fault})") from None
     if len(triangles) < 4 or not np.isfinite(points).all():
         raise InputError(key, Words(f"{name}, with {len(triangles)} triangles"), "a closed surface of finite triangles")
     sheet = Sheet(points * 1e-3 + centre, triangles, centre)
     _check_closed(sheet, name, key)
     return sheet
+
+
+@lru_cache(maxsize=8)
+def _triangles(suffix: str, content: bytes) -> tuple[Points, NDArray[np.int64]]:
+    """Points, mm, and triangles of a file's content, read in a process of its own; those asked for last are kept.
+
+    Raises:
+        Failure: it cannot be read.
+    """
+    with tempfile.TemporaryDirectory(prefix="surface-", ignore_cleanup_errors=True) as folder:
+        path = Path(folder, f"surface{suffix}")
+        path.write_bytes(content)
+        arguments = {"name": np.array(str(path)), "suffix": np.array(suffix)}
+        mesh = run_program(_PROGRAM, arguments, min(_PATIENCE, seconds_left()), limits().memory)
+    mesh["points"].setflags(write=False)
+    mesh["triangles"].setflags(write=False)
+    return mesh["points"], mesh["triangles"]
 
 
 def _check_closed(sheet: Sheet, name: str, key: str) -> None:
@@ -159,23 +176,3 @@ def _pyvista() -> Any:
     import pyvista
 
     return pyvista
-
-
-def _read_stl(path: Path) -> tuple[Points, NDArray[np.int64]]:
-    return _merged(_pyvista().read(str(path)).triangulate())
-
-
-def _merged(poly: Any) -> tuple[Points, NDArray[np.int64]]:
-    """Points and triangles, points that coincide taken together: both formats give each face its own."""
-    poly = poly.clean(tolerance=1e-7)
-    return np.asarray(poly.points, dtype=float), np.asarray(poly.regular_faces, dtype=np.int64)
-
-
-def _read_step(path: Path) -> tuple[Points, NDArray[np.int64]]:
-    from geometry.cad.solids import cadquery
-
-    shape = cadquery().importers.importStep(str(path)).val()
-    diagonal = shape.BoundingBox().DiagonalLength
-    vertices, triangles = shape.tessellate(_DEFLECTION * diagonal, 0.2)
-    points = np.array([vertex.toTuple() for vertex in vertices], dtype=float)
-    return _merged(_pyvista().PolyData.from_regular_faces(points, np.array(triangles, dtype=np.int64)))

@@ -16,10 +16,13 @@ from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
 from geometry.tetra.layout import BodyLayout, Ellipsoid
+from geometry.tetra.stretched_space import MeshSpace
 from geometry.tetra.surface_files import Sheet
 
 Triangles = NDArray[np.int64]
 Soup = tuple[Points, Triangles]
+_BESIDE = 0.01  # of the mesher's near distance
+_HALVINGS = 6
 _OCTAHEDRON = ((0, 2, 4), (2, 1, 4), (1, 3, 4), (3, 0, 4), (2, 0, 5), (1, 2, 5), (3, 1, 5), (0, 3, 5))
 
 
@@ -62,9 +65,12 @@ def corners(layout: BodyLayout, count: int) -> Corners:
     return Corners(hole, tube, side, hole_radius, (-first, steps))
 
 
-def surfaces(layout: BodyLayout, turns: Corners, rows: int, sphere: int) -> Soup:
-    """All surfaces but the plane of symmetry; ``rows`` of quadrilaterals down the tissue's side, ``sphere`` to a right angle."""
-    soups = [*_blocks(layout, turns), *_tissue(layout, turns, rows)]
+def surfaces(layout: BodyLayout, turns: Corners, space: MeshSpace, rows: int, sphere: int) -> Soup:
+    """All surfaces but the plane of symmetry; ``rows`` of quadrilaterals down the tissue's side, ``sphere`` to a right angle.
+
+    Far planes are bent in the mesher's space: there they have as many triangles as follow them.
+    """
+    soups = [*_blocks(layout, turns), followed(join(_tissue(layout, turns, rows)), space)]
     for body in layout.inclusions:
         soups.append((body.points, body.triangles) if isinstance(body, Sheet) else ellipsoid(body, sphere, layout.half))
     return join(soups)
@@ -80,6 +86,55 @@ def join(soups: Sequence[Soup]) -> Soup:
     triangles = number.reshape(-1)[triangles]
     whole = (triangles[:, 0] != triangles[:, 1]) & (triangles[:, 1] != triangles[:, 2]) & (triangles[:, 0] != triangles[:, 2])
     return points[index], triangles[whole]
+
+
+def followed(soup: Soup, space: MeshSpace) -> Soup:
+    """Triangles halved along edges until none lies further beside its own image in the mesher's space than ``_BESIDE``.
+
+    Tetrahedra between a triangle and its image would be taken for tissue outside, or for air inside.
+    """
+    points, triangles = soup
+    for _ in range(_HALVINGS):
+        edges, number = _edges(triangles)
+        ends = points[edges]
+        middles = ends.mean(axis=1)
+        images = space.to_mesh(points)
+        a, b, c = (images[triangles[:, k]] for k in range(3))
+        normal = np.cross(b - a, c - a)
+        normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
+        beside = (space.to_mesh(middles) - images[edges].mean(axis=1))[number]
+        bent = np.abs(np.einsum("tkj,tj->tk", beside, normal)) > _BESIDE * space.near
+        split = np.zeros(len(edges), dtype=bool)
+        split[number[bent]] = True
+        if not split.any():
+            break
+        new = np.where(split, len(points) + np.cumsum(split) - 1, -1)
+        points, triangles = np.vstack([points, middles[split]]), _halved(triangles, new[number])
+    return points, triangles
+
+
+def _edges(triangles: Triangles) -> tuple[Triangles, Triangles]:
+    """The edges (e, 2), each once, and of each triangle the numbers of those from its first, second and third corner (t, 3)."""
+    every = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2)
+    edges, number = np.unique(every.reshape(-1, 2), axis=0, return_inverse=True)
+    return edges, number.reshape(-1, 3)
+
+
+def _halved(triangles: Triangles, middles: Triangles) -> Triangles:
+    """Triangles cut along the middles (t, 3) of their edges, -1 where an edge is whole."""
+    parts: list[tuple[int, ...]] = []
+    for corners, cuts in zip(triangles.tolist(), middles.tolist(), strict=True):
+        first = next((k for k in range(3) if cuts[k] >= 0 and cuts[k - 1] < 0), 0)  # turned so that cut edges come first
+        (a, b, c), (ab, bc, ca) = (one[first:] + one[:first] for one in (corners, cuts))
+        if ca >= 0:
+            parts += [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+        elif bc >= 0:
+            parts += [(ab, b, bc), (a, ab, bc), (a, bc, c)]
+        elif ab >= 0:
+            parts += [(a, ab, c), (ab, b, c)]
+        else:
+            parts.append((a, b, c))
+    return np.array(parts, dtype=np.int64)
 
 
 def ring(radius: float | Points, angles: Points, height: float) -> Points:

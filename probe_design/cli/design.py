@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from probe_design.cli.arguments import length, noise_of, noise_option
+from probe_design.cli.arguments import length, limiting, noise_of, noise_option
 from probe_design.cli.output import print_json
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ FORCE = click.option("--force", is_flag=True, help="Replace parts of another des
 )
 @noise_option
 @FORCE
+@limiting
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def optimize(
     scene: Path | None, output: Path, outer_radius: str | None, starts: int, evaluator: str | None, noise: str | None,

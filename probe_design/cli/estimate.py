@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from probe_design.cli.arguments import linear_option, noise_option, number
+from probe_design.cli.arguments import limiting, linear_option, noise_option, number
 from probe_design.cli.output import present
 from probe_design.data.noise import NOISE
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 @click.option("--unknown", default="youngs_modulus", show_default=True, help="youngs_modulus, diameter or depth of the target.")
 @click.option("--accuracy", help="Relative error that the model's ratio may have.  [default: 1/4 of --noise, at most 0.01]")
 @linear_option
+@limiting
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def estimate(
     scene: Path, ratio: str | None, noise: str | None, stiffness: str | None, stiffness_noise: str | None, file: Path | None,

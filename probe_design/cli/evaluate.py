@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from probe_design.cli.arguments import linear_option, modulus, number
+from probe_design.cli.arguments import limiting, linear_option, modulus, number
 from probe_design.cli.output import check_picture, present
 
 EVALUATORS = "auto, published, closed-form, equivalent-inclusion, axisymmetric, solid"
@@ -20,6 +20,7 @@ EVALUATORS = "auto, published, closed-form, equivalent-inclusion, axisymmetric, 
 @linear_option
 @click.option("--vtu", type=click.Path(path_type=Path), help="With solid: write mesh, displacements and stresses for ParaView.")
 @click.option("--plot", "picture", type=click.Path(path_type=Path), help="With solid: draw mesh and stresses to this .png file.")
+@limiting
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def evaluate(
     scene: Path, evaluator: str, accuracy: str, linear: bool, vtu: Path | None, picture: Path | None, as_json: bool
@@ -65,6 +66,7 @@ def evaluate(
 @click.option("--accuracy", default="0.01", show_default=True, help="Relative error that the ratio may have at every modulus.")
 @linear_option
 @click.option("--plot", "picture", type=click.Path(path_type=Path), help="Draw the curve to this .png, .svg or .pdf file.")
+@limiting
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def curve(
     scene: Path, low: str, high: str, points: int, accuracy: str, linear: bool, picture: Path | None, as_json: bool

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import click
 
-from probe_design.cli.arguments import length, linear_option, noise_of, noise_option, number, position
+from probe_design.cli.arguments import length, limiting, linear_option, noise_of, noise_option, number, position
 from probe_design.cli.output import check_picture, present
 from probe_design.data.noise import RESOLVED
 
@@ -33,6 +33,7 @@ def picture_option(what: str) -> Callable[[F], F]:
 @click.option("--accuracy", default="0.01", show_default=True, help="Relative error that ratio, stresses and stiffness may have.")
 @linear_option
 @picture_option("the scan above a section of the tissue")
+@limiting
 @JSON
 def scan(
     scene: Path, along: str, low: str, high: str, points: int, at: str | None, accuracy: str, linear: bool, picture: Path | None,
@@ -85,6 +86,7 @@ def scan(
 @click.option("--accuracy", help="Relative error that the ratio may have.  [default: --noise, between 0.0005 and 0.01]")
 @linear_option
 @picture_option("both maps")
+@limiting
 @JSON
 def detectability(
     scene: Path, noise: str | None, seen: str, resolved: str, depth_from: str | None, depth_to: str | None,

@@ -39,7 +39,15 @@ def sweep(
         checked = replace(checked, time_limit=checked_time(time_limit))
     check_writable(output)
     with shown() as progress:
-        swept = run(checked, output, scheduler=scheduler, workers=workers, progress=progress, retry_failed=retry_failed)
+        swept = run(
+            checked,
+            output,
+            scheduler=scheduler,
+            workers=workers,
+            progress=progress,
+            retry_failed=retry_failed,
+            notice=message,
+        )
     files = _files(output)
     if as_json:
         print_json(swept.as_dict() | {"files": [str(file) for file in files]})

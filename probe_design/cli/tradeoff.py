@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from probe_design.cli.arguments import linear_option
+from probe_design.cli.arguments import limiting, linear_option
 from probe_design.cli.output import print_json
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 @click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder for table, plot and JSON file.")
 @click.option("--solid", is_flag=True, help="Ask the three-dimensional level too: minutes for each scene.")
 @linear_option
+@limiting
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def tradeoff(scenes: tuple[Path, ...], output: Path, solid: bool, linear: bool, as_json: bool) -> None:
     """Say what accuracy costs on your scenes: every evaluator and setting, timed, stated error against true one.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import time
 from collections.abc import Callable
@@ -19,6 +18,8 @@ PATIENCE = 600.0  # seconds to wait for a scheduler that is gone
 CONNECT = 5.0  # seconds to try
 POLL = 0.05
 FETCH = 5.0  # seconds for rows to come from the worker that has them; it may stand still
+ASK = 2.0  # seconds that the scheduler has to say how many workers there are
+SILENT = 60.0  # seconds without an answer of the scheduler after which that is told, and told again
 AHEAD = 2  # batches for each worker, so that none waits for the next
 FAULTS = 4  # of Dask's workers with one batch that are no death, as of those without this program, before the sweep ends
 SLOW, LEAST = 5.0, 5.0  # a batch that takes that many times the usual, and seconds, is given to another worker too at the end
@@ -58,6 +59,7 @@ class DaskCrew:
         self._out: list[_Out] = []
         self._usual: float | None = None
         self._counted, self._workers = -1.0, 1
+        self._heard, self._told = time.monotonic(), 0
         try:
             self._check_address()
             self._client: Any = self._connected()
@@ -69,10 +71,22 @@ class DaskCrew:
     def size(self) -> int:
         """Return how many batches the cluster can work on now; workers come and go."""
         if time.monotonic() - self._counted > 1.0:
+            try:
+                threads = self._client.sync(self._client.scheduler.ncores, workers=None, callback_timeout=ASK)
+            except (OSError, RuntimeError, ValueError, TimeoutError):
+                self._unheard()
+            else:
+                self._workers = max(1, sum(threads.values()))
+                self._heard, self._told = time.monotonic(), 0
             self._counted = time.monotonic()
-            with contextlib.suppress(OSError, RuntimeError, ValueError, TimeoutError):
-                self._workers = max(1, sum(self._client.nthreads().values()))
         return self._workers
+
+    def _unheard(self) -> None:
+        """Say that the scheduler stands still, once a minute: it may go on, or somebody has to see to it."""
+        silent = time.monotonic() - self._heard
+        if silent >= (self._told + 1) * SILENT:
+            self._told = int(silent // SILENT)
+            self._log(f"the Dask scheduler {self._address} has not answered for {silent:.0f} s; start it again, or wait")
 
     def free(self) -> int:
         """Return how many more batches the cluster may be given."""
@@ -90,6 +104,7 @@ class DaskCrew:
         while True:
             if self._client.status != "running":
                 self._again()
+            self.size()  # one that stands still is told of
             finished = [answer for out in list(self._out) if (answer := self._answer(out)) is not None]
             if finished or time.monotonic() >= until:
                 return finished
@@ -186,6 +201,7 @@ class DaskCrew:
                     raise CrewError(reason) from None
                 time.sleep(1.0)
         self._log("a Dask scheduler is there again")
+        self._heard, self._told = time.monotonic(), 0
         for out in self._out:
             out.futures, out.since = [], time.monotonic()
             self._submit(out)

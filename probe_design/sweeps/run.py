@@ -78,6 +78,7 @@ def sweep(
     workers: int | None = None,
     progress: Tell | None = None,
     retry_failed: bool = False,
+    notice: Log | None = None,
 ) -> Swept:
     """Answer every design of a sweep that has no row in ``output`` yet.
 
@@ -88,6 +89,7 @@ def sweep(
         workers: how many processes; one for each processor without.
         progress: called with the state after each batch.
         retry_failed: whether designs whose row is ``failed`` are answered anew; what becomes of them takes the row's place.
+        notice: called with a line of what the sweep waits for, such as a Dask scheduler that stands still.
 
     Raises:
         InputError: the sweep is not allowed, or another process is writing to the folder.
@@ -112,11 +114,20 @@ def sweep(
         if tasks:
             limit = checked.time_limit
             processes = min(workers or _processors(), len(tasks))
-            with _crew(job, scheduler, processes, limit=limit, folder=folder, log=log) as crew:
+            say = log if notice is None else _both(log, notice)
+            with _crew(job, scheduler, processes, limit=limit, folder=folder, log=say) as crew:
                 _Run(store, crew, tell, log, total=total, limit=limit).answer(tasks)
         counts = store.counts()
         log(f"ends: {counts}")
     return Swept(folder, total, left_out, **counts, answered=len(tasks), seconds=monotonic() - start)
+
+
+def _both(log: Log, notice: Log) -> Log:
+    def say(text: str) -> None:
+        log(text)
+        notice(text)
+
+    return say
 
 
 class _Run:

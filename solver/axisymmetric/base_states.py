@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import SolveError
+from geometry.common.resources import check_memory, check_time
 from geometry.meridian.frame import Kind, MeridianFineness
 from geometry.meridian.frame import kind as kind_of
 from geometry.meridian.mesh import Topology, nodes, topology
@@ -27,7 +27,7 @@ from solver.axisymmetric.shape_functions import Shapes, shapes
 from solver.linalg.workspace import current, kept
 
 Materials = Mapping[Body, Material]
-LARGEST = 1e9  # bytes of all element matrices; the whole takes about four times as much
+WHOLE = 2.6  # times the bytes of all element matrices: what a process holds at most
 _mesh = kept(topology)
 
 
@@ -103,14 +103,15 @@ def model(
     """Integrate, condense and factorise.
 
     Raises:
-        SolveError: the mesh has a cell without area, or too many cells.
+        SolveError: the mesh has a cell without area.
+        LimitReached: it has too many cells for the limit of memory, or the time is over.
     """
     mesh = _mesh(kind or kind_of(section), fineness)
     functions = shapes(fineness.order)
     size = 16 * len(mesh.body) * (2 * len(functions.degrees)) ** 2
-    if size > LARGEST:
-        raise SolveError(f"its element matrices need {size / 1e9:.1f} GB, allowed {LARGEST / 1e9:g} GB")
-    current().make_room(4 * size)
+    check_memory("a finer mesh", WHOLE * size)
+    check_time("solving")
+    current().make_room(WHOLE * size)
     at = geometry(nodes(section, mesh, functions.places), functions)
     two_mu, lam = _moduli(mesh, materials)
     n, s = len(mesh.body), len(functions.degrees)

@@ -45,6 +45,7 @@ def converged_forces(scene: Scene, accuracy: float, moduli: Floats | None = None
 
     Raises:
         SolveError: the scene's equations cannot be solved in double precision.
+        LimitReached: not even two meshes are within the limits of memory and time.
     """
     current().begin()
     plain = sections(scene)
@@ -98,6 +99,8 @@ def _notes(
             yield Note("left_out", f"left out: {change.feature}, {size}, counted in error_estimate")
     reached = max(one.error_under(scene) for one in films)
     if reached > accuracy:
+        if isinstance(why, Note):
+            yield why
         obstacle = f"; no finer mesh helped: {why}" if why else ": what stands in the way is listed"
         yield Note("accuracy", above(reached, accuracy) + obstacle)
     worst = max((one.sensitivity_error / max(abs(one.log_sensitivity or 0.0), 2e-6 / accuracy) for one in films), default=0.0)

@@ -10,8 +10,10 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
+from geometry.common.resources import LimitReached
 from geometry.meridian.frame import MeridianFineness
 from solver.axisymmetric.sample import MeshSample
+from solver.results.warnings import Note
 
 # order, layers at corners and at last the number of cells rise together: errors fall by 3 to 10 from one to the next
 LEVELS = (
@@ -43,10 +45,11 @@ def refine(
 ) -> tuple[MeshSample, SampleErrors, str | None]:
     """Return the first sample that is good enough with its errors, or that of the finest mesh that could be solved.
 
-    The last of the three says why a finer mesh was not used, if one was wanted.
+    The last of the three says why a finer mesh was not used, if one was wanted: a note where a limit forbade it.
 
     Raises:
         SolveError: not even two meshes could be solved.
+        LimitReached: not even two meshes are within the limits.
     """
     levels = LEVELS[sum(accuracy < limit for limit in COARSE_ENOUGH) :]
     history: list[MeshSample] = []
@@ -54,10 +57,10 @@ def refine(
     for level in levels:
         try:
             history.append(solve(level))
-        except SolveError as fault:
+        except (SolveError, LimitReached) as fault:
             if best is None:
                 raise
-            return *best, str(fault)
+            return *best, Note("limit", str(fault)) if isinstance(fault, LimitReached) else str(fault)
         if len(history) > 1:
             latest = history[-1], errors(history)
             if best is None or _worst(*latest) < _worst(*best):  # rounding may grow from mesh to mesh: the best is kept

@@ -1,6 +1,6 @@
 """Solves for the stiffness of tetrahedra: a sparse factor of this matrix, or of one near it, and conjugate gradients on top.
 
-rslab (MIT, wheels for Linux, macOS and Windows) factorises as fast as PARDISO on one thread; where it is missing,
+rslab (MIT, wheels for Linux, macOS and Windows) factorises as fast as PARDISO on one thread; where it is missing, or panics,
 ``cholesky.py`` does it. A factor in single precision takes half the memory: conjugate gradients give the digits back, unless
 slivers, near incompressibility and contrast come together.
 """
@@ -9,20 +9,25 @@ from __future__ import annotations
 
 from functools import cache
 from importlib import import_module
+from threading import TIMEOUT_MAX, Timer
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import SolveError
-from solver.linalg.cholesky import Factor, factorise
+from geometry.common.errors import SolveError, Words
+from geometry.common.resources import LimitReached, check_memory, check_time, seconds_left
+from solver.linalg.cholesky import Factor, factorise, loaded
 
 TARGET_RESIDUAL = 1e-9  # relative residual
 LARGEST_RESIDUAL = 1e-8
 ROUNDING = 1e-14  # of |K| |v|: what no solver can avoid
 MOST_STEPS = 300
 STUCK = 60  # steps without a residual of half the best
+ASSEMBLED = 5e3  # bytes of an unknown: bodies' matrices, a scene's, its reference's
+SPEED = 4e10  # operations a second of a factorisation in single precision on two cores; in double it is half
+PANIC = "pyo3_runtime"  # the module of what Rust's panics become
 
 
 class Stiffness:
@@ -48,26 +53,74 @@ class Stiffness:
 
         Raises:
             SolveError: the matrix is singular.
+            LimitReached: the factors would take more memory than is allowed, or take too long.
         """
         library = _rslab()
-        if library is None:
-            full = self.lower + sp.tril(self.lower, -1).T
-            return factorise(sp.csc_array(full), None)
-        try:
-            return _Ldlt(library.ldlt(self.lower.astype(np.float32) if single else self.lower), single)
-        except RuntimeError as error:
-            raise SolveError(f"the stiffness could not be factorised: {error}") from error
+        if library is not None:
+            try:
+                return _Ldlt.of(library, self.lower.astype(np.float32) if single else self.lower)
+            except BaseException as fault:  # a panic in Rust is no Exception
+                if type(fault).__module__ != PANIC:
+                    raise
+        check_memory(f"factors of {self.lower.shape[0]} unknowns", held_bytes(self.lower.shape[0], self._other_bytes))
+        return factorise(sp.csc_array(self.lower + sp.tril(self.lower, -1).T), None)
+
+    @property
+    def _other_bytes(self) -> float:
+        """About what a factor of the other libraries takes, in double precision and, of SuperLU, with both triangles."""
+        n = float(self.lower.shape[0])
+        return float(300.0 * n ** (4 / 3) if loaded() else 12 * 8.0 * n**1.5)
 
 
 class _Ldlt:
+    """A factor by rslab, in the matrix's precision."""
+
     def __init__(self, handle: Any, single: bool) -> None:
         self.handle, self.single = handle, single
+
+    @classmethod
+    def of(cls, library: Any, lower: sp.csc_array) -> _Ldlt:
+        n, symbolic = lower.shape[0], library.analyze(lower, path="ldlt")
+        plan = symbolic.memory_plan(dtype=lower.dtype.name, nrhs=3)["peak_bytes"]
+        check_memory(f"factors of {n} unknowns", held_bytes(n, plan))
+        single, flops = lower.dtype == np.float32, symbolic.estimate_memory(lower.dtype.name)["factor_flops"]
+        check_time(f"factorising {n} unknowns", flops / SPEED * (1 if single else 2))
+        _reserve(plan)
+        stop = library.Interrupt()
+        watch = Timer(min(seconds_left(), TIMEOUT_MAX), stop.cancel)
+        watch.daemon = True
+        watch.start()
+        try:
+            return cls(symbolic.factor(lower, interrupt=stop), single)
+        except RuntimeError as error:
+            if stop.is_set:
+                check_time(f"factorising {n} unknowns")
+            raise SolveError(f"the stiffness could not be factorised: {error}") from error
+        finally:
+            watch.cancel()
 
     def solve(self, forces: Floats) -> Floats:
         if not self.single:
             return np.asarray(self.handle.solve_many(np.ascontiguousarray(forces)))
         scale = np.maximum(np.abs(forces).max(axis=0), np.finfo(float).tiny)
         return np.asarray(self.handle.solve_many((forces / scale).astype(np.float32)).astype(float) * scale)
+
+
+def held_bytes(unknowns: float, factor: float) -> float:
+    """Return what is held at most where unknowns are assembled and factorised, the factor's bytes known."""
+    return ASSEMBLED * unknowns + factor
+
+
+def _reserve(size: int) -> None:
+    """Ask the system for so many bytes and give them back: a library in Rust that is given too few ends the process.
+
+    Raises:
+        LimitReached: there are none.
+    """
+    try:
+        np.empty(size, dtype=np.uint8)
+    except MemoryError:
+        raise LimitReached("memory", Words(f"{size / 1e9:.2g} GB wanted"), "what the system gives this process, less") from None
 
 
 @cache
@@ -83,12 +136,14 @@ def solve(matrix: Stiffness, forces: Floats, near: Factor, start: Floats | None 
 
     Raises:
         SolveError: what is left of the forces is too large for the solution to be trusted.
+        LimitReached: the time is over.
     """
     v = np.zeros_like(forces) if start is None else start.copy()
     remainder, size = forces - matrix @ v, np.maximum(np.linalg.norm(forces, axis=0), np.finfo(float).tiny)
     direction, product = np.zeros_like(remainder), np.zeros(remainder.shape[1])
     was, best, best_v, since = remainder, np.inf, v, 0
     for _ in range(MOST_STEPS):
+        check_time("solving")
         now = float(np.max(np.linalg.norm(remainder, axis=0) / size))
         since = 0 if now < best / 2 else since + 1
         if now < best:

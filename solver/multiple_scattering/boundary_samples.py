@@ -9,8 +9,10 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from geometry.common.arrays import Floats
+from geometry.common.resources import check_memory, check_time
 from solver.inclusions.mode_sums import Sampler, Table
 from solver.inclusions.vector_modes import EVERY, Modes, stack
+from solver.linalg.workspace import size
 from solver.multiple_scattering.panels import Panels
 
 STRESS = ((3, 8, 7), (8, 4, 6), (7, 6, 5))  # components of ``solver.inclusions.vector_modes.stack`` that are stresses xx .. zz
@@ -144,8 +146,11 @@ class ModeSamples:
         groups = [(*kind, [piece]) for kind, piece in zip(kinds, pieces, strict=True)]
         if self.rounds.count == 1:
             groups = [(EVERY, False, pieces)]
-        samplers = []
-        for one in self.sources:
+        samplers: list[list[tuple[Sampler, list[_Piece]]]] = []
+        for k, one in enumerate(self.sources):
+            check_time("reflections")
+            if k == 1:
+                check_memory(f"reflections of {len(self.sources)} tumours", size(samplers) * len(self.sources))
             table = Table(one.modes.harmonics, "outgoing", (points - one.centre) / one.radius)
             samplers.append([self._sampler(one.modes, table, *group) for group in groups])
         return samplers

@@ -16,6 +16,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from geometry.common.arrays import Floats
+from geometry.common.resources import check_time
 from geometry.meridian.section import Body
 from solver.axisymmetric.base_states import BaseStates
 from solver.axisymmetric.dofs import Interface
@@ -134,6 +135,7 @@ class Exchange:
         data = self.samples.amplitudes(scattered)
         answers, k, quiet = np.empty_like(data), scattered[0].shape[1], 0
         for m in range(min(most, len(data))):
+            check_time("reflections")
             answers[m] = self.reflector.response(m).to(data[m], self.often)
             exchanged = (data[m].reshape(-1, k)).T @ answers[m].reshape(-1, k)
             quiet = quiet + 1 if np.abs(exchanged).max() < enough else 0

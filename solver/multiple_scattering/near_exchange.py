@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from geometry.common.arrays import Floats, Ints
+from geometry.common.resources import check_time
 from geometry.meridian.section import Body
 from solver.axisymmetric.dofs import Interface
 from solver.axisymmetric.quadrilateral import dilations
@@ -63,6 +64,7 @@ class CloseExchange:
         samples, quiet = self._samples(scattered), 0
         total = [np.zeros_like(c) for c in scattered]
         for m in range(min(most, self.rounds.orders)):
+            check_time("reflections")
             data = BoundaryAmplitudes(
                 *(self._amplitudes(values, m, edges) for values, edges in zip(samples, self._edges, strict=True))
             )

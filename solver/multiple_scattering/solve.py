@@ -23,6 +23,7 @@ from functools import lru_cache
 import numpy as np
 
 from geometry.common.arrays import Floats
+from geometry.common.resources import check_time
 from geometry.meridian.section import Section
 from geometry.scenes.probe import Material
 from solver.axisymmetric.refinement import total_change
@@ -216,6 +217,7 @@ def _neighbours(spheres: Sequence[ScatteringSphere], outgoing: Sequence[Floats])
     """What the other spheres send to each, as regular coefficients."""
     total = [np.zeros_like(c) for c in outgoing]
     for k, here in enumerate(spheres):
+        check_time("reflections")
         for other, c in zip(spheres, outgoing, strict=True):
             if other is not here:
                 local = (here.points - other.centre) / other.radius

@@ -10,11 +10,12 @@ from typing import Any, Protocol
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal
 from geometry.common.limits import least
+from geometry.common.resources import timed
 from geometry.scenes.scene import Scene
 from solver.linalg.workspace import Workspace, current, in_own_workspace
 from solver.results.film_forces import FilmForces, checked_moduli, outputs, ratio
 from solver.results.result import Curve, Decision, Result
-from solver.results.warnings import Note
+from solver.results.warnings import Note, of_kind
 
 Tell = Callable[[str], None]
 
@@ -121,24 +122,27 @@ class FilmLevel:
     def evaluate(self, scene: Scene, accuracy: float = 0.01) -> Result:
         """See ``Evaluator``."""
         start = perf_counter()
-        answer = self.answer(scene, accuracy)
+        with timed():
+            answer = self.answer(scene, accuracy)
         return answer.result(self.name, scene, perf_counter() - start)
 
     @in_own_workspace
     def evaluate_within(self, scene: Scene, accuracy: float) -> Result:
         """See ``Evaluator``."""
         start = perf_counter()
-        answer = self.answer(scene, accuracy)
+        with timed():
+            answer = self.answer(scene, accuracy)
         reached = answer.films[0].error_under(scene)
         if reached > accuracy:
-            raise OutOfReach(self.name, scene, accuracy, reached)
+            raise OutOfReach(self.name, scene, accuracy, reached, next(iter(of_kind(answer.notes, "limit")), ""))
         return answer.result(self.name, scene, perf_counter() - start)
 
     @in_own_workspace
     def curve(self, scene: Scene, moduli: Floats, accuracy: float = 0.01) -> Curve:
         """See ``Evaluator``."""
         start, moduli = perf_counter(), checked_moduli(scene, moduli)
-        answer = self.answer(scene, accuracy, moduli)
+        with timed():
+            answer = self.answer(scene, accuracy, moduli)
         return answer.curve(self.name, scene, moduli, perf_counter() - start)
 
 
@@ -149,11 +153,12 @@ class OutOfReach(Refusal):
         name: of the level.
         scene, accuracy: what it was asked.
         reached: the largest bound on its errors; asked for that, it may refine less and reach less.
+        stopped: which limit of memory or time forbade more; empty where none did.
     """
 
-    def __init__(self, name: str, scene: Scene, accuracy: float, reached: float) -> None:
-        self.name, self.scene, self.accuracy, self.reached = name, scene, accuracy, reached
+    def __init__(self, name: str, scene: Scene, accuracy: float, reached: float, stopped: str = "") -> None:
+        self.name, self.scene, self.accuracy, self.reached, self.stopped = name, scene, accuracy, reached, stopped
         why = f"{least(reached, 2)} or more for this scene (--evaluator {name} answers with that error)"
         if reached >= 1:
             why = f"none for this scene: errors are no smaller than the values (--evaluator {name} tells which)"
-        super().__init__("accuracy", accuracy, why)
+        super().__init__("accuracy", accuracy, f"{why}; {stopped}" if stopped else why)

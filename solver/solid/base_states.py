@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,13 +26,13 @@ class SolidStates:
 
     Attributes:
         problem: what was solved.
-        factor: of its matrix or of one near it.
+        factor: of its matrix or of one near it; None once it is let go.
         v: the unknowns, shape (unknowns, 3).
         energies: of each body, v_i^T K_b v_j of the whole, shape (3, 3).
     """
 
     problem: Problem
-    factor: Factor
+    factor: Factor | None
     v: Floats
     energies: Mapping[int, Floats]
 
@@ -56,6 +56,10 @@ class SolidStates:
         """Forces on both films per unit rotation of the base about y, N/rad, shape (2,)."""
         return self.reactions[:2, 2]
 
+    def alone(self) -> SolidStates:
+        """Return the states without their factor, most of the memory."""
+        return replace(self, factor=None)
+
     def slope(self, body: int) -> Floats:
         """Return d reactions / d ln E of a body, shape (3, 3): the states are their own adjoints, so v_i^T K_b v_j."""
         return self.energies[body]
@@ -72,7 +76,7 @@ def solid_states(problem: Problem, near: SolidStates | None = None) -> SolidStat
         SolveError: the residual is too large.
     """
     shared = near is not None and near.problem.supports is problem.supports
-    factor = near.factor if near is not None and shared else _factor(problem)
+    factor = (near.factor if near is not None and shared else None) or _factor(problem)
     start, loads = near.v if near is not None and shared else None, problem.loads()
     try:
         v = solve(problem.matrix, loads, factor, start)

@@ -19,6 +19,7 @@ from geometry.scenes.scene import Scene
 from geometry.tetra.cache import cached_mesh
 from geometry.tetra.sizing import TetraFineness
 from geometry.tetra.tet_mesh import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE, TetMesh
+from solver.linalg.memory import give_back
 from solver.solid.base_states import SolidStates, solid_states
 from solver.solid.body_stiffness import Elastic
 from solver.solid.domain import Domain
@@ -38,7 +39,7 @@ class SceneDifference:
         tilt: film forces per unit rotation about y, N/rad, shape (k, 2).
         tilt_slope: their derivative by ln E of the target, shape (k, 2).
         reference: the reference's film forces on this mesh, shape (2, 2).
-        states: of the scene, for pictures; of a curve those it begins with.
+        states: of the scene, for pictures, their factor let go; of a curve those it begins with.
         unknowns: of the scene.
         residual: of both solutions, relative to the loads, the larger.
     """
@@ -74,19 +75,22 @@ def difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> S
     solid = Solid.of(mesh, scene.contact.interface == "frictionless")
     reference = solid_states(Problem.of(solid, _reference_materials(scene)))
     same = set(_reference_materials(scene)) == set(_materials(scene, solid))
+    less, left = reference.reactions, reference.residual
+    if not same:
+        reference = reference.alone()  # before there is another factor
+        give_back()
     problem = Problem.of(solid, _materials(scene, solid), reference.problem.supports if same else None)
     states = solid_states(problem, reference if same else None)
     reactions, slope = _reactions(states, scene, target, moduli)
-    less = reference.reactions
     return SceneDifference(
         reactions[:, :2, :2] - less[:2, :2],
         slope[:, :2, :2],
         tilt=reactions[:, :2, 2] - less[:2, 2],
         tilt_slope=slope[:, :2, 2],
         reference=less[:2, :2],
-        states=states,
+        states=states.alone(),
         unknowns=problem.supports.unknowns,
-        residual=max(reference.residual, states.residual),
+        residual=max(left, states.residual),
     )
 
 

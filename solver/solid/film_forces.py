@@ -10,8 +10,9 @@ both A and F_whole by ``solver/axisymmetric/converged_forces.py``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextvars import copy_context
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,15 +20,18 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
 from geometry.common.limits import least_mm, reaches
+from geometry.common.resources import LimitReached
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
 from geometry.tetra.layout import body_layout
 from geometry.tetra.sizing import COARSE, FINE, ROUGH
 from geometry.tetra.tet_mesh import TetMesh
 from solver.axisymmetric.converged_forces import Converged, converged_forces
+from solver.linalg.memory import give_back
 from solver.results.film_forces import Bound, FilmForces
 from solver.results.result import Decision
 from solver.results.warnings import Note, of_kind
+from solver.solid.cost import check_mesh
 from solver.solid.difference import SceneDifference, difference, mesh_domain
 from solver.solid.domain import Domain, coaxial, domain, plain, reach, room
 
@@ -107,40 +111,50 @@ def solid_forces(scene: Scene, accuracy: float, moduli: Floats | None = None, te
 
     Raises:
         InputError, Refusal: see ``geometry.tetra.cache.cached_mesh``.
+        LimitReached: not even two meshes are within the limits of memory and time.
         SolveError: a mesh or a solution failed.
     """
     tell("the symmetric part")
     symmetric = _symmetric(scene, accuracy)
-    differences: list[SceneDifference] = []
-    for one in _differences(symmetric.domain, moduli, tell):
-        differences.append(one)
-        if len(differences) > 1:
-            films = _films(scene, symmetric, differences[-2], differences[-1], FLOOR / (len(differences) - 1))
-            if max(film.error_under(scene) for film in films) <= accuracy and all(
-                _sensitive_enough(film, accuracy) for film in films
-            ):
-                break
-    notes = of_kind(symmetric.whole.notes, "left_out")
-    tilt = _tilted(symmetric, differences[-1])
-    before = _tilted(symmetric, differences[-2])
-    error = SAFETY * np.abs(tilt[0] - before[0]).max(axis=0) + FLOOR * np.abs(tilt[0]).max(axis=0)
-    plan = (*symmetric.whole.plan, *_decisions(symmetric, differences[-1], accuracy))
-    return SolidForces(films, *tilt, error, symmetric.domain, differences[-1], plan, notes)
+    meshes = _differences(symmetric.domain, moduli, tell)
+    before, last = next(meshes), next(meshes)
+    films, stopped = _films(scene, symmetric, before, last, FLOOR), []
+    if not _good(scene, films, accuracy):
+        try:
+            before, last = last, next(meshes)
+            films = _films(scene, symmetric, before, last, FLOOR / 2)
+        except LimitReached as limit:
+            stopped = [Note("limit", f"no third mesh: {limit}")]
+    tilt = _tilted(symmetric, last)
+    was = _tilted(symmetric, before)
+    error = SAFETY * np.abs(tilt[0] - was[0]).max(axis=0) + FLOOR * np.abs(tilt[0]).max(axis=0)
+    plan = (*symmetric.whole.plan, *_decisions(symmetric, last, accuracy))
+    notes = [*of_kind(symmetric.whole.notes, "left_out"), *stopped]
+    return SolidForces(films, *tilt, error, symmetric.domain, last, plan, tuple(notes))
+
+
+def _good(scene: Scene, films: Sequence[FilmForces], accuracy: float) -> bool:
+    return all(one.error_under(scene) <= accuracy and _sensitive_enough(one, accuracy) for one in films)
 
 
 def _differences(domain: Domain, moduli: Floats | None, tell: Tell) -> Iterator[SceneDifference]:
     """The difference on finer and finer meshes; the first two are meshed side by side."""
+    for fineness in MESHES[:2]:
+        check_mesh(domain, fineness)
     tell("meshing twice")
     with ThreadPoolExecutor(2) as pool:
-        for mesh in [pool.submit(mesh_domain, domain, fineness) for fineness in MESHES[:2]]:
+        both = [pool.submit(copy_context().run, mesh_domain, domain, fineness) for fineness in MESHES[:2]]
+        for mesh in both:
             yield _solved(domain, mesh.result(), moduli, tell)
     for fineness in MESHES[2:]:
+        check_mesh(domain, fineness)
         tell("meshing more finely")
         yield _solved(domain, mesh_domain(domain, fineness), moduli, tell)
 
 
 def _solved(domain: Domain, mesh: TetMesh, moduli: Floats | None, tell: Tell) -> SceneDifference:
     tell(f"solving on {len(mesh.elements)} tetrahedra")
+    give_back()  # what the last mesh's factor leaves
     return difference(domain, mesh, moduli)
 
 

@@ -83,6 +83,7 @@ class _BodyForces:
         return self.problem.solid.parts[self.body].forces(self.problem.materials[self.body], own)
 
     def _solve(self, loads: Floats) -> Floats:
+        assert self.states.factor is not None  # states that a curve begins with keep it
         return solve(self.problem.matrix, loads, self.states.factor)
 
     def grow(self) -> bool:

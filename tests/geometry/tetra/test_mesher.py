@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from geometry import Refusal, SolveError
+from geometry.common.child_process import Failure, TooLong
 from geometry.tetra import mesher as module
 from geometry.tetra.check import LEAST_QUALITY, check, errors, largest_error
 from geometry.tetra.layout import Ellipsoid, body_layout, extent, mirror_symmetric
@@ -11,7 +12,6 @@ from geometry.tetra.mesher import COARSE, FINE, ROUGH, mesh_layout
 from geometry.tetra.stretched_space import mesh_space
 from geometry.tetra.surfaces import ellipsoid
 from geometry.tetra.tet_mesh import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE, TetMesh, element_volumes, quadratic
-from geometry.tetra.tetwild_process import Failure, TooLong
 from tests.support.block_scene import scene
 
 

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from geometry import SolveError
+from geometry.common import child_process
+from geometry.common.child_process import Failure, TooLong
 from geometry.tetra import mesher as volume_mesh
-from geometry.tetra import tetwild_process
 from geometry.tetra.cache import FOLDER
 from geometry.tetra.layout import body_layout
+from geometry.tetra.mesher import tetrahedralize
 from geometry.tetra.sizing import ROUGH
-from geometry.tetra.tetwild_process import Failure, TooLong, tetrahedralize
 from tests.support.block_scene import scene
 from tests.support.paths import ROOT
 
@@ -44,7 +45,7 @@ def children(monkeypatch):
             super().__init__(*args, **options)
             found.append(self)
 
-    monkeypatch.setattr(tetwild_process.subprocess, "Popen", Popen)
+    monkeypatch.setattr(child_process.subprocess, "Popen", Popen)
     return found
 
 
@@ -65,25 +66,25 @@ def end(children, number):
 @pytest.mark.slow
 def test_two_threads_mesh_at_the_same_time():
     with ThreadPoolExecutor(2) as pool:
-        for points, tetrahedra in pool.map(lambda size: tetrahedralize(cube(size)), (0.3, 0.4)):
+        for points, tetrahedra in pool.map(lambda size: tetrahedralize(cube(size), 600), (0.3, 0.4)):
             assert volume(points, tetrahedra) == pytest.approx(1, abs=0.01)
 
 
 def test_what_pytetwild_refuses_is_said():
     with pytest.raises(Failure, match="must all be given"):
-        tetrahedralize({**cube(), "bg_vertices": CUBE})
+        tetrahedralize({**cube(), "bg_vertices": CUBE}, 600)
 
 
 def test_a_process_that_takes_too_long_is_ended(children):
     with pytest.raises(TooLong, match=r"longer than 0\.3 s"):
-        tetrahedralize(cube(0.005), limit=0.3)
+        tetrahedralize(cube(0.005), 0.3)
     assert children[0].poll() is not None
 
 
 def test_a_process_that_cannot_start_is_a_failure(monkeypatch):
     monkeypatch.setattr(sys, "executable", "/none/python")
     with pytest.raises(Failure, match="no process can be started"):
-        tetrahedralize(cube())
+        tetrahedralize(cube(), 600)
 
 
 @POSIX
@@ -100,7 +101,7 @@ def test_a_killed_process_is_a_solve_error(children, monkeypatch):
 def test_ctrl_c_in_the_child_alone_ends_it_without_a_word(children):
     thread = end(children, signal.SIGINT)
     with pytest.raises(KeyboardInterrupt):
-        tetrahedralize(cube(0.005))
+        tetrahedralize(cube(0.005), 600)
     thread.join()
 
 
@@ -109,12 +110,12 @@ import sys
 from pathlib import Path
 from geometry import scene_from_toml
 from geometry.tetra.cache import cached_mesh
-from geometry.tetra import tetwild_process
-start = tetwild_process.subprocess.Popen.__init__
+from geometry.common import child_process
+start = child_process.subprocess.Popen.__init__
 def started(self, *args, **options):
     start(self, *args, **options)
     print(self.pid, flush=True)
-tetwild_process.subprocess.Popen.__init__ = started
+child_process.subprocess.Popen.__init__ = started
 try:
     cached_mesh(scene_from_toml(Path(sys.argv[1]).read_text()))
 except KeyboardInterrupt:

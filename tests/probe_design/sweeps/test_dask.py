@@ -7,12 +7,15 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from geometry import InputError
 from probe_design import sweep
 from probe_design.sweeps import dask_task as sweep_remote
+from probe_design.sweeps import dask_workers
+from probe_design.sweeps.dask_workers import DaskCrew
 from probe_design.sweeps.file import sweep_from_dict
 from probe_design.sweeps.local_workers import WorkerProcess
 from probe_design.sweeps.rows import Job
@@ -137,3 +140,32 @@ def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path) -> None:
 def test_what_is_no_address_is_refused(scheduler: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"^scheduler = "):
         sweep(grid(2, 2), tmp_path, scheduler=scheduler)
+
+
+class Still:
+    """A client of a scheduler that stands still, and goes on after some questions."""
+
+    status, scheduler = "running", SimpleNamespace(ncores=None)
+
+    def __init__(self, silent: int) -> None:
+        self.silent = silent
+
+    def sync(self, *_: object, **__: object) -> dict[str, int]:
+        self.silent -= 1
+        if self.silent >= 0:
+            raise TimeoutError
+        return {"one": 3}
+
+
+def test_a_scheduler_that_stands_still_is_told_of_once_a_minute(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
+    told: list[str] = []
+    now = [0.0]
+    monkeypatch.setattr(dask_workers.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(DaskCrew, "_connected", lambda crew: Still(10))
+    crew = DaskCrew(Job.of(sweep_from_dict(grid(2, 2))), "tcp://127.0.0.1:8786", None, told.append)
+    for now[0] in range(20, 240, 20):
+        crew.take(0.0)
+    assert [line.partition(" for ")[2] for line in told] == [f"{s} s; start it again, or wait" for s in (60, 120, 180)]
+    assert (now[0], crew.size()) == (220, 3)
+    crew._hush(crew._levels)

@@ -1,0 +1,160 @@
+"""Programs in processes of their own, which can be stopped at any time and whose crash is an error like any other.
+
+A program is a file with a function ``run`` from arrays by name to arrays by name. The child runs this very file, so that it loads
+no more than numpy before the program; arrays go there and come back through pipes, and its folder is removed, so that no files
+are left behind. What it raises is told in one line.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import os
+import runpy
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_STOPPED = (-int(signal.SIGINT), 128 + int(signal.SIGINT), 0xC000013A)  # what a process ends with after Ctrl-C
+_FAILED = 3  # the program's own exceptions; everything else is a crash
+Arrays = Mapping[str, NDArray[Any]]
+
+
+class Failure(Exception):  # noqa: N818 - what the process says, not yet an error of the toolkit
+    """The program gave no answer; the text says why."""
+
+
+class TooLong(Failure):
+    """The program did not end within the limit."""
+
+
+def run_program(program: Path, arrays: Arrays, seconds: float, memory: float | None = None) -> dict[str, NDArray[Any]]:
+    """Run a program in a child process that takes one core; safe in several threads at a time.
+
+    Args:
+        program: its file.
+        arrays: what its function ``run`` is given.
+        seconds: after which the child is ended.
+        memory: bytes that it may hold, where the system can see to that (Linux); or None.
+
+    Returns:
+        What ``run`` returns.
+
+    Raises:
+        TooLong: it took longer than ``seconds``.
+        Failure: the program fails or its process ends early.
+        KeyboardInterrupt: Ctrl-C, here or in the child, which is gone by then.
+    """
+    if seconds <= 0:
+        raise TooLong("there is no time left for it")
+    with tempfile.TemporaryDirectory(prefix=f"{program.stem}-", ignore_cleanup_errors=True) as folder:
+        return _run([str(program), str(math.ceil(seconds)), str(int(memory or 0))], arrays, seconds, folder)
+
+
+def _run(arguments: list[str], arrays: Arrays, seconds: float, folder: str) -> dict[str, NDArray[Any]]:
+    """Start the child in a folder of its own, where libraries leave files, and wait for it."""
+    try:
+        child = subprocess.Popen(
+            [sys.executable, "-P", os.path.abspath(__file__), *arguments],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            env=_environment(),
+            cwd=folder,
+            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+        )
+    except OSError as fault:
+        raise Failure(f"no process can be started for it ({fault})") from fault
+    with child:
+        try:
+            out, stderr = child.communicate(_packed(arrays), timeout=seconds)
+        except subprocess.TimeoutExpired:
+            raise TooLong(f"it took longer than {seconds:.3g} s") from None
+        finally:
+            child.kill()
+            child.wait()
+    if child.returncode in _STOPPED:
+        raise KeyboardInterrupt
+    if child.returncode != 0:
+        raise (TooLong if child.returncode == -_alarm() else Failure)(_reason(child.returncode, stderr))
+    return _unpacked(out)
+
+
+def _environment() -> dict[str, str]:
+    """The parent's, with one thread and the parent's module path: the child finds the libraries that the parent would."""
+    path = os.pathsep.join(os.path.abspath(entry) for entry in sys.path if entry)
+    return {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": path, "PYTHONWARNINGS": "ignore"}
+
+
+def _reason(code: int, stderr: bytes) -> str:
+    lines = stderr.decode(errors="replace").strip().splitlines()
+    last = f": {lines[-1]}" if lines else ""
+    if code == _FAILED:
+        return last.removeprefix(": ") or "it does not say why"
+    if code == -_alarm():
+        return "it took too long"
+    if code < 0:
+        name = next((one.name for one in signal.Signals if one == -code), f"signal {-code}")
+        return f"its process was ended by {name}{last}"
+    return f"its process ended with code {code:#x}{last}"
+
+
+def _alarm() -> int:
+    return int(getattr(signal, "SIGALRM", 0))
+
+
+def _packed(arrays: Arrays) -> bytes:
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **arrays)
+    return buffer.getvalue()
+
+
+def _unpacked(content: bytes) -> dict[str, NDArray[Any]]:
+    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+        return dict(arrays)
+
+
+def _child(program: str, seconds: int, memory: int) -> int:
+    """Read arguments from stdin, write answers to stdout, which is closed to libraries' own words; return the exit code."""
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # at once, whatever is running, and without a word
+    if hasattr(signal, "alarm"):
+        signal.alarm(seconds + 5)  # the limit holds even if the parent is killed
+    if memory:
+        _hold(memory)
+    answer = os.fdopen(os.dup(1), "wb")
+    silent = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(silent, 1)
+    arguments = _unpacked(sys.stdin.buffer.read())
+    try:
+        results = runpy.run_path(program)["run"](arguments)
+    except MemoryError:
+        sys.stderr.write("it needs more memory than it may have\n")
+        return _FAILED
+    except Exception as fault:  # libraries raise what they like
+        text = " ".join(str(fault).split()) or type(fault).__name__
+        sys.stderr.write(f"{text}\n")
+        return _FAILED
+    answer.write(_packed(results))
+    answer.close()
+    return 0
+
+
+def _hold(memory: int) -> None:
+    """Hold no more than so many bytes: libraries are told that there is no more."""
+    with suppress(ImportError, AttributeError, OSError, ValueError):
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
+
+
+if __name__ == "__main__":
+    sys.exit(_child(sys.argv[1], int(sys.argv[2]), int(sys.argv[3])))

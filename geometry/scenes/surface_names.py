@@ -1,0 +1,28 @@
+"""Names of surface files: of a kind that can be read, and there, before any work begins."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from geometry.common.errors import InputError
+
+if TYPE_CHECKING:
+    from geometry.scenes.scene import Scene
+
+KINDS = (".stl", ".step", ".stp")
+
+
+def check_surface_names(scene: Scene) -> None:
+    """Raise ``InputError`` for a scene's surface file that is missing or of another kind: a moment's look."""
+    for index, body in enumerate(scene.inclusion):
+        if body.surface is not None:
+            check_name(body.surface, f"inclusion[{index}].surface")
+
+
+def check_name(name: str, key: str) -> None:
+    """Raise ``InputError`` for one file; ``key`` names it in messages."""
+    if Path(name).suffix.lower() not in KINDS:
+        raise InputError(key, name, "a file whose name ends in .stl, .step or .stp")
+    if not Path(name).is_file():
+        raise InputError(key, name, "an STL or STEP file that exists")

@@ -1,0 +1,34 @@
+"""Triangles of an STL or STEP file as a program of ``geometry/common/child_process.py``: damaged files crash their readers.
+
+OpenCASCADE ends a process by signal 11 over some, and reads others without an end; VTK reads STL and takes points together.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyvista
+
+DEFLECTION = 0.002  # of a STEP surface's diagonal: how far its triangles may lie from it
+TURN = 0.2  # rad: by how much neighbouring triangles' normals may differ
+
+
+def run(arguments: dict[str, Any]) -> dict[str, Any]:
+    """Read the file ``name`` (of kind ".stl", ".step" or ".stp" by its ``suffix``): points (n, 3), mm, and triangles (t, 3)."""
+    read = _stl if arguments["suffix"].item() == ".stl" else _step
+    poly = read(arguments["name"].item()).clean(tolerance=1e-7)  # both formats give each face points of its own
+    return {"points": np.asarray(poly.points, dtype=float), "triangles": np.asarray(poly.regular_faces, dtype=np.int64)}
+
+
+def _stl(name: str) -> Any:
+    return pyvista.read(name, force_ext=".stl").triangulate()
+
+
+def _step(name: str) -> Any:
+    from geometry.cad.solids import cadquery
+
+    shape = cadquery().importers.importStep(name).val()
+    vertices, triangles = shape.tessellate(DEFLECTION * shape.BoundingBox().DiagonalLength, TURN)
+    points = np.array([vertex.toTuple() for vertex in vertices], dtype=float)
+    return pyvista.PolyData.from_regular_faces(points, np.array(triangles, dtype=np.int64))

@@ -1,0 +1,58 @@
+import os
+import sys
+
+import numpy as np
+import pytest
+
+from geometry.common.child_process import Failure, TooLong, run_program
+
+POSIX = pytest.mark.skipif(os.name == "nt", reason="signals end processes on POSIX systems only")
+
+
+@pytest.fixture
+def program(tmp_path):
+    """Write a program whose function ``run`` has the given body."""
+
+    def written(body):
+        path = tmp_path / "program.py"
+        path.write_text(f"import os, signal, time\nimport numpy as np\ndef run(arrays):\n    {body}\n")
+        return path
+
+    return written
+
+
+def test_arrays_go_there_and_back(program):
+    some = {"points": np.arange(6.0).reshape(2, 3), "name": np.array("tumour.stl")}
+    back = run_program(program("print('noise'); return {'twice': 2 * arrays['points'], 'name': arrays['name']}"), some, 60)
+    assert np.array_equal(back["twice"], 2 * some["points"])
+    assert back["name"].item() == "tumour.stl"
+
+
+def test_what_it_raises_is_told_in_one_line(program):
+    with pytest.raises(Failure, match=r"^no such shape$"):
+        run_program(program("raise LookupError('no such\\nshape')"), {}, 60)
+
+
+@POSIX
+@pytest.mark.parametrize("signal", ["SIGSEGV", "SIGABRT"])
+def test_its_death_is_a_failure(program, signal):
+    with pytest.raises(Failure, match=f"ended by {signal}"):
+        run_program(program(f"os.kill(os.getpid(), signal.{signal})"), {}, 60)
+
+
+def test_one_without_an_end_is_ended(program):
+    with pytest.raises(TooLong, match=r"longer than 0\.5 s"):
+        run_program(program("time.sleep(1000)"), {}, 0.5)
+
+
+def test_without_time_it_is_not_begun():
+    with pytest.raises(TooLong, match="no time left"):
+        run_program(None, {}, 0.0)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux limits what a process holds")
+def test_it_is_given_no_more_memory_than_it_may_hold(program):
+    body = "return {'size': np.array(len(np.ones(125_000_000)))}"
+    assert run_program(program(body), {}, 60, 4e9)["size"] == 125_000_000
+    with pytest.raises(Failure, match="more memory than it may have"):
+        run_program(program(body), {}, 60, 0.9e9)

@@ -1,0 +1,74 @@
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from geometry.common.errors import SolveError
+from geometry.common.resources import LimitReached, Limits, limited, timed
+from solver.linalg import conjugate_gradients as module
+from solver.linalg.conjugate_gradients import Stiffness, held_bytes, solve
+
+
+@pytest.fixture
+def matrix():
+    """A grid of springs."""
+    line = sp.diags_array([-1.0, 2.1, -1.0], offsets=[-1, 0, 1], shape=(12, 12))
+    whole = sp.kronsum(sp.kronsum(line, line), line)
+    return Stiffness(sp.csc_array(sp.tril(whole, format="csc")))
+
+
+class Panic(BaseException):
+    """What a panic in Rust becomes in Python."""
+
+    __module__ = "pyo3_runtime"
+
+
+class Library:
+    """rslab, whose factorisation panics, or reports a pivot of zero."""
+
+    def __init__(self, fault):
+        self.fault = fault
+
+    def analyze(self, matrix, path):
+        raise self.fault
+
+
+def solves(factor, matrix):
+    forces = np.random.default_rng(1).normal(size=(matrix.lower.shape[0], 2))
+    return np.abs(matrix @ factor.solve(forces) - forces).max() < 1e-9
+
+
+def test_where_rslab_panics_another_library_factorises(matrix, monkeypatch):
+    monkeypatch.setattr(module, "_rslab", lambda: Library(Panic("index out of bounds")))
+    assert solves(matrix.factor(), matrix)
+
+
+def test_an_interruption_is_no_panic(matrix, monkeypatch):
+    monkeypatch.setattr(module, "_rslab", lambda: Library(KeyboardInterrupt()))
+    with pytest.raises(KeyboardInterrupt):
+        matrix.factor()
+
+
+def test_factors_beyond_the_memory_are_refused_before_they_are_made(matrix):
+    least = held_bytes(matrix.lower.shape[0], 0.0)
+    with limited(Limits(memory=0.25e9 + least)), pytest.raises(LimitReached, match=r"memory = .*factors of 1728 unknowns"):
+        matrix.factor()
+    with limited(Limits(memory=0.3e9)):
+        assert solves(matrix.factor(), matrix)
+
+
+def test_the_second_library_is_held_to_the_same_memory(matrix, monkeypatch):
+    monkeypatch.setattr(module, "_rslab", lambda: None)
+    with limited(Limits(memory=0.2e9)), pytest.raises(LimitReached):
+        matrix.factor()
+
+
+def test_iterations_end_with_the_time(matrix):
+    factor, forces = matrix.factor(), np.ones((matrix.lower.shape[0], 1))
+    with limited(Limits(seconds=-1.0)), timed(), pytest.raises(LimitReached, match="time"):
+        solve(matrix, forces, factor)
+
+
+def test_a_singular_matrix_is_a_solve_error(matrix):
+    matrix.lower.data[:] = 0.0
+    with pytest.raises(SolveError, match="could not be factorised"):
+        matrix.factor()

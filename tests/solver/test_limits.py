@@ -1,0 +1,76 @@
+"""Scenes that ran for minutes or took 17 GB are refused before there is a mesh, with the limit and the option that raises it."""
+
+import json
+
+import pytest
+
+from geometry import InputError, read_scene, scene_to_toml
+from geometry.common.resources import LimitReached, Limits
+from geometry.tetra import mesher
+from solver import evaluate, levels
+from solver.solid import film_forces
+from tests.support.paths import REFERENCE, SCENE
+from tests.support.program import run
+
+
+def flat(**film):
+    """A flat ellipsoid on the probe's axis."""
+    scene = read_scene(SCENE).model_dump(exclude_unset=True)
+    body = {"diameters": ("16 mm", "16 mm", "1 mm"), "depth": "8 mm", "youngs_modulus": "600 kPa", "poisson_ratio": 0.45}
+    return scene | {"inclusion": [body | {"target": True}], "probe": scene["probe"] | film}
+
+
+def beside_a_needle():
+    needle = {"diameters": ("10.9 mm", "0.36 mm", "0.8 mm"), "depth": "0.45 mm", "x": "9 mm"}
+    scene = flat()
+    return scene | {"inclusion": [*scene["inclusion"], needle | {"youngs_modulus": "30 kPa", "poisson_ratio": 0.45}]}
+
+
+FILMS = {"film": {"thickness": "22 um", "youngs_modulus": "1 MPa"}}
+
+
+@pytest.mark.parametrize("scene", [beside_a_needle(), flat(**FILMS)], ids=["needle", "films"])
+def test_a_mesh_too_large_is_refused_before_it_is_made(scene, monkeypatch):
+    monkeypatch.setattr(mesher, "tetrahedralize", lambda *_: pytest.fail("it was meshed"))
+    scene = type(read_scene(SCENE)).model_validate(scene)
+    with pytest.raises(LimitReached, match=r"memory = 2 GB: allowed: \d.*unknowns \(--memory"):
+        evaluate(scene)
+    with pytest.raises(LimitReached, match=r"time = 0\.01 s.*--time"):
+        evaluate(scene, limits=Limits(memory=1e12, seconds=0.01))
+
+
+def test_a_missing_surface_is_noticed_before_anything_is_computed(monkeypatch):
+    scene = read_scene(SCENE)
+    body = scene.inclusion[0].model_copy(update={"diameter": None, "surface": "none.stl"})
+    for name in ("plan", "evaluator"):
+        monkeypatch.setattr(levels, name, lambda *_: pytest.fail("work began"))
+    for name in ("auto", "solid"):
+        with pytest.raises(InputError, match=r"inclusion\[0\].surface.*exists"):
+            evaluate(scene.model_copy(update={"inclusion": (body,)}), name)
+
+
+def test_the_command_line_raises_and_lowers_the_limits(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(scene_to_toml(read_scene(SCENE)))
+    refused = run("evaluate", path, "--memory", "100 MB")
+    assert (refused.returncode, refused.stderr.count("memory = 0.1 GB: allowed:")) == (2, 1)
+    assert json.loads(run("evaluate", path, "--memory", "3 GB", "--time", "5 min", "--json").stdout)["ratio"] > 0
+    wrong = run("evaluate", path, "--time", "5")
+    assert (wrong.returncode, "time = '5'" in wrong.stderr) == (2, True)
+
+
+@pytest.mark.slow
+def test_a_third_mesh_that_the_limits_forbid_leaves_the_answer_of_two(monkeypatch):
+    scene = read_scene(REFERENCE / "solid" / "groove-on-axis.toml")
+    said = []
+
+    def forbidden(domain, fineness):
+        if fineness is film_forces.MESHES[2]:
+            raise LimitReached("memory", "2 GB", "more")
+
+    monkeypatch.setattr(film_forces, "check_mesh", forbidden)
+    monkeypatch.setattr(film_forces, "_good", lambda *_: False)
+    two = evaluate(scene, "solid", 0.01, said.append)
+    assert two.error_estimate < 0.02
+    assert any("no third mesh: memory = " in note for note in two.warnings)
+    assert "meshing more finely" not in said
