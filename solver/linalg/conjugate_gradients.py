@@ -17,11 +17,14 @@ import scipy.sparse as sp
 from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
 from solver.linalg.cholesky import Factor, factorise
+from solver.linalg.memory import give_back
+from solver.linalg.workspace import current
 
 TARGET_RESIDUAL = 1e-9  # relative residual
 LARGEST_RESIDUAL = 1e-8
 ROUNDING = 1e-14  # of |K| |v|: what no solver can avoid
 MOST_STEPS = 300
+BYTES = 120.0  # of a factor in single precision while it is made: times the unknowns to the power of 4/3
 STUCK = 60  # steps without a residual of half the best
 
 
@@ -49,14 +52,33 @@ class Stiffness:
         Raises:
             SolveError: the matrix is singular.
         """
-        library = _rslab()
-        if library is None:
-            full = self.lower + sp.tril(self.lower, -1).T
-            return factorise(sp.csc_array(full), None)
-        try:
-            return _Ldlt(library.ldlt(self.lower.astype(np.float32) if single else self.lower), single)
-        except RuntimeError as error:
-            raise SolveError(f"the stiffness could not be factorised: {error}") from error
+        return factorised(rounded(self.lower) if single else self.lower)
+
+
+def rounded(lower: sp.csc_array) -> sp.csc_array:
+    """Return what a factor in single precision is made of; without rslab the matrix itself, as other libraries have none."""
+    if _rslab() is None:
+        return lower
+    return sp.csc_array((lower.data.astype(np.float32), lower.indices, lower.indptr), shape=lower.shape)
+
+
+def factorised(lower: sp.csc_array) -> Factor:
+    """Factorise a symmetric matrix in the precision of its lower triangle.
+
+    Raises:
+        SolveError: the matrix is singular.
+    """
+    library = _rslab()
+    current().make_room(BYTES * lower.shape[0] ** (4 / 3))
+    if library is None:
+        return factorise(sp.csc_array(lower + sp.tril(lower, -1).T), None)
+    give_back()
+    try:
+        analysed = library.analyze(lower, path="ldlt")
+        give_back()  # what the analysis has freed: without it hundreds of MB more at the peak
+        return _Ldlt(analysed.factor(lower.data), lower.dtype == np.float32)
+    except RuntimeError as error:
+        raise SolveError(f"the stiffness could not be factorised: {error}") from error
 
 
 class _Ldlt:

@@ -11,7 +11,7 @@ from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
 from geometry.tetra.tet_mesh import INCLUSION, TISSUE
 from solver.linalg.cholesky import Factor
-from solver.linalg.conjugate_gradients import residual, solve
+from solver.linalg.conjugate_gradients import factorised, residual, rounded, solve
 from solver.solid.body_stiffness import Elastic, Isotropic, lame
 from solver.solid.problem import BLOCKS, STATES, Problem
 from solver.solid.tetrahedron import integrated
@@ -26,13 +26,11 @@ class SolidStates:
 
     Attributes:
         problem: what was solved.
-        factor: of its matrix or of one near it.
         v: the unknowns, shape (unknowns, 3).
         energies: of each body, v_i^T K_b v_j of the whole, shape (3, 3).
     """
 
     problem: Problem
-    factor: Factor
     v: Floats
     energies: Mapping[int, Floats]
 
@@ -61,7 +59,23 @@ class SolidStates:
         return self.energies[body]
 
 
-def solid_states(problem: Problem, near: SolidStates | None = None) -> SolidStates:
+@dataclass(frozen=True)
+class FactorisedStates(SolidStates):
+    """States with what found them.
+
+    Attributes:
+        factor: of the problem's matrix or of one near it.
+    """
+
+    factor: Factor
+
+    @property
+    def bare(self) -> SolidStates:
+        """The states alone: the factor is most of what they hold."""
+        return SolidStates(self.problem, self.v, self.energies)
+
+
+def solid_states(problem: Problem, near: FactorisedStates | None = None) -> FactorisedStates:
     """Solve all states.
 
     Args:
@@ -79,7 +93,7 @@ def solid_states(problem: Problem, near: SolidStates | None = None) -> SolidStat
     except SolveError:  # too far away, or too rough
         factor = problem.matrix.factor(single=False)
         v = solve(problem.matrix, loads, factor)
-    return SolidStates(problem, factor, v, energies(problem, v))
+    return FactorisedStates(problem, v, energies(problem, v), factor)
 
 
 def _factor(problem: Problem) -> Factor:
@@ -91,7 +105,8 @@ def _factor(problem: Problem) -> Factor:
         if body >= INCLUSION or body < 0:
             modulus = float(np.clip(stuff.youngs_modulus, tissue / TAMED, tissue * TAMED))
             tamed[body] = Isotropic(modulus, stuff.poisson_ratio)
-    return Problem.of(problem.solid, tamed, problem.supports).matrix.factor(single=True)
+    # the factor is most of the memory: the matrix goes first, and the problem's own is assembled afterwards
+    return factorised(rounded(Problem.of(problem.solid, tamed, problem.supports).matrix.lower))
 
 
 def energies(problem: Problem, v: Floats) -> Mapping[int, Floats]:

@@ -24,9 +24,11 @@ from geometry.tetra.layout import body_layout
 from geometry.tetra.sizing import COARSE, FINE, ROUGH
 from geometry.tetra.tet_mesh import TetMesh
 from solver.axisymmetric.converged_forces import Converged, converged_forces
+from solver.linalg.workspace import current
 from solver.results.film_forces import Bound, FilmForces
 from solver.results.result import Decision
 from solver.results.warnings import Note, of_kind
+from solver.solid.base_states import SolidStates
 from solver.solid.difference import SceneDifference, difference, mesh_domain
 from solver.solid.domain import Domain, coaxial, domain, plain, reach, room
 
@@ -52,6 +54,7 @@ class SolidForces:
         tilt_error: on ``tilt``, shape (2,).
         domain: what was meshed.
         difference: on the finest mesh.
+        states: of the scene on that mesh, for pictures; of a curve those it begins with.
         plan: what is modelled or left out.
         notes: what stands in the way of a better answer.
     """
@@ -62,6 +65,7 @@ class SolidForces:
     tilt_error: Floats
     domain: Domain
     difference: SceneDifference
+    states: SolidStates
     plan: tuple[Decision, ...]
     notes: tuple[Note, ...]
 
@@ -110,37 +114,43 @@ def solid_forces(scene: Scene, accuracy: float, moduli: Floats | None = None, te
     """
     tell("the symmetric part")
     symmetric = _symmetric(scene, accuracy)
-    differences: list[SceneDifference] = []
-    for one in _differences(symmetric.domain, moduli, tell):
-        differences.append(one)
-        if len(differences) > 1:
-            films = _films(scene, symmetric, differences[-2], differences[-1], FLOOR / (len(differences) - 1))
-            if max(film.error_under(scene) for film in films) <= accuracy and all(
-                _sensitive_enough(film, accuracy) for film in films
-            ):
-                break
+    current().begin()  # what that took may go
+    films, differences, states = _agreed(scene, symmetric, accuracy, moduli, tell)
     notes = of_kind(symmetric.whole.notes, "left_out")
     tilt = _tilted(symmetric, differences[-1])
     before = _tilted(symmetric, differences[-2])
     error = SAFETY * np.abs(tilt[0] - before[0]).max(axis=0) + FLOOR * np.abs(tilt[0]).max(axis=0)
     plan = (*symmetric.whole.plan, *_decisions(symmetric, differences[-1], accuracy))
-    return SolidForces(films, *tilt, error, symmetric.domain, differences[-1], plan, notes)
+    return SolidForces(films, *tilt, error, symmetric.domain, differences[-1], states, plan, notes)
 
 
-def _differences(domain: Domain, moduli: Floats | None, tell: Tell) -> Iterator[SceneDifference]:
-    """The difference on finer and finer meshes; the first two are meshed side by side."""
+def _agreed(
+    scene: Scene, symmetric: _Symmetric, accuracy: float, moduli: Floats | None, tell: Tell
+) -> tuple[tuple[FilmForces, ...], list[SceneDifference], SolidStates]:
+    """Film forces once two meshes agree, or of the finest; the differences on all meshes, and the states on the last."""
+    differences: list[SceneDifference] = []
+    meshes = _meshes(symmetric.domain, tell)
+    while True:
+        mesh = next(meshes)
+        tell(f"solving on {len(mesh.elements)} tetrahedra")
+        one, states = difference(symmetric.domain, mesh, moduli)
+        differences.append(one)
+        if len(differences) > 1:
+            films = _films(scene, symmetric, differences[-2], one, FLOOR / (len(differences) - 1))
+            if len(differences) == len(MESHES) or all(_good(film, scene, accuracy) for film in films):
+                return films, differences, states
+        del states  # the next mesh needs the memory
+
+
+def _meshes(domain: Domain, tell: Tell) -> Iterator[TetMesh]:
+    """Finer and finer ones; the first two are made side by side."""
     tell("meshing twice")
     with ThreadPoolExecutor(2) as pool:
         for mesh in [pool.submit(mesh_domain, domain, fineness) for fineness in MESHES[:2]]:
-            yield _solved(domain, mesh.result(), moduli, tell)
+            yield mesh.result()
     for fineness in MESHES[2:]:
         tell("meshing more finely")
-        yield _solved(domain, mesh_domain(domain, fineness), moduli, tell)
-
-
-def _solved(domain: Domain, mesh: TetMesh, moduli: Floats | None, tell: Tell) -> SceneDifference:
-    tell(f"solving on {len(mesh.elements)} tetrahedra")
-    return difference(domain, mesh, moduli)
+        yield mesh_domain(domain, fineness)
 
 
 def _symmetric(scene: Scene, accuracy: float) -> _Symmetric:
@@ -216,8 +226,9 @@ def _log_sensitivity(slope: Floats, forces: Floats) -> float:
         return float(np.nan_to_num((slope.sum(axis=1) / forces.sum(axis=1)) @ [1.0, -1.0]))
 
 
-def _sensitive_enough(films: FilmForces, accuracy: float) -> bool:
-    return films.sensitivity_error <= max(5 * accuracy * abs(films.log_sensitivity or 0.0), 1e-5)
+def _good(films: FilmForces, scene: Scene, accuracy: float) -> bool:
+    sensitive = films.sensitivity_error <= max(5 * accuracy * abs(films.log_sensitivity or 0.0), 1e-5)
+    return sensitive and films.error_under(scene) <= accuracy
 
 
 def _tilted(symmetric: _Symmetric, one: SceneDifference) -> tuple[Floats, Floats]:
