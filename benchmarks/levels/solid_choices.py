@@ -81,10 +81,10 @@ def correction() -> Iterator[MeasuredTable]:
     for fineness in (ROUGH, COARSE):
         print(f"{SCENE}: meshing and solving", file=sys.stderr, flush=True)
         mesh: TetMesh = mesh_domain(chosen, fineness)
-        found = difference(chosen, mesh)
+        found, states = difference(chosen, mesh)
         alone, added = found.reference + found.forces[0], exact + found.forces[0]
         table.add(len(mesh.elements), found.unknowns, ratio(scene, alone) / known - 1, ratio(scene, added) / known - 1)
-        solvers.append(found.states)
+        solvers.append(states)
     yield table
     for states in solvers:
         yield solver(states)

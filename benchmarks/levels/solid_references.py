@@ -74,7 +74,7 @@ def row(scene: Scene, known: dict[str, float], accuracy: float) -> Iterator[Any]
     told = known.get("log_sensitivity")
     yield None if not told or found.log_sensitivity is None else abs(found.log_sensitivity / told - 1)
     yield forces.difference.unknowns
-    yield len(forces.difference.states.problem.solid.elements)
+    yield len(forces.states.problem.solid.elements)
     yield perf_counter() - start
 
 

@@ -50,8 +50,8 @@ def evaluated(
     motion = np.array([lowered, lowered, scene.placement.tilt])
     if vtu is not None:
         tell(f"writing {vtu}")
-        write_vtu(vtu, solution.difference.states, motion)
+        write_vtu(vtu, solution.states, motion)
     if picture is not None:
         tell(f"drawing {picture}")
-        draw_solid(picture, solution.difference.states, motion)
+        draw_solid(picture, solution.states, motion)
     return with_warning(result, scene, accuracy)

@@ -91,8 +91,9 @@ class _Analysed:
 
     @property
     def foreign_bytes(self) -> int:
-        """What the library holds: kB for the analysis, kB for the factors."""
-        return 1024 * int(self.solver.get_iparm_value(15) + self.solver.get_iparm_value(16))
+        """What the library holds: kB for the analysis, kB for the factors, and twice the matrix, as given and permuted."""
+        factors = 1024 * int(self.solver.get_iparm_value(15) + self.solver.get_iparm_value(16))
+        return factors + 2 * 12 * int(self.solver.nnz)
 
 
 @dataclass(frozen=True)

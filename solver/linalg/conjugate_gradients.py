@@ -19,11 +19,14 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError, Words
 from geometry.common.resources import LimitReached, check_memory, check_time, seconds_left
 from solver.linalg.cholesky import Factor, factorise, loaded
+from solver.linalg.memory import give_back
+from solver.linalg.workspace import current
 
 TARGET_RESIDUAL = 1e-9  # relative residual
 LARGEST_RESIDUAL = 1e-8
 ROUNDING = 1e-14  # of |K| |v|: what no solver can avoid
 MOST_STEPS = 300
+BYTES = 120.0  # of a factor in single precision while it is made: times the unknowns to the power of 4/3
 STUCK = 60  # steps without a residual of half the best
 ASSEMBLED = 5e3  # bytes of an unknown: bodies' matrices, a scene's, its reference's
 SPEED = 4e10  # operations a second of a factorisation in single precision on two cores; in double it is half
@@ -55,21 +58,41 @@ class Stiffness:
             SolveError: the matrix is singular.
             LimitReached: the factors would take more memory than is allowed, or take too long.
         """
-        library = _rslab()
-        if library is not None:
-            try:
-                return _Ldlt.of(library, self.lower.astype(np.float32) if single else self.lower)
-            except BaseException as fault:  # a panic in Rust is no Exception
-                if type(fault).__module__ != PANIC:
-                    raise
-        check_memory(f"factors of {self.lower.shape[0]} unknowns", held_bytes(self.lower.shape[0], self._other_bytes))
-        return factorise(sp.csc_array(self.lower + sp.tril(self.lower, -1).T), None)
+        return factorised(rounded(self.lower) if single else self.lower)
 
-    @property
-    def _other_bytes(self) -> float:
-        """About what a factor of the other libraries takes, in double precision and, of SuperLU, with both triangles."""
-        n = float(self.lower.shape[0])
-        return float(300.0 * n ** (4 / 3) if loaded() else 12 * 8.0 * n**1.5)
+
+def rounded(lower: sp.csc_array) -> sp.csc_array:
+    """Return what a factor in single precision is made of; without rslab the matrix itself, as other libraries have none."""
+    if _rslab() is None:
+        return lower
+    return sp.csc_array((lower.data.astype(np.float32), lower.indices, lower.indptr), shape=lower.shape)
+
+
+def factorised(lower: sp.csc_array) -> Factor:
+    """Factorise a symmetric matrix in the precision of its lower triangle.
+
+    Raises:
+        SolveError: the matrix is singular.
+        LimitReached: the factors would take more memory than is allowed, or take too long.
+    """
+    library, unknowns = _rslab(), lower.shape[0]
+    current().make_room(BYTES * unknowns ** (4 / 3))
+    give_back()
+    if library is not None:
+        try:
+            return _Ldlt.of(library, lower)
+        except BaseException as fault:  # a panic in Rust is no Exception
+            if type(fault).__module__ != PANIC:
+                raise
+    check_memory(f"factors of {unknowns} unknowns", held_bytes(unknowns, _other_bytes(unknowns)))
+    full = lower.astype(float)
+    return factorise(sp.csc_array(full + sp.tril(full, -1).T), None)
+
+
+def _other_bytes(unknowns: int) -> float:
+    """About what a factor of the other libraries takes, in double precision and, of SuperLU, with both triangles."""
+    n = float(unknowns)
+    return float(300.0 * n ** (4 / 3) if loaded() else 12 * 8.0 * n**1.5)
 
 
 class _Ldlt:
@@ -81,6 +104,7 @@ class _Ldlt:
     @classmethod
     def of(cls, library: Any, lower: sp.csc_array) -> _Ldlt:
         n, symbolic = lower.shape[0], library.analyze(lower, path="ldlt")
+        give_back()  # what the analysis has freed: without it hundreds of MB more at the peak
         plan = symbolic.memory_plan(dtype=lower.dtype.name, nrhs=3)["peak_bytes"]
         check_memory(f"factors of {n} unknowns", held_bytes(n, plan))
         single, flops = lower.dtype == np.float32, symbolic.estimate_memory(lower.dtype.name)["factor_flops"]

@@ -9,14 +9,42 @@ from functools import cache
 import numpy as np
 
 
-def give_back() -> None:
-    """Give freed memory back to the operating system, for programs that answer many unlike scenes.
+class _Heap(ctypes.Structure):
+    """What glibc's ``mallinfo2`` tells of the heap, in bytes; ``fordblks``: free pieces."""
+
+    _fields_ = tuple(
+        (name, ctypes.c_size_t)
+        for name in ("arena", "ordblks", "smblks", "hblks", "hblkhd", "usmblks", "fsmblks", "uordblks", "fordblks", "keepcost")
+    )
+
+
+class _Freed:
+    """The heap of this process: how many bytes of its free pieces have no pages any more."""
+
+    given_back = 0
+
+    def give_back(self, worth: float) -> None:
+        library = ctypes.CDLL(None)
+        tell = library.mallinfo2
+        tell.restype = _Heap
+        free = int(tell().fordblks)
+        self.given_back = min(self.given_back, free)
+        if free - self.given_back >= worth:
+            library.malloc_trim(0)
+            self.given_back = free
+
+
+_FREED = _Freed()
+
+
+def give_back(worth: float = 0.0) -> None:
+    """Give freed memory back to the operating system if it is ``worth`` bytes, for programs that answer many unlike scenes.
 
     glibc keeps what is freed between pieces still in use, far more than these in the end. It takes some milliseconds; where the
-    C library is another one, nothing is done.
+    C library is another one, or older than 2.33, nothing is done.
     """
     with suppress(AttributeError, OSError, TypeError):
-        ctypes.CDLL(None).malloc_trim(0)
+        _FREED.give_back(worth)
 
 
 @cache

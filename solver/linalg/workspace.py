@@ -26,7 +26,7 @@ from solver.linalg.memory import give_back
 
 LIMIT = "PROBE_DESIGN_MEMORY"  # the environment variable: GB that the process's workspace may hold
 USUAL = 1.0  # GB
-WORTH_GIVING_BACK = 3e8  # bytes: until then the C library keeps what is freed, as new pages cost time
+WORTH_GIVING_BACK = 1e8  # bytes: until then the C library keeps what is freed, as new pages cost time
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -48,7 +48,7 @@ class Workspace:
         """Hold ``limit`` bytes."""
         self.limit = limit
         self._entries: OrderedDict[Hashable, _Entry] = OrderedDict()
-        self._evaluation, self._let_go, self._lock = 0, 0, RLock()
+        self._evaluation, self._lock = 0, RLock()
 
     @property
     def bytes_held(self) -> int:
@@ -65,6 +65,7 @@ class Workspace:
     def begin(self) -> None:
         """Begin an evaluation: what is held from before it may go from now on."""
         self._evaluation += 1
+        give_back(WORTH_GIVING_BACK)
 
     def keep(self, key: Hashable, make: Callable[[], T], fixed: bool = False) -> T:
         """Return what is held under a key, made now if there is none; ``fixed`` is what neither grows nor shares arrays."""
@@ -88,11 +89,8 @@ class Workspace:
             for key in [key for key, one in self._entries.items() if one.used != self._evaluation]:
                 if held + wanted <= self.limit:
                     break
-                gone = self._entries.pop(key).bytes
-                held, self._let_go = held - gone, self._let_go + gone
-            if self._let_go > WORTH_GIVING_BACK:
-                self._let_go = 0
-                give_back()
+                held -= self._entries.pop(key).bytes
+        give_back(WORTH_GIVING_BACK)
 
     def _measure(self) -> int:
         """Measure values anew, as some grow: what several share is counted with the one that was used last."""

@@ -119,6 +119,11 @@ class AzimuthalSystems:
     interface: Interface
     boundary: Ints
 
+    @property
+    def needed(self) -> float:
+        """Bytes that an order takes: all elements' matrices of three, which are kept, and as much as one of these besides."""
+        return 4.0 * 8 * len(self.model.two_mu) * (3 * len(self.model.shapes.degrees)) ** 2
+
     def of_order(self, m: int) -> Harmonic:
         """Combine, condense and factorise for one order; order 0 (no torsion) is the base states' own system."""
         model = self.model

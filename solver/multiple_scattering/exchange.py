@@ -51,14 +51,14 @@ class Reflector:
     def response(self, m: int) -> BoundaryResponse:
         """Return what an order answers; its system is factorised when it is asked."""
         if m not in self._responses:
-            current().make_room()
+            current().make_room(self._harmonics.needed)
             self._responses[m] = BoundaryResponse(partial(self._harmonics.of_order, m), self._boundary_data[min(m, 1)])
         return self._responses[m]
 
     def interior(self, m: int) -> Interior:
         """Return what an order answers inside the tissue, for spheres that lie close."""
         if m not in self._interiors:
-            current().make_room()
+            current().make_room(self._harmonics.needed)
             recovery = partial(self._harmonics.recovery, m)
             self._interiors[m] = Interior(self._harmonics.of_order(m), self._boundary, recovery)
         return self._interiors[m]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
 from geometry.tetra.tet_mesh import INCLUSION, TISSUE
 from solver.linalg.cholesky import Factor
-from solver.linalg.conjugate_gradients import residual, solve
+from solver.linalg.conjugate_gradients import factorised, residual, rounded, solve
 from solver.solid.body_stiffness import Elastic, Isotropic, lame
 from solver.solid.problem import BLOCKS, STATES, Problem
 from solver.solid.tetrahedron import integrated
@@ -26,13 +26,11 @@ class SolidStates:
 
     Attributes:
         problem: what was solved.
-        factor: of its matrix or of one near it; None once it is let go.
         v: the unknowns, shape (unknowns, 3).
         energies: of each body, v_i^T K_b v_j of the whole, shape (3, 3).
     """
 
     problem: Problem
-    factor: Factor | None
     v: Floats
     energies: Mapping[int, Floats]
 
@@ -56,16 +54,28 @@ class SolidStates:
         """Forces on both films per unit rotation of the base about y, N/rad, shape (2,)."""
         return self.reactions[:2, 2]
 
-    def alone(self) -> SolidStates:
-        """Return the states without their factor, most of the memory."""
-        return replace(self, factor=None)
-
     def slope(self, body: int) -> Floats:
         """Return d reactions / d ln E of a body, shape (3, 3): the states are their own adjoints, so v_i^T K_b v_j."""
         return self.energies[body]
 
 
-def solid_states(problem: Problem, near: SolidStates | None = None) -> SolidStates:
+@dataclass(frozen=True)
+class FactorisedStates(SolidStates):
+    """States with what found them.
+
+    Attributes:
+        factor: of the problem's matrix or of one near it.
+    """
+
+    factor: Factor
+
+    @property
+    def bare(self) -> SolidStates:
+        """The states alone: the factor is most of what they hold."""
+        return SolidStates(self.problem, self.v, self.energies)
+
+
+def solid_states(problem: Problem, near: FactorisedStates | None = None) -> FactorisedStates:
     """Solve all states.
 
     Args:
@@ -76,14 +86,14 @@ def solid_states(problem: Problem, near: SolidStates | None = None) -> SolidStat
         SolveError: the residual is too large.
     """
     shared = near is not None and near.problem.supports is problem.supports
-    factor = (near.factor if near is not None and shared else None) or _factor(problem)
+    factor = near.factor if near is not None and shared else _factor(problem)
     start, loads = near.v if near is not None and shared else None, problem.loads()
     try:
         v = solve(problem.matrix, loads, factor, start)
     except SolveError:  # too far away, or too rough
         factor = problem.matrix.factor(single=False)
         v = solve(problem.matrix, loads, factor)
-    return SolidStates(problem, factor, v, energies(problem, v))
+    return FactorisedStates(problem, v, energies(problem, v), factor)
 
 
 def _factor(problem: Problem) -> Factor:
@@ -95,7 +105,8 @@ def _factor(problem: Problem) -> Factor:
         if body >= INCLUSION or body < 0:
             modulus = float(np.clip(stuff.youngs_modulus, tissue / TAMED, tissue * TAMED))
             tamed[body] = Isotropic(modulus, stuff.poisson_ratio)
-    return Problem.of(problem.solid, tamed, problem.supports).matrix.factor(single=True)
+    # the factor is most of the memory: the matrix goes first, and the problem's own is assembled afterwards
+    return factorised(rounded(Problem.of(problem.solid, tamed, problem.supports).matrix.lower))
 
 
 def energies(problem: Problem, v: Floats) -> Mapping[int, Floats]:

@@ -19,8 +19,7 @@ from geometry.scenes.scene import Scene
 from geometry.tetra.cache import cached_mesh
 from geometry.tetra.sizing import TetraFineness
 from geometry.tetra.tet_mesh import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE, TetMesh
-from solver.linalg.memory import give_back
-from solver.solid.base_states import SolidStates, solid_states
+from solver.solid.base_states import FactorisedStates, SolidStates, solid_states
 from solver.solid.body_stiffness import Elastic
 from solver.solid.domain import Domain
 from solver.solid.modulus_response import solid_response
@@ -39,7 +38,6 @@ class SceneDifference:
         tilt: film forces per unit rotation about y, N/rad, shape (k, 2).
         tilt_slope: their derivative by ln E of the target, shape (k, 2).
         reference: the reference's film forces on this mesh, shape (2, 2).
-        states: of the scene, for pictures, their factor let go; of a curve those it begins with.
         unknowns: of the scene.
         residual: of both solutions, relative to the loads, the larger.
     """
@@ -49,7 +47,6 @@ class SceneDifference:
     tilt: Floats
     tilt_slope: Floats
     reference: Floats
-    states: SolidStates
     unknowns: int
     residual: float
 
@@ -63,8 +60,10 @@ def mesh_domain(domain: Domain, fineness: TetraFineness) -> TetMesh:
     return cached_mesh(domain.scene, fineness, domain.half, None, domain.radius)
 
 
-def difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> SceneDifference:
-    """Solve reference and scene, at the scene's own modulus of the target or at all ``moduli``.
+def difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> tuple[SceneDifference, SolidStates]:
+    """Solve reference and scene, at the scene's own modulus of the target or at all ``moduli``; return the scene's states too.
+
+    A factor is most of the memory: the reference's goes before the scene gets one of its own.
 
     Raises:
         SolveError: the equations could not be solved.
@@ -74,24 +73,22 @@ def difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> S
         scene = _with_modulus(scene, target, float(np.sqrt(moduli.min() * moduli.max())))
     solid = Solid.of(mesh, scene.contact.interface == "frictionless")
     reference = solid_states(Problem.of(solid, _reference_materials(scene)))
-    same = set(_reference_materials(scene)) == set(_materials(scene, solid))
-    less, left = reference.reactions, reference.residual
-    if not same:
-        reference = reference.alone()  # before there is another factor
-        give_back()
-    problem = Problem.of(solid, _materials(scene, solid), reference.problem.supports if same else None)
-    states = solid_states(problem, reference if same else None)
+    less, residual = reference.reactions, reference.residual
+    near = reference if set(_reference_materials(scene)) == set(_materials(scene, solid)) else None
+    del reference
+    problem = Problem.of(solid, _materials(scene, solid), None if near is None else near.problem.supports)
+    states = solid_states(problem, near)
     reactions, slope = _reactions(states, scene, target, moduli)
-    return SceneDifference(
+    found = SceneDifference(
         reactions[:, :2, :2] - less[:2, :2],
         slope[:, :2, :2],
         tilt=reactions[:, :2, 2] - less[:2, 2],
         tilt_slope=slope[:, :2, 2],
         reference=less[:2, :2],
-        states=states.alone(),
         unknowns=problem.supports.unknowns,
-        residual=max(left, states.residual),
+        residual=max(residual, states.residual),
     )
+    return found, states.bare
 
 
 def _with_modulus(scene: Scene, target: int, modulus: float) -> Scene:
@@ -103,7 +100,7 @@ def _with_modulus(scene: Scene, target: int, modulus: float) -> Scene:
     return scene.model_copy(update={"inclusion": tuple(bodies)})
 
 
-def _reactions(states: SolidStates, scene: Scene, target: int | None, moduli: Floats | None) -> tuple[Floats, Floats]:
+def _reactions(states: FactorisedStates, scene: Scene, target: int | None, moduli: Floats | None) -> tuple[Floats, Floats]:
     if target is None:
         return states.reactions[None], np.zeros((1, 3, 3))
     bodies = [b for b in (INCLUSION + target, outside(INCLUSION + target)) if b in states.energies]

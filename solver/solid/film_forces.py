@@ -10,7 +10,7 @@ both A and F_whole by ``solver/axisymmetric/converged_forces.py``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import copy_context
 from dataclasses import dataclass
@@ -27,10 +27,11 @@ from geometry.tetra.layout import body_layout
 from geometry.tetra.sizing import COARSE, FINE, ROUGH
 from geometry.tetra.tet_mesh import TetMesh
 from solver.axisymmetric.converged_forces import Converged, converged_forces
-from solver.linalg.memory import give_back
+from solver.linalg.workspace import current
 from solver.results.film_forces import Bound, FilmForces
 from solver.results.result import Decision
 from solver.results.warnings import Note, of_kind
+from solver.solid.base_states import SolidStates
 from solver.solid.cost import check_mesh
 from solver.solid.difference import SceneDifference, difference, mesh_domain
 from solver.solid.domain import Domain, coaxial, domain, plain, reach, room
@@ -57,6 +58,7 @@ class SolidForces:
         tilt_error: on ``tilt``, shape (2,).
         domain: what was meshed.
         difference: on the finest mesh.
+        states: of the scene on that mesh, for pictures; of a curve those it begins with.
         plan: what is modelled or left out.
         notes: what stands in the way of a better answer.
     """
@@ -67,6 +69,7 @@ class SolidForces:
     tilt_error: Floats
     domain: Domain
     difference: SceneDifference
+    states: SolidStates
     plan: tuple[Decision, ...]
     notes: tuple[Note, ...]
 
@@ -116,46 +119,54 @@ def solid_forces(scene: Scene, accuracy: float, moduli: Floats | None = None, te
     """
     tell("the symmetric part")
     symmetric = _symmetric(scene, accuracy)
-    meshes = _differences(symmetric.domain, moduli, tell)
-    before, last = next(meshes), next(meshes)
-    films, stopped = _films(scene, symmetric, before, last, FLOOR), []
-    if not _good(scene, films, accuracy):
+    current().begin()  # what that took may go
+    films, differences, states, stopped = _agreed(scene, symmetric, accuracy, moduli, tell)
+    notes = (*of_kind(symmetric.whole.notes, "left_out"), *stopped)
+    tilt = _tilted(symmetric, differences[-1])
+    before = _tilted(symmetric, differences[-2])
+    error = SAFETY * np.abs(tilt[0] - before[0]).max(axis=0) + FLOOR * np.abs(tilt[0]).max(axis=0)
+    plan = (*symmetric.whole.plan, *_decisions(symmetric, differences[-1], accuracy))
+    return SolidForces(films, *tilt, error, symmetric.domain, differences[-1], states, plan, notes)
+
+
+def _agreed(
+    scene: Scene, symmetric: _Symmetric, accuracy: float, moduli: Floats | None, tell: Tell
+) -> tuple[tuple[FilmForces, ...], list[SceneDifference], SolidStates, tuple[Note, ...]]:
+    """Film forces once two meshes agree, or of the finest within the limits; the differences on all meshes, and the last states.
+
+    The notes say which limit forbade a further mesh.
+    """
+    differences: list[SceneDifference] = []
+    films: tuple[FilmForces, ...] = ()
+    meshes = _meshes(symmetric.domain, tell)
+    while True:
         try:
-            before, last = last, next(meshes)
-            films = _films(scene, symmetric, before, last, FLOOR / 2)
+            mesh = next(meshes)
+            tell(f"solving on {len(mesh.elements)} tetrahedra")
+            one, states = difference(symmetric.domain, mesh, moduli)
         except LimitReached as limit:
-            stopped = [Note("limit", f"no third mesh: {limit}")]
-    tilt = _tilted(symmetric, last)
-    was = _tilted(symmetric, before)
-    error = SAFETY * np.abs(tilt[0] - was[0]).max(axis=0) + FLOOR * np.abs(tilt[0]).max(axis=0)
-    plan = (*symmetric.whole.plan, *_decisions(symmetric, last, accuracy))
-    notes = [*of_kind(symmetric.whole.notes, "left_out"), *stopped]
-    return SolidForces(films, *tilt, error, symmetric.domain, last, plan, tuple(notes))
+            if not films:
+                raise
+            return films, differences, states, (Note("limit", f"no third mesh: {limit}"),)
+        differences.append(one)
+        if len(differences) > 1:
+            films = _films(scene, symmetric, differences[-2], one, FLOOR / (len(differences) - 1))
+            if len(differences) == len(MESHES) or all(_good(film, scene, accuracy) for film in films):
+                return films, differences, states, ()
 
 
-def _good(scene: Scene, films: Sequence[FilmForces], accuracy: float) -> bool:
-    return all(one.error_under(scene) <= accuracy and _sensitive_enough(one, accuracy) for one in films)
-
-
-def _differences(domain: Domain, moduli: Floats | None, tell: Tell) -> Iterator[SceneDifference]:
-    """The difference on finer and finer meshes; the first two are meshed side by side."""
+def _meshes(domain: Domain, tell: Tell) -> Iterator[TetMesh]:
+    """Finer and finer ones; the first two are made side by side."""
     for fineness in MESHES[:2]:
         check_mesh(domain, fineness)
     tell("meshing twice")
     with ThreadPoolExecutor(2) as pool:
-        both = [pool.submit(copy_context().run, mesh_domain, domain, fineness) for fineness in MESHES[:2]]
-        for mesh in both:
-            yield _solved(domain, mesh.result(), moduli, tell)
+        for mesh in [pool.submit(copy_context().run, mesh_domain, domain, fineness) for fineness in MESHES[:2]]:
+            yield mesh.result()
     for fineness in MESHES[2:]:
         check_mesh(domain, fineness)
         tell("meshing more finely")
-        yield _solved(domain, mesh_domain(domain, fineness), moduli, tell)
-
-
-def _solved(domain: Domain, mesh: TetMesh, moduli: Floats | None, tell: Tell) -> SceneDifference:
-    tell(f"solving on {len(mesh.elements)} tetrahedra")
-    give_back()  # what the last mesh's factor leaves
-    return difference(domain, mesh, moduli)
+        yield mesh_domain(domain, fineness)
 
 
 def _symmetric(scene: Scene, accuracy: float) -> _Symmetric:
@@ -231,8 +242,9 @@ def _log_sensitivity(slope: Floats, forces: Floats) -> float:
         return float(np.nan_to_num((slope.sum(axis=1) / forces.sum(axis=1)) @ [1.0, -1.0]))
 
 
-def _sensitive_enough(films: FilmForces, accuracy: float) -> bool:
-    return films.sensitivity_error <= max(5 * accuracy * abs(films.log_sensitivity or 0.0), 1e-5)
+def _good(films: FilmForces, scene: Scene, accuracy: float) -> bool:
+    sensitive = films.sensitivity_error <= max(5 * accuracy * abs(films.log_sensitivity or 0.0), 1e-5)
+    return sensitive and films.error_under(scene) <= accuracy
 
 
 def _tilted(symmetric: _Symmetric, one: SceneDifference) -> tuple[Floats, Floats]:

@@ -19,7 +19,7 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
 from solver.linalg.conjugate_gradients import solve
 from solver.linalg.rational_response import KrylovBasis, RationalResponse
-from solver.solid.base_states import SolidStates
+from solver.solid.base_states import FactorisedStates, SolidStates
 
 TOLERANCE = 1e-7  # relative, of what a step changes in the film forces; what is left is less still
 MOST_STEPS = 60
@@ -45,7 +45,7 @@ class SolidResponse:
         return self.rational.at(t)
 
 
-def solid_response(states: SolidStates, body: int, low: float, high: float) -> SolidResponse:
+def solid_response(states: FactorisedStates, body: int, low: float, high: float) -> SolidResponse:
     """Return reactions for moduli of a body from ``low`` to ``high``, multiples of the one that ``states`` were solved with.
 
     That one should be within a hundred times the tissue's, either way: begun at a million times the tissue's, 1 - l_k is lost
@@ -71,7 +71,7 @@ def solid_response(states: SolidStates, body: int, low: float, high: float) -> S
 class _BodyForces:
     """A body's nodal forces on a growing basis."""
 
-    def __init__(self, states: SolidStates, body: int) -> None:
+    def __init__(self, states: FactorisedStates, body: int) -> None:
         self.states, self.body, self.problem = states, body, states.problem
         self.of_states = self.problem.restricted(self._push(self.problem.own(states.v, body)))  # K_b u_j on the unknowns
         self.last = self.of_states  # K_b of the newest vectors

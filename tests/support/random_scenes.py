@@ -100,7 +100,7 @@ def scaled(scene: Scene, lengths: float = 1.0, moduli: float = 1.0) -> Scene:
 def stiffened(scene: Scene, part: str, times: float) -> Scene:
     """Return the scene with the modulus of one part (a key of ``MODULI``) times a number."""
     data = scene.model_dump(exclude_unset=True)
-    material = data
+    material: Any = data
     for key in MODULI[part]:
         material = material[key]
     material["youngs_modulus"] *= times
@@ -115,8 +115,9 @@ def homogeneous(scene: Scene) -> Scene:
 
 def in_a_block(scene: Scene) -> Scene:
     """Return the scene with a block, longer than broad, about as wide as the cylinder of its tissue."""
-    tissue = scene.tissue.model_dump(exclude={"shape", "radius"})
-    block = {**tissue, "shape": "block", "length": 2.2 * scene.tissue.radius, "breadth": 1.6 * scene.tissue.radius}
+    tissue = scene.tissue.model_dump(exclude={"shape"})
+    radius = tissue.pop("radius")
+    block = {**tissue, "shape": "block", "length": 2.2 * radius, "breadth": 1.6 * radius}
     return Scene.model_validate({**scene.model_dump(exclude_unset=True), "tissue": block})
 
 

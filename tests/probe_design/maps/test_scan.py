@@ -14,7 +14,9 @@ import pytest
 from geometry import Scene, read_scene
 from geometry.scenes.scene import Inclusion
 from probe_design.maps.scan import scan
-from solver import evaluate
+from solver import Workspace, evaluate
+from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
+from solver.linalg.workspace import using
 from tests.support.paths import EXAMPLES, REFERENCE
 from tests.support.program import begun, refused, run
 from tests.support.references import expected, named
@@ -104,6 +106,15 @@ def test_far_from_tumours_and_without_them_the_ratio_is_that_of_tissue_alone() -
     assert flat.ratio_without == pytest.approx(flat.ratio[1], rel=1e-12)
     assert flat.log_sensitivity == (None,) * 3
     assert any("no inclusion" in warning for warning in flat.warnings)
+
+
+def test_one_probe_is_held_wherever_its_bounds_are_found() -> None:
+    """Positions off the middle of a block ask for film forces alone: each probe solved everywhere is some 40 MB."""
+    scene = read_scene(EXAMPLES / "two-tumours.toml")
+    with using(Workspace()) as held:
+        scan(changed(scene, inclusion=()), "x", np.array([0.0, 0.03]), accuracy=0.1)
+    kinds = [type(entry.value) for entry in held._entries.values()]
+    assert (kinds.count(Undisturbed), kinds.count(ProbeAlone)) == (1, 2)
 
 
 def test_a_force_is_shared_by_both_films() -> None:

@@ -203,7 +203,7 @@ class TestPicture:
     def test_a_whole_that_does_not_move(self, tmp_path: Path) -> None:
         """Cut open at y = 0; nothing to exaggerate, no stress to scale colours by."""
         problem = Problem.of(Solid.of(whole()), MATERIALS)
-        still = SolidStates(problem, states().factor, np.zeros((problem.supports.unknowns, 3)), states().energies)
+        still = SolidStates(problem, np.zeros((problem.supports.unknowns, 3)), states().energies)
         picture = drawn(tmp_path / "probe.png", still, np.zeros(3))
         assert picture[..., :3].std() > 0.1
 

@@ -1,0 +1,101 @@
+"""What a process holds that answers many unlike scenes: its memory must stop growing once the workspace is full.
+
+Usage: ``python -m benchmarks.levels.memory [--answers 300]``: random scenes, each level in turn, at three accuracies in turn;
+after every fifty a line with the memory of the process, the most in between, the bytes that the workspace holds, and the
+processor's seconds. Linux alone tells a process's memory so.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from itertools import cycle, islice
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+from hypothesis import HealthCheck, Phase, given, settings
+from rich.console import Console
+
+from benchmarks.tables import MeasuredTable
+from geometry import ProbeError, Scene
+from solver import evaluate
+from solver.linalg.workspace import current
+from tests.support.random_scenes import scenes
+
+LEVELS = ("published", "closed-form", "equivalent-inclusion", "axisymmetric")
+ON_AXIS = ("published", "axisymmetric")
+ACCURACIES = (0.05, 0.01, 0.003)
+EACH = 50
+DRAWING = settings(
+    database=None, derandomize=True, deadline=None, phases=[Phase.generate], suppress_health_check=list(HealthCheck)
+)
+STATUS, RESET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
+
+
+def drawn(count: int, **kind: Any) -> list[Scene]:
+    """Return random scenes of ``tests.support.random_scenes``, the same every time."""
+    found: list[Scene] = []
+
+    @settings(DRAWING, max_examples=count)
+    @given(scene=scenes(**kind))
+    def draw(scene: Scene) -> None:
+        found.append(scene)
+
+    draw()
+    return found
+
+
+def questions(count: int) -> Iterator[tuple[Scene, str, float]]:
+    """Yield scenes with the level and the accuracy that they are asked with; each level sees every accuracy."""
+    kinds = {True: drawn(count), False: drawn(count, farthest=1.0, tumours=2)}
+    each = {on_axis: cycle(some) for on_axis, some in kinds.items()}
+    for number, level in enumerate(islice(cycle(LEVELS), count)):
+        yield next(each[level in ON_AXIS]), level, ACCURACIES[number // len(LEVELS) % len(ACCURACIES)]
+
+
+def memory(key: str) -> int:
+    """Return bytes of this process: ``VmRSS`` now, ``VmHWM`` the most since ``reset``."""
+    (line,) = (line for line in STATUS.read_text().splitlines() if line.startswith(f"{key}:"))
+    return 1024 * int(line.split()[1])
+
+
+def reset() -> None:
+    """Begin to look for the most memory anew."""
+    RESET.write_text("5")
+
+
+def answered(scene: Scene, level: str, accuracy: float) -> bool:
+    """Whether the level takes the scene."""
+    try:
+        evaluate(scene, level, accuracy)
+    except ProbeError:
+        return False
+    return True
+
+
+def measured(count: int, each: int = EACH) -> MeasuredTable:
+    """Ask, and write down what is held after ``each`` so many."""
+    columns = "after, count", "refused, count", "memory, MB", "most since the last, MB", "workspace, MB", "processor, s"
+    table = MeasuredTable("Memory of one process that answers unlike scenes", columns)
+    refused, start = 0, process_time()
+    reset()
+    for number, question in enumerate(questions(count), 1):
+        refused += not answered(*question)
+        if number % each == 0 or number == count:
+            held = (memory("VmRSS"), memory("VmHWM"), current().bytes_held)
+            table.add(number, refused, *(round(one / 1e6) for one in held), process_time() - start)
+            reset()
+    return table
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--answers", type=int, default=300)
+    asked = parser.parse_args()
+    measured(asked.answers).print(Console())
+
+
+if __name__ == "__main__":
+    main()

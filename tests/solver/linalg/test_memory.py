@@ -1,0 +1,52 @@
+"""What processes hold: one that answers many unlike scenes stops growing, and a scan stays small."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from solver.linalg.workspace import LIMIT
+from tests.support.paths import EXAMPLES, ROOT
+
+UNLIKE = "import json; from benchmarks.levels.memory import measured; print(json.dumps(measured(120, each=40).rows))"
+SCAN = """
+import sys
+from pathlib import Path
+from probe_design.cli.main import main
+try:
+    main()
+except SystemExit:
+    print(Path("/proc/self/status").read_text())
+"""
+LINE = ("scan", str(EXAMPLES / "two-tumours.toml"), "--from", "-30 mm", "--to", "30 mm", "--points", "61")
+linux = pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="only Linux tells the most memory of a process")
+
+
+def said(code: str, *arguments: str, **environment: str) -> str:
+    """What Python prints that runs some code in a process of its own."""
+    command, environ = [sys.executable, "-c", code, *arguments], os.environ | environment
+    return subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=environ, check=True).stdout
+
+
+@linux
+@pytest.mark.slow
+def test_unlike_scenes_do_not_add_up() -> None:
+    """A workspace of 0.2 GB is full after a dozen of 120 scenes: after 40 only what one evaluation needs makes a difference."""
+    first, *others = json.loads(said(UNLIKE, **{LIMIT: "0.2"}))
+    for row in (first, *others):
+        now, held = row[2], row[4]
+        assert held <= 300  # MB: the limit, or what the last evaluation needed
+        assert now <= first[2] + 150  # what freed memory is let lie, and an evaluation more or less
+
+
+@linux
+@pytest.mark.slow
+def test_readme_s_scan_takes_less_than_800_megabytes() -> None:
+    (most,) = re.findall(r"VmHWM:\s*(\d+) kB", said(SCAN, *LINE))
+    assert 1024 * int(most) < 0.8e9
