@@ -13,7 +13,7 @@ import argparse
 import json
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -48,7 +48,7 @@ def scenes(scene: Scene) -> dict[int, Scene]:
 
 
 def solved(scene: Scene, evaluator: str, accuracy: float) -> dict[int, Result]:
-    """Evaluate the four positions at the scene's load, each once: linear elasticity gives the other loads.
+    """Evaluate the four positions at the scene's small load, each once: linear elasticity gives 1 N and the other loads.
 
     Raises:
         InputError, Refusal: see ``solver.evaluate``.
@@ -57,8 +57,15 @@ def solved(scene: Scene, evaluator: str, accuracy: float) -> dict[int, Result]:
     with saying("the paper's study") as tell:
         for k, one in scenes(scene).items():
             tell(f"position {k} of 4, {PLACES[k]}")
-            found[k] = evaluate(one, evaluator, accuracy, partial(_told, tell, k))
+            found[k] = at_one_newton(evaluate(one, evaluator, accuracy, partial(_told, tell, k)), one)
     return found
+
+
+def at_one_newton(result: Result, scene: Scene) -> Result:
+    """Return a result at the scene's force as what linear elasticity makes of it at 1 N."""
+    at_load = {key: getattr(result, key) for key in ("stress_inner", "stress_outer", "charge_inner", "charge_outer")}
+    force = scene.load.force or 1.0
+    return replace(result, **{key: None if value is None else value / force for key, value in at_load.items()})
 
 
 def _told(tell: Callable[[str], None], k: int, line: str) -> None:

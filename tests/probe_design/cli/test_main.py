@@ -15,7 +15,7 @@ from tests.support.program import refused, run, started
 SCENE = REFERENCE / "axisymmetric" / "shallow.toml"
 KEYS = {
     "stress_inner", "stress_outer", "ratio", "log_sensitivity", "stiffness", "charge_inner", "charge_outer", "error_estimate",
-    "evaluator", "seconds", "equivalent_modulus", "residual", "plan", "warnings",
+    "evaluator", "seconds", "equivalent_modulus", "residual", "linear_limit_load", "plan", "warnings",
 }  # fmt: skip
 
 

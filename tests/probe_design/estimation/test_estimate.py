@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from geometry import Scene
-from geometry.common.errors import InputError
+from geometry import Load, Scene, read_scene
+from geometry.common.errors import InputError, Refusal
 from geometry.scenes.scene_file import scene_from_dict, scene_to_toml
 from probe_design.estimation.depth_and_strength import Plane
 from probe_design.estimation.estimate import Estimate, estimate, searched
@@ -21,7 +21,7 @@ from probe_design.estimation.profile import Track, coordinate
 from probe_design.estimation.readings import Measurements, Reading, one_reading, read_readings
 from probe_design.estimation.strength import strength
 from solver import evaluate
-from tests.support.paths import REFERENCE
+from tests.support.paths import EXAMPLES, REFERENCE
 from tests.support.program import refused, run
 from tests.support.slow import slow_unless
 
@@ -319,3 +319,32 @@ def test_findings_of_an_exact_reading_are_the_truth() -> None:
     value = of.predict({"youngs_modulus": np.array([60e3])}).value[0, 0]
     exact = TargetModel(of.scene, Measurements.of((Reading(0.0, 0.0, float(np.exp(value)), 0.01),)), 0.01)
     assert searched(exact, "youngs_modulus").best_value == pytest.approx(60e3, rel=1e-4)
+
+
+class TestLoads:
+    """Loads at which finite strain matters: refused, or counted; see ``solver.planning.loads``."""
+
+    @staticmethod
+    def scene(force: float) -> Scene:
+        return read_scene(EXAMPLES / "scene.toml").model_copy(update={"load": Load(force=force)})
+
+    READ = (Reading(0.0, 0.0, 0.563, 0.01),)
+
+    def test_large_loads_are_refused(self) -> None:
+        with pytest.raises(Refusal, match=r"load.force = 2 N: allowed: up to 0.0\d+ N"):
+            estimate(self.scene(2.0), self.READ)
+
+    def test_the_interval_counts_finite_strain(self) -> None:
+        """The rule's 0.1 x of the ratio goes on top of the model's own error."""
+        light, heavy = estimate(self.scene(0.0), self.READ), estimate(self.scene(0.03), self.READ)
+        assert light.error_estimate is not None
+        assert heavy.error_estimate is not None
+        x = 0.03 / 93.166 / self.scene(0.0).probe.tube_radius  # stiffness: tests/reference/contact
+        assert heavy.error_estimate - light.error_estimate == pytest.approx(0.1 * x, rel=0.03)
+        ends = [one for interval in (heavy.interval, light.interval) for one in interval if one is not None]
+        assert ends[0] < ends[2] < ends[3] < ends[1]
+
+    def test_linearly_beyond_what_is_known_nothing_is_told(self) -> None:
+        found = estimate(self.scene(1.0), self.READ, linear=True)
+        assert not found.identifiable
+        assert found.interval == (None, None)

@@ -44,7 +44,7 @@ class TestRows:
         assert len(list(rows(whole))) == 300
 
     def test_a_fault_of_the_program_is_a_row(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        def broken(*_: object) -> None:
+        def broken(*_: object, **__: object) -> None:
             raise ZeroDivisionError("by\nzero")
 
         monkeypatch.setattr("solver.evaluate", broken)

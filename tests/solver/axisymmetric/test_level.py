@@ -170,11 +170,6 @@ def test_sensitivity_is_the_derivative_of_the_ratio() -> None:
     assert at(1.0).log_sensitivity == pytest.approx(difference, rel=1e-4)
 
 
-def test_large_load_warns_of_linearity() -> None:
-    scene = named("axisymmetric", "shallow").scene.model_copy(update={"load": Load(force=1.0)})
-    assert any("linear elasticity" in warning for warning in evaluate(scene).warnings)
-
-
 @pytest.mark.parametrize(
     "change",
     [

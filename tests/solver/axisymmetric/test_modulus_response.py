@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from geometry import InputError, Material, Refusal, Scene, SolveError
+from geometry import InputError, Load, Material, Refusal, Scene, SolveError
 from geometry.meridian.frame import MeridianFineness
 from geometry.meridian.section import Body
 from geometry.scenes.variables import changed
@@ -69,6 +69,7 @@ def test_a_body_that_is_not_there_is_refused() -> None:
 def test_curve_agrees_with_evaluate(name: str) -> None:
     scene = named("axisymmetric", name).scene
     found = curve(scene, np.array([1e2, 3e3, 1e6]), accuracy=1e-3)
+    scene = scene.model_copy(update={"load": Load(force=0.0)})  # at which no finite strain keeps auto from 1e-4
     for modulus, ratio, told, error in zip(
         found.youngs_modulus, found.ratio, found.log_sensitivity, found.error_estimate, strict=True
     ):

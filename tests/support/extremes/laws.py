@@ -11,7 +11,7 @@ from geometry import Inclusion, Load, Scene, read_scene
 from tests.support.extremes.rows import Row, Truth, truths
 from tests.support.paths import REFERENCE
 
-FORCES = (0.0, 1e-9, 1e4)  # N
+FORCES = (0.0, 1e-9, 0.1)  # N
 GRAIN = 1e-5  # of the ratio: more than a sphere of 0.1 mm, a millionth of the tissue that the middle probe feels, can change
 PER_DEGREE = (-30.14, 19.03)  # Pa on inner and outer block: half the difference of ``solid`` at 1 and at -1 degree
 TILT_SHARE = 0.02  # of them: what they may be off

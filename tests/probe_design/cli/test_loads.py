@@ -1,0 +1,64 @@
+"""Loads beyond linear elasticity, asked of every verb that answers at a scene's load."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.support.paths import SCENE
+from tests.support.program import refused, run
+from tests.support.slow import slow_unless
+
+VERBS = {
+    "evaluate": (),
+    "curve": ("--points", "3"),
+    "scan": ("--points", "3"),
+    "detectability": ("--points", "3"),
+    "estimate": ("--ratio", "0.563", "--noise", "0.01"),
+    "read": ("--virtual", "--seconds", "4"),
+    "calibrate": ("--virtual", "-o", "probe.toml"),
+    "tradeoff": ("-o", "out"),
+}
+
+
+@pytest.fixture
+def heavy(tmp_path: Path) -> Path:
+    """The example at three times what it allows."""
+    path = tmp_path / "heavy.toml"
+    path.write_text(SCENE.read_text().replace('force = "10 mN"', 'force = "70 mN"'))
+    return path
+
+
+@pytest.mark.parametrize("verb", slow_unless(lambda verb: verb not in ("calibrate", "read"), VERBS))
+def test_a_load_that_is_too_large_is_refused_with_what_is_allowed(
+    verb: str, heavy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    told = refused(verb, heavy, *VERBS[verb])
+    assert "allowed: up to 0.0" in told
+    assert "load" in told
+
+
+@pytest.mark.parametrize("verb", ["evaluate", "curve", "scan", "estimate", "read"])
+def test_linear_answers_it_and_counts_the_effect(verb: str, heavy: Path) -> None:
+    """x is 0.138 at 70 mN, of which the ratio may change by a tenth (``tests/reference/contact`` has a stiffness of 93.2 N/m)."""
+    ended = run(verb, heavy, *VERBS[verb], "--linear", "--json")
+    assert ended.returncode == 0, ended.stderr
+    found = json.loads(ended.stdout)
+    if verb == "read":
+        assert found["predicted_ratio_uncertainty"] > 0.0138 / 3**0.5 * 0.563 * 0.99
+        return
+    errors = found["error_estimate"]
+    assert min(errors) > 0.0125 if isinstance(errors, list) else errors > 0.0137
+
+
+@pytest.mark.slow
+def test_a_sweep_says_which_designs_are_pressed_too_hard(tmp_path: Path) -> None:
+    for name, line, counts in (("auto", "", (1, 1)), ("linear", "linear = true\n", (2, 0))):
+        text = f'scene = "{SCENE}"\n{line}[variables."load.force"]\nvalues = ["10 mN", "70 mN"]\n'
+        (tmp_path / f"{name}.toml").write_text(text)
+        found = json.loads(run("sweep", tmp_path / f"{name}.toml", "-o", tmp_path / name, "--json").stdout)
+        assert (found["ok"], found["refused"]) == counts
+    assert "allowed: up to 0.02" in (tmp_path / "auto" / "results.csv").read_text()
