@@ -9,8 +9,9 @@ import json
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
+from typing import Any, ClassVar
 
 import libusb_package
 import numpy as np
@@ -122,6 +123,28 @@ class ScopeTransport:
             time.sleep(0.02)
 
 
+@dataclass(frozen=True)
+class _Acquisition:
+    """What the note of a chunk says: the family's name, and of each channel the scales as it told them and its bytes."""
+
+    dialect: str
+    scales: tuple[str, str]
+    lengths: tuple[int, int]
+    __pydantic_config__: ClassVar = {"strict": True, "extra": "forbid"}
+
+
+def _acquisition(note: str, size: int) -> _Acquisition:
+    from pydantic import TypeAdapter, ValidationError  # only who decodes waveforms waits for it
+
+    try:
+        told = TypeAdapter(_Acquisition).validate_json(note)
+    except ValidationError as fault:
+        raise InvalidSource("the recording holds what no oscilloscope of ours has sent") from fault
+    if told.dialect not in DIALECTS or min(told.lengths) < 1 or sum(told.lengths) != size:
+        raise InvalidSource("the recording holds an acquisition whose note does not fit its bytes")
+    return told
+
+
 class WaveformDecoder:
     """Turns acquisitions, live or recorded, into samples."""
 
@@ -134,11 +157,12 @@ class WaveformDecoder:
 
         Raises:
             ProtocolError: its channels do not fit each other, or the header.
+            InvalidSource: a recorded note that no scope of ours wrote.
         """
-        acquisition = json.loads(note)
-        dialect = DIALECTS[acquisition["dialect"]]
-        lengths, begin, columns = acquisition["lengths"], 0, []
-        for length, answer in zip(lengths, acquisition["scales"], strict=True):
+        acquisition = _acquisition(note, len(data))
+        dialect = DIALECTS[acquisition.dialect]
+        lengths, begin, columns = acquisition.lengths, 0, []
+        for length, answer in zip(lengths, acquisition.scales, strict=True):
             scaling = dialect.scaled(answer)
             if length != lengths[0] or abs(scaling.interval * self.header.rate - 1) > 1e-9:
                 raise ProtocolError(f"channels of {lengths} samples, every {scaling.interval} s: leave the time base as it was")

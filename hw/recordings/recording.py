@@ -13,15 +13,16 @@ import struct
 import time
 import zlib
 from collections.abc import Generator
+from dataclasses import dataclass, fields
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO, Self
+from typing import BinaryIO, ClassVar, Literal, Self
 
 from hw.common.errors import InvalidSource
 from hw.common.transport import Chunk, Header
 
-KIND = "probe-design recording"
-VERSION = 1
+KIND: Literal["probe-design recording"] = "probe-design recording"
+VERSION: Literal[1] = 1
 _RECORD = struct.Struct("<4sdHHI")
 _CRC = struct.Struct("<I")
 
@@ -74,16 +75,22 @@ class Recording:
         cut: None, or in words where the file ends before its end; known once all chunks were read.
 
     Raises:
-        InvalidSource: the file is not a recording, or of another version.
-        OSError: it cannot be read.
+        InvalidSource: the file cannot be read, is not a recording, or of another version.
     """
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
         self.cut: str | None = None
-        with self.path.open("rb") as file:
-            self.header = _header(file.readline(1 << 20), self.path)
-            self._data_begins = file.tell()
+        if not self.path.is_file():  # a folder or a pipe, say, which cannot be read twice
+            raise InvalidSource(
+                f"{path} is not a recording: {'it is no file' if self.path.exists() else 'there is no such file'}"
+            )
+        try:
+            with self.path.open("rb") as file:
+                self.header = _header(file.readline(1 << 20), self.path)
+                self._data_begins = file.tell()
+        except OSError as fault:
+            raise InvalidSource(f"{path} cannot be read ({fault.strerror})") from fault
 
     def chunks(self) -> Generator[Chunk, None, None]:
         """Yield what was read, in order, up to the end or the cut."""
@@ -106,15 +113,50 @@ def sha256(path: Path | str) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+@dataclass(frozen=True)
+class _Kind:
+    """What the first line of every version says."""
+
+    format: Literal["probe-design recording"]
+    version: int
+    __pydantic_config__: ClassVar = {"strict": True}
+
+
+@dataclass(frozen=True)
+class _FirstLine(Header):
+    """The first line of a file as it stands there, for pydantic to read."""
+
+    format: Literal["probe-design recording"]
+    version: Literal[1]
+    __pydantic_config__: ClassVar = {"strict": True, "extra": "forbid", "allow_inf_nan": False}
+
+    def __post_init__(self) -> None:
+        """Raise ``ValueError`` for numbers and names that no source of samples has."""
+        json.dumps(self.source, allow_nan=False)
+        if self.kind not in ("frames", "waveforms"):
+            raise ValueError("kind: frames or waveforms")
+        if not 1e-6 < self.rate < 1e12:
+            raise ValueError("rate: in Hz, above 0")
+        most = 3 if self.kind == "frames" else 2
+        if not 2 <= len(self.channels) == len(self.scale) <= most or not all(1e-18 < abs(one) < 1e6 for one in self.scale):
+            raise ValueError("scale: volts per count of two or three channels")
+        if not 0 <= self.stream < 1 << 16 or (self.kind == "frames" and not 32 <= self.size <= 1024):  # docs/protocol.md
+            raise ValueError("stream and size: of no frames")
+
+
 def _header(line: bytes, path: Path) -> Header:
+    from pydantic import TypeAdapter, ValidationError  # only who reads a recording waits for it
+
     try:
-        entries: dict[str, Any] = json.loads(line)
-        kind, version = entries.pop("format"), entries.pop("version")
-        if (kind, version) == (KIND, VERSION):
-            return Header(**entries | {"channels": tuple(entries["channels"]), "scale": tuple(entries["scale"])})
-    except (ValueError, KeyError, TypeError, AttributeError) as fault:
-        raise InvalidSource(f"{path} is not a recording: it does not begin with the line that describes it") from fault
-    raise InvalidSource(f"{path} is a {kind} of version {version}: this program reads {KIND} of version {VERSION}")
+        version = TypeAdapter(_Kind).validate_json(line).version
+        if version != VERSION:
+            raise InvalidSource(f"{path} is a {KIND} of version {version}: this program reads {KIND} of version {VERSION}")
+        first = TypeAdapter(_FirstLine).validate_json(line)
+    except ValidationError as fault:
+        key = ".".join(map(str, fault.errors(include_url=False)[0]["loc"][:2]))
+        wrong = f" ({key})" if key.isascii() and 0 < len(key) < 40 else ""
+        raise InvalidSource(f"{path} is not a recording: it does not begin with the line that describes it{wrong}") from fault
+    return Header(**{field.name: getattr(first, field.name) for field in fields(Header)})
 
 
 def _next(file: BinaryIO) -> tuple[bytes, Chunk]:

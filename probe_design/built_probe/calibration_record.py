@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
@@ -27,7 +27,10 @@ VERSION: Literal[1] = 1
 HEADER = """# A calibration of a tactile probe, by `probe-design calibrate`; docs/hardware.md tells what each number means.
 # reading / N of nominal gain = matrix @ film force / N; rows and columns: inner, outer film. Covariances row by row.
 """
-Row = tuple[float, ...]
+T = TypeVar("T")
+Listed = Annotated[T, Field(strict=False)]  # a tuple, which TOML writes as a list
+Finite = Annotated[float, Field(ge=-1e30, le=1e30)]  # their products are finite too
+Row = Listed[tuple[Finite, ...]]
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,7 @@ class ReadingRecord(Frozen):
     on: str
     films: Row
     films_sd: Row
-    force: float | None = None
+    force: Finite | None = None
     sha256: str
     file: str = ""
 
@@ -62,21 +65,21 @@ class CalibrationRecord(Frozen):
     software: str
     date: str
     device: str
-    frequency: float = Field(gt=0)
+    frequency: float = Field(ge=1e-6, le=1e12)
     absolute: bool
-    entries: tuple[str, ...]
-    matrix: tuple[Row, Row]
-    covariance: tuple[Row, Row, Row, Row]
-    cross_talk_resolved: tuple[bool, bool]
+    entries: Listed[tuple[str, ...]]
+    matrix: Listed[tuple[Row, Row]]
+    covariance: Listed[tuple[Row, Row, Row, Row]]
+    cross_talk_resolved: Listed[tuple[bool, bool]]
     offsets: Row
     offsets_sd: Row
-    chi_square: float
+    chi_square: Finite
     degrees_of_freedom: int = Field(ge=0)
-    variables: tuple[str, ...]
-    slopes: tuple[Row, Row, Row, Row]
+    variables: Listed[tuple[str, ...]]
+    slopes: Listed[tuple[Row, Row, Row, Row]]
     workshop: Row
-    warnings: tuple[str, ...]
-    reading: tuple[ReadingRecord, ...]
+    warnings: Listed[tuple[str, ...]]
+    reading: Listed[tuple[ReadingRecord, ...]]
     scene: dict[str, Any]
     bench: dict[str, Any]
 
@@ -125,7 +128,7 @@ def record(calibration: Calibration, raw: Sequence[Raw], device: str) -> Calibra
     )  # fmt: skip
     tables: dict[str, Any] = {name: getattr(gains, name).tolist() for name in ("matrix", "covariance", "slopes", "workshop")}
     return CalibrationRecord.model_validate(
-        _tuples(tables)
+        tables
         | {
             "format": FORMAT, "version": VERSION, "software": f"probe-design {version('probe-design')}",
             "date": datetime.now(UTC).isoformat(timespec="seconds"), "device": device, "frequency": calibration.frequency,
@@ -157,7 +160,7 @@ def read_record(path: Path | str) -> CalibrationRecord:
         header = Words(f"{path}: {data.get('format', 'no format')}, version {data.get('version', 'missing')}")
         raise InputError("calibration", header, f"{FORMAT}, version {VERSION}")
     try:
-        return CalibrationRecord.model_validate(_tuples(data))
+        return CalibrationRecord.model_validate(data)
     except ValidationError as refused:
         raise first_fault(refused, "calibration") from None
 
@@ -166,10 +169,3 @@ def check_free(path: Path) -> None:
     """Raise ``InputError`` if there is a file of that name."""
     if path.exists():
         raise InputError("output", str(path), "a name that is not taken: calibrations are never overwritten")
-
-
-def _tuples(value: Any) -> Any:
-    """Lists as the tuples that the model holds; the embedded tables stay as they are."""
-    if isinstance(value, dict):
-        return {key: one if key in ("scene", "bench") else _tuples(one) for key, one in value.items()}
-    return tuple(_tuples(one) for one in value) if isinstance(value, list) else value

@@ -86,7 +86,10 @@ def key(name: str, base: Mapping[str, Any]) -> Key:
     for part in parts:
         assert part is not None
         path += [part[1], *(int(number) for number in re.findall("[0-9]+", part[2]))]
-    if path[0] == "inclusion" and len(path) > 1 and isinstance(path[1], str) and len(base.get("inclusion", ())) == 1:
+    if path[0] == "inclusion" and len(path) > 1 and isinstance(path[1], str):
+        count = len(base.get("inclusion", ()))
+        if count != 1:
+            raise InputError("variable", name, f"inclusion[NUMBER].{path[1]}: the scene has {count} inclusions")
         path.insert(1, 0)
     return Key(name, tuple(path), _quantity(name, tuple(path), base))
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
@@ -55,8 +54,8 @@ def rows(folder: Path | str) -> Iterator[dict[str, Any]]:
     """
     with reading(Path(folder)) as store:
         names = store.about().get("names", [])
-        for number, inputs, key, row in store.rows():
-            yield {"number": number, "key": key.hex(), **dict(zip(names, json.loads(inputs), strict=True)), **row}
+        for number, values, key, row in store.rows():
+            yield {"number": number, "key": key.hex(), **dict(zip(names, values, strict=True)), **row}
 
 
 def units(folder: Path | str) -> dict[str, str]:

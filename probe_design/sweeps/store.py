@@ -15,6 +15,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel, ConfigDict, TypeAdapter
+from pydantic_core import from_json
+
 from geometry.common.errors import InputError, ProbeError, Words
 from probe_design.sweeps.keys import Value
 from probe_design.sweeps.rows import COLUMNS, OUTPUTS, Row
@@ -32,6 +35,37 @@ CREATE TABLE IF NOT EXISTS results (key BLOB PRIMARY KEY, {_COLUMNS},
 """
 
 
+class _Variable(BaseModel):
+    """One variable of a sweep, as a store has it."""
+
+    model_config = ConfigDict(strict=True, extra="allow")
+
+    name: str
+    unit: str
+    shown: str
+    values: list[float | str | bool]
+    log: bool
+
+
+class _About(BaseModel):
+    """What readers of a store rely on; more may stand there."""
+
+    model_config = ConfigDict(strict=True, extra="allow")
+
+    names: list[str]
+    variables: list[_Variable]
+    sample: dict[str, Any]
+    constraints: list[str]
+    evaluator: str
+    accuracy: float
+    version: str
+    designs: int
+    digest: str
+
+
+_INPUTS: TypeAdapter[tuple[Value, ...]] = TypeAdapter(tuple[Value, ...])
+
+
 class StoreError(ProbeError):
     """The store could not be read or written; what was committed before is kept."""
 
@@ -43,8 +77,11 @@ class Store:
         self.folder, self._connection = folder, connection
 
     def about(self) -> dict[str, Any]:
-        """Return what the sweep was asked; empty before it began."""
-        return {name: json.loads(value) for name, value in self._all("SELECT name, value FROM about")}
+        """Return what the sweep was asked; empty before it began. Raises ``InputError`` where it is damaged."""
+        texts = self._all("SELECT name, value FROM about")
+        with _intact(self.folder):
+            told = {name: from_json(value) for name, value in texts}
+            return _About.model_validate(told).model_dump() if told else {}
 
     def begin(self, about: Mapping[str, Any], designs: Sequence[tuple[int, tuple[Value, ...], bytes]]) -> None:
         """Note which designs the sweep has, in place of those of another sweep in this folder; its rows stay."""
@@ -61,7 +98,9 @@ class Store:
             "SELECT count(*), inputs, key FROM designs WHERE NOT EXISTS"
             " (SELECT 1 FROM results WHERE results.key = designs.key) GROUP BY key ORDER BY min(number)"
         )
-        return [(count, tuple(json.loads(inputs)), key) for count, inputs, key in self._all(query)]
+        found = self._all(query)
+        with _intact(self.folder):
+            return [(count, _INPUTS.validate_json(inputs), key) for count, inputs, key in found]
 
     def add(self, rows: Sequence[tuple[bytes, Row]]) -> int:
         """Commit rows; one whose key is there already is left as it is. Returns how many were new."""
@@ -83,12 +122,14 @@ class Store:
         query = "SELECT status, count(*) FROM designs JOIN results USING (key) GROUP BY status"
         return {"ok": 0, "refused": 0, "failed": 0} | dict(self._all(query))
 
-    def rows(self) -> Iterator[tuple[int, str, bytes, Row]]:
-        """Yield number, values (JSON), key and row of every design that has one, by number."""
+    def rows(self) -> Iterator[tuple[int, tuple[Value, ...], bytes, Row]]:
+        """Yield number, values, key and row of every design that has one, by number. Raises ``InputError`` for damaged values."""
         columns = ", ".join(COLUMNS)
         query = f"SELECT number, inputs, key, {columns} FROM designs JOIN results USING (key) ORDER BY number"
         for number, inputs, key, *values in self._connection.execute(query):
-            yield number, inputs, key, dict(zip(COLUMNS, values, strict=True))
+            with _intact(self.folder):
+                checked = _INPUTS.validate_json(inputs)
+            yield number, checked, key, dict(zip(COLUMNS, values, strict=True))
 
     def _all(self, query: str) -> list[Any]:
         with _store_errors(self.folder):
@@ -170,10 +211,28 @@ def _alone(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
+def _intact(folder: Path) -> Iterator[None]:
+    """Raise ``InputError`` where what is read is not what a sweep has written."""
+    try:
+        yield
+    except (ValueError, TypeError):
+        raise _damaged(folder, "it holds what no sweep has written") from None
+
+
+def _damaged(folder: Path, why: object) -> InputError:
+    return InputError("folder", str(folder), f"a folder whose {NAME} is whole ({why}); move it away to begin anew")
+
+
+@contextmanager
 def _store_errors(folder: Path) -> Iterator[None]:
     try:
         yield
+    except UnicodeDecodeError as fault:  # of what SQLite itself says of damaged tables
+        raise _damaged(folder, fault.reason) from None
     except sqlite3.Error as fault:
+        # of what it cannot decode as text Python itself complains, without SQLite's name of the error
+        if getattr(fault, "sqlite_errorname", "SQLITE_CORRUPT").startswith(("SQLITE_CORRUPT", "SQLITE_NOTADB")):
+            raise _damaged(folder, fault) from None
         safe = "; all rows committed before are kept" if isinstance(fault, sqlite3.OperationalError) else ""
         remedy = "; free space and start again" if fault.sqlite_errorname in _NO_ROOM else ""
         raise StoreError(f"{folder / NAME}: {fault}{safe}{remedy}") from None

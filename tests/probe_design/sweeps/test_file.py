@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geometry import InputError
+from geometry import InputError, Scene, read_scene
 from probe_design.sweeps.constraints import satisfied
 from probe_design.sweeps.file import read_sweep, scene_of, sweep_from_dict
 from probe_design.sweeps.samples import DesignSampling
@@ -154,3 +154,13 @@ class TestFile:
     def test_what_no_file_can_ask_for_either(self, variables: dict[Any, Any], word: str) -> None:
         with pytest.raises(InputError, match=word):
             sweep_from_dict({"scene": SCENE, "variables": variables}).designs()
+
+
+@pytest.mark.parametrize("count", [0, 2])
+def test_the_inclusion_is_named_where_there_is_not_one(count: int) -> None:
+    scene = read_scene(SCENE)
+    bodies = [scene.inclusion[0].model_dump(exclude_unset=True) | {"x": 0.015 * k} for k in range(count)]
+    tables = {"scene": scene.model_dump(exclude_unset=True) | {"inclusion": bodies}, "variables": {"inclusion.depth": [0.009]}}
+    tables["scene"] = Scene.model_validate(tables["scene"])
+    with pytest.raises(InputError, match=rf"inclusion\[NUMBER\]\.depth: the scene has {count} inclusions"):
+        sweep_from_dict(tables)
