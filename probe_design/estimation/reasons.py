@@ -129,6 +129,7 @@ def warnings(findings: Findings, fitted: DepthAndStrength | None) -> tuple[str, 
 def _warnings(findings: Findings, fitted: DepthAndStrength | None) -> Iterator[str]:
     yield from findings.model.base.notes  # of the places farthest from the tissue's middle
     if findings.best is None:
+        yield from load_notes(findings.model.scene, findings.model.rule, findings.model.tolerance, promise=False)
         return
     yield from _of_load(findings)
     if findings.p_value < IMPROBABLE:
