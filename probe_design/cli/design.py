@@ -11,6 +11,7 @@ from probe_design.cli.arguments import length, limiting, noise_of, noise_option
 from probe_design.cli.output import print_json
 
 if TYPE_CHECKING:
+    from geometry.scenes.probe import Probe
     from geometry.scenes.scene import Scene
 
 
@@ -80,6 +81,7 @@ def optimize(
         print_json(summary(optimum, files))
     else:
         show(levels_table(optimum))
+        _tell_assumed(optimum.best.scene.probe)
         message(f"wrote {len(files)} files to {output}; begin with {output / 'report.html'}")
     warn(optimum.remarks)
     message(optimum.verdict)
@@ -117,11 +119,20 @@ def export(scene: Path, output: Path, force: bool, as_json: bool) -> None:
     if as_json:
         print_json({"files": [str(file) for file in files], "assumed": assumed})
         return
-    for key, size in assumed.items():
-        message(f"assumed: {key} = {size}, which the scene does not give")
+    _tell_assumed(probe)
+    message(f"wrote {', '.join(file.name for file in files)} to {output}")
+
+
+def _tell_assumed(probe: Probe) -> None:
+    """Say of which sizes a workshop should know that nobody has given them."""
+    from geometry.scenes.base_sizes import assumed_sizes
+    from geometry.scenes.probe import mm
+    from probe_design.terminal.console import message
+
+    for key, size in assumed_sizes(probe).items():
+        message(f"assumed: {key} = {mm(size)}, which the scene does not give")
     if probe.film is None:
         message("no films: the scene has no [probe.film]; the base lies on the blocks")
-    message(f"wrote {', '.join(file.name for file in files)} to {output}")
 
 
 def _question(start: Scene) -> str:

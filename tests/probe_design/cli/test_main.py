@@ -178,3 +178,24 @@ def test_no_verb_shows_help() -> None:
     ended = run()
     assert ended.returncode == 0
     assert "optimize" in ended.stdout
+
+
+@pytest.mark.parametrize("verb", ["export", "optimize"])
+def test_a_folder_with_parts_of_an_unknown_design_is_refused_before_any_work(verb: str, tmp_path: Path) -> None:
+    (tmp_path / "inner.step").write_text("of another design")
+    assert "parts.json is missing); --force replaces them" in refused(verb, EXAMPLE, "-o", tmp_path)
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("inner.step", "of another design")]
+
+
+@pytest.mark.slow
+def test_an_optimum_is_not_replaced_under_its_report(tmp_path: Path) -> None:
+    ended = run("optimize", EXAMPLE, "-o", tmp_path, "--starts", "1")
+    assert ended.returncode in (0, 1), ended.stderr
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    other = EXAMPLES / "paper-study.toml"
+    for arguments in (("export", other), ("optimize", EXAMPLE, "--starts", "2")):
+        assert "another design" in refused(*arguments, "-o", tmp_path)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    assert run("export", tmp_path / "design.toml", "-o", tmp_path).returncode == 0
+    assert run("export", other, "-o", tmp_path, "--force").returncode == 0
+    assert not {"report.html", "optimize.json", "candidates.csv", "design.toml"} & {path.name for path in tmp_path.iterdir()}
