@@ -57,12 +57,12 @@ class Part:
 
     def blocks(self, lam: float, mu: float) -> Floats:
         """The stiffness, eq. SO.2, shape (n, 3, 3), N/m."""
-        out = lam * self.dilation
+        out = np.empty(self.gram.shape)  # block by block, as sparse matrices have them: they take no copy
         for low in range(0, len(out), BATCH):
             some = slice(low, low + BATCH)
-            out[some] += mu * self.gram[some].transpose(0, 2, 1)
+            out[some] = lam * self.dilation[some] + mu * self.gram[some].transpose(0, 2, 1)
             out[some] += (mu * np.trace(self.gram[some], axis1=1, axis2=2))[:, None, None] * np.eye(3)
-        return np.asarray(out)
+        return out
 
     def forces(self, material: Elastic, u: Floats) -> Floats:
         """Nodal forces (3 n, k), N, of displacements u (3 n, k) of all nodes, m."""
