@@ -7,6 +7,9 @@ slivers, near incompressibility and contrast come together.
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
 from threading import TIMEOUT_MAX, Timer
@@ -27,6 +30,7 @@ LARGEST_RESIDUAL = 1e-8
 ROUNDING = 1e-14  # of |K| |v|: what no solver can avoid
 MOST_STEPS = 300
 BYTES = 120.0  # of a factor in single precision while it is made: times the unknowns to the power of 4/3
+KEEP_NOTHING = {"MIMALLOC_PURGE_DELAY": "0", "MIMALLOC_ARENA_EAGER_COMMIT": "0", "MIMALLOC_ARENA_PURGE_MULT": "1"}
 STUCK = 60  # steps without a residual of half the best
 ASSEMBLED = 5e3  # bytes of an unknown: bodies' matrices, a scene's, its reference's
 SPEED = 4e10  # operations a second of a factorisation in single precision on two cores; in double it is half
@@ -149,10 +153,24 @@ def _reserve(size: int) -> None:
 
 @cache
 def _rslab() -> Any:
+    """The library; its allocator, which reads the environment when it is loaded, is asked to keep nothing that is freed."""
     try:
-        return import_module("rslab")
+        with _environment(KEEP_NOTHING):
+            return import_module("rslab")
     except ImportError:
         return None
+
+
+@contextmanager
+def _environment(more: Mapping[str, str]) -> Iterator[None]:
+    """Add to the environment what the user has not set himself, for a while."""
+    own = {key: value for key, value in more.items() if key not in os.environ}
+    os.environ.update(own)
+    try:
+        yield
+    finally:
+        for key in own:
+            del os.environ[key]
 
 
 def solve(matrix: Stiffness, forces: Floats, near: Factor, start: Floats | None = None) -> Floats:

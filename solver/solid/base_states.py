@@ -86,8 +86,8 @@ def solid_states(problem: Problem, near: FactorisedStates | None = None) -> Fact
         SolveError: the residual is too large.
     """
     shared = near is not None and near.problem.supports is problem.supports
-    factor = near.factor if near is not None and shared else _factor(problem)
     start, loads = near.v if near is not None and shared else None, problem.loads()
+    factor = near.factor if near is not None and shared else _factor(problem)
     try:
         v = solve(problem.matrix, loads, factor, start)
     except SolveError:  # too far away, or too rough
@@ -104,9 +104,11 @@ def _factor(problem: Problem) -> Factor:
     for body, stuff in problem.materials.items():
         if body >= INCLUSION or body < 0:
             modulus = float(np.clip(stuff.youngs_modulus, tissue / TAMED, tissue * TAMED))
-            tamed[body] = Isotropic(modulus, stuff.poisson_ratio)
-    # the factor is most of the memory: the matrix goes first, and the problem's own is assembled afterwards
-    return factorised(rounded(Problem.of(problem.solid, tamed, problem.supports).matrix.lower))
+            if modulus != stuff.youngs_modulus:
+                tamed[body] = Isotropic(modulus, stuff.poisson_ratio)
+    if tamed == problem.materials:
+        return problem.matrix.factor(single=True)
+    return factorised(rounded(Problem.of(problem.solid, tamed, problem.supports).matrix.lower))  # which lets the matrix go
 
 
 def energies(problem: Problem, v: Floats) -> Mapping[int, Floats]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from geometry.common.arrays import Floats, Ints
 from solver.solid.tetrahedron import grams, integrated, mean_dilation
 
+BATCH = 1 << 15  # pairs at once, which bounds the memory beside what is returned
 LOWER, UPPER = np.tril_indices(10)  # pairs of an element's nodes
 
 
@@ -56,9 +57,12 @@ class Part:
 
     def blocks(self, lam: float, mu: float) -> Floats:
         """The stiffness, eq. SO.2, shape (n, 3, 3), N/m."""
-        out = lam * self.dilation + mu * self.gram.transpose(0, 2, 1)
-        out += (mu * np.trace(self.gram, axis1=1, axis2=2))[:, None, None] * np.eye(3)
-        return np.asarray(out)
+        out = np.empty(self.gram.shape)  # block by block, as sparse matrices have them: they take no copy
+        for low in range(0, len(out), BATCH):
+            some = slice(low, low + BATCH)
+            out[some] = lam * self.dilation[some] + mu * self.gram[some].transpose(0, 2, 1)
+            out[some] += (mu * np.trace(self.gram[some], axis1=1, axis2=2))[:, None, None] * np.eye(3)
+        return out
 
     def forces(self, material: Elastic, u: Floats) -> Floats:
         """Nodal forces (3 n, k), N, of displacements u (3 n, k) of all nodes, m."""
@@ -116,6 +120,7 @@ def assembled(some: Mapping[int, Part], materials: Mapping[int, Elastic], number
     number = number.astype(np.int32)
     pieces = [_entries(some[b], some[b].blocks(*lame(materials[b])), number) for b in present]
     values, high, low = (np.concatenate(kind) for kind in zip(*pieces, strict=True))
+    del pieces  # as large as what they became, and so is what comes
     rows = sp.coo_array((values, (low, high)), shape=(size, size)).tocsr()  # the upper triangle by rows is the lower by columns
     rows.sort_indices()
     return sp.csc_array((rows.data, rows.indices, rows.indptr), shape=rows.shape)

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -142,21 +141,19 @@ class Problem:
     Attributes:
         solid, materials: what is solved.
         supports: its unknowns.
+        matrix: its stiffness, N/m; of the half, where the mesh is one.
     """
 
     solid: Solid
     materials: Mapping[int, Elastic]
     supports: Supports
+    matrix: Stiffness
 
     @classmethod
     def of(cls, solid: Solid, materials: Mapping[int, Elastic], supports: Supports | None = None) -> Problem:
-        """Number the unknowns; problems with the same bodies may share their supports."""
-        return cls(solid, materials, supports or Supports.of(solid, materials))
-
-    @cached_property
-    def matrix(self) -> Stiffness:
-        """The stiffness, N/m; of the half, where the mesh is one. It is assembled once it is asked for."""
-        return Stiffness(assembled(self.solid.parts, self.materials, self.supports.number))
+        """Assemble; problems with the same bodies may share their supports."""
+        supports = supports or Supports.of(solid, materials)
+        return cls(solid, materials, supports, Stiffness(assembled(solid.parts, materials, supports.number)))
 
     @property
     def share(self) -> float:
