@@ -12,6 +12,7 @@ import argparse
 import math
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,22 +24,21 @@ from geometry.tetra.mesher import COARSE, ROUGH, mesh_layout
 from solver.solid.domain import domain, reach
 from solver.solid.film_forces import BESIDE, _wall
 
-EXAMPLE = "examples/scene.toml"
+EXAMPLE = Path(__file__).parents[2] / "examples" / "scene.toml"
 
 
 def draws(seed: int) -> Iterator[Scene]:
     """Scenes that fit, without an end."""
-    random = np.random.default_rng(seed)
+    random, example = np.random.default_rng(seed), read_scene(EXAMPLE)
     while True:
         try:
-            yield Scene.model_validate(_draw(random))
+            yield Scene.model_validate(_draw(random, example))
         except ValueError:  # bodies that overlap or leave the tissue
             continue
 
 
-def _draw(random: np.random.Generator) -> dict[str, Any]:
-    scene = read_scene(EXAMPLE).model_dump(exclude_unset=True)
-    tube = read_scene(EXAMPLE).probe.tube_radius
+def _draw(random: np.random.Generator, example: Scene) -> dict[str, Any]:
+    scene, tube = example.model_dump(exclude_unset=True), example.probe.tube_radius
     half = random.uniform(2.5, 12, 2) * tube
     depth = float(random.uniform(2.5, 12) * tube)
     soft = {"youngs_modulus": 6e3, "poisson_ratio": 0.45}

@@ -113,14 +113,6 @@ class BodyLayout:
         blocks = (z > 0) & (z <= max(self.inner_height, self.outer_height)) & (radius <= self.tube)
         return np.asarray((tissue | blocks) & ((points[:, 1] >= 0) | (not self.half)))
 
-    def corner_angles(self) -> Points:
-        """Directions of a block's corners from the probe's axis, from 0 to 2 pi."""
-        if self.tissue_radius is not None:
-            return np.zeros(0)
-        (x, y), (a, b) = self.centre, self.sides
-        corners = [(x + a, y + b), (x - a, y + b), (x - a, y - b), (x + a, y - b)]
-        return np.array([math.atan2(q, p) % (2 * math.pi) for p, q in corners])
-
 
 def extent(scene: Scene, tissue_extent: float | None) -> float:
     """The radius and depth in m that tissue is shortened to: ``tissue_extent``, infinity, or what stands for a half-space's.

@@ -37,6 +37,7 @@ __all__ = ["COARSE", "FINE", "ROUGH", "TetraFineness", "Timing", "expected_eleme
 _PROGRAM = Path(__file__).with_name("tetwild_program.py")
 _NEAR = 1.7  # far tissue begins at this many times the probe's largest length
 _ENVELOPE = 0.15  # of the smallest feature: how far pytetwild's surfaces may be from the given ones; never above half the gap
+_NARROW = 0.5, 0.7  # of an inclusion's least semi-axis, near the probe and far from it: what counts as a feature
 _WIDEN = 12  # the gap becomes wider by this factor at most: tetrahedra below it are squeezed as much on the way back
 _RISE = 1.0  # how much faster the gap becomes wider upwards than the tetrahedra become larger
 _LEAST_RATIO = 0.2  # straight tetrahedra below this mean ratio are mended
@@ -119,7 +120,9 @@ def _prepared(
 ) -> tuple[MeshSpace, Corners, tuple[Points, NDArray[np.int32]], tuple[Points, NDArray[np.int32], Points]]:
     """The mesher's space, the polygons that stand for circles, surfaces in that space, and the sizes wanted there."""
     space, turns = space_of(layout, fineness), corners(layout, fineness.corners)
-    points, triangles = _in_mesh_space(layout, space, surfaces(layout, turns, space, _ROWS, max(5, round(2.5 / fineness.sphere))))
+    points, triangles = _in_mesh_space(
+        layout, space, surfaces(layout, turns, space.near, _ROWS, max(5, round(2.5 / fineness.sphere)))
+    )
     box = np.array([points.min(axis=0), points.max(axis=0)])
     margin = _MARGIN * float(np.linalg.norm(box[1] - box[0]))
     return space, turns, (points, triangles), background(layout, fineness, space, box + np.array([[-margin], [margin]]))
@@ -167,7 +170,10 @@ def _smallest(layout: BodyLayout, space: MeshSpace) -> float:
         lengths += [2 * layout.groove[0], layout.groove[1]]
     for body in layout.inclusions:
         scale = float(space.scale(body.centre[None, :])[0])
-        lengths += [0.5 * scale * body.smallest, 2 * scale * float(-body.centre[2] - body.reach[2])]
+        lengths += [
+            (_NARROW[1] + scale * (_NARROW[0] - _NARROW[1])) * scale * body.smallest,
+            2 * scale * float(-body.centre[2] - body.reach[2]),
+        ]
     return min(length for length in lengths if length > 0)
 
 

@@ -22,7 +22,7 @@ from geometry.common.errors import InputError, Words
 from geometry.common.resources import limits, seconds_left
 from geometry.scenes.surface_names import check_name
 
-_PROGRAM = Path(__file__).with_name("surface_program.py")
+_PROGRAM = Path(__file__).parents[1] / "cad" / "surface_program.py"
 _PATIENCE = 60.0  # s for reading a file: sound ones take one or two
 _INSIDE = 0.5  # winding number from which a point counts as inside
 _CHUNK = 2_000_000

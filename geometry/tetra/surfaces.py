@@ -15,14 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
+from geometry.tetra.block_faces import Spacing, block_faces
 from geometry.tetra.layout import BodyLayout, Ellipsoid
-from geometry.tetra.stretched_space import MeshSpace
 from geometry.tetra.surface_files import Sheet
 
 Triangles = NDArray[np.int64]
 Soup = tuple[Points, Triangles]
-_BESIDE = 0.01  # of the mesher's near distance
-_HALVINGS = 6
+_GROWTH = 0.25  # from ring to ring of the floor beyond the reference cylinder, logarithm
 _OCTAHEDRON = ((0, 2, 4), (2, 1, 4), (1, 3, 4), (3, 0, 4), (2, 0, 5), (1, 2, 5), (3, 1, 5), (0, 3, 5))
 
 
@@ -47,30 +46,30 @@ class Corners:
 
 
 def corners(layout: BodyLayout, count: int) -> Corners:
-    """Choose ``count`` directions, a multiple of 4, all round; with corners where groove and block have theirs."""
+    """Choose ``count`` directions, a multiple of 4, all round; with corners where the groove has its own."""
     first = 0 if layout.half else -count // 2
     even: Points = np.arange(first, count // 2 + 1, dtype=np.float64) * (2 * np.pi / count)
-    side = even.copy()
-    for angle in layout.corner_angles():
-        turned = (angle + np.pi) % (2 * np.pi) - np.pi
-        if turned >= even[0]:
-            side[np.abs(even - turned).argmin()] = turned
     hole_radius = layout.hole / math.cos(math.pi / count)
     if layout.groove is None:
-        return Corners(even, even, side, hole_radius, (-first, 0))
+        return Corners(even, even, even, hole_radius, (-first, 0))
     at_hole, at_tube = (math.asin(layout.groove[0] / radius) for radius in (hole_radius, layout.tube))
     steps = int(np.clip(round((at_hole + at_tube) / 2 / (2 * np.pi / count)), 1, count // 2 - 2))
     knots = np.array([-np.pi, -steps * 2 * np.pi / count, 0, steps * 2 * np.pi / count, np.pi])
     hole, tube = (np.interp(even, knots, [-np.pi, -a, 0, a, np.pi]) for a in (at_hole, at_tube))
-    return Corners(hole, tube, side, hole_radius, (-first, steps))
+    return Corners(hole, tube, even, hole_radius, (-first, steps))
 
 
-def surfaces(layout: BodyLayout, turns: Corners, space: MeshSpace, rows: int, sphere: int) -> Soup:
-    """All surfaces but the plane of symmetry; ``rows`` of quadrilaterals down the tissue's side, ``sphere`` to a right angle.
+def surfaces(layout: BodyLayout, turns: Corners, near: float, rows: int, sphere: int) -> Soup:
+    """All surfaces but the plane of symmetry.
 
-    Far planes are bent in the mesher's space: there they have as many triangles as follow them.
+    Args:
+        layout: the bodies.
+        turns: directions of the polygons' corners.
+        near: distance beyond which lengths shrink in the mesher's space.
+        rows: of quadrilaterals down round tissue.
+        sphere: triangles to a right angle of an ellipsoid.
     """
-    soups = [*_blocks(layout, turns), followed(join(_tissue(layout, turns, rows)), space)]
+    soups = [*_blocks(layout, turns), *_tissue(layout, turns, near, rows)]
     for body in layout.inclusions:
         soups.append((body.points, body.triangles) if isinstance(body, Sheet) else ellipsoid(body, sphere, layout.half))
     return join(soups)
@@ -86,55 +85,6 @@ def join(soups: Sequence[Soup]) -> Soup:
     triangles = number.reshape(-1)[triangles]
     whole = (triangles[:, 0] != triangles[:, 1]) & (triangles[:, 1] != triangles[:, 2]) & (triangles[:, 0] != triangles[:, 2])
     return points[index], triangles[whole]
-
-
-def followed(soup: Soup, space: MeshSpace) -> Soup:
-    """Triangles halved along edges until none lies further beside its own image in the mesher's space than ``_BESIDE``.
-
-    Tetrahedra between a triangle and its image would be taken for tissue outside, or for air inside.
-    """
-    points, triangles = soup
-    for _ in range(_HALVINGS):
-        edges, number = _edges(triangles)
-        ends = points[edges]
-        middles = ends.mean(axis=1)
-        images = space.to_mesh(points)
-        a, b, c = (images[triangles[:, k]] for k in range(3))
-        normal = np.cross(b - a, c - a)
-        normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
-        beside = (space.to_mesh(middles) - images[edges].mean(axis=1))[number]
-        bent = np.abs(np.einsum("tkj,tj->tk", beside, normal)) > _BESIDE * space.near
-        split = np.zeros(len(edges), dtype=bool)
-        split[number[bent]] = True
-        if not split.any():
-            break
-        new = np.where(split, len(points) + np.cumsum(split) - 1, -1)
-        points, triangles = np.vstack([points, middles[split]]), _halved(triangles, new[number])
-    return points, triangles
-
-
-def _edges(triangles: Triangles) -> tuple[Triangles, Triangles]:
-    """The edges (e, 2), each once, and of each triangle the numbers of those from its first, second and third corner (t, 3)."""
-    every = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2)
-    edges, number = np.unique(every.reshape(-1, 2), axis=0, return_inverse=True)
-    return edges, number.reshape(-1, 3)
-
-
-def _halved(triangles: Triangles, middles: Triangles) -> Triangles:
-    """Triangles cut along the middles (t, 3) of their edges, -1 where an edge is whole."""
-    parts: list[tuple[int, ...]] = []
-    for corners, cuts in zip(triangles.tolist(), middles.tolist(), strict=True):
-        first = next((k for k in range(3) if cuts[k] >= 0 and cuts[k - 1] < 0), 0)  # turned so that cut edges come first
-        (a, b, c), (ab, bc, ca) = (one[first:] + one[:first] for one in (corners, cuts))
-        if ca >= 0:
-            parts += [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-        elif bc >= 0:
-            parts += [(ab, b, bc), (a, ab, bc), (a, bc, c)]
-        elif ab >= 0:
-            parts += [(a, ab, c), (ab, b, c)]
-        else:
-            parts.append((a, b, c))
-    return np.array(parts, dtype=np.int64)
 
 
 def ring(radius: float | Points, angles: Points, height: float) -> Points:
@@ -182,19 +132,26 @@ def _blocks(layout: BodyLayout, turns: Corners) -> list[Soup]:
     return soups
 
 
-def _tissue(layout: BodyLayout, turns: Corners, rows: int) -> list[Soup]:
+def _tissue(layout: BodyLayout, turns: Corners, near: float, rows: int) -> list[Soup]:
     tube, far = ring(layout.tube, turns.tube, 0.0), ring(layout.side_distance(turns.side), turns.side, 0.0)
-    down = -layout.depth * np.linspace(0, 1, rows + 1)
-    soups = [band(*(far + np.array([0, 0, z]) for z in down))]
-    stops = [far] if layout.wall is None else [ring(layout.wall, turns.side, 0.0), far]
-    soups.append(band(tube, *stops))
-    if layout.wall is not None:
-        soups.append(band(*(stops[0] + np.array([0, 0, z]) for z in down)))
-    shares = [(stops[0], share) for share in np.linspace(0, 1, rows + 1)[1:]]
-    floor = [row * [share, share, 0] - [0, 0, layout.depth] for row, share in shares]
-    if len(stops) > 1:
-        floor += [stops[0] * (1 - s) + far * s - [0, 0, layout.depth] for s in (0.5, 1.0)]
-    return [*soups, disc(floor[0]), band(*floor)]
+    if layout.wall is None:
+        return [band(tube, far), *_can(layout, far, np.linspace(0, -layout.depth, rows + 1), rows)]
+    wall = ring(layout.wall, turns.side, 0.0)
+    edge = np.array([layout.wall, 0.0, 0.0])
+    down = -layout.depth * Spacing(near, np.zeros((0, 3))).between(edge, edge - [0, 0, layout.depth])
+    soups = [band(tube, wall), *_can(layout, wall, down, rows)]
+    if layout.tissue_radius is None:
+        return [*soups, *block_faces(layout, near, wall[:, :2] if layout.half else wall[:-1, :2])]
+    size = np.linalg.norm(far, axis=1, keepdims=True) / layout.wall
+    out = [wall * size**share for share in np.linspace(0, 1, max(1, math.ceil(math.log(size.max()) / _GROWTH)) + 1)]
+    under = [row - [0, 0, layout.depth] for row in out]
+    return [*soups, band(*out), band(*under), band(*(far + np.array([0, 0, z]) for z in down))]
+
+
+def _can(layout: BodyLayout, top: Points, down: Points, rows: int) -> list[Soup]:
+    """The side below a ring, with rows at the heights ``down``, and the floor inside it."""
+    floor = [top * share - [0, 0, layout.depth] for share in np.linspace(0, 1, rows + 1)[1:]]
+    return [band(*(top + np.array([0, 0, z]) for z in down)), disc(floor[0]), band(*floor)]
 
 
 def ellipsoid(body: Ellipsoid, parts: int, half: bool) -> Soup:
