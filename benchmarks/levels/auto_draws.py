@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from geometry import Scene, read_scene, scene_to_toml
-from geometry.common.limits import Limits
+from geometry.common.resources import Limits
 
 ROOT = Path(__file__).parents[2]
 BASES = [*sorted((ROOT / "examples").glob("*scene.toml")), ROOT / "examples" / "two-tumours.toml",
