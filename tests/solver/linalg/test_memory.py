@@ -9,8 +9,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from solver.linalg.memory import give_back
 from solver.linalg.workspace import LIMIT
 from tests.support.paths import EXAMPLES, ROOT
 
@@ -50,3 +52,31 @@ def test_unlike_scenes_do_not_add_up() -> None:
 def test_readme_s_scan_takes_less_than_800_megabytes() -> None:
     (most,) = re.findall(r"VmHWM:\s*(\d+) kB", said(SCAN, *LINE))
     assert 1024 * int(most) < 0.8e9
+
+
+@linux
+def test_freed_pieces_go_back_once_they_are_worth_it() -> None:
+    """Arrays of 64 kB lie on the heap, where the last one holds the place of all."""
+    give_back()
+    pieces = [np.ones(2**13) for _ in range(2000)]
+    last = pieces.pop()
+    full = resident()
+    del pieces
+    give_back(worth=1e12)
+    assert resident() > full - 5e7
+    give_back(worth=5e7)
+    assert resident() < full - 1e8
+    assert last.all()
+
+
+def resident() -> int:
+    (held,) = re.findall(r"VmRSS:\s*(\d+) kB", Path("/proc/self/status").read_text())
+    return 1024 * int(held)
+
+
+def test_the_environment_is_as_it_was_once_the_factorisation_is_loaded() -> None:
+    code = (
+        "import os; before = dict(os.environ); "
+        "from solver.linalg.conjugate_gradients import _rslab; _rslab(); print(dict(os.environ) == before)"
+    )
+    assert said(code).strip() == "True"
