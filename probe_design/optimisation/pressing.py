@@ -16,7 +16,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Load, Scene
-from solver.planning.loads import CLOSING, DEEP, RATIO_CHANGE, LoadRule, largest_x
+from solver.planning.loads import CLOSING, RATIO_CHANGE, LoadRule, largest_x, tissue_strain
 
 RATIO = 0.01  # relative change of the ratio by finite strain that is allowed
 DIGITS = 3  # of a load that the rule sets
@@ -86,9 +86,9 @@ def pressing_force(scene: Scene, v: Any, radius: Any, totals: Any, nearing: floa
         totals: force on the inner and on the outer film per unit indentation, N/m.
         nearing: by how much the walls near each other per unit indentation, see ``CoarseModel.approach``; 0 where not known.
     """
-    stiffness, deep = totals[0] + totals[1], 0.0 if scene.tissue.shape == "half-space" else DEEP / scene.tissue.depth
+    stiffness, depth = totals[0] + totals[1], np.inf if scene.tissue.shape == "half-space" else scene.tissue.depth
     areas = (np.pi * v[0] ** 2, np.pi * v[0] ** 2 / v[1])
-    strain = _greater(1 / radius, deep)
+    strain = tissue_strain(radius, depth)
     for total, area, modulus in zip(totals, areas, (v[4], v[5]), strict=True):
         strain = _greater(strain, v[3] * (total / area / modulus) ** 2 / RATIO_CHANGE)
     force = _lesser(asked(scene.load, stiffness), largest_x(RATIO, promise=False)[0] / strain * stiffness)

@@ -4,14 +4,14 @@ With x the indentation over the outer radius, finite strain changes ratio, stres
 log-sensitivity by at most exp(0.8 x) - 1, relative (PL.2). The rule is read off solutions with finite strain and contact, which
 tests hold it against (``tests/reference/contact``); nothing is known beyond x = 0.3, nor beyond 1/25 of the force that closes
 the gap in linear elasticity: the true closure was found at 1/22 of it. Those solutions have stiff blocks on deep tissue, so
-that what else is strained counts as the indentation that would be as bad.
+that what else is strained counts as the indentation that would be as bad: shallow tissue by PL.5, soft blocks by PL.3.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -24,7 +24,7 @@ SENSITIVITY_GROWTH = 0.8  # of ln(log-sensitivity) per x
 LARGEST_X = 0.3
 CLOSING = 1 / 25  # of the linear closure force
 NEARING = (1.45, 0.17, 1.6, 0.1)  # of eq. PL.4: 1.2 times what 2062 scenes need; 8 times too much for half of them
-DEEP = 9.0  # outer radii: the shallowest tissue that the rule was read off
+SHALLOW = 25.0  # of eq. PL.5: x is 8 % more than the worst row at 3 outer radii needs, 2.5 times as much at one
 
 Cause = Literal["ratio", "log_sensitivity", "strain limit", "gap closure"]
 
@@ -81,13 +81,29 @@ def least_closure(scene: Scene, totals: Floats) -> float:
     return float(totals.sum() * probe.gap / nearing)
 
 
+def tissue_strain(tube_radius: Any, depth: float) -> Any:
+    """Return x per indentation on deep or shallow tissue, 1/m.
+
+    Where the bottom is near the tissue is squeezed out from under the probe, which is bad sooner than an indentation of deep
+    tissue: with the outer radius R and the depth H
+
+        x = indentation sqrt(1/R^2 + (25 R / H^2)^2)      (PL.5)
+
+    bounds all of ``tests/reference/contact/shallow.json``, from H = R on.
+
+    Args:
+        tube_radius: outer radius of the probe, m; a float, an array or casadi.
+        depth: of the tissue, m; infinite for a half-space.
+    """
+    return (1 / tube_radius**2 + (SHALLOW * tube_radius / depth**2) ** 2) ** 0.5
+
+
 @dataclass(frozen=True)
 class LoadRule:
     """The rule for one probe on one tissue.
 
     Attributes:
-        strain: x per indentation, 1/m: the largest of one over the outer radius, ``DEEP`` over the tissue's depth, and what the
-            blocks' own strain is worth.
+        strain: x per indentation, 1/m: the larger of ``tissue_strain`` and what the blocks' own strain is worth.
         stiffness: linear, force per indentation, N/m.
         closure: force that closes the gap in linear elasticity, N; infinite where the blocks' walls do not near each other.
         tilted: by how much a tilt lowers one side of the probe, m, which counts as indentation.
@@ -114,9 +130,10 @@ class LoadRule:
         areas = np.array([probe.inner_area, probe.outer_area])
         moduli = np.array([probe.inner.youngs_modulus, probe.outer.youngs_modulus])
         blocks = np.array([probe.core_height, probe.tube_height]) * (totals / areas / moduli) ** 2 / RATIO_CHANGE
-        deep = 0.0 if tissue.shape == "half-space" else DEEP / tissue.depth
+        depth = math.inf if tissue.shape == "half-space" else tissue.depth
         tilted = probe.tube_radius * math.tan(abs(scene.placement.tilt))
-        return cls(max(1 / probe.tube_radius, deep, float(blocks.max())), float(totals.sum()), closure, tilted)
+        strain = max(tissue_strain(probe.tube_radius, depth), float(blocks.max()))
+        return cls(strain, float(totals.sum()), closure, tilted)
 
     def force(self, scene: Scene) -> float:
         """Return the force of a scene's load, N."""
