@@ -1,4 +1,5 @@
 import math
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -6,6 +7,7 @@ import pytest
 import pyvista
 
 from geometry import InputError, Refusal, SolveError
+from geometry.tetra import surface_files
 from geometry.tetra.check import check, errors
 from geometry.tetra.layout import body_layout
 from geometry.tetra.layout_fit import least_distances
@@ -87,6 +89,21 @@ def test_files_that_cannot_be_read_are_refused(tmp_path, name, content):
         (tmp_path / name).write_text(content)
     with pytest.raises(InputError, match=r"inclusion\[0\].surface"):
         read_surface(str(tmp_path / name), "inclusion[0].surface", CENTRE)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals end processes on POSIX systems only")
+@pytest.mark.parametrize(
+    ("body", "told"), [("os.kill(os.getpid(), signal.SIGSEGV)", "SIGSEGV"), ("time.sleep(1000)", r"longer than 0\.5 s")]
+)
+def test_a_file_that_kills_its_reader_or_is_read_without_an_end_is_refused(tmp_path, monkeypatch, body, told):
+    """As OpenCASCADE does over some damaged STEP files."""
+    reader = tmp_path / "reader.py"
+    reader.write_text(f"import os, signal, time\ndef run(arguments):\n    {body}\n")
+    monkeypatch.setattr(surface_files, "_PROGRAM", reader)
+    monkeypatch.setattr(surface_files, "_PATIENCE", 0.5 if "sleep" in body else 60.0)
+    (tmp_path / "body.step").write_text(body)  # no file that was read before
+    with pytest.raises(InputError, match=rf"inclusion\[0\]\.surface.*that can be read.*{told}"):
+        read_surface(str(tmp_path / "body.step"), "inclusion[0].surface", CENTRE)
 
 
 @pytest.mark.parametrize(
