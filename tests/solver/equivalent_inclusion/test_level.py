@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -163,7 +165,9 @@ def test_a_distant_tumour_is_left_out_and_counted() -> None:
         ({"inclusion": ({"surface": "tumour.stl", "depth": 0.01, "youngs_modulus": 1e4, "poisson_ratio": 0.4},)}, "sphere"),
     ],
 )
-def test_other_kinds_are_refused(change: dict[str, object], word: str) -> None:
+def test_other_kinds_are_refused(change: dict[str, object], word: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "tumour.stl").touch()
+    monkeypatch.chdir(tmp_path)
     scene = Scene.model_validate({**named("solid", "flank").scene.model_dump(exclude_unset=True), **change})
     assert word in str(EquivalentInclusion().refusal(scene))
     with pytest.raises(Refusal, match=word):
