@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from functools import cache
 from pathlib import Path
 
@@ -339,7 +340,8 @@ class TestLoads:
         light, heavy = estimate(self.scene(0.0), self.READ), estimate(self.scene(0.03), self.READ)
         assert light.error_estimate is not None
         assert heavy.error_estimate is not None
-        x = 0.03 / 93.166 / self.scene(0.0).probe.tube_radius  # stiffness: tests/reference/contact
+        radius, depth = self.scene(0.0).probe.tube_radius, self.scene(0.0).tissue.depth
+        x = 0.03 / 93.166 * math.hypot(1 / radius, 25 * radius / depth**2)  # stiffness: tests/reference/contact
         assert heavy.error_estimate - light.error_estimate == pytest.approx(0.1 * x, rel=0.03)
         ends = [one for interval in (heavy.interval, light.interval) for one in interval if one is not None]
         assert ends[0] < ends[2] < ends[3] < ends[1]

@@ -211,10 +211,7 @@ def test_bad_input_is_one_line(tmp_path: Path) -> None:
     assert "absent.toml" in refused("tradeoff", "absent.toml", "-o", tmp_path)
     assert "--output" in refused("tradeoff", SCENE)
     (tmp_path / "file").write_text("in the way")
-    ended = run("tradeoff", SCENE, "-o", tmp_path / "file")
-    assert ended.returncode == 1
-    assert ended.stdout == ""
-    assert ended.stderr.count("\n") == 1
+    assert "file" in refused("tradeoff", SCENE, "-o", tmp_path / "file")
 
 
 @pytest.mark.slow
