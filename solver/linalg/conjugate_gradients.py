@@ -30,7 +30,7 @@ LARGEST_RESIDUAL = 1e-8
 ROUNDING = 1e-14  # of |K| |v|: what no solver can avoid
 MOST_STEPS = 300
 BYTES = 120.0  # of a factor in single precision while it is made: times the unknowns to the power of 4/3
-KEEP_NOTHING = {"MIMALLOC_PURGE_DELAY": "0", "MIMALLOC_ARENA_EAGER_COMMIT": "0", "MIMALLOC_ARENA_PURGE_MULT": "1"}
+KEEP_LITTLE = {"MIMALLOC_PURGE_DELAY": "10", "MIMALLOC_ARENA_EAGER_COMMIT": "0", "MIMALLOC_ARENA_PURGE_MULT": "1"}
 STUCK = 60  # steps without a residual of half the best
 ASSEMBLED = 5e3  # bytes of an unknown: bodies' matrices, a scene's, its reference's
 SPEED = 4e10  # operations a second of a factorisation in single precision on two cores; in double it is half
@@ -153,9 +153,9 @@ def _reserve(size: int) -> None:
 
 @cache
 def _rslab() -> Any:
-    """The library; its allocator, which reads the environment when it is loaded, is asked to keep nothing that is freed."""
+    """The library; its allocator, which reads the environment when it is loaded, keeps what is freed for 10 ms only."""
     try:
-        with _environment(KEEP_NOTHING):
+        with _environment(KEEP_LITTLE):
             return import_module("rslab")
     except ImportError:
         return None
