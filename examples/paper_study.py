@@ -28,6 +28,7 @@ from paper_notes import notes
 
 from geometry import ProbeError, Scene, read_scene
 from geometry.common.files import written_whole
+from geometry.common.resources import Limits
 from probe_design.maps.scan import Scan, scan
 from probe_design.pictures.formats import check_format
 from probe_design.terminal.console import message, saying
@@ -38,6 +39,7 @@ SCENE = Path(__file__).with_name("paper-study.toml")
 FAR = 0.030  # x of position 4, m: 25 mm from the nearer tumour, 20 mm from the block's side
 KEYS = ("stress_inner", "stress_outer", "ratio", "error_estimate")
 EVALUATORS = ("solid", "equivalent-inclusion", "closed-form")
+LIMITS = Limits(memory=4e9, seconds=1800.0)  # of each position: the check of a design may take its time
 
 
 def scenes(scene: Scene) -> dict[int, Scene]:
@@ -57,7 +59,7 @@ def solved(scene: Scene, evaluator: str, accuracy: float) -> dict[int, Result]:
     with saying("the paper's study") as tell:
         for k, one in scenes(scene).items():
             tell(f"position {k} of 4, {PLACES[k]}")
-            found[k] = at_one_newton(evaluate(one, evaluator, accuracy, partial(_told, tell, k)), one)
+            found[k] = at_one_newton(evaluate(one, evaluator, accuracy, partial(_told, tell, k), limits=LIMITS), one)
     return found
 
 

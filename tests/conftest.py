@@ -2,6 +2,7 @@
 
 import os
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -26,6 +27,15 @@ def mesh_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
     base = tmp_path_factory.getbasetemp()
     shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
     os.environ["PROBE_DESIGN_CACHE"] = str(shared / "meshes")
+
+
+@pytest.fixture(autouse=True)
+def unhurried() -> Iterator[None]:
+    """Time for every answer, however busy the machine is."""
+    from geometry.common.resources import Limits, limited
+
+    with limited(Limits(seconds=3600.0)):
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -22,12 +22,12 @@ def test_what_passes_the_memory_is_refused_with_what_it_takes_and_the_option():
         check_memory("factors", 5.15e9)
     with limited(Limits(memory=6e9)):
         check_memory("factors", 5.15e9)
-    assert limits() == Limits(2e9, 120.0)
+    assert Limits() == Limits(2e9, 120.0)
 
 
 def test_the_clock_of_an_answer_runs_from_its_question(clock):
     check_time("solving", 1e9)  # no clock is running
-    with timed():
+    with limited(Limits()), timed():
         clock[0] += 100
         check_time("solving", 19)
         with timed():  # a part of the same answer
