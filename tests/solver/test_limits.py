@@ -29,7 +29,9 @@ def beside_a_needle():
 FILMS = {"film": {"thickness": "22 um", "youngs_modulus": "1 MPa"}}
 
 
-@pytest.mark.parametrize("scene", [beside_a_needle(), flat(**FILMS)], ids=["needle", "films"])
+@pytest.mark.parametrize(
+    "scene", [pytest.param(beside_a_needle(), id="needle"), pytest.param(flat(**FILMS), id="films", marks=pytest.mark.slow)]
+)
 def test_a_mesh_too_large_is_refused_before_it_is_made(scene, monkeypatch):
     monkeypatch.setattr(mesher, "tetrahedralize", lambda *_: pytest.fail("it was meshed"))
     scene = type(read_scene(SCENE)).model_validate(scene)

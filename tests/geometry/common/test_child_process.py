@@ -50,6 +50,7 @@ def test_without_time_it_is_not_begun():
         run_program(None, {}, 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux limits what a process holds")
 def test_it_is_given_no_more_memory_than_it_may_hold(program):
     body = "return {'size': np.array(len(np.ones(125_000_000)))}"
