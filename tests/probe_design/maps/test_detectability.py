@@ -92,7 +92,7 @@ def test_verdicts_hold_with_less_error() -> None:
     """Verdicts at a coarse accuracy are those at a fine one, or open; noise scales standard deviations."""
     scene = read_scene(SCENE).model_copy(update={"load": Load(force=0.0)})
     depths, diameters = np.linspace(5e-3, 16e-3, 5), np.linspace(2e-3, 9e-3, 5)
-    coarse, fine = (detectability(scene, depths, diameters, accuracy=accuracy) for accuracy in (0.05, 0.0005))
+    coarse, fine = (detectability(scene, depths, diameters, Thresholds(0.01), accuracy=accuracy) for accuracy in (0.05, 0.0005))
     noisy = detectability(scene, depths, diameters, Thresholds(0.02), accuracy=0.0005)
     for k in range(5):
         for m in range(5):
