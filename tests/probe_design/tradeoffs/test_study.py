@@ -187,7 +187,8 @@ def test_files_and_one_json_object(tmp_path: Path) -> None:
     ended = run("tradeoff", SCENE, "-o", tmp_path / "out", "--json")
     assert ended.returncode == 0, ended.stderr
     told = json.loads(ended.stdout)
-    assert set(told) == {"scenes", "rows", "cheapest", "skipped", "files"}
+    assert set(told) == {"scenes", "rows", "cheapest", "skipped", "warnings", "files"}
+    assert told["warnings"] == []
     assert [Path(file).name for file in told["files"]] == ["tradeoff.png", "tradeoff.md", "tradeoff.json"]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["tradeoff.json", "tradeoff.md", "tradeoff.png"]
     assert json.loads(Path(told["files"][2]).read_text()) == told
