@@ -124,6 +124,7 @@ def test_unknown_variable_is_refused() -> None:
         gradients(scene, solved(scene, COARSE), ("probe.colour",))
 
 
+@pytest.mark.slow
 def test_ipopt_climbs_with_the_callback() -> None:
     """Gap and moduli for the largest log-sensitivity: what IPOPT ends with beats the start and both neighbours of its end."""
     scene = named("axisymmetric", "shallow").scene

@@ -31,7 +31,7 @@ def cover(scene: Scene) -> float:
     return min((body.depth / (body.diameter or max(body.diameters)) - 0.5 for body in scene.inclusion), default=1.0)
 
 
-@pytest.mark.parametrize("one", slow_unless(ON_AXIS[::8].__contains__, ON_AXIS), ids=name)
+@pytest.mark.parametrize("one", slow_unless(ON_AXIS[::16].__contains__, ON_AXIS), ids=name)
 def test_on_the_axis(one: Expected) -> None:
     result = evaluate(one.scene, LEVEL, 0.01)
     if result.ratio is None or result.error_estimate is None:

@@ -131,6 +131,7 @@ def test_a_limit_that_is_none_is_refused(given: str, monkeypatch: pytest.MonkeyP
         of_process.__wrapped__()
 
 
+@pytest.mark.slow
 def test_answers_do_not_depend_on_what_is_kept() -> None:
     scene = read_scene(SCENE)
     with using(Workspace(limit=0)) as nothing:
