@@ -21,7 +21,7 @@ from solver import Result, Workspace, evaluator
 from solver.linalg.workspace import using
 
 REPEATS = 9  # at most
-ENOUGH = 1.0  # s: what took as long in all is repeated no more
+ENOUGH = 0.75  # s: what took as long in all is repeated no more
 
 
 def first(name: str, scene: Scene, setting: Setting) -> Row:

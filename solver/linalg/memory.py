@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import ctypes
+import os
 from contextlib import suppress
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 
 
 class _Heap(ctypes.Structure):
-    """What glibc's ``mallinfo2`` tells of the heap, in bytes; ``fordblks``: free pieces."""
+    """What glibc's ``mallinfo2`` tells of the heap, in bytes; ``uordblks`` and ``hblkhd``: pieces in use."""
 
     _fields_ = tuple(
         (name, ctypes.c_size_t)
@@ -19,19 +21,25 @@ class _Heap(ctypes.Structure):
 
 
 class _Freed:
-    """The heap of this process: how many bytes of its free pieces have no pages any more."""
+    """The heap of this process: how many bytes its pages had beside pieces in use, when they last were given back."""
 
-    given_back = 0
+    left = 0
 
     def give_back(self, worth: float) -> None:
         library = ctypes.CDLL(None)
-        tell = library.mallinfo2
-        tell.restype = _Heap
-        free = int(tell().fordblks)
-        self.given_back = min(self.given_back, free)
-        if free - self.given_back >= worth:
+        library.mallinfo2.restype = _Heap
+        idle = _idle(library)
+        self.left = min(self.left, idle)
+        if idle - self.left >= worth:
             library.malloc_trim(0)
-            self.given_back = free
+            self.left = _idle(library)
+
+
+def _idle(library: ctypes.CDLL) -> int:
+    """Bytes of the process that are not the heap's pieces in use: glibc does not tell which of its free pieces have pages."""
+    heap = library.mallinfo2()
+    resident = int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    return resident - int(heap.uordblks) - int(heap.hblkhd)
 
 
 _FREED = _Freed()

@@ -9,6 +9,7 @@ import numpy as np
 
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import Refusal, Words
+from geometry.common.limits import most
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
 from solver.planning.loads import CLOSING, LARGEST_X, RATIO_CHANGE, SENSITIVITY_GROWTH, LoadRule, least_closure
@@ -77,8 +78,8 @@ def budget(rule: LoadRule, force: float, accuracy: float, promise: bool) -> floa
     """Return what a force, N, leaves of the accuracy for the level that answers; all of it where the load is refused anyway."""
     if force > DOUBT * largest(rule, accuracy, promise).force:
         return accuracy
-    most = DOUBT * force
-    change = max(rule.ratio_change(most), rule.log_sensitivity_change(most) / 5 if promise else 0.0)
+    heaviest = DOUBT * force
+    change = max(rule.ratio_change(heaviest), rule.log_sensitivity_change(heaviest) / 5 if promise else 0.0)
     return (1 + accuracy) / (1 + min(change, LOAD_SHARE * accuracy)) - 1
 
 
@@ -210,5 +211,4 @@ def _load(scene: Scene) -> tuple[str, Words]:
 def _most(scene: Scene, limit: LargestLoad) -> str:
     """A limit in the unit of the scene's load, rounded down so that it is allowed itself."""
     value, unit = (limit.force, "N") if scene.load.indentation is None else (1e3 * limit.indentation, "mm")
-    step = 10.0 ** (math.floor(math.log10(value)) - 2) if value > 0 else 1.0
-    return f"{math.floor(value / step) * step:.3g} {unit}"
+    return f"{most(value, 3)} {unit}"

@@ -55,10 +55,12 @@ def test_readme_s_scan_takes_less_than_800_megabytes() -> None:
 
 @linux
 def test_freed_pieces_go_back_once_they_are_worth_it() -> None:
-    """Arrays of 64 kB lie on the heap, where the last one holds the place of all."""
+    """Arrays of 64 kB lie on the heap, where the last one holds the place of all, and where others were given back before."""
+    pieces = [np.ones(2**13) for _ in range(2001)]
+    last = pieces.pop()
+    del pieces
     give_back()
     pieces = [np.ones(2**13) for _ in range(2000)]
-    last = pieces.pop()
     full = resident()
     del pieces
     give_back(worth=1e12)
