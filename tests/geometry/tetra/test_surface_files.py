@@ -16,6 +16,7 @@ from geometry.tetra.surface_files import read_surface
 from geometry.tetra.tet_mesh import INCLUSION, TISSUE
 from tests.support.block_scene import scene
 from tests.support.meshes import body_volumes
+from tests.support.slow import slow_unless
 
 CENTRE = np.array([0.002, 0.0, -0.009])
 
@@ -82,7 +83,11 @@ def test_what_has_no_inside_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "content"), [("none.stl", None), ("tumour.obj", "v"), ("bad.stl", "nonsense"), ("bad.step", "x")]
+    ("name", "content"),
+    slow_unless(
+        lambda case: case[0] != "bad.step",
+        [("none.stl", None), ("tumour.obj", "v"), ("bad.stl", "nonsense"), ("bad.step", "x")],
+    ),
 )
 def test_files_that_cannot_be_read_are_refused(tmp_path, name, content):
     if content is not None:

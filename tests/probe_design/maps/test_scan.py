@@ -148,6 +148,7 @@ def test_positions_at_the_edge_do_not_spoil_those_in_the_middle() -> None:
     assert any("sides" in decision.feature and decision.effect > 0.02 for decision in wide.plan)
 
 
+@pytest.mark.slow
 def test_interrupted_is_one_line_and_leaves_no_file(tmp_path: Path) -> None:
     with begun("probe_design.maps.scan", "scan", SCENE, "--points", "2000", "--plot", tmp_path / "scan.png") as started:
         time.sleep(3)

@@ -112,6 +112,7 @@ def test_workers_without_this_program_are_one_line(tmp_path: Path, monkeypatch: 
         sweep(grid(2, 2), tmp_path, scheduler=cluster.scheduler_address)
 
 
+@pytest.mark.slow
 def test_a_dask_worker_keeps_its_process_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sweep_remote, "IDLE", 2.0)
     started: list[int] = []

@@ -241,7 +241,9 @@ def test_an_indentation_deeper_than_the_tissue_is_no_scene(indentation: float) -
         scene_from_dict(tables)
 
 
-@pytest.mark.parametrize("folder", slow_unless(("contact").__ne__, ["axisymmetric", "contact", "extra", "extremes"]))
+@pytest.mark.parametrize(
+    "folder", slow_unless(("axisymmetric", "contact").__contains__, ["axisymmetric", "contact", "extra", "extremes"])
+)
 def test_the_gap_closes_no_earlier_than_the_formulas_say(folder: str) -> None:
     paths = sorted((REFERENCE / folder).glob("*.toml"))
     for scene in map(read_scene, paths):
