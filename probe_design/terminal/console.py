@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any
 
+from geometry.common.limits import most
+
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress
@@ -46,7 +48,7 @@ def result_table(result: Result) -> Table:
         if values[key] is not None:
             table.add_row(key, f"{values[key]:.6g}", unit)
     if result.linear_limit_load is not None:
-        table.add_row("linear_limit_load", f"{result.linear_limit_load.force:.3g}", "N")
+        table.add_row("linear_limit_load", most(result.linear_limit_load.force, 3), "N")
     return table
 
 
@@ -67,8 +69,9 @@ def plan_table(plan: Plan) -> Table:
 def plan_lines(plan: Plan) -> list[str]:
     """Return the reason of each decision, and the largest load that is answered."""
     load = plan.linear_limit_load
-    most = f"load: auto answers up to {load.force:.3g} N, an indentation of {1e3 * load.indentation:.3g} mm, limited by {load.by}"
-    return [*(f"{one.feature}: {one.reason}" for one in plan.decisions), most]
+    force, indentation = most(load.force, 3), most(1e3 * load.indentation, 3)
+    text = f"load: auto answers up to {force} N, an indentation of {indentation} mm, limited by {load.by}"
+    return [*(f"{one.feature}: {one.reason}" for one in plan.decisions), text]
 
 
 def curve_table(curve: Curve) -> Table:

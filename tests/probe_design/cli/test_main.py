@@ -11,6 +11,7 @@ from probe_design.cli.main import VERBS
 from tests.support.paths import EXAMPLES, REFERENCE
 from tests.support.paths import SCENE as EXAMPLE
 from tests.support.program import refused, run, started
+from tests.support.slow import slow_unless
 
 SCENE = REFERENCE / "axisymmetric" / "shallow.toml"
 KEYS = {
@@ -36,7 +37,10 @@ STARTED: dict[str, tuple[str | Path, ...]] = {  # the cheapest that each verb do
 }
 
 
-@pytest.mark.parametrize("verb", [verb.name for verb in VERBS])
+LONG = ("tradeoff",)  # a quick test asks for it in this process, with fewer repeats
+
+
+@pytest.mark.parametrize("verb", slow_unless(lambda verb: verb not in LONG, [verb.name for verb in VERBS]))
 def test_every_verb_starts_as_a_command(verb: str, tmp_path: Path) -> None:
     ended = started(verb, *STARTED[verb], "--json", cwd=tmp_path)
     assert ended.returncode == 0, ended.stderr

@@ -182,8 +182,8 @@ def test_what_nobody_takes_is_refused() -> None:
         tradeoff({"sliding": sliding}, settings=FEW, finest=())
 
 
-@pytest.mark.slow
-def test_files_and_one_json_object(tmp_path: Path) -> None:
+def test_files_and_one_json_object(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("probe_design.tradeoffs.timing.REPEATS", 1)
     ended = run("tradeoff", SCENE, "-o", tmp_path / "out", "--json")
     assert ended.returncode == 0, ended.stderr
     told = json.loads(ended.stdout)

@@ -59,7 +59,7 @@ def test_sensitivity_that_the_shared_set_has_wrong() -> None:
     assert result.log_sensitivity == pytest.approx(0.00132841, rel=1e-3)
 
 
-@pytest.mark.parametrize("one", slow_unless(lambda case: case[0] in KEPT[::6], [(one,) for one in KEPT]), ids=name)
+@pytest.mark.parametrize("one", slow_unless(lambda case: case[0] in KEPT[::12], [(one,) for one in KEPT]), ids=name)
 @pytest.mark.parametrize("accuracy", slow_unless((0.02).__eq__, [0.02, 0.001]))
 def test_extremes_are_right_within_their_own_estimate(one: tuple[str, Expected], accuracy: float) -> None:
     true = one[1]
@@ -132,7 +132,7 @@ LAYERS = [(0.2 * k, HALF, kappa) for k, kappa in enumerate(
 )] + [(1, 0.3, 2.4835), (1, 0.4, 2.7938), (1, 0.45, 3.0914), (2, 0.3, 4.3532), (2, 0.4, 5.2985), (2, 0.45, 6.4206)]  # fmt: skip
 
 
-@pytest.mark.parametrize(("radius_per_depth", "nu", "kappa"), LAYERS)
+@pytest.mark.parametrize(("radius_per_depth", "nu", "kappa"), slow_unless(LAYERS[::4].__contains__, LAYERS))
 def test_rigid_punch_on_a_bonded_layer(radius_per_depth: float, nu: float, kappa: float) -> None:
     a, E = 0.01, 1e3
     stiff, soft = (Material(youngs_modulus=modulus, poisson_ratio=0.3) for modulus in (1e10, 1e-3))
