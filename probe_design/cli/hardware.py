@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from probe_design.cli.arguments import linear_option, number
+from probe_design.cli.arguments import limiting, linear_option, number
 from probe_design.cli.output import print_json
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def _with_source(verb: Verb) -> Verb:
     )
     for option in reversed(options):
         verb = option(verb)
-    return verb
+    return limiting(verb)
 
 
 @click.command()
