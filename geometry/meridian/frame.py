@@ -30,6 +30,7 @@ class Kind:
         blocks: rows of inner and outer block.
         rings: rings of cells between sphere and box, and between core and sphere.
         box: how many of the radii r2, Ri, Ro the box round the sphere reaches beyond, 0 to 3; None without a sphere.
+        layers: interfaces of the tissue above the sphere, across it and below it.
         thin: whether the tissue above sphere or floor is thin.
         films: layers between block and base: 0, 1 (film) or 2 (film and adhesive).
         base: None for a rigid one, else the sign of inner less outer height.
@@ -41,6 +42,7 @@ class Kind:
     blocks: tuple[int, int]
     rings: tuple[int, int]
     box: int | None
+    layers: tuple[int, int, int]
     thin: bool
     films: int
     base: int | None
@@ -70,6 +72,8 @@ class MeshLines:
         outside, inside: where circles cut the rays from sphere to box and from core to sphere, 0 to 1, shape (..., circles).
         centre, sphere: the sphere's height and radius, shape (...,).
         core: the core is the box shrunk about the sphere's centre by this factor, shape (...,).
+        turn: by how much a ray to the point of the box's side on each radius and level is turned about the sphere's centre where
+            it meets the sphere, so that interfaces stay level, shape (..., radii, levels); None where none crosses the sphere.
     """
 
     radii: Any
@@ -79,6 +83,7 @@ class MeshLines:
     centre: Any
     sphere: Any
     core: Any
+    turn: Any = None
 
 
 class MeshTopology:
@@ -87,6 +92,7 @@ class MeshTopology:
     Attributes:
         column: numbers of the radii called axis, inner, hole, tube, side and, with a sphere, box.
         row: numbers of the levels called floor, surface and, with a sphere, low and high (the box's).
+        interfaces: numbers of the levels of the tissue's interfaces, from the surface downwards.
         merged: rows below the surface, by the number of their upper level, in which lines end: triples of columns become one,
             their middle meets the level ``middles`` within the row; the columns' four lines.
         inner, outer: numbers of the levels of each block from the surface to its base, film layers included.
@@ -99,10 +105,9 @@ class MeshTopology:
     def __init__(self, kind: Kind, fineness: MeridianFineness) -> None:
         n = fineness.count
         self.kind, self.fineness = kind, fineness
-        names, levels = ["axis", "inner", "hole", "tube", "side"], ["floor", "surface"]
+        names, levels = ["axis", "inner", "hole", "tube", "side"], _level_names(kind.layers, kind.box is not None)
         if kind.box is not None:
             names.insert(kind.box + 1, "box")
-            levels[1:1] = ["low", "high"]
         gap = range(names.index("inner"), names.index("hole"))
         # three columns below a gap become one; other numbers do not, but for a single one on each side of the box's edge
         self.merging = not kind.thin and fineness.cells < MANY
@@ -110,6 +115,7 @@ class MeshTopology:
         self.rows, self.blocks, self.rings = (tuple(n(cells) for cells in part) for part in (kind.rows, kind.blocks, kind.rings))
         self.column = dict(zip(names, np.cumsum([0, *self.columns]).tolist(), strict=True))
         self.row = dict(zip(levels, np.cumsum([0, *self.rows]).tolist(), strict=True))
+        self.interfaces = [self.row[f"interface {k}"] for k in range(sum(kind.layers))]
         self.layer = n(3)
         top = self._stack(self.row["surface"] + 1)
         self.merged = self._merged()
@@ -152,6 +158,16 @@ class MeshTopology:
         return top + self.step + self.thick
 
 
+def _level_names(layers: tuple[int, int, int], sphere: bool) -> list[str]:
+    """The tissue's breaks from the floor upwards."""
+    above, across, _ = layers
+    names = ["surface", *(f"interface {k}" for k in range(sum(layers))), "floor"]
+    if sphere:
+        names.insert(1 + above, "high")
+        names.insert(2 + above + across, "low")
+    return names[::-1]
+
+
 def kind(section: Section) -> Kind:
     """Return the kind of a section, whose lengths are floats."""
     s, sphere = section, _Sphere.of(section)
@@ -162,6 +178,7 @@ def kind(section: Section) -> Kind:
     blocks = tuple(_cells(_block(s, height))[0] for height in (s.inner_height, s.outer_height))
     rings = (0, 0) if sphere is None else tuple(_cells(ring)[0] for ring in sphere.rings())
     thin = bool(s.layer < THIN * s.block_size)
+    above, across = s.interfaces_apart
     columns, rows = _cells(_radii(s, box, sphere)), _cells(_tissue_levels(s, sphere, thin))
     return Kind(
         columns,
@@ -169,6 +186,7 @@ def kind(section: Section) -> Kind:
         blocks=blocks,  # type: ignore[arg-type]
         rings=rings,  # type: ignore[arg-type]
         box=box,
+        layers=(above, across, len(s.interfaces) - above - across),
         thin=thin,
         films=films,
         base=base,
@@ -190,10 +208,13 @@ def frame(section: Section, layout: MeshTopology) -> MeshLines:
         if layout.kind.flange:
             radii.append(graded(s.tube_radius, s.flange_radius, layout.overhang, s.corner_size)[..., 1:])
     levels.append(_middles(levels[0], layout))
-    rays = (np.zeros(0), np.zeros(0), 0.0, 0.0, 0.0)
+    rays: tuple[Any, ...] = (np.zeros(0), np.zeros(0), 0.0, 0.0, 0.0)
     if sphere is not None:
         outside, inside = (_joined(ring, (cells,)) for ring, cells in zip(sphere.rings(), layout.rings, strict=True))
-        rays = (outside, inside, -sphere.depth, sphere.radius, sphere.core(radii[0][..., layout.column["box"]]))
+        edge = radii[0][..., layout.column["box"]]
+        rays = (outside, inside, -sphere.depth, sphere.radius, sphere.core(edge))
+        if layout.kind.layers[1]:
+            rays += (_turns(sphere, layout, radii[0], levels[0]),)
     return MeshLines(np.concatenate(radii, axis=-1), np.concatenate(levels, axis=-1), *rays)
 
 
@@ -293,11 +314,51 @@ def _radii(s: Section, box: int | None, sphere: _Sphere | None) -> _Breaks:
 
 
 def _tissue_levels(s: Section, sphere: _Sphere | None, thin: bool = False) -> _Breaks:
-    corner, floor = s.corner_size, smooth_min(s.tissue_radius - s.tube_radius, s.tissue_depth)
-    if sphere is None:
-        return _Breaks([-s.tissue_depth, 0 * s.tissue_depth], [floor, corner], [6])
-    places = [-s.tissue_depth, sphere.low, sphere.high, 0 * s.tissue_depth]
-    return _Breaks(places, [floor, sphere.below, sphere.above, corner], [3, 4, 2 if thin else 4])
+    """Heights of the tissue's lines: floor, interfaces, box and surface, from below; cells grow away from the surface."""
+    floor = smooth_min(s.tissue_radius - s.tube_radius, s.tissue_depth)
+    zero, (above, across) = 0 * s.tissue_depth, s.interfaces_apart
+    planes = [(-depth, depth + s.corner_size, 2) for depth in s.interfaces]
+    places = [(zero, s.corner_size, 0), *planes, (-s.tissue_depth, floor, 3)]
+    if sphere is not None:
+        places.insert(1 + above, (sphere.high, sphere.above, 2))
+        places.insert(2 + above + across, (sphere.low, sphere.below, 4 if not across else 2))
+    elif not planes:
+        places[-1] = (-s.tissue_depth, floor, 6)
+    heights, sizes, least = (list(column) for column in zip(*places[::-1], strict=True))
+    least[-2] = max(least[-2], 2 if thin else 4)  # the interval under the surface
+    return _Breaks(heights, sizes, least[:-1])
+
+
+def _turns(sphere: _Sphere, layout: MeshTopology, radii: Any, levels: Any) -> Any:
+    """Angles by which the rays to the box's side are turned, so that those to the interfaces are level.
+
+    With a the angle of a ray above the horizon and b that of where it meets the sphere, sin b = height / radius at an interface,
+    b is linear in a between the interfaces, the box's corners and the poles. A corner's b has its own a or, where an interface
+    meets the sphere near it or beyond, keeps half of that interface's distance from the pole.
+    """
+    (above, across, _), half = layout.kind.layers, np.pi / 2
+    box, low, high = layout.column["box"], layout.row["low"], layout.row["high"]
+    breaks = [low, *layout.interfaces[above : above + across][::-1], high]
+    heights, edge = levels[..., low : high + 1] + np.asarray(sphere.depth)[..., None], radii[..., box, None]
+    along = np.arctan(heights / edge)
+    a = along[..., [one - low for one in breaks]]
+    b = np.arcsin(heights[..., [one - low for one in breaks[1:-1]]] / np.asarray(sphere.radius)[..., None])
+    ends = (sign * (half - smooth_min(half - sign * a[..., k], (half - sign * b[..., k]) / 2)) for sign, k in ((-1, 0), (1, -1)))
+    first, last = (end[..., None] for end in ends)
+    b = np.concatenate([first, b, last], axis=-1)
+    out = np.zeros((*b.shape[:-1], box + 1, levels.shape[-1]), dtype=b.dtype)
+    for k, (start, end) in enumerate(pairwise(breaks)):
+        out[..., box, start : end + 1] = _between(a, b, k, along[..., start - low : end - low + 1])
+    for row, k, pole in ((low, 0, -half), (high, -1, half)):
+        flat = pole - np.arctan(radii[..., : box + 1] / heights[..., [k]])
+        out[..., row] = (b[..., [k]] - a[..., [k]]) * (pole - flat) / (pole - a[..., [k]])
+    return out
+
+
+def _between(a: Any, b: Any, k: int, along: Any) -> Any:
+    """b - a of rays between the breaks k and k + 1, where b is linear in a."""
+    share = (along - a[..., [k]]) / (a[..., [k + 1]] - a[..., [k]])
+    return b[..., [k]] + share * (b[..., [k + 1]] - b[..., [k]]) - along
 
 
 def _middles(levels: Any, layout: MeshTopology) -> Any:

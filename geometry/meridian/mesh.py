@@ -23,9 +23,9 @@ from typing import Any
 
 import numpy as np
 
-from geometry.common.arrays import Floats, Ints
+from geometry.common.arrays import Bools, Floats, Ints
 from geometry.meridian.frame import Kind, MeridianFineness, MeshLines, MeshTopology, frame
-from geometry.meridian.section import Body, Section
+from geometry.meridian.section import LAYERS, Body, Section
 
 TENSOR, OUTSIDE, INSIDE, CORE = range(4)
 GOLDEN = (5**0.5 - 1) / 2
@@ -111,11 +111,20 @@ def _mapped(lines: MeshLines, mesh: Topology, places: Floats) -> Any:
     corners = (along[..., mesh.vertices[..., axis], None] for axis, along in enumerate((lines.radii, lines.levels)))
     r, z = ((share @ along)[..., 0] for along in corners)
     if np.any(rings):
-        r, z = _around(lines, mesh, r, z, within[..., 1])
+        turn = None if lines.turn is None else _turned(lines.turn, mesh, share, rings)
+        r, z = _around(lines, mesh, r, z, within[..., 1], turn)
     return np.stack([r, z], axis=-1)
 
 
-def _around(lines: MeshLines, mesh: Topology, r: Any, z: Any, v: Floats) -> tuple[Any, Any]:
+def _turned(turns: Any, mesh: Topology, share: Floats, rings: Bools) -> Any:
+    """The turn of each point's ray, shape (..., n, places), 0 outside the rings."""
+    out = np.zeros((*turns.shape[:-2], *share.shape[:2]), dtype=turns.dtype)
+    column, row = mesh.vertices[rings].transpose(2, 0, 1)
+    out[..., rings, :] = (share[rings] @ turns[..., column, row][..., None])[..., 0]
+    return out
+
+
+def _around(lines: MeshLines, mesh: Topology, r: Any, z: Any, v: Floats, turn: Any = None) -> tuple[Any, Any]:
     """Move points of the box's sides along their rays into the rings, and those of the box's grid into the core."""
     centre, sphere, core = (np.asarray(x)[..., None, None] for x in (lines.centre, lines.sphere, lines.core))
     kind = np.result_type(r, z, centre, sphere, core, lines.outside, lines.inside)  # complex if any is
@@ -125,8 +134,14 @@ def _around(lines: MeshLines, mesh: Topology, r: Any, z: Any, v: Floats) -> tupl
         x, y = r[..., ring, :], z[..., ring, :] - centre
         start, end = (fractions[..., mesh.circles[ring, k], None] for k in (0, 1))
         t, arc = start + (end - start) * v[ring], sphere / (x**2 + y**2) ** 0.5
-        scale = arc + t * (1 - arc) if ring is out else core + t * (arc - core)
-        r[..., ring, :], z[..., ring, :] = scale * x, centre + scale * y
+        on_box, on_arc = (t, arc * (1 - t)) if ring is out else (core * (1 - t), arc * t)
+        across, up = on_box * x, on_box * y
+        if turn is None:
+            across, up = across + on_arc * x, up + on_arc * y
+        else:
+            cos, sin = np.cos(turn[..., ring, :]), np.sin(turn[..., ring, :])
+            across, up = across + on_arc * (cos * x - sin * y), up + on_arc * (sin * x + cos * y)
+        r[..., ring, :], z[..., ring, :] = across, centre + up
     r[..., mid, :], z[..., mid, :] = core * r[..., mid, :], centre + core * (z[..., mid, :] - centre)
     return r, z
 
@@ -157,36 +172,41 @@ def _tissue(layout: MeshTopology) -> Iterator[Cell]:
     for top in range(layout.row["surface"], 0, -1):
         ended = {line for group in layout.merged.get(top, []) for line in group[1:-1]}
         for group in layout.merged.get(top, []):
-            yield from _merging(group, top, layout.middles[top])
+            yield from _merging(_layer(layout, top), group, top, layout.middles[top])
         first = layout.column["box"] if low < top <= high else 0
         for a, b in pairwise(radii):
             if a >= first and not {a, b} & ended:
-                yield from _grid(Body.TISSUE, (a, b), (top - 1, top))
+                yield from _grid(_layer(layout, top), (a, b), (top - 1, top))
         radii = [line for line in radii if line not in ended]
     if "box" in layout.column:
         yield from _sphere(layout, [line for line in radii if line <= layout.column["box"]])
 
 
-def _merging(columns: tuple[int, ...], top: int, middle: int) -> Iterator[Cell]:
+def _merging(body: Body, columns: tuple[int, ...], top: int, middle: int) -> Iterator[Cell]:
     """Yield the four cells by which three columns become one: left, right, between and below."""
     a, b, c, d = columns
     floor = top - 1
     left, right = ((a, floor), (b, middle), (b, top), (a, top)), ((c, middle), (d, floor), (d, top), (c, top))
     between, below = ((b, middle), (c, middle), (c, top), (b, top)), ((a, floor), (d, floor), (c, middle), (b, middle))
     for vertices in (left, right, between, below):
-        yield TENSOR, Body.TISSUE, vertices, (0, 0)
+        yield TENSOR, body, vertices, (0, 0)
+
+
+def _layer(layout: MeshTopology, top: int) -> Body:
+    """The body of the tissue's row below a level: a layer, or what is below the last."""
+    layer = sum(interface >= top for interface in layout.interfaces)
+    return LAYERS[layer] if layer < len(layout.interfaces) else Body.TISSUE
 
 
 def _sphere(layout: MeshTopology, radii: Sequence[int]) -> Iterator[Cell]:
     """Yield the cells of the box: rings on its three sides (each counted so that cells are right-handed) and the core."""
     edge, low, high = radii[-1], layout.row["low"], layout.row["high"]
-    top = [((a, high), (b, high)) * 2 for a, b in pairwise(radii)]
-    right = [((edge, d), (edge, c)) * 2 for c, d in pairwise(range(low, high + 1))]
-    bottom = [((b, low), (a, low)) * 2 for a, b in pairwise(radii)]
-    rings = ((OUTSIDE, Body.TISSUE), (INSIDE, Body.INCLUSION))
-    for (shape, body), count in zip(rings, layout.rings, strict=True):
-        for side, circle in product(top + right + bottom, range(count)):
-            yield shape, body, side, (circle, circle + 1)
+    sides = [(_layer(layout, high), ((a, high), (b, high)) * 2) for a, b in pairwise(radii)]
+    sides += [(_layer(layout, d), ((edge, d), (edge, c)) * 2) for c, d in pairwise(range(low, high + 1))]
+    sides += [(_layer(layout, low + 1), ((b, low), (a, low)) * 2) for a, b in pairwise(radii)]
+    for shape, count in zip((OUTSIDE, INSIDE), layout.rings, strict=True):
+        for (body, side), circle in product(sides, range(count)):
+            yield shape, body if shape == OUTSIDE else Body.INCLUSION, side, (circle, circle + 1)
     for _, body, vertices, circles in _grid(Body.INCLUSION, radii, range(low, high + 1)):
         yield CORE, body, vertices, circles
 

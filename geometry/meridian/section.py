@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from enum import IntEnum
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,18 @@ class Body(IntEnum):
     FILM = 4
     ADHESIVE = 5
     BASE = 6
+    LAYER_0 = 7
+    LAYER_1 = 8
+    LAYER_2 = 9
+    LAYER_3 = 10
+    LAYER_4 = 11
+    LAYER_5 = 12
+    LAYER_6 = 13
+    LAYER_7 = 14
+
+
+LAYERS = tuple(body for body in Body if body >= Body.LAYER_0)
+TISSUES = (Body.TISSUE, *LAYERS)
 
 
 @dataclass(frozen=True)
@@ -31,7 +44,8 @@ class Section:
     """Lengths in m, each a float or, for many designs at once, an array (real or complex) of shape (n,).
 
     ``inner_radius`` < ``hole_radius`` < ``tube_radius`` < ``tissue_radius``; 0 where there is no sphere, film,
-    adhesive or elastic base. A sphere's centre lies on the axis. ``flange_thickness`` and ``step_height`` are the base's,
+    adhesive or elastic base. ``layer_0`` to ``layer_7`` are thicknesses of the tissue's layers from the surface downwards; those
+    that are not zero come first. A sphere's centre lies on the axis. ``flange_thickness`` and ``step_height`` are the base's,
     see ``geometry.scenes.base_sizes.BaseSizes``. ``mesh_size``, if not zero, takes the place of ``corner_size``.
     """
 
@@ -49,6 +63,14 @@ class Section:
     flange_radius: Lengths = 0.0
     flange_thickness: Lengths = 0.0
     step_height: Lengths = 0.0
+    layer_0: Lengths = 0.0
+    layer_1: Lengths = 0.0
+    layer_2: Lengths = 0.0
+    layer_3: Lengths = 0.0
+    layer_4: Lengths = 0.0
+    layer_5: Lengths = 0.0
+    layer_6: Lengths = 0.0
+    layer_7: Lengths = 0.0
     mesh_size: Lengths = 0.0
 
     @property
@@ -58,19 +80,36 @@ class Section:
         return tuple(name for name in names if np.all(getattr(self, name) != 0))
 
     @property
-    def has_layers(self) -> bool:
+    def has_details(self) -> bool:
         """Whether there is a film or an elastic base."""
         return bool(np.all(self.film != 0) or np.all(self.flange_thickness != 0))
 
     @property
+    def interfaces(self) -> list[Any]:
+        """Depths of the tissue's interfaces, from the surface downwards."""
+        thicknesses = (getattr(self, body.name.lower()) for body in LAYERS)
+        return list(accumulate(one for one in thicknesses if np.all(one != 0)))
+
+    @property
+    def interfaces_apart(self) -> tuple[int, int]:
+        """How many interfaces lie above the sphere and how many cross it; all lie above where there is none."""
+        if "sphere_radius" not in self.lengths:
+            return len(self.interfaces), 0
+        tops, bottoms = self.sphere_depth - self.sphere_radius, self.sphere_depth + self.sphere_radius
+        above = sum(bool(np.all(np.real(depth) <= np.real(tops))) for depth in self.interfaces)
+        return above, sum(bool(np.all(np.real(depth) < np.real(bottoms))) for depth in self.interfaces[above:])
+
+    @property
     def cover(self) -> Any:
-        """Tissue above the sphere."""
-        return self.sphere_depth - self.sphere_radius
+        """Tissue between the sphere's top and the next interface above it, or the surface."""
+        above, _ = self.interfaces_apart
+        return self.sphere_depth - self.sphere_radius - ([0.0, *self.interfaces][above])
 
     @property
     def clearance(self) -> Any:
-        """Tissue below the sphere."""
-        return self.tissue_depth - self.sphere_depth - self.sphere_radius
+        """Tissue between the sphere's bottom and the next interface below it, or the floor."""
+        below = sum(self.interfaces_apart)
+        return [*self.interfaces, self.tissue_depth][below] - self.sphere_depth - self.sphere_radius
 
     @property
     def block_size(self) -> Any:
@@ -86,7 +125,9 @@ class Section:
 
     @property
     def layer(self) -> Any:
-        """Tissue between the blocks and what is below them: the sphere or the floor."""
+        """Tissue between the blocks and what is below them: the first interface, the sphere or the floor."""
+        if self.interfaces_apart[0]:
+            return self.interfaces[0]
         return self.cover if "sphere_radius" in self.lengths else self.tissue_depth
 
     @property

@@ -26,6 +26,7 @@ def check(scene: Scene) -> None:
     if len(targets) > 1:
         raise InputError(f"inclusion[{targets[1]}].target", True, f"true for one inclusion (it is for inclusion[{targets[0]}])")
     _check_probe(scene)
+    _check_layers(scene)
     _check_load(scene)
     bodies = [(index, body) for index, body in enumerate(scene.inclusion) if body.surface is None]
     for index, body in bodies:
@@ -108,6 +109,16 @@ def _check_probe(scene: Scene) -> None:
     elif tissue.shape == "block":
         _check_stands("length", tissue.length / 2, reach, key="placement.x", position=at.x, offset=abs(at.x))
         _check_stands("breadth", tissue.breadth / 2, reach, key="placement.y", position=at.y, offset=abs(at.y))
+
+
+def _check_layers(scene: Scene) -> None:
+    tissue, total = scene.tissue, 0.0
+    for index, layer in enumerate(scene.tissue.layer):
+        if tissue.shape != "half-space" and reaches(total + layer.thickness, tissue.depth):
+            room = f"less than {most_mm(tissue.depth - total)}" if tissue.depth > total else "no layer here"
+            own = f"{room}: the tissue's own material has to be below the layers, and it is {mm(tissue.depth)} deep"
+            raise InputError(f"tissue.layer[{index}].thickness", mm(layer.thickness), own)
+        total += layer.thickness
 
 
 def _check_load(scene: Scene) -> None:

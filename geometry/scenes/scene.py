@@ -21,7 +21,28 @@ Force = Annotated[float, Quantity("force", "N", "N", 0.0, 1e9)]
 Indentation = Annotated[float, Quantity("indentation", "m", "um", 0.0, 10.0)]
 
 
-class CylinderTissue(Material):
+class Layer(Material):
+    """A layer of the tissue, bonded to what is above and below it.
+
+    Attributes:
+        thickness: below the layer above, or below the surface.
+    """
+
+    thickness: Length
+
+
+MOST_LAYERS = 8
+Layers = Annotated[tuple[Layer, ...], Field(strict=False, max_length=MOST_LAYERS)]
+_LAYERS = Field(default=(), description=f"up to {MOST_LAYERS} tables, each headed [[tissue.layer]], from the surface downwards")
+
+
+class _Layered(Material):
+    """Tissue of a material of its own, below the layers that it may have."""
+
+    layer: Layers = _LAYERS
+
+
+class CylinderTissue(_Layered):
     """A round piece of tissue, bonded to the table."""
 
     shape: Literal["cylinder"]
@@ -29,7 +50,7 @@ class CylinderTissue(Material):
     depth: Length
 
 
-class BlockTissue(Material):
+class BlockTissue(_Layered):
     """A rectangular piece of tissue, bonded to the table; length along x, breadth along y."""
 
     shape: Literal["block"]
@@ -38,7 +59,7 @@ class BlockTissue(Material):
     depth: Length
 
 
-class HalfSpaceTissue(Material):
+class HalfSpaceTissue(_Layered):
     """Tissue without an end."""
 
     shape: Literal["half-space"]

@@ -28,6 +28,9 @@ def values(scene: Scene) -> dict[str, float]:
     if len(scene.inclusion) == 1:
         bodies["inclusion"] = scene.inclusion[0]
         lengths |= {f"inclusion.{key}": getattr(scene.inclusion[0], key) for key in ("diameter", "depth")}
+    for index, layer in enumerate(tissue.layer):
+        bodies[f"tissue.layer[{index}]"] = layer
+        lengths[f"tissue.layer[{index}].thickness"] = layer.thickness
     for name, body in bodies.items():
         lengths |= {f"{name}.{key}": getattr(body, key) for key in ("youngs_modulus", "poisson_ratio")}
     return {key: value for key, value in lengths.items() if value is not None}
@@ -45,10 +48,10 @@ def changed(scene: Scene, new: Mapping[str, float]) -> Scene:
     for key, value in new.items():
         if key not in current:
             raise InputError("variable", key, ", ".join(current))
-        *path, last = key.split(".")
+        *path, last = key.replace("[", ".").replace("]", "").split(".")
         place: Any = data
         for name in path:
-            place = place[name]
+            place = place[int(name) if name.isdigit() else name]
             if name == "inclusion":
                 place = place[0]
         place[last] = float(value)
@@ -81,5 +84,6 @@ def length_derivatives(scene: Scene) -> dict[str, dict[str, float]]:
         derivatives |= {
             f"tissue.{side}": {"tissue_radius": radius / (2 * getattr(tissue, side))} for side in ("length", "breadth")
         }
+    derivatives |= {f"tissue.layer[{index}].thickness": {f"layer_{index}": 1.0} for index in range(len(tissue.layer))}
     derivatives["inclusion.diameter"], derivatives["inclusion.depth"] = {"sphere_radius": 0.5}, {"sphere_depth": 1.0}
     return {key: change for key, change in derivatives.items() if key in present}

@@ -76,7 +76,7 @@ def converged_forces(scene: Scene, accuracy: float, moduli: Floats | None = None
 def _films(scene: Scene, sample: MeshSample, errors: SampleErrors, changes: Iterable[Change] = ()) -> tuple[FilmForces, ...]:
     films = []
     for k, forces in enumerate(sample.forces):
-        margin = LAYERED if sample.states.model.section.has_layers else 1.0
+        margin = LAYERED if sample.states.model.section.has_details else 1.0
         bound = Bound.independent(margin * errors.totals[k], forces)
         sensitivity_bound = margin * float(errors.sensitivity[k])
         for change in changes:

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from geometry.common.arrays import Bools, Floats, Ints
 from geometry.meridian.mesh import Topology, labels, line_label
-from geometry.meridian.section import Body
+from geometry.meridian.section import TISSUES, Body
 from solver.linalg.cholesky import Pattern
 from solver.linalg.workspace import kept
 
@@ -62,7 +62,7 @@ class Numbering:
 @kept
 def numbering(mesh: Topology, order: int, interface: Interface, m: int = 0) -> Numbering:
     """Number the unknowns of a mesh at one polynomial order, for fields of azimuthal order m."""
-    probe = (mesh.body != Body.TISSUE) & (mesh.body != Body.INCLUSION)
+    probe = ~np.isin(mesh.body, (*TISSUES, Body.INCLUSION))
     functions, signs, ends = _functions(labels(mesh), probe, order)
     owner, fixed, under = _ties(mesh, ends, interface, AXIS.get(m, (True, True, True)))
     components = owner.shape[1]

@@ -8,7 +8,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
-from geometry.meridian.section import Body
+from geometry.meridian.section import LAYERS, Body
 from geometry.scenes.scene import Scene
 from geometry.scenes.variables import length_derivatives, values
 from solver.axisymmetric.base_states import MeridianModel
@@ -20,7 +20,7 @@ NEGLIGIBLE = 1e-8
 OUTPUTS = ("ratio", "stress_inner", "stress_outer", "stiffness", "log_sensitivity")
 MATERIALS = {
     "tissue": Body.TISSUE, "probe.inner": Body.INNER, "probe.outer": Body.OUTER, "inclusion": Body.INCLUSION,
-    "probe.base": Body.BASE, "probe.film": Body.FILM,
+    "probe.base": Body.BASE, "probe.film": Body.FILM, **{f"tissue.layer[{k}]": body for k, body in enumerate(LAYERS)},
 }  # fmt: skip
 
 

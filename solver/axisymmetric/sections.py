@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.meridian.section import Body, Section
+from geometry.meridian.section import LAYERS, Body, Section
 from geometry.scenes.base_sizes import base_sizes
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
@@ -44,6 +44,8 @@ def sections(scene: Scene) -> Sections:
     angle = (np.arange(ANGLES) + 0.5) * 2 * np.pi / ANGLES
     materials: dict[Body, Material] = {Body.TISSUE: tissue, Body.INNER: probe.inner, Body.OUTER: probe.outer}
     sphere = (0.0, 0.0)
+    materials |= dict(zip(LAYERS, tissue.layer, strict=False))
+    layers = {body.name.lower(): layer.thickness for body, layer in zip(LAYERS, tissue.layer, strict=False)}
     if scene.inclusion:
         materials[Body.INCLUSION] = scene.inclusion[0]
         sphere = (scene.inclusion[0].diameter or 0.0) / 2, scene.inclusion[0].depth
@@ -58,9 +60,9 @@ def sections(scene: Scene) -> Sections:
         # to the side that the direction meets first; 1e-9: none is quite parallel to a side
         outline = np.min([(half - np.sign(along) * centre) / (np.abs(along) + 1e-9) for along, half, centre in sides], axis=0)
     else:
-        radius = depth = HALF_SPACE * max(*blocks, sum(sphere))
+        radius = depth = HALF_SPACE * max(*blocks, sum(sphere), *layers.values())
         outline = np.full(ANGLES, radius)
-    section = Section(*blocks, radius, depth, *sphere)
+    section = Section(*blocks, radius, depth, *sphere, **layers)
     low, high = float(outline.min()), float(outline.max())
     bracket = (
         ()

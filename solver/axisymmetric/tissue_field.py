@@ -17,7 +17,7 @@ from geometry.common.errors import InputError
 from geometry.common.limits import most
 from geometry.meridian.frame import frame
 from geometry.meridian.mesh import SQUARE, nodes
-from geometry.meridian.section import Body
+from geometry.meridian.section import TISSUES
 from solver.axisymmetric.base_states import BaseStates
 from solver.axisymmetric.quadrilateral import dilations
 from solver.axisymmetric.shape_functions import functions, polynomials, pressures
@@ -118,7 +118,7 @@ class TissueField:
         layout = model.mesh.layout
         lines = frame(model.section, layout)
         radii, levels = lines.radii[: layout.column["side"] + 1], lines.levels[: layout.row["surface"] + 1]
-        tissue = np.flatnonzero(model.mesh.body == Body.TISSUE)
+        tissue = np.flatnonzero(np.isin(model.mesh.body, TISSUES))
         corners = nodes(model.section, model.mesh, SQUARE, tissue)
         low, high = corners.min(axis=1), corners.max(axis=1)
         middles = [(line[1:] + line[:-1]) / 2 for line in (radii, levels)]
