@@ -41,6 +41,7 @@ from benchmarks.references.outline import (
     FILM,
     INCLUSION,
     INNER,
+    LAYERS,
     NAMES,
     OUTER,
     TISSUE,
@@ -53,7 +54,7 @@ from geometry import Material, Scene, read_scene
 FILM_POISSON = 0.3  # of film and adhesive
 SENSITIVITY_FLOOR = 1e-4  # below it the error of log_sensitivity counts relative to this, see ``difference``
 LADDER = (Refinement(0.9, 6, 6), Refinement(0.7, 8, 8), Refinement(0.55, 10, 10), Refinement(0.4, 12, 12))
-BLOCKS, ABOVE = "inner|outer", "film|adhesive|base"
+BLOCKS, ABOVE, AROUND = "inner|outer", "film|adhesive|base", "tissue|layer."
 SHIFTS = 3  # solutions with the inclusion's shift from the one before
 
 Part = tuple[str, int, tuple[int, ...]]
@@ -78,6 +79,7 @@ def materials(scene: Scene) -> dict[int, Material]:
     """Return the material of each body."""
     probe = scene.probe
     found: dict[int, Material] = {TISSUE: scene.tissue, INNER: probe.inner, OUTER: probe.outer}
+    found |= dict(zip(LAYERS, scene.tissue.layer, strict=False))
     if scene.inclusion:
         found[INCLUSION] = scene.inclusion[0]
     if probe.film is not None:
@@ -99,9 +101,9 @@ class ReferenceProblem:
     def __init__(self, scene: Scene, refinement: Refinement, mesher: Mesher = make_mesh) -> None:
         self.mesh, self.order, self.filled = mesher(scene, refinement), refinement.order, bool(scene.inclusion)
         self.fill(scene)
-        regions = [".*"] if scene.contact.interface == "bonded" else ["tissue|inclusion", f"{BLOCKS}|{ABOVE}"]
+        regions = [".*"] if scene.contact.interface == "bonded" else [f"{AROUND}|inclusion", f"{BLOCKS}|{ABOVE}"]
         above = len(regions) + 2
-        self.parts: list[Part] = [("tissue", 3, (0, 2)), ("inclusion", 3, (0,)), (BLOCKS, above, (0, 1)), (ABOVE, above, (0,))]
+        self.parts: list[Part] = [(AROUND, 3, (0, 2)), ("inclusion", 3, (0,)), (BLOCKS, above, (0, 1)), (ABOVE, above, (0,))]
         self.space = ngs.FESpace(self.spaces("|".join(held(scene.probe)), regions))
 
     def fill(self, scene: Scene) -> None:
@@ -114,7 +116,7 @@ class ReferenceProblem:
     def spaces(self, rest: str, regions: list[str]) -> list[ngs.H1]:
         """Return the spaces of u_z, jump, shift and u_r of each region."""
         within = [self.mesh.Materials(region) for region in regions]
-        given = [ngs.H1(self.mesh, order=1, definedon=self.mesh.Materials(region)) for region in (BLOCKS, "tissue")]
+        given = [ngs.H1(self.mesh, order=1, definedon=self.mesh.Materials(region)) for region in (BLOCKS, AROUND)]
         radial = [ngs.H1(self.mesh, order=self.order, dirichlet=rest + "|axis", definedon=region) for region in within]
         return [ngs.H1(self.mesh, order=self.order, dirichlet=rest), *given, *radial]
 

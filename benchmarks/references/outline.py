@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import Any
 
 import ngsolve as ngs
@@ -21,7 +21,8 @@ from geometry import Film, Probe, Scene
 from geometry.scenes.base_sizes import base_sizes
 
 OUTSIDE, TISSUE, INCLUSION, INNER, OUTER, FILM, ADHESIVE, BASE = range(8)
-NAMES = dict(enumerate(["tissue", "inclusion", "inner", "outer", "film", "adhesive", "base"], 1))
+LAYERS = tuple(range(8, 16))  # of the tissue, from the surface downwards
+NAMES = dict(enumerate(["tissue", "inclusion", "inner", "outer", "film", "adhesive", "base", *(f"layer{k}" for k in range(8))], 1))
 ENDS = ("end_inner", "end_outer")  # the blocks' film ends, where the film forces are taken
 SINGULAR = {"contact", "bottom", "layer", "top", "lower", *ENDS}  # the edges that end in singular corners
 
@@ -37,7 +38,7 @@ class Refinement:
 
 @dataclass(frozen=True)
 class Edge:
-    """A straight edge or, with ``centre``, a quarter circle about a point on the axis; lengths in inner radii."""
+    """A straight edge or, with ``centre``, an arc about a point on the axis, at most a quarter; lengths in inner radii."""
 
     start: tuple[float, float]
     end: tuple[float, float]
@@ -51,16 +52,22 @@ class Edge:
         a, b = np.array(self.start), np.array(self.end)
         if self.centre is None:
             return np.asarray(a + t * (b - a))
-        c, angle = np.array([0.0, self.centre]), t * math.pi / 2
-        return np.asarray(c + math.cos(angle) * (a - c) + math.sin(angle) * (b - c))
+        (low, high), radius = self.angles(), math.dist(self.start, (0.0, self.centre))
+        angle = low + t * (high - low)
+        return np.array([radius * math.cos(angle), self.centre + radius * math.sin(angle)])
+
+    def angles(self) -> tuple[float, float]:
+        """Angles of an arc's ends above the horizon."""
+        low, high = (math.atan2(p[1] - (self.centre or 0.0), p[0]) for p in (self.start, self.end))
+        return low, high
 
     def distance(self, p: np.ndarray) -> float:
         """Distance of a point with r >= 0 from the edge."""
         a, b = np.array(self.start), np.array(self.end)
         if self.centre is not None:
-            if (p[1] > self.centre) != (a[1] + b[1] > 2 * self.centre):  # beside the other quarter: an end is nearest
+            if not min(self.angles()) <= math.atan2(p[1] - self.centre, p[0]) <= max(self.angles()):  # an end is nearest
                 return min(math.dist(p, a), math.dist(p, b))
-            return float(abs(math.hypot(p[0], p[1] - self.centre) - max(a[0], b[0])))
+            return float(abs(math.hypot(p[0], p[1] - self.centre) - math.hypot(a[0], a[1] - self.centre)))
         t = np.clip((p - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
         return float(np.hypot(*(p - a - t * (b - a))))
 
@@ -79,30 +86,44 @@ def outline(scene: Scene) -> list[Edge]:
 
 
 def tissue(scene: Scene) -> list[Edge]:
-    """Return the edges of tissue and inclusion, those under the blocks included."""
+    """Return the edges of tissue, its layers and inclusion, those under the blocks included."""
     unit, body = scene.probe.inner_radius, scene.tissue
     assert body.shape == "cylinder"  # outline has asked
     r2, r3, rt, bottom = (x / unit for x in (scene.probe.hole_radius, scene.probe.tube_radius, body.radius, -body.depth))
+    planes = [-depth / unit for depth in accumulate(layer.thickness for layer in body.layer)]
+    top = below(planes, 0.0)
     edges = [
-        Edge((0, 0), (1, 0), INNER, TISSUE, "contact"),
-        Edge((1, 0), (r2, 0), OUTSIDE, TISSUE),
-        Edge((r2, 0), (r3, 0), OUTER, TISSUE, "contact"),
-        Edge((r3, 0), (rt, 0), OUTSIDE, TISSUE),
-        Edge((rt, 0), (rt, bottom), OUTSIDE, TISSUE),
+        Edge((0, 0), (1, 0), INNER, top, "contact"),
+        Edge((1, 0), (r2, 0), OUTSIDE, top),
+        Edge((r2, 0), (r3, 0), OUTER, top, "contact"),
+        Edge((r3, 0), (rt, 0), OUTSIDE, top),
+        *(Edge((rt, a), (rt, b), OUTSIDE, below(planes, a)) for a, b in pairwise([0, *planes, bottom])),
         Edge((rt, bottom), (0, bottom), OUTSIDE, TISSUE, "bottom"),
     ]
     if not scene.inclusion:
-        return [*edges, Edge((0, bottom), (0, 0), OUTSIDE, TISSUE, "axis")]
+        edges += [Edge((0, z), (rt, z), LAYERS[k], below(planes, z), "interface") for k, z in enumerate(planes)]
+        return [*edges, *(Edge((0, b), (0, a), OUTSIDE, below(planes, a), "axis") for a, b in pairwise([0, *planes, bottom]))]
     radius, centre = scene.inclusion[0].diameter / 2 / unit, -scene.inclusion[0].depth / unit  # type: ignore[operator]
-    south, east, north = (0, centre - radius), (radius, centre), (0, centre + radius)
-    return [
-        *edges,
-        Edge((0, bottom), south, OUTSIDE, TISSUE, "axis"),
-        Edge(south, north, OUTSIDE, INCLUSION, "axis"),
-        Edge(north, (0, 0), OUTSIDE, TISSUE, "axis"),
-        Edge(south, east, INCLUSION, TISSUE, "sphere", centre),
-        Edge(east, north, INCLUSION, TISSUE, "sphere", centre),
-    ]
+    return [*edges, *around(radius, centre, planes, rt, bottom)]
+
+
+def around(radius: float, centre: float, planes: list[float], rt: float, bottom: float) -> list[Edge]:
+    """Return the edges of a sphere, of the axis and of the interfaces, which end at the sphere where they meet it."""
+    reach = {z: math.sqrt(max(0.0, radius**2 - (z - centre) ** 2)) for z in planes}
+    edges = [Edge((reach[z], z), (rt, z), LAYERS[k], below(planes, z), "interface") for k, z in enumerate(planes)]
+    ends = sorted({0, bottom, centre - radius, centre + radius, *(z for z in planes if reach[z] == 0)})
+    for a, b in pairwise(ends):
+        edges.append(Edge((0, a), (0, b), OUTSIDE, INCLUSION if a == centre - radius else below(planes, b), "axis"))
+    ring = {centre - radius: 0.0, centre: radius, centre + radius: 0.0} | {z: r for z, r in reach.items() if r}
+    for a, b in pairwise(sorted(ring)):
+        edges.append(Edge((ring[a], a), (ring[b], b), INCLUSION, below(planes, b), "sphere", centre))
+    return edges
+
+
+def below(planes: list[float], z: float) -> int:
+    """Return the body of the tissue under a height."""
+    k = sum(plane >= z for plane in planes)
+    return LAYERS[k] if k < len(planes) else TISSUE
 
 
 def blocks(probe: Probe) -> list[Edge]:
@@ -181,7 +202,8 @@ def meshed(edges: list[Edge], refinement: Refinement) -> ngs.Mesh:
     for edge in edges:
         shape: list[Any] = ["line", index[edge.start], index[edge.end]]
         if edge.centre is not None:
-            corner = max(edge.start[0], edge.end[0]), edge.start[1] + edge.end[1] - edge.centre  # equator's r, pole's z
+            (low, high), c = edge.angles(), np.array([0.0, edge.centre])
+            corner = c + (edge.point(0.5) - c) / math.cos((high - low) / 2)  # where the tangents at both ends meet
             shape = ["spline3", index[edge.start], geometry.AddPoint(*corner), index[edge.end]]
         geometry.Append(shape, leftdomain=edge.left, rightdomain=edge.right, bc=edge.name)
     for number, name in NAMES.items():

@@ -72,8 +72,8 @@ class MeshLines:
         outside, inside: where circles cut the rays from sphere to box and from core to sphere, 0 to 1, shape (..., circles).
         centre, sphere: the sphere's height and radius, shape (...,).
         core: the core is the box shrunk about the sphere's centre by this factor, shape (...,).
-        turn: by how much a ray to the point of the box's side on each radius and level is turned about the sphere's centre where
-            it meets the sphere, so that interfaces stay level, shape (..., radii, levels); None where none crosses the sphere.
+        turn: by how much the ray to the box's point on each radius and level is turned about the sphere's centre on the sphere
+            and within, so that interfaces stay level, shape (..., radii, levels); None where none crosses the sphere.
     """
 
     radii: Any
@@ -346,17 +346,23 @@ def _turns(sphere: _Sphere, layout: MeshTopology, radii: Any, levels: Any) -> An
     ends = (sign * (half - smooth_min(half - sign * a[..., k], (half - sign * b[..., k]) / 2)) for sign, k in ((-1, 0), (1, -1)))
     first, last = (end[..., None] for end in ends)
     b = np.concatenate([first, b, last], axis=-1)
-    out = np.zeros((*b.shape[:-1], box + 1, levels.shape[-1]), dtype=b.dtype)
+    side = np.zeros_like(along)
     for k, (start, end) in enumerate(pairwise(breaks)):
-        out[..., box, start : end + 1] = _between(a, b, k, along[..., start - low : end - low + 1])
-    for row, k, pole in ((low, 0, -half), (high, -1, half)):
+        rows = slice(start - low, end - low + 1)
+        side[..., rows] = _between(a, b, k, along[..., rows])
+    across, up = radii[..., : box + 1] / edge, (heights - heights[..., :1]) / (heights[..., -1:] - heights[..., :1])
+    inside = across[..., :, None] * side[..., None, :]
+    for k, pole, share in ((0, -half, 1 - up), (-1, half, up)):  # what a Coons patch adds for bottom and top
         flat = pole - np.arctan(radii[..., : box + 1] / heights[..., [k]])
-        out[..., row] = (b[..., [k]] - a[..., [k]]) * (pole - flat) / (pole - a[..., [k]])
+        flank = (b[..., [k]] - a[..., [k]]) * (pole - flat) / (pole - a[..., [k]])
+        inside = inside + share[..., None, :] * (flank - across * side[..., [k]])[..., None]
+    out = np.zeros((*inside.shape[:-1], levels.shape[-1]), dtype=inside.dtype)
+    out[..., low : high + 1] = inside
     return out
 
 
 def _between(a: Any, b: Any, k: int, along: Any) -> Any:
-    """b - a of rays between the breaks k and k + 1, where b is linear in a."""
+    """B - a of rays between the breaks k and k + 1, where b is linear in a."""
     share = (along - a[..., [k]]) / (a[..., [k + 1]] - a[..., [k]])
     return b[..., [k]] + share * (b[..., [k + 1]] - b[..., [k]]) - along
 

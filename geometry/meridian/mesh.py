@@ -111,16 +111,16 @@ def _mapped(lines: MeshLines, mesh: Topology, places: Floats) -> Any:
     corners = (along[..., mesh.vertices[..., axis], None] for axis, along in enumerate((lines.radii, lines.levels)))
     r, z = ((share @ along)[..., 0] for along in corners)
     if np.any(rings):
-        turn = None if lines.turn is None else _turned(lines.turn, mesh, share, rings)
+        turn = None if lines.turn is None else _turned(lines.turn, mesh, share, mesh.shape != TENSOR)
         r, z = _around(lines, mesh, r, z, within[..., 1], turn)
     return np.stack([r, z], axis=-1)
 
 
-def _turned(turns: Any, mesh: Topology, share: Floats, rings: Bools) -> Any:
-    """The turn of each point's ray, shape (..., n, places), 0 outside the rings."""
+def _turned(turns: Any, mesh: Topology, share: Floats, boxed: Bools) -> Any:
+    """The turn of each point's ray, shape (..., n, places), 0 outside the box."""
     out = np.zeros((*turns.shape[:-2], *share.shape[:2]), dtype=turns.dtype)
-    column, row = mesh.vertices[rings].transpose(2, 0, 1)
-    out[..., rings, :] = (share[rings] @ turns[..., column, row][..., None])[..., 0]
+    column, row = mesh.vertices[boxed].transpose(2, 0, 1)
+    out[..., boxed, :] = (share[boxed] @ turns[..., column, row][..., None])[..., 0]
     return out
 
 
@@ -134,16 +134,20 @@ def _around(lines: MeshLines, mesh: Topology, r: Any, z: Any, v: Floats, turn: A
         x, y = r[..., ring, :], z[..., ring, :] - centre
         start, end = (fractions[..., mesh.circles[ring, k], None] for k in (0, 1))
         t, arc = start + (end - start) * v[ring], sphere / (x**2 + y**2) ** 0.5
-        on_box, on_arc = (t, arc * (1 - t)) if ring is out else (core * (1 - t), arc * t)
-        across, up = on_box * x, on_box * y
-        if turn is None:
-            across, up = across + on_arc * x, up + on_arc * y
-        else:
-            cos, sin = np.cos(turn[..., ring, :]), np.sin(turn[..., ring, :])
-            across, up = across + on_arc * (cos * x - sin * y), up + on_arc * (sin * x + cos * y)
-        r[..., ring, :], z[..., ring, :] = across, centre + up
-    r[..., mid, :], z[..., mid, :] = core * r[..., mid, :], centre + core * (z[..., mid, :] - centre)
+        on_box, turned = (t, arc * (1 - t)) if ring is out else (0 * t, core * (1 - t) + arc * t)
+        a, b = _rotated(x, y, turn, ring)
+        r[..., ring, :], z[..., ring, :] = on_box * x + turned * a, centre + on_box * y + turned * b
+    a, b = _rotated(r[..., mid, :], z[..., mid, :] - centre, turn, mid)
+    r[..., mid, :], z[..., mid, :] = core * a, centre + core * b
     return r, z
+
+
+def _rotated(x: Any, y: Any, turn: Any, chosen: Ints) -> tuple[Any, Any]:
+    """Turn points of the chosen elements about the sphere's centre."""
+    if turn is None:
+        return x, y
+    cos, sin = np.cos(turn[..., chosen, :]), np.sin(turn[..., chosen, :])
+    return cos * x - sin * y, sin * x + cos * y
 
 
 def _cells(layout: MeshTopology) -> Iterator[Cell]:

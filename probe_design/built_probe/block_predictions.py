@@ -122,7 +122,7 @@ def predicted(scene: Scene, references: Sequence[Reference]) -> Shares:
 
 def on_block(scene: Scene, reference: Reference) -> Scene:
     """Return the scene's probe in the middle of a homogeneous block."""
-    tissue = scene.tissue.model_copy(update={"youngs_modulus": reference.youngs_modulus})
+    tissue = scene.tissue.model_copy(update={"youngs_modulus": reference.youngs_modulus, "layer": ()})
     data = scene.model_dump(exclude_unset=True, exclude={"inclusion", "tissue", "placement"})
     return Scene.model_validate(data | {"tissue": tissue.model_dump(exclude_unset=True), "placement": Placement().model_dump()})
 

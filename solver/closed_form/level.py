@@ -23,7 +23,7 @@ from solver.closed_form.error_features import EFFECTS, STEP
 from solver.linalg.workspace import in_own_workspace
 from solver.results.evaluator import Answer, FilmLevel, Tell
 from solver.results.film_forces import FilmForces, shortfalls
-from solver.results.kinds import needs_solid
+from solver.results.kinds import layered, needs_solid
 from solver.results.result import Result
 
 LEAST_COVER = 0.1  # of an inclusion, in its diameters
@@ -53,6 +53,8 @@ class ClosedForm(FilmLevel):
         """Say which kind of thing in the scene the formulas do not know, or None."""
         if needs_solid(scene) is not None:
             return needs_solid(scene)
+        if layered(scene) is not None:
+            return layered(scene)
         if any(body.diameter is None for body in scene.inclusion):
             return "equivalent-inclusion or solid for an ellipsoid"
         if any(body.depth - body.diameter / 2 < LEAST_COVER * body.diameter for body in scene.inclusion if body.diameter):

@@ -12,6 +12,7 @@ from geometry.scenes.scene import Scene
 from solver.published import corrected_equations as corrected
 from solver.published import equations as printed
 from solver.results.evaluator import Tell
+from solver.results.kinds import layered
 from solver.results.result import Curve, Result
 from solver.results.warnings import Note
 
@@ -39,6 +40,8 @@ class Published:
 
     def refusal(self, scene: Scene) -> str | None:
         """Say what in the scene the paper's equations have no symbol for, or None."""
+        if layered(scene) is not None:
+            return layered(scene)
         if len(scene.inclusion) != 1 or scene.inclusion[0].diameter is None:
             return "axisymmetric or closed-form unless there is exactly one sphere: eq. (8) has one diameter, one depth"
         body, at = scene.inclusion[0], scene.placement

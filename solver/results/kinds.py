@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from geometry.scenes.scene import Scene
 
 
@@ -9,7 +11,20 @@ def unsupported(scene: Scene) -> str | None:
     """Say which kind of thing in the scene no level knows yet, or None."""
     if scene.contact.interface == "unilateral":
         return "none built yet for contact.interface = 'unilateral' (planned: contact)"
+    if scene.tissue.layer and not _round(scene):
+        return "none built yet for layers of tissue but under an upright probe with one sphere on its axis at most"
     return None
+
+
+def layered(scene: Scene) -> str | None:
+    """Say which level knows layers of tissue, for those that do not; None without layers."""
+    return "axisymmetric for layers of tissue" if scene.tissue.layer else None
+
+
+def _round(scene: Scene) -> bool:
+    at = scene.placement
+    centred = all(math.hypot(body.x - at.x, body.y - at.y) <= 1e-9 * (body.diameter or 0.0) for body in scene.inclusion)
+    return at.tilt == 0 and len(scene.inclusion) <= 1 and centred and all(body.diameter is not None for body in scene.inclusion)
 
 
 def needs_solid(scene: Scene) -> str | None:
