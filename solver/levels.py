@@ -157,7 +157,7 @@ def plan(scene: Scene, accuracy: float = 0.01, solid: bool = False) -> Plan:
     check_accuracy(accuracy)
     with timed():
         check_surface_names(scene)
-        return run(scene, accuracy, solid)
+        return run(scene, accuracy, solid, skin=True)
 
 
 def _planned(scene: Scene, accuracy: float) -> Plan:
@@ -166,7 +166,10 @@ def _planned(scene: Scene, accuracy: float) -> Plan:
     Raises:
         Refusal: no level built yet takes the scene.
     """
-    planned = plan(scene, accuracy)
+    from solver.planning.plan import plan as run
+
+    check_surface_names(scene)
+    planned = run(scene, accuracy)
     if planned.evaluator is None:
         raise Refusal("evaluator", AUTO, str(unsupported(scene)))
     return planned

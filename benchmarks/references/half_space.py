@@ -16,6 +16,7 @@ import time
 from dataclasses import asdict, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import ngsolve as ngs
 import numpy as np
@@ -30,8 +31,8 @@ REACHES = (8.0, 16.0, 32.0, 64.0, 128.0, 256.0)
 def bounded(scene: Scene, reach: float) -> Scene:
     """Return the scene with a cylinder of tissue as deep as its radius."""
     far = max([scene.probe.tube_radius, *(body.depth + (body.diameter or 0.0) / 2 for body in scene.inclusion)])
-    size = {"radius": reach * far, "depth": reach * far}
-    moduli = {"youngs_modulus": scene.tissue.youngs_modulus, "poisson_ratio": scene.tissue.poisson_ratio}
+    size: dict[str, Any] = {"radius": reach * far, "depth": reach * far}
+    moduli: dict[str, Any] = {"youngs_modulus": scene.tissue.youngs_modulus, "poisson_ratio": scene.tissue.poisson_ratio}
     return scene.model_copy(update={"tissue": CylinderTissue(shape="cylinder", **size, **moduli)})
 
 

@@ -22,7 +22,8 @@ from geometry.scenes.base_sizes import base_sizes
 
 OUTSIDE, TISSUE, INCLUSION, INNER, OUTER, FILM, ADHESIVE, BASE = range(8)
 LAYERS = tuple(range(8, 16))  # of the tissue, from the surface downwards
-NAMES = dict(enumerate(["tissue", "inclusion", "inner", "outer", "film", "adhesive", "base", *(f"layer{k}" for k in range(8))], 1))
+_NAMES = ["tissue", "inclusion", "inner", "outer", "film", "adhesive", "base", *(f"layer{k}" for k in range(8))]
+NAMES = dict(enumerate(_NAMES, 1))
 ENDS = ("end_inner", "end_outer")  # the blocks' film ends, where the film forces are taken
 SINGULAR = {"contact", "bottom", "layer", "top", "lower", *ENDS}  # the edges that end in singular corners
 

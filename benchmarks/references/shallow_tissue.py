@@ -21,6 +21,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import ngsolve as ngs
 import numpy as np
@@ -69,9 +70,10 @@ CASES = [
 def scene_of(one: Case) -> Scene:
     """Return the example with the tissue and the sphere of a case."""
     scene = read_scene(EXAMPLE)
-    unit, soft, material = scene.probe.tube_radius, scene.tissue.youngs_modulus, {"poisson_ratio": one.poisson_ratio}
+    unit, soft = scene.probe.tube_radius, scene.tissue.youngs_modulus
+    material: dict[str, Any] = {"poisson_ratio": one.poisson_ratio}
     sphere = {"diameter": 2 * one.radius * unit, "depth": one.centre * unit, "youngs_modulus": one.stiffer * soft}
-    size = {"radius": max(8.0, 6 * one.depth) * unit, "depth": one.depth * unit}
+    size: dict[str, Any] = {"radius": max(8.0, 6 * one.depth) * unit, "depth": one.depth * unit}
     tissue = CylinderTissue(shape="cylinder", youngs_modulus=soft, **size, **material)
     body = scene.inclusion[0].model_copy(update=sphere | material)
     return scene.model_copy(update={"tissue": tissue, "inclusion": (body,)})

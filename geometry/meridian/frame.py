@@ -9,12 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from geometry.meridian.grading import folds, graded, smooth_max, smooth_min
+from geometry.meridian.grading import folds, graded, smooth_min
 from geometry.meridian.section import Section
-
-CORE_REACH = 0.7  # radii of the sphere within which its core's corners lie
-SPHERE_CELL = 0.4  # size of the cells beside a sphere, in its radii, to which its box's outer cells are graded
-
+from geometry.meridian.sphere_box import SPHERE_CELL, Breaks, SphereBox
 
 FOLDS = 1.8  # e-folds by which cells may grow from one to the next on the coarsest mesh
 MANY = 2.0  # times the coarsest mesh's cells: beyond it no lines end, for the three columns under a gap were too few
@@ -170,7 +167,7 @@ def _level_names(layers: tuple[int, int, int], sphere: bool) -> list[str]:
 
 def kind(section: Section) -> Kind:
     """Return the kind of a section, whose lengths are floats."""
-    s, sphere = section, _Sphere.of(section)
+    s, sphere = section, SphereBox.of(section)
     box = None if sphere is None else sphere.widest_place(s)
     films, base = int(s.film > 0) + int(s.adhesive > 0), None
     if s.flange_thickness > 0:
@@ -196,7 +193,7 @@ def kind(section: Section) -> Kind:
 
 def frame(section: Section, layout: MeshTopology) -> MeshLines:
     """Place the lines of a layout for one section, or for an array of sections of its kind."""
-    s, sphere, box = section, _Sphere.of(section), layout.kind.box
+    s, sphere, box = section, SphereBox.of(section), layout.kind.box
     levels = [_joined(_tissue_levels(s, sphere), layout.rows)]
     for height, cells in zip((s.inner_height, s.outer_height), layout.blocks, strict=True):
         levels.append(_joined(_block(s, height), (cells,))[..., 1:])
@@ -218,89 +215,20 @@ def frame(section: Section, layout: MeshTopology) -> MeshLines:
     return MeshLines(np.concatenate(radii, axis=-1), np.concatenate(levels, axis=-1), *rays)
 
 
-@dataclass(frozen=True)
-class _Breaks:
-    """Places that lines must meet, the sizes of cells there (None: any), and least numbers of cells between them."""
-
-    places: list[Any]
-    sizes: list[Any]
-    least: list[int]
-
-
-def _joined(breaks: _Breaks, cells: tuple[int, ...]) -> Any:
+def _joined(breaks: Breaks, cells: tuple[int, ...]) -> Any:
     """Nodes on all intervals between breaks, shape (..., sum(cells) + 1)."""
     ends = zip(pairwise(breaks.places), pairwise(breaks.sizes), cells, strict=True)
     pieces = [graded(low, high, n, a, b) for (low, high), (a, b), n in ends]
     return np.concatenate([pieces[0], *(piece[..., 1:] for piece in pieces[1:])], axis=-1)
 
 
-def _cells(breaks: _Breaks) -> tuple[int, ...]:
+def _cells(breaks: Breaks) -> tuple[int, ...]:
     """Numbers of cells between the breaks on the coarsest mesh."""
     ends = zip(pairwise(breaks.places), pairwise(breaks.sizes), breaks.least, strict=True)
     return tuple(max(least, ceil(folds(low, high, a, b) / FOLDS)) for (low, high), (a, b), least in ends)
 
 
-@dataclass(frozen=True)
-class _Sphere:
-    """The box 0 <= r <= edge, low <= z <= high round a sphere, and sizes to grade to.
-
-    Attributes:
-        radius, depth: the sphere's.
-        above, below: from the sphere's poles to the box.
-        pole: size of cells at the poles.
-    """
-
-    radius: Any
-    depth: Any
-    above: Any
-    below: Any
-    pole: Any
-
-    @classmethod
-    def of(cls, section: Section) -> _Sphere | None:
-        if "sphere_radius" not in section.lengths:
-            return None
-        s, gaps = section.sphere_radius, (section.cover, section.clearance)
-        # between a sphere and a plane near it the field varies over sqrt(gap * radius)
-        pole = smooth_min(SPHERE_CELL * s, *(0.5 * (gap * s) ** 0.5 for gap in gaps))
-        above, below = (smooth_min(gap / 2, s) for gap in gaps)
-        return cls(s, section.sphere_depth, above, below, pole)
-
-    @property
-    def high(self) -> Any:
-        return self.above + self.radius - self.depth
-
-    @property
-    def low(self) -> Any:
-        return -self.depth - self.radius - self.below
-
-    def rings(self) -> tuple[_Breaks, _Breaks]:
-        """Fractions of the rays between sphere and box and between core and sphere."""
-        one = np.ones_like(np.asarray(self.radius))
-        sizes = smooth_min(self.above, self.below), smooth_min(self.radius, 2 * self.pole)
-        outside, inside = (_Breaks([0 * one, one], [None, size / self.radius], [2]) for size in sizes)
-        return outside, inside
-
-    def core(self, edge: Any) -> Any:
-        """Factor by which the box, which ends at ``edge``, is shrunk to become the core."""
-        far = (edge**2 + (self.radius + self.above) ** 2 + (self.radius + self.below) ** 2) ** 0.5  # than the box's corners
-        return CORE_REACH * self.radius / far
-
-    def widest_place(self, s: Section) -> int:
-        """Between which radii the box has the most room to end, on a logarithmic scale."""
-        breaks = [0.0, s.inner_radius, s.hole_radius, s.tube_radius, s.tissue_radius]
-        low, high = s.box_limits()
-        return int(np.argmax([min(b, high) / max(a, low) for a, b in pairwise(breaks)]))
-
-    def edge(self, s: Section, box: int, breaks: list[Any]) -> Any:
-        """Where the box ends: in the middle of the room between its limits and the radii beside it."""
-        low, high = s.box_limits()
-        blur = 0.2 * (high - low)
-        least = low if box == 0 else smooth_max(low, breaks[box], blur)
-        return (least - smooth_max(-high, -breaks[box + 1], blur)) / 2
-
-
-def _radii(s: Section, box: int | None, sphere: _Sphere | None) -> _Breaks:
+def _radii(s: Section, box: int | None, sphere: SphereBox | None) -> Breaks:
     """Radii of the tissue's lines, graded to the blocks' corners, to a pole near the surface and to the tissue's side."""
     corner, side = s.corner_size, smooth_min(s.tissue_radius - s.tube_radius, s.tissue_depth)
     places = [0 * s.inner_radius, s.inner_radius, s.hole_radius, s.tube_radius, s.tissue_radius]
@@ -310,10 +238,10 @@ def _radii(s: Section, box: int | None, sphere: _Sphere | None) -> _Breaks:
         places.insert(box + 1, sphere.edge(s, box, places))
         sizes.insert(box + 1, SPHERE_CELL * sphere.radius)
         least[box : box + 1] = ([3, 2], [1, 1], [2, 2], [3, 3])[box]
-    return _Breaks(places, sizes, least)
+    return Breaks(places, sizes, least)
 
 
-def _tissue_levels(s: Section, sphere: _Sphere | None, thin: bool = False) -> _Breaks:
+def _tissue_levels(s: Section, sphere: SphereBox | None, thin: bool = False) -> Breaks:
     """Heights of the tissue's lines: floor, interfaces, box and surface, from below; cells grow away from the surface."""
     floor = smooth_min(s.tissue_radius - s.tube_radius, s.tissue_depth)
     zero, (above, across) = 0 * s.tissue_depth, s.interfaces_apart
@@ -326,45 +254,18 @@ def _tissue_levels(s: Section, sphere: _Sphere | None, thin: bool = False) -> _B
         places[-1] = (-s.tissue_depth, floor, 6)
     heights, sizes, least = (list(column) for column in zip(*places[::-1], strict=True))
     least[-2] = max(least[-2], 2 if thin else 4)  # the interval under the surface
-    return _Breaks(heights, sizes, least[:-1])
+    return Breaks(heights, sizes, least[:-1])
 
 
-def _turns(sphere: _Sphere, layout: MeshTopology, radii: Any, levels: Any) -> Any:
-    """Angles by which the rays to the box's side are turned, so that those to the interfaces are level.
-
-    With a the angle of a ray above the horizon and b that of where it meets the sphere, sin b = height / radius at an interface,
-    b is linear in a between the interfaces, the box's corners and the poles. A corner's b has its own a or, where an interface
-    meets the sphere near it or beyond, keeps half of that interface's distance from the pole.
-    """
-    (above, across, _), half = layout.kind.layers, np.pi / 2
-    box, low, high = layout.column["box"], layout.row["low"], layout.row["high"]
-    breaks = [low, *layout.interfaces[above : above + across][::-1], high]
-    heights, edge = levels[..., low : high + 1] + np.asarray(sphere.depth)[..., None], radii[..., box, None]
-    along = np.arctan(heights / edge)
-    a = along[..., [one - low for one in breaks]]
-    b = np.arcsin(heights[..., [one - low for one in breaks[1:-1]]] / np.asarray(sphere.radius)[..., None])
-    ends = (sign * (half - smooth_min(half - sign * a[..., k], (half - sign * b[..., k]) / 2)) for sign, k in ((-1, 0), (1, -1)))
-    first, last = (end[..., None] for end in ends)
-    b = np.concatenate([first, b, last], axis=-1)
-    side = np.zeros_like(along)
-    for k, (start, end) in enumerate(pairwise(breaks)):
-        rows = slice(start - low, end - low + 1)
-        side[..., rows] = _between(a, b, k, along[..., rows])
-    across, up = radii[..., : box + 1] / edge, (heights - heights[..., :1]) / (heights[..., -1:] - heights[..., :1])
-    inside = across[..., :, None] * side[..., None, :]
-    for k, pole, share in ((0, -half, 1 - up), (-1, half, up)):  # what a Coons patch adds for bottom and top
-        flat = pole - np.arctan(radii[..., : box + 1] / heights[..., [k]])
-        flank = (b[..., [k]] - a[..., [k]]) * (pole - flat) / (pole - a[..., [k]])
-        inside = inside + share[..., None, :] * (flank - across * side[..., [k]])[..., None]
+def _turns(sphere: SphereBox, layout: MeshTopology, radii: Any, levels: Any) -> Any:
+    """``MeshLines.turn``: 0 but in the box."""
+    above, across, _ = layout.kind.layers
+    box, rows = layout.column["box"] + 1, slice(layout.row["low"], layout.row["high"] + 1)
+    crossing = [one - rows.start for one in layout.interfaces[above : above + across][::-1]]
+    inside = sphere.turns(radii[..., :box], levels[..., rows], crossing)
     out = np.zeros((*inside.shape[:-1], levels.shape[-1]), dtype=inside.dtype)
-    out[..., low : high + 1] = inside
+    out[..., rows] = inside
     return out
-
-
-def _between(a: Any, b: Any, k: int, along: Any) -> Any:
-    """B - a of rays between the breaks k and k + 1, where b is linear in a."""
-    share = (along - a[..., [k]]) / (a[..., [k + 1]] - a[..., [k]])
-    return b[..., [k]] + share * (b[..., [k + 1]] - b[..., [k]]) - along
 
 
 def _middles(levels: Any, layout: MeshTopology) -> Any:
@@ -373,15 +274,15 @@ def _middles(levels: Any, layout: MeshTopology) -> Any:
     return (levels[..., tops] + levels[..., [top - 1 for top in tops]]) / 2
 
 
-def _block(s: Section, height: Any) -> _Breaks:
-    return _Breaks([0 * height, height], [s.corner_size, s.corner_size], [5])
+def _block(s: Section, height: Any) -> Breaks:
+    return Breaks([0 * height, height], [s.corner_size, s.corner_size], [5])
 
 
 def _bridge(s: Section, layout: MeshTopology) -> Any:
     """Radii of an elastic base across the gap, graded to its ends and to the step in its middle."""
     middle, sign = (s.inner_radius + s.hole_radius) / 2, layout.kind.base
     step = s.corner_size if not sign else smooth_min(s.corner_size, sign * (s.inner_height - s.outer_height))
-    breaks = _Breaks([s.inner_radius, middle, s.hole_radius], [s.corner_size, step, s.corner_size], [1, 1])
+    breaks = Breaks([s.inner_radius, middle, s.hole_radius], [s.corner_size, step, s.corner_size], [1, 1])
     return _joined(breaks, (layout.half, layout.half))[..., 1:-1]
 
 

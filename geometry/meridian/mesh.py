@@ -111,8 +111,7 @@ def _mapped(lines: MeshLines, mesh: Topology, places: Floats) -> Any:
     corners = (along[..., mesh.vertices[..., axis], None] for axis, along in enumerate((lines.radii, lines.levels)))
     r, z = ((share @ along)[..., 0] for along in corners)
     if np.any(rings):
-        turn = None if lines.turn is None else _turned(lines.turn, mesh, share, mesh.shape != TENSOR)
-        r, z = _around(lines, mesh, r, z, within[..., 1], turn)
+        r, z = _around(lines, mesh, share, within[..., 1], (r, z))
     return np.stack([r, z], axis=-1)
 
 
@@ -124,11 +123,12 @@ def _turned(turns: Any, mesh: Topology, share: Floats, boxed: Bools) -> Any:
     return out
 
 
-def _around(lines: MeshLines, mesh: Topology, r: Any, z: Any, v: Floats, turn: Any = None) -> tuple[Any, Any]:
+def _around(lines: MeshLines, mesh: Topology, share: Floats, v: Floats, points: tuple[Any, Any]) -> tuple[Any, Any]:
     """Move points of the box's sides along their rays into the rings, and those of the box's grid into the core."""
+    turn = None if lines.turn is None else _turned(lines.turn, mesh, share, mesh.shape != TENSOR)
     centre, sphere, core = (np.asarray(x)[..., None, None] for x in (lines.centre, lines.sphere, lines.core))
-    kind = np.result_type(r, z, centre, sphere, core, lines.outside, lines.inside)  # complex if any is
-    r, z = r.astype(kind), z.astype(kind)
+    kind = np.result_type(*points, centre, sphere, core, lines.outside, lines.inside, 0.0 if turn is None else turn)
+    r, z = (one.astype(kind) for one in points)  # complex if any is
     out, ins, mid = (np.flatnonzero(mesh.shape == shape) for shape in (OUTSIDE, INSIDE, CORE))
     for ring, fractions in ((out, lines.outside), (ins, lines.inside)):
         x, y = r[..., ring, :], z[..., ring, :] - centre

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -83,7 +84,7 @@ class CoarseModel:
         tissue = self.scene.tissue
         if tissue.shape == "half-space":
             return None
-        material = {"youngs_modulus": tissue.youngs_modulus, "poisson_ratio": tissue.poisson_ratio}
+        material: dict[str, Any] = {key: getattr(tissue, key) for key in ("youngs_modulus", "poisson_ratio", "layer")}
         wide = self.scene.model_copy(update={"tissue": HalfSpaceTissue(shape="half-space", **material)})
         plain = sections(wide)
         try:
@@ -132,12 +133,12 @@ class CoarseModel:
     @property
     def pulled(self) -> float:
         """Share of the contact's forces that pull, were both surfaces tied to each other: what would open."""
-        section, tissue = self.sample.states.model.section, self.scene.tissue
+        section, tissue = self.sample.states.model.section, (*self.scene.tissue.layer, self.scene.tissue)[0]
         steps = (np.arange(PLACES) + 0.5) / PLACES
         spans = ((0.0, section.inner_radius), (section.hole_radius, section.tube_radius))
         r = np.concatenate([low + steps * (high - low) for low, high in spans])
         ring = np.repeat([(high - low) / PLACES for low, high in spans], PLACES) * r
-        depth = min(BELOW * section.tube_radius, section.tissue_depth / 10)
+        depth = min(BELOW * section.tube_radius, section.layer / 10)
         strains = self.undisturbed.field.at(r, np.full_like(r, -depth))
         lam = tissue.youngs_modulus * tissue.poisson_ratio / ((1 + tissue.poisson_ratio) * (1 - 2 * tissue.poisson_ratio))
         shear = tissue.youngs_modulus / (1 + tissue.poisson_ratio)

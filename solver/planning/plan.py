@@ -18,6 +18,7 @@ from solver.axisymmetric.converged_forces import NEGLIGIBLE
 from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.omitted_details import BEYOND, LAYERS, Change
 from solver.planning.coarse_model import CoarseModel
+from solver.planning.layers import forgotten_skin, layer_decisions
 from solver.planning.load_check import DOUBT, LoadChanges, budget, check_load, exact, largest, load_notes, with_error, with_load
 from solver.planning.loads import LoadRule
 from solver.planning.negligible_inclusions import SHARE, reduced
@@ -111,8 +112,14 @@ class Plan:
         return (*(one for one in self.decisions if one.feature not in own), *decisions)
 
 
-def plan(scene: Scene, accuracy: float, solid: bool = False) -> Plan:
+def plan(scene: Scene, accuracy: float, solid: bool = False, skin: bool = False) -> Plan:
     """Plan how to answer a scene; see ``solver.levels.plan``.
+
+    Args:
+        scene: as there.
+        accuracy: as there.
+        solid: as there.
+        skin: whether to say what a skin would change of soft tissue without layers.
 
     Raises:
         InputError: a surface file that cannot be used.
@@ -129,11 +136,21 @@ def plan(scene: Scene, accuracy: float, solid: bool = False) -> Plan:
         _dimension(fewer.scene, rough, level, accuracy),
         *fewer.decisions,
         *_edges(rough, accuracy),
+        *layer_decisions(rough, accuracy),
         *(_detail(change, level, accuracy) for change in rough.changes),
         *unmodelled(scene, rough, accuracy),
     )
+    warnings = tuple(forgotten_skin(scene, rough)) if skin else ()
     return Plan(
-        level, _model(fewer.scene, level), fewer.scene, asked, fewer.left_out, decisions, rule=rule, linear_limit_load=limit
+        level,
+        _model(fewer.scene, level),
+        fewer.scene,
+        asked,
+        fewer.left_out,
+        decisions,
+        rule=rule,
+        linear_limit_load=limit,
+        warnings=warnings,
     )
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 from geometry.scenes.probe import Base
 from geometry.scenes.scene import CylinderTissue, Inclusion, Load, Placement, Scene
@@ -78,7 +79,7 @@ def domain(scene: Scene, span: float, wall: float | None) -> Domain:
     cut = span < WORTH * room(scene) or (coaxial(scene) and span < WORTH * whole)
     if cut or coaxial(scene):
         depth = min(whole, span)
-        material = {"youngs_modulus": scene.tissue.youngs_modulus, "poisson_ratio": scene.tissue.poisson_ratio}
+        material: dict[str, Any] = {"youngs_modulus": scene.tissue.youngs_modulus, "poisson_ratio": scene.tissue.poisson_ratio}
         tissue = CylinderTissue(shape="cylinder", radius=radius, depth=depth, **material)
         own = _about_the_axis(scene, tissue)
         return Domain(own, _reference(own, tissue), None, mirror_symmetric(own), cut)

@@ -1,0 +1,52 @@
+"""What layers of tissue change: those that a scene has, and the skin that living tissue would have."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from geometry.scenes.scene import Layer, Scene
+from solver.planning.coarse_model import CoarseModel
+from solver.results.result import Decision, Effect
+from solver.results.warnings import Note
+
+SKIN = Layer(thickness=1.4e-3, youngs_modulus=56e3, poisson_ratio=0.45)
+"""Of the breast: 1.44 +- 0.25 mm (137 breasts, Med. Phys. 2013, OSTI 22130565), 56.3 +- 16.4 kPa in vivo (Briot et al. 2022)."""
+SOFT = 20e3  # Pa: softer tissue without layers may be living tissue whose skin was forgotten
+
+
+def layer_decisions(rough: CoarseModel, accuracy: float) -> Iterator[Decision]:
+    """Yield what each layer changes against the material below it in its place; all are modelled, which costs next to nothing."""
+    layers = rough.scene.tissue.layer
+    for k, layer in enumerate(layers):
+        below = layers[k + 1] if k + 1 < len(layers) else rough.scene.tissue
+        other = layer.model_copy(update={"youngs_modulus": below.youngs_modulus, "poisson_ratio": below.poisson_ratio})
+        effect = _effect(CoarseModel.of(with_layers(rough.scene, (*layers[:k], other, *layers[k + 1 :])), details=False), rough)
+        reason = f"modelled: it changes the ratio by about {effect.ratio:.2g}"
+        yield Decision.of(f"tissue.layer[{k}]", True, effect, accuracy, reason)
+
+
+def forgotten_skin(scene: Scene, rough: CoarseModel) -> Iterator[Note]:
+    """Say of soft tissue without layers what a skin would change."""
+    tissue = scene.tissue
+    deep = tissue.shape == "half-space" or tissue.depth > 2 * SKIN.thickness
+    if tissue.layer or tissue.youngs_modulus >= SOFT or not deep:
+        return
+    effect = _effect(rough, CoarseModel.of(with_layers(rough.scene, (SKIN,)), details=False))
+    skin = f"{1e3 * SKIN.thickness:g} mm and {1e-3 * SKIN.youngs_modulus:g} kPa"
+    yield Note("skin", f"no layers: a skin of {skin}, as on a breast, would change the ratio by about {effect.ratio:.2g}")
+
+
+def with_layers(scene: Scene, layers: tuple[Layer, ...]) -> Scene:
+    """Return the scene with other layers of tissue."""
+    return scene.model_copy(update={"tissue": scene.tissue.model_copy(update={"layer": layers})})
+
+
+def _effect(before: CoarseModel, after: CoarseModel) -> Effect:
+    """Relative changes of ratio, stresses and stiffness at one indentation."""
+    one, other = (model.forces.sum(axis=1) for model in (before, after))
+    logs = np.log(np.abs(other / one))
+    return Effect(
+        float(abs(np.expm1(logs[0] - logs[1]))), float(np.abs(np.expm1(logs)).max()), abs(float(other.sum() / one.sum()) - 1)
+    )
