@@ -86,9 +86,9 @@ def pressing_force(scene: Scene, v: Any, radius: Any, totals: Any, nearing: floa
         totals: force on the inner and on the outer film per unit indentation, N/m.
         nearing: by how much the walls near each other per unit indentation, see ``CoarseModel.approach``; 0 where not known.
     """
-    stiffness, depth = totals[0] + totals[1], np.inf if scene.tissue.shape == "half-space" else scene.tissue.depth
+    stiffness = totals[0] + totals[1]
     areas = (np.pi * v[0] ** 2, np.pi * v[0] ** 2 / v[1])
-    strain = tissue_strain(radius, depth)
+    strain = tissue_strain(radius, scene.tissue)
     for total, area, modulus in zip(totals, areas, (v[4], v[5]), strict=True):
         strain = _greater(strain, v[3] * (total / area / modulus) ** 2 / RATIO_CHANGE)
     force = _lesser(asked(scene.load, stiffness), largest_x(RATIO, promise=False)[0] / strain * stiffness)

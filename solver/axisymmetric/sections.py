@@ -8,13 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from geometry.common.arrays import Floats
+from geometry.common.errors import Refusal
+from geometry.common.limits import least_mm
 from geometry.meridian.section import LAYERS, Body, Section
 from geometry.scenes.base_sizes import base_sizes
-from geometry.scenes.probe import Material
+from geometry.scenes.probe import Material, mm
 from geometry.scenes.scene import Scene
 
 ANGLES = 1440  # directions in which the tissue's sides are looked for
 HALF_SPACE = 1e6  # radius and depth of what stands for a half-space, in sizes of probe and inclusion
+LEAST_CUT, TOUCHING = 0.03, 1e-6  # of the sphere's radius that an interface cuts off, or keeps from it
 FILM_POISSON_RATIO = 0.3  # of films and adhesive, whose lateral stiffness the blocks hardly feel
 
 
@@ -39,7 +42,12 @@ class Sections:
 
 
 def sections(scene: Scene) -> Sections:
-    """Return the sections of a scene on a rigid base without films."""
+    """Return the sections of a scene on a rigid base without films.
+
+    Raises:
+        Refusal: an interface of the tissue touches the sphere, or cuts next to nothing off it.
+    """
+    _check_interfaces(scene)
     probe, tissue, at = scene.probe, scene.tissue, scene.placement
     angle = (np.arange(ANGLES) + 0.5) * 2 * np.pi / ANGLES
     materials: dict[Body, Material] = {Body.TISSUE: tissue, Body.INNER: probe.inner, Body.OUTER: probe.outer}
@@ -70,6 +78,18 @@ def sections(scene: Scene) -> Sections:
         else tuple(replace(section, tissue_radius=one) for one in (low, (low + radius) / 2, (radius + high) / 2, high))
     )
     return Sections(section, bracket, materials, outline)
+
+
+def _check_interfaces(scene: Scene) -> None:
+    """An interface that meets the sphere at a sharp angle leaves a wedge that no mesh fills."""
+    interface = 0.0
+    for index, layer in enumerate(scene.tissue.layer if scene.inclusion else ()):
+        body, interface = scene.inclusion[0], interface + layer.thickness
+        radius = (body.diameter or 0.0) / 2
+        inside = radius - abs(interface - body.depth)
+        if -TOUCHING * radius <= inside < LEAST_CUT * radius:
+            allowed = f"one that the interface below tissue.layer[{index}], {mm(interface)} deep, stays clear of or cuts by"
+            raise Refusal("inclusion.depth", mm(body.depth), f"{allowed} {least_mm(LEAST_CUT * radius)} or more")
 
 
 def with_layers(scene: Scene, plain: Sections) -> Sections:

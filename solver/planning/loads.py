@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.scenes.scene import Scene
+from geometry.scenes.scene import Scene, Tissue
 from solver.results.result import LargestLoad
 
 RATIO_CHANGE = 0.1  # of ratio, stresses and stiffness per x
@@ -81,21 +81,40 @@ def least_closure(scene: Scene, totals: Floats) -> float:
     return float(totals.sum() * probe.gap / nearing)
 
 
-def tissue_strain(tube_radius: Any, depth: float) -> Any:
-    """Return x per indentation on deep or shallow tissue, 1/m.
+def tissue_strain(tube_radius: Any, tissue: Tissue) -> Any:
+    """Return x per indentation on deep, shallow or layered tissue, 1/m.
 
     Where the bottom is near the tissue is squeezed out from under the probe, which is bad sooner than an indentation of deep
     tissue: with the outer radius R and the depth H
 
         x = indentation sqrt(1/R^2 + (25 R / H^2)^2)      (PL.5)
 
-    bounds all of ``tests/reference/contact/shallow.json``, from H = R on.
+    bounds all of ``tests/reference/contact/shallow.json``, from H = R on. Layers are such bottoms, each by the share of its own
+    modulus that what is softer above it lacks; and a stiff layer on soft material carries the load by bending, where strain comes
+    sooner: with c the largest modulus of a layer over any below it
+
+        x = indentation sqrt(c) sqrt(1/R^2 + (25 R max (1 - E_above / E_below) / H^2)^2)      (PL.6)
+
+    which is 1.6 to 20 times what ``tests/reference/contact/layered.json`` needs.
 
     Args:
         tube_radius: outer radius of the probe, m; a float, an array or casadi.
-        depth: of the tissue, m; infinite for a half-space.
+        tissue: of any shape.
     """
-    return (1 / tube_radius**2 + (SHALLOW * tube_radius / depth**2) ** 2) ** 0.5
+    bottoms, bending = _bottoms_and_bending(tissue)
+    return bending**0.5 * (1 / tube_radius**2 + (SHALLOW * tube_radius * bottoms) ** 2) ** 0.5
+
+
+def _bottoms_and_bending(tissue: Tissue) -> tuple[float, float]:
+    """Largest (1 - E_above / E_below) / H^2 of floor and interfaces, 1/m^2, and c of eq. PL.6."""
+    bottoms, bending, depth = 0.0 if tissue.shape == "half-space" else 1 / tissue.depth**2, 1.0, 0.0
+    moduli = [*(layer.youngs_modulus for layer in tissue.layer), tissue.youngs_modulus]
+    for k, layer in enumerate(tissue.layer):
+        depth += layer.thickness
+        above, below = moduli[: k + 1], moduli[k + 1 :]
+        bottoms = max(bottoms, (1 - min(above) / max(below)) / depth**2)
+        bending = max(bending, moduli[k] / min(below))
+    return bottoms, bending
 
 
 @dataclass(frozen=True)
@@ -130,9 +149,8 @@ class LoadRule:
         areas = np.array([probe.inner_area, probe.outer_area])
         moduli = np.array([probe.inner.youngs_modulus, probe.outer.youngs_modulus])
         blocks = np.array([probe.core_height, probe.tube_height]) * (totals / areas / moduli) ** 2 / RATIO_CHANGE
-        depth = math.inf if tissue.shape == "half-space" else tissue.depth
         tilted = probe.tube_radius * math.tan(abs(scene.placement.tilt))
-        strain = max(tissue_strain(probe.tube_radius, depth), float(blocks.max()))
+        strain = max(tissue_strain(probe.tube_radius, tissue), float(blocks.max()))
         return cls(strain, float(totals.sum()), closure, tilted)
 
     def force(self, scene: Scene) -> float:
