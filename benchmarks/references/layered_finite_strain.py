@@ -23,7 +23,7 @@ DEPTH, WIDTH = 9.0, 54.0  # outer radii, of the tissue
 
 
 @dataclass(frozen=True)
-class Case:
+class LayeredCase:
     """A layer's thickness in outer radii, its modulus over that of what is below it, and the indentation in outer radii."""
 
     thickness: float
@@ -31,11 +31,20 @@ class Case:
     indentation: float
 
 
-CASES = (Case(0.23, 9.3, 0.01), Case(0.23, 9.3, 0.03), Case(0.23, 100.0, 0.01), Case(0.6, 30.0, 0.01), Case(0.23, 0.2, 0.01),
-         Case(0.5, 0.01, 0.005))  # fmt: skip
+CASES = tuple(
+    LayeredCase(*one)
+    for one in (
+        (0.23, 9.3, 0.01),
+        (0.23, 9.3, 0.03),
+        (0.23, 100.0, 0.01),
+        (0.6, 30.0, 0.01),
+        (0.23, 0.2, 0.01),
+        (0.5, 0.01, 0.005),
+    )
+)
 
 
-def scene_of(case: Case) -> Scene:
+def scene_of(case: LayeredCase) -> Scene:
     """Return the example, its sphere included, on a case's tissue, whose softer material is the example's."""
     scene = read_scene(EXAMPLE)
     unit, soft = scene.probe.tube_radius, scene.tissue.youngs_modulus
@@ -48,7 +57,7 @@ def scene_of(case: Case) -> Scene:
     return scene.model_copy(update={"tissue": tissue})
 
 
-def entry(case: Case) -> dict[str, float]:
+def entry(case: LayeredCase) -> dict[str, float]:
     """Return a row: relative changes on the finer mesh, and what the last refinement changed of them."""
     found = []
     for mesh in MESHES:
