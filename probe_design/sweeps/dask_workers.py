@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from geometry.common.errors import InputError
+from geometry.common.resources import Limits
 from probe_design.sweeps.dask_task import answered
 from probe_design.sweeps.results import extra
 from probe_design.sweeps.rows import Job
@@ -39,20 +40,20 @@ class _Out:
 class DaskCrew:
     """The workers of a scheduler."""
 
-    def __init__(self, job: Job, address: str, limit: float | None, log: Callable[[str], None]) -> None:
+    def __init__(self, job: Job, address: str, limits: Limits, log: Callable[[str], None]) -> None:
         """Connect.
 
         Args:
             job: what all designs share.
             address: of the scheduler.
-            limit: seconds that a design may take.
+            limits: of each design.
             log: called with a line when the scheduler goes and comes back.
 
         Raises:
             InputError: there is no scheduler at the address.
             MissingLibrary: Dask is not installed.
         """
-        self._distributed, self._job, self._limit, self._address = extra("distributed"), job, limit, address
+        self._distributed, self._job, self._limits, self._address = extra("distributed"), job, limits, address
         self._log = log
         self._levels = {name: logging.getLogger(name).level for name in _LOUD}
         self._hush(dict.fromkeys(_LOUD, logging.CRITICAL + 1))  # a connection that is lost is no news here, nor a traceback
@@ -120,7 +121,7 @@ class DaskCrew:
         """Start a batch once more; a scheduler that has gone is noticed when answers are awaited."""
         try:
             designs = tuple(task.values for task in out.batch)
-            out.futures.append(self._client.submit(answered, self._job, self._limit, designs, pure=False))
+            out.futures.append(self._client.submit(answered, self._job, self._limits, designs, pure=False))
         except (OSError, RuntimeError, ValueError):
             return
 

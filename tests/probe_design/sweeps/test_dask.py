@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import pytest
 
 from geometry import InputError
+from geometry.common.resources import Limits
 from probe_design import sweep
 from probe_design.sweeps import dask_task as sweep_remote
 from probe_design.sweeps import dask_workers
@@ -120,7 +121,7 @@ def test_a_dask_worker_keeps_its_process_for_a_while(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(WorkerProcess, "_begun", lambda worker: bool(started.append(1)) or begun(worker))
     asked = sweep_from_dict(grid(2, 2))
     job, designs = Job.of(asked), [values for _, values in asked.designs()]
-    assert [len(sweep_remote.answered(job, None, designs[k:]).rows) for k in range(3)] == [4, 3, 2]
+    assert [len(sweep_remote.answered(job, Limits(), designs[k:]).rows) for k in range(3)] == [4, 3, 2]
     assert len(started) == 1
     (_, _, kept), *_ = sweep_remote._POOL._idle
     process = kept._process
@@ -164,7 +165,7 @@ def test_a_scheduler_that_stands_still_is_told_of_once_a_minute(monkeypatch: pyt
     now = [0.0]
     monkeypatch.setattr(dask_workers.time, "monotonic", lambda: now[0])
     monkeypatch.setattr(DaskCrew, "_connected", lambda crew: Still(10))
-    crew = DaskCrew(Job.of(sweep_from_dict(grid(2, 2))), "tcp://127.0.0.1:8786", None, told.append)
+    crew = DaskCrew(Job.of(sweep_from_dict(grid(2, 2))), "tcp://127.0.0.1:8786", Limits(), told.append)
     for now[0] in range(20, 240, 20):
         crew.take(0.0)
     assert [line.partition(" for ")[2] for line in told] == [f"{s} s; start it again, or wait" for s in (60, 120, 180)]
