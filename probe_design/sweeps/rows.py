@@ -31,6 +31,7 @@ REAL = (*OUTPUTS, *LIMITS, "seconds")
 COLUMNS = ("status", "type", "reason", *LIMITS, "evaluator", *OUTPUTS, "plan", "warnings", "seconds")
 ROOT = Path(__file__).parents[2]
 SOURCES = {".py", ".npy", ".json"}  # that results depend on
+LIBRARIES = ("numpy", "scipy", "rslab", "py-mkl-pardiso", "pytetwild")  # likewise, to the last bit
 PIECE = 128  # closed-form designs at once: more are no faster
 Row = dict[str, Any]
 T = TypeVar("T")
@@ -174,19 +175,19 @@ def blank(status: str, kind: str, reason: str, seconds: float) -> Row:
 
 @cache
 def version() -> str:
-    """Return the software's version, a digest of the sources and data that results depend on, the versions of NumPy and SciPy."""
+    """Return the software's version, a digest of the sources and data that results depend on, and the versions of libraries."""
     digest = hashlib.sha256()
     for package in ("geometry", "solver"):
         for path in sorted(path for path in (ROOT / package).rglob("*") if path.suffix in SOURCES):
             digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
-    numbers = (metadata.version(name) for name in ("numpy", "scipy"))
-    return f"{_own_version()}+{digest.hexdigest()[:12]} numpy {' scipy '.join(numbers)}"
+    libraries = (f"{name} {_version_of(name)}" for name in LIBRARIES)
+    return " ".join((f"{_version_of('probe-design')}+{digest.hexdigest()[:12]}", *libraries))
 
 
-def _own_version() -> str:
+def _version_of(name: str) -> str:
     try:
-        return metadata.version("probe-design")
-    except metadata.PackageNotFoundError:  # run from its folder
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:  # not installed, or run from its folder
         return "0"
 
 

@@ -66,6 +66,14 @@ class TestRows:
             found.add(version.__wrapped__())
         assert len(found) == 3
 
+    def test_another_mesher_is_another_version(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        held = "probe_design.sweeps.rows.metadata.version"
+        found = set()
+        for number in ("0.4.2", "0.4.3"):
+            monkeypatch.setattr(held, lambda name, number=number: number if name == "pytetwild" else "1")
+            found.add(version.__wrapped__())
+        assert len(found) == 2
+
     def test_starting_again_repeats_no_row_and_a_larger_grid_keeps_those_there(self, tmp_path: Path) -> None:
         assert sweep(grid(2, 2), tmp_path, workers=1).answered == 4
         seconds = [row["seconds"] for row in rows(tmp_path)]
