@@ -112,7 +112,8 @@ def sweep(
         if store.mended:
             say(store.mended)
         total, left_out = _begun(store, checked, job)
-        log(f"forgets {store.forget_limited(checked.limits)} rows that smaller limits stopped")
+        if stopped := store.forget_limited(checked.limits):
+            log(f"forgets {stopped} rows that smaller limits stopped")
         if retry_failed:
             log(f"forgets {store.forget('failed')} failed rows")
         tasks = [Task(key, values, count) for count, values, key in store.missing()]

@@ -204,6 +204,28 @@ def refusal(asked: Callable[[], object]) -> str:
     return ""
 
 
+def test_the_write_ahead_file_holds_rows_up_to_the_first_flipped_bit(tmp_path: Path) -> None:
+    """As a killed sweep leaves it: of ten commits the first ones are there, and no row is another."""
+    designs = [(k, (1e-4 * k,), k.to_bytes(8)) for k in range(10)]
+    with writing(tmp_path) as running:
+        running.begin(asked(10), designs)
+        for _, _, key in designs:
+            running.add([(key, blank("failed", "SolveError", f"of {key!r}", 0.1))])
+        main, log, known = (tmp_path / NAME).read_bytes(), (tmp_path / f"{NAME}-wal").read_bytes(), stored(tmp_path)
+    chance, counts = random.Random(5), []
+    for _ in range(30):
+        content = bytearray(log)
+        flipped(content, chance)
+        (tmp_path / NAME).write_bytes(main)
+        (tmp_path / f"{NAME}-wal").write_bytes(content)
+        with writing(tmp_path) as found:
+            counts.append(found.counts()["failed"])
+        if counts[-1]:
+            assert stored(tmp_path) == known[: counts[-1]]
+    assert len(known) == 10
+    assert len(set(counts)) > 5
+
+
 @pytest.mark.slow
 def test_the_terminal_says_what_was_mended(swept: Path, tmp_path: Path) -> None:
     path = toml(tmp_path, n=2)
