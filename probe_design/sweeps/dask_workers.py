@@ -270,7 +270,9 @@ async def _greet(address: str) -> None:
     async with extra("distributed.core").rpc(address, timeout=TRY) as remote:
         try:
             identity = await remote.identity()
-        except (MemoryError, ValueError):  # of what it takes for the length of a message
+        except (OSError, TypeError, ImportError):  # there is no connection, or no such kind of one
+            raise
+        except Exception:  # whatever comes of what it takes for the length of a message
             raise ConnectionError("what answers there is no Dask scheduler") from None
     if identity.get("type") != "Scheduler":
         raise ConnectionError(f"what answers there is a Dask {identity.get('type')}")

@@ -221,7 +221,7 @@ def test_a_dask_worker_keeps_its_process_for_a_while(monkeypatch: pytest.MonkeyP
 
 
 def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path) -> None:
-    program = "from probe_design import cli; from probe_design.sweeps import dask_workers; dask_workers.CONNECT = 0.5; cli.main()"
+    program = "from probe_design import cli; from probe_design.sweeps import dask_workers; dask_workers.TRY = 0.5; cli.main()"
     arguments = ["sweep", toml(tmp_path), "-o", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:9"]
     ended = subprocess.run([sys.executable, "-W", "error", "-c", program, *arguments], capture_output=True, text=True, cwd=ROOT)
     assert (ended.returncode, ended.stderr.splitlines()[-1].startswith("probe-design: scheduler = ")) == (2, True)
@@ -289,19 +289,27 @@ def served() -> Iterator[Callable[[Callable[[socket.socket], None]], str]]:
         listener.close()
 
 
-@pytest.mark.parametrize("behaviour", [silent, http, garbage, closing, endless])
+NONE = "what answers there is no Dask scheduler"
+
+
+@pytest.mark.parametrize(
+    ("behaviour", "why"),
+    [(silent, "no answer in time|Timed out"), (http, NONE), (garbage, NONE), (closing, "."), (endless, NONE)],
+)
 def test_what_is_no_scheduler_is_refused(
     behaviour: Callable[[socket.socket], None],
+    why: str,
     served: Callable[[Callable[[socket.socket], None]], str],
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     """However it answers, or does not: nothing else is printed, and nothing waited for."""
     pytest.importorskip("distributed")
-    monkeypatch.setattr(dask_workers, "TRY", 0.2)
+    if behaviour is silent:
+        monkeypatch.setattr(dask_workers, "TRY", 0.2)
     address = served(behaviour)
     with pytest.raises(
-        InputError, match=rf"^scheduler = '{address}': allowed: the address of a Dask scheduler, tcp://host:8786 \(."
+        InputError, match=rf"^scheduler = '{address}': allowed: the address of a Dask scheduler, tcp://host:8786 \(({why})"
     ):
         DaskCrew(Job.of(sweep_from_dict(grid(2, 2))), address, Limits(), print)
     gc.collect()
