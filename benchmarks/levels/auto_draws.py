@@ -27,7 +27,7 @@ from geometry.common.resources import Limits
 ROOT = Path(__file__).parents[2]
 BASES = [*sorted((ROOT / "examples").glob("*scene.toml")), ROOT / "examples" / "two-tumours.toml",
          *sorted((ROOT / "tests" / "reference" / "solid").glob("*.toml"))]  # fmt: skip
-SLACK = 1.05  # of the limits: what a process's own beginning and end take
+SLACK, START = 1.05, 3.0  # of the limits, and s: what a process's own beginning and end take
 HANGS = 600.0  # s after which a program is ended
 
 
@@ -111,13 +111,13 @@ def _put(value: Any, place: tuple[Any, ...], change: Any) -> Any:
     return tuple(_put(one, place[1:], change) if k == key else one for k, one in enumerate(value))
 
 
-def asked(scene: Scene, folder: Path) -> tuple[str, float, float, str]:
-    """How the program ended, its seconds and peak bytes, its meshers' included, and its last line."""
+def asked(scene: Scene, folder: Path, seconds: float) -> tuple[str, float, float, str]:
+    """How the program ended, its seconds and peak bytes, its meshers' included, and its last line; ``seconds`` are allowed."""
     path, said = folder / "scene.toml", folder / "said"
     path.write_text(scene_to_toml(scene), encoding="utf-8")
     start = time.perf_counter()
     with said.open("wb") as errors:
-        command = [sys.executable, "-m", "probe_design", "evaluate", str(path), "--json"]
+        command = [sys.executable, "-m", "probe_design", "evaluate", str(path), "--json", "--time", f"{seconds:g} s"]
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=errors, cwd=ROOT)
         pid = ended = 0
         while not pid:
@@ -137,14 +137,15 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=60)
     parser.add_argument("--first", type=int, default=0, help="the number of the first that is asked")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--time", type=float, default=Limits().seconds, help="s that each answer may take")
     options = parser.parse_args()
     counts: Counter[str] = Counter()
     for number, (words, scene) in zip(range(options.first + options.scenes), draws(options.seed), strict=False):
         if number < options.first:
             continue
         with tempfile.TemporaryDirectory() as folder:
-            how, seconds, memory, said = asked(scene, Path(folder))
-        past = seconds > SLACK * Limits().seconds or memory > SLACK * Limits().memory
+            how, seconds, memory, said = asked(scene, Path(folder), options.time)
+        past = seconds > SLACK * options.time + START or memory > SLACK * Limits().memory
         counts.update([how.split()[0], *(["past the limits"] if past else [])])
         print(
             f"{number:3} {words}: {how} {seconds:.0f} s {memory / 1e9:.2f} GB{' PAST' if past else ''} {said[:160]}", flush=True

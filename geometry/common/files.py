@@ -6,7 +6,7 @@ import errno
 import os
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from geometry.common.errors import InputError
@@ -17,8 +17,12 @@ _OF_THE_NAME = {errno.EEXIST, errno.ENOTDIR, errno.EISDIR, errno.ENOENT, errno.E
 
 
 @contextmanager
-def written_whole(path: Path) -> Iterator[Path]:
+def written_whole(path: Path, once: bool = False) -> Iterator[Path]:
     """Yield a temporary name beside ``path`` that takes its place, flushed to disk, if the block succeeds.
+
+    Args:
+        path: of the file.
+        once: whether a file that is there by then stays, whoever wrote it; of several processes the first one wins.
 
     Example:
         >>> with written_whole(Path("table.txt")) as draft:  # doctest: +SKIP
@@ -30,11 +34,27 @@ def written_whole(path: Path) -> Iterator[Path]:
     try:
         yield draft
         _flush(draft)
-        os.replace(draft, path)
+        if once:
+            _place(draft, path)
+        else:
+            os.replace(draft, path)
         _flush(path.parent)
     finally:
         draft.unlink(missing_ok=True)
         os.rmdir(folder)
+
+
+def _place(draft: Path, path: Path) -> None:
+    """Give a file its name unless there is one of that name."""
+    with suppress(FileExistsError):
+        try:
+            os.link(draft, path)
+        except FileExistsError:
+            raise
+        except OSError:  # a file system without links, where who reads meanwhile may see half a file
+            with path.open("xb") as file:
+                file.write(draft.read_bytes())
+            _flush(path)
 
 
 def check_writable(folder: Path, key: str = "output") -> None:

@@ -13,6 +13,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 
 from geometry.common.errors import Refusal, Words
+from geometry.common.limits import least
 
 LIBRARIES = 0.25e9  # bytes of a process that has loaded what it needs and not begun
 
@@ -94,5 +95,5 @@ def check_memory(work: str, size: float) -> None:
     size += LIBRARIES
     if size <= limits().memory:
         return
-    allowed = f"{size / 1e9:.2g} GB or more for this scene: so much for {work} (--memory raises the limit)"
+    allowed = f"{least(size / 1e9, 2)} GB or more for this scene: so much for {work} (--memory raises the limit)"
     raise LimitReached("memory", Words(f"{limits().memory / 1e9:g} GB"), allowed)

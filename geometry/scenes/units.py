@@ -123,6 +123,12 @@ class Quantity:
         return core_schema.with_info_plain_validator_function(self._validate, serialization=write)
 
 
+TIME = Quantity("time", "s", "s", 1e-3, 1e7)
+"""That an answer may take."""
+MEMORY = Quantity("memory", "byte", "GB", 1e8, 1e15)
+"""That an answer may take."""
+
+
 def number(key: str, entry: Any, allowed: str) -> float:
     """Return a number or the number that a text says; whether it is in range is for those to say who use it.
 

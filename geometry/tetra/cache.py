@@ -1,7 +1,8 @@
 """Volume meshes kept by content: the same bodies and sizes, meshed by the same sources and versions, are read back instead.
 
 The folder is the user's cache, or the one that the environment variable ``PROBE_DESIGN_CACHE`` names. A file is written
-whole or not at all and carries its checksum: one that does not match is made again.
+whole or not at all and carries its checksum: one that does not match is made again. Of processes that mesh the same at the same
+time the first to write it wins, and all use what it wrote: pytetwild makes two meshes of one question, and results would differ.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import io
 import os
+from contextlib import suppress
 from dataclasses import fields
 from functools import cache
 from importlib.metadata import version
@@ -64,6 +66,7 @@ def cached_mesh(
     if mesh is None:
         mesh, _ = mesh_layout(layout, fineness)
         _write(path, mesh)
+        mesh = _read(path) or mesh
     return mesh
 
 
@@ -108,12 +111,14 @@ def _feed(digest: Any, value: Any) -> None:
 
 
 def _read(path: Path) -> TetMesh | None:
-    """The mesh in a file; None if there is none, or its checksum does not match."""
+    """The mesh in a file; None if there is none, or its checksum does not match: then it makes room for another."""
     try:
         content = path.read_bytes()
     except OSError:
         return None
     if hashlib.sha256(content[_CHECKSUM:]).digest() != content[:_CHECKSUM]:
+        with suppress(OSError):
+            path.unlink()
         return None
     with np.load(io.BytesIO(content[_CHECKSUM:]), allow_pickle=False) as arrays:
         return TetMesh(arrays["nodes"], arrays["elements"], arrays["body"], arrays["beyond"], bool(arrays["half"]))
@@ -124,7 +129,7 @@ def _write(path: Path, mesh: TetMesh) -> None:
     np.savez(buffer, nodes=mesh.nodes, elements=mesh.elements, body=mesh.body, beyond=mesh.beyond, half=np.array(mesh.half))
     content = buffer.getvalue()
     try:
-        with written_whole(path) as draft:
+        with written_whole(path, once=True) as draft:
             draft.write_bytes(hashlib.sha256(content).digest() + content)
     except OSError:  # a full disk or a folder that is not ours: the mesh is there all the same
         return

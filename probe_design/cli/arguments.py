@@ -6,11 +6,14 @@ Each function raises ``InputError``, one line, for what is none.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from probe_design.data.noise import ALLOWED, NOISE, checked_noise
+
+if TYPE_CHECKING:
+    from geometry.common.resources import Limits
 
 linear_option = click.option(
     "--linear", is_flag=True, help="Answer loads beyond linear elasticity too, what is known of the effect counted in the error."
@@ -40,18 +43,21 @@ def limiting(verb: Callable[..., Any]) -> Callable[..., Any]:
 
 def _limited(ctx: click.Context, parameter: click.Parameter, text: str | None) -> None:
     """Set one limit for the verb."""
-    if text is None:
-        return
+    from geometry.common.resources import limited, limits
+
+    if text is not None:
+        ctx.with_resource(limited(with_limits(limits(), **{str(parameter.name): text})))
+
+
+def with_limits(held: Limits, *, time: str | None = None, memory: str | None = None) -> Limits:
+    """Return limits with others in place of those that are given, such as ``"60 s"`` and ``"4 GB"``."""
     from dataclasses import replace
 
-    from geometry.common.resources import limited, limits
-    from geometry.scenes.units import Quantity
+    from geometry.scenes.units import MEMORY, TIME
 
-    if parameter.name == "memory":
-        chosen = replace(limits(), memory=Quantity("memory", "byte", "GB", 1e8, 1e15).read("memory", text))
-    else:
-        chosen = replace(limits(), seconds=Quantity("time", "s", "s", 1.0, 1e7).read("time", text))
-    ctx.with_resource(limited(chosen))
+    if time is not None:
+        held = replace(held, seconds=TIME.read("time", time))
+    return held if memory is None else replace(held, memory=MEMORY.read("memory", memory))
 
 
 def number(key: str, text: str, allowed: str = "a number above 0 and below 1, such as 0.01") -> float:

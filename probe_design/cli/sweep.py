@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from probe_design.cli.arguments import with_limits
 from probe_design.cli.output import print_json
 
 
@@ -15,28 +16,27 @@ from probe_design.cli.output import print_json
 @click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder for store, log and results.")
 @click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler to run on, such as tcp://host:8786.")
 @click.option("--workers", type=click.IntRange(1, 1024), help="Processes on this computer.  [default: one for each processor]")
-@click.option("--time-limit", metavar="TIME", help="What a design may take, such as '60 s'; a slower one fails.")
+@click.option("--time", help="Time that a design may take.  [default: the file's time_limit, or 120 s]")
+@click.option("--memory", help="Memory that a design may take.  [default: the file's memory_limit, or 2 GB]")
 @click.option("--retry-failed", is_flag=True, help="Answer designs anew that failed.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def sweep(
-    sweep: Path, output: Path, scheduler: str | None, workers: int | None, time_limit: str | None, retry_failed: bool,
-    as_json: bool,
+    sweep: Path, output: Path, scheduler: str | None, workers: int | None, time: str | None, memory: str | None,
+    retry_failed: bool, as_json: bool,
 ) -> None:  # fmt: skip
     """Answer every design of SWEEP, a TOML file of variables, and keep each row as soon as it is there.
 
     Stopped by whatever, the same command goes on where it ended; no row is computed twice. A design that is refused or fails
-    is a row too, with the reason.
+    is a row too, with the reason; what a limit stopped is answered anew with a larger one.
     """
     from geometry.common.files import check_writable
     from probe_design.sweeps.file import read_sweep
-    from probe_design.sweeps.file import time_limit as checked_time
     from probe_design.sweeps.run import sweep as run
     from probe_design.terminal.console import message
     from probe_design.terminal.sweep_bar import shown
 
     checked = read_sweep(sweep)
-    if time_limit is not None:
-        checked = replace(checked, time_limit=checked_time(time_limit))
+    checked = replace(checked, limits=with_limits(checked.limits, time=time, memory=memory))
     check_writable(output)
     with shown() as progress:
         swept = run(

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from time import monotonic
 
+from geometry.common.resources import Limits
 from probe_design.sweeps.keys import Value
 from probe_design.sweeps.local_workers import WorkerProcess
 from probe_design.sweeps.rows import Job
@@ -59,16 +60,16 @@ class _Pool:
 _POOL = _Pool()
 
 
-def answered(job: Job, limit: float | None, designs: Sequence[tuple[Value, ...]]) -> Outcome:
+def answered(job: Job, limits: Limits, designs: Sequence[tuple[Value, ...]]) -> Outcome:
     """Answer a batch.
 
     Args:
         job: what all designs share.
-        limit: seconds that a design may take.
+        limits: of each design.
         designs: values of the variables.
     """
-    name = json.dumps([asdict(job), limit])
-    worker = _POOL.lent(name) or WorkerProcess(job, limit)
+    name = json.dumps([asdict(job), asdict(limits)])
+    worker = _POOL.lent(name) or WorkerProcess(job, limits)
     outcome = worker.answer(designs)
     _POOL.back(name, worker)
     return outcome

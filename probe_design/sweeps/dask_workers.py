@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from queue import Empty, SimpleQueue
 from typing import Any
 
 from geometry.common.errors import InputError
+from geometry.common.resources import Limits
 from probe_design.sweeps.dask_task import answered
+from probe_design.sweeps.progress import Silence
 from probe_design.sweeps.results import extra
 from probe_design.sweeps.rows import Job
 from probe_design.sweeps.workers import Batch, CrewError, FinishedBatch, Outcome
 
 PATIENCE = 600.0  # seconds to wait for a scheduler that is gone
-CONNECT = 5.0  # seconds to try
+TRY = 5.0  # seconds for a connection, and for each question before there is a client
+CONNECT = 20.0  # seconds for a client in all, whatever answers at the address, or does not
 POLL = 0.05
 FETCH = 5.0  # seconds for rows to come from the worker that has them; it may stand still
 ASK = 2.0  # seconds that the scheduler has to say how many workers there are
-SILENT = 60.0  # seconds without an answer of the scheduler after which that is told, and told again
 AHEAD = 2  # batches for each worker, so that none waits for the next
 FAULTS = 4  # of Dask's workers with one batch that are no death, as of those without this program, before the sweep ends
 SLOW, LEAST = 5.0, 5.0  # a batch that takes that many times the usual, and seconds, is given to another worker too at the end
@@ -39,33 +44,33 @@ class _Out:
 class DaskCrew:
     """The workers of a scheduler."""
 
-    def __init__(self, job: Job, address: str, limit: float | None, log: Callable[[str], None]) -> None:
+    def __init__(self, job: Job, address: str, limits: Limits, log: Callable[[str], None]) -> None:
         """Connect.
 
         Args:
             job: what all designs share.
             address: of the scheduler.
-            limit: seconds that a design may take.
+            limits: of each design.
             log: called with a line when the scheduler goes and comes back.
 
         Raises:
             InputError: there is no scheduler at the address.
             MissingLibrary: Dask is not installed.
         """
-        self._distributed, self._job, self._limit, self._address = extra("distributed"), job, limit, address
+        self._distributed, self._job, self._limits, self._address = extra("distributed"), job, limits, address
         self._log = log
         self._levels = {name: logging.getLogger(name).level for name in _LOUD}
         self._hush(dict.fromkeys(_LOUD, logging.CRITICAL + 1))  # a connection that is lost is no news here, nor a traceback
         self._out: list[_Out] = []
         self._usual: float | None = None
         self._counted, self._workers = -1.0, 1
-        self._heard, self._told = time.monotonic(), 0
+        self._scheduler, self._answers = Silence(log), Silence(log)
         try:
-            self._check_address()
+            _check_address(address)
             self._client: Any = self._connected()
-        except (OSError, ValueError, TypeError) as fault:
+        except Exception as fault:  # Dask raises what it likes, up to a MemoryError for what is no length of a message
             self._hush(self._levels)
-            reason = " ".join(str(fault).split())[:120]
+            reason = " ".join(str(fault).split())[:120] or "no answer in time"
             raise InputError("scheduler", address, f"the address of a Dask scheduler, tcp://host:8786 ({reason})") from None
 
     def size(self) -> int:
@@ -74,19 +79,15 @@ class DaskCrew:
             try:
                 threads = self._client.sync(self._client.scheduler.ncores, workers=None, callback_timeout=ASK)
             except (OSError, RuntimeError, ValueError, TimeoutError):
-                self._unheard()
+                self._waits("has not answered", "start it again")
             else:
                 self._workers = max(1, sum(threads.values()))
-                self._heard, self._told = time.monotonic(), 0
+                if threads:
+                    self._scheduler.heard()
+                else:
+                    self._waits("has had no worker", "start one")
             self._counted = time.monotonic()
         return self._workers
-
-    def _unheard(self) -> None:
-        """Say that the scheduler stands still, once a minute: it may go on, or somebody has to see to it."""
-        silent = time.monotonic() - self._heard
-        if silent >= (self._told + 1) * SILENT:
-            self._told = int(silent // SILENT)
-            self._log(f"the Dask scheduler {self._address} has not answered for {silent:.0f} s; start it again, or wait")
 
     def free(self) -> int:
         """Return how many more batches the cluster may be given."""
@@ -106,10 +107,23 @@ class DaskCrew:
                 self._again()
             self.size()  # one that stands still is told of
             finished = [answer for out in list(self._out) if (answer := self._answer(out)) is not None]
+            if finished or not self._out:
+                self._answers.heard()
+            self._missed()
             if finished or time.monotonic() >= until:
                 return finished
             self._hurry()
             time.sleep(POLL)
+
+    def _waits(self, text: str, remedy: str) -> None:
+        """Say what is wrong with the scheduler; that nothing else is heard either is no news then."""
+        self._scheduler.tell(f"the Dask scheduler {self._address} {text}", remedy)
+        self._answers.heard()
+
+    def _missed(self) -> None:
+        """Say that no worker answers, where they take longer than they should."""
+        enough = self._limits.seconds if self._usual is None else SLOW * self._usual
+        self._answers.tell("no Dask worker has answered", "see to them", after=enough)
 
     def close(self) -> None:
         """Leave the cluster; what it works on is cancelled."""
@@ -120,7 +134,7 @@ class DaskCrew:
         """Start a batch once more; a scheduler that has gone is noticed when answers are awaited."""
         try:
             designs = tuple(task.values for task in out.batch)
-            out.futures.append(self._client.submit(answered, self._job, self._limit, designs, pure=False))
+            out.futures.append(self._client.submit(answered, self._job, self._limits, designs, pure=False))
         except (OSError, RuntimeError, ValueError):
             return
 
@@ -195,13 +209,14 @@ class DaskCrew:
             try:
                 self._client = self._connected()
                 break
-            except (OSError, ValueError):
+            except Exception:  # as in the beginning
                 if time.monotonic() > until:
                     reason = f"{self._address}: no scheduler for {PATIENCE:g} s; all rows are kept, start again"
                     raise CrewError(reason) from None
+                self._waits("has been gone", "start it again")
                 time.sleep(1.0)
         self._log("a Dask scheduler is there again")
-        self._heard, self._told = time.monotonic(), 0
+        self._scheduler.heard()
         for out in self._out:
             out.futures, out.since = [], time.monotonic()
             self._submit(out)
@@ -210,17 +225,25 @@ class DaskCrew:
         for name, level in levels.items():
             logging.getLogger(name).setLevel(level)
 
-    def _check_address(self) -> None:
-        """Raise ``ValueError`` for an address of which Dask would say so with a traceback, after half a minute."""
-        addressing, backends = extra("distributed.comm.addressing"), extra("distributed.comm.registry").backends
-        scheme, place = addressing.parse_address(self._address)
-        if scheme not in backends:
-            raise ValueError(f"{scheme} is none of {', '.join(sorted(backends))}")
-        if scheme in ("tcp", "tls"):
-            addressing.parse_host_port(place)
-
     def _connected(self) -> Any:
-        return self._distributed.Client(self._address, timeout=CONNECT, set_as_default=False)
+        """Return a client. Raises whatever Dask does where there is no scheduler, ``TimeoutError`` where nothing is said."""
+        done: SimpleQueue[Any] = SimpleQueue()
+
+        def connect() -> None:
+            try:
+                asyncio.run(asyncio.wait_for(_greet(self._address), 2 * TRY))
+                done.put(self._distributed.Client(self._address, timeout=TRY, set_as_default=False))
+            except Exception as fault:
+                done.put(fault)
+
+        threading.Thread(target=connect, daemon=True).start()
+        try:
+            found = done.get(timeout=CONNECT)
+        except Empty:
+            raise TimeoutError(f"no answer within {CONNECT:g} s") from None
+        if isinstance(found, Exception):
+            raise found
+        return found
 
     def _leave(self) -> None:
         for out in self._out:
@@ -230,3 +253,26 @@ class DaskCrew:
             self._client.close(timeout=5)
         except (OSError, RuntimeError, ValueError, TimeoutError):
             return
+
+
+def _check_address(address: str) -> None:
+    """Raise ``ValueError`` for an address of which Dask would say so with a traceback, after half a minute."""
+    addressing, backends = extra("distributed.comm.addressing"), extra("distributed.comm.registry").backends
+    scheme, place = addressing.parse_address(address)
+    if scheme not in backends:
+        raise ValueError(f"{scheme} is none of {', '.join(sorted(backends))}")
+    if scheme in ("tcp", "tls"):
+        addressing.parse_host_port(place)
+
+
+async def _greet(address: str) -> None:
+    """Ask who is there: Dask's own client waits for ever for an answer, and leaves much behind where there is none."""
+    async with extra("distributed.core").rpc(address, timeout=TRY) as remote:
+        try:
+            identity = await remote.identity()
+        except (OSError, TypeError, ImportError):  # there is no connection, or no such kind of one
+            raise
+        except Exception:  # whatever comes of what it takes for the length of a message
+            raise ConnectionError("what answers there is no Dask scheduler") from None
+    if identity.get("type") != "Scheduler":
+        raise ConnectionError(f"what answers there is a Dask {identity.get('type')}")

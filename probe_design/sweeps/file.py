@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -11,18 +11,18 @@ import numpy as np
 from pydantic import ValidationError
 
 from geometry.common.errors import InputError, Words
+from geometry.common.resources import Limits, limits
 from geometry.common.text_files import read_tables
 from geometry.scenes.messages import most_telling
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import read_scene, scene_from_dict
-from geometry.scenes.units import Quantity
+from geometry.scenes.units import MEMORY, TIME
 from probe_design.sweeps.constraints import satisfied
 from probe_design.sweeps.keys import Key, Value, at_path, changed, key
 from probe_design.sweeps.samples import KINDS, DesignSampling, Variable
 from probe_design.sweeps.variables import variable, whole
 
-_KEYS = ("scene", "evaluator", "accuracy", "linear", "time_limit", "sample", "constraints", "variables")
-_TIME = Quantity("time", "s", "s", 1e-3, 1e7)
+_KEYS = ("scene", "evaluator", "accuracy", "linear", "time_limit", "memory_limit", "sample", "constraints", "variables")
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Sweep:
         sample: how the designs are drawn.
         evaluator, accuracy, linear: as in ``solver.evaluate``.
         constraints: conditions that designs must meet; see ``probe_design.sweeps.constraints``.
-        time_limit: seconds that a design may take; None for as long as it does.
+        limits: of time and memory, that each design may take.
     """
 
     base: Mapping[str, Any]
@@ -45,7 +45,7 @@ class Sweep:
     accuracy: float = 0.01
     linear: bool = False
     constraints: tuple[str, ...] = ()
-    time_limit: float | None = None
+    limits: Limits = field(default_factory=Limits)
 
     @property
     def keys(self) -> tuple[Key, ...]:
@@ -126,10 +126,9 @@ def sweep_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_r
     if constraints and sample.kind == "saltelli":
         raise InputError("constraints", constraints, "none with sample.kind = 'saltelli', whose indices need every design")
     evaluator, accuracy, linear = _settings(tables)
-    limit = time_limit(tables.get("time_limit"), units_required)
     return Sweep(
         base, variables, sample, evaluator=evaluator, accuracy=accuracy, linear=linear, constraints=tuple(constraints),
-        time_limit=limit,
+        limits=_limits(tables, units_required),
     )  # fmt: skip
 
 
@@ -168,13 +167,13 @@ def _settings(tables: Mapping[str, Any]) -> tuple[str, float, bool]:
     return str(evaluator), float(accuracy), linear
 
 
-def time_limit(entry: object, units_required: bool = False) -> float | None:
-    """Return a time limit in seconds, from a text such as ``'60 s'`` or, unless units are required, a number; None for None.
-
-    Raises:
-        InputError: it is none.
-    """
-    return None if entry is None else _TIME.read("time_limit", entry, units_required)
+def _limits(tables: Mapping[str, Any], units_required: bool) -> Limits:
+    """The limits of each design; those that hold here where the sweep has none."""
+    time, memory = tables.get("time_limit"), tables.get("memory_limit")
+    return Limits(
+        seconds=limits().seconds if time is None else TIME.read("time_limit", time, units_required),
+        memory=limits().memory if memory is None else MEMORY.read("memory_limit", memory, units_required),
+    )
 
 
 def _sample(table: object) -> DesignSampling:

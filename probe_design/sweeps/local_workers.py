@@ -18,6 +18,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import IO, Any
 
+from geometry.common.resources import Limits
 from probe_design.sweeps.keys import Value
 from probe_design.sweeps.rows import Job, Row
 from probe_design.sweeps.workers import Batch, FinishedBatch, Outcome
@@ -26,25 +27,26 @@ from probe_design.sweeps.workers import Batch, FinishedBatch, Outcome
 _ENVIRONMENT = {f"{one}_NUM_THREADS": "1" for one in ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "VECLIB")} | {
     "MKL_CBWR": "AUTO,STRICT"
 }
+GRACE = 5.0  # seconds that a worker has to say by itself that its time is over, and what it was doing
 STARTS = 3  # attempts, each with a process that ends before it asks for work
 
 
 class LocalCrew:
     """Worker processes."""
 
-    def __init__(self, job: Job, workers: int, limit: float | None, errors: Path) -> None:
+    def __init__(self, job: Job, workers: int, limits: Limits, errors: Path) -> None:
         """Make a crew; processes are started when they are needed.
 
         Args:
             job: what all designs share.
             workers: how many processes.
-            limit: seconds that a design may take.
+            limits: of each design.
             errors: file for what libraries write to standard error.
         """
         self._path, self._errors = errors, errors.open("ab")
         self._answers: queue.SimpleQueue[tuple[WorkerProcess, FinishedBatch]] = queue.SimpleQueue()
         self._threads: list[threading.Thread] = []
-        self._idle = [WorkerProcess(job, limit, self._errors) for _ in range(workers)]
+        self._idle = [WorkerProcess(job, limits, self._errors) for _ in range(workers)]
         self._all = tuple(self._idle)
 
     def free(self) -> int:
@@ -96,16 +98,16 @@ class LocalCrew:
 class WorkerProcess:
     """A process of ``worker_main``, started when it is needed and again when it has ended."""
 
-    def __init__(self, job: Job, limit: float | None = None, errors: IO[bytes] | None = None) -> None:
+    def __init__(self, job: Job, limits: Limits, errors: IO[bytes] | None = None) -> None:
         """Note what it is for.
 
         Args:
             job: what all designs share.
-            limit: seconds that a design may take.
+            limits: of each design.
             errors: file for what libraries write to standard error; without it, where this process writes its own.
         """
-        self._job, self._piece = json.dumps(asdict(job)), job.piece
-        self._limit, self._errors = limit, errors
+        self._job, self._piece = json.dumps([asdict(job), asdict(limits)]), job.piece
+        self._seconds, self._errors = limits.seconds, errors
         self._process: subprocess.Popen[bytes] | None = None
         self._late = self._closed = False
 
@@ -147,11 +149,9 @@ class WorkerProcess:
         self.kill()
 
     def _line(self, count: int) -> bytes:
-        """The next line, that of ``count`` designs; one that takes longer than allowed ends the process."""
+        """The next line, that of ``count`` designs; a process that does not itself notice that it takes too long is ended."""
         stream = _stream(self._process, "stdout")
-        if self._limit is None:
-            return bytes(stream.readline())
-        watch = threading.Timer(count * self._limit, self._overdue)
+        watch = threading.Timer(count * self._seconds + min(GRACE, self._seconds), self._overdue)
         watch.start()
         try:
             line = bytes(stream.readline())

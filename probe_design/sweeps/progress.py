@@ -12,6 +12,7 @@ from time import monotonic
 
 LOG = "sweep.log"
 EVERY = 10.0  # seconds between lines
+SILENT = 60.0  # seconds without a sign of life after which that is told, and told again
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,25 @@ class Progress:
 
 
 Tell = Callable[[Progress], None]
+
+
+class Silence:
+    """Since when nothing has been heard of something; that is said once a minute: it may go on, or somebody has to see to it."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say = say
+        self.heard()
+
+    def heard(self) -> None:
+        """Begin anew."""
+        self._since, self._told = monotonic(), 0
+
+    def tell(self, text: str, remedy: str, after: float = 0.0) -> None:
+        """Say it if it is time, and not before so many seconds."""
+        silent = monotonic() - self._since
+        if silent >= max((self._told + 1) * SILENT, after):
+            self._told = int(silent // SILENT)
+            self._say(f"{text} for {silent:.0f} s; {remedy}, or wait")
 
 
 @contextmanager

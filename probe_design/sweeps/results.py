@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from geometry.common.errors import InputError, MissingLibrary
 from geometry.common.files import written_whole
-from probe_design.sweeps.rows import COLUMNS, OUTPUTS
+from probe_design.sweeps.rows import COLUMNS, REAL
 from probe_design.sweeps.store import reading
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 UNITS = {
     "stress_inner": "Pa", "stress_outer": "Pa", "ratio": "", "log_sensitivity": "", "stiffness": "N/m", "charge_inner": "C",
     "charge_outer": "C", "equivalent_modulus": "Pa", "error_estimate": "", "residual": "", "seconds": "s",
+    "time_limit": "s", "memory_limit": "byte",
 }  # fmt: skip
 
 
@@ -74,8 +75,7 @@ def dataframe(folder: Path | str) -> pd.DataFrame:
     pandas = extra("pandas")
     names = about(folder)["names"]
     frame = pandas.DataFrame.from_records(list(rows(folder)), columns=["number", "key", *names, *COLUMNS], index="number")
-    numbers = [*OUTPUTS, "seconds"]
-    frame[numbers] = frame[numbers].astype(float)
+    frame[list(REAL)] = frame[list(REAL)].astype(float)
     frame.attrs["units"] = units(folder)
     return frame
 
@@ -93,7 +93,7 @@ def dataset(folder: Path | str) -> xr.Dataset:
     """
     xarray, request, frame = extra("xarray"), about(folder), dataframe(folder)
     labelled: xr.Dataset
-    names, columns = request["names"], [*OUTPUTS, "seconds", "status", "evaluator", "reason"]
+    names, columns = request["names"], [*REAL, "status", "evaluator", "reason"]
     if request["sample"]["kind"] == "grid":
         axes = [one["values"] for one in request["variables"]]
         shape = tuple(len(axis) for axis in axes)

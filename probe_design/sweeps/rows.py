@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache, lru_cache, partial
 from importlib import metadata
 from pathlib import Path
@@ -14,6 +14,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from geometry.common.errors import InputError, Words
+from geometry.common.resources import LimitReached, limited, limits
 from geometry.scenes.scene import Scene
 from probe_design.sweeps.file import Sweep, scene_of
 from probe_design.sweeps.keys import Key, Value, changed, key
@@ -25,9 +26,12 @@ OUTPUTS = (
     "stress_inner", "stress_outer", "ratio", "log_sensitivity", "stiffness", "charge_inner", "charge_outer",
     "equivalent_modulus", "error_estimate", "residual",
 )  # fmt: skip
-COLUMNS = ("status", "type", "reason", "evaluator", *OUTPUTS, "plan", "warnings", "seconds")
+LIMITS = ("time_limit", "memory_limit")  # s and bytes, of a row that this limit stopped
+REAL = (*OUTPUTS, *LIMITS, "seconds")
+COLUMNS = ("status", "type", "reason", *LIMITS, "evaluator", *OUTPUTS, "plan", "warnings", "seconds")
 ROOT = Path(__file__).parents[2]
 SOURCES = {".py", ".npy", ".json"}  # that results depend on
+LIBRARIES = ("numpy", "scipy", "rslab", "py-mkl-pardiso", "pytetwild")  # likewise, to the last bit
 PIECE = 128  # closed-form designs at once: more are no faster
 Row = dict[str, Any]
 T = TypeVar("T")
@@ -92,6 +96,8 @@ class Job:
     def pieces(self, designs: Sequence[tuple[Value, ...]]) -> Iterator[list[Row]]:
         """Answer designs, ``piece`` at a time, with one thread for linear algebra, so that the bits are the same everywhere.
 
+        Each may take what ``geometry.common.resources.limits`` says; those that are answered together have their number of times.
+
         Raises:
             InputError: this software is not that of the job.
         """
@@ -119,7 +125,8 @@ class Job:
         if self.evaluator == "closed-form":
             from solver.closed_form.level import ClosedForm
 
-            together = _caught(lambda: ClosedForm().evaluate_many(scenes, self.accuracy))
+            with limited(replace(limits(), seconds=len(scenes) * limits().seconds)):
+                together = _caught(lambda: ClosedForm().evaluate_many(scenes, self.accuracy))
             if not isinstance(together, Exception):
                 pairs = zip(together, scenes, strict=True)
                 return [one if isinstance(one, Exception) else with_warning(one, scene, self.accuracy) for one, scene in pairs]
@@ -138,13 +145,26 @@ def _caught(made: Callable[[], T]) -> T | Exception:
 def _row(result: Result | Exception, seconds: float) -> Row:
     """The row of a result, or of a design that was refused or failed."""
     if isinstance(result, Exception):
-        return blank("refused" if isinstance(result, InputError) else "failed", type(result).__name__, str(result), seconds)
+        status = "refused" if isinstance(result, InputError) else "failed"
+        return blank(status, type(result).__name__, str(result), seconds) | _stopped(result)
     numbers = {name: getattr(result, name) for name in OUTPUTS}
     if not all(math.isfinite(number) for number in numbers.values() if number is not None):
         return blank("failed", "ArithmeticError", "a result is not finite", seconds)
     details = {"plan": [asdict(one) for one in result.plan], "warnings": result.warnings}
     texts = {name: json.dumps(value, allow_nan=False) for name, value in details.items()}
     return dict.fromkeys(COLUMNS) | {"status": "ok", "evaluator": result.evaluator, "seconds": seconds} | numbers | texts
+
+
+def _stopped(fault: Exception) -> Row:
+    """The limits without which a design may have an answer."""
+    from solver.results.evaluator import OutOfReach
+
+    held = asdict(limits())
+    if isinstance(fault, LimitReached):
+        return {"time_limit": held["seconds"]} if fault.key == "time" else {"memory_limit": held["memory"]}
+    if isinstance(fault, OutOfReach) and fault.stopped:  # by either
+        return {"time_limit": held["seconds"], "memory_limit": held["memory"]}
+    return {}
 
 
 def blank(status: str, kind: str, reason: str, seconds: float) -> Row:
@@ -155,19 +175,19 @@ def blank(status: str, kind: str, reason: str, seconds: float) -> Row:
 
 @cache
 def version() -> str:
-    """Return the software's version, a digest of the sources and data that results depend on, the versions of NumPy and SciPy."""
+    """Return the software's version, a digest of the sources and data that results depend on, and the versions of libraries."""
     digest = hashlib.sha256()
     for package in ("geometry", "solver"):
         for path in sorted(path for path in (ROOT / package).rglob("*") if path.suffix in SOURCES):
             digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
-    numbers = (metadata.version(name) for name in ("numpy", "scipy"))
-    return f"{_own_version()}+{digest.hexdigest()[:12]} numpy {' scipy '.join(numbers)}"
+    libraries = (f"{name} {_version_of(name)}" for name in LIBRARIES)
+    return " ".join((f"{_version_of('probe-design')}+{digest.hexdigest()[:12]}", *libraries))
 
 
-def _own_version() -> str:
+def _version_of(name: str) -> str:
     try:
-        return metadata.version("probe-design")
-    except metadata.PackageNotFoundError:  # run from its folder
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:  # not installed, or run from its folder
         return "0"
 
 

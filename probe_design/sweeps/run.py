@@ -13,11 +13,12 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 from geometry.common.errors import InputError
+from geometry.common.resources import Limits
 from probe_design.sweeps.file import Sweep, read_sweep, sweep_from_dict
 from probe_design.sweeps.local_workers import LocalCrew
 from probe_design.sweeps.progress import Progress, Tell, logged
 from probe_design.sweeps.rows import Job, Row, blank
-from probe_design.sweeps.store import Store, writing
+from probe_design.sweeps.store import Store, StoreError, writing
 from probe_design.sweeps.variables import whole
 from probe_design.sweeps.workers import Batch, Crew, CrewError, FinishedBatch, Outcome, Task
 
@@ -88,12 +89,13 @@ def sweep(
         scheduler: address of a Dask scheduler, ``tcp://host:8786``; processes on this computer without.
         workers: how many processes; one for each processor without.
         progress: called with the state after each batch.
-        retry_failed: whether designs whose row is ``failed`` are answered anew; what becomes of them takes the row's place.
+        retry_failed: whether designs whose row is ``failed`` are answered anew; what becomes of them takes the row's place. Those
+            that a limit stopped which is larger now are in any case.
         notice: called with a line of what the sweep waits for, such as a Dask scheduler that stands still.
 
     Raises:
         InputError: the sweep is not allowed, or another process is writing to the folder.
-        StoreError: the store cannot be read or written; committed rows are kept.
+        StoreError: the store cannot be read or written, or is moved or deleted meanwhile; committed rows are kept.
         CrewError: workers do not start, have another version of this program, or the scheduler is gone for good; likewise.
         KeyboardInterrupt: likewise.
     """
@@ -106,18 +108,23 @@ def sweep(
     folder = Path(output)
     with writing(folder) as store, logged(folder, progress) as (tell, log):
         job = Job.of(checked)
+        say = log if notice is None else _both(log, notice)
+        if store.mended:
+            say(store.mended)
         total, left_out = _begun(store, checked, job)
+        if stopped := store.forget_limited(checked.limits):
+            log(f"forgets {stopped} rows that smaller limits stopped")
         if retry_failed:
             log(f"forgets {store.forget('failed')} failed rows")
         tasks = [Task(key, values, count) for count, values, key in store.missing()]
         log(f"begins: {total} designs, {len(tasks)} to be answered, version {job.version}")
         if tasks:
-            limit = checked.time_limit
             processes = min(workers or _processors(), len(tasks))
-            say = log if notice is None else _both(log, notice)
-            with _crew(job, scheduler, processes, limit=limit, folder=folder, log=say) as crew:
-                _Run(store, crew, tell, log, total=total, limit=limit).answer(tasks)
+            with _crew(job, scheduler, processes, limits=checked.limits, folder=folder, log=say) as crew:
+                _Run(store, crew, tell, log, total=total, seconds=checked.limits.seconds).answer(tasks)
         counts = store.counts()
+        if sum(counts.values()) != total:
+            raise StoreError(f"{folder}: the store has {sum(counts.values())} rows of {total} designs: start again")
         log(f"ends: {counts}")
     return Swept(folder, total, left_out, **counts, answered=len(tasks), seconds=monotonic() - start)
 
@@ -133,8 +140,8 @@ def _both(log: Log, notice: Log) -> Log:
 class _Run:
     """The work of one run."""
 
-    def __init__(self, store: Store, crew: Crew, tell: Tell, log: Log, *, total: int, limit: float | None) -> None:
-        self._store, self._crew, self._tell, self._log, self._total, self._limit = store, crew, tell, log, total, limit
+    def __init__(self, store: Store, crew: Crew, tell: Tell, log: Log, *, total: int, seconds: float) -> None:
+        self._store, self._crew, self._tell, self._log, self._total, self._seconds = store, crew, tell, log, total, seconds
         self._begun, self._counts = monotonic(), store.counts()
         self._before = sum(self._counts.values())
         self._cost = SECONDS  # seconds a row, as measured; a first batch is one design
@@ -147,7 +154,9 @@ class _Run:
             while (waiting or alone) and self._crew.free() > 0:
                 self._crew.give((alone.popleft(),) if alone else self._batch(waiting))
                 out += 1
-            for answer in self._crew.take(1.0):
+            answers = self._crew.take(1.0)
+            self._store.check_place()
+            for answer in answers:
                 out -= 1
                 rest, suspects = self._taken(answer)
                 waiting.extendleft(reversed(rest))
@@ -174,13 +183,13 @@ class _Run:
 
     def _again(self, held: Batch, outcome: Outcome) -> list[Task]:
         """Of designs with which a worker ended those that are tried again, each alone; that which ended it becomes a row."""
-        why = f"longer than {self._limit:g} s" if outcome.late else outcome.ended
+        why = f"longer than {self._seconds:g} s" if outcome.late else outcome.ended
         self._log(f"a worker ended with {len(held)} designs: {why}")
         if len(held) > 1:
             return list(held)
         task = held[0]
         if outcome.late:
-            row = blank("failed", "TimeLimit", f"took {why}", self._limit or 0.0)
+            row = blank("failed", "TimeLimit", f"took {why}", self._seconds) | {"time_limit": self._seconds}
         elif task.deaths + 1 < TRIES:
             return [replace(task, deaths=task.deaths + 1)]
         else:
@@ -207,7 +216,7 @@ def _checked(specification: Mapping[str, Any] | Path | str) -> Sweep:
 def _begun(store: Store, sweep: Sweep, job: Job) -> tuple[int, int]:
     """Note the designs unless they are noted already; returns how many there are and how many constraints left out."""
     drawn = sweep.sample.count(sweep.variables)
-    digest = hashlib.sha256(repr((replace(sweep, time_limit=None), job)).encode() + _surfaces(sweep, job)).hexdigest()
+    digest = hashlib.sha256(repr((replace(sweep, limits=Limits()), job)).encode() + _surfaces(sweep, job)).hexdigest()
     about = store.about()
     if about.get("digest") != digest:
         keys = sweep.keys
@@ -240,14 +249,14 @@ def _surfaces(sweep: Sweep, job: Job) -> bytes:
 
 
 @contextmanager
-def _crew(job: Job, scheduler: str | None, workers: int, *, limit: float | None, folder: Path, log: Log) -> Iterator[Crew]:
+def _crew(job: Job, scheduler: str | None, workers: int, *, limits: Limits, folder: Path, log: Log) -> Iterator[Crew]:
     crew: Crew
     if scheduler is None:
-        crew = LocalCrew(job, workers, limit, folder / "workers.log")
+        crew = LocalCrew(job, workers, limits, folder / "workers.log")
     else:
         from probe_design.sweeps.dask_workers import DaskCrew
 
-        crew = DaskCrew(job, scheduler, limit, log)
+        crew = DaskCrew(job, scheduler, limits, log)
     try:
         yield crew
     finally:

@@ -1,4 +1,4 @@
-"""The program of a worker process: a job, then batches of designs on standard input, their rows on standard output.
+"""The program of a worker process: job and limits, then batches of designs on standard input, their rows on standard output.
 
 One JSON value a line, whose floats read back the same. It ends when its input does: with whoever started it.
 """
@@ -9,8 +9,13 @@ import json
 import os
 import signal
 import sys
+from collections.abc import Callable
 from time import monotonic
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from probe_design.sweeps.keys import Value
+    from probe_design.sweeps.rows import Job
 
 ENOUGH = 2.0  # seconds after which a batch is given back: rows that wait for its end are not on the disk
 
@@ -21,6 +26,7 @@ def main() -> None:
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # what libraries print is no answer
     from geometry.common.errors import InputError
+    from geometry.common.resources import Limits, limited
     from probe_design.sweeps.rows import Job
     from solver.linalg.memory import give_back
 
@@ -31,20 +37,27 @@ def main() -> None:
         except BrokenPipeError:
             os._exit(1)
 
-    job = Job(**json.loads(sys.stdin.readline()))
+    told, limits = json.loads(sys.stdin.readline())
+    job = Job(**told)
     job.load()
     tell("ready")
-    for line in sys.stdin:
-        until = monotonic() + ENOUGH
-        try:
-            for rows in job.pieces([tuple(values) for values in json.loads(line)]):
-                enough = monotonic() > until
-                tell({"rows": rows, "enough": enough})
-                if enough:
-                    break
-            give_back()
-        except InputError as fault:
-            tell({"refused": str(fault)})
+    with limited(Limits(**limits)):
+        for line in sys.stdin:
+            try:
+                _answer(job, json.loads(line), tell)
+                give_back()
+            except InputError as fault:
+                tell({"refused": str(fault)})
+
+
+def _answer(job: Job, designs: list[list[Value]], tell: Callable[[Any], None]) -> None:
+    """Tell the rows of a batch, piece by piece, as long as there is time."""
+    until = monotonic() + ENOUGH
+    for rows in job.pieces([tuple(values) for values in designs]):
+        enough = monotonic() > until
+        tell({"rows": rows, "enough": enough})
+        if enough:
+            return
 
 
 if __name__ == "__main__":

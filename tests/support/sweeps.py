@@ -17,6 +17,16 @@ from tests.support.paths import ROOT, SCENE
 GAP = {"from": "0.05 mm", "to": "0.2 mm"}
 DEPTH = {"from": "6 mm", "to": "12 mm"}
 
+VARIABLE = {"name": "probe.gap", "unit": "m", "shown": "mm", "values": [1e-4, 2e-4], "log": False}
+
+
+def asked(designs: int) -> dict[str, Any]:
+    """What a store says that a sweep of one variable was asked."""
+    return {
+        "names": ["probe.gap"], "variables": [VARIABLE], "designs": designs, "digest": "ab", "sample": {"kind": "grid"},
+        "constraints": [], "evaluator": "closed-form", "accuracy": 0.01, "version": "1", "base": {},
+    }  # fmt: skip
+
 
 def grid(gaps: int, depths: int) -> dict[str, Any]:
     variables = {"probe.gap": GAP | {"points": gaps}, "inclusion.depth": DEPTH | {"points": depths}}

@@ -26,6 +26,25 @@ def test_replaces_the_old_file_only_when_the_new_one_is_whole(tmp_path: Path) ->
     assert [entry.name for entry in path.parent.iterdir()] == ["a.txt"]
 
 
+@pytest.mark.parametrize("links", [True, False])
+def test_a_file_that_is_written_once_stays_that_of_the_first(
+    links: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unsupported(*_: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    if not links:
+        monkeypatch.setattr("os.link", unsupported)
+    path = tmp_path / "a.txt"
+    with written_whole(path, once=True) as slow:
+        slow.write_text("second")
+        with written_whole(path, once=True) as quick:
+            quick.write_text("first")
+        assert path.read_text() == "first"
+    assert path.read_text() == "first"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["a.txt"]
+
+
 @pytest.mark.parametrize("name", ["file", "file/folder", "file/folder/deeper"])
 def test_a_file_in_a_folder_s_place_is_named_with_the_remedy(name: str, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")

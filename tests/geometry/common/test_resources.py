@@ -22,6 +22,12 @@ def test_what_passes_the_memory_is_refused_with_what_it_takes_and_the_option():
         check_memory("factors", 5.15e9)
     with limited(Limits(memory=6e9)):
         check_memory("factors", 5.15e9)
+
+
+def test_what_is_said_to_be_allowed_is_more_than_what_was_refused():
+    """2.02 GB of a limit of 2 GB read "allowed: 2 GB or more"."""
+    with pytest.raises(LimitReached, match=r"memory = 2 GB: allowed: 2\.1 GB or more"):
+        check_memory("factors", 1.77e9)
     assert Limits() == Limits(2e9, 120.0)
 
 

@@ -50,6 +50,22 @@ def test_what_the_mesh_does_not_depend_on_makes_no_other(made):
     assert len(made) == 1
 
 
+def test_who_meshes_the_same_at_the_same_time_uses_the_mesh_of_the_first(made, monkeypatch):
+    """While one meshes another begins and ends; both go on with the mesh that the next one will read."""
+    mesh_layout, quick = mesh_cache.mesh_layout, []
+
+    def overtaken(found, fineness):
+        mesh = mesh_layout(found, fineness)
+        if len(made) == 1:
+            quick.append(mesh_cache.cached_mesh(scene()))
+        return mesh
+
+    monkeypatch.setattr(mesh_cache, "mesh_layout", overtaken)
+    slow, later = mesh_cache.cached_mesh(scene()), mesh_cache.cached_mesh(scene())
+    assert [mesh.body[0] for mesh in (quick[0], slow, later)] == [2, 2, 2]
+    assert len(made) == 2
+
+
 @pytest.fixture
 def room(monkeypatch, tmp_path):
     """A copy of the room's sources in their place."""

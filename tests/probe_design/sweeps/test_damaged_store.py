@@ -1,30 +1,32 @@
-"""A store that is damaged, in SQLite's own pages or in the texts that they hold, is refused in one line."""
+"""A store that is damaged, in SQLite's own pages or in what they hold: readers refuse it in one line, its sweep mends it."""
 
 from __future__ import annotations
 
+import random
+import shutil
 import sqlite3
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from geometry import InputError
+from probe_design import sweep
+from probe_design.sweeps.progress import Progress
 from probe_design.sweeps.results import about, rows
-from probe_design.sweeps.rows import blank
-from probe_design.sweeps.store import NAME, StoreError, writing
-
-VARIABLE = {"name": "probe.gap", "unit": "m", "shown": "mm", "values": [1e-4, 2e-4], "log": False}
-ABOUT = {
-    "names": ["probe.gap"], "variables": [VARIABLE], "designs": 40, "digest": "ab", "sample": {"kind": "grid"}, "constraints": [],
-    "evaluator": "closed-form", "accuracy": 0.01, "version": "1", "base": {},
-}  # fmt: skip
+from probe_design.sweeps.rows import Job, blank
+from probe_design.sweeps.store import DAMAGED, NAME, StoreError, writing
+from probe_design.sweeps.workers import Batch, FinishedBatch, Outcome
+from tests.support.slow import slow_unless
+from tests.support.sweeps import asked, grid, run, stored, toml
 
 
 @pytest.fixture
 def store(tmp_path: Path) -> Path:
     designs = [(k, (1e-4 * k,), k.to_bytes(8)) for k in range(40)]
     with writing(tmp_path) as open_store:
-        open_store.begin(ABOUT, designs)
+        open_store.begin(asked(40), designs)
         open_store.add([(key, blank("failed", "SolveError", "a reason", 0.1)) for _, _, key in designs])
     return tmp_path
 
@@ -34,7 +36,7 @@ def read(folder: Path) -> int:
 
 
 def test_what_is_whole_is_read(store: Path) -> None:
-    assert about(store) == ABOUT
+    assert about(store) == asked(40)
     assert [row["probe.gap"] for row in rows(store)] == [1e-4 * k for k in range(40)]
 
 
@@ -74,3 +76,184 @@ def test_flipped_and_missing_bytes(store: Path) -> None:
             refused.append(str(fault))
     assert len(refused) > 20
     assert not any("\n" in line for line in refused)
+
+
+def changed(folder: Path, *queries: str) -> None:
+    """Change rows behind the program's back, as a flipped bit would: every page stays what SQLite expects."""
+    connection = sqlite3.connect(folder / NAME)
+    with connection:
+        for query in queries:
+            connection.execute(query)
+    connection.close()
+
+
+@pytest.mark.parametrize(
+    "query",
+    slow_unless(
+        lambda query: "ratio" in query,
+        [
+            "UPDATE results SET ratio = ratio * (1 + 1e-15) WHERE ratio > 0",
+            "UPDATE results SET status = 'refused' WHERE status = 'ok'",
+            "UPDATE results SET key = x'00' WHERE key = (SELECT min(key) FROM results)",
+            "UPDATE designs SET inputs = '[0.0002, 0.0061]' WHERE number = 1",
+            "UPDATE designs SET key = x'00' WHERE number = 1",
+            "DELETE FROM designs WHERE number = 1",
+            "UPDATE about SET value = '0.02' WHERE name = 'accuracy'",
+        ],
+    ),
+)
+def test_what_was_changed_is_answered_again_and_that_is_said(query: str, swept: Path, tmp_path: Path) -> None:
+    shutil.copytree(swept, tmp_path, dirs_exist_ok=True)
+    changed(tmp_path, query)
+    with pytest.raises(InputError, match=r"folder = .* is whole \(.*\); move it away"):
+        read(tmp_path)
+    told: list[str] = []
+    sweep(grid(2, 2), tmp_path, workers=1, notice=told.append)
+    assert stored(tmp_path) == stored(swept)
+    assert [line.startswith("sweep.sqlite was damaged (") for line in told] == [True]
+    assert told[0] in (tmp_path / "sweep.log").read_text()
+    assert (tmp_path / DAMAGED).exists()
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("swept")
+    sweep(grid(2, 2), folder, workers=1)
+    return folder
+
+
+class Here:
+    """A crew of this process, which starts in no time."""
+
+    def __init__(self, job: Job, *_: object) -> None:
+        self._job, self._given = job, list[Batch]()
+
+    def free(self) -> int:
+        return 1 - len(self._given)
+
+    def size(self) -> int:
+        return 1
+
+    def give(self, batch: Batch) -> None:
+        self._given.append(batch)
+
+    def take(self, _: float) -> list[FinishedBatch]:
+        (batch,), self._given = self._given, []
+        found = [row for rows in self._job.pieces([task.values for task in batch]) for row in rows]
+        return [FinishedBatch(batch, Outcome(tuple(found)))]
+
+    def close(self) -> None:
+        self._given.clear()
+
+
+def flipped(content: bytearray, chance: random.Random) -> None:
+    content[chance.randrange(len(content))] ^= 1 << chance.randrange(8)
+
+
+def cut(content: bytearray, chance: random.Random) -> None:
+    del content[chance.choice((0, -2048, chance.randrange(len(content)))) :]
+
+
+def zeroed(content: bytearray, chance: random.Random) -> None:
+    at = chance.randrange(len(content) // 512) * 512
+    content[at : at + 512] = bytes(512)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("damage", "tries"), [(flipped, 300), (cut, 60), (zeroed, 60)])
+def test_the_table_is_right_or_the_store_refused(
+    damage: Callable[[bytearray, random.Random], None], tries: int, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a sweep of 300 designs: bits anywhere in the file, its end, a sector."""
+    monkeypatch.setattr("probe_design.sweeps.run.LocalCrew", Here)
+    path, known, chance = toml(tmp_path), stored(whole), random.Random(25)
+    outcomes = [after(damage, path, whole, tmp_path / str(k), known, chance) for k in range(tries)]
+    assert set(outcomes) <= {"the same", "mended", "refused"}
+    assert len(set(outcomes)) > 1
+
+
+def after(
+    damage: Callable[[bytearray, random.Random], None], path: Path, whole: Path, folder: Path, known: list[object],
+    chance: random.Random,
+) -> str:  # fmt: skip
+    """What becomes of a damaged store that is read, swept and read again."""
+    folder.mkdir()
+    content = bytearray((whole / NAME).read_bytes())
+    damage(content, chance)
+    (folder / NAME).write_bytes(content)
+    unnoticed, told = refusal(lambda: check(folder, known)) == "", []
+    refused = refusal(lambda: sweep(path, folder, workers=1, notice=told.append))
+    if refused:
+        assert "\n" not in refused
+        return "refused"
+    check(folder, known)
+    assert bool(told) != unnoticed
+    shutil.rmtree(folder)
+    return "mended" if told else "the same"
+
+
+def check(folder: Path, known: list[object]) -> None:
+    assert stored(folder) == known
+
+
+def refusal(asked: Callable[[], object]) -> str:
+    try:
+        asked()
+    except InputError as fault:
+        return str(fault)
+    return ""
+
+
+def test_the_write_ahead_file_holds_rows_up_to_the_first_flipped_bit(tmp_path: Path) -> None:
+    """As a killed sweep leaves it: of ten commits the first ones are there, and no row is another."""
+    designs = [(k, (1e-4 * k,), k.to_bytes(8)) for k in range(10)]
+    with writing(tmp_path) as running:
+        running.begin(asked(10), designs)
+        for _, _, key in designs:
+            running.add([(key, blank("failed", "SolveError", f"of {key!r}", 0.1))])
+        main, log, known = (tmp_path / NAME).read_bytes(), (tmp_path / f"{NAME}-wal").read_bytes(), stored(tmp_path)
+    chance, counts = random.Random(5), []
+    for _ in range(30):
+        content = bytearray(log)
+        flipped(content, chance)
+        (tmp_path / NAME).write_bytes(main)
+        (tmp_path / f"{NAME}-wal").write_bytes(content)
+        with writing(tmp_path) as found:
+            counts.append(found.counts()["failed"])
+        if counts[-1]:
+            assert stored(tmp_path) == known[: counts[-1]]
+    assert len(known) == 10
+    assert len(set(counts)) > 5
+
+
+@pytest.mark.slow
+def test_the_terminal_says_what_was_mended(swept: Path, tmp_path: Path) -> None:
+    path = toml(tmp_path, n=2)
+    sweep(path, tmp_path / "out", workers=1)
+    changed(tmp_path / "out", "UPDATE results SET stiffness = 1.0")
+    ended = run(path, "-o", tmp_path / "out")
+    assert ended.returncode == 0, ended.stderr
+    assert "probe-design: sweep.sqlite was damaged (a row of results is not what was written)" in ended.stderr
+    assert "2 answered now" in ended.stdout
+
+
+@pytest.mark.parametrize("gone", slow_unless("moved".__eq__, ["moved", "deleted", "replaced"]))
+def test_a_folder_that_goes_ends_the_sweep(gone: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("probe_design.sweeps.run.SECONDS", 1e-9)  # each design is a batch
+    out, elsewhere, gone_with = tmp_path / "out", tmp_path / "elsewhere", []
+
+    def go(state: Progress) -> None:
+        assert not gone_with  # nothing is reported after
+        if state.done:
+            gone_with.append(state.done)
+            out.rename(elsewhere)
+            if gone == "deleted":
+                shutil.rmtree(elsewhere)
+            if gone == "replaced":
+                shutil.copytree(elsewhere, out)
+
+    with pytest.raises(StoreError, match=r"sweep\.sqlite: moved or deleted during the sweep"):
+        sweep(grid(10, 10), out, workers=1, progress=go)
+    assert gone_with < [100]
+    if gone == "moved":
+        assert [len(list(rows(elsewhere)))] == gone_with

@@ -2,26 +2,36 @@
 
 from __future__ import annotations
 
+import gc
 import os
+import random
+import signal
 import socket
 import subprocess
 import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from geometry import InputError
+from geometry.common.resources import Limits
 from probe_design import sweep
 from probe_design.sweeps import dask_task as sweep_remote
-from probe_design.sweeps import dask_workers
+from probe_design.sweeps import dask_workers, progress
 from probe_design.sweeps.dask_workers import DaskCrew
 from probe_design.sweeps.file import sweep_from_dict
 from probe_design.sweeps.local_workers import WorkerProcess
+from probe_design.sweeps.results import rows
 from probe_design.sweeps.rows import Job
 from probe_design.sweeps.workers import CrewError
 from tests.support.paths import ROOT
-from tests.support.sweeps import command, grid, stored, toml, wait_for_rows
+from tests.support.sweeps import command, grid, run, stored, toml, wait_for_rows
 
 CLUSTER = """
 import os, signal, sys
@@ -63,9 +73,7 @@ def test_two_of_four_workers_die_and_one_stands_still(whole: Path, tmp_path: Pat
 
 @pytest.mark.slow
 def test_a_scheduler_that_dies_and_comes_back(tmp_path: Path) -> None:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
+    address = unused()
     path = tmp_path / "sweep.toml"
     path.write_text(toml(tmp_path, n=12).read_text().replace('"closed-form"', '"axisymmetric"'))
     cluster = begun(address)
@@ -78,9 +86,7 @@ def test_a_scheduler_that_dies_and_comes_back(tmp_path: Path) -> None:
         cluster += begun(address)
         _, told = process.communicate(timeout=100)
     finally:
-        for one in (*cluster, process):
-            one.kill()
-            one.wait()
+        end([*cluster, process])
     assert process.returncode == 0, told
     assert [line for line in told.splitlines() if not line.startswith("probe-design: ")] == []
     assert "scheduler is there again" in (tmp_path / "out" / "sweep.log").read_text()
@@ -88,14 +94,99 @@ def test_a_scheduler_that_dies_and_comes_back(tmp_path: Path) -> None:
     assert stored(tmp_path / "out") == stored(tmp_path / "alone")
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("which", "stop", "told"),
+    [
+        (0, signal.SIGSTOP, "the Dask scheduler {} has not answered for"),
+        (1, signal.SIGSTOP, "no Dask worker has answered for"),
+        (1, signal.SIGKILL, "the Dask scheduler {} has had no worker for"),
+    ],
+)
+def test_what_stops_is_told_of_and_may_go_on(
+    which: int, stop: signal.Signals, told: str, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It goes on as soon as that is said, or another one is started."""
+    monkeypatch.setattr(progress, "SILENT", 2.0)
+    monkeypatch.setattr("probe_design.sweeps.run.SECONDS", 0.02)
+    address, lines = unused(), list[str]()
+    cluster = begun(address)
+
+    def act(state: progress.Progress) -> None:
+        if state.done >= 20 and not lines:
+            lines.append("stopped")
+            cluster[which].send_signal(stop)
+
+    def notice(line: str) -> None:
+        lines.append(line)
+        if stop == signal.SIGKILL and len(cluster) == 2:
+            cluster.append(dask("worker", address, "--no-nanny", "--nthreads", "1"))
+        elif stop == signal.SIGSTOP and line.startswith(told.format(address)):
+            cluster[which].send_signal(signal.SIGCONT)
+
+    try:
+        wait_for_scheduler(address)
+        sweep(toml(tmp_path), tmp_path / "out", scheduler=address, progress=act, notice=notice)
+    finally:
+        end(cluster)
+    assert any(line.startswith(told.format(address)) for line in lines)
+    assert lines[-1] in (tmp_path / "out" / "sweep.log").read_text()
+    assert stored(tmp_path / "out") == stored(whole)
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_stays_away_ends_the_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(progress, "SILENT", 2.0)
+    monkeypatch.setattr(dask_workers, "TRY", 1.0)
+    monkeypatch.setattr(dask_workers, "PATIENCE", 6.0)
+    monkeypatch.setattr("probe_design.sweeps.run.SECONDS", 0.02)
+    address, lines = unused(), list[str]()
+    cluster = begun(address)
+
+    def act(state: progress.Progress) -> None:
+        if state.done >= 20:
+            cluster[0].kill()
+
+    try:
+        wait_for_scheduler(address)
+        with pytest.raises(CrewError, match=r"no scheduler for 6 s; all rows are kept, start again"):
+            sweep(toml(tmp_path), tmp_path / "out", scheduler=address, progress=act, notice=lines.append)
+    finally:
+        end(cluster)
+    assert lines[0] == "the Dask scheduler is gone"
+    assert lines[1].startswith(f"the Dask scheduler {address} has been gone for")
+    assert len(list(rows(tmp_path / "out"))) >= 20
+
+
+def unused() -> str:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return f"tcp://127.0.0.1:{free.getsockname()[1]}"
+
+
+def wait_for_scheduler(address: str) -> None:
+    host, _, port = address.removeprefix("tcp://").partition(":")
+    while True:
+        with suppress(OSError), socket.create_connection((host, int(port))):
+            return
+        time.sleep(0.05)
+
+
+def end(processes: Sequence[subprocess.Popen[Any]]) -> None:
+    for one in processes:
+        one.kill()
+        one.wait()
+
+
 def begun(address: str) -> list[subprocess.Popen[bytes]]:
     """A scheduler and a worker, which ends when its scheduler does."""
     port = address.rpartition(":")[2]
-    programs = [["scheduler", "--port", port, "--host", "127.0.0.1"], ["worker", address, "--no-nanny", "--nthreads", "1"]]
-    return [
-        subprocess.Popen([sys.executable, "-m", "dask", *program, "--no-dashboard"], cwd=ROOT, stderr=subprocess.DEVNULL)
-        for program in programs
-    ]
+    return [dask("scheduler", "--port", port, "--host", "127.0.0.1"), dask("worker", address, "--no-nanny", "--nthreads", "1")]
+
+
+def dask(*arguments: str) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "dask", *arguments, "--no-dashboard"]
+    return subprocess.Popen(command, cwd=ROOT, stderr=subprocess.DEVNULL)
 
 
 def test_workers_without_this_program_are_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -120,7 +211,7 @@ def test_a_dask_worker_keeps_its_process_for_a_while(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(WorkerProcess, "_begun", lambda worker: bool(started.append(1)) or begun(worker))
     asked = sweep_from_dict(grid(2, 2))
     job, designs = Job.of(asked), [values for _, values in asked.designs()]
-    assert [len(sweep_remote.answered(job, None, designs[k:]).rows) for k in range(3)] == [4, 3, 2]
+    assert [len(sweep_remote.answered(job, Limits(), designs[k:]).rows) for k in range(3)] == [4, 3, 2]
     assert len(started) == 1
     (_, _, kept), *_ = sweep_remote._POOL._idle
     process = kept._process
@@ -130,17 +221,124 @@ def test_a_dask_worker_keeps_its_process_for_a_while(monkeypatch: pytest.MonkeyP
 
 
 def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path) -> None:
-    program = "from probe_design import cli; from probe_design.sweeps import dask_workers; dask_workers.CONNECT = 0.5; cli.main()"
+    program = "from probe_design import cli; from probe_design.sweeps import dask_workers; dask_workers.TRY = 0.5; cli.main()"
     arguments = ["sweep", toml(tmp_path), "-o", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:9"]
     ended = subprocess.run([sys.executable, "-W", "error", "-c", program, *arguments], capture_output=True, text=True, cwd=ROOT)
     assert (ended.returncode, ended.stderr.splitlines()[-1].startswith("probe-design: scheduler = ")) == (2, True)
     assert "Traceback" not in ended.stderr
 
 
-@pytest.mark.parametrize("scheduler", ["nonsense://x", "nowhere", ""])
+@pytest.mark.parametrize("scheduler", ["nonsense://x", "nowhere", "", "tls://127.0.0.1:9", "ucx://127.0.0.1:9", "inproc://1/2/3"])
 def test_what_is_no_address_is_refused(scheduler: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"^scheduler = "):
         sweep(grid(2, 2), tmp_path, scheduler=scheduler)
+
+
+def silent(peer: socket.socket) -> None:
+    peer.recv(1)
+    peer.settimeout(60)
+    with suppress(OSError):
+        while peer.recv(65536):
+            pass
+
+
+def http(peer: socket.socket) -> None:
+    peer.recv(65536)
+    peer.sendall(b"HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\nConnection: close\r\n\r\n")
+
+
+def garbage(peer: socket.socket) -> None:
+    peer.sendall(random.Random(3).randbytes(100_000))
+    silent(peer)
+
+
+def closing(peer: socket.socket) -> None:
+    peer.close()
+
+
+def endless(peer: socket.socket) -> None:
+    """A frame of 16 bytes, then ones for ever."""
+    with suppress(OSError):
+        peer.sendall((1).to_bytes(8, "little") + (16).to_bytes(8, "little") + b"\xff" * 4096)
+        silent(peer)
+
+
+@pytest.fixture
+def served() -> Iterator[Callable[[Callable[[socket.socket], None]], str]]:
+    """Servers of one thread for each peer."""
+    listeners = []
+
+    def begin(behaviour: Callable[[socket.socket], None]) -> str:
+        listener = socket.create_server(("127.0.0.1", 0))
+        listeners.append(listener)
+
+        def serve() -> None:
+            with suppress(OSError):
+                while True:
+                    threading.Thread(target=answer, args=(listener.accept()[0],), daemon=True).start()
+
+        def answer(peer: socket.socket) -> None:
+            with suppress(OSError), peer:
+                behaviour(peer)
+
+        threading.Thread(target=serve, daemon=True).start()
+        return f"tcp://127.0.0.1:{listener.getsockname()[1]}"
+
+    yield begin
+    for listener in listeners:
+        listener.close()
+
+
+NONE = "what answers there is no Dask scheduler"
+
+
+@pytest.mark.parametrize(
+    ("behaviour", "why"),
+    [(silent, "no answer in time|Timed out"), (http, NONE), (garbage, NONE), (closing, "."), (endless, NONE)],
+)
+def test_what_is_no_scheduler_is_refused(
+    behaviour: Callable[[socket.socket], None],
+    why: str,
+    served: Callable[[Callable[[socket.socket], None]], str],
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    """However it answers, or does not: nothing else is printed, and nothing waited for."""
+    pytest.importorskip("distributed")
+    if behaviour is silent:
+        monkeypatch.setattr(dask_workers, "TRY", 0.2)
+    address = served(behaviour)
+    with pytest.raises(
+        InputError, match=rf"^scheduler = '{address}': allowed: the address of a Dask scheduler, tcp://host:8786 \(({why})"
+    ):
+        DaskCrew(Job.of(sweep_from_dict(grid(2, 2))), address, Limits(), print)
+    gc.collect()
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.slow
+def test_dask_s_own_other_ports_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The dashboard's, which speaks HTTP, and a worker's, which speaks Dask's language."""
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        processes=False, n_workers=1, protocol="tcp", dashboard_address="127.0.0.1:0", silence_logs=60
+    ) as cluster:
+        (worker,) = cluster.workers.values()
+        port = cluster.scheduler.http_server.port
+        for address, why in (
+            (f"tcp://127.0.0.1:{port}", "no answer in time"),
+            (worker.address, "what answers there is a Dask Worker"),
+        ):
+            with pytest.raises(InputError, match=rf"^scheduler = '{address}'.*\({why}\)"):
+                DaskCrew(Job.of(sweep_from_dict(grid(2, 2))), address, Limits(), print)
+
+
+@pytest.mark.slow
+def test_the_program_ends_with_one_line(served: Callable[[Callable[[socket.socket], None]], str], tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    ended = run(toml(tmp_path), "-o", tmp_path / "out", "--scheduler", served(http))
+    assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (2, "", 1)
+    assert "(what answers there is no Dask scheduler)" in ended.stderr
 
 
 class Still:
@@ -163,8 +361,9 @@ def test_a_scheduler_that_stands_still_is_told_of_once_a_minute(monkeypatch: pyt
     told: list[str] = []
     now = [0.0]
     monkeypatch.setattr(dask_workers.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(progress, "monotonic", lambda: now[0])
     monkeypatch.setattr(DaskCrew, "_connected", lambda crew: Still(10))
-    crew = DaskCrew(Job.of(sweep_from_dict(grid(2, 2))), "tcp://127.0.0.1:8786", None, told.append)
+    crew = DaskCrew(Job.of(sweep_from_dict(grid(2, 2))), "tcp://127.0.0.1:8786", Limits(), told.append)
     for now[0] in range(20, 240, 20):
         crew.take(0.0)
     assert [line.partition(" for ")[2] for line in told] == [f"{s} s; start it again, or wait" for s in (60, 120, 180)]

@@ -12,7 +12,7 @@ from geometry import InputError, Scene, read_scene
 from probe_design.sweeps.constraints import satisfied
 from probe_design.sweeps.file import read_sweep, scene_of, sweep_from_dict
 from probe_design.sweeps.samples import DesignSampling
-from probe_design.sweeps.sensitivity_indices import sobol_indices
+from probe_design.sweeps.summary_page import sobol_indices
 from tests.support.paths import SCENE
 from tests.support.sweeps import DEPTH, GAP, grid, toml
 

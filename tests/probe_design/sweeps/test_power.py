@@ -14,6 +14,7 @@ from probe_design.sweeps import store as sweep_store
 from probe_design.sweeps.rows import COLUMNS, Row, blank
 from probe_design.sweeps.store import NAME, writing
 from tests.support.losing_files import Connection, Event, Recorder, left
+from tests.support.sweeps import asked
 
 BATCHES, IN_EACH = 40, 10
 CUTS = 60
@@ -44,7 +45,7 @@ def recorded(folder: Path, recorder: Recorder, monkeypatch: pytest.MonkeyPatch, 
     monkeypatch.setattr(sweep_store.sqlite3, "connect", opened)
     with writing(folder) as store:
         recorder.events.append(Event("open"))
-        store.begin({"names": ["a"]}, [(k, (float(k),), bytes([k // 256, k % 256])) for k in range(BATCHES * IN_EACH)])
+        store.begin(asked(BATCHES * IN_EACH), [(k, (float(k),), bytes([k // 256, k % 256])) for k in range(BATCHES * IN_EACH)])
         recorder.events.append(Event("begun"))
         for batch in range(BATCHES):
             numbers = range(batch * IN_EACH, (batch + 1) * IN_EACH)

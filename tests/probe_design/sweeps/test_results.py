@@ -13,7 +13,7 @@ import pytest
 from geometry.common.errors import MissingLibrary
 from probe_design import sweep
 from probe_design.sweeps.results import dataframe, dataset, to_csv, to_parquet
-from probe_design.sweeps.sensitivity_indices import main_effect
+from probe_design.sweeps.summary_page import main_effect
 from tests.support.paths import SCENE
 from tests.support.sweeps import grid, run
 

@@ -66,6 +66,14 @@ class TestRows:
             found.add(version.__wrapped__())
         assert len(found) == 3
 
+    def test_another_mesher_is_another_version(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        held = "probe_design.sweeps.rows.metadata.version"
+        found = set()
+        for number in ("0.4.2", "0.4.3"):
+            monkeypatch.setattr(held, lambda name, number=number: number if name == "pytetwild" else "1")
+            found.add(version.__wrapped__())
+        assert len(found) == 2
+
     def test_starting_again_repeats_no_row_and_a_larger_grid_keeps_those_there(self, tmp_path: Path) -> None:
         assert sweep(grid(2, 2), tmp_path, workers=1).answered == 4
         seconds = [row["seconds"] for row in rows(tmp_path)]
@@ -102,9 +110,9 @@ class TestRows:
     def test_a_store_of_another_format_is_refused(self, tmp_path: Path) -> None:
         with writing(tmp_path) as store:
             store._connection.execute("PRAGMA user_version = 1")
-        with pytest.raises(InputError, match="format 2, not 1"):
+        with pytest.raises(InputError, match="format 3, not 1"):
             sweep(grid(2, 2), tmp_path)
-        with pytest.raises(InputError, match="format 2, not 1"):
+        with pytest.raises(InputError, match="format 3, not 1"):
             list(rows(tmp_path))
 
     def test_surface_files_count_by_what_they_hold(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

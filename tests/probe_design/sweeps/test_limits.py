@@ -1,0 +1,74 @@
+"""Limits of time and memory of each design: handed to workers, told in rows, and answered anew where they are raised."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from geometry import InputError
+from geometry.common.resources import Limits, limited
+from probe_design import sweep
+from probe_design.sweeps.file import sweep_from_dict
+from probe_design.sweeps.results import rows
+from probe_design.sweeps.rows import Job
+from tests.support.sweeps import grid, run, toml
+
+ASKED = grid(2, 2) | {"evaluator": "axisymmetric", "variables": {"probe.gap": [1e-4]}}
+
+
+def test_what_a_limit_stopped_is_answered_anew_with_a_larger_one(tmp_path: Path) -> None:
+    small = ASKED | {"memory_limit": 1e8}
+    assert sweep(small, tmp_path, workers=1).refused == 1
+    (row,) = rows(tmp_path)
+    assert (row["type"], row["time_limit"], row["memory_limit"]) == ("LimitReached", None, 1e8)
+    assert "memory = 0.1 GB: allowed: " in row["reason"]
+    assert sweep(small | {"time_limit": 7200.0}, tmp_path, workers=1).answered == 0  # more time is no help
+    assert sweep(ASKED, tmp_path, workers=1).ok == 1
+
+
+def test_rows_say_which_limit_stopped_them() -> None:
+    job = Job.of(sweep_from_dict(ASKED))
+    with limited(Limits(seconds=1e-3)):
+        ((row,),) = job.pieces([(1e-4,)])
+    assert (row["status"], row["type"]) == ("refused", "LimitReached")
+    assert (row["time_limit"], row["memory_limit"]) == (1e-3, None)
+    ((row,),) = job.pieces([(-1.0,)])  # no such gap, however much time there is
+    assert (row["status"], row["time_limit"], row["memory_limit"]) == ("refused", None, None)
+
+
+def test_an_accuracy_that_a_limit_forbids_names_both(monkeypatch: pytest.MonkeyPatch) -> None:
+    from solver.results.evaluator import OutOfReach
+
+    def stopped(scene: object, **_: object) -> None:
+        raise OutOfReach("axisymmetric", scene, 1e-4, 1e-3, "no finer mesh")  # type: ignore[arg-type]
+
+    monkeypatch.setattr("solver.evaluate", stopped)
+    with limited(Limits(memory=3e9, seconds=60.0)):
+        ((row,),) = Job.of(sweep_from_dict(ASKED)).pieces([(1e-4,)])
+    assert (row["time_limit"], row["memory_limit"]) == (60.0, 3e9)
+
+
+def test_a_sweep_has_the_limits_that_it_says_and_else_those_that_hold() -> None:
+    with limited(Limits(memory=5e9, seconds=50.0)):
+        assert sweep_from_dict(ASKED).limits == Limits(memory=5e9, seconds=50.0)
+        told = sweep_from_dict(ASKED | {"time_limit": "2 min", "memory_limit": "500 MB"})
+    assert told.limits == Limits(memory=5e8, seconds=120.0)
+    with pytest.raises(InputError, match="memory_limit = 5000: allowed: a memory with its unit"):
+        sweep_from_dict(ASKED | {"memory_limit": 5000, "variables": {"probe.gap": ["0.1 mm"]}}, units_required=True)
+
+
+@pytest.mark.slow
+def test_the_options_come_before_the_file(tmp_path: Path) -> None:
+    path = toml(tmp_path, 'memory_limit = "5 GB"', n=2)
+    path.write_text(path.read_text().replace('"closed-form"', '"axisymmetric"').replace('"3.5 mm"', '"6 mm"'))
+    stopped = run(path, "-o", tmp_path / "out", "--memory", "100 MB", "--json")
+    assert json.loads(stopped.stdout)["refused"] == 2
+    with (tmp_path / "out" / "results.csv").open(encoding="utf-8", newline="") as file:
+        assert {row["memory_limit, byte"] for row in csv.DictReader(file)} == {"100000000.0"}
+    assert json.loads(run(path, "-o", tmp_path / "out", "--time", "1 h", "--json").stdout)["ok"] == 2
+    wrong = run(path, "-o", tmp_path / "out", "--time", "5")
+    assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)
+    assert wrong.stderr.startswith("probe-design: time = '5'")
