@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -100,7 +101,6 @@ def export(scene: Path, output: Path, force: bool, as_json: bool) -> None:
     What SCENE leaves open and a part needs, such as the base's thickness, is assumed and marked; parts.json tells it too, and
     whose parts they are: a folder that holds another design is refused.
     """
-    from geometry.cad.record import describe
     from geometry.common.files import check_writable
     from geometry.scenes.base_sizes import assumed_sizes
     from geometry.scenes.probe import mm
@@ -113,8 +113,7 @@ def export(scene: Path, output: Path, force: bool, as_json: bool) -> None:
 
         probe = read_scene(scene).probe
         check_writable(output)
-        files = [*write(probe, output, force), draw(probe, output / "drawing.png")]
-        describe(output, files[-1:])
+        files = write(probe, output, force, beside={"drawing.png": partial(draw, probe)})
     assumed = {key: str(mm(size)) for key, size in assumed_sizes(probe).items()}
     if as_json:
         print_json({"files": [str(file) for file in files], "assumed": assumed})
