@@ -52,7 +52,7 @@ def row(verb: str, tries: int, seed: int) -> str:
     """Interrupt one verb, and return the table's line."""
     whole = left(VERBS[verb])
     ended: list[tuple[float, int, Leftovers]] = []
-    for delay, number in moments(whole.seconds, tries, seed):
+    for delay, number in moments(whole.seconds, tries, [seed, *verb.encode()]):
         ended.append((delay, number, left(VERBS[verb], delay, number)))
     faults = [(delay, number, why) for delay, number, one in ended if (why := one.wrong(number, whole))]
     for delay, number, why in faults:

@@ -75,7 +75,7 @@ def left(words: Sequence[str], delay: float = 0.0, number: int = 0) -> Leftovers
         return Leftovers(process.returncode, said, _names(out), _names(temporary), seconds)
 
 
-def moments(seconds: float, count: int, seed: int) -> Iterator[tuple[float, int]]:
+def moments(seconds: float, count: int, seed: int | Sequence[int]) -> Iterator[tuple[float, int]]:
     """Yield delays from the start to the end of a run of so many seconds, and a signal for each: half of them Ctrl-C."""
     random = np.random.default_rng(seed)
     for _ in range(count):
