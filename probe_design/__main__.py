@@ -7,7 +7,7 @@ import sys
 def main() -> None:
     """Run the command line and end the process: 0 good, 1 failure, 2 bad input, 128 + signal; never a traceback."""
     try:
-        from probe_design.interrupts import leave, minded
+        from probe_design.cli.interrupts import leave, minded
     except KeyboardInterrupt:  # nobody listens yet
         print("probe-design: interrupted; nothing half-written is left", file=sys.stderr)
         sys.exit(130)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from probe_design.cli.arguments import length, limiting, noise_of, noise_option
+from probe_design.cli.arguments import FILE_NAME, length, limiting, noise_of, noise_option
 from probe_design.cli.output import print_json
 
 if TYPE_CHECKING:
@@ -20,10 +20,8 @@ FORCE = click.option("--force", is_flag=True, help="Replace parts of another des
 
 
 @click.command()
-@click.argument("scene", type=click.Path(path_type=Path), required=False)
-@click.option(
-    "-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder for the design, STEP files and report."
-)
+@click.argument("scene", type=FILE_NAME, required=False)
+@click.option("-o", "--output", type=FILE_NAME, required=True, help="Folder for the design, STEP files and report.")
 @click.option("--outer-radius", help="Limit of the probe's outer radius, such as '8 mm'.  [default: 1.4 times the start's]")
 @click.option("--starts", default=8, show_default=True, type=click.IntRange(1, 100), help="Local searches.")
 @click.option(
@@ -91,8 +89,8 @@ def optimize(
 
 
 @click.command()
-@click.argument("scene", type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder for the STEP files.")
+@click.argument("scene", type=FILE_NAME)
+@click.option("-o", "--output", type=FILE_NAME, required=True, help="Folder for the STEP files.")
 @FORCE
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def export(scene: Path, output: Path, force: bool, as_json: bool) -> None:

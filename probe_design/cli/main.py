@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from probe_design import interrupts
+from probe_design.cli import interrupts
 from probe_design.cli.design import export, optimize
 from probe_design.cli.estimate import estimate
 from probe_design.cli.evaluate import curve, evaluate

@@ -15,7 +15,7 @@ from hw.common.samples import Samples
 from probe_design.built_probe.acquisition import window
 from probe_design.built_probe.reading import Read
 from probe_design.terminal.braille_chart import chart
-from probe_design.terminal.console import message
+from probe_design.terminal.console import message, rich_console
 
 SHOWN = 1.0  # s of the films' volts
 LEAST_PERIODS = 4.0
@@ -27,7 +27,7 @@ Show = Callable[[Samples], None]
 @contextmanager
 def following(judge: Callable[[Samples], Read], frequency: float) -> Iterator[Show]:
     """Yield a function that shows what came so far; ``judge`` turns its last seconds into a reading."""
-    console = Console(stderr=True)
+    console = rich_console()
     ratios: list[float] = []
     seconds = max(LEAST_PERIODS / frequency, LONGEST)
 

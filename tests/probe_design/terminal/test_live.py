@@ -105,7 +105,7 @@ def test_following_shows_numbers(monkeypatch: pytest.MonkeyPatch, capsys: pytest
     told = prediction(scene(), 0.01)
     screen = StringIO()
     console = Console(file=screen, force_terminal=terminal, width=90, height=40)
-    monkeypatch.setattr("probe_design.terminal.live.Console", lambda stderr: console)
+    monkeypatch.setattr("probe_design.terminal.live.rich_console", lambda: console)
     samples = sampled(signals(Built(), BENCH, scene(), films(shares().log_ratios)[3], 1))
     with following(lambda part: judged(reading(part, BENCH), scene(), BENCH, told), 5.0) as show:
         show(samples)

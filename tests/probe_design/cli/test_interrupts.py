@@ -48,7 +48,11 @@ def test_each_signal_has_its_code_and_its_word(name: str, word: str) -> None:
 
 @pytest.mark.parametrize(
     "body",
-    [SWALLOWED + "pass\ntime.sleep(90)", SWALLOWED + "raise RuntimeError('a status') from None", FALLEN + "time.sleep(90)"],
+    [
+        SWALLOWED + "print('a warning', file=sys.stderr)\ntime.sleep(90)",
+        SWALLOWED + "raise RuntimeError('a status') from None",
+        FALLEN + "time.sleep(90)",
+    ],
     ids=["swallowed", "another exception", "where nobody can catch it"],
 )
 def test_what_a_library_makes_of_it_does_not_matter(body: str) -> None:

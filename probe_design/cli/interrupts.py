@@ -7,6 +7,7 @@ nobody understands; what a library swallows is raised again, every ``AGAIN`` sec
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import sys
@@ -14,11 +15,12 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 from types import FrameType
+from typing import Any
 
 AGAIN = 0.05  # s
 WORDS = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "hung up"}
 _TIMER = hasattr(signal, "setitimer")  # not on Windows, where nothing is raised a second time
-_ROOT = os.path.dirname(os.path.dirname(__file__))
+_ROOT = __file__.rsplit(os.sep, 3)[0]
 _OURS = tuple(os.path.join(_ROOT, name, "") for name in ("geometry", "hw", "probe_design", "solver"))
 _came = 0
 
@@ -53,8 +55,9 @@ def told() -> int:
     if _came:
         _deaf()
     number = signal.Signals(_came or signal.SIGINT)
+    line = f"probe-design: {WORDS.get(number.name, number.name)}; nothing half-written is left"
     with suppress(OSError, ValueError):  # a terminal that has hung up
-        print(f"probe-design: {WORDS.get(number.name, number.name)}; nothing half-written is left", file=sys.stderr, flush=True)
+        print(line, file=getattr(sys.stderr, "rich_proxied_file", sys.stderr), flush=True)
     return 128 + number
 
 
@@ -85,6 +88,7 @@ def _heard(number: int, frame: FrameType | None) -> None:
     if not _came:
         _came = number
         sys.unraisablehook = threading.excepthook = _unheard
+        sys.stderr = _Silence(sys.stderr)
         if _TIMER:
             signal.setitimer(signal.ITIMER_REAL, AGAIN, AGAIN)
     if not _clearing_up() and not (_TIMER and _importing(frame)):
@@ -93,6 +97,17 @@ def _heard(number: int, frame: FrameType | None) -> None:
 
 def _unheard(fault: object) -> None:
     """Say nothing of what an interrupt has torn where nobody could catch it."""
+
+
+class _Silence(io.TextIOBase):
+    """Standard error for libraries that tell of an interrupt; what rich draws it still takes away itself."""
+
+    def __init__(self, stream: Any) -> None:
+        self.rich_proxied_file = getattr(stream, "rich_proxied_file", stream)  # where rich writes to
+
+    def write(self, text: str) -> int:
+        """Write nothing."""
+        return len(text)
 
 
 def _clearing_up() -> bool:
