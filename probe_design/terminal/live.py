@@ -51,6 +51,8 @@ def _line(samples: Samples, reading: Read) -> str:
 
 def _picture(samples: Samples, reading: Read, ratios: list[float], console: Console) -> Group:
     table = Table(show_header=False, box=None)
+    for _ in range(2):
+        table.add_column(overflow="fold")  # of a figure nothing is left out, however narrow the terminal is
     rows = {
         "time, s": f"{samples.index[-1] / samples.rate:.1f}",
         "ratio": _ratio(reading),
