@@ -69,7 +69,7 @@ class TestSurvival:
 
     def test_a_second_process_is_refused_and_ctrl_c_keeps_what_is_there(self, whole: Path, tmp_path: Path) -> None:
         path, out = toml(tmp_path), tmp_path / "out"
-        slow = "from probe_design import cli; from probe_design.sweeps import run; run.SECONDS = 0.01; cli.main()"
+        slow = "from probe_design.__main__ import main; from probe_design.sweeps import run; run.SECONDS = 0.01; main()"
         first = subprocess.Popen(
             [sys.executable, "-c", slow, "sweep", path, "-o", out], cwd=ROOT, stderr=subprocess.PIPE, text=True
         )
