@@ -21,11 +21,11 @@ from geometry.common.child_process import Failure, run_program
 from geometry.common.errors import InputError, Words
 from geometry.common.resources import limits, seconds_left
 from geometry.scenes.surface_names import check_name
+from geometry.tetra.winding import WindingTree
 
 _PROGRAM = Path(__file__).parents[1] / "cad" / "surface_program.py"
 _PATIENCE = 60.0  # s for reading a file: sound ones take one or two
 _INSIDE = 0.5  # winding number from which a point counts as inside
-_CHUNK = 2_000_000
 _SAMPLES = 10_000
 
 
@@ -73,17 +73,7 @@ class Sheet:
 
     def winding(self, points: Points) -> Points:
         """How often the surface goes round each of points (m, 3): 1 inside, 0 outside, fractions where it is open: (m,)."""
-        step = max(1, _CHUNK // len(self.triangles))
-        return np.concatenate([np.zeros(0), *(self._winding(points[k : k + step]) for k in range(0, len(points), step))])
-
-    def _winding(self, points: Points) -> Points:
-        a, b, c = (self.points[self.triangles[:, k]] - points[:, None] for k in range(3))
-        la, lb, lc = (np.linalg.norm(v, axis=2) for v in (a, b, c))
-        dot = [np.einsum("ijk,ijk->ij", u, v) for u, v in ((a, b), (b, c), (c, a))]
-        over = np.einsum("ijk,ijk->ij", a, np.cross(b, c))
-        under = la * lb * lc + dot[0] * lc + dot[1] * la + dot[2] * lb
-        result: Points = np.arctan2(over, under).sum(axis=1) / (2 * np.pi)
-        return result
+        return self._winding_tree.winding(points)
 
     def inside(self, points: Points) -> NDArray[np.bool_]:
         """Whether points (m, 3) lie inside."""
@@ -104,6 +94,10 @@ class Sheet:
     def distance(self, points: Points) -> Points:
         """About the distance of points (m, 3) from the surface, (m,): from the nearest corner or middle of a triangle."""
         return np.asarray(self._tree.query(points)[0])
+
+    @cached_property
+    def _winding_tree(self) -> WindingTree:
+        return WindingTree.of(self.points[self.triangles])
 
     @cached_property
     def _tree(self) -> cKDTree:
