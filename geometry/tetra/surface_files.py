@@ -20,10 +20,12 @@ from geometry.common.arrays import Points
 from geometry.common.child_process import Failure, run_program
 from geometry.common.errors import InputError, Words
 from geometry.common.resources import limits, seconds_left
+from geometry.common.text_files import read_bytes
 from geometry.scenes.surface_names import check_name
 from geometry.tetra.winding import WindingTree
 
 _PROGRAM = Path(__file__).parents[1] / "cad" / "surface_program.py"
+LARGEST_FILE = 50_000_000  # bytes: a million triangles, some hundred times as many as a mesh can follow
 _PATIENCE = 60.0  # s for reading a file: sound ones take one or two
 _INSIDE = 0.5  # winding number from which a point counts as inside
 _SAMPLES = 10_000
@@ -126,8 +128,9 @@ def read_surface(name: str, key: str, centre: Points) -> Sheet:
         InputError: the file cannot be read, holds no triangles, or does not say what is inside.
     """
     check_name(name, key)
+    content = read_bytes(name, key, "an STL or STEP file", LARGEST_FILE)
     try:
-        points, triangles = _triangles(Path(name).suffix.lower(), Path(name).read_bytes())
+        points, triangles = _triangles(Path(name).suffix.lower(), content)
     except (Failure, OSError) as fault:
         raise InputError(key, name, f"an STL or STEP file that can be read ({fault})") from None
     if len(triangles) < 4 or not np.isfinite(points).all():

@@ -8,6 +8,7 @@ J. Strackee, IEEE Trans. Biomed. Eng. 30, 1983, eq. 8). All points go down the t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +45,7 @@ class WindingTree:
         order, ends = np.arange(len(corners)), [0, len(corners)]
         middle = corners.mean(axis=1)
         while max(np.diff(ends)) > _LEAF:
-            parts = [_halves(order[a:b], middle) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+            parts = [_halves(order[a:b], middle) for a, b in pairwise(ends)]
             order = np.concatenate([half for pair in parts for half in pair])
             ends = np.cumsum([0, *(len(half) for pair in parts for half in pair)]).tolist()
         ordered, starts = corners[order], np.array(ends)

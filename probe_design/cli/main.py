@@ -67,7 +67,8 @@ def _run() -> int:
     except OSError as fault:
         return _fail(f"{fault.filename or 'output'}: {fault.strerror or fault}", 1)
     except MemoryError:
-        return _fail("out of memory: ask for less with a larger --accuracy", 1)
+        less = "a coarser --accuracy, fewer inclusions, points or designs"
+        return _fail(f"memory = all that the system gives this process: allowed: more, or a question that takes less: {less}", 2)
     except Exception as fault:  # the toolkit's own errors, and the last line of defence of "never a traceback"
         return _explained(fault)
 

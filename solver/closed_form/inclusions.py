@@ -6,7 +6,7 @@ By Betti and Eshelby a sphere of volume V with strengths k_v, k_d (eq. IN.2 of `
 
 over the tissue's strains without it. Of these the moments e, V e.K e, are treated better: the sphere answers to the image G of
 its own polarisation in the free surface, ``surface_images``, beside the axis less that of ``off_axis``, so that loads of moments
-M polarise it by K D^-1 M, D = 1 + G K, and it gives way to them: with all spheres, tractions are t' in place of the t of eq. CF.12,
+M polarise it by K D^-1 M, D = 1 + G K, and it gives way to them: with all spheres, t' takes the place of the t of eq. CF.12,
 
     (C - sum M^T V K D^-1 M) t' = A,     dF = A^T (t' - t),     dF / d ln E = y.V (dK / d ln E) y,     y = D^-1 M t'    (CF.14)
 
