@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import import_module
 from threading import TIMEOUT_MAX, Timer
@@ -32,6 +32,7 @@ MOST_STEPS = 300
 BYTES = 120.0  # of a factor in single precision while it is made: times the unknowns to the power of 4/3
 KEEP_LITTLE = {"MIMALLOC_PURGE_DELAY": "10", "MIMALLOC_ARENA_EAGER_COMMIT": "0", "MIMALLOC_ARENA_PURGE_MULT": "1"}
 ASIDE = 0.5e9  # bytes of its threads, and of pages that its allocator holds: 0.3e9 were too few
+STACK = 2**31  # bytes that each of its threads asks the system for
 ANALYSED = 2e3  # bytes of an unknown while a matrix is analysed
 STUCK = 60  # steps without a residual of half the best
 ASSEMBLED = 5e3  # bytes of an unknown: bodies' matrices, a scene's, its reference's
@@ -132,6 +133,14 @@ class _Ldlt:
             watch.cancel()
 
     def solve(self, forces: Floats) -> Floats:
+        try:
+            return self._solved(forces)
+        except BaseException as fault:  # a panic in Rust is no Exception
+            if type(fault).__module__ != PANIC:
+                raise
+            raise SolveError(f"the factor could not be used: {fault}") from None
+
+    def _solved(self, forces: Floats) -> Floats:
         if not self.single:
             return np.asarray(self.handle.solve_many(np.ascontiguousarray(forces)))
         scale = np.maximum(np.abs(forces).max(axis=0), np.finfo(float).tiny)
@@ -149,12 +158,25 @@ def _reserve(size: float) -> None:
     Raises:
         LimitReached: there is less.
     """
-    wanted = size + ASIDE
+    wanted, stacks = size + ASIDE, []
+    if _limited():
+        with suppress(MemoryError):  # its threads do with less where they get no such stack, but take it where they can
+            for _ in range(2 * (os.cpu_count() or 1)):
+                stacks.append(np.empty(STACK, dtype=np.uint8))
     try:
         np.empty(int(wanted), dtype=np.uint8)
     except MemoryError:
         allowed = "what the system gives this process, less; give it more, or ask for a coarser --accuracy or of fewer inclusions"
         raise LimitReached("memory", Words(f"{wanted / 1e9:.2g} GB wanted"), allowed) from None
+
+
+def _limited() -> bool:
+    """Whether the system limits this process's memory, as ``ulimit`` does."""
+    try:
+        resource = import_module("resource")
+    except ImportError:  # Windows
+        return False
+    return any(resource.getrlimit(kind)[0] != resource.RLIM_INFINITY for kind in (resource.RLIMIT_AS, resource.RLIMIT_DATA))
 
 
 @cache
