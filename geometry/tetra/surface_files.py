@@ -21,8 +21,8 @@ from geometry.common.child_process import Failure, run_program
 from geometry.common.errors import InputError, Words
 from geometry.common.resources import limits, seconds_left
 from geometry.common.text_files import read_bytes
+from geometry.common.winding import WindingTree
 from geometry.scenes.surface_names import check_name
-from geometry.tetra.winding import WindingTree
 
 _PROGRAM = Path(__file__).parents[1] / "cad" / "surface_program.py"
 LARGEST_FILE = 50_000_000  # bytes: a million triangles, some hundred times as many as a mesh can follow

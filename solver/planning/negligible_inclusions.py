@@ -80,7 +80,8 @@ def _marked(scene: Scene, k: int) -> Inclusion:
 
 def _effects(scene: Scene, rough: CoarseModel) -> _InclusionEffects:
     base, target = rough.undisturbed, scene.target
-    tumours = base.inside(Tumours.of(scene.model_copy(update={"inclusion": tuple(map(_ball, range(len(scene.inclusion)), scene.inclusion))})))[0]
+    balls = tuple(_ball(k, body) for k, body in enumerate(scene.inclusion))
+    tumours = base.inside(Tumours.of(scene.model_copy(update={"inclusion": balls})))[0]
     each = effects(base.energies, scene.tissue, tumours.flat())
     changes = each.forces
     share = first_order_share(base, tumours)[0]

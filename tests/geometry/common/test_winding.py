@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import pyvista
 
-from geometry.tetra.winding import WindingTree, solid_angles
+from geometry.common.winding import WindingTree, solid_angles
 
 
 def corners(mesh):
