@@ -105,7 +105,8 @@ def _explained(fault: BaseException) -> int:
     if isinstance(fault, OSError):
         return _fail(f"{fault.filename or 'output'}: {fault.strerror or fault}", 1)
     if isinstance(fault, MemoryError):
-        return _fail("out of memory: ask for less with a larger --accuracy", 1)
+        less = "a coarser --accuracy, fewer inclusions, points or designs"
+        return _fail(f"memory = all that the system gives this process: allowed: more, or a question that takes less: {less}", 2)
     from geometry.common.errors import ProbeError  # costs 0.2 s, which --help need not pay
     from hw.common.errors import HardwareError
 

@@ -215,3 +215,11 @@ def test_an_optimum_is_not_replaced_under_its_report(tmp_path: Path) -> None:
     assert run("export", tmp_path / "design.toml", "-o", tmp_path).returncode == 0
     assert run("export", other, "-o", tmp_path, "--force").returncode == 0
     assert not {"report.html", "optimize.json", "candidates.csv", "design.toml"} & {path.name for path in tmp_path.iterdir()}
+
+
+def test_want_of_memory_is_refused_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    def nothing_left(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr("solver.plan", nothing_left)
+    assert "memory = all that the system gives this process: allowed: more" in refused("plan", SCENE, "--json")
