@@ -2,27 +2,35 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 
 from geometry.cad import record, solids, step_check, step_writer
-from geometry.common.files import written_whole
+from geometry.common.files import written_together
 from geometry.scenes.probe import Probe
 
+Writer = Callable[[Path], object]
+NOTHING: Mapping[str, Writer] = MappingProxyType({})
 
-def export(probe: Probe, folder: Path, force: bool = False, asked: str | None = None) -> tuple[Path, ...]:
+
+def export(
+    probe: Probe, folder: Path, force: bool = False, asked: str | None = None, beside: Mapping[str, Writer] = NOTHING
+) -> tuple[Path, ...]:
     """Write inner, outer, film-inner, film-outer (if any), base and assembly ``.step`` (mm) into ``folder``; returns their paths.
 
     Every draft is read back and compared with the probe's parameters through formulas that know nothing of the CAD
-    model; the files take their names only after all have passed, each of them whole. ``parts.json`` beside them, the last of
-    the paths, tells which design they are of and what in them the scene leaves open; see ``geometry.cad.record``.
+    model; the files take their names together, only after all have passed. ``parts.json`` beside them tells which design they
+    are of and what in them the scene leaves open; see ``geometry.cad.record``. Its path follows those of the parts.
 
     Args:
         probe: what is to be built.
         folder: for the files, made if needed.
         force: whether parts of another design that are there are replaced, with all that was written about it.
         asked: digest of the question that the probe is the answer to, for the record.
+        beside: what else tells of the design, a drawing say: by name what writes it to the path that it is given. These files
+            take their places with the parts, and their paths come last.
 
     Raises:
         ExportError: a file does not hold what the parameters say, to ``step_check.TOLERANCE``; no file is left.
@@ -32,17 +40,18 @@ def export(probe: Probe, folder: Path, force: bool = False, asked: str | None = 
     """
     before = record.read_record(folder) if force else record.check_same(folder, probe)
     same = before if before is not None and before.design == record.design_of(probe) else None
-    with step_writer.quiet(), ExitStack() as stack:
+    with step_writer.quiet():
         shapes = solids.parts(probe)
         contents = {name: {name: shape} for name, shape in shapes.items()} | {"assembly": shapes}
-        paths = {name: Path(folder, f"{name}.step") for name in contents}
-        drafts = {name: stack.enter_context(written_whole(path)) for name, path in paths.items()}
-        for name, content in contents.items():
-            solids.built(paths[name].name, partial(step_writer.write, content, drafts[name]))
-        solids.built("reading back", partial(step_check.check, probe, drafts))
-        files = {paths[name].name: draft for name, draft in drafts.items()}
-        # the last to be opened takes its place first: a kill in between leaves parts that their record does not fit
-        new = stack.enter_context(written_whole(folder / record.NAME))
-        new.write_text(record.record_of(probe, files, same, asked).text(), encoding="utf-8")
-    record.clear(folder, before if same is None else None, files)
-    return *paths.values(), folder / record.NAME
+        parts = dict(zip(contents, record.part_files(probe), strict=True))
+        # the record first: a kill between the moves leaves parts that it does not fit
+        with written_together(folder, names := [record.NAME, *parts.values(), *beside]) as new:
+            for name, content in contents.items():
+                solids.built(parts[name], partial(step_writer.write, content, new / parts[name]))
+            solids.built("reading back", partial(step_check.check, probe, {name: new / file for name, file in parts.items()}))
+            for name, write in beside.items():
+                write(new / name)
+            drafts = {name: new / name for name in names[1:]}
+            (new / record.NAME).write_text(record.record_of(probe, drafts, same, asked).text(), encoding="utf-8")
+    record.clear(folder, before if same is None else None, names[1:])
+    return tuple(folder / name for name in (*parts.values(), record.NAME, *beside))

@@ -13,7 +13,6 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from geometry.common.errors import InputError
-from geometry.common.files import write_text
 from geometry.common.text_files import read_text
 from geometry.scenes.base_sizes import assumed_sizes, base_sizes
 from geometry.scenes.probe import Probe, mm
@@ -49,6 +48,11 @@ class PartsRecord(BaseModel):
     def text(self) -> str:
         """Return the text of the file."""
         return self.model_dump_json(indent=2) + "\n"
+
+
+def part_files(probe: Probe) -> tuple[str, ...]:
+    """Return the names of a probe's files: those of films only where it has any."""
+    return tuple(name for name in PARTS if probe.film is not None or not name.startswith("film"))
 
 
 def design_of(probe: Probe) -> str:
@@ -128,18 +132,6 @@ def read_record(folder: Path) -> PartsRecord | None:
         return PartsRecord.model_validate_json(read_text(folder / NAME, "output"))
     except (InputError, ValidationError):
         return None
-
-
-def describe(folder: Path, paths: Iterable[Path]) -> None:
-    """Add files to a folder's record that tell of its design too, such as a drawing.
-
-    Raises:
-        OSError: the record cannot be written.
-    """
-    record = read_record(folder)
-    if record is not None:
-        files = {**record.files, **{path.name: _sha256(path) for path in paths}}
-        write_text(folder / NAME, record.model_copy(update={"files": files}).text())
 
 
 def clear(folder: Path, before: PartsRecord | None, written: Iterable[str]) -> None:

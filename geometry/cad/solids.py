@@ -8,19 +8,17 @@ cadquery is imported by ``cadquery`` alone.
 from __future__ import annotations
 
 import math
-import signal
-import threading
 import warnings
-from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from geometry.common.errors import ExportError, MissingLibrary
+from geometry.common.interrupts import unbroken
 from geometry.scenes.base_sizes import base_sizes
 from geometry.scenes.probe import Probe, mm
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
 MM = 1e3  # millimetres in a metre
 COLOURS = {
@@ -32,22 +30,6 @@ COLOURS = {
 }
 
 
-@contextmanager
-def unbroken() -> Iterator[None]:
-    """Put off a Ctrl-C until the end: libraries in C++ that are torn out of their start crash, or cannot start again."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    interrupts: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, _: interrupts.append(number))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-    if interrupts:
-        raise KeyboardInterrupt
-
-
 def cadquery() -> Any:
     """Import cadquery and return it.
 
@@ -56,7 +38,7 @@ def cadquery() -> Any:
     """
     try:
         with (
-            unbroken(),
+            unbroken(),  # libraries in C++ that are torn out of their start crash, or cannot start again
             warnings.catch_warnings(),
         ):  # what its dependencies say while they load is nothing that a user can act on:
             warnings.simplefilter("ignore")  # pyparsing 3.3 warns of cadquery's grammar, SWIG's types of Python 3.12

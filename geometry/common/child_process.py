@@ -7,6 +7,7 @@ are left behind. What it raises is told in one line.
 
 from __future__ import annotations
 
+import contextvars
 import io
 import math
 import os
@@ -15,10 +16,12 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +37,47 @@ class Failure(Exception):  # noqa: N818 - what the process says, not yet an erro
 
 class TooLong(Failure):
     """The program did not end within the limit."""
+
+
+class ProgramGroup:
+    """Programs that several threads run and that end, with those still to come, when the block is left by an exception.
+
+    Threads cannot be interrupted: without this Ctrl-C would wait until they are done.
+
+    Example:
+        >>> with ThreadPoolExecutor(2) as pool, ProgramGroup() as group:  # doctest: +SKIP
+        ...     answers = [pool.submit(group.context().run, run_program, *one) for one in questions]
+    """
+
+    def __init__(self) -> None:
+        self._children: list[subprocess.Popen[bytes]] = []
+        self._ended, self._lock = False, threading.Lock()
+
+    def context(self) -> contextvars.Context:
+        """Return a copy of the context in which programs belong to the group."""
+        context = contextvars.copy_context()
+        context.run(_GROUP.set, self)
+        return context
+
+    def add(self, child: subprocess.Popen[bytes]) -> None:
+        """Take a process in."""
+        with self._lock:
+            self._children = [one for one in self._children if one.returncode is None] + [child]
+            if self._ended:
+                child.kill()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, fault: BaseException | None, trace: TracebackType | None) -> None:
+        if kind is not None:
+            with self._lock:
+                self._ended = True
+                for child in self._children:
+                    child.kill()
+
+
+_GROUP: contextvars.ContextVar[ProgramGroup | None] = contextvars.ContextVar("group", default=None)
 
 
 def run_program(program: Path, arrays: Arrays, seconds: float, memory: float | None = None) -> dict[str, NDArray[Any]]:
@@ -75,6 +119,8 @@ def _run(arguments: list[str], arrays: Arrays, seconds: float, folder: str) -> d
         raise Failure(f"no process can be started for it ({fault})") from fault
     with child:
         try:
+            if (group := _GROUP.get()) is not None:
+                group.add(child)
             out, stderr = child.communicate(_packed(arrays), timeout=seconds)
         except subprocess.TimeoutExpired:
             raise TooLong(f"it took longer than {seconds:.3g} s") from None

@@ -33,7 +33,7 @@ class InputError(ProbeError, ValueError):
 
     def __init__(self, key: str, value: object, allowed: str) -> None:
         self.key, self.value, self.allowed = key, value, allowed
-        super().__init__(_one_line(f"{_shortened(key, 120)} = {_short(value)}: allowed: {allowed}"))
+        super().__init__(one_line(f"{_shortened(key, 120)} = {_short(value)}: allowed: {allowed}"))
 
 
 class Refusal(InputError):  # noqa: N818 - the error is the scene's, not the program's
@@ -80,6 +80,11 @@ def _shortened(text: str, limit: int) -> str:
     return text if len(text) <= limit else f"{text[:half]}...{text[-half:]}"
 
 
-def _one_line(text: str) -> str:
+def one_line(text: str) -> str:
     """Write blanks as one space and what cannot be printed, such as a terminal's control codes, as escapes."""
-    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in " ".join(text.split()))
+    return printable(" ".join(text.split()))
+
+
+def printable(text: str) -> str:
+    """Write what cannot be printed as escapes, which a terminal shows and does not obey."""
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)

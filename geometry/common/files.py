@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from geometry.common.errors import InputError
+from geometry.common.interrupts import unbroken
 
 # what another name for the output helps against; a full disk is no fault of the name
 _OF_THE_NAME = {errno.EEXIST, errno.ENOTDIR, errno.EISDIR, errno.ENOENT, errno.EACCES, errno.EPERM, errno.EROFS,
@@ -28,20 +30,35 @@ def written_whole(path: Path, once: bool = False) -> Iterator[Path]:
         >>> with written_whole(Path("table.txt")) as draft:  # doctest: +SKIP
         ...     draft.write_text("whole")
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    folder = tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent)
-    draft = Path(folder, path.name)  # keeps the suffix, from which some writers choose the format
+    with written_together(path.parent, [path.name], once) as folder:
+        yield folder / path.name  # keeps the suffix, from which some writers choose the format
+
+
+@contextmanager
+def written_together(folder: Path, names: Sequence[str], once: bool = False) -> Iterator[Path]:
+    """Yield a temporary folder whose files of these names take their places in ``folder`` if the block succeeds, or none does.
+
+    They are flushed to disk before, and a signal that ends the program waits until they are moved. A kill in between, which
+    nothing can put off, leaves the first ones new and the last ones old. With ``once`` files that are there by then stay.
+
+    Raises:
+        OSError: a file cannot be written, is missing, or a folder is in its place.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    drafts = Path(tempfile.mkdtemp(prefix=f".{names[0]}.", dir=folder))
     try:
-        yield draft
-        _flush(draft)
-        if once:
-            _place(draft, path)
-        else:
-            os.replace(draft, path)
-        _flush(path.parent)
+        yield drafts
+        for name in names:
+            _flush(drafts / name)
+            if os.path.isdir(folder / name):
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(folder / name))
+        with unbroken():
+            for name in names:
+                (_place if once else os.replace)(drafts / name, folder / name)
+            _flush(folder)
     finally:
-        draft.unlink(missing_ok=True)
-        os.rmdir(folder)
+        with unbroken():
+            shutil.rmtree(drafts)
 
 
 def _place(draft: Path, path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Text and TOML from files of any content and size: what cannot be used is refused in one line."""
+"""Bytes, text and TOML from files of any content and size: what cannot be used is refused in one line."""
 
 from __future__ import annotations
 
@@ -28,6 +28,14 @@ def read_text(path: Path | str, key: str, kind: str = "a TOML file", most: int =
         InputError: it cannot be read, is too large or no UTF-8 text.
     """
     try:
+        return read_bytes(path, key, kind, most).decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError:
+        raise InputError(key, str(path), f"{kind}, which is UTF-8 text") from None
+
+
+def read_bytes(path: Path | str, key: str, kind: str, most: int) -> bytes:
+    """Return what a file holds; see ``read_text``. Raises ``InputError``: it cannot be read or is too large."""
+    try:
         with open(path, "rb", opener=_without_waiting) as file:
             content = file.read(most + 1)  # no more: devices and pipes have no size to ask for
     except (OSError, ValueError) as fault:
@@ -35,10 +43,7 @@ def read_text(path: Path | str, key: str, kind: str = "a TOML file", most: int =
         raise InputError(key, str(path), f"{kind} that can be read ({reason})") from None
     if len(content) > most:
         raise InputError(key, str(path), f"{kind} of at most {most} bytes")
-    try:
-        return content.decode("utf-8-sig").replace("\r\n", "\n")
-    except UnicodeDecodeError:
-        raise InputError(key, str(path), f"{kind}, which is UTF-8 text") from None
+    return content
 
 
 def _without_waiting(path: str, flags: int) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,5 +25,5 @@ def check_name(name: str, key: str) -> None:
     """Raise ``InputError`` for one file; ``key`` names it in messages."""
     if Path(name).suffix.lower() not in KINDS:
         raise InputError(key, name, "a file whose name ends in .stl, .step or .stp")
-    if not Path(name).is_file():
+    if not os.path.isfile(name):  # no pipe, device or folder; unlike Path's it never raises, as over a name that is too long
         raise InputError(key, name, "an STL or STEP file that exists")

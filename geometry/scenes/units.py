@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler
 
 _NUMBER_AND_UNIT = re.compile(r"\s*([+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|inf|nan))\s*(.*?)\s*", re.S)
-_NAME = r"[A-Za-zµμ°]+(?:\s*(?:\*\*|\^)\s*-?[0-9])?"
+_NAME = r"[A-Za-zµμ°]+(?:\s*(?:\*\*|\^)\s*-?[1-9])?"
 # pint evaluates its argument, so only names joined by *, / and blanks with one-digit powers reach it; every blank has one
 # place in the pattern, so that refusing takes linear time
 _UNIT = re.compile(rf"{_NAME}(?:(?:\s*[*/]\s*|\s+){_NAME})*")
@@ -151,10 +151,13 @@ def shown(value: float, si: str, unit: str) -> float:
 
 
 def _times(number: str, factor: float) -> float:
-    """Multiply in decimals where the factor is 1/1000 or the like: "3.53 mm" is the float 0.00353, no neighbour of it."""
+    """Multiply in decimals where the factor is 1/1000 or the like: "3.53 mm" is the float 0.00353, no neighbour of it.
+
+    What is 0 or infinite as a float may have an exponent that decimals do not take.
+    """
     divisor = round(1 / factor) if 1e-15 < factor < 1 else 1
     value = float(number)
-    if divisor == 1 or not math.isfinite(value) or not math.isclose(divisor * factor, 1.0, rel_tol=1e-15):
+    if divisor == 1 or value == 0.0 or not math.isfinite(value) or not math.isclose(divisor * factor, 1.0, rel_tol=1e-15):
         return value * factor
     return float(Decimal(number) / divisor)
 
@@ -198,9 +201,12 @@ def factor_by_pint(unit: str, si: str) -> float:
     if not _UNIT.fullmatch(unit):
         raise ValueError(f"{unit!r} is no unit")
     try:
-        unit_in_base, si_in_base = (_registry().Quantity(1.0, name).to_root_units() for name in (unit, si))
-        # by units, not by dimensions, for which an angle, a count and a solid angle are all the same
-        if unit_in_base.units == si_in_base.units:
+        nothing, unit_in_base, si_in_base = (
+            _registry().Quantity(value, name).to_root_units() for value, name in ((0.0, unit), (1.0, unit), (1.0, si))
+        )
+        # by units, not by dimensions, for which an angle, a count and a solid angle are all the same; and no factor turns
+        # units into others whose zero is elsewhere: 0 degC is 273.15 K, 0 dB is 1
+        if unit_in_base.units == si_in_base.units and nothing.magnitude == 0.0:
             return float(unit_in_base.magnitude / si_in_base.magnitude)
     except (pint.PintError, ArithmeticError, AssertionError, AttributeError, TypeError, ValueError):
         pass

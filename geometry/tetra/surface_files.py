@@ -20,12 +20,14 @@ from geometry.common.arrays import Points
 from geometry.common.child_process import Failure, run_program
 from geometry.common.errors import InputError, Words
 from geometry.common.resources import limits, seconds_left
+from geometry.common.text_files import read_bytes
+from geometry.common.winding import WindingTree
 from geometry.scenes.surface_names import check_name
 
 _PROGRAM = Path(__file__).parents[1] / "cad" / "surface_program.py"
+LARGEST_FILE = 50_000_000  # bytes: a million triangles, some hundred times as many as a mesh can follow
 _PATIENCE = 60.0  # s for reading a file: sound ones take one or two
 _INSIDE = 0.5  # winding number from which a point counts as inside
-_CHUNK = 2_000_000
 _SAMPLES = 10_000
 
 
@@ -73,17 +75,7 @@ class Sheet:
 
     def winding(self, points: Points) -> Points:
         """How often the surface goes round each of points (m, 3): 1 inside, 0 outside, fractions where it is open: (m,)."""
-        step = max(1, _CHUNK // len(self.triangles))
-        return np.concatenate([np.zeros(0), *(self._winding(points[k : k + step]) for k in range(0, len(points), step))])
-
-    def _winding(self, points: Points) -> Points:
-        a, b, c = (self.points[self.triangles[:, k]] - points[:, None] for k in range(3))
-        la, lb, lc = (np.linalg.norm(v, axis=2) for v in (a, b, c))
-        dot = [np.einsum("ijk,ijk->ij", u, v) for u, v in ((a, b), (b, c), (c, a))]
-        over = np.einsum("ijk,ijk->ij", a, np.cross(b, c))
-        under = la * lb * lc + dot[0] * lc + dot[1] * la + dot[2] * lb
-        result: Points = np.arctan2(over, under).sum(axis=1) / (2 * np.pi)
-        return result
+        return self._winding_tree.winding(points)
 
     def inside(self, points: Points) -> NDArray[np.bool_]:
         """Whether points (m, 3) lie inside."""
@@ -104,6 +96,10 @@ class Sheet:
     def distance(self, points: Points) -> Points:
         """About the distance of points (m, 3) from the surface, (m,): from the nearest corner or middle of a triangle."""
         return np.asarray(self._tree.query(points)[0])
+
+    @cached_property
+    def _winding_tree(self) -> WindingTree:
+        return WindingTree.of(self.points[self.triangles])
 
     @cached_property
     def _tree(self) -> cKDTree:
@@ -132,8 +128,9 @@ def read_surface(name: str, key: str, centre: Points) -> Sheet:
         InputError: the file cannot be read, holds no triangles, or does not say what is inside.
     """
     check_name(name, key)
+    content = read_bytes(name, key, "an STL or STEP file", LARGEST_FILE)
     try:
-        points, triangles = _triangles(Path(name).suffix.lower(), Path(name).read_bytes())
+        points, triangles = _triangles(Path(name).suffix.lower(), content)
     except (Failure, OSError) as fault:
         raise InputError(key, name, f"an STL or STEP file that can be read ({fault})") from None
     if len(triangles) < 4 or not np.isfinite(points).all():

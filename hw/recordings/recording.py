@@ -81,10 +81,9 @@ class Recording:
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
         self.cut: str | None = None
-        if not self.path.is_file():  # a folder or a pipe, say, which cannot be read twice
-            raise InvalidSource(
-                f"{path} is not a recording: {'it is no file' if self.path.exists() else 'there is no such file'}"
-            )
+        if not os.path.isfile(path):  # a folder or a pipe, say, which cannot be read twice; or a name that is too long
+            why = "it is no file" if os.path.exists(path) else "there is no such file"
+            raise InvalidSource(f"{path} is not a recording: {why}")
         try:
             with self.path.open("rb") as file:
                 self.header = _header(file.readline(1 << 20), self.path)

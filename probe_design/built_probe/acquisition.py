@@ -9,7 +9,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from threading import Event, Thread
 
-from hw.common.errors import HardwareError, Timeout
+from hw.common.errors import HardwareError, InvalidSource
 from hw.common.samples import Samples, joined
 from hw.reader import Reader
 
@@ -26,6 +26,7 @@ def collected(reader: Reader, seconds: float | None, record: Path | None, show: 
         show: given all that came so far, every EVERY s of it; what it raises as ``HardwareError`` is passed over.
 
     Raises:
+        InvalidSource: a recording without samples.
         HardwareError: of the reader.
         OSError: of the recording.
     """
@@ -48,7 +49,7 @@ def collected(reader: Reader, seconds: float | None, record: Path | None, show: 
         stop.set()
         thread.join()
     if not parts:
-        raise Timeout("no samples: is the recording empty?")
+        raise InvalidSource("no samples: is the recording empty?")
     return joined(parts)
 
 

@@ -6,6 +6,7 @@ Each function raises ``InputError``, one line, for what is none.
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
@@ -20,6 +21,26 @@ linear_option = click.option(
 )
 """Of the verbs that refuse such loads without it."""
 F = TypeVar("F", bound=Callable[..., Any])
+
+
+class FileName(click.Path):
+    """The name of a file or folder, which is text: libraries, records and pages can hold no other."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the path; an empty name is none, not the folder that the program runs in."""
+        from geometry.common.errors import InputError
+
+        key = "path" if param is None else max(param.opts, key=len).lstrip("-")
+        try:
+            value.encode()
+        except UnicodeEncodeError:  # what Python makes of bytes that are no UTF-8
+            raise InputError(key, value, "the name of a file or folder, in UTF-8") from None
+        if not value:
+            raise InputError(key, value, "the name of a file or folder")
+        return super().convert(value, param, ctx)
+
+
+FILE_NAME = FileName(path_type=Path)
 
 
 def noise_option(command: F) -> F:

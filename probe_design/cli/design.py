@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from probe_design.cli.arguments import length, limiting, noise_of, noise_option
+from probe_design.cli.arguments import FILE_NAME, length, limiting, noise_of, noise_option
 from probe_design.cli.output import print_json
 
 if TYPE_CHECKING:
@@ -19,10 +20,8 @@ FORCE = click.option("--force", is_flag=True, help="Replace parts of another des
 
 
 @click.command()
-@click.argument("scene", type=click.Path(path_type=Path), required=False)
-@click.option(
-    "-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder for the design, STEP files and report."
-)
+@click.argument("scene", type=FILE_NAME, required=False)
+@click.option("-o", "--output", type=FILE_NAME, required=True, help="Folder for the design, STEP files and report.")
 @click.option("--outer-radius", help="Limit of the probe's outer radius, such as '8 mm'.  [default: 1.4 times the start's]")
 @click.option("--starts", default=8, show_default=True, type=click.IntRange(1, 100), help="Local searches.")
 @click.option(
@@ -90,8 +89,8 @@ def optimize(
 
 
 @click.command()
-@click.argument("scene", type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder for the STEP files.")
+@click.argument("scene", type=FILE_NAME)
+@click.option("-o", "--output", type=FILE_NAME, required=True, help="Folder for the STEP files.")
 @FORCE
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def export(scene: Path, output: Path, force: bool, as_json: bool) -> None:
@@ -100,7 +99,6 @@ def export(scene: Path, output: Path, force: bool, as_json: bool) -> None:
     What SCENE leaves open and a part needs, such as the base's thickness, is assumed and marked; parts.json tells it too, and
     whose parts they are: a folder that holds another design is refused.
     """
-    from geometry.cad.record import describe
     from geometry.common.files import check_writable
     from geometry.scenes.base_sizes import assumed_sizes
     from geometry.scenes.probe import mm
@@ -113,8 +111,7 @@ def export(scene: Path, output: Path, force: bool, as_json: bool) -> None:
 
         probe = read_scene(scene).probe
         check_writable(output)
-        files = [*write(probe, output, force), draw(probe, output / "drawing.png")]
-        describe(output, files[-1:])
+        files = write(probe, output, force, beside={"drawing.png": partial(draw, probe)})
     assumed = {key: str(mm(size)) for key, size in assumed_sizes(probe).items()}
     if as_json:
         print_json({"files": [str(file) for file in files], "assumed": assumed})

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from probe_design.cli.arguments import limiting, linear_option, noise_option, number
+from probe_design.cli.arguments import FILE_NAME, limiting, linear_option, noise_option, number
 from probe_design.cli.output import present
 from probe_design.data.noise import NOISE
 
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("scene", type=click.Path(path_type=Path))
+@click.argument("scene", type=FILE_NAME)
 @click.option("--ratio", help="stress_inner / stress_outer as it was read at the scene's placement.")
 @noise_option
 @click.option("--stiffness", help="Force on the base per indentation as it was read beside --ratio, N/m.")
 @click.option("--stiffness-noise", help="Relative standard deviation of a stiffness.  [default: that of the ratio]")
-@click.option("--readings", "file", type=click.Path(path_type=Path), help="In place of --ratio: a .toml or .csv file, see below.")
+@click.option("--readings", "file", type=FILE_NAME, help="In place of --ratio: a .toml or .csv file, see below.")
 @click.option("--unknown", default="youngs_modulus", show_default=True, help="youngs_modulus, diameter or depth of the target.")
 @click.option("--accuracy", help="Relative error that the model's ratio may have.  [default: 1/4 of --noise, at most 0.01]")
 @linear_option

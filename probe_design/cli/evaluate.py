@@ -7,19 +7,19 @@ from typing import Any
 
 import click
 
-from probe_design.cli.arguments import limiting, linear_option, modulus, number
+from probe_design.cli.arguments import FILE_NAME, limiting, linear_option, modulus, number
 from probe_design.cli.output import check_picture, present
 
 EVALUATORS = "auto, published, closed-form, equivalent-inclusion, axisymmetric, solid"
 
 
 @click.command()
-@click.argument("scene", type=click.Path(path_type=Path))
+@click.argument("scene", type=FILE_NAME)
 @click.option("--evaluator", default="auto", show_default=True, help=f"Level of fidelity: {EVALUATORS}.")
 @click.option("--accuracy", default="0.01", show_default=True, help="Relative error that ratio, stresses and stiffness may have.")
 @linear_option
-@click.option("--vtu", type=click.Path(path_type=Path), help="With solid: write mesh, displacements and stresses for ParaView.")
-@click.option("--plot", "picture", type=click.Path(path_type=Path), help="With solid: draw mesh and stresses to this .png file.")
+@click.option("--vtu", type=FILE_NAME, help="With solid: write mesh, displacements and stresses for ParaView.")
+@click.option("--plot", "picture", type=FILE_NAME, help="With solid: draw mesh and stresses to this .png file.")
 @limiting
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def evaluate(
@@ -57,7 +57,7 @@ def evaluate(
 
 
 @click.command()
-@click.argument("scene", type=click.Path(path_type=Path))
+@click.argument("scene", type=FILE_NAME)
 @click.option("--from", "low", default="1 kPa", show_default=True, help="Smallest Young's modulus of the inclusion.")
 @click.option("--to", "high", default="1 MPa", show_default=True, help="Largest Young's modulus of the inclusion.")
 @click.option(
@@ -65,7 +65,7 @@ def evaluate(
 )
 @click.option("--accuracy", default="0.01", show_default=True, help="Relative error that the ratio may have at every modulus.")
 @linear_option
-@click.option("--plot", "picture", type=click.Path(path_type=Path), help="Draw the curve to this .png, .svg or .pdf file.")
+@click.option("--plot", "picture", type=FILE_NAME, help="Draw the curve to this .png, .svg or .pdf file.")
 @limiting
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def curve(

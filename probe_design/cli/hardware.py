@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from probe_design.cli.arguments import limiting, linear_option, number
+from probe_design.cli.arguments import FILE_NAME, limiting, linear_option, number
 from probe_design.cli.output import print_json
 
 if TYPE_CHECKING:
@@ -23,15 +23,15 @@ Verb = Callable[..., None]
 def _with_source(verb: Verb) -> Verb:
     """Add the options that all three verbs have."""
     options = (
-        click.argument("scene", type=click.Path(path_type=Path), required=False),
+        click.argument("scene", type=FILE_NAME, required=False),
         click.option(
             "--virtual", is_flag=True, help="Read a probe that is not there: the solver's prediction, noise, hum, drift."
         ),
-        click.option("--replay", type=click.Path(path_type=Path), multiple=True, help="Read a recording; once for each reading."),
+        click.option("--replay", type=FILE_NAME, multiple=True, help="Read a recording; once for each reading."),
         click.option("--device", help="usb, usb:SERIAL or visa:RESOURCE.  [default: usb, the only probe connected]"),
         click.option("--seconds", help="How long to read.  [default: 10; a recording to its end]"),
-        click.option("--record", type=click.Path(path_type=Path), help="Write the raw data to this file; several are numbered."),
-        click.option("--bench", type=click.Path(path_type=Path), help="TOML file of load, amplifier and references."),
+        click.option("--record", type=FILE_NAME, help="Write the raw data to this file; several are numbered."),
+        click.option("--bench", type=FILE_NAME, help="TOML file of load, amplifier and references."),
         click.option("--built", multiple=True, help="How the virtual probe differs: 'probe.gap=0.12 mm'."),
         click.option("--seed", default=0, show_default=True, type=click.IntRange(0, 2**31), help="Of the virtual probe's noise."),
         linear_option,
@@ -44,7 +44,7 @@ def _with_source(verb: Verb) -> Verb:
 
 @click.command()
 @_with_source
-@click.option("--calibration", type=click.Path(path_type=Path), help="What calibrate has written.")
+@click.option("--calibration", type=FILE_NAME, help="What calibrate has written.")
 @click.option("--accuracy", default="0.01", show_default=True, help="Relative error that the prediction may have.")
 def read(
     scene: Path | None, bench: Path | None, calibration: Path | None, accuracy: str, linear: bool, as_json: bool, **source: Any
@@ -94,7 +94,7 @@ def read(
 
 @click.command()
 @_with_source
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="New file for the calibration record.")
+@click.option("-o", "--output", type=FILE_NAME, required=True, help="New file for the calibration record.")
 def calibrate(scene: Path | None, bench: Path | None, output: Path, linear: bool, as_json: bool, **source: Any) -> None:
     """Tell gains, cross-talk and offsets of SCENE's probe from readings on the bench's references.
 
@@ -131,8 +131,8 @@ def calibrate(scene: Path | None, bench: Path | None, output: Path, linear: bool
 
 @click.command()
 @_with_source
-@click.option("--calibration", type=click.Path(path_type=Path), help="What calibrate has written.")
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="New file for the result, as JSON.")
+@click.option("--calibration", type=FILE_NAME, help="What calibrate has written.")
+@click.option("-o", "--output", type=FILE_NAME, help="New file for the result, as JSON.")
 def check(
     scene: Path | None, bench: Path | None, calibration: Path | None, output: Path | None, linear: bool, as_json: bool,
     **source: Any,

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import click
 
+from probe_design.cli import interrupts
 from probe_design.cli.design import export, optimize
 from probe_design.cli.estimate import estimate
 from probe_design.cli.evaluate import curve, evaluate
@@ -20,8 +23,31 @@ from probe_design.cli.tradeoff import tradeoff
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
+class Interrupted(Exception):  # noqa: N818 - nothing is wrong
+    """Ctrl-C in a form that click hands on: to a KeyboardInterrupt it adds an empty line."""
+
+
+@contextmanager
+def handed_on() -> Iterator[None]:
+    """Hand a KeyboardInterrupt on through click."""
+    try:
+        yield
+    except KeyboardInterrupt as interrupt:
+        raise Interrupted from interrupt
+
+
 class Verbs(click.Group):
     """The verbs; one that does not exist is refused with those that do."""
+
+    @handed_on()
+    def make_context(self, *words: Any, **extra: Any) -> click.Context:
+        """Read the command line."""
+        return super().make_context(*words, **extra)
+
+    @handed_on()
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the verb."""
+        return super().invoke(ctx)
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
         """Look a verb up."""
@@ -46,33 +72,41 @@ for verb in VERBS:
 
 
 def main() -> None:
-    """Run the program: 0 good, 1 failure, 2 bad input, 130 interrupted; never a traceback."""
-    sys.exit(_run())
+    """Run the program inside another, which goes on to listen to signals; see ``probe_design.__main__``."""
+    sys.exit(run())
 
 
-def _run() -> int:
+def run() -> int:
+    """Run the verb that the command line names, and return the exit code; never a traceback."""
     try:
         code = cli.main(prog_name="probe-design", standalone_mode=False)
+        if sys.stdout is not None:
+            sys.stdout.flush()  # what cannot be written is said here, not by Python on the way out
         return code if isinstance(code, int) else 0
     except click.exceptions.NoArgsIsHelpError as help_page:
         click.echo(help_page.format_message())
         return 0
-    except click.ClickException as refused:
-        return _fail(refused.format_message(), 2)
-    except (KeyboardInterrupt, click.Abort):
-        return _fail("interrupted; nothing half-written is left", 130)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains again on the way out
-        return 1
-    except OSError as fault:
-        return _fail(f"{fault.filename or 'output'}: {fault.strerror or fault}", 1)
-    except MemoryError:
-        return _fail("out of memory: ask for less with a larger --accuracy", 1)
-    except Exception as fault:  # the toolkit's own errors, and the last line of defence of "never a traceback"
+    except BaseException as fault:
+        # whatever has become of an interrupt on its way
+        if isinstance(fault, KeyboardInterrupt | Interrupted | click.Abort) or interrupts.came():
+            return interrupts.told()
         return _explained(fault)
 
 
-def _explained(fault: Exception) -> int:
+def _explained(fault: BaseException) -> int:
+    """Say in one line what went wrong; anything but the toolkit's own errors is the last line of defence."""
+    if isinstance(fault, SystemExit):
+        return int(fault.code or 0)
+    if isinstance(fault, click.ClickException):
+        return _fail(fault.format_message(), 2)
+    if isinstance(fault, BrokenPipeError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains again on the way out
+        return 1
+    if isinstance(fault, OSError):
+        return _fail(f"{fault.filename or 'output'}: {fault.strerror or fault}", 1)
+    if isinstance(fault, MemoryError):
+        less = "a coarser --accuracy, fewer inclusions, points or designs"
+        return _fail(f"memory = all that the system gives this process: allowed: more, or a question that takes less: {less}", 2)
     from geometry.common.errors import ProbeError  # costs 0.2 s, which --help need not pay
     from hw.common.errors import HardwareError
 
@@ -84,5 +118,7 @@ def _explained(fault: Exception) -> int:
 
 
 def _fail(text: str, code: int) -> int:
-    print("probe-design:", *text.split(), file=sys.stderr)
+    from geometry.common.errors import one_line
+
+    print("probe-design:", one_line(text), file=sys.stderr)
     return code

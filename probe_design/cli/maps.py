@@ -8,19 +8,19 @@ from typing import Any, TypeVar
 
 import click
 
-from probe_design.cli.arguments import length, limiting, linear_option, noise_of, noise_option, number, position
+from probe_design.cli.arguments import FILE_NAME, length, limiting, linear_option, noise_of, noise_option, number, position
 from probe_design.cli.output import check_picture, present
 from probe_design.data.noise import RESOLVED
 
 F = TypeVar("F", bound=Callable[..., Any])
-SCENE = click.argument("scene", type=click.Path(path_type=Path))
+SCENE = click.argument("scene", type=FILE_NAME)
 JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 
 
 def picture_option(what: str) -> Callable[[F], F]:
     """Return the option --plot."""
     text = f"Draw {what} to this .png, .svg or .pdf file."
-    return click.option("--plot", "picture", type=click.Path(path_type=Path), help=text)
+    return click.option("--plot", "picture", type=FILE_NAME, help=text)
 
 
 @click.command()

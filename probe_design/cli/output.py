@@ -43,6 +43,7 @@ def present(
         picture: what has been drawn already, to be named.
         lines: what stands below the table.
     """
+    from geometry.common.errors import one_line
     from probe_design.terminal.console import message, show, warn
 
     if as_json:
@@ -50,7 +51,7 @@ def present(
         return
     show(table(result))
     for line in lines(result):
-        print(line)
+        print(one_line(line))
     warn(result.warnings)
     if picture is not None:
         message(f"wrote {picture}")

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import click
 
-from probe_design.cli.arguments import limiting, number
+from probe_design.cli.arguments import FILE_NAME, limiting, number
 from probe_design.cli.output import present
 
 
 @click.command()
-@click.argument("scene", type=click.Path(path_type=Path))
+@click.argument("scene", type=FILE_NAME)
 @click.option("--accuracy", default="0.01", show_default=True, help="Relative error that ratio, stresses and stiffness may have.")
 @limiting
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")

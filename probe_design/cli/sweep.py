@@ -7,13 +7,13 @@ from pathlib import Path
 
 import click
 
-from probe_design.cli.arguments import with_limits
+from probe_design.cli.arguments import FILE_NAME, with_limits
 from probe_design.cli.output import print_json
 
 
 @click.command()
-@click.argument("sweep", metavar="SWEEP", type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder for store, log and results.")
+@click.argument("sweep", metavar="SWEEP", type=FILE_NAME)
+@click.option("-o", "--output", type=FILE_NAME, required=True, help="Folder for store, log and results.")
 @click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler to run on, such as tcp://host:8786.")
 @click.option("--workers", type=click.IntRange(1, 1024), help="Processes on this computer.  [default: one for each processor]")
 @click.option("--time", help="Time that a design may take.  [default: the file's time_limit, or 120 s]")

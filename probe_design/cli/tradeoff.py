@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from probe_design.cli.arguments import limiting, linear_option
+from probe_design.cli.arguments import FILE_NAME, limiting, linear_option
 from probe_design.cli.output import print_json
 
 if TYPE_CHECKING:
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("scenes", metavar="[SCENE]...", nargs=-1, type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder for table, plot and JSON file.")
+@click.argument("scenes", metavar="[SCENE]...", nargs=-1, type=FILE_NAME)
+@click.option("-o", "--output", type=FILE_NAME, required=True, help="Folder for table, plot and JSON file.")
 @click.option("--solid", is_flag=True, help="Ask the three-dimensional level too: minutes for each scene.")
 @linear_option
 @limiting

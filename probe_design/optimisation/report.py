@@ -8,13 +8,13 @@ import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
+from functools import partial
 from html import escape
 from importlib import resources
 from pathlib import Path
 from string import Template
 from typing import Any
 
-from geometry.common.files import write_text
 from geometry.scenes.scene_file import scene_to_dict, scene_to_toml
 from probe_design.optimisation.candidate import Candidate
 from probe_design.optimisation.comparison import candidates_csv, headings, level_rows, noise_line
@@ -26,7 +26,7 @@ PAGE = resources.files("probe_design.data").joinpath("report.html.in")
 def write_all(
     optimum: Optimum, folder: Path, progress: Callable[[str, int, int], None], *, force: bool = False, asked: str | None = None
 ) -> list[Path]:
-    """Write everything into ``folder``, each file whole; the STEP files are checked before they take their names.
+    """Write everything into ``folder``, all of it or nothing; the STEP files are checked before they take their names.
 
     ``force`` and ``asked`` are those of ``geometry.cad.export.export``.
 
@@ -39,21 +39,31 @@ def write_all(
     progress("writing STEP files, drawing and report", 0, 3)
     from geometry.cad.drawing import draw
     from geometry.cad.export import export
-    from geometry.cad.record import describe
+    from geometry.cad.record import NAME, part_files
 
     probe = optimum.best.scene.probe
-    files = list(parts := export(probe, folder, force, asked))
-    progress("writing STEP files, drawing and report", 1, 3)
-    files.append(draw(probe, folder / "drawing.png"))
-    progress("writing STEP files, drawing and report", 2, 3)
-    files.append(write_text(folder / "design.toml", scene_to_toml(optimum.best.pressed)))
-    files.append(write_text(folder / "candidates.csv", candidates_csv(optimum)))
-    files.append(write_text(folder / "report.html", page(optimum, [file.name for file in files])))
-    listed = [*files, folder / "optimize.json"]
-    files.append(write_text(folder / "optimize.json", json.dumps(summary(optimum, listed), indent=2, allow_nan=False) + "\n"))
-    describe(folder, files[len(parts) :])
+    texts: dict[str, Callable[[], str]] = {
+        "design.toml": lambda: scene_to_toml(optimum.best.pressed),
+        "candidates.csv": lambda: candidates_csv(optimum),
+        "report.html": lambda: page(optimum, [name for name in names if name not in ("report.html", "optimize.json")]),
+        "optimize.json": lambda: json.dumps(summary(optimum, paths), indent=2, allow_nan=False) + "\n",
+    }
+    names = [*part_files(probe), NAME, "drawing.png", *texts]
+    paths = [folder / name for name in names]
+
+    def drawn(path: Path) -> None:
+        progress("writing STEP files, drawing and report", 1, 3)
+        draw(probe, path)
+        progress("writing STEP files, drawing and report", 2, 3)
+
+    told = {name: partial(_write, text) for name, text in texts.items()}
+    export(probe, folder, force, asked, {"drawing.png": drawn, **told})
     progress("writing STEP files, drawing and report", 3, 3)
-    return files
+    return paths
+
+
+def _write(text: Callable[[], str], path: Path) -> None:
+    path.write_text(text(), encoding="utf-8")
 
 
 def summary(optimum: Optimum, files: Sequence[Path]) -> dict[str, Any]:

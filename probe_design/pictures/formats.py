@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,6 +31,7 @@ def save(figure: Figure, path: Path) -> Path:
     Raises:
         OSError: the file cannot be written.
     """
-    with written_whole(path) as draft:
+    with written_whole(path) as draft, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph")  # of a scene's name in a script that the font has not: boxes stand for it
         figure.savefig(draft, format=path.suffix[1:].lower())
     return path

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import operator
 import sys
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -27,7 +28,7 @@ _ALLOWED = (
     "a condition such as 'probe.gap < 0.1 * probe.inner_radius': keys, numbers, '2 mm', + - * / **, < <= > >= == !=, and, or, not"
 )
 _SHOWN = ("m", "Pa", "N", "N/m", "rad", "m^2", "m^3", "C/N")
-LONGEST = 1000
+LONGEST, DEEPEST = 1000, 100  # characters; nodes from the root of a condition's tree to its leaves
 
 
 def satisfied(text: str, read: Read, count: int) -> NDArray[np.bool_]:
@@ -45,15 +46,34 @@ def satisfied(text: str, read: Read, count: int) -> NDArray[np.bool_]:
         InputError: it is no condition, names an unknown key, compares or adds what has not the same unit, or is not finite
             for some design.
     """
-    try:
-        tree = ast.parse(text, mode="eval").body if len(text) <= LONGEST else None
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        tree = None
+    tree = _parsed(text)
     if not isinstance(tree, ast.Compare | ast.BoolOp | ast.UnaryOp):
         raise InputError("constraints", text, _ALLOWED)
     with np.errstate(all="ignore"):  # what is not finite is refused below
         truth = _Condition(text, read).truth(tree)
     return np.broadcast_to(np.asarray(truth, dtype=bool), (count,))
+
+
+def _parsed(text: str) -> ast.expr | None:
+    """The tree of a condition that is not too long; None of what is no expression at all.
+
+    Raises:
+        InputError: it is too long, or so deep that the walk over it would not come back.
+    """
+    if len(text) > LONGEST:
+        raise InputError("constraints", text, f"conditions of at most {LONGEST} signs")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # Python's own, of what it reads all the same: "1if"
+            tree = ast.parse(text, mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return None
+    level: list[ast.AST] = [tree]
+    for _ in range(DEEPEST):
+        level = [child for node in level for child in ast.iter_child_nodes(node)]
+    if level:
+        raise InputError("constraints", text, f"conditions of at most {DEEPEST} signs and operations one within the other")
+    return tree
 
 
 @dataclass(frozen=True)

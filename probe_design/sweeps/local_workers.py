@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import IO, Any
 
 from geometry.common.resources import Limits
@@ -109,6 +110,7 @@ class WorkerProcess:
         self._job, self._piece = json.dumps([asdict(job), asdict(limits)]), job.piece
         self._seconds, self._errors = limits.seconds, errors
         self._process: subprocess.Popen[bytes] | None = None
+        self._folder: TemporaryDirectory[str] | None = None  # for its temporary files: what is killed removes none
         self._late = self._closed = False
 
     def answer(self, designs: Sequence[tuple[Value, ...]]) -> Outcome:
@@ -170,7 +172,8 @@ class WorkerProcess:
     def _begun(self) -> bool:
         """Start a process; say whether it came as far as to ask for work."""
         try:
-            self._process = _started(self._errors)
+            self._folder = TemporaryDirectory(prefix="sweep-", ignore_cleanup_errors=True)
+            self._process = _started(self._errors, self._folder.name)
             self._send(self._job)
             ready = bool(_stream(self._process, "stdout").readline())
         except OSError:
@@ -197,11 +200,13 @@ class WorkerProcess:
         for name in ("stdin", "stdout"):
             with suppress(OSError):
                 _stream(process, name).close()
+        if self._folder is not None:
+            self._folder.cleanup()
         killed = f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
         return f"the worker process {killed}: out of memory, a crash of a library, or ended from outside"
 
 
-def _started(errors: IO[bytes] | None) -> subprocess.Popen[bytes]:
+def _started(errors: IO[bytes] | None, temporary: str) -> subprocess.Popen[bytes]:
     root = str(Path(__file__).parents[2])
     path = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
     return subprocess.Popen(
@@ -209,7 +214,7 @@ def _started(errors: IO[bytes] | None) -> subprocess.Popen[bytes]:
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=errors,
-        env=os.environ | _ENVIRONMENT | {"PYTHONPATH": path},
+        env=os.environ | _ENVIRONMENT | {"PYTHONPATH": path} | dict.fromkeys(("TMPDIR", "TEMP", "TMP"), temporary),
         start_new_session=True,
     )
 

@@ -22,6 +22,7 @@ UNITS = {
     "charge_outer": "C", "equivalent_modulus": "Pa", "error_estimate": "", "residual": "", "seconds": "s",
     "time_limit": "s", "memory_limit": "byte",
 }  # fmt: skip
+_FORMULA = tuple("=+-@\t\r\n＝＋－＠")  # what makes a spreadsheet take a text for a formula
 
 
 def extra(name: str) -> Any:
@@ -113,14 +114,25 @@ def dataset(folder: Path | str) -> xr.Dataset:
 
 
 def to_csv(folder: Path | str, path: Path) -> Path:
-    """Write the rows as CSV, whole or not at all; units stand in the headings. Needs no extra library."""
+    """Write the rows as CSV, whole or not at all; units stand in the headings. Needs no extra library.
+
+    Texts that a spreadsheet would run as formulas have ``'`` before them, see ``no_formula``.
+    """
     unit = units(folder)
     names = ["number", "key", *about(folder)["names"], *COLUMNS]
     with written_whole(path) as draft, draft.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file)
         table.writerow(f"{name}, {unit[name]}" if unit.get(name) else name for name in names)
-        table.writerows([row[name] for name in names] for row in rows(folder))
+        table.writerows([no_formula(row[name]) for name in names] for row in rows(folder))
     return path
+
+
+def no_formula(cell: Any) -> Any:
+    """Put ``'`` before a text by whose first sign a spreadsheet takes it for a formula; numbers stay as they are.
+
+    Source: https://owasp.org/www-community/attacks/CSV_Injection
+    """
+    return f"'{cell}" if isinstance(cell, str) and cell.startswith(_FORMULA) else cell
 
 
 def to_parquet(folder: Path | str, path: Path) -> Path:

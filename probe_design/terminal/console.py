@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
+from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Any
 
+from geometry.common.errors import one_line
 from geometry.common.limits import most
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress
     from rich.table import Table
+    from rich.text import Text
 
     from probe_design.maps.detectability import Detectability
     from probe_design.maps.scan import Scan
@@ -29,7 +33,7 @@ CURVE_ROWS, SCAN_ROWS, MAP_ROWS = 25, 41, 20  # of a table, at most
 
 def message(text: str) -> None:
     """Write one line to standard error."""
-    print(f"probe-design: {text}", file=sys.stderr, flush=True)
+    print(f"probe-design: {one_line(text)}", file=sys.stderr, flush=True)
 
 
 def warn(warnings: Iterable[str]) -> None:
@@ -118,10 +122,21 @@ def threshold_table(maps: Detectability) -> Table:
 
 
 def show(table: Table) -> None:
-    """Write a table to standard output."""
+    """Write a table to standard output; in a terminal too narrow for its words lines are wider, so that no figure is cut."""
+    from probe_design.terminal.whole_table import WholeTable
+
+    rich_console(stderr=False).print(WholeTable(table), soft_wrap=True)
+
+
+def rich_console(stderr: bool = True) -> Console:
+    """Return standard error or output as rich writes to them; ``COLUMNS`` and ``LINES`` that are no sizes say nothing."""
     from rich.console import Console
 
-    Console(soft_wrap=True).print(table)
+    sizes = (os.environ.get(name) for name in ("COLUMNS", "LINES"))
+    if all(size is None or (size.isascii() and size.isdigit() and int(size) > 0) for size in sizes):
+        return Console(stderr=stderr, markup=False, emoji=False)
+    width, height = get_terminal_size()
+    return Console(stderr=stderr, markup=False, emoji=False, width=width, height=height)
 
 
 def _table(title: str, caption: str | None = None) -> Table:
@@ -132,63 +147,67 @@ def _table(title: str, caption: str | None = None) -> Table:
 
 def _terminal() -> Console | None:
     """Standard error, if it is a terminal."""
-    if not sys.stderr.isatty():
-        return None
-    from rich.console import Console
-
-    return Console(stderr=True)
+    return rich_console() if sys.stderr.isatty() else None
 
 
-def _bars(console: Console, transient: bool) -> Progress:
+def _plain(text: str) -> Text:
+    """A line as it is, not as rich's markup."""
+    from rich.text import Text
+
+    return Text(one_line(text))
+
+
+def _bars(terminal: Console, transient: bool) -> Progress:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    return Progress(*columns, console=console, transient=transient)
+    text = TextColumn("{task.description}", markup=False)
+    columns = (SpinnerColumn(), text, BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    return Progress(*columns, console=terminal, transient=transient)
 
 
 @contextmanager
 def working(text: str) -> Iterator[None]:
     """Show on a terminal that something is being computed."""
-    console = _terminal()
-    with console.status(text) if console else nullcontext():
+    terminal = _terminal()
+    with terminal.status(_plain(text)) if terminal else nullcontext():
         yield
 
 
 @contextmanager
 def saying(text: str) -> Iterator[Callable[[str], None]]:
     """Yield a function (line) that tells what is being done: beside a spinner on a terminal, in lines elsewhere."""
-    console = _terminal()
-    if console is None:
+    terminal = _terminal()
+    if terminal is None:
         yield message
         return
-    with console.status(text) as status:
-        yield lambda line: status.update(f"{text}: {line}")
+    with terminal.status(_plain(text)) as status:
+        yield lambda line: status.update(_plain(f"{text}: {line}"))
 
 
 @contextmanager
 def counting(text: str) -> Iterator[Callable[[int, int], None]]:
     """Yield a function (done, total) that moves a bar on a terminal, and does nothing elsewhere."""
-    console = _terminal()
-    if console is None:
+    terminal = _terminal()
+    if terminal is None:
         yield lambda done, total: None
         return
-    with _bars(console, transient=True) as bars:
-        task = bars.add_task(text, total=None)
+    with _bars(terminal, transient=True) as bars:
+        task = bars.add_task(one_line(text), total=None)
         yield lambda done, total: bars.update(task, completed=done, total=total)
 
 
 @contextmanager
 def stages() -> Iterator[Any]:
     """Yield a function (stage, done, total) that shows a bar per stage, or lines where there is no terminal."""
-    console = _terminal()
-    if console is None:
+    terminal = _terminal()
+    if terminal is None:
         yield lambda stage, done, total: message(f"{stage}: {done} of {total}") if done in (0, total) else None
         return
-    with _bars(console, transient=False) as bars:
+    with _bars(terminal, transient=False) as bars:
         tasks: dict[str, Any] = {}
 
         def update(stage: str, done: int, total: int) -> None:
-            task = tasks.setdefault(stage, None) or bars.add_task(stage, total=total)
+            task = tasks.setdefault(stage, None) or bars.add_task(one_line(stage), total=total)
             tasks[stage] = task
             bars.update(task, completed=done)
 

@@ -15,7 +15,7 @@ from hw.common.samples import Samples
 from probe_design.built_probe.acquisition import window
 from probe_design.built_probe.reading import Read
 from probe_design.terminal.braille_chart import chart
-from probe_design.terminal.console import message
+from probe_design.terminal.console import message, rich_console
 
 SHOWN = 1.0  # s of the films' volts
 LEAST_PERIODS = 4.0
@@ -27,7 +27,7 @@ Show = Callable[[Samples], None]
 @contextmanager
 def following(judge: Callable[[Samples], Read], frequency: float) -> Iterator[Show]:
     """Yield a function that shows what came so far; ``judge`` turns its last seconds into a reading."""
-    console = Console(stderr=True)
+    console = rich_console()
     ratios: list[float] = []
     seconds = max(LEAST_PERIODS / frequency, LONGEST)
 
@@ -51,6 +51,8 @@ def _line(samples: Samples, reading: Read) -> str:
 
 def _picture(samples: Samples, reading: Read, ratios: list[float], console: Console) -> Group:
     table = Table(show_header=False, box=None)
+    for _ in range(2):
+        table.add_column(overflow="fold")  # of a figure nothing is left out, however narrow the terminal is
     rows = {
         "time, s": f"{samples.index[-1] / samples.rate:.1f}",
         "ratio": _ratio(reading),

@@ -6,18 +6,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from time import monotonic
 
-from rich.console import Console
 from rich.progress import BarColumn, SpinnerColumn, TextColumn
 from rich.progress import Progress as Bars
 
 from probe_design.sweeps.progress import EVERY, Progress, Tell
-from probe_design.terminal.console import message
+from probe_design.terminal.console import message, rich_console
 
 
 @contextmanager
 def shown() -> Iterator[Tell]:
     """Yield a function that shows the state on standard error."""
-    console = Console(stderr=True)
+    console = rich_console()
     if console.is_terminal:
         with Bars(SpinnerColumn(), BarColumn(), TextColumn("{task.description}"), console=console, transient=True) as bars:
             task = bars.add_task("starting")

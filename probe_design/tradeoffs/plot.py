@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from geometry.common.errors import printable
 from probe_design.pictures.formats import save
 from probe_design.tradeoffs.rows import Row, distinct, pareto
 from probe_design.tradeoffs.study import Tradeoff
@@ -67,7 +68,7 @@ def _panel(axes: Any, name: str, rows: Sequence[Row]) -> None:
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.grid(alpha=0.25)
-    axes.set_title(name, fontsize=10)
+    axes.set_title(printable(name), fontsize=10, parse_math=False)
     silent = {row.evaluator for row in rows} - {row.evaluator for row in answers}
     if silent:
         axes.text(

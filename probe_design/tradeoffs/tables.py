@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Sequence
+from html import escape
 from statistics import median
 
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+from geometry.common.errors import printable
 from probe_design.tradeoffs.rows import Row, Setting
 from probe_design.tradeoffs.study import Tradeoff
 
@@ -22,6 +25,8 @@ EACH = (
     "scene", "evaluator", "accuracy asked", "ratio", "stated error", "true error", "log-sensitivity off by", "first answer, s",
     "new probe, s", "next tumour, s",
 )  # fmt: skip
+# signs that mean something to Markdown: anywhere, beside words, or at the beginning of a line
+_MARKS = re.compile(r"[\\`*\[\]~$]|(?<!\w)_|_(?!\w)|^[#+-]|(?<=^\d)[.)]|(?<=^\d\d)[.)]")
 TEXT = ("evaluator", *CHOICES)  # columns of words; numbers stand to the right
 NOTES = """\
 Stated error: the bound on the relative error of the ratio that comes with each answer. True error: difference from the
@@ -51,8 +56,8 @@ def row_cells(study: Tradeoff) -> list[Cells]:
 
 def page(study: Tradeoff, picture: str) -> str:
     """Return all of it as a page of Markdown; ``picture`` is the name of the plot's file."""
-    refusals = [f"- {row.scene}, {row.evaluator}: {row.reason}" for row in study.rows if row.reason is not None]
-    skipped = [f"- {name}: {why}" for name, why in study.skipped.items()]
+    refusals = [f"- {literal(f'{row.scene}, {row.evaluator}: {row.reason}')}" for row in study.rows if row.reason is not None]
+    skipped = [f"- {literal(f'{name}: {why}')}" for name, why in study.skipped.items()]
     return "\n\n".join(
         (
             "# Speed against accuracy",
@@ -60,13 +65,23 @@ def page(study: Tradeoff, picture: str) -> str:
             markdown(SUMMARY, summary_cells(study)),
             NOTES,
             "## The cheapest for each scene",
-            markdown(CHOICES, choice_cells(study)),
+            markdown(CHOICES, _scenes_literal(choice_cells(study))),
             "## Every answer",
-            markdown(EACH, row_cells(study)),
+            markdown(EACH, _scenes_literal(row_cells(study))),
             "## Not asked, or no answer",
             "\n".join((*skipped, *dict.fromkeys(refusals))) + "\n",
         )
     )
+
+
+def literal(text: str) -> str:
+    """Return what Markdown shows as a line of text from anywhere: no HTML, no links, no emphasis, no codes for terminals."""
+    return _MARKS.sub(r"\\\g<0>", escape(printable(text), quote=False))
+
+
+def _scenes_literal(rows: Iterable[Cells]) -> list[Cells]:
+    """Rows that begin with a scene's name."""
+    return [(literal(name), *others) for name, *others in rows]
 
 
 def markdown(headings: Sequence[str], rows: Iterable[Cells]) -> str:

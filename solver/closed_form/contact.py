@@ -20,10 +20,11 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import legendre
 
+from geometry.common.resources import check_time
 from solver.closed_form.bessel import Array, bessel
 from solver.closed_form.block_compliance import ElasticBlocks, end_compliance
 from solver.closed_form.half_space import ring_work
-from solver.closed_form.inclusions import inclusion_forces, polarised
+from solver.closed_form.inclusions import polarised
 from solver.closed_form.lateral_boundary import Sides, cut_waves, free_sides
 from solver.closed_form.layer import Waves, floor_compliance, waves
 from solver.closed_form.off_axis import Disc
@@ -101,25 +102,25 @@ def solve_contact(
     for work, own in zip(works, zip(*_ends(blocks, bonded), strict=True), strict=True):
         work += _diagonal(own)
     C = _joined(works) if bonded else works[0]
-    areas, bodies = _areas(blocks, C), []
+    areas = _areas(blocks, C)
     if tissue.depth is not None or spheres:
         field, loads, weights = _waves(blocks, tissue, spheres, nodes, bonded)
         if tissue.depth is not None:
             C = C + _floor(field, loads, weights, tissue.mu)
         sides = _sides(blocks, tissue, side_nodes, bonded) if side_nodes else None
         C = C if sides is None else C + sides.work
-        bodies = [
-            polarised(sphere, field, loads, weights, E=tissue.E, nu=tissue.nu, disc=_disc(blocks, tissue), sides=sides)
-            for sphere in spheres
-        ]
-    solved = np.linalg.solve(C, np.concatenate([areas, *(np.swapaxes(body.moments, 1, 2) for body in bodies)], axis=2))
-    tractions = solved[:, :, :2]
-    forces = np.swapaxes(areas, 1, 2) @ tractions
-    slope = np.zeros_like(forces)
-    if bodies:
-        added, slope = inclusion_forces(bodies, solved, target)
-        forces = forces + added
-    return ContactSolution(forces, slope, C, areas, tractions)
+    before, rest, slope, softer, marked = np.linalg.solve(C, areas), 0.0, np.zeros_like(areas[:, :2]), C, None
+    for k, sphere in enumerate(spheres):
+        check_time("inclusions")
+        body = polarised(sphere, field, loads, weights, E=tissue.E, nu=tissue.nu, disc=_disc(blocks, tissue), sides=sides)
+        forces, by_log = body.rest(before)
+        softer, rest = softer - body.works, rest + forces
+        if k == target:
+            marked, slope = body, by_log
+    tractions = np.linalg.solve(softer, areas) if spheres else before
+    forces = np.swapaxes(areas, 1, 2) @ tractions + rest
+    slope = slope if marked is None else slope + marked.slope(tractions)
+    return ContactSolution(forces, slope, softer, areas, tractions)
 
 
 def _ends(blocks: tuple[ElasticBlocks, ElasticBlocks], bonded: bool) -> list[tuple[Array, Array, Array]]:

@@ -5,20 +5,19 @@ By Betti and Eshelby a sphere of volume V with strengths k_v, k_d (eq. IN.2 of `
     dF_ij = Int [(k_v - k_d/3) tr(eps_i) tr(eps_j) + k_d eps_i : eps_j] dV                        (CF.13)
 
 over the tissue's strains without it. Of these the moments e, V e.K e, are treated better: the sphere answers to the image G of
-its own polarisation in the free surface, ``surface_images``, and to the blocks, which with loads of compliance C and moments M
-answer with S = M C^-1 M^T, and beside the axis with that of ``off_axis``, too:
+its own polarisation in the free surface, ``surface_images``, beside the axis less that of ``off_axis``, so that loads of moments
+M polarise it by K D^-1 M, D = 1 + G K, and it gives way to them: with all spheres, t' takes the place of the t of eq. CF.12,
 
-    dF = e.V K [1 + (G - V S) K]^-1 e,     dF / d ln E = y.V (dK / d ln E) y,   y = [1 + (G - V S) K]^-1 e    (CF.14)
+    (C - sum M^T V K D^-1 M) t' = A,     dF = A^T (t' - t),     dF / d ln E = y.V (dK / d ln E) y,     y = D^-1 M t'    (CF.14)
 
-with all spheres' moments in e, and eq. CF.13 to first order for what it has beyond them. Blocks and free surface nearly cancel
-under a stiff probe: with one of them alone the effect of a shallow sphere would be up to 80 % off.
+and eq. CF.13 counts to first order, under t, what it has beyond the moments. Blocks and free surface nearly cancel under a stiff
+probe: with one of them alone the effect of a shallow sphere would be up to 80 % off.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from functools import cached_property
 
 import numpy as np
 
@@ -54,7 +53,7 @@ class LoadedSpheres:
         sides: strains at the points that near sides add to each load's, (n, 4 points, m), or None.
         moments: under each load, shape (n, moments, m).
         image: G of eq. CF.15 less V S of eq. CF.18, shape (n, moments, moments).
-        strength, slope: (k_v, k_d) of eq. CF.13 and their derivatives by ln E.
+        strength, strength_by_log: (k_v, k_d) of eq. CF.13 and their derivatives by ln E.
     """
 
     sphere: SphereArray
@@ -65,7 +64,7 @@ class LoadedSpheres:
     moments: Array
     image: Array
     strength: tuple[Array, Array]
-    slope: tuple[Array, Array]
+    strength_by_log: tuple[Array, Array]
 
     @property
     def volume(self) -> Array:
@@ -76,8 +75,25 @@ class LoadedSpheres:
         """V K of eq. CF.14: eq. CF.13 on the moments."""
         return self.volume * _form(*strength, self.moments.shape[1])
 
-    def rest(self, tractions: Array, moments: Array) -> tuple[Array, Array]:
-        """What eq. CF.13 has beyond the moments under tractions (n, m, 2), with the derivative by ln E; both (n, 2, 2)."""
+    @cached_property
+    def answered(self) -> Array:
+        """D^-1 M of eq. CF.14, shape (n, moments, m)."""
+        D = np.eye(self.moments.shape[1]) + (self.image / self.volume) @ self.form(self.strength)
+        return np.linalg.solve(D, self.moments)
+
+    @property
+    def works(self) -> Array:
+        """By how much the sphere lets unit loads work on each other: M^T V K D^-1 M of eq. CF.14, shape (n, m, m)."""
+        return np.swapaxes(self.moments, 1, 2) @ (self.form(self.strength) @ self.answered)
+
+    def slope(self, tractions: Array) -> Array:
+        """The forces' derivative by ln E of eq. CF.14 under tractions t' (n, m, 2), shape (n, 2, 2)."""
+        y = self.answered @ tractions
+        return np.swapaxes(y, 1, 2) @ self.form(self.strength_by_log) @ y
+
+    def rest(self, tractions: Array) -> tuple[Array, Array]:
+        """What eq. CF.13 has beyond the moments under tractions t (n, m, 2), with the derivative by ln E; both (n, 2, 2)."""
+        moments = self.moments @ tractions
         pressures = self.loads[0].shape[2]
         pressed, sheared = self.loads[0] @ tractions[:, :pressures], self.loads[1] @ tractions[:, pressures:]
         strain = self.fields[0] @ pressed + self.fields[1] @ sheared
@@ -94,7 +110,7 @@ class LoadedSpheres:
             whole = (k_v - k_d / 3)[:, None, None] * traces + k_d[:, None, None] * squares
             return self.volume * whole - turned @ self.form((k_v, k_d)) @ moments
 
-        return beyond(*self.strength), beyond(*self.slope)
+        return beyond(*self.strength), beyond(*self.strength_by_log)
 
 
 def polarised(
@@ -142,31 +158,6 @@ def polarised(
         volume = (4 * np.pi / 3 * sphere.radius**3)[:, None, None]
         G = G - volume * off_axis_response(sphere, near, waves.k, weights, disc=disc, mu=mu, bonded=loads[1].shape[2] > 0)
     return LoadedSpheres(sphere, points, strain, weighed, added, dipoles, G, *strengths(E, nu, sphere.E, sphere.nu))
-
-
-def inclusion_forces(bodies: Sequence[LoadedSpheres], solved: Array, target: int | None) -> tuple[Array, Array]:
-    """Eq. CF.14: what the spheres add to the forces on the films, and their slope by ln E of the target; both (n, 2, 2).
-
-    Args:
-        bodies: the spheres.
-        solved: C^-1 of the areas under both blocks, then of the spheres' moments, shape (n, m, 2 + moments).
-        target: whose slope; zero without one.
-    """
-    tractions = solved[:, :, :2]
-    M = np.concatenate([body.moments for body in bodies], axis=1)
-    e, ends = M @ tractions, np.cumsum([0, *(body.moments.shape[1] for body in bodies)])
-    own = [slice(*at) for at in pairwise(ends)]
-    K, G = np.zeros((2, len(e), ends[-1], ends[-1]), dtype=e.dtype)
-    for body, at in zip(bodies, own, strict=True):
-        K[:, at, at], G[:, at, at] = body.form(body.strength), body.image / body.volume
-    y = np.linalg.solve(np.eye(ends[-1]) + (G - M @ solved[:, :, 2:]) @ K, e)
-    forces, slope = np.swapaxes(e, 1, 2) @ K @ y, np.zeros_like(e[:, :2])
-    for i, (body, at) in enumerate(zip(bodies, own, strict=True)):
-        rest, by_log = body.rest(tractions, e[:, at])
-        forces = forces + rest
-        if i == target:
-            slope = np.swapaxes(y[:, at], 1, 2) @ body.form(body.slope) @ y[:, at] + by_log
-    return forces, slope
 
 
 def _moments(strain: Array, across: Array, beside: Array) -> Array:

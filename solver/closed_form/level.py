@@ -30,6 +30,9 @@ LEAST_COVER = 0.1  # of an inclusion, in its diameters
 LARGEST_ERROR = 2.9  # of ln(ratio): beyond it the formulas say nothing
 LARGEST_RESIDUAL = 1e-10
 LEAST_DEPTH = 0.1  # of the tissue, in outer radii
+# Poisson's ratios up to which rounding, in differences of terms that go with 1 / (1 - 2 nu), stays below a fiftieth of the stated
+# errors; in tissue with a tumour it grows with the third power, and is beyond them from 0.4999999 on. ``tests`` hold both.
+LARGEST_RATIO = {"tissue": 0.499999, "block": 0.499999999999}
 BROKEN = "axisymmetric, as the formulas break down for this scene"
 
 
@@ -61,7 +64,7 @@ class ClosedForm(FilmLevel):
             return f"axisymmetric for an inclusion covered by less than {LEAST_COVER:g} of its diameter"
         if scene.tissue.shape != "half-space" and scene.tissue.depth < LEAST_DEPTH * scene.probe.tube_radius:
             return f"axisymmetric for tissue thinner than {LEAST_DEPTH:g} outer radii"
-        return None
+        return nearly_incompressible(scene)
 
     def answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Answer:
         """Answer as well as the formulas can, with a warning where that is worse than ``accuracy``.
@@ -122,6 +125,16 @@ class ClosedForm(FilmLevel):
             return forces
         notes = tuple(shortfalls(forces.films, forces.errors.largest, accuracy))
         return Answer((forces.films,), forces.residual, notes=notes).result(self.name, scene, 0.0)
+
+
+def nearly_incompressible(scene: Scene) -> str | None:
+    """Say which Poisson's ratio is too near to 0.5 for the formulas' rounding, or None."""
+    probe = scene.probe
+    bodies = {"probe.inner": ("block", probe.inner), "probe.outer": ("block", probe.outer), "tissue": ("tissue", scene.tissue)}
+    for key, (kind, body) in bodies.items():
+        if body.poisson_ratio > LARGEST_RATIO[kind] and (scene.inclusion or kind == "block"):
+            return f"{key}.poisson_ratio up to {LARGEST_RATIO[kind]:.12g}, or another evaluator"
+    return None
 
 
 def _with_modulus(scene: Scene, modulus: float) -> Scene:

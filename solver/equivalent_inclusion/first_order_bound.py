@@ -45,11 +45,16 @@ def reflection(base: Undisturbed, tumours: Tumours) -> Floats:
     section = base.field.states.model.section
     below, beside = section.tissue_depth - tumours.depth, section.tissue_radius - tumours.offset
     near = sum((radius / np.maximum(away, radius)) ** 3 for away in (tumours.depth, below, beside))
-    _, t = tumours.shape
-    for i in range(t):
-        for j in range(t):
-            if i != j:
-                gap = [getattr(tumours, key)[:, i] - getattr(tumours, key)[:, j] for key in ("x", "y", "depth")]
-                apart = np.sqrt(sum(part**2 for part in gap))
-                near[:, i] += (radius[:, i] * radius[:, j]) ** 1.5 / np.maximum(apart, radius[:, i] + radius[:, j]) ** 3
-    return np.asarray(SURFACE * strong * near)
+    return np.asarray(SURFACE * strong * (near + _of_others(tumours, radius)))
+
+
+def _of_others(tumours: Tumours, radius: Floats) -> Floats:
+    """The share from other tumours, one tumour after the other beside all: of many, every pair at once would be too much."""
+    place, n, t = np.stack([tumours.x, tumours.y, tumours.depth]), *tumours.shape
+    near = np.zeros((n, t))
+    for i in range(t if t > 1 else 0):
+        apart = np.sqrt(((place - place[:, :, i : i + 1]) ** 2).sum(axis=0))
+        share = (radius[:, i : i + 1] * radius) ** 1.5 / np.maximum(apart, radius[:, i : i + 1] + radius) ** 3
+        share[:, i] = 0.0
+        near[:, i] = share.sum(axis=1)
+    return near

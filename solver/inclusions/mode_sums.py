@@ -62,6 +62,12 @@ class Stack:
         return self._rows[flat, k]
 
 
+def kept_bytes(harmonics: SolidHarmonics, count: int) -> int:
+    """Return what a table with ``count`` points and its samplers keep once they are used: places, factors, values unless many."""
+    values = 2 * harmonics.count * count
+    return 8 * ((3 + FACTORS) * count + (values if values <= KEPT else 0))
+
+
 @dataclass(frozen=True)
 class Table:
     """Values of harmonics at points, kept unless there are many.

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import import_module
 from threading import TIMEOUT_MAX, Timer
@@ -31,6 +31,9 @@ ROUNDING = 1e-14  # of |K| |v|: what no solver can avoid
 MOST_STEPS = 300
 BYTES = 120.0  # of a factor in single precision while it is made: times the unknowns to the power of 4/3
 KEEP_LITTLE = {"MIMALLOC_PURGE_DELAY": "10", "MIMALLOC_ARENA_EAGER_COMMIT": "0", "MIMALLOC_ARENA_PURGE_MULT": "1"}
+ASIDE = 0.5e9  # bytes of its threads, and of pages that its allocator holds: 0.3e9 were too few
+STACK = 2**31  # bytes that each of its threads asks the system for
+ANALYSED = 2e3  # bytes of an unknown while a matrix is analysed
 STUCK = 60  # steps without a residual of half the best
 ASSEMBLED = 5e3  # bytes of an unknown: bodies' matrices, a scene's, its reference's
 SPEED = 4e10  # operations a second of a factorisation in single precision on two cores; in double it is half
@@ -107,7 +110,9 @@ class _Ldlt:
 
     @classmethod
     def of(cls, library: Any, lower: sp.csc_array) -> _Ldlt:
-        n, symbolic = lower.shape[0], library.analyze(lower, path="ldlt")
+        n = lower.shape[0]
+        _reserve(ANALYSED * n)
+        symbolic = library.analyze(lower, path="ldlt")
         give_back()  # what the analysis has freed: without it hundreds of MB more at the peak
         plan = symbolic.memory_plan(dtype=lower.dtype.name, nrhs=3)["peak_bytes"]
         check_memory(f"factors of {n} unknowns", held_bytes(n, plan))
@@ -128,6 +133,14 @@ class _Ldlt:
             watch.cancel()
 
     def solve(self, forces: Floats) -> Floats:
+        try:
+            return self._solved(forces)
+        except BaseException as fault:  # a panic in Rust is no Exception
+            if type(fault).__module__ != PANIC:
+                raise
+            raise SolveError(f"the factor could not be used: {fault}") from None
+
+    def _solved(self, forces: Floats) -> Floats:
         if not self.single:
             return np.asarray(self.handle.solve_many(np.ascontiguousarray(forces)))
         scale = np.maximum(np.abs(forces).max(axis=0), np.finfo(float).tiny)
@@ -139,16 +152,31 @@ def held_bytes(unknowns: float, factor: float) -> float:
     return ASSEMBLED * unknowns + factor
 
 
-def _reserve(size: int) -> None:
-    """Ask the system for so many bytes and give them back: a library in Rust that is given too few ends the process.
+def _reserve(size: float) -> None:
+    """Ask the system for what a library in Rust takes to hold so many bytes: given too little, it ends the process.
 
     Raises:
-        LimitReached: there are none.
+        LimitReached: there is less.
     """
+    wanted, stacks = size + ASIDE, []
+    if _limited():
+        with suppress(MemoryError):  # its threads do with less where they get no such stack, but take it where they can
+            for _ in range(2 * (os.cpu_count() or 1)):
+                stacks.append(np.empty(STACK, dtype=np.uint8))
     try:
-        np.empty(size, dtype=np.uint8)
+        np.empty(int(wanted), dtype=np.uint8)
     except MemoryError:
-        raise LimitReached("memory", Words(f"{size / 1e9:.2g} GB wanted"), "what the system gives this process, less") from None
+        allowed = "what the system gives this process, less; give it more, or ask for a coarser --accuracy or of fewer inclusions"
+        raise LimitReached("memory", Words(f"{wanted / 1e9:.2g} GB wanted"), allowed) from None
+
+
+def _limited() -> bool:
+    """Whether the system limits this process's memory, as ``ulimit`` does."""
+    try:
+        resource = import_module("resource")
+    except ImportError:  # Windows
+        return False
+    return any(resource.getrlimit(kind)[0] != resource.RLIM_INFINITY for kind in (resource.RLIMIT_AS, resource.RLIMIT_DATA))
 
 
 @cache

@@ -10,9 +10,8 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.resources import check_memory, check_time
-from solver.inclusions.mode_sums import Sampler, Table
+from solver.inclusions.mode_sums import Sampler, Table, kept_bytes
 from solver.inclusions.vector_modes import EVERY, Modes, stack
-from solver.linalg.workspace import size
 from solver.multiple_scattering.panels import Panels
 
 STRESS = ((3, 8, 7), (8, 4, 6), (7, 6, 5))  # components of ``solver.inclusions.vector_modes.stack`` that are stresses xx .. zz
@@ -86,6 +85,12 @@ class ModeSamples:
     rounds: AzimuthalGrid
     two_mu: float
 
+    def check_room(self) -> None:
+        """Raise ``LimitReached`` for spheres whose fields on the boundary would hold more memory than is allowed."""
+        points = self.rounds.count * len(self.panels.r)
+        kept = sum(kept_bytes(one.modes.harmonics, points) for one in self.sources)
+        check_memory(f"reflections of {len(self.sources)} tumours (fewer take less)", kept)
+
     def amplitudes(self, scattered: Sequence[Floats]) -> Floats:
         """Amplitudes of tractions by the outward normal and displacements, shape (orders, 6 n, families k).
 
@@ -147,10 +152,8 @@ class ModeSamples:
         if self.rounds.count == 1:
             groups = [(EVERY, False, pieces)]
         samplers: list[list[tuple[Sampler, list[_Piece]]]] = []
-        for k, one in enumerate(self.sources):
+        for one in self.sources:
             check_time("reflections")
-            if k == 1:
-                check_memory(f"reflections of {len(self.sources)} tumours", size(samplers) * len(self.sources))
             table = Table(one.modes.harmonics, "outgoing", (points - one.centre) / one.radius)
             samplers.append([self._sampler(one.modes, table, *group) for group in groups])
         return samplers

@@ -94,6 +94,9 @@ class Reflector:
             spheres: anywhere in the tissue.
             rounds: angles at which their fields are sampled.
             often: whether so many sets of spheres are asked for that the matrix of each order pays.
+
+        Raises:
+            LimitReached: so many spheres that what is found once takes more memory than is allowed.
         """
         tissue = self.states.model.materials[Body.TISSUE]
         two_mu = tissue.youngs_modulus / (1 + tissue.poisson_ratio)
@@ -102,6 +105,7 @@ class Reflector:
                 self.interior, self._field, interface=self.interface, spheres=spheres, rounds=rounds, two_mu=two_mu
             )
         samples = ModeSamples([one.source for one in spheres], self.panels, rounds, two_mu)
+        samples.check_room()
         return Exchange(self, spheres, samples, often)
 
 

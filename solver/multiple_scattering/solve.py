@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from time import perf_counter
 
 import numpy as np
 
@@ -47,6 +48,8 @@ SMALL = 20  # largest degree of modes off the axis whose projections are kept: 1
 STEPS = 6  # reflections at most
 _kept_projection = kept_table(projection)
 SENSITIVE = 5.0  # times more than the effect do derivatives by the modulus feel what is left out
+ROWS = 4  # tumours after which the time for the rest is known
+SURE = 0.5  # of that time: the machine may be busier now than later
 ENOUGH = 0.3  # of the tolerance: two azimuthal orders that change less end the sum over them
 
 
@@ -208,16 +211,18 @@ def incident(field: TissueField, sphere: ScatteringSphere) -> Floats:
 
 
 def _reflected(exchange: Exchange | CloseExchange, outgoing: Sequence[Floats], enough: float, orders: int) -> tuple[Floats, int]:
-    """One more reflection: by the boundary, order by order until nothing more comes, and by the other spheres."""
+    """One more reflection: by the other spheres, and by the boundary, order by order until nothing more comes."""
+    sent = _neighbours(exchange.spheres, outgoing)  # first: what time it takes shows at once
     came, orders = exchange.reflect(outgoing, enough, orders)
-    return np.concatenate([a + b for a, b in zip(came, _neighbours(exchange.spheres, outgoing), strict=True)]), orders
+    return np.concatenate([a + b for a, b in zip(came, sent, strict=True)]), orders
 
 
 def _neighbours(spheres: Sequence[ScatteringSphere], outgoing: Sequence[Floats]) -> list[Floats]:
     """What the other spheres send to each, as regular coefficients."""
-    total = [np.zeros_like(c) for c in outgoing]
+    total, start = [np.zeros_like(c) for c in outgoing], perf_counter()
     for k, here in enumerate(spheres):
-        check_time("reflections")
+        left = SURE * (perf_counter() - start) / k * (len(spheres) - k) if k >= ROWS else 0.0
+        check_time(f"reflections of {len(spheres)} tumours (fewer take less)", left)
         for other, c in zip(spheres, outgoing, strict=True):
             if other is not here:
                 local = (here.points - other.centre) / other.radius

@@ -81,7 +81,8 @@ def _marked(scene: Scene, k: int) -> Inclusion:
 
 def _effects(scene: Scene, rough: CoarseModel) -> _InclusionEffects:
     base, target = rough.undisturbed, scene.target
-    tumours = base.inside(Tumours.of(scene.model_copy(update={"inclusion": tuple(map(_ball, scene.inclusion))})))[0]
+    balls = tuple(_ball(k, body) for k, body in enumerate(scene.inclusion))
+    tumours = base.inside(Tumours.of(scene.model_copy(update={"inclusion": balls})))[0]
     each = effects(base.energies, _host(scene), tumours.flat())
     changes = each.forces
     share = first_order_share(base, tumours)[0]
@@ -122,7 +123,7 @@ def _on_target(tumours: Tumours, changes: Floats, slopes: Floats, target: int) -
     return np.asarray(4 * np.sqrt(sizes / own) * (radius * radius[target]) ** 1.5 / apart**3)
 
 
-def _ball(body: Inclusion) -> Inclusion:
+def _ball(k: int, body: Inclusion) -> Inclusion:
     """The ball around an inclusion: a stiffer body changes more if it is larger, a softer one too (Rayleigh)."""
     if body.diameter is not None:
         return body
@@ -132,7 +133,8 @@ def _ball(body: Inclusion) -> Inclusion:
         from geometry.tetra.surface_files import read_surface
 
         assert body.surface is not None
-        size = 2 * float(np.linalg.norm(read_surface(body.surface, "inclusion.surface", np.zeros(3)).points, axis=1).max())
+        sheet = read_surface(body.surface, f"inclusion[{k}].surface", np.zeros(3))
+        size = 2 * float(np.linalg.norm(sheet.points, axis=1).max())
     return body.model_copy(update={"diameter": min(size, 2 * BURIED * body.depth), "diameters": None, "surface": None})
 
 

@@ -12,12 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextvars import copy_context
 from dataclasses import dataclass
 
 import numpy as np
 
 from geometry.common.arrays import Floats
+from geometry.common.child_process import ProgramGroup
 from geometry.common.errors import Refusal, Words
 from geometry.common.limits import least_mm, reaches
 from geometry.common.resources import LimitReached
@@ -160,8 +160,8 @@ def _meshes(domain: Domain, tell: Tell) -> Iterator[TetMesh]:
     for fineness in MESHES[:2]:
         check_mesh(domain, fineness)
     tell("meshing twice")
-    with ThreadPoolExecutor(2) as pool:
-        for mesh in [pool.submit(copy_context().run, mesh_domain, domain, fineness) for fineness in MESHES[:2]]:
+    with ThreadPoolExecutor(2) as pool, ProgramGroup() as group:
+        for mesh in [pool.submit(group.context().run, mesh_domain, domain, fineness) for fineness in MESHES[:2]]:
             yield mesh.result()
     for fineness in MESHES[2:]:
         check_mesh(domain, fineness)

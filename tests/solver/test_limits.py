@@ -1,13 +1,21 @@
 """Scenes that ran for minutes or took 17 GB are refused before there is a mesh, with the limit and the option that raises it."""
 
 import json
+import tracemalloc
 
+import numpy as np
 import pytest
 
 from geometry import InputError, read_scene, scene_to_toml
-from geometry.common.resources import LimitReached, Limits
+from geometry.common.resources import LimitReached, Limits, limited, timed
 from geometry.tetra import mesher
 from solver import evaluate, levels
+from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.equivalent_inclusion.readings import readings
+from solver.inclusions.tumours import Tumours
+from solver.linalg.workspace import size
+from solver.multiple_scattering import boundary_samples, solve
+from solver.multiple_scattering.boundary_samples import ModeSamples
 from solver.solid import film_forces
 from tests.support.paths import REFERENCE, SCENE
 from tests.support.program import run
@@ -76,3 +84,68 @@ def test_a_third_mesh_that_the_limits_forbid_leaves_the_answer_of_two(monkeypatc
     assert two.error_estimate < 0.02
     assert any("no third mesh: memory = " in note for note in two.warnings)
     assert "meshing more finely" not in said
+
+
+def lattice(side):
+    """The example's scene over a lattice of small spheres."""
+    scene = read_scene(SCENE)
+    away = 4e-3 * (np.arange(side) - (side - 1) / 2)
+    bodies = [
+        scene.inclusion[0].model_copy(update={"diameter": 1.5e-3, "x": x, "y": y, "depth": z})
+        for x in away.tolist()
+        for y in away.tolist()
+        for z in (away + 3e-3 - away[0]).tolist()
+    ]
+    return scene.model_copy(update={"inclusion": tuple(bodies)})
+
+
+def held(work):
+    """The most bytes that Python and numpy hold at once."""
+    tracemalloc.start()
+    try:
+        work()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.slow
+def test_the_closed_form_of_many_spheres_holds_what_a_few_hold():
+    """Every sphere's moments beside all others' were 2 GB for 343."""
+    few, many = lattice(2), lattice(4)
+    evaluate(few, "closed-form")  # what is imported and kept
+    assert held(lambda: evaluate(many, "closed-form")) < 1.5 * held(lambda: evaluate(few, "closed-form"))
+
+
+def reflections(scene, limits=None):
+    """Read the scene's tumours with all that comes back to them."""
+    with limited(limits), timed():
+        return readings(EquivalentInclusion().prepared(scene, 0.01), Tumours.of(scene), reflect=True)
+
+
+def test_reflections_of_many_tumours_are_refused_before_they_begin(monkeypatch):
+    monkeypatch.setattr(boundary_samples, "Table", lambda *_: pytest.fail("they began"))
+    with pytest.raises(LimitReached, match=r"memory = 0\.4 GB: allowed: .* reflections of 64 tumours \(fewer .*--memory"):
+        reflections(lattice(4), Limits(memory=0.4e9))
+
+
+def test_what_reflections_will_hold_is_known(monkeypatch):
+    kept, told = [], []
+    monkeypatch.setattr(boundary_samples, "check_memory", lambda _, room: told.append(room))
+    works = ModeSamples.works
+
+    def seen(self, weights):
+        done = works(self, weights)
+        kept.append(size([[sampler.table for sampler, _ in one] for one in self._samplers]))
+        return done
+
+    monkeypatch.setattr(ModeSamples, "works", seen)
+    reflections(lattice(2))
+    assert told[0] == pytest.approx(max(kept), rel=0.2)
+
+
+def test_the_time_that_tumours_answer_each_other_is_known_from_the_first_few(monkeypatch):
+    clock = iter(range(0, 10**6, 100))
+    monkeypatch.setattr(solve, "perf_counter", lambda: next(clock))
+    with pytest.raises(LimitReached, match=r"time = 120 s: .* reflections of 27 tumours \(fewer .* takes 2[0-9]* s more"):
+        reflections(lattice(3), Limits())

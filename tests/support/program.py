@@ -45,7 +45,7 @@ def started(*arguments: str | Path, cwd: Path | None = None) -> Ended:
 
 
 INSIDE = (
-    "import importlib, os, sys; from probe_design.cli.main import main; importlib.import_module(sys.argv.pop(1)); "
+    "import importlib, os, sys; from probe_design.__main__ import main; importlib.import_module(sys.argv.pop(1)); "
     "os.close(int(sys.argv.pop(1))); main()"
 )
 
@@ -53,7 +53,7 @@ INSIDE = (
 def begun(module: str, *arguments: str | Path) -> subprocess.Popen[str]:
     """Start the program in a process of its own, and wait until it has imported the module that does the work.
 
-    However slow the machine is, it then minds signals: some libraries swallow Ctrl-C while they are imported.
+    However slow the machine is, what a signal then interrupts is that work.
     """
     waiting, inside = os.pipe()
     command = [sys.executable, "-c", INSIDE, module, str(inside), *map(str, arguments)]

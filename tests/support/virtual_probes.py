@@ -18,7 +18,7 @@ HURRIED = Patience(silence=0.0, absence=0.2)
 def signals(t: Floats) -> Floats:
     """Volts that are whole counts, different for every index of a test."""
     index = np.rint(t * RATE).astype(np.int64)
-    return np.column_stack([7919 * index % 65533 - 32766, 104729 * index % 65533 - 32766]) * SCALE
+    return np.asarray(np.column_stack([7919 * index % 65533 - 32766, 104729 * index % 65533 - 32766]) * SCALE, dtype=np.float64)
 
 
 def probe(*faults: Fault, packet: int = 64) -> Virtual:

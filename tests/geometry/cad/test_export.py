@@ -372,6 +372,6 @@ class TestMissingLibrary:
 
 
 def test_no_draft_folders_in_the_system_folder(tmp_path):
-    before = set(Path(tempfile.gettempdir()).glob(".*.step.*"))
+    before = set(Path(tempfile.gettempdir()).glob(".parts.json.*"))
     step.export(make(), tmp_path)
-    assert set(Path(tempfile.gettempdir()).glob(".*.step.*")) == before
+    assert set(Path(tempfile.gettempdir()).glob(".parts.json.*")) == before

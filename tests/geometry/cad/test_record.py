@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from geometry.cad import export as step
-from geometry.cad.record import NAME, PARTS, check_asked, check_same, describe, design_of, digest
+from geometry.cad.record import NAME, PARTS, check_asked, check_same, design_of, digest
 from geometry.common.errors import InputError
 from geometry.scenes.probe import Film, Material, Probe
 
@@ -55,8 +55,7 @@ def test_the_record_tells_design_assumptions_and_files(exported: Path) -> None:
 
 
 def test_the_same_design_is_exported_again(folder: Path) -> None:
-    (folder / "drawing.png").write_bytes(b"drawn")
-    describe(folder, [folder / "drawing.png"])
+    step.export(make(), folder, beside={"drawing.png": lambda path: path.write_bytes(b"drawn")})
     step.export(make(), folder)
     told = json.loads((folder / NAME).read_text())
     assert told["files"]["drawing.png"] == hashlib.sha256(b"drawn").hexdigest()
@@ -143,9 +142,8 @@ def test_any_damage_to_the_record_is_refused_or_leaves_it_as_it_was(exported: Pa
 
 
 def test_force_replaces_all_that_was_written_of_the_other_design(folder: Path) -> None:
-    for name in ("report.html", "design.toml"):
-        (folder / name).write_text(f"{name} of the first")
-    describe(folder, [folder / "report.html", folder / "design.toml"])
+    first = {name: lambda path: path.write_text("of the first") for name in ("report.html", "design.toml")}
+    step.export(make(), folder, beside=first)
     (folder / "design.toml").write_text("changed by its user")
     (folder / "notes.txt").write_text("the user's own")
     step.export(make(film=None), folder, force=True)
@@ -156,8 +154,7 @@ def test_force_replaces_all_that_was_written_of_the_other_design(folder: Path) -
 
 
 def test_force_on_the_same_design_keeps_what_was_written_of_it(folder: Path) -> None:
-    (folder / "report.html").write_text("of this design")
-    describe(folder, [folder / "report.html"])
+    step.export(make(), folder, beside={"report.html": lambda path: path.write_text("of this design")})
     a_part_of_another(folder)
     step.export(make(), folder, force=True)
     assert (folder / "report.html").exists()

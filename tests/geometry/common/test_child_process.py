@@ -1,10 +1,12 @@
 import os
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
-from geometry.common.child_process import Failure, TooLong, run_program
+from geometry.common.child_process import Failure, ProgramGroup, TooLong, run_program
 
 POSIX = pytest.mark.skipif(os.name == "nt", reason="signals end processes on POSIX systems only")
 
@@ -43,6 +45,34 @@ def test_its_death_is_a_failure(program, signal):
 def test_one_without_an_end_is_ended(program):
     with pytest.raises(TooLong, match=r"longer than 0\.5 s"):
         run_program(program("time.sleep(1000)"), {}, 0.5)
+
+
+def test_programs_of_threads_end_with_the_block_that_an_exception_leaves(program, tmp_path):
+    """Those that run, and those that a thread would begin after them."""
+    begun = tmp_path / "begun"
+    path = program(f"open({str(begun)!r}, 'w').close(); time.sleep(1000)")
+
+    def twice():
+        faults = []
+        for _ in range(2):
+            try:
+                run_program(path, {}, 900)
+            except Failure as fault:
+                faults.append(str(fault))
+        return faults
+
+    def interrupted():
+        nonlocal running
+        with ThreadPoolExecutor(1) as pool, ProgramGroup() as group:
+            running = pool.submit(group.context().run, twice)
+            while not begun.exists():
+                time.sleep(0.01)
+            raise KeyboardInterrupt
+
+    running = None
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert len(running.result()) == 2
 
 
 def test_without_time_it_is_not_begun():

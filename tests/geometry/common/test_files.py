@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from pathlib import Path
 
 import pytest
 
 from geometry.common.errors import InputError
-from geometry.common.files import check_writable, check_writable_file, write_text, written_whole
+from geometry.common.files import check_writable, check_writable_file, write_text, written_together, written_whole
 
 
 def test_replaces_the_old_file_only_when_the_new_one_is_whole(tmp_path: Path) -> None:
@@ -87,3 +89,53 @@ def test_a_folder_in_a_file_s_place(tmp_path: Path) -> None:
         check_writable_file(tmp_path, "plot")
     check_writable_file(tmp_path / "new" / "a.png", "plot")
     assert (tmp_path / "new").is_dir()
+
+
+def test_files_that_belong_together_are_all_new_or_all_old(tmp_path: Path) -> None:
+    names = ["record", "one", "two"]
+
+    def write(text: str, last: str) -> None:
+        with written_together(tmp_path, names) as new:
+            for name in ("one", "two"):
+                (new / name).write_text(text)
+            assert not last or (new / "record").write_text(last)
+
+    write("first", "first")
+    for missing in range(3):
+        with pytest.raises(FileNotFoundError):
+            write(f"other {missing}", "")
+        assert {path.name: path.read_text() for path in tmp_path.iterdir()} == dict.fromkeys(names, "first")
+    write("second", "second")
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == dict.fromkeys(names, "second")
+
+
+def test_a_folder_in_the_place_of_one_of_them_changes_none(tmp_path: Path) -> None:
+    (tmp_path / "two").mkdir()
+
+    def write() -> None:
+        with written_together(tmp_path, ["one", "two"]) as new:
+            for name in ("one", "two"):
+                (new / name).write_text("new")
+
+    with pytest.raises(IsADirectoryError, match="two"):
+        write()
+    assert [path.name for path in tmp_path.iterdir()] == ["two"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX systems")
+def test_a_signal_between_two_moves_comes_after_the_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    moved = os.replace
+
+    def interrupted(source: Path, place: Path) -> None:
+        moved(source, place)
+        signal.raise_signal(signal.SIGINT)
+
+    def write() -> None:
+        with written_together(tmp_path, ["one", "two"]) as new:
+            for name in ("one", "two"):
+                (new / name).write_text("new")
+
+    monkeypatch.setattr(os, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["one", "two"]

@@ -17,6 +17,7 @@ MODULUS = Quantity("modulus", "Pa", "Pa", 1e-3, 1e13)
 FORCE = Quantity("force", "N", "N", 0.0, 1e9)
 ANGLE = Quantity("angle", "rad", "deg", -math.pi, math.pi)
 CHARGE = Quantity("charge per force", "C/N", "pC/N", -1e-8, 1e-8)
+WARMING = Quantity("temperature change", "K", "K", 1e-6, 100.0)
 KINDS = [LENGTH, POSITION, MODULUS, FORCE, ANGLE, CHARGE]
 
 
@@ -109,6 +110,12 @@ class TestRefusals:
             (LENGTH, "-inf mm", "not a finite number"),
             (LENGTH, "1e999 mm", "not a finite number"),
             (LENGTH, "1e-999 mm", "out of range"),
+            (LENGTH, "0e99999999999999999999 mm", "out of range"),
+            (LENGTH, "1e-99999999999999999999 mm", "out of range"),
+            (LENGTH, "0.1 mm^0", "'mm^0' is no unit"),
+            (LENGTH, "0.1 mm**-0", "'mm**-0' is no unit"),
+            (WARMING, "0.1 degC", "'degC' is no unit that converts to K"),
+            (WARMING, "0.1 degF", "'degF' is no unit that converts to K"),
             (LENGTH, "0 mm", "out of range"),
             (LENGTH, "-1 mm", "out of range"),
             (LENGTH, "5 Mm", "out of range"),

@@ -273,3 +273,36 @@ def test_what_is_no_such_file_is_refused(name: str, verb: tuple[str, ...], tmp_p
     path = special(name, tmp_path)
     line = refused(*({"FILE": path, "OUT": tmp_path / "out"}.get(word, word) for word in verb))
     assert "defect" not in line
+
+
+def test_a_recording_without_samples_is_refused(recorded: bytes, tmp_path: Path) -> None:
+    (tmp_path / "x.probe").write_bytes(recorded.partition(b"\n")[0] + b"\n")
+    assert "no samples" in refused("read", SCENE, "--replay", tmp_path / "x.probe")
+
+
+def test_a_recording_whose_name_is_too_long_is_refused(tmp_path: Path) -> None:
+    assert "no such file" in refused("read", SCENE, "--replay", tmp_path / f"{'x' * 5000}.probe")
+
+
+def other(name: str, folder: Path) -> Path:
+    """What is no file of triangles: a pipe that nobody writes to, without end, huge but empty, a loop, a folder, a long name."""
+    path = folder / "body.stl"
+    if name == "a pipe":
+        os.mkfifo(path)
+    elif name == "sparse":
+        with path.open("wb") as file:
+            file.truncate(10 * 2**30)
+    elif name != "a long name":
+        path.symlink_to({"without end": "/dev/zero", "a loop": path.name, "a folder": folder}[name])
+    return folder / f"{'x' * 5000}.stl" if name == "a long name" else path
+
+
+@pytest.mark.skipif(os.name == "nt", reason="such files are POSIX systems'")
+@pytest.mark.parametrize("verb", ["evaluate", "plan"])
+@pytest.mark.parametrize("name", ["a pipe", "without end", "a loop", "a folder", "sparse", "a long name"])
+def test_what_is_no_surface_is_refused(name: str, verb: str, tmp_path: Path) -> None:
+    scene = tomllib.loads(SCENE.read_text())
+    body = {key: value for key, value in scene["inclusion"][0].items() if key != "diameter"}
+    text = tomli_w.dumps(scene | {"inclusion": [body | {"surface": str(other(name, tmp_path))}]})
+    (tmp_path / "scene.toml").write_text(text)
+    assert "inclusion[0].surface" in refused(verb, tmp_path / "scene.toml", "--json")

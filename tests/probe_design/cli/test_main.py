@@ -87,6 +87,18 @@ def test_charges_follow_equation_12(tmp_path: Path) -> None:
         (("conjure", SCENE), ("conjure", "evaluate, plan, curve, scan")),
         (("sweep", SCENE, "-o", "unused"), ("probe", "one of scene")),
         (("evaluate",), ("SCENE",)),
+        (("evaluate", ""), ("scene = ''", "name of a file")),
+        (("evaluate", "a\udcff.toml"), (r"scene = 'a\udcff.toml'", "in UTF-8")),
+        (("evaluate", "a\x1b[31m.toml"), (r"scene file = 'a\x1b[31m.toml'",)),
+        (("evaluate", SCENE, "--\x1b[31m"), (r"--\x1b[31m",)),
+        (("evaluate", SCENE, "--vtu", ""), ("vtu = ''",)),
+        (("curve", SCENE, "--plot", ""), ("plot = ''",)),
+        (("export", SCENE, "-o", "a\udcff"), (r"output = 'a\udcff'", "in UTF-8")),
+        (("read", "--virtual", "--record", ""), ("record = ''",)),
+        *(
+            ((verb, SCENE, "-o", ""), ("output = ''", "name of a file"))
+            for verb in ("optimize", "export", "tradeoff", "sweep", "calibrate", "check")
+        ),
         (("evaluate", SCENE, "--colour"), ("--colour",)),
         (("evaluate", REFERENCE / "solid" / "flank.toml", "--evaluator", "axisymmetric"), ("axis", "equivalent-inclusion")),
         pytest.param(
@@ -203,3 +215,11 @@ def test_an_optimum_is_not_replaced_under_its_report(tmp_path: Path) -> None:
     assert run("export", tmp_path / "design.toml", "-o", tmp_path).returncode == 0
     assert run("export", other, "-o", tmp_path, "--force").returncode == 0
     assert not {"report.html", "optimize.json", "candidates.csv", "design.toml"} & {path.name for path in tmp_path.iterdir()}
+
+
+def test_want_of_memory_is_refused_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    def nothing_left(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr("solver.plan", nothing_left)
+    assert "memory = all that the system gives this process: allowed: more" in refused("plan", SCENE, "--json")

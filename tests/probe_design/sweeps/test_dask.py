@@ -221,7 +221,9 @@ def test_a_dask_worker_keeps_its_process_for_a_while(monkeypatch: pytest.MonkeyP
 
 
 def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path) -> None:
-    program = "from probe_design import cli; from probe_design.sweeps import dask_workers; dask_workers.TRY = 0.5; cli.main()"
+    program = (
+        "from probe_design.__main__ import main; from probe_design.sweeps import dask_workers as dask; dask.TRY = 0.5; main()"
+    )
     arguments = ["sweep", toml(tmp_path), "-o", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:9"]
     ended = subprocess.run([sys.executable, "-W", "error", "-c", program, *arguments], capture_output=True, text=True, cwd=ROOT)
     assert (ended.returncode, ended.stderr.splitlines()[-1].startswith("probe-design: scheduler = ")) == (2, True)

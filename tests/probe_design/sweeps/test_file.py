@@ -83,7 +83,8 @@ class TestFile:
          "probe.gap < probe.area_ratio", "probe.gap ** probe.gap < 1", "probe.gap < 'nan m'",
          "probe.gup < 1", "[1] < [2]", "probe.gap < 1 / 0",
          "(lambda: 1)() < 2", "probe.gap <", "10.0 ** 10.0 ** 10.0 > 1", "contact.interface < 1",
-         "1 < " + "(" * 300 + "1" + ")" * 300],
+         "1 < " + "(" * 300 + "1" + ")" * 300, "1 < " + "-" * 900 + "1", "1 < " + "+".join(["1"] * 400),
+         "not " * 240 + "1 < 2", "1 < 2 and " * 99 + "1 < 3" * 9, "1 < 2if 1 else 2", "a" + ".a" * 490 + " < 1"],
     )  # fmt: skip
     def test_what_is_no_condition_is_refused(self, text: str) -> None:
         asked = sweep_from_dict({"scene": SCENE, "variables": {"probe.gap": [1e-4]}, "constraints": [text]})

@@ -12,7 +12,7 @@ import pytest
 
 from geometry.common.errors import MissingLibrary
 from probe_design import sweep
-from probe_design.sweeps.results import dataframe, dataset, to_csv, to_parquet
+from probe_design.sweeps.results import dataframe, dataset, no_formula, to_csv, to_parquet
 from probe_design.sweeps.summary_page import main_effect
 from tests.support.paths import SCENE
 from tests.support.sweeps import grid, run
@@ -43,6 +43,19 @@ class TestResults:
             frame["ratio"].tolist(), rel=0, abs=0, nan_ok=True
         )
         assert dataset(whole)["ratio"].dims == ("design",)
+
+    def test_no_text_is_a_spreadsheet_s_formula(self) -> None:
+        """The signs that OWASP's page on CSV injection names."""
+        for sign in ("=", "+", "-", "@", "\t", "\r"):
+            assert no_formula(f"{sign}cmd|' /C calc'!A0") == f"'{sign}cmd|' /C calc'!A0"
+        assert [no_formula(cell) for cell in ("ok", "a=b", -1.5, None, True, "")] == ["ok", "a=b", -1.5, None, True, ""]
+
+    def test_a_value_in_a_table_is_no_formula(self, tmp_path: Path) -> None:
+        swept = grid(2, 1) | {"scene": SCENE}
+        swept["variables"] = {"contact.interface": ["=1+1", "bonded"]}
+        sweep(swept, tmp_path / "out", workers=1)
+        with to_csv(tmp_path / "out", tmp_path / "a.csv").open(encoding="utf-8", newline="") as file:
+            assert [row["contact.interface"] for row in csv.DictReader(file)] == ["'=1+1", "bonded"]
 
     def test_a_missing_library_is_one_line(self, whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(sys.modules, "pandas", None)

@@ -8,6 +8,7 @@ import random
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from probe_design import sweep
 from probe_design.sweeps.file import sweep_from_dict
 from probe_design.sweeps.local_workers import WorkerProcess
 from probe_design.sweeps.results import rows
+from probe_design.sweeps.rows import Job
 from probe_design.sweeps.workers import CrewError
 from tests.support.paths import ROOT
 from tests.support.sweeps import count, grid, run, stored, toml, wait_for_rows
@@ -67,7 +69,7 @@ class TestSurvival:
 
     def test_a_second_process_is_refused_and_ctrl_c_keeps_what_is_there(self, whole: Path, tmp_path: Path) -> None:
         path, out = toml(tmp_path), tmp_path / "out"
-        slow = "from probe_design import cli; from probe_design.sweeps import run; run.SECONDS = 0.01; cli.main()"
+        slow = "from probe_design.__main__ import main; from probe_design.sweeps import run; run.SECONDS = 0.01; main()"
         first = subprocess.Popen(
             [sys.executable, "-c", slow, "sweep", path, "-o", out], cwd=ROOT, stderr=subprocess.PIPE, text=True
         )
@@ -131,3 +133,20 @@ class TestSurvival:
         with pytest.raises(CrewError, match=r"no worker process starts; .*workers\.log"):
             sweep(grid(2, 2), tmp_path)
         assert list(rows(tmp_path)) == []
+
+    @pytest.mark.slow
+    @pytest.mark.skipif(not os.path.exists("/proc/self/environ"), reason="reads a process's environment where Linux has it")
+    def test_what_a_killed_worker_leaves_among_temporary_files_goes_with_it(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+        checked = sweep_from_dict(grid(2, 2))
+        worker = WorkerProcess(Job.of(checked))
+        assert worker.answer([values for _, values in checked.designs()]).rows
+        assert worker._process is not None
+        told = Path(f"/proc/{worker._process.pid}/environ").read_bytes().split(b"\0")
+        (folder,) = tmp_path.iterdir()
+        assert f"TMPDIR={folder}".encode() in told
+        (folder / "surface-1").mkdir()
+        worker.stop()
+        assert list(tmp_path.iterdir()) == []

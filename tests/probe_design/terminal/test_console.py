@@ -1,4 +1,4 @@
-"""What tables print of limits."""
+"""What tables print of limits, in terminals of any width; names that are not for terminals."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from io import StringIO
 
 import pytest
 from rich.console import Console
+from rich.table import Table
 
 from geometry import read_scene
-from probe_design.terminal.console import plan_lines, result_table
+from probe_design.terminal.console import message, plan_lines, result_table, saying, show
 from solver import Result, plan
 from solver.results.result import LargestLoad
 from tests.support.paths import SCENE
@@ -24,3 +25,46 @@ def test_a_load_that_is_printed_is_allowed(exact: tuple[float, float]) -> None:
     out = StringIO()
     Console(file=out).print(result_table(Result("closed-form", 0.1, linear_limit_load=limit)))
     assert " 0.0359 " in out.getvalue()
+
+
+def figures() -> Table:
+    table = Table(title="a title of some words")
+    for heading, whole in (("quantity", True), ("value", False), ("a heading of words", False)):
+        table.add_column(heading, no_wrap=whole)
+    table.add_row("far edges", "3.16227766e-05", "[/red]:smile: 1.2345e-308")
+    return table
+
+
+@pytest.mark.parametrize("width", ["1", "20", "40", "80", "0", "-1", "", "²", "wide", "1e3"])
+def test_figures_are_whole_in_every_width(
+    width: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", width)
+    show(figures())
+    text = capsys.readouterr().out
+    for word in ("far edges", "3.16227766e-05", "[/red]:smile:", "1.2345e-308"):
+        assert word in text
+    assert "\u2026" not in text
+
+
+def test_a_table_keeps_to_a_width_that_its_words_allow(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    show(figures())
+    assert max(map(len, capsys.readouterr().out.splitlines())) <= 60
+
+
+def test_names_do_not_speak_to_the_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    name = "a\x1b[31m\x9b\x07\r\u202e\udcff[/b].toml"
+    table = Table("name", title=name)
+    table.add_row(name)
+    show(table)
+    message(f"wrote {name}")
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+    with saying(name) as tell:
+        tell(name)
+    out, err = capsys.readouterr()
+    assert out.count(r"a\x1b[31m\x9b") == 2
+    assert err.count(r"a\x1b[31m\x9b") >= 3
+    assert not any(code in out + err for code in ("\x1b[31m", "\x9b", "\x07", "\u202e", "\udcff"))

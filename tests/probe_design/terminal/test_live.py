@@ -97,15 +97,17 @@ def test_lost_frames_are_marked_by_read_and_refused_by_calibrate() -> None:
         calibrate(scene(), BENCH, [lossy] * 7, shares())
 
 
-@pytest.mark.parametrize("terminal", [True, False])
-def test_following_shows_numbers(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], terminal: bool) -> None:
+@pytest.mark.parametrize(("terminal", "width"), [(True, 90), (False, 90), (True, 24)])
+def test_following_shows_numbers(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], terminal: bool, width: int
+) -> None:
     from probe_design.built_probe.reading import prediction
     from probe_design.built_probe.reading import read as judged
 
     told = prediction(scene(), 0.01)
     screen = StringIO()
-    console = Console(file=screen, force_terminal=terminal, width=90, height=40)
-    monkeypatch.setattr("probe_design.terminal.live.Console", lambda stderr: console)
+    console = Console(file=screen, force_terminal=terminal, width=width, height=40)
+    monkeypatch.setattr("probe_design.terminal.live.rich_console", lambda: console)
     samples = sampled(signals(Built(), BENCH, scene(), films(shares().log_ratios)[3], 1))
     with following(lambda part: judged(reading(part, BENCH), scene(), BENCH, told), 5.0) as show:
         show(samples)
@@ -113,5 +115,6 @@ def test_following_shows_numbers(monkeypatch: pytest.MonkeyPatch, capsys: pytest
     shown = screen.getvalue() if terminal else capsys.readouterr().err
     assert "ratio" in shown
     assert "+-" in shown
+    assert "\u2026" not in shown
     assert ("\x1b" in shown) == terminal
     assert any(ord(one) > BLANK for one in shown) == terminal

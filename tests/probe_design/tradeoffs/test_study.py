@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import io
 import json
 import re
@@ -12,14 +13,17 @@ from pathlib import Path
 
 import matplotlib.image
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+from markdown_it import MarkdownIt
 from rich.console import Console
 
 from geometry import Scene
-from geometry.common.errors import Refusal
+from geometry.common.errors import Refusal, printable
 from probe_design.data.builtin import typical_scenes
 from probe_design.tradeoffs.rows import Row, Setting, cheapest, distinct, judged, pareto
 from probe_design.tradeoffs.study import FINEST, SETTINGS, SKIPPED, Tradeoff, tradeoff
-from probe_design.tradeoffs.tables import SUMMARY, choice_table, markdown, summary_cells, summary_table
+from probe_design.tradeoffs.tables import SUMMARY, choice_table, literal, markdown, summary_cells, summary_table
 from probe_design.tradeoffs.timing import with_other_tumours
 from solver import evaluate
 from solver.levels import BUILT
@@ -152,6 +156,17 @@ def test_tables_fit_a_terminal(found: Tradeoff) -> None:
     assert "equivalent-inclusion" in text
     assert "\u2026" not in text
     assert all(name in text for name in found.scenes)
+
+
+@example("<script>alert(1)</script>")
+@example("[here](javascript:alert) &amp; _so_ **on** ![x](y) <a@b.c> | # 1 `x`")
+@example("\x1b[31mred\x07")
+@given(st.one_of(st.text(st.sampled_from("ab1 <>&[]()!*_`\\#+-.|~$:/\x1b\n"), min_size=1), st.text(min_size=1)))
+def test_names_in_markdown_are_shown_as_they_are(name: str) -> None:
+    """As another implementation of CommonMark renders the page."""
+    line = " ".join(name.split())
+    page = MarkdownIt("commonmark", {"html": True}).render(f"- {literal(f'{line}, end')}")
+    assert html.unescape(page) == f"<ul>\n<li>{printable(line)}, end</li>\n</ul>\n"
 
 
 def test_every_level_is_asked_or_said_to_be_skipped() -> None:

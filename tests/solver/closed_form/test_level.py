@@ -11,10 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from geometry import InputError, Scene
+from geometry import InputError, Scene, read_scene
+from geometry.common.arrays import Floats
 from solver import Result
 from solver.closed_form.designs import forces, parameters
-from solver.closed_form.level import ClosedForm, _variants
+from solver.closed_form.level import ClosedForm, ClosedFormForces, _variants
+from tests.support.paths import SCENE
 from tests.support.random_scenes import in_a_block, scenes
 
 KINDS = {"least_cover": 0.05, "farthest": 3.0, "tumours": 3}  # some are covered by too little
@@ -66,3 +68,53 @@ def test_there_are_groups_and_refusals() -> None:
     shapes = Counter(parameters(scene)[0] for scene in drawn)
     assert max(shapes.values()) > 1
     assert 0 < sum(isinstance(one, InputError) for one in ClosedForm().evaluate_many(drawn)) < len(drawn)
+
+
+NEAR = (1e-4, 1e-5)  # of 0.5: where rounding does not matter, and two points tell how answers go on
+BODIES = {"tissue": 1e-6, "inner": 1e-12, "outer": 1e-12}
+
+
+def with_ratio(scene: Scene, body: str, ratio: float) -> Scene:
+    if body == "tissue":
+        return scene.model_copy(update={"tissue": scene.tissue.model_copy(update={"poisson_ratio": ratio})})
+    block = getattr(scene.probe, body).model_copy(update={"poisson_ratio": ratio})
+    return scene.model_copy(update={"probe": scene.probe.model_copy(update={body: block})})
+
+
+def quantities(forces: ClosedFormForces) -> Floats:
+    """The logarithms of both totals, of their ratio, and the log-sensitivity."""
+    inner, outer = np.log(forces.films.forces.sum(axis=1))
+    return np.array([inner, outer, inner - outer, forces.films.log_sensitivity])
+
+
+@pytest.mark.parametrize("body", BODIES)
+@settings(max_examples=10)
+@given(scene=scenes(least_cover=0.1, farthest=3.0, tumours=3))
+def test_up_to_the_largest_poisson_ratio_rounding_stays_below_the_stated_errors(body: str, scene: Scene) -> None:
+    """Answers go on from where it does not matter: to within a twentieth of what they may be off."""
+    if len(scene.inclusion) > 1:
+        first = scene.inclusion[0].model_copy(update={"target": True})
+        scene = scene.model_copy(update={"inclusion": (first, *scene.inclusion[1:])})
+    asked = [with_ratio(scene, body, 0.5 - step) for step in (*NEAR, BODIES[body])]
+    one, other, last = ClosedForm().films(asked)
+    if isinstance(one, InputError):
+        return
+    assert not isinstance(other, InputError)
+    assert not isinstance(last, InputError)
+    slope = (quantities(one) - quantities(other)) / (NEAR[0] - NEAR[1])
+    off = quantities(last) - quantities(other) - slope * (BODIES[body] - NEAR[1])
+    stated = other.errors
+    assert np.all(np.abs(off) < 0.05 * np.array([*stated.log_totals, stated.log_ratio, stated.sensitivity]))
+
+
+@pytest.mark.parametrize("body", BODIES)
+def test_beyond_the_largest_poisson_ratio_it_refuses(body: str) -> None:
+    """log_sensitivity came out as 4.8e6 there."""
+    scene, key = read_scene(SCENE), {"tissue": "tissue"}.get(body, f"probe.{body}")
+    assert isinstance(ClosedForm().evaluate(with_ratio(scene, body, 0.5 - BODIES[body])), Result)
+    with pytest.raises(InputError, match=rf"{key}\.poisson_ratio up to 0\.49+,") as refusal:
+        ClosedForm().evaluate(with_ratio(scene, body, 0.5 - BODIES[body] / 2))
+    largest = float(str(refusal.value).split("up to ")[1].split(",")[0])
+    assert isinstance(ClosedForm().evaluate(with_ratio(scene, body, largest)), Result)
+    plain = scene.model_copy(update={"inclusion": ()})
+    assert isinstance(ClosedForm().evaluate(with_ratio(plain, "tissue", 0.4999999999)), Result)

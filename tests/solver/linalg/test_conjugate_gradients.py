@@ -72,3 +72,25 @@ def test_a_singular_matrix_is_a_solve_error(matrix):
     matrix.lower.data[:] = 0.0
     with pytest.raises(SolveError, match="could not be factorised"):
         matrix.factor()
+
+
+@pytest.mark.parametrize(
+    ("limited", "left", "enough"), [(True, 3.0e9, False), (True, 5.4e9, True), (True, 1.4e9, True), (False, 3e9, True)]
+)
+def test_under_a_limit_of_the_system_room_is_left_beside_stacks(monkeypatch, limited, left, enough):
+    """Rust's threads take 2 GiB each where they get them: of 3 GB they leave less than a factor of 0.5 GB takes."""
+    budget = [left]
+
+    def empty(size, dtype):
+        if size > budget[0]:
+            raise MemoryError
+        budget[0] -= size
+
+    monkeypatch.setattr(module.np, "empty", empty)
+    monkeypatch.setattr(module, "_limited", lambda: limited)
+    monkeypatch.setattr(module.os, "cpu_count", lambda: 1)
+    if enough:
+        module._reserve(0.5e9)
+    else:
+        with pytest.raises(LimitReached, match=r"memory = 1 GB wanted: allowed: what the system gives this process"):
+            module._reserve(0.5e9)

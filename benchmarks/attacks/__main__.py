@@ -1,0 +1,77 @@
+"""Attack the program and count what fails.
+
+Every try is drawn from the seed, its kind and its number alone, so that ``--first`` repeats one of them.
+
+    python -m benchmarks.attacks --tries 200 --seed 0
+    python -m benchmarks.attacks --kind step --tries 1 --first 17 --seed 0
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import random
+import shutil
+import sys
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+
+from benchmarks.attacks.attempt import Attempt, Ended, asked, failures, prepare
+from benchmarks.attacks.kinds import KINDS
+
+WRONG = ("signal", "hang", "traceback", "defect", "exit code", "stray lines", "JSON")
+COLUMNS = ("tries", "answered", "refused", *WRONG, "slowest, s")
+
+
+def tried(kind: str, number: int, seed: int) -> tuple[Attempt, Ended]:
+    """One try of a kind, in a folder of its own."""
+    folder = Path(tempfile.mkdtemp(prefix="attack-"))
+    try:
+        attempt = KINDS[kind](random.Random(f"{seed} {kind} {number}"), folder)
+        return attempt, asked(attempt, folder)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def attacked(kind: str, numbers: range, seed: int) -> Counter[str]:
+    """Try a kind, print what fails, and count."""
+    counts: Counter[str] = Counter()
+    for number in numbers:
+        attempt, ended = tried(kind, number, seed)
+        wrong = list(failures(attempt, ended))
+        counts.update(["tries", *wrong, *(["answered"] if ended.code == 0 else []), *(["refused"] if ended.code == 2 else [])])
+        counts["slowest, s"] = max(counts["slowest, s"], round(ended.seconds))
+        if wrong:
+            said = " | ".join(ended.errors.splitlines()[-3:])
+            words = " ".join(word[:80] for word in attempt.words)
+            line = f"{kind} {number}: {', '.join(wrong)}: {attempt.said}: {words!r}: {said[:300]!r}"
+            print(line, file=sys.stderr, flush=True)
+    return counts
+
+
+def main() -> int:
+    """Print the table; 1 if anything failed."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--kind", action="append", choices=sorted(KINDS), help="one kind; again for more  [default: all]")
+    parser.add_argument("--tries", type=int, default=100, help="of each kind")
+    parser.add_argument("--first", type=int, default=0, help="number of the first")
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    os.environ["PROBE_DESIGN_CACHE"] = tempfile.mkdtemp(prefix="attack-cache-")
+    prepare()
+    start, total = time.perf_counter(), Counter[str]()
+    print(f"seed {options.seed}, tries {options.first} to {options.first + options.tries - 1} of each kind\n")
+    print(f"| kind | {' | '.join(COLUMNS)} |\n|{'---|' * (len(COLUMNS) + 1)}", flush=True)
+    for kind in options.kind or KINDS:
+        counts = attacked(kind, range(options.first, options.first + options.tries), options.seed)
+        print(f"| {kind} | {' | '.join(str(counts[column]) for column in COLUMNS)} |", flush=True)
+        total.update(counts)
+    shutil.rmtree(os.environ["PROBE_DESIGN_CACHE"], ignore_errors=True)
+    print(f"\n{time.perf_counter() - start:.0f} s", file=sys.stderr)
+    return int(any(total[column] for column in WRONG))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,23 @@
+"""All kinds of attack by their names: each a function that draws one attempt, its files written into the given folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from benchmarks.attacks import bodies, questions, special_files
+from benchmarks.attacks.attempt import Attempt
+from benchmarks.attacks.damage import Random
+from benchmarks.attacks.resource_limits import little_memory
+
+Kind = Callable[[Random, Path], Attempt]
+KINDS: dict[str, Kind] = {
+    "step": bodies.step,
+    "stl": bodies.stl,
+    "special": special_files.special,
+    "scenes": questions.scene,
+    "tables": questions.other_tables,
+    "bytes": questions.other_bytes,
+    "options": questions.options,
+    "limits": little_memory,
+}

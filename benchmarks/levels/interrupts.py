@@ -1,0 +1,66 @@
+"""Whether a signal at any moment ends the program with one line, its exit code and no files that are not whole.
+
+python -m benchmarks.levels.interrupts --tries 20 --seed 0
+
+For each verb so many signals, half of them Ctrl-C, the others SIGTERM and SIGHUP, at random moments between the program's first
+instruction and its end. A run that had finished may keep its own exit code and files.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+from tests.support.interrupted import Leftovers, left, moments
+from tests.support.paths import EXAMPLES, REFERENCE
+
+SCENE, TWO, GROOVE = (
+    str(path) for path in (EXAMPLES / "scene.toml", EXAMPLES / "two-tumours.toml", REFERENCE / "solid/groove-on-axis.toml")
+)
+SWEEP = str(EXAMPLES / "sweep.toml")
+VERBS = {
+    "help": ("--help",),
+    "evaluate": ("evaluate", SCENE, "--json"),
+    "evaluate, a table": ("evaluate", SCENE, "--evaluator", "closed-form"),
+    "plan": ("plan", TWO),
+    "curve": ("curve", SCENE, "--points", "9", "--plot", "OUT/curve.png"),
+    "scan": ("scan", TWO, "--points", "3", "--plot", "OUT/scan.png"),
+    "detectability": ("detectability", SCENE, "--points", "4", "--plot", "OUT/map.png"),
+    "estimate": ("estimate", SCENE, "--ratio", "0.563", "--noise", "0.01"),
+    "export": ("export", SCENE, "-o", "OUT"),
+    "optimize": ("optimize", SCENE, "--starts", "1", "-o", "OUT"),
+    "tradeoff": ("tradeoff", SCENE, "-o", "OUT"),
+    "sweep": ("sweep", SWEEP, "--workers", "1", "-o", "OUT"),
+    "read": ("read", SCENE, "--virtual", "--seconds", "3"),
+    "calibrate": ("calibrate", SCENE, "--virtual", "-o", "OUT/probe.toml"),
+    "solid": ("evaluate", GROOVE, "--evaluator", "solid", "--accuracy", "0.05"),
+}
+
+
+def main() -> None:
+    """Interrupt, judge, count."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--tries", type=int, default=20, help="for each verb")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("verbs", nargs="*", metavar="VERB", help=f"of {', '.join(VERBS)}; all without")
+    options = parser.parse_args()
+    print("| verb | tries | interrupted | finished | wrong | longest wait, s |\n|---|---|---|---|---|---|", flush=True)
+    for verb in options.verbs or VERBS:
+        print(row(verb, options.tries, options.seed), flush=True)
+
+
+def row(verb: str, tries: int, seed: int) -> str:
+    """Interrupt one verb, and return the table's line."""
+    whole = left(VERBS[verb])
+    ended: list[tuple[float, int, Leftovers]] = []
+    for delay, number in moments(whole.seconds, tries, [seed, *verb.encode()]):
+        ended.append((delay, number, left(VERBS[verb], delay, number)))
+    faults = [(delay, number, why) for delay, number, one in ended if (why := one.wrong(number, whole))]
+    for delay, number, why in faults:
+        print(f"{verb}, signal {number} after {delay:.3f} s of {whole.seconds:.3f}: {why}")
+    interrupted = sum(one.code == 128 + number for _, number, one in ended)
+    waits = [one.seconds - delay for delay, number, one in ended if one.code == 128 + number]
+    return f"| {verb} | {tries} | {interrupted} | {tries - interrupted} | {len(faults)} | {max(waits, default=0):.1f} |"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,30 @@
+"""Steps that Ctrl-C and the other signals that end a program do not break."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGALRM")  # the last reminds of the others, see ``probe_design.cli.interrupts``
+
+
+@contextmanager
+def unbroken() -> Iterator[None]:
+    """Put off signals that Python acts on until the end; in other threads than the main one it does not act on any."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    numbers = [getattr(signal, name) for name in SIGNALS if hasattr(signal, name)]
+    before = {number: signal.getsignal(number) for number in numbers if callable(signal.getsignal(number))}
+    for number in before:
+        signal.signal(number, lambda number, _: came.append(number))
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    for number in came:
+        signal.raise_signal(number)

@@ -1,0 +1,116 @@
+"""Winding numbers of triangulated surfaces with many triangles about many points.
+
+A group of triangles that is far away counts by the sum of their areas' vectors at its centre (G. Barill et al., Fast winding
+numbers for soups and clouds, ACM Trans. Graph. 37(4), 2018, section 3); near ones exactly, one by one (A. Van Oosterom,
+J. Strackee, IEEE Trans. Biomed. Eng. 30, 1983, eq. 8). All points go down the tree of triangles together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.common.arrays import Points
+
+Indices = NDArray[np.int64]
+_FAR = 3.0  # radii of a group: beyond, a flat one is off by at most 3/4 (radius / distance)^2 of its own solid angle, 8 %
+_LEAF = 32  # triangles in a group that is not divided
+_PAIRS = 1_000_000  # of points and groups, or points and triangles, that are held at a time
+
+
+@dataclass(frozen=True)
+class WindingTree:
+    """Groups of triangles, each of two groups down to the smallest: group k's are 2 k + 1 and 2 k + 2.
+
+    Attributes:
+        corners: of the triangles, in the groups' order, (t, 3, 3).
+        starts: where each of the smallest groups begins, and the last one ends, (leaves + 1,).
+        centre: of the groups, weighted by area, (groups, 3).
+        radius: of the ball about the centre that holds a group, (groups,).
+        dipole: the sum of n, a triangle's normal as long as its area, (groups, 3).
+    """
+
+    corners: Points
+    starts: Indices
+    centre: Points
+    radius: Points
+    dipole: Points
+
+    @classmethod
+    def of(cls, corners: Points) -> WindingTree:
+        """Divide triangles (t, 3, 3), in halves along the longer side of the box around each group."""
+        order, ends = np.arange(len(corners)), [0, len(corners)]
+        middle = corners.mean(axis=1)
+        while max(np.diff(ends)) > _LEAF:
+            parts = [_halves(order[a:b], middle) for a, b in pairwise(ends)]
+            order = np.concatenate([half for pair in parts for half in pair])
+            ends = np.cumsum([0, *(len(half) for pair in parts for half in pair)]).tolist()
+        ordered, starts = corners[order], np.array(ends)
+        levels = [starts[:: 2**k] for k in reversed(range((len(starts) - 1).bit_length()))]
+        groups = [np.concatenate(parts) for parts in zip(*(_groups(ordered, level) for level in levels), strict=True)]
+        return cls(ordered, starts, *groups)
+
+    def winding(self, points: Points) -> Points:
+        """How often the surface goes round each of points (m, 3): (m,)."""
+        step = max(1, _PAIRS // 256)
+        parts = [self._winding(points[k : k + step]) for k in range(0, len(points), step)]
+        return np.concatenate([np.zeros(0), *parts]) / (4 * np.pi)
+
+    def _winding(self, points: Points) -> Points:
+        """Solid angles, from the largest group to the smallest."""
+        result = np.zeros(len(points))
+        leaves = len(self.radius) // 2  # the first of the smallest groups
+        point, group = np.arange(len(points)), np.zeros(len(points), dtype=np.int64)
+        while len(point):
+            away = self.centre[group] - points[point]
+            distance = np.sqrt(np.einsum("ij,ij->i", away, away))
+            far = distance > _FAR * self.radius[group]
+            angles = np.einsum("ij,ij->i", away[far], self.dipole[group[far]]) / distance[far] ** 3
+            result += np.bincount(point[far], angles, len(points))
+            point, group = point[~far], group[~far]
+            least = group >= leaves
+            self._add_exactly(result, points, point[least], group[least] - leaves)
+            point, group = np.tile(point[~least], 2), np.concatenate([2 * group[~least] + 1, 2 * group[~least] + 2])
+        return result
+
+    def _add_exactly(self, result: Points, points: Points, point: Indices, leaf: Indices) -> None:
+        """Add the solid angles of all triangles of the smallest groups, one for each of the points."""
+        step = _PAIRS // _LEAF
+        for k in range(0, len(point), step):
+            size = np.diff(self.starts)[leaf[k : k + step]]
+            first = np.repeat(self.starts[leaf[k : k + step]] - np.cumsum(size) + size, size)
+            owner = np.repeat(point[k : k + step], size)
+            angles = solid_angles(self.corners[first + np.arange(len(first))] - points[owner, None])
+            result += np.bincount(owner, angles, len(points))
+
+
+def solid_angles(corners: Points) -> Points:
+    """The solid angles, with sign, of triangles (t, 3, 3) seen from the origin: (t,)."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    la, lb, lc = (np.sqrt(np.einsum("ij,ij->i", v, v)) for v in (a, b, c))
+    ab, bc, ca = (np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a)))
+    over = np.einsum("ij,ij->i", a, np.cross(b, c))
+    return np.asarray(2 * np.arctan2(over, la * lb * lc + ab * lc + bc * la + ca * lb))
+
+
+def _halves(some: Indices, middle: Points) -> tuple[Indices, Indices]:
+    """Triangles, by their middles, in two groups as large as each other."""
+    axis = int(np.ptp(middle[some], axis=0).argmax())
+    half = len(some) // 2
+    parted = some[np.argpartition(middle[some, axis], half)]
+    return parted[:half], parted[half:]
+
+
+def _groups(corners: Points, starts: Indices) -> tuple[Points, Points, Points]:
+    """Centre, radius and dipole of the groups of triangles (t, 3, 3) that begin at ``starts``, whose last one is the end."""
+    first = starts[:-1]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
+    area = np.linalg.norm(normal, axis=1) + 1e-300
+    weighed = np.add.reduceat(corners.mean(axis=1) * area[:, None], first)
+    centre = weighed / np.add.reduceat(area, first)[:, None]
+    owner = np.repeat(np.arange(len(first)), np.diff(starts))
+    away = np.linalg.norm(corners - centre[owner, None], axis=2).max(axis=1)
+    return centre, np.maximum.reduceat(away, first), np.add.reduceat(normal, first)

@@ -1,0 +1,79 @@
+"""Command lines with any value for any option: answered, or refused in one line; never a defect or a code for terminals."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from probe_design.cli.main import VERBS
+from tests.support.paths import SCENE
+from tests.support.program import run
+
+CHEAP = ("evaluate", "export", "optimize", "tradeoff", "sweep", "calibrate", "check")
+GIVEN = {
+    "evaluate": (str(SCENE), "--evaluator", "closed-form"),
+    "estimate": (str(SCENE), "--ratio", "0.56", "--accuracy", "0.3"),
+    **{verb: (str(SCENE), "--points", "2", "--accuracy", "0.3") for verb in ("curve", "scan", "detectability")},
+    **dict.fromkeys(("optimize", "export", "tradeoff", "sweep"), ("absent.toml", "-o", "out")),
+    **dict.fromkeys(("read", "check"), ("--replay", "absent")),
+    "calibrate": ("--replay", "absent", "-o", "out"),
+    "plan": (str(SCENE),),
+}
+VALUES = st.one_of(
+    st.sampled_from(
+        ["", " ", "nan", "-inf", "1e400", "-1e400", "1e-320", "0", "-1", "1", "0.5", "٣", "１", "½", "1_000", "0x10", "1,5",
+         "true", "5 mm", "-5 mm", "0 mm", "nan mm", "1e400 mm", "0.1 mm^0", "0e99999999999999999999 mm", "1 kPa", "1 s", "1e9 s",
+         "1 GB", "x" * 3000, "\x1b[31m", "a\nb", "\udcff", "--", "-", "=", "%s", "{0}", "[/b]", "/dev/zero", "/", "..", "9" * 400,
+         "usb:", "usb:\x1b", "visa:", "replay:", "probe.gap=", "probe.gap=nan", "=", "probe.inner.poisson_ratio=0.5"]
+    ),
+    st.text(st.characters(exclude_characters="\0"), max_size=8),
+    st.floats().map(str),
+)  # fmt: skip
+OPTIONS = {verb.name: [one for one in verb.params if isinstance(one, click.Option)] for verb in VERBS}
+
+
+@st.composite
+def command_lines(draw: st.DrawFn, verbs: list[str]) -> list[str]:
+    verb = draw(st.sampled_from(verbs))
+    words = [verb, *GIVEN[verb]]
+    for _ in range(draw(st.integers(1, 2))):
+        option = draw(st.sampled_from(OPTIONS[verb]))
+        name = max(option.opts, key=len)
+        words += [name] if option.is_flag else [f"{name}={draw(VALUES)}"] if draw(st.booleans()) else [name, draw(VALUES)]
+    return words
+
+
+def answered_or_refused(words: list[str], folder: Path) -> None:
+    ended = run(*words, cwd=folder)
+    if ended.returncode == 0:
+        assert "--json" not in words or isinstance(json.loads(ended.stdout), dict)
+        assert not {"nan", "inf", "NaN", "Infinity"} & set(ended.stdout.replace(",", " ").split())
+    else:
+        assert (ended.returncode, ended.stdout) == (2, ""), ended.stderr
+        assert ended.stderr.count("\n") == 1
+    assert "defect" not in ended.stderr
+    assert all(one.isprintable() or one == "\n" for one in ended.stderr + ended.stdout)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("lines")
+
+
+@given(words=command_lines(list(CHEAP)))
+@settings(max_examples=15, suppress_health_check=list(HealthCheck))
+def test_values_of_options(folder: Path, words: list[str]) -> None:
+    answered_or_refused(words, folder)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1500)
+@given(words=command_lines(list(GIVEN)))
+@settings(max_examples=150, suppress_health_check=list(HealthCheck))
+def test_many_values_of_options(folder: Path, words: list[str]) -> None:
+    answered_or_refused(words, folder)
