@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from hw.common.errors import HardwareError, Timeout
+from hw.common.errors import HardwareError, InvalidSource
 from hw.common.samples import Samples
 from hw.reader import Reader
 from hw.simulation.firmware import Fault
@@ -77,7 +77,7 @@ class Failing:
         yield from ()
 
 
-@pytest.mark.parametrize(("fault", "kind"), [(HardwareError("gone"), HardwareError), (OSError("full"), OSError), (None, Timeout)])
+@pytest.mark.parametrize(("fault", "kind"), [(HardwareError("gone"), HardwareError), (OSError("full"), OSError), (None, InvalidSource)])
 def test_errors_of_the_reader_come_through(fault: Exception | None, kind: type[Exception]) -> None:
     reader: Any = Failing(fault)
     with pytest.raises(kind):
