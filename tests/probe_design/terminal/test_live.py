@@ -77,7 +77,9 @@ class Failing:
         yield from ()
 
 
-@pytest.mark.parametrize(("fault", "kind"), [(HardwareError("gone"), HardwareError), (OSError("full"), OSError), (None, InvalidSource)])
+@pytest.mark.parametrize(
+    ("fault", "kind"), [(HardwareError("gone"), HardwareError), (OSError("full"), OSError), (None, InvalidSource)]
+)
 def test_errors_of_the_reader_come_through(fault: Exception | None, kind: type[Exception]) -> None:
     reader: Any = Failing(fault)
     with pytest.raises(kind):
