@@ -123,7 +123,7 @@ def gradients(shape: Shape, values: Floats, which: Sequence[int]) -> tuple[Float
 
 
 def parameters(scene: Scene) -> tuple[Shape, Floats]:
-    """Return the formula's structure for a scene and the values of its parameters, SI."""
+    """Return the formula's structure for a scene and the values of its parameters, SI; layers of tissue are none of them."""
     probe, tissue = scene.probe, scene.tissue
     values = [probe.inner_radius, probe.gap, probe.tube_radius, probe.core_height, probe.tube_height]
     for block in (probe.inner, probe.outer):

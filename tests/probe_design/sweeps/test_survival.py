@@ -141,7 +141,7 @@ class TestSurvival:
     ) -> None:
         monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
         checked = sweep_from_dict(grid(2, 2))
-        worker = WorkerProcess(Job.of(checked))
+        worker = WorkerProcess(Job.of(checked), checked.limits)
         assert worker.answer([values for _, values in checked.designs()]).rows
         assert worker._process is not None
         told = Path(f"/proc/{worker._process.pid}/environ").read_bytes().split(b"\0")
