@@ -18,7 +18,7 @@ def unsupported(scene: Scene) -> str | None:
 
 def layered(scene: Scene) -> str | None:
     """Say which level knows layers of tissue, for those that do not; None without layers."""
-    return "axisymmetric for layers of tissue" if scene.tissue.layer else None
+    return "axisymmetric for layers of tissue (evaluate, curve and sweep take them)" if scene.tissue.layer else None
 
 
 def _round(scene: Scene) -> bool:
