@@ -174,7 +174,7 @@ def kind(section: Section) -> Kind:
         base = 0 if isclose(s.inner_height, s.outer_height) else 1 if s.inner_height > s.outer_height else -1
     blocks = tuple(_cells(_block(s, height))[0] for height in (s.inner_height, s.outer_height))
     rings = (0, 0) if sphere is None else tuple(_cells(ring)[0] for ring in sphere.rings())
-    thin = bool(s.layer < THIN * s.block_size)
+    thin = bool(s.under_blocks < THIN * s.block_size)
     above, across = s.interfaces_apart
     columns, rows = _cells(_radii(s, box, sphere)), _cells(_tissue_levels(s, sphere, thin))
     return Kind(

@@ -124,7 +124,7 @@ class Section:
         )
 
     @property
-    def layer(self) -> Any:
+    def under_blocks(self) -> Any:
         """Tissue between the blocks and what is below them: the first interface, the sphere or the floor."""
         if self.interfaces_apart[0]:
             return self.interfaces[0]
@@ -135,7 +135,7 @@ class Section:
         """The size to which the mesh is graded at the blocks' corners."""
         if np.all(self.mesh_size != 0):
             return self.mesh_size
-        return smooth_min(self.block_size, self.layer / 4)
+        return smooth_min(self.block_size, self.under_blocks / 4)
 
     def box_limits(self) -> tuple[Any, Any]:
         """Between which radii the sphere's box may end: a smooth choice between sphere and tissue's side."""

@@ -119,6 +119,6 @@ class SphereBox:
 
 
 def _between(a: Any, b: Any, k: int, along: Any) -> Any:
-    """B - a of rays between the breaks k and k + 1, where b is linear in a."""
+    """By how much rays between the breaks k and k + 1 are turned: b - a, b linear in a."""
     share = (along - a[..., [k]]) / (a[..., [k + 1]] - a[..., [k]])
     return b[..., [k]] + share * (b[..., [k + 1]] - b[..., [k]]) - along

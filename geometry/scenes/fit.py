@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import TYPE_CHECKING
 
 from geometry.common.errors import InputError
@@ -112,13 +112,12 @@ def _check_probe(scene: Scene) -> None:
 
 
 def _check_layers(scene: Scene) -> None:
-    tissue, total = scene.tissue, 0.0
-    for index, layer in enumerate(scene.tissue.layer):
-        if tissue.shape != "half-space" and reaches(total + layer.thickness, tissue.depth):
-            room = f"less than {most_mm(tissue.depth - total)}" if tissue.depth > total else "no layer here"
-            own = f"{room}: the tissue's own material has to be below the layers, and it is {mm(tissue.depth)} deep"
-            raise InputError(f"tissue.layer[{index}].thickness", mm(layer.thickness), own)
-        total += layer.thickness
+    tissue = scene.tissue
+    for index, (upper, lower) in enumerate(pairwise((0.0, *tissue.interfaces))):
+        if tissue.shape != "half-space" and reaches(lower, tissue.depth):
+            own = f"the tissue's own material has to be below the layers, and it is {mm(tissue.depth)} deep"
+            allowed = f"less than {most_mm(tissue.depth - upper)}: {own}"
+            raise InputError(f"tissue.layer[{index}].thickness", mm(tissue.layer[index].thickness), allowed)
 
 
 def _check_load(scene: Scene) -> None:

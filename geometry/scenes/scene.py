@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import accumulate
 from typing import Annotated, Literal, Self
 
 from pydantic import Discriminator, Field, Tag, model_validator
@@ -40,6 +41,11 @@ class _Layered(Material):
     """Tissue of a material of its own, below the layers that it may have."""
 
     layer: Layers = _LAYERS
+
+    @property
+    def interfaces(self) -> tuple[float, ...]:
+        """Depths of the layers' lower faces, m, from the surface downwards."""
+        return tuple(accumulate(layer.thickness for layer in self.layer))
 
 
 class CylinderTissue(_Layered):

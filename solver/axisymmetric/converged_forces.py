@@ -10,17 +10,17 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
-from solver.axisymmetric.omitted_details import LAYERS, Change, omitted_changes
+from solver.axisymmetric.omitted_details import IN_PLANE, Change, omitted_changes
 from solver.axisymmetric.refinement import LEVELS, SampleErrors, refine
 from solver.axisymmetric.sample import MeshSample, sample
-from solver.axisymmetric.sections import sections, with_layers
+from solver.axisymmetric.sections import sections, with_details
 from solver.linalg.workspace import current
 from solver.results.film_forces import Bound, FilmForces, above
 from solver.results.result import Decision
 from solver.results.warnings import Note
 
 NEGLIGIBLE = 0.05  # of the accuracy: films and base that change less are left out
-LAYERED = 2.0  # times the meshes' errors where films or a base are modelled: their corners are graded less finely
+DETAILED = 2.0  # times the meshes' errors where films or a base are modelled: their corners are graded less finely
 
 
 @dataclass(frozen=True)
@@ -51,11 +51,11 @@ def converged_forces(scene: Scene, accuracy: float, moduli: Floats | None = None
     plain = sections(scene)
     rough = cache(lambda: sample(plain.section, plain, scene, LEVELS[0], moduli=moduli))
     changes = list(omitted_changes(scene, plain, rough, moduli))
-    layers = [change for change in changes if change.feature in LAYERS]
+    in_plane = [change for change in changes if change.feature in IN_PLANE]
     chosen = plain
-    if any(change.effect > NEGLIGIBLE * accuracy for change in layers):
-        chosen = with_layers(scene, plain)
-        changes = [replace(change, modelled=True) if change in layers else change for change in changes]
+    if any(change.effect > NEGLIGIBLE * accuracy for change in in_plane):
+        chosen = with_details(scene, plain)
+        changes = [replace(change, modelled=True) if change in in_plane else change for change in changes]
     missing = [change for change in changes if not change.modelled]
     solve = partial(sample, chosen.section, chosen, scene, moduli=moduli)
 
@@ -76,7 +76,7 @@ def converged_forces(scene: Scene, accuracy: float, moduli: Floats | None = None
 def _films(scene: Scene, sample: MeshSample, errors: SampleErrors, changes: Iterable[Change] = ()) -> tuple[FilmForces, ...]:
     films = []
     for k, forces in enumerate(sample.forces):
-        margin = LAYERED if sample.states.model.section.has_details else 1.0
+        margin = DETAILED if sample.states.model.section.has_details else 1.0
         bound = Bound.independent(margin * errors.totals[k], forces)
         sensitivity_bound = margin * float(errors.sensitivity[k])
         for change in changes:

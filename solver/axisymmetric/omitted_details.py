@@ -18,7 +18,7 @@ from solver.results.detail_compliance import details
 from solver.results.film_forces import Bound
 from solver.results.result import Decision, Effect
 
-LAYERS = "film compliance", "elastic base"  # what the meridian plane can hold
+IN_PLANE = "film compliance", "elastic base"  # what the meridian plane can hold
 BEYOND = f"the tissue beyond {HALF_SPACE:g} probe sizes"
 SECOND_ORDER = 1 / 3  # of what the mean over cylinders shifts: what it may leave
 SLACK = 1.2  # on the bracket of tissue that is not round: within it the ratio need not be monotone

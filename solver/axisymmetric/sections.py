@@ -82,9 +82,8 @@ def sections(scene: Scene) -> Sections:
 
 def _check_interfaces(scene: Scene) -> None:
     """An interface that meets the sphere at a sharp angle leaves a wedge that no mesh fills."""
-    interface = 0.0
-    for index, layer in enumerate(scene.tissue.layer if scene.inclusion else ()):
-        body, interface = scene.inclusion[0], interface + layer.thickness
+    for index, interface in enumerate(scene.tissue.interfaces if scene.inclusion else ()):
+        body = scene.inclusion[0]
         radius = (body.diameter or 0.0) / 2
         inside = radius - abs(interface - body.depth)
         if -TOUCHING * radius <= inside < LEAST_CUT * radius:
@@ -92,7 +91,7 @@ def _check_interfaces(scene: Scene) -> None:
             raise Refusal("inclusion.depth", mm(body.depth), f"{allowed} {least_mm(LEAST_CUT * radius)} or more")
 
 
-def with_layers(scene: Scene, plain: Sections) -> Sections:
+def with_details(scene: Scene, plain: Sections) -> Sections:
     """Add the scene's films and elastic base.
 
     Raises:

@@ -17,7 +17,7 @@ from geometry.scenes.variables import changed
 from solver.axisymmetric.gradients import Gradients, gradients
 from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.sample import sample
-from solver.axisymmetric.sections import Sections, sections, with_layers
+from solver.axisymmetric.sections import Sections, sections, with_details
 from solver.casadi_functions.base import Differentiated
 from solver.equivalent_inclusion.gradients import first_order, tumour_gradients
 from solver.equivalent_inclusion.level import EquivalentInclusion
@@ -81,7 +81,7 @@ class FilmCallback(Differentiated):
             return None
         of = sections(scene)
         if self.layered:
-            of = with_layers(scene, of)
+            of = with_details(scene, of)
         for kind in (self.kind, None):
             try:
                 with threadpool_limits(1, user_api="blas"):

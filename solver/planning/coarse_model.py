@@ -138,7 +138,7 @@ class CoarseModel:
         spans = ((0.0, section.inner_radius), (section.hole_radius, section.tube_radius))
         r = np.concatenate([low + steps * (high - low) for low, high in spans])
         ring = np.repeat([(high - low) / PLACES for low, high in spans], PLACES) * r
-        depth = min(BELOW * section.tube_radius, section.layer / 10)
+        depth = min(BELOW * section.tube_radius, section.under_blocks / 10)
         strains = self.undisturbed.field.at(r, np.full_like(r, -depth))
         lam = tissue.youngs_modulus * tissue.poisson_ratio / ((1 + tissue.poisson_ratio) * (1 - 2 * tissue.poisson_ratio))
         shear = tissue.youngs_modulus / (1 + tissue.poisson_ratio)

@@ -108,10 +108,9 @@ def tissue_strain(tube_radius: Any, tissue: Tissue) -> Any:
 
 def _bottoms_and_bending(tissue: Tissue) -> tuple[float, float]:
     """Largest (1 - E_above / E_below) / H^2 of floor and interfaces, 1/m^2, and c of eq. PL.6."""
-    bottoms, bending, depth = 0.0 if tissue.shape == "half-space" else 1 / tissue.depth**2, 1.0, 0.0
+    bottoms, bending = 0.0 if tissue.shape == "half-space" else 1 / tissue.depth**2, 1.0
     moduli = [*(layer.youngs_modulus for layer in tissue.layer), tissue.youngs_modulus]
-    for k, layer in enumerate(tissue.layer):
-        depth += layer.thickness
+    for k, depth in enumerate(tissue.interfaces):
         above, below = moduli[: k + 1], moduli[k + 1 :]
         bottoms = max(bottoms, (1 - min(above) / max(below)) / depth**2)
         bending = max(bending, moduli[k] / min(below))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,12 +101,8 @@ def _effects(scene: Scene, rough: CoarseModel) -> _InclusionEffects:
 
 def _host(scene: Scene) -> Material:
     """The material about the inclusions; with layers about the centre of the only one, which is never left out."""
-    depth = scene.inclusion[0].depth
-    for layer in scene.tissue.layer:
-        depth -= layer.thickness
-        if depth < 0:
-            return layer
-    return scene.tissue
+    tissue = scene.tissue
+    return (*tissue.layer, tissue)[bisect_right(tissue.interfaces, scene.inclusion[0].depth)]
 
 
 def _on_target(tumours: Tumours, changes: Floats, slopes: Floats, target: int) -> Floats:

@@ -16,7 +16,7 @@ from geometry.common.errors import Refusal
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.converged_forces import NEGLIGIBLE
 from solver.axisymmetric.level import Axisymmetric
-from solver.axisymmetric.omitted_details import BEYOND, LAYERS, Change
+from solver.axisymmetric.omitted_details import BEYOND, IN_PLANE, Change
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.layers import forgotten_skin, layer_decisions
 from solver.planning.load_check import DOUBT, LoadChanges, budget, check_load, exact, largest, load_notes, with_error, with_load
@@ -171,7 +171,7 @@ def _level(scene: Scene, rough: CoarseModel, accuracy: float) -> str | None:
         return None
     if needs_solid(scene) is not None:
         return SOLID
-    flat = sum(change.effect for change in rough.changes if change.feature not in (*LAYERS, BEYOND))
+    flat = sum(change.effect for change in rough.changes if change.feature not in (*IN_PLANE, BEYOND))
     if flat > accuracy and SolidLevel().may_help(scene, accuracy):
         return SOLID
     return AXISYMMETRIC if Axisymmetric().refusal(scene) is None else HARMONICS
@@ -188,7 +188,7 @@ def _model(scene: Scene, level: str | None) -> str:
 
 def _dimension(scene: Scene, rough: CoarseModel, level: str | None, accuracy: float) -> Decision:
     """What the third dimension holds beyond tumours, which harmonics carry."""
-    flat = [change.decision(accuracy) for change in rough.changes if change.feature not in (*LAYERS, BEYOND)]
+    flat = [change.decision(accuracy) for change in rough.changes if change.feature not in (*IN_PLANE, BEYOND)]
     effect = Effect(
         sum((one.effect for one in flat), 0.0),
         sum((one.effect_on_stresses or 0.0 for one in flat), 0.0),
@@ -211,8 +211,8 @@ def _edges(rough: CoarseModel, accuracy: float) -> Iterator[Decision]:
 
 def _detail(change: Change, level: str | None, accuracy: float) -> Decision:
     """Groove, sides that are not round, films and base."""
-    layer = change.feature in LAYERS
-    modelled = change.effect > NEGLIGIBLE * accuracy if layer else level == SOLID and change.feature != BEYOND
+    in_plane = change.feature in IN_PLANE
+    modelled = change.effect > NEGLIGIBLE * accuracy if in_plane else level == SOLID and change.feature != BEYOND
     return replace(change, modelled=modelled).decision(accuracy)
 
 

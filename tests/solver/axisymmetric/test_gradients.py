@@ -16,7 +16,7 @@ from geometry.scenes.variables import changed, values
 from solver.axisymmetric.energy_derivatives import variables
 from solver.axisymmetric.gradients import OUTPUTS, by_section, gradients
 from solver.axisymmetric.sample import MeshSample, sample
-from solver.axisymmetric.sections import sections, with_layers
+from solver.axisymmetric.sections import sections, with_details
 from solver.casadi_functions.finite_elements import FilmCallback
 from tests.support.paths import REFERENCE
 from tests.support.references import named
@@ -29,7 +29,7 @@ RENAMED = {"sphere_radius": "inclusion_radius", "sphere_depth": "inclusion_depth
 
 def solved(scene: Scene, fineness: MeridianFineness, moduli: np.ndarray | None = None, like: Scene | None = None) -> MeshSample:
     """A sample on the mesh topology of another scene."""
-    add = with_layers if scene.probe.film or not scene.probe.base.rigid else lambda _, plain: plain
+    add = with_details if scene.probe.film or not scene.probe.base.rigid else lambda _, plain: plain
     of = add(scene, sections(scene))
     kind = kind_of(add(like, sections(like)).section) if like else None
     return sample(of.section, of, scene, fineness, moduli=moduli, kind=kind)
