@@ -188,7 +188,8 @@ def test_extremes_are_answered_within_their_error_or_refused(thickness, contrast
     scene = on((thickness, contrast * OWN[0]))
     try:
         coarse, fine = (Axisymmetric().evaluate(scene, accuracy) for accuracy in (1e-2, 1e-5))
-    except Refusal:
+    except Refusal:  # so soft that the load drives the probe through the tissue
+        assert contrast < 1
         return
     for key in ("ratio", "stress_inner", "stress_outer", "stiffness"):
         one, other = getattr(coarse, key), getattr(fine, key)
