@@ -1,6 +1,4 @@
-"""Random scenes from the closed form's range: a third of ordinary probes on ordinary tissue, a third from the whole range, and a
-third of either kind on layers of tissue.
-"""
+"""Random scenes from the closed form's range: half of them ordinary probes on ordinary tissue, a third of all on layers."""
 
 from __future__ import annotations
 

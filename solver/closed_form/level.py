@@ -20,6 +20,7 @@ from geometry.scenes.scene import Scene
 from solver.closed_form.designs import BALL, PROBE, TISSUE, Shape, answers, parameters
 from solver.closed_form.error_bound import StatedErrors, errors
 from solver.closed_form.error_features import EFFECTS, STEP
+from solver.closed_form.lateral_boundary import NEAR, side_nodes
 from solver.linalg.workspace import in_own_workspace
 from solver.results.evaluator import Answer, FilmLevel, Tell
 from solver.results.film_forces import FilmForces, shortfalls
@@ -33,6 +34,7 @@ LEAST_DEPTH = 0.1  # of the tissue, in outer radii
 # Poisson's ratios up to which rounding, in differences of terms that go with 1 / (1 - 2 nu), stays below a fiftieth of the stated
 # errors; in tissue with a tumour it grows with the third power, and is beyond them from 0.4999999 on. ``tests`` hold both.
 LARGEST_RATIO = {"tissue": 0.499999, "block": 0.499999999999}
+FAR_SIDE_NODES = side_nodes(1.0, 0.0, NEAR)  # as for the nearest sides that are left out
 BROKEN = "axisymmetric, as the formulas break down for this scene"
 
 
@@ -104,16 +106,14 @@ class ClosedForm(FilmLevel):
         for shape, group in groups.items():
             stacked = variants(shape, [values for _, values in group])
             for (place, _), *one in zip(group, *stacked, strict=True):
-                every[place] = self._bounded(scenes[place], shape, *one)
+                every[place] = self._bounded(scenes[place], *one)
         return [every[place] for place in range(len(scenes))]
 
-    def _bounded(
-        self, scene: Scene, shape: Shape, forces: Floats, slopes: Floats, residuals: Floats
-    ) -> ClosedFormForces | InputError:
+    def _bounded(self, scene: Scene, forces: Floats, slopes: Floats, residuals: Floats) -> ClosedFormForces | InputError:
         """What stands behind the answer of a scene, from its variants."""
         if not (np.all(np.isfinite(forces)) and np.all(forces.sum(axis=2) > 0) and np.all(residuals < LARGEST_RESIDUAL)):
             return Refusal("evaluator", self.name, BROKEN)
-        error = errors(scene, forces, slopes, shape.side_nodes > 0)
+        error = errors(scene, forces, slopes)
         if error.log_ratio > LARGEST_ERROR:
             return Refusal("evaluator", self.name, BROKEN)
         slope = slopes[0] if scene.target is not None else None
@@ -157,15 +157,28 @@ def variants(shape: Shape, values: Sequence[Floats]) -> tuple[Floats, Floats, Fl
         shape (designs, variants).
     """
     columns = np.concatenate([_variants(one) for one in values], axis=1)
+    plain = _asked(shape, columns)
+    other = plain if other_sides(shape) == shape else _asked(other_sides(shape), columns)
+    forces, slopes, residuals = (np.concatenate([one, two[:, :1]], axis=1) for one, two in zip(plain, other, strict=True))
+    return forces, slopes, residuals
+
+
+def _asked(shape: Shape, columns: Floats) -> tuple[Floats, Floats, Floats]:
+    """Forces, slopes and residuals of the first four variants of designs."""
     with np.errstate(all="ignore"):
         parts = [(one.forces, one.slope, one.residual) for one in answers(shape, columns)]
         forces, slopes, residuals = (np.concatenate(part) for part in zip(*parts, strict=True))
-    size = len(values), -1
+    size = -1, len(EFFECTS) - 1
     return forces.reshape(*size, 2, 2), slopes.reshape(*size, 2, 2), residuals.reshape(size)
 
 
+def other_sides(shape: Shape) -> Shape:
+    """The structure that models sides which ``shape`` leaves out."""
+    return replace(shape, side_nodes=FAR_SIDE_NODES) if shape.bounded and not shape.side_nodes else shape
+
+
 def _variants(values: Floats) -> Floats:
-    """The parameters of the variants, columns."""
+    """The parameters of all variants but the last, columns."""
     columns = {"scene": values}
     for name in ("inner_modulus", "outer_modulus"):
         columns[name] = values.copy()
@@ -173,7 +186,7 @@ def _variants(values: Floats) -> Floats:
     columns["no inclusions"] = values.copy()
     bodies = columns["no inclusions"][len(PROBE) + len(TISSUE) :].reshape(-1, len(BALL))
     bodies[:, -2:] = values[len(PROBE) + len(TISSUE) - 2 : len(PROBE) + len(TISSUE)]
-    return np.stack([columns[name] for name in EFFECTS], axis=1)
+    return np.stack([columns[name] for name in EFFECTS[:-1]], axis=1)
 
 
 def level(tell: Tell | None = None) -> ClosedForm:
