@@ -122,14 +122,14 @@ def difference(base: Undisturbed, scene: Scene, body: Inclusion) -> ShapeCorrect
         position = f"one that reaches {mm(float(reach))} from the probe's axis and {mm(float(-z.min()))} deep"
         room = f"ellipsoids within {most_mm(section.tissue_radius)} and {most_mm(section.tissue_depth)}; or solid"
         raise Refusal("diameters", Words(position), room)
-    strain = _cartesian(base, x, y, z)
+    strain, host = _cartesian(base, x, y, z), base.scene.tissue.material_at(body.depth)
     material = Material(youngs_modulus=body.youngs_modulus, poisson_ratio=body.poisson_ratio)
     volume = 4 / 3 * np.pi * abs(float(np.linalg.det(axes)))
     forces, slope = (
         volume * np.einsum("q,qai,ab,qbj->ij", weights, strain, k, strain, optimize=True)
-        for k in polarisation(base.scene.tissue, material, axes)
+        for k in polarisation(host, material, axes)
     )
-    sphere = effects(base.energies, base.scene.tissue, Tumours.of(scene.model_copy(update={"inclusion": (body,)})).flat())
+    sphere = effects(base.energies, host, Tumours.of(scene.model_copy(update={"inclusion": (body,)})).flat())
     whole = np.abs(sphere.forces[0]).sum()
     share = float(np.abs(forces - sphere.forces[0]).sum() / whole) if whole > 0 else 0.0
     return ShapeCorrection(forces - sphere.forces[0], slope - sphere.by_log_modulus[0], sphere.by_log_modulus[0], share, forces)

@@ -16,7 +16,7 @@ from solver.inclusions.tumours import Tumours
 from solver.linalg.workspace import in_own_workspace
 from solver.results.evaluator import Answer, FilmLevel, Tell
 from solver.results.film_forces import Bound, FilmForces, shortfalls
-from solver.results.kinds import layered, needs_solid
+from solver.results.kinds import crossed, needs_solid
 from solver.results.result import Decision
 
 
@@ -29,7 +29,7 @@ class EquivalentInclusion(FilmLevel):
 
     def refusal(self, scene: Scene) -> str | None:
         """Say which kind of thing in the scene this level does not know, or None."""
-        return needs_solid(scene) or layered(scene)
+        return needs_solid(scene) or crossed(scene)
 
     def answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Answer:
         """Answer to first order where that is good enough, else with reflections.

@@ -22,6 +22,7 @@ from solver.axisymmetric.converged_forces import Converged, converged_forces
 from solver.axisymmetric.dofs import Interface
 from solver.axisymmetric.tissue_field import TissueField
 from solver.equivalent_inclusion.strain_products import Energies
+from solver.inclusions.strata import Strata
 from solver.inclusions.tumours import Tumours
 from solver.linalg.workspace import current, kept
 from solver.multiple_scattering.exchange import Reflector
@@ -102,6 +103,11 @@ class Undisturbed(ProbeAlone):
         """Add the base states."""
         fields = vars(films) | {"residual": max(films.residual, states.residual)}
         return cls(**fields, energies=Energies(TissueField(states)), nearest_error=nearest_error)
+
+    @cached_property
+    def strata(self) -> Strata:
+        """The tissue's materials by depth."""
+        return Strata.of(self.scene.tissue)
 
     @property
     def field(self) -> TissueField:
@@ -225,5 +231,5 @@ def _nearer(scene: Scene, section: Section) -> Section:
     """The section in which strains are found: a half-space ends nearer, where its end shifts the tissue but strains it little."""
     if scene.tissue.shape != "half-space":
         return section
-    far = FAR * section.tube_radius
+    far = max(FAR * section.tube_radius, 2 * max(section.interfaces, default=0.0))
     return replace(section, tissue_radius=min(section.tissue_radius, far), tissue_depth=min(section.tissue_depth, far))

@@ -147,7 +147,7 @@ def readings(
         if sensitive and tumours.shape[1]:
             allowed = np.maximum(5 * base.accuracy * np.abs(first.log_sensitivity), 1e-5)
             insufficient |= first.with_bounds_of(base).sensitivity_error > allowed
-        insufficient &= np.any(~left_out, axis=1) & (reflect is not False)
+        insufficient &= np.any(~left_out, axis=1) & (reflect is not False) & (not base.strata.interfaces)
         chosen = np.flatnonzero(insufficient)
         for k, number in enumerate(chosen):
             if progress is not None:
@@ -170,7 +170,7 @@ def readings(
 def _first_order(base: Undisturbed, tumours: Tumours, left_out: Bools, target: int, places: bool) -> Readings:
     """Readings whose ``bound`` is that of the tumours alone; those left out count twice in it, and not in the forces."""
     n, t = tumours.shape
-    single = effects(base.energies, base.scene.tissue, tumours.flat(), places)
+    single = effects(base.energies, base.strata.hosts(tumours.flat().depth), tumours.flat(), places)
     changes = single.forces.reshape(n, t, 2, 2)
     outside = np.abs(np.where(left_out[..., None, None], changes, 0.0)).sum(axis=(1, 3))
     changes = np.where(left_out[..., None, None], 0.0, changes)
