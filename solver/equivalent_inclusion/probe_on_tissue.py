@@ -132,7 +132,7 @@ class Undisturbed(ProbeAlone):
 
     def _ordinary(self, tumours: Tumours) -> bool:
         section, depth, diameter = self.field.states.model.section, tumours.depth, tumours.diameter
-        near = np.minimum(tumours.cover, section.tissue_depth - depth - diameter / 2)
+        near = np.minimum(np.minimum(tumours.cover, self.strata.gap(tumours)), section.tissue_depth - depth - diameter / 2)
         shallow = (near < 0.07 * diameter) | (depth < 0.3 * section.tube_radius)
         large = diameter > np.minimum(3 * section.tube_radius, section.tissue_radius - tumours.offset)
         return self.nearest_error == FIELD_ERRORS[0] and not np.any(shallow | large)

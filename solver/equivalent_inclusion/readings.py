@@ -147,7 +147,7 @@ def readings(
         if sensitive and tumours.shape[1]:
             allowed = np.maximum(5 * base.accuracy * np.abs(first.log_sensitivity), 1e-5)
             insufficient |= first.with_bounds_of(base).sensitivity_error > allowed
-        insufficient &= np.any(~left_out, axis=1) & (reflect is not False) & (not base.strata.interfaces)
+        insufficient &= np.any(~left_out, axis=1) & (reflect is not False)
         chosen = np.flatnonzero(insufficient)
         for k, number in enumerate(chosen):
             if progress is not None:
@@ -226,7 +226,7 @@ def _reflect(
     try:
         tolerance, places = TOLERANCE * base.accuracy, "depth" in into.by
         scattering = solve_scattering(
-            base.field, base.reflector(mine), base.scene.tissue, mine, tolerance, places=places, sensitive=sensitive, often=often
+            base.field, base.reflector(mine), base.strata, mine, tolerance, places=places, sensitive=sensitive, often=often
         )
     except SolveError as fault:
         raise Refusal("inclusion", f"set {number}", f"tumours whose reflections can be computed ({fault})") from fault
