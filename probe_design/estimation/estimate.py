@@ -212,15 +212,15 @@ def _strength(findings: Findings, best: float | None, interval: Interval) -> tup
     It grows with the modulus and, for stiff bodies, with the diameter. Where the modulus is open the strength is not: a rigid
     body's, or a hole's, is the end; a diameter that is open below ends at no body at all.
     """
-    scene, body = findings.model.scene, findings.model.target
+    body = findings.model.target
     if findings.unknown == "depth":
-        return float(strength(scene.tissue, body)), None
+        return float(strength(findings.model.host, body)), None
     if best is None:
         return None, OPEN
     key = "modulus" if findings.unknown == "youngs_modulus" else "diameter"
 
     def at(value: Floats | float) -> float:
-        return float(strength(scene.tissue, body, **{key: np.asarray(value)}))
+        return float(strength(findings.model.host, body, **{key: np.asarray(value)}))
 
     if not findings.pieces:
         return at(best), OPEN

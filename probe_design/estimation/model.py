@@ -9,7 +9,7 @@ import numpy as np
 
 from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import InputError, Refusal, Words
-from geometry.scenes.probe import MODULUS, mm
+from geometry.scenes.probe import MODULUS, Material, mm
 from geometry.scenes.scene import Inclusion, Placement, Scene
 from probe_design.estimation.readings import Measurements
 from probe_design.maps.target_grid import check_spheres
@@ -73,6 +73,11 @@ class TargetModel:
         return self.scene.inclusion[self.scene.target]
 
     @property
+    def host(self) -> Material:
+        """The material about the target, which stays in its layer."""
+        return self.scene.tissue.material_at(self.target.depth)
+
+    @property
     def others(self) -> list[Inclusion]:
         """The inclusions beside the target."""
         return [body for index, body in enumerate(self.scene.inclusion) if index != self.scene.target]
@@ -111,6 +116,8 @@ class TargetModel:
             free = np.minimum(free, min(tissue.length / 2 - abs(at.x), tissue.breadth / 2 - abs(at.y)))
         if tissue.shape != "half-space":
             free = np.minimum(free, tissue.depth - depth)
+        for interface in tissue.interfaces:
+            free = np.minimum(free, np.abs(interface - np.asarray(depth)))
         for other in self.others:
             apart = np.sqrt((other.x - at.x) ** 2 + (other.y - at.y) ** 2 + (other.depth - depth) ** 2)
             free = np.minimum(free, apart - (other.diameter or 0.0) / 2)
@@ -119,15 +126,16 @@ class TargetModel:
     def span(self, unknown: str) -> tuple[float, float]:
         """Return the least and the largest value of the unknown that are searched.
 
-        Moduli from 1e-3 to 1e6 times the tissue's; diameters from 1/100 of the largest that fits; depths between which the
-        target fits, without passing through another inclusion.
+        Moduli from 1e-3 to 1e6 times those of the tissue about the target; diameters from 1/100 of the largest that fits; depths
+        between which the target fits, without passing through another inclusion or an interface.
 
         Raises:
             Refusal: the target fits at one depth only.
         """
         body, tissue = self.target, self.scene.tissue
         if unknown == "youngs_modulus":
-            return max(1e-3 * tissue.youngs_modulus, MODULUS.low), min(1e6 * tissue.youngs_modulus, MODULUS.high)
+            around = self.host.youngs_modulus
+            return max(1e-3 * around, MODULUS.low), min(1e6 * around, MODULUS.high)
         if unknown == "diameter":
             most = float(self.room(np.array([body.depth]))[0])
             return most / 100, most

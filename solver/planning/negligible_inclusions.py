@@ -90,6 +90,7 @@ def _effects(scene: Scene, rough: CoarseModel) -> _InclusionEffects:
     least = np.minimum(np.abs(totals), np.abs(totals + changes.sum(axis=(0, 2))))
     least = np.maximum(least, 1e-9 * np.abs(totals).sum())  # a stress near zero: nothing is left out
     parts, doubts = changes.sum(axis=2) / least, doubt / least
+    doubts[base.strata.gap(tumours)[0] < 0] = np.inf  # across an interface: the first order knows one material about it
     whole = np.abs(changes.sum(axis=(1, 2))) / least.sum()
     on_target = np.zeros(len(share))
     if target is not None:

@@ -2,13 +2,23 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from geometry import Refusal, Scene, read_scene
+from geometry.scenes.variables import changed, values
+from probe_design.maps.detectability import detectability
+from solver.axisymmetric.gradients import OUTPUTS, gradients
 from solver.axisymmetric.level import Axisymmetric
+from solver.axisymmetric.sections import sections
+from solver.casadi_functions.finite_elements import TumourCallback
+from solver.equivalent_inclusion.gradients import first_order, tumour_gradients
 from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.equivalent_inclusion.readings import Readings, readings
+from solver.inclusions.tumours import Tumours
+from solver.levels import plan
 from solver.results.kinds import crossed
-from tests.solver.axisymmetric.test_layers import FOLDER, on
+from tests.solver.axisymmetric.test_layers import EXAMPLE, FOLDER, OWN, forces, on
 
 EXPECTED = json.loads((FOLDER / "expected.json").read_text())
 SCENES = {name: read_scene(FOLDER / f"{name}.toml") for name in EXPECTED}
@@ -54,6 +64,117 @@ def test_the_material_at_a_depth():
 def test_a_sphere_across_an_interface_is_refused(bodies, words):
     with pytest.raises(Refusal, match=words):
         LEVEL.evaluate(on((6.0, 2e4), inclusion=bodies))
+
+
+def read(scene: Scene, accuracy: float = 1e-2, **asked) -> Readings:
+    """What the level reads with reflections."""
+    return readings(LEVEL.prepared(scene, accuracy), Tumours.of(scene), scene.target or 0, reflect=True, **asked)
+
+
+def agree(one: Readings, other: Readings) -> None:
+    """Both are as close as meshes that differ allow: a thousandth of a tumour's effect, which is a tenth or so here."""
+    for key, error in (("ratio", 1e-4), ("stiffness", 5e-5)):
+        assert getattr(one, key) == pytest.approx(getattr(other, key), rel=error), key
+    assert one.log_sensitivity == pytest.approx(other.log_sensitivity, rel=2e-3)
+
+
+ASIDE = [sphere(9.0, x=4.0)]
+PAIR = [sphere(7.0, 6.0, x=3.0) | {"target": True}, sphere(15.0, 8.0, x=1.0, y=2.0, modulus=6e4)]
+
+
+@pytest.mark.parametrize(
+    ("thicknesses", "bodies"),
+    [
+        ((4.0,), ASIDE),
+        pytest.param((14.0,), ASIDE, marks=pytest.mark.slow),
+        pytest.param((4.5, 9.0), ASIDE, marks=pytest.mark.slow),
+        pytest.param((10.5,), PAIR, marks=pytest.mark.slow),
+    ],
+)
+def test_a_layer_of_the_tissues_own_material_changes_nothing(thicknesses, bodies):
+    """Below the sphere, above it, both, and between two spheres, whose fields then meet through the interface alone."""
+    agree(read(on(*((one, *OWN) for one in thicknesses), inclusion=bodies)), read(on(inclusion=bodies)))
+
+
+@pytest.mark.slow
+def test_both_ways_of_reflection_agree_on_spheres_in_two_layers():
+    """By their work on the layers' faces (coarse) and at the spheres' own points (fine)."""
+    scene = on((10.5, 2e4), inclusion=PAIR)
+    agree(read(scene), read(scene, 1e-3))
+
+
+@pytest.mark.slow
+def test_two_half_layers_are_one_and_turning_the_tissue_changes_nothing():
+    whole = read(on((3.0, 2e4), inclusion=ASIDE))
+    agree(read(on((1.5, 2e4), (1.5, 2e4), inclusion=ASIDE)), whole)
+    assert read(on((3.0, 2e4), inclusion=[sphere(9.0, y=4.0)])).ratio == pytest.approx(whole.ratio, rel=1e-9)
+
+
+@pytest.mark.slow
+def test_a_thick_layer_around_a_sphere_is_all_that_matters():
+    """On rock four times as deep as the sphere lies under a probe a tenth as wide: the answer in tissue of that material alone."""
+    endless = EXAMPLE.tissue.model_dump(exclude_unset=True, exclude={"radius", "depth"}) | {"shape": "half-space"}
+    alone = Scene.model_validate(EXAMPLE.model_dump(exclude_unset=True) | {"tissue": endless, "inclusion": ASIDE})
+    rock = Scene.model_validate(EXAMPLE.model_dump(exclude_unset=True) | {"tissue": endless | {"youngs_modulus": 1e8}})
+    found, expected = read(on((3000.0, *OWN), scene=rock, inclusion=ASIDE)), read(alone)
+    assert found.ratio == pytest.approx(expected.ratio, rel=5e-4)
+    assert found.log_sensitivity == pytest.approx(expected.log_sensitivity, rel=5e-3)
+
+
+TWO = ((1.4, 2e4, 0.49), (14.0, 4e3))
+NAMES = (
+    "tissue.layer[0].thickness",
+    "tissue.layer[1].thickness",
+    "tissue.layer[1].youngs_modulus",
+    "tissue.layer[1].poisson_ratio",
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_central_differences_by_layers_converge_at_second_order(name):
+    scene = on(*TWO, inclusion=[sphere(8.0, 6.0, x=4.0) | {"target": True}, sphere(25.0, 4.0, x=-3.0, y=2.0)])
+    solution = first_order(scene, sections(scene))
+    kind, value = solution.states.model.mesh.layout.kind, values(scene)[name]
+    exact = tumour_gradients(scene, solution, (name,))
+
+    def outputs(step: float) -> np.ndarray:
+        moved = changed(scene, {name: value * (1 + step)})
+        found = tumour_gradients(moved, first_order(moved, sections(moved), kind=kind), ())
+        return np.array([found.values[key][0] for key in OUTPUTS])
+
+    mine, size = (np.array([part[key].flat[0] for key in OUTPUTS]) for part in (exact.derivatives, exact.values))
+    errors = [np.abs((outputs(h) - outputs(-h)) / (2 * h) - mine * value) for h in (6e-4, 1.5e-4)]
+    assert np.all((errors[1] < errors[0] / 12) | (errors[1] < 1e-8 * np.abs(size)))  # 16 at second order
+
+
+@pytest.mark.slow
+def test_derivatives_are_those_of_the_meridians_elements():
+    """By the sphere with reflections, by the layers to first order, of which a weak sphere far from all needs no more."""
+    near, weak = on(*TWO, inclusion=[sphere(7.0, 6.0)]), on(*TWO, inclusion=[sphere(9.0, 2.0, modulus=8e3)])
+    found, exact = read(near, places=True), gradients(near, forces(near), ("inclusion.depth", "inclusion.diameter"))
+    for k, key in enumerate(("depth", "diameter")):
+        mine = exact.derivatives["stiffness"][0, k] * getattr(near.inclusion[0], key)
+        assert found.log_stiffness_by(key)[0] * found.stiffness[0] == pytest.approx(mine, rel=0.02), key
+    mine, whole = tumour_gradients(weak, first_order(weak, sections(weak)), NAMES), gradients(weak, forces(weak), NAMES)
+    for key in ("ratio", "stiffness"):
+        np.testing.assert_allclose(mine.derivatives[key], whole.derivatives[key], rtol=5e-3)
+
+
+def test_a_design_whose_layer_reaches_into_a_sphere_gives_no_number():
+    """IPOPT steps back from it."""
+    films = TumourCallback(on((3.0, 2e4), inclusion=[sphere(9.0, x=4.0) | {"target": True}]), ("tissue.layer[0].thickness",), 0.1)
+    inside, across = (np.array(films(np.array([thickness]))).ravel() for thickness in (3e-3, 7e-3))
+    assert np.all(np.isfinite(inside))
+    assert np.all(np.isnan(across))
+
+
+def test_auto_takes_this_level_off_the_axis_and_maps_leave_out_what_crosses():
+    scene = on((1.4, 2e4), inclusion=ASIDE)
+    planned = plan(scene, 0.02)
+    assert (planned.evaluator, plan(on((1.4, 2e4))).evaluator) == ("equivalent-inclusion", "axisymmetric")
+    change = detectability(scene, np.array([1e-3, 2e-3, 9e-3]), np.array([1e-3, 6e-3]), accuracy=0.02).change
+    assert [[one is None for one in row] for row in change] == [[True, True], [False, True], [False, False]]
 
 
 @pytest.mark.slow
