@@ -61,7 +61,7 @@ class Plane:
         u = np.linspace(top, bottom, DEPTHS)
         if partner == "youngs_modulus":
             low, high = model.span(partner)
-            v = np.linspace(np.log(low), np.log(min(high, MOST_CONTRAST * model.around.youngs_modulus)), SIZES)
+            v = np.linspace(np.log(low), np.log(min(high, MOST_CONTRAST * model.host.youngs_modulus)), SIZES)
         else:
             v = np.linspace(np.log(1 / 50), 0.0, SIZES)
         depth, size = (part.ravel() for part in np.meshgrid(np.exp(u), v, indexing="ij"))
@@ -137,10 +137,10 @@ class Plane:
     def strengths(self, u: Floats, v: Floats) -> Floats:
         """Eq. ES.1 at all pairs of u, (m,), and v, (n,), shape (m, n)."""
         if self.partner == "youngs_modulus":
-            row = strength(self.model.around, self.model.target, modulus=np.exp(v))
+            row = strength(self.model.host, self.model.target, modulus=np.exp(v))
             return np.broadcast_to(row, (len(u), len(v)))
         sizes = np.outer(self.model.room(np.exp(u)), np.exp(v))
-        return strength(self.model.around, self.model.target, diameter=sizes)
+        return strength(self.model.host, self.model.target, diameter=sizes)
 
     def values(self, u: Floats, v: Floats) -> tuple[Floats, Bools]:
         """Return predictions, (m, n, k), and whether the model cannot tell them, (m, n), at all pairs of u and v."""
@@ -211,7 +211,7 @@ class Plane:
         )
         full = self.partner == "diameter" and bool(inside[:, -1].any() and v[-1] >= self.v[-1])  # no larger one fits
         weak, strong = (_reached(near_dark, inside, strengths, end) for end in (np.min, np.max))
-        positive = float(strength(self.model.around, self.model.target)) > 0
+        positive = float(strength(self.model.host, self.model.target)) > 0
         within = strengths[inside]
         depths = rows[inside.any(axis=1)]
         here = float(self.strengths(np.array([best[0]]), np.array([best[1]]))[0, 0])

@@ -180,7 +180,7 @@ def _strength(findings: Findings, best: float | None, interval: Interval) -> tup
     """
     if findings.unknown not in OF_TARGET:
         return None, None
-    around, body = findings.model.around, findings.model.target
+    around, body = findings.model.host, findings.model.target
     if findings.unknown == "depth":
         return float(strength(around, body)), None
     if best is None:

@@ -51,14 +51,14 @@ class TargetModel:
         return self.scene.inclusion[self.scene.target]
 
     @property
+    def host(self) -> Material:
+        """The material about the target, which stays in its layer."""
+        return self.scene.tissue.material_at(self.target.depth)
+
+    @property
     def others(self) -> list[Inclusion]:
         """The inclusions beside the target."""
         return [body for index, body in enumerate(self.scene.inclusion) if index != self.scene.target]
-
-    @property
-    def around(self) -> Material:
-        """The tissue around the target."""
-        return self.scene.tissue.material_at(self.target.depth)
 
     def changed(self, new: Mapping[str, float]) -> TargetModel:
         """Return the model of a scene with other numbers; see ``geometry.scenes.variables.changed``."""
@@ -98,6 +98,8 @@ class TargetModel:
             free = np.minimum(free, min(tissue.length / 2 - abs(at.x), tissue.breadth / 2 - abs(at.y)))
         if tissue.shape != "half-space":
             free = np.minimum(free, tissue.depth - depth)
+        for interface in tissue.interfaces:
+            free = np.minimum(free, np.abs(interface - np.asarray(depth)))
         for other in self.others:
             apart = np.sqrt((other.x - at.x) ** 2 + (other.y - at.y) ** 2 + (other.depth - depth) ** 2)
             free = np.minimum(free, apart - (other.diameter or 0.0) / 2)
@@ -106,8 +108,9 @@ class TargetModel:
     def span(self, unknown: str) -> tuple[float, float]:
         """Return the least and the largest value of the unknown that are searched.
 
-        Moduli from 1e-3 to 1e6 times the tissue's; diameters from 1/100 of the largest that fits; depths between which the
-        target fits, without passing through another inclusion; numbers of the tissue from 1/8 to 8 times the scene's.
+        Moduli from 1e-3 to 1e6 times those of the tissue about the target; diameters from 1/100 of the largest that fits; depths
+        between which the target fits, without passing through another inclusion or an interface; numbers of the tissue from 1/8
+        to 8 times the scene's.
 
         Raises:
             Refusal: the target fits at one depth only.
@@ -117,7 +120,7 @@ class TargetModel:
             return here / TIMES, here * TIMES
         body, tissue = self.target, self.scene.tissue
         if unknown == "youngs_modulus":
-            E = self.around.youngs_modulus
+            E = self.host.youngs_modulus
             return max(1e-3 * E, MODULUS.low), min(1e6 * E, MODULUS.high)
         if unknown == "diameter":
             most = float(self.room(np.array([body.depth]))[0])

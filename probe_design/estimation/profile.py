@@ -151,29 +151,29 @@ def _nodes(model: TargetModel, unknown: str, low: float, high: float) -> Floats:
     ends = coordinate(model, unknown, np.array([low, high]))
     if unknown == "depth":
         return np.linspace(ends[0], ends[1], DEPTHS)
-    soft = coordinate(model, unknown, np.array([c * model.around.youngs_modulus for c in SOFT]))
+    soft = coordinate(model, unknown, np.array([c * model.host.youngs_modulus for c in SOFT]))
     stiff = np.linspace(-1.0, ends[1], STIFF)
     return np.concatenate([ends[:1], soft[soft > ends[0]], stiff])
 
 
 def _beta(model: TargetModel) -> float:
-    return share_of_shear(model.around)
+    return share_of_shear(model.host)
 
 
 def coordinate(model: TargetModel, unknown: str, values: Floats) -> Floats:
     """Return x of eq. ES.2 for values of the unknown, SI, shape (n,)."""
     if unknown == "youngs_modulus":
-        return np.asarray(-1 / (1 + _beta(model) * (values / model.around.youngs_modulus - 1)))
+        return np.asarray(-1 / (1 + _beta(model) * (values / model.host.youngs_modulus - 1)))
     return np.asarray(values / model.span("diameter")[1]) if unknown == "diameter" else np.log(values)
 
 
 def _value_at(model: TargetModel, unknown: str, x: Floats) -> Floats:
     if unknown == "youngs_modulus":
-        return np.asarray(model.around.youngs_modulus * (1 + (-1 / x - 1) / _beta(model)))
+        return np.asarray(model.host.youngs_modulus * (1 + (-1 / x - 1) / _beta(model)))
     return np.asarray(x * model.span("diameter")[1]) if unknown == "diameter" else np.exp(x)
 
 
 def _by_log_modulus(model: TargetModel, moduli: Floats) -> Floats:
     """Return d x / d ln E = beta c x^2."""
     x = coordinate(model, "youngs_modulus", moduli)
-    return np.asarray(_beta(model) * moduli / model.around.youngs_modulus * x**2)
+    return np.asarray(_beta(model) * moduli / model.host.youngs_modulus * x**2)

@@ -170,7 +170,7 @@ def readings(
 def _first_order(base: Undisturbed, tumours: Tumours, left_out: Bools, target: int, places: bool) -> Readings:
     """Readings whose ``bound`` is that of the tumours alone; those left out count twice in it, and not in the forces."""
     n, t = tumours.shape
-    single = effects(base.energies, base.scene.tissue, tumours.flat(), places)
+    single = effects(base.energies, base.strata.hosts(tumours.flat().depth), tumours.flat(), places)
     changes = single.forces.reshape(n, t, 2, 2)
     outside = np.abs(np.where(left_out[..., None, None], changes, 0.0)).sum(axis=(1, 3))
     changes = np.where(left_out[..., None, None], 0.0, changes)
@@ -226,7 +226,7 @@ def _reflect(
     try:
         tolerance, places = TOLERANCE * base.accuracy, "depth" in into.by
         scattering = solve_scattering(
-            base.field, base.reflector(mine), base.scene.tissue, mine, tolerance, places=places, sensitive=sensitive, often=often
+            base.field, base.reflector(mine), base.strata, mine, tolerance, places=places, sensitive=sensitive, often=often
         )
     except SolveError as fault:
         raise Refusal("inclusion", f"set {number}", f"tumours whose reflections can be computed ({fault})") from fault
