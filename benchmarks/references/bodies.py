@@ -23,6 +23,7 @@ from geometry.scenes.fit import semi_axes
 
 LAYER = 0.125  # thickness of the layer of elements at the rims, over that of the elements it is cut from
 FLAT = 1e-4  # more than the margins of the shapes' bounding boxes, less than their sizes
+CUT = 0.15  # least size at an interface, where it cuts a tumour
 THIN = 3.0  # thicknesses of a layer that elements near tumours and probe may be long
 
 
@@ -139,7 +140,7 @@ def sizes(scene: Scene, size: float) -> list[tuple[float, float, float, float]]:
     x, y = np.meshgrid(np.linspace(-2 * r3, 2 * r3, 241), np.linspace(0, 2 * r3, 121))
     for slab in slabs(scene):
         top = np.column_stack([x.ravel(), y.ravel(), slab.top + 0 * x.ravel()])
-        near = np.maximum(tree.query(top)[0], 0.05)  # where an interface cuts a tumour
+        near = np.maximum(tree.query(top)[0], CUT)
         found.append(np.column_stack([top, np.minimum(1.2 * near, THIN * (slab.top - slab.bottom))]))
     return [(a, b, c, h * size) for a, b, c, h in np.concatenate(found) if b >= 0]
 

@@ -11,14 +11,16 @@ def unsupported(scene: Scene) -> str | None:
     """Say which kind of thing in the scene no level knows yet, or None."""
     if scene.contact.interface == "unilateral":
         return "none built yet for contact.interface = 'unilateral' (planned: contact)"
-    if scene.tissue.layer and not _round(scene):
-        return "none built yet for layers of tissue but under an upright probe with one sphere on its axis at most"
     return None
 
 
 def layered(scene: Scene) -> str | None:
     """Say which level knows layers of tissue, for those that do not; None without layers."""
-    return "axisymmetric for layers of tissue (evaluate, curve and sweep take them)" if scene.tissue.layer else None
+    if not scene.tissue.layer:
+        return None
+    if _round(scene):
+        return "axisymmetric for layers of tissue (evaluate, curve and sweep take them)"
+    return "solid for layers of tissue that are not round about the probe's axis with what they hold"
 
 
 def _round(scene: Scene) -> bool:
