@@ -22,6 +22,7 @@ from geometry.common.resources import check_time, limits, seconds_left
 from geometry.tetra.check import check, largest_error
 from geometry.tetra.curving import curved_mesh
 from geometry.tetra.labels import labels
+from geometry.tetra.layers import layered
 from geometry.tetra.layout import BodyLayout
 from geometry.tetra.sizing import COARSE, FINE, ROUGH, TetraFineness, background
 from geometry.tetra.slivers import remove_slivers
@@ -30,7 +31,7 @@ from geometry.tetra.snapping import exact_surfaces, interfaces, memberships, sna
 from geometry.tetra.stretched_space import MeshSpace, mesh_space
 from geometry.tetra.surface_files import Sheet
 from geometry.tetra.surfaces import Corners, corners, surfaces
-from geometry.tetra.tet_mesh import TetMesh
+from geometry.tetra.tet_mesh import TISSUE, TetMesh
 
 __all__ = ["COARSE", "FINE", "ROUGH", "TetraFineness", "Timing", "expected_elements", "mesh_layout", "tetrahedralize"]
 
@@ -241,5 +242,10 @@ def _finish(layout: BodyLayout, space: MeshSpace, turns: Corners, nodes: Points,
     cells, member, faces = number.reshape(-1, 4), member[vertices], renumber[faces]
     straight = smooth(snap(exact, points[vertices], member), cells, exact, member, least=_LEAST_RATIO, rounds=6)
     straight = undo_inversions(straight, snap_to_permanent(exact, points[vertices], member), cells, _LEAST_KEPT)
+    body, beyond, layer = body[used], beyond[used], np.zeros(len(cells), dtype=np.int64)
+    if layout.interfaces:
+        cut = layered(layout, exact, straight, cells, body=body, member=member)
+        straight, cells, faces, chosen, layer = cut.points, cut.cells, cut.faces, cut.chosen, cut.layer
+        body, beyond = body[cut.parent], beyond[cut.parent]
     quadratic, elements = curved_mesh(straight, cells, exact, faces=faces, chosen=chosen, keep=_KEEP)
-    return TetMesh(quadratic, elements, body[used], beyond[used], layout.half)
+    return TetMesh(quadratic, elements, body, beyond, np.where(body < TISSUE, 0, layer), layout.half)

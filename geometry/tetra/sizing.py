@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ _THIN = 4.5  # tubes with walls thinner than the solid cylinder's radius over th
 _AROUND = 1.6  # how much faster tetrahedra become larger round inclusions than round the probe
 _FAR = 0.7  # by how much of themselves others become larger with each e-fold of distance, beyond what growth makes them
 _FAR_INCLUSIONS = 0.3  # power of that by which those in inclusions do
+_FLAT = 0.5  # of the sizes in blocks, or at inclusions: what is thinner makes tetrahedra flatter, not smaller
 _AIR = 3.0  # how much larger tetrahedra may be outside
 _BEYOND = 1.1  # times the tissue's size: from where on points count as outside
 
@@ -30,7 +32,7 @@ class TetraFineness:
         block: in the blocks, over that radius.
         wall: in the tube's wall and along the blocks' heights, over these.
         sphere: at inclusions, over their least radius.
-        layer: between inclusion and surface, over what is left there.
+        layer: between inclusion and surface or interface, over what is left there, and in layers of tissue, over their thickness.
         growth: with the distance from all these.
         corners: of the polygons that stand for circles, a multiple of 4.
     """
@@ -70,9 +72,16 @@ def sizes(layout: BodyLayout, fine: TetraFineness, space: MeshSpace, points: Poi
         sideways = np.maximum(np.abs(points[:, 1]) - width, 0) + np.maximum(-points[:, 0], 0)
         away = np.hypot(sideways, np.maximum(layout.outer_height - depth - z, 0)) + np.maximum(layout.hole - radius, 0)
         result = np.minimum(result, fine.groove * min(2 * width, depth) + fine.growth * (away + _beside(layout, radius, z)))
+    for top, bottom in pairwise((0.0, *layout.interfaces)):
+        least = max(fine.layer * (bottom - top), _FLAT * fine.block * layout.inner)
+        away = np.maximum(np.maximum(top + z, -z - bottom), 0.0) + _beside(layout, radius, z)
+        result = np.minimum(result, least + fine.growth * away)
     far = 1 - _FAR * np.log(space.scale(points))
     for body in layout.inclusions:
         layer = fine.layer * (np.abs(body.distance(points)) + np.abs(z))
+        for depth in layout.interfaces:
+            near = fine.layer * (np.abs(body.distance(points)) + np.abs(z + depth))
+            layer = np.minimum(layer, np.maximum(near, _FLAT * fine.sphere * body.smallest))
         result = np.minimum(result, layer + fine.growth * _beside(layout, radius, z))
     result *= far
     for body in layout.inclusions:

@@ -25,9 +25,12 @@ def mean_ratios(points: Points, tetrahedra: Indices) -> Points:
 
 
 def smooth(
-    points: Points, tetrahedra: Indices, surfaces: list[Surface], member: NDArray[np.bool_], *, least: float, rounds: int
+    points: Points, tetrahedra: Indices, surfaces: list[Surface], member: NDArray[np.bool_], *, least: float | Points, rounds: int
 ) -> Points:
-    """Points (n, 3), of which some are moved until no tetrahedron's mean ratio is below ``least``, or the rounds are over."""
+    """Points (n, 3), of which some are moved until no tetrahedron's mean ratio is below ``least``, or the rounds are over.
+
+    ``least`` is one for all tetrahedra, or one for each, (t,).
+    """
     result = points
     for _ in range(rounds):
         quality = mean_ratios(result, tetrahedra)
@@ -45,8 +48,8 @@ def smooth(
     return result
 
 
-def undo_inversions(points: Points, before: Points, tetrahedra: Indices, least: float) -> Points:
-    """Points (n, 3), with those of tetrahedra below a mean ratio put back to where they were ``before`` all moves.
+def undo_inversions(points: Points, before: Points, tetrahedra: Indices, least: float | Points) -> Points:
+    """Points (n, 3), with those of tetrahedra below a mean ratio, one or (t,), put back to where they were ``before`` all moves.
 
     All tetrahedra were good there, so that the neighbours, put back in their turn, are good again in the end.
     """

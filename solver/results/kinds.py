@@ -14,15 +14,18 @@ def unsupported(scene: Scene) -> str | None:
     """Say which kind of thing in the scene no level knows yet, or None."""
     if scene.contact.interface == "unilateral":
         return "none built yet for contact.interface = 'unilateral' (planned: contact)"
-    if scene.tissue.layer and not _round(scene) and not _within_layers(scene):
-        why = "an upright probe and spheres or ellipsoids wholly inside one layer each, or one sphere on the probe's axis"
-        return f"none built yet for layers of tissue but under {why}"
     return None
 
 
 def layered(scene: Scene) -> str | None:
     """Say which level knows layers of tissue, for those that do not; None without layers."""
-    return "axisymmetric for layers of tissue (evaluate, curve and sweep take them)" if scene.tissue.layer else None
+    if not scene.tissue.layer:
+        return None
+    return (
+        needs_solid(scene)
+        or crossed(scene)
+        or f"{'axisymmetric' if _round(scene) else 'equivalent-inclusion'} for layers of tissue"
+    )
 
 
 def crossed(scene: Scene) -> str | None:
@@ -35,12 +38,6 @@ def crossed(scene: Scene) -> str | None:
 def _crosses(scene: Scene, body: Inclusion) -> bool:
     half = math.hypot(*semi_axes(body)[2])
     return any(abs(interface - body.depth) < half * (1 + TOUCHING) for interface in scene.tissue.interfaces)
-
-
-def _within_layers(scene: Scene) -> bool:
-    """Whether ``equivalent-inclusion`` takes a scene's layers."""
-    plain = scene.placement.tilt == 0 and all(body.surface is None for body in scene.inclusion)
-    return plain and crossed(scene) is None
 
 
 def _round(scene: Scene) -> bool:

@@ -15,7 +15,7 @@ from geometry.scenes.scene import Scene
 from solver.linalg.workspace import in_own_workspace
 from solver.results.evaluator import Answer, FilmLevel, Tell, silent
 from solver.results.film_forces import Bound, FilmForces, shortfalls
-from solver.results.kinds import layered, unsupported
+from solver.results.kinds import unsupported
 from solver.results.result import Result
 from solver.results.warnings import Note
 from solver.solid.domain import coaxial
@@ -40,7 +40,7 @@ class SolidLevel(FilmLevel):
 
     def refusal(self, scene: Scene) -> str | None:
         """Say which kind of thing in the scene this level does not know, or None."""
-        return unsupported(scene) or layered(scene)
+        return unsupported(scene)
 
     def may_help(self, scene: Scene, accuracy: float) -> bool:
         """Whether this level may reach an accuracy that cheaper ones do not: where they left out what it models."""

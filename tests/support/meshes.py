@@ -27,7 +27,8 @@ def stored_mesh(name: str) -> TetMesh:
     """Read one of tests/meshes."""
     data = np.load(MESHES / f"{name}.npz")
     body = data["body"].astype(np.int64)
-    return TetMesh(data["nodes"], data["elements"].astype(np.int64), body, body == BEYOND, bool(data["half"]))
+    nodes, elements, none = data["nodes"], data["elements"].astype(np.int64), np.zeros(len(body), dtype=np.int64)
+    return TetMesh(nodes, elements, body, body == BEYOND, none, bool(data["half"]))
 
 
 def scene_mesh(of: Domain, fineness: TetraFineness) -> TetMesh:

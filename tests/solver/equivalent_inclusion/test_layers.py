@@ -112,7 +112,7 @@ def test_two_half_layers_are_one_and_turning_the_tissue_changes_nothing():
 
 @pytest.mark.slow
 def test_a_thick_layer_around_a_sphere_is_all_that_matters():
-    """On rock four times as deep as the sphere lies under a probe a tenth as wide: the answer in tissue of that material alone."""
+    """On rock four times as deep as the sphere, under a probe a tenth as wide: the answer in tissue of that material alone."""
     endless = EXAMPLE.tissue.model_dump(exclude_unset=True, exclude={"radius", "depth"}) | {"shape": "half-space"}
     alone = Scene.model_validate(EXAMPLE.model_dump(exclude_unset=True) | {"tissue": endless, "inclusion": ASIDE})
     rock = Scene.model_validate(EXAMPLE.model_dump(exclude_unset=True) | {"tissue": endless | {"youngs_modulus": 1e8}})
