@@ -19,9 +19,10 @@ from scipy.ndimage import map_coordinates
 
 from geometry.common.arrays import Bools, Floats
 from probe_design.estimation.interpolation import hermite, lagrange, parabola, place
-from probe_design.estimation.intervals import QUANTILE, decorrelated, threshold
+from probe_design.estimation.intervals import QUANTILE, threshold
 from probe_design.estimation.model import TargetModel
 from probe_design.estimation.predicted import Predicted
+from probe_design.estimation.shared_errors import SharedErrors
 from probe_design.estimation.strength import DepthAndStrength, strength
 
 DEPTHS, SIZES = 40, 48  # nodes
@@ -43,7 +44,7 @@ class Plane:
         v: ln modulus, or ln of the diameter over the largest that fits at each depth, shape (b,).
         predicted: shapes (a b, ...).
         slope: of its values by v, shape (a b, k).
-        shared: errors that the data share, J of eq. ES.7, shape (k, q).
+        shared: errors that the data share near the best fit.
     """
 
     model: TargetModel
@@ -52,11 +53,11 @@ class Plane:
     v: Floats
     predicted: Predicted
     slope: Floats
-    shared: Floats
+    shared: SharedErrors
 
     @classmethod
-    def of(cls, model: TargetModel, partner: str, added: tuple[Floats, Floats] | None = None) -> Plane:
-        """Predict; ``added`` is what nuisances add, see ``Findings.shared``."""
+    def of(cls, model: TargetModel, partner: str, shared: SharedErrors | None = None) -> Plane:
+        """Predict; what the data share is nothing unless given."""
         top, bottom = np.log(model.span("depth"))
         u = np.linspace(top, bottom, DEPTHS)
         if partner == "youngs_modulus":
@@ -67,8 +68,7 @@ class Plane:
         depth, size = (part.ravel() for part in np.meshgrid(np.exp(u), v, indexing="ij"))
         values = np.exp(size) * (model.room(depth) if partner == "diameter" else 1.0)
         predicted = model.predict({"depth": depth, partner: values}, reflect=False, by_diameter=partner == "diameter")
-        shared, bend = added or (np.zeros((predicted.value.shape[1], 0)), 0.0)
-        predicted = replace(predicted, bound=predicted.bound + 2 * bend)
+        shared = shared or SharedErrors.none(predicted.value.shape[1])
         return cls(model, partner, u=u, v=v, predicted=predicted, slope=getattr(predicted, SLOPES[partner]), shared=shared)
 
     def with_reflections(self, y: Floats) -> Plane:
@@ -156,8 +156,7 @@ class Plane:
         """Return eq. ES.3, inf where the model cannot tell, and q of eq. ES.4, both of shape (m, n), at all pairs of u and v."""
         value, unknown = self.values(u, v)
         shape, of, noise = (len(self.u), len(self.v)), self.predicted, self.model.data.noise
-        off = (y - value) / noise
-        chi2 = np.where(unknown, np.inf, (off * decorrelated(off, self.shared / noise[:, None])).sum(axis=-1))
+        chi2 = np.where(unknown, np.inf, self.shared.over(noise).misfit((y - value) / noise))
         if exact:
             return chi2, threshold(np.zeros_like(chi2))
         shift = np.sqrt(((of.bound / noise) ** 2).sum(axis=1)).reshape(shape)

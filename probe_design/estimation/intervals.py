@@ -12,10 +12,8 @@ the curve m(u) *prolonged beyond its ends along its tangents*. It is Wilks' prof
 where the best fit is inside; at an end, such as a body stiffer than can be told, the curve's own minimum would cover 97.5 %
 instead of 95.
 
-Shared errors. Where numbers of the scene are known roughly (eq. ES.7) the data are not independent: with A_ij = J_ij / s_i a sum
-of products v_i w_i / s_i^2, as in eq. ES.3, becomes
-
-    v^T (I + A A^T)^-1 w = v^T [w - A (I + A^T A)^-1 A^T w],   v and w over the noise              (ES.8)
+Where numbers of the scene are known only roughly eq. ES.8 of ``shared_errors.py`` stands for eq. ES.3, and its products for those
+of slopes.
 
 The model's error. Let b_i bound the error of m_i. With g the unit tangent of m / s it shifts the root of eq. ES.4's
 statistic by at most
@@ -40,6 +38,7 @@ from scipy.stats import chi2, ncx2, norm
 
 from geometry.common.arrays import Floats
 from probe_design.estimation.profile import Track
+from probe_design.estimation.shared_errors import SharedErrors
 
 LEVEL = 0.95
 QUANTILE = float(chi2.ppf(LEVEL, 1))
@@ -69,9 +68,8 @@ class Likelihood:
     track: Track
     noise: Floats
 
-    def _inverse(self, values: Floats, u: Floats) -> Floats:
-        """Eq. ES.8 of values over the noise, (s, k), at u of shape (s,)."""
-        return decorrelated(values, self.track.shared(u) / self.noise[:, None])
+    def _shared(self, u: Floats) -> SharedErrors:
+        return self.track.shared(u).over(self.noise)
 
     def at(self, u: Floats) -> tuple[Floats, Floats]:
         """Return predictions and their derivatives by u, over the noise, at u of shape (s,): two of shape (s, k)."""
@@ -89,19 +87,19 @@ class Likelihood:
 
     def chi_square(self, u: Floats, y: Floats) -> Floats:
         """Eq. ES.3 at u of shape (s,) for measured values of shape (k,) or (s, k)."""
-        off = y / self.noise - self.at(u)[0]
-        return np.asarray((off * self._inverse(off, u)).sum(axis=-1))
+        return self._shared(u).misfit(y / self.noise - self.at(u)[0])
 
     def best(self, y: Floats) -> tuple[Floats, Floats]:
         """Return for each of s sets of measured values, (s, k), the u that fits best and its chi-square, both (s,)."""
         points, below, above, values = self._grid
         w = y / self.noise
-        start = np.array([np.argmin(((one - values) * self._inverse(one - values, points)).sum(axis=1)) for one in w])
+        errors = self._shared(points)
+        start = np.array([np.argmin(errors.misfit(one - values)) for one in w])
         u = best = points[start]
         least = self.chi_square(u, y)
         for _ in range(STEPS):
             value, slope = self.at(u)
-            along = self._inverse(slope, u)
+            along = self._shared(u).decorrelated(slope)
             size = (slope * along).sum(axis=1)
             u = np.clip(u + ((w - value) * along).sum(axis=1) / np.where(size > 0, size, 1.0), below[start], above[start])
             now = self.chi_square(u, y)
@@ -117,7 +115,7 @@ class Likelihood:
             for end, outwards in ((run[0], -1.0), (run[-1], 1.0)):
                 at = np.array([end])
                 value, slope = self.at(at)
-                tangent = self._inverse(slope, at)[0]
+                tangent = self._shared(at).decorrelated(slope)[0]
                 size = float(np.sqrt(slope[0] @ tangent))
                 if size > 0:
                     off = y / self.noise - value
@@ -129,7 +127,7 @@ class Likelihood:
         """Eq. ES.5 at u of shape (s,)."""
         relative = self.track.predicted.bound / self.noise
         slope = self.track.slope / self.noise
-        tangent = self._inverse(slope, self.track.x)
+        tangent = self._shared(self.track.x).decorrelated(slope)
         size = np.sqrt((slope * tangent).sum(axis=1))
         t = (np.abs(tangent) * relative).sum(axis=1) / np.where(size > 0, size, 1.0)
         return np.asarray(np.interp(u, self.track.x, np.where(size > 0, t, np.linalg.norm(relative, axis=1))))
@@ -157,15 +155,6 @@ class Likelihood:
                 ends = self.track.values(np.array([low, high]))
                 pieces.append(Piece(float(ends[0]), float(ends[1]), bool(first == 0), bool(end == last)))
         return pieces
-
-
-def decorrelated(values: Floats, shared: Floats) -> Floats:
-    """Return (I + A A^T)^-1 v of eq. ES.8 for values v (..., k) and shared errors A (..., k, q), both over the noise."""
-    if shared.shape[-1] == 0:
-        return values
-    across = np.swapaxes(shared, -1, -2)
-    inner = np.linalg.solve(np.eye(shared.shape[-1]) + across @ shared, across @ values[..., None])
-    return np.asarray(values - (shared @ inner)[..., 0])
 
 
 def threshold(shift: Floats) -> Floats:

@@ -1,12 +1,13 @@
 """Numbers of the scene that are known only roughly, such as a skin's thickness: what they add to the readings' errors.
 
-The logarithm of such a number theta_j is normal about the scene's with standard deviation t_j. With m(u, theta) the predictions,
+The logarithm of such a number theta_j is normal about the scene's with standard deviation t_j. Where it is eta_j of them off, the
+predictions m(u, theta) are parabolas through three scenes,
 
-    y = m(u) + J(u) eta + noise,   J_j = (m(u, theta_j e^t_j) - m(u, theta_j e^-t_j)) / 2          (ES.7)
+    y = m(u) + J(u) eta + C(u) eta^2 + noise,   J_j = (m(u, theta_j e^t_j) - m(u, theta_j e^-t_j)) / 2,
+    C_j = (m(u, theta_j e^t_j) + m(u, theta_j e^-t_j)) / 2 - m(u)                                       (ES.7)
 
-with eta_j normal, of variance 1: readings at several places, a tumour-free spot among them, share these errors, see eq. ES.8 of
-``intervals.py``. What a straight line leaves out, (m(u, theta_j e^t_j) + m(u, theta_j e^-t_j)) / 2 - m(u), counts twice as an
-error of the model.
+so that readings at several places, a tumour-free spot among them, share errors: ``shared_errors.py``. What two of these numbers
+do together beyond the sum of both is left out.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.units import number
 from geometry.scenes.variables import values
 from probe_design.estimation.model import TargetModel
+from probe_design.estimation.shared_errors import SharedErrors
 
 LARGEST = 1.0  # standard deviation of a logarithm: a straight line says nothing of more
 ALLOWED = f"a relative standard deviation above 0 and up to {LARGEST:g}, such as 0.2 or 20 %"
@@ -35,24 +37,16 @@ class Spread:
 
     Attributes:
         x: coordinates of the unknown, increasing, shape (n,); between them lie straight lines.
-        errors: J of eq. ES.7, shape (n, k, q).
-        bend: what it leaves out, summed over the nuisances, shape (n, k).
+        errors: eq. ES.7 there, shapes (n, k, q).
     """
 
     x: Floats
-    errors: Floats
-    bend: Floats
+    errors: SharedErrors
 
-    def errors_at(self, x: Floats) -> Floats:
-        """Return J of eq. ES.7 at points of shape (s,): (s, k, q)."""
-        return np.tensordot(self._weights(x), self.errors, axes=1)
-
-    def bend_at(self, x: Floats) -> Floats:
-        """Return what J leaves out at points of shape (s,): (s, k)."""
-        return np.asarray(self._weights(x) @ self.bend)
-
-    def _weights(self, x: Floats) -> Floats:
-        return np.stack([np.interp(x, self.x, row) for row in np.eye(len(self.x))], axis=1)
+    def at(self, x: Floats) -> SharedErrors:
+        """Return eq. ES.7 at points of shape (s,): shapes (s, k, q)."""
+        weights = np.stack([np.interp(x, self.x, row) for row in np.eye(len(self.x))], axis=1)
+        return SharedErrors(*(np.tensordot(weights, part, axes=1) for part in (self.errors.line, self.errors.bend)))
 
 
 def deviation(key: str, value: Any) -> float:
@@ -90,14 +84,14 @@ def spread(model: TargetModel, nuisances: Mapping[str, float], x: Floats, target
         InputError: one standard deviation off there is no such scene, or the model cannot tell what is read.
     """
     middle = model.predict(target).value
-    errors, bend = [], np.zeros_like(middle)
+    line, bend = [], []
     for name, sd in nuisances.items():
         above, below = (_varied(model, name, sd * sign).predict(target) for sign in (1.0, -1.0))
         if not (above.resolved & below.resolved).all():
             raise InputError(f"nuisance.{name}", sd, "a smaller one: the model cannot tell what is read where it is so far off")
-        errors.append((above.value - below.value) / 2)
-        bend += np.abs((above.value + below.value) / 2 - middle)
-    return Spread(x, np.stack(errors, axis=-1), bend)
+        line.append((above.value - below.value) / 2)
+        bend.append((above.value + below.value) / 2 - middle)
+    return Spread(x, SharedErrors(np.stack(line, axis=-1), np.stack(bend, axis=-1)))
 
 
 def _varied(model: TargetModel, name: str, logarithm: float) -> TargetModel:

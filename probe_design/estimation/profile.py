@@ -24,6 +24,7 @@ from geometry.common.errors import ProbeError
 from probe_design.estimation.model import OF_TARGET, TargetModel
 from probe_design.estimation.nuisances import Spread, spread
 from probe_design.estimation.predicted import Predicted
+from probe_design.estimation.shared_errors import SharedErrors
 from probe_design.estimation.strength import share_of_shear
 
 SOFT = (0.01, 0.04, 0.1, 0.22, 0.45)  # contrasts of nodes below 1: bulk softens fast there
@@ -87,18 +88,15 @@ class Track:
             found = spread(self.model, nuisances, self.x[nodes], {self.unknown: self.values(self.x[nodes])})
         else:
             found = spread(self.model, nuisances, self.x[:1], {})
-        bound = self.predicted.bound + 2 * found.bend_at(self.x)
-        return replace(self, spread=found, predicted=replace(self.predicted, bound=bound))
+        return replace(self, spread=found)
 
     def exact(self) -> Track:
         """Return the same for a model without error."""
         return replace(self, predicted=replace(self.predicted, bound=np.zeros_like(self.predicted.bound)))
 
-    def shared(self, x: Floats) -> Floats:
-        """Return the errors that the data share, J of eq. ES.7, at points of shape (s,): (s, k, q), q = 0 without nuisances."""
-        if self.spread is None:
-            return np.zeros((len(x), self.predicted.value.shape[1], 0))
-        return self.spread.errors_at(x)
+    def shared(self, x: Floats) -> SharedErrors:
+        """Return the errors that the data share at points of shape (s,), eq. ES.7."""
+        return SharedErrors.none(self.predicted.value.shape[1]) if self.spread is None else self.spread.at(x)
 
     def values(self, x: Floats) -> Floats:
         """Return the unknown, SI, at x."""

@@ -14,6 +14,7 @@ from probe_design.estimation.intervals import TOLERATED, Piece
 from probe_design.estimation.model import OF_TARGET, TargetModel
 from probe_design.estimation.predicted import WORST
 from probe_design.estimation.profile import Track
+from probe_design.estimation.shared_errors import SharedErrors
 from probe_design.estimation.strength import DepthAndStrength, Interval
 from solver.equivalent_inclusion.readings import readings
 from solver.inclusions.tumours import Tumours
@@ -77,13 +78,12 @@ class Findings:
         return None if self.best is None else float(self.track.values(np.array([self.best]))[0])
 
     @property
-    def shared(self) -> tuple[Floats, Floats] | None:
-        """What nuisances add at the best fit: J of eq. ES.7, (k, q), and what it leaves out, (k,)."""
-        spread = self.track.spread
-        if spread is None or self.best is None:
+    def shared(self) -> SharedErrors | None:
+        """What the data share at the best fit, shapes (k, q); None where all is known."""
+        if self.track.spread is None or self.best is None:
             return None
-        here = np.array([self.best])
-        return spread.errors_at(here)[0], spread.bend_at(here)[0]
+        found = self.track.spread.at(np.array([self.best]))
+        return SharedErrors(found.line[0], found.bend[0])
 
     @property
     def values(self) -> Floats:
