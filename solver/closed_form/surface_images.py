@@ -32,7 +32,10 @@ MOMENTS, ALL = 5, 11  # about the sphere's vertical axis: a, z, a zeta, z zeta, 
 
 @dataclass(frozen=True)
 class SphereArray:
-    """Spheres: radius, depth of the centre, distance from the probe's axis, modulus, Poisson's ratio; arrays of shape (n,)."""
+    """Spheres: radius, depth of the centre, distance from the probe's axis, modulus, Poisson's ratio; arrays of shape (n,).
+
+    ``layer`` counts the tissue's layers down to the one that holds them.
+    """
 
     radius: Array
     depth: Array
@@ -40,6 +43,7 @@ class SphereArray:
     E: Array
     nu: Array
     on_axis: bool = True
+    layer: int = 0
 
 
 @dataclass(frozen=True)
@@ -150,10 +154,15 @@ def image(sphere: SphereArray, waves: Waves, near: Nearby, weights: Array, *, mu
         G[:, :MOMENTS, :MOMENTS] = G[:, :MOMENTS, :MOMENTS] + _gram(g[:, :MOMENTS], up)
         G[:, beside, beside] = G[:, beside, beside] + _gram(g[:, beside], 2 * up)
     G[:, beside, beside] = G[:, beside, beside] + _gram(near.turned[:, beside], 4 * (1 - nu)[:, None] * up / 2)
+    G[:, -1, -1] = crossed_image(sphere, mu, nu)
+    return G
+
+
+def crossed_image(sphere: SphereArray, mu: Array, nu: Array) -> Array:
+    """Eq. CF.16, shape (n,)."""
     share = (sphere.radius / sphere.depth) ** 2
     crossed = 0.75 - nu / 2 + nu**2 - 0.6 * (0.5 + nu) * share + 0.225 * share**2
-    G[:, -1, -1] = share**1.5 / (12 * (1 - nu) * mu) * crossed
-    return G
+    return share**1.5 / (12 * (1 - nu) * mu) * crossed
 
 
 def _gram(g: Array, weight: Array) -> Array:

@@ -7,11 +7,11 @@ import math
 from geometry.scenes.scene import Scene
 
 
-def unsupported(scene: Scene) -> str | None:
-    """Say which kind of thing in the scene no level knows yet, or None."""
+def unsupported(scene: Scene, layers_anywhere: bool = False) -> str | None:
+    """Say which kind of thing in the scene no level knows yet, or None; ``layers_anywhere`` for one that takes any layers."""
     if scene.contact.interface == "unilateral":
         return "none built yet for contact.interface = 'unilateral' (planned: contact)"
-    if scene.tissue.layer and not _round(scene):
+    if scene.tissue.layer and not layers_anywhere and not _round(scene):
         return "none built yet for layers of tissue but under an upright probe with one sphere on its axis at most"
     return None
 
@@ -27,10 +27,10 @@ def _round(scene: Scene) -> bool:
     return at.tilt == 0 and len(scene.inclusion) <= 1 and centred and all(body.diameter is not None for body in scene.inclusion)
 
 
-def needs_solid(scene: Scene) -> str | None:
-    """Say which kind of thing in the scene no level, or only ``solid``, knows; or None."""
-    if unsupported(scene) is not None:
-        return unsupported(scene)
+def needs_solid(scene: Scene, layers_anywhere: bool = False) -> str | None:
+    """Say which kind of thing in the scene no level, or only ``solid``, knows; or None; see ``unsupported``."""
+    if unsupported(scene, layers_anywhere) is not None:
+        return unsupported(scene, layers_anywhere)
     if scene.placement.tilt != 0:
         return "solid for placement.tilt other than 0"
     if any(body.surface is not None for body in scene.inclusion):

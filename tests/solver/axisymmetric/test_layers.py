@@ -158,7 +158,7 @@ def test_an_interface_that_hardly_cuts_the_sphere_is_refused(depth):
         Axisymmetric().evaluate(on((depth, 1e4)))
 
 
-@pytest.mark.parametrize("name", ["published", "closed-form", "equivalent-inclusion", "solid"])
+@pytest.mark.parametrize("name", ["published", "equivalent-inclusion", "solid"])
 def test_levels_that_do_not_know_layers_name_the_one_that_does(name):
     with pytest.raises(Refusal, match="axisymmetric for layers of tissue"):
         evaluate(on((1.5, 56e3)), name)
