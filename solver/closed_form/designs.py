@@ -114,13 +114,14 @@ def forces(shape: Shape, values: Array) -> tuple[Floats, Floats]:
 def answers(shape: Shape, values: Array) -> Iterator[ContactSolution]:
     """Yield what stands behind ``forces``, for some designs at a time."""
     values = np.asarray(values)
-    if values.shape[1] >= CHUNK:
+    chunk = CHUNK // 2 if shape.layers else CHUNK  # layers take more waves
+    if values.shape[1] >= chunk:
         keep_freed()
-    for k in range(0, values.shape[1], CHUNK):
+    for k in range(0, values.shape[1], chunk):
         try:
-            yield _answer(shape, values[:, k : k + CHUNK])
+            yield _answer(shape, values[:, k : k + chunk])
         except np.linalg.LinAlgError:
-            yield from (_alone(shape, column) for column in values[:, k : k + CHUNK].T)
+            yield from (_alone(shape, column) for column in values[:, k : k + chunk].T)
 
 
 def _alone(shape: Shape, column: Array) -> ContactSolution:

@@ -22,7 +22,7 @@ import numpy as np
 from solver.closed_form.bessel import Array, bessel
 from solver.closed_form.layer import waves as half_space_waves
 from solver.closed_form.layer import waves_inside
-from solver.closed_form.surface_images import ALL, MOMENTS, NEAR, Nearby, SphereArray, crossed_image, nearby
+from solver.closed_form.surface_images import ALL, MOMENTS, NEAR, Nearby, SphereArray, crossed_image, moments_alone, nearby
 from solver.layers.stack import (
     FREE,
     Echo,
@@ -65,25 +65,25 @@ def inside(sphere: SphereArray, k: Array, weights: Array, layers: Sequence[Tissu
     a, own = arriving(below, sphere.layer), below[sphere.layer]
     local = replace(sphere, depth=sphere.depth - sum(one.thickness for one in above))
     down = nearby(local, waves_inside(k, layer, own))
-    up = None if own.far is None else _from_below(local, layer, k)
-    shear = None if sphere.on_axis else shear_echoes(k, layers, sphere.layer, rigid)
+    up, turned_up = (None, None) if own.far is None else _from_below(local, layer, k)
     top = _thrown_back(k, layers[: sphere.layer + 1])
     scale = weights * k * ((4 * np.pi / 3 * sphere.radius**3) / (16 * np.pi * (1 - layer.nu) * layer.mu[:, 0]))[:, None]
-    turned = None if shear is None else _echoed(down, up, shear)
-    G = _image(down.moments, None if up is None else up.moments, own, top, scale)
-    if shear is not None:
-        G = G + _turned_image(turned, None if up is None else up.turned, shear, (1 - layer.nu)[:, None] * scale)
+    G, turned = _image(down.moments, up, own, top, scale), None
+    if not sphere.on_axis:
+        shear = shear_echoes(k, layers, sphere.layer, rigid)
+        turned = down.turned if turned_up is None else down.turned + turned_up * (shear.far * shear.fade)[:, None, :]
+        G = G + _turned_image(turned, turned_up, shear, (1 - layer.nu)[:, None] * scale)
         G[:, -1, -1] += crossed_image(sphere, layer.mu[:, 0], layer.nu) - _crossed_waves(sphere, layer, k, scale)
         turned = turned * shear.arriving[:, None, :]
     return Inside(replace(down, moments=_by_loads(down.moments, a), turned=turned), a, G)
 
 
-def _from_below(local: SphereArray, layer: TissueLayer, k: Array) -> Nearby:
+def _from_below(local: SphereArray, layer: TissueLayer, k: Array) -> tuple[tuple[Array, Array], Array | None]:
     """Moments under unit waves that run up from the layer's bottom: those of the mirrored sphere under mirrored loads."""
-    near = nearby(replace(local, depth=layer.thickness - local.depth), half_space_waves(k, None, layer.nu))
-    signs = MIRRORED[: near.moments[0].shape[1], None]
-    turned = None if near.turned is None else -signs * near.turned
-    return replace(near, moments=(signs * near.moments[0], -signs * near.moments[1]), turned=turned)
+    mirrored = replace(local, depth=layer.thickness - local.depth)
+    (pressed, sheared), turned = moments_alone(mirrored, half_space_waves(k, None, layer.nu))
+    signs = MIRRORED[: pressed.shape[1], None]
+    return (signs * pressed, -signs * sheared), None if turned is None else -signs * turned
 
 
 def _thrown_back(k: Array, layers: Sequence[TissueLayer]) -> Symmetric:
@@ -128,11 +128,6 @@ def _apart(block: Callable[[slice], Array], like: Array) -> Array:
     for rows in (BESIDE, slice(ALL - 1, ALL)):
         G[:, rows, rows] = 2 * block(rows)
     return G
-
-
-def _echoed(down: Nearby, up: Nearby | None, shear: ShearEchoes) -> Array:
-    """Moments under waves of shear about the vertical with their echo from below."""
-    return down.turned if up is None else down.turned + up.turned * (shear.far * shear.fade)[:, None, :]
 
 
 def _turned_image(down: Array, up: Array | None, shear: ShearEchoes, scale: Array) -> Array:

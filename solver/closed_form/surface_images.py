@@ -139,6 +139,26 @@ def nearby(sphere: SphereArray, waves: Waves) -> Nearby:
     return Nearby(parts, strain, tuple(moments), _turned(waves, sphere, near))  # type: ignore[arg-type]
 
 
+def moments_alone(sphere: SphereArray, waves: Waves) -> tuple[tuple[Array, Array], Array | None]:
+    """Return the moments and what is ``turned`` of ``Nearby``, without the strains at the points."""
+    near = wavelets(waves.k, sphere.radius[:, None] * RHO, WHICH)
+    parts = amplitudes(waves, sphere.depth[:, None] - sphere.radius[:, None] * NEAR.z)
+    pressed, sheared = (_first_moments(part, near) for part in parts)
+    if sphere.on_axis:
+        return (pressed, sheared), None
+    beside = [_sideways(part, near) for part in parts]
+    pressed, sheared = np.concatenate([pressed, beside[0]], axis=1), np.concatenate([sheared, beside[1]], axis=1)
+    return (pressed, sheared), _turned(waves, sphere, near)
+
+
+def _first_moments(part: Array, near: Wavelets) -> Array:
+    """``TO_MOMENTS`` of the strains, (n, 5, q)."""
+    w, z, x = NEAR.weight, NEAR.z, NEAR.x
+    both, along = (np.stack([w, 5 * w * z]) @ (part[:, i] * near.zero) for i in (0, 1))
+    slide = (2.5 * w * x) @ (part[:, 2] * near.one)
+    return np.stack([both[:, 0], along[:, 0], both[:, 1], along[:, 1], slide], axis=1)
+
+
 def image(sphere: SphereArray, waves: Waves, near: Nearby, weights: Array, *, mu: Array, nu: Array) -> Array:
     """Eqs. CF.15, CF.16: G for spheres in tissue of shear modulus mu and Poisson's ratio nu (n,), shape (n, moments, moments).
 

@@ -187,11 +187,11 @@ _CONCENTRATED = _concentrated()
 def all_waves(blocks: Pair, k: Array, bonded: bool) -> tuple[Array, Array]:
     """Return what ``long_waves`` does, for waves of any length: the transforms of the rings themselves."""
     c, radius = circles(blocks)
-    kinds = bessel(k[:, :, None] * c[:, None, :], 3 if bonded else 2)
-    pressure = batched_matmul(kinds[1] * c[:, None, :] / k[:, :, None], DISCS[0])
+    kinds = bessel(k[:, :, None] * c[:, None, :], 3 if bonded else 2, first=1)
+    pressure = batched_matmul(kinds[0] * c[:, None, :] / k[:, :, None], DISCS[0])
     if not bonded:
         return pressure, pressure[:, :, :0]
-    return pressure, batched_matmul(kinds[2] * (c * c / radius)[:, None, :] / k[:, :, None], DISCS[1])
+    return pressure, batched_matmul(kinds[1] * (c * c / radius)[:, None, :] / k[:, :, None], DISCS[1])
 
 
 def own_products(blocks: Pair) -> tuple[Array, Array]:
