@@ -20,7 +20,7 @@ TOLERANCE = 0.1  # of the accuracy: what of a tumour's effect reflections may le
 SAFETY = 3.0  # on the estimate of that
 SENSITIVE = 5.0  # times more than the effect do slopes feel the mesh
 FEW = 12  # sets with reflections for which it is not worth finding the matrix of each azimuthal order
-LEAST_REFLECTED = 5e-4  # of a tumour's effect
+LEAST_REFLECTED, LEAST_LAYERED = 5e-4, 1e-3  # of a tumour's effect: in one material, in layers of tissue
 
 
 @dataclass(frozen=True)
@@ -231,7 +231,8 @@ def _reflect(
     except SolveError as fault:
         raise Refusal("inclusion", f"set {number}", f"tumours whose reflections can be computed ({fault})") from fault
     into.forces[number] = base.films.forces + scattering.forces
-    share = float((base.field_error(mine) + base.reflection_error(mine)).max()) + LEAST_REFLECTED
+    least = LEAST_LAYERED if base.strata.interfaces else LEAST_REFLECTED
+    share = float((base.field_error(mine) + base.reflection_error(mine)).max()) + least
     into.bound[number] = SAFETY * scattering.error + first_order_error(np.full((1, 1), share), scattering.forces[None, None])[0]
     into.reflected[number] = True
     if target in included:

@@ -17,6 +17,8 @@ from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.equivalent_inclusion.readings import Readings, readings
 from solver.inclusions.tumours import Tumours
 from solver.levels import plan
+from solver.multiple_scattering.exchange import Reflector
+from solver.multiple_scattering.solve import solve_scattering
 from solver.results.kinds import crossed
 from tests.solver.axisymmetric.test_layers import EXAMPLE, FOLDER, OWN, forces, on
 
@@ -42,6 +44,7 @@ def within(scene: Scene, accuracy: float = 1e-2, uncertain: float = 1e-4) -> Non
         assert abs(getattr(found, key) / getattr(expected, key) - 1) <= found.error_estimate + uncertain, key
 
 
+@pytest.mark.slow
 def test_a_sphere_in_one_of_three_layers_is_as_good_as_stated():
     within(on((1.0, 2e4), (14.0, 4e3), (10.0, 2e4), inclusion=[sphere(8.0, 6.0)]))
 
@@ -71,11 +74,15 @@ def read(scene: Scene, accuracy: float = 1e-2, **asked) -> Readings:
     return readings(LEVEL.prepared(scene, accuracy), Tumours.of(scene), scene.target or 0, reflect=True, **asked)
 
 
-def agree(one: Readings, other: Readings) -> None:
-    """Both are as close as meshes that differ allow: a thousandth of a tumour's effect, which is a tenth or so here."""
-    for key, error in (("ratio", 1e-4), ("stiffness", 5e-5)):
-        assert getattr(one, key) == pytest.approx(getattr(other, key), rel=error), key
-    assert one.log_sensitivity == pytest.approx(other.log_sensitivity, rel=2e-3)
+def changes(scene: Scene) -> np.ndarray:
+    """What spheres change of the film forces, and its derivative by the target's modulus, with reflections, (2, 2, 2)."""
+    found = read(scene)
+    return np.array([found.forces[0] - LEVEL.prepared(scene, 1e-2).films.forces, found.by["youngs_modulus"][0]])
+
+
+def agree(one: np.ndarray, other: np.ndarray) -> None:
+    """Both are as close as meshes that differ allow."""
+    assert np.all(np.abs(one - other) <= 3e-3 * np.abs(other).max(axis=(1, 2), keepdims=True))
 
 
 ASIDE = [sphere(9.0, x=4.0)]
@@ -93,26 +100,29 @@ PAIR = [sphere(7.0, 6.0, x=3.0) | {"target": True}, sphere(15.0, 8.0, x=1.0, y=2
 )
 def test_a_layer_of_the_tissues_own_material_changes_nothing(thicknesses, bodies):
     """Below the sphere, above it, both, and between two spheres, whose fields then meet through the interface alone."""
-    agree(read(on(*((one, *OWN) for one in thicknesses), inclusion=bodies)), read(on(inclusion=bodies)))
+    agree(changes(on(*((one, *OWN) for one in thicknesses), inclusion=bodies)), changes(on(inclusion=bodies)))
 
 
 @pytest.mark.slow
 def test_both_ways_of_reflection_agree_on_spheres_in_two_layers():
-    """By their work on the layers' faces (coarse) and at the spheres' own points (fine)."""
+    """By their work on the layers' faces and at the spheres' own points."""
     scene = on((10.5, 2e4), inclusion=PAIR)
-    agree(read(scene), read(scene, 1e-3))
+    base, spheres = LEVEL.prepared(scene, 1e-2), Tumours.of(scene).flat()
+    ways = [Reflector(base.field.states, "bonded", close) for close in (False, True)]
+    one, other = (solve_scattering(base.field, way, base.strata, spheres, 1e-5) for way in ways)
+    agree(np.array([one.forces, *one.by_log_modulus]), np.array([other.forces, *other.by_log_modulus]))
 
 
 @pytest.mark.slow
 def test_two_half_layers_are_one_and_turning_the_tissue_changes_nothing():
-    whole = read(on((3.0, 2e4), inclusion=ASIDE))
-    agree(read(on((1.5, 2e4), (1.5, 2e4), inclusion=ASIDE)), whole)
-    assert read(on((3.0, 2e4), inclusion=[sphere(9.0, y=4.0)])).ratio == pytest.approx(whole.ratio, rel=1e-9)
+    whole = changes(on((3.0, 2e4), inclusion=ASIDE))
+    agree(changes(on((1.5, 2e4), (1.5, 2e4), inclusion=ASIDE)), whole)
+    np.testing.assert_allclose(changes(on((3.0, 2e4), inclusion=[sphere(9.0, y=4.0)])), whole, rtol=1e-9)
 
 
 @pytest.mark.slow
 def test_a_thick_layer_around_a_sphere_is_all_that_matters():
-    """On rock four times as deep as the sphere, under a probe a tenth as wide: the answer in tissue of that material alone."""
+    """On rock far below it is the answer in tissue of that material alone."""
     endless = EXAMPLE.tissue.model_dump(exclude_unset=True, exclude={"radius", "depth"}) | {"shape": "half-space"}
     alone = Scene.model_validate(EXAMPLE.model_dump(exclude_unset=True) | {"tissue": endless, "inclusion": ASIDE})
     rock = Scene.model_validate(EXAMPLE.model_dump(exclude_unset=True) | {"tissue": endless | {"youngs_modulus": 1e8}})
@@ -122,12 +132,7 @@ def test_a_thick_layer_around_a_sphere_is_all_that_matters():
 
 
 TWO = ((1.4, 2e4, 0.49), (14.0, 4e3))
-NAMES = (
-    "tissue.layer[0].thickness",
-    "tissue.layer[1].thickness",
-    "tissue.layer[1].youngs_modulus",
-    "tissue.layer[1].poisson_ratio",
-)
+NAMES = tuple(f"tissue.layer[{key}" for key in ("0].thickness", "1].thickness", "1].youngs_modulus", "1].poisson_ratio"))
 
 
 @pytest.mark.slow
