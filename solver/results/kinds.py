@@ -18,12 +18,13 @@ def layered(scene: Scene) -> str | None:
     """Say which level knows layers of tissue, for those that do not; None without layers."""
     if not scene.tissue.layer:
         return None
-    if _round(scene):
+    if is_round(scene):
         return "axisymmetric for layers of tissue (evaluate, curve and sweep take them)"
     return "solid for layers of tissue that are not round about the probe's axis with what they hold"
 
 
-def _round(scene: Scene) -> bool:
+def is_round(scene: Scene) -> bool:
+    """Whether an upright probe stands above one sphere on its axis at most."""
     at = scene.placement
     centred = all(math.hypot(body.x - at.x, body.y - at.y) <= 1e-9 * (body.diameter or 0.0) for body in scene.inclusion)
     return at.tilt == 0 and len(scene.inclusion) <= 1 and centred and all(body.diameter is not None for body in scene.inclusion)
