@@ -22,8 +22,9 @@ from geometry.tetra.tet_mesh import EDGES
 Indices = NDArray[np.int64]
 _NEAR = 0.3  # of the shortest edge that crosses a plane: how far its corners move onto the plane
 _KEPT = 0.2  # of its quality a tetrahedron keeps when its corners move so, or they do not
-_MENDED = 0.2  # mean ratio below which tetrahedra are mended, but for those that were flatter when they were cut
-_FLATTER = 0.5  # of their quality then
+_MENDED = 0.15  # mean ratio below which tetrahedra are mended
+_LEAST = 0.05  # those that stay below this are put back to where they were cut
+_FLATTER = 0.5  # but for those that were not this many times better there
 _ON = 1e-10  # of the largest coordinate: corners so near a plane are on it
 _FAR = 0.5  # of its shortest edge: how far a corner moves to where a plane cuts its surfaces
 
@@ -166,12 +167,5 @@ def _mended(surfaces: list[Surface], points: Points, cells: Indices, member: NDA
     exact = snap(surfaces, points, member)
     near = np.linalg.norm(exact - points, axis=1) < _FAR * _shortest(points, cells[:, EDGES].reshape(-1, 2))
     quality = mean_ratios(points, cells)
-    better = smooth(
-        np.where(near[:, None], exact, points),
-        cells,
-        surfaces,
-        member,
-        least=np.minimum(_MENDED, _FLATTER * quality),
-        rounds=6,
-    )
-    return undo_inversions(better, points, cells, np.minimum(_MENDED / 4, _FLATTER * quality))
+    better = smooth(np.where(near[:, None], exact, points), cells, surfaces, member, least=_MENDED, rounds=6)
+    return undo_inversions(better, points, cells, np.minimum(_LEAST, _FLATTER * quality))

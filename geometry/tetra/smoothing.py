@@ -25,12 +25,9 @@ def mean_ratios(points: Points, tetrahedra: Indices) -> Points:
 
 
 def smooth(
-    points: Points, tetrahedra: Indices, surfaces: list[Surface], member: NDArray[np.bool_], *, least: float | Points, rounds: int
+    points: Points, tetrahedra: Indices, surfaces: list[Surface], member: NDArray[np.bool_], *, least: float, rounds: int
 ) -> Points:
-    """Points (n, 3), of which some are moved until no tetrahedron's mean ratio is below ``least``, or the rounds are over.
-
-    ``least`` is one for all tetrahedra, or one for each, (t,).
-    """
+    """Points (n, 3), of which some are moved until no tetrahedron's mean ratio is below ``least``, or the rounds are over."""
     result = points
     for _ in range(rounds):
         quality = mean_ratios(result, tetrahedra)

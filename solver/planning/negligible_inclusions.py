@@ -52,7 +52,8 @@ class _InclusionEffects:
 def reduced(scene: Scene, rough: CoarseModel, accuracy: float) -> Reduced:
     """Leave out the inclusions that change least, as long as all of them together change less than SHARE of the accuracy.
 
-    The target stays, as does a body from a surface file, whose size is not known well enough.
+    The target stays, as do a body from a surface file, whose size is not known well enough, and all in layers of tissue: the
+    bounds know one material about them.
 
     Raises:
         InputError: a surface file that cannot be used.
@@ -66,7 +67,8 @@ def reduced(scene: Scene, rough: CoarseModel, accuracy: float) -> Reduced:
     spent = np.zeros(2)
     for k in sorted(range(len(every)), key=lambda k: every[k].largest):
         cost = np.array([every[k].largest, effects.on_target[k] / 5])  # DESIGN: the log-sensitivity may be off by 5 times as much
-        if k != scene.target and scene.inclusion[k].surface is None and np.all(spent + cost <= SHARE * accuracy):
+        known = scene.inclusion[k].surface is None and not scene.tissue.layer
+        if k != scene.target and known and np.all(spent + cost <= SHARE * accuracy):
             dropped.append(k)
             spent += cost
     decisions = tuple(_decision(scene, k, effects, k in dropped, accuracy) for k in range(len(every)))

@@ -24,7 +24,7 @@ def layered(scene: Scene) -> str | None:
     return (
         needs_solid(scene)
         or crossed(scene)
-        or f"{'axisymmetric' if _round(scene) else 'equivalent-inclusion'} for layers of tissue"
+        or f"{'axisymmetric' if is_round(scene) else 'equivalent-inclusion'} for layers of tissue"
     )
 
 
@@ -32,7 +32,7 @@ def crossed(scene: Scene) -> str | None:
     """Say which level knows bodies that an interface of the tissue's layers crosses, for one that does not; None without any."""
     if not any(_crosses(scene, body) for body in scene.inclusion if body.surface is None):
         return None
-    return f"{'axisymmetric' if _round(scene) else 'solid'} for an inclusion that an interface of the tissue's layers crosses"
+    return f"{'axisymmetric' if is_round(scene) else 'solid'} for an inclusion that an interface of the tissue's layers crosses"
 
 
 def _crosses(scene: Scene, body: Inclusion) -> bool:
@@ -40,7 +40,8 @@ def _crosses(scene: Scene, body: Inclusion) -> bool:
     return any(abs(interface - body.depth) < half * (1 + TOUCHING) for interface in scene.tissue.interfaces)
 
 
-def _round(scene: Scene) -> bool:
+def is_round(scene: Scene) -> bool:
+    """Whether an upright probe stands above one sphere on its axis at most."""
     at = scene.placement
     centred = all(math.hypot(body.x - at.x, body.y - at.y) <= 1e-9 * (body.diameter or 0.0) for body in scene.inclusion)
     return at.tilt == 0 and len(scene.inclusion) <= 1 and centred and all(body.diameter is not None for body in scene.inclusion)
@@ -54,4 +55,4 @@ def needs_solid(scene: Scene) -> str | None:
         return "solid for placement.tilt other than 0"
     if any(body.surface is not None for body in scene.inclusion):
         return "solid for an inclusion that is neither sphere nor ellipsoid"
-    return None if _round(scene) else crossed(scene)
+    return None if is_round(scene) else crossed(scene)
