@@ -18,6 +18,7 @@ ROOMS = {
     "RE": "solver/results",
     "LA": "solver/linalg",
     "PU": "solver/published",
+    "LY": "solver/layers",
     "CF": "solver/closed_form",
     "IN": "solver/inclusions",
     "AX": "solver/axisymmetric",

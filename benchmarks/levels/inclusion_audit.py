@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from benchmarks.levels.inclusion_draws import DrawnScene, draw
+from benchmarks.levels.inclusion_draws import DrawnScene, draw, draw_layered
 from benchmarks.tables import MeasuredTable
 from geometry import InputError, Refusal
 from geometry.common.errors import SolveError
@@ -91,9 +91,9 @@ def judge(found: Readings, true: FilmForces) -> Judged | None:
     )
 
 
-def case(seed: int, number: int, accuracy: float) -> AuditedScene | None:
+def case(seed: int, number: int, accuracy: float, layered: bool) -> AuditedScene | None:
     """Answer one random scene by both tiers and by the reference; None where it does not fit or the reference fails."""
-    drawn = draw(seed, number)
+    drawn = (draw_layered if layered else draw)(seed, number)
     try:
         scene = drawn.scene()
         true = Axisymmetric().converged(scene, REFERENCE * accuracy).films[0]
@@ -104,19 +104,22 @@ def case(seed: int, number: int, accuracy: float) -> AuditedScene | None:
     return AuditedScene(seed, number, drawn, first, reflected)
 
 
-def audit(seeds: Sequence[int], scenes: int, accuracy: float, worst: int, tell: Callable[[str], None]) -> Iterator[MeasuredTable]:
-    """Yield tables of how bounds compare with true errors, over ``scenes`` random ones of each seed."""
+def audit(
+    seeds: Sequence[int], scenes: int, accuracy: float, worst: int, *, tell: Callable[[str], None], layered: bool = False
+) -> Iterator[MeasuredTable]:
+    """Yield tables of how bounds compare with true errors, over ``scenes`` random ones of each seed, with layers or without."""
     found, wrong = [], 0
     for seed in seeds:
         for number in range(scenes):
             tell(f"audit: scene {number + 1} of {scenes}, seed {seed}; {wrong} bounds wrong so far")
-            one = case(seed, number, accuracy)
+            one = case(seed, number, accuracy, layered)
             if one is None:
                 continue
             found.append(one)
             wrong += sum(bool(judged and judged.wrong) for judged in (one.first, one.reflected))
     drawn = scenes * len(seeds)
-    title = f"{len(found)} random scenes of {drawn} drawn (the rest do not fit or were refused), accuracy {accuracy:g}"
+    kind = "random layered" if layered else "random"
+    title = f"{len(found)} {kind} scenes of {drawn} drawn (the rest do not fit or were refused), accuracy {accuracy:g}"
     yield _summary(title, found)
     yield _groups(found)
     yield _worst(found, worst)

@@ -1,14 +1,18 @@
-"""Random scenes with one tumour on the axis, each told by a seed and a number."""
+"""Random scenes with one tumour on the axis, with or without layers of tissue, each told by a seed and a number."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from geometry import Contact, CylinderTissue, Inclusion, Load, Material, Probe, Scene
+from geometry.scenes.scene import Layer
 
 COVERS = (0.02, 2.0)  # diameters
+GAPS = (0.02, 1.0)  # diameters: between the sphere and the interfaces of its layer
+CONTRASTS = (10.0, 1e3)  # of layers: the largest of every other scene each
+RATIOS = (0.3, 0.45, 0.49, 0.4999)  # Poisson's, of layers
 CONTACTS = ("bonded", "frictionless")
 
 
@@ -19,8 +23,9 @@ class DrawnScene:
     Attributes:
         tissue_radius, tissue_depth: mm.
         cover: tissue above the sphere, diameters.
-        contrast: the sphere's modulus over the tissue's.
+        contrast: the sphere's modulus over that of the tissue about it.
         inner_modulus, outer_modulus: over the tissue's, 6 kPa.
+        layers: from the surface downwards: thickness, modulus over the tissue's own, Poisson's ratio.
     """
 
     inner_radius: float
@@ -39,6 +44,7 @@ class DrawnScene:
     contrast: float
     inclusion_poisson: float
     contact: str
+    layers: tuple[tuple[float, float, float], ...] = ()
 
     def __str__(self) -> str:
         """All numbers, as they are given to ``DrawnScene`` again."""
@@ -57,17 +63,20 @@ class DrawnScene:
             inner=Material(youngs_modulus=self.inner_modulus * modulus, poisson_ratio=blocks),
             outer=Material(youngs_modulus=self.outer_modulus * modulus, poisson_ratio=blocks),
         )
+        layers = tuple(Layer(thickness=h * mm, youngs_modulus=c * modulus, poisson_ratio=nu) for h, c, nu in self.layers)
         tissue = CylinderTissue(
             shape="cylinder",
             radius=self.tissue_radius * mm,
             depth=self.tissue_depth * mm,
             youngs_modulus=modulus,
             poisson_ratio=self.tissue_poisson,
+            layer=layers,
         )
+        depth = (self.cover + 0.5) * self.diameter * mm
         body = Inclusion(
             diameter=self.diameter * mm,
-            depth=(self.cover + 0.5) * self.diameter * mm,
-            youngs_modulus=self.contrast * modulus,
+            depth=depth,
+            youngs_modulus=self.contrast * tissue.material_at(depth).youngs_modulus,
             poisson_ratio=self.inclusion_poisson,
         )
         contact = Contact(interface="bonded" if self.contact == "bonded" else "frictionless")
@@ -104,3 +113,20 @@ def draw(seed: int, number: int) -> DrawnScene:
         inclusion_poisson=float(rng.uniform(0.1, 0.499)),
         contact=str(rng.choice(CONTACTS)),
     )
+
+
+def draw_layered(seed: int, number: int) -> DrawnScene:
+    """Return the same scene with one to three layers, none of whose interfaces crosses the sphere."""
+    rng, plain = np.random.default_rng([seed, number, 1]), draw(seed, number)
+
+    def gap() -> float:
+        return float(np.exp(rng.uniform(*np.log(GAPS)))) * plain.diameter
+
+    top, low = plain.cover * plain.diameter, (plain.cover + 1) * plain.diameter
+    above, below = [(1, 0), (0, 1), (1, 1), (2, 0), (2, 1)][int(rng.integers(5))]
+    first, last = top - min(gap(), 0.9 * top), low + min(gap(), 0.9 * (plain.tissue_depth - low))
+    depths = [first * rng.uniform(0.1, 0.9)] * (above == 2) + [first] * (above > 0) + [last] * below
+    most = CONTRASTS[number % 2]
+    materials = ((float(np.exp(rng.uniform(-1, 1) * np.log(most))), float(rng.choice(RATIOS))) for _ in depths)
+    layers = tuple((float(h), *one) for h, one in zip(np.diff([0.0, *depths]), materials, strict=True))
+    return replace(plain, layers=layers)

@@ -146,7 +146,7 @@ def _reflections(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -
             tell(f"speed: reflections, cover {cover:g}, offset {offset:g}")
             one = Tumours(*np.reshape([offset * outer, 0, (cover + 0.5) * DIAMETER, DIAMETER, modulus, 0.47], (6, 1, 1)))
             alone = one.of_index(0)
-            told = solve_scattering(base.field, base.reflector(alone), base.scene.tissue, alone, TOLERANCE * base.accuracy)
+            told = solve_scattering(base.field, base.reflector(alone), base.strata, alone, TOLERANCE * base.accuracy)
             bound = float(readings(base, one, reflect=True).error_estimate[0])
             batch = replace(one, youngs_modulus=modulus * np.linspace(0.9, 1.1, BATCH)[:, None])
             readings(base, batch, reflect=True)  # finds each order's matrix

@@ -1,11 +1,14 @@
-"""Bodies and mesh of the three-dimensional reference code: probe, cylinder of tissue and tumours, the half y > 0 of them.
+"""Bodies and mesh of the three-dimensional reference code: probe, cylinder of tissue, its layers and tumours, the half y > 0.
 
-The tissue lies below z = 0, the probe's axis is x = y = 0, lengths are in inner radii.
+The tissue lies below z = 0, the probe's axis is x = y = 0, lengths are in inner radii. Interfaces of layers cut tumours into
+pieces: what surrounds a piece is one material.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import ngsolve as ngs
@@ -15,11 +18,38 @@ from netgen.meshing import MeshingParameters
 from scipy.spatial import KDTree
 
 from benchmarks.references.outline import Refinement
-from geometry import Inclusion, Scene
+from geometry import Inclusion, Material, Scene
 from geometry.scenes.fit import semi_axes
 
 LAYER = 0.125  # thickness of the layer of elements at the rims, over that of the elements it is cut from
 FLAT = 1e-4  # more than the margins of the shapes' bounding boxes, less than their sizes
+CUT = 0.15  # least size at an interface, where it cuts a tumour
+THIN = 3.0  # thicknesses of a layer that elements near tumours and probe may be long
+
+
+@dataclass(frozen=True)
+class Slab:
+    """A layer of the tissue or, last, its own material: the heights between which it lies, in inner radii."""
+
+    name: str
+    top: float
+    bottom: float
+    material: Material
+
+
+def slabs(scene: Scene) -> list[Slab]:
+    """Return the tissue's materials from the surface downwards."""
+    tissue, unit = scene.tissue, scene.probe.inner_radius
+    assert tissue.shape == "cylinder"  # check has asked
+    heights = [-depth / unit for depth in (0.0, *tissue.interfaces, tissue.depth)]
+    names = [*(f"layer{k}" for k in range(len(tissue.layer))), "tissue"]
+    spans = zip(names, pairwise(heights), (*tissue.layer, tissue), strict=True)
+    return [Slab(name, top, bottom, material) for name, (top, bottom), material in spans]
+
+
+def piece(tumour: int, slab: Slab) -> str:
+    """Return the name of what of a tumour lies in a slab."""
+    return f"tumour{tumour}in{slab.name}"
 
 
 def check(scene: Scene) -> None:
@@ -63,21 +93,25 @@ def shape(scene: Scene) -> Any:
     origin = occ.Pnt(0, 0, 0)
     inner = occ.Cylinder(origin, occ.Z, 1.0, heights[0])
     outer = occ.Cylinder(origin, occ.Z, r3, heights[1]) - occ.Cylinder(origin, occ.Z, r2, heights[1])
-    tissue = occ.Cylinder(occ.Pnt(0, 0, -deep), occ.Z, wide, deep)
+    parts = [("inner", inner), ("outer", outer)]
     tumours = [tumour(inclusion, unit) for inclusion in scene.inclusion]
-    for each in tumours:
-        tissue = tissue - each
-    names = ["tissue", "inner", "outer", *(f"tumour{k}" for k in range(len(tumours)))]
+    for slab in slabs(scene):
+        tissue = occ.Cylinder(occ.Pnt(0, 0, slab.bottom), occ.Z, wide, slab.top - slab.bottom)
+        parts += [(piece(k, slab), each * tissue) for k, each in enumerate(tumours)]
+        for each in tumours:
+            tissue = tissue - each
+        parts.append((slab.name, tissue))
     bodies = []
-    for name, whole in zip(names, [tissue, inner, outer, *tumours], strict=True):
-        cut = whole * half
-        cut.mat(name)
-        bodies.append(cut)
+    for name, whole in parts:
+        for cut in (whole * half).solids:
+            cut.mat(name)
+            bodies.append(cut)
     glued = occ.Glue(bodies)
     for face in glued.faces:
         low, high = face.bounding_box
         level = high[2] - low[2] < FLAT
-        tests = {"mirror": high[1] < FLAT, "bottom": level and high[2] < -FLAT, "end": level and low[2] > FLAT, "free": True}
+        bottom = level and high[2] < FLAT - deep
+        tests = {"mirror": high[1] < FLAT, "bottom": bottom, "end": level and low[2] > FLAT, "free": True}
         face.name = next(name for name, found in tests.items() if found)
     for edge in glued.edges:
         low, high = edge.bounding_box
@@ -104,8 +138,10 @@ def sizes(scene: Scene, size: float) -> list[tuple[float, float, float, float]]:
         rim = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), 0 * angle])
         found.append(np.column_stack([rim, np.clip(0.7 * tree.query(rim)[0], 0.02, 0.3)]))
     x, y = np.meshgrid(np.linspace(-2 * r3, 2 * r3, 241), np.linspace(0, 2 * r3, 121))
-    top = np.column_stack([x.ravel(), y.ravel(), 0 * x.ravel()])
-    found.append(np.column_stack([top, 1.2 * tree.query(top)[0]]))
+    for slab in slabs(scene):
+        top = np.column_stack([x.ravel(), y.ravel(), slab.top + 0 * x.ravel()])
+        near = np.maximum(tree.query(top)[0], CUT)
+        found.append(np.column_stack([top, np.minimum(1.2 * near, THIN * (slab.top - slab.bottom))]))
     return [(a, b, c, h * size) for a, b, c, h in np.concatenate(found) if b >= 0]
 
 

@@ -1,12 +1,13 @@
 """Reference solutions of scenes with tumours off the probe's axis by NGSolve in three dimensions, independent of ``solver``.
 
 The problem: that of ``axisymmetric``, but with any number of spheres and ellipsoids whose centres and axes lie in
-the plane y = 0 of symmetry; tissue in a cylinder about the probe's axis, rigid base, no film, no groove, bonded or
-frictionless interface.
+the plane y = 0 of symmetry; tissue of any layers in a cylinder about the probe's axis, rigid base, no film, no groove,
+bonded or frictionless interface.
 
 The method: the axisymmetric code gives the states u0_1, u0_2 without tumours (displacement of one unit of one block's end)
 to about eight digits. What is sought in three dimensions is the scattered field w_j = u_j - u0_j only: with dC the tumours'
-elasticity less the tissue's, a the bilinear form with tumours and l_j(v) = integral over the tumours of dC e(u0_j) : e(v),
+elasticity less that of the layer in whose place they are, a the bilinear form with tumours and l_j(v) = integral over the
+tumours of dC e(u0_j) : e(v),
 
     a(w_j, v) = -l_j(v) for all v at rest at the ends of the blocks and the bottom of the tissue,
     F_ij = F0_ij + l_i(u0_j + w_j),        dF_ij / d ln E = integral over the target of C e(u_i) : e(u_j).
@@ -40,7 +41,7 @@ import numpy as np
 from ngsolve.comp import IntegrationRuleSpace
 
 from benchmarks.references.axisymmetric import ReferenceAnswer, ReferenceProblem, difference, summary
-from benchmarks.references.bodies import check, make_mesh
+from benchmarks.references.bodies import check, make_mesh, piece, slabs
 from benchmarks.references.outline import Refinement
 from geometry import Scene, read_scene
 
@@ -96,13 +97,13 @@ class ScatteredFields:
         self.scene, self.plane, self.order = scene, plane, refinement.order
         self.mesh = make_mesh(scene, refinement)
         self.slides = scene.contact.interface == "frictionless"
-        self.parts = [("tissue|tumour.*", (0, 1, 2)), ("inner|outer", (3, 4, 2) if self.slides else (0, 1, 2))]
+        self.parts = [("tissue|layer.|tumour.*", (0, 1, 2)), ("inner|outer", (3, 4, 2) if self.slides else (0, 1, 2))]
         self.space = self.spaces()
-        probe, tissue = scene.probe, scene.tissue
-        bodies = {"tissue": tissue, "inner": probe.inner, "outer": probe.outer}
-        bodies |= {f"tumour{k}": body for k, body in enumerate(scene.inclusion)}
-        self.mu, self.lam = self.lame(bodies)
-        mu, lam = self.lame(dict.fromkeys(bodies, tissue))
+        layers = slabs(scene)
+        around = {"inner": scene.probe.inner, "outer": scene.probe.outer} | {slab.name: slab.material for slab in layers}
+        pieces = [(piece(k, slab), body, slab.material) for k, body in enumerate(scene.inclusion) for slab in layers]
+        self.mu, self.lam = self.lame(around | {name: body for name, body, _ in pieces})
+        mu, lam = self.lame(around | {name: outside for name, _, outside in pieces})
         self.change = (self.mu - mu, self.lam - lam)
         self.tumours = self.mesh.Materials("tumour.*")
 
@@ -161,7 +162,7 @@ class ScatteredFields:
         slopes = None
         if target is not None:
             whole = [e + self.strain(w.components, self.parts[0]) for e, w in zip(strains, scattered, strict=True)]
-            body = ngs.dx(definedon=self.mesh.Materials(f"tumour{target}"), intrules=rules)
+            body = ngs.dx(definedon=self.mesh.Materials(f"tumour{target}in.*"), intrules=rules)
             slopes = unit * self.matrix(lambda i, j: ngs.Integrate(work(self.mu, self.lam, whole[i], whole[j]) * body, self.mesh))
         free = sum(self.space.FreeDofs(coupling=True))
         return Forces(self.plane.forces, self.plane.forces + unit * (first + second), slopes, free)

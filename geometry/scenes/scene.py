@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Mapping
 from itertools import accumulate
 from typing import Annotated, Literal, Self
@@ -46,6 +47,10 @@ class _Layered(Material):
     def interfaces(self) -> tuple[float, ...]:
         """Depths of the layers' lower faces, m, from the surface downwards."""
         return tuple(accumulate(layer.thickness for layer in self.layer))
+
+    def material_at(self, depth: float) -> Material:
+        """Return the layer at a depth, m, or the tissue itself below its layers; an interface belongs to what is below it."""
+        return (*self.layer, self)[bisect_right(self.interfaces, depth)]
 
 
 class CylinderTissue(_Layered):

@@ -121,12 +121,14 @@ def _read(path: Path) -> TetMesh | None:
             path.unlink()
         return None
     with np.load(io.BytesIO(content[_CHECKSUM:]), allow_pickle=False) as arrays:
-        return TetMesh(arrays["nodes"], arrays["elements"], arrays["body"], arrays["beyond"], bool(arrays["half"]))
+        parts = {name: arrays[name] for name in ("nodes", "elements", "body", "beyond", "layer")}
+        return TetMesh(**parts, half=bool(arrays["half"]))
 
 
 def _write(path: Path, mesh: TetMesh) -> None:
     buffer = io.BytesIO()
-    np.savez(buffer, nodes=mesh.nodes, elements=mesh.elements, body=mesh.body, beyond=mesh.beyond, half=np.array(mesh.half))
+    arrays = {field.name: np.asarray(getattr(mesh, field.name)) for field in fields(mesh)}
+    np.savez(buffer, **arrays)  # type: ignore[arg-type]
     content = buffer.getvalue()
     try:
         with written_whole(path, once=True) as draft:

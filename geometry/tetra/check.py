@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,6 +84,9 @@ def _volumes(mesh: TetMesh, layout: BodyLayout) -> dict[str, tuple[float, float,
     }
     if cut:
         result["the groove's volume"] = (of(GROOVE), cut, _VOLUME)
+    for index, (top, bottom) in enumerate(pairwise((0.0, *layout.interfaces))):
+        own = float(volumes[mesh.layer == index + 1].sum())
+        result[f"tissue.layer[{index}]'s volume"] = (own, _tissue_area(layout) * (bottom - top), _VOLUME)
     if layout.wall is not None:
         inside = float(volumes[below & ~mesh.beyond].sum())
         result["the reference cylinder's volume"] = (inside, math.pi * layout.wall**2 * layout.depth, _VOLUME)

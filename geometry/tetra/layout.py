@@ -71,6 +71,7 @@ class BodyLayout:
         tissue_radius: of round tissue, or None for a block.
         sides: half the length and half the breadth of a block.
         depth: of the tissue.
+        interfaces: depths of the planes between its layers, from the surface downwards.
         wall: radius of the reference cylinder where it is not the tissue's own side, or None.
         inclusions: in the scene's order.
         half: whether only y >= 0 is meshed.
@@ -86,6 +87,7 @@ class BodyLayout:
     tissue_radius: float | None
     sides: tuple[float, float]
     depth: float
+    interfaces: tuple[float, ...]
     wall: float | None
     inclusions: tuple[Ellipsoid | Sheet, ...]
     half: bool
@@ -161,6 +163,7 @@ def body_layout(scene: Scene, half: bool, tissue_extent: float, reference_radius
         tissue_radius=radius,
         sides=sides,
         depth=depth,
+        interfaces=scene.tissue.interfaces,
         wall=None,
         inclusions=bodies,
         half=half,
@@ -186,7 +189,8 @@ def _shortened(whole: BodyLayout, extent: float) -> BodyLayout:
     if not endless and room <= extent and whole.depth <= extent:
         return whole
     check_extent(whole.tube, extent)
-    shorter = replace(whole, depth=min(whole.depth, extent))
+    depth = min(whole.depth, extent)
+    shorter = replace(whole, depth=depth, interfaces=tuple(below for below in whole.interfaces if below < depth))
     return replace(shorter, centre=(0.0, 0.0), tissue_radius=extent, sides=(0.0, 0.0)) if room > extent else shorter
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,9 @@ _THIN = 4.5  # tubes with walls thinner than the solid cylinder's radius over th
 _AROUND = 1.6  # how much faster tetrahedra become larger round inclusions than round the probe
 _FAR = 0.7  # by how much of themselves others become larger with each e-fold of distance, beyond what growth makes them
 _FAR_INCLUSIONS = 0.3  # power of that by which those in inclusions do
+_FLAT = 0.5  # of the sizes in blocks, or at inclusions: what is thinner makes tetrahedra flatter, not smaller
+_FLATTEST = 5.0  # thicknesses of a layer that tetrahedra cut by its planes are long, however far they are
+_AROUND_AXIS, _OUTWARDS = 48, 120  # places on a plane between layers where sizes are asked for
 _AIR = 3.0  # how much larger tetrahedra may be outside
 _BEYOND = 1.1  # times the tissue's size: from where on points count as outside
 
@@ -30,7 +34,7 @@ class TetraFineness:
         block: in the blocks, over that radius.
         wall: in the tube's wall and along the blocks' heights, over these.
         sphere: at inclusions, over their least radius.
-        layer: between inclusion and surface, over what is left there.
+        layer: between inclusion and surface or interface, over what is left there, and in layers of tissue, over their thickness.
         growth: with the distance from all these.
         corners: of the polygons that stand for circles, a multiple of 4.
     """
@@ -70,15 +74,43 @@ def sizes(layout: BodyLayout, fine: TetraFineness, space: MeshSpace, points: Poi
         sideways = np.maximum(np.abs(points[:, 1]) - width, 0) + np.maximum(-points[:, 0], 0)
         away = np.hypot(sideways, np.maximum(layout.outer_height - depth - z, 0)) + np.maximum(layout.hole - radius, 0)
         result = np.minimum(result, fine.groove * min(2 * width, depth) + fine.growth * (away + _beside(layout, radius, z)))
+    layers = list(pairwise((0.0, *layout.interfaces)))
+    for top, bottom in layers:
+        least = max(fine.layer * (bottom - top), _FLAT * fine.block * layout.inner)
+        result = np.minimum(result, least + fine.growth * (_out_of(top, bottom, z) + _beside(layout, radius, z)))
     far = 1 - _FAR * np.log(space.scale(points))
     for body in layout.inclusions:
         layer = fine.layer * (np.abs(body.distance(points)) + np.abs(z))
+        for depth in layout.interfaces:
+            near = fine.layer * (np.abs(body.distance(points)) + np.abs(z + depth))
+            layer = np.minimum(layer, np.maximum(near, _FLAT * fine.sphere * body.smallest))
         result = np.minimum(result, layer + fine.growth * _beside(layout, radius, z))
     result *= far
     for body in layout.inclusions:
         own, growth = fine.sphere * body.smallest * far**_FAR_INCLUSIONS, _AROUND * fine.growth * far
         result = np.minimum(result, own + growth * np.abs(body.distance(points)))
+    for top, bottom in layers:
+        result = np.minimum(result, _FLATTEST * (bottom - top) + fine.growth * far * _out_of(top, bottom, z))
     return result
+
+
+def _out_of(top: float, bottom: float, z: Points) -> Points:
+    """How far heights (n,) are above or below a layer between two depths."""
+    return np.maximum(np.maximum(top + z, -z - bottom), 0.0)
+
+
+def squares(layout: BodyLayout, fine: TetraFineness, space: MeshSpace) -> float:
+    """Return the area of the planes between layers, of a half where that is meshed, in squares of the sizes wanted there."""
+    angles = np.arange(_AROUND_AXIS) * (2 * np.pi / _AROUND_AXIS)
+    steps = np.geomspace(1e-3, 1.0, _OUTWARDS)
+    shares, widths = np.sqrt(steps[1:] * steps[:-1]), np.diff(steps)
+    ways = np.column_stack([np.cos(angles), np.sin(angles)]) * layout.side_distance(angles)[:, None]
+    flat, area = ways[:, None] * shares[:, None], np.linalg.norm(ways, axis=1)[:, None] ** 2 * shares * widths
+    total = 0.0
+    for depth in layout.interfaces:
+        points = np.column_stack([flat.reshape(-1, 2), np.full(flat[..., 0].size, -depth)])
+        total += float((area.ravel() * (2 * np.pi / _AROUND_AXIS) / sizes(layout, fine, space, points) ** 2).sum())
+    return total / 2 if layout.half else total
 
 
 def _beside(layout: BodyLayout, radius: Points, z: Points) -> Points:

@@ -45,8 +45,8 @@ def smooth(
     return result
 
 
-def undo_inversions(points: Points, before: Points, tetrahedra: Indices, least: float) -> Points:
-    """Points (n, 3), with those of tetrahedra below a mean ratio put back to where they were ``before`` all moves.
+def undo_inversions(points: Points, before: Points, tetrahedra: Indices, least: float | Points) -> Points:
+    """Points (n, 3), with those of tetrahedra below a mean ratio, one or (t,), put back to where they were ``before`` all moves.
 
     All tetrahedra were good there, so that the neighbours, put back in their turn, are good again in the end.
     """

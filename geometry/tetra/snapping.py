@@ -32,7 +32,7 @@ class Surface:
 
 
 def exact_surfaces(layout: BodyLayout) -> list[Surface]:
-    """All exact surfaces of a scene, the plane of symmetry last."""
+    """All exact surfaces of a scene, the planes between layers last: no bodies tell these, see ``layers.py``."""
     air = AIR
     result = [
         Surface(_cylinder(layout.inner), _pair([INNER], [air])),
@@ -52,7 +52,8 @@ def exact_surfaces(layout: BodyLayout) -> list[Surface]:
         result.append(Surface(_cylinder(layout.wall), _within(TISSUE, BEYOND)))
     for index, body in enumerate(layout.inclusions):
         result.append(Surface(_closed(body), _only(INCLUSION + index)))
-    return [*result, Surface(_plane((0, 1, 0), 0.0), _only(MIRROR), True)]
+    result.append(Surface(_plane((0, 1, 0), 0.0), _only(MIRROR), True))
+    return [*result, *(Surface(_plane((0, 0, 1), -depth), _nowhere, True) for depth in layout.interfaces)]
 
 
 def interfaces(tetrahedra: Indices, body: Indices) -> tuple[Indices, Indices, Indices]:
@@ -141,6 +142,10 @@ def _within(one: int, other: int) -> Callable[[Indices, Indices], NDArray[np.boo
 def _only(body: int) -> Callable[[Indices, Indices], NDArray[np.bool_]]:
     """Between a body and any other one, but the plane of symmetry."""
     return lambda a, b: (a == body) & ((b != MIRROR) if body != MIRROR else (b >= 0))
+
+
+def _nowhere(a: Indices, b: Indices) -> NDArray[np.bool_]:
+    return np.zeros(len(a), dtype=bool)
 
 
 def _plane(way: tuple[float, float, float], at: float) -> Level:

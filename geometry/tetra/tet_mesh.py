@@ -26,6 +26,8 @@ class TetMesh:
         body: (t,) ``INNER``, ``OUTER``, ``GROOVE`` (what the groove takes from the tube), ``TISSUE``, ``BEYOND`` (tissue
             outside the reference cylinder) or ``INCLUSION`` + the inclusion's index in the scene.
         beyond: (t,) whether the element lies outside the reference cylinder: all of ``BEYOND``, and inclusions there.
+        layer: (t,) the layer of tissue that the element lies in, or whose place an inclusion takes: 1 for the first below the
+            surface and so on, 0 for the tissue's own material and the blocks.
         half: whether only the half y >= 0 of a mirror-symmetric scene is meshed.
     """
 
@@ -33,6 +35,7 @@ class TetMesh:
     elements: Indices
     body: Indices
     beyond: NDArray[np.bool_]
+    layer: Indices
     half: bool
 
     @property

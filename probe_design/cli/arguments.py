@@ -23,6 +23,17 @@ linear_option = click.option(
 F = TypeVar("F", bound=Callable[..., Any])
 
 
+class NamedCommands(click.Group):
+    """Commands; one that does not exist is refused with those that do."""
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        """Look a command up."""
+        if args[0] in self.commands:
+            return super().resolve_command(ctx, args)
+        kind = "verb" if ctx.parent is None else ctx.info_name
+        raise click.UsageError(f"{kind} = {args[0]!r}: allowed: {', '.join(self.commands)}")
+
+
 class FileName(click.Path):
     """The name of a file or folder, which is text: libraries, records and pages can hold no other."""
 

@@ -23,31 +23,42 @@ if TYPE_CHECKING:
 @click.option("--stiffness", help="Force on the base per indentation as it was read beside --ratio, N/m.")
 @click.option("--stiffness-noise", help="Relative standard deviation of a stiffness.  [default: that of the ratio]")
 @click.option("--readings", "file", type=FILE_NAME, help="In place of --ratio: a .toml or .csv file, see below.")
-@click.option("--unknown", default="youngs_modulus", show_default=True, help="youngs_modulus, diameter or depth of the target.")
+@click.option(
+    "--unknown",
+    default="youngs_modulus",
+    show_default=True,
+    help="youngs_modulus, diameter or depth of the target, or a number of the tissue, tissue.layer[0].thickness.",
+)
+@click.option(
+    "--nuisance", "nuisance", multiple=True, help='What is known roughly, "tissue.layer[0].thickness = 20 %"; may be repeated.'
+)
 @click.option("--accuracy", help="Relative error that the model's ratio may have.  [default: 1/4 of --noise, at most 0.01]")
 @linear_option
 @limiting
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def estimate(
     scene: Path, ratio: str | None, noise: str | None, stiffness: str | None, stiffness_noise: str | None, file: Path | None,
-    unknown: str, accuracy: str | None, linear: bool, as_json: bool,
+    unknown: str, nuisance: tuple[str, ...], accuracy: str | None, linear: bool, as_json: bool,
 ) -> None:  # fmt: skip
-    """Say what was pressed on: E_object, diameter or depth of SCENE's target, with its 95 % interval.
+    """Say what was pressed on: E_object, diameter or depth of SCENE's target, or a layer of its tissue, with its 95 % interval.
 
-    Everything else in the scene is taken as known. Where the unknown cannot be told the reason is given, and what can be told
-    instead: depth and strength D^3 (c-1) / (1 + beta (c-1)), c = E_object/E_tissue. That is an answer: exit code 0.
+    Everything else in the scene is taken as known, but for what --nuisance gives a relative standard deviation. Where the
+    unknown cannot be told the reason is given, and what can be told instead: depth and strength D^3 (c-1) / (1 + beta (c-1)),
+    c = E_object/E_tissue. That is an answer: exit code 0.
 
     \b
     probe-design estimate scene.toml --ratio 0.62 --noise 0.05
     probe-design estimate scene.toml --ratio 0.62 --noise 0.01 --stiffness 80 --unknown diameter
-    probe-design estimate scene.toml --readings scan.csv
+    probe-design estimate scene.toml --readings scan.csv --nuisance "tissue.layer[0].thickness = 20 %"
 
     \b
     scan.csv holds one press a line (or scan.toml, tables [[reading]] with these keys):
-    x,     y,    ratio, noise, stiffness, stiffness_noise
-    -8 mm, 0 mm, 0.55,  0.05,  79 N/m,    0.02
-    0 mm,  0 mm, 0.62,  0.05,  81 N/m,    0.02
-    x and y are the probe's axis in the scene's frame; every column but ratio may be left out.
+    x,     y,    ratio, noise, stiffness, stiffness_noise, blank
+    -8 mm, 0 mm, 0.55,  0.05,  79 N/m,    0.02,            false
+    0 mm,  0 mm, 0.62,  0.05,  81 N/m,    0.02,            false
+    30 mm, 0 mm, 0.51,  0.05,  78 N/m,    0.02,            true
+    x and y are the probe's axis in the scene's frame; blank is true where there is no tumour: what is not known of the tissue
+    moves that reading too, and so counts less. Every column but ratio may be left out.
     """  # noqa: D301
     from geometry.scenes.scene_file import read_scene
     from probe_design.estimation.estimate import estimate as run
@@ -55,20 +66,30 @@ def estimate(
     from probe_design.terminal.estimate_table import estimate_table, sentence
 
     read = read_scene(scene)
+    roughly = dict(_named(text) for text in nuisance)
     readings = _readings(read, file, ratio=ratio, noise=noise, stiffness=stiffness, stiffness_noise=stiffness_noise)
+    reach = None if accuracy is None else number("accuracy", accuracy)
     with working(f"estimating {unknown} of {scene}"):
-        answer = run(read, readings, unknown, None if accuracy is None else number("accuracy", accuracy), linear=linear)
+        answer = run(read, readings, unknown, reach, linear=linear, nuisances=roughly)
     present(answer, estimate_table, as_json, lines=lambda estimate: [sentence(estimate)])
+
+
+def _named(text: str) -> tuple[str, str]:
+    """Split "tissue.layer[0].thickness = 20 %"."""
+    from geometry.common.errors import InputError
+
+    name, equals, value = (part.strip() for part in text.partition("="))
+    if not equals:
+        raise InputError("nuisance", text, "a number of the scene and its relative standard deviation, 'probe.gap = 20 %'")
+    return name, value
 
 
 def _readings(
     scene: Scene, file: Path | None, *, ratio: str | None, noise: str | None, stiffness: str | None, stiffness_noise: str | None
 ) -> tuple[Reading, ...]:
     from geometry.common.errors import InputError, Words
-    from probe_design.estimation.model import check_kind
     from probe_design.estimation.readings import one_reading, read_readings
 
-    check_kind(scene)
     if (ratio is None) == (file is None):
         what = Words("missing") if ratio is None else Words(f"{ratio} beside --readings")
         raise InputError("ratio", what, "exactly one of --ratio and --readings")

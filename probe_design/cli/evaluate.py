@@ -86,7 +86,8 @@ def curve(
     with saying(f"curve of {scene}") as tell:
         answer = run(read, _moduli(low, high, points), number("accuracy", accuracy), tell, linear=linear)
     if picture is not None:
-        plot(answer, picture, read.inclusion[read.target or 0].youngs_modulus, read.tissue.youngs_modulus)
+        body = read.inclusion[read.target or 0]
+        plot(answer, picture, body.youngs_modulus, read.tissue.material_at(body.depth).youngs_modulus)
     present(answer, curve_table, as_json, picture)
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from probe_design.cli import interrupts
+from probe_design.cli.arguments import NamedCommands
 from probe_design.cli.design import export, optimize
 from probe_design.cli.estimate import estimate
 from probe_design.cli.evaluate import curve, evaluate
@@ -18,6 +19,7 @@ from probe_design.cli.hardware import calibrate, check, read
 from probe_design.cli.maps import detectability, scan
 from probe_design.cli.plan import plan
 from probe_design.cli.sweep import sweep
+from probe_design.cli.tissue import tissue
 from probe_design.cli.tradeoff import tradeoff
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
@@ -36,8 +38,8 @@ def handed_on() -> Iterator[None]:
         raise Interrupted from interrupt
 
 
-class Verbs(click.Group):
-    """The verbs; one that does not exist is refused with those that do."""
+class Verbs(NamedCommands):
+    """The verbs."""
 
     @handed_on()
     def make_context(self, *words: Any, **extra: Any) -> click.Context:
@@ -49,13 +51,6 @@ class Verbs(click.Group):
         """Run the verb."""
         return super().invoke(ctx)
 
-    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
-        """Look a verb up."""
-        verb = args[0]
-        if verb in self.commands:
-            return super().resolve_command(ctx, args)
-        raise click.UsageError(f"verb = {verb!r}: allowed: {', '.join(self.commands)}")
-
 
 @click.group(cls=Verbs, context_settings=CONTEXT)
 @click.version_option(package_name="probe-design")
@@ -66,7 +61,9 @@ def cli() -> None:
     """
 
 
-VERBS = (evaluate, plan, curve, scan, detectability, estimate, optimize, export, tradeoff, sweep, read, calibrate, check)
+VERBS = (
+    evaluate, plan, curve, scan, detectability, estimate, optimize, export, tradeoff, sweep, tissue, read, calibrate, check,
+)  # fmt: skip
 for verb in VERBS:
     cli.add_command(verb)
 

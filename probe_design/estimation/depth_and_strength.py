@@ -20,7 +20,9 @@ from scipy.ndimage import map_coordinates
 from geometry.common.arrays import Bools, Floats
 from probe_design.estimation.interpolation import hermite, lagrange, parabola, place
 from probe_design.estimation.intervals import QUANTILE, threshold
-from probe_design.estimation.model import Predicted, TargetModel
+from probe_design.estimation.model import TargetModel
+from probe_design.estimation.predicted import Predicted
+from probe_design.estimation.shared_errors import SharedErrors
 from probe_design.estimation.strength import DepthAndStrength, strength
 
 DEPTHS, SIZES = 40, 48  # nodes
@@ -42,6 +44,7 @@ class Plane:
         v: ln modulus, or ln of the diameter over the largest that fits at each depth, shape (b,).
         predicted: shapes (a b, ...).
         slope: of its values by v, shape (a b, k).
+        shared: errors that the data share near the best fit.
     """
 
     model: TargetModel
@@ -50,21 +53,23 @@ class Plane:
     v: Floats
     predicted: Predicted
     slope: Floats
+    shared: SharedErrors
 
     @classmethod
-    def of(cls, model: TargetModel, partner: str) -> Plane:
-        """Predict."""
+    def of(cls, model: TargetModel, partner: str, shared: SharedErrors | None = None) -> Plane:
+        """Predict; what the data share is nothing unless given."""
         top, bottom = np.log(model.span("depth"))
         u = np.linspace(top, bottom, DEPTHS)
         if partner == "youngs_modulus":
             low, high = model.span(partner)
-            v = np.linspace(np.log(low), np.log(min(high, MOST_CONTRAST * model.scene.tissue.youngs_modulus)), SIZES)
+            v = np.linspace(np.log(low), np.log(min(high, MOST_CONTRAST * model.host.youngs_modulus)), SIZES)
         else:
             v = np.linspace(np.log(1 / 50), 0.0, SIZES)
         depth, size = (part.ravel() for part in np.meshgrid(np.exp(u), v, indexing="ij"))
         values = np.exp(size) * (model.room(depth) if partner == "diameter" else 1.0)
         predicted = model.predict({"depth": depth, partner: values}, reflect=False, by_diameter=partner == "diameter")
-        return cls(model, partner, u=u, v=v, predicted=predicted, slope=getattr(predicted, SLOPES[partner]))
+        shared = shared or SharedErrors.none(predicted.value.shape[1])
+        return cls(model, partner, u=u, v=v, predicted=predicted, slope=getattr(predicted, SLOPES[partner]), shared=shared)
 
     def with_reflections(self, y: Floats) -> Plane:
         """Add to these first-order predictions what reflections change, in a window of depths about the fit to y of shape (k,).
@@ -132,10 +137,10 @@ class Plane:
     def strengths(self, u: Floats, v: Floats) -> Floats:
         """Eq. ES.1 at all pairs of u, (m,), and v, (n,), shape (m, n)."""
         if self.partner == "youngs_modulus":
-            row = strength(self.model.scene.tissue, self.model.target, modulus=np.exp(v))
+            row = strength(self.model.host, self.model.target, modulus=np.exp(v))
             return np.broadcast_to(row, (len(u), len(v)))
         sizes = np.outer(self.model.room(np.exp(u)), np.exp(v))
-        return strength(self.model.scene.tissue, self.model.target, diameter=sizes)
+        return strength(self.model.host, self.model.target, diameter=sizes)
 
     def values(self, u: Floats, v: Floats) -> tuple[Floats, Bools]:
         """Return predictions, (m, n, k), and whether the model cannot tell them, (m, n), at all pairs of u and v."""
@@ -151,7 +156,7 @@ class Plane:
         """Return eq. ES.3, inf where the model cannot tell, and q of eq. ES.4, both of shape (m, n), at all pairs of u and v."""
         value, unknown = self.values(u, v)
         shape, of, noise = (len(self.u), len(self.v)), self.predicted, self.model.data.noise
-        chi2 = np.where(unknown, np.inf, (((y - value) / noise) ** 2).sum(axis=-1))
+        chi2 = np.where(unknown, np.inf, self.shared.over(noise).misfit((y - value) / noise))
         if exact:
             return chi2, threshold(np.zeros_like(chi2))
         shift = np.sqrt(((of.bound / noise) ** 2).sum(axis=1)).reshape(shape)
@@ -205,7 +210,7 @@ class Plane:
         )
         full = self.partner == "diameter" and bool(inside[:, -1].any() and v[-1] >= self.v[-1])  # no larger one fits
         weak, strong = (_reached(near_dark, inside, strengths, end) for end in (np.min, np.max))
-        positive = float(strength(self.model.scene.tissue, self.model.target)) > 0
+        positive = float(strength(self.model.host, self.model.target)) > 0
         within = strengths[inside]
         depths = rows[inside.any(axis=1)]
         here = float(self.strengths(np.array([best[0]]), np.array([best[1]]))[0, 0])

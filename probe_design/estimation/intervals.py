@@ -12,6 +12,9 @@ the curve m(u) *prolonged beyond its ends along its tangents*. It is Wilks' prof
 where the best fit is inside; at an end, such as a body stiffer than can be told, the curve's own minimum would cover 97.5 %
 instead of 95.
 
+Where numbers of the scene are known only roughly eq. ES.8 of ``shared_errors.py`` stands for eq. ES.3, and its products for those
+of slopes.
+
 The model's error. Let b_i bound the error of m_i. With g the unit tangent of m / s it shifts the root of eq. ES.4's
 statistic by at most
 
@@ -35,6 +38,7 @@ from scipy.stats import chi2, ncx2, norm
 
 from geometry.common.arrays import Floats
 from probe_design.estimation.profile import Track
+from probe_design.estimation.shared_errors import SharedErrors
 
 LEVEL = 0.95
 QUANTILE = float(chi2.ppf(LEVEL, 1))
@@ -64,6 +68,9 @@ class Likelihood:
     track: Track
     noise: Floats
 
+    def _shared(self, u: Floats) -> SharedErrors:
+        return self.track.shared(u).over(self.noise)
+
     def at(self, u: Floats) -> tuple[Floats, Floats]:
         """Return predictions and their derivatives by u, over the noise, at u of shape (s,): two of shape (s, k)."""
         value, slope = self.track.at(u)
@@ -80,19 +87,21 @@ class Likelihood:
 
     def chi_square(self, u: Floats, y: Floats) -> Floats:
         """Eq. ES.3 at u of shape (s,) for measured values of shape (k,) or (s, k)."""
-        return np.asarray(((y / self.noise - self.at(u)[0]) ** 2).sum(axis=-1))
+        return self._shared(u).misfit(y / self.noise - self.at(u)[0])
 
     def best(self, y: Floats) -> tuple[Floats, Floats]:
         """Return for each of s sets of measured values, (s, k), the u that fits best and its chi-square, both (s,)."""
         points, below, above, values = self._grid
         w = y / self.noise
-        start = np.array([np.argmin(((one - values) ** 2).sum(axis=1)) for one in w])
+        errors = self._shared(points)
+        start = np.array([np.argmin(errors.misfit(one - values)) for one in w])
         u = best = points[start]
         least = self.chi_square(u, y)
         for _ in range(STEPS):
             value, slope = self.at(u)
-            size = (slope**2).sum(axis=1)
-            u = np.clip(u + ((w - value) * slope).sum(axis=1) / np.where(size > 0, size, 1.0), below[start], above[start])
+            along = self._shared(u).decorrelated(slope)
+            size = (slope * along).sum(axis=1)
+            u = np.clip(u + ((w - value) * along).sum(axis=1) / np.where(size > 0, size, 1.0), below[start], above[start])
             now = self.chi_square(u, y)
             best, least = np.where(now < least, u, best), np.minimum(now, least)
         return best, least
@@ -104,20 +113,23 @@ class Likelihood:
         least = self.best(y)[1]
         for run in self.track.runs:
             for end, outwards in ((run[0], -1.0), (run[-1], 1.0)):
-                value, slope = (part[0] for part in self.at(np.array([end])))
-                size = np.linalg.norm(slope)
+                at = np.array([end])
+                value, slope = self.at(at)
+                tangent = self._shared(at).decorrelated(slope)[0]
+                size = float(np.sqrt(slope[0] @ tangent))
                 if size > 0:
                     off = y / self.noise - value
-                    along = np.maximum(off @ slope * (outwards / size), 0.0)
-                    least = np.minimum(least, (off**2).sum(axis=1) - along**2)
+                    along = np.maximum(off @ tangent * (outwards / size), 0.0)
+                    least = np.minimum(least, self.chi_square(np.full(len(y), end), y) - along**2)
         return least
 
     def shift(self, u: Floats) -> Floats:
         """Eq. ES.5 at u of shape (s,)."""
         relative = self.track.predicted.bound / self.noise
-        tangent = np.abs(self.track.slope / self.noise)
-        size = np.linalg.norm(tangent, axis=1)
-        t = (tangent * relative).sum(axis=1) / np.where(size > 0, size, 1.0)
+        slope = self.track.slope / self.noise
+        tangent = self._shared(self.track.x).decorrelated(slope)
+        size = np.sqrt((slope * tangent).sum(axis=1))
+        t = (np.abs(tangent) * relative).sum(axis=1) / np.where(size > 0, size, 1.0)
         return np.asarray(np.interp(u, self.track.x, np.where(size > 0, t, np.linalg.norm(relative, axis=1))))
 
     def spoiled(self, u: float) -> float:

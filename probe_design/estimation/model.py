@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
 
-from geometry.common.arrays import Bools, Floats, Ints
+from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import InputError, Refusal, Words
-from geometry.scenes.probe import MODULUS, mm
+from geometry.scenes.probe import MODULUS, Material, mm
 from geometry.scenes.scene import Inclusion, Placement, Scene
+from geometry.scenes.variables import changed, values
+from probe_design.estimation.predicted import Predicted
 from probe_design.estimation.readings import Measurements
 from probe_design.maps.target_grid import check_spheres
 from solver.equivalent_inclusion.level import EquivalentInclusion
@@ -21,35 +24,10 @@ from solver.planning.load_check import LoadChanges, load_rule
 from solver.planning.loads import LoadRule
 
 CLEAR = 0.995  # of the room that a body may fill: what touches the surface has no model
-WORST = 0.3  # bound on the error of ln ratio beyond which the model is none: such bodies are not searched
 DEEP = 20.0  # tube radii, or the scene's depth: how deep a body is searched for where the tissue has no bottom
 NEGLIGIBLE = 0.1  # of the accuracy: reflections that change less are left out
-
-
-@dataclass(frozen=True)
-class Predicted:
-    """Predictions for n bodies.
-
-    Attributes:
-        value: ln |ratio| or ln stiffness, in the order of ``Measurements``, shape (n, k); 0 where ``resolved`` is false.
-        by_modulus: derivatives of ``value`` by ln E_object, shape (n, k).
-        by_diameter: by ln diameter, 0 unless asked for, shape (n, k).
-        bound: on the model's error of ``value``, shape (n, k).
-        resolved: whether the model can say all of them to within ``WORST``, shape (n,).
-        agrees: whether all ratios have the sign that was measured, shape (n,).
-    """
-
-    value: Floats
-    by_modulus: Floats
-    by_diameter: Floats
-    bound: Floats
-    resolved: Bools
-    agrees: Bools
-
-    @property
-    def usable(self) -> Bools:
-        """Whether both hold, shape (n,)."""
-        return self.resolved & self.agrees
+OF_TARGET = ("youngs_modulus", "diameter", "depth")  # unknowns that are the target's; others are the tissue's
+TIMES = 8.0  # larger and smaller than the scene's: how far a number of the tissue is searched
 
 
 @dataclass(frozen=True)
@@ -73,9 +51,18 @@ class TargetModel:
         return self.scene.inclusion[self.scene.target]
 
     @property
+    def host(self) -> Material:
+        """The material about the target, which stays in its layer."""
+        return self.scene.tissue.material_at(self.target.depth)
+
+    @property
     def others(self) -> list[Inclusion]:
         """The inclusions beside the target."""
         return [body for index, body in enumerate(self.scene.inclusion) if index != self.scene.target]
+
+    def changed(self, new: Mapping[str, float]) -> TargetModel:
+        """Return the model of a scene with other numbers; see ``geometry.scenes.variables.changed``."""
+        return replace(self, scene=changed(self.scene, new))
 
     @cached_property
     def base(self) -> Undisturbed:
@@ -111,6 +98,8 @@ class TargetModel:
             free = np.minimum(free, min(tissue.length / 2 - abs(at.x), tissue.breadth / 2 - abs(at.y)))
         if tissue.shape != "half-space":
             free = np.minimum(free, tissue.depth - depth)
+        for interface in tissue.interfaces:
+            free = np.minimum(free, np.abs(interface - np.asarray(depth)))
         for other in self.others:
             apart = np.sqrt((other.x - at.x) ** 2 + (other.y - at.y) ** 2 + (other.depth - depth) ** 2)
             free = np.minimum(free, apart - (other.diameter or 0.0) / 2)
@@ -119,15 +108,20 @@ class TargetModel:
     def span(self, unknown: str) -> tuple[float, float]:
         """Return the least and the largest value of the unknown that are searched.
 
-        Moduli from 1e-3 to 1e6 times the tissue's; diameters from 1/100 of the largest that fits; depths between which the
-        target fits, without passing through another inclusion.
+        Moduli from 1e-3 to 1e6 times those of the tissue about the target; diameters from 1/100 of the largest that fits; depths
+        between which the target fits, without passing through another inclusion or an interface; numbers of the tissue from 1/8
+        to 8 times the scene's.
 
         Raises:
             Refusal: the target fits at one depth only.
         """
+        if unknown not in OF_TARGET:
+            here = values(self.scene)[unknown]
+            return here / TIMES, here * TIMES
         body, tissue = self.target, self.scene.tissue
         if unknown == "youngs_modulus":
-            return max(1e-3 * tissue.youngs_modulus, MODULUS.low), min(1e6 * tissue.youngs_modulus, MODULUS.high)
+            E = self.host.youngs_modulus
+            return max(1e-3 * E, MODULUS.low), min(1e6 * E, MODULUS.high)
         if unknown == "diameter":
             most = float(self.room(np.array([body.depth]))[0])
             return most / 100, most
@@ -144,26 +138,28 @@ class TargetModel:
         """Predict what is read over n bodies in the target's place.
 
         Args:
-            target: youngs_modulus, diameter, depth of shape (n,); those left out are the scene's.
+            target: youngs_modulus, diameter, depth of shape (n,); those left out are the scene's, n = 1 if all are.
             reflect: whether what surface and blocks send back is modelled for all, or none; left out: where it matters.
             by_diameter: whether the derivative by the diameter is found too.
         """
-        n = len(next(iter(target.values())))
-        shape = (n, len(self.data.value))
-        out = Predicted(
-            value=np.zeros(shape),
-            by_modulus=np.zeros(shape),
-            by_diameter=np.zeros(shape),
-            bound=np.zeros(shape),
-            resolved=np.ones(n, dtype=bool),
-            agrees=np.ones(n, dtype=bool),
-        )
+        n, of = len(next(iter(target.values()), [0])), self.data
+        out = Predicted.empty(n, len(of.value))
+        bare = of.is_blank | (not self.scene.inclusion)
+        for k in np.flatnonzero(bare):
+            out.fill(int(k), self._bare, slice(None), of)
+        if bare.all():
+            return out
         seen, alike = self._alike
         answers = self._readings(self._tumours(seen, n, target), reflect, by_diameter)
-        for k, place in enumerate(alike[self.data.place]):
-            rows = slice(int(place), None, len(seen))
-            _fill(out, k, answers, rows=rows, is_stiffness=bool(self.data.is_stiffness[k]), sign=self.data.sign[k])
+        for k in np.flatnonzero(~bare):
+            out.fill(int(k), answers, slice(int(alike[of.place[k]]), None, len(seen)), of)
         return out
+
+    @cached_property
+    def _bare(self) -> Readings:
+        """What is read where there is no tumour."""
+        none = Tumours.of(self.scene.model_copy(update={"inclusion": ()}))
+        return self._readings(none, reflect=False, by_diameter=False)
 
     @cached_property
     def _alike(self) -> tuple[Floats, Ints]:
@@ -207,32 +203,16 @@ class TargetModel:
         table = {key: np.tile(value, (n, len(places), 1)) for key, value in table.items()}
         for axis, key in enumerate("xy"):
             table[key] -= places[None, :, axis, None]
-        for key, values in target.items():
-            table[key][:, :, self.scene.target] = values[:, None]
+        for key, chosen in target.items():
+            table[key][:, :, self.scene.target] = chosen[:, None]
         return Tumours(*(table[key].reshape(n * len(places), -1) for key in keys))
 
 
-def _fill(out: Predicted, k: int, answers: Readings, *, rows: slice, is_stiffness: bool, sign: float) -> None:
-    slopes = answers.log_stiffness_by if is_stiffness else answers.log_ratio_by
-    out.by_modulus[:, k] = slopes("youngs_modulus")[rows]
-    if "diameter" in answers.by:
-        out.by_diameter[:, k] = slopes("diameter")[rows]
-    if is_stiffness:
-        out.value[:, k] = np.log(answers.stiffness)[rows]
-        out.bound[:, k] = (answers.bound.sum(axis=1) / answers.stiffness)[rows]
-        return
-    resolved, ratio = (answers.log_ratio_bound <= WORST)[rows], answers.ratio[rows]
-    out.value[:, k] = np.log(np.abs(np.where(resolved, ratio, 1.0)))
-    out.bound[:, k] = np.where(resolved, answers.log_ratio_bound[rows], 0.0)
-    out.resolved[:] &= resolved
-    out.agrees[:] &= np.where(resolved, np.sign(ratio) == sign, True)
-
-
-def check_kind(scene: Scene) -> None:
-    """Raise ``Refusal`` or ``InputError`` where a scene is of a kind that cannot be estimated."""
-    if not scene.inclusion:
+def check_kind(scene: Scene, of_target: bool = True) -> None:
+    """Raise ``Refusal`` or ``InputError`` where a scene is of a kind that cannot be estimated; ``of_target``: its target's."""
+    if of_target and not scene.inclusion:
         raise InputError("inclusion", Words("none"), "at least one inclusion, about which something is to be estimated")
-    if scene.target is None:
+    if of_target and scene.target is None:
         raise InputError("inclusion.target", Words("none of several"), "target = true in the inclusion that is asked about")
     why = EquivalentInclusion().refusal(scene)
     if why is not None:

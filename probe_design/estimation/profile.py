@@ -4,7 +4,7 @@ Between nodes stand Hermite's cubics in a coordinate x(unknown) in which the fil
 
     youngs_modulus   x = -1 / (1 + beta (c - 1)),  c = E_object / E_tissue, beta as in eq. ES.1 of ``strength.py``
     diameter         x = diameter over the largest that fits
-    depth            x = ln depth                                                                     (ES.2)
+    depth            x = ln depth; likewise a layer's thickness or modulus, the tissue's modulus      (ES.2)
 
 In the first the strength of a sphere is linear, and stiffer and stiffer bodies crowd at x = 0. Slopes are the evaluator's own by
 E_object, else those of a cubic spline through the values.
@@ -12,6 +12,7 @@ E_object, else those of a cubic spline through the values.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -19,13 +20,18 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from geometry.common.arrays import Bools, Floats, Ints
-from probe_design.estimation.model import Predicted, TargetModel
+from geometry.common.errors import ProbeError
+from probe_design.estimation.model import OF_TARGET, TargetModel
+from probe_design.estimation.nuisances import Spread, spread
+from probe_design.estimation.predicted import Predicted
+from probe_design.estimation.shared_errors import SharedErrors
 from probe_design.estimation.strength import share_of_shear
 
 SOFT = (0.01, 0.04, 0.1, 0.22, 0.45)  # contrasts of nodes below 1: bulk softens fast there
 STIFF = 5  # nodes from contrast 1 to the largest
 SIZES = (0.01, 0.14, 0.26, 0.36, 0.45, 0.53, 0.6, 0.67, 0.74, 0.8, 0.86, 0.91, 0.96, 1.0)
 DEPTHS = 20
+TISSUES = 17  # nodes along a number of the tissue
 FINER = 100  # points a step between nodes
 
 
@@ -39,6 +45,7 @@ class Track:
         x: eq. ES.2 at the nodes, increasing, shape (n,).
         predicted: at the nodes.
         slope: derivatives of ``predicted.value`` by x, shape (n, k).
+        spread: eq. ES.7; None without nuisances.
     """
 
     model: TargetModel
@@ -46,25 +53,50 @@ class Track:
     x: Floats
     predicted: Predicted
     slope: Floats
+    spread: Spread | None = None
 
     @classmethod
     def of(cls, model: TargetModel, unknown: str) -> Track:
         """Predict."""
+        if unknown not in OF_TARGET:
+            return cls._of_tissue(model, unknown)
         low, high = model.span(unknown)
         x = _nodes(model, unknown, low, high)
         values = _value_at(model, unknown, x)
         predicted = model.predict({unknown: values})
         if unknown == "youngs_modulus":
             return cls(model, unknown, x, predicted, predicted.by_modulus / _by_log_modulus(model, values)[:, None])
-        slope = np.zeros_like(predicted.value)
-        for run in _runs(predicted.usable):
-            if len(run) > 1:
-                slope[run] = CubicSpline(x[run], predicted.value[run])(x[run], 1)
-        return cls(model, unknown, x, predicted, slope)
+        return cls(model, unknown, x, predicted, _splined(x, predicted))
+
+    @classmethod
+    def _of_tissue(cls, model: TargetModel, unknown: str) -> Track:
+        """Predict along a number of the tissue, of which each value is a probe to be solved anew."""
+        x = np.log(np.geomspace(*model.span(unknown), TISSUES))
+        predicted = Predicted.joined([_with(model, unknown, value) for value in np.exp(x)])
+        return cls(model, unknown, x, predicted, _splined(x, predicted))
+
+    def with_spread(self, nuisances: Mapping[str, float]) -> Track:
+        """Return the same with what numbers of the scene add that are known only roughly, by name.
+
+        Along the target's numbers it is found at three nodes, as it changes slowly; along the tissue's at the scene's own value.
+        """
+        if not nuisances or not self.runs:
+            return self
+        usable = np.flatnonzero(self.predicted.usable)
+        nodes = np.unique(usable[[0, len(usable) // 2, -1]])
+        if self.unknown in OF_TARGET:
+            found = spread(self.model, nuisances, self.x[nodes], {self.unknown: self.values(self.x[nodes])})
+        else:
+            found = spread(self.model, nuisances, self.x[:1], {})
+        return replace(self, spread=found)
 
     def exact(self) -> Track:
         """Return the same for a model without error."""
         return replace(self, predicted=replace(self.predicted, bound=np.zeros_like(self.predicted.bound)))
+
+    def shared(self, x: Floats) -> SharedErrors:
+        """Return the errors that the data share at points of shape (s,), eq. ES.7."""
+        return SharedErrors.none(self.predicted.value.shape[1]) if self.spread is None else self.spread.at(x)
 
     def values(self, x: Floats) -> Floats:
         """Return the unknown, SI, at x."""
@@ -88,6 +120,23 @@ class Track:
         return [np.append(cells[run[:-1]].ravel(), self.x[run[-1]]) for run in _runs(self.predicted.usable) if len(run) > 1]
 
 
+def _splined(x: Floats, predicted: Predicted) -> Floats:
+    """Derivatives by x of a cubic spline through each run of values that the model can tell."""
+    slope = np.zeros_like(predicted.value)
+    for run in _runs(predicted.usable):
+        if len(run) > 1:
+            slope[run] = CubicSpline(x[run], predicted.value[run])(x[run], 1)
+    return slope
+
+
+def _with(model: TargetModel, unknown: str, value: float) -> Predicted:
+    """Predict with another number in the tissue; nothing where it leaves no scene that the model knows."""
+    try:
+        return model.changed({unknown: float(value)}).predict({})
+    except (ProbeError, ValueError):
+        return Predicted.empty(1, len(model.data.value), resolved=False)
+
+
 def _runs(good: Bools) -> list[Ints]:
     """Indices of neighbours that are good, run by run."""
     indices = np.flatnonzero(good)
@@ -100,29 +149,29 @@ def _nodes(model: TargetModel, unknown: str, low: float, high: float) -> Floats:
     ends = coordinate(model, unknown, np.array([low, high]))
     if unknown == "depth":
         return np.linspace(ends[0], ends[1], DEPTHS)
-    soft = coordinate(model, unknown, np.array([c * model.scene.tissue.youngs_modulus for c in SOFT]))
+    soft = coordinate(model, unknown, np.array([c * model.host.youngs_modulus for c in SOFT]))
     stiff = np.linspace(-1.0, ends[1], STIFF)
     return np.concatenate([ends[:1], soft[soft > ends[0]], stiff])
 
 
 def _beta(model: TargetModel) -> float:
-    return share_of_shear(model.scene.tissue)
+    return share_of_shear(model.host)
 
 
 def coordinate(model: TargetModel, unknown: str, values: Floats) -> Floats:
     """Return x of eq. ES.2 for values of the unknown, SI, shape (n,)."""
     if unknown == "youngs_modulus":
-        return np.asarray(-1 / (1 + _beta(model) * (values / model.scene.tissue.youngs_modulus - 1)))
-    return np.log(values) if unknown == "depth" else np.asarray(values / model.span("diameter")[1])
+        return np.asarray(-1 / (1 + _beta(model) * (values / model.host.youngs_modulus - 1)))
+    return np.asarray(values / model.span("diameter")[1]) if unknown == "diameter" else np.log(values)
 
 
 def _value_at(model: TargetModel, unknown: str, x: Floats) -> Floats:
     if unknown == "youngs_modulus":
-        return np.asarray(model.scene.tissue.youngs_modulus * (1 + (-1 / x - 1) / _beta(model)))
-    return np.exp(x) if unknown == "depth" else np.asarray(x * model.span("diameter")[1])
+        return np.asarray(model.host.youngs_modulus * (1 + (-1 / x - 1) / _beta(model)))
+    return np.asarray(x * model.span("diameter")[1]) if unknown == "diameter" else np.exp(x)
 
 
 def _by_log_modulus(model: TargetModel, moduli: Floats) -> Floats:
     """Return d x / d ln E = beta c x^2."""
     x = coordinate(model, "youngs_modulus", moduli)
-    return np.asarray(_beta(model) * moduli / model.scene.tissue.youngs_modulus * x**2)
+    return np.asarray(_beta(model) * moduli / model.host.youngs_modulus * x**2)

@@ -9,6 +9,7 @@ A readings file is TOML, one table a reading,
     noise = 0.05            # relative, one standard deviation; left out: --noise
     stiffness = "80 N/m"    # left out: not measured; a bare number is in N/m
     stiffness_noise = 0.05  # left out: --stiffness-noise, or the noise of the ratio
+    blank = true            # read where there is no tumour; left out: false
 
 or CSV of the same keys in any order, the first row naming them and an empty cell being left out.
 """
@@ -33,7 +34,7 @@ from geometry.scenes.scene import Placement, Scene
 from geometry.scenes.units import Quantity, number
 from probe_design.data.noise import ALLOWED, checked_noise
 
-KEYS = ("x", "y", "ratio", "noise", "stiffness", "stiffness_noise")
+KEYS = ("x", "y", "ratio", "noise", "stiffness", "stiffness_noise", "blank")
 MOST_READINGS = 1000
 LARGEST_FILE = 200_000  # bytes
 POSITION = Quantity("position", "m", "mm", -10.0, 10.0)
@@ -51,6 +52,7 @@ class Reading:
         noise: relative, one standard deviation.
         stiffness: force on the base per indentation, N/m, or None.
         stiffness_noise: relative, one standard deviation.
+        blank: whether there is no tumour under the probe.
     """
 
     x: float
@@ -59,6 +61,7 @@ class Reading:
     noise: float
     stiffness: float | None = None
     stiffness_noise: float | None = None
+    blank: bool = False
 
     @property
     def place(self) -> tuple[float, float]:
@@ -74,6 +77,7 @@ class Measurements:
         places: of the probe's axis, m, no two the same, shape (p, 2).
         place: which of them, shape (k,).
         is_stiffness: whether it is a stiffness or a ratio, shape (k,).
+        is_blank: whether it was read where there is no tumour, shape (k,).
         value: ln |ratio| or ln stiffness, shape (k,).
         sign: of the ratio, +1 or -1, shape (k,).
         noise: standard deviations, shape (k,).
@@ -82,6 +86,7 @@ class Measurements:
     places: Floats
     place: Ints
     is_stiffness: Bools
+    is_blank: Bools
     value: Floats
     sign: Floats
     noise: Floats
@@ -97,6 +102,7 @@ class Measurements:
             places=np.array(places, dtype=float),
             place=np.array([places.index(row[0].place) for row in rows]),
             is_stiffness=np.array([row[1] for row in rows]),
+            is_blank=np.array([row[0].blank for row in rows]),
             value=np.log(np.abs(measured)),
             sign=np.sign(measured),
             noise=np.array([row[3] for row in rows], dtype=float),
@@ -104,7 +110,13 @@ class Measurements:
 
     def some(self, which: Bools) -> Measurements:
         """Return part of what was measured."""
-        return replace(self, **{key: getattr(self, key)[which] for key in ("place", "is_stiffness", "value", "sign", "noise")})
+        keys = ("place", "is_stiffness", "is_blank", "value", "sign", "noise")
+        return replace(self, **{key: getattr(self, key)[which] for key in keys})
+
+    @property
+    def first(self) -> int:
+        """Index of the first ratio that was read over what is asked about."""
+        return int(np.argmin(self.is_blank | self.is_stiffness))
 
 
 def one_reading(scene: Scene, ratio: Any, noise: Any, stiffness: Any = None, stiffness_noise: Any = None) -> tuple[Reading, ...]:
@@ -180,6 +192,7 @@ def _reading(where: str, row: Mapping[str, Any], scene: Scene, noise: Any, stiff
         noise=own,
         stiffness=_stiffness(f"{where}stiffness", entries["stiffness"]) if "stiffness" in entries else None,
         stiffness_noise=own if other is None else _noise(f"{where}stiffness_noise", other),
+        blank=_blank(f"{where}blank", entries.get("blank", False)),
     )
 
 
@@ -193,6 +206,14 @@ def _check_place(where: str, scene: Scene, x: float, y: float) -> None:
 
 def _noise(key: str, value: Any) -> float:
     return checked_noise(number(key, value, ALLOWED), key)
+
+
+def _blank(key: str, value: Any) -> bool:
+    """Read true or false; CSV has them as texts."""
+    found = {"true": True, "false": False}.get(value.lower()) if isinstance(value, str) else value
+    if not isinstance(found, bool):
+        raise InputError(key, value, "true or false")
+    return found
 
 
 def _stiffness(key: str, value: Any) -> float:

@@ -8,9 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from geometry.common.arrays import Floats
+from geometry.scenes.scene import Scene
+from geometry.scenes.variables import changed
 from probe_design.estimation.intervals import TOLERATED, Piece
-from probe_design.estimation.model import WORST, TargetModel
+from probe_design.estimation.model import OF_TARGET, TargetModel
+from probe_design.estimation.predicted import WORST
 from probe_design.estimation.profile import Track
+from probe_design.estimation.shared_errors import SharedErrors
 from probe_design.estimation.strength import DepthAndStrength, Interval
 from solver.equivalent_inclusion.readings import readings
 from solver.inclusions.tumours import Tumours
@@ -19,7 +23,10 @@ from solver.results.film_forces import Bound, FilmForces, outputs
 
 IMPROBABLE = 0.01  # a fit this bad says that scene or noise are not what they are said to be
 NAMES = {"youngs_modulus": "E_object", "diameter": "diameter", "depth": "depth"}
-ENDS = {"youngs_modulus": ("soft", "stiff"), "diameter": ("small", "large"), "depth": ("shallow", "deep")}
+ENDS = {
+    "youngs_modulus": ("soft", "stiff"), "diameter": ("small", "large"), "depth": ("shallow", "deep"),
+    "thickness": ("thin", "thick"),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -29,7 +36,8 @@ class Findings:
     Attributes:
         track: what was searched.
         pieces: eq. ES.4.
-        of_noise: the same for a model without error.
+        of_noise: the same for a model without error, all else in the scene being known.
+        if_known: the same with its error, all else being known; None where that is so.
         best: eq. ES.2 of the best fit, None where the model can tell nothing.
         p_value: of its misfit.
         shift: eq. ES.5 there.
@@ -41,6 +49,18 @@ class Findings:
     best: float | None
     p_value: float
     shift: float
+    if_known: tuple[Piece, ...] | None = None
+
+    @property
+    def name(self) -> str:
+        """The unknown in a sentence."""
+        return NAMES.get(self.unknown, self.unknown)
+
+    @property
+    def nothing(self) -> str:
+        """Why there is no model where it ends."""
+        told = f"the model's error is above {WORST:.0%}"
+        return told if self.unknown in OF_TARGET else f"{told}, or a face of a layer would cut an inclusion,"
 
     @property
     def model(self) -> TargetModel:
@@ -49,7 +69,7 @@ class Findings:
 
     @property
     def unknown(self) -> str:
-        """youngs_modulus, diameter or depth."""
+        """youngs_modulus, diameter or depth of the target, or the key of a number of the tissue."""
         return self.track.unknown
 
     @property
@@ -58,9 +78,17 @@ class Findings:
         return None if self.best is None else float(self.track.values(np.array([self.best]))[0])
 
     @property
+    def shared(self) -> SharedErrors | None:
+        """What the data share at the best fit, shapes (k, q); None where all is known."""
+        if self.track.spread is None or self.best is None:
+            return None
+        found = self.track.spread.at(np.array([self.best]))
+        return SharedErrors(found.line[0], found.bend[0])
+
+    @property
     def values(self) -> Floats:
         """What the first ratio may be, as ln |ratio| at the nodes."""
-        return np.asarray(self.track.predicted.value[self.track.predicted.usable, 0])
+        return np.asarray(self.track.predicted.value[self.track.predicted.usable, self.model.data.first])
 
     def searched_all(self, end: int) -> bool:
         """Whether the first (0) or last (-1) value of the range was searched."""
@@ -77,21 +105,21 @@ def reason(findings: Findings, interval: Interval, widest: float, resolved_by_no
 
 
 def _reason(findings: Findings, interval: Interval, widest: float) -> str:
-    name, data = NAMES[findings.unknown], findings.model.data
+    name, data = findings.name, findings.model.data
     if findings.best is None and findings.track.predicted.resolved.any():
         return f"no {name} gives every ratio the sign that was measured: something in the scene is not as stated"
     if findings.best is None:
-        return f"the model's error is above {WORST:.0%} for every {name} that fits"
+        return f"{findings.nothing} for every {name} that fits"
     low, high = interval
     if not findings.pieces:
         return _unexplained(findings)
     if low is None and high is None:
         change = np.expm1(np.ptp(findings.values))
-        change = f"over all of them the ratio changes by {change:.2g} of itself, its noise is {data.noise[0]:.2g}"
+        change = f"over all of them the ratio changes by {change:.2g} of itself, its noise is {data.noise[data.first]:.2g}"
         return f"any {name} explains what was read: {change}"
     for end, value, ends in ((0, low, 0), (1, high, -1)):
         if value is None:
-            return _open(findings, ENDS[findings.unknown][end], ends)
+            return _open(findings, ENDS[findings.unknown.rpartition(".")[2]][end], ends)
     assert low is not None
     assert high is not None
     return f"the interval's ends are a factor of {high / low:.3g} apart, more than {widest:g}"
@@ -100,23 +128,25 @@ def _reason(findings: Findings, interval: Interval, widest: float) -> str:
 def _open(findings: Findings, how: str, end: int) -> str:
     if not findings.searched_all(end):
         limit = shown(findings.unknown, float(findings.track.values(findings.track.runs[end][end])))
-        return f"the interval reaches {limit}, beyond which the model's error is above {WORST:.0%}"
+        return f"the interval reaches {limit}, beyond which {findings.nothing.rstrip(',')}"
     if findings.unknown == "youngs_modulus":
-        ratio = np.exp(findings.track.predicted.value[end, 0]) * findings.model.data.sign[0]
+        first = findings.model.data.first
+        ratio = np.exp(findings.track.predicted.value[end, first]) * findings.model.data.sign[first]
         why = f"the ratio saturates at {ratio:.4g}, too near the reading for its noise"
         return f"a body however {how} explains what was read: {why}"
-    return f"a body as {how} as fits explains what was read"
+    what = "a body" if findings.unknown in OF_TARGET else findings.name
+    return f"{what} as {how} as fits explains what was read"
 
 
 def _unexplained(findings: Findings) -> str:
     """Say how a reading lies beyond what any value gives."""
-    data, name = findings.model.data, NAMES[findings.unknown]
+    data, name, first = findings.model.data, findings.name, findings.model.data.first
     if len(data.value) > 1:
         return f"no {name} explains the readings: something in the scene, or the noise, is not as stated"
     values = findings.values
     ends = np.exp([values.min(), values.max()])
-    side, end = ("below", ends[0]) if data.value[0] < values.min() else ("above", ends[1])
-    read, limit = np.exp(data.value[0]) * data.sign[0], end * data.sign[0]
+    side, end = ("below", ends[0]) if data.value[first] < values.min() else ("above", ends[1])
+    read, limit = np.exp(data.value[first]) * data.sign[first], end * data.sign[first]
     last = f"the last ratio that any {name} gives, by more than the noise explains"
     return f"the reading {read:.4g} lies {side} {limit:.4g}, {last}: something in the scene is not as stated"
 
@@ -146,7 +176,7 @@ def _warnings(findings: Findings, fitted: DepthAndStrength | None) -> Iterator[s
     yield from _not_searched(findings)
     if fitted is not None and findings.unknown != "depth" and not _contains(fitted.depth_interval, findings.model.target.depth):
         stated = shown("depth", findings.model.target.depth)
-        yield f"the scan says another depth than the scene's {stated}, with which {NAMES[findings.unknown]} was estimated"
+        yield f"the scan says another depth than the scene's {stated}, with which {findings.name} was estimated"
 
 
 def _not_searched(findings: Findings) -> Iterator[str]:
@@ -158,19 +188,31 @@ def _not_searched(findings: Findings) -> Iterator[str]:
     parts = [f"below {shown(findings.unknown, u[first])}"] if first else []
     parts += [f"above {shown(findings.unknown, u[last])}"] if last < len(u) - 1 else []
     parts += ["at some places between"] if not good[first:last].all() else []
-    yield f"not searched {' and '.join(parts)}: the model's error is above {WORST:.0%} there"
+    yield f"not searched {' and '.join(parts)}: {findings.nothing} there"
 
 
 def _of_load(findings: Findings) -> Iterator[str]:
     """Yield what the evaluator says of the scene's load at the best fit."""
-    model, assumed = findings.model, findings.model.scene
-    body = model.target.model_copy(update={findings.unknown: findings.best_value})
-    bodies = tuple(body if index == assumed.target else one for index, one in enumerate(assumed.inclusion))
-    best = readings(model.base, Tumours.of(assumed.model_copy(update={"inclusion": bodies})), assumed.target or 0)
-    films = FilmForces(best.forces[0], Bound(best.bound[0], float(best.log_ratio_bound[0])), best.by["youngs_modulus"][0])
+    model, assumed = findings.model, _at_best(findings)
+    if findings.unknown not in OF_TARGET:
+        model = replace(model, scene=assumed)
+    best = readings(model.base, Tumours.of(assumed), assumed.target or 0)
+    slope = best.by["youngs_modulus"][0] if best.by else None
+    films = FilmForces(best.forces[0], Bound(best.bound[0], float(best.log_ratio_bound[0])), slope)
     yield from outputs(assumed, films)["warnings"]
     rule = replace(model.rule, stiffness=float(best.stiffness[0]))
     yield from load_notes(assumed, rule, model.tolerance, promise=False)
+
+
+def _at_best(findings: Findings) -> Scene:
+    """The scene with the best fit in it."""
+    scene, unknown, value = findings.model.scene, findings.unknown, findings.best_value
+    assert value is not None  # or there would be nothing to warn of
+    if unknown not in OF_TARGET:
+        return changed(scene, {unknown: value})
+    body = findings.model.target.model_copy(update={unknown: value})
+    bodies = tuple(body if index == scene.target else one for index, one in enumerate(scene.inclusion))
+    return scene.model_copy(update={"inclusion": bodies})
 
 
 def _contains(interval: Interval, value: float) -> bool:
@@ -180,7 +222,7 @@ def _contains(interval: Interval, value: float) -> bool:
 
 def shown(unknown: str, value: float) -> str:
     """Write a value for people: lengths in mm, moduli in Pa, kPa, MPa or GPa."""
-    if unknown != "youngs_modulus":
+    if not unknown.endswith("youngs_modulus"):
         return f"{value * 1e3:.4g} mm"
     scale = min(max(int(np.floor(np.log10(value) / 3)), 0), 3)
     return f"{value / 1000.0**scale:.3g} {('Pa', 'kPa', 'MPa', 'GPa')[scale]}"

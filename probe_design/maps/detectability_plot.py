@@ -53,12 +53,17 @@ def plot(maps: Detectability, scene: Scene, path: Path) -> Path:
     body, offset = target_of(scene), _offset(scene)
     where = "on the probe's axis" if offset == 0 else f"{offset * MM:.3g} mm off the probe's axis"
     figure.suptitle(
-        f"spheres of {body.youngs_modulus / 1e3:.4g} kPa in tissue of {scene.tissue.youngs_modulus / 1e3:.4g} kPa {where}, "
+        f"spheres of {body.youngs_modulus / 1e3:.4g} kPa in tissue of {_tissue(scene)} kPa {where}, "
         f"noise {maps.noise * 100:.3g} % on the ratio",
         fontsize=11,
     )
     _legend(figure)
     return save(figure, path)
+
+
+def _tissue(scene: Scene) -> str:
+    """Moduli of the tissue's materials from the surface downwards, kPa."""
+    return " on ".join(f"{one.youngs_modulus / 1e3:.4g}" for one in (*scene.tissue.layer, scene.tissue))
 
 
 def _offset(scene: Scene) -> float:

@@ -141,7 +141,7 @@ def _section(axes: Any, scan: Scan, scene: Scene, deep: float) -> None:
     across = "y" if scan.along == "x" else "x"
     nearest = sorted(scene.inclusion, key=lambda body: -abs(getattr(body, across) - scan.at))
     for body in nearest:
-        colour = STIFF if body.youngs_modulus >= scene.tissue.youngs_modulus else SOFT
+        colour = STIFF if body.youngs_modulus >= scene.tissue.material_at(body.depth).youngs_modulus else SOFT
         centre, beside = (getattr(body, scan.along) * MM, -body.depth * MM), abs(getattr(body, across) - scan.at)
         radius = _radius(body)
         is_target = scene.target is not None and body is scene.inclusion[scene.target]

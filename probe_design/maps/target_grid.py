@@ -14,7 +14,7 @@ from geometry.scenes.probe import LENGTH, mm
 from geometry.scenes.scene import Inclusion, Scene
 from solver.inclusions.tumours import Tumours
 
-COVER = 0.025  # least tissue above a sphere, of its diameter, that the level is good for
+COVER = 0.025  # least tissue between a sphere and surface or interface, of its diameter, that the level is good for
 CLEAR = 1 - 1e-9  # of the room that a sphere may fill
 DEEP, WIDE = 4.0, 2.5  # outer radii: depths and diameters shown unless the scene's own tumour needs more
 OWN = 1.5  # times the scene's own depth and diameter that are shown at least
@@ -48,7 +48,7 @@ class Spheres:
 
     @cached_property
     def fits(self) -> Bools:
-        """Whether they lie in the tissue, under some cover, apart from the other inclusions; shape (k, m)."""
+        """Whether they lie in the tissue, in one of its layers, under some cover, apart from other inclusions; shape (k, m)."""
         body, tissue, at, depth = target_of(self.scene), self.scene.tissue, self.scene.placement, self.depth
         beside = self.radius - np.hypot(body.x - at.x, body.y - at.y)
         if tissue.shape == "cylinder":
@@ -61,8 +61,9 @@ class Spheres:
         for other in others(self.scene):
             apart = np.sqrt((other.x - body.x) ** 2 + (other.y - body.y) ** 2 + (other.depth - depth) ** 2)
             free = np.minimum(free, apart - (other.diameter or 0.0) / 2)
-        radius = self.diameter / 2
-        return np.asarray((radius < free[:, None] * CLEAR) & (depth[:, None] - radius >= COVER * self.diameter))
+        radius, covered = self.diameter / 2, [np.abs(depth - interface) for interface in (0.0, *tissue.interfaces)]
+        cover = np.min(covered, axis=0)[:, None] - radius
+        return np.asarray((radius < free[:, None] * CLEAR) & (cover >= COVER * self.diameter))
 
     @property
     def tumours(self) -> Tumours:

@@ -11,6 +11,7 @@ from geometry.common.arrays import Floats, Ints
 from geometry.tetra.tet_mesh import BEYOND, FACE_MIDDLES, FACES, GROOVE, INCLUSION, INNER, OUTER, TISSUE
 from solver.solid.base_states import SolidFields, at_nodes
 from solver.solid.problem import AT, Problem
+from solver.solid.regions import Region
 
 NAMES = {INNER: "inner", OUTER: "outer", GROOVE: "groove", TISSUE: "tissue", BEYOND: "tissue beyond"}
 SPLIT = np.array([(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)])  # a quadratic triangle as four flat ones
@@ -39,11 +40,13 @@ class Faces:
     values: Mapping[str, Floats] = field(default_factory=dict)
 
 
-def name(body: int) -> str:
-    """What a body is called: its part outside the reference cylinder, of an inclusion, is ``inclusion[i] beyond``."""
-    if body < 0:
-        return f"{name(-1 - body)} beyond"
-    return NAMES.get(body) or f"inclusion[{body - INCLUSION}]"
+def name(number: int) -> str:
+    """What a region is called: ``tissue.layer[k]``, ``inclusion[i] in tissue.layer[k]``, ``inclusion[i] beyond`` the cylinder."""
+    body, layer, outside = Region.of(number)
+    whole, within = NAMES.get(body) or f"inclusion[{body - INCLUSION}]", f"tissue.layer[{layer - 1}]"
+    if layer:
+        whole = whole.replace("tissue", within) if body < INCLUSION else f"{whole} in {within}"
+    return f"{whole} beyond" if outside else whole
 
 
 def present(problem: Problem) -> list[int]:

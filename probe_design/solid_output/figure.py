@@ -18,9 +18,11 @@ from probe_design.solid_output.render import rendered
 from probe_design.solid_output.stress_panel import deformed, draw_stress, in_millimetres, mesh_lines
 from solver.solid.base_states import SolidStates, fields
 from solver.solid.problem import Problem
+from solver.solid.regions import Region
 
 SIZE, DPI = (12.5, 9.6), 140  # of the figure: inches, and dots in one
 PALE, PALER = (0.973, 0.875, 0.804), (0.985, 0.945, 0.915)
+LAYERS = ((0.93, 0.76, 0.66), (0.98, 0.91, 0.70), (0.88, 0.70, 0.70), (0.83, 0.80, 0.72))  # of tissue, in turn
 LUMPS = ((0.64, 0.23, 0.18), (0.45, 0.29, 0.58), (0.20, 0.50, 0.36), (0.60, 0.45, 0.05))  # inclusions, in turn
 WHOLE, NEAR = (0.01, 0.5, 0.53, 0.44), (0.61, 0.535, 0.335, 0.39)  # panels: left, bottom, width, height in the figure's
 LEFTS, STRESS, BAR = (0.06, 0.565), (0.06, 0.36, 0.37), (0.075, 0.013, 0.34)  # lefts, then bottom, width and height
@@ -78,11 +80,13 @@ def draw_solid(path: Path, states: SolidStates, motion: Sequence[float] | Floats
     return save(figure, path)
 
 
-def colour(body: int) -> tuple[float, float, float]:
-    """Red, green and blue of a body, from 0 to 1."""
-    inclusion = -1 - body if body < 0 else body
-    if inclusion >= INCLUSION:
-        return LUMPS[(inclusion - INCLUSION) % len(LUMPS)]
+def colour(number: int) -> tuple[float, float, float]:
+    """Red, green and blue of a region, from 0 to 1."""
+    body, layer, _ = Region.of(number)
+    if body >= INCLUSION:
+        return LUMPS[(body - INCLUSION) % len(LUMPS)]
+    if layer:
+        return LAYERS[(layer - 1) % len(LAYERS)]
     return {INNER: COLOURS["inner"], OUTER: COLOURS["outer"], GROOVE: (0.45, 0.66, 0.82), TISSUE: PALE, BEYOND: PALER}[body]
 
 
@@ -139,7 +143,8 @@ def _near(axes: Any, cut: Faces, sizes: Sizes) -> None:
 
 def _window(cut: Faces, sizes: Sizes) -> tuple[float, float, float, float]:
     """What the stresses are shown in, m: left, right, bottom, top: the probe, and inclusions within reach of it."""
-    lumps = cut.points[np.unique(cut.triangles[(cut.body >= INCLUSION) | (cut.body < -INCLUSION)])]
+    inclusions = np.isin(cut.body, [number for number in np.unique(cut.body).tolist() if Region.of(number).body >= INCLUSION])
+    lumps = cut.points[np.unique(cut.triangles[inclusions])]
     lumps = lumps[(np.abs(lumps[:, 0]) < 3 * sizes.tube) & (lumps[:, 2] > -4 * sizes.tube)]
     room = 0.3 * sizes.tube
     sides = np.array([-1.4 * sizes.tube, 1.4 * sizes.tube, *(lumps[:, 0] + np.copysign(room, lumps[:, 0]))])

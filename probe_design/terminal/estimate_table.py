@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from rich.table import Table
 
-from probe_design.estimation.estimate import Estimate
+from probe_design.estimation.answer import Estimate
 from probe_design.estimation.reasons import NAMES, shown
 from probe_design.estimation.strength import Interval
 
 
 def sentence(estimate: Estimate) -> str:
     """Say what was found, in one sentence or two."""
-    name = NAMES[estimate.unknown]
+    name = NAMES.get(estimate.unknown, estimate.unknown)
     if estimate.value is not None:
         value, interval = shown(estimate.unknown, estimate.value), _between(estimate.unknown, estimate.interval)
         return f"{name} = {value}, 95 % interval {interval}"
@@ -31,6 +31,8 @@ def estimate_table(estimate: Estimate) -> Table:
     value = "not identifiable" if estimate.value is None else shown(estimate.unknown, estimate.value)
     table.add_row(estimate.unknown, value, _between(estimate.unknown, estimate.interval))
     table.add_row("by the noise alone", "", _between(estimate.unknown, estimate.interval_of_noise))
+    if estimate.interval_if_known is not None:
+        table.add_row("with all else known", "", _between(estimate.unknown, estimate.interval_if_known))
     if estimate.unknown != "depth" and estimate.depth is not None:
         table.add_row("depth", shown("depth", estimate.depth), _optional("depth", estimate.depth_interval))
     if estimate.strength is not None:
@@ -42,7 +44,8 @@ def estimate_table(estimate: Estimate) -> Table:
 
 def _noise(estimate: Estimate) -> str:
     least, most = min(estimate.noise), max(estimate.noise)
-    return f"noise {least:g}{f' to {most:g}' if most > least else ''} on the ratio"
+    rough = [f"{name} known to {100 * sd:.3g} %" for name, sd in estimate.nuisances.items()]
+    return ", ".join([f"noise {least:g}{f' to {most:g}' if most > least else ''} on the ratio", *rough])
 
 
 def _depth(estimate: Estimate) -> str:

@@ -77,9 +77,9 @@ class FilmCallback(Differentiated):
     def _solved(self, x: Floats) -> Gradients | None:
         try:
             scene = changed(self.scene, dict(zip(self.variables, x.tolist(), strict=True)))
+            of = sections(scene)
         except (ProbeError, ValueError):
             return None
-        of = sections(scene)
         if self.layered:
             of = with_details(scene, of)
         for kind in (self.kind, None):
@@ -113,6 +113,7 @@ class TumourCallback(FilmCallback):
         Raises:
             ProbeError: the design cannot be solved on that mesh.
         """
+        EquivalentInclusion().check(scene)
         return tumour_gradients(scene, first_order(scene, of, self.fineness, kind), self.variables)
 
 

@@ -21,9 +21,12 @@ END = 1024
 SLAB = 4096  # values at once: what they need then stays in the processor's cache
 
 
-def bessel(x: Array, orders: int = 2) -> Array:
-    """Return J0, J1, ... of x from 0 to ``END``, which no scene's waves reach, NaN elsewhere; shape (orders, *x.shape)."""
-    return _between(x, [_cylindrical(order) for order in range(orders)])
+def bessel(x: Array, orders: int = 2, first: int = 0) -> Array:
+    """Return J0, J1, ..., from ``first`` on, of x from 0 to ``END``, NaN elsewhere; shape (orders - first, *x.shape).
+
+    No scene's waves reach further.
+    """
+    return _between(x, [_cylindrical(order) for order in range(first, orders)])
 
 
 def spherical(x: Array, orders: int) -> Array:

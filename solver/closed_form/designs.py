@@ -8,8 +8,10 @@ told from.
 from __future__ import annotations
 
 import math
+from bisect import bisect
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 
@@ -17,9 +19,13 @@ from geometry.common.arrays import Floats
 from geometry.scenes.scene import Inclusion, Scene
 from solver.closed_form.bessel import Array
 from solver.closed_form.block_compliance import ElasticBlocks
-from solver.closed_form.contact import FLOOR_REACH, NODES_PER_WAVE, REACH, ContactSolution, Tissue, solve_contact
+from solver.closed_form.contact import FLOOR_REACH, NODES_PER_WAVE, REACH, ContactSolution, solve_contact
+from solver.closed_form.contact import Tissue as TissueArray
 from solver.closed_form.lateral_boundary import side_nodes, side_radius
+from solver.closed_form.layered_works import layer_nodes
 from solver.closed_form.surface_images import SphereArray
+from solver.layers.materials import material_layers
+from solver.layers.stack import TissueLayer
 from solver.linalg.memory import keep_freed
 
 PROBE = (
@@ -28,7 +34,9 @@ PROBE = (
 )  # fmt: skip
 TISSUE = ("tissue_depth", "tissue_radius", "tissue_modulus", "tissue_poisson")
 BALL = ("radius", "depth", "offset", "modulus", "poisson")
+LAYER = ("layer_thickness", "layer_modulus", "layer_poisson")
 MOST = 256  # nodes over wave numbers
+LEAST_ROOM = 0.05  # of a sphere's points, in its diameters: nearer ones are refused by ``level``
 CHUNK = 512  # designs at once: what they need then stays in the processor's cache
 
 
@@ -43,6 +51,9 @@ class Shape:
         bonded: whether blocks and tissue stick; frictionless otherwise.
         bounded: whether the tissue has a floor at ``tissue_depth``; a half-space otherwise.
         side_nodes: of the integrals for the tissue's sides at ``tissue_radius``; 0 where they are far.
+        places: for each inclusion, the layer that holds it, the tissue's own material last; empty if all are in the first.
+        layers: how many layers of other materials the tissue has.
+        layer_nodes: of the integral for these.
     """
 
     on_axis: tuple[bool, ...] = (True,)
@@ -51,21 +62,36 @@ class Shape:
     bonded: bool = True
     bounded: bool = True
     side_nodes: int = 0
+    places: tuple[int, ...] = ()
+    layers: int = 0
+    layer_nodes: int = 0
+
+    @property
+    def homes(self) -> tuple[int, ...]:
+        """``places`` written out."""
+        return self.places or (0,) * len(self.on_axis)
 
 
 def _answer(shape: Shape, p: Array) -> ContactSolution:
     """The answer for parameters p, shape (parameters, n)."""
     r2, gap, ro, hi, ho, ei, ni, eo, no, depth, side, et, nt = p[: len(PROBE) + len(TISSUE)]
-    bodies = p[len(PROBE) + len(TISSUE) :].reshape(len(shape.on_axis), len(BALL), p.shape[1])
+    bodies, layers = split(shape, p)
     blocks = ElasticBlocks(None, r2, hi, ei, ni), ElasticBlocks(r2 + gap, ro, ho, eo, no)
-    tissue = Tissue(depth if shape.bounded else None, et, nt, side)
+    tissue = TissueArray(depth if shape.bounded else None, et, nt, side, tuple(TissueLayer(*layer) for layer in layers))
     spheres = [
-        SphereArray(b[0], b[1], offset=b[2], E=b[3], nu=b[4], on_axis=on_axis)
-        for b, on_axis in zip(bodies, shape.on_axis, strict=True)
+        SphereArray(b[0], b[1], offset=b[2], E=b[3], nu=b[4], on_axis=on_axis, layer=place)
+        for b, on_axis, place in zip(bodies, shape.on_axis, shape.homes, strict=True)
     ]
-    return solve_contact(
-        blocks, tissue, spheres, target=shape.target, bonded=shape.bonded, nodes=shape.nodes, side_nodes=shape.side_nodes
-    )
+    nodes = {"nodes": shape.nodes, "side_nodes": shape.side_nodes, "layer_nodes": shape.layer_nodes}
+    return solve_contact(blocks, tissue, spheres, target=shape.target, bonded=shape.bonded, **nodes)
+
+
+def split(shape: Shape, values: Array) -> tuple[Array, Array]:
+    """Return the parameters of inclusions and of layers, views of shapes (inclusions, BALL, n) and (layers, LAYER, n)."""
+    after = len(PROBE) + len(TISSUE)
+    end = after + len(BALL) * len(shape.on_axis)
+    bodies, layers = values[after:end], values[end:]
+    return bodies.reshape(-1, len(BALL), *values.shape[1:]), layers.reshape(-1, len(LAYER), *values.shape[1:])
 
 
 def forces(shape: Shape, values: Array) -> tuple[Floats, Floats]:
@@ -73,7 +99,8 @@ def forces(shape: Shape, values: Array) -> tuple[Floats, Floats]:
 
     Args:
         shape: see ``Shape``; ``parameters`` makes it from a scene.
-        values: the parameters PROBE, TISSUE, then BALL for each inclusion, SI, a column for each design; shape (parameters, n).
+        values: the parameters PROBE, TISSUE, then BALL for each inclusion and LAYER for each layer, SI, a column for each design;
+            shape (parameters, n).
 
     Returns:
         the forces F_ij on film i per unit displacement of base j, N/m, and their derivatives by the logarithm of the target's
@@ -87,13 +114,14 @@ def forces(shape: Shape, values: Array) -> tuple[Floats, Floats]:
 def answers(shape: Shape, values: Array) -> Iterator[ContactSolution]:
     """Yield what stands behind ``forces``, for some designs at a time."""
     values = np.asarray(values)
-    if values.shape[1] >= CHUNK:
+    chunk = CHUNK // 2 if shape.layers else CHUNK  # layers take more waves
+    if values.shape[1] >= chunk:
         keep_freed()
-    for k in range(0, values.shape[1], CHUNK):
+    for k in range(0, values.shape[1], chunk):
         try:
-            yield _answer(shape, values[:, k : k + CHUNK])
+            yield _answer(shape, values[:, k : k + chunk])
         except np.linalg.LinAlgError:
-            yield from (_alone(shape, column) for column in values[:, k : k + CHUNK].T)
+            yield from (_alone(shape, column) for column in values[:, k : k + chunk].T)
 
 
 def _alone(shape: Shape, column: Array) -> ContactSolution:
@@ -122,8 +150,11 @@ def gradients(shape: Shape, values: Floats, which: Sequence[int]) -> tuple[Float
     return complex_forces[0].real, complex_forces.imag / (1e-30 * np.abs(values[list(which)]))[:, None, None, None]
 
 
-def parameters(scene: Scene) -> tuple[Shape, Floats]:
-    """Return the formula's structure for a scene and the values of its parameters, SI; layers of tissue are none of them."""
+def parameters(scene: Scene, *, merged: bool = True) -> tuple[Shape, Floats]:
+    """Return the formula's structure for a scene and the values of its parameters, SI.
+
+    Layers of one material are one, unless ``merged`` is False: then every layer of the scene has its parameters.
+    """
     probe, tissue = scene.probe, scene.tissue
     values = [probe.inner_radius, probe.gap, probe.tube_radius, probe.core_height, probe.tube_height]
     for block in (probe.inner, probe.outer):
@@ -136,12 +167,22 @@ def parameters(scene: Scene) -> tuple[Shape, Floats]:
     on_axis = tuple(offset <= 1e-9 * (body.diameter or 1.0) for body, offset in zip(scene.inclusion, offsets, strict=True))
     bonded, bounded = scene.contact.interface == "bonded", tissue.shape != "half-space"
     sides = side_nodes(probe.tube_radius, depth, side) if bounded else 0
-    return Shape(on_axis, scene.target, nodes=_nodes(scene), bonded=bonded, bounded=bounded, side_nodes=sides), np.array(values)
+    layers = material_layers(tissue, merged)
+    for layer in layers:
+        values += layer
+    faces = list(accumulate(layer[0] for layer in layers))
+    places = tuple(bisect(faces, body.depth) for body in scene.inclusion)
+    places = places if any(places) else ()
+    nodes = _nodes(scene, faces), layer_nodes(probe.tube_radius, layers[0][0]) if layers else 0
+    return Shape(on_axis, scene.target, nodes[0], bonded, bounded, sides, places, len(layers), nodes[1]), np.array(values)
 
 
-def _nodes(scene: Scene) -> int:
-    """Nodes enough for the shallowest point of the spheres' quadrature and the waves' way across."""
+def _nodes(scene: Scene, faces: list[float]) -> int:
+    """Nodes enough for the shallowest point of the spheres' quadrature, their echo from interfaces, and the waves' way across."""
     reach = [REACH / (body.depth - 0.4 * (body.diameter or 0.0)) for body in scene.inclusion]
+    for body in scene.inclusion:
+        size = body.diameter or 0.0
+        reach += [REACH / 2 / max(abs(body.depth - face) - 0.4 * size, LEAST_ROOM * size) for face in faces]
     if scene.tissue.shape != "half-space":
         reach.append(FLOOR_REACH / scene.tissue.depth)
     across = scene.probe.tube_radius + max((_offset(scene, body) for body in scene.inclusion), default=0.0)

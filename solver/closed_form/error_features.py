@@ -10,11 +10,12 @@ stiffer, no spheres. The others are powers of ratios of lengths. Of the logarith
   and sides and twice (radius / way to the side)^3. They have no images but in the surface, and in layers;
 - soft ends: the derivative by the logarithms of both blocks' moduli, of the ratio both totals'. Blocks have few functions;
 - soft shell: the larger total's, times (hole / outer radius)^8 ln(1 + height / wall). Shells bend over short ways;
-- hairline gap: how much either block's modulus changes the other's total, where the gap is below 0.005 of both widths and the
+- hairline gap: how much either block's modulus changes the other's total, where the gap is below 0.005 of either width and the
   inner block small. Tractions at its edges are singular in another way;
 - cancelled: what forces there are beyond their sum. Errors of terms are those of a small difference;
 - thin tissue: x^3 / (1 + x^2) of x = outer radius / depth. Pressures on a squeezed layer have details;
-- interfaces: contrast / (1 + 50 depth / outer radius) of layers of tissue, summed.
+- interfaces: contrast / (1 + 100 depth / outer radius) of layers of tissue, summed, times 1 + cancelled / 20. Pressures on a
+  film have details, and a skin passes them from block to block.
 
 Of the log-sensitivity sides change what they change; the others are what the target changes of both totals, times the factors.
 """
@@ -54,6 +55,7 @@ def features(scene: Scene, forces: Floats, slopes: Floats) -> dict[str, Floats]:
     soft = changes.ends.sum(axis=0)  # of either total
     own = float(np.trace(changes.ends))  # of each block's total by its own modulus
     beside = max(changes.ends[0, 1], changes.ends[1, 0])
+    cancelled = float((np.abs(forces[0]).sum(axis=1) / forces[0].sum(axis=1) - 1).max())
     return {
         "always": every,
         "sides": changes.sides,
@@ -62,9 +64,9 @@ def features(scene: Scene, forces: Floats, slopes: Floats) -> dict[str, Floats]:
         "soft ends": np.array([soft.sum(), *soft, felt * own]),
         "soft shell": every * soft.max() * _shell(scene),
         "hairline gap": every * beside * _hairline(scene),
-        "cancelled": every * float((np.abs(forces[0]).sum(axis=1) / forces[0].sum(axis=1) - 1).max()),
+        "cancelled": every * cancelled,
         "thin tissue": every * _thin(scene),
-        "interfaces": every * _interfaces(scene),
+        "interfaces": every * _interfaces(scene) * (1 + cancelled / 20),
     }
 
 
@@ -141,10 +143,10 @@ def _shell(scene: Scene) -> float:
 
 
 def _hairline(scene: Scene) -> float:
-    """How narrow the gap is beside both blocks' widths, times how small the inner block is beside the outer; 0 to 1."""
+    """How narrow the gap is beside the blocks' widths, times how small the inner block is beside the outer; 0 to 1."""
     probe = scene.probe
     narrowest = HAIRLINE * min(probe.inner_radius, probe.tube_radius - probe.hole_radius)
-    return (1 - probe.inner_radius / probe.tube_radius) ** 2 / (1 + (probe.gap / narrowest) ** 2)
+    return (1 - probe.inner_radius / probe.tube_radius) ** 4 / (1 + probe.gap / narrowest)
 
 
 def _thin(scene: Scene) -> float:
@@ -159,4 +161,4 @@ def _interfaces(scene: Scene) -> float:
     tissue = scene.tissue
     moduli = [*(layer.youngs_modulus for layer in tissue.layer), tissue.youngs_modulus]
     sides = zip(tissue.interfaces, pairwise(moduli), strict=True)
-    return sum(abs(E - below) / (E + below) / (1 + 50 * z / scene.probe.tube_radius) for z, (E, below) in sides)
+    return sum(abs(E - below) / (E + below) / (1 + 100 * z / scene.probe.tube_radius) for z, (E, below) in sides)

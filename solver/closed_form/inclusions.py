@@ -24,6 +24,7 @@ import numpy as np
 from solver.closed_form.bessel import Array
 from solver.closed_form.lateral_boundary import Sides
 from solver.closed_form.layer import Waves
+from solver.closed_form.layered_spheres import Inside
 from solver.closed_form.off_axis import Disc, off_axis_response, shifted_waves
 from solver.closed_form.surface_images import (
     ASIDE,
@@ -39,6 +40,7 @@ from solver.closed_form.surface_images import (
     wavelets,
 )
 from solver.inclusions.eshelby import strengths
+from solver.layers.stack import Matrix
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,7 @@ class LoadedSpheres:
         moments: under each load, shape (n, moments, m).
         image: G of eq. CF.15 less V S of eq. CF.18, shape (n, moments, moments).
         strength, strength_by_log: (k_v, k_d) of eq. CF.13 and their derivatives by ln E.
+        arriving: what of the loads arrives at the top of the sphere's layer, eq. LY.3, if there are several; fields are by that.
     """
 
     sphere: SphereArray
@@ -65,6 +68,7 @@ class LoadedSpheres:
     image: Array
     strength: tuple[Array, Array]
     strength_by_log: tuple[Array, Array]
+    arriving: Matrix | None = None
 
     @property
     def volume(self) -> Array:
@@ -96,6 +100,9 @@ class LoadedSpheres:
         moments = self.moments @ tractions
         pressures = self.loads[0].shape[2]
         pressed, sheared = self.loads[0] @ tractions[:, :pressures], self.loads[1] @ tractions[:, pressures:]
+        if self.arriving is not None:
+            pp, pq, qp, qq = (np.broadcast_to(part, pressed.shape[:2])[:, :, None] for part in self.arriving)
+            pressed, sheared = pp * pressed + pq * sheared, qp * pressed + qq * sheared
         strain = self.fields[0] @ pressed + self.fields[1] @ sheared
         if self.sides is not None:
             strain = strain + self.sides @ tractions
@@ -121,8 +128,9 @@ def polarised(
     *,
     E: Array,
     nu: Array,
-    disc: Disc,
+    disc: Disc | None,
     sides: Sides | None = None,
+    inside: Inside | None = None,
 ) -> LoadedSpheres:
     """Put spheres into tissue of modulus E and Poisson's ratio nu, shapes (n,).
 
@@ -133,10 +141,11 @@ def polarised(
         weights: k dk of the waves, shape (n, q).
         E: of the tissue, shape (n,).
         nu: of the tissue, shape (n,).
-        disc: the probe's end, for spheres beside its axis.
+        disc: the probe's end, None for spheres on its axis.
         sides: of the tissue, where they are near.
+        inside: the sphere in its layer, of which E and nu are, where the tissue has several; ``waves`` are then but numbers.
     """
-    near = nearby(sphere, waves)
+    near = nearby(sphere, waves) if inside is None else inside.near
     scaled = (weights * ((1 + nu) / E)[:, None])[:, :, None]
     weighed = loads[0] * scaled, loads[1] * scaled
     points, strain, moments = NEAR, near.strain, near.moments
@@ -151,13 +160,15 @@ def polarised(
     added = None
     if sides is not None:
         added = sides.strain(np.sqrt(across**2 + beside**2), sphere.depth[:, None] - sphere.radius[:, None] * points.z)
+        added = added if inside is None else added * (sides.tissue.E / E)[:, None, None]  # of the column's stress
         dipoles = dipoles + (TO_MOMENTS @ added if sphere.on_axis else _moments(added, across, beside))
     mu = E / (2 * (1 + nu))
-    G = image(sphere, waves, near, weights, mu=mu, nu=nu)
-    if not sphere.on_axis:
+    G = image(sphere, waves, near, weights, mu=mu, nu=nu) if inside is None else inside.image
+    if disc is not None:
         volume = (4 * np.pi / 3 * sphere.radius**3)[:, None, None]
         G = G - volume * off_axis_response(sphere, near, waves.k, weights, disc=disc, mu=mu, bonded=loads[1].shape[2] > 0)
-    return LoadedSpheres(sphere, points, strain, weighed, added, dipoles, G, *strengths(E, nu, sphere.E, sphere.nu))
+    whole = strengths(E, nu, sphere.E, sphere.nu)
+    return LoadedSpheres(sphere, points, strain, weighed, added, dipoles, G, *whole, None if inside is None else inside.arriving)
 
 
 def _moments(strain: Array, across: Array, beside: Array) -> Array:

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.closed_form.bessel import Array
+from solver.layers.stack import Echo, TissueLayer
 
 
 @dataclass(frozen=True)
@@ -118,3 +119,22 @@ def lowering(waves: Waves, z: Array) -> tuple[Array, Array]:
             W = W + (-c[2] + c[3] * (t - m)) * np.exp(t - 2 * waves.k[:, None, :] * waves.depth[:, :, None])
         lowerings.append(W)
     return lowerings[0], lowerings[1]
+
+
+def waves_inside(k: Array, layer: TissueLayer, echo: Echo) -> Waves:
+    """Return eq. CF.6 in a layer among others, z from its top on, by what runs down there: eq. LY.1's a.
+
+    ``by_pressure`` is by a = (1, 0) with its echo from below, ``by_shear`` by a = (0, 1).
+    """
+    nu = layer.nu[:, None]
+    even, near = 1 - 2 * nu, 2 - 2 * nu
+    down = ((-even / k, 1 / k), (near / k, -1 / k))
+    if echo.far is None:
+        return Waves(k, None, nu, *down)
+    r, x = echo.far, echo.way
+    columns = []
+    for (c1, c2), (p, q) in zip(down, ((1 + x, x), (-x, 1 - x)), strict=True):
+        bp, bq = r[0] * p + r[2] * q, r[2] * p + r[1] * q
+        c4 = (bq + bp) / k
+        columns.append((c1, c2, -(near * bq + even * bp) / k + x * c4, c4))
+    return Waves(k, layer.thickness[:, None], nu, *columns)

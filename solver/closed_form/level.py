@@ -10,31 +10,36 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate
 from time import perf_counter
 
 import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal
-from geometry.scenes.scene import Scene
-from solver.closed_form.designs import BALL, PROBE, TISSUE, Shape, answers, parameters
+from geometry.scenes.probe import Material
+from geometry.scenes.scene import Inclusion, Scene
+from solver.closed_form.designs import PROBE, TISSUE, Shape, answers, parameters, split
 from solver.closed_form.error_bound import StatedErrors, errors
 from solver.closed_form.error_features import EFFECTS, STEP
 from solver.closed_form.lateral_boundary import NEAR, side_nodes
+from solver.layers.materials import material_layers
+from solver.layers.measures import squeezed
 from solver.linalg.workspace import in_own_workspace
 from solver.results.evaluator import Answer, FilmLevel, Tell
 from solver.results.film_forces import FilmForces, shortfalls
-from solver.results.kinds import layered, needs_solid
+from solver.results.kinds import needs_solid
 from solver.results.result import Result
 
 LEAST_COVER = 0.1  # of an inclusion, in its diameters
 LARGEST_ERROR = 2.9  # of ln(ratio): beyond it the formulas say nothing
 LARGEST_RESIDUAL = 1e-10
 LEAST_DEPTH = 0.1  # of the tissue, in outer radii
-# Poisson's ratios up to which rounding, in differences of terms that go with 1 / (1 - 2 nu), stays below a fiftieth of the stated
+# Poisson's ratios up to which rounding, in differences of terms that go with 1 / (1 - 2 nu), stays below a seventh of the stated
 # errors; in tissue with a tumour it grows with the third power, and is beyond them from 0.4999999 on. ``tests`` hold both.
 LARGEST_RATIO = {"tissue": 0.499999, "block": 0.499999999999}
 FAR_SIDE_NODES = side_nodes(1.0, 0.0, NEAR)  # as for the nearest sides that are left out
+LARGEST_SQUEEZE = 50.0  # see ``solver.layers.measures``: beyond it totals are up to nine times too small
 BROKEN = "axisymmetric, as the formulas break down for this scene"
 
 
@@ -58,14 +63,16 @@ class ClosedForm(FilmLevel):
         """Say which kind of thing in the scene the formulas do not know, or None."""
         if needs_solid(scene) is not None:
             return needs_solid(scene)
-        if layered(scene) is not None:
-            return layered(scene)
         if any(body.diameter is None for body in scene.inclusion):
             return "equivalent-inclusion or solid for an ellipsoid"
         if any(body.depth - body.diameter / 2 < LEAST_COVER * body.diameter for body in scene.inclusion if body.diameter):
             return f"axisymmetric for an inclusion covered by less than {LEAST_COVER:g} of its diameter"
+        if any(_at_an_interface(body, scene) for body in scene.inclusion):
+            return f"axisymmetric or solid for an inclusion nearer to an interface of layers than {LEAST_COVER:g} of its diameter"
         if scene.tissue.shape != "half-space" and scene.tissue.depth < LEAST_DEPTH * scene.probe.tube_radius:
             return f"axisymmetric for tissue thinner than {LEAST_DEPTH:g} outer radii"
+        if squeezed(scene) > LARGEST_SQUEEZE:
+            return "axisymmetric for a layer so thin and soft beside its neighbours that blocks squeeze it"
         return nearly_incompressible(scene)
 
     def answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Answer:
@@ -127,10 +134,21 @@ class ClosedForm(FilmLevel):
         return Answer((forces.films,), forces.residual, notes=notes).result(self.name, scene, 0.0)
 
 
+def _at_an_interface(body: Inclusion, scene: Scene) -> bool:
+    """Whether two layers of different materials meet in a sphere, or nearer to it than ``LEAST_COVER``."""
+    faces = accumulate(layer[0] for layer in material_layers(scene.tissue))
+    return any(abs(body.depth - face) < (0.5 + LEAST_COVER) * (body.diameter or 0.0) for face in faces)
+
+
 def nearly_incompressible(scene: Scene) -> str | None:
     """Say which Poisson's ratio is too near to 0.5 for the formulas' rounding, or None."""
     probe = scene.probe
-    bodies = {"probe.inner": ("block", probe.inner), "probe.outer": ("block", probe.outer), "tissue": ("tissue", scene.tissue)}
+    bodies: dict[str, tuple[str, Material]] = {
+        "probe.inner": ("block", probe.inner),
+        "probe.outer": ("block", probe.outer),
+        "tissue": ("tissue", scene.tissue),
+    }
+    bodies |= {f"tissue.layer[{index}]": ("tissue", layer) for index, layer in enumerate(scene.tissue.layer)}
     for key, (kind, body) in bodies.items():
         if body.poisson_ratio > LARGEST_RATIO[kind] and (scene.inclusion or kind == "block"):
             return f"{key}.poisson_ratio up to {LARGEST_RATIO[kind]:.12g}, or another evaluator"
@@ -156,7 +174,7 @@ def variants(shape: Shape, values: Sequence[Floats]) -> tuple[Floats, Floats, Fl
         two arrays of shape (designs, variants, 2, 2), not finite or not positive where the formulas break down, and one of
         shape (designs, variants).
     """
-    columns = np.concatenate([_variants(one) for one in values], axis=1)
+    columns = np.concatenate([_variants(shape, one) for one in values], axis=1)
     plain = _asked(shape, columns)
     other = plain if other_sides(shape) == shape else _asked(other_sides(shape), columns)
     forces, slopes, residuals = (np.concatenate([one, two[:, :1]], axis=1) for one, two in zip(plain, other, strict=True))
@@ -173,19 +191,24 @@ def _asked(shape: Shape, columns: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def other_sides(shape: Shape) -> Shape:
-    """The structure that models sides which ``shape`` leaves out."""
-    return replace(shape, side_nodes=FAR_SIDE_NODES) if shape.bounded and not shape.side_nodes else shape
+    """The structure that models sides which ``shape`` leaves out, or leaves out those of layers, where one material stands in."""
+    if not shape.bounded or (shape.side_nodes and not shape.layers):
+        return shape
+    return replace(shape, side_nodes=0 if shape.side_nodes else FAR_SIDE_NODES)
 
 
-def _variants(values: Floats) -> Floats:
+def _variants(shape: Shape, values: Floats) -> Floats:
     """The parameters of all variants but the last, columns."""
+    own = values[len(PROBE) + len(TISSUE) - 2 : len(PROBE) + len(TISSUE)]
     columns = {"scene": values}
     for name in ("inner_modulus", "outer_modulus"):
         columns[name] = values.copy()
         columns[name][PROBE.index(name)] *= STEP
     columns["no inclusions"] = values.copy()
-    bodies = columns["no inclusions"][len(PROBE) + len(TISSUE) :].reshape(-1, len(BALL))
-    bodies[:, -2:] = values[len(PROBE) + len(TISSUE) - 2 : len(PROBE) + len(TISSUE)]
+    bodies, layers = split(shape, columns["no inclusions"])
+    materials = [*layers[:, 1:], own]
+    for body, place in zip(bodies, shape.homes, strict=True):
+        body[-2:] = materials[place]
     return np.stack([columns[name] for name in EFFECTS[:-1]], axis=1)
 
 

@@ -33,7 +33,10 @@ ORDERS, DEGREE = 6, 8  # the largest n and l: fewer by two change the log-sensit
 
 @dataclass(frozen=True)
 class Disc:
-    """The probe's end: outer radius, m, and c of eq. CF.18, tissue's and ends', under pressure and shear, m^2/N; shapes (n,)."""
+    """The probe's end: outer radius, m, shape (n,), and c of eq. CF.18, tissue's and ends', under pressure and shear, m^2/N.
+
+    On layers c has a value for each degree l, shape (n, degrees).
+    """
 
     radius: Array
     pressed: Array
@@ -84,13 +87,18 @@ def off_axis_response(
         less = -J[1] if n == 1 else J[n - 2]  # J_-1 = -J_1
         along = _rows(J[n], J[n - 1] - J[n + 1], less + J[n + 2])
         pressed = along * near.moments[0]
-        columns.append((pressed @ j[:, :, n::2]) * np.sqrt(2 * disc.radius / disc.pressed)[:, None, None])
+        columns.append((pressed @ j[:, :, n::2]) * np.sqrt(_share(2 * disc.radius, disc.pressed, n)))
         if bonded:
             sunk, turned = along * near.moments[1], _rows(0 * J[n], J[n - 1] + J[n + 1], less - J[n + 2]) * near.turned
             for wave, m in ((sunk - turned, n + 1), (sunk + turned, n - 1)):
-                columns.append((wave @ j[:, :, m::2]) * np.sqrt(disc.radius / disc.sheared)[:, None, None])
+                columns.append((wave @ j[:, :, m::2]) * np.sqrt(_share(disc.radius, disc.sheared, m)))
     v = np.concatenate(columns, axis=2)
     return v @ np.swapaxes(v, 1, 2)
+
+
+def _share(radius: Array, compliance: Array, least: int) -> Array:
+    """Radius over compliance for degrees ``least``, ``least`` + 2, ..., or one for all; shape (n, 1, degrees or 1)."""
+    return (radius[:, None] / (compliance[:, None] if compliance.ndim == 1 else compliance[:, least::2]))[:, None]
 
 
 def _rows(symmetrical: Array, once: Array, twice: Array) -> Array:

@@ -32,7 +32,10 @@ MOMENTS, ALL = 5, 11  # about the sphere's vertical axis: a, z, a zeta, z zeta, 
 
 @dataclass(frozen=True)
 class SphereArray:
-    """Spheres: radius, depth of the centre, distance from the probe's axis, modulus, Poisson's ratio; arrays of shape (n,)."""
+    """Spheres: radius, depth of the centre, distance from the probe's axis, modulus, Poisson's ratio; arrays of shape (n,).
+
+    ``layer`` counts the tissue's layers down to the one that holds them.
+    """
 
     radius: Array
     depth: Array
@@ -40,6 +43,7 @@ class SphereArray:
     E: Array
     nu: Array
     on_axis: bool = True
+    layer: int = 0
 
 
 @dataclass(frozen=True)
@@ -135,6 +139,26 @@ def nearby(sphere: SphereArray, waves: Waves) -> Nearby:
     return Nearby(parts, strain, tuple(moments), _turned(waves, sphere, near))  # type: ignore[arg-type]
 
 
+def moments_alone(sphere: SphereArray, waves: Waves) -> tuple[tuple[Array, Array], Array | None]:
+    """Return the moments and what is ``turned`` of ``Nearby``, without the strains at the points."""
+    near = wavelets(waves.k, sphere.radius[:, None] * RHO, WHICH)
+    parts = amplitudes(waves, sphere.depth[:, None] - sphere.radius[:, None] * NEAR.z)
+    pressed, sheared = (_first_moments(part, near) for part in parts)
+    if sphere.on_axis:
+        return (pressed, sheared), None
+    beside = [_sideways(part, near) for part in parts]
+    pressed, sheared = np.concatenate([pressed, beside[0]], axis=1), np.concatenate([sheared, beside[1]], axis=1)
+    return (pressed, sheared), _turned(waves, sphere, near)
+
+
+def _first_moments(part: Array, near: Wavelets) -> Array:
+    """``TO_MOMENTS`` of the strains, (n, 5, q)."""
+    w, z, x = NEAR.weight, NEAR.z, NEAR.x
+    both, along = (np.stack([w, 5 * w * z]) @ (part[:, i] * near.zero) for i in (0, 1))
+    slide = (2.5 * w * x) @ (part[:, 2] * near.one)
+    return np.stack([both[:, 0], along[:, 0], both[:, 1], along[:, 1], slide], axis=1)
+
+
 def image(sphere: SphereArray, waves: Waves, near: Nearby, weights: Array, *, mu: Array, nu: Array) -> Array:
     """Eqs. CF.15, CF.16: G for spheres in tissue of shear modulus mu and Poisson's ratio nu (n,), shape (n, moments, moments).
 
@@ -150,10 +174,15 @@ def image(sphere: SphereArray, waves: Waves, near: Nearby, weights: Array, *, mu
         G[:, :MOMENTS, :MOMENTS] = G[:, :MOMENTS, :MOMENTS] + _gram(g[:, :MOMENTS], up)
         G[:, beside, beside] = G[:, beside, beside] + _gram(g[:, beside], 2 * up)
     G[:, beside, beside] = G[:, beside, beside] + _gram(near.turned[:, beside], 4 * (1 - nu)[:, None] * up / 2)
+    G[:, -1, -1] = crossed_image(sphere, mu, nu)
+    return G
+
+
+def crossed_image(sphere: SphereArray, mu: Array, nu: Array) -> Array:
+    """Eq. CF.16, shape (n,)."""
     share = (sphere.radius / sphere.depth) ** 2
     crossed = 0.75 - nu / 2 + nu**2 - 0.6 * (0.5 + nu) * share + 0.225 * share**2
-    G[:, -1, -1] = share**1.5 / (12 * (1 - nu) * mu) * crossed
-    return G
+    return share**1.5 / (12 * (1 - nu) * mu) * crossed
 
 
 def _gram(g: Array, weight: Array) -> Array:

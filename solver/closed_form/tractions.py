@@ -2,16 +2,26 @@
 
 Every function is a value on each of ``RINGS`` rings, narrow at the edges; y is the share of the width (0 at the axis or hole).
 With pressures 1, y^2 and (1-y^2)^(-1/2) under a disc, 1, y, y^(-1/2) and (1-y)^(-1/2) under a tube, and shears r times such, two
-blocks as stiff as one likes or as soft are served by eleven unknowns.
+blocks as stiff as one likes or as soft are served by eleven unknowns. Rings are differences of discs, which closed formulas know;
+in integrals over long waves a load is its values at few radii, exact for polynomials.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.polynomial import legendre
+
+from solver.closed_form.bessel import Array, bessel
+
+if TYPE_CHECKING:  # it imports the functions below
+    from solver.closed_form.block_compliance import ElasticBlocks
+
+    Pair = tuple[ElasticBlocks, ElasticBlocks]  # the inner block and the outer
 
 RINGS = 6  # per block
 RADII = 4  # at which a block's loads act in the integrals over wave numbers
@@ -77,3 +87,120 @@ _SOLID = (lambda y: 1 + 0 * y, lambda y: (1 - y**2) ** -0.5, lambda y: y**2)
 _TUBE = (lambda y: y**-0.5, lambda y: (1 - y) ** -0.5, lambda y: 1 + 0 * y, lambda y: y)
 SOLID = _loads(1 - (1 - _STEP) ** 3, _SOLID, _SOLID[:2], True)
 TUBE = _loads(_STEP**3 / (_STEP**3 + (1 - _STEP) ** 3), _TUBE, _TUBE[:2], False)
+
+
+def areas(blocks: Pair, like: Array) -> Array:
+    """Force of each load on each block, shape (n, loads, 2), as many as in the matrices ``like``."""
+    areas = np.zeros((len(like), like.shape[1], 2), dtype=like.dtype)
+    row = 0
+    for i, (block, loads) in enumerate(zip(blocks, (SOLID, TUBE), strict=True)):
+        r = block.radii(loads.cuts)
+        rings = np.pi * block.width[:, None] * np.diff(loads.cuts) * (r[:, 1:] + r[:, :-1])
+        areas[:, row : row + loads.pressure.shape[1], i] = rings @ loads.pressure
+        row += loads.pressure.shape[1]
+    return areas
+
+
+def joined(works: Sequence[Array]) -> Array:
+    """One symmetric matrix of the works of pressures, shears and pressures on shears."""
+    pressure, shear, cross = works
+    above = np.concatenate([pressure, cross], axis=2)
+    return np.concatenate([above, np.concatenate([np.swapaxes(cross, 1, 2), shear], axis=2)], axis=1)
+
+
+def diagonal(parts: tuple[Array, Array]) -> Array:
+    """Matrices (n, i, j) of both blocks as one, nothing between them."""
+    one, other = parts
+    n, a, b = one.shape
+    full = np.zeros((n, a + other.shape[1], b + other.shape[2]), dtype=one.dtype)
+    full[:, :a, :b], full[:, a:, b:] = one, other
+    return full
+
+
+def circles(blocks: Pair) -> tuple[Array, Array]:
+    """Radii of the discs whose differences the rings are, and of the block of each, shapes (n, discs)."""
+    inner, outer = (block.radii(loads.cuts) for block, loads in zip(blocks, (SOLID, TUBE), strict=True))
+    count = len(SOLID.cuts) - 1
+    radius = np.stack([block.radius for block in blocks], axis=1)[:, [0] * count + [1] * (count + 2 - 1)]
+    return np.concatenate([inner[:, 1:], outer], axis=1), radius
+
+
+def of_rings(works: Sequence[Array]) -> list[Array]:
+    """Works of the loads on each other from those of discs: of pressures, shears, pressures on shears."""
+    sides = ((DISCS[0], DISCS[0]), (DISCS[1], DISCS[1]), DISCS)
+    return [_combined(work, left, right) for work, (left, right) in zip(works, sides, strict=True)]
+
+
+def _combined(work: Array, left: Any, right: Any) -> Array:
+    """left^T work right for matrices (n, i, j) whose n is last in memory."""
+    rows = np.moveaxis(work, 0, 2)
+    halves = (left.T @ rows.reshape(len(left), -1)).reshape(-1, *rows.shape[1:])
+    return np.moveaxis(right.T @ halves, 2, 0).copy()
+
+
+def _discs() -> tuple[Any, Any]:
+    """The matrices that make the loads' functions of discs, shapes (circles, functions)."""
+    count = len(SOLID.cuts) - 1
+    inner = (np.eye(count + 1) - np.eye(count + 1, k=1))[1:, 1:]
+    outer = np.vstack([-np.eye(count), np.zeros(count)]) + np.vstack([np.zeros(count), np.eye(count)])
+    transforms = []
+    for kind in ("pressure", "shear"):
+        solid, tube = inner @ getattr(SOLID, kind), outer @ getattr(TUBE, kind)
+        rows = np.zeros((2 * count + 1, solid.shape[1] + tube.shape[1]))
+        rows[:count, : solid.shape[1]], rows[count:, solid.shape[1] :] = solid, tube
+        transforms.append(rows)
+    return transforms[0], transforms[1]
+
+
+DISCS = _discs()
+
+
+@lru_cache(maxsize=64)
+def between_waves(nodes: int) -> tuple[Any, Any]:
+    """Shares of the reach of wave numbers and their weights: Gauss's, denser among the long waves."""
+    s, weight = legendre.leggauss(nodes)
+    s = (s + 1) / 2
+    return 0.8 * s**2 + 0.2 * s, (1.6 * s + 0.2) * weight / 2
+
+
+def long_waves(blocks: Pair, k: Array, bonded: bool) -> tuple[Array, Array]:
+    """Hankel transforms of the pressures and of the shears, none unless bonded, at waves k (n, q); shapes (n, q, loads)."""
+    radii = np.concatenate([block.radii(loads.radii) for block, loads in zip(blocks, (SOLID, TUBE), strict=True)], axis=1)
+    zero, one = bessel(k[:, :, None] * radii[:, None, :])
+    outer = np.repeat(np.stack([block.radius for block in blocks], axis=1), RADII, axis=1)
+    rings = radii * np.repeat(np.stack([block.width for block in blocks], axis=1), RADII, axis=1)
+    pressure = batched_matmul(zero * rings[:, None, :], _CONCENTRATED[0])
+    if not bonded:
+        return pressure, pressure[:, :, :0]
+    return pressure, batched_matmul(one * (rings * radii / outer)[:, None, :], _CONCENTRATED[1])
+
+
+def _concentrated() -> tuple[Any, Any]:
+    """Matrices from values at the radii to transforms of the loads, shapes (radii, functions)."""
+    densities = [[loads.concentrated(getattr(loads, kind)) for loads in (SOLID, TUBE)] for kind in ("pressure", "shear")]
+    return tuple(diagonal((one[None], other[None]))[0] for one, other in densities)
+
+
+_CONCENTRATED = _concentrated()
+
+
+def all_waves(blocks: Pair, k: Array, bonded: bool) -> tuple[Array, Array]:
+    """Return what ``long_waves`` does, for waves of any length: the transforms of the rings themselves."""
+    c, radius = circles(blocks)
+    kinds = bessel(k[:, :, None] * c[:, None, :], 3 if bonded else 2, first=1)
+    pressure = batched_matmul(kinds[0] * c[:, None, :] / k[:, :, None], DISCS[0])
+    if not bonded:
+        return pressure, pressure[:, :, :0]
+    return pressure, batched_matmul(kinds[1] * (c * c / radius)[:, None, :] / k[:, :, None], DISCS[1])
+
+
+def own_products(blocks: Pair) -> tuple[Array, Array]:
+    """Integrals over the ends of products of two pressures, and of two shears; shapes (n, p, p) and (n, s, s), m^2."""
+    pressures: list[Array] = []
+    shears: list[Array] = []
+    for block, loads in zip(blocks, (SOLID, TUBE), strict=True):
+        square = block.radii(loads.cuts) ** 2
+        discs = np.pi * square, np.pi / 2 * (square / block.radius[:, None]) ** 2
+        for products, disc, values in zip((pressures, shears), discs, (loads.pressure, loads.shear), strict=True):
+            products.append(values.T @ (np.diff(disc, axis=1)[:, :, None] * values))
+    return diagonal((pressures[0], pressures[1])), diagonal((shears[0], shears[1]))

@@ -17,6 +17,7 @@ from solver.equivalent_inclusion.first_order import effects, whole_ball
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import Readings
 from solver.inclusions.eshelby import polarisation
+from solver.inclusions.strata import Strata
 from solver.inclusions.tumours import Tumours
 
 POINTS = (4, 7, 14)  # along radius, height and all the way round
@@ -58,7 +59,8 @@ def check(scene: Scene) -> None:
     radius, places = of.diameter[0] / 2, np.stack([of.x, of.y, of.depth])[:, 0]
     apart = np.linalg.norm(places[:, :, None] - places[:, None], axis=0) - radius[:, None] - radius
     np.fill_diagonal(apart, np.inf)
-    if np.any(of.cover <= 0) or np.any(of.depth[0] + radius >= depth) or np.any(apart <= 0):
+    outside = np.any(of.cover <= 0) or np.any(of.depth[0] + radius >= depth) or np.any(Strata.of(scene.tissue).gap(of) <= 0)
+    if outside or np.any(apart <= 0):
         why = "ellipsoids for which the sphere of their volume can stand: inside the tissue and apart from others; or solid"
         raise Refusal("diameters", Words("an ellipsoid near a surface or another body"), why)
 
@@ -98,11 +100,13 @@ def with_ellipsoids(base: Undisturbed, scene: Scene, readings: Readings, bodies:
 def _reflected_otherwise(base: Undisturbed, body: Inclusion, change: ShapeCorrection) -> Floats:
     """Bound on how an ellipsoid's reflections differ from those of the sphere of its volume, each film's total, N/m, shape (2,).
 
-    A share of the effect that grows with the longest semi-axis against the distance of surface or floor, and with the shape.
+    A share of the effect that grows with the longest semi-axis against the distance of surface, floor or interface, and with
+    the shape.
     Spheroids on the axis (aspect 1.3 to 16, contrast 1e-7 to 1e4) need up to 0.7 of it by finite elements.
     """
     lengths = np.array(body.diameters or (1.0,)) / 2
-    near = min(body.depth, base.field.states.model.section.tissue_depth - body.depth)
+    faces = (0.0, *base.strata.interfaces, base.field.states.model.section.tissue_depth)
+    near = min(abs(face - body.depth) for face in faces)
     shape = min(1.0, 2 * float(np.log(lengths.max() / lengths.min())))
     share = APART * shape * min(1.0, float(lengths.max() / near) ** 3)
     return np.asarray(share * np.sqrt(np.abs(np.diag(change.own) * change.own.sum())))
@@ -122,14 +126,14 @@ def difference(base: Undisturbed, scene: Scene, body: Inclusion) -> ShapeCorrect
         position = f"one that reaches {mm(float(reach))} from the probe's axis and {mm(float(-z.min()))} deep"
         room = f"ellipsoids within {most_mm(section.tissue_radius)} and {most_mm(section.tissue_depth)}; or solid"
         raise Refusal("diameters", Words(position), room)
-    strain = _cartesian(base, x, y, z)
+    strain, host = _cartesian(base, x, y, z), base.scene.tissue.material_at(body.depth)
     material = Material(youngs_modulus=body.youngs_modulus, poisson_ratio=body.poisson_ratio)
     volume = 4 / 3 * np.pi * abs(float(np.linalg.det(axes)))
     forces, slope = (
         volume * np.einsum("q,qai,ab,qbj->ij", weights, strain, k, strain, optimize=True)
-        for k in polarisation(base.scene.tissue, material, axes)
+        for k in polarisation(host, material, axes)
     )
-    sphere = effects(base.energies, base.scene.tissue, Tumours.of(scene.model_copy(update={"inclusion": (body,)})).flat())
+    sphere = effects(base.energies, host, Tumours.of(scene.model_copy(update={"inclusion": (body,)})).flat())
     whole = np.abs(sphere.forces[0]).sum()
     share = float(np.abs(forces - sphere.forces[0]).sum() / whole) if whole > 0 else 0.0
     return ShapeCorrection(forces - sphere.forces[0], slope - sphere.by_log_modulus[0], sphere.by_log_modulus[0], share, forces)

@@ -22,7 +22,7 @@ from scipy.special import roots_jacobi
 from geometry.common.arrays import Floats
 from geometry.scenes.probe import Material
 from solver.equivalent_inclusion.strain_products import Energies
-from solver.inclusions.eshelby import strength
+from solver.inclusions.eshelby import Hosts, strength
 from solver.inclusions.tumours import Tumours
 
 CHUNK = 1000  # tumours at once
@@ -52,19 +52,19 @@ class Effects:
     by_log_diameter: Floats | None = None
 
 
-def effects(energies: Energies, tissue: Material, tumours: Tumours, places: bool = False) -> Effects:
+def effects(energies: Energies, hosts: Material | Hosts, tumours: Tumours, places: bool = False) -> Effects:
     """Return the first-order effect of each of n spheres (arrays of shape (n,)).
 
     Args:
         energies: of the base states.
-        tissue: its material.
+        hosts: the material about them, one for all or each its own.
         tumours: the spheres.
         places: whether to find the derivatives by depth, offset and diameter too.
 
     Raises:
         InputError: a sphere lies partly outside the tissue.
     """
-    of = strength(tissue, tumours.youngs_modulus, tumours.poisson_ratio)
+    of = strength(hosts, tumours.youngs_modulus, tumours.poisson_ratio)
     inside = _integrals(energies, tumours, *half_ball(*POINTS))[0]
     radius = tumours.diameter / 2
     inside *= (4 / 3 * np.pi * radius**3)[:, None]

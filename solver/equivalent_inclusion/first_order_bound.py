@@ -7,6 +7,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.inclusions.eshelby import strength
+from solver.inclusions.strata import Strata
 from solver.inclusions.tumours import Tumours
 
 # rho of a sphere ten times as stiff as the tissue whose centre lies one radius deep is about 0.94 (PHYSICS section 4); random
@@ -36,16 +37,23 @@ def first_order_error(share: Floats, changes: Floats) -> Floats:
 
 def reflection(base: Undisturbed, tumours: Tumours) -> Floats:
     """Share of each tumour's field that comes back to it, from surface, floor, side and other tumours, shape (n, t)."""
-    tissue = base.scene.tissue
-    of = strength(tissue, tumours.youngs_modulus, tumours.poisson_ratio)
-    mu, nu = tissue.youngs_modulus / (2 * (1 + tissue.poisson_ratio)), tissue.poisson_ratio
-    bulk, alpha = tissue.youngs_modulus / (3 * (1 - 2 * nu)), (1 + nu) / (3 * (1 - nu))
+    hosts = base.strata.hosts(tumours.depth)
+    of = strength(hosts, tumours.youngs_modulus, tumours.poisson_ratio)
+    mu, nu = hosts.youngs_modulus / (2 * (1 + hosts.poisson_ratio)), hosts.poisson_ratio
+    bulk, alpha = hosts.youngs_modulus / (3 * (1 - 2 * nu)), (1 + nu) / (3 * (1 - nu))
     strong = np.abs(of.shear) / (2 * mu * USUAL) + np.abs(of.volume) * (1 - alpha) / bulk  # of a hole: 0.85 + 1
     radius = tumours.diameter / 2
     section = base.field.states.model.section
     below, beside = section.tissue_depth - tumours.depth, section.tissue_radius - tumours.offset
     near = sum((radius / np.maximum(away, radius)) ** 3 for away in (tumours.depth, below, beside))
-    return np.asarray(SURFACE * strong * (near + _of_others(tumours, radius)))
+    return np.asarray(SURFACE * strong * (near + _of_interfaces(base.strata, tumours, radius) + _of_others(tumours, radius)))
+
+
+def _of_interfaces(strata: Strata, tumours: Tumours, radius: Floats) -> Floats:
+    """The share from interfaces of layers: each reflects at most what a surface does, the less the more alike both sides are."""
+    pairs = zip(strata.interfaces, strata.contrasts, strict=True)
+    shares = [unlike * (radius / np.maximum(np.abs(tumours.depth - depth), radius)) ** 3 for depth, unlike in pairs]
+    return np.asarray(sum(shares, np.zeros(tumours.shape)))
 
 
 def _of_others(tumours: Tumours, radius: Floats) -> Floats:

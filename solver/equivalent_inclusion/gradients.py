@@ -20,7 +20,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from geometry.meridian.frame import Kind, MeridianFineness
-from geometry.meridian.section import Body
+from geometry.meridian.section import LAYERS, TISSUES, Body
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
 from geometry.scenes.variables import values
@@ -32,6 +32,7 @@ from solver.axisymmetric.sections import Sections
 from solver.equivalent_inclusion.gradient_points import METRIC, QuadraturePoints
 from solver.equivalent_inclusion.probe_on_tissue import FIELDS
 from solver.inclusions.eshelby import strengths
+from solver.inclusions.strata import Strata
 from solver.inclusions.tumours import Tumours
 
 Strengths = tuple[Any, Any]  # k_v and k_d of every tumour
@@ -46,17 +47,20 @@ class FirstOrder:
         points: of the tumours' quadratures.
         tumours: shape (t,).
         target: the number of one, or None.
+        strata: the tissue's materials by depth.
     """
 
     states: BaseStates
     points: QuadraturePoints
     tumours: Tumours
     target: int | None
+    strata: Strata
 
-    @property
-    def tissue(self) -> Material:
-        """The tumours' matrix."""
-        return self.states.model.materials[Body.TISSUE]
+    def share(self, body: Body) -> Any:
+        """1 for the tumours that lie in a body of the tissue, 0 for the others, shape (t,)."""
+        layers = len(self.strata.interfaces)
+        number = layers if body == Body.TISSUE else LAYERS.index(body) if body in LAYERS[:layers] else -1
+        return 1.0 * (self.strata.number(self.tumours.depth) == number)
 
     def form(self, strengths: Strengths, corners: Any = None, moved: Any = 0.0) -> Any:
         """u^T G u, shape (2, 2), with given strengths, perhaps complex corners and moved points."""
@@ -91,10 +95,11 @@ class FirstOrder:
         """Return k_v and k_d of all tumours, and their derivatives by ln E of the target (0 for the others).
 
         Args:
-            changed: perhaps complex values that take the place of modulus, nu (tissue), youngs_modulus, poisson_ratio (tumours).
+            changed: perhaps complex values that take the place of modulus, nu (of the tissue about each tumour), youngs_modulus,
+                poisson_ratio (of the tumours).
         """
-        t = self.tumours
-        moduli: dict[str, Any] = {"modulus": self.tissue.youngs_modulus, "nu": self.tissue.poisson_ratio}
+        t, hosts = self.tumours, self.strata.hosts(self.tumours.depth)
+        moduli: dict[str, Any] = {"modulus": hosts.youngs_modulus, "nu": hosts.poisson_ratio}
         moduli |= {"youngs_modulus": t.youngs_modulus, "poisson_ratio": t.poisson_ratio}
         whole, (volume, shear) = strengths(**{**moduli, **changed})
         mine = np.arange(len(t.x)) == self.target
@@ -133,7 +138,7 @@ def first_order(scene: Scene, of: Sections, fineness: MeridianFineness = FIELDS[
     section = replace(of.section, sphere_radius=0.0, sphere_depth=0.0)
     states = base_states(solved_model(section, materials, interface, fineness, kind))
     tumours = Tumours.of(scene).flat()
-    return FirstOrder(states, QuadraturePoints.of(states, tumours), tumours, scene.target)
+    return FirstOrder(states, QuadraturePoints.of(states, tumours), tumours, scene.target, Strata.of(scene.tissue))
 
 
 def tumour_gradients(scene: Scene, solution: FirstOrder, names: tuple[str, ...]) -> Gradients:
@@ -170,11 +175,12 @@ def _by_section(solution: FirstOrder) -> Floats:
 
 def _explicit(solution: FirstOrder, name: str) -> Floats:
     """u^T dG u and u^T dG' u by one of the section's variables with the states' own values held, shape (2, 2, 2)."""
-    section, tissue = solution.states.model.section, solution.tissue
-    if name == "tissue_youngs_modulus":
-        return _imaginary(solution.forms(modulus=tissue.youngs_modulus * (1 + 1j * STEP)))
-    if name == "tissue_poisson_ratio":
-        return _imaginary(solution.forms(nu=tissue.poisson_ratio + 1j * STEP))
+    section, hosts = solution.states.model.section, solution.strata.hosts(solution.tumours.depth)
+    for body in TISSUES:
+        if name == f"{body.name.lower()}_youngs_modulus":
+            return _imaginary(solution.forms(modulus=hosts.youngs_modulus * (1 + 1j * STEP * solution.share(body))))
+        if name == f"{body.name.lower()}_poisson_ratio":
+            return _imaginary(solution.forms(nu=hosts.poisson_ratio + 1j * STEP * solution.share(body)))
     if name not in section.lengths:
         return np.zeros((2, 2, 2))
     moved = replace(section, **{name: getattr(section, name) * (1 + 1j * STEP)})

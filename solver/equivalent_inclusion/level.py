@@ -9,14 +9,15 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
 from geometry.scenes.scene import Scene
-from solver.equivalent_inclusion.ellipsoids import check, with_ellipsoids
+from solver.equivalent_inclusion.ellipsoids import check as check_ellipsoids
+from solver.equivalent_inclusion.ellipsoids import with_ellipsoids
 from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed, alone, undisturbed
 from solver.equivalent_inclusion.readings import Readings, readings
 from solver.inclusions.tumours import Tumours
 from solver.linalg.workspace import in_own_workspace
 from solver.results.evaluator import Answer, FilmLevel, Tell
 from solver.results.film_forces import Bound, FilmForces, shortfalls
-from solver.results.kinds import layered, needs_solid
+from solver.results.kinds import crossed, needs_solid
 from solver.results.result import Decision
 
 
@@ -29,7 +30,7 @@ class EquivalentInclusion(FilmLevel):
 
     def refusal(self, scene: Scene) -> str | None:
         """Say which kind of thing in the scene this level does not know, or None."""
-        return needs_solid(scene) or layered(scene)
+        return needs_solid(scene) or crossed(scene)
 
     def answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Answer:
         """Answer to first order where that is good enough, else with reflections.
@@ -59,7 +60,7 @@ class EquivalentInclusion(FilmLevel):
         Raises:
             Refusal: see ``answer``.
         """
-        self._check(scene)
+        self.check(scene)
         return undisturbed(scene, accuracy)
 
     @in_own_workspace
@@ -69,14 +70,15 @@ class EquivalentInclusion(FilmLevel):
         Raises:
             Refusal: see ``answer``.
         """
-        self._check(scene)
+        self.check(scene)
         return alone(scene, accuracy)
 
-    def _check(self, scene: Scene) -> None:
+    def check(self, scene: Scene) -> None:
+        """Raise ``Refusal`` for a scene of another kind."""
         why = self.refusal(scene)
         if why is not None:
             raise Refusal("evaluator", self.name, why)
-        check(scene)
+        check_ellipsoids(scene)
 
 
 def film_forces(read: Readings, k: int, target: bool) -> FilmForces:

@@ -22,6 +22,7 @@ from solver.axisymmetric.converged_forces import Converged, converged_forces
 from solver.axisymmetric.dofs import Interface
 from solver.axisymmetric.tissue_field import TissueField
 from solver.equivalent_inclusion.strain_products import Energies
+from solver.inclusions.strata import Strata
 from solver.inclusions.tumours import Tumours
 from solver.linalg.workspace import current, kept
 from solver.multiple_scattering.exchange import Reflector
@@ -103,6 +104,11 @@ class Undisturbed(ProbeAlone):
         fields = vars(films) | {"residual": max(films.residual, states.residual)}
         return cls(**fields, energies=Energies(TissueField(states)), nearest_error=nearest_error)
 
+    @cached_property
+    def strata(self) -> Strata:
+        """The tissue's materials by depth."""
+        return Strata.of(self.scene.tissue)
+
     @property
     def field(self) -> TissueField:
         """Base states as functions of position."""
@@ -126,7 +132,7 @@ class Undisturbed(ProbeAlone):
 
     def _ordinary(self, tumours: Tumours) -> bool:
         section, depth, diameter = self.field.states.model.section, tumours.depth, tumours.diameter
-        near = np.minimum(tumours.cover, section.tissue_depth - depth - diameter / 2)
+        near = np.minimum(np.minimum(tumours.cover, self.strata.gap(tumours)), section.tissue_depth - depth - diameter / 2)
         shallow = (near < 0.07 * diameter) | (depth < 0.3 * section.tube_radius)
         large = diameter > np.minimum(3 * section.tube_radius, section.tissue_radius - tumours.offset)
         return self.nearest_error == FIELD_ERRORS[0] and not np.any(shallow | large)
@@ -225,5 +231,5 @@ def _nearer(scene: Scene, section: Section) -> Section:
     """The section in which strains are found: a half-space ends nearer, where its end shifts the tissue but strains it little."""
     if scene.tissue.shape != "half-space":
         return section
-    far = FAR * section.tube_radius
+    far = max(FAR * section.tube_radius, 2 * max(section.interfaces, default=0.0))
     return replace(section, tissue_radius=min(section.tissue_radius, far), tissue_depth=min(section.tissue_depth, far))

@@ -20,7 +20,7 @@ TOLERANCE = 0.1  # of the accuracy: what of a tumour's effect reflections may le
 SAFETY = 3.0  # on the estimate of that
 SENSITIVE = 5.0  # times more than the effect do slopes feel the mesh
 FEW = 12  # sets with reflections for which it is not worth finding the matrix of each azimuthal order
-LEAST_REFLECTED = 5e-4  # of a tumour's effect
+LEAST_REFLECTED, LEAST_LAYERED = 5e-4, 1e-3  # of a tumour's effect: in one material, in layers of tissue
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ def readings(
 def _first_order(base: Undisturbed, tumours: Tumours, left_out: Bools, target: int, places: bool) -> Readings:
     """Readings whose ``bound`` is that of the tumours alone; those left out count twice in it, and not in the forces."""
     n, t = tumours.shape
-    single = effects(base.energies, base.scene.tissue, tumours.flat(), places)
+    single = effects(base.energies, base.strata.hosts(tumours.flat().depth), tumours.flat(), places)
     changes = single.forces.reshape(n, t, 2, 2)
     outside = np.abs(np.where(left_out[..., None, None], changes, 0.0)).sum(axis=(1, 3))
     changes = np.where(left_out[..., None, None], 0.0, changes)
@@ -226,12 +226,13 @@ def _reflect(
     try:
         tolerance, places = TOLERANCE * base.accuracy, "depth" in into.by
         scattering = solve_scattering(
-            base.field, base.reflector(mine), base.scene.tissue, mine, tolerance, places=places, sensitive=sensitive, often=often
+            base.field, base.reflector(mine), base.strata, mine, tolerance, places=places, sensitive=sensitive, often=often
         )
     except SolveError as fault:
         raise Refusal("inclusion", f"set {number}", f"tumours whose reflections can be computed ({fault})") from fault
     into.forces[number] = base.films.forces + scattering.forces
-    share = float((base.field_error(mine) + base.reflection_error(mine)).max()) + LEAST_REFLECTED
+    least = LEAST_LAYERED if base.strata.interfaces else LEAST_REFLECTED
+    share = float((base.field_error(mine) + base.reflection_error(mine)).max()) + least
     into.bound[number] = SAFETY * scattering.error + first_order_error(np.full((1, 1), share), scattering.forces[None, None])[0]
     into.reflected[number] = True
     if target in included:

@@ -57,7 +57,9 @@ class Energies:
         return out
 
     def covers(self, reach: Floats, highest: Floats, lowest: Floats) -> Bools:
-        """Whether the table holds everything up to a radius, from a highest to a lowest z."""
+        """Whether the table holds everything up to a radius, from a highest to a lowest z; nothing of layers: strains jump."""
+        if self.field.states.model.section.interfaces:
+            return np.zeros(np.shape(reach), dtype=bool)
         _, widest, low, high = self._range
         return np.asarray((reach <= widest) & (-highest >= low) & (-lowest <= high))
 

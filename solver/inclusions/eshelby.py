@@ -28,6 +28,14 @@ VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 
 
 @dataclass(frozen=True)
+class Hosts:
+    """The material about each of some spheres: Young's moduli, Pa, and Poisson's ratios, arrays of their shape."""
+
+    youngs_modulus: Any
+    poisson_ratio: Any
+
+
+@dataclass(frozen=True)
 class Strength:
     """Eq. IN.2 of spheres and its derivatives; arrays of any one shape, Pa.
 
@@ -42,8 +50,11 @@ class Strength:
     by_poisson: tuple[Any, Any]
 
 
-def strength(matrix: Material, youngs_modulus: Any, poisson_ratio: Any) -> Strength:
-    """Return the strength of spheres with given moduli (Pa) and Poisson's ratios, arrays of one shape, in a matrix."""
+def strength(matrix: Material | Hosts, youngs_modulus: Any, poisson_ratio: Any) -> Strength:
+    """Return the strength of spheres with given moduli (Pa) and Poisson's ratios, arrays of one shape, in a matrix.
+
+    The matrix is one for all, or each sphere's own in arrays of the same shape.
+    """
     E, n = np.asarray(youngs_modulus, dtype=float), np.asarray(poisson_ratio, dtype=float)
     whole, by_modulus = strengths(matrix.youngs_modulus, matrix.poisson_ratio, E, n)
     by_poisson = by_modulus[0] * 2 / (1 - 2 * n), -by_modulus[1] / (1 + n)  # d ln of both moduli / d nu

@@ -14,13 +14,18 @@ Of w only its work on other fields u_1 from the same sphere or others is asked f
     Int t_1 . w_2 - t(w_2) . u_1 = -F_1^T K^-1 F_2 + (Y u_1)^T K Y u_2 + t_1^T Y_floor u_2
                                    + Int_surface,side u_1 . t_2 - Int_floor t_1 . u_2                     (MS.6)
 
+Of a layer these are its own top, side and bottom; where another layer lies beyond, u_s ends, so that both w and its traction
+jump there by u_s and t_s. With v the whole displacement, such an interface is like surface and floor together: t_s are forces
+on it, and minus u_s is lifted into the layer's own elements. Y_floor stands for both, and the last line has neither. A sphere
+in another layer is met by v alone, of which -F_1^T K^-1 F_2 is all that is left of the work.
+
 It is symmetric. All data go through the elements' functions on the boundary, so that all terms leave out alike what these
 cannot follow.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -41,12 +46,12 @@ class BoundaryData:
     """How data at the panels' points tell the elements on the boundary, for orders that share their components.
 
     Data are the amplitudes t_r, t_theta, t_z, u_r, u_theta, u_z (tractions by the outward normal) of all n points, one below the
-    other: 6 n rows.
+    other: 6 n rows. Those of several layers stand one below the other.
 
     Attributes:
-        forces: on the own values of the e elements with an edge on the boundary, by the tractions on surface and side, sparse
-            (4 c p e, 6 n), c components.
-        values: the own values lifted: displacements of the blocks' ends, and minus those of the floor.
+        forces: on the own values of the e elements with an edge on the boundary, by the tractions on surface, side and
+            interfaces, sparse (4 c p e, 6 n), c components.
+        values: the own values lifted: displacements of the blocks' ends, and minus those of floor and interfaces.
         direct: the last line of eq. MS.6, sparse (6 n, 6 n), symmetric.
     """
 
@@ -55,12 +60,14 @@ class BoundaryData:
     direct: Any
 
     @classmethod
-    def of(cls, model: MeridianModel, boundary: Boundary, panels: Panels, interface: Interface, m: int) -> BoundaryData:
-        """Find them for order 0 or, the same for all, above."""
+    def of(
+        cls, model: MeridianModel, boundary: Boundary, elements: Ints, panels: Panels, *, interface: Interface, m: int
+    ) -> BoundaryData:
+        """Find those of one layer for order 0 or, the same for all, above; ``elements`` are those of all layers' boundaries."""
         amplitudes, around = COMPONENTS[min(m, 1)], 2 * np.pi if m == 0 else np.pi
         inverse, b = np.linalg.pinv(amplitudes), boundary
         tied = np.diag([0.0, 0.0, 1.0]) if interface == "frictionless" else np.eye(3)
-        place = _BoundaryPlace(b.elements, 4 * model.shapes.order, len(amplitudes.T), len(panels.r))
+        place = _BoundaryPlace(elements, 4 * model.shapes.order, len(amplitudes.T), len(panels.r))
         surface, side, floor = panels.parts
 
         def couplings(edges: Edges, at: Floats, line: PanelLine, part: slice) -> tuple[Any, Any]:
@@ -75,10 +82,26 @@ class BoundaryData:
             couplings(b.side, -b.side.z, panels.side, side),
         )
         below = couplings(b.floor, b.floor.r, panels.floor, floor)
+        faces = [
+            couplings(edges, edges.r, line, part)
+            for edges, line, part in ((b.above, panels.surface, surface), (b.below, panels.floor, floor))
+            if len(edges.element)
+        ]
         ends = np.einsum("sq,eqn->esn", b.ends.coefficients, panels.surface.to(b.ends.r))
         values = place.sparse(b.ends, ends, inverse @ tied, 3, surface.start) - below[1]
         direct = above[0].T @ above[1] + beside[0].T @ beside[1] - below[0].T @ below[1]
-        return cls(above[0] + beside[0], values, ((direct + direct.T) / 2).tocsr())
+        forces = above[0] + beside[0]
+        for loads, lifted in faces:
+            forces, values = forces + loads, values - lifted
+        return cls(forces, values, ((direct + direct.T) / 2).tocsr())
+
+    @classmethod
+    def stacked(cls, parts: Sequence[BoundaryData]) -> BoundaryData:
+        """Those of several layers."""
+        if len(parts) == 1:
+            return parts[0]
+        forces, values = (sp.hstack([getattr(part, name) for part in parts], format="csr") for name in ("forces", "values"))
+        return cls(forces, values, sp.block_diag([part.direct for part in parts], format="csr"))
 
 
 @dataclass(frozen=True)

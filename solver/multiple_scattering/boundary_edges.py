@@ -1,4 +1,4 @@
-"""The tissue's surface, side and floor and the blocks' ends as edges of elements."""
+"""Surface, side, floor and interfaces of the tissue's layers and the blocks' ends as edges of elements."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats, Ints
 from geometry.meridian.mesh import SQUARE, labels, line_label, nodes
-from geometry.meridian.section import Body
+from geometry.meridian.section import LAYERS, Body, Section
 from solver.axisymmetric.base_states import MeridianModel
 from solver.axisymmetric.shape_functions import functions
 
@@ -46,26 +46,44 @@ class Edges:
 
 @dataclass(frozen=True)
 class Boundary:
-    """The edges of a base states' mesh without a sphere: the tissue's surface, side and floor and the blocks' ends."""
+    """The edges of one layer in a base states' mesh without a sphere: those that it has of the following.
+
+    Attributes:
+        surface, side, floor: the tissue's own.
+        ends: the blocks', of the uppermost layer.
+        above, below: interfaces with the layers above and below it.
+    """
 
     surface: Edges
     side: Edges
     floor: Edges
     ends: Edges
+    above: Edges
+    below: Edges
 
     @classmethod
-    def of(cls, model: MeridianModel) -> Boundary:
-        """Find the edges."""
+    def of(cls, model: MeridianModel, layer: int = 0) -> Boundary:
+        """Find the edges of a layer, by its number from the surface downwards, or of the tissue below all layers."""
         layout, body = model.mesh.layout, model.mesh.body
         surface, side = line_label(layout.row["surface"]), line_label(layout.column["side"])
-        tissue, probe = body == Body.TISSUE, (body == Body.INNER) | (body == Body.OUTER)
-        lines = ((1, surface, tissue), (0, side, tissue), (1, line_label(0), tissue), (1, surface, probe))
-        return cls(*(_edges(model, axis, line, which) for axis, line, which in lines))
+        mine, probe = body == tissue_body(model.section, layer), (body == Body.INNER) | (body == Body.OUTER)
+        none, lowest = np.zeros_like(mine), layer == len(layout.interfaces)
+        faces = [line_label(row) for row in layout.interfaces]
+        first, last = (mine, none)[layer > 0], (none, mine)[lowest]
+        lines = ((1, surface, first), (0, side, mine), (1, line_label(0), last), (1, surface, (probe, none)[layer > 0]))
+        above = (1, faces[layer - 1], mine) if layer else (1, surface, none)
+        below = (1, surface, none) if lowest else (1, faces[layer], mine)
+        return cls(*(_edges(model, axis, line, which) for axis, line, which in (*lines, above, below)))
 
     @property
     def elements(self) -> Ints:
         """All elements with an edge on it, shape (e,)."""
-        return np.unique(np.concatenate([edges.element for edges in (self.surface, self.side, self.floor, self.ends)]))
+        return np.unique(np.concatenate([edges.element for edges in vars(self).values()]))
+
+
+def tissue_body(section: Section, layer: int) -> Body:
+    """The body of the meridian plane that a layer is, by its number, or the tissue below all layers."""
+    return LAYERS[layer] if layer < len(section.interfaces) else Body.TISSUE
 
 
 def _edges(model: MeridianModel, axis: int, line: float, which: Floats) -> Edges:

@@ -1,4 +1,4 @@
-"""What surface, blocks, side and floor send back of the fields that spheres scatter.
+"""What surface, blocks, side, floor and interfaces send back of the fields that spheres scatter.
 
 Scattered fields are known in closed form anywhere (``solver/inclusions/vector_modes.py``), so that the finite elements never
 see the sphere: they are told the tractions and displacements that the field leaves on the tissue's boundary, one azimuthal
@@ -17,16 +17,16 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.resources import check_time
-from geometry.meridian.section import Body
 from solver.axisymmetric.base_states import BaseStates
 from solver.axisymmetric.dofs import Interface
 from solver.axisymmetric.tissue_field import TissueField
 from solver.linalg.workspace import current
-from solver.multiple_scattering.azimuthal_systems import AzimuthalSystems
+from solver.multiple_scattering.azimuthal_systems import AzimuthalSystems, Harmonic
 from solver.multiple_scattering.boundary_compliance import BoundaryData, BoundaryResponse
 from solver.multiple_scattering.boundary_edges import Boundary
-from solver.multiple_scattering.boundary_samples import AzimuthalGrid, ModeSamples
+from solver.multiple_scattering.boundary_samples import AzimuthalGrid
 from solver.multiple_scattering.interior_solution import Interior
+from solver.multiple_scattering.layer_samples import LayerSamples
 from solver.multiple_scattering.near_exchange import CloseExchange
 from solver.multiple_scattering.panels import Panels
 from solver.multiple_scattering.spheres import ScatteringSphere
@@ -45,27 +45,33 @@ class Reflector:
     states: BaseStates
     interface: Interface
     close: bool = False
-    _responses: dict[int, BoundaryResponse] = field(default_factory=dict, repr=False)
-    _interiors: dict[int, Interior] = field(default_factory=dict, repr=False)
+    _responses: dict[tuple[int, tuple[int, ...]], BoundaryResponse] = field(default_factory=dict, repr=False)
+    _interiors: dict[tuple[int, int], Interior] = field(default_factory=dict, repr=False)
+    _kept: dict[int, Harmonic] = field(default_factory=dict, repr=False)
+    _data: dict[tuple[int, int], BoundaryData] = field(default_factory=dict, repr=False)
 
-    def response(self, m: int) -> BoundaryResponse:
-        """Return what an order answers; its system is factorised when it is asked."""
-        if m not in self._responses:
+    def response(self, m: int, layers: tuple[int, ...] = (0,)) -> BoundaryResponse:
+        """Return what an order answers to fields in some layers, by number; its system is factorised when it is asked."""
+        if (m, layers) not in self._responses:
             current().make_room(self._harmonics.needed)
-            self._responses[m] = BoundaryResponse(partial(self._harmonics.of_order, m), self._boundary_data[min(m, 1)])
-        return self._responses[m]
+            data = BoundaryData.stacked([self._boundary_data(layer, min(m, 1)) for layer in layers])
+            self._responses[m, layers] = BoundaryResponse(partial(self._harmonics.of_order, m), data)
+        return self._responses[m, layers]
 
-    def interior(self, m: int) -> Interior:
-        """Return what an order answers inside the tissue, for spheres that lie close."""
-        if m not in self._interiors:
+    def interior(self, m: int, layer: int = 0) -> Interior:
+        """Return what an order answers inside the tissue to fields in one layer, for spheres that lie close."""
+        if m not in self._kept:
             current().make_room(self._harmonics.needed)
+            self._kept[m] = self._harmonics.of_order(m)
+        if (m, layer) not in self._interiors:
             recovery = partial(self._harmonics.recovery, m)
-            self._interiors[m] = Interior(self._harmonics.of_order(m), self._boundary, recovery)
-        return self._interiors[m]
+            self._interiors[m, layer] = Interior(self._kept[m], self._boundaries[layer], recovery)
+        return self._interiors[m, layer]
 
     @cached_property
-    def _boundary(self) -> Boundary:
-        return Boundary.of(self.states.model)
+    def _boundaries(self) -> list[Boundary]:
+        """Of all layers and of the tissue below them."""
+        return [Boundary.of(self.states.model, layer) for layer in range(len(self.states.model.section.interfaces) + 1)]
 
     @cached_property
     def _field(self) -> TissueField:
@@ -73,19 +79,20 @@ class Reflector:
 
     @cached_property
     def _harmonics(self) -> AzimuthalSystems:
-        return AzimuthalSystems(self.states.model, self.interface, self._boundary.elements)
+        elements = np.unique(np.concatenate([one.elements for one in self._boundaries]))
+        return AzimuthalSystems(self.states.model, self.interface, elements)
 
-    @cached_property
-    def _boundary_data(self) -> tuple[BoundaryData, BoundaryData]:
-        """Of order 0 and of all others."""
-        model, boundary = self.states.model, self._boundary
-        first, other = (BoundaryData.of(model, boundary, self.panels, self.interface, m) for m in (0, 1))
-        return first, other
+    def _boundary_data(self, layer: int, m: int) -> BoundaryData:
+        """Of a layer, for order 0 or for all others."""
+        if (layer, m) not in self._data:
+            model, elements = self.states.model, self._harmonics.boundary
+            boundary, panels = self._boundaries[layer], self.panels(layer)
+            self._data[layer, m] = BoundaryData.of(model, boundary, elements, panels, interface=self.interface, m=m)
+        return self._data[layer, m]
 
-    @cached_property
-    def panels(self) -> Panels:
-        """Where fields are sampled."""
-        return Panels.of(self.states.model.section, self.states.model.shapes.order)
+    def panels(self, layer: int = 0) -> Panels:
+        """Where fields are sampled on a layer's boundary."""
+        return Panels.of(self.states.model.section, self.states.model.shapes.order, layer)
 
     def exchange(self, spheres: Sequence[ScatteringSphere], rounds: AzimuthalGrid, often: bool) -> Exchange | CloseExchange:
         """Return what spheres and boundary send to each other; all that does not depend on the fields is found once.
@@ -98,13 +105,9 @@ class Reflector:
         Raises:
             LimitReached: so many spheres that what is found once takes more memory than is allowed.
         """
-        tissue = self.states.model.materials[Body.TISSUE]
-        two_mu = tissue.youngs_modulus / (1 + tissue.poisson_ratio)
         if self.close:
-            return CloseExchange(
-                self.interior, self._field, interface=self.interface, spheres=spheres, rounds=rounds, two_mu=two_mu
-            )
-        samples = ModeSamples([one.source for one in spheres], self.panels, rounds, two_mu)
+            return CloseExchange(self.interior, self._field, interface=self.interface, spheres=spheres, rounds=rounds)
+        samples = LayerSamples.of(spheres, self.panels, rounds)
         samples.check_room()
         return Exchange(self, spheres, samples, often)
 
@@ -122,7 +125,7 @@ class Exchange:
 
     reflector: Reflector
     spheres: Sequence[ScatteringSphere]
-    samples: ModeSamples
+    samples: LayerSamples
     often: bool
 
     def reflect(self, scattered: Sequence[Floats], enough: float, most: int) -> tuple[list[Floats], int]:
@@ -140,7 +143,7 @@ class Exchange:
         answers, k, quiet = np.empty_like(data), scattered[0].shape[1], 0
         for m in range(min(most, len(data))):
             check_time("reflections")
-            answers[m] = self.reflector.response(m).to(data[m], self.often)
+            answers[m] = self.reflector.response(m, self.samples.layers).to(data[m], self.often)
             exchanged = (data[m].reshape(-1, k)).T @ answers[m].reshape(-1, k)
             quiet = quiet + 1 if np.abs(exchanged).max() < enough else 0
             if quiet == 2:
@@ -150,4 +153,4 @@ class Exchange:
 
     def _regular(self, sphere: ScatteringSphere, work: Floats) -> Floats:
         """Coefficients from the work of every outgoing mode: that on the regular mode of its own kind, ``Modes.work``."""
-        return np.asarray(work / (-self.samples.two_mu * sphere.radius * sphere.modes.work)[:, None])
+        return np.asarray(work / (-sphere.two_mu * sphere.radius * sphere.modes.work)[:, None])

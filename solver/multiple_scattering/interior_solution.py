@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -13,25 +13,25 @@ from geometry.common.arrays import Floats, Ints
 from solver.multiple_scattering.azimuthal_systems import Harmonic
 from solver.multiple_scattering.boundary_edges import Boundary, Edges
 
+FORCES, LIFTED = ("surface", "side", "above", "below"), ("ends", "floor", "above", "below")  # what edges are told of
+
 
 @dataclass(frozen=True)
 class BoundaryAmplitudes:
-    """Amplitudes of one order on the boundary, U, V, W last but one: displacements on ends and floor, tractions elsewhere.
+    """Amplitudes of one order on a layer's boundary, U, V, W last but one, shapes (e, q, 3, k).
 
     Attributes:
-        surface, side: tractions t_r, t_theta, t_z, outward normal, shapes (e, q, 3, k), Pa.
-        ends, floor: displacements, shapes (e, q, 3, k).
+        forces: tractions t_r, t_theta, t_z, outward normal, Pa, by the names of ``Boundary``: all but ends and floor.
+        lifted: displacements, m, by its names: all but surface and side.
     """
 
-    surface: Floats
-    side: Floats
-    ends: Floats
-    floor: Floats
+    forces: Mapping[str, Floats]
+    lifted: Mapping[str, Floats]
 
 
 @dataclass(frozen=True)
 class Interior:
-    """What one azimuthal order answers to data on the boundary.
+    """What one azimuthal order answers to data on one layer's boundary.
 
     Attributes:
         harmonic: the order's system.
@@ -50,21 +50,23 @@ class Interior:
         return self.harmonic.gathered(self.harmonic.boundary).T.tocsr()
 
     @cached_property
-    def _tables(self) -> dict[str, tuple[Ints, Ints, Floats]]:
+    def _tables(self) -> dict[tuple[str, str], tuple[Ints, Ints, Floats]]:
         """For each set of edges: where its elements and their functions are, and what makes their own values of data."""
         round_axis, amplitudes, b = 2 * np.pi if self.harmonic.m == 0 else np.pi, self.harmonic.amplitudes, self.boundary
-        loads = {"surface": b.surface, "side": b.side}
+        edges_of = {name: edges for name, edges in vars(b).items() if len(edges.element)}
         tables = {
-            name: np.einsum("eq,qs,ac->ecsqa", round_axis * edges.weight, edges.values, amplitudes)
-            for name, edges in loads.items()
+            (name, "forces"): np.einsum("eq,qs,ac->ecsqa", round_axis * edges.weight, edges.values, amplitudes)
+            for name, edges in edges_of.items()
+            if name in FORCES
         }
         inverse = np.linalg.pinv(amplitudes)
-        for name, edges in {"ends": b.ends, "floor": b.floor}.items():
-            tables[name] = np.broadcast_to(
-                np.einsum("sq,ca->csqa", edges.coefficients, inverse),
-                (len(edges.element), len(inverse), *edges.coefficients.shape[:1], edges.coefficients.shape[1], 3),
-            )
-        return {name: self._table(getattr(b, name), table) for name, table in tables.items()}
+        for name, edges in edges_of.items():
+            if name in LIFTED:
+                tables[name, "lifted"] = np.broadcast_to(
+                    np.einsum("sq,ca->csqa", edges.coefficients, inverse),
+                    (len(edges.element), len(inverse), *edges.coefficients.shape[:1], edges.coefficients.shape[1], 3),
+                )
+        return {key: self._table(edges_of[key[0]], table) for key, table in tables.items()}
 
     def _table(self, edges: Edges, table: Floats) -> tuple[Ints, Ints, Floats]:
         e, c, s = table.shape[:3]
@@ -75,31 +77,38 @@ class Interior:
             table.reshape(e, c * s, -1),
         )
 
-    def _placed(self, name: str, data: Floats) -> Floats:
+    def _placed(self, kind: str, data: Mapping[str, Floats]) -> Floats:
         """Data (e, q, 3, k) as own values of the boundary's elements, (elements, 4 c p, k)."""
-        row, column, table = self._tables[name]
-        out = np.zeros((len(self.harmonic.boundary), self.harmonic.stiffness.shape[1], data.shape[-1]))
-        out[row, column] = table @ data.reshape(len(data), -1, data.shape[-1])
+        k = next((values.shape[-1] for values in data.values()), 1)
+        out = np.zeros((len(self.harmonic.boundary), self.harmonic.stiffness.shape[1], k))
+        for name, values in data.items():
+            row, column, table = self._tables[name, kind]
+            out[row, column] += table @ values.reshape(len(values), -1, k)
         return out
 
-    def to(self, data: BoundaryAmplitudes, elements: Ints) -> Floats:
+    def loads(self, data: BoundaryAmplitudes) -> tuple[Floats, Floats]:
+        """What is imposed on the own values of the boundary's elements, (elements, 4 c p, k), and the forces (unknowns, k)."""
+        imposed = -self._placed("lifted", {name: one for name, one in data.lifted.items() if name != "ends"})
+        forces = self._placed("forces", data.forces)
+        ends = self._placed("lifted", {name: one for name, one in data.lifted.items() if name == "ends"})
+        forces += self.harmonic.stiffness @ (imposed + ends)
+        return imposed, -(self._add_up @ forces.reshape(-1, forces.shape[-1]))
+
+    def to(self, imposed: Floats, forces: Floats, elements: Ints) -> Floats:
         """Solve eq. MS.4; values U, V, W of w in some of the tissue's elements, (e, 3, s, k).
 
         Args:
-            data: amplitudes of this order.
+            imposed: on the own values of the boundary's elements by all layers' data, see ``loads``.
+            forces: by them.
             elements: which.
 
         Raises:
             SolveError: see ``Harmonic.solve``.
         """
-        imposed = -self._placed("floor", data.floor)
-        forces = self._placed("surface", data.surface) + self._placed("side", data.side)
-        forces += self.harmonic.stiffness @ (imposed + self._placed("ends", data.ends))
-        k = forces.shape[-1]
-        v = self.harmonic.solve(-(self._add_up @ forces.reshape(-1, k)))
-        edge = (self.harmonic.gathered(elements) @ v).reshape(len(elements), -1, k)
-        low = np.isin(elements, self.boundary.floor.element)
-        edge[low] += imposed[np.searchsorted(self.harmonic.boundary, elements[low])]
+        v = self.harmonic.solve(forces)
+        edge = (self.harmonic.gathered(elements) @ v).reshape(len(elements), -1, v.shape[-1])
+        near = np.isin(elements, self.harmonic.boundary)
+        edge[near] += imposed[np.searchsorted(self.harmonic.boundary, elements[near])]
         return self.harmonic.whole(edge, self._inside(elements))
 
     def _inside(self, elements: Ints) -> Floats:

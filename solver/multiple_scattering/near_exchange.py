@@ -6,6 +6,8 @@ wrong of them dies out. Fields are sampled at all points of the elements' edges,
 
 from __future__ import annotations
 
+import functools
+import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +16,6 @@ import numpy as np
 
 from geometry.common.arrays import Floats, Ints
 from geometry.common.resources import check_time
-from geometry.meridian.section import Body
 from solver.axisymmetric.dofs import Interface
 from solver.axisymmetric.quadrilateral import dilations
 from solver.axisymmetric.shape_functions import functions, pressures
@@ -23,7 +24,7 @@ from solver.inclusions.mode_sums import Sampler, Table
 from solver.inclusions.vector_modes import DISPLACEMENT, stack
 from solver.multiple_scattering.boundary_edges import Edges
 from solver.multiple_scattering.boundary_samples import PLANE, ROUND, AzimuthalGrid, turns
-from solver.multiple_scattering.interior_solution import BoundaryAmplitudes, Interior
+from solver.multiple_scattering.interior_solution import LIFTED, BoundaryAmplitudes, Interior
 from solver.multiple_scattering.spheres import ScatteringSphere
 
 NEARLY = 0.48  # Poisson's ratio from which the mode of degree 0 is taken from the dilation
@@ -44,79 +45,90 @@ class CloseExchange:
     """Some spheres before one boundary.
 
     Attributes:
-        interior: what an azimuthal order answers.
+        interior: what an azimuthal order answers to fields in a layer, by their numbers.
         field: where points lie in the mesh.
         interface: between blocks and tissue.
         spheres: they.
         rounds: angles at which fields are sampled.
-        two_mu: of the tissue, Pa.
     """
 
-    interior: Callable[[int], Interior]
+    interior: Callable[[int, int], Interior]
     field: TissueField
     interface: Interface
     spheres: Sequence[ScatteringSphere]
     rounds: AzimuthalGrid
-    two_mu: float
 
     def reflect(self, scattered: Sequence[Floats], enough: float, most: int) -> tuple[list[Floats], int]:
         """Return the regular coefficients of what comes back: see ``exchange.Exchange.reflect``."""
-        samples, quiet = self._samples(scattered), 0
+        samples, quiet = [self._samples(layer, scattered) for layer in self._layers], 0
         total = [np.zeros_like(c) for c in scattered]
         for m in range(min(most, self.rounds.orders)):
             check_time("reflections")
-            data = BoundaryAmplitudes(
-                *(self._amplitudes(values, m, edges) for values, edges in zip(samples, self._edges, strict=True))
-            )
-            displacement = self.interior(m).to(data, self._elements)
+            loads = [
+                self.interior(m, layer).loads(self._amplitudes(values, m, layer))
+                for layer, values in zip(self._layers, samples, strict=True)
+            ]
+            imposed, forces = (functools.reduce(operator.add, part) for part in zip(*loads, strict=True))
+            displacement = self.interior(m, self._layers[0]).to(imposed, forces, self._elements)
             work = np.zeros((scattered[0].shape[1],) * 2)
             for k, (sphere, c, place) in enumerate(zip(self.spheres, scattered, self._places, strict=True)):
-                came = sphere.coefficients(*self._arrived(place, m, displacement))
+                came = sphere.coefficients(*self._arrived(sphere, place, m, displacement))
                 total[k] += came
-                work += (c * (self.two_mu * sphere.radius * sphere.modes.work)[:, None]).T @ came
+                work += (c * (sphere.two_mu * sphere.radius * sphere.modes.work)[:, None]).T @ came
             quiet = quiet + 1 if np.abs(work).max() < enough else 0
             if quiet == 2:
                 break
         return total, m + 1
 
     @cached_property
-    def _edges(self) -> tuple[Edges, Edges, Edges, Edges]:
-        b = self.interior(0).boundary
-        return b.surface, b.side, b.ends, b.floor
+    def _layers(self) -> list[int]:
+        """Numbers of the layers with spheres."""
+        return sorted({one.layer for one in self.spheres})
 
-    def _samples(self, scattered: Sequence[Floats]) -> list[Floats]:
-        """Tractions on surface and side, displacements of ends and floor, (angles, 3, k, points) each."""
-        surface, side, _ = turns(self.rounds)
-        kinds = (
-            (PLANE[:3], surface[:, :3]),
-            (ROUND[:5], side[:, :3]),
-            (DISPLACEMENT, surface[:, 3:]),
-            (DISPLACEMENT, surface[:, 3:]),
-        )
-        out = []
-        for number, (edges, (components, turn)) in enumerate(zip(self._edges, kinds, strict=True)):
-            parts = []
+    def _samples(self, layer: int, scattered: Sequence[Floats]) -> dict[tuple[str, str], Floats]:
+        """What a layer's edges are told of its own spheres' fields, (angles, 3, k, points) each; none of edges it does not have.
+
+        Tractions on surface, side and interfaces, displacements of ends, floor and interfaces.
+        """
+        surface, side, floor = turns(self.rounds)
+        kinds = {(name, "lifted"): (DISPLACEMENT, surface[:, 3:]) for name in LIFTED}
+        kinds |= {
+            (name, "forces"): (PLANE[:3], turn[:, :3])
+            for name, turn in (("surface", surface), ("above", surface), ("below", floor))
+        }
+        kinds["side", "forces"] = ROUND[:5], side[:, :3]
+        out, boundary = {}, self.interior(0, layer).boundary
+        for (name, kind), (components, turn) in kinds.items():
+            edges, parts = getattr(boundary, name), []
+            if not len(edges.element):
+                continue
             for sphere, c in zip(self.spheres, scattered, strict=True):
+                if sphere.layer != layer:
+                    continue
                 table = Table(sphere.modes.harmonics, "outgoing", (self._points(edges) - sphere.centre) / sphere.radius)
-                sampler = Sampler(stack(sphere.modes, "outgoing", components), table, slice(0, len(table.points)), number != 1)
+                sampler = Sampler(stack(sphere.modes, "outgoing", components), table, slice(0, len(table.points)), name != "side")
                 sampled = sampler.values(c).reshape(len(components), c.shape[1], self.rounds.count, -1).transpose(2, 0, 1, 3)
-                unit = self.two_mu / sphere.radius if number < 2 else 1.0
+                unit = sphere.two_mu / sphere.radius if kind == "forces" else 1.0
                 turned = turn[..., components] @ sampled.reshape(self.rounds.count, len(components), -1)
                 parts.append(unit * turned.reshape(self.rounds.count, 3, c.shape[1], -1))
-            out.append(np.asarray(sum(parts)))
-        if self.interface == "frictionless":
-            out[2][:, :2] = 0.0
+            out[name, kind] = np.asarray(sum(parts))
+        if self.interface == "frictionless" and ("ends", "lifted") in out:
+            out["ends", "lifted"][:, :2] = 0.0
         return out
 
     def _points(self, edges: Edges) -> Floats:
         angle, r, z = self.rounds.angles[:, None], edges.r.ravel(), edges.z.ravel()
         return np.stack([r * np.cos(angle), r * np.sin(angle), z + 0 * angle], axis=-1).reshape(-1, 3)
 
-    def _amplitudes(self, values: Floats, m: int, edges: Edges) -> Floats:
-        """Of one order, (e, q, 3, families k)."""
+    def _amplitudes(self, samples: dict[tuple[str, str], Floats], m: int, layer: int) -> BoundaryAmplitudes:
+        """Of one order."""
         families = 1 if self.rounds.mirrored else 2
-        waves = self.rounds.waves[:, m * families : (m + 1) * families]
-        return np.asarray(np.einsum("cft,tckn->ncfk", waves, values, optimize=True).reshape(*edges.r.shape, 3, -1))
+        waves, boundary = self.rounds.waves[:, m * families : (m + 1) * families], self.interior(0, layer).boundary
+        out: dict[str, dict[str, Floats]] = {"forces": {}, "lifted": {}}
+        for (name, kind), values in samples.items():
+            one = np.einsum("cft,tckn->ncfk", waves, values, optimize=True)
+            out[kind][name] = np.asarray(one.reshape(*getattr(boundary, name).r.shape, 3, -1))
+        return BoundaryAmplitudes(**out)
 
     @cached_property
     def _places(self) -> list[_SpherePlace]:
@@ -132,7 +144,9 @@ class CloseExchange:
     def _elements(self) -> Ints:
         return np.unique(np.concatenate([place.element for place in self._places]))
 
-    def _arrived(self, place: _SpherePlace, m: int, displacement: Floats) -> tuple[Floats, Floats | None]:
+    def _arrived(
+        self, sphere: ScatteringSphere, place: _SpherePlace, m: int, displacement: Floats
+    ) -> tuple[Floats, Floats | None]:
         """Displacement and, where it counts, dilation of one order (e, 3, s, families k) at a sphere's points."""
         cos, sin = np.cos(m * place.angle), np.sin(m * place.angle)
         waves: Floats = np.array([[cos, sin, cos], [sin, -cos, sin]][: 1 if self.rounds.mirrored else 2])
@@ -144,7 +158,7 @@ class CloseExchange:
         u = (waves.transpose(2, 1, 0)[:, :, None] @ at)[:, :, 0]
         cos, sin = np.cos(place.angle)[:, None], np.sin(place.angle)[:, None]
         cartesian = np.stack([cos * u[:, 0] - sin * u[:, 1], sin * u[:, 0] + cos * u[:, 1], u[:, 2]], axis=1)
-        if model.materials[Body.TISSUE].poisson_ratio < NEARLY:
+        if sphere.matrix.poisson_ratio < NEARLY:
             return cartesian, None
         strains = dilations(model.at.of(self._elements), model.shapes, m)
         pressed = np.einsum("ekcs,ecsfj->ekfj", strains, displacement, optimize=True)

@@ -1,4 +1,4 @@
-"""Points on the tissue's surface, side and floor at which scattered fields are sampled.
+"""Points on the top, side and bottom of a layer of the tissue at which scattered fields are sampled: surface, floor, interfaces.
 
 Scattered fields are smooth there, unlike the answer, whose mesh is fine at the blocks' corners: polynomials on panels that are
 graded from the axis outwards tell them with far fewer points than the edges of elements have.
@@ -56,7 +56,7 @@ class PanelLine:
             others = np.delete(nodes, k)
             values = np.prod((x[..., None] - others) / (node - others), axis=-1)
             np.put_along_axis(out[..., k], panel[..., None], values[..., None], axis=-1)
-        return out.reshape(*places.shape, -1)
+        return out.reshape(*places.shape, len(self.places))
 
     @cached_property
     def _nodes(self) -> Floats:
@@ -65,27 +65,32 @@ class PanelLine:
 
 @dataclass(frozen=True)
 class Panels:
-    """Points on the tissue's boundary, in the order surface, side, floor: n of them.
+    """Points on a layer's boundary, in the order top, side, bottom (of tissue without layers surface, side, floor): n of them.
 
     Attributes:
-        surface, floor: along r.
-        side: along the depth.
+        surface, floor: along r on top and bottom.
+        side: along the depth below the top.
         section: the tissue's.
+        top, bottom: depths of the layer's faces, m.
     """
 
     surface: PanelLine
     side: PanelLine
     floor: PanelLine
     section: Section
+    top: float
+    bottom: float
 
     @classmethod
-    def of(cls, section: Section, order: int) -> Panels:
-        """Panels as fine as elements of an order need them."""
+    def of(cls, section: Section, order: int, layer: int = 0) -> Panels:
+        """Panels as fine as elements of an order need them, of a layer by its number or of the tissue below all layers."""
+        top, bottom = [0.0, *section.interfaces, section.tissue_depth][layer : layer + 2]
         step, points = STEP / order * section.tube_radius, order + EXTRA
-        steps = step, max(step, SIDE * section.tissue_radius), max(step, FLOOR * section.tissue_depth)
-        lengths = section.tissue_radius, section.tissue_depth, section.tissue_radius
+        below = max(step, FLOOR * section.tissue_depth) if layer == len(section.interfaces) else step
+        steps = step, max(step, SIDE * section.tissue_radius), below
+        lengths = section.tissue_radius, bottom - top, section.tissue_radius
         surface, side, floor = (PanelLine.graded(length, one, points) for length, one in zip(lengths, steps, strict=True))
-        return cls(surface, side, floor, section)
+        return cls(surface, side, floor, section, top, bottom)
 
     @cached_property
     def parts(self) -> tuple[slice, slice, slice]:
@@ -102,5 +107,5 @@ class Panels:
     @cached_property
     def z(self) -> Floats:
         """Of the points, m, shape (n,)."""
-        at_floor = np.full_like(self.floor.places, -self.section.tissue_depth)
-        return np.concatenate([np.zeros_like(self.surface.places), -self.side.places, at_floor])
+        at_top, at_floor = np.full_like(self.surface.places, -self.top), np.full_like(self.floor.places, -self.bottom)
+        return np.concatenate([at_top, -(self.top + self.side.places), at_floor])

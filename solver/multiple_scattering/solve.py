@@ -30,6 +30,7 @@ from geometry.scenes.probe import Material
 from solver.axisymmetric.refinement import total_change
 from solver.axisymmetric.tissue_field import TissueField
 from solver.inclusions.projection import Projection, projection
+from solver.inclusions.strata import Strata
 from solver.inclusions.tumours import Tumours
 from solver.inclusions.vector_modes import Modes
 from solver.linalg.workspace import kept_table
@@ -50,6 +51,7 @@ _kept_projection = kept_table(projection)
 SENSITIVE = 5.0  # times more than the effect do derivatives by the modulus feel what is left out
 ROWS = 4  # tumours after which the time for the rest is known
 SURE = 0.5  # of that time: the machine may be busier now than later
+LEAST_GAP = 1e-9  # diameters: what counts as apart from an interface
 ENOUGH = 0.3  # of the tolerance: two azimuthal orders that change less end the sum over them
 
 
@@ -79,7 +81,7 @@ class Scattered:
 def solve_scattering(
     field: TissueField,
     reflector: Reflector,
-    tissue: Material,
+    strata: Strata,
     tumours: Tumours,
     tolerance: float,
     *,
@@ -92,7 +94,7 @@ def solve_scattering(
     Args:
         field: the base states' strains.
         reflector: what sends fields back; its mesh may be coarser.
-        tissue: its material.
+        strata: the tissue's materials by depth.
         tumours: relative to the probe's axis.
         tolerance: relative.
         places: whether to find the derivatives by the spheres' places, sizes and Poisson's ratios.
@@ -103,8 +105,8 @@ def solve_scattering(
         SolveError: the reflections could not be solved.
     """
     section = reflector.states.model.section
-    spheres, rounds = arranged(section, tissue, tumours)
-    sphere_set = SphereSet.of(spheres, tissue, tumours)
+    spheres, rounds = arranged(section, strata, tumours)
+    sphere_set = SphereSet.of(spheres, tumours)
     exchange, c = reflector.exchange(spheres, rounds, often), np.concatenate([incident(field, one) for one in spheres])
     series, orders, previous_energy = Reflections.first(c, sphere_set.work(c)), rounds.orders, np.inf
     enough = ENOUGH * tolerance * float(np.abs(series.moments[0]).max())
@@ -124,9 +126,11 @@ def solve_scattering(
         if settled and (not sensitive or np.all(slope_change <= SENSITIVE * tolerance * np.max(np.abs(slopes)))):
             break
     forces, left_out = series.forces, _unresolved(section, tumours, spheres) + 2 * ENOUGH * tolerance
-    error = total_change(np.array([change, _tail(spheres, sphere_set, series, total), left_out * forces])).sum(axis=0)
+    error = total_change(
+        np.array([change, _tail(section, spheres, sphere_set, series=series, fields=total), left_out * forces])
+    ).sum(axis=0)
     slope_error = slope_change + SENSITIVE * left_out * np.abs(slopes)
-    moves = tuple(_moves(tissue, tumours, spheres, sphere_set, total)) if places else ()
+    moves = tuple(_moves(tumours, spheres, sphere_set, total)) if places else ()
     return Scattered(forces, slopes, error=error, slope_error=slope_error, moved=moves, steps=series.count, orders=orders)
 
 
@@ -136,24 +140,29 @@ def _decay(previous_energy: float, energy: float, rho: float) -> tuple[float, fl
     return energy, share / (1 - share)
 
 
-def _moves(
-    tissue: Material, tumours: Tumours, spheres: Sequence[ScatteringSphere], sphere_set: SphereSet, total: Floats
-) -> Iterator[Moved]:
+def _moves(tumours: Tumours, spheres: Sequence[ScatteringSphere], sphere_set: SphereSet, total: Floats) -> Iterator[Moved]:
     for k, (sphere, one, part) in enumerate(zip(spheres, sphere_set.scatterings, sphere_set.parts, strict=True)):
         own = Material(youngs_modulus=float(tumours.youngs_modulus[k]), poisson_ratio=float(tumours.poisson_ratio[k]))
-        yield moved(sphere, one, tissue, own, total[part])
+        yield moved(sphere, one, sphere.matrix, own, total[part])
 
 
 def degrees(section: Section, tumours: Tumours) -> tuple[Floats, Floats]:
-    """Degrees of modes that resolve a sphere's image in surface or floor, and the probe's field on it, shape (t,) each."""
+    """Degrees of modes that resolve a sphere's image in surface, floor or interface, and the probe's field, shape (t,) each."""
     radius = tumours.diameter / 2
     image = 5 / np.log1p(2 * _nearest(section, tumours) / radius) + 2
     return np.asarray(image), np.asarray(4 * radius / (section.tube_radius + tumours.cover) + 4)
 
 
 def _nearest(section: Section, tumours: Tumours) -> Floats:
-    """From each sphere to the surface or the floor."""
-    return np.asarray(np.minimum(tumours.cover, section.tissue_depth - tumours.depth - tumours.diameter / 2))
+    """From each sphere to the surface, the floor or an interface."""
+    near = np.minimum(_apart(section, tumours), section.tissue_depth - tumours.depth - tumours.diameter / 2)
+    return np.asarray(np.maximum(near, LEAST_GAP * tumours.diameter))
+
+
+def _apart(section: Section, tumours: Tumours) -> Floats:
+    """From each sphere to the surface or an interface."""
+    gaps = [np.abs(tumours.depth - depth) - tumours.diameter / 2 for depth in section.interfaces]
+    return np.asarray(np.min([tumours.cover, *gaps], axis=0))
 
 
 def _unresolved(section: Section, tumours: Tumours, spheres: Sequence[ScatteringSphere]) -> float:
@@ -171,7 +180,7 @@ def _unresolved(section: Section, tumours: Tumours, spheres: Sequence[Scattering
     return float(np.max(image + np.maximum(pressed, np.exp(-degree * outer / (2 * radius)))))
 
 
-def arranged(section: Section, tissue: Material, tumours: Tumours) -> tuple[list[ScatteringSphere], AzimuthalGrid]:
+def arranged(section: Section, strata: Strata, tumours: Tumours) -> tuple[list[ScatteringSphere], AzimuthalGrid]:
     """Turn spheres about the probe's axis so that, if they can, all lie in the plane y = 0; modes and angles that tell them."""
     offset, radius = tumours.offset, tumours.diameter / 2
     far = int(np.argmax(offset))
@@ -179,13 +188,14 @@ def arranged(section: Section, tissue: Material, tumours: Tumours) -> tuple[list
     x, y = np.cos(turn) * tumours.x + np.sin(turn) * tumours.y, np.cos(turn) * tumours.y - np.sin(turn) * tumours.x
     plane = bool(np.all(np.abs(y) <= 1e-9 * radius))
     axis = bool(np.all(offset <= 1e-9 * radius))
-    spheres, required = [], degrees(section, tumours)
+    spheres, required, layers = [], degrees(section, tumours), strata.number(tumours.depth).tolist()
     for k in range(len(offset)):
         degree = int(np.clip(np.ceil(max(required[0][k], required[1][k])), *DEGREES))
-        modes = _same(Modes(degree, tissue.poisson_ratio, 0 if axis else min(degree, ORDERS), "even" if plane else "both"))
+        matrix = strata.materials[layers[k]]
+        modes = _same(Modes(degree, matrix.poisson_ratio, 0 if axis else min(degree, ORDERS), "even" if plane else "both"))
         centre = np.array([x[k], 0.0 if plane else y[k], -tumours.depth[k]]) * [not axis, not axis, 1]
-        spheres.append(ScatteringSphere(centre, float(radius[k]), modes, _projection(modes)))
-    angles = int(np.clip(np.ceil(np.max(3 * offset / (tumours.cover + 0.2 * radius))) + 6, *ANGLES))
+        spheres.append(ScatteringSphere(centre, float(radius[k]), modes, _projection(modes), matrix, layers[k]))
+    angles = int(np.clip(np.ceil(np.max(3 * offset / (_apart(section, tumours) + 0.2 * radius))) + 6, *ANGLES))
     return spheres, AzimuthalGrid(1 if axis else angles * (1 if plane else 2), plane)
 
 
@@ -218,26 +228,30 @@ def _reflected(exchange: Exchange | CloseExchange, outgoing: Sequence[Floats], e
 
 
 def _neighbours(spheres: Sequence[ScatteringSphere], outgoing: Sequence[Floats]) -> list[Floats]:
-    """What the other spheres send to each, as regular coefficients."""
+    """What the other spheres of its layer send to each, as regular coefficients."""
     total, start = [np.zeros_like(c) for c in outgoing], perf_counter()
     for k, here in enumerate(spheres):
         left = SURE * (perf_counter() - start) / k * (len(spheres) - k) if k >= ROWS else 0.0
         check_time(f"reflections of {len(spheres)} tumours (fewer take less)", left)
         for other, c in zip(spheres, outgoing, strict=True):
-            if other is not here:
+            if other is not here and other.layer == here.layer:  # from other layers it comes through the interfaces
                 local = (here.points - other.centre) / other.radius
                 total[k] += here.coefficients(other.modes.displacement(local, c, "outgoing"))
     return total
 
 
-def _tail(spheres: Sequence[ScatteringSphere], sphere_set: SphereSet, series: Reflections, fields: Floats) -> Floats:
+def _tail(
+    section: Section, spheres: Sequence[ScatteringSphere], sphere_set: SphereSet, *, series: Reflections, fields: Floats
+) -> Floats:
     """What degrees beyond the largest would add, shape (2, 2).
 
-    A field from the surface or beyond falls off as (R / depth)^l on the sphere: a geometric series from the last degrees.
+    A field from the surface or beyond falls off as (R / depth)^l on the sphere, one from an interface likewise: a geometric
+    series from the last degrees.
     """
     total = np.zeros((2, 2))
     for sphere, part in zip(spheres, sphere_set.parts, strict=True):
         last = sphere.modes.ell >= sphere.modes.degree - 1
-        decay = min(0.9, float((sphere.radius / sphere.centre[2]) ** 4))  # of two degrees' work
+        nearest = min(abs(sphere.centre[2] + depth) for depth in (0.0, *section.interfaces))
+        decay = min(0.9, float((sphere.radius / nearest) ** 4))  # of two degrees' work
         total += series.works[0][part][last].T @ fields[part][last] * (decay / (1 - decay))
     return (total + total.T) / 2

@@ -26,12 +26,21 @@ class ScatteringSphere:
         centre: x, y and z, m, shape (3,).
         radius: m.
         modes, projection: of displacements on its surface.
+        matrix: the material about it.
+        layer: the number of the tissue's layer in which it lies.
     """
 
     centre: Floats
     radius: float
     modes: Modes
     projection: Projection
+    matrix: Material
+    layer: int = 0
+
+    @property
+    def two_mu(self) -> float:
+        """Of the material about it, Pa."""
+        return self.matrix.youngs_modulus / (1 + self.matrix.poisson_ratio)
 
     @property
     def source(self) -> ModeSource:
@@ -70,10 +79,10 @@ class SphereSet:
     parts: Sequence[slice]
 
     @classmethod
-    def of(cls, spheres: Sequence[ScatteringSphere], tissue: Material, tumours: Tumours) -> SphereSet:
-        """Scattering by tumours, shape (t,), in the tissue."""
+    def of(cls, spheres: Sequence[ScatteringSphere], tumours: Tumours) -> SphereSet:
+        """Scattering by tumours, shape (t,), each in the material about it."""
         moduli = zip(spheres, tumours.youngs_modulus, tumours.poisson_ratio, strict=True)
-        scatterings = [scattering(one.modes, tissue.youngs_modulus, float(E), float(nu), one.radius) for one, E, nu in moduli]
+        scatterings = [scattering(one.modes, one.matrix.youngs_modulus, float(E), float(nu), one.radius) for one, E, nu in moduli]
         ends = np.cumsum([0, *(len(one.modes) for one in spheres)]).tolist()
         return cls(scatterings, [slice(*pair) for pair in pairwise(ends)])
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from dataclasses import dataclass
 
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.scenes.probe import Material
 from geometry.scenes.scene import Inclusion, Scene
 from solver.equivalent_inclusion.first_order import effects
 from solver.equivalent_inclusion.first_order_bound import first_order_error, first_order_share
@@ -54,7 +52,8 @@ class _InclusionEffects:
 def reduced(scene: Scene, rough: CoarseModel, accuracy: float) -> Reduced:
     """Leave out the inclusions that change least, as long as all of them together change less than SHARE of the accuracy.
 
-    The target stays, as does a body from a surface file, whose size is not known well enough.
+    The target stays, as do a body from a surface file, whose size is not known well enough, and all in layers of tissue: the
+    bounds know one material about them.
 
     Raises:
         InputError: a surface file that cannot be used.
@@ -68,7 +67,8 @@ def reduced(scene: Scene, rough: CoarseModel, accuracy: float) -> Reduced:
     spent = np.zeros(2)
     for k in sorted(range(len(every)), key=lambda k: every[k].largest):
         cost = np.array([every[k].largest, effects.on_target[k] / 5])  # DESIGN: the log-sensitivity may be off by 5 times as much
-        if k != scene.target and scene.inclusion[k].surface is None and np.all(spent + cost <= SHARE * accuracy):
+        known = scene.inclusion[k].surface is None and not scene.tissue.layer
+        if k != scene.target and known and np.all(spent + cost <= SHARE * accuracy):
             dropped.append(k)
             spent += cost
     decisions = tuple(_decision(scene, k, effects, k in dropped, accuracy) for k in range(len(every)))
@@ -84,7 +84,7 @@ def _effects(scene: Scene, rough: CoarseModel) -> _InclusionEffects:
     base, target = rough.undisturbed, scene.target
     balls = tuple(_ball(k, body) for k, body in enumerate(scene.inclusion))
     tumours = base.inside(Tumours.of(scene.model_copy(update={"inclusion": balls})))[0]
-    each = effects(base.energies, _host(scene), tumours.flat())
+    each = effects(base.energies, base.strata.hosts(tumours.flat().depth), tumours.flat())
     changes = each.forces
     share = first_order_share(base, tumours)[0]
     doubt = DOUBT * first_order_error(share[:, None], changes[:, None])
@@ -92,17 +92,12 @@ def _effects(scene: Scene, rough: CoarseModel) -> _InclusionEffects:
     least = np.minimum(np.abs(totals), np.abs(totals + changes.sum(axis=(0, 2))))
     least = np.maximum(least, 1e-9 * np.abs(totals).sum())  # a stress near zero: nothing is left out
     parts, doubts = changes.sum(axis=2) / least, doubt / least
+    doubts[base.strata.gap(tumours)[0] < 0] = np.inf  # across an interface: the first order knows one material about it
     whole = np.abs(changes.sum(axis=(1, 2))) / least.sum()
     on_target = np.zeros(len(share))
     if target is not None:
         on_target = doubts.sum(axis=1) + np.abs(parts).max(axis=1) + _on_target(tumours, each.forces, each.by_log_modulus, target)
     return _InclusionEffects(np.abs(parts[:, 0] - parts[:, 1]), np.abs(parts).max(axis=1), whole, doubts.sum(axis=1), on_target)
-
-
-def _host(scene: Scene) -> Material:
-    """The material about the inclusions; with layers about the centre of the only one, which is never left out."""
-    tissue = scene.tissue
-    return (*tissue.layer, tissue)[bisect_right(tissue.interfaces, scene.inclusion[0].depth)]
 
 
 def _on_target(tumours: Tumours, changes: Floats, slopes: Floats, target: int) -> Floats:

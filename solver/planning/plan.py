@@ -17,6 +17,7 @@ from geometry.scenes.scene import Scene
 from solver.axisymmetric.converged_forces import NEGLIGIBLE
 from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.omitted_details import BEYOND, IN_PLANE, Change
+from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.layers import forgotten_skin, layer_decisions
 from solver.planning.load_check import DOUBT, LoadChanges, budget, check_load, exact, largest, load_notes, with_error, with_load
@@ -174,7 +175,9 @@ def _level(scene: Scene, rough: CoarseModel, accuracy: float) -> str | None:
     flat = sum(change.effect for change in rough.changes if change.feature not in (*IN_PLANE, BEYOND))
     if flat > accuracy and SolidLevel().may_help(scene, accuracy):
         return SOLID
-    return AXISYMMETRIC if Axisymmetric().refusal(scene) is None else HARMONICS
+    if Axisymmetric().refusal(scene) is None:
+        return AXISYMMETRIC
+    return HARMONICS if EquivalentInclusion().refusal(scene) is None else SOLID
 
 
 def _model(scene: Scene, level: str | None) -> str:

@@ -4,24 +4,44 @@ from __future__ import annotations
 
 import math
 
-from geometry.scenes.scene import Scene
+from geometry.scenes.fit import semi_axes
+from geometry.scenes.scene import Inclusion, Scene
+
+TOUCHING = 1e-6  # of its half height: a body nearer than this to an interface of the tissue's layers counts as crossed by it
 
 
 def unsupported(scene: Scene) -> str | None:
     """Say which kind of thing in the scene no level knows yet, or None."""
     if scene.contact.interface == "unilateral":
         return "none built yet for contact.interface = 'unilateral' (planned: contact)"
-    if scene.tissue.layer and not _round(scene):
-        return "none built yet for layers of tissue but under an upright probe with one sphere on its axis at most"
     return None
 
 
 def layered(scene: Scene) -> str | None:
     """Say which level knows layers of tissue, for those that do not; None without layers."""
-    return "axisymmetric for layers of tissue (evaluate, curve and sweep take them)" if scene.tissue.layer else None
+    if not scene.tissue.layer:
+        return None
+    return (
+        needs_solid(scene)
+        or crossed(scene)
+        or f"{'axisymmetric' if is_round(scene) else 'equivalent-inclusion'} for layers of tissue"
+    )
 
 
-def _round(scene: Scene) -> bool:
+def crossed(scene: Scene) -> str | None:
+    """Say which level knows bodies that an interface of the tissue's layers crosses, for one that does not; None without any."""
+    if not any(_crosses(scene, body) for body in scene.inclusion if body.surface is None):
+        return None
+    return f"{'axisymmetric' if is_round(scene) else 'solid'} for an inclusion that an interface of the tissue's layers crosses"
+
+
+def _crosses(scene: Scene, body: Inclusion) -> bool:
+    half = math.hypot(*semi_axes(body)[2])
+    return any(abs(interface - body.depth) < half * (1 + TOUCHING) for interface in scene.tissue.interfaces)
+
+
+def is_round(scene: Scene) -> bool:
+    """Whether an upright probe stands above one sphere on its axis at most."""
     at = scene.placement
     centred = all(math.hypot(body.x - at.x, body.y - at.y) <= 1e-9 * (body.diameter or 0.0) for body in scene.inclusion)
     return at.tilt == 0 and len(scene.inclusion) <= 1 and centred and all(body.diameter is not None for body in scene.inclusion)
@@ -35,4 +55,4 @@ def needs_solid(scene: Scene) -> str | None:
         return "solid for placement.tilt other than 0"
     if any(body.surface is not None for body in scene.inclusion):
         return "solid for an inclusion that is neither sphere nor ellipsoid"
-    return None
+    return None if is_round(scene) else crossed(scene)

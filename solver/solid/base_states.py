@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
-from geometry.tetra.tet_mesh import INCLUSION, TISSUE
+from geometry.tetra.tet_mesh import TISSUE
 from solver.linalg.cholesky import Factor
 from solver.linalg.conjugate_gradients import factorised, residual, rounded, solve
 from solver.solid.body_stiffness import Elastic, Isotropic, lame
 from solver.solid.problem import BLOCKS, STATES, Problem
+from solver.solid.regions import Region
 from solver.solid.tetrahedron import integrated
 
 DOUBLE = 60_000  # unknowns up to which factors are in double precision: beyond, single is faster too
@@ -54,9 +55,9 @@ class SolidStates:
         """Forces on both films per unit rotation of the base about y, N/rad, shape (2,)."""
         return self.reactions[:2, 2]
 
-    def slope(self, body: int) -> Floats:
-        """Return d reactions / d ln E of a body, shape (3, 3): the states are their own adjoints, so v_i^T K_b v_j."""
-        return self.energies[body]
+    def slope(self, bodies: Iterable[int]) -> Floats:
+        """Return d reactions / d ln E of some bodies together, (3, 3): the states are their own adjoints, so v_i^T K_b v_j."""
+        return np.asarray(sum((self.energies[body] for body in bodies), start=np.zeros((len(STATES),) * 2)))
 
 
 @dataclass(frozen=True)
@@ -97,12 +98,13 @@ def solid_states(problem: Problem, near: FactorisedStates | None = None) -> Fact
 
 
 def _factor(problem: Problem) -> Factor:
-    """Large systems in single precision, whose rounding errors in a stiff inclusion would outweigh the tissue: tamed ones."""
+    """Large systems in single precision, whose rounding errors in stiff bodies would outweigh the softest layer: tamed ones."""
     if problem.supports.unknowns <= DOUBLE:
         return problem.matrix.factor()
-    tissue, tamed = problem.materials[TISSUE].youngs_modulus, dict(problem.materials)
+    tamed = dict(problem.materials)
+    tissue = min(stuff.youngs_modulus for body, stuff in tamed.items() if Region.of(body).body == TISSUE)
     for body, stuff in problem.materials.items():
-        if body >= INCLUSION or body < 0:
+        if Region.of(body).body >= TISSUE:
             modulus = float(np.clip(stuff.youngs_modulus, tissue / TAMED, tissue * TAMED))
             if modulus != stuff.youngs_modulus:
                 tamed[body] = Isotropic(modulus, stuff.poisson_ratio)

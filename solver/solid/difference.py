@@ -8,22 +8,23 @@ Both are solved on the same mesh, so that most of what the mesh gets wrong (rims
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import SolveError
+from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
 from geometry.tetra.cache import cached_mesh
 from geometry.tetra.sizing import TetraFineness
-from geometry.tetra.tet_mesh import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE, TetMesh
+from geometry.tetra.tet_mesh import INCLUSION, TetMesh
 from solver.solid.base_states import FactorisedStates, SolidStates, solid_states
 from solver.solid.body_stiffness import Elastic
 from solver.solid.domain import Domain
 from solver.solid.modulus_response import solid_response
-from solver.solid.problem import Problem, Solid, outside
+from solver.solid.problem import Problem, Solid
+from solver.solid.regions import Region, own_material, reference_material, tissue_about
 
 TAMED = 30.0  # times the tissue's modulus, either way, from which curves begin
 
@@ -72,11 +73,12 @@ def difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> t
     if moduli is not None and target is not None:
         scene = _with_modulus(scene, target, float(np.sqrt(moduli.min() * moduli.max())))
     solid = Solid.of(mesh, scene.contact.interface == "frictionless")
-    reference = solid_states(Problem.of(solid, _reference_materials(scene)))
+    plain, own = (_materials(scene, solid, of) for of in (reference_material, own_material))
+    reference = solid_states(Problem.of(solid, plain))
     less, residual = reference.reactions, reference.residual
-    near = reference if set(_reference_materials(scene)) == set(_materials(scene, solid)) else None
+    near = reference if set(plain) == set(own) else None
     del reference
-    problem = Problem.of(solid, _materials(scene, solid), None if near is None else near.problem.supports)
+    problem = Problem.of(solid, own, None if near is None else near.problem.supports)
     states = solid_states(problem, near)
     reactions, slope = _reactions(states, scene, target, moduli)
     found = SceneDifference(
@@ -92,8 +94,8 @@ def difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> t
 
 
 def _with_modulus(scene: Scene, target: int, modulus: float) -> Scene:
-    """The scene with another modulus of its target, not too far from the tissue's."""
-    tissue = scene.tissue.youngs_modulus
+    """The scene with another modulus of its target, not too far from that of the tissue about its centre."""
+    tissue = tissue_about(scene, scene.inclusion[target].depth).youngs_modulus
     begin = float(np.clip(modulus, tissue / TAMED, tissue * TAMED))
     bodies = list(scene.inclusion)
     bodies[target] = bodies[target].model_copy(update={"youngs_modulus": begin})
@@ -103,32 +105,14 @@ def _with_modulus(scene: Scene, target: int, modulus: float) -> Scene:
 def _reactions(states: FactorisedStates, scene: Scene, target: int | None, moduli: Floats | None) -> tuple[Floats, Floats]:
     if target is None:
         return states.reactions[None], np.zeros((1, 3, 3))
-    bodies = [b for b in (INCLUSION + target, outside(INCLUSION + target)) if b in states.energies]
+    bodies = tuple(b for b in states.energies if Region.of(b).body == INCLUSION + target)
     if moduli is None:
-        return states.reactions[None], sum((states.slope(b) for b in bodies), start=np.zeros((3, 3)))[None]
-    if len(bodies) > 1:
-        raise SolveError("the reference cylinder cuts the target in two, so that no curve of it can be made; evaluate can")
+        return states.reactions[None], states.slope(bodies)[None]
     times = moduli / scene.inclusion[target].youngs_modulus
-    return solid_response(states, bodies[0], float(times.min()), float(times.max())).reactions(times)
+    return solid_response(states, bodies, float(times.min()), float(times.max())).reactions(times)
 
 
-def _reference_materials(scene: Scene) -> Mapping[int, Elastic]:
-    """Of bodies in the reference: inclusions are tissue, the groove is filled."""
-    probe, tissue = scene.probe, scene.tissue
-    materials: dict[int, Elastic] = {INNER: probe.inner, OUTER: probe.outer, TISSUE: tissue}
-    if probe.groove is not None:
-        materials[GROOVE] = probe.outer
-    return materials | {INCLUSION + k: tissue for k in range(len(scene.inclusion))}
-
-
-def _materials(scene: Scene, solid: Solid) -> Mapping[int, Elastic]:
-    """Of bodies in the scene."""
-    probe, tissue = scene.probe, scene.tissue
-    materials: dict[int, Elastic] = {INNER: probe.inner, OUTER: probe.outer, TISSUE: tissue}
-    if np.any(solid.body == BEYOND):
-        materials[BEYOND] = tissue
-    for k, body in enumerate(scene.inclusion):
-        materials[INCLUSION + k] = body
-        if np.any(solid.body == outside(INCLUSION + k)):
-            materials[outside(INCLUSION + k)] = body
-    return materials
+def _materials(scene: Scene, solid: Solid, of: Callable[[Scene, int], Material | None]) -> Mapping[int, Elastic]:
+    """Of the regions that are there."""
+    found = {number: of(scene, number) for number in solid.parts}
+    return {number: material for number, material in found.items() if material is not None}

@@ -7,8 +7,8 @@ that of a mirror-symmetric scene's half: tumours are turned into it.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from dataclasses import dataclass
-from typing import Any
 
 from geometry.scenes.probe import Base
 from geometry.scenes.scene import CylinderTissue, Inclusion, Load, Placement, Scene
@@ -17,6 +17,7 @@ from geometry.tetra.layout import mirror_symmetric
 SPAN = 8.0  # outer radii that tissue is modelled of at least
 REACH = 1.7  # times the distance of the farthest point of an inclusion
 WORTH = 0.8  # of its size: tissue is shortened if it becomes at least so much smaller
+SLICE = 0.9  # of the depth at which tissue is cut off: what begins below is left out
 EVEN = 1e-9
 
 
@@ -79,16 +80,30 @@ def domain(scene: Scene, span: float, wall: float | None) -> Domain:
     cut = span < WORTH * room(scene) or (coaxial(scene) and span < WORTH * whole)
     if cut or coaxial(scene):
         depth = min(whole, span)
-        material: dict[str, Any] = {"youngs_modulus": scene.tissue.youngs_modulus, "poisson_ratio": scene.tissue.poisson_ratio}
-        tissue = CylinderTissue(shape="cylinder", radius=radius, depth=depth, **material)
+        tissue = _cylinder(scene, radius, depth)
         own = _about_the_axis(scene, tissue)
         return Domain(own, _reference(own, tissue), None, mirror_symmetric(own), cut)
     assert wall is not None
     assert scene.tissue.shape != "half-space"
-    material = {"youngs_modulus": scene.tissue.youngs_modulus, "poisson_ratio": scene.tissue.poisson_ratio}
-    tissue = CylinderTissue(shape="cylinder", radius=wall, depth=scene.tissue.depth, **material)
+    tissue = _cylinder(scene, wall, scene.tissue.depth)
     own = _mirrored(scene)
     return Domain(own, _reference(own, tissue), wall, mirror_symmetric(own), False)
+
+
+def _cylinder(scene: Scene, radius: float, depth: float) -> CylinderTissue:
+    """A cylinder of the scene's tissue; where it is cut off above or just below an interface, that layer is its own material."""
+    tissue = scene.tissue
+    cut = tissue.shape == "half-space" or depth < tissue.depth
+    kept = bisect_left(tissue.interfaces, SLICE * depth if cut else depth)
+    own = (*tissue.layer, tissue)[kept]
+    return CylinderTissue(
+        shape="cylinder",
+        radius=radius,
+        depth=depth,
+        youngs_modulus=own.youngs_modulus,
+        poisson_ratio=own.poisson_ratio,
+        layer=tissue.layer[:kept],
+    )
 
 
 def coaxial(scene: Scene) -> bool:

@@ -15,7 +15,7 @@ from geometry.scenes.scene import Scene
 from solver.linalg.workspace import in_own_workspace
 from solver.results.evaluator import Answer, FilmLevel, Tell, silent
 from solver.results.film_forces import Bound, FilmForces, shortfalls
-from solver.results.kinds import layered, unsupported
+from solver.results.kinds import is_round, unsupported
 from solver.results.result import Result
 from solver.results.warnings import Note
 from solver.solid.domain import coaxial
@@ -40,12 +40,12 @@ class SolidLevel(FilmLevel):
 
     def refusal(self, scene: Scene) -> str | None:
         """Say which kind of thing in the scene this level does not know, or None."""
-        return unsupported(scene) or layered(scene)
+        return unsupported(scene)
 
     def may_help(self, scene: Scene, accuracy: float) -> bool:
         """Whether this level may reach an accuracy that cheaper ones do not: where they left out what it models."""
         lone = len(scene.inclusion) <= 1 and all(body.diameter is not None for body in scene.inclusion)
-        symmetric = scene.probe.groove is None and coaxial(scene) and lone
+        symmetric = scene.probe.groove is None and coaxial(scene) and lone and (not scene.tissue.layer or is_round(scene))
         return accuracy >= BEST and self.refusal(scene) is None and not symmetric
 
     def evaluate_within(self, scene: Scene, accuracy: float) -> Result:

@@ -32,12 +32,12 @@ class SolidResponse:
 
     Attributes:
         states: at t = 1.
-        body: whose modulus varies.
+        bodies: whose modulus varies.
         rational: eq. SO.7, with c in roots of N m.
     """
 
     states: SolidStates
-    body: int
+    bodies: tuple[int, ...]
     rational: RationalResponse
 
     def reactions(self, t: Floats) -> tuple[Floats, Floats]:
@@ -45,16 +45,17 @@ class SolidResponse:
         return self.rational.at(t)
 
 
-def solid_response(states: FactorisedStates, body: int, low: float, high: float) -> SolidResponse:
-    """Return reactions for moduli of a body from ``low`` to ``high``, multiples of the one that ``states`` were solved with.
+def solid_response(states: FactorisedStates, bodies: tuple[int, ...], low: float, high: float) -> SolidResponse:
+    """Return reactions for moduli of an inclusion, whose parts the bodies are.
 
-    That one should be within a hundred times the tissue's, either way: begun at a million times the tissue's, 1 - l_k is lost
-    to rounding (errors of 1e-4 were seen), and begun at a millionth it takes several times as many steps.
+    They go from ``low`` to ``high``, multiples of the one that ``states`` were solved with. That one should be within a hundred
+    times the tissue's, either way: begun at a million times the tissue's, 1 - l_k is lost to rounding (errors of 1e-4 were
+    seen), and begun at a millionth it takes several times as many steps.
 
     Raises:
         SolveError: the range is too wide for the tolerance, or a system could not be solved.
     """
-    space, ends = _BodyForces(states, body), np.array([low, high])
+    space, ends = _BodyForces(states, bodies), np.array([low, high])
     before = states.reactions[None]
     for _ in range(MOST_STEPS):
         grown = space.grow()
@@ -69,18 +70,19 @@ def solid_response(states: FactorisedStates, body: int, low: float, high: float)
 
 
 class _BodyForces:
-    """A body's nodal forces on a growing basis."""
+    """The nodal forces of an inclusion on a growing basis."""
 
-    def __init__(self, states: FactorisedStates, body: int) -> None:
-        self.states, self.body, self.problem = states, body, states.problem
-        self.of_states = self.problem.restricted(self._push(self.problem.own(states.v, body)))  # K_b u_j on the unknowns
+    def __init__(self, states: FactorisedStates, bodies: tuple[int, ...]) -> None:
+        self.states, self.bodies, self.problem = states, bodies, states.problem
+        self.of_states = self.problem.restricted(self._push(self.problem.own(states.v, bodies[0])))  # K_b u_j on the unknowns
         self.last = self.of_states  # K_b of the newest vectors
         unknowns = len(states.v)
         self.basis = KrylovBasis(self.problem.matrix, self._solve, unknowns, NOTHING_NEW)
         self.of_basis = np.zeros((unknowns, 0))  # K_b v_k
 
     def _push(self, own: Floats) -> Floats:
-        return self.problem.solid.parts[self.body].forces(self.problem.materials[self.body], own)
+        parts, materials = self.problem.solid.parts, self.problem.materials
+        return np.asarray(sum((parts[b].forces(materials[b], own) for b in self.bodies), start=np.zeros_like(own)))
 
     def _solve(self, loads: Floats) -> Floats:
         assert self.states.factor is not None  # states that a curve begins with keep it
@@ -98,8 +100,8 @@ class _BodyForces:
     def response(self) -> SolidResponse:
         """The reactions as far as the basis goes."""
         energy, coupling = (self.basis.vectors.T @ forces for forces in (self.of_basis, self.of_states))
-        start, inside = self.states.reactions, self.states.energies[self.body]
+        start, inside = self.states.reactions, self.states.slope(self.bodies)
         symmetric, share = (energy + energy.T) / 2, self.problem.share
         return SolidResponse(
-            self.states, self.body, RationalResponse.of(symmetric, coupling, start=start, inside=inside, weight=share)
+            self.states, self.bodies, RationalResponse.of(symmetric, coupling, start=start, inside=inside, weight=share)
         )

@@ -18,18 +18,14 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from geometry.common.arrays import Floats, Ints
-from geometry.tetra.tet_mesh import GROOVE, INCLUSION, INNER, OUTER, TetMesh
+from geometry.tetra.tet_mesh import GROOVE, INNER, OUTER, TetMesh
 from solver.linalg.conjugate_gradients import Stiffness
 from solver.solid.body_stiffness import Elastic, Part, assembled, parts
+from solver.solid.regions import numbers
 
 STATES = ("inner", "outer", "tilt")
 AT = 1e-7  # of the mesh's size: nodes so close to a plane lie in it
 BLOCKS = (INNER, OUTER, GROOVE)
-
-
-def outside(inclusion: int) -> int:
-    """The number of the body that is an inclusion's part outside the reference cylinder; ``inclusion`` as the mesh labels it."""
-    return -1 - inclusion
 
 
 @dataclass(frozen=True)
@@ -40,7 +36,7 @@ class Solid:
         mesh: as given.
         nodes: with those of the blocks' ends twice where they slide on the tissue, shape (n, 3).
         elements: of these nodes, shape (t, 10).
-        body: of each element, as in the mesh; inclusions' parts outside the reference cylinder are ``outside`` (t,).
+        body: of each element the number of its ``Region``: the body's own in the mesh, where it is not cut, (t,).
         twin: of each node the one that carries its u_z, shape (n,).
         parts: stiffness of each body.
     """
@@ -60,7 +56,7 @@ class Solid:
             SolveError: an element is turned inside out.
         """
         nodes, elements, twin = _sliding(mesh) if frictionless else (mesh.nodes, mesh.elements, np.arange(len(mesh.nodes)))
-        body = np.where((mesh.body >= INCLUSION) & mesh.beyond, -1 - mesh.body, mesh.body)
+        body = numbers(mesh)
         return cls(mesh, nodes, elements=elements, body=body, twin=twin, parts=parts(nodes, elements, body, averaged))
 
     def on(self, bodies: Iterable[int]) -> NDArray[np.bool_]:

@@ -42,7 +42,8 @@ ALLOWED: dict[str, set[str]] = {
     "solver.results": {"solver.linalg", *SCENES},
     "solver.inclusions": {"solver.linalg", *SCENES},
     "solver.published": {"solver.results", *SCENES},
-    "solver.closed_form": {"solver.inclusions", "solver.linalg", "solver.results", *SCENES},
+    "solver.layers": SCENES,
+    "solver.closed_form": {"solver.inclusions", "solver.layers", "solver.linalg", "solver.results", *SCENES},
     "solver.axisymmetric": {"solver.linalg", "solver.results", *MESHES},
     "solver.multiple_scattering": {"solver.axisymmetric", "solver.inclusions", "solver.linalg", *MESHES},
     "solver.equivalent_inclusion": {

@@ -1,10 +1,12 @@
 """Meshes of tetrahedra that tests share, in tests/meshes, so that only meshing's own tests mesh.
 
-Those of `scene_mesh` are made anew by ``python -m tests.support.meshes``, the others by benchmarks/references/solid_meshes.py.
+Those of `scene_mesh` are made anew by ``python -m tests.support.meshes [NAME ...]``, the others by
+benchmarks/references/solid_meshes.py.
 """
 
 from __future__ import annotations
 
+import sys
 from functools import cache
 
 import numpy as np
@@ -19,6 +21,8 @@ from solver.solid.domain import Domain, domain, reach
 from tests.support.paths import MESHES, REFERENCE
 
 SCENE = "flank"  # of tests/reference/solid: half of it is meshed
+LAYERED = "across"  # of tests/reference/tissue-layers-off-axis, likewise
+FOLDERS = {SCENE: "solid", LAYERED: "tissue-layers-off-axis"}
 FINENESS = {ROUGH: "rough", COARSE: "coarse"}
 
 
@@ -27,12 +31,13 @@ def stored_mesh(name: str) -> TetMesh:
     """Read one of tests/meshes."""
     data = np.load(MESHES / f"{name}.npz")
     body = data["body"].astype(np.int64)
-    return TetMesh(data["nodes"], data["elements"].astype(np.int64), body, body == BEYOND, bool(data["half"]))
+    layer = data["layer"].astype(np.int64) if "layer" in data else np.zeros(len(body), dtype=np.int64)
+    return TetMesh(data["nodes"], data["elements"].astype(np.int64), body, body == BEYOND, layer, bool(data["half"]))
 
 
-def scene_mesh(of: Domain, fineness: TetraFineness) -> TetMesh:
-    """What solver.solid.difference.mesh_domain returns, of a scene with the bodies of SCENE only; ``check`` holds that it is."""
-    mesh = stored_mesh(f"{SCENE}-{FINENESS[fineness]}")
+def scene_mesh(of: Domain, fineness: TetraFineness, name: str = SCENE) -> TetMesh:
+    """What solver.solid.difference.mesh_domain returns, of a scene with the bodies of a named one; ``check`` holds that it is."""
+    mesh = stored_mesh(f"{name}-{FINENESS[fineness]}")
     check(mesh, _layout(of))
     return mesh
 
@@ -48,13 +53,16 @@ def _layout(of: Domain) -> BodyLayout:
 
 
 def main() -> None:
-    scene = read_scene(REFERENCE / "solid" / f"{SCENE}.toml")
-    of = domain(scene, reach(scene), None)
-    for fineness, name in FINENESS.items():
-        mesh, _ = mesh_layout(_layout(of), fineness)
-        assert np.array_equal(mesh.beyond, mesh.body == BEYOND)
-        small = {"elements": mesh.elements.astype(np.uint16), "body": mesh.body.astype(np.int8)}
-        np.savez_compressed(MESHES / f"{SCENE}-{name}.npz", nodes=mesh.nodes, half=np.array(mesh.half), **small)
+    for scene_name in sys.argv[1:] or FOLDERS:
+        scene = read_scene(REFERENCE / FOLDERS[scene_name] / f"{scene_name}.toml")
+        of = domain(scene, reach(scene), None)
+        for fineness, name in FINENESS.items():
+            mesh, _ = mesh_layout(_layout(of), fineness)
+            assert np.array_equal(mesh.beyond, mesh.body == BEYOND)
+            small = {"elements": mesh.elements.astype(np.uint16)} | {
+                key: getattr(mesh, key).astype(np.int8) for key in ("body", "layer")
+            }
+            np.savez_compressed(MESHES / f"{scene_name}-{name}.npz", nodes=mesh.nodes, half=np.array(mesh.half), **small)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ def made(monkeypatch, tmp_path):
     def mesh_layout(found, fineness):
         calls.append(fineness)
         nodes, elements, _ = quadratic(np.vstack([np.zeros(3), np.eye(3)]), np.array([[0, 1, 2, 3]]))
-        return TetMesh(nodes, elements, np.array([len(calls)]), np.array([False]), found.half), None
+        return TetMesh(nodes, elements, np.array([len(calls)]), np.array([False]), np.array([0]), found.half), None
 
     monkeypatch.setattr(mesh_cache, "mesh_layout", mesh_layout)
     return calls
@@ -31,7 +31,7 @@ def test_a_mesh_is_made_once(made):
     first, second = (mesh_cache.cached_mesh(scene(), half=True) for _ in range(2))
     assert len(made) == 1
     assert second.half
-    for name in ("nodes", "elements", "body", "beyond"):
+    for name in ("nodes", "elements", "body", "beyond", "layer"):
         assert (getattr(first, name) == getattr(second, name)).all()
 
 

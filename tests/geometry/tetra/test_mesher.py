@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from geometry.tetra.layout import Ellipsoid, body_layout, extent, mirror_symmetr
 from geometry.tetra.mesher import COARSE, FINE, ROUGH, mesh_layout
 from geometry.tetra.stretched_space import mesh_space
 from geometry.tetra.surfaces import ellipsoid
-from geometry.tetra.tet_mesh import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE, TetMesh, element_volumes, quadratic
+from geometry.tetra.tet_mesh import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE, element_volumes, quadratic
 from tests.support.block_scene import scene
 
 
@@ -54,13 +55,13 @@ def test_nodes_lie_on_the_exact_surfaces(grooved):
 
 def test_a_mesh_that_is_not_the_scenes_is_refused(grooved):
     mesh, _, found = grooved
-    lost = TetMesh(mesh.nodes, mesh.elements, np.where(mesh.body == INCLUSION, TISSUE, mesh.body), mesh.beyond, True)
+    lost = replace(mesh, body=np.where(mesh.body == INCLUSION, TISSUE, mesh.body))
     with pytest.raises(SolveError, match=r"inclusion\[0\]'s volume"):
         check(lost, found)
     squeezed = mesh.nodes.copy()
     squeezed[mesh.elements[7, 0]] = mesh.nodes[mesh.elements[7, 1]]
     with pytest.raises(SolveError, match="folded"):
-        check(TetMesh(squeezed, mesh.elements, mesh.body, mesh.beyond, True), found)
+        check(replace(mesh, nodes=squeezed), found)
 
 
 def test_each_fineness_is_finer_everywhere():

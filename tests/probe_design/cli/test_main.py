@@ -31,6 +31,7 @@ STARTED: dict[str, tuple[str | Path, ...]] = {  # the cheapest that each verb do
     "export": (SCENE, "-o", "out"),
     "tradeoff": (REFERENCE / "axisymmetric" / "homogeneous.toml", "-o", "out"),
     "sweep": (EXAMPLES / "sweep.toml", "-o", "out", "--workers", "1"),
+    "tissue": ("show", "breast"),
     "read": (EXAMPLE, "--virtual", "--seconds", "4"),
     "calibrate": (EXAMPLE, "--virtual", "--seconds", "5", "-o", "probe.toml"),
     "check": (EXAMPLE, "--virtual", "--seconds", "5"),

@@ -14,8 +14,9 @@ from scipy.stats import norm
 from geometry import Load, Scene, read_scene
 from geometry.common.errors import InputError, Refusal
 from geometry.scenes.scene_file import scene_from_dict, scene_to_toml
+from probe_design.estimation.answer import Estimate
 from probe_design.estimation.depth_and_strength import Plane
-from probe_design.estimation.estimate import Estimate, estimate, searched
+from probe_design.estimation.estimate import estimate, searched
 from probe_design.estimation.intervals import QUANTILE, Likelihood, threshold
 from probe_design.estimation.model import TargetModel
 from probe_design.estimation.profile import Track, coordinate

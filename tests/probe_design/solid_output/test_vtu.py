@@ -44,7 +44,7 @@ def whole() -> TetMesh:
     mesh = half()
     mirrored = mesh.elements[:, [0, 2, 1, 3, 6, 5, 4, 7, 9, 8]] + len(mesh.nodes)
     nodes, elements = np.vstack([mesh.nodes, mesh.nodes * (1, -1, 1)]), np.vstack([mesh.elements, mirrored])
-    return TetMesh(nodes, elements, np.tile(mesh.body, 2), np.tile(mesh.beyond, 2), half=False)
+    return TetMesh(nodes, elements, np.tile(mesh.body, 2), np.tile(mesh.beyond, 2), np.tile(mesh.layer, 2), half=False)
 
 
 @cache
@@ -66,7 +66,8 @@ class TestFile:
         names = dict(zip(grid.field_data["body_number"].tolist(), grid.field_data["body_name"], strict=True))
         assert names == {INNER: "inner", OUTER: "outer", TISSUE: "tissue", INCLUSION: "inclusion[0]"}
         nodes, elements = np.asarray(grid.points), grid.cells.reshape(-1, 11)[:, 1:]
-        read = TetMesh(nodes, elements, np.asarray(grid["body"]), np.zeros(len(elements), dtype=bool), half=True)
+        none = np.zeros(len(elements), dtype=np.int64)
+        read = TetMesh(nodes, elements, np.asarray(grid["body"]), none.astype(bool), none, half=True)
         expected = {body: volume for body, volume in body_volumes(half()).items() if body in MATERIALS}
         assert body_volumes(read) == pytest.approx(expected, rel=1e-12)
         vtks = np.abs(grid.compute_cell_sizes(length=False, area=False)["Volume"])

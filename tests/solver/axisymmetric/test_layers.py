@@ -158,16 +158,17 @@ def test_an_interface_that_hardly_cuts_the_sphere_is_refused(depth):
         Axisymmetric().evaluate(on((depth, 1e4)))
 
 
-@pytest.mark.parametrize("name", ["published", "closed-form", "equivalent-inclusion", "solid"])
-def test_levels_that_do_not_know_layers_name_the_one_that_does(name):
-    with pytest.raises(Refusal, match="axisymmetric for layers of tissue"):
-        evaluate(on((1.5, 56e3)), name)
-
-
-def test_what_no_level_knows_yet_is_said():
-    body = EXAMPLE.inclusion[0].model_dump(exclude_unset=True) | {"x": 5e-3}
-    with pytest.raises(Refusal, match="none built yet for layers of tissue but under an upright probe"):
-        evaluate(on((1.5, 56e3), inclusion=[body]))
+@pytest.mark.parametrize(
+    ("change", "level"),
+    [
+        ({}, "axisymmetric for layers of tissue"),
+        ({"inclusion": [EXAMPLE.inclusion[0].model_dump(exclude_unset=True) | {"x": 5e-3}]}, "equivalent-inclusion for layers"),
+        ({"placement": {"tilt": 0.02}}, "solid for placement.tilt"),
+    ],
+)
+def test_the_level_that_does_not_know_layers_names_one_that_does(change, level):
+    with pytest.raises(Refusal, match=level):
+        evaluate(on((1.5, 56e3), **change), "published")
 
 
 def test_the_plan_says_what_layers_change_and_what_a_skin_would():

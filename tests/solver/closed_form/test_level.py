@@ -47,7 +47,7 @@ def test_each_is_answered_as_on_its_own(drawn: list[Scene], seed: int) -> None:
 def test_bits_do_not_depend_on_the_columns_beside(scene: Scene, count: int) -> None:
     """Neither on their number, nor on the place among them; also where one is singular."""
     shape, values = parameters(scene)
-    columns = [_variants(values * (1 + 1e-3 * k)) for k in range(count)]
+    columns = [_variants(shape, values * (1 + 1e-3 * k)) for k in range(count)]
     with np.errstate(all="ignore"):
         together = forces(shape, np.concatenate(columns, axis=1))
         for k in (0, 1, count // 2, count - 1):

@@ -1,0 +1,105 @@
+"""Built-in tissues: each number with its scatter and its source, as a table for a scene file."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from textwrap import wrap
+from typing import Any
+
+from geometry.common.errors import InputError
+
+WIDTH = 118  # characters of a line
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number of a tissue.
+
+    Attributes:
+        value: as a scene file has it, with its unit.
+        source: the publication, or "assumed" and why.
+        scatter: between people or samples, as published; empty for what is assumed.
+    """
+
+    value: str | float
+    source: str
+    scatter: str = ""
+
+    @property
+    def told(self) -> str:
+        """Scatter and source in one line."""
+        return f"{self.scatter}; {self.source}" if self.scatter else self.source
+
+
+@dataclass(frozen=True)
+class BuiltinTissue:
+    """A tissue of one material below up to eight layers.
+
+    Attributes:
+        name, about: what it is.
+        own: youngs_modulus and poisson_ratio below the layers.
+        layers: thickness, youngs_modulus and poisson_ratio of each, from the surface downwards.
+    """
+
+    name: str
+    about: str
+    own: dict[str, Number]
+    layers: tuple[dict[str, Number], ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the JSON object of ``probe-design tissue show``: a scene's table, and where each of its numbers comes from."""
+        parts = {"tissue": self.own} | {f"tissue.layer[{k}]": layer for k, layer in enumerate(self.layers)}
+        sources = {f"{part}.{key}": number.told for part, numbers in parts.items() for key, number in numbers.items()}
+        table = {"shape": "half-space"} | _values(self.own) | {"layer": [_values(layer) for layer in self.layers]}
+        return {"name": self.name, "about": self.about, "tissue": table, "sources": sources}
+
+    def toml(self) -> str:
+        """Return the table ``[tissue]`` of a scene file, each number below a comment with its source."""
+        shape = ["# no end is assumed; a patient's own: 'cylinder' with radius and depth, or 'block'", 'shape = "half-space"']
+        lines = [f"# {self.name}: {self.about}", "[tissue]", *shape, *_lines(self.own)]
+        for layer in self.layers:
+            lines += ["", "[[tissue.layer]]", *_lines(layer)]
+        return "\n".join(lines) + "\n"
+
+
+def tissue(name: str) -> BuiltinTissue:
+    """Return a built-in tissue.
+
+    Raises:
+        InputError: there is none of that name.
+    """
+    found = tissues()
+    if name not in found:
+        raise InputError("tissue", name, ", ".join(found))
+    return found[name]
+
+
+@cache
+def tissues() -> dict[str, BuiltinTissue]:
+    """Return all built-in tissues by name."""
+    entries = tomllib.loads(files("probe_design.data").joinpath("tissues.toml").read_text(encoding="utf-8"))
+    return {
+        name: BuiltinTissue(
+            name, entry["about"], _numbers(entry["tissue"]), tuple(_numbers(layer) for layer in entry.get("layer", ()))
+        )
+        for name, entry in entries.items()
+    }
+
+
+def _numbers(entry: dict[str, Any]) -> dict[str, Number]:
+    return {key: Number(**number) for key, number in entry.items()}
+
+
+def _values(numbers: dict[str, Number]) -> dict[str, str | float]:
+    return {key: number.value for key, number in numbers.items()}
+
+
+def _lines(numbers: dict[str, Number]) -> list[str]:
+    lines: list[str] = []
+    for key, number in numbers.items():
+        lines += [f"# {line}" for line in wrap(number.told, WIDTH)]
+        lines.append(f'{key} = "{number.value}"' if isinstance(number.value, str) else f"{key} = {number.value}")
+    return lines

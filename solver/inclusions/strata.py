@@ -1,0 +1,68 @@
+"""The tissue's layers as what surrounds spheres: each lies wholly inside one of them, whose material is its matrix."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from geometry.common.arrays import Floats, Ints
+from geometry.scenes.probe import Material
+from geometry.scenes.scene import Tissue
+from solver.inclusions.eshelby import Hosts
+from solver.inclusions.tumours import Tumours
+
+
+@dataclass(frozen=True)
+class Strata:
+    """The materials of a tissue from the surface downwards, and where they meet.
+
+    Attributes:
+        interfaces: depths of the k interfaces, m, rising.
+        materials: of the k layers, and the tissue's own below them.
+    """
+
+    interfaces: tuple[float, ...]
+    materials: tuple[Material, ...]
+
+    @classmethod
+    def of(cls, tissue: Tissue) -> Strata:
+        """Take them of a scene's tissue."""
+        return cls(tissue.interfaces, (*tissue.layer, tissue))
+
+    def number(self, depth: Any) -> Ints:
+        """Number of the material at depths of any shape; an interface belongs to what is below it."""
+        return np.asarray(np.searchsorted(self.interfaces, depth, side="right"))
+
+    def hosts(self, depth: Any) -> Hosts:
+        """Materials at depths of any shape."""
+        moduli = np.array([(one.youngs_modulus, one.poisson_ratio) for one in self.materials])
+        return Hosts(*moduli[self.number(depth)].transpose(-1, *range(np.ndim(depth))))
+
+    def gap(self, tumours: Tumours) -> Floats:
+        """Between each sphere and the interface nearest to it, m: infinite without any, negative where one crosses it."""
+        gaps = [np.abs(tumours.depth - depth) - tumours.diameter / 2 for depth in self.interfaces]
+        return np.asarray(np.min(gaps, axis=0) if gaps else np.full(tumours.shape, np.inf))
+
+    @cached_property
+    def contrasts(self) -> Floats:
+        """How unlike the materials on both sides of each interface are: 0 for the same, up to 1, shape (k,).
+
+        The larger of |a - b| / (a + b) for shear moduli and for moduli of compression across, lambda + 2 mu: how much of a plane
+        wave that hits the interface at right angles would come back if both had one density.
+        """
+        return np.array([_unlike(*pair) for pair in pairwise(self.materials)])
+
+
+def _unlike(one: Material, other: Material) -> float:
+    pairs = zip(_moduli(one), _moduli(other), strict=True)
+    return max(abs(a - b) / (a + b) for a, b in pairs)
+
+
+def _moduli(material: Material) -> tuple[float, float]:
+    """The shear modulus and lambda + 2 mu, Pa."""
+    shear, nu = material.youngs_modulus / (2 * (1 + material.poisson_ratio)), material.poisson_ratio
+    return shear, 2 * shear * (1 - nu) / (1 - 2 * nu)

@@ -1,0 +1,19 @@
+"""The layers of a scene that matter: neighbours of one material are one layer."""
+
+from __future__ import annotations
+
+from geometry.scenes.scene import Tissue
+
+
+def material_layers(tissue: Tissue, merged: bool = True) -> list[list[float]]:
+    """Return thickness, modulus and Poisson's ratio of the layers above the tissue's own material; those of one are one."""
+    own, found = [tissue.youngs_modulus, tissue.poisson_ratio], list[list[float]]()
+    for layer in tissue.layer:
+        material = [layer.youngs_modulus, layer.poisson_ratio]
+        if merged and found and found[-1][1:] == material:
+            found[-1][0] += layer.thickness
+        else:
+            found.append([layer.thickness, *material])
+    while merged and found and found[-1][1:] == own:
+        found.pop()
+    return found

@@ -1,0 +1,193 @@
+"""Layers bonded to each other, wave by wave: what each reflects, what the surface gives way, and what arrives in a layer.
+
+In one layer, tractions (p, q) on a plane across a wave k, of what runs down (a) and of what runs up (b), go with displacements
+(w, u) = (H a - H' b) / (2 mu k), with H = [2 (1-nu), 2 nu - 1; 2 nu - 1, 2 (1-nu)] and, as in a mirror, the mixed
+term of H' of the other sign.
+Over a way x = k h both fade,
+
+    a -> e^-x F a,     b -> e^-x F' b,     F = [1+x, -x; x, 1-x],     F' = F^T                      (LY.1)
+
+whatever Poisson's ratio is. A body below, of compliance C / (2 mu k), turns a into b = r a; seen from the layer's top they are
+
+    r = 4 (1-nu) (C + H')^-1 - 1,     N = e^-2x F^T r F,     C = H - 4 (1-nu) N (1+N)^-1            (LY.2)
+
+from which, with the other mu, the next layer's r follows: upwards from the floor (C = 0) or from a half-space (N = 0). Nothing
+grows with x, and C and H' are both positive: neither thick layers nor contrasts lose digits. The loads t at the surface become
+
+    a = (1+N)^-1 t,     and at the next interface     t' = (1+r) e^-x F a                            (LY.3)
+
+Waves of shear about the vertical do the same with numbers in place of the matrices: H = H' = F = 1, 2 for 4 (1-nu), mu for 2 mu.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+Array = Any  # numpy array of floats, or of complex numbers on the way to a derivative
+Symmetric = tuple[Array, Array, Array]  # the elements pp, qq and pq of matrices, arrays that fit (n, q)
+Matrix = tuple[Array, Array, Array, Array]  # pp, pq, qp, qq
+PASSING, SHORTEST = 6.0, 80.0  # wave numbers times the first layer's thickness, times the probe's radius
+FREE: Symmetric = (-1.0, -1.0, 0.0)  # r of a free surface
+
+
+@dataclass(frozen=True)
+class TissueLayer:
+    """One layer of each design: thickness (None: a half-space), modulus, Poisson's ratio; arrays of shape (n,), SI."""
+
+    thickness: Any
+    E: Array
+    nu: Array
+
+    @property
+    def mu(self) -> Array:
+        """Shear modulus, shape (n, 1)."""
+        return (self.E / (2 * (1 + self.nu)))[:, None]
+
+    @property
+    def half_space(self) -> Symmetric:
+        """H of eq. LY.1, shapes (n, 1)."""
+        nu = self.nu[:, None]
+        return 2 - 2 * nu, 2 - 2 * nu, 2 * nu - 1
+
+
+@dataclass(frozen=True)
+class Echo:
+    """What is beyond a layer's far face, seen in the layer: r and N of eq. LY.2, each None without any echo.
+
+    ``way`` is x, shape (n, q); it says nothing in a half-space.
+    """
+
+    far: Symmetric | None
+    near: Symmetric | None
+    way: Array
+
+
+def echoes(k: Array, layers: Sequence[TissueLayer], rigid: bool) -> list[Echo]:
+    """Return the echo from below in each layer for waves k (n, q), from the first on.
+
+    Args:
+        k: wave numbers.
+        layers: from the surface downwards; the last has a thickness if ``rigid``.
+        rigid: whether the last lies on a rigid floor; it is a half-space otherwise.
+    """
+    last = layers[-1]
+    found = [echo(k, last, _rigid(last)) if rigid else Echo(None, None, k)]
+    for layer, below in zip(layers[-2::-1], layers[:0:-1], strict=True):
+        found.append(echo(k, layer, reflected(layer, below, found[-1].near)))
+    return found[::-1]
+
+
+def echo(k: Array, layer: TissueLayer, far: Symmetric) -> Echo:
+    """Return the echo in a layer from what reflects r = ``far`` at its other face."""
+    x = k * layer.thickness[:, None]
+    return Echo(far, _returned(far, x), x)
+
+
+def reflected(layer: TissueLayer, beyond: TissueLayer, near: Symmetric | None) -> Symmetric:
+    """Eq. LY.2: r in a layer before another one, whose own echo is N = ``near``.
+
+    With C = V W^-1, W = 1 + N and V = H - H' N, it is taken of W (V + H' W)^-1: W vanishes for long waves on free plates.
+    """
+    size = 2 * layer.half_space[0]
+    pp, _, pq = layer.half_space
+    ratio = layer.mu / beyond.mu
+    a, _, b = (ratio * part for part in beyond.half_space)
+    if near is None:
+        return _less_one(size, _inverse((a + pp, a + pp, b - pq)))
+    w = 1 + near[0], near[2], near[2], 1 + near[1]
+    full = (
+        a - a * near[0] + b * near[2] + pp * w[0] - pq * w[2],
+        b - a * near[2] + b * near[1] + pp * w[1] - pq * w[3],
+        b + b * near[0] - a * near[2] - pq * w[0] + pp * w[2],
+        a + b * near[2] - a * near[1] - pq * w[1] + pp * w[3],
+    )
+    inverse = product(w, inverted(full))
+    return _less_one(size, (inverse[0], inverse[3], (inverse[1] + inverse[2]) / 2))
+
+
+def _less_one(size: Array, inverse: Symmetric) -> Symmetric:
+    return size * inverse[0] - 1, size * inverse[1] - 1, size * inverse[2]
+
+
+def _rigid(layer: TissueLayer) -> Symmetric:
+    """The floor's r."""
+    pp, _, pq = layer.half_space
+    return _less_one(2 * pp, _inverse((pp, pp, -pq)))
+
+
+def _inverse(m: Symmetric) -> Symmetric:
+    determinant = m[0] * m[1] - m[2] * m[2]
+    return m[1] / determinant, m[0] / determinant, -m[2] / determinant
+
+
+def inverted(m: Matrix) -> Matrix:
+    """Return the matrices' inverse."""
+    determinant = m[0] * m[3] - m[1] * m[2]
+    return m[3] / determinant, -m[1] / determinant, -m[2] / determinant, m[0] / determinant
+
+
+def product(a: Matrix, b: Matrix) -> Matrix:
+    """Return the matrices' product."""
+    return (
+        a[0] * b[0] + a[1] * b[2],
+        a[0] * b[1] + a[1] * b[3],
+        a[2] * b[0] + a[3] * b[2],
+        a[2] * b[1] + a[3] * b[3],
+    )
+
+
+def _returned(r: Symmetric, x: Array) -> Symmetric:
+    """N of eq. LY.2."""
+    rp, rq = (r[0] * (1 + x) + r[2] * x, r[2] * (1 + x) + r[1] * x), (r[2] * (1 - x) - r[0] * x, r[1] * (1 - x) - r[2] * x)
+    fade = np.exp(-2 * x)
+    return (
+        fade * ((1 + x) * rp[0] + x * rp[1]),
+        fade * ((1 - x) * rq[1] - x * rq[0]),
+        fade * ((1 + x) * rq[0] + x * rq[1]),
+    )
+
+
+def change(layer: TissueLayer, near: Symmetric) -> Symmetric:
+    """Return C - H of eq. LY.2, the surface's w by p, u by q and w by q, times 2 mu k of the layer."""
+    w = 1 + near[0], 1 + near[1]
+    mixed = near[2] * near[2]
+    scale = -2 * layer.half_space[0] / (w[0] * w[1] - mixed)
+    return scale * (near[0] * w[1] - mixed), scale * (near[1] * w[0] - mixed), scale * near[2]
+
+
+def arriving(echo: Sequence[Echo], place: int) -> Matrix:
+    """Return a of eq. LY.3 at the top of the layer ``place`` by unit loads p and q at the surface, from the layers' echoes."""
+    a = _taken(echo[0].near)
+    for one, after in pairwise(echo[: place + 1]):
+        assert one.far is not None
+        size = 1 + one.far[0], one.far[2], one.far[2], 1 + one.far[1]
+        a = product(_taken(after.near), product(size, product(faded(one.way), a)))
+    return a
+
+
+def _taken(near: Symmetric | None) -> Matrix:
+    """(1 + N)^-1."""
+    if near is None:
+        return 1.0, 0.0, 0.0, 1.0
+    pp, qq, pq = _inverse((1 + near[0], 1 + near[1], near[2]))
+    return pp, pq, pq, qq
+
+
+def faded(x: Array) -> Matrix:
+    """e^-x F."""
+    fade = np.exp(-x)
+    return fade * (1 + x), -fade * x, fade * x, fade * (1 - x)
+
+
+def shortest(radius: Array, thickness: Array) -> Array:
+    """Return the wave number up to which waves are summed under probes of a radius, above first layers, shapes (n,).
+
+    Shorter waves than a thick first layer's do not know of the others; beyond ``SHORTEST`` few are in any load.
+    """
+    passing, most = PASSING / thickness, SHORTEST / radius
+    return np.where(passing.real < most.real, passing, most)

@@ -1,0 +1,48 @@
+"""Waves of shear about the vertical in layers: what each face throws back, by numbers where ``stack`` has matrices."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.layers.stack import Array, TissueLayer
+
+
+@dataclass(frozen=True)
+class ShearEchoes:
+    """In one layer: r and e^-x of eq. LY.2, -R / (1 - R N) of eq. CF.21, and a of eq. LY.3; arrays that fit (n, q)."""
+
+    far: Array
+    fade: Array
+    returning: Array
+    arriving: Array
+
+
+def shear_echoes(k: Array, layers: Sequence[TissueLayer], place: int, rigid: bool) -> ShearEchoes:
+    """Return them in the layer ``place``; arguments as of ``stack.echoes``."""
+    fades = [np.exp(-k * layer.thickness[:, None]) for layer in layers[:-1]]
+    fades.append(np.exp(-k * layers[-1].thickness[:, None]) if rigid else 0 * k)
+    far = _chain(layers[::-1], fades[::-1], 1.0 + 0 * k if rigid else 0 * k)[::-1]
+    top = _chain(layers, fades, -1.0 + 0 * k)[place]
+    a = 1 / (1 + far[0] * fades[0] ** 2)
+    for layer in range(place):
+        a = a * (1 + far[layer]) * fades[layer] / (1 + far[layer + 1] * fades[layer + 1] ** 2)
+    return ShearEchoes(far[place], fades[place], -top / (1 - top * far[place] * fades[place] ** 2), a)
+
+
+def shear_surface(k: Array, layers: Sequence[TissueLayer]) -> Array:
+    """Return k times the surface's compliance for shear about the vertical on layers above a half-space, shape (n, q)."""
+    fades = [np.exp(-k * layer.thickness[:, None]) for layer in layers[:-1]]
+    near = _chain(layers[::-1], [0 * k, *fades[::-1]], 0 * k)[-1] * fades[0] ** 2
+    return (1 - near) / (1 + near) / layers[0].mu
+
+
+def _chain(layers: Sequence[TissueLayer], fades: Iterable[Array], first: Array) -> list[Array]:
+    """Return r in each layer from what reflects ``first`` beyond the first of them on."""
+    found = [first]
+    for layer, after, fade in zip(layers, layers[1:], fades, strict=False):
+        near = found[-1] * fade**2
+        found.append(2 * (1 + near) / (after.mu / layer.mu * (1 - near) + 1 + near) - 1)
+    return found

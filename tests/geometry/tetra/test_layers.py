@@ -1,0 +1,98 @@
+"""Tetrahedra cut by planes: whole, common faces, nothing lost; and sizes that know what that costs."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.spatial import Delaunay
+
+from geometry.tetra.check import errors
+from geometry.tetra.layers import layers_at, split
+from geometry.tetra.layout import body_layout
+from geometry.tetra.mesher import ROUGH, expected_elements, mesh_layout
+from geometry.tetra.tet_mesh import FACES, INCLUSION, TISSUE
+from tests.support.block_scene import scene
+
+SKIN = {"thickness": "1.5 mm", "youngs_modulus": "56 kPa", "poisson_ratio": 0.45}
+FAT = {"thickness": "8 mm", "youngs_modulus": "2 kPa", "poisson_ratio": 0.49}
+
+
+def volumes(points, cells):
+    corners = points[cells]
+    return np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6
+
+
+def outside(points, cells):
+    """The area of the faces that belong to one tetrahedron only."""
+    faces, count = np.unique(np.sort(cells[:, FACES].reshape(-1, 3), axis=1), axis=0, return_counts=True)
+    assert count.max() == 2
+    one, two, three = np.moveaxis(points[faces[count == 1]], 1, 0)
+    return np.linalg.norm(np.cross(two - one, three - one), axis=1).sum() / 2
+
+
+@pytest.fixture
+def cloud():
+    """Delaunay's tetrahedra of points at random, some of them in the planes that will cut."""
+    points = np.random.default_rng(3).uniform(-1, 1, (300, 3))
+    points[::7, 2], points[::11, 2] = 0.2, -0.35
+    cells = Delaunay(points).simplices.astype(np.int64)
+    flip = volumes(points, cells) < 0
+    cells[flip] = cells[flip][:, [0, 2, 1, 3]]
+    return points, cells[volumes(points, cells) > 1e-12]
+
+
+def test_planes_cut_tetrahedra_into_parts_that_fit_together(cloud):
+    points, cells = cloud
+    origin = np.arange(len(cells))
+    for height in (0.2, -0.35):
+        points, cells, parent = split(points, cells, height)
+        origin = origin[parent]
+        sides = np.sign(points[cells, 2] - height)
+        assert not ((sides > 0).any(axis=1) & (sides < 0).any(axis=1)).any()
+    parts = volumes(points, cells)
+    assert parts.min() > 0
+    np.testing.assert_allclose(np.bincount(origin, weights=parts), volumes(*cloud), rtol=1e-9)
+    assert outside(points, cells) == pytest.approx(outside(*cloud), rel=1e-9)  # faces cut differently would add to it
+
+
+def test_a_plane_beside_all_tetrahedra_changes_nothing(cloud):
+    points, cells, parent = split(*cloud, 2.0)
+    assert points is cloud[0]
+    assert cells is cloud[1]
+    assert (parent == np.arange(len(cells))).all()
+
+
+def layered_scene(*layers):
+    ground = {"youngs_modulus": "6 kPa", "poisson_ratio": 0.45, "layer": list(layers)}
+    return scene(tissue={"shape": "block", "length": "60 mm", "breadth": "50 mm", "depth": "40 mm"} | ground)
+
+
+def test_layers_are_numbered_from_the_surface():
+    found = body_layout(layered_scene(SKIN, FAT), True, 0.1, None)
+    assert found.interfaces == pytest.approx((1.5e-3, 9.5e-3))
+    assert layers_at(found, np.array([-1e-3, -2e-3, -9e-3, -10e-3])).tolist() == [1, 2, 2, 0]
+
+
+def test_thinner_layers_are_expected_to_take_more_tetrahedra():
+    counts = [
+        expected_elements(body_layout(layered_scene(SKIN | {"thickness": thickness}), True, 0.1, None), ROUGH)
+        for thickness in ("5 mm", "1 mm", "0.1 mm")
+    ]
+    assert counts[0] > expected_elements(body_layout(scene(), True, 0.1, None), ROUGH)
+    assert counts[1] > counts[0]
+    assert counts[2] > 20 * counts[1]
+
+
+@pytest.mark.slow
+def test_layers_across_inclusion_groove_and_wall_have_the_scenes_volumes():
+    found = body_layout(layered_scene(SKIN, FAT), True, math.inf, None)
+    mesh, _ = mesh_layout(found, ROUGH)
+    names = {f"tissue.layer[{k}]'s volume" for k in (0, 1)}
+    assert names < errors(mesh, found).keys()
+    assert max(abs(errors(mesh, found)[name]) for name in names) < 3e-3
+    crossed = np.unique(mesh.layer[mesh.body == INCLUSION])
+    assert len(crossed) > 1  # the inclusion's parts know which layers' places they take
+    low, high = (mesh.nodes[mesh.elements[(mesh.layer == 2) & (mesh.body >= TISSUE)], 2].min(), -1.5e-3)
+    assert low == pytest.approx(-9.5e-3, abs=1e-9)
+    assert mesh.nodes[mesh.elements[mesh.layer == 2], 2].max() == pytest.approx(high, abs=1e-9)
+    assert expected_elements(found, ROUGH) < 1.05 * len(mesh.elements) < 1.8 * expected_elements(found, ROUGH)

@@ -1,0 +1,162 @@
+"""Numbers of the scene that are known only roughly: what they cost, and what a reading beside the tumour gives back."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+from scipy.optimize import minimize
+
+from geometry import Scene, read_scene
+from geometry.common.errors import InputError
+from geometry.scenes.variables import changed, values
+from probe_design.estimation.answer import Estimate
+from probe_design.estimation.estimate import estimate, searched
+from probe_design.estimation.intervals import QUANTILE, Likelihood, threshold
+from probe_design.estimation.model import TargetModel
+from probe_design.estimation.profile import Track, coordinate
+from probe_design.estimation.readings import Measurements, Reading, read_readings
+from probe_design.estimation.shared_errors import SharedErrors
+from solver import evaluate
+from tests.support.paths import SCENE
+from tests.support.program import refused, run
+
+NOISE = 0.01
+TISSUE, BLOCK = "tissue.youngs_modulus", "probe.outer.youngs_modulus"
+
+
+def scene(**new: float) -> Scene:
+    return changed(read_scene(SCENE), {"inclusion.depth": 7e-3, "inclusion.youngs_modulus": 20e3} | new)
+
+
+def read(of: Scene, *, blank: bool) -> float:
+    """What an independent level says is read."""
+    return evaluate(of.model_copy(update={"inclusion": ()}) if blank else of, "axisymmetric", 1e-3).ratio or 0.0
+
+
+def width(found: Estimate) -> float:
+    low, high = found.interval
+    assert low is not None
+    assert high is not None
+    return float(np.log(high / low))
+
+
+def test_shared_errors_are_those_of_the_covariance() -> None:
+    chance = np.random.default_rng(0)
+    v, A = chance.normal(size=(5, 4)), chance.normal(size=(5, 4, 2))
+    wanted = np.array([np.linalg.solve(np.eye(4) + a @ a.T, one) for one, a in zip(v, A, strict=True)])
+    errors = SharedErrors(A, np.zeros_like(A))
+    assert errors.decorrelated(v) == pytest.approx(wanted, rel=1e-12)
+    assert errors.misfit(v) == pytest.approx((v * wanted).sum(axis=1), rel=1e-12)
+
+
+def test_the_misfit_is_the_least_over_what_is_not_known() -> None:
+    """Scipy's own minimisation finds none better."""
+    chance = np.random.default_rng(1)
+    off, line, bend = 2 * chance.normal(size=4), chance.normal(size=(4, 2)), 0.1 * chance.normal(size=(4, 2))
+    found = minimize(lambda eta: ((off - line @ eta - bend @ eta**2) ** 2).sum() + (eta**2).sum(), np.zeros(2), tol=1e-14).fun
+    assert SharedErrors(line, bend).misfit(off) == pytest.approx(found, rel=1e-6)
+
+
+def test_a_modulus_known_to_20_percent_costs_and_a_blank_gives_most_of_it_back() -> None:
+    """The truth has another outer block than the scene says: without saying so the interval misses it."""
+    truth = scene(**{BLOCK: 80e3 * 1.25})
+    over, beside = (read(truth, blank=blank) for blank in (False, True))
+    reading, blank = Reading(0.0, 0.0, over, NOISE), Reading(0.0, 0.0, beside, NOISE, blank=True)
+    blind = estimate(scene(), (reading,))
+    rough = estimate(scene(), (reading,), nuisances={BLOCK: 0.2})
+    helped = estimate(scene(), (reading, blank), nuisances={BLOCK: "20 %"})
+    assert blind.interval[1] is not None
+    assert not (blind.interval[0] or 0.0) < 20e3 < blind.interval[1]
+    assert rough.interval_if_known == blind.interval
+    for found in (rough, helped):
+        low, high = found.interval
+        assert (low or 0.0) < 20e3 < (high or np.inf)
+    assert rough.interval[1] is None or width(rough) > 1.5 * width(helped)
+    assert helped.nuisances == {BLOCK: 0.2}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("blank", [False, True])
+def test_coverage(blank: bool) -> None:
+    """Of scenes whose outer block is drawn from its prior, as the level itself reads them with noise."""
+    of, sd, here = scene(), 0.15, 20e3
+    over = Reading(0.0, 0.0, 1.0, NOISE, 100.0, NOISE)
+    data = Measurements.of((over, Reading(0.0, 0.0, 1.0, NOISE, blank=True)) if blank else (over,))
+    model = TargetModel(of, data, NOISE / 4)
+    fit = Likelihood(Track.of(model, "youngs_modulus").with_spread({BLOCK: sd}), data.noise)
+    at = np.linspace(-4 * sd, 4 * sd, 9)
+    exact = CubicSpline(at, [model.changed({BLOCK: values(of)[BLOCK] * float(np.exp(t))}).predict({}).value[0] for t in at])
+    chance = np.random.default_rng(3)
+    y = exact(np.clip(chance.normal(0, sd, 3000), at[0], at[-1])) + NOISE * chance.normal(size=(3000, len(data.value)))
+    u = np.full(len(y), coordinate(model, "youngs_modulus", np.array([here]))[0])
+    covered = fit.chi_square(u, y) - fit.floor(y) <= threshold(fit.shift(u[:1]))
+    assert 0.935 < covered.mean() < 0.98
+    blind = Likelihood(Track.of(model, "youngs_modulus"), data.noise)
+    assert (blind.chi_square(u, y) - blind.floor(y) <= QUANTILE).mean() < 0.8  # what it is for
+
+
+def test_a_number_of_the_tissue_may_be_the_unknown_without_any_tumour() -> None:
+    bare = read_scene(SCENE).model_copy(update={"inclusion": ()})
+    stiffness = evaluate(changed(bare, {TISSUE: 9e3}), "axisymmetric", 1e-3).stiffness
+    ratio = read(changed(bare, {TISSUE: 9e3}), blank=True)
+    found = estimate(bare, (Reading(0.0, 0.0, ratio, NOISE, stiffness, NOISE),), TISSUE)
+    assert found.value == pytest.approx(9e3, rel=0.01)
+    assert found.interval[0] is not None
+    assert found.interval[0] < 9e3 < (found.interval[1] or 0.0)
+    assert found.depth is found.strength is None
+
+
+def test_several_places_share_the_error_too() -> None:
+    readings = tuple(Reading(x, 0.0, 0.6, NOISE) for x in (-6e-3, 0.0, 6e-3))
+    model = TargetModel(scene(), Measurements.of(readings), 0.01)
+    certain, rough = (searched(model, "youngs_modulus", known) for known in ({}, {TISSUE: 0.3}))
+    assert rough.p_value > certain.p_value  # what a common shift explains is no contradiction
+    assert rough.if_known == certain.pieces
+
+
+def test_readings_files_have_blanks(tmp_path: Path) -> None:
+    table, toml = tmp_path / "scan.csv", tmp_path / "scan.toml"
+    table.write_text("ratio, noise, blank\n0.6, 0.02,\n0.5, 0.02, TRUE\n0.5, 0.02, false\n")
+    toml.write_text("[[reading]]\nratio = 0.6\nnoise = 0.02\n[[reading]]\nratio = 0.5\nnoise = 0.02\nblank = true\n")
+    assert [one.blank for one in read_readings(table, scene())] == [False, True, False]
+    assert [one.blank for one in read_readings(toml, scene())] == [False, True]
+    toml.write_text("[[reading]]\nratio = 0.6\nnoise = 0.02\nblank = 1\n")
+    with pytest.raises(InputError, match="true or false"):
+        read_readings(toml, scene())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--nuisance", "probe.gap"), ("nuisance", "probe.gap = 20 %")),
+        (("--nuisance", "probe.gape = 0.2"), ("nuisance", "probe.gap")),
+        (("--nuisance", "probe.gap = 0"), ("nuisance.probe.gap", "above 0")),
+        (("--nuisance", "probe.gap = 200 %"), ("nuisance.probe.gap", "above 0")),
+        (("--nuisance", "probe.gap = x %"), ("nuisance.probe.gap",)),
+        (("--nuisance", "inclusion.youngs_modulus = 0.2"), ("nuisance",)),
+        (("--nuisance", "inclusion.depth = 0.9"), ("nuisance.inclusion.depth",)),
+        (("--unknown", "tissue.layer[0].thickness"), ("unknown", "tissue.youngs_modulus")),
+        (("--unknown", "tissue.depth"), ("unknown", "tissue.youngs_modulus")),
+    ],
+)
+def test_refusals(arguments: tuple[str, ...], words: tuple[str, ...]) -> None:
+    line = refused("estimate", SCENE, "--ratio", "0.6", *arguments)
+    for word in words:
+        assert word in line
+
+
+def test_blanks_alone_say_nothing_of_a_tumour() -> None:
+    with pytest.raises(InputError, match=r"reading\.blank"):
+        estimate(scene(), (Reading(0.0, 0.0, 0.6, NOISE, blank=True),))
+
+
+def test_command_line() -> None:
+    ended = run("estimate", SCENE, "--ratio", "0.57", "--noise", "0.02", "--nuisance", f"{TISSUE} = 10 %")
+    assert ended.returncode == 0, ended.stderr
+    assert f"{TISSUE} known to 10 %" in " ".join(ended.stdout.split())
+    ended = run("estimate", SCENE, "--ratio", "0.57", "--noise", "0.02", "--nuisance", f"{TISSUE} = 10 %", "--json")
+    assert json.loads(ended.stdout)["nuisances"] == {TISSUE: 0.1}

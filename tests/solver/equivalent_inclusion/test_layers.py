@@ -1,0 +1,193 @@
+"""Layers of tissue around spheres: against ``axisymmetric`` and an independent code, one material cut up, laws, refusals."""
+
+import json
+
+import numpy as np
+import pytest
+
+from geometry import Refusal, Scene, read_scene
+from geometry.scenes.variables import changed, values
+from probe_design.maps.detectability import detectability
+from solver.axisymmetric.gradients import OUTPUTS, gradients
+from solver.axisymmetric.level import Axisymmetric
+from solver.axisymmetric.sections import sections
+from solver.casadi_functions.finite_elements import TumourCallback
+from solver.equivalent_inclusion.gradients import first_order, tumour_gradients
+from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.equivalent_inclusion.readings import Readings, readings
+from solver.inclusions.tumours import Tumours
+from solver.levels import plan
+from solver.multiple_scattering.exchange import Reflector
+from solver.multiple_scattering.solve import solve_scattering
+from solver.results.kinds import crossed
+from tests.solver.axisymmetric.test_layers import EXAMPLE, FOLDER, OWN, forces, on
+
+EXPECTED = json.loads((FOLDER / "expected.json").read_text())
+SCENES = {name: read_scene(FOLDER / f"{name}.toml") for name in EXPECTED}
+INSIDE = [name for name, scene in SCENES.items() if scene.inclusion and crossed(scene) is None]
+LEVEL = EquivalentInclusion()
+
+
+def sphere(depth: float, diameter: float = 8.0, *, x: float = 0.0, y: float = 0.0, modulus: float = 3e4) -> dict[str, float]:
+    """A sphere, lengths in mm."""
+    return {
+        "diameter": 1e-3 * diameter, "depth": 1e-3 * depth, "x": 1e-3 * x, "y": 1e-3 * y,
+        "youngs_modulus": modulus, "poisson_ratio": 0.45,
+    }  # fmt: skip
+
+
+def within(scene: Scene, accuracy: float = 1e-2, uncertain: float = 1e-4) -> None:
+    """The level's answer is as close to that of the meridian's elements as it says."""
+    found, expected = LEVEL.evaluate(scene, accuracy), Axisymmetric().evaluate(scene, uncertain)
+    assert found.error_estimate is not None
+    for key in ("ratio", "stress_inner", "stress_outer"):
+        assert abs(getattr(found, key) / getattr(expected, key) - 1) <= found.error_estimate + uncertain, key
+
+
+@pytest.mark.slow
+def test_a_sphere_in_one_of_three_layers_is_as_good_as_stated():
+    within(on((1.0, 2e4), (14.0, 4e3), (10.0, 2e4), inclusion=[sphere(8.0, 6.0)]))
+
+
+def test_the_material_at_a_depth():
+    tissue = on((1.0, 2e4), (2.0, 4e3)).tissue
+    assert [tissue.material_at(1e-3 * depth).youngs_modulus for depth in (0.0, 0.5, 1.0, 2.9, 3.1, 40.0)] == [
+        2e4, 2e4, 4e3, 4e3, 6e3, 6e3,
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("bodies", "words"),
+    [
+        ([sphere(9.0)], "axisymmetric for an inclusion that an interface"),
+        ([sphere(9.0, x=3.0)], "solid for an inclusion that an interface"),
+        ([sphere(9.0), sphere(30.0)], "solid for an inclusion that an interface"),
+    ],
+)
+def test_a_sphere_across_an_interface_is_refused(bodies, words):
+    with pytest.raises(Refusal, match=words):
+        LEVEL.evaluate(on((6.0, 2e4), inclusion=bodies))
+
+
+def read(scene: Scene, accuracy: float = 1e-2, **asked) -> Readings:
+    """What the level reads with reflections."""
+    return readings(LEVEL.prepared(scene, accuracy), Tumours.of(scene), scene.target or 0, reflect=True, **asked)
+
+
+def changes(scene: Scene) -> np.ndarray:
+    """What spheres change of the film forces, and its derivative by the target's modulus, with reflections, (2, 2, 2)."""
+    found = read(scene)
+    return np.array([found.forces[0] - LEVEL.prepared(scene, 1e-2).films.forces, found.by["youngs_modulus"][0]])
+
+
+def agree(one: np.ndarray, other: np.ndarray) -> None:
+    """Both are as close as meshes that differ allow."""
+    assert np.all(np.abs(one - other) <= 3e-3 * np.abs(other).max(axis=(1, 2), keepdims=True))
+
+
+ASIDE = [sphere(9.0, x=4.0)]
+PAIR = [sphere(7.0, 6.0, x=3.0) | {"target": True}, sphere(15.0, 8.0, x=1.0, y=2.0, modulus=6e4)]
+
+
+@pytest.mark.parametrize(
+    ("thicknesses", "bodies"),
+    [
+        ((4.0,), ASIDE),
+        pytest.param((14.0,), ASIDE, marks=pytest.mark.slow),
+        pytest.param((4.5, 9.0), ASIDE, marks=pytest.mark.slow),
+        pytest.param((10.5,), PAIR, marks=pytest.mark.slow),
+    ],
+)
+def test_a_layer_of_the_tissues_own_material_changes_nothing(thicknesses, bodies):
+    """Below the sphere, above it, both, and between two spheres, whose fields then meet through the interface alone."""
+    agree(changes(on(*((one, *OWN) for one in thicknesses), inclusion=bodies)), changes(on(inclusion=bodies)))
+
+
+@pytest.mark.slow
+def test_both_ways_of_reflection_agree_on_spheres_in_two_layers():
+    """By their work on the layers' faces and at the spheres' own points."""
+    scene = on((10.5, 2e4), inclusion=PAIR)
+    base, spheres = LEVEL.prepared(scene, 1e-2), Tumours.of(scene).flat()
+    ways = [Reflector(base.field.states, "bonded", close) for close in (False, True)]
+    one, other = (solve_scattering(base.field, way, base.strata, spheres, 1e-5) for way in ways)
+    agree(np.array([one.forces, *one.by_log_modulus]), np.array([other.forces, *other.by_log_modulus]))
+
+
+@pytest.mark.slow
+def test_two_half_layers_are_one_and_turning_the_tissue_changes_nothing():
+    whole = changes(on((3.0, 2e4), inclusion=ASIDE))
+    agree(changes(on((1.5, 2e4), (1.5, 2e4), inclusion=ASIDE)), whole)
+    np.testing.assert_allclose(changes(on((3.0, 2e4), inclusion=[sphere(9.0, y=4.0)])), whole, rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_a_thick_layer_around_a_sphere_is_all_that_matters():
+    """On rock far below it is the answer in tissue of that material alone."""
+    endless = EXAMPLE.tissue.model_dump(exclude_unset=True, exclude={"radius", "depth"}) | {"shape": "half-space"}
+    alone = Scene.model_validate(EXAMPLE.model_dump(exclude_unset=True) | {"tissue": endless, "inclusion": ASIDE})
+    rock = Scene.model_validate(EXAMPLE.model_dump(exclude_unset=True) | {"tissue": endless | {"youngs_modulus": 1e8}})
+    found, expected = read(on((3000.0, *OWN), scene=rock, inclusion=ASIDE)), read(alone)
+    assert found.ratio == pytest.approx(expected.ratio, rel=5e-4)
+    assert found.log_sensitivity == pytest.approx(expected.log_sensitivity, rel=5e-3)
+
+
+TWO = ((1.4, 2e4, 0.49), (14.0, 4e3))
+NAMES = tuple(f"tissue.layer[{key}" for key in ("0].thickness", "1].thickness", "1].youngs_modulus", "1].poisson_ratio"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_central_differences_by_layers_converge_at_second_order(name):
+    scene = on(*TWO, inclusion=[sphere(8.0, 6.0, x=4.0) | {"target": True}, sphere(25.0, 4.0, x=-3.0, y=2.0)])
+    solution = first_order(scene, sections(scene))
+    kind, value = solution.states.model.mesh.layout.kind, values(scene)[name]
+    exact = tumour_gradients(scene, solution, (name,))
+
+    def outputs(step: float) -> np.ndarray:
+        moved = changed(scene, {name: value * (1 + step)})
+        found = tumour_gradients(moved, first_order(moved, sections(moved), kind=kind), ())
+        return np.array([found.values[key][0] for key in OUTPUTS])
+
+    mine, size = (np.array([part[key].flat[0] for key in OUTPUTS]) for part in (exact.derivatives, exact.values))
+    errors = [np.abs((outputs(h) - outputs(-h)) / (2 * h) - mine * value) for h in (6e-4, 1.5e-4)]
+    assert np.all((errors[1] < errors[0] / 12) | (errors[1] < 1e-8 * np.abs(size)))  # 16 at second order
+
+
+@pytest.mark.slow
+def test_derivatives_are_those_of_the_meridians_elements():
+    """By the sphere with reflections, by the layers to first order, of which a weak sphere far from all needs no more."""
+    near, weak = on(*TWO, inclusion=[sphere(7.0, 6.0)]), on(*TWO, inclusion=[sphere(9.0, 2.0, modulus=8e3)])
+    found, exact = read(near, places=True), gradients(near, forces(near), ("inclusion.depth", "inclusion.diameter"))
+    for k, key in enumerate(("depth", "diameter")):
+        mine = exact.derivatives["stiffness"][0, k] * getattr(near.inclusion[0], key)
+        assert found.log_stiffness_by(key)[0] * found.stiffness[0] == pytest.approx(mine, rel=0.02), key
+    mine, whole = tumour_gradients(weak, first_order(weak, sections(weak)), NAMES), gradients(weak, forces(weak), NAMES)
+    for key in ("ratio", "stiffness"):
+        np.testing.assert_allclose(mine.derivatives[key], whole.derivatives[key], rtol=5e-3)
+
+
+def test_a_design_whose_layer_reaches_into_a_sphere_gives_no_number():
+    """IPOPT steps back from it."""
+    films = TumourCallback(on((3.0, 2e4), inclusion=[sphere(9.0, x=4.0) | {"target": True}]), ("tissue.layer[0].thickness",), 0.1)
+    inside, across = (np.array(films(np.array([thickness]))).ravel() for thickness in (3e-3, 7e-3))
+    assert np.all(np.isfinite(inside))
+    assert np.all(np.isnan(across))
+
+
+def test_auto_takes_this_level_off_the_axis_and_maps_leave_out_what_crosses():
+    scene = on((1.4, 2e4), inclusion=ASIDE)
+    planned = plan(scene, 0.02)
+    assert (planned.evaluator, plan(on((1.4, 2e4))).evaluator) == ("equivalent-inclusion", "axisymmetric")
+    change = detectability(scene, np.array([1e-3, 2e-3, 9e-3]), np.array([1e-3, 6e-3]), accuracy=0.02).change
+    assert [[one is None for one in row] for row in change] == [[True, True], [False, True], [False, False]]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", INSIDE)
+def test_against_an_independent_code(name):
+    """NGSolve's answers (benchmarks.references.axisymmetric): the true error is within the one that is stated."""
+    scene, expected = SCENES[name], EXPECTED[name]
+    for accuracy in (1e-2, 1e-3):
+        result, uncertain = LEVEL.evaluate(scene, accuracy), expected["relative_uncertainty"]
+        for key, unit in {"ratio": "", "stress_inner": "_pa", "stress_outer": "_pa"}.items():
+            assert abs(getattr(result, key) / expected[f"{key}{unit}"] - 1) <= result.error_estimate + uncertain, key
