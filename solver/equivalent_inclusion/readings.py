@@ -18,6 +18,7 @@ from solver.multiple_scattering.solve import solve_scattering
 
 TOLERANCE = 0.1  # of the accuracy: what of a tumour's effect reflections may leave out
 SAFETY = 3.0  # on the estimate of that
+LAYERED = 2.0  # times that in layers: close under a stiff film the series hides up to 2.2 times its estimate
 SENSITIVE = 5.0  # times more than the effect do slopes feel the mesh
 FEW = 12  # sets with reflections for which it is not worth finding the matrix of each azimuthal order
 LEAST_REFLECTED, LEAST_LAYERED = 5e-4, 1e-3  # of a tumour's effect: in one material, in layers of tissue
@@ -231,9 +232,9 @@ def _reflect(
     except SolveError as fault:
         raise Refusal("inclusion", f"set {number}", f"tumours whose reflections can be computed ({fault})") from fault
     into.forces[number] = base.films.forces + scattering.forces
-    least = LEAST_LAYERED if base.strata.interfaces else LEAST_REFLECTED
+    least, safety = (LEAST_LAYERED, SAFETY * LAYERED) if base.strata.interfaces else (LEAST_REFLECTED, SAFETY)
     share = float((base.field_error(mine) + base.reflection_error(mine)).max()) + least
-    into.bound[number] = SAFETY * scattering.error + first_order_error(np.full((1, 1), share), scattering.forces[None, None])[0]
+    into.bound[number] = safety * scattering.error + first_order_error(np.full((1, 1), share), scattering.forces[None, None])[0]
     into.reflected[number] = True
     if target in included:
         k = int(np.searchsorted(included, target))
@@ -243,5 +244,5 @@ def _reflect(
             into.by["diameter"][number] = scattering.moved[k].by_log_diameter
             into.by["offset"][number] = scattering.moved[k].by_offset
             into.by["poisson_ratio"][number] = scattering.moved[k].by_poisson
-        spread = SAFETY * scattering.slope_error[k] + SENSITIVE * share * np.abs(scattering.by_log_modulus[k])
+        spread = safety * scattering.slope_error[k] + SENSITIVE * share * np.abs(scattering.by_log_modulus[k])
         into.slope_bound[number] = spread.sum(axis=1)
