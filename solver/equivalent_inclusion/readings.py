@@ -9,6 +9,7 @@ import numpy as np
 
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import Refusal, SolveError
+from geometry.scenes.probe import mm
 from solver.equivalent_inclusion.first_order import Effects, effects
 from solver.equivalent_inclusion.first_order_bound import first_order_error, first_order_share
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
@@ -139,10 +140,11 @@ def readings(
 
     Raises:
         InputError: a sphere lies partly outside the tissue.
-        Refusal: the reflections of a set cannot be computed in double precision.
+        Refusal: the reflections of a set cannot be computed in double precision; an interface of the tissue crosses a sphere.
     """
     with one_thread():
         inside, left_out = base.inside(tumours)
+        _check_layers(base, inside, ~left_out)
         first = _first_order(base, inside, left_out, target, places)
         insufficient = (first.worst > base.accuracy) | bool(reflect)
         if sensitive and tumours.shape[1]:
@@ -166,6 +168,13 @@ def readings(
         if progress is not None:
             progress(len(chosen), len(chosen))
     return first.with_bounds_of(base)
+
+
+def _check_layers(base: Undisturbed, tumours: Tumours, counted: Bools) -> None:
+    across = np.flatnonzero(counted & (base.strata.gap(tumours) < 0))
+    if len(across):
+        depth, diameter = (mm(float(values.flat[across[0]])) for values in (tumours.depth, tumours.diameter))
+        raise Refusal("inclusion.depth", depth, f"spheres of {diameter} that no interface of the tissue's layers crosses")
 
 
 def _first_order(base: Undisturbed, tumours: Tumours, left_out: Bools, target: int, places: bool) -> Readings:
