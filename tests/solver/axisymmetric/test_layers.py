@@ -158,16 +158,16 @@ def test_an_interface_that_hardly_cuts_the_sphere_is_refused(depth):
         Axisymmetric().evaluate(on((depth, 1e4)))
 
 
-@pytest.mark.parametrize("name", ["published", "closed-form", "equivalent-inclusion", "solid"])
+@pytest.mark.parametrize("name", ["published", "closed-form", "equivalent-inclusion"])
 def test_levels_that_do_not_know_layers_name_the_one_that_does(name):
     with pytest.raises(Refusal, match="axisymmetric for layers of tissue"):
         evaluate(on((1.5, 56e3)), name)
 
 
-def test_what_no_level_knows_yet_is_said():
+def test_of_layers_that_are_not_round_levels_name_the_one_that_knows_them():
     body = EXAMPLE.inclusion[0].model_dump(exclude_unset=True) | {"x": 5e-3}
-    with pytest.raises(Refusal, match="none built yet for layers of tissue but under an upright probe"):
-        evaluate(on((1.5, 56e3), inclusion=[body]))
+    with pytest.raises(Refusal, match="solid for layers of tissue that are not round"):
+        evaluate(on((1.5, 56e3), inclusion=[body]), "closed-form")
 
 
 def test_the_plan_says_what_layers_change_and_what_a_skin_would():
