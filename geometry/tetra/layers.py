@@ -77,7 +77,7 @@ def layered(
         new[:, plane] = True
         member = np.vstack([member, new])
     layer = layers_at(layout, points[cells, 2].mean(axis=1))
-    faces, chosen = _faces(layout, surfaces, points, cells, body[parent], layer)
+    faces, chosen = _faces(layout, surfaces, points, cells, body=body[parent], layer=layer)
     member = memberships(len(points), faces, chosen, len(surfaces))
     return LayeredCells(_mended(surfaces, points, cells, member), cells, parent, layer, faces, chosen)
 
@@ -148,7 +148,7 @@ def _shortest(points: Points, ends: Indices) -> Points:
 
 
 def _faces(
-    layout: BodyLayout, surfaces: list[Surface], points: Points, cells: Indices, body: Indices, layer: Indices
+    layout: BodyLayout, surfaces: list[Surface], points: Points, cells: Indices, *, body: Indices, layer: Indices
 ) -> tuple[Indices, Indices]:
     """Faces (f, 3) between bodies and between layers, and their surfaces (f,)."""
     faces, one, other = interfaces(cells, body)
