@@ -69,7 +69,7 @@ def main() -> int:
     start, total = time.perf_counter(), Counter[str]()
     print(f"seed {options.seed}, tries {options.first} to {options.first + options.tries - 1} of each kind\n")
     print(f"| kind | {' | '.join(COLUMNS)} |\n|{'---|' * (len(COLUMNS) + 1)}", flush=True)
-    for kind in options.kind or kinds:
+    for kind in options.kind or [*KINDS, *ORDEALS]:
         counts = attacked(kind, range(options.first, options.first + options.tries), options.seed)
         print(f"| {kind} | {' | '.join(str(counts[column]) for column in COLUMNS)} |", flush=True)
         total.update(counts)
