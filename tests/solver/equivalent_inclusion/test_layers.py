@@ -61,8 +61,8 @@ def test_the_material_at_a_depth():
     ("bodies", "words"),
     [
         ([sphere(9.0)], "axisymmetric for an inclusion that an interface"),
-        ([sphere(9.0, x=3.0)], "none built yet for layers of tissue but"),
-        ([sphere(9.0), sphere(30.0)], "none built yet for layers of tissue but"),
+        ([sphere(9.0, x=3.0)], "solid for an inclusion that an interface"),
+        ([sphere(9.0), sphere(30.0)], "solid for an inclusion that an interface"),
     ],
 )
 def test_a_sphere_across_an_interface_is_refused(bodies, words):
