@@ -104,10 +104,15 @@ def test_a_layer_of_the_tissues_own_material_changes_nothing(thicknesses, bodies
     agree(changes(on(*((one, *OWN) for one in thicknesses), inclusion=bodies)), changes(on(inclusion=bodies)))
 
 
+NARROW = EXAMPLE.model_copy(update={"tissue": EXAMPLE.tissue.model_copy(update={"radius": 8e-3})})
+
+
 @pytest.mark.slow
-def test_both_ways_of_reflection_agree_on_spheres_in_two_layers():
-    """By their work on the layers' faces and at the spheres' own points."""
-    scene = on((10.5, 2e4), inclusion=PAIR)
+@pytest.mark.parametrize(
+    "scene", [on((10.5, 2e4), inclusion=PAIR), on((5.0, 3e4), scene=NARROW, inclusion=[sphere(13.0, modulus=6e5)])]
+)
+def test_both_ways_of_reflection_agree(scene):
+    """By spheres' work on the faces and sides of their layers, and at their own points: in two layers, close to the side."""
     base, spheres = LEVEL.prepared(scene, 1e-2), Tumours.of(scene).flat()
     ways = [Reflector(base.field.states, "bonded", close) for close in (False, True)]
     one, other = (solve_scattering(base.field, way, base.strata, spheres, 1e-5) for way in ways)
