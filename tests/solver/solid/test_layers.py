@@ -149,3 +149,14 @@ def test_auto_comes_here_for_layers_that_no_cheaper_level_takes(change: str) -> 
     assert SolidLevel().refusal(scene) is None
     assert SolidLevel().may_help(scene, 0.01)
     assert plan(scene, 0.01).evaluator == "solid"
+
+
+def test_no_inclusion_is_left_out_of_layers() -> None:
+    """The bounds that would allow it know one material about all of them."""
+    scene = ACROSS.scene
+    body = scene.inclusion[0].model_copy(update={"target": True})
+    speck = body.model_copy(update={"x": -0.02, "y": 0.01, "depth": 0.02, "diameter": 1e-3, "target": False})
+    both = scene.model_copy(update={"inclusion": (body, speck)})
+    bare = both.model_copy(update={"tissue": both.tissue.model_copy(update={"layer": ()})})
+    assert len(plan(bare, 0.05).scene.inclusion) == 1
+    assert len(plan(both, 0.05).scene.inclusion) == 2
