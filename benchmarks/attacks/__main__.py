@@ -18,19 +18,24 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from benchmarks.attacks.attempt import Attempt, Ended, asked, failures, prepare
+from benchmarks.attacks.attempt import asked, failures, prepare
 from benchmarks.attacks.kinds import KINDS
+from benchmarks.attacks.ordeals import LOST, ORDEALS, Ordeal
 
-WRONG = ("signal", "hang", "traceback", "defect", "exit code", "stray lines", "JSON")
+WRONG = ("signal", "hang", "traceback", "defect", "exit code", "stray lines", "JSON", LOST)
 COLUMNS = ("tries", "answered", "refused", *WRONG, "slowest, s")
 
 
-def tried(kind: str, number: int, seed: int) -> tuple[Attempt, Ended]:
+def tried(kind: str, number: int, seed: int) -> Ordeal:
     """One try of a kind, in a folder of its own."""
-    folder = Path(tempfile.mkdtemp(prefix="attack-"))
+    folder, draw = Path(tempfile.mkdtemp(prefix="attack-")), random.Random(f"{seed} {kind} {number}")
     try:
-        attempt = KINDS[kind](random.Random(f"{seed} {kind} {number}"), folder)
-        return attempt, asked(attempt, folder)
+        if kind in ORDEALS:
+            return ORDEALS[kind](draw, folder)
+        attempt = KINDS[kind](draw, folder)
+        ended = asked(attempt, folder)
+        words = " ".join(word[:80] for word in attempt.words)
+        return Ordeal(f"{attempt.said}: {words!r}", ended, tuple(failures(attempt, ended)))
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -39,22 +44,22 @@ def attacked(kind: str, numbers: range, seed: int) -> Counter[str]:
     """Try a kind, print what fails, and count."""
     counts: Counter[str] = Counter()
     for number in numbers:
-        attempt, ended = tried(kind, number, seed)
-        wrong = list(failures(attempt, ended))
-        counts.update(["tries", *wrong, *(["answered"] if ended.code == 0 else []), *(["refused"] if ended.code == 2 else [])])
+        found = tried(kind, number, seed)
+        ended, outcome = found.ended, {0: ["answered"], 2: ["refused"]}
+        counts.update(["tries", *found.wrong, *outcome.get(-1 if ended.code is None else ended.code, [])])
         counts["slowest, s"] = max(counts["slowest, s"], round(ended.seconds))
-        if wrong:
+        if found.wrong:
             said = " | ".join(ended.errors.splitlines()[-3:])
-            words = " ".join(word[:80] for word in attempt.words)
-            line = f"{kind} {number}: {', '.join(wrong)}: {attempt.said}: {words!r}: {said[:300]!r}"
-            print(line, file=sys.stderr, flush=True)
+            print(f"{kind} {number}: {', '.join(found.wrong)}: {found.said}: {said[:300]!r}", file=sys.stderr, flush=True)
     return counts
 
 
 def main() -> int:
     """Print the table; 1 if anything failed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--kind", action="append", choices=sorted(KINDS), help="one kind; again for more  [default: all]")
+    parser.add_argument(
+        "--kind", action="append", choices=sorted(KINDS | ORDEALS), help="one kind; again for more  [default: all]"
+    )
     parser.add_argument("--tries", type=int, default=100, help="of each kind")
     parser.add_argument("--first", type=int, default=0, help="number of the first")
     parser.add_argument("--seed", type=int, default=0)
@@ -64,7 +69,7 @@ def main() -> int:
     start, total = time.perf_counter(), Counter[str]()
     print(f"seed {options.seed}, tries {options.first} to {options.first + options.tries - 1} of each kind\n")
     print(f"| kind | {' | '.join(COLUMNS)} |\n|{'---|' * (len(COLUMNS) + 1)}", flush=True)
-    for kind in options.kind or KINDS:
+    for kind in options.kind or [*KINDS, *ORDEALS]:
         counts = attacked(kind, range(options.first, options.first + options.tries), options.seed)
         print(f"| {kind} | {' | '.join(str(counts[column]) for column in COLUMNS)} |", flush=True)
         total.update(counts)

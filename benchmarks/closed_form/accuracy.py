@@ -1,8 +1,8 @@
 """The closed form's true error scene by scene, and its speed.
 
 ``python -m benchmarks.closed_form.accuracy`` prints for all scenes of tests/reference that it takes the error of ratio and
-log-sensitivity and the stated error (all relative), then designs per second on one core. ``error.py`` audits the
-stated errors.
+log-sensitivity and the stated error (all relative), those on layers apart, then designs per second on one core, also on skins.
+``error.py`` audits the stated errors.
 """
 
 from __future__ import annotations
@@ -17,25 +17,45 @@ from typing import Any
 import numpy as np
 
 from geometry import InputError, Scene, read_scene
+from geometry.scenes.scene import Layer
 from solver import evaluate
-from solver.closed_form.designs import BALL, PROBE, TISSUE, forces, parameters
+from solver.closed_form.designs import BALL, LAYER, PROBE, TISSUE, forces, parameters
 
 REFERENCE = Path(__file__).parents[2] / "tests" / "reference"
 FOLDERS = ("axisymmetric", "extra", "extreme", "half-space", "off-axis", "solid")
+LAYERED = ("tissue-layers",)
+SKINS = (0.05, 0.3)  # thicknesses in outer radii, five times as stiff as the tissue
 DESIGNS = 8192
 
 
 def main() -> None:
     argparse.ArgumentParser(description=__doc__).parse_args()
-    references()
+    references(FOLDERS)
+    references(LAYERED)
     for folder, name in (("axisymmetric", "deep-small-tumour"), ("axisymmetric", "shallow"), ("solid", "flank")):
-        print(f"{folder}/{name}: {designs_per_second(read_scene(REFERENCE / folder / f'{name}.toml')):.0f} designs a second")
+        scene = read_scene(REFERENCE / folder / f"{name}.toml")
+        found = [designs_per_second(one) for one in (scene, *(under_a_skin(scene, thickness) for thickness in SKINS))]
+        skins = ", ".join(
+            f"{speed:.0f} under a skin of {thickness:g} Ro" for speed, thickness in zip(found[1:], SKINS, strict=True)
+        )
+        print(f"{folder}/{name}: {found[0]:.0f} designs a second, {skins}")
 
 
-def references() -> None:
+def under_a_skin(scene: Scene, thickness: float) -> Scene:
+    """Return the scene with a layer on top, five times as stiff as the tissue; ``thickness`` in outer radii."""
+    tissue = scene.tissue
+    layer = Layer(
+        thickness=thickness * scene.probe.tube_radius,
+        youngs_modulus=5 * tissue.youngs_modulus,
+        poisson_ratio=tissue.poisson_ratio,
+    )
+    return scene.model_copy(update={"tissue": tissue.model_copy(update={"layer": (layer,)})})
+
+
+def references(folders: tuple[str, ...]) -> None:
     """Print the table scene by scene, and how many of those covered by a quarter of their diameter meet the goal."""
     print("| scene | cover/D | side/Ro | ratio | log_sensitivity | stated |\n|---|---|---|---|---|---|")
-    met = [row for row in (_row(*case) for folder in FOLDERS for case in _cases(folder)) if row is not None]
+    met = [row for row in (_row(*case) for folder in folders for case in _cases(folder)) if row is not None]
     good = [sum(row[i] for row in met) for i in (0, 1)]
     print(f"cover >= D/4: {len(met)} scenes, {good[0]} within 5 % in ratio, {good[1]} within 15 % in log_sensitivity")
 
@@ -71,7 +91,7 @@ def designs_per_second(scene: Scene) -> float:
     shape, values = parameters(scene)
     rng = np.random.default_rng(3)
     designs = values[:, None] * np.exp(rng.uniform(-0.05, 0.05, (len(values), DESIGNS)))
-    names = (*PROBE, *TISSUE, *BALL * len(shape.on_axis))
+    names = (*PROBE, *TISSUE, *BALL * len(shape.on_axis), *LAYER * shape.layers)
     fixed = [i for i, name in enumerate(names) if name.endswith("poisson")]  # varied they might reach 1/2
     designs[fixed] = values[fixed, None]
     best = np.inf

@@ -1,8 +1,9 @@
 """Layers of tissue in a mesh that knows nothing of them: its tetrahedra cut by the planes between layers.
 
 Corners near a plane move onto it, along the surfaces that they lie on; edges that still cross it get a corner where they do.
-So a layer costs what its planes cut, however thin it is, and far away flat tetrahedra do: fields that change slowly there
-need no others. A cut edge is halved in all tetrahedra round it, in one order for all, so that faces stay common.
+So a layer costs what its planes cut, and far from the probe, where fields change slowly, tetrahedra may be flat: ``sizing.py``
+makes them no longer than five thicknesses, or they would be needles. A cut edge is halved in all tetrahedra round it, in one
+order for all, so that faces stay common.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
+from geometry.common.errors import SolveError
 from geometry.tetra.labels import AIR, MIRROR
 from geometry.tetra.layout import BodyLayout
 from geometry.tetra.smoothing import mean_ratios, smooth, undo_inversions
@@ -68,6 +70,9 @@ def layered(
         cells: (t, 4).
         body: of each tetrahedron.
         member: which surfaces each corner lies on, (n, surfaces).
+
+    Raises:
+        SolveError: bodies touch that do not in the scene.
     """
     parent, first = np.arange(len(cells)), len(surfaces) - len(layout.interfaces)
     for plane, depth in enumerate(layout.interfaces, first):
@@ -77,7 +82,7 @@ def layered(
         new[:, plane] = True
         member = np.vstack([member, new])
     layer = layers_at(layout, points[cells, 2].mean(axis=1))
-    faces, chosen = _faces(layout, surfaces, points, cells, body[parent], layer)
+    faces, chosen = _faces(layout, surfaces, points, cells, body=body[parent], layer=layer)
     member = memberships(len(points), faces, chosen, len(surfaces))
     return LayeredCells(_mended(surfaces, points, cells, member), cells, parent, layer, faces, chosen)
 
@@ -148,13 +153,16 @@ def _shortest(points: Points, ends: Indices) -> Points:
 
 
 def _faces(
-    layout: BodyLayout, surfaces: list[Surface], points: Points, cells: Indices, body: Indices, layer: Indices
+    layout: BodyLayout, surfaces: list[Surface], points: Points, cells: Indices, *, body: Indices, layer: Indices
 ) -> tuple[Indices, Indices]:
     """Faces (f, 3) between bodies and between layers, and their surfaces (f,)."""
     faces, one, other = interfaces(cells, body)
     flat = (np.abs(points[faces, 1]) <= 1e-9 * np.abs(points).max()).all(axis=1)
     other = np.where(flat & (other == AIR) & layout.half, MIRROR, other)
     chosen = surfaces_of(surfaces, points, faces, one, other)
+    if (chosen < 0).any():
+        a, b = one[chosen < 0][0], other[chosen < 0][0]
+        raise SolveError(f"volume mesh: bodies {a} and {b} touch, which they do not in the scene")
     between, above, below = interfaces(cells, np.where(body >= 0, layer, AIR))
     between = between[(above >= 0) & (below >= 0) & (points[between, 2].max(axis=1) < 0)]
     first = len(surfaces) - len(layout.interfaces)

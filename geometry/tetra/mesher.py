@@ -25,8 +25,7 @@ from geometry.tetra.labels import labels
 from geometry.tetra.layers import layered
 from geometry.tetra.layout import BodyLayout
 from geometry.tetra.sizing import COARSE, FINE, ROUGH, TetraFineness, background, squares
-from geometry.tetra.slivers import remove_slivers
-from geometry.tetra.smoothing import smooth, undo_inversions
+from geometry.tetra.smoothing import remove_slivers, smooth, undo_inversions
 from geometry.tetra.snapping import exact_surfaces, interfaces, memberships, snap, snap_to_permanent, surfaces_of
 from geometry.tetra.stretched_space import MeshSpace, mesh_space
 from geometry.tetra.surface_files import Sheet

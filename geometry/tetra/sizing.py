@@ -101,7 +101,7 @@ def _out_of(top: float, bottom: float, z: Points) -> Points:
 
 def squares(layout: BodyLayout, fine: TetraFineness, space: MeshSpace) -> float:
     """Return the area of the planes between layers, of a half where that is meshed, in squares of the sizes wanted there."""
-    angles = np.arange(_AROUND_AXIS) * (2 * np.pi / _AROUND_AXIS)
+    angles: Points = np.arange(_AROUND_AXIS, dtype=np.float64) * (2 * np.pi / _AROUND_AXIS)
     steps = np.geomspace(1e-3, 1.0, _OUTWARDS)
     shares, widths = np.sqrt(steps[1:] * steps[:-1]), np.diff(steps)
     ways = np.column_stack([np.cos(angles), np.sin(angles)]) * layout.side_distance(angles)[:, None]

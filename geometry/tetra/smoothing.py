@@ -1,4 +1,7 @@
-"""Bad tetrahedra mended: their corners moved to where all tetrahedra round them are better, along the surfaces they lie on."""
+"""Bad tetrahedra mended: their corners moved to where all tetrahedra round them are better, along the surfaces they lie on.
+
+Flat ones at the bodies' outsides, which pytetwild leaves where a polygon is coarse, are given to what is outside.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +10,16 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from geometry.common.arrays import Points
-from geometry.tetra.snapping import Surface, snap
+from geometry.tetra.labels import AIR
+from geometry.tetra.snapping import Surface, interfaces, memberships, snap, surfaces_of
 
 Indices = NDArray[np.int64]
 _REGULAR = np.linalg.inv(np.array([[1, 0.5, 0.5], [0, 3**0.5 / 2, 3**0.5 / 6], [0, 0, (2 / 3) ** 0.5]]))
 _POWER = 2  # the larger, the more the worst tetrahedron counts
 _RETREATS = 6
 _STEPS = 40  # of the minimiser, between two returns to the surfaces
+_FLAT = 0.1  # mean ratio of a tetrahedron that is given away
+_ROUNDS = 3
 
 
 def mean_ratios(points: Points, tetrahedra: Indices) -> Points:
@@ -117,3 +123,39 @@ def _energies(corners: Points) -> tuple[Points, Points]:
     by_shape = value[:, None, None] * _POWER * (t / square[:, None, None] - (volume / root / volume)[:, None, None] * cofactor)
     slope = np.swapaxes(by_shape @ _REGULAR.T, 1, 2)
     return value, np.concatenate([-slope.sum(axis=1, keepdims=True), slope], axis=1)
+
+
+def remove_slivers(
+    surfaces: list[Surface], points: Points, tetrahedra: Indices, *, body: Indices, faces: Indices, chosen: Indices
+) -> tuple[Indices, Indices, Indices]:
+    """Bodies (t,), interface faces (f, 3) and their surfaces (f,) once flat tetrahedra with two or three outer faces are outside.
+
+    Only such whose four corners are on one surface: that surface then goes along their other faces.
+    """
+    for _ in range(_ROUNDS):
+        member = memberships(len(points), faces, chosen, len(surfaces))
+        shared = np.logical_and.reduce(member[tetrahedra], axis=1)  # (t, surfaces)
+        rows = np.flatnonzero((body >= 0) & np.logical_or.reduce(shared, axis=1))
+        exact = snap(surfaces, points, member)
+        flat = rows[mean_ratios(exact, tetrahedra[rows]) < _FLAT]
+        slivers = flat[_faces_outside(tetrahedra, body, flat) >= 2]
+        if len(slivers) == 0:
+            break
+        body = body.copy()
+        body[slivers] = AIR
+        faces, one, other = interfaces(tetrahedra, body)
+        on_bodies = np.maximum(one, other) >= 0
+        faces = faces[on_bodies]
+        chosen = surfaces_of(surfaces, points, faces, one[on_bodies], other[on_bodies])
+    return body, faces, chosen
+
+
+def _faces_outside(tetrahedra: Indices, body: Indices, rows: Indices) -> Indices:
+    """How many faces of each of the tetrahedra ``rows`` are outer ones, (r,)."""
+    near = np.flatnonzero(np.isin(tetrahedra, tetrahedra[rows]).sum(axis=1) >= 3)
+    faces, one, other = interfaces(tetrahedra[near], body[near])
+    faces = np.sort(faces[(np.minimum(one, other) < 0) & (np.maximum(one, other) >= 0)], axis=1)
+    outside = {tuple(face) for face in faces.tolist()}
+    triples = [(1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2)]
+    ordered = np.sort(tetrahedra[rows], axis=1).tolist()
+    return np.array([sum(tuple(t[k] for k in triple) in outside for triple in triples) for t in ordered], dtype=np.int64)

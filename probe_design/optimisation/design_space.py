@@ -72,11 +72,13 @@ class Space:
 
     def scene_of(self, x: Floats) -> Scene | None:
         """Return the scene with the design x rounded to what is ordered from a workshop; None where rounding breaks a rule."""
-        length = [round(float(v), 5) for v in (x[0], x[2], x[3])]
-        outer = math.floor(float(self.derived_radius(x)) * 1e5 + 1e-6) / 1e5
+        outer, (gap, height) = _floor(float(self.derived_radius(x))), (round(float(v), 5) for v in x[2:4])
+        inner = min(
+            round(float(x[0]), 5), _floor(outer - gap - self.wall)
+        )  # or rounding would thin a wall of the least thickness
         moduli = [float(f"{v:.{DIGITS}g}") for v in x[4:]]
         probe = self.scene.probe.model_dump(exclude={"area_ratio", "inner_height", "outer_height"}, exclude_unset=True)
-        probe |= {"inner_radius": length[0], "gap": length[1], "height": length[2], "outer_radius": outer}
+        probe |= {"inner_radius": inner, "gap": gap, "height": height, "outer_radius": outer}
         for block, modulus in zip(("inner", "outer"), moduli, strict=True):
             probe[block]["youngs_modulus"] = modulus
         try:
@@ -95,6 +97,11 @@ class Space:
         for k, name in list(enumerate(VARIABLES))[1:]:
             rows += [(f"least {name}", self.low[k], at[k]), (f"largest {name}", self.high[k], at[k])]
         return tuple(Limit(name, float(limit), bool(abs(value - limit) <= CLOSE * limit)) for name, limit, value in rows)
+
+
+def _floor(length: float) -> float:
+    """The next shorter length in steps of 0.01 mm."""
+    return math.floor(length * 1e5 + 1e-6) / 1e5
 
 
 def variables(scene: Scene) -> Floats:

@@ -50,7 +50,7 @@ def layered_works(blocks: Pair, layers: tuple[TissueLayer, ...], depth: Array | 
         nodes: of the integral over wave numbers.
         bonded: whether there are shears.
     """
-    K = shortest(blocks[1].radius, layers[0].thickness)[:, None]
+    K = _last_wave(blocks[1].radius, layers[0], nodes)
     share, weight = between_waves(nodes)
     waves = K * share
     C = _surface(np.concatenate([waves, K, K * NEAR], axis=1), layers, depth)
@@ -82,6 +82,12 @@ def _short_waves(C: Sequence[Array], K: Array, first: TissueLayer, cut: Array) -
     return firm, springs
 
 
+def _last_wave(radius: Array, first: TissueLayer, nodes: int) -> Array:
+    """K of eq. CF.20, shape (n, 1): no more than the nodes resolve, which were counted for another design of a search."""
+    K, resolved = shortest(radius, first.thickness), (nodes - 8) / (NODES_PER_WAVE * radius)
+    return np.where(K.real < resolved.real, K, resolved)[:, None]
+
+
 def layer_nodes(radius: float, thickness: float) -> int:
     """Return how many nodes serve the integral of eq. CF.20."""
     reach = min(PASSING / thickness * radius, SHORTEST)
@@ -106,7 +112,7 @@ def disc_compliances(radius: Array, layers: tuple[TissueLayer, ...], nodes: int)
         layers: of the tissue, the last a half-space.
         nodes: of the integral over wave numbers.
     """
-    K = shortest(radius, layers[0].thickness)[:, None]
+    K = _last_wave(radius, layers[0], nodes)
     share, weight = between_waves(nodes)
     k, first = K * share, layers[0]
     near = echoes(k, layers, False)[0].near

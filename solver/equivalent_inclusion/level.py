@@ -30,7 +30,7 @@ class EquivalentInclusion(FilmLevel):
 
     def refusal(self, scene: Scene) -> str | None:
         """Say which kind of thing in the scene this level does not know, or None."""
-        return needs_solid(scene) or crossed(scene)
+        return crossed(scene) or needs_solid(scene)
 
     def answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Answer:
         """Answer to first order where that is good enough, else with reflections.

@@ -36,6 +36,7 @@ FIELDS = (
 )  # meshes of the strains; tests hold their errors below FIELD_ERRORS
 FIELD_ERRORS = 5e-4, 3e-5  # of the effect of a tumour one outer radius from the probe, rising with the square of the distance
 FINE = 0.0015  # accuracy below which the finer of them is used
+CELLS = 2.0  # of both meshes in layers, whose own rows may be few and tall
 SHALLOW = 0.2  # outer radii: the depth of a centre above which the coarser mesh is too coarse
 REFLECTIONS = MeridianFineness(1, 1, 4)  # mesh of what comes back to ordinary tumours
 REFLECTION_ERROR = 3e-4  # of the effect of an ordinary tumour: what that mesh changes; 1e-4 in a sweep over finer ones
@@ -144,7 +145,8 @@ class Undisturbed(ProbeAlone):
     @cached_property
     def _coarse_reflector(self) -> Reflector:
         fine = self.field.states.model
-        return Reflector(base_states(model(fine.section, fine.materials, self._interface, REFLECTIONS)), self._interface)
+        fineness = _in_layers(REFLECTIONS, fine.section)
+        return Reflector(base_states(model(fine.section, fine.materials, self._interface, fineness)), self._interface)
 
     @property
     def _interface(self) -> Interface:
@@ -205,7 +207,8 @@ def _undisturbed(scene: Scene, accuracy: float, shallow: bool) -> Undisturbed:
     interface = scene.contact.interface
     assert interface != "unilateral"  # refused before
     with _solving():
-        states = base_states(model(_nearer(scene, films.section), films.materials, interface, FIELDS[fine]))
+        section = _nearer(scene, films.section)
+        states = base_states(model(section, films.materials, interface, _in_layers(FIELDS[fine], section)))
     current().begin()  # what it took to get here may go
     return Undisturbed.on(films, states, FIELD_ERRORS[fine])
 
@@ -225,6 +228,10 @@ def _solving() -> Iterator[None]:
         except SolveError as fault:
             text = f"scenes whose sizes and moduli lie closer together ({fault})"
             raise Refusal("evaluator", "equivalent-inclusion", text) from fault
+
+
+def _in_layers(fineness: MeridianFineness, section: Section) -> MeridianFineness:
+    return replace(fineness, cells=CELLS) if section.interfaces else fineness
 
 
 def _nearer(scene: Scene, section: Section) -> Section:

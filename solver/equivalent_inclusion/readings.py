@@ -9,6 +9,7 @@ import numpy as np
 
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import Refusal, SolveError
+from geometry.scenes.probe import mm
 from solver.equivalent_inclusion.first_order import Effects, effects
 from solver.equivalent_inclusion.first_order_bound import first_order_error, first_order_share
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
@@ -18,9 +19,10 @@ from solver.multiple_scattering.solve import solve_scattering
 
 TOLERANCE = 0.1  # of the accuracy: what of a tumour's effect reflections may leave out
 SAFETY = 3.0  # on the estimate of that
+LAYERED = 2.0  # times that in layers: close under a stiff film the series hides up to 2.2 times its estimate
 SENSITIVE = 5.0  # times more than the effect do slopes feel the mesh
 FEW = 12  # sets with reflections for which it is not worth finding the matrix of each azimuthal order
-LEAST_REFLECTED, LEAST_LAYERED = 5e-4, 1e-3  # of a tumour's effect: in one material, in layers of tissue
+LEAST_REFLECTED, LEAST_LAYERED = 5e-4, 4e-3  # of a tumour's effect: in one material, in layers of tissue
 
 
 @dataclass(frozen=True)
@@ -138,10 +140,11 @@ def readings(
 
     Raises:
         InputError: a sphere lies partly outside the tissue.
-        Refusal: the reflections of a set cannot be computed in double precision.
+        Refusal: the reflections of a set cannot be computed in double precision; an interface of the tissue crosses a sphere.
     """
     with one_thread():
         inside, left_out = base.inside(tumours)
+        _check_layers(base, inside, ~left_out)
         first = _first_order(base, inside, left_out, target, places)
         insufficient = (first.worst > base.accuracy) | bool(reflect)
         if sensitive and tumours.shape[1]:
@@ -165,6 +168,13 @@ def readings(
         if progress is not None:
             progress(len(chosen), len(chosen))
     return first.with_bounds_of(base)
+
+
+def _check_layers(base: Undisturbed, tumours: Tumours, counted: Bools) -> None:
+    across = np.flatnonzero(counted & (base.strata.gap(tumours) < 0))
+    if len(across):
+        depth, diameter = (mm(float(values.flat[across[0]])) for values in (tumours.depth, tumours.diameter))
+        raise Refusal("inclusion.depth", depth, f"spheres of {diameter} that no interface of the tissue's layers crosses")
 
 
 def _first_order(base: Undisturbed, tumours: Tumours, left_out: Bools, target: int, places: bool) -> Readings:
@@ -231,9 +241,9 @@ def _reflect(
     except SolveError as fault:
         raise Refusal("inclusion", f"set {number}", f"tumours whose reflections can be computed ({fault})") from fault
     into.forces[number] = base.films.forces + scattering.forces
-    least = LEAST_LAYERED if base.strata.interfaces else LEAST_REFLECTED
+    least, safety = (LEAST_LAYERED, SAFETY * LAYERED) if base.strata.interfaces else (LEAST_REFLECTED, SAFETY)
     share = float((base.field_error(mine) + base.reflection_error(mine)).max()) + least
-    into.bound[number] = SAFETY * scattering.error + first_order_error(np.full((1, 1), share), scattering.forces[None, None])[0]
+    into.bound[number] = safety * scattering.error + first_order_error(np.full((1, 1), share), scattering.forces[None, None])[0]
     into.reflected[number] = True
     if target in included:
         k = int(np.searchsorted(included, target))
@@ -243,5 +253,5 @@ def _reflect(
             into.by["diameter"][number] = scattering.moved[k].by_log_diameter
             into.by["offset"][number] = scattering.moved[k].by_offset
             into.by["poisson_ratio"][number] = scattering.moved[k].by_poisson
-        spread = SAFETY * scattering.slope_error[k] + SENSITIVE * share * np.abs(scattering.by_log_modulus[k])
+        spread = safety * scattering.slope_error[k] + SENSITIVE * share * np.abs(scattering.by_log_modulus[k])
         into.slope_bound[number] = spread.sum(axis=1)

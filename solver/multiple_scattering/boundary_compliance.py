@@ -79,7 +79,7 @@ class BoundaryData:
 
         above, beside = (
             couplings(b.surface, b.surface.r, panels.surface, surface),
-            couplings(b.side, -b.side.z, panels.side, side),
+            couplings(b.side, -b.side.z - panels.top, panels.side, side),
         )
         below = couplings(b.floor, b.floor.r, panels.floor, floor)
         faces = [

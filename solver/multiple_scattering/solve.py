@@ -38,12 +38,11 @@ from solver.multiple_scattering.boundary_samples import AzimuthalGrid
 from solver.multiple_scattering.exchange import Exchange, Reflector
 from solver.multiple_scattering.near_exchange import CloseExchange
 from solver.multiple_scattering.reflection_series import Reflections
+from solver.multiple_scattering.resolution import DEGREES, apart, degrees, unresolved
 from solver.multiple_scattering.shape_derivatives import Moved, moved
 from solver.multiple_scattering.spheres import ScatteringSphere, SphereSet
 
-DEGREES = (4, 36)  # least and largest degree of the modes
 ORDERS = 16  # largest azimuthal order of the modes
-UNRESOLVED = 0.1  # of the effect: what degrees left out may change, times their share of a field next to the surface
 ANGLES = (10, 40)  # least and largest number of angles where a sphere lies off the axis
 SMALL = 20  # largest degree of modes off the axis whose projections are kept: 1 to 30 MB each
 STEPS = 6  # reflections at most
@@ -51,7 +50,6 @@ _kept_projection = kept_table(projection)
 SENSITIVE = 5.0  # times more than the effect do derivatives by the modulus feel what is left out
 ROWS = 4  # tumours after which the time for the rest is known
 SURE = 0.5  # of that time: the machine may be busier now than later
-LEAST_GAP = 1e-9  # diameters: what counts as apart from an interface
 ENOUGH = 0.3  # of the tolerance: two azimuthal orders that change less end the sum over them
 
 
@@ -125,7 +123,7 @@ def solve_scattering(
         settled = np.all(total_change(change[None])[0] <= tolerance * totals)
         if settled and (not sensitive or np.all(slope_change <= SENSITIVE * tolerance * np.max(np.abs(slopes)))):
             break
-    forces, left_out = series.forces, _unresolved(section, tumours, spheres) + 2 * ENOUGH * tolerance
+    forces, left_out = series.forces, unresolved(section, tumours, spheres) + 2 * ENOUGH * tolerance
     error = total_change(
         np.array([change, _tail(section, spheres, sphere_set, series=series, fields=total), left_out * forces])
     ).sum(axis=0)
@@ -146,40 +144,6 @@ def _moves(tumours: Tumours, spheres: Sequence[ScatteringSphere], sphere_set: Sp
         yield moved(sphere, one, sphere.matrix, own, total[part])
 
 
-def degrees(section: Section, tumours: Tumours) -> tuple[Floats, Floats]:
-    """Degrees of modes that resolve a sphere's image in surface, floor or interface, and the probe's field, shape (t,) each."""
-    radius = tumours.diameter / 2
-    image = 5 / np.log1p(2 * _nearest(section, tumours) / radius) + 2
-    return np.asarray(image), np.asarray(4 * radius / (section.tube_radius + tumours.cover) + 4)
-
-
-def _nearest(section: Section, tumours: Tumours) -> Floats:
-    """From each sphere to the surface, the floor or an interface."""
-    near = np.minimum(_apart(section, tumours), section.tissue_depth - tumours.depth - tumours.diameter / 2)
-    return np.asarray(np.maximum(near, LEAST_GAP * tumours.diameter))
-
-
-def _apart(section: Section, tumours: Tumours) -> Floats:
-    """From each sphere to the surface or an interface."""
-    gaps = [np.abs(tumours.depth - depth) - tumours.diameter / 2 for depth in section.interfaces]
-    return np.asarray(np.min([tumours.cover, *gaps], axis=0))
-
-
-def _unresolved(section: Section, tumours: Tumours, spheres: Sequence[ScatteringSphere]) -> float:
-    """What too few degrees may change, as a share of the effect: nothing is told of a block much smaller than the sphere.
-
-    What the inner block presses on the sphere is as wide as the block and its distance; nor is it more than falls off as
-    (R / depth)^2l, the work of degree l.
-    """
-    radius, degree = tumours.diameter / 2, np.array([sphere.modes.degree for sphere in spheres])
-    inner, outer = (size + tumours.cover for size in (section.inner_radius, section.tube_radius))
-    if np.any(4 * radius / inner + 4 > DEGREES[1]):
-        return 1e3
-    image = UNRESOLVED * (1 + 2 * _nearest(section, tumours) / radius) ** (-2.0 * degree)
-    pressed = np.minimum(np.exp(-degree * inner / (2 * radius)), (radius / tumours.depth) ** (2 * degree))
-    return float(np.max(image + np.maximum(pressed, np.exp(-degree * outer / (2 * radius)))))
-
-
 def arranged(section: Section, strata: Strata, tumours: Tumours) -> tuple[list[ScatteringSphere], AzimuthalGrid]:
     """Turn spheres about the probe's axis so that, if they can, all lie in the plane y = 0; modes and angles that tell them."""
     offset, radius = tumours.offset, tumours.diameter / 2
@@ -195,7 +159,7 @@ def arranged(section: Section, strata: Strata, tumours: Tumours) -> tuple[list[S
         modes = _same(Modes(degree, matrix.poisson_ratio, 0 if axis else min(degree, ORDERS), "even" if plane else "both"))
         centre = np.array([x[k], 0.0 if plane else y[k], -tumours.depth[k]]) * [not axis, not axis, 1]
         spheres.append(ScatteringSphere(centre, float(radius[k]), modes, _projection(modes), matrix, layers[k]))
-    angles = int(np.clip(np.ceil(np.max(3 * offset / (_apart(section, tumours) + 0.2 * radius))) + 6, *ANGLES))
+    angles = int(np.clip(np.ceil(np.max(3 * offset / (apart(section, tumours) + 0.2 * radius))) + 6, *ANGLES))
     return spheres, AzimuthalGrid(1 if axis else angles * (1 if plane else 2), plane)
 
 

@@ -47,7 +47,7 @@ class TestReferenceScenes:
         assert read_scene(str(path)) == scene
 
     def test_every_number_of_the_file_is_in_the_scene(self, path: Path) -> None:
-        units = {"mm": 1e-3, "um": 1e-6, "Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "N": 1.0}
+        units = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "N": 1.0}
         scene = read_scene(path).model_dump()
 
         def compare(table: dict[str, object], values: dict[str, object]) -> None:

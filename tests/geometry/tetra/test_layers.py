@@ -4,13 +4,14 @@ import math
 
 import numpy as np
 import pytest
+import pyvista
 from scipy.spatial import Delaunay
 
 from geometry.tetra.check import errors
 from geometry.tetra.layers import layers_at, split
 from geometry.tetra.layout import body_layout
 from geometry.tetra.mesher import ROUGH, expected_elements, mesh_layout
-from geometry.tetra.tet_mesh import FACES, INCLUSION, TISSUE
+from geometry.tetra.tet_mesh import FACES, INCLUSION, TISSUE, element_volumes
 from tests.support.block_scene import scene
 
 SKIN = {"thickness": "1.5 mm", "youngs_modulus": "56 kPa", "poisson_ratio": 0.45}
@@ -62,9 +63,9 @@ def test_a_plane_beside_all_tetrahedra_changes_nothing(cloud):
     assert (parent == np.arange(len(cells))).all()
 
 
-def layered_scene(*layers):
+def layered_scene(*layers, **changes):
     ground = {"youngs_modulus": "6 kPa", "poisson_ratio": 0.45, "layer": list(layers)}
-    return scene(tissue={"shape": "block", "length": "60 mm", "breadth": "50 mm", "depth": "40 mm"} | ground)
+    return scene(tissue={"shape": "block", "length": "60 mm", "breadth": "50 mm", "depth": "40 mm"} | ground, **changes)
 
 
 def test_layers_are_numbered_from_the_surface():
@@ -81,6 +82,20 @@ def test_thinner_layers_are_expected_to_take_more_tetrahedra():
     assert counts[0] > expected_elements(body_layout(scene(), True, 0.1, None), ROUGH)
     assert counts[1] > counts[0]
     assert counts[2] > 20 * counts[1]
+
+
+@pytest.mark.slow
+def test_a_body_from_a_file_across_an_interface_is_whole(tmp_path):
+    pyvista.Icosphere(radius=3.0, nsub=2).save(tmp_path / "ball.stl")
+    stiff = {"youngs_modulus": "60 kPa", "poisson_ratio": 0.45}
+    body = {"surface": str(tmp_path / "ball.stl"), "depth": "9 mm", "x": "2 mm"} | stiff
+    found = body_layout(layered_scene(SKIN, FAT, inclusion=[body]), False, 0.1, None)
+    mesh, _ = mesh_layout(found, ROUGH)
+    inside = mesh.body == INCLUSION
+    parts = element_volumes(mesh.nodes, mesh.elements)
+    assert parts[inside].sum() == pytest.approx(found.inclusions[0].volume, rel=0.02)
+    below = parts[inside & (mesh.layer == 0)].sum()  # a ball's cap under a plane 0.5 mm below its centre
+    assert below == pytest.approx(math.pi * 2.5e-3**2 * (3e-3 - 2.5e-3 / 3), rel=0.08)
 
 
 @pytest.mark.slow

@@ -26,6 +26,16 @@ def test_rounding_keeps_the_limit() -> None:
     assert (made.inner.youngs_modulus, made.outer.youngs_modulus) == (98800.0, 12300.0)
 
 
+def test_rounding_thins_no_wall_of_the_least_thickness() -> None:
+    room = space(read_scene(SCENE), 8e-3)
+    inner, gap, outer = 4.596e-3, 0.5e-3, 5.5965e-3
+    design = np.array([inner, inner**2 / (outer**2 - (inner + gap) ** 2), gap, 1.63e-3, 1e6, 6.85e5])
+    assert room.admits(design)
+    made = room.scene_of(design).probe
+    assert (made.inner_radius, made.tube_radius) == (4.59e-3, 5.59e-3)
+    assert made.tube_radius - made.hole_radius >= room.wall * (1 - 1e-9)
+
+
 def test_a_tighter_limit_takes_designs_away_and_brings_none() -> None:
     """Bounds, what is screened, and the search itself, on a small probe over a shallow nodule."""
     start = nodule()

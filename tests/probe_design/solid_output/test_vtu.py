@@ -22,6 +22,7 @@ from probe_design.solid_output.stress_panel import deformed
 from probe_design.solid_output.vtu import draw_solid, write_vtu
 from solver.solid.base_states import SolidFields, SolidStates, fields, solid_states
 from solver.solid.problem import Problem, Solid
+from solver.solid.regions import Region
 from tests.support.meshes import body_volumes, stored_mesh
 from tests.support.paths import ROOT
 
@@ -161,6 +162,11 @@ class TestCut:
     def test_names(self) -> None:
         assert [name(body) for body in (GROOVE, BEYOND, INCLUSION + 1, -1 - INCLUSION)] == [
             "groove", "tissue beyond", "inclusion[1]", "inclusion[0] beyond",
+        ]  # fmt: skip
+        layered = [Region(TISSUE, 1), Region(BEYOND, 2), Region(INCLUSION, 1), Region(INCLUSION, 2, True)]
+        assert [name(region.number) for region in layered] == [
+            "tissue.layer[0]", "tissue.layer[1] beyond",
+            "inclusion[0] in tissue.layer[0]", "inclusion[0] in tissue.layer[1] beyond",
         ]  # fmt: skip
 
     @pytest.mark.parametrize(("amount", "factor"), [(1e-6, 200.0), (1e-3, 1.0), (0.0, 1.0)])

@@ -8,6 +8,7 @@ import pytest
 from geometry import Refusal, Scene, read_scene
 from geometry.scenes.variables import changed, values
 from probe_design.maps.detectability import detectability
+from probe_design.maps.scan import scan
 from solver.axisymmetric.gradients import OUTPUTS, gradients
 from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.sections import sections
@@ -103,10 +104,15 @@ def test_a_layer_of_the_tissues_own_material_changes_nothing(thicknesses, bodies
     agree(changes(on(*((one, *OWN) for one in thicknesses), inclusion=bodies)), changes(on(inclusion=bodies)))
 
 
+NARROW = EXAMPLE.model_copy(update={"tissue": EXAMPLE.tissue.model_copy(update={"radius": 8e-3})})
+
+
 @pytest.mark.slow
-def test_both_ways_of_reflection_agree_on_spheres_in_two_layers():
-    """By their work on the layers' faces and at the spheres' own points."""
-    scene = on((10.5, 2e4), inclusion=PAIR)
+@pytest.mark.parametrize(
+    "scene", [on((10.5, 2e4), inclusion=PAIR), on((5.0, 3e4), scene=NARROW, inclusion=[sphere(13.0, modulus=6e5)])]
+)
+def test_both_ways_of_reflection_agree(scene):
+    """By spheres' work on the faces and sides of their layers, and at their own points: in two layers, close to the side."""
     base, spheres = LEVEL.prepared(scene, 1e-2), Tumours.of(scene).flat()
     ways = [Reflector(base.field.states, "bonded", close) for close in (False, True)]
     one, other = (solve_scattering(base.field, way, base.strata, spheres, 1e-5) for way in ways)
@@ -180,6 +186,25 @@ def test_auto_takes_this_level_off_the_axis_and_maps_leave_out_what_crosses():
     assert (planned.evaluator, plan(on((1.4, 2e4))).evaluator) == ("equivalent-inclusion", "axisymmetric")
     change = detectability(scene, np.array([1e-3, 2e-3, 9e-3]), np.array([1e-3, 6e-3]), accuracy=0.02).change
     assert [[one is None for one in row] for row in change] == [[True, True], [False, True], [False, False]]
+
+
+def test_arrays_of_spheres_are_refused_where_one_is_crossed():
+    base = LEVEL.prepared(on((1.4, 2e4), inclusion=ASIDE), 0.02)
+    with pytest.raises(Refusal, match=r"inclusion.depth = 3 mm: allowed: spheres of 4 mm that no interface"):
+        readings(base, Tumours(0.0, 0.0, [[9e-3], [3e-3]], 4e-3, 3e4, 0.45))
+
+
+@pytest.mark.slow
+def test_a_scan_over_a_sphere_under_a_skin():
+    """Even about the sphere; above it what the meridian's elements say; one position alone says what it says among many."""
+    scene = on((1.4, 2e4), inclusion=[sphere(9.0) | {"target": True}])
+    found = scan(scene, "x", np.linspace(-7e-3, 7e-3, 15), accuracy=3e-3, linear=True)
+    np.testing.assert_allclose(found.ratio, found.ratio[::-1], rtol=1e-6)
+    expected = Axisymmetric().evaluate(scene, 1e-4)
+    assert abs(found.ratio[7] / expected.ratio - 1) <= found.error_estimate[7] + 1e-4
+    assert found.log_sensitivity[7] == pytest.approx(expected.log_sensitivity, rel=0.015)
+    alone = scan(scene, "x", np.array([4e-3]), accuracy=3e-3, linear=True)
+    assert alone.ratio[0] == pytest.approx(found.ratio[11], rel=found.error_estimate[11])
 
 
 @pytest.mark.slow

@@ -1,0 +1,209 @@
+"""Attacks of more than one step: on a sweep's work and store, its cluster, and any verb's ends.
+
+Each asks the program in processes of its own, and compares what is left with what nobody disturbed leaves.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from benchmarks.attacks.attempt import Ended
+from benchmarks.attacks.damage import Random
+from probe_design.sweeps.store import NAME
+from tests.support.interrupted import Leftovers, left, moments
+from tests.support.paths import ROOT, SCENE
+from tests.support.sweeps import command, stored, toml, wait_for_rows
+
+DESIGNS, PATIENCE = 200, 120.0
+LOST, LINES = "lost rows", "stray lines"
+NOWHERE = ("tls://127.0.0.1:9", "ucx://127.0.0.1:9", "nowhere", "tcp://127.0.0.1:1", "")
+SLOWLY = "from probe_design.__main__ import main; from probe_design.sweeps import run; run.SECONDS = 0.02; main()"
+VERBS = (
+    ("evaluate", str(SCENE), "--json"), ("plan", str(SCENE)), ("export", str(SCENE), "-o", "OUT"), ("tradeoff", "-o", "OUT"),
+    ("curve", str(SCENE), "--points", "5", "--plot", "OUT/curve.png"), ("read", str(SCENE), "--virtual", "--seconds", "3"),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Ordeal:
+    """How one went: what was done, how the program ended, and all that went wrong."""
+
+    said: str
+    ended: Ended
+    wrong: tuple[str, ...]
+
+
+def kill(draw: Random, folder: Path) -> Ordeal:
+    """A sweep that is killed at any moment, up to three times, and started again."""
+    path, out, kills = toml(folder, n=DESIGNS), folder / "out", draw.randint(1, 3)
+    for _ in range(kills):
+        words = [sys.executable, "-c", SLOWLY, "sweep", str(path), "-o", str(out), "--workers", "1"]
+        process = subprocess.Popen(words, cwd=ROOT, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        if draw.random() < 0.6:
+            wait_for_rows(out, draw.randint(1, DESIGNS // 2), process)
+        time.sleep(draw.random())
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    return _resumed(f"{kills} kills", path, out)
+
+
+def full_disk(draw: Random, folder: Path) -> Ordeal:
+    """A sweep whose files may not grow beyond some kB, and then may."""
+    path, out, room = toml(folder, n=DESIGNS), folder / "out", draw.randint(4, 60) * 1000
+    first = _swept(path, out, lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room, room)))
+    resumed = _resumed(f"files of {room} bytes at most", path, out)
+    wrong = () if first.code in (0, 1, 2) else ("exit code",)
+    return Ordeal(resumed.said, resumed.ended, (*_lines(first), *wrong, *resumed.wrong))
+
+
+def store(draw: Random, folder: Path) -> Ordeal:
+    """A store with other bits, or cut: mended or refused, and never a table that is another."""
+    path, out = toml(folder, n=DESIGNS), folder / "out"
+    shutil.copytree(_whole()[0], out)
+    content = bytearray((out / NAME).read_bytes())
+    kind = draw.choice(["bits", "bits", "cut", "sector"])
+    if kind == "bits":
+        for _ in range(draw.choice([1, 1, 30])):
+            content[draw.randrange(len(content))] ^= 1 << draw.randrange(8)
+    elif kind == "cut":
+        del content[draw.randrange(len(content)) :]
+    else:
+        at = draw.randrange(len(content) // 512) * 512
+        content[at : at + 512] = bytes(512)
+    (out / NAME).write_bytes(content)
+    return _resumed(kind, path, out, refusable=True)
+
+
+def scheduler(draw: Random, folder: Path) -> Ordeal:
+    """What answers at a scheduler's address: nothing, rubbish, another service, or an address that is none."""
+    behaviour = draw.choice([*BEHAVIOURS, None])
+    with _server(BEHAVIOURS.get(behaviour or "", _close), draw) as address:
+        given = (
+            address if behaviour else draw.choice(["tls://127.0.0.1:9", "ucx://127.0.0.1:9", "nowhere", "tcp://127.0.0.1:1", ""])
+        )
+        ended = _swept(toml(folder, n=4), folder / "out", lambda: None, "--scheduler", given)
+    return Ordeal(str(behaviour or given), ended, (*_lines(ended), *(() if ended.code == 2 else ("exit code",))))
+
+
+def interrupt(draw: Random, folder: Path) -> Ordeal:
+    """A signal at any moment of any verb."""
+    words = draw.choice(VERBS)
+    (delay, number), start = next(moments(_undisturbed(words).seconds, 1, draw.randrange(2**32))), time.perf_counter()
+    found = left(words, delay, number)
+    fault = found.wrong(number, _undisturbed(words))
+    ended = Ended(found.code, "", found.said, time.perf_counter() - start)
+    return Ordeal(f"signal {number} after {delay:.2f} s: {fault}", ended, ("exit code",) if fault else ())
+
+
+ORDEALS: dict[str, Callable[[Random, Path], Ordeal]] = {
+    "kills": kill, "full disks": full_disk, "stores": store, "schedulers": scheduler, "interrupts": interrupt,
+}  # fmt: skip
+
+
+def _swept(path: Path, out: Path, before: Callable[[], Any], *more: str) -> Ended:
+    start, words = time.perf_counter(), command(path, "-o", out, "--workers", "1", *more)
+    try:
+        done = subprocess.run(words, capture_output=True, text=True, cwd=ROOT, timeout=PATIENCE, preexec_fn=before)
+    except subprocess.TimeoutExpired:
+        return Ended(None, "", "", time.perf_counter() - start)
+    return Ended(done.returncode, done.stdout, done.stderr, time.perf_counter() - start)
+
+
+def _resumed(said: str, path: Path, out: Path, refusable: bool = False) -> Ordeal:
+    ended = _swept(path, out, lambda: None)
+    if ended.code == 2 and refusable:
+        return Ordeal(said, ended, tuple(_lines(ended)))
+    same = ended.code == 0 and stored(out) == _whole()[1]
+    return Ordeal(said, ended, (*_lines(ended), *(() if same else (LOST,))))
+
+
+def _lines(ended: Ended) -> Iterator[str]:
+    if ended.code is None:
+        yield "hang"
+    elif ended.code < 0:
+        yield "signal"
+    if "Traceback" in ended.errors:
+        yield "traceback"
+    if "a defect of the program" in ended.errors:
+        yield "defect"
+    if any(not line.startswith("probe-design: ") for line in ended.errors.splitlines()):
+        yield LINES
+
+
+@cache
+def _whole() -> tuple[Path, list[tuple[Any, ...]]]:
+    """The store of a sweep that nobody disturbed, and its rows."""
+    folder = Path(tempfile.mkdtemp(prefix="attack-whole-"))
+    assert _swept(toml(folder, n=DESIGNS), folder / "out", lambda: None).code == 0
+    return folder / "out", stored(folder / "out")
+
+
+@cache
+def _undisturbed(words: tuple[str, ...]) -> Leftovers:
+    return left(words)
+
+
+@contextmanager
+def _server(behaviour: Callable[[socket.socket, Random], None], draw: Random) -> Iterator[str]:
+    """Serve every peer in a thread of its own."""
+    listener = socket.create_server(("127.0.0.1", 0))
+
+    def answer(peer: socket.socket) -> None:
+        with suppress(OSError), peer:
+            behaviour(peer, draw)
+
+    def serve() -> None:
+        with suppress(OSError):
+            while True:
+                threading.Thread(target=answer, args=(listener.accept()[0],), daemon=True).start()
+
+    threading.Thread(target=serve, daemon=True).start()
+    try:
+        yield f"tcp://127.0.0.1:{listener.getsockname()[1]}"
+    finally:
+        listener.close()
+
+
+def _silent(peer: socket.socket, _: Random) -> None:
+    peer.settimeout(PATIENCE)
+    while peer.recv(65536):
+        pass
+
+
+def _http(peer: socket.socket, _: Random) -> None:
+    peer.recv(65536)
+    peer.sendall(b"HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\nConnection: close\r\n\r\n")
+
+
+def _rubbish(peer: socket.socket, draw: Random) -> None:
+    peer.sendall(draw.randbytes(draw.randint(1, 100_000)))
+    _silent(peer, draw)
+
+
+def _close(peer: socket.socket, _: Random) -> None:
+    peer.close()
+
+
+def _frames(peer: socket.socket, draw: Random) -> None:
+    """A frame as Dask's are, of any length that is never sent."""
+    peer.sendall((1).to_bytes(8, "little") + draw.choice([16, 2**20, 2**50]).to_bytes(8, "little") + b"\xff" * 4096)
+    _silent(peer, draw)
+
+
+BEHAVIOURS = {"silent": _silent, "HTTP": _http, "rubbish": _rubbish, "closes": _close, "frames without an end": _frames}
