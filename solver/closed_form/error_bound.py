@@ -4,7 +4,7 @@
 
 of ln(ratio), of the logarithms of both totals and, absolute, of the log-sensitivity, with the features of ``error_features``.
 The weights are an envelope of random scenes and of tests/reference, times a margin: ``python -m benchmarks.closed_form.error``
-writes them to ``error_weights.json``, and audits them on other scenes.
+writes them to ``error_weights.json``, audits them on other scenes, and writes there what it found.
 """
 
 from __future__ import annotations
@@ -52,12 +52,12 @@ class StatedErrors:
         return float(np.expm1(min(max(self.log_ratio, *self.log_totals), 700.0)))
 
 
-def errors(scene: Scene, forces: Floats, slopes: Floats, sided: bool) -> StatedErrors:
+def errors(scene: Scene, forces: Floats, slopes: Floats) -> StatedErrors:
     """Return eq. CF.19 for a scene, with all of groove, film and base; arguments as of ``error_features.features``."""
-    feature_sets = features(scene, forces, slopes, sided)
+    found = features(scene, forces, slopes)
     ratio, inner, outer, sensitivity = (
-        sum(weight * part[name] for name, weight in weights()[kind].items())
-        for kind, part in zip(QUANTITIES, feature_sets, strict=True)
+        sum(weights()[kind].get(name, 0.0) * float(values[place]) for name, values in found.items())
+        for place, kind in enumerate(QUANTITIES)
     )
     detail_bounds = [detail.bound(forces[0]) for detail in details(scene.probe)]
     films = np.array([inner, outer]) + sum(bound.totals for bound in detail_bounds) / forces[0].sum(axis=1)

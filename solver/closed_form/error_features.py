@@ -1,161 +1,128 @@
-"""What the closed form's errors are told from: numbers that are large where it leaves out much, for each quantity it returns.
+"""What the closed form's errors are told from: ten numbers, each large where the formulas do one thing only roughly.
 
-A quantity is ln(ratio), the logarithm of either total or the log-sensitivity. Its features are
+Most come from what the formulas themselves answer once something is changed: sides modelled or left out, a block a little
+stiffer, no spheres. The others are powers of ratios of lengths. Of the logarithms of ratio and totals ``FEATURES`` are
 
-- one;
-- its derivatives by the logarithms of both blocks' moduli, as the blocks' ends are coarse, as they are and times how far the
-  outer block is a tall shell, a soft one, soft and tall, or wide and thick beside a small inner, or the inner small or flat;
-- what the spheres change of it, as it is and times how near they are to surface, floor and sides, how far they fill the tissue,
-  whether they lie beside the axis, under the probe's rim, or are several;
-- powers of the probe's radius over the way to the tissue's sides and how tall a column the tissue is, once where the sides are
-  modelled ("cut") and once where not ("side"), and over the tissue's depth; how narrow the gap is; how far forces cancel; how
-  soft the outer block is, and wide beside the inner.
+- always: one. There are few tractions;
+- sides: what is changed by modelling sides that are far enough to be left out, or by leaving out those of layers;
+- near sides: (outer radius / way to the side)^8. Tractions on the cut are smoothed;
+- crowded spheres: what spheres change of the larger total, times (radius / way)^6 to the nearest of surface, interfaces, floor
+  and sides and twice (radius / way to the side)^3. They have no images but in the surface, and in layers;
+- soft ends: the derivative by the logarithms of both blocks' moduli, of the ratio both totals'. Blocks have few functions;
+- soft shell: the larger total's, times (hole / outer radius)^8 ln(1 + height / wall). Shells bend over short ways;
+- hairline gap: how much either block's modulus changes the other's total, where the gap is below 0.005 of either width and the
+  inner block small. Tractions at its edges are singular in another way;
+- cancelled: what forces there are beyond their sum. Errors of terms are those of a small difference;
+- thin tissue: x^3 / (1 + x^2) of x = outer radius / depth. Pressures on a squeezed layer have details;
+- interfaces: contrast / (1 + 100 depth / outer radius) of layers of tissue, summed, times 1 + cancelled / 20. Pressures on a
+  film have details, and a skin passes them from block to block.
 
-The last group's, for the log-sensitivity, are times what the target changes of both totals; it has some of its own. From these
-``benchmarks/closed_form/error.py`` chooses: one without a weight in ``error_weights.json`` is one that no scene asked for.
+Of the log-sensitivity sides change what they change; the others are what the target changes of both totals, times the factors.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.scenes.probe import Material
 from geometry.scenes.scene import Inclusion, Scene
-from solver.closed_form.lateral_boundary import side_radius
 
-EFFECTS = ("scene", "inner_modulus", "outer_modulus", "no inclusions")  # the variants whose forces are asked for
+FEATURES = (
+    "always", "sides", "near sides", "crowded spheres", "soft ends",
+    "soft shell", "hairline gap", "cancelled", "thin tissue", "interfaces",
+)  # fmt: skip
+EFFECTS = ("scene", "inner_modulus", "outer_modulus", "no inclusions", "sides")  # the variants whose forces are asked for
 STEP = 1.05  # by which the variants' moduli are larger
+HAIRLINE = 0.005  # of a block's width: about that of the rings at its edges
 
 
-def features(scene: Scene, forces: Floats, slopes: Floats, sided: bool) -> tuple[dict[str, float], ...]:
-    """Return the features of ln(ratio), of the logarithms of inner and outer total, and of the log-sensitivity.
+def features(scene: Scene, forces: Floats, slopes: Floats) -> dict[str, Floats]:
+    """Return each of ``FEATURES`` for ln(ratio), the logarithms of inner and outer total, and the log-sensitivity, shape (4,).
 
     Args:
         scene: what is pressed on what.
-        forces: of the variants ``EFFECTS`` of the scene, positive totals, shape (4, 2, 2).
-        slopes: their derivatives by the logarithm of the target's modulus, shape (4, 2, 2).
-        sided: whether the tissue's sides are modelled.
+        forces: of the variants ``EFFECTS``, the last with sides taken otherwise; positive totals, shape (5, 2, 2).
+        slopes: their derivatives by the logarithm of the target's modulus, shape (5, 2, 2).
     """
-    totals = forces.sum(axis=2)
-    logs, shares = np.log(totals), slopes.sum(axis=2) / totals
-    cancelled = np.abs(forces[0]).sum(axis=1) / totals[0] - 1
-    spheres = np.abs(logs[0] - logs[3])
-    size = float(np.abs(shares[0]).sum() + np.abs(shares[3]).sum() * _saturated(scene))
-    every = {"always": 1.0, **_of_sides(scene, sided), **_of_softness(scene), **_of_gap(scene)}
-    factors = _of_moduli(scene), _of_places(scene)
-    return (
-        _features(logs @ [1, -1], float(spheres.sum()), *factors) | every | {"cancelled": float(cancelled.max())},
-        *(_features(logs[:, i], float(spheres[i]), *factors) | every | {"cancelled": float(cancelled[i])} for i in (0, 1)),
-        _features(shares @ [1, -1], size, *factors)
-        | {name: size * value for name, value in (every | {"cancelled": float(cancelled.max())} | _of_target(scene)).items()},
-    )
-
-
-def _features(
-    values: Floats, spheres: float, moduli: tuple[dict[str, float], dict[str, float]], places: dict[str, float]
-) -> dict[str, float]:
-    """Features of one quantity, from what it is for the variants and what the spheres change of it."""
-    terms: dict[str, float] = {}
-    for name, value, times in zip(("inner", "outer"), np.abs(values[1:3] - values[0]) / math.log(STEP), moduli, strict=True):
-        terms |= {name: float(value), **{f"{name} {kind}": float(value) * factor for kind, factor in times.items()}}
-    return terms | {"spheres": spheres, **{f"spheres {place}": spheres * factor for place, factor in places.items()}}
-
-
-def _of_moduli(scene: Scene) -> tuple[dict[str, float], dict[str, float]]:
-    """How badly the functions suit the inner and the outer block."""
-    probe = scene.probe
-    wall = probe.tube_radius - probe.hole_radius
-    shell, slender, soft = (1 - wall / probe.tube_radius) ** 4, probe.tube_height / wall, _soft(scene, probe.outer)
-    inner = {
-        "small": _small(scene) ** 4, "flat": math.log1p(probe.inner_radius / probe.core_height),
-        "soft": _soft(scene, probe.inner), "in shell": shell * _soft(scene, probe.inner),
-    }  # fmt: skip
-    outer = {
-        "tall shell": shell * min(1.0, slender / 20), "soft shell": shell * soft, "soft tall": soft * math.log1p(slender),
-        "wide": _small(scene) ** 2 * wall / probe.tube_radius,
-    }  # fmt: skip
-    return inner, outer
-
-
-def _of_softness(scene: Scene) -> dict[str, float]:
-    """How far the outer block is soft beside the tissue and wide beside the inner."""
-    probe, soft = scene.probe, _soft(scene, scene.probe.outer)
-    wide = soft * math.log1p((probe.tube_radius - probe.hole_radius) / probe.inner_radius)
-    return {"soft": wide, "soft squared": wide**2, "soft wide": soft * _small(scene) ** 4}
-
-
-def _of_gap(scene: Scene) -> dict[str, float]:
-    """How much narrower the gap is than the rings at its edges, 0 to 1."""
-    probe = scene.probe
-    narrowest = 0.01 * min(probe.inner_radius, probe.tube_radius - probe.hole_radius)
-    hairline = 1 / (1 + (probe.gap / narrowest) ** 2)
-    return {"hairline": hairline, "hairline small": hairline * _small(scene) ** 2}
-
-
-def _soft(scene: Scene, block: Material) -> float:
-    """How soft a block is beside the tissue, 0 to 1."""
-    return scene.tissue.youngs_modulus / (scene.tissue.youngs_modulus + block.youngs_modulus)
-
-
-def _small(scene: Scene) -> float:
-    """How small the inner block is beside the outer, 0 to 1."""
-    return 1 - scene.probe.inner_radius / scene.probe.tube_radius
-
-
-def _of_places(scene: Scene) -> dict[str, float]:
-    """How near spheres are to surface, floor and sides, how far they fill the tissue, and how they lie; the largest of all."""
-    depth = math.inf if scene.tissue.shape == "half-space" else scene.tissue.depth
-    reach = scene.probe.tube_radius
-
-    def offset(body: Inclusion) -> float:
-        return math.hypot(body.x - scene.placement.x, body.y - scene.placement.y)
-
-    def largest(value: Callable[[Inclusion, float], float]) -> float:
-        return max((value(body, (body.diameter or 0.0) / 2) for body in scene.inclusion), default=0.0)
-
+    changes = _Changes.of(forces, slopes)
+    felt = _felt(scene, forces, slopes)
+    every = np.array([1.0, 1.0, 1.0, felt])
+    spheres = np.array([*[changes.spheres.max()] * 3, felt])
+    soft = changes.ends.sum(axis=0)  # of either total
+    own = float(np.trace(changes.ends))  # of each block's total by its own modulus
+    beside = max(changes.ends[0, 1], changes.ends[1, 0])
+    cancelled = float((np.abs(forces[0]).sum(axis=1) / forces[0].sum(axis=1) - 1).max())
     return {
-        "near surface": largest(lambda body, R: (R / body.depth) ** 3),
-        "near floor": largest(lambda body, R: (R / (depth - body.depth)) ** 3),
-        "at the floor": largest(lambda body, R: (R / (depth - body.depth)) ** 6),
-        "near sides": largest(lambda body, R: min(1.0, R / _room(scene, body.x, body.y)) ** 4),
-        "beside": largest(lambda body, R: float(offset(body) > 0)),
-        "under rim": largest(lambda body, R: math.exp(-4 * (offset(body) / reach - 1) ** 2) * float(offset(body) > 0)),
-        "several": float(len(scene.inclusion) > 1),
+        "always": every,
+        "sides": changes.sides,
+        "near sides": every * _edge(scene) ** 8,
+        "crowded spheres": spheres * max((_crowding(scene, body) for body in scene.inclusion), default=0.0),
+        "soft ends": np.array([soft.sum(), *soft, felt * own]),
+        "soft shell": every * soft.max() * _shell(scene),
+        "hairline gap": every * beside * _hairline(scene),
+        "cancelled": every * cancelled,
+        "thin tissue": every * _thin(scene),
+        "interfaces": every * _interfaces(scene) * (1 + cancelled / 20),
     }
 
 
-def _of_target(scene: Scene) -> dict[str, float]:
-    """How near a target of another modulus is."""
-    strong = (math.log(_saturated(scene) or 1.0) / math.log(1e4)) ** 2
-    places = _of_places(scene)
-    return {"strong": strong, **{f"strong {place}": strong * places[place] for place in ("near surface", "near floor")}}
+@dataclass(frozen=True)
+class _Changes:
+    """What variants change.
+
+    Attributes:
+        sides: of all quantities, by the sides, shape (4,).
+        spheres: of both totals' logarithms, by all spheres, shape (2,).
+        ends: of both totals' logarithms (columns) by the logarithm of either block's modulus (rows), shape (2, 2).
+    """
+
+    sides: Floats
+    spheres: Floats
+    ends: Floats
+
+    @classmethod
+    def of(cls, forces: Floats, slopes: Floats) -> _Changes:
+        totals = forces.sum(axis=2)
+        logs, shares = np.log(totals), slopes.sum(axis=2) / totals
+        quantities = np.column_stack([logs @ [1, -1], logs, shares @ [1, -1]])
+        ends = np.abs(logs[1:3] - logs[0]) / math.log(STEP)
+        return cls(np.abs(quantities[4] - quantities[0]), np.abs(logs[3] - logs[0]), ends)
 
 
-def _saturated(scene: Scene) -> float:
-    """About what share of its slope in tissue as stiff as itself a target has left."""
+def _felt(scene: Scene, forces: Floats, slopes: Floats) -> float:
+    """How much the target's modulus changes both totals, or would without what its contrast saturates."""
     if scene.target is None:
         return 0.0
-    times = scene.inclusion[scene.target].youngs_modulus / scene.tissue.youngs_modulus
-    return min(times, 1 / times)
+    body = scene.inclusion[scene.target]
+    times = body.youngs_modulus / _around(scene, body)
+    shares = np.abs(slopes.sum(axis=2) / forces.sum(axis=2)).sum(axis=1)
+    return float(shares[0] + shares[3] * min(times, 1 / times))
 
 
-def _of_sides(scene: Scene, sided: bool) -> dict[str, float]:
-    """Powers of the outer radius over the way to the nearest side and over the depth, and how tall a column the tissue is."""
-    tissue, outer = scene.tissue, scene.probe.tube_radius
-    edge, slender, left, thin = 0.0, 0.0, 1.0, 0.0
+def _around(scene: Scene, body: Inclusion) -> float:
+    """Young's modulus of the tissue about a sphere, Pa."""
+    tissue = scene.tissue
+    layers = zip(tissue.interfaces, tissue.layer, strict=True)
+    return next((layer.youngs_modulus for lower, layer in layers if body.depth < lower), tissue.youngs_modulus)
+
+
+def _crowding(scene: Scene, body: Inclusion) -> float:
+    """How near a sphere is to surface, interfaces, floor and sides."""
+    tissue, radius = scene.tissue, (body.diameter or 0.0) / 2
+    ways = [abs(body.depth - depth) for depth in (0.0, *tissue.interfaces)]
     if tissue.shape != "half-space":
-        radius = side_radius(tissue)
-        room = max(_room(scene, scene.placement.x, scene.placement.y), 1e-9 * outer)
-        edge, slender, thin = outer / room, tissue.depth * outer / radius**2, outer / tissue.depth
-        left = max(0.0, 1 - room / radius) if sided else 1.0
-    terms = {"thin": thin**2, "very thin": thin**4}
-    for name, power in {**{f"{n}": edge**n for n in (2, 4, 8)}, "slender": slender}.items():
-        terms |= {f"side {name}": left * power, f"cut {name}": (1 - left) * power}
-    return terms
+        ways.append(tissue.depth - body.depth)
+    beside = min(1.0, radius / _room(scene, body.x, body.y))
+    return max(radius / min(ways), beside) ** 6 + 2 * beside**3
+
+
+def _edge(scene: Scene) -> float:
+    """Outer radius over the way from the probe's axis to the nearest side."""
+    return scene.probe.tube_radius / max(_room(scene, scene.placement.x, scene.placement.y), 1e-9 * scene.probe.tube_radius)
 
 
 def _room(scene: Scene, x: float, y: float) -> float:
@@ -166,3 +133,32 @@ def _room(scene: Scene, x: float, y: float) -> float:
     if tissue.shape == "cylinder":
         return tissue.radius - math.hypot(x, y)
     return min(tissue.length / 2 - abs(x), tissue.breadth / 2 - abs(y))
+
+
+def _shell(scene: Scene) -> float:
+    """How far the outer block is a thin shell, and tall."""
+    probe = scene.probe
+    wall = probe.tube_radius - probe.hole_radius
+    return (probe.hole_radius / probe.tube_radius) ** 8 * math.log1p(probe.tube_height / wall)
+
+
+def _hairline(scene: Scene) -> float:
+    """How narrow the gap is beside the blocks' widths, times how small the inner block is beside the outer; 0 to 1."""
+    probe = scene.probe
+    narrowest = HAIRLINE * min(probe.inner_radius, probe.tube_radius - probe.hole_radius)
+    return (1 - probe.inner_radius / probe.tube_radius) ** 4 / (1 + probe.gap / narrowest)
+
+
+def _thin(scene: Scene) -> float:
+    """How thin the tissue is beside the outer radius: the third power of its share in a thick one, the share in a thin one."""
+    tissue = scene.tissue
+    thin = 0.0 if tissue.shape == "half-space" else scene.probe.tube_radius / tissue.depth
+    return thin**3 / (1 + thin**2)
+
+
+def _interfaces(scene: Scene) -> float:
+    """How many interfaces of layers there are, each the less the deeper it is and the more alike its sides are."""
+    tissue = scene.tissue
+    moduli = [*(layer.youngs_modulus for layer in tissue.layer), tissue.youngs_modulus]
+    sides = zip(tissue.interfaces, pairwise(moduli), strict=True)
+    return sum(abs(E - below) / (E + below) / (1 + 100 * z / scene.probe.tube_radius) for z, (E, below) in sides)

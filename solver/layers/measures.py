@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import accumulate, pairwise
-
 import numpy as np
 
 from geometry.scenes.scene import Scene
@@ -32,33 +30,3 @@ def squeezed(scene: Scene) -> float:
     assert near is not None
     sunk = [(own + part)[0] for own, part in zip(stack[0].half_space[:2], change(stack[0], near)[:2], strict=True)]
     return max(float(part.max() / part[0] - 1) for part in sunk)
-
-
-def carried_to_the_sides(scene: Scene, side: float) -> float:
-    """Return how far stiff layers carry the load to sides at that radius, 0 to 1.
-
-    With the bending length l = h (E / 6 E')^(1/3) of each layer stiffer than the next, and the outer radius a: (a + l)^2 over its
-    sum with the side's square, less that without l.
-    """
-    layers, radius = material_layers(scene.tissue), scene.probe.tube_radius
-    below = [*(layer[1] for layer in layers[1:]), scene.tissue.youngs_modulus]
-    bending = sum(h * max(E / under - 1, 0.0) ** (1 / 3) for (h, E, _), under in zip(layers, below, strict=True)) / 6 ** (1 / 3)
-    near, far = (way**2 / (way**2 + side**2) for way in (radius + bending, radius))
-    return near - far
-
-
-def beside_interfaces(scene: Scene) -> float:
-    """Return how near the nearest sphere is to an interface, (R / distance)^3 times the contrast; 0 without any."""
-    layers = material_layers(scene.tissue)
-    moduli = [*(layer[1] for layer in layers), scene.tissue.youngs_modulus]
-    faces = zip(accumulate(layer[0] for layer in layers), pairwise(moduli), strict=True)
-    contrasts = [(depth, abs(E - under) / (E + under)) for depth, (E, under) in faces]
-    return max(
-        (
-            size * (body.diameter / 2 / abs(body.depth - at)) ** 3
-            for body in scene.inclusion
-            if body.diameter
-            for at, size in contrasts
-        ),
-        default=0.0,
-    )

@@ -1,29 +1,84 @@
-"""The weights of the stated errors: data with an origin, of features that there are."""
+"""The stated errors: ten features at most, weights and audit with an origin, and no true error above what is stated."""
 
 from __future__ import annotations
 
 import json
 import math
+from typing import Any
 
 import numpy as np
+import pytest
 
-from geometry import read_scene
+from benchmarks.closed_form.error import SHARES, JudgedScene, references, rows
+from benchmarks.closed_form.random_scenes import draw
+from geometry import InputError, Scene, read_scene
+from solver import evaluate
 from solver.closed_form.error_bound import QUANTITIES, weights
-from solver.closed_form.error_features import features
+from solver.closed_form.error_features import EFFECTS, FEATURES, features
+from solver.closed_form.level import LARGEST_ERROR, ClosedForm
 from tests.support.named import runs
 from tests.support.paths import ROOT, SCENE
 
+FILE = json.loads((ROOT / "solver" / "closed_form" / "error_weights.json").read_text(encoding="utf-8"))
 
-def test_weights_are_of_features_that_there_are() -> None:
-    found = features(read_scene(SCENE), np.ones((4, 2, 2)), np.ones((4, 2, 2)), sided=True)
+
+def test_ten_features_at_most_and_weights_of_these() -> None:
+    forces = np.ones((len(EFFECTS), 2, 2))
+    found = features(read_scene(SCENE), forces, forces)
+    assert tuple(found) == FEATURES
+    assert len(FEATURES) <= 10
     assert tuple(weights()) == QUANTITIES
-    for kind, part in zip(QUANTITIES, found, strict=True):
-        assert weights()[kind].keys() <= part.keys()
+    for kind in QUANTITIES:
+        assert weights()[kind].keys() <= set(FEATURES)
         assert all(0 < weight < math.inf for weight in weights()[kind].values())
 
 
 def test_weights_tell_where_they_come_from() -> None:
-    origin = json.loads((ROOT / "solver" / "closed_form" / "error_weights.json").read_text(encoding="utf-8"))["origin"]
+    origin = FILE["origin"]
     assert runs(origin["script"].split()[2])
     assert origin["margin"] > 1
-    assert {"date", "scenes", "seeds", "references"} <= origin.keys()
+    assert origin["scenes"] == sum(origin["seeds"].values())
+    assert {"date", "references"} <= origin.keys()
+
+
+def test_audit_is_of_other_scenes_and_found_none_above() -> None:
+    audit = FILE["audit"]
+    assert not audit["seeds"].keys() & FILE["origin"]["seeds"].keys()
+    assert sum(audit["seeds"].values()) >= audit["answered"] + audit["refused"]
+    assert audit["shares"] == list(SHARES)
+    for kind in QUANTITIES:
+        told = audit["all"][kind]
+        assert told["scenes"] <= audit["answered"]
+        assert told["above"] == 0
+        assert told["true over stated"][-1] < 1
+
+
+def below(row: JudgedScene) -> bool:
+    return row.stated["ratio"] > LARGEST_ERROR or all(true <= row.stated[kind] for kind, true in row.true.items())
+
+
+@pytest.mark.slow
+def test_no_reference_is_above_its_bound() -> None:
+    found = list(rows(list(references())))
+    assert len(found) > 100
+    assert all(below(row) for row in found)
+
+
+def fresh(seed: int) -> tuple[Scene, dict[str, Any]]:
+    """A scene that neither fit nor audit drew, with the converged answer."""
+    rng = np.random.default_rng([2026, seed])
+    while True:
+        try:
+            scene = draw(rng)
+            if ClosedForm().refusal(scene) is None and all(body.x == 0 for body in scene.inclusion):
+                answer = evaluate(scene, "axisymmetric", 0.01)
+                if answer.ratio is not None and not answer.warnings:
+                    keys = ("stress_inner", "stress_outer", "stiffness", "log_sensitivity", "error_estimate")
+                    return scene, {key: getattr(answer, key) for key in keys}
+        except (InputError, ValueError):
+            continue
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 12))])
+def test_fresh_scenes_are_below_their_bounds(seed: int) -> None:
+    assert all(below(row) for row in rows([fresh(seed)]))

@@ -1,0 +1,35 @@
+"""Weights of sums of features that are never below some values: an envelope, as low as linear programming makes it."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import linprog
+
+from geometry.common.arrays import Floats
+
+ROUNDS = 10
+MOST = 1e3  # weight
+
+
+def weights_of(table: Floats, least: Floats, floor: float) -> Floats:
+    """Return weights w >= 0 with table w >= least and the mean of ln(table w + floor) small, three digits, rounded up.
+
+    Args:
+        table: values of features (columns) of scenes (rows).
+        least: what each scene must be told.
+        floor: told errors below are all as good.
+    """
+    starts = np.ones(table.shape[1]), np.median(least) / (table.mean(axis=0) + 1e-12)
+    w = min((_descended(table, least, floor, start) for start in starts), key=lambda w: float(np.log(table @ w + floor).mean()))
+    digits = 10.0 ** (np.floor(np.log10(np.maximum(w, 1e-30))) - 2)
+    rounded: Floats = np.where(w > 1e-6, np.ceil(w / digits) * digits, 0.0)
+    return rounded
+
+
+def _descended(table: Floats, least: Floats, floor: float, start: Floats) -> Floats:
+    """Each round weighs a scene by what it was told before: the logarithm's slope, which lies above it."""
+    w = start
+    for _ in range(ROUNDS):
+        price = table.T @ (1 / (table @ w + floor))
+        w = linprog(price, A_ub=-table, b_ub=-least, bounds=(0, MOST)).x
+    return w
