@@ -17,7 +17,6 @@ FOLDERS = {
     "off-axis": "tumours beside the axis, pairs, ellipsoids",
     "tissue-layers": "skin, fat, bone, films: tissue of layers",
     "tissue-layers-off-axis": "tumours beside the axis in tissue of layers",
-    "tissue-layers-extreme": "one layer from 0.1 to 50 mm, a millionth to a million times as stiff as the tissue",
 }
 SENSITIVITY_FLOOR = 1e-4  # below it the references' uncertainty of the log-sensitivity is relative to this
 
