@@ -1,8 +1,7 @@
 """Make the scenes of ``tests/reference/tissue-layers``: the probe of examples/scene.toml on tissue of layers.
 
 Usage: ``python -m benchmarks.references.layered_scenes FOLDER``, then ``python -m benchmarks.references.axisymmetric FOLDER``
-for the answers; with ``--extremes`` those of ``tests/reference/tissue-layers-extreme``, one layer from 10 um to 50 mm, from a
-millionth to a million times as stiff as what is below it.
+for the answers.
 """
 
 from __future__ import annotations
@@ -19,13 +18,13 @@ SKIN = (1.44e-3, 56.3e3, 0.45)  # thickness m, Young's modulus Pa, Poisson's rat
 Layer = tuple[float, float, float]
 
 
-def scene(*layers: Layer, own: tuple[float, float] = (6e3, 0.45), tissue: dict[str, Any] | None = None, **changes: Any) -> Scene:
-    """Return the example on layers above a material of its own, (Young's modulus Pa, Poisson's ratio), in other tissue."""
+def scene(*layers: Layer, own: tuple[float, float] = (6e3, 0.45), **changes: Any) -> Scene:
+    """Return the example on layers above a material of its own, (Young's modulus Pa, Poisson's ratio)."""
     base = read_scene(EXAMPLE).model_dump(exclude_unset=True)
     names = ("thickness", "youngs_modulus", "poisson_ratio")
-    own_tissue = base["tissue"] | dict(zip(names[1:], own, strict=True)) | (tissue or {})
-    own_tissue["layer"] = [dict(zip(names, one, strict=True)) for one in layers]
-    return Scene.model_validate(base | {"tissue": own_tissue} | changes)
+    tissue = base["tissue"] | dict(zip(names[1:], own, strict=True))
+    tissue["layer"] = [dict(zip(names, one, strict=True)) for one in layers]
+    return Scene.model_validate(base | {"tissue": tissue} | changes)
 
 
 SCENES = {
@@ -45,22 +44,12 @@ SCENES = {
 }
 
 
-THICK = {"10-um": 10e-6, "0.1-mm": 0.1e-3, "1-mm": 1e-3, "50-mm": 50e-3}
-EXTREMES = {
-    f"{name}-contrast-1e{power}": scene(
-        (thickness, 6e3 * 10.0**power, 0.45), tissue=None if thickness < 10e-3 else {"depth": 70e-3}, load={"indentation": 1e-6}
-    )
-    for name, thickness in THICK.items()
-    for power in (-6, -3, 3, 6)
-}
-
-
-def main(folder: Path, scenes: dict[str, Scene]) -> None:
+def main(folder: Path) -> None:
     """Write the scene files."""
     folder.mkdir(parents=True, exist_ok=True)
-    for name, one in scenes.items():
+    for name, one in SCENES.items():
         (folder / f"{name}.toml").write_text(scene_to_toml(one), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), EXTREMES if "--extremes" in sys.argv else SCENES)
+    main(Path(sys.argv[1]))

@@ -43,7 +43,7 @@ def lawful() -> Iterator[Row]:
     yield from loads()
     yield from scales()
     yield from turned()
-
+    yield from layered()
     yield from homogeneous()
     yield from hairline()
     yield from crossing()
@@ -147,6 +147,38 @@ def homogeneous() -> Iterator[Row]:
     for contrast in (1e-6, 1e6):
         grain, name = spheres(scene, GRAINS, contrast * tissue), f"two of 0.1 mm beside the axis, contrast {contrast:g}"
         yield Row("laws", name, changed(scene, inclusion=grain), replace(none, uncertainty=GRAIN), nothing)
+
+
+def layered() -> Iterator[Row]:
+    """Layers of the tissue's own material are not there; tissue on rock is tissue on its rigid floor; scales do not matter."""
+    scene, truth = known("extremes", "middle")
+    tissue = scene.tissue.model_dump()
+    own = {"youngs_modulus": scene.tissue.youngs_modulus, "poisson_ratio": scene.tissue.poisson_ratio}
+    for name, thickness in (("1 um", 1e-6), ("0.1 mm", 1e-4), ("30 mm", 30e-3)):
+        cut = tissue | {"layer": [own | {"thickness": thickness}]}
+        yield Row("laws", f"a layer of tissue, {name}", changed(scene, tissue=cut), truth, "as without it, from NGSolve")
+    for times in (1e4, 1e6):  # of the rock some 10 mm: it gives way by less than its softness
+        rock = tissue | {"depth": tissue["depth"] + 10e-3, "youngs_modulus": times * own["youngs_modulus"]}
+        told, deep = (
+            replace(truth, uncertainty=truth.uncertainty + 2 / times),
+            rock | {"layer": [own | {"thickness": tissue["depth"]}]},
+        )
+        yield Row(
+            "laws", f"tissue on rock, contrast {times:g}", changed(scene, tissue=deep), told, "on a rigid floor, by NGSolve"
+        )
+    for name, size in (("film-of-a-tenth-millimetre", 0.1e-3), ("plate-on-gel", 50e-3)):
+        scene, truth = known("tissue-layers", name)
+        times = size / scene.probe.tube_radius
+        grown = Scene.model_validate(_times(scene.model_dump(), LENGTHS | {"thickness"}, times))
+        values = replace(truth, stiffness=_product(truth.stiffness, times))
+        yield Row("laws", f"{name}, outer radius {1e3 * size:g} mm", grown, _pressed_alike(scene, values, times), SCALE)
+
+
+def _pressed_alike(scene: Scene, truth: Truth, times: float) -> Truth:
+    """The stresses under the same force on a probe that is larger by so much; those under an indentation grow with it."""
+    area = 1 if scene.load.indentation is not None else times**-2
+    told = {key: _product(getattr(truth, key), area) for key in ("stress_inner", "stress_outer")}
+    return replace(truth, **told)
 
 
 def hairline() -> Iterator[Row]:

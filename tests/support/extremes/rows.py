@@ -15,6 +15,8 @@ FOLDERS = {
     "extra": "corners of the range of designs",
     "half-space": "tissue without an end",
     "off-axis": "tumours beside the axis, pairs, ellipsoids",
+    "tissue-layers": "skin, fat, bone, films: tissue of layers",
+    "tissue-layers-off-axis": "tumours beside the axis in tissue of layers",
 }
 SENSITIVITY_FLOOR = 1e-4  # below it the references' uncertainty of the log-sensitivity is relative to this
 
