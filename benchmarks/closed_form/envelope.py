@@ -8,6 +8,7 @@ from scipy.optimize import linprog
 from geometry.common.arrays import Floats
 
 ROUNDS = 10
+STARTS = 6
 MOST = 1e3  # weight
 
 
@@ -19,7 +20,8 @@ def weights_of(table: Floats, least: Floats, floor: float) -> Floats:
         least: what each scene must be told.
         floor: told errors below are all as good.
     """
-    starts = np.ones(table.shape[1]), np.median(least) / (table.mean(axis=0) + 1e-12)
+    likely = np.median(least) / (np.quantile(table, 0.9, axis=0) + 1e-6)
+    starts = likely * np.exp(np.random.default_rng(0).normal(0, 2, (STARTS, table.shape[1])))  # what is descended to is local
     w = min((_descended(table, least, floor, start) for start in starts), key=lambda w: float(np.log(table @ w + floor).mean()))
     digits = 10.0 ** (np.floor(np.log10(np.maximum(w, 1e-30))) - 2)
     rounded: Floats = np.where(w > 1e-6, np.ceil(w / digits) * digits, 0.0)
