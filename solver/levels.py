@@ -103,6 +103,7 @@ def _automatic(scene: Scene, accuracy: float, linear: bool, tell: Tell | None) -
     planned = _planned(scene, accuracy)
     if not linear:
         planned.check_load(scene, accuracy)
+    planned.check_reach(accuracy)
     try:
         result = _level(planned.evaluator, tell).evaluate_within(planned.scene, planned.accuracy)
     except LimitReached:

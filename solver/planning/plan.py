@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from geometry.common.errors import Refusal
+from geometry.common.limits import least
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.converged_forces import NEGLIGIBLE
 from solver.axisymmetric.level import Axisymmetric
@@ -28,7 +29,7 @@ from solver.results.kinds import needs_solid, unsupported
 from solver.results.result import Curve, Decision, Effect, LargestLoad, Result
 from solver.results.warnings import Note, null_sensitivity
 from solver.solid.domain import domain, reach
-from solver.solid.level import SolidLevel
+from solver.solid.level import BEST, SolidLevel
 
 AXISYMMETRIC, HARMONICS, SOLID = "axisymmetric", "equivalent-inclusion", "solid"
 
@@ -73,6 +74,14 @@ class Plan:
             "linear_limit_load": asdict(self.linear_limit_load),
             "warnings": list(self.warnings),
         }
+
+    def check_reach(self, accuracy: float) -> None:
+        """Raise ``Refusal`` where the load takes so much of the accuracy that ``solid`` does not reach the rest."""
+        if self.evaluator == SOLID and self.accuracy < BEST <= accuracy:
+            enough = least(BEST * accuracy / self.accuracy, 2)
+            raise Refusal(
+                "accuracy", accuracy, f"{enough} or more at this load, or a smaller load: it leaves {self.accuracy:.2g} to solid"
+            )
 
     def check_load(self, scene: Scene, accuracy: float) -> None:
         """Raise ``Refusal`` where the load is so far beyond the limit that no answer's own stiffness can allow it."""

@@ -16,7 +16,7 @@ from solver.axisymmetric.refinement import LEVELS
 from solver.axisymmetric.sample import sample
 from solver.axisymmetric.sections import sections
 from solver.levels import evaluate, plan
-from tests.support.paths import REFERENCE, SCENE
+from tests.support.paths import EXAMPLES, REFERENCE, SCENE
 
 FOLDER = REFERENCE / "tissue-layers"
 EXPECTED = json.loads((FOLDER / "expected.json").read_text())
@@ -169,6 +169,13 @@ def test_an_interface_that_hardly_cuts_the_sphere_is_refused(depth):
 def test_the_level_that_does_not_know_layers_names_one_that_does(change, level):
     with pytest.raises(Refusal, match=level):
         evaluate(on((1.5, 56e3), **change), "published")
+
+
+def test_a_load_that_leaves_too_little_to_solid_is_refused_by_the_accuracy_that_was_asked():
+    breast = read_scene(EXAMPLES / "skin.toml")
+    aside = breast.inclusion[0].model_copy(update={"x": 3e-3, "depth": 5e-3})  # across the skin's lower face
+    with pytest.raises(Refusal, match=r"^accuracy = 0\.01: allowed: 0\.0\d+ or more at this load, or a smaller load"):
+        evaluate(breast.model_copy(update={"inclusion": (aside,)}))
 
 
 def test_the_plan_says_what_layers_change_and_what_a_skin_would():
