@@ -99,6 +99,7 @@ def test_coverage(blank: bool) -> None:
     assert (blind.chi_square(u, y) - blind.floor(y) <= QUANTILE).mean() < 0.8  # what it is for
 
 
+@pytest.mark.slow
 def test_a_number_of_the_tissue_may_be_the_unknown_without_any_tumour() -> None:
     bare = read_scene(SCENE).model_copy(update={"inclusion": ()})
     stiffness = evaluate(changed(bare, {TISSUE: 9e3}), "axisymmetric", 1e-3).stiffness
@@ -110,6 +111,7 @@ def test_a_number_of_the_tissue_may_be_the_unknown_without_any_tumour() -> None:
     assert found.depth is found.strength is None
 
 
+@pytest.mark.slow
 def test_several_places_share_the_error_too() -> None:
     readings = tuple(Reading(x, 0.0, 0.6, NOISE) for x in (-6e-3, 0.0, 6e-3))
     model = TargetModel(scene(), Measurements.of(readings), 0.01)

@@ -55,6 +55,7 @@ def assert_as_expected(result: Result, one: Expected) -> None:
         assert result.log_sensitivity == pytest.approx(one.log_sensitivity, rel=0.05)
 
 
+@pytest.mark.slow
 def test_against_an_independent_code_on_stored_meshes(stored: None) -> None:
     assert_as_expected(solved(ACROSS.scene), ACROSS)
 
