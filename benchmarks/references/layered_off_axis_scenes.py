@@ -10,9 +10,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from benchmarks.references.layered_scenes import SKIN, Layer, scene
+from benchmarks.references.layered_scenes import SKIN, Layer, scene, write
 from geometry import Scene
-from geometry.scenes.scene_file import scene_to_toml
 
 TISSUE = {"shape": "cylinder", "radius": 30e-3, "depth": 30e-3}
 OUTER_RADIUS = scene().probe.tube_radius
@@ -43,12 +42,5 @@ SCENES = {
 }
 
 
-def main(folder: Path) -> None:
-    """Write the scene files."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, one in SCENES.items():
-        (folder / f"{name}.toml").write_text(scene_to_toml(one), encoding="utf-8")
-
-
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    write(Path(sys.argv[1]), SCENES)

@@ -44,12 +44,12 @@ SCENES = {
 }
 
 
-def main(folder: Path) -> None:
-    """Write the scene files."""
+def write(folder: Path, scenes: dict[str, Scene]) -> None:
+    """Write scene files by their names."""
     folder.mkdir(parents=True, exist_ok=True)
-    for name, one in SCENES.items():
+    for name, one in scenes.items():
         (folder / f"{name}.toml").write_text(scene_to_toml(one), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    write(Path(sys.argv[1]), SCENES)

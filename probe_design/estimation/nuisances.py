@@ -83,14 +83,15 @@ def spread(model: TargetModel, nuisances: Mapping[str, float], x: Floats, target
     Raises:
         InputError: one standard deviation off there is no such scene, or the model cannot tell what is read.
     """
-    middle = model.predict(target).value
+    middle = model.predict(target)
     line, bend = [], []
     for name, sd in nuisances.items():
         above, below = (_varied(model, name, sd * sign).predict(target) for sign in (1.0, -1.0))
-        if not (above.resolved & below.resolved).all():
+        alike = (above.agrees == middle.agrees) & (below.agrees == middle.agrees)  # or logarithms are of ratios of either sign
+        if not (above.resolved & below.resolved & alike).all():
             raise InputError(f"nuisance.{name}", sd, "a smaller one: the model cannot tell what is read where it is so far off")
         line.append((above.value - below.value) / 2)
-        bend.append((above.value + below.value) / 2 - middle)
+        bend.append((above.value + below.value) / 2 - middle.value)
     return Spread(x, SharedErrors(np.stack(line, axis=-1), np.stack(bend, axis=-1)))
 
 
