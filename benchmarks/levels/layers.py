@@ -1,6 +1,6 @@
 """Tissue in layers by every level: true and stated errors on NGSolve's scenes, and what layers cost.
 
-    python -m benchmarks.levels.layers [--part references|cost] [--levels closed-form axisymmetric ...]
+    python -m benchmarks.levels.layers [--part references|cost] [--levels closed-form axisymmetric ...] [--accuracy 0.01]
 
 True errors are relative, of the ratio, and of the log-sensitivity where there is a target; one above its stated error is marked.
 Costs are the processor's, medians of several in one process, against the same scene without its layers.
@@ -55,17 +55,17 @@ def references(levels: Sequence[str]) -> None:
         print(f"| {name} | {' | '.join(told(scene, values, level) for level in levels)} |", flush=True)
 
 
-def cost(levels: Sequence[str]) -> None:
+def cost(levels: Sequence[str], accuracy: float) -> None:
     """Print how much longer a scene takes with its layers than without."""
     print(f"| scene | layers | {' | '.join(levels)} |\n|{'---|' * (len(levels) + 2)}")
     for name in ("skin-of-the-trial", "three-layers"):
         scene = read_scene(REFERENCE / FOLDERS[0] / f"{name}.toml")
         bare = scene.model_copy(update={"tissue": scene.tissue.model_copy(update={"layer": ()})})
-        ratios = [_ratio(scene, bare, level) for level in levels]
+        ratios = [_ratio(scene, bare, level, accuracy) for level in levels]
         print(f"| {name} | {len(scene.tissue.layer)} | {' | '.join(ratios)} |", flush=True)
 
 
-def _ratio(scene: Scene, bare: Scene, level: str) -> str:
+def _ratio(scene: Scene, bare: Scene, level: str, accuracy: float) -> str:
     """Median of the ratio of two neighbours' times; each with a gap of its own, so that nothing is kept from before."""
     ratios = []
     for k in range(REPEATS):
@@ -74,7 +74,7 @@ def _ratio(scene: Scene, bare: Scene, level: str) -> str:
         for one in (scene, bare):
             start = process_time()
             try:
-                evaluate(one.model_copy(update={"probe": probe}), level, 0.01)
+                evaluate(one.model_copy(update={"probe": probe}), level, accuracy)
             except ProbeError:
                 return "refused"
             times.append(process_time() - start)
@@ -87,11 +87,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--part", choices=("references", "cost"))
     parser.add_argument("--levels", nargs="+", choices=LEVELS, default=LEVELS)
+    parser.add_argument("--accuracy", type=float, default=0.01, help="of the costs")
     asked = parser.parse_args()
     if asked.part != "cost":
         references(asked.levels)
     if asked.part != "references":
-        cost([level for level in asked.levels if level != "solid"])
+        cost([level for level in asked.levels if level != "solid"], asked.accuracy)
 
 
 if __name__ == "__main__":
