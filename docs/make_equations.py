@@ -24,6 +24,7 @@ ROOMS = {
     "AX": "solver/axisymmetric",
     "MS": "solver/multiple_scattering",
     "EI": "solver/equivalent_inclusion",
+    "CT": "solver/contact",
     "SO": "solver/solid",
     "PL": "solver/planning",
     "OP": "probe_design/optimisation",

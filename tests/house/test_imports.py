@@ -45,6 +45,7 @@ ALLOWED: dict[str, set[str]] = {
     "solver.layers": SCENES,
     "solver.closed_form": {"solver.inclusions", "solver.layers", "solver.linalg", "solver.results", *SCENES},
     "solver.axisymmetric": {"solver.linalg", "solver.results", *MESHES},
+    "solver.contact": {"solver.axisymmetric", "solver.linalg", "solver.results", *MESHES},
     "solver.multiple_scattering": {"solver.axisymmetric", "solver.inclusions", "solver.linalg", *MESHES},
     "solver.equivalent_inclusion": {
         "solver.axisymmetric",

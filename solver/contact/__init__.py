@@ -1,0 +1,1 @@
+"""Level 4: finite strain and contact in the meridian plane: loads that a hand makes, gaps that close."""

@@ -1,0 +1,171 @@
+"""Lines of the meridian section that may touch: walls of the gap, walls of the blocks, the tissue's top."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from geometry.common.arrays import Floats, Ints
+from geometry.common.errors import SolveError
+from geometry.meridian.mesh import Topology, labels, line_label
+from geometry.meridian.section import TISSUES, Body
+from solver.linalg.workspace import kept_table
+
+ENDS = ((0, 1), (1, 2), (3, 2), (0, 3))  # corners of an element's edges in the direction of its functions
+PASSES, CLOSE = 30, 1e-13  # of Newton's search for a place on a line, in lengths of its edge
+
+
+@dataclass(frozen=True, eq=False)
+class BoundaryLine:
+    """Edges of elements that follow each other along a line, from its end at a block's lower corner.
+
+    Attributes:
+        element: of each edge, shape (k,).
+        values: the element's own values of the edge's functions, u_r and u_z, shape (k, 2, p + 1).
+        signs: -1 where an odd function runs against the line, shape (k, p + 1).
+        place: of the functions in the undeformed section, m: ends of the edge, then zeros; shape (k, 2, p + 1).
+    """
+
+    element: Ints
+    values: Ints
+    signs: Floats
+    place: Floats
+
+    def reversed(self) -> BoundaryLine:
+        """The same line from its other end."""
+        swap = [1, 0, *range(2, self.order + 1)]
+        odd = np.where((np.arange(self.order + 1) > 2) & (np.arange(self.order + 1) % 2 == 1), -1.0, 1.0)
+        return BoundaryLine(
+            self.element[::-1], self.values[::-1][..., swap], (self.signs * odd)[::-1][..., swap], self.place[::-1][..., swap]
+        )
+
+    @property
+    def order(self) -> int:
+        """Polynomial degree along each edge."""
+        return int(self.place.shape[-1]) - 1
+
+    def positions(self, own: Floats) -> Floats:
+        """Coefficients of the deformed edges, shape (k, 2, p + 1), from the elements' displacements, (n, 8 p)."""
+        return np.asarray(self.place + self.signs[:, None] * own[self.element[:, None, None], self.values])
+
+
+def walls(mesh: Topology, corners: Floats, order: int) -> dict[str, BoundaryLine]:
+    """Return the lines by name: "inner wall", "hole wall", "tube wall" upwards, "strip" and "top" outwards.
+
+    Args:
+        mesh: the elements.
+        corners: of the elements in the undeformed section, m, shape (n, 4, 2).
+        order: of the elements.
+    """
+    at = labels(mesh)
+    column = {name: line_label(number) for name, number in mesh.layout.column.items()}
+    surface = line_label(mesh.layout.row["surface"])
+    tissue = np.isin(mesh.body, TISSUES)
+    inner, outer = (_of_block(mesh, body) for body in (Body.INNER, Body.OUTER))
+
+    def vertical(chosen: Any, name: str) -> BoundaryLine:
+        return _curve(at, corners, chosen, order, axis=0, line=column[name], start=-np.inf, end=np.inf)
+
+    def top(start: str, end: str) -> BoundaryLine:
+        return _curve(at, corners, tissue, order, axis=1, line=surface, start=column[start], end=column[end])
+
+    lines = {"inner wall": vertical(inner, "inner"), "hole wall": vertical(outer, "hole"), "tube wall": vertical(outer, "tube")}
+    return lines | {"strip": top("inner", "hole"), "top": top("tube", "side")}
+
+
+def _of_block(mesh: Topology, body: Body) -> Any:
+    return mesh.body == body
+
+
+def _curve(
+    at: Floats, corners: Floats, chosen: Any, order: int, *, axis: int, line: float, start: float, end: float
+) -> BoundaryLine:
+    """Edges of chosen elements on a line of the mesh, by the labels of their corners, in rising order along it."""
+    element, values, signs, place, along = [], [], [], [], []
+    m = 4 * order
+    for n in np.flatnonzero(chosen):
+        for k, (a, b) in enumerate(ENDS):
+            ends = at[n, [a, b]]
+            low, high = sorted(ends[:, 1 - axis])
+            if not np.all(ends[:, axis] == line) or low < start or high > end:
+                continue
+            functions = np.array([a, b, *range(4 + (order - 1) * k, 4 + (order - 1) * (k + 1))])
+            coefficients, sign = np.zeros((2, order + 1)), np.ones(order + 1)
+            coefficients[:, :2] = corners[n, [a, b]].T
+            if ends[0, 1 - axis] > ends[1, 1 - axis]:  # told against the line's direction
+                functions[[0, 1]], coefficients[:, [0, 1]] = functions[[1, 0]], coefficients[:, [1, 0]]
+                sign[3::2] = -1.0
+            element.append(n)
+            values.append(np.stack([functions, m + functions]))
+            signs.append(sign)
+            place.append(coefficients)
+            along.append(low)
+    order_along = np.argsort(along)
+    return BoundaryLine(*(np.array(x)[order_along] for x in (element, values, signs, place)))
+
+
+@kept_table
+def gauss(order: int) -> tuple[Floats, Floats]:
+    """Weights (g,) and functions (g, p + 1) of an edge at p + 1 Gauss points; more would constrain it more than it can move."""
+    x, w = legendre.leggauss(order + 1)
+    x, w = np.asarray((x + 1) / 2), np.asarray(w / 2)
+    return w, functions(x, order)[0]
+
+
+def functions(x: Floats, order: int) -> tuple[Floats, Floats, Floats]:
+    """Functions of an edge, their first and second derivatives at x in 0 to 1, shape (..., p + 1) each."""
+    P: Floats = np.asarray(legendre.legvander(2 * x - 1, order), dtype=float)
+    value, slope, bend = np.empty_like(P), np.empty_like(P), np.zeros_like(P)
+    value[..., 0], value[..., 1], slope[..., 0], slope[..., 1] = 1 - x, x, -1.0, 1.0
+    for k in range(2, order + 1):
+        scale = np.sqrt(4 * k - 2)
+        value[..., k] = (P[..., k] - P[..., k - 2]) / scale
+        slope[..., k] = P[..., k - 1] * scale
+        derivative = legendre.legder(np.eye(k)[k - 1]) if k > 1 else np.zeros(1)
+        bend[..., k] = 2 * scale * legendre.legval(2 * x - 1, derivative)
+    return value, slope, bend
+
+
+@dataclass(frozen=True)
+class Found:
+    """Where a line has given heights t: edge (j,), its functions and their derivatives there, (j, p + 1) each."""
+
+    edge: Ints
+    value: Floats
+    slope: Floats
+    bend: Floats
+
+
+def find(heights: Floats, wanted: Floats) -> tuple[Found, Any]:
+    """Find the places of a line at which its height t, (k, p + 1) by functions, is what is ``wanted``, (j,).
+
+    Returns those that the line reaches, and which of the wanted these are.
+
+    Raises:
+        SolveError: the line turns back, so that it has a height twice.
+    """
+    size = heights.shape[-1]
+    knots = np.append(heights[:, 0], heights[-1, 1])
+    highest = np.maximum.accumulate(knots)  # where a line sags, the first place counts that reaches a height
+    inside = (wanted >= knots[0]) & (wanted < highest[-1])
+    t = wanted[inside]
+    edge = np.searchsorted(highest, t, side="right") - 1
+    low, high, rises = np.zeros(len(t)), np.ones(len(t)), np.abs(np.diff(knots))[edge]
+    x = np.clip((t - knots[edge]) / np.diff(knots)[edge], 0.0, 1.0)
+    for _ in range(PASSES):
+        value, slope, bend = functions(x, size - 1)
+        off = np.einsum("jp,jp->j", value, heights[edge]) - t
+        rise = np.einsum("jp,jp->j", slope, heights[edge])
+        low, high = np.where(off <= 0, x, low), np.where(off >= 0, x, high)
+        if np.all(np.abs(off) <= CLOSE * rises):
+            break
+        with np.errstate(divide="ignore", invalid="ignore"):
+            step = x - off / rise
+        x = np.where((step > low) & (step < high), step, (low + high) / 2)
+    value, slope, bend = functions(x, size - 1)
+    if np.any(np.einsum("jp,jp->j", slope, heights[edge]) <= 0):
+        raise SolveError("a wall folds over")
+    return Found(edge, value, slope, bend), inside

@@ -1,0 +1,235 @@
+"""A section that deforms: elements, lines that may touch, and the equations of both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse as sp
+
+from geometry.common.arrays import Bools, Floats
+from geometry.common.errors import SolveError
+from geometry.meridian.frame import MeridianFineness
+from geometry.meridian.frame import kind as kind_of
+from geometry.meridian.mesh import SQUARE, Topology, nodes, topology
+from geometry.meridian.section import TISSUES, Body, Section
+from solver.axisymmetric.base_states import Materials
+from solver.axisymmetric.dofs import Interface, Numbering, numbering
+from solver.axisymmetric.quadrilateral import geometry
+from solver.axisymmetric.shape_functions import shapes
+from solver.contact.elements import ElementValues, Elements, Tangent
+from solver.contact.hyperelasticity import Hyperelastic
+from solver.contact.pairs import Pair, Touch, touch
+from solver.contact.touching_lines import contact_length, pairs_of
+from solver.linalg.cholesky import Factor, factorise
+from solver.linalg.workspace import kept
+
+_mesh = kept(topology)
+
+
+@dataclass(frozen=True)
+class State:
+    """A deformed section.
+
+    Attributes:
+        indentation: of the base, m.
+        v: unknowns on corners and edges, shape (unknowns,).
+        elements: all values.
+        multipliers: of each pair's points, Pa.
+        share, blur: of the pairs' penalties that is used, and rounding of the contact's kink, in contact lengths.
+    """
+
+    indentation: float
+    v: Floats
+    elements: ElementValues
+    multipliers: tuple[Floats, ...]
+    share: float = 1.0
+    blur: float = 0.002
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """The equations about a state.
+
+    Attributes:
+        tangent: of the elements.
+        touches: of the pairs.
+        residual: forces out of balance, N, shape (unknowns,).
+        scale: of the forces that balance, N.
+    """
+
+    tangent: Tangent
+    touches: tuple[Touch, ...]
+    residual: Floats
+    scale: float
+
+    @property
+    def touched(self) -> bool:
+        """Whether there is contact anywhere."""
+        return any(np.any(one.pressure > 0) for one in self.touches)
+
+    @property
+    def deepest(self) -> float:
+        """By how much lines penetrate each other at most, m."""
+        return max(0.0, *(-one.closest for one in self.touches))
+
+    @property
+    def unbalanced(self) -> float:
+        """Residual relative to the forces."""
+        return float(np.linalg.norm(self.residual)) / self.scale if self.scale > 0 else 0.0
+
+
+@dataclass(frozen=True)
+class ContactModel:
+    """A section with its materials on one mesh, ready to be deformed.
+
+    Attributes:
+        section, materials: what is modelled.
+        mesh, elements, numbering: how.
+        pairs: lines that may touch.
+        lift: the elements' own values per indentation, the blocks' rigid shift included, for what touches, (n, 8 p, 2).
+    """
+
+    section: Section
+    materials: Materials
+    mesh: Topology
+    elements: Elements
+    numbering: Numbering
+    pairs: tuple[Pair, ...]
+    lift: Floats
+
+    @classmethod
+    def of(cls, section: Section, materials: Materials, interface: Interface, fineness: MeridianFineness) -> ContactModel:
+        """Mesh a section.
+
+        Raises:
+            SolveError: the mesh has a cell without area.
+        """
+        mesh, functions = _mesh(kind_of(section), fineness), shapes(fineness.order)
+        at = geometry(nodes(section, mesh, functions.places), functions)
+        moduli = np.array([[materials[Body(b)].youngs_modulus, materials[Body(b)].poisson_ratio] for b in mesh.body]).T
+        elements = Elements.of(at, functions, Hyperelastic.of(*moduli))
+        numbers = numbering(mesh, fineness.order, interface)
+        lift = numbers.lift.copy()
+        for side, on in enumerate((_inner(section, mesh), _outer(section, mesh))):
+            lift[on, :, side] -= numbers.vertical
+        pairs = pairs_of(section, materials, mesh, fineness.order)
+        return cls(section, materials, mesh, elements, numbers, pairs, lift)
+
+    def at_rest(self) -> State:
+        """The undeformed state."""
+        none = tuple(np.zeros(pair.points) for pair in self.pairs)
+        return State(0.0, np.zeros(self.numbering.unknowns), self.elements.at_rest(), none)
+
+    @property
+    def contact_length(self) -> float:
+        """What penetration and rounding are told in, m: the gap, or a share of a narrow probe."""
+        return contact_length(self.section)
+
+    @property
+    def target(self) -> Bools:
+        """The elements of the sphere, shape (n,)."""
+        return np.asarray(self.mesh.body == Body.INCLUSION)
+
+    def displaced(self, v: Floats, indentation: float) -> Floats:
+        """The elements' own values, the blocks' shift included, m, shape (n, 8 p)."""
+        return np.asarray((self.numbering.gather @ v).reshape(self.lift.shape[:2]) + indentation * self.lift.sum(axis=-1))
+
+    def touches(self, state: State) -> tuple[Touch, ...]:
+        """All pairs in a state.
+
+        Raises:
+            SolveError: a line folds over.
+        """
+        own = self.displaced(state.v, state.indentation)
+        blur = state.blur * self.contact_length
+        return tuple(touch(pair, own, m, state.share, blur) for pair, m in zip(self.pairs, state.multipliers, strict=True))
+
+    def linearised(self, state: State, target: Bools | None = None) -> Linearised:
+        """Linearise about a state; see ``Elements.tangent``.
+
+        Raises:
+            SolveError: a line folds over.
+        """
+        tangent, touches = self.elements.tangent(state.elements, target), self.touches(state)
+        gather = self.numbering.gather
+        contact = sum((one.forces for one in touches), np.zeros(gather.shape[0]))
+        residual = gather.T @ (tangent.forces[..., 0].ravel() + contact)
+        scale = float(np.linalg.norm(abs(gather).T @ (np.abs(tangent.internal[:, self.elements.edge]).ravel() + np.abs(contact))))
+        return Linearised(tangent, touches, residual, scale)
+
+    def factor(self, at: Linearised) -> Factor:
+        """Factorise the tangent."""
+        matrix = self.numbering.assemble(at.tangent.stiffness)
+        contact = self._contact(at)
+        if contact is None:
+            return factorise(matrix, self.numbering.pattern)
+        gather = self.numbering.gather
+        both = sp.csc_array(matrix + gather.T @ contact @ gather)
+        both.sort_indices()
+        return factorise(both, None)
+
+    def shifted(self, state: State, at: Linearised, change: Floats, indentation: float) -> State:
+        """Return a state with its unknowns changed and another indentation, insides and pressures following."""
+        deeper = indentation - state.indentation
+        own = self.numbering.gather @ change + deeper * self.numbering.lift.sum(axis=-1).ravel()
+        tangent = replace(at.tangent, inner=np.zeros_like(at.tangent.inner), pressure=np.zeros_like(at.tangent.pressure))
+        elements = self.elements.moved(state.elements, tangent, own.reshape(self.lift.shape[:2]))
+        return replace(state, indentation=indentation, v=state.v + change, elements=elements)
+
+    def contact_radius(self, at: Linearised, state: State) -> float:
+        """Outer radius of what touches the tissue, m, deformed."""
+        own, pair = self.displaced(state.v, state.indentation), self.pairs[-1]
+        edge = float(pair.slave.positions(own)[0, 0, 0])
+        touching = at.touches[-1].pressure > 0
+        return float(np.max(pair.places(own)[touching, 0], initial=edge))
+
+    def film_forces(self, at: Linearised) -> Floats:
+        """Forces on the films, N, shape (2,): what the energy rises by per indentation of each block's base (CT.6)."""
+        forces = at.tangent.forces[..., 0].ravel() + sum(
+            (one.forces for one in at.touches), np.zeros(self.lift.shape[0] * self.lift.shape[1])
+        )
+        return np.asarray(self.lift.reshape(-1, 2).T @ forces)
+
+    def responses(self, at: Linearised) -> tuple[Floats, Floats]:
+        """How unknowns, (unknowns, k), and film forces, (2, k), change with indentation and, if asked for, ln E of the target."""
+        gather, flat = self.numbering.gather, self.lift.reshape(-1, 2)
+        pushed = self._times(at, flat.sum(axis=1, keepdims=True))
+        modulus = at.tangent.forces[..., 1:].reshape(gather.shape[0], -1)
+        driven = np.concatenate([pushed, modulus], axis=1)
+        changes = -self.factor(at).solve(np.ascontiguousarray(gather.T @ driven))
+        return changes, np.asarray(flat.T @ (driven + self._times(at, gather @ changes)))
+
+    def _times(self, at: Linearised, own: Floats) -> Floats:
+        """The tangent's forces on the elements' own values for changes of these, (n (8 p), k) both."""
+        n, width, _ = self.lift.shape
+        out = (at.tangent.stiffness @ own.reshape(n, width, -1)).reshape(n * width, -1)
+        contact = self._contact(at)
+        return out if contact is None else out + contact @ own
+
+    @staticmethod
+    def _contact(at: Linearised) -> sp.csr_array | None:
+        parts = [one.stiffness for one in at.touches if one.stiffness.nnz]
+        return sum(parts[1:], parts[0]) if parts else None
+
+
+def _inner(section: Section, mesh: Topology) -> Bools:
+    return np.asarray(_centres(section, mesh)[:, 0] < section.inner_radius) & _probe(mesh)
+
+
+def _outer(section: Section, mesh: Topology) -> Bools:
+    return np.asarray(_centres(section, mesh)[:, 0] > section.inner_radius) & _probe(mesh)
+
+
+def _probe(mesh: Topology) -> Bools:
+    return ~np.isin(mesh.body, (*TISSUES, Body.INCLUSION))
+
+
+def _centres(section: Section, mesh: Topology) -> Floats:
+    return np.asarray(nodes(section, mesh, SQUARE).mean(axis=1))
+
+
+def check_volume(elements: Elements, state: ElementValues) -> None:
+    """Raise ``SolveError`` where an element is turned inside out."""
+    if not elements.least_volume(state.u) > 0:
+        raise SolveError("an element folds over")

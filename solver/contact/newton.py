@@ -1,0 +1,95 @@
+"""Equilibrium at one indentation: Newton's method within rounds of multipliers (augmented Lagrangians).
+
+A stiff penalty throws Newton's method off until it is near: the first round is soft and its kink is rounded widely, so that
+points that are about to touch are felt before they do; the multipliers it leaves make the last round's penalty hard to notice.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from geometry.common.arrays import Bools, Floats
+from geometry.common.errors import SolveError
+from geometry.common.resources import check_time
+from solver.contact.model import ContactModel, Linearised, State, check_volume
+
+BALANCED = 1e-9  # residual over forces of a state in equilibrium
+MOST_STEPS, HALVINGS = 14, 6
+ROUNDS = ((0.05, 0.04), (0.2, 0.01), (0.5, 0.002), *((1.0, 0.002),) * 8)  # shares of the penalty; rounding, in contact lengths
+PENETRATION = 1e-3  # contact lengths: deeper ones ask for another round
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """A state in balance.
+
+    Attributes:
+        state: it.
+        at: the equations about it.
+        residuals: after each step of Newton's method, relative; rounds one after the other.
+    """
+
+    state: State
+    at: Linearised
+    residuals: tuple[float, ...]
+
+
+def solve(model: ContactModel, start: State, target: Bools | None = None) -> Equilibrium:
+    """Find equilibrium at the indentation of a state.
+
+    Args:
+        model: of the section.
+        start: what is near it.
+        target: see ``Elements.tangent``.
+
+    Raises:
+        SolveError: none was found: Newton's method does not converge, or an element folds over.
+        LimitReached: the time is over.
+    """
+    state, residuals = start, []
+    for share, blur in ROUNDS:
+        state, at, some = _balanced(model, replace(state, share=share, blur=blur), target)
+        residuals += some
+        if not at.touched or (share == 1 and at.deepest <= PENETRATION * model.contact_length):
+            return Equilibrium(state, at, tuple(residuals))
+        state = replace(state, multipliers=tuple(one.pressure for one in at.touches))
+    raise SolveError("contact does not settle")
+
+
+def _balanced(model: ContactModel, state: State, target: Bools | None) -> tuple[State, Linearised, list[float]]:
+    """Newton's method with the multipliers held."""
+    check_volume(model.elements, state.elements)
+    at = model.linearised(state, target)
+    residuals: list[float] = []
+    while at.unbalanced > BALANCED:
+        check_time("pressing")
+        if len(residuals) == MOST_STEPS:
+            raise SolveError("Newton's method does not converge")
+        step = -model.factor(at).solve(np.ascontiguousarray(at.residual[:, None]))[:, 0]
+        if not np.all(np.isfinite(step)):
+            raise SolveError("the equations cannot be solved")
+        state, at = _moved(model, state, at, step, target)
+        residuals.append(at.unbalanced)
+    return state, at, residuals
+
+
+def _moved(model: ContactModel, state: State, at: Linearised, step: Floats, target: Bools | None) -> tuple[State, Linearised]:
+    """The state after a step, halved until no element folds over and forces are nearer to balance, or halving helps no more."""
+    edge = (model.numbering.gather @ step).reshape(model.lift.shape[:2])
+    best: tuple[State, Linearised] | None = None
+    for share in 0.5 ** np.arange(HALVINGS):
+        elements = model.elements.moved(state.elements, at.tangent, edge, share)
+        if model.elements.least_volume(elements.u) <= 0:
+            continue
+        moved = replace(state, v=state.v + share * step, elements=elements)
+        tried = moved, model.linearised(moved, target)
+        if best is not None and tried[1].unbalanced >= best[1].unbalanced:
+            break
+        best = tried
+        if best[1].unbalanced <= at.unbalanced:
+            break
+    if best is None:
+        raise SolveError("an element folds over")
+    return best

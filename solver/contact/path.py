@@ -1,0 +1,217 @@
+"""A probe pressed step by step: states extrapolated, steps as long as Newton's method likes them, what did converge kept."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from geometry.common.arrays import Bools, Floats
+from geometry.common.errors import SolveError
+from solver.contact.elements import ElementValues
+from solver.contact.model import ContactModel, State
+from solver.contact.newton import Equilibrium, solve
+
+FIRST, LEAST, LONGEST = 0.02, 1e-4, 0.08  # steps, in outer radii
+TINY = 1e-6  # likewise: an indentation at which all is linear
+GROWTH, EASY = 1.8, 12  # by which steps grow after one that took so many of Newton's steps or fewer
+EXACT = 1e-7  # relative, of a force that is asked for
+TRIES = 12
+
+
+@dataclass(frozen=True)
+class Pressed:
+    """One point of a path.
+
+    Attributes:
+        indentation: of the base, m.
+        films: forces on both films, N, shape (2,).
+        tangent: their derivatives by indentation, N/m, shape (2,).
+        log_sensitivity: of the films' ratio by E of the target, at the same force; 0 without a target.
+        stiffening: relative derivative of the force by ln E of the target, at the same indentation.
+        walls: least distance of the gap's walls, m; 0 where they touch.
+        contact_radius: outer radius of what touches the tissue, m: the block's, or where its wall lies on the tissue.
+        strain: the largest stretch or shortening of any line element, |lambda - 1|.
+        residual: relative.
+        equilibrium: behind it; None at rest.
+    """
+
+    indentation: float
+    films: Floats
+    tangent: Floats
+    log_sensitivity: float
+    stiffening: float
+    walls: float
+    contact_radius: float
+    strain: float
+    residual: float
+    equilibrium: Equilibrium | None = None
+
+    @property
+    def force(self) -> float:
+        """Of the base, N."""
+        return float(self.films.sum())
+
+
+class StoppedError(SolveError):
+    """No further step converges.
+
+    Attributes:
+        last: the point reached.
+    """
+
+    def __init__(self, last: Pressed, why: str) -> None:
+        self.last = last
+        super().__init__(f"beyond {1e3 * last.indentation:.3g} mm, {last.force:.3g} N, {why}")
+
+
+@dataclass
+class Path:
+    """A section that is pressed further and further.
+
+    Attributes:
+        model: of the section.
+        sensitive: whether derivatives by the target's modulus are wanted.
+        points: at rest, then all that converged, by rising indentation.
+        length: of the next step, m.
+    """
+
+    model: ContactModel
+    sensitive: bool
+    points: list[Pressed] = field(default_factory=list)
+    length: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Begin at rest."""
+        self.length = FIRST * self.radius
+        rest = self.model.at_rest()
+        state = self._following(rest, TINY * self.radius)
+        linear = self._pressed(Equilibrium(state, self.model.linearised(state, self._target), ()))
+        still = Equilibrium(rest, self.model.linearised(rest, self._target), ())
+        gap, none = float(self.model.section.hole_radius - self.model.section.inner_radius), np.zeros(2)
+        self.points.append(replace(linear, indentation=0.0, films=none, walls=gap, strain=0.0, residual=0.0, equilibrium=still))
+
+    @property
+    def radius(self) -> float:
+        """Of the probe, m."""
+        return float(self.model.section.tube_radius)
+
+    @property
+    def last(self) -> Pressed:
+        """The point reached."""
+        return self.points[-1]
+
+    def steps(self, until: float) -> Iterator[Pressed]:
+        """Press as far as ``until``, m, and yield each point on the way.
+
+        Raises:
+            StoppedError: no further step converges.
+            LimitReached: the time is over.
+        """
+        while self.last.indentation < until * (1 - 1e-12):
+            beyond = self.last.indentation + self.length
+            yield self._step(until if beyond > until - 0.3 * self.length else beyond)
+
+    def at_indentation(self, indentation: float) -> Pressed:
+        """Press to an indentation, m; see ``steps``."""
+        for _ in self.steps(indentation):
+            pass
+        near = min(self.points, key=lambda point: abs(point.indentation - indentation))
+        return near if abs(near.indentation - indentation) <= 1e-12 * indentation else self._insert(indentation)
+
+    def at_force(self, force: float) -> Pressed:
+        """Press to a force, N; see ``steps``."""
+        while self.last.force < force:
+            wanted = self.last.indentation + (force - self.last.force) / max(float(self.last.tangent.sum()), 1e-300)
+            self._step(min(self.last.indentation + self.length, max(wanted, self.last.indentation + LEAST * self.radius)))
+        for _ in range(TRIES):
+            near = min(self.points, key=lambda point: abs(point.force - force))
+            if abs(near.force - force) <= EXACT * force:
+                return near
+            self._insert(near.indentation + (force - near.force) / float(near.tangent.sum()))
+        raise StoppedError(self.last, "no indentation gives the force")
+
+    def _step(self, indentation: float) -> Pressed:
+        """One converged step to an indentation, or less far."""
+        why = ""
+        while indentation - self.last.indentation > 0.5 * LEAST * self.radius:
+            try:
+                point = self._solved(indentation)
+            except SolveError as fault:
+                why = str(fault)
+                indentation = (indentation + self.last.indentation) / 2
+                self.length = indentation - self.last.indentation
+                continue
+            took = 0 if point.equilibrium is None else len(point.equilibrium.residuals)
+            if took <= EASY:
+                self.length = min(GROWTH * self.length, LONGEST * self.radius)
+            self.points.append(point)
+            return point
+        raise StoppedError(self.last, why)
+
+    def _insert(self, indentation: float) -> Pressed:
+        """A point between others."""
+        point = self._solved(indentation)
+        self.points.append(point)
+        self.points.sort(key=lambda one: one.indentation)
+        return point
+
+    def _solved(self, indentation: float) -> Pressed:
+        return self._pressed(solve(self.model, self._ahead(indentation), self._target))
+
+    @property
+    def _target(self) -> Bools | None:
+        return self.model.target if self.sensitive else None
+
+    def _ahead(self, indentation: float) -> State:
+        """The state at an indentation extrapolated, or interpolated, from the nearest three."""
+        near = sorted(self.points, key=lambda point: abs(point.indentation - indentation))[:3]
+        states = [point.equilibrium.state for point in near if point.equilibrium is not None]
+        if len(states) < 2:
+            return self._begun(indentation)
+        weights = _lagrange([state.indentation for state in states], indentation)
+
+        def mixed(parts: Sequence[Floats]) -> Floats:
+            return np.asarray(sum(w * part for w, part in zip(weights, parts, strict=True)))
+
+        elements = ElementValues(mixed([s.elements.u for s in states]), mixed([s.elements.p for s in states]))
+        guess = replace(states[0], indentation=indentation, v=mixed([s.v for s in states]), elements=elements)
+        return guess if self.model.elements.least_volume(elements.u) > 0 else self._following(states[0], indentation)
+
+    def _begun(self, indentation: float) -> State:
+        rest = self.points[0].equilibrium
+        assert rest is not None
+        return self._following(rest.state, indentation)
+
+    def _following(self, state: State, indentation: float) -> State:
+        """The state at an indentation along the tangent of one."""
+        at = self.model.linearised(state)
+        changes, _ = self.model.responses(at)
+        return self.model.shifted(state, at, (indentation - state.indentation) * changes[:, 0], indentation)
+
+    def _pressed(self, found: Equilibrium) -> Pressed:
+        """What is told of a state: the base follows a stiffer target by -(dF/d ln E) / (dF/d indentation) (CT.7)."""
+        model, at, state = self.model, found.at, found.state
+        _, slopes = model.responses(at)
+        films, sensitivity, stiffening = model.film_forces(at), 0.0, 0.0
+        if self.sensitive:
+            by_modulus = slopes[:, 1] - slopes[:, 0] * (slopes[:, 1].sum() / slopes[:, 0].sum())
+            sensitivity, stiffening = float(by_modulus @ ([1, -1] / films)), float(slopes[:, 1].sum() / films.sum())
+        return Pressed(
+            state.indentation,
+            films,
+            slopes[:, 0],
+            sensitivity,
+            stiffening,
+            walls=max(0.0, at.touches[0].closest),
+            contact_radius=model.contact_radius(at, state),
+            strain=model.elements.largest_stretch(state.elements.u),
+            residual=at.unbalanced,
+            equilibrium=found,
+        )
+
+
+def _lagrange(places: Sequence[float], wanted: float) -> list[float]:
+    """Weights of values at places in the polynomial through them."""
+    return [float(np.prod([(wanted - other) / (one - other) for other in places if other != one])) for one in places]

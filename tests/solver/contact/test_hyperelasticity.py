@@ -1,0 +1,72 @@
+"""The law of materials at finite strain: a closed form, derivatives, the small-strain limit."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from solver.contact.hyperelasticity import Hyperelastic, change_of_volume
+
+RNG = np.random.default_rng(5)
+
+
+def material(poisson_ratio: float, yeoh: tuple[float, float] = (0.0, 0.0)) -> Hyperelastic:
+    return Hyperelastic.of(np.array([1.0]), np.array([poisson_ratio]), np.array(yeoh)[:, None])
+
+
+def pressure(law: Hyperelastic, change: float) -> float:
+    """p of eq. CT.2 at a change of volume."""
+    return float(law.lam[0] / 2 * (1 + change - 1 / (1 + change)))
+
+
+def stresses(law: Hyperelastic, across: float, along: float) -> np.ndarray:
+    """Nominal stresses of a cylinder stretched so much."""
+    h = np.array([across - 1, 0.0, 0.0, along - 1, across - 1])[None, None]
+    P, _, change, cof, _ = law.stress(h)
+    return np.asarray(P[0, 0] + pressure(law, float(change[0, 0])) * cof[0, 0])
+
+
+@pytest.mark.parametrize(("poisson_ratio", "force"), [(0.45, 3.679574008), (0.4999, 3.665232132)])
+def test_lubricated_cylinder_at_half_its_height(poisson_ratio: float, force: float) -> None:
+    """Radius 1, Young's modulus 1, free sides: values of the axial equilibrium in closed form, from two codes."""
+    law = material(poisson_ratio)
+    across = brentq(lambda x: stresses(law, x, 0.5)[0], 1.0, 2.0, xtol=1e-15)
+    assert -np.pi * stresses(law, across, 0.5)[3] == pytest.approx(force, rel=2e-10)
+
+
+@pytest.mark.parametrize("yeoh", [(0.0, 0.0), (-0.03, 0.002)])
+@pytest.mark.parametrize("poisson_ratio", [0.0, 0.3, 0.4999])
+def test_stress_is_the_energy_s_derivative_and_the_tangent_the_stress_s(poisson_ratio: float, yeoh: tuple[float, float]) -> None:
+    law, step = material(poisson_ratio, yeoh), 1e-6
+    h = 0.3 * RNG.standard_normal(5)[None, None]
+    P, A, change, cof, second = law.stress(h)
+    assert change_of_volume(h)[0, 0] > -0.9
+    p = pressure(law, float(change[0, 0]))
+    held = np.array([[p]])
+    for k in range(5):
+        ahead, behind = (h + sign * step * np.eye(5)[k] for sign in (1, -1))
+        slope = float(law.stored(ahead, held)[0, 0] - law.stored(behind, held)[0, 0]) / (2 * step)
+        assert slope == pytest.approx(float(P[0, 0, k] + p * cof[0, 0, k]), rel=1e-6, abs=1e-8)
+        difference = (law.stress(ahead)[0] - law.stress(behind)[0])[0, 0] / (2 * step)
+        np.testing.assert_allclose(difference, A[0, 0, k], rtol=1e-6, atol=1e-8)
+        bend = (law.stress(ahead)[3] - law.stress(behind)[3])[0, 0] / (2 * step)
+        np.testing.assert_allclose(bend, second[0, 0, k], rtol=1e-7, atol=1e-9)
+
+
+def test_the_pressure_s_conjugate_inverts_the_volume_s_energy() -> None:
+    law, change = material(0.49), 0.37
+    p = np.array([[pressure(law, change)]])
+    value, slope = law.dilation(p)
+    assert float(value[0, 0]) == pytest.approx(change, rel=1e-12)
+    ahead, behind = (law.dilation(p + sign * 1e-5)[0] for sign in (1, -1))
+    assert float((ahead - behind)[0, 0]) / 2e-5 == pytest.approx(float(slope[0, 0]), rel=1e-7)
+
+
+@pytest.mark.parametrize("poisson_ratio", [-0.2, 0.0, 0.3, 0.4999])
+def test_small_strains_obey_hooke(poisson_ratio: float) -> None:
+    law, E = material(poisson_ratio), 1.0
+    strain = 1e-7 * np.array([1.0, 0.4, 0.4, -0.7, 0.2])
+    _, A, _, cof, _ = law.stress(np.zeros((1, 1, 5)))
+    tangent = A[0, 0] + law.lam[0] * np.outer(cof[0, 0], cof[0, 0])
+    lam = E * poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio))
+    hooke = lam * strain[[0, 3, 4]].sum() * np.array([1, 0, 0, 1, 1]) + E / (1 + poisson_ratio) * strain
+    np.testing.assert_allclose(tangent @ strain, hooke, rtol=1e-9, atol=1e-18)
