@@ -22,10 +22,9 @@ from solver.results.result import Curve, Result
 if TYPE_CHECKING:
     from solver.planning.plan import Plan
 
-AUTO = "auto"
-BUILT = ("published", "closed-form", "equivalent-inclusion", "axisymmetric", "solid")
+AUTO, CONTACT = "auto", "contact"
+BUILT = ("published", "closed-form", "equivalent-inclusion", "axisymmetric", "contact", "solid")
 """The levels' names: each lives in the room of that name, one of ``solver/*/level.py``."""
-PLANNED = ("contact",)
 
 
 def evaluator(name: str, tell: Tell | None = None, workspace: Workspace | None = None) -> Evaluator:
@@ -37,10 +36,10 @@ def evaluator(name: str, tell: Tell | None = None, workspace: Workspace | None =
         workspace: the evaluator's own; left out: the one that is worked in, usually the process's.
 
     Raises:
-        InputError: no evaluator has that name, or it is not built yet.
+        InputError: no evaluator has that name.
     """
     if name not in BUILT:
-        raise InputError("evaluator", name, f"{', '.join((AUTO, *BUILT))} (not built yet: {', '.join(PLANNED)})")
+        raise InputError("evaluator", name, f"{', '.join((AUTO, *BUILT))}")
     room = import_module(f"solver.{name.replace('-', '_')}.level")
     with using(current() if workspace is None else workspace):
         return cast(Evaluator, room.level(tell))
@@ -57,13 +56,14 @@ def evaluate(
 ) -> Result:
     """Evaluate a scene.
 
-    An evaluator that is named answers linearly: its ``error_estimate`` refers to linear elasticity, and beyond
-    ``linear_limit_load`` it warns. ``auto`` counts what finite strain may change and refuses larger loads.
+    An evaluator that is named answers linearly, but for ``contact``: its ``error_estimate`` refers to linear elasticity, and
+    beyond ``linear_limit_load`` it warns. ``auto`` counts what finite strain may change, has ``contact`` answer larger loads, and
+    refuses those that it cannot take.
 
     Args:
         scene: what is pressed on what.
         name: an evaluator's, or ``auto``: what ``plan`` says, the cheapest level that takes the scene and reaches the accuracy,
-            of ``axisymmetric``, ``equivalent-inclusion`` and ``solid``; it refuses to answer worse than asked.
+            of ``axisymmetric``, ``equivalent-inclusion``, ``contact`` and ``solid``; it refuses to answer worse than asked.
         accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
         tell: called with a line before each long piece of work.
         linear: whether ``auto`` answers linearly at any load; ``error_estimate`` counts the effect, None where nothing is known.
@@ -90,17 +90,18 @@ def evaluate(
 
 
 def _named(scene: Scene, name: str, accuracy: float, tell: Tell | None) -> Result:
-    """The linear answer of one level, with a warning where the load is beyond linear elasticity."""
+    """The answer of one level; of a linear one with a warning where the load is beyond linear elasticity."""
     from solver.planning.load_check import with_warning
 
-    return with_warning(evaluator(name, tell).evaluate(scene, accuracy), scene, accuracy)
+    result = evaluator(name, tell).evaluate(scene, accuracy)
+    return result if name == CONTACT else with_warning(result, scene, accuracy)
 
 
 def _automatic(scene: Scene, accuracy: float, linear: bool, tell: Tell | None) -> Result:
     """The answer of the level that the plan names, or of ``solid`` where that one refuses."""
     from solver.planning.plan import second_try  # what it takes to import is not the answer's cost
 
-    planned = _planned(scene, accuracy)
+    planned = _planned(scene, accuracy, linear)
     if not linear:
         planned.check_load(scene, accuracy)
     planned.check_reach(accuracy)
@@ -161,7 +162,7 @@ def plan(scene: Scene, accuracy: float = 0.01, solid: bool = False) -> Plan:
         return run(scene, accuracy, solid, skin=True)
 
 
-def _planned(scene: Scene, accuracy: float) -> Plan:
+def _planned(scene: Scene, accuracy: float, linear: bool) -> Plan:
     """The plan for a scene that some level takes.
 
     Raises:
@@ -170,7 +171,7 @@ def _planned(scene: Scene, accuracy: float) -> Plan:
     from solver.planning.plan import plan as run
 
     check_surface_names(scene)
-    planned = run(scene, accuracy)
+    planned = run(scene, accuracy, linear=linear)
     if planned.evaluator is None:
         raise Refusal("evaluator", AUTO, str(unsupported(scene)))
     return planned
@@ -209,7 +210,7 @@ def curve(
     checked_moduli(scene, moduli)
     start = perf_counter()
     with limited(limits), timed():
-        planned = _planned(scene, accuracy)
+        planned = _planned(scene, accuracy, linear)
         if not linear:
             planned.check_load(scene, accuracy)
         result = _level(planned.curve_evaluator, tell).curve(planned.scene, moduli, planned.accuracy)

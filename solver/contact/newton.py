@@ -6,6 +6,7 @@ points that are about to touch are felt before they do; the multipliers it leave
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from geometry.common.resources import check_time
 from solver.contact.model import ContactModel, Linearised, State, check_volume
 
 BALANCED = 1e-9  # residual over forces of a state in equilibrium
+ROUNDED = 1e-7  # likewise, where rounding keeps it from falling further
 MOST_STEPS, HALVINGS = 14, 6
 ROUNDS = ((0.05, 0.04), (0.2, 0.01), (0.5, 0.002), *((1.0, 0.002),) * 8)  # shares of the penalty; rounding, in contact lengths
 PENETRATION = 1e-3  # contact lengths: deeper ones ask for another round
@@ -63,7 +65,7 @@ def _balanced(model: ContactModel, state: State, target: Bools | None) -> tuple[
     check_volume(model.elements, state.elements)
     at = model.linearised(state, target)
     residuals: list[float] = []
-    while at.unbalanced > BALANCED:
+    while at.unbalanced > BALANCED and not _stands_still(residuals):
         check_time("pressing")
         if len(residuals) == MOST_STEPS:
             raise SolveError("Newton's method does not converge")
@@ -73,6 +75,11 @@ def _balanced(model: ContactModel, state: State, target: Bools | None) -> tuple[
         state, at = _moved(model, state, at, step, target)
         residuals.append(at.unbalanced)
     return state, at, residuals
+
+
+def _stands_still(residuals: Sequence[float]) -> bool:
+    """Whether only rounding is left."""
+    return len(residuals) > 1 and residuals[-1] <= ROUNDED and residuals[-1] > residuals[-2] / 2
 
 
 def _moved(model: ContactModel, state: State, at: Linearised, step: Floats, target: Bools | None) -> tuple[State, Linearised]:
