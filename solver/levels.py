@@ -7,10 +7,13 @@ from importlib import import_module
 from time import perf_counter
 from typing import TYPE_CHECKING, cast
 
+import numpy as np
+
 from geometry.common.arrays import Floats
-from geometry.common.errors import InputError, Refusal
+from geometry.common.errors import InputError, Refusal, Words
 from geometry.common.limits import least
 from geometry.common.resources import LimitReached, Limits, limited, timed
+from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
 from geometry.scenes.surface_names import check_surface_names
 from solver.linalg.workspace import Workspace, current, using
@@ -20,6 +23,7 @@ from solver.results.kinds import unsupported
 from solver.results.result import Curve, Result
 
 if TYPE_CHECKING:
+    from solver.contact.load_curve import LoadCurve
     from solver.planning.plan import Plan
 
 AUTO, CONTACT = "auto", "contact"
@@ -160,6 +164,48 @@ def plan(scene: Scene, accuracy: float = 0.01, solid: bool = False) -> Plan:
     with timed():
         check_surface_names(scene)
         return run(scene, accuracy, solid, skin=True)
+
+
+def load(
+    scene: Scene,
+    *,
+    force: float | None = None,
+    indentation: float | None = None,
+    points: int = 20,
+    accuracy: float = 0.01,
+    tell: Tell | None = None,
+    limits: Limits | None = None,
+) -> LoadCurve:
+    """Press a scene ever harder, at finite strain and with contact; see ``solver.contact.load_curve.LoadCurve``.
+
+    Args:
+        scene: bonded, one sphere on the axis at most; its own load does not matter.
+        force: the largest load, N; or
+        indentation: the largest, m. One of the two.
+        points: number of loads, evenly spaced above 0.
+        accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
+        tell: called with a line before each load.
+        limits: see ``evaluate``; the time is for each load that is asked for.
+
+    Raises:
+        InputError: no such load or accuracy.
+        Refusal: the scene is of a kind that level ``contact`` cannot take, or not even the first load converges.
+        LimitReached: see ``evaluate``.
+    """
+    from solver.contact.load_curve import load_curve
+    from solver.results.evaluator import silent
+
+    check_accuracy(accuracy)
+    most = force if indentation is None else indentation
+    if (force is None) == (indentation is None) or most is None or not 0 < most < float("inf") or points < 1:
+        raise InputError(
+            "load", Words(f"force = {force}, indentation = {indentation}"), "one of them, above 0, and points from 1"
+        )
+    if indentation is not None and scene.tissue.shape != "half-space" and indentation >= scene.tissue.depth:
+        raise InputError("indentation", mm(indentation), f"less than the tissue's depth of {mm(scene.tissue.depth)}")
+    loads = most * np.arange(1, points + 1) / points
+    with limited(limits):
+        return load_curve(scene, loads, accuracy, by_force=indentation is None, tell=tell or silent)
 
 
 def _planned(scene: Scene, accuracy: float, linear: bool) -> Plan:

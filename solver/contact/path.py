@@ -142,7 +142,7 @@ class Path:
         for _ in self.steps(indentation):
             pass
         near = min(self.points, key=lambda point: abs(point.indentation - indentation))
-        return near if abs(near.indentation - indentation) <= 1e-12 * indentation else self._insert(indentation)
+        return near if abs(near.indentation - indentation) <= 1e-12 * indentation else self.insert(indentation)
 
     def at_force(self, force: float) -> Pressed:
         """Press to a force, N; see ``steps``."""
@@ -153,7 +153,7 @@ class Path:
             near = min(self.points, key=lambda point: abs(point.force - force))
             if abs(near.force - force) <= EXACT * force:
                 return near
-            self._insert(near.indentation + (force - near.force) / float(near.tangent.sum()))
+            self.insert(near.indentation + (force - near.force) / float(near.tangent.sum()))
         raise StoppedError(self.last, "no indentation gives the force")
 
     def _step(self, indentation: float) -> Pressed:
@@ -177,8 +177,13 @@ class Path:
             return point
         raise StoppedError(self.last, why)
 
-    def _insert(self, indentation: float) -> Pressed:
-        """A point between others."""
+    def insert(self, indentation: float) -> Pressed:
+        """Return a point between others, which the path then has.
+
+        Raises:
+            SolveError: see ``solver.contact.newton.solve``.
+            LimitReached: the time is over.
+        """
         point = self._solved(indentation)
         self.points.append(point)
         self.points.sort(key=lambda one: one.indentation)
