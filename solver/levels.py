@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from importlib import import_module
 from time import perf_counter
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, TypeVar, cast
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from solver.results.evaluator import Evaluator, OutOfReach, Tell
 from solver.results.film_forces import checked_moduli
 from solver.results.kinds import unsupported
 from solver.results.result import Curve, Result
+from solver.results.warnings import Note
 
 if TYPE_CHECKING:
     from solver.contact.load_curve import LoadCurve
@@ -56,6 +57,7 @@ def evaluate(
     tell: Tell | None = None,
     *,
     linear: bool = False,
+    loads: bool = False,
     limits: Limits | None = None,
 ) -> Result:
     """Evaluate a scene.
@@ -71,6 +73,7 @@ def evaluate(
         accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
         tell: called with a line before each long piece of work.
         linear: whether ``auto`` answers linearly at any load; ``error_estimate`` counts the effect, None where nothing is known.
+        loads: whether level ``contact`` tells ``gap_closure_load`` and ``linear_limit_load``, which takes some seconds more.
         limits: of memory and time, 2 GB and 120 s unless ``geometry.common.resources.limited`` says otherwise.
 
     Raises:
@@ -84,9 +87,12 @@ def evaluate(
     with limited(limits), timed():
         check_surface_names(scene)
         if name != AUTO:
-            return _named(scene, name, accuracy, tell)
+            result = _named(scene, name, accuracy, tell)
+            return _with_loads(result, scene, accuracy) if loads else result
         try:
-            return replace(_automatic(scene, accuracy, linear, tell), seconds=perf_counter() - start)
+            result = _automatic(scene, accuracy, linear, tell)
+            result = _with_loads(result, scene, accuracy) if loads else result
+            return replace(result, seconds=perf_counter() - start)
         except OutOfReach as fault:
             if fault.stopped:
                 raise
@@ -99,6 +105,22 @@ def _named(scene: Scene, name: str, accuracy: float, tell: Tell | None) -> Resul
 
     result = evaluator(name, tell).evaluate(scene, accuracy)
     return result if name == CONTACT else with_warning(result, scene, accuracy)
+
+
+P = TypeVar("P", "Result", "Plan")
+
+
+def _with_loads(result: P, scene: Scene, accuracy: float) -> P:
+    """An answer or a plan with the loads that level ``contact`` tells, or with why it does not."""
+    from solver.contact.level import ContactLevel
+    from solver.contact.load_curve import ends_of
+
+    why = ContactLevel().refusal(scene)
+    if why is not None:
+        text = f"gap_closure_load is null, linear_limit_load told by the cautious rule: contact cannot take the scene ({why})"
+        return replace(result, warnings=(*result.warnings, Note("linear", text)))
+    closure, limit = ends_of(scene, accuracy)
+    return replace(result, gap_closure_load=closure, linear_limit_load=limit or result.linear_limit_load)
 
 
 def _automatic(scene: Scene, accuracy: float, linear: bool, tell: Tell | None) -> Result:
@@ -146,13 +168,14 @@ def _reachable(fault: OutOfReach, share: float, tell: Tell | None) -> str:
     return f"none for this scene: errors are no smaller than the values (--evaluator {fault.name} tells which)"
 
 
-def plan(scene: Scene, accuracy: float = 0.01, solid: bool = False) -> Plan:
+def plan(scene: Scene, accuracy: float = 0.01, solid: bool = False, *, loads: bool = False) -> Plan:
     """Say how ``auto`` would answer a scene, what it would leave out, and what that may change; see ``solver.planning.plan``.
 
     Args:
         scene: any.
         accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
         solid: whether to plan for the level ``solid``, whatever the scene asks for.
+        loads: see ``evaluate``.
 
     Raises:
         InputError: no such accuracy, or a surface file that cannot be used.
@@ -163,7 +186,8 @@ def plan(scene: Scene, accuracy: float = 0.01, solid: bool = False) -> Plan:
     check_accuracy(accuracy)
     with timed():
         check_surface_names(scene)
-        return run(scene, accuracy, solid, skin=True)
+        planned = run(scene, accuracy, solid, skin=True)
+        return _with_loads(planned, scene, accuracy) if loads else planned
 
 
 def load(

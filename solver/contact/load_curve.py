@@ -117,6 +117,16 @@ def load_curve(scene: Scene, loads: Floats, accuracy: float, *, by_force: bool, 
     return _curve(scene, on, points, (closure, linear), stopped=stopped, accuracy=accuracy, seconds=perf_counter() - start)
 
 
+def ends_of(scene: Scene, accuracy: float) -> tuple[LargestLoad | None, LargestLoad | None]:
+    """Return ``gap_closure_load`` and ``linear_limit_load`` of a scene that level ``contact`` takes.
+
+    Raises:
+        Refusal: see ``load_curve``.
+    """
+    with timed(), threadpool_limits(1, user_api="blas"):
+        return ends(ContactLevel().pressed(scene, accuracy), accuracy)
+
+
 def ends(on: LoadedScene, accuracy: float) -> tuple[LargestLoad | None, LargestLoad | None]:
     """Return ``gap_closure_load`` and ``linear_limit_load`` of a scene, each by the finer mesh if that comes so far."""
 

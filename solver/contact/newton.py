@@ -19,7 +19,7 @@ from solver.contact.model import ContactModel, Linearised, State, check_volume
 BALANCED = 1e-9  # residual over forces of a state in equilibrium
 ROUNDED = 1e-7  # likewise, where rounding keeps it from falling further
 MOST_STEPS, HALVINGS = 14, 6
-ROUNDS = ((0.05, 0.04), (0.2, 0.01), (0.5, 0.002), *((1.0, 0.002),) * 8)  # shares of the penalty; rounding, in contact lengths
+ROUNDS = ((0.1, 0.02), *((1.0, 0.002),) * 8)  # shares of the penalty; rounding, in contact lengths
 PENETRATION = 1e-3  # contact lengths: deeper ones ask for another round
 
 

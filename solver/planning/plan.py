@@ -47,7 +47,8 @@ class Plan:
         left_out: bound on what the inclusions left out change together of ln(ratio) or of a stress or the stiffness.
         decisions: one for each feature that could be left out.
         rule: for loads, with the stiffness that the coarsest mesh has without tumours.
-        linear_limit_load: the largest load that ``auto`` answers.
+        linear_limit_load: the largest load that ``auto`` answers linearly.
+        gap_closure_load: at which the gap's walls touch, where that is asked for.
         warnings: one line each.
     """
 
@@ -59,6 +60,7 @@ class Plan:
     decisions: tuple[Decision, ...]
     rule: LoadRule
     linear_limit_load: LargestLoad
+    gap_closure_load: LargestLoad | None = None
     warnings: tuple[Note, ...] = ()
 
     @property
@@ -73,6 +75,7 @@ class Plan:
             "dimension": self.dimension,
             "plan": [asdict(one) for one in self.decisions],
             "linear_limit_load": asdict(self.linear_limit_load),
+            "gap_closure_load": None if self.gap_closure_load is None else asdict(self.gap_closure_load),
             "warnings": list(self.warnings),
         }
 

@@ -24,6 +24,15 @@ def test_json_and_picture(tmp_path: Path) -> None:
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
+def test_loads_are_told_by_evaluate_and_plan_too() -> None:
+    for verb in ("evaluate", "plan"):
+        found = json.loads(run(verb, SCENE, "--loads", "--json").stdout)
+        assert found["gap_closure_load"]["force"] == pytest.approx(0.45, abs=0.03)  # two other codes: 0.45 +- 0.02
+        assert found["linear_limit_load"]["force"] == pytest.approx(0.042, rel=0.06)
+
+
+@pytest.mark.slow
 def test_table_and_what_ends(tmp_path: Path) -> None:
     ended = run("load", SCENE, "--to", "0.3 mm", "--points", "1")
     assert ended.returncode == 0

@@ -46,6 +46,7 @@ def test_a_wide_gap_closes_nowhere() -> None:
     assert path.last.walls > 1e-3
 
 
+@pytest.mark.slow
 def test_linear_elasticity_ends_where_the_trial_says() -> None:
     """5 % in log-sensitivity at 0.042 N (shared trial of two codes), long before 1 % in ratio at 0.23 N."""
     found = load(EXAMPLE, force=0.05, points=2)
@@ -61,6 +62,7 @@ def test_linear_elasticity_ends_where_the_trial_says() -> None:
     assert found.stopped is None
 
 
+@pytest.mark.slow
 def test_what_converged_is_kept_when_the_time_is_over() -> None:
     found = load(EXAMPLE, indentation=40e-3, points=40, limits=Limits(seconds=15.0))
     assert found.stopped is not None
