@@ -24,8 +24,8 @@ from solver.results.result import Curve, Result
 from solver.results.warnings import Note
 
 if TYPE_CHECKING:
-    from solver.contact.load_curve import LoadCurve
     from solver.planning.plan import Plan
+    from solver.results.load_curve import LoadCurve
 
 AUTO, CONTACT = "auto", "contact"
 BUILT = ("published", "closed-form", "equivalent-inclusion", "axisymmetric", "contact", "solid")
@@ -200,7 +200,7 @@ def load(
     tell: Tell | None = None,
     limits: Limits | None = None,
 ) -> LoadCurve:
-    """Press a scene ever harder, at finite strain and with contact; see ``solver.contact.load_curve.LoadCurve``.
+    """Press a scene ever harder, at finite strain and with contact; see ``solver.results.load_curve.LoadCurve``.
 
     Args:
         scene: bonded, one sphere on the axis at most; its own load does not matter.

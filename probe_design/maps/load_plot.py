@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from probe_design.pictures.formats import check_format, save
-from solver.contact.load_curve import LoadCurve
+from solver.results.load_curve import LoadCurve
 
 
 def plot(curve: LoadCurve, path: Path) -> Path:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from solver.contact.load_curve import LoadCurve
+    from solver.results.load_curve import LoadCurve
     from solver.results.result import LargestLoad
 
 ROWS = 25  # at most

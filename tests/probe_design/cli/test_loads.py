@@ -31,7 +31,12 @@ def heavy(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("verb", slow_unless(lambda verb: verb not in ("calibrate", "read"), VERBS))
+BY_CONTACT = ("evaluate", "curve")  # which answers beyond linear elasticity what it can take
+
+
+@pytest.mark.parametrize(
+    "verb", slow_unless(lambda verb: verb not in ("calibrate", "read"), [verb for verb in VERBS if verb not in BY_CONTACT])
+)
 def test_a_load_that_is_too_large_is_refused_with_what_is_allowed(
     verb: str, heavy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -39,6 +44,15 @@ def test_a_load_that_is_too_large_is_refused_with_what_is_allowed(
     told = refused(verb, heavy, *VERBS[verb])
     assert "allowed: up to 0.0" in told
     assert "load" in told
+
+
+@pytest.mark.parametrize("verb", slow_unless(lambda verb: verb != "curve", BY_CONTACT))
+def test_evaluate_and_curve_have_level_contact_answer_it(verb: str, heavy: Path) -> None:
+    found = json.loads(run(verb, heavy, *VERBS[verb], "--json").stdout)
+    assert found["evaluator"] == "contact"
+    beside = heavy.with_name("beside.toml")
+    beside.write_text(heavy.read_text().replace("[[inclusion]]", '[[inclusion]]\nx = "2 mm"'))
+    assert "allowed: up to 0.0" in refused(verb, beside, *VERBS[verb])
 
 
 @pytest.mark.parametrize("verb", ["evaluate", "curve", "scan", "estimate", "read"])
@@ -56,8 +70,10 @@ def test_linear_answers_it_and_counts_the_effect(verb: str, heavy: Path) -> None
 
 @pytest.mark.slow
 def test_a_sweep_says_which_designs_are_pressed_too_hard(tmp_path: Path) -> None:
+    beside = tmp_path / "beside.toml"
+    beside.write_text(SCENE.read_text().replace("[[inclusion]]", '[[inclusion]]\nx = "2 mm"'))
     for name, line, counts in (("auto", "", (1, 1)), ("linear", "linear = true\n", (2, 0))):
-        text = f'scene = "{SCENE}"\n{line}[variables."load.force"]\nvalues = ["10 mN", "70 mN"]\n'
+        text = f'scene = "{beside}"\n{line}[variables."load.force"]\nvalues = ["10 mN", "70 mN"]\n'
         (tmp_path / f"{name}.toml").write_text(text)
         found = json.loads(run("sweep", tmp_path / f"{name}.toml", "-o", tmp_path / name, "--json").stdout)
         assert (found["ok"], found["refused"]) == counts

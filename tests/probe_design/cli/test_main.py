@@ -16,13 +16,14 @@ from tests.support.slow import slow_unless
 SCENE = REFERENCE / "axisymmetric" / "shallow.toml"
 KEYS = {
     "stress_inner", "stress_outer", "ratio", "log_sensitivity", "stiffness", "charge_inner", "charge_outer", "error_estimate",
-    "evaluator", "seconds", "equivalent_modulus", "residual", "linear_limit_load", "plan", "warnings",
+    "evaluator", "seconds", "equivalent_modulus", "residual", "linear_limit_load", "gap_closure_load", "plan", "warnings",
 }  # fmt: skip
 
 
 STARTED: dict[str, tuple[str | Path, ...]] = {  # the cheapest that each verb does
     "evaluate": (SCENE, "--evaluator", "closed-form"),
     "plan": (SCENE,),
+    "load": (SCENE, "--to", "20 mN", "--points", "1"),
     "curve": (SCENE, "--points", "2", "--accuracy", "0.1"),
     "scan": (SCENE, "--points", "2", "--accuracy", "0.1"),
     "detectability": (SCENE, "--points", "2", "--accuracy", "0.1"),
@@ -38,7 +39,7 @@ STARTED: dict[str, tuple[str | Path, ...]] = {  # the cheapest that each verb do
 }
 
 
-LONG = ("tradeoff",)  # a quick test asks for it in this process, with fewer repeats
+LONG = ("load", "tradeoff")  # quick tests ask for them in this process, for less
 
 
 @pytest.mark.parametrize("verb", slow_unless(lambda verb: verb not in LONG, [verb.name for verb in VERBS]))
@@ -84,8 +85,7 @@ def test_charges_follow_equation_12(tmp_path: Path) -> None:
         (("evaluate", SCENE, "--accuracy", "nan"), ("accuracy", "nan")),
         (("evaluate", SCENE, "--accuracy", "fine"), ("accuracy", "fine")),
         (("evaluate", SCENE, "--evaluator", "magic"), ("evaluator", "magic", "axisymmetric")),
-        (("evaluate", SCENE, "--evaluator", "contact"), ("not built",)),
-        (("conjure", SCENE), ("conjure", "evaluate, plan, curve, scan")),
+        (("conjure", SCENE), ("conjure", "evaluate, plan, curve, load, scan")),
         (("sweep", SCENE, "-o", "unused"), ("probe", "one of scene")),
         (("evaluate",), ("SCENE",)),
         (("evaluate", ""), ("scene = ''", "name of a file")),
@@ -219,7 +219,7 @@ def test_an_optimum_is_not_replaced_under_its_report(tmp_path: Path) -> None:
 
 
 def test_want_of_memory_is_refused_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    def nothing_left(*_: object) -> None:
+    def nothing_left(*_: object, **__: object) -> None:
         raise MemoryError
 
     monkeypatch.setattr("solver.plan", nothing_left)

@@ -1,0 +1,70 @@
+"""What is told of a probe under rising loads."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from solver.results.result import LargestLoad
+from solver.results.warnings import Note
+
+
+@dataclass(frozen=True)
+class LoadRange:
+    """Forces between which the ratio stays within ``share`` of a value between its extremes, N."""
+
+    share: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class LoadCurve:
+    """A scene under rising loads; tuples of one length.
+
+    Attributes:
+        evaluator, seconds: what answered, and what it cost.
+        force: N.
+        indentation: m.
+        ratio: of the film stresses.
+        log_sensitivity: d ln(ratio) / d ln(E_object) at that force; None without a target.
+        stiffness: force over indentation, N/m.
+        tangent_stiffness: what more force takes, N/m.
+        stress_inner, stress_outer: Pa.
+        closest_walls: least distance of the gap's walls, m.
+        contact_radius: outer radius of what lies on the tissue, m.
+        largest_strain: |stretch - 1| of the line element that changes most.
+        error_estimate: bound on the relative error of each ratio.
+        gap_closure_load: at which the gap's walls touch; None where they do not as far as is known.
+        linear_limit_load: up to which the ratio is within ``accuracy`` of its linear value, and log-sensitivity within five times
+            that; None where neither ends on the way.
+        constant_ratio: the widest range of forces in which the ratio stays within ``accuracy``; None with a single point.
+        accuracy: as asked for.
+        stopped: why the curve ends before the load asked for; None where it does not.
+        warnings: one line each.
+    """
+
+    evaluator: str
+    seconds: float
+    force: tuple[float, ...]
+    indentation: tuple[float, ...]
+    ratio: tuple[float, ...]
+    log_sensitivity: tuple[float | None, ...]
+    stiffness: tuple[float, ...]
+    tangent_stiffness: tuple[float, ...]
+    stress_inner: tuple[float, ...]
+    stress_outer: tuple[float, ...]
+    closest_walls: tuple[float, ...]
+    contact_radius: tuple[float, ...]
+    largest_strain: tuple[float, ...]
+    error_estimate: tuple[float, ...]
+    gap_closure_load: LargestLoad | None
+    linear_limit_load: LargestLoad | None
+    constant_ratio: LoadRange | None
+    accuracy: float
+    stopped: str | None
+    warnings: tuple[Note, ...] = ()
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the JSON object of ``probe-design load``."""
+        return asdict(self)
