@@ -1,0 +1,135 @@
+"""Level contact: true and stated errors on other codes' solutions, what it costs, gaps of several widths, a deformed section.
+
+    python -m benchmarks.levels.contact [--part references|gaps|section] [-o docs/contact-section.png]
+
+Costs are the processor's, of one process. The references' own uncertainties stand beside the errors.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+
+from geometry import ProbeError, Scene, read_scene
+from geometry.meridian.frame import MeridianFineness
+from geometry.scenes.scene import Load
+from solver.axisymmetric.sections import sections
+from solver.contact.level import ContactLevel
+from solver.contact.model import ContactModel
+from solver.contact.path import Path as LoadPath
+from solver.levels import load
+
+FOLDER = Path(__file__).parents[2] / "tests" / "reference" / "contact"
+GAPS = (0.05e-3, 0.1e-3, 0.2e-3, 0.5e-3)
+DEEP = 0.45  # outer radii, of the picture
+
+
+def references() -> None:
+    """Print a line for each solution of other codes."""
+    print("| scene | indentation, mm | ratio: true / stated (reference's own) | force | log-sensitivity (own) | processor, s |")
+    print("|---|---|---|---|---|---|")
+    for name, expected in json.loads((FOLDER / "expected.json").read_text()).items():
+        scene = read_scene(FOLDER / f"{name}.toml")
+        for row in expected["rows"]:
+            start, depth = process_time(), row["indentation"]
+            found = ContactLevel().evaluate(scene.model_copy(update={"load": Load(indentation=depth)}))
+            seconds = process_time() - start
+            assert found.ratio is not None
+            assert found.stiffness is not None
+            assert found.error_estimate is not None
+            assert found.log_sensitivity is not None
+            off = found.ratio / row["ratio"] - 1
+            force = found.stiffness * depth / row["force"] - 1
+            slope = found.log_sensitivity / row["log_sensitivity"] - 1
+            own, own_slope = (row[f"{key}_unc"] / row[key] for key in ("ratio", "log_sensitivity"))
+            ratio = f"{off:+.2%} / {found.error_estimate:.2%} ({own:.2%})"
+            print(
+                f"| {name} | {1e3 * depth:g} | {ratio} | {force:+.3%} | {slope:+.1%} ({own_slope:.1%}) | {seconds:.1f} |",
+                flush=True,
+            )
+
+
+def gaps() -> None:
+    """Print ratio and log-sensitivity of the paper's probe and of the example against load, for several gaps."""
+    for name, most in (("paper", 1e-3), ("example", 2e-3)):
+        scene = read_scene(FOLDER / f"{name}.toml")
+        print(
+            f"\n{name}, up to {1e3 * most:g} mm\n\n| gap, mm | closes at, N | ratio at rest to the end | log-sensitivity | ends |"
+        )
+        print("|---|---|---|---|---|")
+        for gap in GAPS:
+            probe = scene.probe.model_copy(update={"gap": gap})
+            print(_gap(scene.model_copy(update={"probe": probe}), gap, most), flush=True)
+
+
+def _gap(scene: Scene, gap: float, most: float) -> str:
+    try:
+        found = load(scene, indentation=most, points=5)
+    except ProbeError as fault:
+        return f"| {1e3 * gap:g} | | | | {fault} |"
+    closes = "-" if found.gap_closure_load is None else f"{found.gap_closure_load.force:.3g}"
+    ratios = ", ".join(f"{one:.4g}" for one in found.ratio)
+    slopes = ", ".join("-" if one is None else f"{one:.3g}" for one in found.log_sensitivity)
+    return f"| {1e3 * gap:g} | {closes} | {ratios} | {slopes} | {found.force[-1]:.3g} N |"
+
+
+def section(picture: Path) -> None:
+    """Draw the example's section at ``DEEP``: cells as they are deformed, and its corner closer."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.collections import PolyCollection
+    from matplotlib.figure import Figure
+
+    scene = read_scene(FOLDER / "example.toml")
+    of = sections(scene)
+    path = LoadPath(ContactModel.of(of.section, of.materials, "bonded", MeridianFineness(1, 0, 3)), sensitive=False)
+    point = path.at_indentation(DEEP * path.radius)
+    assert point.equilibrium is not None
+    outlines = 1e3 * _outlines(path.model, point.equilibrium.state.v, point.indentation)
+    figure = Figure(figsize=(10.0, 5.0), dpi=150, facecolor="white", layout="constrained")
+    FigureCanvasAgg(figure)
+    radius = 1e3 * path.radius
+    windows = (
+        ((0, 2.6 * radius), (-2.2 * radius, 0.6 * radius)),
+        ((0.93 * radius, 1.13 * radius), (-0.47 * radius, -0.33 * radius)),
+    )
+    for axes, (across, up) in zip(figure.subplots(1, 2), windows, strict=True):
+        axes.add_collection(PolyCollection(list(outlines), facecolors="tab:blue", edgecolors="k", linewidths=0.5, alpha=0.3))
+        axes.set(xlim=across, ylim=up, aspect="equal", xlabel="r, mm", ylabel="z, mm")
+    figure.suptitle(f"examples/scene.toml at {1e3 * point.indentation:.3g} mm, {point.force:.3g} N")
+    figure.savefig(picture)
+
+
+def _outlines(model: ContactModel, v: np.ndarray, depth: float) -> np.ndarray:
+    """The elements' edges as they are deformed, m, shape (n, points, 2)."""
+    from geometry.meridian.mesh import nodes
+    from solver.axisymmetric.shape_functions import functions, shapes
+
+    t = np.linspace(0, 1, 9)[:-1]
+    zero, one = np.zeros_like(t), np.ones_like(t)
+    around = np.concatenate([np.stack(pair, axis=-1) for pair in ((t, zero), (one, t), (1 - t, one), (zero, 1 - t))])
+    own = shapes(model.elements.shapes.order)
+    value = functions(around, own.degrees)[0][:, : own.skeleton]
+    moved = model.displaced(v, depth).reshape(len(model.mesh.body), 2, -1)
+    return np.asarray(nodes(model.section, model.mesh, around) + np.einsum("gs,ncs->ngc", value, moved))
+
+
+def main() -> None:
+    """Run the parts asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--part", choices=("references", "gaps", "section"))
+    parser.add_argument("-o", "--picture", type=Path, default=Path("contact-section.png"))
+    asked = parser.parse_args()
+    if asked.part in (None, "references"):
+        references()
+    if asked.part in (None, "gaps"):
+        gaps()
+    if asked.part in (None, "section"):
+        section(asked.picture)
+
+
+if __name__ == "__main__":
+    main()
