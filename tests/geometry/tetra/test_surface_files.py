@@ -7,7 +7,8 @@ import pytest
 import pyvista
 
 from geometry import InputError, Refusal, SolveError
-from geometry.common.child_process import Failure
+from geometry.common.child_process import Failure, TooLong
+from geometry.common.resources import LimitReached, Limits, limited, timed
 from geometry.tetra import surface_files
 from geometry.tetra.check import check, errors, files_error
 from geometry.tetra.layout import body_layout
@@ -84,6 +85,18 @@ def test_a_surface_of_very_many_triangles_is_meshed_by_fewer_and_else_as_it_is(t
     points = sheet.centre + np.random.default_rng(0).uniform(-0.0035, 0.0035, (400, 3))
     clear = np.abs(np.linalg.norm(points - sheet.centre, axis=1) - 0.003) > 2 * sheet.off
     assert (sheet.fewer.inside(points) == (np.linalg.norm(points - sheet.centre, axis=1) < 0.003))[clear].all()
+
+
+def test_where_time_is_over_an_uneven_surface_of_very_many_triangles_is_named(tmp_path, monkeypatch):
+    def late(arrays, patience):
+        raise TooLong("it took longer")
+
+    monkeypatch.setattr("geometry.tetra.mesher.tetrahedralize", late)
+    found = body_layout(with_file(saved(tmp_path, ball())), False, 0.02, None)
+    (sheet,) = found.inclusions
+    uneven = replace(sheet, triangles=np.tile(sheet.triangles, (70, 1)))
+    with limited(Limits(seconds=1e-6)), timed(), pytest.raises(LimitReached, match=r"22400 triangles too uneven.*a smoother one"):
+        mesh_layout(replace(found, inclusions=(uneven,)), ROUGH)
 
 
 @pytest.mark.slow
