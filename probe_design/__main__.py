@@ -16,6 +16,11 @@ def main() -> None:
 
 def _run() -> int:
     _open_streams()
+    from probe_design.cli.process_limits import refused
+
+    if why := refused():
+        print(f"probe-design: {why}", file=sys.stderr)
+        return 2
     from probe_design.cli.main import run
 
     return run()

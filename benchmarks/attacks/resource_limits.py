@@ -12,7 +12,7 @@ from benchmarks.attacks.damage import Random
 from benchmarks.attacks.files import SCENE
 
 STATED = 120.0  # s that an answer may take unless --time says otherwise
-GIGABYTES = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)  # below that libraries cannot be loaded
+GIGABYTES = (0.15, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)  # the first is too little to load libraries with
 
 
 def little_memory(draw: Random, folder: Path) -> Attempt:

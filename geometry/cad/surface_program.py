@@ -10,15 +10,28 @@ from typing import Any
 import numpy as np
 import pyvista
 
+from geometry.cad.decimation import decimated
+
 DEFLECTION = 0.002  # of a STEP surface's diagonal: how far its triangles may lie from it
 TURN = 0.2  # rad: by how much neighbouring triangles' normals may differ
 
 
 def run(arguments: dict[str, Any]) -> dict[str, Any]:
-    """Read the file ``name`` (of kind ".stl", ".step" or ".stp" by its ``suffix``): points (n, 3), mm, and triangles (t, 3)."""
+    """Read the file ``name`` (of kind ".stl", ".step" or ".stp" by its ``suffix``).
+
+    Returns:
+        Its points (n, 3), mm, and triangles (t, 3); where it has very many, ``few_points`` and ``few_triangles`` that follow it
+        and ``off``, how far they are from it, mm: see ``geometry.cad.decimation.decimated``.
+    """
     read = _stl if arguments["suffix"].item() == ".stl" else _step
     poly = read(arguments["name"].item()).clean(tolerance=1e-7)  # both formats give each face points of its own
-    return {"points": np.asarray(poly.points, dtype=float), "triangles": np.asarray(poly.regular_faces, dtype=np.int64)}
+    fewer = decimated(poly)
+    return _arrays(poly) if fewer is None else {**_arrays(poly), **_arrays(fewer[0], "few_"), "off": np.array(fewer[1])}
+
+
+def _arrays(poly: Any, prefix: str = "") -> dict[str, Any]:
+    points, triangles = np.asarray(poly.points, dtype=float), np.asarray(poly.regular_faces, dtype=np.int64)
+    return {f"{prefix}points": points, f"{prefix}triangles": triangles}
 
 
 def _stl(name: str) -> Any:

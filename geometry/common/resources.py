@@ -86,14 +86,18 @@ def check_time(work: str, seconds: float = 0.0) -> None:
     raise LimitReached("time", Words(f"{limits().seconds:g} s"), f"more for this scene: {takes} (--time raises the limit)")
 
 
+def has_room(size: float) -> bool:
+    """Return whether work that holds so many bytes beside the libraries is within the limit."""
+    return size + LIBRARIES <= limits().memory
+
+
 def check_memory(work: str, size: float) -> None:
     """Refuse work that holds so many bytes beside the libraries.
 
     Raises:
         LimitReached: that is more than is allowed.
     """
-    size += LIBRARIES
-    if size <= limits().memory:
+    if has_room(size):
         return
-    allowed = f"{least(size / 1e9, 2)} GB or more for this scene: so much for {work} (--memory raises the limit)"
+    allowed = f"{least((size + LIBRARIES) / 1e9, 2)} GB or more for this scene: so much for {work} (--memory raises the limit)"
     raise LimitReached("memory", Words(f"{limits().memory / 1e9:g} GB"), allowed)

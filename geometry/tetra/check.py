@@ -52,6 +52,12 @@ def largest_error(mesh: TetMesh, layout: BodyLayout) -> float:
     return max(abs(error) * min(1.0, near.get(name, 1.0)) for name, error in relative.items())
 
 
+def files_error(mesh: TetMesh, layout: BodyLayout) -> float:
+    """The largest relative error, without sign, of the volumes of bodies from files; 0 without any."""
+    kinds = _volumes(mesh, layout).values()
+    return max((abs(is_ / exact - 1) for is_, exact, allowed in kinds if allowed == _FILE_VOLUME), default=0.0)
+
+
 def _why(name: str, layout: BodyLayout) -> str:
     """What may be the matter where a surface from a file leaks or does not say what is inside."""
     for index, body in enumerate(layout.inclusions):

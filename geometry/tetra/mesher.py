@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from geometry.cad.decimation import FEW, MANY
 from geometry.common.arrays import Points
 from geometry.common.child_process import Arrays, Failure, TooLong, run_program
 from geometry.common.errors import SolveError
@@ -37,6 +38,7 @@ __all__ = ["COARSE", "FINE", "ROUGH", "TetraFineness", "Timing", "expected_eleme
 _PROGRAM = Path(__file__).with_name("tetwild_program.py")
 _NEAR = 1.7  # far tissue begins at this many times the probe's largest length
 _ENVELOPE = 0.15  # of the smallest feature: how far pytetwild's surfaces may be from the given ones; never above half the gap
+_DRAWN = 0.25  # of the envelope: how far fewer triangles may be from a surface that they stand for
 _NARROW = 0.5, 0.7  # of an inclusion's least semi-axis, near the probe and far from it: what counts as a feature
 _WIDEN = 12  # the gap becomes wider by this factor at most: tetrahedra below it are squeezed as much on the way back
 _RISE = 1.0  # how much faster the gap becomes wider upwards than the tetrahedra become larger
@@ -88,7 +90,7 @@ def mesh_layout(layout: BodyLayout, fineness: TetraFineness) -> tuple[TetMesh, T
                 best, least = mesh, off
         except TooLong as failure:
             if best is None:
-                check_time("meshing")
+                check_time(_work(layout))
             fault = f"pytetwild: {failure}"
             if trials > 0:
                 break
@@ -101,6 +103,14 @@ def mesh_layout(layout: BodyLayout, fineness: TetraFineness) -> tuple[TetMesh, T
     if best is None:
         raise SolveError(f"volume mesh: none passed the checks, the last one as {fault}")
     return best, Timing(float(spent[0]), float(spent[1]), float(spent[2]), trials)
+
+
+def _work(layout: BodyLayout) -> str:
+    """What takes long, and what would help."""
+    uneven = [len(body.triangles) for body in layout.inclusions if isinstance(body, Sheet) and body.fewer is None]
+    if max(uneven, default=0) <= MANY:
+        return "meshing"
+    return f"meshing a surface of {max(uneven)} triangles too uneven to be followed by {FEW} (a smoother one takes less)"
 
 
 def expected_elements(layout: BodyLayout, fineness: TetraFineness) -> float:
@@ -123,6 +133,7 @@ def _prepared(
 ) -> tuple[MeshSpace, Corners, tuple[Points, NDArray[np.int32]], tuple[Points, NDArray[np.int32], Points]]:
     """The mesher's space, the polygons that stand for circles, surfaces in that space, and the sizes wanted there."""
     space, turns = space_of(layout, fineness), corners(layout, fineness.corners)
+    layout = _drawn(layout, space)
     points, triangles = _in_mesh_space(
         layout, space, surfaces(layout, turns, space.near, _ROWS, max(5, round(2.5 / fineness.sphere)))
     )
@@ -151,6 +162,16 @@ def space_of(layout: BodyLayout, fineness: TetraFineness) -> MeshSpace:
     return mesh_space(
         layout.inner, layout.hole, layout.tube, gap=wide, near=near, height=height, rise=_RISE * fineness.growth * height
     )
+
+
+def _drawn(layout: BodyLayout, space: MeshSpace) -> BodyLayout:
+    """The layout with fewer triangles for surfaces of very many, where these stay well within the envelope.
+
+    pytetwild alone is given these: labels, nodes and checks go by the file's own triangles.
+    """
+    allowed = _DRAWN * _ENVELOPE * _smallest(layout, space)
+    bodies = (body.fewer if isinstance(body, Sheet) and body.off <= allowed else None for body in layout.inclusions)
+    return replace(layout, inclusions=tuple(few or own for few, own in zip(bodies, layout.inclusions, strict=True)))
 
 
 def _in_mesh_space(layout: BodyLayout, space: MeshSpace, soup: tuple[Points, Any]) -> tuple[Points, NDArray[np.int32]]:

@@ -29,6 +29,7 @@ LARGEST_FILE = 50_000_000  # bytes: a million triangles, some hundred times as m
 _PATIENCE = 60.0  # s for reading a file: sound ones take one or two
 _INSIDE = 0.5  # winding number from which a point counts as inside
 _SAMPLES = 10_000
+_NEARLY = 0.1  # relative
 
 
 @dataclass(frozen=True)
@@ -39,11 +40,15 @@ class Sheet:
         points: (n, 3).
         triangles: (t, 3) indices of points.
         centre: the inclusion's, (3,).
+        fewer: triangles that follow a surface of very many, or None where there are none.
+        off: how far these are from it.
     """
 
     points: Points
     triangles: NDArray[np.int64]
     centre: Points
+    fewer: Sheet | None = None
+    off: float = 0.0
 
     @property
     def reach(self) -> Points:
@@ -94,8 +99,11 @@ class Sheet:
         return bool(self._poly.collision(other._poly, contact_mode=1)[1])
 
     def distance(self, points: Points) -> Points:
-        """About the distance of points (m, 3) from the surface, (m,): from the nearest corner or middle of a triangle."""
-        return np.asarray(self._tree.query(points)[0])
+        """About the distance of points (m, 3) from the surface, (m,): from the nearest corner or middle of a triangle.
+
+        It may be a tenth too large: from a ball's middle all its triangles are as near, and to find the nearest takes minutes.
+        """
+        return np.asarray(self._tree.query(points, eps=_NEARLY)[0])
 
     @cached_property
     def _winding_tree(self) -> WindingTree:
@@ -130,19 +138,21 @@ def read_surface(name: str, key: str, centre: Points) -> Sheet:
     check_name(name, key)
     content = read_bytes(name, key, "an STL or STEP file", LARGEST_FILE)
     try:
-        points, triangles = _triangles(Path(name).suffix.lower(), content)
+        read = _triangles(Path(name).suffix.lower(), content)
     except (Failure, OSError) as fault:
         raise InputError(key, name, f"an STL or STEP file that can be read ({fault})") from None
+    points, triangles = read["points"], read["triangles"]
     if len(triangles) < 4 or not np.isfinite(points).all():
         raise InputError(key, Words(f"{name}, with {len(triangles)} triangles"), "a closed surface of finite triangles")
-    sheet = Sheet(points * 1e-3 + centre, triangles, centre)
+    fewer = Sheet(read["few_points"] * 1e-3 + centre, read["few_triangles"], centre) if "off" in read else None
+    sheet = Sheet(points * 1e-3 + centre, triangles, centre, fewer, 1e-3 * float(read.get("off", 0.0)))
     _check_closed(sheet, name, key)
     return sheet
 
 
 @lru_cache(maxsize=8)
-def _triangles(suffix: str, content: bytes) -> tuple[Points, NDArray[np.int64]]:
-    """Points, mm, and triangles of a file's content, read in a process of its own; those asked for last are kept.
+def _triangles(suffix: str, content: bytes) -> dict[str, NDArray[Any]]:
+    """What ``geometry/cad/surface_program.py`` says of a file's content in a process of its own; files asked for last are kept.
 
     Raises:
         Failure: it cannot be read.
@@ -152,9 +162,9 @@ def _triangles(suffix: str, content: bytes) -> tuple[Points, NDArray[np.int64]]:
         path.write_bytes(content)
         arguments = {"name": np.array(str(path)), "suffix": np.array(suffix)}
         mesh = run_program(_PROGRAM, arguments, min(_PATIENCE, seconds_left()), limits().memory)
-    mesh["points"].setflags(write=False)
-    mesh["triangles"].setflags(write=False)
-    return mesh["points"], mesh["triangles"]
+    for array in mesh.values():
+        array.setflags(write=False)
+    return mesh
 
 
 def _check_closed(sheet: Sheet, name: str, key: str) -> None:

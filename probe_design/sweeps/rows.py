@@ -26,7 +26,7 @@ OUTPUTS = (
     "stress_inner", "stress_outer", "ratio", "log_sensitivity", "stiffness", "charge_inner", "charge_outer",
     "equivalent_modulus", "error_estimate", "residual",
 )  # fmt: skip
-LIMITS = ("time_limit", "memory_limit")  # s and bytes, of a row that this limit stopped
+LIMITS = ("time_limit", "memory_limit")  # s and bytes, of a row that this limit stopped, or kept from a finer answer
 REAL = (*OUTPUTS, *LIMITS, "seconds")
 COLUMNS = ("status", "type", "reason", *LIMITS, "evaluator", *OUTPUTS, "plan", "warnings", "seconds")
 ROOT = Path(__file__).parents[2]
@@ -144,6 +144,8 @@ def _caught(made: Callable[[], T]) -> T | Exception:
 
 def _row(result: Result | Exception, seconds: float) -> Row:
     """The row of a result, or of a design that was refused or failed."""
+    from solver.results.warnings import of_kind
+
     if isinstance(result, Exception):
         status = "refused" if isinstance(result, InputError) else "failed"
         return blank(status, type(result).__name__, str(result), seconds) | _stopped(result)
@@ -152,19 +154,22 @@ def _row(result: Result | Exception, seconds: float) -> Row:
         return blank("failed", "ArithmeticError", "a result is not finite", seconds)
     details = {"plan": [asdict(one) for one in result.plan], "warnings": result.warnings}
     texts = {name: json.dumps(value, allow_nan=False) for name, value in details.items()}
-    return dict.fromkeys(COLUMNS) | {"status": "ok", "evaluator": result.evaluator, "seconds": seconds} | numbers | texts
+    found = {"status": "ok", "evaluator": result.evaluator, "seconds": seconds} | numbers | texts
+    return dict.fromkeys(COLUMNS) | found | (_either() if of_kind(result.warnings, "limit") else {})
 
 
 def _stopped(fault: Exception) -> Row:
     """The limits without which a design may have an answer."""
     from solver.results.evaluator import OutOfReach
 
-    held = asdict(limits())
     if isinstance(fault, LimitReached):
-        return {"time_limit": held["seconds"]} if fault.key == "time" else {"memory_limit": held["memory"]}
-    if isinstance(fault, OutOfReach) and fault.stopped:  # by either
-        return {"time_limit": held["seconds"], "memory_limit": held["memory"]}
-    return {}
+        return {"time_limit": limits().seconds} if fault.key == "time" else {"memory_limit": limits().memory}
+    return _either() if isinstance(fault, OutOfReach) and fault.stopped else {}
+
+
+def _either() -> Row:
+    """Both limits, where it is not told which of them stopped a design."""
+    return {"time_limit": limits().seconds, "memory_limit": limits().memory}
 
 
 def blank(status: str, kind: str, reason: str, seconds: float) -> Row:

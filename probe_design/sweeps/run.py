@@ -90,7 +90,7 @@ def sweep(
         workers: how many processes; one for each processor without.
         progress: called with the state after each batch.
         retry_failed: whether designs whose row is ``failed`` are answered anew; what becomes of them takes the row's place. Those
-            that a limit stopped which is larger now are in any case.
+            that a limit stopped which is larger now, or kept from a finer answer, are in any case.
         notice: called with a line of what the sweep waits for, such as a Dask scheduler that stands still.
 
     Raises:
@@ -113,7 +113,7 @@ def sweep(
             say(store.mended)
         total, left_out = _begun(store, checked, job)
         if stopped := store.forget_limited(checked.limits):
-            log(f"forgets {stopped} rows that smaller limits stopped")
+            log(f"forgets {stopped} rows that smaller limits stopped, or kept from a finer answer")
         if retry_failed:
             log(f"forgets {store.forget('failed')} failed rows")
         tasks = [Task(key, values, count) for count, values, key in store.missing()]

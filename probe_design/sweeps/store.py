@@ -85,7 +85,7 @@ class Store:
             return connection.execute(query, (status,)).rowcount
 
     def forget_limited(self, limits: Limits) -> int:
-        """Take away the rows of this sweep's designs that a limit stopped which is larger now; returns how many."""
+        """Take away the rows of this sweep's designs that name a limit which is larger now, see ``rows.LIMITS``; how many."""
         with self._written() as connection:
             query = "DELETE FROM results WHERE (time_limit < ? OR memory_limit < ?) AND key IN (SELECT key FROM designs)"
             return connection.execute(query, (limits.seconds, limits.memory)).rowcount

@@ -10,6 +10,9 @@ from geometry.common.arrays import Floats
 from solver.inclusions.mode_sums import Values
 from solver.inclusions.vector_modes import Modes
 
+OVERSAMPLE = 6
+BATCH = 128  # points at once: what makes a matrix is ten times as large as its part
+
 
 @dataclass(frozen=True)
 class Projection:
@@ -33,15 +36,24 @@ class Projection:
         return out
 
 
-def projection(modes: Modes, oversample: int = 6) -> Projection:
+def projection(modes: Modes, oversample: int = OVERSAMPLE) -> Projection:
     """Quadrature that projects fields of degree up to ``modes.degree + oversample`` exactly.
 
     What a field has beyond that comes back as lower modes, in latitude and in azimuth alike: oversample more where fields
     vary strongly over the sphere. The displacement alone is needed, not the traction.
     """
     points, weights = quadrature(modes, oversample)
-    fields = _orthonormal(modes, points) * weights[:, None, None]
-    return Projection(points, weights, np.ascontiguousarray(np.moveaxis(_regular(modes, fields), -1, 0)))
+    matrix = np.empty((len(modes), len(points), 3), np.result_type(modes.nu, float))
+    for low in range(0, len(points), BATCH):
+        part = slice(low, low + BATCH)
+        fields = _orthonormal(modes, points[part]) * weights[part, None, None]
+        matrix[:, part] = np.moveaxis(_regular(modes, fields), -1, 0)
+    return Projection(points, weights, matrix)
+
+
+def held_bytes(modes: Modes) -> int:
+    """Return what their projection will hold."""
+    return 8 * 3 * len(modes) * len(quadrature(modes, OVERSAMPLE)[0])
 
 
 def quadrature(modes: Modes, oversample: int) -> tuple[Floats, Floats]:

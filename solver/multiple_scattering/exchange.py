@@ -16,11 +16,11 @@ from functools import cached_property, partial
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.resources import check_time
+from geometry.common.resources import check_memory, check_time, has_room
 from solver.axisymmetric.base_states import BaseStates
 from solver.axisymmetric.dofs import Interface
 from solver.axisymmetric.tissue_field import TissueField
-from solver.linalg.workspace import current
+from solver.linalg.workspace import current, size
 from solver.multiple_scattering.azimuthal_systems import AzimuthalSystems, Harmonic
 from solver.multiple_scattering.boundary_compliance import BoundaryData, BoundaryResponse
 from solver.multiple_scattering.boundary_edges import Boundary
@@ -30,6 +30,8 @@ from solver.multiple_scattering.layer_samples import LayerSamples
 from solver.multiple_scattering.near_exchange import CloseExchange
 from solver.multiple_scattering.panels import Panels
 from solver.multiple_scattering.spheres import ScatteringSphere
+
+LESS = "fewer, or further from surface, floor and interfaces, take less"
 
 
 @dataclass(frozen=True)
@@ -58,15 +60,36 @@ class Reflector:
             self._responses[m, layers] = BoundaryResponse(partial(self._harmonics.of_order, m), data)
         return self._responses[m, layers]
 
-    def interior(self, m: int, layer: int = 0) -> Interior:
-        """Return what an order answers inside the tissue to fields in one layer, for spheres that lie close."""
+    def interior(self, m: int, layer: int = 0, beside: float = 0.0) -> Interior:
+        """Return what an order answers inside the tissue to fields in one layer, for spheres that lie close.
+
+        Args:
+            m: the order.
+            layer: the layer's number.
+            beside: bytes that the spheres hold.
+
+        Raises:
+            LimitReached: not even one order is within the limit of memory.
+        """
         if m not in self._kept:
-            current().make_room(self._harmonics.needed)
+            self._make_room(beside)
             self._kept[m] = self._harmonics.of_order(m)
         if (m, layer) not in self._interiors:
             recovery = partial(self._harmonics.recovery, m)
             self._interiors[m, layer] = Interior(self._kept[m], self._boundaries[layer], recovery)
         return self._interiors[m, layer]
+
+    def _make_room(self, beside: float) -> None:
+        """Make room for one order: where memory is short the last goes, as reflections ask for all of them, again and again."""
+        needed = self._harmonics.needed
+        current().make_room(needed)
+        wanted = current().bytes_held + beside + needed
+        if not self._kept:
+            check_memory(f"reflections of tumours close to the surface, to other faces or to the probe ({LESS})", wanted)
+        elif len(self._kept) > 1 and not has_room(wanted):
+            last, _ = self._kept.popitem()
+            for key in [key for key in self._interiors if key[0] == last]:
+                del self._interiors[key]
 
     @cached_property
     def _boundaries(self) -> list[Boundary]:
@@ -106,7 +129,8 @@ class Reflector:
             LimitReached: so many spheres that what is found once takes more memory than is allowed.
         """
         if self.close:
-            return CloseExchange(self.interior, self._field, interface=self.interface, spheres=spheres, rounds=rounds)
+            interior = partial(self.interior, beside=size(list(spheres)))
+            return CloseExchange(interior, self._field, interface=self.interface, spheres=spheres, rounds=rounds)
         samples = LayerSamples.of(spheres, self.panels, rounds)
         samples.check_room()
         return Exchange(self, spheres, samples, often)

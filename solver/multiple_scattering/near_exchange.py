@@ -99,7 +99,7 @@ class CloseExchange:
         kinds["side", "forces"] = ROUND[:5], side[:, :3]
         out, boundary = {}, self.interior(0, layer).boundary
         for (name, kind), (components, turn) in kinds.items():
-            edges, parts = getattr(boundary, name), []
+            edges, total = getattr(boundary, name), np.zeros(())
             if not len(edges.element):
                 continue
             for sphere, c in zip(self.spheres, scattered, strict=True):
@@ -110,8 +110,8 @@ class CloseExchange:
                 sampled = sampler.values(c).reshape(len(components), c.shape[1], self.rounds.count, -1).transpose(2, 0, 1, 3)
                 unit = sphere.two_mu / sphere.radius if kind == "forces" else 1.0
                 turned = turn[..., components] @ sampled.reshape(self.rounds.count, len(components), -1)
-                parts.append(unit * turned.reshape(self.rounds.count, 3, c.shape[1], -1))
-            out[name, kind] = np.asarray(sum(parts))
+                total = total + unit * turned.reshape(self.rounds.count, 3, c.shape[1], -1)
+            out[name, kind] = total
         if self.interface == "frictionless" and ("ends", "lifted") in out:
             out["ends", "lifted"][:, :2] = 0.0
         return out

@@ -20,22 +20,23 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from time import perf_counter
+from typing import Literal
 
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.resources import check_time
+from geometry.common.resources import check_memory, check_time
 from geometry.meridian.section import Section
 from geometry.scenes.probe import Material
 from solver.axisymmetric.refinement import total_change
 from solver.axisymmetric.tissue_field import TissueField
-from solver.inclusions.projection import Projection, projection
+from solver.inclusions.projection import Projection, held_bytes, projection
 from solver.inclusions.strata import Strata
 from solver.inclusions.tumours import Tumours
 from solver.inclusions.vector_modes import Modes
 from solver.linalg.workspace import kept_table
 from solver.multiple_scattering.boundary_samples import AzimuthalGrid
-from solver.multiple_scattering.exchange import Exchange, Reflector
+from solver.multiple_scattering.exchange import LESS, Exchange, Reflector
 from solver.multiple_scattering.near_exchange import CloseExchange
 from solver.multiple_scattering.reflection_series import Reflections
 from solver.multiple_scattering.resolution import DEGREES, apart, degrees, unresolved
@@ -101,6 +102,7 @@ def solve_scattering(
 
     Raises:
         SolveError: the reflections could not be solved.
+        LimitReached: they would take more memory or time than is allowed.
     """
     section = reflector.states.model.section
     spheres, rounds = arranged(section, strata, tumours)
@@ -145,27 +147,43 @@ def _moves(tumours: Tumours, spheres: Sequence[ScatteringSphere], sphere_set: Sp
 
 
 def arranged(section: Section, strata: Strata, tumours: Tumours) -> tuple[list[ScatteringSphere], AzimuthalGrid]:
-    """Turn spheres about the probe's axis so that, if they can, all lie in the plane y = 0; modes and angles that tell them."""
+    """Turn spheres about the probe's axis so that, if they can, all lie in the plane y = 0; modes and angles that tell them.
+
+    Raises:
+        LimitReached: what tells them would hold more memory than is allowed.
+    """
     offset, radius = tumours.offset, tumours.diameter / 2
     far = int(np.argmax(offset))
     turn = float(np.arctan2(tumours.y[far], tumours.x[far])) if offset[far] > 0 else 0.0
     x, y = np.cos(turn) * tumours.x + np.sin(turn) * tumours.y, np.cos(turn) * tumours.y - np.sin(turn) * tumours.x
     plane = bool(np.all(np.abs(y) <= 1e-9 * radius))
     axis = bool(np.all(offset <= 1e-9 * radius))
-    spheres, required, layers = [], degrees(section, tumours), strata.number(tumours.depth).tolist()
-    for k in range(len(offset)):
-        degree = int(np.clip(np.ceil(max(required[0][k], required[1][k])), *DEGREES))
-        matrix = strata.materials[layers[k]]
-        modes = _same(Modes(degree, matrix.poisson_ratio, 0 if axis else min(degree, ORDERS), "even" if plane else "both"))
-        centre = np.array([x[k], 0.0 if plane else y[k], -tumours.depth[k]]) * [not axis, not axis, 1]
-        spheres.append(ScatteringSphere(centre, float(radius[k]), modes, _projection(modes), matrix, layers[k]))
+    layers = strata.number(tumours.depth).tolist()
+    parity: Literal["even", "both"] = "even" if plane else "both"
+    required = np.clip(np.ceil(np.maximum(*degrees(section, tumours))), *DEGREES).astype(int).tolist()
+    modes = [
+        _same(Modes(degree, strata.materials[layer].poisson_ratio, 0 if axis else min(degree, ORDERS), parity))
+        for degree, layer in zip(required, layers, strict=True)
+    ]
+    projections = _projections(modes)
+    centres = np.stack([x * (not axis), 0 * y if plane else y, -tumours.depth], axis=1)
+    spheres = [
+        ScatteringSphere(centre, float(size), own, projections[own], strata.materials[layer], layer)
+        for centre, size, own, layer in zip(centres, radius, modes, layers, strict=True)
+    ]
     angles = int(np.clip(np.ceil(np.max(3 * offset / (apart(section, tumours) + 0.2 * radius))) + 6, *ANGLES))
     return spheres, AzimuthalGrid(1 if axis else angles * (1 if plane else 2), plane)
 
 
-def _projection(modes: Modes) -> Projection:
-    """The projection on modes; small ones are kept, as half of a tumour's cost on the axis is to make them."""
-    return _kept_projection(modes) if modes.order == 0 or modes.degree <= SMALL else projection(modes)
+def _projections(modes: Sequence[Modes]) -> dict[Modes, Projection]:
+    """The projections on all modes; small ones are kept, as half of a tumour's cost on the axis is to make them.
+
+    Raises:
+        LimitReached: they would hold more memory than is allowed.
+    """
+    every = set(modes)
+    check_memory(f"reflections of {len(modes)} tumours ({LESS})", sum(held_bytes(one) for one in every))
+    return {one: (_kept_projection if one.order == 0 or one.degree <= SMALL else projection)(one) for one in every}
 
 
 @lru_cache(maxsize=64)

@@ -17,6 +17,8 @@ from geometry.common.arrays import Floats
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
 from geometry.tetra.cache import cached_mesh
+from geometry.tetra.check import files_error
+from geometry.tetra.layout import body_layout, extent
 from geometry.tetra.sizing import TetraFineness
 from geometry.tetra.tet_mesh import INCLUSION, TetMesh
 from solver.solid.base_states import FactorisedStates, SolidStates, solid_states
@@ -41,6 +43,7 @@ class SceneDifference:
         reference: the reference's film forces on this mesh, shape (2, 2).
         unknowns: of the scene.
         residual: of both solutions, relative to the loads, the larger.
+        lost: by how much of itself the volume of a body from a file is off on this mesh.
     """
 
     forces: Floats
@@ -50,6 +53,7 @@ class SceneDifference:
     reference: Floats
     unknowns: int
     residual: float
+    lost: float
 
 
 def mesh_domain(domain: Domain, fineness: TetraFineness) -> TetMesh:
@@ -89,8 +93,16 @@ def difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> t
         reference=less[:2, :2],
         unknowns=problem.supports.unknowns,
         residual=max(residual, states.residual),
+        lost=_lost(domain, mesh),
     )
     return found, states.bare
+
+
+def _lost(domain: Domain, mesh: TetMesh) -> float:
+    """See ``SceneDifference.lost``: nodes stay on blocks and ellipsoids, whose own volumes are checked more narrowly."""
+    if all(body.surface is None for body in domain.scene.inclusion):
+        return 0.0
+    return files_error(mesh, body_layout(domain.scene, domain.half, extent(domain.scene, None), domain.radius))
 
 
 def _with_modulus(scene: Scene, target: int, modulus: float) -> Scene:

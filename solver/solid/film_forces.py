@@ -224,14 +224,14 @@ def _films(
     for k, now in enumerate(forces):
         totals, was, plainly = (one.sum(axis=1) for one in (now, before[k], none))
         change = np.abs(totals - plainly)
-        doubt = floor + EDGES * symmetric.edges
+        doubt = floor + fine.lost + EDGES * symmetric.edges
         error = SAFETY * np.abs(totals - was) + doubt * change + RAW * raw * change + whole.bound.totals
         with np.errstate(divide="ignore", invalid="ignore"):
             logs = [float(np.log(np.abs(one)) @ [1.0, -1.0]) for one in (totals, was, plainly)]
         moved = abs(logs[0] - logs[2])
         log_ratio = SAFETY * abs(logs[0] - logs[1]) + doubt * moved + RAW * float(raw.max()) * moved + whole.bound.log_ratio
         one, other = _log_sensitivity(slope[k], now), _log_sensitivity(slope_before[k], before[k])
-        sensitivity_bound = SAFETY * abs(one - other) + FLOOR * abs(one)
+        sensitivity_bound = SAFETY * abs(one - other) + (FLOOR + fine.lost) * abs(one)
         bound = Bound(error, log_ratio if np.all(error < np.abs(totals)) else np.inf)
         films.append(FilmForces(now, bound, slope[k] if scene.target is not None else None, sensitivity_bound))
     return tuple(films)

@@ -7,13 +7,15 @@ import pytest
 import pyvista
 
 from geometry import InputError, Refusal, SolveError
+from geometry.common.child_process import Failure, TooLong
+from geometry.common.resources import LimitReached, Limits, limited, timed
 from geometry.tetra import surface_files
-from geometry.tetra.check import check, errors
+from geometry.tetra.check import check, errors, files_error
 from geometry.tetra.layout import body_layout
 from geometry.tetra.layout_fit import least_distances
 from geometry.tetra.mesher import ROUGH, mesh_layout
 from geometry.tetra.surface_files import read_surface
-from geometry.tetra.tet_mesh import INCLUSION, TISSUE
+from geometry.tetra.tet_mesh import INCLUSION, TISSUE, TetMesh, quadratic
 from tests.support.block_scene import scene
 from tests.support.meshes import body_volumes
 from tests.support.slow import slow_unless
@@ -31,6 +33,13 @@ def saved(tmp_path, mesh, name="tumour.stl"):
 
 
 SOFT = {"youngs_modulus": "60 kPa", "poisson_ratio": 0.45}
+
+
+def mesh_with(volume):
+    """A mesh of one tetrahedron, which is all that there is of the inclusion."""
+    corners = np.vstack([np.zeros(3), np.eye(3) * (6 * volume) ** (1 / 3)])
+    nodes, elements, _ = quadratic(corners, np.array([[0, 1, 2, 3]]))
+    return TetMesh(nodes, elements, np.array([INCLUSION]), np.array([False]), np.array([1]), False)
 
 
 def with_file(path, *others, depth="9 mm", x="2 mm"):
@@ -54,6 +63,56 @@ def test_a_step_file_says_its_unit(tmp_path):
     sheet = read_surface(name, "inclusion[0].surface", CENTRE)
     assert sheet.volume == pytest.approx(120e-9)
     assert sheet.closed
+
+
+def test_a_surface_of_very_many_triangles_is_meshed_by_fewer_and_else_as_it_is(tmp_path, monkeypatch):
+    """pytetwild takes minutes for 80 000 triangles, and no longer for 10 000 than for a thousand."""
+    scanned = with_file(saved(tmp_path, pyvista.Icosphere(radius=3.0, nsub=6)), depth="9 mm")
+    given = {}
+
+    def noted(arrays, patience):
+        given.update(arrays)
+        raise Failure("enough")
+
+    monkeypatch.setattr("geometry.tetra.mesher.tetrahedralize", noted)
+    found = body_layout(scanned, False, 0.02, None)
+    with pytest.raises(SolveError, match="enough"):
+        mesh_layout(found, ROUGH)
+    (sheet,) = found.inclusions
+    assert len(sheet.triangles) == 81_920  # which labels, nodes and checks go by
+    assert len(sheet.fewer.triangles) == 10_000
+    assert 10_000 < len(given["faces"]) < 30_000
+    points = sheet.centre + np.random.default_rng(0).uniform(-0.0035, 0.0035, (400, 3))
+    clear = np.abs(np.linalg.norm(points - sheet.centre, axis=1) - 0.003) > 2 * sheet.off
+    assert (sheet.fewer.inside(points) == (np.linalg.norm(points - sheet.centre, axis=1) < 0.003))[clear].all()
+
+
+def test_where_time_is_over_an_uneven_surface_of_very_many_triangles_is_named(tmp_path, monkeypatch):
+    def late(arrays, patience):
+        raise TooLong("it took longer")
+
+    monkeypatch.setattr("geometry.tetra.mesher.tetrahedralize", late)
+    found = body_layout(with_file(saved(tmp_path, ball())), False, 0.02, None)
+    (sheet,) = found.inclusions
+    uneven = replace(sheet, triangles=np.tile(sheet.triangles, (70, 1)))
+    with limited(Limits(seconds=1e-6)), timed(), pytest.raises(LimitReached, match=r"22400 triangles too uneven.*a smoother one"):
+        mesh_layout(replace(found, inclusions=(uneven,)), ROUGH)
+
+
+@pytest.mark.slow
+def test_distances_to_a_ball_of_very_many_triangles_are_nearly_right(tmp_path):
+    sheet = read_surface(saved(tmp_path, pyvista.Icosphere(radius=3.0, nsub=6)), "inclusion[0].surface", CENTRE)
+    points = CENTRE + np.random.default_rng(0).normal(0.0, 0.003, (5000, 3))
+    right = np.abs(np.linalg.norm(points - CENTRE, axis=1) - 0.003)
+    assert (sheet.distance(points) <= 1.1 * right + 5e-5).all()
+    assert (sheet.distance(points) >= right - 1e-5).all()
+
+
+def test_what_the_volume_of_a_body_from_a_file_is_off_is_known(tmp_path):
+    found = body_layout(with_file(saved(tmp_path, ball())), False, 0.02, None)
+    (sheet,) = found.inclusions
+    assert [files_error(mesh_with(share * sheet.volume), found) for share in (1.0, 0.9)] == pytest.approx([0.0, 0.1], abs=1e-9)
+    assert files_error(mesh_with(1e-9), body_layout(scene(), False, 0.02, None)) == 0.0
 
 
 @pytest.mark.slow

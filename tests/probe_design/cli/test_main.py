@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -224,3 +227,16 @@ def test_want_of_memory_is_refused_in_one_line(monkeypatch: pytest.MonkeyPatch) 
 
     monkeypatch.setattr("solver.plan", nothing_left)
     assert "memory = all that the system gives this process: allowed: more" in refused("plan", SCENE, "--json")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not hold processes to it")
+@pytest.mark.parametrize("kind", ["d", "v"])
+def test_too_little_to_load_libraries_with_is_refused_at_once(kind: str) -> None:
+    """OpenBLAS, where it does not get its buffers, asks for them without an end: 150 MB were silent for minutes."""
+    command = shlex.join([sys.executable, "-m", "probe_design", "evaluate", str(SCENE)])
+    ended = subprocess.run(
+        ["sh", "-c", f"ulimit -{kind} 150000 && exec {command}"], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (2, "", 1)
+    assert ended.stderr.startswith("probe-design: memory = 0.15 GB of ")
+    assert f"(ulimit -{kind}): allowed: 0.5 GB or more" in ended.stderr

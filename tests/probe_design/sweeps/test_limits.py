@@ -14,6 +14,8 @@ from probe_design import sweep
 from probe_design.sweeps.file import sweep_from_dict
 from probe_design.sweeps.results import rows
 from probe_design.sweeps.rows import Job
+from solver import Result
+from solver.results.warnings import Kind, Note
 from tests.support.sweeps import grid, run, toml
 
 ASKED = grid(2, 2) | {"evaluator": "axisymmetric", "variables": {"probe.gap": [1e-4]}}
@@ -49,6 +51,32 @@ def test_an_accuracy_that_a_limit_forbids_names_both(monkeypatch: pytest.MonkeyP
     with limited(Limits(memory=3e9, seconds=60.0)):
         ((row,),) = Job.of(sweep_from_dict(ASKED)).pieces([(1e-4,)])
     assert (row["time_limit"], row["memory_limit"]) == (60.0, 3e9)
+
+
+@pytest.mark.parametrize(("kind", "named"), [("limit", (60.0, 3e9)), ("accuracy", (None, None))])
+def test_an_answer_that_a_limit_kept_from_a_finer_mesh_names_both(
+    monkeypatch: pytest.MonkeyPatch, kind: Kind, named: object
+) -> None:
+    rough = Result("solid", 1.0, ratio=0.5, error_estimate=0.05, warnings=(Note(kind, "no third mesh"),))
+    monkeypatch.setattr("solver.evaluate", lambda scene, **_: rough)
+    with limited(Limits(memory=3e9, seconds=60.0)):
+        ((row,),) = Job.of(sweep_from_dict(ASKED)).pieces([(1e-4,)])
+    assert (row["status"], row["ratio"]) == ("ok", 0.5)
+    assert (row["time_limit"], row["memory_limit"]) == named
+
+
+@pytest.mark.slow
+def test_a_rough_answer_is_answered_anew_where_the_limit_that_stopped_it_is_raised(tmp_path: Path) -> None:
+    fine = ASKED | {"accuracy": 1e-5}
+    assert sweep(fine | {"memory_limit": 4.5e8}, tmp_path, workers=1).ok == 1
+    (rough,) = rows(tmp_path)
+    assert rough["error_estimate"] > 1e-5
+    assert sweep(fine | {"memory_limit": 4e8}, tmp_path, workers=1).answered == 0  # less is no help
+    assert sweep(fine, tmp_path, workers=1).answered == 1
+    (better,) = rows(tmp_path)
+    assert better["error_estimate"] < 1e-5
+    assert abs(rough["ratio"] / better["ratio"] - 1) < rough["error_estimate"] + better["error_estimate"]
+    assert sweep(fine, tmp_path, workers=1).answered == 0
 
 
 def test_a_sweep_has_the_limits_that_it_says_and_else_those_that_hold() -> None:

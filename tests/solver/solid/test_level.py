@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from geometry import Groove, Placement, Refusal, Scene
+from geometry.common.resources import Limits, limited
+from geometry.scenes.fit import semi_axes
 from solver import evaluate
 from solver.results.result import Result
 from solver.solid.domain import domain, reach
@@ -74,6 +77,36 @@ def test_an_ellipsoid_turned_off_the_axis() -> None:
     result = solved(one.scene, 0.02)
     assert result.ratio is not None
     assert abs(result.ratio / one.ratio - 1) <= min(0.01, result.error_estimate or 0.0)
+
+
+@pytest.mark.slow
+def test_a_scanned_surface_of_80_000_triangles_is_the_ellipsoid_that_it_follows(tmp_path: Path) -> None:
+    import pyvista
+
+    one, ball = named("off-axis", "ellipsoid-off-axis"), pyvista.Icosphere(radius=1.0, nsub=6)
+    (body,) = one.scene.inclusion
+    points = 1e3 * np.asarray(ball.points, dtype=float) @ np.array(semi_axes(body)).T
+    pyvista.PolyData.from_regular_faces(points, ball.regular_faces).save(tmp_path / "scan.stl")
+    scan = body.model_copy(update={"diameters": None, "orientation": (0.0, 0.0, 0.0), "surface": str(tmp_path / "scan.stl")})
+    with limited(Limits(seconds=600.0)):
+        result = solved(one.scene.model_copy(update={"inclusion": (scan,)}), 0.02)
+    assert result.ratio is not None
+    assert result.error_estimate is not None
+    assert abs(result.ratio / one.ratio - 1) <= min(0.01, result.error_estimate) + one.uncertainty
+    assert result.stiffness == pytest.approx(one.stiffness, rel=0.005)
+
+
+@pytest.mark.slow
+def test_what_the_volume_of_a_body_from_a_file_is_off_counts_as_much_of_its_effect(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In thin dispersions the effect of a body is proportional to its volume (Eshelby)."""
+    monkeypatch.setattr("solver.solid.film_forces.mesh_domain", scene_mesh)
+    stated = []
+    for lost in (0.0, 0.04):
+        monkeypatch.setattr("solver.solid.difference._lost", lambda domain, mesh, lost=lost: lost)
+        result = solved(named("solid", SCENE).scene, 0.05)
+        stated.append(result.error_estimate or 0.0)
+    effect = next(one.effect for one in result.plan if one.feature.startswith("inclusions"))
+    assert stated[1] - stated[0] == pytest.approx(0.04 * effect, rel=0.05)
 
 
 @pytest.mark.slow

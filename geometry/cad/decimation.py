@@ -1,0 +1,43 @@
+"""Surfaces of many triangles by fewer: what a mesher is given of a body that was scanned finer than any mesh can follow."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+MANY = 20_000  # triangles up to which pytetwild takes no longer than for a thousand
+FEW = 10_000
+WITHIN = 0.005  # of half the least side of the box around a surface: how far fewer triangles may lie from it
+
+
+def decimated(surface: Any) -> tuple[Any, float] | None:
+    """Follow a surface of more than ``MANY`` triangles by ``FEW``: M. Garland, P. S. Heckbert, Proc. SIGGRAPH 1997, 209-216.
+
+    Args:
+        surface: a ``pyvista.PolyData`` of triangles.
+
+    Returns:
+        Fewer triangles and how far they are from the surface, see ``apart``; None where there are not so many, or where
+        fewer do not stay within ``WITHIN``, or are open where the surface is closed.
+    """
+    if surface.n_cells <= MANY:
+        return None
+    few = surface.decimate(1 - FEW / surface.n_cells)
+    low_x, high_x, low_y, high_y, low_z, high_z = surface.bounds
+    allowed = WITHIN * min(high_x - low_x, high_y - low_y, high_z - low_z) / 2
+    if few.n_cells == 0 or (surface.is_manifold and not few.is_manifold):
+        return None
+    off = apart(surface, few)
+    return (few, off) if off <= allowed else None
+
+
+def apart(surface: Any, few: Any) -> float:
+    """Hausdorff's distance of two surfaces, seen from the corners of the first and some dozen points a triangle of the second."""
+    from vtkmodules.vtkFiltersModeling import vtkHausdorffDistancePointSetFilter
+
+    measure = vtkHausdorffDistancePointSetFilter()
+    measure.SetTargetDistanceMethodToPointToCell()
+    measure.SetInputData(0, surface)
+    measure.SetInputData(1, few.subdivide_adaptive(max_edge_len=math.sqrt(few.area / few.n_cells) / 2))
+    measure.Update()
+    return float(measure.GetHausdorffDistance())
