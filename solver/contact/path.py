@@ -13,7 +13,7 @@ from solver.contact.elements import ElementValues
 from solver.contact.model import ContactModel, State
 from solver.contact.newton import Equilibrium, solve
 
-FIRST, LEAST, LONGEST = 0.02, 1e-3, 0.15  # steps: in units, the longest in outer radii
+FIRST, LEAST, LONGEST = 0.02, 1e-3, 0.08  # steps: in units, the longest in outer radii
 TINY = 1e-6  # likewise: an indentation at which all is linear
 GROWTH, EASY = 1.8, 12  # by which steps grow after one that took so many of Newton's steps or fewer
 DEEPEST = 1.0  # outer radii: nothing is known of how exact deeper states are
