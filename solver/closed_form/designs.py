@@ -178,7 +178,8 @@ def parameters(scene: Scene, *, merged: bool = True) -> tuple[Shape, Floats]:
 
 
 def _nodes(scene: Scene, faces: list[float]) -> int:
-    """Nodes enough for the shallowest point of the spheres' quadrature, their echo from interfaces, and the waves' way across."""
+    """Nodes enough for the shallowest point of spheres' quadrature, their echo from other faces, and the waves' way across."""
+    faces = faces if scene.tissue.shape == "half-space" else [*faces, scene.tissue.depth]
     reach = [REACH / (body.depth - 0.4 * (body.diameter or 0.0)) for body in scene.inclusion]
     for body in scene.inclusion:
         size = body.diameter or 0.0
