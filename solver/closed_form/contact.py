@@ -31,7 +31,7 @@ from solver.closed_form.layered_spheres import inside
 from solver.closed_form.layered_works import disc_compliances, layered_works, stiffest
 from solver.closed_form.off_axis import Disc
 from solver.closed_form.surface_images import SphereArray
-from solver.closed_form.tractions import SOLID, TUBE, areas, between_waves, circles, diagonal, joined, long_waves, of_rings
+from solver.closed_form.tractions import areas, between_waves, circles, diagonal, joined, long_waves, of_rings, pair_loads
 from solver.layers.stack import TissueLayer
 
 if TYPE_CHECKING:
@@ -150,14 +150,14 @@ def solve_contact(
 
 
 def _ends(blocks: Pair, bonded: bool) -> list[tuple[Array, Array, Array]]:
-    return [end_compliance(block, loads, bonded) for block, loads in zip(blocks, (SOLID, TUBE), strict=True)]
+    return [end_compliance(block, loads, bonded) for block, loads in zip(blocks, pair_loads(blocks).loads, strict=True)]
 
 
 def _works(blocks: Pair, tissue: Tissue, layer_nodes: int, bonded: bool) -> list[Array]:
     """Works of pressures, shears, pressures on shears without the floor: of discs, combined as rings are differences of discs."""
     if tissue.layers:
         return layered_works(blocks, tissue.stack, tissue.depth, layer_nodes, bonded)
-    return of_rings(ring_work(*circles(blocks), tissue.mu, tissue.nu))
+    return of_rings(blocks, ring_work(*circles(blocks), tissue.mu, tissue.nu))
 
 
 def _waves(

@@ -177,7 +177,7 @@ def layered() -> Iterator[Row]:
 def _pressed_alike(scene: Scene, truth: Truth, times: float) -> Truth:
     """The stresses under the same force on a probe that is larger by so much; those under an indentation grow with it."""
     area = 1 if scene.load.indentation is not None else times**-2
-    told = {key: _product(getattr(truth, key), area) for key in ("stress_inner", "stress_outer")}
+    told: dict[str, Any] = {key: _product(getattr(truth, key), area) for key in ("stress_inner", "stress_outer")}
     return replace(truth, **told)
 
 
