@@ -33,7 +33,7 @@ ROOT = Path(__file__).parents[2]
 REFERENCE = ROOT / "tests" / "reference"
 WEIGHTS = ROOT / "solver" / "closed_form" / "error_weights.json"
 FOLDERS = ("axisymmetric", "extra", "extreme", "extremes", "half-space", "off-axis", "solid", "layers", "tissue-layers")
-MARGIN = 1.75
+MARGIN = 2.0
 SHARES = (0.1, 0.5, 0.9, 0.99, 1.0)
 
 

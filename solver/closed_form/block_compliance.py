@@ -27,11 +27,11 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from solver.closed_form.bessel import Array
-from solver.closed_form.block_functions import AXIAL, Along, along_height
+from solver.closed_form.block_functions import AXIAL, FINE_AXIAL, Along, along_height
 from solver.closed_form.tractions import Loads, batched_matmul
 
-RADIAL = 3  # functions P_i
-POINTS = 6  # of quadrature across the wall
+RADIAL, FINE_RADIAL = 3, 5  # functions P_i
+POINTS, FINE_POINTS = 6, 10  # of quadrature across the wall
 
 
 def _polynomials() -> Any:
@@ -44,13 +44,22 @@ _POLYNOMIALS = _polynomials()
 
 @dataclass(frozen=True)
 class ElasticBlocks:
-    """Blocks, all solid (``hole`` None) or all tubes: radii, height, modulus, Poisson's ratio; arrays of shape (n,), SI."""
+    """Blocks, all solid (``hole`` None) or all tubes: radii, height, modulus, Poisson's ratio; arrays of shape (n,), SI.
+
+    ``fine`` asks for more functions, in the block and under it.
+    """
 
     hole: Array | None
     radius: Array
     height: Array
     E: Array
     nu: Array
+    fine: bool = False
+
+    @property
+    def radial(self) -> int:
+        """How many functions P_i it has."""
+        return FINE_RADIAL if self.fine else RADIAL
 
     @property
     def start(self) -> Array:
@@ -77,14 +86,14 @@ def end_compliance(block: ElasticBlocks, loads: Loads, bonded: bool) -> tuple[Ar
 
     The shears' functions are meant times r / radius. Shapes (n, p, p), (n, s, s), (n, p, s); m^3/N times m^2.
     """
-    along = along_height(block.height, _decay(block))
+    along = along_height(block.height, _decay(block), FINE_AXIAL if block.fine else AXIAL)
     K = _stiffness(block, _softened(block, bonded), _across(block), along)
     w, u = _on_rings(block, loads)
     n, p, s = len(w), w.shape[1], u.shape[1]
-    size = RADIAL * (AXIAL + 1)
+    size = block.radial * along.end.shape[1]
     B = np.zeros((n, p + s, K.shape[1]), dtype=K.dtype)
     B[:, :p, :size] = (w[:, :, :, None] * along.end[:, None, None, :]).reshape(n, p, -1)
-    B[:, p:, size:] = np.repeat(u, AXIAL, axis=2)  # every g_j is 1 at the tissue's end
+    B[:, p:, size:] = np.repeat(u, along.end.shape[1] - 1, axis=2)  # every g_j is 1 at the tissue's end
     work = B @ np.linalg.solve(K, np.swapaxes(B, 1, 2))
     return work[:, :p, :p], work[:, p:, p:], work[:, :p, p:]
 
@@ -98,7 +107,7 @@ def radial(radius: Array, r: Array) -> tuple[Array, Array, Array]:
 
 def column(block: ElasticBlocks) -> tuple[Array, Along]:
     """Return the stiffness K of a block's functions, and these along its height."""
-    along = along_height(block.height, _decay(block))
+    along = along_height(block.height, _decay(block), AXIAL)
     return _stiffness(block, block.E, _across(block), along), along
 
 
@@ -112,19 +121,19 @@ class _Radial:
     moment: Any
 
 
-@lru_cache(maxsize=4)
-def _table(solid: bool, cuts: tuple[float, ...] = (0.0, 1.0), points: int = POINTS) -> tuple[Any, Any, _Radial]:
-    """Gauss's nodes and weights between the cuts, with the functions there."""
+@lru_cache(maxsize=8)
+def _table(solid: bool, radial: int, cuts: tuple[float, ...], points: int) -> tuple[Any, Any, _Radial]:
+    """Gauss's nodes and weights between the cuts, with so many functions there."""
     x, weight = legendre.leggauss(points)
     parts, low = np.diff(cuts)[:, None], np.array(cuts)[:-1, None]
     y = (low + parts * (x + 1) / 2).ravel()
-    return y, (parts * weight / 2).ravel(), _radial(solid, y)
+    return y, (parts * weight / 2).ravel(), _radial(solid, radial, y)
 
 
-def _radial(solid: bool, y: Any) -> _Radial:
+def _radial(solid: bool, radial: int, y: Any) -> _Radial:
     x, weight = legendre.leggauss(6)
     x, weight = (x + 1) / 2, weight / 2
-    polynomials = [legendre.Legendre(np.eye(RADIAL)[i], domain=[0, 1]) for i in range(RADIAL)]
+    polynomials = [legendre.Legendre(np.eye(radial)[i], domain=[0, 1]) for i in range(radial)]
     at, scale = (y**2, 2 * y) if solid else (y, 1 + 0 * y)
     inside = np.multiply.outer(y, x)
     values = np.array([p(inside**2 if solid else inside) for p in polynomials])
@@ -145,7 +154,7 @@ def _fluxes(block: ElasticBlocks, table: _Radial) -> Array:
 
 def _on_rings(block: ElasticBlocks, loads: Loads) -> tuple[Array, Array]:
     """Work of the pressures on the P_i and of the shears on the U_i / r, shapes (n, loads, functions)."""
-    y, weight, table = _table(block.hole is None, tuple(loads.cuts), 4)
+    y, weight, table = _table(block.hole is None, block.radial, tuple(loads.cuts), 4)
     rings = np.kron(np.eye(len(loads.cuts) - 1), np.ones((4, 1))) * weight[:, None]
     ring = 2 * np.pi * block.width[:, None] * block.radii(y)
     w = batched_matmul(ring[:, None, :] * table.P, rings @ loads.pressure)
@@ -167,7 +176,7 @@ class _Across:
 
 
 def _across(block: ElasticBlocks) -> _Across:
-    y, weight, table = _table(block.hole is None)
+    y, weight, table = _table(block.hole is None, block.radial, (0.0, 1.0), FINE_POINTS if block.fine else POINTS)
     r = block.radii(y)[:, None, :]
     U = _fluxes(block, table)
     both = table.P if block.hole is None else np.concatenate([0 * table.P[:1], table.P])
@@ -208,8 +217,10 @@ def _softened(block: ElasticBlocks, bonded: bool) -> Array:
     """E without what the few functions are too stiff by, as they leave out the corners' singularities: eq. CF.10.
 
     Fitted to finite elements of 300 blocks on stiff ground by ``benchmarks/closed_form/blocks.py``; what is left is
-    below 1.5 % of a disc, 6 % of a tube.
+    below 1.5 % of a disc, 6 % of a tube. More functions are taken as they are.
     """
+    if block.fine:
+        return block.E
     tall, constant, flat, power = _STIFF[block.hole is None, bonded]
     slender, thin = block.height / block.width, block.width / block.radius
     return block.E / (1 + (2 * block.nu) ** power / (tall * slender * thin**1.5 + constant + flat / slender))

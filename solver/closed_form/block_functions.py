@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.polynomial import legendre
 
 from solver.closed_form.bessel import Array
 
-AXIAL = 2  # functions g_j
+AXIAL, FINE_AXIAL = 2, 3  # functions g_j
 HEIGHTS = 10  # nodes of quadrature
 
 
@@ -41,8 +41,8 @@ class Along:
         return tuple(values @ between for values in (self.g, self.dg, self.f, self.df))
 
 
-def along_height(height: Array, decay: Array) -> Along:
-    """Return the integrals for blocks of heights and decays (n,)."""
+def along_height(height: Array, decay: Array, axial: int) -> Along:
+    """Return the integrals of ``axial`` functions g_j for blocks of heights and decays (n,)."""
     y, weight = _GAUSS
     h = height[:, None]
     decay = decay[:, None]
@@ -56,9 +56,9 @@ def along_height(height: Array, decay: Array) -> Along:
     far, near = np.exp(-decay * (h - zeta)), np.exp(-decay * zeta)
     top, fade = (1 - far) / loss, (near - np.exp(-bh)) / loss
     dtop, dfade = -decay / loss * far, -decay / loss * near
-    powers = [1 + 0 * top, *accumulate([fade] * (AXIAL - 1), np.multiply)]
+    powers = [1 + 0 * top, *accumulate([fade] * (axial - 1), np.multiply)]
     g = np.stack([top * power for power in powers], axis=1)
-    slopes = [dtop, *(dtop * powers[j] + j * top * powers[j - 1] * dfade for j in range(1, AXIAL))]
+    slopes = [dtop, *(dtop * powers[j] + j * top * powers[j - 1] * dfade for j in range(1, axial))]
     dg = np.stack(slopes, axis=1)
     scale = loss / decay  # of the length over which g_j decays
     below = _REMAINING * dz[:, None, :]  # weights of Int_zeta^h
@@ -67,7 +67,7 @@ def along_height(height: Array, decay: Array) -> Along:
     w = (weight * dz)[:, None, :]
     rows = np.concatenate([g, dg, f, df], axis=1)
     pairs = (rows * w) @ np.swapaxes(rows, 1, 2)
-    at_g, at_dg, at_f, at_df = (slice(*at) for at in _ROWS)
+    at_g, at_dg, at_f, at_df = (slice(*at) for at in pairwise((0, axial, 2 * axial, 3 * axial + 1, 4 * axial + 2)))
     end = np.concatenate([0 * h + 1, (g @ (weight * dz)[:, :, None])[:, :, 0] / scale], axis=1)
     return Along(
         pairs[:, at_g, at_g],
@@ -98,4 +98,3 @@ def _remaining() -> Any:
 _GAUSS = legendre.leggauss(HEIGHTS)
 _SERIES = (np.arange(HEIGHTS)[:, None] + 0.5) * legendre.legvander(_GAUSS[0], HEIGHTS - 1).T * _GAUSS[1]
 _REMAINING = _remaining()
-_ROWS = [(0, AXIAL), (AXIAL, 2 * AXIAL), (2 * AXIAL, 3 * AXIAL + 1), (3 * AXIAL + 1, 4 * AXIAL + 2)]  # g, dg, f, df

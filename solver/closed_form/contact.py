@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
+from itertools import accumulate
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,7 +31,7 @@ from solver.closed_form.layered_spheres import inside
 from solver.closed_form.layered_works import disc_compliances, layered_works, stiffest
 from solver.closed_form.off_axis import Disc
 from solver.closed_form.surface_images import SphereArray
-from solver.closed_form.tractions import SOLID, TUBE, areas, between_waves, circles, diagonal, joined, long_waves, of_rings
+from solver.closed_form.tractions import areas, between_waves, circles, diagonal, joined, long_waves, of_rings, pair_loads
 from solver.layers.stack import TissueLayer
 
 if TYPE_CHECKING:
@@ -65,6 +66,12 @@ class Tissue:
         """All layers, the tissue's own material the last."""
         left = None if self.depth is None else self.depth - sum(layer.thickness for layer in self.layers)
         return (*self.layers, TissueLayer(left, self.E, self.nu))
+
+    @property
+    def faces(self) -> list[Array]:
+        """Depths of interfaces and floor: what throws back the field of a sphere, as the surface does."""
+        faces = list(accumulate(layer.thickness for layer in self.layers))
+        return faces if self.depth is None else [*faces, self.depth]
 
 
 @dataclass(frozen=True)
@@ -130,7 +137,7 @@ def solve_contact(
     for index, sphere in enumerate(spheres):
         check_time("inclusions")
         layer, disc = tissue.stack[sphere.layer], None if sphere.on_axis else _disc(blocks, tissue, layer_nodes)
-        echoed = inside(sphere, k, weights, tissue.stack, tissue.depth is not None) if tissue.layers else None
+        echoed = inside(sphere, k, weights, tissue.stack, tissue.depth is not None) if tissue.faces else None
         body = polarised(sphere, field, loads, weights, E=layer.E, nu=layer.nu, disc=disc, sides=sides, inside=echoed)
         forces, by_log = body.rest(before)
         softer, rest = softer - body.works, rest + forces
@@ -143,14 +150,14 @@ def solve_contact(
 
 
 def _ends(blocks: Pair, bonded: bool) -> list[tuple[Array, Array, Array]]:
-    return [end_compliance(block, loads, bonded) for block, loads in zip(blocks, (SOLID, TUBE), strict=True)]
+    return [end_compliance(block, loads, bonded) for block, loads in zip(blocks, pair_loads(blocks).loads, strict=True)]
 
 
 def _works(blocks: Pair, tissue: Tissue, layer_nodes: int, bonded: bool) -> list[Array]:
     """Works of pressures, shears, pressures on shears without the floor: of discs, combined as rings are differences of discs."""
     if tissue.layers:
         return layered_works(blocks, tissue.stack, tissue.depth, layer_nodes, bonded)
-    return of_rings(ring_work(*circles(blocks), tissue.mu, tissue.nu))
+    return of_rings(blocks, ring_work(*circles(blocks), tissue.mu, tissue.nu))
 
 
 def _waves(
@@ -168,12 +175,10 @@ def _waves(
 
 
 def _way(sphere: SphereArray, tissue: Tissue) -> Array:
-    """From a sphere's quadrature to the surface, or there and back to an interface; one that an interface cuts has little."""
+    """From a sphere's quadrature to the surface, or there and back to another face; one that a face cuts has little."""
     way = sphere.depth - 0.8 * sphere.radius
-    top = 0 * sphere.depth
-    for layer in tissue.layers:
-        top = top + layer.thickness
-        least = np.where(top.real < sphere.depth.real, sphere.depth - top, top - sphere.depth) - 0.8 * sphere.radius
+    for face in tissue.faces:
+        least = np.where(face.real < sphere.depth.real, sphere.depth - face, face - sphere.depth) - 0.8 * sphere.radius
         way = -_larger(-way, -2 * _larger(least, LEAST_WAY * sphere.radius))
     return way
 

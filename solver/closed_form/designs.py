@@ -54,6 +54,7 @@ class Shape:
         places: for each inclusion, the layer that holds it, the tissue's own material last; empty if all are in the first.
         layers: how many layers of other materials the tissue has.
         layer_nodes: of the integral for these.
+        fine: whether blocks and tractions have more functions, to tell what they change.
     """
 
     on_axis: tuple[bool, ...] = (True,)
@@ -65,6 +66,7 @@ class Shape:
     places: tuple[int, ...] = ()
     layers: int = 0
     layer_nodes: int = 0
+    fine: bool = False
 
     @property
     def homes(self) -> tuple[int, ...]:
@@ -76,7 +78,7 @@ def _answer(shape: Shape, p: Array) -> ContactSolution:
     """The answer for parameters p, shape (parameters, n)."""
     r2, gap, ro, hi, ho, ei, ni, eo, no, depth, side, et, nt = p[: len(PROBE) + len(TISSUE)]
     bodies, layers = split(shape, p)
-    blocks = ElasticBlocks(None, r2, hi, ei, ni), ElasticBlocks(r2 + gap, ro, ho, eo, no)
+    blocks = ElasticBlocks(None, r2, hi, ei, ni, shape.fine), ElasticBlocks(r2 + gap, ro, ho, eo, no, shape.fine)
     tissue = TissueArray(depth if shape.bounded else None, et, nt, side, tuple(TissueLayer(*layer) for layer in layers))
     spheres = [
         SphereArray(b[0], b[1], offset=b[2], E=b[3], nu=b[4], on_axis=on_axis, layer=place)
@@ -178,7 +180,8 @@ def parameters(scene: Scene, *, merged: bool = True) -> tuple[Shape, Floats]:
 
 
 def _nodes(scene: Scene, faces: list[float]) -> int:
-    """Nodes enough for the shallowest point of the spheres' quadrature, their echo from interfaces, and the waves' way across."""
+    """Nodes enough for the shallowest point of spheres' quadrature, their echo from other faces, and the waves' way across."""
+    faces = faces if scene.tissue.shape == "half-space" else [*faces, scene.tissue.depth]
     reach = [REACH / (body.depth - 0.4 * (body.diameter or 0.0)) for body in scene.inclusion]
     for body in scene.inclusion:
         size = body.diameter or 0.0

@@ -1,15 +1,18 @@
 """What the closed form's errors are told from: ten numbers, each large where the formulas do one thing only roughly.
 
-Most come from what the formulas themselves answer once something is changed: sides modelled or left out, a block a little
-stiffer, no spheres. The others are powers of ratios of lengths. Of the logarithms of ratio and totals ``FEATURES`` are
+Most come from what the formulas themselves answer once something is changed: more functions, sides modelled or left out, a
+block a little stiffer, no spheres. The others are powers of ratios of lengths. Of the logarithms of ratio and totals
+``FEATURES`` are
 
-- always: one. There are few tractions;
-- sides: what is changed by modelling sides that are far enough to be left out, or by leaving out those of layers;
+- always: one;
+- finer: what both totals change with fifteen tractions for eleven, and with more functions in the blocks instead of eq. CF.10;
+- sides: what is changed by modelling sides that are far enough to be left out, or by leaving out those of layers, and a tenth of
+  what is changed by leaving out other near ones. Blocks of tissue are taken as cylinders;
 - near sides: (outer radius / way to the side)^8. Tractions on the cut are smoothed;
 - crowded spheres: what spheres change of the larger total, times (radius / way)^6 to the nearest of surface, interfaces, floor
-  and sides and twice (radius / way to the side)^3. They have no images but in the surface, and in layers;
-- soft ends: the derivative by the logarithms of both blocks' moduli, of the ratio both totals'. Blocks have few functions;
-- soft shell: the larger total's, times (hole / outer radius)^8 ln(1 + height / wall). Shells bend over short ways;
+  and sides and twice (radius / way to the side)^3. Their images are of few moments, and they have none in the sides;
+- soft shell: the larger total's derivative by the logarithms of both blocks' moduli, times (hole / outer radius)^8
+  ln(1 + height / wall). Shells bend over short ways;
 - hairline gap: how much either block's modulus changes the other's total, where the gap is below 0.005 of either width and the
   inner block small. Tractions at its edges are singular in another way;
 - cancelled: what forces there are beyond their sum. Errors of terms are those of a small difference;
@@ -17,7 +20,8 @@ stiffer, no spheres. The others are powers of ratios of lengths. Of the logarith
 - interfaces: contrast / (1 + 100 depth / outer radius) of layers of tissue, summed, times 1 + cancelled / 20. Pressures on a
   film have details, and a skin passes them from block to block.
 
-Of the log-sensitivity sides change what they change; the others are what the target changes of both totals, times the factors.
+Of the log-sensitivity sides change what they change, and finer functions what the target changes of either total; the others are
+what it changes of both, times the factors.
 """
 
 from __future__ import annotations
@@ -30,13 +34,16 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Inclusion, Scene
+from solver.closed_form.lateral_boundary import side_nodes, side_radius
 
 FEATURES = (
-    "always", "sides", "near sides", "crowded spheres", "soft ends",
+    "always", "finer", "sides", "near sides", "crowded spheres",
     "soft shell", "hairline gap", "cancelled", "thin tissue", "interfaces",
 )  # fmt: skip
-EFFECTS = ("scene", "inner_modulus", "outer_modulus", "no inclusions", "sides")  # the variants whose forces are asked for
+CHANGED = ("scene", "inner_modulus", "outer_modulus", "no inclusions")  # the variants that are other parameters
+EFFECTS = (*CHANGED, "sides", "finer")  # and those that are another formula: all that forces are asked for
 STEP = 1.05  # by which the variants' moduli are larger
+ROUNDED = 0.1  # of what sides change, where they are modelled
 HAIRLINE = 0.005  # of a block's width: about that of the rings at its edges
 
 
@@ -45,24 +52,22 @@ def features(scene: Scene, forces: Floats, slopes: Floats) -> dict[str, Floats]:
 
     Args:
         scene: what is pressed on what.
-        forces: of the variants ``EFFECTS``, the last with sides taken otherwise; positive totals, shape (5, 2, 2).
-        slopes: their derivatives by the logarithm of the target's modulus, shape (5, 2, 2).
+        forces: of the variants ``EFFECTS``; positive totals, shape (6, 2, 2).
+        slopes: their derivatives by the logarithm of the target's modulus, shape (6, 2, 2).
     """
     changes = _Changes.of(forces, slopes)
     felt = _felt(scene, forces, slopes)
     every = np.array([1.0, 1.0, 1.0, felt])
     spheres = np.array([*[changes.spheres.max()] * 3, felt])
-    soft = changes.ends.sum(axis=0)  # of either total
-    own = float(np.trace(changes.ends))  # of each block's total by its own modulus
     beside = max(changes.ends[0, 1], changes.ends[1, 0])
     cancelled = float((np.abs(forces[0]).sum(axis=1) / forces[0].sum(axis=1) - 1).max())
     return {
         "always": every,
-        "sides": changes.sides,
+        "finer": changes.finer,
+        "sides": changes.sides * (ROUNDED if _modelled(scene) else 1.0),
         "near sides": every * _edge(scene) ** 8,
         "crowded spheres": spheres * max((_crowding(scene, body) for body in scene.inclusion), default=0.0),
-        "soft ends": np.array([soft.sum(), *soft, felt * own]),
-        "soft shell": every * soft.max() * _shell(scene),
+        "soft shell": every * changes.ends.sum(axis=0).max() * _shell(scene),
         "hairline gap": every * beside * _hairline(scene),
         "cancelled": every * cancelled,
         "thin tissue": every * _thin(scene),
@@ -76,11 +81,13 @@ class _Changes:
 
     Attributes:
         sides: of all quantities, by the sides, shape (4,).
+        finer: of both totals' logarithms added, three times, and of both shares of the target, by more functions, shape (4,).
         spheres: of both totals' logarithms, by all spheres, shape (2,).
         ends: of both totals' logarithms (columns) by the logarithm of either block's modulus (rows), shape (2, 2).
     """
 
     sides: Floats
+    finer: Floats
     spheres: Floats
     ends: Floats
 
@@ -90,7 +97,16 @@ class _Changes:
         logs, shares = np.log(totals), slopes.sum(axis=2) / totals
         quantities = np.column_stack([logs @ [1, -1], logs, shares @ [1, -1]])
         ends = np.abs(logs[1:3] - logs[0]) / math.log(STEP)
-        return cls(np.abs(quantities[4] - quantities[0]), np.abs(logs[3] - logs[0]), ends)
+        finer = [np.abs(of[5] - of[0]).sum() for of in (logs, logs, logs, shares)]
+        return cls(np.abs(quantities[4] - quantities[0]), np.array(finer), np.abs(logs[3] - logs[0]), ends)
+
+
+def _modelled(scene: Scene) -> bool:
+    """Whether the tissue's sides are near, and of one material."""
+    tissue = scene.tissue
+    if tissue.shape == "half-space" or tissue.layer:
+        return False
+    return side_nodes(scene.probe.tube_radius, tissue.depth, side_radius(tissue)) > 0
 
 
 def _felt(scene: Scene, forces: Floats, slopes: Floats) -> float:

@@ -5,8 +5,9 @@ By Betti and Eshelby a sphere of volume V with strengths k_v, k_d (eq. IN.2 of `
     dF_ij = Int [(k_v - k_d/3) tr(eps_i) tr(eps_j) + k_d eps_i : eps_j] dV                        (CF.13)
 
 over the tissue's strains without it. Of these the moments e, V e.K e, are treated better: the sphere answers to the image G of
-its own polarisation in the free surface, ``surface_images``, beside the axis less that of ``off_axis``, so that loads of moments
-M polarise it by K D^-1 M, D = 1 + G K, and it gives way to them: with all spheres, t' takes the place of the t of eq. CF.12,
+its own polarisation in the free surface, ``surface_images``, or in all faces, ``layered_spheres``, beside the axis less that of
+``off_axis``, so that loads of moments M polarise it by K D^-1 M, D = 1 + G K, and it gives way to them: with all spheres, t'
+takes the place of the t of eq. CF.12,
 
     (C - sum M^T V K D^-1 M) t' = A,     dF = A^T (t' - t),     dF / d ln E = y.V (dK / d ln E) y,     y = D^-1 M t'    (CF.14)
 
@@ -56,7 +57,7 @@ class LoadedSpheres:
         moments: under each load, shape (n, moments, m).
         image: G of eq. CF.15 less V S of eq. CF.18, shape (n, moments, moments).
         strength, strength_by_log: (k_v, k_d) of eq. CF.13 and their derivatives by ln E.
-        arriving: what of the loads arrives at the top of the sphere's layer, eq. LY.3, if there are several; fields are by that.
+        arriving: what of the loads arrives at the top of the sphere's layer, eq. LY.3, by which fields are; None on half-spaces.
     """
 
     sphere: SphereArray
@@ -143,7 +144,7 @@ def polarised(
         nu: of the tissue, shape (n,).
         disc: the probe's end, None for spheres on its axis.
         sides: of the tissue, where they are near.
-        inside: the sphere in its layer, of which E and nu are, where the tissue has several; ``waves`` are then but numbers.
+        inside: the sphere in its layer, of which E and nu are, None on half-spaces of one material; ``waves`` are but numbers.
     """
     near = nearby(sphere, waves) if inside is None else inside.near
     scaled = (weights * ((1 + nu) / E)[:, None])[:, :, None]

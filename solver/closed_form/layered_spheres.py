@@ -1,4 +1,4 @@
-"""A sphere in one of several layers: what reaches it from the surface, and what all faces throw back of its own field.
+"""A sphere in a layer, above a floor or others: what reaches it from the surface, and what all faces throw back of its field.
 
 With m the moments of ``surface_images`` under a unit wave that runs down from the top of the sphere's layer, and m' under one
 that runs up from its bottom, both as on half-spaces, g = m + m' r e^-x F are those under a wave with its echo from below; under
@@ -19,10 +19,19 @@ from itertools import pairwise
 
 import numpy as np
 
-from solver.closed_form.bessel import Array, bessel
-from solver.closed_form.layer import waves as half_space_waves
+from solver.closed_form.bessel import Array
 from solver.closed_form.layer import waves_inside
-from solver.closed_form.surface_images import ALL, MOMENTS, NEAR, Nearby, SphereArray, crossed_image, moments_alone, nearby
+from solver.closed_form.surface_images import (
+    ALL,
+    MOMENTS,
+    NEAR,
+    Nearby,
+    SphereArray,
+    Wavelets,
+    crossed_image,
+    half_space_moments,
+    nearby,
+)
 from solver.layers.stack import (
     FREE,
     Echo,
@@ -65,7 +74,7 @@ def inside(sphere: SphereArray, k: Array, weights: Array, layers: Sequence[Tissu
     a, own = arriving(below, sphere.layer), below[sphere.layer]
     local = replace(sphere, depth=sphere.depth - sum(one.thickness for one in above))
     down = nearby(local, waves_inside(k, layer, own))
-    up, turned_up = (None, None) if own.far is None else _from_below(local, layer, k)
+    up, turned_up = (None, None) if own.far is None else _from_below(local, layer, k, down.at)
     top = _thrown_back(k, layers[: sphere.layer + 1])
     scale = weights * k * ((4 * np.pi / 3 * sphere.radius**3) / (16 * np.pi * (1 - layer.nu) * layer.mu[:, 0]))[:, None]
     G, turned = _image(down.moments, up, own, top, scale), None
@@ -73,15 +82,15 @@ def inside(sphere: SphereArray, k: Array, weights: Array, layers: Sequence[Tissu
         shear = shear_echoes(k, layers, sphere.layer, rigid)
         turned = down.turned if turned_up is None else down.turned + turned_up * (shear.far * shear.fade)[:, None, :]
         G = G + _turned_image(turned, turned_up, shear, (1 - layer.nu)[:, None] * scale)
-        G[:, -1, -1] += crossed_image(sphere, layer.mu[:, 0], layer.nu) - _crossed_waves(sphere, layer, k, scale)
+        G[:, -1, -1] += crossed_image(sphere, layer.mu[:, 0], layer.nu) - _crossed_waves(sphere, layer, down.at, k, scale)
         turned = turned * shear.arriving[:, None, :]
     return Inside(replace(down, moments=_by_loads(down.moments, a), turned=turned), a, G)
 
 
-def _from_below(local: SphereArray, layer: TissueLayer, k: Array) -> tuple[tuple[Array, Array], Array | None]:
+def _from_below(local: SphereArray, layer: TissueLayer, k: Array, at: Wavelets) -> tuple[tuple[Array, Array], Array | None]:
     """Moments under unit waves that run up from the layer's bottom: those of the mirrored sphere under mirrored loads."""
     mirrored = replace(local, depth=layer.thickness - local.depth)
-    (pressed, sheared), turned = moments_alone(mirrored, half_space_waves(k, None, layer.nu))
+    (pressed, sheared), turned = half_space_moments(mirrored, k, layer.nu, at)
     signs = MIRRORED[: pressed.shape[1], None]
     return (signs * pressed, -signs * sheared), None if turned is None else -signs * turned
 
@@ -142,11 +151,11 @@ def _turned_image(down: Array, up: Array | None, shear: ShearEchoes, scale: Arra
     return _apart(block, down)
 
 
-def _crossed_waves(sphere: SphereArray, layer: TissueLayer, k: Array, scale: Array) -> Array:
+def _crossed_waves(sphere: SphereArray, layer: TissueLayer, at: Wavelets, k: Array, scale: Array) -> Array:
     """Eq. CF.16 as the sum over the waves, for the layer's material alone: what the sum is off by is no matter of layers."""
     nu = layer.nu[:, None, None]
     t = k[:, None, :] * (sphere.depth[:, None] - sphere.radius[:, None] * NEAR.z)[:, :, None]
-    fade = np.exp(-t) * bessel(k[:, None, :] * (sphere.radius[:, None] * NEAR.x)[:, :, None], 1)[0]
+    fade = np.exp(-t) * at.zero
     pressed, sheared, turned = (NEAR.weight @ (part * fade) for part in ((t + 2 * nu - 1) / 2, (2 - 2 * nu - t) / 2, 1.0))
     return 2 * (scale * (pressed**2 + sheared**2 + (1 - layer.nu)[:, None] * turned**2)).sum(axis=1)
 

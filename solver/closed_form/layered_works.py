@@ -57,7 +57,7 @@ def layered_works(blocks: Pair, layers: tuple[TissueLayer, ...], depth: Array | 
     firm, springs = _short_waves(C, K, layers[0], cut=(K[:, 0] * layers[0].thickness).real < 0.999 * PASSING)
     rest = [K * weight * (part[:, :-2] - a - b * waves) for part, a, b in zip(C, firm, springs, strict=True)]
     one = np.ones(len(K), dtype=K.dtype)
-    closed = of_rings(ring_work(*circles(blocks), one, 0 * one))  # w = p / k, u = q / k, w = -q / 2k
+    closed = of_rings(blocks, ring_work(*circles(blocks), one, 0 * one))  # w = p / k, u = q / k, w = -q / 2k
     works = [a[:, :, None] * work for a, work in zip((*firm[:2], -2 * firm[2]), closed, strict=True)]
     p, q = all_waves(blocks, waves, bonded)
     for work, part, left, right in zip(works, rest, (p, q, p)[: 3 if bonded else 1], (p, q, q), strict=False):

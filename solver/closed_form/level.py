@@ -21,7 +21,7 @@ from geometry.scenes.probe import Material
 from geometry.scenes.scene import Inclusion, Scene
 from solver.closed_form.designs import PROBE, TISSUE, Shape, answers, parameters, split
 from solver.closed_form.error_bound import StatedErrors, errors
-from solver.closed_form.error_features import EFFECTS, STEP
+from solver.closed_form.error_features import CHANGED, STEP
 from solver.closed_form.lateral_boundary import NEAR, side_nodes
 from solver.layers.materials import material_layers
 from solver.layers.measures import squeezed
@@ -176,29 +176,30 @@ def variants(shape: Shape, values: Sequence[Floats]) -> tuple[Floats, Floats, Fl
     """
     columns = np.concatenate([_variants(shape, one) for one in values], axis=1)
     plain = _asked(shape, columns)
-    other = plain if other_sides(shape) == shape else _asked(other_sides(shape), columns)
-    forces, slopes, residuals = (np.concatenate([one, two[:, :1]], axis=1) for one, two in zip(plain, other, strict=True))
+    other = _asked(other_sides(shape), columns) if shape.bounded else plain
+    finer = _asked(replace(shape, fine=True), columns)
+    forces, slopes, residuals = (
+        np.concatenate([one, two[:, :1], three[:, :1]], axis=1) for one, two, three in zip(plain, other, finer, strict=True)
+    )
     return forces, slopes, residuals
 
 
 def _asked(shape: Shape, columns: Floats) -> tuple[Floats, Floats, Floats]:
-    """Forces, slopes and residuals of the first four variants of designs."""
+    """Forces, slopes and residuals of the variants of designs that are other parameters."""
     with np.errstate(all="ignore"):
         parts = [(one.forces, one.slope, one.residual) for one in answers(shape, columns)]
         forces, slopes, residuals = (np.concatenate(part) for part in zip(*parts, strict=True))
-    size = -1, len(EFFECTS) - 1
+    size = -1, len(CHANGED)
     return forces.reshape(*size, 2, 2), slopes.reshape(*size, 2, 2), residuals.reshape(size)
 
 
 def other_sides(shape: Shape) -> Shape:
-    """The structure that models sides which ``shape`` leaves out, or leaves out those of layers, where one material stands in."""
-    if not shape.bounded or (shape.side_nodes and not shape.layers):
-        return shape
+    """The structure that models sides which ``shape`` leaves out, or leaves out those that it models."""
     return replace(shape, side_nodes=0 if shape.side_nodes else FAR_SIDE_NODES)
 
 
 def _variants(shape: Shape, values: Floats) -> Floats:
-    """The parameters of all variants but the last, columns."""
+    """The parameters of the variants ``CHANGED``, columns."""
     own = values[len(PROBE) + len(TISSUE) - 2 : len(PROBE) + len(TISSUE)]
     columns = {"scene": values}
     for name in ("inner_modulus", "outer_modulus"):
@@ -209,7 +210,7 @@ def _variants(shape: Shape, values: Floats) -> Floats:
     materials = [*layers[:, 1:], own]
     for body, place in zip(bodies, shape.homes, strict=True):
         body[-2:] = materials[place]
-    return np.stack([columns[name] for name in EFFECTS[:-1]], axis=1)
+    return np.stack([columns[name] for name in CHANGED], axis=1)
 
 
 def level(tell: Tell | None = None) -> ClosedForm:

@@ -113,6 +113,7 @@ class Nearby:
     """What waves do to a sphere: strains at the points of ``NEAR`` and moments, under waves of pressure and of shear, times 2 mu.
 
     Attributes:
+        at: the waves at the points.
         parts: ``layer.amplitudes`` at the points' depths, under waves of pressure and of shear.
         strain: under waves about the sphere's vertical axis, two arrays (n, 4 points, q).
         moments: the first five under the same; the next five under waves that go as cos about that axis, and the last as cos of
@@ -121,6 +122,7 @@ class Nearby:
             first five zero; None on the probe's axis.
     """
 
+    at: Wavelets
     parts: tuple[Array, Array]
     strain: tuple[Array, Array]
     moments: tuple[Array, Array]
@@ -134,35 +136,44 @@ def nearby(sphere: SphereArray, waves: Waves) -> Nearby:
     strain = fields(parts, near)
     first = tuple(TO_MOMENTS @ field for field in strain)
     if sphere.on_axis:
-        return Nearby(parts, strain, first, None)
+        return Nearby(near, parts, strain, first, None)
     moments = (np.concatenate([one, _sideways(part, near)], axis=1) for one, part in zip(first, parts, strict=True))
-    return Nearby(parts, strain, tuple(moments), _turned(waves, sphere, near))  # type: ignore[arg-type]
+    return Nearby(near, parts, strain, tuple(moments), _turned(waves, sphere, near))  # type: ignore[arg-type]
 
 
-def moments_alone(sphere: SphereArray, waves: Waves) -> tuple[tuple[Array, Array], Array | None]:
-    """Return the moments and what is ``turned`` of ``Nearby``, without the strains at the points."""
-    near = wavelets(waves.k, sphere.radius[:, None] * RHO, WHICH)
-    parts = amplitudes(waves, sphere.depth[:, None] - sphere.radius[:, None] * NEAR.z)
-    pressed, sheared = (_first_moments(part, near) for part in parts)
+def half_space_moments(sphere: SphereArray, k: Array, nu: Array, near: Wavelets) -> tuple[tuple[Array, Array], Array | None]:
+    """Return the moments and what is ``turned`` of ``Nearby`` on half-spaces, where all strains are e^-t and t e^-t."""
+    t = k[:, None, :] * (sphere.depth[:, None] - sphere.radius[:, None] * NEAR.z)[:, :, None]
+    fade, even = np.exp(-t), (1 - 2 * nu)[:, None]
+    plain, times = _averages(fade, near), _averages(t * fade, near)
+    pressed = _combined(plain, times, ((-even, 1), (-even, -1), (0, -1)), sphere.on_axis)
+    sheared = _combined(plain, times, ((1 + even, -1), (even - 1, 1), (-1, 1)), sphere.on_axis)
     if sphere.on_axis:
         return (pressed, sheared), None
-    beside = [_sideways(part, near) for part in parts]
-    pressed, sheared = np.concatenate([pressed, beside[0]], axis=1), np.concatenate([sheared, beside[1]], axis=1)
-    return (pressed, sheared), _turned(waves, sphere, near)
+    none, (mean, along, slide) = 0 * k, plain
+    return (pressed, sheared), np.stack([none] * MOMENTS + [mean / 2, along / 2, none, none, slide / 2, -mean], axis=1)
 
 
-def _first_moments(part: Array, near: Wavelets) -> Array:
-    """``TO_MOMENTS`` of the strains, (n, 5, q)."""
+def _averages(amplitude: Array, near: Wavelets) -> tuple[Array, Array, Array]:
+    """Mean and moment along the vertical of what goes with J0, radial moment of what goes with J1; shapes (n, q)."""
     w, z, x = NEAR.weight, NEAR.z, NEAR.x
-    both, along = (np.stack([w, 5 * w * z]) @ (part[:, i] * near.zero) for i in (0, 1))
-    slide = (2.5 * w * x) @ (part[:, 2] * near.one)
-    return np.stack([both[:, 0], along[:, 0], both[:, 1], along[:, 1], slide], axis=1)
+    even = np.stack([w, 5 * w * z]) @ (amplitude * near.zero)
+    return even[:, 0], even[:, 1], (2.5 * w * x) @ (amplitude * near.one)
+
+
+def _combined(plain: tuple[Array, ...], times: tuple[Array, ...], strains: Any, on_axis: bool) -> Array:
+    """Moments where a, zz and rz, ``strains``, are so many e^-t and t e^-t, whose averages are given."""
+    a, zz, rz = ([e * one + t * other for one, other in zip(plain, times, strict=True)] for e, t in strains)
+    rows = [a[0], zz[0], a[1], zz[1], rz[2]]
+    if not on_axis:
+        rows += [-rz[0] / 2, -rz[1] / 2, a[2], zz[2], a[2] / 4, -a[0] / 2]
+    return np.stack(rows, axis=1)
 
 
 def image(sphere: SphereArray, waves: Waves, near: Nearby, weights: Array, *, mu: Array, nu: Array) -> Array:
-    """Eqs. CF.15, CF.16: G for spheres in tissue of shear modulus mu and Poisson's ratio nu (n,), shape (n, moments, moments).
+    """Eqs. CF.15, CF.16: G for spheres in half-spaces of shear modulus mu and Poisson's ratio nu (n,).
 
-    ``weights`` are k dk of the waves, shape (n, q).
+    Its shape is (n, moments, moments). ``weights`` are k dk of the waves, shape (n, q).
     """
     volume = 4 * np.pi / 3 * sphere.radius**3
     up = weights * waves.k * (volume / (16 * np.pi * (1 - nu) * mu))[:, None]  # the fields are times 2 mu

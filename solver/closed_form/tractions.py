@@ -1,9 +1,10 @@
 """What may press and shear under a block: a few smooth functions and the singularities of its edges, as sums of rings.
 
-Every function is a value on each of ``RINGS`` rings, narrow at the edges; y is the share of the width (0 at the axis or hole).
+Every function is a value on each of several rings, narrow at the edges; y is the share of the width (0 at the axis or hole).
 With pressures 1, y^2 and (1-y^2)^(-1/2) under a disc, 1, y, y^(-1/2) and (1-y)^(-1/2) under a tube, and shears r times such, two
-blocks as stiff as one likes or as soft are served by eleven unknowns. Rings are differences of discs, which closed formulas know;
-in integrals over long waves a load is its values at few radii, exact for polynomials.
+blocks as stiff as one likes or as soft are served by eleven unknowns. The fifteen of ``FINE`` tell what more would change. Rings
+are differences of discs, which closed formulas know; in integrals over long waves a load is its values at few radii, exact for
+polynomials.
 """
 
 from __future__ import annotations
@@ -23,20 +24,19 @@ if TYPE_CHECKING:  # it imports the functions below
 
     Pair = tuple[ElasticBlocks, ElasticBlocks]  # the inner block and the outer
 
-RINGS = 6  # per block
-RADII = 4  # at which a block's loads act in the integrals over wave numbers
-
 
 @dataclass(frozen=True)
 class Loads:
     """The functions under one kind of block, the same for all of that kind.
 
     Attributes:
+        points: at how many radii they act in the integrals over wave numbers.
         cuts: shares of the width where rings meet, shape (rings + 1,).
         pressure, shear: values on the rings, shapes (rings, functions).
         solid: whether the block is a disc.
     """
 
+    points: int
     cuts: Any
     pressure: Any
     shear: Any
@@ -48,7 +48,7 @@ class Loads:
 
         Waves are even functions of the radius: under a disc the radii are Gauss's in its square.
         """
-        x = (legendre.leggauss(RADII)[0] + 1) / 2
+        x = (legendre.leggauss(self.points)[0] + 1) / 2
         return np.sqrt(x) if self.solid else x
 
     def concentrated(self, values: Any) -> Any:
@@ -56,7 +56,7 @@ class Loads:
 
         A disc's carry the factor r, a tube's leave it to the wave's values.
         """
-        polynomials = [legendre.Legendre(row, domain=[0, 1]) for row in np.eye(RADII)]
+        polynomials = [legendre.Legendre(row, domain=[0, 1]) for row in np.eye(self.points)]
         x, cuts = (self.radii**2, self.cuts**2) if self.solid else (self.radii, self.cuts)
         moments = np.array([np.diff(p.integ()(cuts)) for p in polynomials])
         weights = np.linalg.solve(np.array([p(x) for p in polynomials]), moments) @ values
@@ -77,23 +77,64 @@ def _means(cuts: Any, function: Any) -> Any:
     return (function(y) * jacobian) @ weight / ((jacobian) @ weight)
 
 
-def _loads(cuts: Any, pressures: Any, shears: Any, solid: bool) -> Loads:
+_SOLID = (lambda y: 1 + 0 * y, lambda y: (1 - y**2) ** -0.5, lambda y: y**2, lambda y: y**4)
+_TUBE = (lambda y: y**-0.5, lambda y: (1 - y) ** -0.5, lambda y: 1 + 0 * y, lambda y: y, lambda y: y**2)
+
+
+@dataclass(frozen=True)
+class PairLoads:
+    """The functions under both blocks.
+
+    Attributes:
+        loads: of the disc and of the tube.
+        discs: what makes pressures, and shears, of discs, shapes (circles, functions).
+        concentrated: what makes their transforms of values at the radii, shapes (radii, functions).
+    """
+
+    loads: tuple[Loads, Loads]
+    discs: tuple[Any, Any]
+    concentrated: tuple[Any, Any]
+
+
+def _pair(rings: int, points: int, pressures: int, shears: int) -> PairLoads:
+    """As many rings and radii per block, and functions under the disc; a tube, which has two edges, takes one pressure more."""
+    step = np.arange(rings + 1) / rings
+    disc, tube = 1 - (1 - step) ** 3, step**3 / (step**3 + (1 - step) ** 3)
+    own = _loads(points, disc, _SOLID[:pressures], _SOLID[:shears], True)
+    other = _loads(points, tube, _TUBE[: pressures + 1], _TUBE[:shears], False)
+    return PairLoads((own, other), _discs(own, other), _concentrated(own, other))
+
+
+def _loads(points: int, cuts: Any, pressures: Any, shears: Any, solid: bool) -> Loads:
     pressure, shear = (np.array([_means(cuts, f) for f in kind]).T for kind in (pressures, shears))
-    return Loads(cuts, pressure, shear, solid)
+    return Loads(points, cuts, pressure, shear, solid)
 
 
-_STEP = np.arange(RINGS + 1) / RINGS
-_SOLID = (lambda y: 1 + 0 * y, lambda y: (1 - y**2) ** -0.5, lambda y: y**2)
-_TUBE = (lambda y: y**-0.5, lambda y: (1 - y) ** -0.5, lambda y: 1 + 0 * y, lambda y: y)
-SOLID = _loads(1 - (1 - _STEP) ** 3, _SOLID, _SOLID[:2], True)
-TUBE = _loads(_STEP**3 / (_STEP**3 + (1 - _STEP) ** 3), _TUBE, _TUBE[:2], False)
+def _discs(solid: Loads, tube: Loads) -> tuple[Any, Any]:
+    count = len(solid.cuts) - 1
+    inner = (np.eye(count + 1) - np.eye(count + 1, k=1))[1:, 1:]
+    outer = np.vstack([-np.eye(count), np.zeros(count)]) + np.vstack([np.zeros(count), np.eye(count)])
+    kinds = ((solid.pressure, tube.pressure), (solid.shear, tube.shear))
+    pressure, shear = (diagonal(((inner @ own)[None], (outer @ other)[None]))[0] for own, other in kinds)
+    return pressure, shear
+
+
+def _concentrated(solid: Loads, tube: Loads) -> tuple[Any, Any]:
+    kinds = ((solid.pressure, tube.pressure), (solid.shear, tube.shear))
+    pressure, shear = (diagonal((solid.concentrated(own)[None], tube.concentrated(other)[None]))[0] for own, other in kinds)
+    return pressure, shear
+
+
+def pair_loads(blocks: Pair) -> PairLoads:
+    """Return the functions that serve under two blocks."""
+    return FINE if blocks[0].fine else COARSE
 
 
 def areas(blocks: Pair, like: Array) -> Array:
     """Force of each load on each block, shape (n, loads, 2), as many as in the matrices ``like``."""
     areas = np.zeros((len(like), like.shape[1], 2), dtype=like.dtype)
     row = 0
-    for i, (block, loads) in enumerate(zip(blocks, (SOLID, TUBE), strict=True)):
+    for i, (block, loads) in enumerate(zip(blocks, pair_loads(blocks).loads, strict=True)):
         r = block.radii(loads.cuts)
         rings = np.pi * block.width[:, None] * np.diff(loads.cuts) * (r[:, 1:] + r[:, :-1])
         areas[:, row : row + loads.pressure.shape[1], i] = rings @ loads.pressure
@@ -119,15 +160,16 @@ def diagonal(parts: tuple[Array, Array]) -> Array:
 
 def circles(blocks: Pair) -> tuple[Array, Array]:
     """Radii of the discs whose differences the rings are, and of the block of each, shapes (n, discs)."""
-    inner, outer = (block.radii(loads.cuts) for block, loads in zip(blocks, (SOLID, TUBE), strict=True))
-    count = len(SOLID.cuts) - 1
+    inner, outer = (block.radii(loads.cuts) for block, loads in zip(blocks, pair_loads(blocks).loads, strict=True))
+    count = inner.shape[1] - 1
     radius = np.stack([block.radius for block in blocks], axis=1)[:, [0] * count + [1] * (count + 2 - 1)]
     return np.concatenate([inner[:, 1:], outer], axis=1), radius
 
 
-def of_rings(works: Sequence[Array]) -> list[Array]:
+def of_rings(blocks: Pair, works: Sequence[Array]) -> list[Array]:
     """Works of the loads on each other from those of discs: of pressures, shears, pressures on shears."""
-    sides = ((DISCS[0], DISCS[0]), (DISCS[1], DISCS[1]), DISCS)
+    pressure, shear = pair_loads(blocks).discs
+    sides = ((pressure, pressure), (shear, shear), (pressure, shear))
     return [_combined(work, left, right) for work, (left, right) in zip(works, sides, strict=True)]
 
 
@@ -136,23 +178,6 @@ def _combined(work: Array, left: Any, right: Any) -> Array:
     rows = np.moveaxis(work, 0, 2)
     halves = (left.T @ rows.reshape(len(left), -1)).reshape(-1, *rows.shape[1:])
     return np.moveaxis(right.T @ halves, 2, 0).copy()
-
-
-def _discs() -> tuple[Any, Any]:
-    """The matrices that make the loads' functions of discs, shapes (circles, functions)."""
-    count = len(SOLID.cuts) - 1
-    inner = (np.eye(count + 1) - np.eye(count + 1, k=1))[1:, 1:]
-    outer = np.vstack([-np.eye(count), np.zeros(count)]) + np.vstack([np.zeros(count), np.eye(count)])
-    transforms = []
-    for kind in ("pressure", "shear"):
-        solid, tube = inner @ getattr(SOLID, kind), outer @ getattr(TUBE, kind)
-        rows = np.zeros((2 * count + 1, solid.shape[1] + tube.shape[1]))
-        rows[:count, : solid.shape[1]], rows[count:, solid.shape[1] :] = solid, tube
-        transforms.append(rows)
-    return transforms[0], transforms[1]
-
-
-DISCS = _discs()
 
 
 @lru_cache(maxsize=64)
@@ -165,42 +190,38 @@ def between_waves(nodes: int) -> tuple[Any, Any]:
 
 def long_waves(blocks: Pair, k: Array, bonded: bool) -> tuple[Array, Array]:
     """Hankel transforms of the pressures and of the shears, none unless bonded, at waves k (n, q); shapes (n, q, loads)."""
-    radii = np.concatenate([block.radii(loads.radii) for block, loads in zip(blocks, (SOLID, TUBE), strict=True)], axis=1)
+    pair = pair_loads(blocks)
+    radii = np.concatenate([block.radii(loads.radii) for block, loads in zip(blocks, pair.loads, strict=True)], axis=1)
+    points = radii.shape[1] // 2
     zero, one = bessel(k[:, :, None] * radii[:, None, :])
-    outer = np.repeat(np.stack([block.radius for block in blocks], axis=1), RADII, axis=1)
-    rings = radii * np.repeat(np.stack([block.width for block in blocks], axis=1), RADII, axis=1)
-    pressure = batched_matmul(zero * rings[:, None, :], _CONCENTRATED[0])
+    outer = np.repeat(np.stack([block.radius for block in blocks], axis=1), points, axis=1)
+    rings = radii * np.repeat(np.stack([block.width for block in blocks], axis=1), points, axis=1)
+    pressure = batched_matmul(zero * rings[:, None, :], pair.concentrated[0])
     if not bonded:
         return pressure, pressure[:, :, :0]
-    return pressure, batched_matmul(one * (rings * radii / outer)[:, None, :], _CONCENTRATED[1])
-
-
-def _concentrated() -> tuple[Any, Any]:
-    """Matrices from values at the radii to transforms of the loads, shapes (radii, functions)."""
-    densities = [[loads.concentrated(getattr(loads, kind)) for loads in (SOLID, TUBE)] for kind in ("pressure", "shear")]
-    return tuple(diagonal((one[None], other[None]))[0] for one, other in densities)
-
-
-_CONCENTRATED = _concentrated()
+    return pressure, batched_matmul(one * (rings * radii / outer)[:, None, :], pair.concentrated[1])
 
 
 def all_waves(blocks: Pair, k: Array, bonded: bool) -> tuple[Array, Array]:
     """Return what ``long_waves`` does, for waves of any length: the transforms of the rings themselves."""
-    c, radius = circles(blocks)
+    (c, radius), discs = circles(blocks), pair_loads(blocks).discs
     kinds = bessel(k[:, :, None] * c[:, None, :], 3 if bonded else 2, first=1)
-    pressure = batched_matmul(kinds[0] * c[:, None, :] / k[:, :, None], DISCS[0])
+    pressure = batched_matmul(kinds[0] * c[:, None, :] / k[:, :, None], discs[0])
     if not bonded:
         return pressure, pressure[:, :, :0]
-    return pressure, batched_matmul(kinds[1] * (c * c / radius)[:, None, :] / k[:, :, None], DISCS[1])
+    return pressure, batched_matmul(kinds[1] * (c * c / radius)[:, None, :] / k[:, :, None], discs[1])
 
 
 def own_products(blocks: Pair) -> tuple[Array, Array]:
     """Integrals over the ends of products of two pressures, and of two shears; shapes (n, p, p) and (n, s, s), m^2."""
     pressures: list[Array] = []
     shears: list[Array] = []
-    for block, loads in zip(blocks, (SOLID, TUBE), strict=True):
+    for block, loads in zip(blocks, pair_loads(blocks).loads, strict=True):
         square = block.radii(loads.cuts) ** 2
         discs = np.pi * square, np.pi / 2 * (square / block.radius[:, None]) ** 2
         for products, disc, values in zip((pressures, shears), discs, (loads.pressure, loads.shear), strict=True):
             products.append(values.T @ (np.diff(disc, axis=1)[:, :, None] * values))
     return diagonal((pressures[0], pressures[1])), diagonal((shears[0], shears[1]))
+
+
+COARSE, FINE = _pair(6, 4, 3, 2), _pair(12, 6, 4, 3)

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +20,7 @@ from probe_design.estimation.answer import Estimate
 from probe_design.estimation.estimate import estimate, searched
 from probe_design.estimation.intervals import QUANTILE, Likelihood, threshold
 from probe_design.estimation.model import TargetModel
+from probe_design.estimation.nuisances import spread
 from probe_design.estimation.profile import Track, coordinate
 from probe_design.estimation.readings import Measurements, Reading, read_readings
 from probe_design.estimation.shared_errors import SharedErrors
@@ -162,3 +166,27 @@ def test_command_line() -> None:
     assert f"{TISSUE} known to 10 %" in " ".join(ended.stdout.split())
     ended = run("estimate", SCENE, "--ratio", "0.57", "--noise", "0.02", "--nuisance", f"{TISSUE} = 10 %", "--json")
     assert json.loads(ended.stdout)["nuisances"] == {TISSUE: 0.1}
+
+
+@dataclass(frozen=True)
+class Turning:
+    """A model whose ratio turns its sign where the tissue is more than a tenth stiffer than the scene says."""
+
+    scene: Scene
+    stiffer: float = 1.0
+
+    def changed(self, new: dict[str, float]) -> Turning:
+        return Turning(self.scene, new[TISSUE] / values(self.scene)[TISSUE])
+
+    def predict(self, target: dict[str, np.ndarray]) -> SimpleNamespace:
+        one = np.ones(len(target["youngs_modulus"]))
+        return SimpleNamespace(value=np.log(self.stiffer) * one[:, None], resolved=one > 0, agrees=self.stiffer * one < 1.1)
+
+
+def test_a_number_that_turns_the_ratios_sign_is_refused() -> None:
+    """On either side of zero logarithms are of ratios of either sign: no line goes through them."""
+    model: Any = Turning(scene())
+    target = {"youngs_modulus": np.array([1e3, 1e4])}
+    assert spread(model, {TISSUE: 0.05}, np.zeros(2), target).errors.line.ravel() == pytest.approx(0.05)
+    with pytest.raises(InputError, match=rf"nuisance.{TISSUE} = 0.2: allowed: a smaller one: the model cannot tell what is read"):
+        spread(model, {TISSUE: 0.2}, np.zeros(2), target)
