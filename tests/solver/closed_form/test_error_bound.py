@@ -13,6 +13,8 @@ from benchmarks.closed_form.error import SHARES, JudgedScene, references, rows
 from benchmarks.closed_form.random_scenes import draw
 from geometry import InputError, Scene, read_scene
 from solver import evaluate
+from solver.closed_form.block_compliance import ElasticBlocks
+from solver.closed_form.contact import Tissue, solve_contact
 from solver.closed_form.error_bound import QUANTITIES, weights
 from solver.closed_form.error_features import EFFECTS, FEATURES, features
 from solver.closed_form.level import LARGEST_ERROR, ClosedForm
@@ -83,3 +85,17 @@ def fresh(seed: int) -> tuple[Scene, dict[str, Any]]:
 @pytest.mark.parametrize("seed", slow_unless((3, 7).__contains__, range(12)))
 def test_fresh_scenes_are_below_their_bounds(seed: int) -> None:
     assert all(below(row) for row in rows([fresh(seed)]))
+
+
+@pytest.mark.parametrize("share", [0.5, 0.9])
+def test_finer_functions_are_nearer_to_the_punch_of_boussinesq(share: float) -> None:
+    """Stiff blocks without friction and next to no gap: 4 G a / (1 - nu), here 4 / 0.7."""
+    one = np.ones(1)
+
+    def off(fine: bool) -> float:
+        inner = ElasticBlocks(None, share * one, one, 1e9 * one, 0 * one, fine)
+        outer = ElasticBlocks((share + 1e-6) * one, one, one, 1e9 * one, 0 * one, fine)
+        found = solve_contact((inner, outer), Tissue(None, 2.6 * one, 0.3 * one), [], target=None, bonded=False, nodes=16)
+        return abs(float(found.forces.sum()) * 0.7 / 4 - 1)
+
+    assert off(True) < 0.5 * off(False) < 2e-3
