@@ -15,7 +15,9 @@ from solver.contact.newton import Equilibrium, solve
 
 FIRST, LEAST, LONGEST = 0.02, 1e-4, 0.08  # steps, in outer radii
 TINY = 1e-6  # likewise: an indentation at which all is linear
+LIGHT = 1e-4  # likewise where faces may open: gaps have to be told from rounding
 GROWTH, EASY = 1.8, 12  # by which steps grow after one that took so many of Newton's steps or fewer
+EASY_FACES, LONGEST_FACES = 30, 0.02  # likewise where faces may open, whose points pass an edge one by one
 EXACT = 1e-7  # relative, of a force that is asked for
 TRIES = 12
 
@@ -81,13 +83,14 @@ class Path:
     sensitive: bool
     points: list[Pressed] = field(default_factory=list)
     length: float = 0.0
+    _begun: Equilibrium = field(init=False)
 
     def __post_init__(self) -> None:
         """Begin at rest."""
         self.length = FIRST * self.radius
         rest = self.model.at_rest()
-        state = self._following(rest, TINY * self.radius)
-        linear = self._pressed(Equilibrium(state, self.model.linearised(state, self._target), ()))
+        begun = self._light(rest)
+        self._begun, linear = begun, self._pressed(begun)
         still = Equilibrium(rest, self.model.linearised(rest, self._target), ())
         gap, none = float(self.model.section.hole_radius - self.model.section.inner_radius), np.zeros(2)
         self.points.append(replace(linear, indentation=0.0, films=none, walls=gap, strain=0.0, residual=0.0, equilibrium=still))
@@ -143,9 +146,10 @@ class Path:
                 indentation = (indentation + self.last.indentation) / 2
                 self.length = indentation - self.last.indentation
                 continue
+            easy, longest = (EASY_FACES, LONGEST_FACES) if self.model.loose else (EASY, LONGEST)
             took = 0 if point.equilibrium is None else len(point.equilibrium.residuals)
-            if took <= EASY:
-                self.length = min(GROWTH * self.length, LONGEST * self.radius)
+            if took <= easy:
+                self.length = min(GROWTH * self.length, longest * self.radius)
             self.points.append(point)
             return point
         raise StoppedError(self.last, why)
@@ -169,20 +173,38 @@ class Path:
         near = sorted(self.points, key=lambda point: abs(point.indentation - indentation))[:3]
         states = [point.equilibrium.state for point in near if point.equilibrium is not None]
         if len(states) < 2:
-            return self._begun(indentation)
+            return self._proportional(indentation)
         weights = _lagrange([state.indentation for state in states], indentation)
 
         def mixed(parts: Sequence[Floats]) -> Floats:
             return np.asarray(sum(w * part for w, part in zip(weights, parts, strict=True)))
 
         elements = ElementValues(mixed([s.elements.u for s in states]), mixed([s.elements.p for s in states]))
-        guess = replace(states[0], indentation=indentation, v=mixed([s.v for s in states]), elements=elements)
+        multipliers = tuple(mixed(each) for each in zip(*(s.multipliers for s in states), strict=True))
+        v, grips = mixed([s.v for s in states]), self._before(indentation).grips
+        guess = replace(states[0], indentation=indentation, v=v, elements=elements, multipliers=multipliers, grips=grips)
         return guess if self.model.elements.least_volume(elements.u) > 0 else self._following(states[0], indentation)
 
-    def _begun(self, indentation: float) -> State:
-        rest = self.points[0].equilibrium
-        assert rest is not None
-        return self._following(rest.state, indentation)
+    def _before(self, indentation: float) -> State:
+        """The last state on the way to an indentation: what friction remembers."""
+        on_the_way = [point.equilibrium.state for point in self.points if point.equilibrium and point.indentation <= indentation]
+        return on_the_way[-1]
+
+    def _light(self, rest: State) -> Equilibrium:
+        """Under next to no load; what opens does so at any load."""
+        state = self._following(rest, (LIGHT if self.model.loose else TINY) * self.radius)
+        if not self.model.loose:
+            return Equilibrium(state, self.model.linearised(state, self._target), ())
+        closed = tuple(one.pressure for one in self.model.touches(state))
+        return solve(self.model, replace(state, multipliers=closed), self._target)
+
+    def _proportional(self, indentation: float) -> State:
+        """The state at a small indentation: all is proportional to it, what touches does not change."""
+        state = self._begun.state
+        factor = indentation / state.indentation
+        grips = tuple(None if grip is None else replace(grip, shear=factor * grip.shear) for grip in state.grips)
+        grown = replace(state, multipliers=tuple(factor * m for m in state.multipliers), grips=grips)
+        return self._following(grown, indentation)
 
     def _following(self, state: State, indentation: float) -> State:
         """The state at an indentation along the tangent of one."""
