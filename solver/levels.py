@@ -5,12 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 from importlib import import_module
 from time import perf_counter
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, TypeVar, cast
+
+import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import InputError, Refusal
+from geometry.common.errors import InputError, Refusal, Words
 from geometry.common.limits import least
 from geometry.common.resources import LimitReached, Limits, limited, timed
+from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
 from geometry.scenes.surface_names import check_surface_names
 from solver.linalg.workspace import Workspace, current, using
@@ -18,14 +21,15 @@ from solver.results.evaluator import Evaluator, OutOfReach, Tell
 from solver.results.film_forces import checked_moduli
 from solver.results.kinds import unsupported
 from solver.results.result import Curve, Result
+from solver.results.warnings import Note
 
 if TYPE_CHECKING:
+    from solver.contact.load_curve import LoadCurve
     from solver.planning.plan import Plan
 
-AUTO = "auto"
-BUILT = ("published", "closed-form", "equivalent-inclusion", "axisymmetric", "solid")
+AUTO, CONTACT = "auto", "contact"
+BUILT = ("published", "closed-form", "equivalent-inclusion", "axisymmetric", "contact", "solid")
 """The levels' names: each lives in the room of that name, one of ``solver/*/level.py``."""
-PLANNED = ("contact",)
 
 
 def evaluator(name: str, tell: Tell | None = None, workspace: Workspace | None = None) -> Evaluator:
@@ -37,10 +41,10 @@ def evaluator(name: str, tell: Tell | None = None, workspace: Workspace | None =
         workspace: the evaluator's own; left out: the one that is worked in, usually the process's.
 
     Raises:
-        InputError: no evaluator has that name, or it is not built yet.
+        InputError: no evaluator has that name.
     """
     if name not in BUILT:
-        raise InputError("evaluator", name, f"{', '.join((AUTO, *BUILT))} (not built yet: {', '.join(PLANNED)})")
+        raise InputError("evaluator", name, f"{', '.join((AUTO, *BUILT))}")
     room = import_module(f"solver.{name.replace('-', '_')}.level")
     with using(current() if workspace is None else workspace):
         return cast(Evaluator, room.level(tell))
@@ -53,20 +57,23 @@ def evaluate(
     tell: Tell | None = None,
     *,
     linear: bool = False,
+    loads: bool = False,
     limits: Limits | None = None,
 ) -> Result:
     """Evaluate a scene.
 
-    An evaluator that is named answers linearly: its ``error_estimate`` refers to linear elasticity, and beyond
-    ``linear_limit_load`` it warns. ``auto`` counts what finite strain may change and refuses larger loads.
+    An evaluator that is named answers linearly, but for ``contact``: its ``error_estimate`` refers to linear elasticity, and
+    beyond ``linear_limit_load`` it warns. ``auto`` counts what finite strain may change, has ``contact`` answer larger loads, and
+    refuses those that it cannot take.
 
     Args:
         scene: what is pressed on what.
         name: an evaluator's, or ``auto``: what ``plan`` says, the cheapest level that takes the scene and reaches the accuracy,
-            of ``axisymmetric``, ``equivalent-inclusion`` and ``solid``; it refuses to answer worse than asked.
+            of ``axisymmetric``, ``equivalent-inclusion``, ``contact`` and ``solid``; it refuses to answer worse than asked.
         accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
         tell: called with a line before each long piece of work.
         linear: whether ``auto`` answers linearly at any load; ``error_estimate`` counts the effect, None where nothing is known.
+        loads: whether level ``contact`` tells ``gap_closure_load`` and ``linear_limit_load``, which takes some seconds more.
         limits: of memory and time, 2 GB and 120 s unless ``geometry.common.resources.limited`` says otherwise.
 
     Raises:
@@ -80,9 +87,12 @@ def evaluate(
     with limited(limits), timed():
         check_surface_names(scene)
         if name != AUTO:
-            return _named(scene, name, accuracy, tell)
+            result = _named(scene, name, accuracy, tell)
+            return _with_loads(result, scene, accuracy) if loads else result
         try:
-            return replace(_automatic(scene, accuracy, linear, tell), seconds=perf_counter() - start)
+            result = _automatic(scene, accuracy, linear, tell)
+            result = _with_loads(result, scene, accuracy) if loads else result
+            return replace(result, seconds=perf_counter() - start)
         except OutOfReach as fault:
             if fault.stopped:
                 raise
@@ -90,17 +100,34 @@ def evaluate(
 
 
 def _named(scene: Scene, name: str, accuracy: float, tell: Tell | None) -> Result:
-    """The linear answer of one level, with a warning where the load is beyond linear elasticity."""
+    """The answer of one level; of a linear one with a warning where the load is beyond linear elasticity."""
     from solver.planning.load_check import with_warning
 
-    return with_warning(evaluator(name, tell).evaluate(scene, accuracy), scene, accuracy)
+    result = evaluator(name, tell).evaluate(scene, accuracy)
+    return result if name == CONTACT else with_warning(result, scene, accuracy)
+
+
+P = TypeVar("P", "Result", "Plan")
+
+
+def _with_loads(result: P, scene: Scene, accuracy: float) -> P:
+    """An answer or a plan with the loads that level ``contact`` tells, or with why it does not."""
+    from solver.contact.level import ContactLevel
+    from solver.contact.load_curve import ends_of
+
+    why = ContactLevel().refusal(scene)
+    if why is not None:
+        text = f"gap_closure_load is null, linear_limit_load told by the cautious rule: contact cannot take the scene ({why})"
+        return replace(result, warnings=(*result.warnings, Note("linear", text)))
+    closure, limit = ends_of(scene, accuracy)
+    return replace(result, gap_closure_load=closure, linear_limit_load=limit or result.linear_limit_load)
 
 
 def _automatic(scene: Scene, accuracy: float, linear: bool, tell: Tell | None) -> Result:
     """The answer of the level that the plan names, or of ``solid`` where that one refuses."""
     from solver.planning.plan import second_try  # what it takes to import is not the answer's cost
 
-    planned = _planned(scene, accuracy)
+    planned = _planned(scene, accuracy, linear)
     if not linear:
         planned.check_load(scene, accuracy)
     planned.check_reach(accuracy)
@@ -141,13 +168,14 @@ def _reachable(fault: OutOfReach, share: float, tell: Tell | None) -> str:
     return f"none for this scene: errors are no smaller than the values (--evaluator {fault.name} tells which)"
 
 
-def plan(scene: Scene, accuracy: float = 0.01, solid: bool = False) -> Plan:
+def plan(scene: Scene, accuracy: float = 0.01, solid: bool = False, *, loads: bool = False) -> Plan:
     """Say how ``auto`` would answer a scene, what it would leave out, and what that may change; see ``solver.planning.plan``.
 
     Args:
         scene: any.
         accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
         solid: whether to plan for the level ``solid``, whatever the scene asks for.
+        loads: see ``evaluate``.
 
     Raises:
         InputError: no such accuracy, or a surface file that cannot be used.
@@ -158,10 +186,53 @@ def plan(scene: Scene, accuracy: float = 0.01, solid: bool = False) -> Plan:
     check_accuracy(accuracy)
     with timed():
         check_surface_names(scene)
-        return run(scene, accuracy, solid, skin=True)
+        planned = run(scene, accuracy, solid, skin=True)
+        return _with_loads(planned, scene, accuracy) if loads else planned
 
 
-def _planned(scene: Scene, accuracy: float) -> Plan:
+def load(
+    scene: Scene,
+    *,
+    force: float | None = None,
+    indentation: float | None = None,
+    points: int = 20,
+    accuracy: float = 0.01,
+    tell: Tell | None = None,
+    limits: Limits | None = None,
+) -> LoadCurve:
+    """Press a scene ever harder, at finite strain and with contact; see ``solver.contact.load_curve.LoadCurve``.
+
+    Args:
+        scene: bonded, one sphere on the axis at most; its own load does not matter.
+        force: the largest load, N; or
+        indentation: the largest, m. One of the two.
+        points: number of loads, evenly spaced above 0.
+        accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
+        tell: called with a line before each load.
+        limits: see ``evaluate``; the time is for each load that is asked for.
+
+    Raises:
+        InputError: no such load or accuracy.
+        Refusal: the scene is of a kind that level ``contact`` cannot take, or not even the first load converges.
+        LimitReached: see ``evaluate``.
+    """
+    from solver.contact.load_curve import load_curve
+    from solver.results.evaluator import silent
+
+    check_accuracy(accuracy)
+    most = force if indentation is None else indentation
+    if (force is None) == (indentation is None) or most is None or not 0 < most < float("inf") or points < 1:
+        raise InputError(
+            "load", Words(f"force = {force}, indentation = {indentation}"), "one of them, above 0, and points from 1"
+        )
+    if indentation is not None and scene.tissue.shape != "half-space" and indentation >= scene.tissue.depth:
+        raise InputError("indentation", mm(indentation), f"less than the tissue's depth of {mm(scene.tissue.depth)}")
+    loads = most * np.arange(1, points + 1) / points
+    with limited(limits):
+        return load_curve(scene, loads, accuracy, by_force=indentation is None, tell=tell or silent)
+
+
+def _planned(scene: Scene, accuracy: float, linear: bool) -> Plan:
     """The plan for a scene that some level takes.
 
     Raises:
@@ -170,7 +241,7 @@ def _planned(scene: Scene, accuracy: float) -> Plan:
     from solver.planning.plan import plan as run
 
     check_surface_names(scene)
-    planned = run(scene, accuracy)
+    planned = run(scene, accuracy, linear=linear)
     if planned.evaluator is None:
         raise Refusal("evaluator", AUTO, str(unsupported(scene)))
     return planned
@@ -209,7 +280,7 @@ def curve(
     checked_moduli(scene, moduli)
     start = perf_counter()
     with limited(limits), timed():
-        planned = _planned(scene, accuracy)
+        planned = _planned(scene, accuracy, linear)
         if not linear:
             planned.check_load(scene, accuracy)
         result = _level(planned.curve_evaluator, tell).curve(planned.scene, moduli, planned.accuracy)

@@ -20,6 +20,9 @@ linear_option = click.option(
     "--linear", is_flag=True, help="Answer loads beyond linear elasticity too, what is known of the effect counted in the error."
 )
 """Of the verbs that refuse such loads without it."""
+loads_option = click.option(
+    "--loads", is_flag=True, help="Tell by level contact at which load the gap closes and linear theory ends; some seconds more."
+)
 F = TypeVar("F", bound=Callable[..., Any])
 
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import click
 
-from probe_design.cli.arguments import FILE_NAME, limiting, linear_option, modulus, number
+from probe_design.cli.arguments import FILE_NAME, limiting, linear_option, loads_option, modulus, number
 from probe_design.cli.output import check_picture, present
 
-EVALUATORS = "auto, published, closed-form, equivalent-inclusion, axisymmetric, solid"
+EVALUATORS = "auto, published, closed-form, equivalent-inclusion, axisymmetric, contact, solid"
 
 
 @click.command()
@@ -18,12 +18,13 @@ EVALUATORS = "auto, published, closed-form, equivalent-inclusion, axisymmetric, 
 @click.option("--evaluator", default="auto", show_default=True, help=f"Level of fidelity: {EVALUATORS}.")
 @click.option("--accuracy", default="0.01", show_default=True, help="Relative error that ratio, stresses and stiffness may have.")
 @linear_option
+@loads_option
 @click.option("--vtu", type=FILE_NAME, help="With solid: write mesh, displacements and stresses for ParaView.")
 @click.option("--plot", "picture", type=FILE_NAME, help="With solid: draw mesh and stresses to this .png file.")
 @limiting
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def evaluate(
-    scene: Path, evaluator: str, accuracy: str, linear: bool, vtu: Path | None, picture: Path | None, as_json: bool
+    scene: Path, evaluator: str, accuracy: str, linear: bool, loads: bool, vtu: Path | None, picture: Path | None, as_json: bool
 ) -> None:
     """Say what both films feel, and how well their ratio tells E_object.
 
@@ -32,13 +33,15 @@ def evaluate(
     closed-form           formulas, milliseconds, 1 to 30 %: spheres anywhere
     equivalent-inclusion  finite elements and scattering, 0.3 to 5 s, 1e-2 to 1e-3: tumours anywhere
     axisymmetric          finite elements, 0.1 to 10 s, 1e-2 to 1e-4: one sphere on the probe's axis
+    contact               finite elements at finite strain, walls in contact, 2 to 20 s, 5e-3 to 2e-2:
+                          one sphere on the probe's axis, loads that a hand makes
     solid                 3D finite elements, 10 to 100 s, 1e-2 to 3e-3: groove, edges, tilt, tumours
                           of any shape, from STL and STEP files too
-    auto                  what plan says: the cheapest of the last three that takes the scene and
+    auto                  what plan says: the cheapest of the last four that takes the scene and
                           reaches --accuracy; refuses rather than answer worse
 
-    All are exact for small loads. Beyond linear_limit_load an evaluator that is named warns, and auto refuses, or with --linear
-    counts in error_estimate what finite strain may change.
+    All but contact are exact for small loads. Beyond linear_limit_load an evaluator that is named warns; auto has contact answer
+    if it can, refuses if not, or with --linear counts in error_estimate what finite strain may change.
     """  # noqa: D301
     from geometry.scenes.scene_file import read_scene
     from probe_design.terminal.console import result_table, saying
@@ -52,7 +55,7 @@ def evaluate(
         else:
             from solver import evaluate as run
 
-            result = run(read_scene(scene), evaluator, relative, tell, linear=linear)
+            result = run(read_scene(scene), evaluator, relative, tell, linear=linear, loads=loads)
     present(result, result_table, as_json)
 
 

@@ -53,6 +53,8 @@ def result_table(result: Result) -> Table:
             table.add_row(key, f"{values[key]:.6g}", unit)
     if result.linear_limit_load is not None:
         table.add_row("linear_limit_load", most(result.linear_limit_load.force, 3), "N")
+    if result.gap_closure_load is not None:
+        table.add_row("gap_closure_load", f"{result.gap_closure_load.force:.3g}", "N")
     return table
 
 
@@ -74,8 +76,10 @@ def plan_lines(plan: Plan) -> list[str]:
     """Return the reason of each decision, and the largest load that is answered."""
     load = plan.linear_limit_load
     force, indentation = most(load.force, 3), most(1e3 * load.indentation, 3)
-    text = f"load: auto answers up to {force} N, an indentation of {indentation} mm, limited by {load.by}"
-    return [*(f"{one.feature}: {one.reason}" for one in plan.decisions), text]
+    lines = [f"load: auto answers linearly up to {force} N, an indentation of {indentation} mm, limited by {load.by}"]
+    if plan.gap_closure_load is not None:
+        lines.append(f"load: the gap closes at {plan.gap_closure_load.force:.3g} N")
+    return [*(f"{one.feature}: {one.reason}" for one in plan.decisions), *lines]
 
 
 def curve_table(curve: Curve) -> Table:

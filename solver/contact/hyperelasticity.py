@@ -86,9 +86,10 @@ class Hyperelastic:
         change = change_of_volume(h)
         J = 1 + change
         power, I1 = J ** (-2 / 3), (F**2).sum(axis=-1)
-        # dI/dF and d2I/dF2 with I = J^(-2/3) I1
+        # dI/dF and d2I/dF2 with I = J^(-2/3) I1; the first by what is small, or rounding of 1 would be stresses in large elements
         a = (2 * I1 / (3 * J))[..., None]
-        first = power[..., None] * (2 * F - a * cof)
+        excess = ((2 * _trace(h) / 3 - change) / J)[..., None]
+        first = 2 * power[..., None] * (h - _cofactor_change(h) - excess * cof)
         mixed = F[..., :, None] * cof[..., None, :]
         curve = -4 / (3 * J)[..., None, None] * (mixed + np.swapaxes(mixed, -1, -2)) - a[..., None] * second
         curve += (10 * I1 / (9 * J**2))[..., None, None] * (cof[..., :, None] * cof[..., None, :])
@@ -120,6 +121,12 @@ def change_of_volume(h: Floats) -> Floats:
     rr, rz, zr, zz, tt = np.moveaxis(h, -1, 0)
     flat = rr + zz + rr * zz - rz * zr
     return np.asarray(flat + tt + flat * tt)
+
+
+def _cofactor_change(h: Floats) -> Floats:
+    """dJ/dF less what it is at rest, without its rounding."""
+    rr, rz, zr, zz, tt = np.moveaxis(h, -1, 0)
+    return np.stack([zz + tt + zz * tt, -zr * (1 + tt), -rz * (1 + tt), rr + tt + rr * tt, rr + zz + rr * zz - rz * zr], axis=-1)
 
 
 def _volume(change: Floats) -> Floats:

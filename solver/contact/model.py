@@ -18,6 +18,7 @@ from solver.axisymmetric.base_states import Materials
 from solver.axisymmetric.dofs import Numbering, numbering
 from solver.axisymmetric.quadrilateral import geometry
 from solver.axisymmetric.shape_functions import shapes
+from solver.contact.assembly import Assembly
 from solver.contact.elements import Elements, ElementValues, Tangent
 from solver.contact.hyperelasticity import Hyperelastic
 from solver.contact.pairs import Pair
@@ -93,6 +94,7 @@ class ContactModel:
     Attributes:
         section, materials: what is modelled.
         mesh, elements, numbering: how.
+        assembly: of elements and contact.
         pairs: lines that may touch.
         lift: the elements' own values per indentation, the blocks' rigid shift included, for what touches, (n, 8 p, 2).
     """
@@ -102,6 +104,7 @@ class ContactModel:
     mesh: Topology
     elements: Elements
     numbering: Numbering
+    assembly: Assembly
     pairs: tuple[Pair, ...]
     lift: Floats
 
@@ -123,7 +126,7 @@ class ContactModel:
         for side, on in enumerate((_inner(section, mesh), _outer(section, mesh))):
             lift[on, :, side] -= numbers.vertical
         pairs = pairs_of(section, materials, mesh, fineness.order, faces=interface, friction=friction)
-        return cls(section, materials, mesh, elements, numbers, pairs, lift)
+        return cls(section, materials, mesh, elements, numbers, Assembly.of(numbers, pairs), pairs, lift)
 
     def at_rest(self) -> State:
         """The undeformed state."""
@@ -187,14 +190,8 @@ class ContactModel:
 
     def factor(self, at: Linearised) -> Factor:
         """Factorise the tangent."""
-        matrix = self.numbering.assemble(at.tangent.stiffness)
-        contact = self._contact(at)
-        if contact is None:
-            return factorise(matrix, self.numbering.pattern)
-        gather = self.numbering.gather
-        both = sp.csc_array(matrix + gather.T @ contact @ gather)
-        both.sort_indices()
-        return factorise_any(both) if self.sticky else factorise(both, None)
+        matrix = self.assembly.tangent(at.tangent.stiffness, self._contact(at))
+        return factorise_any(matrix) if self.sticky else factorise(matrix, self.assembly.pattern)
 
     def shifted(self, state: State, at: Linearised, change: Floats, indentation: float) -> State:
         """Return a state with its unknowns changed and another indentation, insides and pressures following."""

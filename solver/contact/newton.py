@@ -6,6 +6,7 @@ points that are about to touch are felt before they do; the multipliers it leave
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,10 +17,11 @@ from geometry.common.resources import check_time
 from solver.contact.model import ContactModel, Linearised, State, check_volume
 
 BALANCED = 1e-9  # residual over forces of a state in equilibrium
-ROUNDED = 1e-7  # likewise where rounding keeps it from falling: penalties times gaps under next to no load
+ROUNDED = 1e-7  # likewise, where rounding keeps it from falling further
 MOST_STEPS, HALVINGS = 14, 6
 MORE_STEPS = 40  # where faces may open: which points touch and slide is found by trying
-ROUNDS = ((0.05, 0.04), (0.2, 0.01), (0.5, 0.002), *((1.0, 0.002),) * 8)  # shares of the penalty; rounding, in contact lengths
+ROUNDS = ((0.1, 0.02), *((1.0, 0.002),) * 8)  # shares of the penalty; rounding, in contact lengths
+FACE_ROUNDS = ((0.05, 0.04), (0.2, 0.01), (0.5, 0.002), *((1.0, 0.002),) * 8)  # likewise where faces may open
 PENETRATION = 1e-3  # contact lengths: deeper ones ask for another round
 
 
@@ -51,7 +53,7 @@ def solve(model: ContactModel, start: State, target: Bools | None = None) -> Equ
         LimitReached: the time is over.
     """
     state, residuals = start, []
-    for share, blur in ROUNDS:
+    for share, blur in FACE_ROUNDS if model.loose else ROUNDS:
         state, at, some = _balanced(model, replace(state, share=share, blur=blur), target)
         residuals += some
         if not at.touched or (share == 1 and at.deepest <= PENETRATION):
@@ -79,7 +81,7 @@ def _balanced(model: ContactModel, state: State, target: Bools | None) -> tuple[
     check_volume(model.elements, state.elements)
     at = model.linearised(state, target)
     residuals: list[float] = []
-    while at.unbalanced > BALANCED or at.torn:
+    while at.torn or (at.unbalanced > BALANCED and not _stands_still(residuals)):
         check_time("pressing")
         if len(residuals) == (MORE_STEPS if model.loose else MOST_STEPS):
             raise SolveError("Newton's method does not converge")
@@ -89,9 +91,12 @@ def _balanced(model: ContactModel, state: State, target: Bools | None) -> tuple[
         state, at = _moved(model, state, at, step, target)
         state = _slid(state, at)
         residuals.append(at.unbalanced)
-        if not at.torn and at.unbalanced <= ROUNDED and len(residuals) > 1 and residuals[-1] > residuals[-2] / 2:
-            break
     return state, at, residuals
+
+
+def _stands_still(residuals: Sequence[float]) -> bool:
+    """Whether only rounding is left."""
+    return len(residuals) > 1 and residuals[-1] <= ROUNDED and residuals[-1] > residuals[-2] / 2
 
 
 def _moved(model: ContactModel, state: State, at: Linearised, step: Floats, target: Bools | None) -> tuple[State, Linearised]:

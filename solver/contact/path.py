@@ -13,11 +13,12 @@ from solver.contact.elements import ElementValues
 from solver.contact.model import ContactModel, State
 from solver.contact.newton import Equilibrium, solve
 
-FIRST, LEAST, LONGEST = 0.02, 1e-4, 0.08  # steps, in outer radii
+FIRST, LEAST, LONGEST = 0.02, 1e-3, 0.15  # steps: in units, the longest in outer radii
 TINY = 1e-6  # likewise: an indentation at which all is linear
 LIGHT = 1e-4  # likewise where faces may open: gaps have to be told from rounding
 GROWTH, EASY = 1.8, 12  # by which steps grow after one that took so many of Newton's steps or fewer
 EASY_FACES, LONGEST_FACES = 30, 0.02  # likewise where faces may open, whose points pass an edge one by one
+DEEPEST = 1.0  # outer radii: nothing is known of how exact deeper states are
 EXACT = 1e-7  # relative, of a force that is asked for
 TRIES = 12
 
@@ -61,10 +62,11 @@ class StoppedError(SolveError):
 
     Attributes:
         last: the point reached.
+        why: what stands in the way.
     """
 
     def __init__(self, last: Pressed, why: str) -> None:
-        self.last = last
+        self.last, self.why = last, why
         super().__init__(f"beyond {1e3 * last.indentation:.3g} mm, {last.force:.3g} N, {why}")
 
 
@@ -75,30 +77,51 @@ class Path:
     Attributes:
         model: of the section.
         sensitive: whether derivatives by the target's modulus are wanted.
+        linear: film forces per indentation at rest, N/m, shape (2,), where they are known better than by this mesh: what it
+            is off there is taken off everywhere, as a factor for each film.
         points: at rest, then all that converged, by rising indentation.
         length: of the next step, m.
     """
 
     model: ContactModel
     sensitive: bool
+    linear: Floats | None = None
     points: list[Pressed] = field(default_factory=list)
     length: float = 0.0
     _begun: Equilibrium = field(init=False)
+    _scale: Floats = field(default_factory=lambda: np.ones(2))
 
     def __post_init__(self) -> None:
         """Begin at rest."""
-        self.length = FIRST * self.radius
+        self.length = FIRST * self.unit
         rest = self.model.at_rest()
-        begun = self._light(rest)
-        self._begun, linear = begun, self._pressed(begun)
+        small = self._light(rest)
+        if self.linear is not None:
+            self._scale = self.linear / self._pressed(small).tangent
+        self._begun, linear = small, self._pressed(small)
         still = Equilibrium(rest, self.model.linearised(rest, self._target), ())
         gap, none = float(self.model.section.hole_radius - self.model.section.inner_radius), np.zeros(2)
         self.points.append(replace(linear, indentation=0.0, films=none, walls=gap, strain=0.0, residual=0.0, equilibrium=still))
+
+    def seed(self, state: State) -> Pressed:
+        """Begin at a state of the same mesh under other moduli; see ``steps``."""
+        try:
+            point = self._pressed(solve(self.model, state, self._target))
+        except SolveError as fault:
+            raise StoppedError(self.last, str(fault)) from fault
+        self.points.append(point)
+        return point
 
     @property
     def radius(self) -> float:
         """Of the probe, m."""
         return float(self.model.section.tube_radius)
+
+    @property
+    def unit(self) -> float:
+        """What steps are told in, m: the probe's radius, or less where blocks or tissue are flat."""
+        section = self.model.section
+        return float(min(section.tube_radius, section.tissue_depth, section.inner_height, section.outer_height))
 
     @property
     def last(self) -> Pressed:
@@ -121,24 +144,27 @@ class Path:
         for _ in self.steps(indentation):
             pass
         near = min(self.points, key=lambda point: abs(point.indentation - indentation))
-        return near if abs(near.indentation - indentation) <= 1e-12 * indentation else self._insert(indentation)
+        return near if abs(near.indentation - indentation) <= 1e-12 * indentation else self.insert(indentation)
 
     def at_force(self, force: float) -> Pressed:
         """Press to a force, N; see ``steps``."""
         while self.last.force < force:
             wanted = self.last.indentation + (force - self.last.force) / max(float(self.last.tangent.sum()), 1e-300)
-            self._step(min(self.last.indentation + self.length, max(wanted, self.last.indentation + LEAST * self.radius)))
+            self._step(min(self.last.indentation + self.length, max(wanted, self.last.indentation + LEAST * self.unit)))
         for _ in range(TRIES):
             near = min(self.points, key=lambda point: abs(point.force - force))
             if abs(near.force - force) <= EXACT * force:
                 return near
-            self._insert(near.indentation + (force - near.force) / float(near.tangent.sum()))
+            self.insert(near.indentation + (force - near.force) / float(near.tangent.sum()))
         raise StoppedError(self.last, "no indentation gives the force")
 
     def _step(self, indentation: float) -> Pressed:
         """One converged step to an indentation, or less far."""
-        why = ""
-        while indentation - self.last.indentation > 0.5 * LEAST * self.radius:
+        why, most = "", DEEPEST * self.radius
+        if self.last.indentation >= most * (1 - 1e-9):
+            raise StoppedError(self.last, "it is as deep as the probe is wide, and nobody has compared deeper solutions")
+        indentation = min(indentation, most)
+        while indentation - self.last.indentation > 0.5 * LEAST * self.unit:
             try:
                 point = self._solved(indentation)
             except SolveError as fault:
@@ -154,8 +180,13 @@ class Path:
             return point
         raise StoppedError(self.last, why)
 
-    def _insert(self, indentation: float) -> Pressed:
-        """A point between others."""
+    def insert(self, indentation: float) -> Pressed:
+        """Return a point between others, which the path then has.
+
+        Raises:
+            SolveError: see ``solver.contact.newton.solve``.
+            LimitReached: the time is over.
+        """
         point = self._solved(indentation)
         self.points.append(point)
         self.points.sort(key=lambda one: one.indentation)
@@ -173,16 +204,17 @@ class Path:
         near = sorted(self.points, key=lambda point: abs(point.indentation - indentation))[:3]
         states = [point.equilibrium.state for point in near if point.equilibrium is not None]
         if len(states) < 2:
-            return self._proportional(indentation)
+            return self._proportional(indentation) if self.model.loose else self._following(states[0], indentation)
         weights = _lagrange([state.indentation for state in states], indentation)
 
         def mixed(parts: Sequence[Floats]) -> Floats:
             return np.asarray(sum(w * part for w, part in zip(weights, parts, strict=True)))
 
         elements = ElementValues(mixed([s.elements.u for s in states]), mixed([s.elements.p for s in states]))
-        multipliers = tuple(mixed(each) for each in zip(*(s.multipliers for s in states), strict=True))
-        v, grips = mixed([s.v for s in states]), self._before(indentation).grips
-        guess = replace(states[0], indentation=indentation, v=v, elements=elements, multipliers=multipliers, grips=grips)
+        guess = replace(states[0], indentation=indentation, v=mixed([s.v for s in states]), elements=elements)
+        if self.model.loose:
+            multipliers = tuple(mixed(each) for each in zip(*(s.multipliers for s in states), strict=True))
+            guess = replace(guess, multipliers=multipliers, grips=self._before(indentation).grips)
         return guess if self.model.elements.least_volume(elements.u) > 0 else self._following(states[0], indentation)
 
     def _before(self, indentation: float) -> State:
@@ -192,7 +224,7 @@ class Path:
 
     def _light(self, rest: State) -> Equilibrium:
         """Under next to no load; what opens does so at any load."""
-        state = self._following(rest, (LIGHT if self.model.loose else TINY) * self.radius)
+        state = self._following(rest, (LIGHT if self.model.loose else TINY) * self.unit)
         if not self.model.loose:
             return Equilibrium(state, self.model.linearised(state, self._target), ())
         closed = tuple(one.pressure for one in self.model.touches(state))
@@ -216,7 +248,8 @@ class Path:
         """What is told of a state: the base follows a stiffer target by -(dF/d ln E) / (dF/d indentation) (CT.7)."""
         model, at, state = self.model, found.at, found.state
         _, slopes = model.responses(at)
-        films, sensitivity, stiffening = model.film_forces(at), 0.0, 0.0
+        films, slopes = self._scale * model.film_forces(at), self._scale[:, None] * slopes
+        sensitivity, stiffening = 0.0, 0.0
         if self.sensitive:
             by_modulus = slopes[:, 1] - slopes[:, 0] * (slopes[:, 1].sum() / slopes[:, 0].sum())
             sensitivity, stiffening = float(by_modulus @ ([1, -1] / films)), float(slopes[:, 1].sum() / films.sum())

@@ -1,28 +1,40 @@
-"""What no evaluator can model yet, at the scene's load: finite strain, walls that meet, surfaces that part."""
+"""What is not linear at the scene's load: finite strain, walls that meet, surfaces that part."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 from geometry.scenes.scene import Scene
 from solver.planning.coarse_model import CoarseModel
-from solver.planning.loads import CLOSING, LARGEST_X, log_sensitivity_change, ratio_change
+from solver.planning.loads import CLOSING, LARGEST_X, LoadRule, log_sensitivity_change, ratio_change
 from solver.results.result import Decision, Effect
 
+NOBODY = "no linear evaluator"
 
-def unmodelled(scene: Scene, rough: CoarseModel, accuracy: float) -> Iterator[Decision]:
-    """Yield what would change at the scene's load if nothing were linear, by the rule of ``loads.py``."""
+
+def unmodelled(scene: Scene, rough: CoarseModel, accuracy: float, contact: bool) -> Iterator[Decision]:
+    """Yield what may change at the scene's load, by the rule of ``loads.py``; level ``contact`` models the first two."""
     rule = rough.rule(scene)
     force = rule.force(scene)
-    yield _gap_contact(force, CLOSING * rule.closure, accuracy)
+    if contact:
+        yield from (
+            replace(one, modelled=True, reason=one.reason.replace(NOBODY, "contact")) for one in _strained(rule, force, accuracy)
+        )
+    else:
+        yield from _strained(rule, force, accuracy)
     yield _lift_off(scene, rough, force / rule.stiffness, accuracy)
+
+
+def _strained(rule: LoadRule, force: float, accuracy: float) -> Iterator[Decision]:
+    yield _gap_contact(force, CLOSING * rule.closure, accuracy)
     yield _finite_strain(rule.x(force), accuracy)
 
 
 def _finite_strain(x: float, accuracy: float) -> Decision:
     """Indentation over outer radius, or what else is strained by as much, and what that may change."""
-    at = f"no evaluator: indented by {x:.2g} of the outer radius"
+    at = f"{NOBODY}: indented by {x:.2g} of the outer radius"
     if x > LARGEST_X:
         return _decision("finite strain", math.inf, accuracy, f"{at}; beyond {LARGEST_X:g} nothing is known")
     changes = (
@@ -34,8 +46,8 @@ def _finite_strain(x: float, accuracy: float) -> Decision:
 def _gap_contact(force: float, open_up_to: float, accuracy: float) -> Decision:
     """The gap of every reference is open up to 1/22 of the force that closes it in linear elasticity, of most far beyond."""
     if math.isinf(open_up_to):
-        return _decision("gap contact", 0.0, accuracy, "no evaluator: the blocks' walls do not near each other")
-    known = f"no evaluator: the gap stays open up to {open_up_to:.2g} N at least"
+        return _decision("gap contact", 0.0, accuracy, f"{NOBODY}: the blocks' walls do not near each other")
+    known = f"{NOBODY}: the gap stays open up to {open_up_to:.2g} N at least"
     if force <= open_up_to:
         return _decision("gap contact", 0.0, accuracy, known)
     return _decision("gap contact", math.inf, accuracy, f"{known}; at {force:.2g} N nothing is known")

@@ -18,6 +18,7 @@ from geometry.scenes.scene import Scene
 from solver.axisymmetric.converged_forces import NEGLIGIBLE
 from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.omitted_details import BEYOND, IN_PLANE, Change
+from solver.contact.level import ContactLevel
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.layers import forgotten_skin, layer_decisions
@@ -31,7 +32,7 @@ from solver.results.warnings import Note, null_sensitivity
 from solver.solid.domain import domain, reach
 from solver.solid.level import BEST, SolidLevel
 
-AXISYMMETRIC, HARMONICS, SOLID = "axisymmetric", "equivalent-inclusion", "solid"
+AXISYMMETRIC, HARMONICS, SOLID, CONTACT = "axisymmetric", "equivalent-inclusion", "solid", "contact"
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,8 @@ class Plan:
         left_out: bound on what the inclusions left out change together of ln(ratio) or of a stress or the stiffness.
         decisions: one for each feature that could be left out.
         rule: for loads, with the stiffness that the coarsest mesh has without tumours.
-        linear_limit_load: the largest load that ``auto`` answers.
+        linear_limit_load: the largest load that ``auto`` answers linearly.
+        gap_closure_load: at which the gap's walls touch, where that is asked for.
         warnings: one line each.
     """
 
@@ -58,6 +60,7 @@ class Plan:
     decisions: tuple[Decision, ...]
     rule: LoadRule
     linear_limit_load: LargestLoad
+    gap_closure_load: LargestLoad | None = None
     warnings: tuple[Note, ...] = ()
 
     @property
@@ -72,6 +75,7 @@ class Plan:
             "dimension": self.dimension,
             "plan": [asdict(one) for one in self.decisions],
             "linear_limit_load": asdict(self.linear_limit_load),
+            "gap_closure_load": None if self.gap_closure_load is None else asdict(self.gap_closure_load),
             "warnings": list(self.warnings),
         }
 
@@ -84,8 +88,9 @@ class Plan:
             )
 
     def check_load(self, scene: Scene, accuracy: float) -> None:
-        """Raise ``Refusal`` where the load is so far beyond the limit that no answer's own stiffness can allow it."""
-        check_load(scene, self.rule, accuracy, scene.target is not None, DOUBT)
+        """Raise ``Refusal`` where the load is so far beyond the limit that no linear answer's own stiffness can allow it."""
+        if self.evaluator != CONTACT:
+            check_load(scene, self.rule, accuracy, scene.target is not None, DOUBT)
 
     def completed(self, result: Result, scene: Scene, accuracy: float, linear: bool) -> Result:
         """Return a level's answer to the reduced scene as one to the whole, what load and left-out bodies change in its error.
@@ -93,13 +98,16 @@ class Plan:
         Raises:
             Refusal: the load is beyond the limit, unless ``linear``.
         """
-        if not linear:
+        if not linear and self.evaluator != CONTACT:
             check_load(scene, exact(self.rule, result), accuracy, scene.target is not None)
         result = replace(result, plan=self._with(result.plan), warnings=(*result.warnings, *self.warnings))
         if len(self.scene.inclusion) < len(scene.inclusion):
             result = replace(result, error_estimate=with_error(result.error_estimate, float(np.expm1(self.left_out))))
             result = result if scene.target is not None else _untargeted(result)
-        result = with_load(result, scene, self.rule, accuracy, scene.target is not None)
+        if self.evaluator == CONTACT:
+            result = replace(result, linear_limit_load=self.linear_limit_load)
+        else:
+            result = with_load(result, scene, self.rule, accuracy, scene.target is not None)
         if not linear and result.error_estimate is not None and result.error_estimate > accuracy * (1 + 1e-9):
             reached = f"{result.error_estimate:.2g} or more at this load; a smaller load allows less"
             raise Refusal("accuracy", accuracy, reached)
@@ -107,10 +115,13 @@ class Plan:
 
     def completed_curve(self, curve: Curve, scene: Scene, accuracy: float, linear: bool) -> Curve:
         """Return a level's curve of the reduced scene as one of the whole; see ``completed``."""
+        left = float(np.expm1(self.left_out))
+        if self.evaluator == CONTACT:
+            errors = tuple(with_error(one, left) for one in curve.error_estimate)
+            return replace(curve, error_estimate=errors, plan=self._with(curve.plan))
         changes = LoadChanges.of(scene, self.rule, np.array(curve.stiffness))
         if not linear:
             check_load(scene, changes.weakest, accuracy, True)
-        left = float(np.expm1(self.left_out))
         pairs = zip(curve.error_estimate, changes.ratio.tolist(), strict=True)
         errors = tuple(with_error(with_error(one, left), load) for one, load in pairs)
         notes = load_notes(scene, changes.weakest, accuracy, True)
@@ -122,7 +133,7 @@ class Plan:
         return (*(one for one in self.decisions if one.feature not in own), *decisions)
 
 
-def plan(scene: Scene, accuracy: float, solid: bool = False, skin: bool = False) -> Plan:
+def plan(scene: Scene, accuracy: float, solid: bool = False, skin: bool = False, linear: bool = False) -> Plan:
     """Plan how to answer a scene; see ``solver.levels.plan``.
 
     Args:
@@ -130,6 +141,7 @@ def plan(scene: Scene, accuracy: float, solid: bool = False, skin: bool = False)
         accuracy: as there.
         solid: as there.
         skin: whether to say what a skin would change of soft tissue without layers.
+        linear: whether to answer linearly at any load.
 
     Raises:
         InputError: a surface file that cannot be used.
@@ -142,13 +154,15 @@ def plan(scene: Scene, accuracy: float, solid: bool = False, skin: bool = False)
     asked = rest if len(scene.inclusion) < 2 else float((1 + rest) * np.exp(-SHARE * accuracy) - 1)
     level = SOLID if solid else _level(fewer.scene, rough, asked)
     limit = largest(rule, accuracy, promise)
+    if not linear and level == AXISYMMETRIC and rule.force(scene) > limit.force and ContactLevel().refusal(fewer.scene) is None:
+        level, asked = CONTACT, accuracy if len(scene.inclusion) < 2 else float((1 + accuracy) * np.exp(-SHARE * accuracy) - 1)
     decisions = (
         _dimension(fewer.scene, rough, level, accuracy),
         *fewer.decisions,
         *_edges(rough, accuracy),
         *layer_decisions(rough, accuracy),
         *(_detail(change, level, accuracy) for change in rough.changes),
-        *unmodelled(scene, rough, accuracy),
+        *unmodelled(scene, rough, accuracy, level == CONTACT),
     )
     warnings = tuple(forgotten_skin(scene, rough)) if skin else ()
     return Plan(
@@ -193,9 +207,11 @@ def _model(scene: Scene, level: str | None) -> str:
     if level == SOLID:
         half = domain(scene, reach(scene), scene.probe.tube_radius).half
         return "three dimensions" + (", half by symmetry" if half else "")
-    return {AXISYMMETRIC: "the meridian plane", HARMONICS: "the meridian plane, tumours by harmonics about the axis"}.get(
-        level or "", "none: no evaluator"
-    )
+    return {
+        AXISYMMETRIC: "the meridian plane",
+        CONTACT: "the meridian plane, pressed at finite strain",
+        HARMONICS: "the meridian plane, tumours by harmonics about the axis",
+    }.get(level or "", "none: no evaluator")
 
 
 def _dimension(scene: Scene, rough: CoarseModel, level: str | None, accuracy: float) -> Decision:

@@ -13,7 +13,7 @@ TOUCHING = 1e-6  # of its half height: a body nearer than this to an interface o
 def unsupported(scene: Scene) -> str | None:
     """Say which kind of thing in the scene no level knows yet, or None."""
     if scene.contact.interface == "unilateral":
-        return "none built yet for contact.interface = 'unilateral' (planned: contact)"
+        return "none built yet for contact.interface = 'unilateral'"
     return None
 
 

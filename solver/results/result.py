@@ -81,7 +81,9 @@ class Result:
         seconds: what the answer cost.
         equivalent_modulus: Pa; of ``published`` alone.
         residual: relative, the largest of the solutions that answer; None where none is solved for.
-        linear_limit_load: the largest that ``auto`` answers at the accuracy asked for; None where it is not known.
+        linear_limit_load: the largest that linear levels answer at the accuracy asked for, by a cautious rule or, where loads are
+            asked for, by level ``contact``; None where it is not known.
+        gap_closure_load: at which the gap's walls touch, where loads are asked for; None where they do not.
         plan: what was modelled and what was left out.
         warnings: one line each.
     """
@@ -99,6 +101,7 @@ class Result:
     equivalent_modulus: float | None = None
     residual: float | None = None
     linear_limit_load: LargestLoad | None = None
+    gap_closure_load: LargestLoad | None = None
     plan: tuple[Decision, ...] = ()
     warnings: tuple[Note, ...] = ()
 

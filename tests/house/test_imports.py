@@ -58,6 +58,7 @@ ALLOWED: dict[str, set[str]] = {
     "solver.solid": {"solver.axisymmetric", "solver.linalg", "solver.results", "geometry.tetra", *SCENES},
     "solver.planning": {
         "solver.axisymmetric",
+        "solver.contact",
         "solver.equivalent_inclusion",
         "solver.inclusions",
         "solver.results",
@@ -75,6 +76,7 @@ ALLOWED: dict[str, set[str]] = {
     "solver": {
         "solver.axisymmetric",
         "solver.closed_form",
+        "solver.contact",
         "solver.equivalent_inclusion",
         "solver.linalg",
         "solver.planning",

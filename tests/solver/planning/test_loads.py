@@ -185,20 +185,24 @@ def test_what_auto_answers_is_within_its_error_of_what_is_true(one: ContactRefer
 SCENE = read_scene(REFERENCE / "contact" / "example.toml")
 
 
+BESIDE = SCENE.model_copy(update={"inclusion": (SCENE.inclusion[0].model_copy(update={"x": 2e-3}),)})
+
+
 class TestAuto:
     def test_refuses_with_a_load_that_it_then_answers(self) -> None:
+        """Where level contact cannot: with the tumour beside the probe's axis."""
         with pytest.raises(Refusal, match=r"load.force = 0.1 N: allowed: up to 0.0\d+ N .*--linear") as refused:
-            evaluate(SCENE)
+            evaluate(BESIDE)
         limit = float(str(refused.value).split("up to ")[1].split(" N")[0])
-        result = evaluate(at(SCENE, force=limit))
+        result = evaluate(at(BESIDE, force=limit))
         assert result.error_estimate is not None
         assert result.error_estimate <= 0.01
         with pytest.raises(Refusal, match=r"load.force"):
-            evaluate(at(SCENE, force=1.2 * limit))
+            evaluate(at(BESIDE, force=1.2 * limit))
 
     def test_refuses_an_indentation_in_millimetres(self) -> None:
         with pytest.raises(Refusal, match=r"load.indentation = 1 mm: allowed: up to 0.2\d+ mm"):
-            evaluate(at(SCENE, indentation=1e-3))
+            evaluate(at(BESIDE, indentation=1e-3))
 
     def test_counts_the_effect_at_loads_that_are_allowed(self) -> None:
         scene = at(SCENE, indentation=2e-4)

@@ -1,0 +1,58 @@
+"""``probe-design load``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from probe_design.cli.arguments import FILE_NAME, limiting, number
+from probe_design.cli.output import check_picture, present
+
+
+@click.command()
+@click.argument("scene", type=FILE_NAME)
+@click.option("--to", "most", required=True, help='Largest load: a force, "0.3 N", or an indentation, "2 mm".')
+@click.option("--points", default=20, show_default=True, type=click.IntRange(1, 1000), help="Loads, evenly spaced above 0.")
+@click.option("--accuracy", default="0.01", show_default=True, help="Relative error that ratio, stresses and stiffness may have.")
+@click.option("--plot", "picture", type=FILE_NAME, help="Draw ratio, log-sensitivity and walls to this .png, .svg or .pdf file.")
+@limiting
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def load(scene: Path, most: str, points: int, accuracy: str, picture: Path | None, as_json: bool) -> None:
+    """Press SCENE's probe ever harder: ratio, log-sensitivity and the gap's walls against load.
+
+    Finite strain and contact are modelled (level contact): tissue folds onto the blocks' walls, the gap closes. Also told: the
+    load at which the gap closes, up to which linear theory holds within --accuracy, and between which the ratio stays constant
+    within that. The log-sensitivity is that at the same force. Where no further step converges the curve ends early, and says so.
+    """
+    from geometry.scenes.scene_file import read_scene
+    from probe_design.maps.load_plot import plot
+    from probe_design.terminal.console import saying
+    from probe_design.terminal.load_table import load_lines, load_table
+    from solver.levels import load as run
+
+    force, indentation = _load(most)
+    read = read_scene(scene)
+    check_picture(picture)
+    with saying(f"pressing {scene}") as tell:
+        found = run(read, force=force, indentation=indentation, points=points, accuracy=number("accuracy", accuracy), tell=tell)
+    if picture is not None:
+        plot(found, picture)
+    present(found, load_table, as_json, picture, load_lines)
+
+
+def _load(text: str) -> tuple[float | None, float | None]:
+    """A force, N, or an indentation, m: whichever the text is."""
+    from typing import get_args
+
+    from geometry.common.errors import InputError
+    from geometry.scenes.scene import Force, Indentation
+
+    for k, kind in enumerate((Force, Indentation)):
+        try:
+            value = float(get_args(kind)[1].read("to", text))
+        except InputError:
+            continue
+        if value > 0:
+            return (value, None) if k == 0 else (None, value)
+    raise InputError("to", text, "a force such as '0.3 N', or an indentation such as '2 mm', above 0")

@@ -1,0 +1,51 @@
+"""A load curve as a person reads it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from solver.contact.load_curve import LoadCurve
+    from solver.results.result import LargestLoad
+
+ROWS = 25  # at most
+
+
+def load_table(curve: LoadCurve) -> Table:
+    """Return a load curve as a table, of 25 rows at most; what is null is a dash."""
+    from rich.table import Table
+
+    table = Table(title=f"{curve.evaluator}, {len(curve.force)} loads in {curve.seconds:.2g} s")
+    for heading in ("force, N", "indentation, mm", "ratio", "log_sensitivity", "walls, um", "strain", "error_estimate"):
+        table.add_column(heading, justify="right")
+    depth, walls = [1e3 * one for one in curve.indentation], [1e6 * one for one in curve.closest_walls]
+    columns = (curve.force, depth, curve.ratio, curve.log_sensitivity, walls, curve.largest_strain, curve.error_estimate)
+    rows = list(zip(*columns, strict=True))
+    step = -(-len(rows) // ROWS)
+    for row in rows[::-1][::step][::-1]:  # the last load is always there
+        digits = (4, 4, 6, 4, 4, 2, 2)
+        table.add_row(*("-" if value is None else f"{value:.{d}g}" for value, d in zip(row, digits, strict=True)))
+    return table
+
+
+def load_lines(curve: LoadCurve) -> list[str]:
+    """Return what ends on the way, a line each."""
+    lines = [
+        f"linear theory holds up to {_told(curve.linear_limit_load)}, to {curve.accuracy:g} in ratio"
+        f" and {5 * curve.accuracy:g} in log_sensitivity"
+        if curve.linear_limit_load is not None
+        else f"linear theory holds to {curve.accuracy:g} all the way",
+        f"the gap closes at {_told(curve.gap_closure_load)}"
+        if curve.gap_closure_load is not None
+        else "the gap does not close as far as is known",
+    ]
+    if curve.constant_ratio is not None:
+        between = f"{curve.constant_ratio.low:.3g} and {curve.constant_ratio.high:.3g} N"
+        lines.append(f"the ratio is constant within {curve.constant_ratio.share:g} between {between}")
+    return lines
+
+
+def _told(load: LargestLoad) -> str:
+    return f"{load.force:.3g} N, {1e3 * load.indentation:.3g} mm, by {load.by}"

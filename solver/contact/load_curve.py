@@ -1,0 +1,215 @@
+"""Ratio, log-sensitivity and all that moves against load."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from geometry.common.arrays import Floats
+from geometry.common.errors import SolveError
+from geometry.common.resources import LimitReached, timed
+from geometry.scenes.scene import Scene
+from solver.contact.level import ContactLevel
+from solver.contact.limits import gap_closure_load, linear_limit_load
+from solver.contact.loaded import Loaded, LoadedScene
+from solver.contact.path import Path, Pressed, StoppedError
+from solver.results.evaluator import Tell, silent
+from solver.results.result import LargestLoad
+from solver.results.warnings import Note, null_sensitivity
+
+
+@dataclass(frozen=True)
+class LoadRange:
+    """Forces between which the ratio stays within ``share`` of a value between its extremes, N."""
+
+    share: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class LoadCurve:
+    """A scene under rising loads; tuples of one length.
+
+    Attributes:
+        evaluator, seconds: what answered, and what it cost.
+        force: N.
+        indentation: m.
+        ratio: of the film stresses.
+        log_sensitivity: d ln(ratio) / d ln(E_object) at that force; None without a target.
+        stiffness: force over indentation, N/m.
+        tangent_stiffness: what more force takes, N/m.
+        stress_inner, stress_outer: Pa.
+        closest_walls: least distance of the gap's walls, m.
+        contact_radius: outer radius of what lies on the tissue, m.
+        largest_strain: |stretch - 1| of the line element that changes most.
+        error_estimate: bound on the relative error of each ratio.
+        gap_closure_load: at which the gap's walls touch; None where they do not as far as is known.
+        linear_limit_load: up to which the ratio is within ``accuracy`` of its linear value, and log-sensitivity within five times
+            that; None where neither ends on the way.
+        constant_ratio: the widest range of forces in which the ratio stays within ``accuracy``; None with a single point.
+        accuracy: as asked for.
+        stopped: why the curve ends before the load asked for; None where it does not.
+        warnings: one line each.
+    """
+
+    evaluator: str
+    seconds: float
+    force: tuple[float, ...]
+    indentation: tuple[float, ...]
+    ratio: tuple[float, ...]
+    log_sensitivity: tuple[float | None, ...]
+    stiffness: tuple[float, ...]
+    tangent_stiffness: tuple[float, ...]
+    stress_inner: tuple[float, ...]
+    stress_outer: tuple[float, ...]
+    closest_walls: tuple[float, ...]
+    contact_radius: tuple[float, ...]
+    largest_strain: tuple[float, ...]
+    error_estimate: tuple[float, ...]
+    gap_closure_load: LargestLoad | None
+    linear_limit_load: LargestLoad | None
+    constant_ratio: LoadRange | None
+    accuracy: float
+    stopped: str | None
+    warnings: tuple[Note, ...] = ()
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the JSON object of ``probe-design load``."""
+        return asdict(self)
+
+
+def load_curve(scene: Scene, loads: Floats, accuracy: float, *, by_force: bool, tell: Tell = silent) -> LoadCurve:
+    """Press a scene to each of several loads; see ``solver.levels.load``.
+
+    Args:
+        scene: bonded, one sphere on the axis at most; its own load does not matter.
+        loads: rising, N or m, shape (k,).
+        accuracy: relative.
+        by_force: whether loads are forces.
+        tell: called with a line before each.
+
+    Raises:
+        Refusal: the scene is of another kind, too extreme, or not even the first load converges.
+        LimitReached: not even the first load is within the limits.
+    """
+    start = perf_counter()
+    level, points, stopped = ContactLevel(), [], None
+    with timed(), threadpool_limits(1, user_api="blas"):
+        on = level.pressed(scene, accuracy)
+        try:
+            for k, load in enumerate(loads):
+                tell(f"load {k + 1} of {len(loads)}, {load:.3g} {'N' if by_force else 'm'}")
+                points.append(on.at_force(float(load)) if by_force else on.at_indentation(float(load)))
+        except (StoppedError, LimitReached) as fault:
+            if not points:
+                if isinstance(fault, LimitReached):
+                    raise
+                raise level.stopped(scene, fault) from fault
+            stopped = str(fault)
+        tell("loads at which the gap closes and linear elasticity ends")
+        closure, linear = ends(on, accuracy)
+    return _curve(scene, on, points, (closure, linear), stopped=stopped, accuracy=accuracy, seconds=perf_counter() - start)
+
+
+def ends_of(scene: Scene, accuracy: float) -> tuple[LargestLoad | None, LargestLoad | None]:
+    """Return ``gap_closure_load`` and ``linear_limit_load`` of a scene that level ``contact`` takes.
+
+    Raises:
+        Refusal: see ``load_curve``.
+    """
+    with timed(), threadpool_limits(1, user_api="blas"):
+        return ends(ContactLevel().pressed(scene, accuracy), accuracy)
+
+
+def ends(on: LoadedScene, accuracy: float) -> tuple[LargestLoad | None, LargestLoad | None]:
+    """Return ``gap_closure_load`` and ``linear_limit_load`` of a scene, each by the finer mesh if that comes so far."""
+
+    def by_either(limit: Callable[[Path], LargestLoad | None], further: bool) -> LargestLoad | None:
+        for path in on.paths[::-1]:
+            try:
+                if further and path is on.paths[1] and path.last.walls > 0:
+                    continue  # the coarser mesh follows a path to its end in a second
+                found = limit(path)
+            except (SolveError, LimitReached):
+                continue
+            if found is not None:
+                return found
+        return None
+
+    closure = by_either(gap_closure_load, True)
+    linear = by_either(lambda path: linear_limit_load(path, _ratio, lambda point: on.sensitivity(path, point), accuracy), False)
+    return closure, linear
+
+
+def _ratio(point: Pressed) -> float:
+    films = point.films if point.indentation > 0 else point.tangent
+    return float(films[0] / films[1])
+
+
+def _curve(
+    scene: Scene,
+    on: LoadedScene,
+    points: list[Loaded],
+    limits: tuple[LargestLoad | None, LargestLoad | None],
+    *,
+    stopped: str | None,
+    accuracy: float,
+    seconds: float,
+) -> LoadCurve:
+    probe = scene.probe
+    areas = np.array([probe.inner_area, probe.outer_area])
+    stiffness = [float(one.films.totals.sum()) for one in points]
+    depth = [one.point.indentation for one in points]
+    stress = np.array([one.films.totals * d / areas for one, d in zip(points, depth, strict=True)])
+    ratio = [float(one.films.totals[0] / one.films.totals[1] * areas[1] / areas[0]) for one in points]
+    force = [k * d for k, d in zip(stiffness, depth, strict=True)]
+    warnings = [] if scene.target is not None else [null_sensitivity(len(scene.inclusion))]
+    worst = max(one.films.ratio_error for one in points)
+    if worst > accuracy:
+        warnings.append(Note("accuracy", f"error bounds of up to {worst:.2g} reached, accuracy {accuracy:g} asked for"))
+    if stopped is not None:
+        warnings.append(Note("limit", f"the curve ends early: {stopped}"))
+
+    def column(name: str) -> tuple[float, ...]:
+        return tuple(float(getattr(one.point, name)) for one in points)
+
+    return LoadCurve(
+        "contact",
+        seconds,
+        tuple(force),
+        tuple(depth),
+        tuple(ratio),
+        tuple(one.films.log_sensitivity for one in points),
+        stiffness=tuple(stiffness),
+        tangent_stiffness=tuple(float(one.point.tangent.sum()) for one in points),
+        stress_inner=tuple(stress[:, 0].tolist()),
+        stress_outer=tuple(stress[:, 1].tolist()),
+        closest_walls=column("walls"),
+        contact_radius=column("contact_radius"),
+        largest_strain=column("strain"),
+        error_estimate=tuple(one.films.ratio_error for one in points),
+        gap_closure_load=limits[0],
+        linear_limit_load=limits[1],
+        constant_ratio=_constant(np.array(force), np.array(ratio), accuracy),
+        accuracy=accuracy,
+        stopped=stopped,
+        warnings=tuple(warnings),
+    )
+
+
+def _constant(force: Floats, ratio: Floats, share: float) -> LoadRange | None:
+    """The widest range between two of the forces in which the ratio stays within ``share``."""
+    best: LoadRange | None = None
+    for low in range(len(force)):
+        some = ratio[low:]
+        spread = np.maximum.accumulate(some) / np.minimum.accumulate(some)
+        high = low + int(np.flatnonzero(spread <= (1 + share) / (1 - share))[-1])
+        if high > low and (best is None or force[high] - force[low] > best.high - best.low):
+            best = LoadRange(share, float(force[low]), float(force[high]))
+    return best

@@ -1,0 +1,59 @@
+"""The verb ``load``, as a user runs it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.support.paths import SCENE
+from tests.support.program import run
+
+KEYS = {"force", "indentation", "ratio", "log_sensitivity", "stiffness", "closest_walls", "error_estimate"}
+
+
+def test_json_and_picture(tmp_path: Path) -> None:
+    picture = tmp_path / "loads.png"
+    ended = run("load", SCENE, "--to", "0.04 N", "--points", "2", "--plot", picture, "--json")
+    assert ended.returncode == 0
+    found = json.loads(ended.stdout)
+    assert all(len(found[key]) == 2 for key in KEYS)
+    assert found["force"] == pytest.approx([0.02, 0.04], rel=1e-6)
+    assert set(found["gap_closure_load"]) == {"force", "indentation", "by"}
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.slow
+def test_loads_are_told_by_evaluate_and_plan_too() -> None:
+    for verb in ("evaluate", "plan"):
+        found = json.loads(run(verb, SCENE, "--loads", "--json").stdout)
+        assert found["gap_closure_load"]["force"] == pytest.approx(0.45, abs=0.03)  # two other codes: 0.45 +- 0.02
+        assert found["linear_limit_load"]["force"] == pytest.approx(0.042, rel=0.06)
+
+
+@pytest.mark.slow
+def test_table_and_what_ends(tmp_path: Path) -> None:
+    ended = run("load", SCENE, "--to", "0.3 mm", "--points", "1")
+    assert ended.returncode == 0
+    assert "0.3" in ended.stdout
+    assert "linear theory holds" in ended.stdout
+    assert "the gap closes at 0.4" in ended.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--to", "3 kPa"), "to = '3 kPa': allowed: a force such as '0.3 N', or an indentation such as '2 mm', above 0"),
+        (("--to", "-1 N"), "above 0"),
+        (("--to", "0 mm"), "above 0"),
+        (("--to", "80 mm"), "less than the tissue's depth"),
+        (("--to", "0.1 N", "--accuracy", "2"), "accuracy = 2"),
+        (("--to", "0.1 N", "--plot", "x.doc"), "plot"),
+    ],
+)
+def test_refusals(arguments: tuple[str, ...], words: str) -> None:
+    ended = run("load", SCENE, *arguments)
+    assert ended.returncode == 2
+    assert words in ended.stderr
+    assert len(ended.stderr.strip().splitlines()) == 1

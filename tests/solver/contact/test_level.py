@@ -1,0 +1,122 @@
+"""Level contact: what it answers is within its bounds, when it is asked, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from geometry import Refusal, Scene, read_scene
+from geometry.scenes.scene import Contact, Load
+from solver.contact.level import ContactLevel
+from solver.levels import curve, evaluate, plan
+from tests.support.paths import REFERENCE, SCENE
+
+FOLDER = REFERENCE / "contact"
+EXPECTED = json.loads((FOLDER / "expected.json").read_text())
+EXAMPLE = read_scene(FOLDER / "example.toml")
+
+
+def at(scene: Scene, **load: float) -> Scene:
+    return scene.model_copy(update={"load": Load(**load)})
+
+
+def check(name: str, rows: slice) -> None:
+    scene = read_scene(FOLDER / f"{name}.toml")
+    for row in EXPECTED[name]["rows"][rows]:
+        result = ContactLevel().evaluate(at(scene, indentation=row["indentation"]))
+        assert result.ratio is not None
+        assert result.stiffness is not None
+        assert result.error_estimate is not None
+        assert result.ratio == pytest.approx(row["ratio"], abs=result.error_estimate * row["ratio"] + row["ratio_unc"])
+        assert result.ratio == pytest.approx(row["ratio"], abs=2e-3 * row["ratio"] + row["ratio_unc"])
+        assert result.stiffness * row["indentation"] == pytest.approx(row["force"], abs=1e-3 * row["force"] + row["force_unc"])
+        assert result.log_sensitivity == pytest.approx(
+            row["log_sensitivity"], abs=0.01 * row["log_sensitivity"] + row["log_sensitivity_unc"]
+        )
+
+
+def test_another_code_s_answer_is_within_the_bound() -> None:
+    check("example", slice(1, 2))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", EXPECTED)
+def test_all_of_them_are(name: str) -> None:
+    check(name, slice(None))
+
+
+def test_auto_asks_it_beyond_linear_elasticity_and_not_before() -> None:
+    light, heavy = at(EXAMPLE, force=0.02), at(EXAMPLE, force=0.08)
+    assert (plan(light).evaluator, plan(heavy).evaluator) == ("axisymmetric", "contact")
+    result, linear = evaluate(heavy), evaluate(heavy, linear=True)
+    assert (result.evaluator, linear.evaluator) == ("contact", "axisymmetric")
+    assert result.log_sensitivity > 1.08 * linear.log_sensitivity
+    assert result.error_estimate <= 0.01
+    assert not any("linear" in note for note in result.warnings)
+    modelled = {one.feature: one.modelled for one in result.plan}
+    assert modelled["finite strain"]
+    assert modelled["gap contact"]
+
+
+def test_a_load_is_a_force_or_the_indentation_that_it_takes() -> None:
+    by_force = evaluate(at(EXAMPLE, force=0.05), "contact")
+    by_depth = evaluate(at(EXAMPLE, indentation=0.05 / by_force.stiffness), "contact")
+    for key in ("ratio", "log_sensitivity", "stiffness", "stress_inner", "stress_outer"):
+        assert getattr(by_depth, key) == pytest.approx(getattr(by_force, key), rel=1e-5)
+    areas = EXAMPLE.probe.inner_area, EXAMPLE.probe.outer_area
+    assert by_force.stress_inner * areas[0] + by_force.stress_outer * areas[1] == pytest.approx(0.05, rel=1e-9)
+
+
+def test_no_load_is_the_linear_answer() -> None:
+    for load in (0.0, 1e-7):
+        still, linear = (evaluate(at(EXAMPLE, force=load), name) for name in ("contact", "axisymmetric"))
+        assert still.ratio == pytest.approx(linear.ratio, rel=linear.error_estimate + still.error_estimate)
+        assert still.log_sensitivity == pytest.approx(linear.log_sensitivity, rel=0.01)
+
+
+def test_layers_and_no_tumour() -> None:
+    """Under a stiff skin the same force strains less, and the ratio's change by it is of the references' size."""
+    scene = read_scene(REFERENCE / "tissue-layers" / "without-a-tumour.toml")
+    result = evaluate(at(scene, force=0.02), "contact")
+    assert result.log_sensitivity is None
+    assert result.error_estimate < 0.01
+
+
+@pytest.mark.slow
+def test_a_curve_under_load_goes_through_the_answers() -> None:
+    moduli = np.geomspace(1e3, 1e6, 6)
+    scene = at(EXAMPLE, force=0.15)
+    answered = curve(scene, moduli)
+    assert answered.evaluator == "contact"
+    for k in (0, 3, 5):
+        body = scene.inclusion[0].model_copy(update={"youngs_modulus": float(moduli[k])})
+        alone = evaluate(scene.model_copy(update={"inclusion": (body,)}))
+        assert answered.ratio[k] == pytest.approx(alone.ratio, rel=alone.error_estimate)
+        assert answered.log_sensitivity[k] == pytest.approx(alone.log_sensitivity, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"contact": Contact(interface="frictionless")}, "frictionless"),
+        ({"inclusion": (EXAMPLE.inclusion[0].model_copy(update={"x": 1e-3}),)}, "off the probe's axis"),
+        ({"placement": EXAMPLE.placement.model_copy(update={"tilt": 0.1})}, "tilt"),
+    ],
+)
+def test_other_kinds_are_refused(changes: dict[str, object], words: str) -> None:
+    with pytest.raises(Refusal, match=words):
+        evaluate(EXAMPLE.model_copy(update=changes), "contact")
+
+
+@pytest.mark.slow
+def test_a_load_that_no_step_reaches_is_refused_with_the_one_reached() -> None:
+    soft = read_scene(FOLDER / "paper.toml")
+    with pytest.raises(Refusal, match=r"load.force = 10 N: allowed: up to [0-9.e-]+ N for contact"):
+        evaluate(at(soft, force=10.0), "contact")
+
+
+def test_the_example_takes_the_load_it_names() -> None:
+    """README's scene and this one are the same probe."""
+    assert read_scene(SCENE).probe == EXAMPLE.probe

@@ -1,0 +1,83 @@
+"""Loads at which the gap closes and linear elasticity ends: against solutions of other codes; curves of loads."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from geometry import Refusal, Scene, read_scene
+from geometry.common.errors import InputError
+from geometry.common.resources import Limits
+from geometry.meridian.frame import MeridianFineness
+from geometry.scenes.scene import Contact
+from solver.axisymmetric.sections import sections
+from solver.contact.limits import gap_closure_load
+from solver.contact.model import ContactModel
+from solver.contact.path import Path
+from solver.levels import load
+from tests.support.paths import REFERENCE
+
+FOLDER = REFERENCE / "contact"
+EXPECTED = json.loads((FOLDER / "expected.json").read_text())
+EXAMPLE = read_scene(FOLDER / "example.toml")
+
+
+def coarse(scene: Scene) -> Path:
+    of = sections(scene)
+    return Path(ContactModel.of(of.section, of.materials, "bonded", MeridianFineness(1, 0, 2)), sensitive=False)
+
+
+@pytest.mark.parametrize("name", ["paper", *(pytest.param(n, marks=pytest.mark.slow) for n in ("example", "equal-blocks-6kpa"))])
+def test_the_gap_closes_where_other_codes_close_it(name: str) -> None:
+    found, expected = gap_closure_load(coarse(read_scene(FOLDER / f"{name}.toml"))), EXPECTED[name]
+    assert found is not None
+    assert found.by == "gap closure"
+    assert found.force == pytest.approx(
+        expected["gap_closure_force"], abs=0.05 * expected["gap_closure_force"] + expected["gap_closure_force_unc"]
+    )
+
+
+def test_a_wide_gap_closes_nowhere() -> None:
+    probe = EXAMPLE.probe.model_copy(update={"gap": 2e-3})
+    path = coarse(EXAMPLE.model_copy(update={"probe": probe}))
+    path.at_indentation(0.3 * path.radius)
+    assert path.last.walls > 1e-3
+
+
+@pytest.mark.slow
+def test_linear_elasticity_ends_where_the_trial_says() -> None:
+    """5 % in log-sensitivity at 0.042 N (shared trial of two codes), long before 1 % in ratio at 0.23 N."""
+    found = load(EXAMPLE, force=0.05, points=2)
+    assert found.linear_limit_load is not None
+    assert found.linear_limit_load.by == "log_sensitivity"
+    assert found.linear_limit_load.force == pytest.approx(0.042, rel=0.05)
+    assert found.gap_closure_load is not None
+    assert found.gap_closure_load.force == pytest.approx(0.45, abs=0.02 + 0.05 * 0.45)
+    assert np.diff(found.closest_walls) < 0
+    assert found.force == pytest.approx((0.025, 0.05), rel=1e-6)
+    assert np.multiply(found.stiffness, found.indentation) == pytest.approx(found.force, rel=1e-9)
+    assert found.constant_ratio is not None
+    assert found.stopped is None
+
+
+@pytest.mark.slow
+def test_what_converged_is_kept_when_the_time_is_over() -> None:
+    found = load(EXAMPLE, indentation=40e-3, points=40, limits=Limits(seconds=15.0))
+    assert found.stopped is not None
+    assert 0 < len(found.force) < 40
+    assert any("ends early" in note for note in found.warnings)
+
+
+@pytest.mark.parametrize(
+    "wanted", [{}, {"force": 0.0}, {"force": 0.1, "indentation": 1e-3}, {"force": float("nan")}, {"indentation": 0.06}]
+)
+def test_loads_that_are_none_are_refused(wanted: dict[str, float]) -> None:
+    with pytest.raises(InputError):
+        load(EXAMPLE, **wanted)
+
+
+def test_scenes_of_other_kinds_are_refused() -> None:
+    with pytest.raises(Refusal, match="frictionless"):
+        load(EXAMPLE.model_copy(update={"contact": Contact(interface="frictionless")}), force=0.1)
