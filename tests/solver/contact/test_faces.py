@@ -182,6 +182,6 @@ def test_newton_s_method_ends_quadratically(friction: float) -> None:
     path = path_of("unilateral", friction)
     point = path.at_indentation(0.02 * path.radius)
     assert point.equilibrium is not None
-    fast = [np.log(b) / np.log(a) > 1.5 for a, b in pairwise(point.equilibrium.residuals) if a < 1e-4 and 1e-9 < b < a]
-    assert fast
-    assert all(fast)
+    ends = [(a, b) for a, b in pairwise(point.equilibrium.residuals) if b < a < 1e-3]
+    assert len(ends) > 3
+    assert all(b < max(1e3 * a**2, 1e-8) for a, b in ends)  # rounding leaves about 1e-9
