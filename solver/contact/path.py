@@ -193,7 +193,13 @@ class Path:
         return point
 
     def _solved(self, indentation: float) -> Pressed:
-        return self._pressed(solve(self.model, self._ahead(indentation), self._target))
+        try:
+            return self._pressed(solve(self.model, self._ahead(indentation), self._target))
+        except SolveError:
+            if not self.model.loose:
+                raise
+        # neighbours may differ in what touches and slides: one of them alone is sometimes the better guess
+        return self._pressed(solve(self.model, self._following(self._before(indentation), indentation), self._target))
 
     @property
     def _target(self) -> Bools | None:
