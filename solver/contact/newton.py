@@ -112,7 +112,7 @@ def _moved(model: ContactModel, state: State, at: Linearised, step: Floats, targ
         if best is not None and tried[1].unbalanced >= best[1].unbalanced:
             break
         best = tried
-        if model.sticky or best[1].unbalanced <= at.unbalanced:  # forces of points that are held at last are no measure
+        if best[1].torn or best[1].unbalanced <= at.unbalanced:  # forces of points that are held at last are no measure
             break
     if best is None:
         raise SolveError("an element folds over")

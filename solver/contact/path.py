@@ -20,6 +20,7 @@ GROWTH, EASY = 1.8, 12  # by which steps grow after one that took so many of New
 EASY_FACES, LONGEST_FACES = 30, 0.02  # likewise where faces may open, whose points pass an edge one by one
 DEEPEST = 1.0  # outer radii: nothing is known of how exact deeper states are
 EXACT = 1e-7  # relative, of a force that is asked for
+EXACT_FACES = 1e-5  # likewise where faces may open: what penetration and rounding leave open
 TRIES = 12
 
 
@@ -151,9 +152,10 @@ class Path:
         while self.last.force < force:
             wanted = self.last.indentation + (force - self.last.force) / max(float(self.last.tangent.sum()), 1e-300)
             self._step(min(self.last.indentation + self.length, max(wanted, self.last.indentation + LEAST * self.unit)))
+        exact = EXACT_FACES if self.model.loose else EXACT
         for _ in range(TRIES):
             near = min(self.points, key=lambda point: abs(point.force - force))
-            if abs(near.force - force) <= EXACT * force:
+            if abs(near.force - force) <= exact * force:
                 return near
             self.insert(near.indentation + (force - near.force) / float(near.tangent.sum()))
         raise StoppedError(self.last, "no indentation gives the force")

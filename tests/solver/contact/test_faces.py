@@ -185,3 +185,17 @@ def test_newton_s_method_ends_quadratically(friction: float) -> None:
     ends = [(a, b) for a, b in pairwise(point.equilibrium.residuals) if b < a < 1e-3]
     assert len(ends) > 3
     assert all(b < max(1e3 * a**2, 1e-8) for a, b in ends)  # rounding leaves about 1e-9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("friction", [0.05, 0.3])
+def test_log_sensitivity_with_friction_is_the_derivative_at_one_force(friction: float) -> None:
+    path = path_of("unilateral", friction)
+    point, logs, step = path.at_indentation(0.05 * path.radius), [], 0.02
+    for factor in (1 - step, 1 + step):
+        data = SCENE.model_dump(exclude_unset=True)
+        data["inclusion"][0]["youngs_modulus"] *= factor
+        changed = Scene.model_validate(data)
+        logs.append(np.log(ratio(changed, path_of("unilateral", friction, changed).at_force(point.force))))
+    slope = (logs[1] - logs[0]) / (np.log(1 + step) - np.log(1 - step))
+    assert point.log_sensitivity == pytest.approx(slope, rel=5e-3)
