@@ -58,7 +58,7 @@ def gaps() -> None:
     for name, most in (("paper", 1e-3), ("example", 2e-3)):
         scene = read_scene(FOLDER / f"{name}.toml")
         print(
-            f"\n{name}, up to {1e3 * most:g} mm\n\n| gap, mm | closes at, N | ratio at rest to the end | log-sensitivity | ends |"
+            f"\n{name}, up to {1e3 * most:g} mm\n\n| gap, mm | closes at, N | ratio at fifths of it | log-sensitivity | ends |"
         )
         print("|---|---|---|---|---|")
         for gap in GAPS:

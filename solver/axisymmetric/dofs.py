@@ -14,7 +14,7 @@ from geometry.meridian.section import TISSUES, Body
 from solver.linalg.cholesky import Pattern
 from solver.linalg.workspace import kept
 
-Interface = Literal["bonded", "frictionless"]
+Interface = Literal["bonded", "frictionless", "apart"]  # apart: no ties, what touches is told elsewhere (solver/contact)
 # what vanishes on the axis of u_r, u_z (m = 0), else of u_r + u_theta, u_r - u_theta, u_z: only a translation (m = 1) does not
 AXIS = {0: (True, False), 1: (True, False, True)}
 
@@ -118,13 +118,16 @@ def _ties(mesh: Topology, ends: Floats, interface: Interface, axis: tuple[bool, 
     tissue = {key: k for k, key in enumerate(map(tuple, ends[:, [0, 2, 5]])) if on[k] and not probe[k]}
     for k in np.flatnonzero(on & (probe == 1)):
         partner = tissue[tuple(ends[k, [0, 2, 5]])]
-        owner[k] = owner[partner] if interface == "bonded" else [*owner[k, :-1], owner[partner, -1]]
+        if interface == "bonded":
+            owner[k] = owner[partner]
+        elif interface == "frictionless":
+            owner[k, -1] = owner[partner, -1]
     fixed = ((r0 == 0) & (r1 == 0))[:, None] & np.array(axis)
     tops = {layout.inner[-1], layout.outer[-1]} if layout.kind.base is None else {layout.base[-1]}
     edge_levels = [0.0, *(line_label(top) for top in tops)]
     fixed[np.isin(z0, edge_levels) & np.isin(z1, edge_levels) & (z0 == z1)] = True
     spans = ((0, column["inner"]), (column["hole"], column["tube"]))
-    under = [on & (degree == 1) & (low <= r0) & (r0 <= high) for low, high in spans]
+    under = [on & (degree == 1) & (low <= r0) & (r0 <= high) & (interface != "apart") for low, high in spans]
     return owner, fixed, np.stack(under, axis=-1).astype(float)
 
 

@@ -42,18 +42,40 @@ class BoundaryLine:
             self.element[::-1], self.values[::-1][..., swap], (self.signs * odd)[::-1][..., swap], self.place[::-1][..., swap]
         )
 
+    def part(self, start: int, end: int | None = None) -> BoundaryLine:
+        """Some of the edges."""
+        some = slice(start, end)
+        return BoundaryLine(self.element[some], self.values[some], self.signs[some], self.place[some])
+
+    def followed_by(self, other: BoundaryLine) -> BoundaryLine:
+        """This line and one that begins where it ends."""
+        return BoundaryLine(
+            np.concatenate([self.element, other.element]),
+            np.concatenate([self.values, other.values]),
+            np.concatenate([self.signs, other.signs]),
+            np.concatenate([self.place, other.place]),
+        )
+
     @property
     def order(self) -> int:
         """Polynomial degree along each edge."""
         return int(self.place.shape[-1]) - 1
+
+    @property
+    def lengths(self) -> Floats:
+        """Of the undeformed edges, m, shape (k,)."""
+        return np.asarray(np.linalg.norm(self.place[:, :, 1] - self.place[:, :, 0], axis=1))
 
     def positions(self, own: Floats) -> Floats:
         """Coefficients of the deformed edges, shape (k, 2, p + 1), from the elements' displacements, (n, 8 p)."""
         return np.asarray(self.place + self.signs[:, None] * own[self.element[:, None, None], self.values])
 
 
-def walls(mesh: Topology, corners: Floats, order: int) -> dict[str, BoundaryLine]:
-    """Return the lines by name: "inner wall", "hole wall", "tube wall" upwards, "strip" and "top" outwards.
+def lines_of(mesh: Topology, corners: Floats, order: int) -> dict[str, BoundaryLine]:
+    """Return the lines by name: "inner wall", "hole wall", "tube wall" upwards, those along the surface outwards.
+
+    On the surface these are "inner face" and "tube face" of the blocks, and "under inner", "strip", "under tube", "top" of
+    the tissue.
 
     Args:
         mesh: the elements.
@@ -69,11 +91,20 @@ def walls(mesh: Topology, corners: Floats, order: int) -> dict[str, BoundaryLine
     def vertical(chosen: Any, name: str) -> BoundaryLine:
         return _curve(at, corners, chosen, order, axis=0, line=column[name], start=-np.inf, end=np.inf)
 
-    def top(start: str, end: str) -> BoundaryLine:
-        return _curve(at, corners, tissue, order, axis=1, line=surface, start=column[start], end=column[end])
+    def level(chosen: Any, start: str, end: str) -> BoundaryLine:
+        return _curve(at, corners, chosen, order, axis=1, line=surface, start=column[start], end=column[end])
 
-    lines = {"inner wall": vertical(inner, "inner"), "hole wall": vertical(outer, "hole"), "tube wall": vertical(outer, "tube")}
-    return lines | {"strip": top("inner", "hole"), "top": top("tube", "side")}
+    return {
+        "inner wall": vertical(inner, "inner"),
+        "hole wall": vertical(outer, "hole"),
+        "tube wall": vertical(outer, "tube"),
+        "inner face": level(inner, "axis", "inner"),
+        "tube face": level(outer, "hole", "tube"),
+        "under inner": level(tissue, "axis", "inner"),
+        "strip": level(tissue, "inner", "hole"),
+        "under tube": level(tissue, "hole", "tube"),
+        "top": level(tissue, "tube", "side"),
+    }
 
 
 def _of_block(mesh: Topology, body: Body) -> Any:

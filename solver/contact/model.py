@@ -13,18 +13,21 @@ from geometry.meridian.frame import MeridianFineness
 from geometry.meridian.frame import kind as kind_of
 from geometry.meridian.mesh import SQUARE, Topology, nodes, topology
 from geometry.meridian.section import TISSUES, Body, Section
+from geometry.scenes.probe import Interface
 from solver.axisymmetric.base_states import Materials
-from solver.axisymmetric.dofs import Interface, Numbering, numbering
+from solver.axisymmetric.dofs import Numbering, numbering
 from solver.axisymmetric.quadrilateral import geometry
 from solver.axisymmetric.shape_functions import shapes
 from solver.contact.assembly import Assembly
 from solver.contact.elements import Elements, ElementValues, Tangent
 from solver.contact.hyperelasticity import Hyperelastic
-from solver.contact.pairs import Pair, Touch, touch
+from solver.contact.pairs import Pair
+from solver.contact.touch import Grip, Touch, touch
 from solver.contact.touching_lines import contact_length, pairs_of
-from solver.linalg.cholesky import Factor, factorise
+from solver.linalg.cholesky import Factor, factorise, factorise_any
 from solver.linalg.workspace import kept
 
+OPENING, ROUND = 0.02, 0.1  # of faces that may open: contact length in indentations; how much of the others' rounding they take
 _mesh = kept(topology)
 
 
@@ -37,6 +40,7 @@ class State:
         v: unknowns on corners and edges, shape (unknowns,).
         elements: all values.
         multipliers: of each pair's points, Pa.
+        grips: what these remember of the load before, where there is friction.
         share, blur: of the pairs' penalties that is used, and rounding of the contact's kink, in contact lengths.
     """
 
@@ -44,8 +48,9 @@ class State:
     v: Floats
     elements: ElementValues
     multipliers: tuple[Floats, ...]
+    grips: tuple[Grip | None, ...]
     share: float = 1.0
-    blur: float = 0.002
+    blur: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -57,12 +62,14 @@ class Linearised:
         touches: of the pairs.
         residual: forces out of balance, N, shape (unknowns,).
         scale: of the forces that balance, N.
+        deepest: by how much lines penetrate each other at most, or part where they are tied, in contact lengths.
     """
 
     tangent: Tangent
     touches: tuple[Touch, ...]
     residual: Floats
     scale: float
+    deepest: float
 
     @property
     def touched(self) -> bool:
@@ -70,9 +77,9 @@ class Linearised:
         return any(np.any(one.pressure > 0) for one in self.touches)
 
     @property
-    def deepest(self) -> float:
-        """By how much lines penetrate each other at most, m."""
-        return max(0.0, *(-one.closest for one in self.touches))
+    def torn(self) -> bool:
+        """Whether friction is not yet what it will be, see ``Touch``."""
+        return any(one.torn for one in self.touches)
 
     @property
     def unbalanced(self) -> float:
@@ -102,8 +109,10 @@ class ContactModel:
     lift: Floats
 
     @classmethod
-    def of(cls, section: Section, materials: Materials, interface: Interface, fineness: MeridianFineness) -> ContactModel:
-        """Mesh a section.
+    def of(
+        cls, section: Section, materials: Materials, interface: Interface, fineness: MeridianFineness, friction: float = 0.0
+    ) -> ContactModel:
+        """Mesh a section whose faces are bonded, slide and cannot open (frictionless), or open and slide against ``friction``.
 
         Raises:
             SolveError: the mesh has a cell without area.
@@ -112,22 +121,36 @@ class ContactModel:
         at = geometry(nodes(section, mesh, functions.places), functions)
         moduli = np.array([[materials[Body(b)].youngs_modulus, materials[Body(b)].poisson_ratio] for b in mesh.body]).T
         elements = Elements.of(at, functions, Hyperelastic.of(*moduli))
-        numbers = numbering(mesh, fineness.order, interface)
+        numbers = numbering(mesh, fineness.order, "bonded" if interface == "bonded" else "apart")
         lift = numbers.lift.copy()
         for side, on in enumerate((_inner(section, mesh), _outer(section, mesh))):
             lift[on, :, side] -= numbers.vertical
-        pairs = pairs_of(section, materials, mesh, fineness.order)
+        pairs = pairs_of(section, materials, mesh, fineness.order, faces=interface, friction=friction)
         return cls(section, materials, mesh, elements, numbers, Assembly.of(numbers, pairs), pairs, lift)
 
     def at_rest(self) -> State:
         """The undeformed state."""
-        none = tuple(np.zeros(pair.points) for pair in self.pairs)
-        return State(0.0, np.zeros(self.numbering.unknowns), self.elements.at_rest(), none)
+        none, own = tuple(np.zeros(pair.points) for pair in self.pairs), np.zeros(self.lift.shape[:2])
+        grips = tuple(touch(pair, own, zero).grip if pair.friction else None for pair, zero in zip(self.pairs, none, strict=True))
+        return State(0.0, np.zeros(self.numbering.unknowns), self.elements.at_rest(), none, grips)
 
     @property
-    def contact_length(self) -> float:
-        """What penetration and rounding are told in, m: the gap, or a share of a narrow probe."""
-        return contact_length(self.section)
+    def loose(self) -> bool:
+        """Whether faces may open."""
+        return any(pair.loose for pair in self.pairs)
+
+    @property
+    def sticky(self) -> bool:
+        """Whether there is friction."""
+        return any(pair.friction > 0 for pair in self.pairs)
+
+    def contact_lengths(self, indentation: float) -> list[float]:
+        """What penetration and rounding of each pair are told in, m: the gap, or a share of the probe, or less under small loads.
+
+        Faces open at any load: what is exact enough for them goes to zero with it.
+        """
+        length = contact_length(self.section)
+        return [min(length, OPENING * indentation) if pair.loose else length for pair in self.pairs]
 
     @property
     def target(self) -> Bools:
@@ -145,8 +168,10 @@ class ContactModel:
             SolveError: a line folds over.
         """
         own = self.displaced(state.v, state.indentation)
-        blur = state.blur * self.contact_length
-        return tuple(touch(pair, own, m, state.share, blur) for pair, m in zip(self.pairs, state.multipliers, strict=True))
+        lengths = self.contact_lengths(state.indentation)
+        blurs = [state.blur * length * (ROUND if pair.loose else 1.0) for pair, length in zip(self.pairs, lengths, strict=True)]
+        each = zip(self.pairs, state.multipliers, blurs, state.grips, strict=True)
+        return tuple(touch(pair, own, m, state.share, blur, grip=grip) for pair, m, blur, grip in each)
 
     def linearised(self, state: State, target: Bools | None = None) -> Linearised:
         """Linearise about a state; see ``Elements.tangent``.
@@ -159,11 +184,14 @@ class ContactModel:
         contact = sum((one.forces for one in touches), np.zeros(gather.shape[0]))
         residual = gather.T @ (tangent.forces[..., 0].ravel() + contact)
         scale = float(np.linalg.norm(abs(gather).T @ (np.abs(tangent.internal[:, self.elements.edge]).ravel() + np.abs(contact))))
-        return Linearised(tangent, touches, residual, scale)
+        lengths = self.contact_lengths(state.indentation)
+        deepest = max((one.off / x for one, x in zip(touches, lengths, strict=True) if x > 0), default=0.0)
+        return Linearised(tangent, touches, residual, scale, deepest)
 
     def factor(self, at: Linearised) -> Factor:
         """Factorise the tangent."""
-        return factorise(self.assembly.tangent(at.tangent.stiffness, self._contact(at)), self.assembly.pattern)
+        matrix = self.assembly.tangent(at.tangent.stiffness, self._contact(at))
+        return factorise_any(matrix) if self.sticky else factorise(matrix, self.assembly.pattern)
 
     def shifted(self, state: State, at: Linearised, change: Floats, indentation: float) -> State:
         """Return a state with its unknowns changed and another indentation, insides and pressures following."""

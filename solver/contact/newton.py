@@ -19,7 +19,9 @@ from solver.contact.model import ContactModel, Linearised, State, check_volume
 BALANCED = 1e-9  # residual over forces of a state in equilibrium
 ROUNDED = 1e-7  # likewise, where rounding keeps it from falling further
 MOST_STEPS, HALVINGS = 14, 6
+MORE_STEPS = 40  # where faces may open: which points touch and slide is found by trying
 ROUNDS = ((0.1, 0.02), *((1.0, 0.002),) * 8)  # shares of the penalty; rounding, in contact lengths
+FACE_ROUNDS = ((0.05, 0.04), (0.2, 0.01), (0.5, 0.002), *((1.0, 0.002),) * 8)  # likewise where faces may open
 PENETRATION = 1e-3  # contact lengths: deeper ones ask for another round
 
 
@@ -51,13 +53,27 @@ def solve(model: ContactModel, start: State, target: Bools | None = None) -> Equ
         LimitReached: the time is over.
     """
     state, residuals = start, []
-    for share, blur in ROUNDS:
+    for share, blur in FACE_ROUNDS if model.loose else ROUNDS:
         state, at, some = _balanced(model, replace(state, share=share, blur=blur), target)
         residuals += some
-        if not at.touched or (share == 1 and at.deepest <= PENETRATION * model.contact_length):
-            return Equilibrium(state, at, tuple(residuals))
+        if not at.touched or (share == 1 and at.deepest <= PENETRATION):
+            return Equilibrium(_remembered(state, at), at, tuple(residuals))
         state = replace(state, multipliers=tuple(one.pressure for one in at.touches))
     raise SolveError("contact does not settle")
+
+
+def _remembered(state: State, at: Linearised) -> State:
+    """A state in balance as the one that further loads begin at."""
+    both = zip(state.grips, at.touches, strict=True)
+    return replace(state, grips=tuple(None if grip is None else touch.grip for grip, touch in both))
+
+
+def _slid(state: State, at: Linearised) -> State:
+    """A state that knows which of its points slide."""
+    both = zip(state.grips, at.touches, strict=True)
+    return replace(
+        state, grips=tuple(None if grip is None else replace(grip, sliding=touch.grip.sliding) for grip, touch in both)
+    )
 
 
 def _balanced(model: ContactModel, state: State, target: Bools | None) -> tuple[State, Linearised, list[float]]:
@@ -65,14 +81,15 @@ def _balanced(model: ContactModel, state: State, target: Bools | None) -> tuple[
     check_volume(model.elements, state.elements)
     at = model.linearised(state, target)
     residuals: list[float] = []
-    while at.unbalanced > BALANCED and not _stands_still(residuals):
+    while at.torn or (at.unbalanced > BALANCED and not _stands_still(residuals)):
         check_time("pressing")
-        if len(residuals) == MOST_STEPS:
+        if len(residuals) == (MORE_STEPS if model.loose else MOST_STEPS):
             raise SolveError("Newton's method does not converge")
         step = -model.factor(at).solve(np.ascontiguousarray(at.residual[:, None]))[:, 0]
         if not np.all(np.isfinite(step)):
             raise SolveError("the equations cannot be solved")
         state, at = _moved(model, state, at, step, target)
+        state = _slid(state, at)
         residuals.append(at.unbalanced)
     return state, at, residuals
 
@@ -95,7 +112,7 @@ def _moved(model: ContactModel, state: State, at: Linearised, step: Floats, targ
         if best is not None and tried[1].unbalanced >= best[1].unbalanced:
             break
         best = tried
-        if best[1].unbalanced <= at.unbalanced:
+        if best[1].torn or best[1].unbalanced <= at.unbalanced:  # forces of points that are held at last are no measure
             break
     if best is None:
         raise SolveError("an element folds over")

@@ -15,9 +15,12 @@ from solver.contact.newton import Equilibrium, solve
 
 FIRST, LEAST, LONGEST = 0.02, 1e-3, 0.08  # steps: in units, the longest in outer radii
 TINY = 1e-6  # likewise: an indentation at which all is linear
+LIGHT = 1e-4  # likewise where faces may open: gaps have to be told from rounding
 GROWTH, EASY = 1.8, 12  # by which steps grow after one that took so many of Newton's steps or fewer
+EASY_FACES, LONGEST_FACES = 30, 0.02  # likewise where faces may open, whose points pass an edge one by one
 DEEPEST = 1.0  # outer radii: nothing is known of how exact deeper states are
 EXACT = 1e-7  # relative, of a force that is asked for
+EXACT_FACES = 1e-5  # likewise where faces may open: what penetration and rounding leave open
 TRIES = 12
 
 
@@ -86,17 +89,17 @@ class Path:
     linear: Floats | None = None
     points: list[Pressed] = field(default_factory=list)
     length: float = 0.0
+    _begun: Equilibrium = field(init=False)
     _scale: Floats = field(default_factory=lambda: np.ones(2))
 
     def __post_init__(self) -> None:
         """Begin at rest."""
         self.length = FIRST * self.unit
         rest = self.model.at_rest()
-        state = self._following(rest, TINY * self.unit)
-        small = Equilibrium(state, self.model.linearised(state, self._target), ())
+        small = self._light(rest)
         if self.linear is not None:
             self._scale = self.linear / self._pressed(small).tangent
-        linear = self._pressed(small)
+        self._begun, linear = small, self._pressed(small)
         still = Equilibrium(rest, self.model.linearised(rest, self._target), ())
         gap, none = float(self.model.section.hole_radius - self.model.section.inner_radius), np.zeros(2)
         self.points.append(replace(linear, indentation=0.0, films=none, walls=gap, strain=0.0, residual=0.0, equilibrium=still))
@@ -149,9 +152,10 @@ class Path:
         while self.last.force < force:
             wanted = self.last.indentation + (force - self.last.force) / max(float(self.last.tangent.sum()), 1e-300)
             self._step(min(self.last.indentation + self.length, max(wanted, self.last.indentation + LEAST * self.unit)))
+        exact = EXACT_FACES if self.model.loose else EXACT
         for _ in range(TRIES):
             near = min(self.points, key=lambda point: abs(point.force - force))
-            if abs(near.force - force) <= EXACT * force:
+            if abs(near.force - force) <= exact * force:
                 return near
             self.insert(near.indentation + (force - near.force) / float(near.tangent.sum()))
         raise StoppedError(self.last, "no indentation gives the force")
@@ -170,9 +174,10 @@ class Path:
                 indentation = (indentation + self.last.indentation) / 2
                 self.length = indentation - self.last.indentation
                 continue
+            easy, longest = (EASY_FACES, LONGEST_FACES) if self.model.loose else (EASY, LONGEST)
             took = 0 if point.equilibrium is None else len(point.equilibrium.residuals)
-            if took <= EASY:
-                self.length = min(GROWTH * self.length, LONGEST * self.radius)
+            if took <= easy:
+                self.length = min(GROWTH * self.length, longest * self.radius)
             self.points.append(point)
             return point
         raise StoppedError(self.last, why)
@@ -190,7 +195,13 @@ class Path:
         return point
 
     def _solved(self, indentation: float) -> Pressed:
-        return self._pressed(solve(self.model, self._ahead(indentation), self._target))
+        try:
+            return self._pressed(solve(self.model, self._ahead(indentation), self._target))
+        except SolveError:
+            if not self.model.loose:
+                raise
+        # neighbours may differ in what touches and slides: one of them alone is sometimes the better guess
+        return self._pressed(solve(self.model, self._following(self._before(indentation), indentation), self._target))
 
     @property
     def _target(self) -> Bools | None:
@@ -201,7 +212,7 @@ class Path:
         near = sorted(self.points, key=lambda point: abs(point.indentation - indentation))[:3]
         states = [point.equilibrium.state for point in near if point.equilibrium is not None]
         if len(states) < 2:
-            return self._following(states[0], indentation)
+            return self._proportional(indentation) if self.model.loose else self._following(states[0], indentation)
         weights = _lagrange([state.indentation for state in states], indentation)
 
         def mixed(parts: Sequence[Floats]) -> Floats:
@@ -209,7 +220,31 @@ class Path:
 
         elements = ElementValues(mixed([s.elements.u for s in states]), mixed([s.elements.p for s in states]))
         guess = replace(states[0], indentation=indentation, v=mixed([s.v for s in states]), elements=elements)
+        if self.model.loose:
+            multipliers = tuple(mixed(each) for each in zip(*(s.multipliers for s in states), strict=True))
+            guess = replace(guess, multipliers=multipliers, grips=self._before(indentation).grips)
         return guess if self.model.elements.least_volume(elements.u) > 0 else self._following(states[0], indentation)
+
+    def _before(self, indentation: float) -> State:
+        """The last state on the way to an indentation: what friction remembers."""
+        on_the_way = [point.equilibrium.state for point in self.points if point.equilibrium and point.indentation <= indentation]
+        return on_the_way[-1]
+
+    def _light(self, rest: State) -> Equilibrium:
+        """Under next to no load; what opens does so at any load."""
+        state = self._following(rest, (LIGHT if self.model.loose else TINY) * self.unit)
+        if not self.model.loose:
+            return Equilibrium(state, self.model.linearised(state, self._target), ())
+        closed = tuple(one.pressure for one in self.model.touches(state))
+        return solve(self.model, replace(state, multipliers=closed), self._target)
+
+    def _proportional(self, indentation: float) -> State:
+        """The state at a small indentation: all is proportional to it, what touches does not change."""
+        state = self._begun.state
+        factor = indentation / state.indentation
+        grips = tuple(None if grip is None else replace(grip, shear=factor * grip.shear) for grip in state.grips)
+        grown = replace(state, multipliers=tuple(factor * m for m in state.multipliers), grips=grips)
+        return self._following(grown, indentation)
 
     def _following(self, state: State, indentation: float) -> State:
         """The state at an indentation along the tangent of one."""

@@ -1,17 +1,43 @@
-"""Which lines of a section may touch which."""
+r"""Which lines of a section may touch which.
+
+Bonded faces leave the walls: each with the tissue beside it, from the block's corner. Faces that may open or slide are one line
+with their walls, which is a graph over the diagonal like the wall alone: points pass the corner without leaving their line.
+The tube's face belongs to both its walls: its points are shared out at its middle, each half against the whole face.
+
+                 |          |              |
+    inner block  |          |     tube     |
+    ----face-----+  strip   +--- : face ---+  top
+    ------------------->    <----:--------------->      directions of the three lines of the tissue, with their walls upwards
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from geometry.meridian.mesh import SQUARE, Topology, nodes
 from geometry.meridian.section import Body, Section
+from geometry.scenes.probe import Interface
 from solver.axisymmetric.base_states import Materials
-from solver.contact.curves import walls
-from solver.contact.pairs import FALLING, LEVEL, RISING, Pair
+from solver.contact.curves import BoundaryLine, lines_of
+from solver.contact.pairs import FALLING, LEVEL, RISING, Axes, Pair, RoundEdge
 
 NARROW = 0.02  # of the outer radius: a wider gap says nothing of how exact contact has to be
+SHARP = 0.06  # radius of a sharp edge, in elements: points pass it bit by bit, and at rest lie beside it
 STIFF = 1000.0  # penalty: moduli of the softer body per length of its elements at the line
+
+
+@dataclass(frozen=True)
+class Side:
+    """A line that may touch another: its points where it is watched, and all that points of the other may meet.
+
+    ``faces``: where on both a block's face ends and its wall begins, m.
+    """
+
+    watched: BoundaryLine
+    met: BoundaryLine
+    faces: tuple[float, float] = (np.inf, np.inf)
 
 
 def contact_length(section: Section) -> float:
@@ -19,24 +45,75 @@ def contact_length(section: Section) -> float:
     return min(float(section.hole_radius - section.inner_radius), NARROW * float(section.tube_radius))
 
 
-def pairs_of(section: Section, materials: Materials, mesh: Topology, order: int) -> tuple[Pair, ...]:
-    """Return the walls of the gap, first, and each wall with the tissue beside it, the outermost last."""
-    lines = walls(mesh, nodes(section, mesh, SQUARE), order)
-    lines["strip from outside"] = lines["strip"].reversed()
+def pairs_of(
+    section: Section, materials: Materials, mesh: Topology, order: int, *, faces: Interface = "bonded", friction: float = 0.0
+) -> tuple[Pair, ...]:
+    """Return the walls of the gap, first, and each wall with the tissue beside it, the outermost last.
+
+    Faces that are not bonded go with their walls, with ``friction``.
+    """
+    lines = lines_of(mesh, nodes(section, mesh, SQUARE), order)
+    plan = _beside_walls(lines) if faces == "bonded" else _with_faces(lines)
+    inner, hole = (Side(lines[name], lines[name]) for name in ("inner wall", "hole wall"))
+    gap = _pair("walls of the gap", inner, hole, LEVEL, materials=materials, mesh=mesh)
+    rest = [_pair(*row, materials=materials, mesh=mesh) for row in plan]
+    if faces != "bonded":
+        rest = [_loose(pair, below, above, faces, friction) for pair, (_, below, above, _) in zip(rest, plan, strict=True)]
+    return (gap, *rest)
+
+
+def _beside_walls(lines: dict[str, BoundaryLine]) -> tuple[tuple[str, Side, Side, Axes], ...]:
+    """What may touch beside bonded faces: names, lines below and above, directions."""
     plan = (
-        ("walls of the gap", "inner wall", "hole wall", LEVEL),
-        ("inner wall and strip", "strip", "inner wall", RISING),
-        ("hole wall and strip", "strip from outside", "hole wall", FALLING),
-        ("tube wall and tissue", "top", "tube wall", RISING),
+        ("inner wall and strip", lines["strip"], "inner wall", RISING),
+        ("hole wall and strip", lines["strip"].reversed(), "hole wall", FALLING),
+        ("tube wall and tissue", lines["top"], "tube wall", RISING),
     )
-    pairs = []
-    for name, below, above, axes in plan:  # the gap is s of the second less that of the first
-        soft, hard = (materials[Body(mesh.body[lines[line].element[0]])].youngs_modulus for line in (below, above))
-        swapped = hard < soft
-        slave, master = (above, below) if swapped else (below, above)
-        place = lines[slave].place
-        size = float(np.linalg.norm(place[:, :, 1] - place[:, :, 0], axis=1).min())
-        pairs.append(
-            Pair(name, lines[slave], lines[master], np.array(axes), -1.0 if swapped else 1.0, STIFF * min(soft, hard) / size)
-        )
-    return tuple(pairs)
+    return tuple((name, Side(below, below), Side(lines[wall], lines[wall]), axes) for name, below, wall, axes in plan)
+
+
+def _with_faces(lines: dict[str, BoundaryLine]) -> tuple[tuple[str, Side, Side, Axes], ...]:
+    """What may touch where faces slide or open; see ``_beside_walls``."""
+    under, face, strip = lines["under tube"], lines["tube face"], lines["strip"]
+    middle = len(face.element) // 2
+
+    def half(part: BoundaryLine, whole: BoundaryLine, on: BoundaryLine) -> Side:
+        return Side(part.followed_by(on), whole.followed_by(on), (float(part.lengths.sum()), float(whole.lengths.sum())))
+
+    inner = half(lines["inner face"], lines["inner face"], lines["inner wall"])
+    beside = half(lines["under inner"], lines["under inner"], strip)
+    hole = half(face.part(0, middle).reversed(), face.reversed(), lines["hole wall"])
+    tube = half(face.part(middle), face, lines["tube wall"])
+    inwards = half(under.part(0, middle).reversed(), under.reversed(), strip.reversed())
+    outwards = half(under.part(middle), under, lines["top"])
+    return (
+        ("inner block and tissue", beside, inner, RISING),
+        ("hole of the tube and tissue", inwards, hole, FALLING),
+        ("tube and tissue", outwards, tube, RISING),
+    )
+
+
+def _pair(name: str, below: Side, above: Side, axes: Axes, *, materials: Materials, mesh: Topology) -> Pair:
+    """The softer line is watched; the gap is s of the line above less that of the one below."""
+    soft, hard = (materials[Body(mesh.body[side.watched.element[0]])].youngs_modulus for side in (below, above))
+    swapped = hard < soft
+    slave, master = (above, below) if swapped else (below, above)
+    penalty = STIFF * min(soft, hard) / float(slave.watched.lengths.min())
+    return Pair(name, slave.watched, master.met, np.array(axes), -1.0 if swapped else 1.0, penalty)
+
+
+def _loose(pair: Pair, tissue: Side, block: Side, faces: Interface, friction: float) -> Pair:
+    """Two lines of which the block's turns round an edge."""
+    radius = SHARP * float(min(pair.slave.lengths.min(), pair.master.lengths.min()))
+    watched, met = (RoundEdge(place, radius) for place in block.faces)
+    on_slave = pair.slave is block.watched
+    face = (block if on_slave else tissue).faces[0]
+    tied = pair.along < face if faces == "frictionless" else pair.tied
+    return replace(
+        pair,
+        loose=True,
+        friction=friction,
+        tied=tied,
+        slave_edge=watched if on_slave else RoundEdge(),
+        master_edge=RoundEdge() if on_slave else met,
+    )

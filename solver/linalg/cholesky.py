@@ -54,6 +54,14 @@ def factorise(matrix: Any, pattern: Pattern | None) -> Factor:
     return _SuperLU(splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}))
 
 
+def factorise_any(matrix: Any) -> Factor:
+    """Factorise a matrix in compressed columns that need not be symmetric, by SuperLU.
+
+    Its pattern is: an ordering for symmetric patterns fills in less than one for any.
+    """
+    return _SuperLU(splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.01))
+
+
 def loaded() -> bool:
     """Whether PARDISO is there; afterwards its library is loaded."""
     return _pardiso() is not None

@@ -1,0 +1,151 @@
+r"""Forces of two lines that touch, by augmented Lagrangians: pressure, and friction where there is any.
+
+The constraint g >= 0 is that of the normal distance; its multiplier, per undeformed area, works along dg, which is normal to the
+line. With the multiplier l of the last round and a penalty e the energy of a point is (max(0, l - e g)^2 - l^2) / (2 e) (CT.5).
+
+Friction holds a point where it stood on the master when the last load was reached, by a spring that gives way to what exceeds
+Coulomb's law: with the shear m of that load and the slip d since then
+
+    shear = m + f d,  within +- friction x pressure                                                     (CT.8)
+
+both per undeformed area, along and normal to the deformed line (J. C. Simo & T. A. Laursen, Computers & Structures 42, 1992, 97).
+The spring f, a share of the full penalty, is no multiplier: more points are watched than the lines can follow, and multipliers
+that hold all of them would not be unique and slide by chance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from geometry.common.arrays import Floats, Ints
+from geometry.common.errors import SolveError
+from solver.contact.footpoints import Feet, Footpoints, outer
+from solver.contact.pairs import Pair
+
+SPRING = 0.01  # of the penalty: with stiffer ones Newton's method tries the same sets of sliding points again and again
+AT_REST = 1e-12  # m: lines that are nearer touch before there is any load
+
+
+@dataclass(frozen=True)
+class Grip:
+    """What a pair's points remember of the loads before.
+
+    Attributes:
+        place: where on the undeformed master they stood, m from its start, shape (points,).
+        shear: m of eq. CT.8, Pa, shape (points,).
+        sliding: 1 or -1 where points slid when they were last looked at, ahead or back along the master, 0 where they were held.
+    """
+
+    place: Floats
+    shear: Floats
+    sliding: Ints
+
+
+@dataclass(frozen=True)
+class Touch:
+    """A pair in a deformed state.
+
+    Attributes:
+        gap: at the slave's points, m, infinite where the master does not reach, shape (points,).
+        pressure: of eq. CT.5 there, Pa, per undeformed area and along g, shape (points,).
+        forces: on the elements' own values, shape (n (8 p),).
+        stiffness: of these, sparse; not symmetric with friction.
+        grip: what the points will remember of this state.
+        normal: pressure normal to the master, Pa, per undeformed area, shape (points,).
+        off: by how much lines penetrate each other at most, or part where they are tied, m.
+        torn: whether a point slides ahead after it slid back, or the reverse: it is held, and the shear too large.
+    """
+
+    gap: Floats
+    pressure: Floats
+    forces: Floats
+    stiffness: sp.csr_array
+    grip: Grip
+    normal: Floats
+    off: float = 0.0
+    torn: bool = False
+
+    @property
+    def closest(self) -> float:
+        """The least gap, m."""
+        return float(np.min(self.gap, initial=np.inf))
+
+
+def touch(
+    pair: Pair, own: Floats, multiplier: Floats, share: float = 1.0, blur: float = 0.0, *, grip: Grip | None = None
+) -> Touch:
+    """Return gaps, forces and tangent of a pair.
+
+    Args:
+        pair: the two lines.
+        own: displacements of the elements, m, shape (n, 8 p).
+        multiplier: of the last round, Pa, shape (points,).
+        share: of the penalty that is used.
+        blur: gap, m, over which the kink of eq. CT.5 is rounded; 0 at rest, where all that touches is closed.
+        grip: of the last load; None where there is no friction.
+
+    Raises:
+        SolveError: a line folds over.
+    """
+    size, penalty, feet = own.size, share * pair.penalty, Feet.of(pair, own)
+    gap, inside = feet.gap, feet.inside
+    pressure, rising = _pressed(multiplier - penalty * gap, penalty * blur, penalty * AT_REST)
+    if pair.tied.size:
+        _check_edge(pair, feet)
+        pressure, rising = np.where(pair.tied, multiplier - penalty * gap, pressure), np.where(pair.tied, 1.0, rising)
+    off = float(np.max(np.where(pair.tied, np.abs(gap), -gap) if pair.tied.size else -gap, initial=0.0))
+    active, none = rising > 0, np.zeros(len(gap))
+    place = feet.place if grip is None else np.where(inside, feet.place, grip.place)
+    if not np.any(active):
+        return Touch(gap, pressure, np.zeros(size), sp.csr_array((size, size)), Grip(place, none, none.astype(int)), none, off)
+    at, weight = feet.chosen(active), pair.weights()[active]
+    force, opening, normal, shear = pressure[active], at.opening, none.copy(), none.copy()
+    sliding, torn = none.astype(int), False
+    forces, soft = -force[:, None] * opening, (penalty * rising[active])[:, None]
+    stiffness = outer(soft * opening, opening) - force[:, None, None] * at.opening_twice()
+    normal[active] = at.stretch * force
+    if grip is not None:
+        slip = np.nan_to_num((place - grip.place)[active])
+        spring = SPRING * pair.penalty
+        trial, bound = grip.shear[active] + spring * slip, pair.friction * normal[active]
+        side = np.where(np.abs(trial) <= bound, 0, np.sign(trial)).astype(int)
+        # a stiff spring throws points that slide to the other side and back: they are held first
+        back = side * grip.sliding[active] < 0
+        side[back], torn = 0, bool(np.any(back))
+        sliding[active] = side
+        shear[active] = np.where(side == 0, trial, side * bound)
+        pull, stiff = _friction(at, side == 0, shear[active], spring, -soft * opening)
+        forces, stiffness = forces + pull, stiffness + stiff
+    pulls, matrix = at.assembled(weight[:, None] * forces, weight[:, None, None] * stiffness, own.shape[1], size)
+    return Touch(gap, pressure, pulls, matrix, Grip(place, shear, sliding), normal, off, torn)
+
+
+def _check_edge(pair: Pair, feet: Feet) -> None:
+    """What holds a face's points beyond its edge nobody has told."""
+    if np.any(pair.tied & ~(feet.place <= pair.master_edge.place)):
+        raise SolveError("tissue slides past the edge of a face that it cannot leave")
+
+
+def _friction(at: Footpoints, held: Floats, shear: Floats, spring: float, pressing: Floats) -> tuple[Floats, Floats]:
+    """Forces by both lines' values, (j, 4 (p + 1)), and their derivatives, with that of the pressure ``pressing``, likewise."""
+    tangent, tilt, along, stretch = at.tangent, at.tilt, at.along, at.stretch[:, None]
+    forward = at.apart(tangent)
+    lengths = at.pair.master.lengths[at.at][:, None]
+    # of the bound: friction x stretch x pressure, where shear = +- the bound
+    pressed = at.pair.friction * stretch * pressing * np.sign(shear)[:, None]
+    sliding = pressed + (shear * at.k)[:, None] / stretch**2 * tilt
+    change = np.where(held[:, None], spring * lengths * along, sliding)
+    turning = outer(at.apart(at.across / stretch**3), tilt) - outer(at.turned(tangent), along)
+    return shear[:, None] * forward, outer(forward, change) + shear[:, None, None] * turning
+
+
+def _pressed(trial: Floats, blur: float, least: float) -> tuple[Floats, Floats]:
+    """max(0, trial) with its kink rounded between -blur and blur, or at -least without a blur, and its slope."""
+    if blur == 0:
+        return np.maximum(trial, 0.0), np.where(trial > -least, 1.0, 0.0)
+    low, high = trial <= -blur, trial >= blur
+    between = (np.clip(trial, -blur, blur) + blur) / (2 * blur)
+    return np.where(low, 0.0, np.where(high, trial, blur * between**2)), np.where(low, 0.0, np.where(high, 1.0, between))
