@@ -57,9 +57,7 @@ def gaps() -> None:
     """Print ratio and log-sensitivity of the paper's probe and of the example against load, for several gaps."""
     for name, most in (("paper", 1e-3), ("example", 2e-3)):
         scene = read_scene(FOLDER / f"{name}.toml")
-        print(
-            f"\n{name}, up to {1e3 * most:g} mm\n\n| gap, mm | closes at, N | ratio at fifths of it | log-sensitivity | ends |"
-        )
+        print(f"\n{name}, up to {1e3 * most:g} mm\n\n| gap, mm | closes at, N | ratio at fifths of it | log-sensitivity | ends |")
         print("|---|---|---|---|---|")
         for gap in GAPS:
             probe = scene.probe.model_copy(update={"gap": gap})

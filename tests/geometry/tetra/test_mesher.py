@@ -1,5 +1,6 @@
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -71,6 +72,9 @@ def test_each_fineness_is_finer_everywhere():
         assert finer.corners > coarser.corners
 
 
+EMPTY = SimpleNamespace(inclusions=())
+
+
 class TestTrials:
     """What ``mesh_layout`` does with meshes that are made up."""
 
@@ -90,26 +94,26 @@ class TestTrials:
 
     def test_the_best_of_three_is_kept(self, monkeypatch):
         seen = self.meshes(monkeypatch, 8e-3, 4e-3, 6e-3)
-        mesh, timing = mesh_layout(None, COARSE)
+        mesh, timing = mesh_layout(EMPTY, COARSE)
         assert (mesh, timing.trials, timing.tetwild) == (4e-3, 3, 3.0)
         assert seen[0][1] > seen[1][1] > seen[2][1]
 
     def test_a_good_one_is_taken_at_once(self, monkeypatch):
         self.meshes(monkeypatch, 2e-3)
-        assert mesh_layout(None, COARSE)[1].trials == 1
+        assert mesh_layout(EMPTY, COARSE)[1].trials == 1
 
     def test_a_crash_is_tried_again(self, monkeypatch):
         self.meshes(monkeypatch, Failure("SIGSEGV"), SolveError("folded"), 4e-3)
-        assert mesh_layout(None, COARSE)[0] == 4e-3
+        assert mesh_layout(EMPTY, COARSE)[0] == 4e-3
 
     def test_a_run_that_takes_too_long_is_tried_once_more(self, monkeypatch):
         self.meshes(monkeypatch, TooLong("it took longer than 240 s"), 2e-3)
-        assert mesh_layout(None, COARSE)[0] == 2e-3
+        assert mesh_layout(EMPTY, COARSE)[0] == 2e-3
 
     def test_two_runs_that_take_too_long_are_enough(self, monkeypatch):
         seen = self.meshes(monkeypatch, TooLong("it took longer than 240 s"), TooLong("it took longer than 600 s"))
         with pytest.raises(SolveError, match="longer than 600 s"):
-            mesh_layout(None, COARSE)
+            mesh_layout(EMPTY, COARSE)
         assert len(seen) == 2
 
 
