@@ -102,7 +102,13 @@ class Elements:
         return float((self.weight * self.material.stored(self.gradients(state.u), state.p @ self.shapes.pressure.T)).sum())
 
     def tangent(self, state: ElementValues, target: Bools | None = None) -> Tangent:
-        """Linearise about a state; a second column of ``forces`` is their derivative by ln E of the ``target`` elements, (n,)."""
+        """Linearise about a state.
+
+        A second column of ``forces`` is their derivative by ln E of the ``target`` elements, shape (n,): at one strain and one
+        pressure
+
+            d stress / d ln E = stress without the pressure's share,   d (dU*/dp) / d ln E = -p d2U*/dp2     (CT.3)
+        """
         n, q, five, size = self.gradient.shape
         P, A, change, cof, second = self.material.stress(self.gradients(state.u))
         N, w = self.shapes.pressure, self.weight
@@ -117,7 +123,6 @@ class Elements:
         mass = (N.T * (w * compliance)[:, None, :]) @ N
         gap, residual = ((w * (change - dilation)) @ N)[..., None], forces[..., None]
         if target is not None:
-            # at a given strain energies are as E; at a given pressure dU*/dp changes by -p d2U*/dp2 per ln E (CT.3)
             by_modulus = (turned @ (w[..., None] * P).reshape(n, -1, 1)) * target[:, None, None]
             residual = np.concatenate([residual, by_modulus], axis=2)
             gap = np.concatenate([gap, ((w * p * compliance) @ N * target[:, None])[..., None]], axis=2)

@@ -16,7 +16,7 @@ from solver.axisymmetric.refinement import LEVELS
 from solver.axisymmetric.sample import sample
 from solver.axisymmetric.sections import sections
 from solver.contact.loaded import Loaded, LoadedScene, curve, loaded
-from solver.contact.path import StoppedError
+from solver.contact.pressed import StoppedError
 from solver.linalg.workspace import in_own_workspace
 from solver.results.evaluator import Answer, FilmLevel, Tell
 from solver.results.film_forces import FilmForces, shortfalls

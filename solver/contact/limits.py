@@ -7,7 +7,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from solver.contact.path import DEEPEST, Path, Pressed
+from solver.contact.path import DEEPEST, Path
+from solver.contact.pressed import Pressed
 from solver.results.result import LargestLoad
 
 NEAR = 0.01  # relative width of the bracket that a limit is told by

@@ -17,7 +17,8 @@ from geometry.scenes.scene import Scene
 from solver.axisymmetric.converged_forces import Converged, converged_forces
 from solver.axisymmetric.sections import HALF_SPACE
 from solver.contact.model import ContactModel
-from solver.contact.path import Path, Pressed, StoppedError
+from solver.contact.path import Path
+from solver.contact.pressed import Pressed, StoppedError
 from solver.results.film_forces import Bound, FilmForces
 
 MESHES = tuple(MeridianFineness(1, 0, order) for order in (2, 3, 4))

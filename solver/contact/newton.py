@@ -14,7 +14,8 @@ import numpy as np
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import SolveError
 from geometry.common.resources import check_time
-from solver.contact.model import ContactModel, Linearised, State, check_volume
+from solver.contact.model import ContactModel, check_volume
+from solver.contact.states import Linearised, State
 
 BALANCED = 1e-9  # residual over forces of a state in equilibrium
 ROUNDED = 1e-7  # likewise, where rounding keeps it from falling further

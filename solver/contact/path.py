@@ -10,8 +10,10 @@ import numpy as np
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import SolveError
 from solver.contact.elements import ElementValues
-from solver.contact.model import ContactModel, State
+from solver.contact.model import ContactModel
 from solver.contact.newton import Equilibrium, solve
+from solver.contact.pressed import Pressed, StoppedError
+from solver.contact.states import State
 
 FIRST, LEAST, LONGEST = 0.02, 1e-3, 0.08  # steps: in units, the longest in outer radii
 TINY = 1e-6  # likewise: an indentation at which all is linear
@@ -22,53 +24,6 @@ DEEPEST = 1.0  # outer radii: nothing is known of how exact deeper states are
 EXACT = 1e-7  # relative, of a force that is asked for
 EXACT_FACES = 1e-5  # likewise where faces may open: what penetration and rounding leave open
 TRIES = 12
-
-
-@dataclass(frozen=True)
-class Pressed:
-    """One point of a path.
-
-    Attributes:
-        indentation: of the base, m.
-        films: forces on both films, N, shape (2,).
-        tangent: their derivatives by indentation, N/m, shape (2,).
-        log_sensitivity: of the films' ratio by E of the target, at the same force; 0 without a target.
-        stiffening: relative derivative of the force by ln E of the target, at the same indentation.
-        walls: least distance of the gap's walls, m; 0 where they touch.
-        contact_radius: outer radius of what touches the tissue, m: the block's, or where its wall lies on the tissue.
-        strain: the largest stretch or shortening of any line element, |lambda - 1|.
-        residual: relative.
-        equilibrium: behind it; None at rest.
-    """
-
-    indentation: float
-    films: Floats
-    tangent: Floats
-    log_sensitivity: float
-    stiffening: float
-    walls: float
-    contact_radius: float
-    strain: float
-    residual: float
-    equilibrium: Equilibrium | None = None
-
-    @property
-    def force(self) -> float:
-        """Of the base, N."""
-        return float(self.films.sum())
-
-
-class StoppedError(SolveError):
-    """No further step converges.
-
-    Attributes:
-        last: the point reached.
-        why: what stands in the way.
-    """
-
-    def __init__(self, last: Pressed, why: str) -> None:
-        self.last, self.why = last, why
-        super().__init__(f"beyond {1e3 * last.indentation:.3g} mm, {last.force:.3g} N, {why}")
 
 
 @dataclass

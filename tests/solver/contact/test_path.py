@@ -14,7 +14,8 @@ from geometry.meridian.frame import MeridianFineness
 from solver.axisymmetric.sample import sample
 from solver.axisymmetric.sections import sections
 from solver.contact.model import ContactModel
-from solver.contact.path import Path, Pressed
+from solver.contact.path import Path
+from solver.contact.pressed import Pressed
 from solver.contact.touch import touch
 from tests.support.paths import REFERENCE
 
