@@ -184,7 +184,7 @@ def second_try(planned: Plan, scene: Scene, accuracy: float) -> Plan | None:
     Raises:
         InputError, Refusal: see ``plan``.
     """
-    if planned.evaluator == SOLID or not SolidLevel().may_help(scene, accuracy):
+    if planned.evaluator in (SOLID, CONTACT) or not SolidLevel().may_help(scene, accuracy):
         return None
     return plan(scene, accuracy, solid=True)
 
