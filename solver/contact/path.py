@@ -21,8 +21,7 @@ LIGHT = 1e-4  # likewise where faces may open: gaps have to be told from roundin
 GROWTH, EASY = 1.8, 12  # by which steps grow after one that took so many of Newton's steps or fewer
 EASY_FACES, LONGEST_FACES = 30, 0.02  # likewise where faces may open, whose points pass an edge one by one
 DEEPEST = 1.0  # outer radii: nothing is known of how exact deeper states are
-EXACT = 1e-7  # relative, of a force that is asked for
-EXACT_FACES = 1e-5  # likewise where faces may open: what penetration and rounding leave open
+NEARLY = 1e-4  # relative, of a force that is asked for: the rest is linear
 TRIES = 12
 
 
@@ -105,15 +104,26 @@ class Path:
     def at_force(self, force: float) -> Pressed:
         """Press to a force, N; see ``steps``."""
         while self.last.force < force:
-            wanted = self.last.indentation + (force - self.last.force) / max(float(self.last.tangent.sum()), 1e-300)
+            wanted = self.last.indentation + self._further(force)
             self._step(min(self.last.indentation + self.length, max(wanted, self.last.indentation + LEAST * self.unit)))
-        exact = EXACT_FACES if self.model.loose else EXACT
         for _ in range(TRIES):
             near = min(self.points, key=lambda point: abs(point.force - force))
-            if abs(near.force - force) <= exact * force:
-                return near
-            self.insert(near.indentation + (force - near.force) / float(near.tangent.sum()))
+            rest = self._further(force)
+            if abs(near.force - force) <= NEARLY * force:
+                return replace(near, indentation=near.indentation + rest, films=near.films + rest * near.tangent)
+            self.insert(near.indentation + rest)
         raise StoppedError(self.last, "no indentation gives the force")
+
+    def _further(self, force: float) -> float:
+        """How much further than at the nearest point a force presses, m, by the stiffness there and at the next nearest."""
+        near, *others = sorted(self.points, key=lambda point: abs(point.force - force))[:2]
+        missing, stiffness = force - near.force, float(near.tangent.sum())
+        if not others:
+            return missing / stiffness
+        other = others[0]
+        stiffening = (float(other.tangent.sum()) - stiffness) / (other.indentation - near.indentation)
+        within = stiffness**2 + 2 * stiffening * missing
+        return 2 * missing / (stiffness + within**0.5) if within > 0 else missing / stiffness
 
     def _step(self, indentation: float) -> Pressed:
         """One converged step to an indentation, or less far."""
