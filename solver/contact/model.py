@@ -29,6 +29,7 @@ from solver.linalg.cholesky import Factor, factorise, factorise_any
 from solver.linalg.workspace import kept
 
 OPENING, ROUND = 0.02, 0.1  # of faces that may open: contact length in indentations; how much of the others' rounding they take
+BELOW_BASE, BESIDE = 0.05, 1.02  # of the outer block's height and radius: tissue that is nearer to the base touches it next
 _mesh = kept(topology)
 
 
@@ -152,6 +153,18 @@ class ContactModel:
         edge = float(pair.slave.positions(own)[0, 0, 0])
         touching = at.touches[-1].pressure > 0
         return float(np.max(pair.places(own)[touching, 0], initial=edge))
+
+    def check_base(self, state: State) -> None:
+        """Raise ``SolveError`` where the tissue's top comes to the base, or its flange, whose contact is not modelled."""
+        own, section = self.displaced(state.v, state.indentation), self.section
+        pair = self.pairs[-1]
+        top = pair.slave if self.mesh.body[pair.slave.element[0]] in TISSUES else pair.master
+        r, z = np.moveaxis(top.positions(own)[:, :, :2], 1, 0)
+        height = float(section.outer_height)
+        flange = height + float(section.film + section.adhesive + section.step_height)
+        limits = ((BESIDE * float(section.tube_radius), (1 - BELOW_BASE) * height), (float(section.flange_radius), flange))
+        if any(np.any((r < radius) & (z > high - state.indentation)) for radius, high in limits):
+            raise SolveError("the tissue reaches the base")
 
     def film_forces(self, at: Linearised) -> Floats:
         """Forces on the films, N, shape (2,): what the energy rises by per indentation of each block's base (CT.6)."""

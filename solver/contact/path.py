@@ -220,6 +220,7 @@ class Path:
     def _pressed(self, found: Equilibrium) -> Pressed:
         """What is told of a state: the base follows a stiffer target by -(dF/d ln E) / (dF/d indentation) (CT.7)."""
         model, at, state = self.model, found.at, found.state
+        model.check_base(state)
         _, slopes = model.responses(at)
         films, slopes = self._scale * model.film_forces(at), self._scale[:, None] * slopes
         sensitivity, stiffening = 0.0, 0.0

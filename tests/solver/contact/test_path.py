@@ -15,7 +15,7 @@ from solver.axisymmetric.sample import sample
 from solver.axisymmetric.sections import sections
 from solver.contact.model import ContactModel
 from solver.contact.path import Path
-from solver.contact.pressed import Pressed
+from solver.contact.pressed import Pressed, StoppedError
 from solver.contact.touch import touch
 from tests.support.paths import REFERENCE
 
@@ -178,3 +178,14 @@ def test_half_an_outer_radius_is_reached(name: str) -> None:
     point = path.at_indentation(0.5 * path.radius)
     assert point.residual < 1e-8
     assert all(a.force < b.force for a, b in pairwise(path.points))
+
+
+@pytest.mark.slow
+def test_tissue_that_reaches_the_base_ends_the_path() -> None:
+    """A probe of flat blocks has no wall left for tissue that rises beside it."""
+    scene = scene_of("example")
+    flat = scene.probe.model_copy(update={"height": 0.1e-3})
+    path = pressed(scene.model_copy(update={"probe": flat}), COARSE)
+    with pytest.raises(StoppedError, match="the tissue reaches the base"):
+        path.at_indentation(0.4 * path.radius)
+    assert path.last.indentation > 0.05e-3
