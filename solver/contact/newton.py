@@ -22,7 +22,7 @@ ROUNDED = 1e-7  # likewise, where rounding keeps it from falling further
 MOST_STEPS, HALVINGS = 14, 6
 MORE_STEPS = 40  # where faces may open: which points touch and slide is found by trying
 ROUNDS = ((0.1, 0.02), *((1.0, 0.002),) * 8)  # shares of the penalty; rounding, in contact lengths
-FACE_ROUNDS = ((0.05, 0.04), (0.2, 0.01), (0.5, 0.002), *((1.0, 0.002),) * 8)  # likewise where faces may open
+SLOW_ROUNDS = ((0.05, 0.04), (0.2, 0.01), (0.5, 0.002), *((1.0, 0.002),) * 8)  # likewise where faces may open, or those fail
 PENETRATION = 1e-3  # contact lengths: deeper ones ask for another round
 
 
@@ -53,8 +53,18 @@ def solve(model: ContactModel, start: State, target: Bools | None = None) -> Equ
         SolveError: none was found: Newton's method does not converge, or an element folds over.
         LimitReached: the time is over.
     """
+    if not model.loose:
+        try:
+            return _solved(model, start, target, ROUNDS)
+        except SolveError:
+            pass
+    return _solved(model, start, target, SLOW_ROUNDS)
+
+
+def _solved(model: ContactModel, start: State, target: Bools | None, rounds: Sequence[tuple[float, float]]) -> Equilibrium:
+    """Equilibrium by some rounds."""
     state, residuals = start, []
-    for share, blur in FACE_ROUNDS if model.loose else ROUNDS:
+    for share, blur in rounds:
         state, at, some = _balanced(model, replace(state, share=share, blur=blur), target)
         residuals += some
         if not at.touched or (share == 1 and at.deepest <= PENETRATION):
