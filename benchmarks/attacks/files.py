@@ -13,7 +13,7 @@ import tomli_w
 
 from benchmarks.attacks.attempt import USUAL
 from hw.reader import Reader
-from tests.support.virtual_probes import probe
+from tests.support.hw.virtual_probes import probe
 
 ROOT = Path(__file__).parents[2]
 FILE = "FILE"  # stands for the file's name in words

@@ -85,7 +85,6 @@ def section(picture: Path) -> None:
     of = sections(scene)
     path = LoadPath(ContactModel.of(of.section, of.materials, "bonded", MeridianFineness(1, 0, 3)), sensitive=False)
     point = path.at_indentation(DEEP * path.radius)
-    assert point.equilibrium is not None
     outlines = 1e3 * _outlines(path.model, point.equilibrium.state.v, point.indentation)
     figure = Figure(figsize=(10.0, 5.0), dpi=150, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)

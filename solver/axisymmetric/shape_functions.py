@@ -107,7 +107,7 @@ def _products(value: Floats, slope: Floats, pressure: Floats) -> Products:
 
 
 def polynomials(points: Floats, order: int) -> Floats:
-    """Legendre polynomials of degrees 0 to p along both axes at points of the unit square, (n, 2), shape (n, 2, p + 1)."""
+    """Legendre polynomials of degrees 0 to p along each axis at points of the unit square, (n, 2), or of an edge, (n,)."""
     return np.asarray(legendre.legvander(2 * points - 1, order))
 
 
@@ -127,13 +127,13 @@ def functions(points: Floats, degrees: Ints, precomputed: Floats | None = None) 
     ``precomputed`` is ``polynomials`` of the same points, where that is known.
     """
     P = polynomials(points, int(degrees.max())) if precomputed is None else precomputed
-    value, slope = _along(points, P)
+    value, slope = edge_functions(points, P)
     i, j = degrees.T
     x, y, dx, dy = value[:, 0][:, i], value[:, 1][:, j], slope[:, 0][:, i], slope[:, 1][:, j]
     return x * y, np.stack([dx * y, x * dy])
 
 
-def _along(x: Floats, P: Floats) -> tuple[Floats, Floats]:
+def edge_functions(x: Floats, P: Floats) -> tuple[Floats, Floats]:
     """Values and derivatives of the one-dimensional functions at places x of the unit interval, shape (..., p + 1)."""
     scale = np.sqrt(4 * np.arange(2, P.shape[-1]) - 2)
     value, slope = np.empty_like(P), np.empty_like(P)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
 
-from geometry.common.arrays import Floats, Ints
+from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import SolveError
 from geometry.meridian.mesh import Topology, labels, line_label
 from geometry.meridian.section import TISSUES, Body
+from solver.axisymmetric.shape_functions import edge_functions, polynomials
 from solver.linalg.workspace import kept_table
 
 ENDS = ((0, 1), (1, 2), (3, 2), (0, 3))  # corners of an element's edges in the direction of its functions
@@ -86,12 +86,12 @@ def lines_of(mesh: Topology, corners: Floats, order: int) -> dict[str, BoundaryL
     column = {name: line_label(number) for name, number in mesh.layout.column.items()}
     surface = line_label(mesh.layout.row["surface"])
     tissue = np.isin(mesh.body, TISSUES)
-    inner, outer = (_of_block(mesh, body) for body in (Body.INNER, Body.OUTER))
+    inner, outer = (mesh.body == body for body in (Body.INNER, Body.OUTER))
 
-    def vertical(chosen: Any, name: str) -> BoundaryLine:
+    def vertical(chosen: Bools, name: str) -> BoundaryLine:
         return _curve(at, corners, chosen, order, axis=0, line=column[name], start=-np.inf, end=np.inf)
 
-    def level(chosen: Any, start: str, end: str) -> BoundaryLine:
+    def level(chosen: Bools, start: str, end: str) -> BoundaryLine:
         return _curve(at, corners, chosen, order, axis=1, line=surface, start=column[start], end=column[end])
 
     return {
@@ -107,12 +107,8 @@ def lines_of(mesh: Topology, corners: Floats, order: int) -> dict[str, BoundaryL
     }
 
 
-def _of_block(mesh: Topology, body: Body) -> Any:
-    return mesh.body == body
-
-
 def _curve(
-    at: Floats, corners: Floats, chosen: Any, order: int, *, axis: int, line: float, start: float, end: float
+    at: Floats, corners: Floats, chosen: Bools, order: int, *, axis: int, line: float, start: float, end: float
 ) -> BoundaryLine:
     """Edges of chosen elements on a line of the mesh, by the labels of their corners, in rising order along it."""
     element, values, signs, place, along = [], [], [], [], []
@@ -148,15 +144,11 @@ def gauss(order: int) -> tuple[Floats, Floats]:
 
 def functions(x: Floats, order: int) -> tuple[Floats, Floats, Floats]:
     """Functions of an edge, their first and second derivatives at x in 0 to 1, shape (..., p + 1) each."""
-    P: Floats = np.asarray(legendre.legvander(2 * x - 1, order), dtype=float)
-    value, slope, bend = np.empty_like(P), np.empty_like(P), np.zeros_like(P)
-    value[..., 0], value[..., 1], slope[..., 0], slope[..., 1] = 1 - x, x, -1.0, 1.0
-    for k in range(2, order + 1):
-        scale = np.sqrt(4 * k - 2)
-        value[..., k] = (P[..., k] - P[..., k - 2]) / scale
-        slope[..., k] = P[..., k - 1] * scale
-        derivative = legendre.legder(np.eye(k)[k - 1]) if k > 1 else np.zeros(1)
-        bend[..., k] = 2 * scale * legendre.legval(2 * x - 1, derivative)
+    P = polynomials(x, order)
+    value, slope = edge_functions(x, P)
+    bend = np.zeros_like(value)
+    rises = 2 * P[..., :-1] @ legendre.legder(np.eye(order + 1))  # derivatives of the polynomials
+    bend[..., 2:] = rises[..., 1:-1] * np.sqrt(4 * np.arange(2, order + 1) - 2)
     return value, slope, bend
 
 
@@ -170,7 +162,7 @@ class Found:
     bend: Floats
 
 
-def find(heights: Floats, wanted: Floats) -> tuple[Found, Any]:
+def find(heights: Floats, wanted: Floats) -> tuple[Found, Bools]:
     """Find the places of a line at which its height t, (k, p + 1) by functions, is what is ``wanted``, (j,).
 
     Returns those that the line reaches, and which of the wanted these are.

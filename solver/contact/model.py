@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.sparse as sp
 
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import SolveError
@@ -13,7 +12,7 @@ from geometry.meridian.frame import MeridianFineness
 from geometry.meridian.frame import kind as kind_of
 from geometry.meridian.mesh import SQUARE, Topology, nodes, topology
 from geometry.meridian.section import TISSUES, Body, Section
-from geometry.scenes.probe import Interface
+from geometry.scenes.probe import Interface, Material
 from solver.axisymmetric.base_states import Materials
 from solver.axisymmetric.dofs import Numbering, numbering
 from solver.axisymmetric.quadrilateral import geometry
@@ -29,6 +28,7 @@ from solver.linalg.cholesky import Factor, factorise, factorise_any
 from solver.linalg.workspace import kept
 
 OPENING, ROUND = 0.02, 0.1  # of faces that may open: contact length in indentations; how much of the others' rounding they take
+LARGEST_RESIDUAL = 1e-6  # of the tangent's solutions, relative to the forces that drive them
 BELOW_BASE, BESIDE = 0.05, 1.02  # of the outer block's height and radius: tissue that is nearer to the base touches it next
 _mesh = kept(topology)
 
@@ -65,11 +65,10 @@ class ContactModel:
         """
         mesh, functions = _mesh(kind_of(section), fineness), shapes(fineness.order)
         at = geometry(nodes(section, mesh, functions.places), functions)
-        moduli = np.array([[materials[Body(b)].youngs_modulus, materials[Body(b)].poisson_ratio] for b in mesh.body]).T
-        elements = Elements.of(at, functions, Hyperelastic.of(*moduli))
+        elements = Elements.of(at, functions, _laws(materials, mesh))
         numbers = numbering(mesh, fineness.order, "bonded" if interface == "bonded" else "apart")
         lift = numbers.lift.copy()
-        for side, on in enumerate((_inner(section, mesh), _outer(section, mesh))):
+        for side, on in enumerate(_blocks(section, mesh)):
             lift[on, :, side] -= numbers.vertical
         pairs = pairs_of(section, materials, mesh, fineness.order, faces=interface, friction=friction)
         return cls(section, materials, mesh, elements, numbers, Assembly.of(numbers, pairs), pairs, lift)
@@ -79,6 +78,12 @@ class ContactModel:
         none, own = tuple(np.zeros(pair.points) for pair in self.pairs), np.zeros(self.lift.shape[:2])
         grips = tuple(touch(pair, own, zero).grip if pair.friction else None for pair, zero in zip(self.pairs, none, strict=True))
         return State(0.0, np.zeros(self.numbering.unknowns), self.elements.at_rest(), none, grips)
+
+    def with_modulus(self, youngs_modulus: float) -> ContactModel:
+        """The same with another Young's modulus of the sphere, Pa: mesh, pattern and what may touch stay."""
+        sphere = Material(youngs_modulus=youngs_modulus, poisson_ratio=self.materials[Body.INCLUSION].poisson_ratio)
+        materials = {**self.materials, Body.INCLUSION: sphere}
+        return replace(self, materials=materials, elements=replace(self.elements, material=_laws(materials, self.mesh)))
 
     @property
     def loose(self) -> bool:
@@ -132,11 +137,11 @@ class ContactModel:
         scale = float(np.linalg.norm(abs(gather).T @ (np.abs(tangent.internal[:, self.elements.edge]).ravel() + np.abs(contact))))
         lengths = self.contact_lengths(state.indentation)
         deepest = max((one.off / x for one, x in zip(touches, lengths, strict=True) if x > 0), default=0.0)
-        return Linearised(tangent, touches, residual, scale, deepest)
+        return Linearised(tangent, touches, contact, residual, scale, deepest)
 
     def factor(self, at: Linearised) -> Factor:
         """Factorise the tangent."""
-        matrix = self.assembly.tangent(at.tangent.stiffness, self._contact(at))
+        matrix = self.assembly.tangent(at.tangent.stiffness, at.contact_stiffness)
         return factorise_any(matrix) if self.sticky else factorise(matrix, self.assembly.pattern)
 
     def shifted(self, state: State, at: Linearised, change: Floats, indentation: float) -> State:
@@ -168,47 +173,43 @@ class ContactModel:
 
     def film_forces(self, at: Linearised) -> Floats:
         """Forces on the films, N, shape (2,): what the energy rises by per indentation of each block's base (CT.6)."""
-        forces = at.tangent.forces[..., 0].ravel() + sum(
-            (one.forces for one in at.touches), np.zeros(self.lift.shape[0] * self.lift.shape[1])
-        )
-        return np.asarray(self.lift.reshape(-1, 2).T @ forces)
+        return np.asarray(self.lift.reshape(-1, 2).T @ (at.tangent.forces[..., 0].ravel() + at.contact))
 
     def responses(self, at: Linearised) -> tuple[Floats, Floats]:
-        """How unknowns, (unknowns, k), and film forces, (2, k), change with indentation and, if asked for, ln E of the target."""
+        """How unknowns, (unknowns, k), and film forces, (2, k), change with indentation and, if asked for, ln E of the target.
+
+        Raises:
+            SolveError: the residual of the solution is too large to be trusted.
+        """
         gather, flat = self.numbering.gather, self.lift.reshape(-1, 2)
         pushed = self._times(at, flat.sum(axis=1, keepdims=True))
         modulus = at.tangent.forces[..., 1:].reshape(gather.shape[0], -1)
         driven = np.concatenate([pushed, modulus], axis=1)
         changes = -self.factor(at).solve(np.ascontiguousarray(gather.T @ driven))
-        return changes, np.asarray(flat.T @ (driven + self._times(at, gather @ changes)))
+        whole = driven + self._times(at, gather @ changes)
+        unbalanced = np.linalg.norm(gather.T @ whole, axis=0)
+        if not np.all(unbalanced <= LARGEST_RESIDUAL * np.linalg.norm(np.abs(driven) + np.abs(whole), axis=0)):
+            raise SolveError("the equations of the tangent cannot be solved")
+        return changes, np.asarray(flat.T @ whole)
 
     def _times(self, at: Linearised, own: Floats) -> Floats:
         """The tangent's forces on the elements' own values for changes of these, (n (8 p), k) both."""
         n, width, _ = self.lift.shape
         out = (at.tangent.stiffness @ own.reshape(n, width, -1)).reshape(n * width, -1)
-        contact = self._contact(at)
-        return out if contact is None else out + contact @ own
-
-    @staticmethod
-    def _contact(at: Linearised) -> sp.csr_array | None:
-        parts = [one.stiffness for one in at.touches if one.stiffness.nnz]
-        return sum(parts[1:], parts[0]) if parts else None
+        return out if at.contact_stiffness is None else out + at.contact_stiffness @ own
 
 
-def _inner(section: Section, mesh: Topology) -> Bools:
-    return np.asarray(_centres(section, mesh)[:, 0] < section.inner_radius) & _probe(mesh)
+def _laws(materials: Materials, mesh: Topology) -> Hyperelastic:
+    """The elements' materials."""
+    moduli = [[materials[Body(body)].youngs_modulus, materials[Body(body)].poisson_ratio] for body in mesh.body]
+    return Hyperelastic.of(*np.array(moduli).T)
 
 
-def _outer(section: Section, mesh: Topology) -> Bools:
-    return np.asarray(_centres(section, mesh)[:, 0] > section.inner_radius) & _probe(mesh)
-
-
-def _probe(mesh: Topology) -> Bools:
-    return ~np.isin(mesh.body, (*TISSUES, Body.INCLUSION))
-
-
-def _centres(section: Section, mesh: Topology) -> Floats:
-    return np.asarray(nodes(section, mesh, SQUARE).mean(axis=1))
+def _blocks(section: Section, mesh: Topology) -> tuple[Bools, Bools]:
+    """Which elements are carried by the inner and by the outer block, films and base with them."""
+    probe = ~np.isin(mesh.body, (*TISSUES, Body.INCLUSION))
+    inside = nodes(section, mesh, SQUARE)[..., 0].mean(axis=1) < section.inner_radius
+    return probe & inside, probe & ~inside
 
 
 def check_volume(elements: Elements, state: ElementValues) -> None:

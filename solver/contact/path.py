@@ -140,8 +140,7 @@ class Path:
                 self.length = indentation - self.last.indentation
                 continue
             easy, longest = (EASY_FACES, LONGEST_FACES) if self.model.loose else (EASY, LONGEST)
-            took = 0 if point.equilibrium is None else len(point.equilibrium.residuals)
-            if took <= easy:
+            if len(point.equilibrium.residuals) <= easy:
                 self.length = min(GROWTH * self.length, longest * self.radius)
             self.points.append(point)
             return point
@@ -175,7 +174,7 @@ class Path:
     def _ahead(self, indentation: float) -> State:
         """The state at an indentation extrapolated, or interpolated, from the nearest three."""
         near = sorted(self.points, key=lambda point: abs(point.indentation - indentation))[:3]
-        states = [point.equilibrium.state for point in near if point.equilibrium is not None]
+        states = [point.equilibrium.state for point in near]
         if len(states) < 2:
             return self._proportional(indentation) if self.model.loose else self._following(states[0], indentation)
         weights = _lagrange([state.indentation for state in states], indentation)
@@ -192,7 +191,7 @@ class Path:
 
     def _before(self, indentation: float) -> State:
         """The last state on the way to an indentation: what friction remembers."""
-        on_the_way = [point.equilibrium.state for point in self.points if point.equilibrium and point.indentation <= indentation]
+        on_the_way = [point.equilibrium.state for point in self.points if point.indentation <= indentation]
         return on_the_way[-1]
 
     def _light(self, rest: State) -> Equilibrium:
@@ -223,16 +222,15 @@ class Path:
         model.check_base(state)
         _, slopes = model.responses(at)
         films, slopes = self._scale * model.film_forces(at), self._scale[:, None] * slopes
-        sensitivity, stiffening = 0.0, 0.0
+        sensitivity = 0.0
         if self.sensitive:
             by_modulus = slopes[:, 1] - slopes[:, 0] * (slopes[:, 1].sum() / slopes[:, 0].sum())
-            sensitivity, stiffening = float(by_modulus @ ([1, -1] / films)), float(slopes[:, 1].sum() / films.sum())
+            sensitivity = float(by_modulus @ ([1, -1] / films))
         return Pressed(
             state.indentation,
             films,
             slopes[:, 0],
             sensitivity,
-            stiffening,
             walls=max(0.0, at.touches[0].closest),
             contact_radius=model.contact_radius(at, state),
             strain=model.elements.largest_stretch(state.elements.u),

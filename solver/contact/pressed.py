@@ -18,24 +18,22 @@ class Pressed:
         films: forces on both films, N, shape (2,).
         tangent: their derivatives by indentation, N/m, shape (2,).
         log_sensitivity: of the films' ratio by E of the target, at the same force; 0 without a target.
-        stiffening: relative derivative of the force by ln E of the target, at the same indentation.
         walls: least distance of the gap's walls, m; 0 where they touch.
         contact_radius: outer radius of what touches the tissue, m: the block's, or where its wall lies on the tissue.
         strain: the largest stretch or shortening of any line element, |lambda - 1|.
         residual: relative.
-        equilibrium: behind it; None at rest.
+        equilibrium: behind it.
     """
 
     indentation: float
     films: Floats
     tangent: Floats
     log_sensitivity: float
-    stiffening: float
     walls: float
     contact_radius: float
     strain: float
     residual: float
-    equilibrium: Equilibrium | None = None
+    equilibrium: Equilibrium
 
     @property
     def force(self) -> float:

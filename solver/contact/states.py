@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+import scipy.sparse as sp
 
 from geometry.common.arrays import Floats
 from solver.contact.elements import ElementValues, Tangent
@@ -40,6 +42,7 @@ class Linearised:
     Attributes:
         tangent: of the elements.
         touches: of the pairs.
+        contact: forces of all pairs on the elements' own values, N, shape (n (8 p),).
         residual: forces out of balance, N, shape (unknowns,).
         scale: of the forces that balance, N.
         deepest: by how much lines penetrate each other at most, or part where they are tied, in contact lengths.
@@ -47,9 +50,16 @@ class Linearised:
 
     tangent: Tangent
     touches: tuple[Touch, ...]
+    contact: Floats
     residual: Floats
     scale: float
     deepest: float
+
+    @cached_property
+    def contact_stiffness(self) -> sp.csr_array | None:
+        """Of ``contact``; None where nothing touches."""
+        parts = [one.stiffness for one in self.touches if one.stiffness.nnz]
+        return sum(parts[1:], parts[0]) if parts else None
 
     @property
     def touched(self) -> bool:

@@ -16,7 +16,7 @@ from hw.simulation.firmware import Fault, Kind
 from hw.simulation.virtual import virtual
 from hw.usb.transport import Patience
 from hw.wire.frames import HIGHEST, LOWEST
-from tests.support.virtual_probes import LOST, RATE, SCALE, probe, read, right
+from tests.support.hw.virtual_probes import LOST, RATE, SCALE, probe, read, right
 
 
 @pytest.mark.parametrize("packet", [64, 511, 512, 513, 1024])

@@ -23,7 +23,7 @@ from hw.reader import Reader
 from hw.recordings.recording import KIND, Recorder, Recording, sha256
 from hw.simulation.firmware import Fault
 from hw.usb.transport import UsbTransport
-from tests.support.virtual_probes import HURRIED, probe, right
+from tests.support.hw.virtual_probes import HURRIED, probe, right
 
 
 def test_samples_before_a_lasting_fault_are_kept(tmp_path: Path) -> None:

@@ -24,8 +24,8 @@ from hw.simulation.firmware import Fault, Halted, Kind
 from hw.usb.faults import meaning
 from hw.usb.transport import UsbTransport
 from hw.wire.protocol import START
+from tests.support.hw.virtual_probes import probe, read
 from tests.support.paths import ROOT
-from tests.support.virtual_probes import probe, read
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
 """The real libusb, on emulated devices.
 
-tests/support/usb_emulator.py is the kernel and the boards, tests/support/usb_reading.py the program under test.
+tests/support/hw/usb_emulator.py is the kernel and the boards, tests/support/hw/usb_reading.py the program under test.
 """
 
 from __future__ import annotations
@@ -48,8 +48,15 @@ RESOURCE = "USB0::0x1AB1::0x04CE::DS1::INSTR"
 
 def reading(*devices: dict[str, Any], serial: str = "", seconds: float = 0.1) -> dict[str, Any]:
     """What the program tells that reads for a while among the devices."""
-    command = [PYTHON, str(ROOT / "tests" / "support" / "usb_emulator.py"), json.dumps(devices), sys.executable, "-W", "error"]
-    command += [str(ROOT / "tests" / "support" / "usb_reading.py"), serial, str(seconds)]
+    command = [
+        PYTHON,
+        str(ROOT / "tests" / "support" / "hw" / "usb_emulator.py"),
+        json.dumps(devices),
+        sys.executable,
+        "-W",
+        "error",
+    ]
+    command += [str(ROOT / "tests" / "support" / "hw" / "usb_reading.py"), serial, str(seconds)]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     ended = subprocess.run(["umockdev-wrapper", *command], capture_output=True, text=True, timeout=120, env=environment)
     assert ended.returncode == 0, ended.stderr

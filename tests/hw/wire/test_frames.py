@@ -13,7 +13,7 @@ from hw.common.errors import ProtocolError
 from hw.common.samples import Samples, joined
 from hw.wire.decoder import Format, FrameDecoder
 from hw.wire.frames import HIGHEST, LOWEST, OVERRUN, SATURATED, Frame, FrameLayout, encoded
-from tests.support.frame_truth import SCALE, STREAM, codes_at, crc32
+from tests.support.hw.frame_truth import SCALE, STREAM, codes_at, crc32
 
 
 def frames_of(layout: FrameLayout, count: int, sequence: int = 0, index: int = 0, stream: int = STREAM) -> list[bytes]:

@@ -15,7 +15,7 @@ from hw.common.errors import ProtocolError
 from hw.wire.decoder import Format, FrameDecoder
 from hw.wire.frames import Frame, FrameLayout, encoded, vectors
 from hw.wire.protocol import Info, Status
-from tests.support.frame_truth import STREAM, codes_at, crc32
+from tests.support.hw.frame_truth import STREAM, codes_at, crc32
 from tests.support.paths import ROOT
 
 

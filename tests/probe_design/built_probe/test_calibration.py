@@ -22,7 +22,7 @@ from probe_design.built_probe.calibration_record import CalibrationRecord, Raw, 
 from probe_design.built_probe.gain_matrix import Gains, Observed, estimated
 from probe_design.built_probe.virtual_probe import Built, signals
 from solver import evaluate
-from tests.support.benches import BENCH, LOAD, films, sampled, scene, shares
+from tests.support.hw.benches import BENCH, LOAD, films, sampled, scene, shares
 
 BUILT = Built()
 

@@ -18,7 +18,7 @@ from probe_design.built_probe.calibration import calibrate
 from probe_design.built_probe.check import Check, check
 from probe_design.built_probe.explanations import Deviation, Explanation, explanations, refined
 from probe_design.built_probe.virtual_probe import Built, as_delivered, signals
-from tests.support.benches import BENCH, films, sampled, scene, shares
+from tests.support.hw.benches import BENCH, films, sampled, scene, shares
 from tests.support.slow import slow_unless
 
 BUILT = Built()

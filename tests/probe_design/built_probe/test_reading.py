@@ -17,7 +17,7 @@ from probe_design.built_probe.gain_matrix import Gains
 from probe_design.built_probe.reading import prediction, read
 from probe_design.built_probe.virtual_probe import Built, signals
 from solver.results.result import Result
-from tests.support.benches import BENCH, LOAD, films, sampled, scene, shares
+from tests.support.hw.benches import BENCH, LOAD, films, sampled, scene, shares
 
 EXACT = Built(
     gains=((1.0, 0.0), (0.0, 1.0)),

@@ -26,10 +26,10 @@ from probe_design.built_probe.bench import read_bench
 from probe_design.built_probe.calibration_record import read_record
 from probe_design.estimation.readings import read_readings
 from probe_design.sweeps.file import read_sweep
+from tests.support.hw.virtual_probes import probe
 from tests.support.mutations import garbled, mutated
 from tests.support.paths import EXAMPLES, ROOT, SCENE
 from tests.support.program import refused
-from tests.support.virtual_probes import probe
 
 READINGS = {"reading": [{"x": "-10 mm", "ratio": 0.6, "noise": 0.05}, {"ratio": 0.62, "stiffness": "80 N/m"}]}
 CSV = b"x, y, ratio, noise, stiffness, stiffness_noise\n-8 mm, 0 mm, 0.55, 0.05, 79 N/m, 0.02\n0 mm, 0 mm, 0.62, 0.05, 81, 0.02\n"

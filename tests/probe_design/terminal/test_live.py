@@ -22,7 +22,7 @@ from probe_design.built_probe.film_forces import reading
 from probe_design.built_probe.virtual_probe import Built, signals
 from probe_design.terminal.braille_chart import BLANK, chart
 from probe_design.terminal.live import following
-from tests.support.benches import BENCH, films, sampled, scene, shares
+from tests.support.hw.benches import BENCH, films, sampled, scene, shares
 
 
 def test_chart_of_a_falling_line() -> None:

@@ -18,7 +18,7 @@ PERIOD, SCALE = 65536, 2.0**-12
 
 
 def expected(index: Ints) -> Floats:
-    """What tests/support/usb_emulator.py puts into its frames."""
+    """What tests/support/hw/usb_emulator.py puts into its frames."""
     codes = np.column_stack([7919 * (index % PERIOD), 104729 * (index % PERIOD) + 12345]) % PERIOD
     return codes.astype(np.uint16).view(np.int16) * SCALE
 
@@ -37,7 +37,7 @@ def read(serial: str | None, seconds: float) -> dict[str, Any]:
 
 
 def look(resource: str) -> dict[str, Any]:
-    """Read two acquisitions of tests/support/usb_oscilloscope.py, and try a third."""
+    """Read two acquisitions of tests/support/hw/usb_oscilloscope.py, and try a third."""
     index = np.arange(1200)
     truth = np.column_stack([(1e-3 * k) * ((k * index) % 200 + 20 - 117) for k in (1, 2)])
     with Reader.open(f"visa:{resource}") as reader:

@@ -19,7 +19,7 @@ import zlib
 
 import gi
 
-from tests.support.usb_oscilloscope import Oscilloscope
+from tests.support.hw.usb_oscilloscope import Oscilloscope
 
 gi.require_version("UMockdev", "1.0")
 from gi.repository import UMockdev  # noqa: E402
