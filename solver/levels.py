@@ -113,14 +113,15 @@ P = TypeVar("P", "Result", "Plan")
 def _with_loads(result: P, scene: Scene, accuracy: float) -> P:
     """An answer or a plan with the loads that level ``contact`` tells, or with why it does not."""
     from solver.contact.level import ContactLevel
-    from solver.contact.load_curve import ends_of
+    from solver.contact.load_curve import Ends, ends_of
 
     why = ContactLevel().refusal(scene)
     if why is not None:
         text = f"gap_closure_load is null, linear_limit_load told by the cautious rule: contact cannot take the scene ({why})"
         return replace(result, warnings=(*result.warnings, Note("linear", text)))
-    closure, limit = ends_of(scene, accuracy)
-    return replace(result, gap_closure_load=closure, linear_limit_load=limit or result.linear_limit_load)
+    ends: Ends = ends_of(scene, accuracy)
+    limit, warnings = ends.linear_limit_load or result.linear_limit_load, (*result.warnings, *ends.notes)
+    return replace(result, gap_closure_load=ends.gap_closure_load, linear_limit_load=limit, warnings=warnings)
 
 
 def _automatic(scene: Scene, accuracy: float, linear: bool, tell: Tell | None) -> Result:

@@ -76,7 +76,7 @@ def plan_lines(plan: Plan) -> list[str]:
     """Return the reason of each decision, and the largest load that is answered."""
     load = plan.linear_limit_load
     force, indentation = most(load.force, 3), most(1e3 * load.indentation, 3)
-    lines = [f"load: auto answers linearly up to {force} N, an indentation of {indentation} mm, limited by {load.by}"]
+    lines = [f"load: linear answers hold up to {force} N, an indentation of {indentation} mm, limited by {load.by}"]
     if plan.gap_closure_load is not None:
         lines.append(f"load: the gap closes at {plan.gap_closure_load.force:.3g} N")
     return [*(f"{one.feature}: {one.reason}" for one in plan.decisions), *lines]

@@ -12,18 +12,15 @@ from geometry.common.errors import Refusal, SolveError, Words
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.level import Axisymmetric
-from solver.axisymmetric.refinement import LEVELS
-from solver.axisymmetric.sample import sample
-from solver.axisymmetric.sections import sections
-from solver.contact.loaded import Loaded, LoadedScene, curve, loaded
+from solver.contact.loaded import Loaded, LoadedScene, curve, refined
 from solver.contact.pressed import StoppedError
 from solver.linalg.workspace import in_own_workspace
 from solver.results.evaluator import Answer, FilmLevel, Tell
 from solver.results.film_forces import FilmForces, shortfalls
 from solver.results.result import Decision
+from solver.results.warnings import Note
 
 FEATURE = "finite strain and contact"
-FAR_TOO_DEEP = 3.0  # outer radii, by the linear stiffness
 
 
 @dataclass(frozen=True)
@@ -47,36 +44,34 @@ class ContactLevel(FilmLevel):
         Raises:
             Refusal: the scene is of another kind, too extreme, or pressed further than any step converges.
         """
-        if self.refusal(scene) is not None:
-            raise Refusal("evaluator", self.name, str(self.refusal(scene)))
         with threadpool_limits(1, user_api="blas"):
+            on = self.pressed(scene, accuracy)
             try:
-                _check_depth(scene)
-                found, on = loaded(scene, accuracy, lambda films: _good(films, scene, accuracy))
+                found, on, notes = refined(on, lambda films: _good(films, scene, accuracy))
                 answers = [found] if moduli is None else curve(on, np.asarray(moduli))
             except StoppedError as fault:
-                raise self.stopped(scene, fault) from fault
+                raise self.stopped(_key(scene), fault) from fault
             except SolveError as fault:
-                extremes = "scenes whose sizes and moduli lie closer together"
-                raise Refusal("evaluator", self.name, f"{extremes} ({fault})") from fault
-        return self._answer(scene, accuracy, on, answers)
+                raise self._extreme(fault) from fault
+        return self._answer(scene, accuracy, on, answers, notes)
 
-    def _answer(self, scene: Scene, accuracy: float, on: LoadedScene, answers: list[Loaded]) -> Answer:
+    def _answer(self, scene: Scene, accuracy: float, on: LoadedScene, answers: list[Loaded], limits: tuple[Note, ...]) -> Answer:
         films = tuple(one.films for one in answers)
         worst = max(films, key=lambda one: one.error_under(scene))
         change = float(np.exp(np.abs(_log_ratio(worst) - _log_ratio(on.linear.films[0]))) - 1)
         decision = Decision(FEATURE, True, change, accuracy, "what they change of the ratio at this load")
         notes = shortfalls(worst, worst.error_under(scene), accuracy)
         residual = max(on.linear.sample.states.residual, *(one.point.residual for one in answers))
-        return Answer(films, residual, (*on.linear.plan, decision), tuple(notes))
+        return Answer(films, residual, (*on.linear.plan, decision), (*limits, *notes))
 
-    def stopped(self, scene: Scene, fault: StoppedError) -> Refusal:
-        """Say how far the scene can be pressed."""
-        if scene.load.indentation is not None:
-            key, value, most = "load.indentation", mm(scene.load.indentation), mm(fault.last.indentation)
-        else:
-            key, value, most = "load.force", Words(f"{scene.load.force:g} N"), Words(f"{fault.last.force:.3g} N")
+    def stopped(self, asked: tuple[str, object], fault: StoppedError) -> Refusal:
+        """Say how far a scene can be pressed, of which a key and its value ask more."""
+        key, value = asked
+        most = mm(fault.last.indentation) if "indentation" in key else Words(f"{fault.last.force:.3g} N")
         return Refusal(key, value, f"up to {most} for {self.name}: no further step converges, {fault.why}")
+
+    def _extreme(self, fault: SolveError) -> Refusal:
+        return Refusal("evaluator", self.name, f"scenes whose sizes and moduli lie closer together ({fault})")
 
     @in_own_workspace
     def pressed(self, scene: Scene, accuracy: float = 0.01) -> LoadedScene:
@@ -85,24 +80,20 @@ class ContactLevel(FilmLevel):
         Raises:
             Refusal: the scene is of another kind, or too extreme.
         """
-        if self.refusal(scene) is not None:
-            raise Refusal("evaluator", self.name, str(self.refusal(scene)))
+        why = self.refusal(scene)
+        if why is not None:
+            raise Refusal("evaluator", self.name, why)
         try:
             return LoadedScene.of(scene, accuracy)
         except SolveError as fault:
-            extremes = "scenes whose sizes and moduli lie closer together"
-            raise Refusal("evaluator", self.name, f"{extremes} ({fault})") from fault
+            raise self._extreme(fault) from fault
 
 
-def _check_depth(scene: Scene) -> None:
-    """Refuse at once what is far deeper than any path comes."""
-    force, plain = scene.load.force, sections(scene)
-    if not force:
-        return
-    stiffness = float(sample(plain.section, plain, scene, LEVELS[0]).totals[0].sum())
-    if force > FAR_TOO_DEEP * stiffness * scene.probe.tube_radius:
-        most = f"some {stiffness * scene.probe.tube_radius:.2g} N, which drives it as deep as it is wide"
-        raise Refusal("load.force", Words(f"{force:g} N"), f"for contact less than {most}")
+def _key(scene: Scene) -> tuple[str, object]:
+    """The load's key and value."""
+    if scene.load.indentation is not None:
+        return "load.indentation", mm(scene.load.indentation)
+    return "load.force", Words(f"{scene.load.force:g} N")
 
 
 def _good(films: FilmForces, scene: Scene, accuracy: float) -> bool:

@@ -26,15 +26,21 @@ def gap_closure_load(path: Path) -> LargestLoad | None:
         StoppedError: no further step converges, and the gap is still open.
         LimitReached: the time is over.
     """
+    if not closed(path):
+        for _ in path.steps(DEEPEST * path.radius):
+            if closed(path):
+                break
     gap = path.points[0].walls
+    return _first(path, lambda point: _touching(path, point), lambda point: point.walls / gap, "gap closure")
 
-    def closed(point: Pressed) -> bool:
-        return point.walls <= TOUCHED * gap
 
-    for _ in path.steps(DEEPEST * path.radius) if not any(map(closed, path.points)) else ():
-        if closed(path.last):
-            break
-    return _first(path, closed, lambda point: point.walls / gap, "gap closure")
+def closed(path: Path) -> bool:
+    """Whether the gap's walls touch anywhere on a path."""
+    return any(_touching(path, point) for point in path.points)
+
+
+def _touching(path: Path, point: Pressed) -> bool:
+    return point.walls <= TOUCHED * path.points[0].walls
 
 
 def linear_limit_load(

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import SolveError
+from geometry.common.errors import SolveError, Words
 from geometry.common.resources import LimitReached, timed
+from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
 from solver.contact.level import ContactLevel
-from solver.contact.limits import gap_closure_load, linear_limit_load
+from solver.contact.limits import closed, gap_closure_load, linear_limit_load
 from solver.contact.loaded import Loaded, LoadedScene
 from solver.contact.path import Path
 from solver.contact.pressed import Pressed, StoppedError
@@ -44,20 +46,30 @@ def load_curve(scene: Scene, loads: Floats, accuracy: float, *, by_force: bool, 
         try:
             for k, load in enumerate(loads):
                 tell(f"load {k + 1} of {len(loads)}, {load:.3g} {'N' if by_force else 'm'}")
-                points.append(on.at_force(float(load)) if by_force else on.at_indentation(float(load)))
+                points.append(on.at_force(float(load), "force") if by_force else on.at_indentation(float(load)))
         except (StoppedError, LimitReached) as fault:
             if not points:
                 if isinstance(fault, LimitReached):
                     raise
-                raise level.stopped(scene, fault) from fault
+                asked = ("force", Words(f"{load:g} N")) if by_force else ("indentation", mm(float(load)))
+                raise level.stopped(asked, fault) from fault
             stopped = str(fault)
         tell("loads at which the gap closes and linear elasticity ends")
-        closure, linear = ends(on, accuracy)
-    return _curve(scene, on, points, (closure, linear), stopped=stopped, accuracy=accuracy, seconds=perf_counter() - start)
+        found = ends(on, accuracy)
+    return _curve(scene, points, found, stopped=stopped, accuracy=accuracy, seconds=perf_counter() - start)
 
 
-def ends_of(scene: Scene, accuracy: float) -> tuple[LargestLoad | None, LargestLoad | None]:
-    """Return ``gap_closure_load`` and ``linear_limit_load`` of a scene that level ``contact`` takes.
+@dataclass(frozen=True)
+class Ends:
+    """Loads at which something ends, see ``LoadCurve``, and why one is not told."""
+
+    gap_closure_load: LargestLoad | None
+    linear_limit_load: LargestLoad | None
+    notes: tuple[Note, ...]
+
+
+def ends_of(scene: Scene, accuracy: float) -> Ends:
+    """Return the loads of a scene that level ``contact`` takes.
 
     Raises:
         Refusal: see ``load_curve``.
@@ -66,24 +78,41 @@ def ends_of(scene: Scene, accuracy: float) -> tuple[LargestLoad | None, LargestL
         return ends(ContactLevel().pressed(scene, accuracy), accuracy)
 
 
-def ends(on: LoadedScene, accuracy: float) -> tuple[LargestLoad | None, LargestLoad | None]:
-    """Return ``gap_closure_load`` and ``linear_limit_load`` of a scene, each by the finer mesh if that comes so far."""
+def ends(on: LoadedScene, accuracy: float) -> Ends:
+    """Return the loads of a scene: by the finer mesh as far as that was pressed, and beyond it by the coarser."""
+    closure, notes = _closure(on)
+    linear = _linear_limit(on, accuracy)
+    if linear is None:
+        reached = f"{on.paths[0].last.force:.3g} N, as far as is known"
+        notes.append(Note("linear", f"no linear_limit_load was found: linear theory holds to {accuracy:g} up to {reached}"))
+    return Ends(closure, linear, tuple(notes))
 
-    def by_either(limit: Callable[[Path], LargestLoad | None], further: bool) -> LargestLoad | None:
-        for path in on.paths[::-1]:
-            try:
-                if further and path is on.paths[1] and path.last.walls > 0:
-                    continue  # the coarser mesh follows a path to its end in a second
-                found = limit(path)
-            except (SolveError, LimitReached):
-                continue
+
+def _closure(on: LoadedScene) -> tuple[LargestLoad | None, list[Note]]:
+    coarse, fine = on.paths
+    path = fine if closed(fine) else coarse
+    why = "as deep as the probe is wide"
+    try:
+        found = gap_closure_load(path)
+        if found is not None:
+            return found, []
+    except (SolveError, LimitReached) as fault:
+        why = str(fault)
+    state = "touch, but no step before that converges" if closed(path) else f"are apart up to {path.last.force:.3g} N"
+    return None, [Note("linear", f"gap_closure_load is null: the walls {state}, {why}")]
+
+
+def _linear_limit(on: LoadedScene, accuracy: float) -> LargestLoad | None:
+    for path in on.paths[::-1]:
+
+        def sensitivity(point: Pressed, path: Path = path) -> float:
+            return on.sensitivity(path, point)
+
+        with suppress(SolveError, LimitReached):
+            found = linear_limit_load(path, _ratio, sensitivity, accuracy)
             if found is not None:
                 return found
-        return None
-
-    closure = by_either(gap_closure_load, True)
-    linear = by_either(lambda path: linear_limit_load(path, _ratio, lambda point: on.sensitivity(path, point), accuracy), False)
-    return closure, linear
+    return None
 
 
 def _ratio(point: Pressed) -> float:
@@ -91,16 +120,7 @@ def _ratio(point: Pressed) -> float:
     return float(films[0] / films[1])
 
 
-def _curve(
-    scene: Scene,
-    on: LoadedScene,
-    points: list[Loaded],
-    limits: tuple[LargestLoad | None, LargestLoad | None],
-    *,
-    stopped: str | None,
-    accuracy: float,
-    seconds: float,
-) -> LoadCurve:
+def _curve(scene: Scene, points: list[Loaded], found: Ends, *, stopped: str | None, accuracy: float, seconds: float) -> LoadCurve:
     probe = scene.probe
     areas = np.array([probe.inner_area, probe.outer_area])
     stiffness = [float(one.films.totals.sum()) for one in points]
@@ -133,12 +153,12 @@ def _curve(
         contact_radius=column("contact_radius"),
         largest_strain=column("strain"),
         error_estimate=tuple(one.films.ratio_error for one in points),
-        gap_closure_load=limits[0],
-        linear_limit_load=limits[1],
+        gap_closure_load=found.gap_closure_load,
+        linear_limit_load=found.linear_limit_load,
         constant_ratio=_constant(np.array(force), np.array(ratio), accuracy),
         accuracy=accuracy,
         stopped=stopped,
-        warnings=tuple(warnings),
+        warnings=(*warnings, *found.notes),
     )
 
 

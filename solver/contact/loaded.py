@@ -9,6 +9,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from geometry.common.arrays import Floats
+from geometry.common.errors import Refusal, Words
 from geometry.common.resources import LimitReached
 from geometry.meridian.frame import MeridianFineness
 from geometry.meridian.section import Body, Section
@@ -20,12 +21,14 @@ from solver.contact.model import ContactModel
 from solver.contact.path import Path
 from solver.contact.pressed import Pressed, StoppedError
 from solver.results.film_forces import Bound, FilmForces
+from solver.results.warnings import Note
 
 MESHES = tuple(MeridianFineness(1, 0, order) for order in (2, 3, 4))
 LINEAR_SHARE = 0.2  # of the accuracy, for the linear level
 SAFETY = 2.0  # times the largest difference of two meshes on the way
 SMALL = 1e-5  # indentations, in units of a path, that change nothing but by less than ...
 UNSEEN = 1e-4  # ... this share, which the least error bound is
+FAR_TOO_DEEP = 3.0  # outer radii, by the linear stiffness
 FAR = 300.0  # sizes of probe and inclusion: where a half-space ends, for rounding grows with it
 ALIKE = 0.2  # a mesh's log-sensitivity at rest nearer to the linear level's than this is off by a factor, else by a difference
 
@@ -44,51 +47,65 @@ class Loaded:
 
 
 @dataclass(frozen=True)
+class Differences:
+    """By how much two meshes differ: in ln films, shape (2,), ln ratio, and log-sensitivity relative to its own size."""
+
+    films: Floats
+    log_ratio: float
+    sensitivity: float
+
+    def __or__(self, other: Differences) -> Differences:
+        """The larger of each."""
+        films = np.maximum(self.films, other.films)
+        return Differences(films, max(self.log_ratio, other.log_ratio), max(self.sensitivity, other.sensitivity))
+
+
+NONE = Differences(np.zeros(2), 0.0, 0.0)
+
+
+@dataclass(frozen=True)
 class LoadedScene:
     """A scene that is pressed on two meshes.
 
     Attributes:
         scene: bonded, one sphere on the axis at most.
+        accuracy: that is wanted in all, relative.
         linear: its film forces at rest.
         paths: on two meshes, the finer last.
+        known: what meshes differ by on the way that a path did not go itself, as it began at another modulus' loaded state.
     """
 
     scene: Scene
+    accuracy: float
     linear: Converged
     paths: tuple[Path, Path]
+    known: Differences = NONE
 
     @classmethod
-    def of(cls, scene: Scene, accuracy: float, finest: int = 1) -> LoadedScene:
+    def of(cls, scene: Scene, accuracy: float) -> LoadedScene:
         """Solve a scene at rest.
-
-        Args:
-            scene: see the class.
-            accuracy: that is wanted in all, relative.
-            finest: number of the finer of the two meshes.
 
         Raises:
             SolveError: its equations cannot be solved in double precision.
             LimitReached: not within the limits of memory and time.
         """
         linear = converged_forces(scene, LINEAR_SHARE * accuracy)
-        return cls._on(scene, linear, finest)
-
-    @classmethod
-    def _on(cls, scene: Scene, linear: Converged, finest: int) -> LoadedScene:
-        at_rest, totals = linear.sample.states.model, linear.films[0].totals
-        materials = dict(at_rest.materials)
-        if scene.inclusion:
-            body = scene.inclusion[0]
-            materials[Body.INCLUSION] = Material(youngs_modulus=body.youngs_modulus, poisson_ratio=body.poisson_ratio)
-        section = at_rest.section if scene.tissue.shape != "half-space" else _nearer(at_rest.section)
-        models = [ContactModel.of(section, materials, "bonded", MESHES[finest - k]) for k in (1, 0)]
-        first, second = (Path(model, scene.target is not None, totals) for model in models)
-        return cls(scene, linear, (first, second))
+        first, second = (_path(scene, linear, fineness) for fineness in MESHES[:2])
+        return cls(scene, accuracy, linear, (first, second))
 
     def finer(self) -> LoadedScene | None:
-        """The same on the next two meshes, nothing pressed yet; None where there is no finer one."""
-        used = MESHES.index(_fineness(self.paths[1])) if _fineness(self.paths[1]) in MESHES else len(MESHES)
-        return None if used + 1 >= len(MESHES) else self._on(self.scene, self.linear, used + 1)
+        """The same on the finer mesh and the next; None where there is none."""
+        following = MESHES.index(self.paths[1].model.mesh.layout.fineness) + 1
+        if following == len(MESHES):
+            return None
+        return replace(self, paths=(self.paths[1], _path(self.scene, self.linear, MESHES[following])))
+
+    def with_modulus(self, modulus: float, linear: Converged) -> LoadedScene:
+        """The same at rest with another Young's modulus of the target, Pa, and what the linear level says of that."""
+        body = self.scene.inclusion[0].model_copy(update={"youngs_modulus": modulus})
+        scene = self.scene.model_copy(update={"inclusion": (body,)})
+        first, second = (Path(path.model.with_modulus(modulus), True, linear.films[0].totals) for path in self.paths)
+        return LoadedScene(scene, self.accuracy, linear, (first, second))
 
     def at_scene_s_load(self) -> Loaded:
         """Press as the scene's load says.
@@ -102,10 +119,21 @@ class LoadedScene:
             return self.at_indentation(load.indentation)
         return self.at_force(load.force or 0.0)
 
-    def at_force(self, force: float) -> Loaded:
-        """Press to a force, N; see ``at_scene_s_load``."""
-        stiffness = float(self.linear.films[0].totals.sum())
-        return self._at(force / stiffness, lambda path: path.at_force(force))
+    def at_force(self, force: float, key: str = "load.force") -> Loaded:
+        """Press to a force, N; see ``at_scene_s_load``.
+
+        Raises:
+            Refusal: of the ``key``, where it is far more than any path comes to.
+        """
+        about, radius = force / self._stiffness, self.paths[1].radius
+        if about > FAR_TOO_DEEP * radius:
+            most = f"for contact less than some {self._stiffness * radius:.2g} N, which drives it as deep as it is wide"
+            raise Refusal(key, Words(f"{force:g} N"), most)
+        return self._at(about, lambda path: path.at_force(force))
+
+    @property
+    def _stiffness(self) -> float:
+        return float(self.linear.films[0].totals.sum())
 
     def at_indentation(self, indentation: float) -> Loaded:
         """Press to an indentation, m; see ``at_scene_s_load``."""
@@ -114,25 +142,25 @@ class LoadedScene:
     def _at(self, about: float, press: Callable[[Path], Pressed]) -> Loaded:
         """Press both meshes, or neither where the indentation is ``about`` nothing."""
         if about <= SMALL * self.paths[1].unit:
-            return Loaded(self.paths[1].points[0], _widened(self.linear.films[0], UNSEEN))
+            rest = self.paths[1].points[0]
+            return Loaded(replace(rest, indentation=about, films=about * rest.tangent), _widened(self.linear.films[0], UNSEEN))
         _, fine = (press(path) for path in self.paths)
         return Loaded(fine, self._films(fine))
 
     def _films(self, point: Pressed) -> FilmForces:
         """Film forces per indentation with bounds: those of the linear level and what two meshes differ by on the way."""
-        rest = self.linear.films[0]
-        log_totals, log_ratio, sensitivity = self._differences(point.indentation)
+        rest, off = self.linear.films[0], self.differences(point.indentation)
         totals = point.films / point.indentation
-        errors = rest.relative_errors + SAFETY * log_totals + UNSEEN
-        bound = Bound(errors * np.abs(totals), rest.bound.log_ratio + SAFETY * log_ratio + UNSEEN)
+        errors = rest.relative_errors + SAFETY * off.films + UNSEEN
+        bound = Bound(errors * np.abs(totals), rest.bound.log_ratio + SAFETY * off.log_ratio + UNSEEN)
         if rest.slope is None:
             return FilmForces(np.diag(totals), bound)
         value = self.sensitivity(self.paths[1], point)
         grown = abs(value / rest.log_sensitivity) if rest.log_sensitivity else 1.0
-        off = rest.sensitivity_error * max(1.0, grown) + SAFETY * sensitivity + UNSEEN * abs(value)
+        error = rest.sensitivity_error * max(1.0, grown) + (SAFETY * off.sensitivity + UNSEEN) * self._size(point.indentation)
         # at one force the films' changes add up to nothing
         shares = np.array([totals[1], -totals[0]]) / totals.sum() * value
-        return FilmForces(np.diag(totals), bound, np.diag(totals * shares), off)
+        return FilmForces(np.diag(totals), bound, np.diag(totals * shares), error)
 
     def sensitivity(self, path: Path, point: Pressed) -> float:
         """The log-sensitivity at a point of a path, what its mesh is off at rest taken off."""
@@ -141,13 +169,19 @@ class LoadedScene:
             return point.log_sensitivity * exact / own
         return point.log_sensitivity + exact - own
 
-    def _differences(self, until: float) -> tuple[Floats, float, float]:
-        """Largest differences of both meshes up to an indentation: of ln films, shape (2,), ln ratio and log-sensitivity."""
-        places = np.unique([point.indentation for path in self.paths for point in path.points])
-        places = places[(places > 0) & (places <= until * (1 + 1e-9))]
+    def differences(self, until: float) -> Differences:
+        """The largest of both meshes up to an indentation, m."""
+        places = np.unique([until, *(point.indentation for path in self.paths for point in path.points)])
+        places = places[(places > 0) & (places <= until)]
         (films, first), (others, second) = (self._told(path, places) for path in self.paths)
-        off = np.log(np.abs(films / others))
-        return np.abs(off).max(axis=1), float(np.abs(off[0] - off[1]).max()), float(np.abs(first - second).max())
+        off, size = np.log(np.abs(films / others)), self._size(until)
+        sensitivity = float(np.abs(first - second).max()) / size if size else 0.0
+        return Differences(np.abs(off).max(axis=1), float(np.abs(off[0] - off[1]).max()), sensitivity) | self.known
+
+    def _size(self, until: float) -> float:
+        """The largest log-sensitivity up to an indentation, m, by magnitude."""
+        path = self.paths[1]
+        return max(abs(self.sensitivity(path, point)) for point in path.points if point.indentation <= until)
 
     def _told(self, path: Path, places: Floats) -> tuple[Floats, Floats]:
         """Film forces, shape (2, k), and log-sensitivities, (k,), between the points of a path."""
@@ -158,19 +192,16 @@ class LoadedScene:
         return films(places).T, sensitivity(places)
 
 
-def loaded(scene: Scene, accuracy: float, good: Callable[[FilmForces], bool]) -> tuple[Loaded, LoadedScene]:
-    """Press a scene on meshes as fine as its accuracy needs.
+def refined(on: LoadedScene, good: Callable[[FilmForces], bool]) -> tuple[Loaded, LoadedScene, tuple[Note, ...]]:
+    """Press a scene as its load says, on meshes as fine as is needed; also says which limit forbade a finer one.
 
     Args:
-        scene: see ``LoadedScene``.
-        accuracy: relative.
+        on: the scene at rest.
         good: whether an answer is exact enough.
 
     Raises:
-        StoppedError: no further step converges on either mesh.
-        SolveError, LimitReached: see ``LoadedScene.of``.
+        Refusal, StoppedError, LimitReached: see ``LoadedScene.at_force``; on the first two meshes.
     """
-    on = LoadedScene.of(scene, accuracy)
     found = on.at_scene_s_load()
     while not good(found.films):
         finer = on.finer()
@@ -178,11 +209,13 @@ def loaded(scene: Scene, accuracy: float, good: Callable[[FilmForces], bool]) ->
             break
         try:
             better = finer.at_scene_s_load()
-        except (StoppedError, LimitReached):
+        except StoppedError:
             break
+        except LimitReached as fault:
+            return found, on, (Note("limit", str(fault)),)
         on = finer
         found = better if better.films.bound.log_ratio < found.films.bound.log_ratio else found
-    return found, on
+    return found, on, ()
 
 
 def curve(on: LoadedScene, moduli: Floats) -> list[Loaded]:
@@ -195,41 +228,47 @@ def curve(on: LoadedScene, moduli: Floats) -> list[Loaded]:
     Raises:
         SolveError, LimitReached: see ``LoadedScene.of`` and ``at_scene_s_load``.
     """
-    own = on.scene.inclusion[0].youngs_modulus
-    order = np.argsort(np.abs(np.log(moduli / own)))
-    known = {own: on}
+    every = converged_forces(on.scene, LINEAR_SHARE * on.accuracy, moduli)
+    far = np.log(moduli / on.scene.inclusion[0].youngs_modulus)
     found: dict[int, Loaded] = {}
-    for k in order:
-        nearest = min(known, key=lambda modulus: abs(np.log(modulus / moduli[k])))
-        found[int(k)], known[float(moduli[k])] = _with_modulus(known[nearest], float(moduli[k]))
+    for side in (far >= 0, far < 0):
+        near = on
+        for k in sorted(np.flatnonzero(side).tolist(), key=lambda k: abs(far[k])):
+            found[k], near = _beside(near, float(moduli[k]), replace(every, films=(every.films[k],)))
     return [found[k] for k in range(len(moduli))]
 
 
-def _with_modulus(near: LoadedScene, modulus: float) -> tuple[Loaded, LoadedScene]:
+def _beside(near: LoadedScene, modulus: float, linear: Converged) -> tuple[Loaded, LoadedScene]:
     """The answer for another modulus, begun at the neighbour's state, or from rest where that does not converge."""
-    body = near.scene.inclusion[0].model_copy(update={"youngs_modulus": modulus})
-    scene = near.scene.model_copy(update={"inclusion": (body,)})
-    linear = converged_forces(scene, LINEAR_SHARE * 0.01)
-    finest = MESHES.index(_fineness(near.paths[1]))
-    on = LoadedScene._on(scene, linear, finest)
+    at_rest = near.with_modulus(modulus, linear)
+    last = near.paths[1].last.indentation
+    if last <= SMALL * near.paths[1].unit:
+        return at_rest.at_scene_s_load(), at_rest
+    on = replace(at_rest, known=near.differences(last))
     try:
         for path, other in zip(on.paths, near.paths, strict=True):
-            if other.last.equilibrium is not None and other.last.indentation > SMALL * other.unit:
-                path.seed(other.last.equilibrium.state)
+            path.seed(other.last.equilibrium.state)
         return on.at_scene_s_load(), on
     except StoppedError:
-        on = LoadedScene._on(scene, linear, finest)
+        on = near.with_modulus(modulus, linear)
         return on.at_scene_s_load(), on
+
+
+def _path(scene: Scene, linear: Converged, fineness: MeridianFineness) -> Path:
+    """A path on one mesh of what the linear level solved."""
+    at_rest, materials = linear.sample.states.model, {}
+    if scene.inclusion:
+        body = scene.inclusion[0]
+        materials[Body.INCLUSION] = Material(youngs_modulus=body.youngs_modulus, poisson_ratio=body.poisson_ratio)
+    section = at_rest.section if scene.tissue.shape != "half-space" else _nearer(at_rest.section)
+    model = ContactModel.of(section, {**at_rest.materials, **materials}, "bonded", fineness)
+    return Path(model, scene.target is not None, linear.films[0].totals)
 
 
 def _nearer(section: Section) -> Section:
     """A half-space's section with an end where nothing is strained finitely: what it changes at rest is taken off."""
     share = FAR / HALF_SPACE
     return replace(section, tissue_radius=share * section.tissue_radius, tissue_depth=share * section.tissue_depth)
-
-
-def _fineness(path: Path) -> MeridianFineness:
-    return path.model.mesh.layout.fineness
 
 
 def _widened(films: FilmForces, share: float) -> FilmForces:

@@ -14,6 +14,7 @@ from geometry.meridian.frame import MeridianFineness
 from geometry.scenes.scene import Contact
 from solver.axisymmetric.sections import sections
 from solver.contact.limits import gap_closure_load
+from solver.contact.load_curve import ends_of
 from solver.contact.model import ContactModel
 from solver.contact.path import Path
 from solver.levels import load
@@ -81,3 +82,23 @@ def test_loads_that_are_none_are_refused(wanted: dict[str, float]) -> None:
 def test_scenes_of_other_kinds_are_refused() -> None:
     with pytest.raises(Refusal, match="frictionless"):
         load(EXAMPLE.model_copy(update={"contact": Contact(interface="frictionless")}), force=0.1)
+
+
+def test_a_load_far_beyond_all_is_refused_by_what_was_asked() -> None:
+    with pytest.raises(Refusal, match=r"force = 1e\+06 N: allowed: for contact less than some 0.5\d* N"):
+        load(EXAMPLE, force=1e6, points=1)
+
+
+def test_next_to_no_load_is_the_load_that_was_asked_for() -> None:
+    found = load(EXAMPLE, force=1e-9, points=1)
+    assert found.force == pytest.approx((1e-9,), rel=1e-6)
+    assert found.indentation == pytest.approx((1e-9 / found.stiffness[0],), rel=1e-9)
+
+
+def test_a_gap_that_stays_open_is_said_to() -> None:
+    """Stiff blocks on soft tissue, 1 mm apart."""
+    stiff = EXAMPLE.probe.inner.model_copy(update={"youngs_modulus": 1e8})
+    probe = EXAMPLE.probe.model_copy(update={"gap": 1e-3, "inner": stiff, "outer": stiff})
+    found = ends_of(EXAMPLE.model_copy(update={"probe": probe}), 0.01)
+    assert found.gap_closure_load is None
+    assert any("gap_closure_load is null: the walls are apart up to" in note for note in found.notes)
