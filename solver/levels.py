@@ -126,6 +126,7 @@ def _with_loads(result: P, scene: Scene, accuracy: float) -> P:
 
 def _automatic(scene: Scene, accuracy: float, linear: bool, tell: Tell | None) -> Result:
     """The answer of the level that the plan names, or of ``solid`` where that one refuses."""
+    from solver.planning.load_check import REMEDY
     from solver.planning.plan import second_try  # what it takes to import is not the answer's cost
 
     planned = _planned(scene, accuracy, linear)
@@ -136,8 +137,10 @@ def _automatic(scene: Scene, accuracy: float, linear: bool, tell: Tell | None) -
         result = _level(planned.evaluator, tell).evaluate_within(planned.scene, planned.accuracy)
     except LimitReached:
         raise
-    except Refusal:
+    except Refusal as fault:
         again = second_try(planned, scene, accuracy)
+        if again is None and planned.evaluator == CONTACT and fault.key.startswith("load."):
+            raise Refusal(fault.key, fault.value, f"{fault.allowed}, {REMEDY}") from None
         if again is None:
             raise
         planned = again

@@ -68,7 +68,7 @@ class ContactLevel(FilmLevel):
         """Say how far a scene can be pressed, of which a key and its value ask more."""
         key, value = asked
         most = mm(fault.last.indentation) if "indentation" in key else Words(f"{fault.last.force:.3g} N")
-        return Refusal(key, value, f"up to {most} for {self.name}: no further step converges, {fault.why}")
+        return Refusal(key, value, f"up to {most} for {self.name}: {fault.why}")
 
     def _extreme(self, fault: SolveError) -> Refusal:
         return Refusal("evaluator", self.name, f"scenes whose sizes and moduli lie closer together ({fault})")

@@ -63,7 +63,7 @@ class Path:
         try:
             point = self._pressed(solve(self.model, state, self._target))
         except SolveError as fault:
-            raise StoppedError(self.last, str(fault)) from fault
+            raise StoppedError(self.last, f"no further step converges: {fault}") from fault
         self.points.append(point)
         return point
 
@@ -144,7 +144,7 @@ class Path:
                 self.length = min(GROWTH * self.length, longest * self.radius)
             self.points.append(point)
             return point
-        raise StoppedError(self.last, why)
+        raise StoppedError(self.last, f"no further step converges: {why}")
 
     def insert(self, indentation: float) -> Pressed:
         """Return a point between others, which the path then has.

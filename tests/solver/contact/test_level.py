@@ -114,8 +114,10 @@ def test_other_kinds_are_refused(changes: dict[str, object], words: str) -> None
 
 def test_a_load_far_beyond_all_is_refused_at_once() -> None:
     soft = read_scene(FOLDER / "paper.toml")
-    with pytest.raises(Refusal, match=r"load.force = 10 N: allowed: for contact less than some 0.07\d N"):
-        evaluate(at(soft, force=10.0), "contact")
+    refused = r"load.force = 10 N: allowed: for contact less than some 0.07\d N, which drives it as deep as it is wide"
+    for name, remedy in (("contact", "$"), ("auto", r", or --linear \(linear=True\)$")):
+        with pytest.raises(Refusal, match=refused + remedy):
+            evaluate(at(soft, force=10.0), name)
 
 
 @pytest.mark.slow
