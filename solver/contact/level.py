@@ -34,7 +34,8 @@ class ContactLevel(FilmLevel):
         """Say which kind of thing in the scene this level does not know, or None."""
         if scene.contact.interface == "frictionless":
             return "axisymmetric, linearly, for contact.interface = 'frictionless'"
-        return Axisymmetric().refusal(scene)
+        sharp = scene.contact.model_copy(update={"edge_radius": 0.0})
+        return Axisymmetric().refusal(scene.model_copy(update={"contact": sharp}))
 
     def answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Answer:
         """Press on meshes as fine as ``accuracy`` needs, of the three there are; see ``Evaluator``.

@@ -30,6 +30,7 @@ SMALL = 1e-5  # indentations, in units of a path, that change nothing but by les
 UNSEEN = 1e-4  # ... this share, which the least error bound is
 FAR_TOO_DEEP = 3.0  # outer radii, by the linear stiffness
 FAR = 300.0  # sizes of probe and inclusion: where a half-space ends, for rounding grows with it
+UNCUT = 0.05  # of ratio and log-sensitivity, times (edge radius / least size of a block)^2: round edges are cut off contact alone
 ALIKE = 0.2  # a mesh's log-sensitivity at rest nearer to the linear level's than this is off by a factor, else by a difference
 
 
@@ -135,6 +136,17 @@ class LoadedScene:
     def _stiffness(self) -> float:
         return float(self.linear.films[0].totals.sum())
 
+    @property
+    def unseen(self) -> float:
+        """The least error bound, relative: where edges are round the material beyond their arcs is left to the blocks."""
+        section = self.paths[1].model.section
+        wall = section.tube_radius - section.hole_radius
+        return (
+            UNSEEN
+            + UNCUT
+            * float(section.edge_radius / min(section.inner_radius, wall, section.inner_height, section.outer_height)) ** 2
+        )
+
     def at_indentation(self, indentation: float) -> Loaded:
         """Press to an indentation, m; see ``at_scene_s_load``."""
         return self._at(indentation, lambda path: path.at_indentation(indentation))
@@ -143,7 +155,9 @@ class LoadedScene:
         """Press both meshes, or neither where the indentation is ``about`` nothing."""
         if about <= SMALL * self.paths[1].unit:
             rest = self.paths[1].points[0]
-            return Loaded(replace(rest, indentation=about, films=about * rest.tangent), _widened(self.linear.films[0], UNSEEN))
+            return Loaded(
+                replace(rest, indentation=about, films=about * rest.tangent), _widened(self.linear.films[0], self.unseen)
+            )
         _, fine = (press(path) for path in self.paths)
         return Loaded(fine, self._films(fine))
 
@@ -151,13 +165,15 @@ class LoadedScene:
         """Film forces per indentation with bounds: those of the linear level and what two meshes differ by on the way."""
         rest, off = self.linear.films[0], self.differences(point.indentation)
         totals = point.films / point.indentation
-        errors = rest.relative_errors + SAFETY * off.films + UNSEEN
-        bound = Bound(errors * np.abs(totals), rest.bound.log_ratio + SAFETY * off.log_ratio + UNSEEN)
+        errors = rest.relative_errors + SAFETY * off.films + self.unseen
+        bound = Bound(errors * np.abs(totals), rest.bound.log_ratio + SAFETY * off.log_ratio + self.unseen)
         if rest.slope is None:
             return FilmForces(np.diag(totals), bound)
         value = self.sensitivity(self.paths[1], point)
         grown = abs(value / rest.log_sensitivity) if rest.log_sensitivity else 1.0
-        error = rest.sensitivity_error * max(1.0, grown) + (SAFETY * off.sensitivity + UNSEEN) * self._size(point.indentation)
+        error = rest.sensitivity_error * max(1.0, grown) + (SAFETY * off.sensitivity + self.unseen) * self._size(
+            point.indentation
+        )
         # at one force the films' changes add up to nothing
         shares = np.array([totals[1], -totals[0]]) / totals.sum() * value
         return FilmForces(np.diag(totals), bound, np.diag(totals * shares), error)

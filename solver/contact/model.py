@@ -98,10 +98,10 @@ class ContactModel:
     def contact_lengths(self, indentation: float) -> list[float]:
         """What penetration and rounding of each pair are told in, m: the gap, or a share of the probe, or less under small loads.
 
-        Faces open at any load: what is exact enough for them goes to zero with it.
+        Faces open, and round edges close, at any load: what is exact enough for them goes to zero with it.
         """
         length = contact_length(self.section)
-        return [min(length, OPENING * indentation) if pair.loose else length for pair in self.pairs]
+        return [min(length, OPENING * indentation) if pair.smooth else length for pair in self.pairs]
 
     @property
     def target(self) -> Bools:
@@ -120,7 +120,7 @@ class ContactModel:
         """
         own = self.displaced(state.v, state.indentation)
         lengths = self.contact_lengths(state.indentation)
-        blurs = [state.blur * length * (ROUND if pair.loose else 1.0) for pair, length in zip(self.pairs, lengths, strict=True)]
+        blurs = [state.blur * length * (ROUND if pair.smooth else 1.0) for pair, length in zip(self.pairs, lengths, strict=True)]
         each = zip(self.pairs, state.multipliers, blurs, state.grips, strict=True)
         return tuple(touch(pair, own, m, state.share, blur, grip=grip) for pair, m, blur, grip in each)
 

@@ -79,6 +79,11 @@ class Pair:
     tied: Bools = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
     @property
+    def smooth(self) -> bool:
+        """Whether the lines lie on each other at rest, or part smoothly: what penetrates is seen at any load."""
+        return self.loose or self.slave_edge.radius > 0 or self.master_edge.radius > 0
+
+    @property
     def points(self) -> int:
         """Number of the slave's Gauss points."""
         return int(self.slave.place.shape[0]) * len(gauss(self.slave.order)[0])
