@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, SolveError, Words
 from geometry.scenes.probe import mm
-from geometry.scenes.scene import Scene
+from geometry.scenes.scene import Contact, Scene
 from solver.axisymmetric.level import Axisymmetric
 from solver.contact.loaded import Loaded, LoadedScene, curve, refined
 from solver.contact.pressed import StoppedError
@@ -25,17 +25,16 @@ FEATURE = "finite strain and contact"
 
 @dataclass(frozen=True)
 class ContactLevel(FilmLevel):
-    """Finite strain and contact in the meridian plane: bonded faces, one sphere on the axis at most."""
+    """Finite strain and contact in the meridian plane: faces bonded, sliding or opening, one sphere on the axis at most."""
 
     name: str = "contact"
     summary: str = "2D, finite strain, walls in contact; tumour on the probe's axis; 5e-3 to 2e-2 in 2 to 20 s"
 
     def refusal(self, scene: Scene) -> str | None:
         """Say which kind of thing in the scene this level does not know, or None."""
-        if scene.contact.interface == "frictionless":
-            return "axisymmetric, linearly, for contact.interface = 'frictionless'"
-        sharp = scene.contact.model_copy(update={"edge_radius": 0.0})
-        return Axisymmetric().refusal(scene.model_copy(update={"contact": sharp}))
+        if scene.contact.interface != "bonded" and scene.tissue.shape == "half-space":
+            return f"tissue of finite size for contact.interface = '{scene.contact.interface}' at finite strain"
+        return Axisymmetric().refusal(scene.model_copy(update={"contact": Contact()}))
 
     def answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Answer:
         """Press on meshes as fine as ``accuracy`` needs, of the three there are; see ``Evaluator``.
