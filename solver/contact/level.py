@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,16 +46,25 @@ class ContactLevel(FilmLevel):
         Raises:
             Refusal: the scene is of another kind, too extreme, or pressed further than any step converges.
         """
-        with threadpool_limits(1, user_api="blas"):
-            on = self.pressed(scene, accuracy)
-            try:
-                found, on, notes = refined(on, lambda films: _good(films, scene, accuracy))
-                answers = [found] if moduli is None else curve(on, np.asarray(moduli))
-            except StoppedError as fault:
-                raise self.stopped(_key(scene), fault) from fault
-            except SolveError as fault:
-                raise self._extreme(fault) from fault
+        with threadpool_limits(1, user_api="blas"), self._refusing(scene):
+            found, on, notes = refined(self.pressed(scene, accuracy), lambda films: _good(films, scene, accuracy))
+            answers = [found] if moduli is None else curve(on, np.asarray(moduli))
         return self._answer(scene, accuracy, on, answers, notes)
+
+    def loaded(self, scene: Scene, accuracy: float) -> LoadedScene:
+        """Return a scene pressed to its load, for others beside it; as ``answer``, but its log-sensitivity need not be exact."""
+        with threadpool_limits(1, user_api="blas"), self._refusing(scene):
+            return refined(self.pressed(scene, accuracy), lambda films: films.error_under(scene) <= accuracy)[1]
+
+    @contextmanager
+    def _refusing(self, scene: Scene) -> Iterator[None]:
+        """Say which load of a scene is too large, or that it is too extreme."""
+        try:
+            yield
+        except StoppedError as fault:
+            raise self.stopped(_key(scene), fault) from fault
+        except SolveError as fault:
+            raise self._extreme(fault) from fault
 
     def _answer(self, scene: Scene, accuracy: float, on: LoadedScene, answers: list[Loaded], limits: tuple[Note, ...]) -> Answer:
         films = tuple(one.films for one in answers)

@@ -269,6 +269,12 @@ def curve(on: LoadedScene, moduli: Floats) -> list[Loaded]:
     return [found[k] for k in range(len(moduli))]
 
 
+def beside(near: LoadedScene, modulus: float) -> tuple[Loaded, LoadedScene]:
+    """Return one such answer, and the scene that it is of, pressed, for more of them; see ``curve``."""
+    linear = converged_forces(near.scene, LINEAR_SHARE * near.accuracy, np.array([modulus]))
+    return _beside(near, modulus, linear)
+
+
 def _beside(near: LoadedScene, modulus: float, linear: Converged) -> tuple[Loaded, LoadedScene]:
     """The answer for another modulus, begun at the neighbour's state, or from rest where that does not converge."""
     at_rest = near.with_modulus(modulus, linear)

@@ -108,6 +108,7 @@ ALLOWED: dict[str, set[str]] = {
     "probe_design.estimation": {
         "probe_design.data",
         "probe_design.maps.target_grid",
+        "solver.contact",
         "solver.equivalent_inclusion",
         "solver.inclusions",
         "solver.planning",
