@@ -56,6 +56,7 @@ ALLOWED: dict[str, set[str]] = {
         *MESHES,
     },
     "solver.solid": {"solver.axisymmetric", "solver.linalg", "solver.results", "geometry.tetra", *SCENES},
+    "solver.phase": {"solver.axisymmetric", "solver.equivalent_inclusion", "solver.results", *MESHES},
     "solver.planning": {
         "solver.axisymmetric",
         "solver.contact",
@@ -79,6 +80,7 @@ ALLOWED: dict[str, set[str]] = {
         "solver.contact",
         "solver.equivalent_inclusion",
         "solver.linalg",
+        "solver.phase",
         "solver.planning",
         "solver.published",
         "solver.results",

@@ -19,7 +19,8 @@ from tests.support.slow import slow_unless
 SCENE = REFERENCE / "axisymmetric" / "shallow.toml"
 KEYS = {
     "stress_inner", "stress_outer", "ratio", "log_sensitivity", "stiffness", "charge_inner", "charge_outer", "error_estimate",
-    "evaluator", "seconds", "equivalent_modulus", "residual", "linear_limit_load", "gap_closure_load", "plan", "warnings",
+    "evaluator", "seconds", "equivalent_modulus", "residual", "linear_limit_load", "gap_closure_load",
+    "frequency", "ratio_phase", "ratio_phase_error", "ratio_phase_derivatives", "plan", "warnings",
 }  # fmt: skip
 
 
