@@ -30,7 +30,7 @@ def read_table(reading: Read) -> Table:
     return table
 
 
-def _phase(reading: Read) -> tuple[float | None, ...]:
+def _phase(reading: Read) -> tuple[float | None, float | None, float | None, float | None]:
     return reading.ratio_phase, reading.ratio_phase_uncertainty, reading.predicted_ratio_phase, reading.z_ratio_phase
 
 
