@@ -27,6 +27,9 @@ COLOURS = {
     "film-inner": (0.93, 0.78, 0.22),
     "film-outer": (0.45, 0.72, 0.36),
     "base": (0.62, 0.64, 0.67),
+    "pin": (0.72, 0.53, 0.04),
+    "ring": (0.72, 0.53, 0.04),
+    "sleeve": (0.50, 0.50, 0.55),
 }
 
 
@@ -108,7 +111,7 @@ def base(probe: Probe) -> Any:
     middle, top = probe.inner_radius + probe.gap / 2, flange + sizes.thickness
     lower = [(0.0, low), (middle, low), (middle, side)] if low != side else [(0.0, low)]
     shoulder = [(radius, flange), (sizes.flange_radius, flange)] if sizes.flange_radius > radius else []
-    return _revolved([*lower, (radius, side), *shoulder, (sizes.flange_radius, top), (0.0, top)])
+    return revolved([*lower, (radius, side), *shoulder, (sizes.flange_radius, top), (0.0, top)])
 
 
 def parts(probe: Probe) -> dict[str, Any]:
@@ -137,10 +140,10 @@ def built(name: str, make: Callable[[], Any]) -> Any:
 
 
 def _ring(inner: float, outer: float, bottom: float, top: float) -> Any:
-    return _revolved([(inner, bottom), (outer, bottom), (outer, top), (inner, top)])
+    return revolved([(inner, bottom), (outer, bottom), (outer, top), (inner, top)])
 
 
-def _revolved(profile: list[tuple[float, float]]) -> Any:
+def revolved(profile: list[tuple[float, float]]) -> Any:
     """One solid of revolution about z from its (r, z) polygon in m: exact where booleans would leave tolerances."""
     cq = cadquery()
     # drawn on the +x side, so that the groove takes the surfaces' seam away and leaves each surface one face

@@ -75,15 +75,17 @@ class ReferenceForce(Frozen):
 
 
 class Channels(Frozen):
-    """What is known of the two channels before any calibration, as relative standard deviations.
+    """What is known of the two channels before any calibration, and how far they stay as calibrated.
 
     Attributes:
-        gain: of each film about its nominal charge per force.
+        gain: relative standard deviation of each film about its nominal charge per force.
         cross_talk: what share of one film's force shows in the other channel.
+        warming: standard deviation of each film's temperature about that of its calibration.
     """
 
     gain: Share = 0.05
     cross_talk: Share = 0.01
+    warming: Warming = 1.0
 
 
 class Workshop(Frozen):

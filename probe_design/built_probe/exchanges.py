@@ -14,9 +14,12 @@ from itertools import combinations
 import numpy as np
 
 from geometry.common.arrays import Floats
+from geometry.common.errors import InputError, Words
 from hw.signal.measure import FILMS
-from probe_design.built_probe.bench import Reference
+from probe_design.built_probe.bench import Bench, Reference
 
+FAR = 4.0  # standard deviations by which a gain may be off what the bench says of the channels
+READ_AGAIN = "put it right, and read again"
 TRIED = 24  # exchanges of two references, the most promising ones
 DEAD = 0.1  # share of what a film should feel below which it feels nothing
 
@@ -82,6 +85,32 @@ def dead_film(films: Floats, expected: Floats) -> str | None:
     pressed, felt = shares > DEAD, np.abs(films) >= DEAD * shares * load
     dead = [name for k, name in enumerate(FILMS) if pressed[:, k].any() and not (pressed & felt)[:, k].any()]
     return dead[0] if len(dead) == 1 else None
+
+
+def share_doubt(bench: Bench) -> float:
+    """By which a share may be off for all that the bench says: a gain off by g shifts it by up to g / 4."""
+    return FAR * (bench.channels.gain + bench.channels.cross_talk)
+
+
+def check_films(films: Floats, expected: Floats) -> None:
+    """Refuse readings of which a film is dead or of reversed polarity.
+
+    Args:
+        films: both films' readings, shape (n, 2).
+        expected: shares of the load that the inner film should feel, shape (n,).
+
+    Raises:
+        InputError: names the film, or the polarity.
+    """
+    dead = dead_film(films, expected)
+    if dead is not None:
+        what = Words(f"nothing on the {dead} film, whatever is pressed")
+        raise InputError("reading", what, f"charge on both films: is a film dead, or its cable off or short? {READ_AGAIN}")
+    both = (expected > 0) & (expected < 1)
+    if np.any(films[both].prod(axis=1) < 0):
+        raise InputError(
+            "reading", Words("charges of opposite sign"), f"one polarity: a film's leads are exchanged; {READ_AGAIN}"
+        )
 
 
 def _off(shares: Floats, expected: Floats, exchange: Exchange) -> float:

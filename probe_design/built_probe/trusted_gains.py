@@ -11,13 +11,11 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
 from probe_design.built_probe.bench import Bench, Reference
 from probe_design.built_probe.block_predictions import Shares
-from probe_design.built_probe.exchanges import Exchange, dead_film, explaining
+from probe_design.built_probe.exchanges import FAR, READ_AGAIN, Exchange, check_films, explaining, share_doubt
 from probe_design.built_probe.gain_matrix import Gains, Observed, estimated
 
 UNLIKELY = 0.001  # p-value below which the readings contradict each other
 CERTAIN = 1e-9  # likewise, from which a probe off its drawing would hardly look like one reading that is wrong
-FAR = 4.0  # standard deviations by which a gain may be off what the bench says of the channels
-READ_AGAIN = "put it right, and read again"
 
 
 def trusted(observed: Sequence[Observed], shares: Shares, bench: Bench) -> tuple[Gains, tuple[str, ...]]:
@@ -36,7 +34,7 @@ def trusted(observed: Sequence[Observed], shares: Shares, bench: Bench) -> tuple
             it), the references cannot tell the gains, or a gain is far from what the bench says of its channel.
     """
     films, expected = np.array([one.films for one in observed]), _expected(observed, shares)
-    _check_films(films, expected)
+    check_films(films, expected)
     _check_force(observed, bench)
     gains, fault = _attempt(observed, shares, bench)
     if gains is not None and gains.p_value >= UNLIKELY:
@@ -57,18 +55,6 @@ def _expected(observed: Sequence[Observed], shares: Shares) -> Floats:
     blocks = iter(1 / (1 + np.exp(-shares.log_ratios)))
     known = [{"inner": 1.0, "outer": 0.0}.get(one.reference.on) for one in observed]
     return np.array([next(blocks) if share is None else share for share in known])
-
-
-def _check_films(films: Floats, expected: Floats) -> None:
-    dead = dead_film(films, expected)
-    if dead is not None:
-        what = Words(f"nothing on the {dead} film, whatever is pressed")
-        raise InputError("reading", what, f"charge on both films: is a film dead, or its cable off or short? {READ_AGAIN}")
-    both = (expected > 0) & (expected < 1)
-    if np.any(films[both].prod(axis=1) < 0):
-        raise InputError(
-            "reading", Words("charges of opposite sign"), f"one polarity: a film's leads are exchanged; {READ_AGAIN}"
-        )
 
 
 def _check_force(observed: Sequence[Observed], bench: Bench) -> None:
@@ -104,9 +90,8 @@ def _check_exchanges(observed: Sequence[Observed], shares: Shares, bench: Bench,
         gains, _ = _attempt(_undone(observed, exchange), shares, bench)
         return gains is not None and gains.p_value >= UNLIKELY and not _strange(gains, bench)
 
-    channels = bench.channels  # a gain off by g shifts a share by up to g / 4; the design's and the blocks' part is less
-    doubt = FAR * (channels.gain + channels.cross_talk)
-    found = explaining(np.array([one.films for one in observed]), _expected(observed, shares), doubt, agrees)
+    films = np.array([one.films for one in observed])
+    found = explaining(films, _expected(observed, shares), share_doubt(bench), agrees)
     if found:
         names = ", or ".join(one.told(references) for one in found)
         value = Words(fault if isinstance(fault, str) else fault.value)

@@ -76,7 +76,8 @@ def read(
             predicted = prediction(setting.scene, number("accuracy", accuracy), linear, setting.bench.load.frequency)
         gains, at = None, None
         if setting.calibration is not None:
-            gains, at = setting.calibration.gains(), setting.calibration.frequency
+            gains = setting.calibration.gains().warmed(setting.bench.channels.warming)
+            at = setting.calibration.frequency
 
         def judge(samples: Samples) -> Any:
             return judged(reading(samples, setting.bench, at), setting.scene, setting.bench, predicted, gains)
@@ -92,8 +93,12 @@ def read(
     _tell_written(recording)
 
 
+WAIT = click.option("--wait", help="Seconds to change each reference in, without a terminal, in place of Enter.")
+
+
 @click.command()
 @_with_source
+@WAIT
 @click.option("-o", "--output", type=FILE_NAME, required=True, help="New file for the calibration record.")
 def calibrate(scene: Path | None, bench: Path | None, output: Path, linear: bool, as_json: bool, **source: Any) -> None:
     """Tell gains, cross-talk and offsets of SCENE's probe from readings on the bench's references.
@@ -131,15 +136,16 @@ def calibrate(scene: Path | None, bench: Path | None, output: Path, linear: bool
 
 @click.command()
 @_with_source
+@WAIT
 @click.option("--calibration", type=FILE_NAME, help="What calibrate has written.")
 @click.option("-o", "--output", type=FILE_NAME, help="New file for the result, as JSON.")
 def check(
     scene: Path | None, bench: Path | None, calibration: Path | None, output: Path | None, linear: bool, as_json: bool,
     **source: Any,
 ) -> None:  # fmt: skip
-    """Say whether the probe does what was predicted on the bench's blocks of tissue, and what would explain it if not.
+    """Say whether the probe is within the workshop's tolerances, by the bench's blocks of tissue, and what is out of it if not.
 
-    Exit code 1 if it does not. Without --calibration gains are nominal, with the bench's tolerances.
+    Exit code 1 if it is not, or if that cannot be told. Without --calibration gains are nominal, with the bench's tolerances.
 
     \b
     probe-design check --virtual --calibration probe.toml
@@ -152,7 +158,7 @@ def check(
     from probe_design.built_probe.check import check as run
     from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
     from probe_design.terminal.console import show, warn, working
-    from probe_design.terminal.hardware_tables import check_table, explanations_table, sentence
+    from probe_design.terminal.hardware_tables import check_table, explanations_table, pairs_table, sentences
 
     origin, setting = SampleSource(**source), HardwareSetup.of(scene, bench, calibration)
     if output is not None:
@@ -169,9 +175,11 @@ def check(
         print_json(result.as_dict())
     else:
         show(check_table(result))
-        if not result.passed:
+        if result.alike:
             show(explanations_table(result))
-        print(sentence(result))
+        if result.pairs:
+            show(pairs_table(result))
+        print("\n".join(sentences(result)))
     if record is None:
         warn(["not calibrated: nominal gains, with the bench's tolerances"])
     if not result.passed:
@@ -199,14 +207,22 @@ def _readings(
 
 
 def _ask_for(reference: Reference, which: str, source: SampleSource) -> None:
+    from time import sleep
+
     from geometry.common.errors import InputError, Words
     from probe_design.terminal.console import message
 
     if not source.live:
         return
+    if source.pause is not None:
+        message(f"{which}: press on: {reference.name}; reading begins in {source.pause:g} s")
+        sleep(source.pause)
+        return
     if not sys.stdin.isatty():
         raise InputError(
-            "device", Words("without a terminal"), "a terminal, to change references at, or --replay for each reading"
+            "device",
+            Words("without a terminal"),
+            "a terminal, to change references at, --wait SECONDS or --replay for each reading",
         )
     message(f"{which}: press on: {reference.name}; start the load, then press Enter")
     input()

@@ -45,6 +45,7 @@ class SampleSource:
     record: Path | None = None
     built: tuple[str, ...] = ()
     seed: int = 0
+    wait: str | None = None
 
     def __post_init__(self) -> None:
         sources = [self.virtual, bool(self.replay), self.device is not None]
@@ -69,6 +70,16 @@ class SampleSource:
         if not 0 < length <= 1e6:
             raise InputError("seconds", self.seconds, "a number of seconds above 0, up to 1e6")
         return length
+
+    @property
+    def pause(self) -> float | None:
+        """Seconds to change a reference in, s; None: until Enter is pressed."""
+        if self.wait is None:
+            return None
+        pause = number("wait", self.wait, "a number of seconds from 0 to 86400")
+        if not 0 <= pause <= 86400:
+            raise InputError("wait", self.wait, "a number of seconds from 0 to 86400")
+        return pause
 
     def openers(
         self, signals: Callable[[], tuple[Callable[[Floats], Floats], ...]], count: int, pace: bool

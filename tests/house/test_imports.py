@@ -119,6 +119,7 @@ ALLOWED: dict[str, set[str]] = {
     "probe_design.tradeoffs": {"probe_design.pictures", "solver.linalg", "solver.planning", "geometry.tetra", *ANSWERS},
     "probe_design.sweeps": {"solver.closed_form", "solver.linalg", "solver.planning", *ANSWERS},
     "probe_design.built_probe": {
+        "geometry.cad",  # the fixture's sizes and the probe's outlines, on the page to print
         "solver.axisymmetric",
         "solver.equivalent_inclusion",
         "solver.planning",
