@@ -25,12 +25,11 @@ def example(load: Load) -> Scene:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "noise"), [("example", 0.01), ("equal-blocks-6kpa", 0.02)])
-def test_readings_of_other_codes_are_inverted_right(name: str, noise: float) -> None:
-    """At 2.5 mm, 0.23 N; on the example a linear inversion is 24 % off (reference/contact, by codes that are not ours)."""
-    scene = read_scene(REFERENCE / "contact" / f"{name}.toml")
-    row = next(row for row in EXPECTED[name]["rows"] if row["indentation"] == 0.0025)
-    read, truth = (Reading(0.0, 0.0, row["ratio"], noise),), scene.inclusion[0].youngs_modulus
+def test_a_reading_of_other_codes_is_inverted_right() -> None:
+    """At 2.5 mm, 0.23 N, where a linear inversion is 24 % off (reference/contact, by codes that are not ours)."""
+    scene = read_scene(REFERENCE / "contact" / "example.toml")
+    row = next(row for row in EXPECTED["example"]["rows"] if row["indentation"] == 0.0025)
+    read, truth = (Reading(0.0, 0.0, row["ratio"], 0.01),), scene.inclusion[0].youngs_modulus
     found = estimate(scene.model_copy(update={"load": Load(indentation=0.0025)}), read)
     assert found.evaluator == "contact"
     assert found.value is not None
@@ -39,11 +38,10 @@ def test_readings_of_other_codes_are_inverted_right(name: str, noise: float) -> 
     assert (low or 0.0) < truth < (high or np.inf)
     off = found.error_estimate + row["ratio_unc"] / row["ratio"]
     assert abs(np.log(found.value / truth)) <= off / (row["log_sensitivity"] - 0.1 * off)
-    if name == "example":
-        linear = estimate(scene.model_copy(update={"load": Load(force=0.0)}), read).value
-        assert linear is not None
-        assert linear < 0.85 * truth
-        assert abs(np.log(found.value / truth)) < abs(np.log(linear / truth)) / 2
+    linear = estimate(scene.model_copy(update={"load": Load(force=0.0)}), read).value
+    assert linear is not None
+    assert linear < 0.85 * truth
+    assert abs(np.log(found.value / truth)) < abs(np.log(linear / truth)) / 2
 
 
 class MadeUp(LoadedModel):
