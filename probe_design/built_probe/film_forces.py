@@ -9,7 +9,8 @@ from geometry.common.errors import InputError, Words
 from geometry.scenes.probe import Probe
 from geometry.scenes.scene import Scene
 from hw.common.samples import Samples
-from hw.signal.measure import FILMS, Flawed, Measurement, checked, measure
+from hw.signal.measure import FILMS, Measurement, checked, measure
+from hw.signal.waveform import Flawed
 from probe_design.built_probe.bench import Bench, Reference
 from probe_design.built_probe.gain_matrix import Observed
 from probe_design.built_probe.virtual_probe import charge_per_force

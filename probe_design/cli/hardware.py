@@ -183,7 +183,7 @@ def _readings(
 ) -> tuple[list[Samples], tuple[Path | None, ...]]:
     """One reading on each reference, and where its raw data are."""
     from hw.common.errors import HardwareError
-    from hw.signal.measure import Flawed
+    from hw.signal.waveform import Flawed
 
     files = source.recordings(len(references))
     samples = []
