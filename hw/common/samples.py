@@ -75,6 +75,13 @@ class Samples:
         gaps = tuple(gap for gap in self.gaps if gap.first < index)
         return replace(self, index=self.index[:end], volts=self.volts[:end], saturated=self.saturated[:end], gaps=gaps)
 
+    def after(self, index: int) -> Samples:
+        """Return the rows from an index on, and the gaps that begin there or later; overruns count before it."""
+        begin = int(np.searchsorted(self.index, index))
+        gaps = tuple(gap for gap in self.gaps if gap.first >= index)
+        rows = self.index[begin:], self.volts[begin:], self.saturated[begin:]
+        return replace(self, index=rows[0], volts=rows[1], saturated=rows[2], gaps=gaps, overruns=0)
+
     def of(self, names: Sequence[str]) -> Samples:
         """Return these channels alone, in this order; all must be there."""
         columns = [self.channels.index(name) for name in names]

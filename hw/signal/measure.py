@@ -126,11 +126,20 @@ def measure(
     Raises:
         HardwareError: a channel is missing, no sinusoid can be fitted, it is not steady, or too slow for the amplifier.
     """
+    used = samples.of(film_channels(samples, sensitivity is not None))
+    return measured(sine_fit(used, frequency), Losses.of(used), amplifier, sensitivity, calibrated_at)
+
+
+def film_channels(samples: Samples, force: bool) -> tuple[str, ...]:
+    """Return the channels that a measurement uses: both films', and the force's if it is wanted and there.
+
+    Raises:
+        Flawed: a film's channel is missing.
+    """
     missing = [name for name in FILMS if name not in samples.channels]
     if missing:
         raise Flawed(f"no channel {missing[0]!r} among {', '.join(samples.channels)}: both films are needed")
-    used = samples.of(FILMS if sensitivity is None or FORCE not in samples.channels else (*FILMS, FORCE))
-    return measured(sine_fit(used, frequency), Losses.of(used), amplifier, sensitivity, calibrated_at)
+    return (*FILMS, FORCE) if force and FORCE in samples.channels else FILMS
 
 
 def measured(

@@ -129,6 +129,8 @@ def _check_samples(samples: Samples, requested: int) -> None:
     dead = [name for name, swing in zip(samples.channels, np.ptp(samples.volts, axis=0), strict=True) if not swing > 0]
     if dead or not np.all(np.isfinite(samples.volts)):
         raise NoSine(f"channel {dead[0] if dead else 'of some film'} shows no change, or no numbers: is it connected?")
+    if samples.volts.shape[1] > 1 and np.array_equal(samples.volts[:, 0], samples.volts[:, 1]):
+        raise NoSine(f"channels {samples.channels[0]} and {samples.channels[1]} hold the same numbers: two films never do")
 
 
 def _load(samples: Samples, span: float, nominal: float | None) -> float:

@@ -174,6 +174,12 @@ def test_anything_not_a_number_is_refused() -> None:
             told(on(0, lambda v, value=value: np.where(T[77] == T, value, v)))
 
 
+def test_one_signal_in_both_channels_is_refused() -> None:
+    whole = volts(1)
+    with pytest.raises(NoSine, match="hold the same numbers"):
+        told(whole[:, [0, 0, 2]])
+
+
 def test_steady_blocks_are_called_unsteady_as_seldom_as_stated() -> None:
     """Noise alone widens nothing: 5 tests of 1e-4 each."""
     assert sum(bool(told(volts(seed, hum=0.0)).warnings) for seed in range(12)) == 0
