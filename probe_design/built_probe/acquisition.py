@@ -18,7 +18,13 @@ SHARE = 0.05  # of the time that passed, so that an hour has a hundred
 
 
 def collected(
-    reader: Reader, seconds: float | None, record: Path | None, running: RunningFit, show: Callable[[Samples], None], last: float
+    reader: Reader,
+    seconds: float | None,
+    record: Path | None,
+    running: RunningFit,
+    *,
+    show: Callable[[Samples], None],
+    last: float,
 ) -> None:
     """Fit all samples of a reading as they come; the raw bytes are on disk before.
 

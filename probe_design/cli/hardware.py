@@ -92,7 +92,7 @@ def read(
         check_rate(frequency, reader.header.rate)
         running = RunningFit(frequency, setting.bench.force is not None)
         with following(lambda samples: judge(reading(samples, setting.bench, at))) as follow:  # from here on samples come
-            collected(reader, length, recording, running, follow, followed(frequency))
+            collected(reader, length, recording, running, show=follow, last=followed(frequency))
     result = judge(running_reading(running, setting.bench, at))
     if as_json:
         print_json(result.as_dict())
@@ -197,7 +197,7 @@ def _readings(
     source.recordings(count)
     openers = source.openers(lambda: _on_references(setting, source, references, run), count, pace=False)
     found = [
-        _reading(setting, source, reference, k, count, opener, path)
+        _reading(setting, source, reference, which=(k, count), opener=opener, recorded=path)
         for k, (reference, opener, path) in enumerate(zip(references, openers, recorded, strict=True))
     ]
     samples, files = zip(*found, strict=True)
@@ -205,7 +205,13 @@ def _readings(
 
 
 def _reading(
-    setting: HardwareSetup, source: SampleSource, reference: Reference, k: int, count: int, opener: Opener, recorded: Path | None
+    setting: HardwareSetup,
+    source: SampleSource,
+    reference: Reference,
+    *,
+    which: tuple[int, int],
+    opener: Opener,
+    recorded: Path | None,
 ) -> tuple[Samples, Path | None]:
     """One good reading on a reference, and its file: a live one that is flawed is read again, a recorded one refused by name."""
     from hw.common.errors import HardwareError
@@ -215,11 +221,11 @@ def _reading(
     from probe_design.terminal.console import message
 
     for attempt in range(1, ATTEMPTS + 1):
-        file = source.recording(k, count, attempt) if recorded is None else recorded
+        file = source.recording(*which, attempt) if recorded is None else recorded
         if recorded is None:
             if file is not None and file.exists():  # an attempt of a calibration that is resumed
                 continue
-            _ask_for(reference, f"{k + 1} of {count}", source)
+            _ask_for(reference, f"{which[0] + 1} of {which[1]}", source)
         try:
             with opener() as reader:
                 length = source.length if recorded is None or source.seconds is not None else None

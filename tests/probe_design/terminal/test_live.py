@@ -53,7 +53,7 @@ def test_collected_is_what_the_reader_gives() -> None:
     looks: list[Samples] = []
     running = RunningFit(5.0, force=True)
     with probe() as reader:
-        collected(reader, 4.0, None, running, looks.append, 1.0)
+        collected(reader, 4.0, None, running, show=looks.append, last=1.0)
     with probe() as reader:
         whole = reader.collect(4.0)
     assert running.fit().amplitudes == pytest.approx(sine_fit(whole, 5.0).amplitudes, rel=1e-9)
@@ -67,7 +67,7 @@ def test_what_a_look_raises_does_not_end_the_reading() -> None:
 
     running = RunningFit(5.0, force=True)
     with probe() as reader:
-        collected(reader, 3.0, None, running, look, 1.0)
+        collected(reader, 3.0, None, running, show=look, last=1.0)
     assert running.fit().rows == 1500
 
 
@@ -89,7 +89,7 @@ class Failing:
 def test_errors_of_the_reader_come_through(fault: Exception | None, kind: type[Exception]) -> None:
     reader: Any = Failing(fault)
     with pytest.raises(kind):
-        collected(reader, 1.0, None, RunningFit(5.0, force=True), lambda samples: None, 1.0)
+        collected(reader, 1.0, None, RunningFit(5.0, force=True), show=lambda samples: None, last=1.0)
 
 
 def test_lost_frames_are_marked_by_read_and_refused_by_calibrate() -> None:
