@@ -12,7 +12,8 @@ from geometry.common.errors import InputError, Words
 from geometry.scenes.scene import Scene
 from hw.common.errors import HardwareError
 from hw.common.samples import Samples
-from hw.signal.measure import Flawed, Measurement
+from hw.signal.measure import Measurement
+from hw.signal.waveform import Flawed
 from probe_design.built_probe.bench import Bench, Reference
 from probe_design.built_probe.block_predictions import Shares, predicted
 from probe_design.built_probe.film_forces import observed, strict_reading

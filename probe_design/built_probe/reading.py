@@ -10,7 +10,8 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
-from hw.signal.measure import Measurement, carried
+from hw.signal.measure import FILMS, Measurement, carried
+from hw.signal.waveform import Flawed
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.film_forces import newtons
 from probe_design.built_probe.gain_matrix import Gains
@@ -21,6 +22,8 @@ from solver.levels import AUTO, evaluate
 from solver.planning.load_check import check_load, exact, load_rule, with_load
 from solver.results.result import Result
 
+SHOWS = 3.0  # standard deviations, which a film's force on tissue exceeds
+CONTRADICTS = 5.0  # standard deviations between the films' sum and the force channel
 SPREAD = 3**-0.5  # standard deviation of what lies anywhere within a bound of 1: GUM 4.3.7
 
 
@@ -110,10 +113,15 @@ def read(measurement: Measurement, scene: Scene, bench: Bench, predicted: Result
         bench: how it was read.
         predicted: the scene's ``prediction``.
         gains: a calibration's; None: nominal, with the bench's tolerances.
+
+    Raises:
+        Flawed: a film that is dead or reversed, or films that contradict the force channel.
     """
     effective = Gains.nominal(bench) if gains is None else gains
     films, noise = newtons(measurement, scene, tolerance=True)
     forces, covariance = effective.forces(films), effective.forces_covariance(films, noise)
+    _check_films(forces, covariance)
+    _check_force(float(forces.sum()), float(covariance.sum()), measurement, bench)
     areas = np.array([scene.probe.inner_area, scene.probe.outer_area])
     stress, spread = forces / areas, np.sqrt(np.diag(covariance)) / areas
     ratio, ratio_sd = _ratio(forces, covariance, float(areas[1] / areas[0]))
@@ -156,6 +164,30 @@ def read(measurement: Measurement, scene: Scene, bench: Bench, predicted: Result
     )
 
 
+def _check_films(forces: Floats, covariance: Floats) -> None:
+    """Both films are pressed on tissue. An outer film that shows nothing leaves the ratio null."""
+    spread = np.sqrt(np.diag(covariance))
+    for name, force, own in zip(FILMS, forces.tolist(), spread.tolist(), strict=True):
+        if force < -SHOWS * own:
+            raise Flawed(f"the {name} film shows tension, {force:.3g} N: is its polarity reversed, or its cable another's?")
+    if forces[0] < SHOWS * spread[0]:
+        shown = f"the inner film shows {forces[0]:.2g} N, uncertain by {spread[0]:.2g} N"
+        raise Flawed(f"{shown}: is it dead, its cable off, or the load too small?")
+
+
+def _check_force(total: float, variance: float, measurement: Measurement, bench: Bench) -> None:
+    """What both films feel together is what the force channel shows: nothing else carries load."""
+    if measurement.force is None or measurement.force_sd is None or bench.force is None:
+        return
+    spread = math.sqrt(variance + measurement.force_sd**2 + (bench.force.tolerance * measurement.force) ** 2)
+    if abs(total - measurement.force) > CONTRADICTS * spread:
+        apart = abs(total - measurement.force) / spread
+        raise Flawed(
+            f"both films show {total:.4g} N, the force channel {measurement.force:.4g} N, {apart:.2g} standard deviations "
+            "apart: a film, amplifier or force sensor is not what bench and calibration say"
+        )
+
+
 def _z(read: float | None, spread: float | None, predicted: float | None, predicted_spread: float | None) -> float | None:
     if read is None or spread is None or predicted is None or predicted_spread is None:
         return None
@@ -178,6 +210,7 @@ def _at_load(
 def _warnings(measurement: Measurement, bench: Bench, gains: Gains | None, ratio: float | None) -> list[str]:
     lost = {"gaps": measurement.lost, "overruns": measurement.overruns, "saturated samples": measurement.saturated}
     warnings = [f"{count} {what}: left out, never filled in" for what, count in lost.items() if count]
+    warnings += measurement.warnings
     if gains is None:
         channels = bench.channels
         text = f"gains to {100 * channels.gain:g} %, cross-talk to {100 * channels.cross_talk:g} %"
