@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -11,11 +11,12 @@ from threadpoolctl import threadpool_limits
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, SolveError, Words
+from geometry.common.resources import LimitReached
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Contact, Scene
 from solver.axisymmetric.level import Axisymmetric
-from solver.contact.loaded import Loaded, LoadedScene, curve, refined
-from solver.contact.pressed import StoppedError
+from solver.contact.loaded import LoadedScene, curve
+from solver.contact.pressed import Loaded, StoppedError
 from solver.linalg.workspace import in_own_workspace
 from solver.results.evaluator import Answer, FilmLevel, Tell
 from solver.results.film_forces import FilmForces, shortfalls
@@ -114,6 +115,32 @@ def _good(films: FilmForces, scene: Scene, accuracy: float) -> bool:
 
 def _log_ratio(films: FilmForces) -> float:
     return float(np.log(np.abs(films.totals)) @ [1.0, -1.0])
+
+
+def refined(on: LoadedScene, good: Callable[[FilmForces], bool]) -> tuple[Loaded, LoadedScene, tuple[Note, ...]]:
+    """Press a scene as its load says, on meshes as fine as is needed; also says which limit forbade a finer one.
+
+    Args:
+        on: the scene at rest.
+        good: whether an answer is exact enough.
+
+    Raises:
+        Refusal, StoppedError, LimitReached: see ``LoadedScene.at_force``; on the first two meshes.
+    """
+    found = on.at_scene_s_load()
+    while not good(found.films):
+        finer = on.finer()
+        if finer is None:
+            break
+        try:
+            better = finer.at_scene_s_load()
+        except StoppedError:
+            break
+        except LimitReached as fault:
+            return found, on, (Note("limit", str(fault)),)
+        on = finer
+        found = better if better.films.bound.log_ratio < found.films.bound.log_ratio else found
+    return found, on, ()
 
 
 def level(tell: Tell | None = None) -> ContactLevel:

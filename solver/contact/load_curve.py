@@ -16,9 +16,9 @@ from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
 from solver.contact.level import ContactLevel
 from solver.contact.limits import closed, gap_closure_load, linear_limit_load
-from solver.contact.loaded import Loaded, LoadedScene
+from solver.contact.loaded import LoadedScene
 from solver.contact.path import Path
-from solver.contact.pressed import Pressed, StoppedError
+from solver.contact.pressed import Loaded, Pressed, StoppedError
 from solver.results.evaluator import Tell, silent
 from solver.results.load_curve import LoadCurve, LoadRange
 from solver.results.result import LargestLoad

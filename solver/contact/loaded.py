@@ -10,7 +10,6 @@ from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
-from geometry.common.resources import LimitReached
 from geometry.meridian.frame import MeridianFineness
 from geometry.meridian.section import Body, Section
 from geometry.scenes.probe import Material
@@ -19,9 +18,8 @@ from solver.axisymmetric.converged_forces import Converged, converged_forces
 from solver.axisymmetric.sections import HALF_SPACE
 from solver.contact.model import ContactModel
 from solver.contact.path import Path
-from solver.contact.pressed import Pressed, StoppedError
+from solver.contact.pressed import NONE, Differences, Loaded, Pressed, StoppedError
 from solver.results.film_forces import Bound, FilmForces
-from solver.results.warnings import Note
 
 MESHES = tuple(MeridianFineness(1, 0, order) for order in (2, 3, 4))
 SPRINGS = {2: 0.25, 3: 0.5, 4: 1.0}  # of friction's: what they give way goes with one over them, and meshes differ by it
@@ -33,37 +31,8 @@ UNSEEN = 1e-4  # ... this share, which the least error bound is
 FAR_TOO_DEEP = 3.0  # outer radii, by the linear stiffness
 FAR = 300.0  # sizes of probe and inclusion: where a half-space ends, for rounding grows with it
 UNCUT = 0.05  # of ratio and log-sensitivity, times (edge radius / least size of a block)^2: round edges are cut off contact alone
+PASSING = (0.005, 0.05)  # of ratio and log-sensitivity: what points do that pass an edge one by one, where faces open
 ALIKE = 0.2  # a mesh's log-sensitivity at rest nearer to the linear level's than this is off by a factor, else by a difference
-
-
-@dataclass(frozen=True)
-class Loaded:
-    """Film forces under one load.
-
-    Attributes:
-        point: of the finest path.
-        films: per indentation, with bounds; their slopes at the same force.
-    """
-
-    point: Pressed
-    films: FilmForces
-
-
-@dataclass(frozen=True)
-class Differences:
-    """By how much two meshes differ: in ln films, shape (2,), ln ratio, and log-sensitivity relative to its own size."""
-
-    films: Floats
-    log_ratio: float
-    sensitivity: float
-
-    def __or__(self, other: Differences) -> Differences:
-        """The larger of each."""
-        films = np.maximum(self.films, other.films)
-        return Differences(films, max(self.log_ratio, other.log_ratio), max(self.sensitivity, other.sensitivity))
-
-
-NONE = Differences(np.zeros(2), 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -145,15 +114,16 @@ class LoadedScene:
         return float(self.linear.films[0].totals.sum())
 
     @property
-    def unseen(self) -> float:
-        """The least error bound, relative: where edges are round the material beyond their arcs is left to the blocks."""
-        section = self.paths[1].model.section
-        wall = section.tube_radius - section.hole_radius
-        return (
-            UNSEEN
-            + UNCUT
-            * float(section.edge_radius / min(section.inner_radius, wall, section.inner_height, section.outer_height)) ** 2
-        )
+    def unseen(self) -> tuple[float, float]:
+        """The least bounds of film forces and log-sensitivity, relative: what no two meshes differ by.
+
+        Where edges are round the material beyond their arcs is left to the blocks; where faces open points pass an edge.
+        """
+        s = self.paths[1].model.section
+        sizes = (s.inner_radius, s.tube_radius - s.hole_radius, s.inner_height, s.outer_height)
+        least = UNSEEN + UNCUT * float(s.edge_radius / min(sizes)) ** 2
+        films, slopes = PASSING if self.opening else (0.0, 0.0)
+        return least + films, least + slopes
 
     def at_indentation(self, indentation: float) -> Loaded:
         """Press to an indentation, m; see ``at_scene_s_load``."""
@@ -168,9 +138,8 @@ class LoadedScene:
             return Loaded(point, light.films)
         if about <= SMALL * unit:
             rest = self.paths[1].points[0]
-            return Loaded(
-                replace(rest, indentation=about, films=about * rest.tangent), _widened(self.linear.films[0], self.unseen)
-            )
+            point = replace(rest, indentation=about, films=about * rest.tangent)
+            return Loaded(point, _widened(self.linear.films[0], max(self.unseen)))
         _, fine = (press(path) for path in self.paths)
         return Loaded(fine, self._films(fine))
 
@@ -178,15 +147,15 @@ class LoadedScene:
         """Film forces per indentation with bounds: those of the linear level and what two meshes differ by on the way."""
         rest, off = self.linear.films[0], self.differences(point.indentation)
         totals = point.films / point.indentation
-        errors = rest.relative_errors + SAFETY * off.films + self.unseen
-        bound = Bound(errors * np.abs(totals), rest.bound.log_ratio + SAFETY * off.log_ratio + self.unseen)
+        least, least_slope = self.unseen
+        errors = rest.relative_errors + SAFETY * off.films + least
+        bound = Bound(errors * np.abs(totals), rest.bound.log_ratio + SAFETY * off.log_ratio + least)
         if rest.slope is None:
             return FilmForces(np.diag(totals), bound)
         value = self.sensitivity(self.paths[1], point)
         grown = abs(value / rest.log_sensitivity) if rest.log_sensitivity else 1.0
-        error = rest.sensitivity_error * max(1.0, grown) + (SAFETY * off.sensitivity + self.unseen) * self._size(
-            point.indentation
-        )
+        own = (SAFETY * off.sensitivity + least_slope) * self._size(point.indentation)
+        error = rest.sensitivity_error * max(1.0, grown) + own
         # at one force the films' changes add up to nothing
         shares = np.array([totals[1], -totals[0]]) / totals.sum() * value
         return FilmForces(np.diag(totals), bound, np.diag(totals * shares), error)
@@ -221,32 +190,6 @@ class LoadedScene:
         films = CubicHermiteSpline(at, [point.films for point in points], [point.tangent for point in points])
         sensitivity = PchipInterpolator(at, [self.sensitivity(path, point) for point in points], extrapolate=True)
         return films(places).T, sensitivity(places)
-
-
-def refined(on: LoadedScene, good: Callable[[FilmForces], bool]) -> tuple[Loaded, LoadedScene, tuple[Note, ...]]:
-    """Press a scene as its load says, on meshes as fine as is needed; also says which limit forbade a finer one.
-
-    Args:
-        on: the scene at rest.
-        good: whether an answer is exact enough.
-
-    Raises:
-        Refusal, StoppedError, LimitReached: see ``LoadedScene.at_force``; on the first two meshes.
-    """
-    found = on.at_scene_s_load()
-    while not good(found.films):
-        finer = on.finer()
-        if finer is None:
-            break
-        try:
-            better = finer.at_scene_s_load()
-        except StoppedError:
-            break
-        except LimitReached as fault:
-            return found, on, (Note("limit", str(fault)),)
-        on = finer
-        found = better if better.films.bound.log_ratio < found.films.bound.log_ratio else found
-    return found, on, ()
 
 
 def curve(on: LoadedScene, moduli: Floats) -> list[Loaded]:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
 from solver.contact.newton import Equilibrium
+from solver.results.film_forces import FilmForces
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,36 @@ class Pressed:
     def force(self) -> float:
         """Of the base, N."""
         return float(self.films.sum())
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """Film forces under one load.
+
+    Attributes:
+        point: of the finest path.
+        films: per indentation, with bounds; their slopes at the same force.
+    """
+
+    point: Pressed
+    films: FilmForces
+
+
+@dataclass(frozen=True)
+class Differences:
+    """By how much two meshes differ: in ln films, shape (2,), ln ratio, and log-sensitivity relative to its own size."""
+
+    films: Floats
+    log_ratio: float
+    sensitivity: float
+
+    def __or__(self, other: Differences) -> Differences:
+        """The larger of each."""
+        films = np.maximum(self.films, other.films)
+        return Differences(films, max(self.log_ratio, other.log_ratio), max(self.sensitivity, other.sensitivity))
+
+
+NONE = Differences(np.zeros(2), 0.0, 0.0)
 
 
 class StoppedError(SolveError):
