@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -11,6 +12,10 @@ from typing import Self
 from hw.common.errors import InvalidSource, Timeout
 from hw.common.samples import Samples, joined
 from hw.common.transport import Decoder, Header, Transport
+from hw.foreign.columns import ColumnMap
+from hw.foreign.files import HDF5, is_foreign, replayed
+from hw.foreign.hdf5_recording import Hdf5Recorder
+from hw.foreign.volts import VoltsDecoder
 from hw.oscilloscope.transport import ScopeTransport, WaveformDecoder
 from hw.recordings.recording import Recorder
 from hw.recordings.replay import Replay
@@ -19,6 +24,7 @@ from hw.usb.transport import UsbTransport
 from hw.wire.decoder import Format, FrameDecoder
 
 SOURCES = "usb, usb:SERIAL, visa:RESOURCE, replay:FILE"
+AS_IT_IS = ColumnMap()
 
 
 class Reader:
@@ -33,19 +39,20 @@ class Reader:
         self.transport = transport
 
     @classmethod
-    def open(cls, source: str | Virtual, rate: float | None = None) -> Reader:
+    def open(cls, source: str | Virtual, rate: float | None = None, columns: ColumnMap = AS_IT_IS) -> Reader:
         """Open a source and start it.
 
         Args:
             source: ``usb`` (the only probe connected), ``usb:SERIAL``, ``visa:RESOURCE``, ``replay:FILE``, or a
                 ``hw.simulation.virtual.virtual`` probe.
-            rate: Hz per channel that a probe on USB is asked for; by default the rate it has.
+            rate: Hz per channel that a device is asked for; by default the rate it has.
+            columns: which columns of a file of another program are meant, what they are worth and at which rate.
 
         Raises:
             HardwareError: one of its family, saying what to do.
             OSError: a recording that cannot be read.
         """
-        return cls(_transport(source, rate))
+        return cls(_transport(source, rate, columns))
 
     @property
     def header(self) -> Header:
@@ -57,7 +64,8 @@ class Reader:
 
         Args:
             seconds: how long, by the device's own clock, gaps included; None: until the source ends.
-            record: a new file for the raw bytes, which get there before they are decoded.
+            record: a new file for the raw bytes, which get there before they are decoded; one that ends in .h5 or .hdf5 takes
+                the samples instead, and gets its name when it is whole.
 
         Raises:
             InvalidSource: less than one sample.
@@ -67,13 +75,16 @@ class Reader:
         end = None if seconds is None else self._samples_in(seconds)
         decoder = decoder_of(self.header)
         with ExitStack() as stack:
-            recorder = None if record is None else stack.enter_context(Recorder(record, self.header))
+            recorder = None if record is None else stack.enter_context(_recorder(record, self.header))
             while (chunk := self.transport.read()) is not None:
-                if recorder:
+                if isinstance(recorder, Recorder):
                     recorder.write(chunk)
                 block = decoder.feed(chunk.data, chunk.stream, chunk.note)
                 if len(block):
-                    yield block if end is None else block.before(end)
+                    asked = block if end is None else block.before(end)
+                    if isinstance(recorder, Hdf5Recorder):
+                        recorder.write_samples(asked)
+                    yield asked
                     if end is not None and block.index[-1] >= end - 1:
                         return
 
@@ -119,10 +130,24 @@ def decoder_of(header: Header) -> Decoder:
         return FrameDecoder(Format(header.rate, header.scale, header.size, header.stream), header.source)
     if header.kind == "waveforms":
         return WaveformDecoder(header)
-    raise InvalidSource(f"a recording of kind {header.kind!r}: allowed: frames, waveforms")
+    if header.kind == "volts":
+        return VoltsDecoder(header)
+    raise InvalidSource(f"a recording of kind {header.kind!r}: allowed: frames, waveforms, volts")
 
 
-def _transport(source: str | Virtual, rate: float | None) -> Transport:
+def _recorder(record: Path | str, header: Header) -> Recorder | Hdf5Recorder:
+    return Hdf5Recorder(record, header) if Path(record).suffix.lower() in HDF5 else Recorder(record, header)
+
+
+def _replay(path: Path, columns: ColumnMap) -> Transport:
+    if is_foreign(path):
+        return replayed(path, columns)
+    if columns != AS_IT_IS:
+        raise InvalidSource(f"{path} tells its columns and its rate itself: allowed: no --column and no --rate")
+    return Replay(path)
+
+
+def _transport(source: str | Virtual, rate: float | None, columns: ColumnMap) -> Transport:
     if isinstance(source, Virtual):
         return UsbTransport(source.serial, rate, backend=source)
     kind, _, name = source.partition(":")
@@ -131,5 +156,5 @@ def _transport(source: str | Virtual, rate: float | None) -> Transport:
     if kind == "visa" and name:
         return ScopeTransport.open(name)
     if kind == "replay" and name:
-        return Replay(Path(name))
+        return _replay(Path(name), columns if rate is None else replace(columns, rate=rate))
     raise InvalidSource(f"source {source!r}: allowed: {SOURCES}")

@@ -27,10 +27,26 @@ def _with_source(verb: Verb) -> Verb:
         click.option(
             "--virtual", is_flag=True, help="Read a probe that is not there: the solver's prediction, noise, hum, drift."
         ),
-        click.option("--replay", type=FILE_NAME, multiple=True, help="Read a recording; once for each reading."),
-        click.option("--device", help="usb, usb:SERIAL or visa:RESOURCE.  [default: usb, the only probe connected]"),
+        click.option(
+            "--replay",
+            type=FILE_NAME,
+            multiple=True,
+            help="Read a recording, or a .csv, .txt, .h5 or .wav file of another program; once for each reading.",
+        ),
+        click.option(
+            "--column",
+            multiple=True,
+            help="Of such a file: 'inner=CH1 mV', for inner, outer, force, time: the column's name or number and what one of its "
+            "numbers is worth; or a TOML file that says so. Of an oscilloscope: 'force=4', the channel.",
+        ),
+        click.option("--rate", help="Samples per second, '10 kHz': a device is asked for it; a file without times has it."),
+        click.option("--device", help="usb, usb:SERIAL, serial:PORT or visa:RESOURCE.  [default: usb, the only probe connected]"),
         click.option("--seconds", help="How long to read.  [default: 10; a recording to its end]"),
-        click.option("--record", type=FILE_NAME, help="Write the raw data to this file; several are numbered."),
+        click.option(
+            "--record",
+            type=FILE_NAME,
+            help="Write the raw data to this file, or samples in volts where it ends in .h5; several are numbered.",
+        ),
         click.option("--bench", type=FILE_NAME, help="TOML file of load, amplifier and references."),
         click.option("--built", multiple=True, help="How the virtual probe differs: 'probe.gap=0.12 mm'."),
         click.option("--seed", default=0, show_default=True, type=click.IntRange(0, 2**31), help="Of the virtual probe's noise."),
@@ -58,6 +74,8 @@ def read(
     probe-design read scene.toml --virtual
     probe-design read scene.toml --record run.probe --calibration probe.toml
     probe-design read scene.toml --replay run.probe --calibration probe.toml --json
+    probe-design read scene.toml --replay scope.csv --column "inner=CH1 mV" --column "outer=CH2 mV" --rate "1 kHz"
+    probe-design read scene.toml --replay run.probe --record run.h5
     """  # noqa: D301
     from probe_design.built_probe.acquisition import collected
     from probe_design.built_probe.film_forces import reading
@@ -82,7 +100,7 @@ def read(
             return judged(reading(samples, setting.bench, at), setting.scene, setting.bench, predicted, gains)
 
         with following(judge, setting.bench.load.frequency) as follow:
-            samples = collected(reader, length, recording, follow)
+            samples = collected(setting.described_by(reader), length, recording, follow)
     result = judge(samples)
     if as_json:
         print_json(result.as_dict())
@@ -192,7 +210,7 @@ def _readings(
         _ask_for(reference, f"{k + 1} of {len(references)}", source)
         try:
             with opener() as reader:
-                samples.append(reader.collect(source.length, file).whole())
+                samples.append(setting.described_by(reader).collect(source.length, file).whole())
         except HardwareError as fault:
             raise Flawed(f"{reference.name}: {fault}") from fault
     return samples, source.replay or files

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import read_scene
 from geometry.scenes.variables import changed, values
 from hw.common.samples import Floats, Samples
+from hw.foreign.columns import ColumnMap
+from hw.foreign.files import HDF5
+from hw.foreign.units import read_rate
 from hw.reader import Reader
 from hw.recordings.recording import sha256
 from hw.simulation.virtual import virtual
@@ -45,6 +49,8 @@ class SampleSource:
     record: Path | None = None
     built: tuple[str, ...] = ()
     seed: int = 0
+    column: tuple[str, ...] = ()
+    rate: str | None = None
 
     def __post_init__(self) -> None:
         sources = [self.virtual, bool(self.replay), self.device is not None]
@@ -52,8 +58,11 @@ class SampleSource:
             raise InputError("source", Words("several"), "one of --virtual, --replay and --device")
         if self.built and not self.virtual:
             raise InputError("built", self.built[0], "nothing without --virtual: it says how the virtual probe was built")
-        if self.record is not None and self.replay:
-            raise InputError("record", str(self.record), "nothing beside --replay, whose file is the recording")
+        if self.record is not None and self.replay and self.record.suffix.lower() not in HDF5:
+            raise InputError("record", str(self.record), "a name that ends in .h5 beside --replay, whose file is the recording")
+        for key, given in (("column", self.column), ("rate", self.rate)):
+            if given and self.virtual:
+                raise InputError(key, given, "nothing beside --virtual, which has its own")
 
     @property
     def live(self) -> bool:
@@ -79,7 +88,9 @@ class SampleSource:
         if self.replay and len(self.replay) != count:
             raise InputError("replay", Words(f"{len(self.replay)} files"), f"{count}: one for each reading, in their order")
         names = [f"replay:{path}" for path in self.replay] or [self.device or "usb"] * count
-        return tuple(partial(Reader.open, name) for name in names)
+        columns = ColumnMap.of(self.column)
+        rate = None if self.rate is None else read_rate(self.rate)
+        return tuple(partial(Reader.open, name, rate, columns) for name in names)
 
     def recordings(self, count: int) -> tuple[Path | None, ...]:
         """Return the file of each reading's raw data: numbered where there are several.
@@ -100,11 +111,12 @@ class SampleSource:
 
 @dataclass(frozen=True)
 class HardwareSetup:
-    """Scene, bench and, where there is one, calibration."""
+    """Scene, bench and, where there is one, calibration; ``origin`` is what a recording keeps of them."""
 
     scene: Scene
     bench: Bench
     calibration: CalibrationRecord | None = None
+    origin: dict[str, Any] = field(default_factory=dict)
 
     @classmethod
     def of(cls, scene: Path | None, bench: Path | None, calibration: Path | None) -> HardwareSetup:
@@ -119,12 +131,20 @@ class HardwareSetup:
             read_scene(scene) if scene is not None else known_scene or builtin_reading(),
             read_bench(bench) if bench is not None else known_bench or builtin_bench(),
             record,
+            {f"{key}_sha256": sha256(path) for key, path in (("scene", scene), ("calibration", calibration)) if path is not None},
         )
         if known_scene is not None and not _same_probe(known_scene, setting.scene):
             raise InputError("calibration", str(calibration), "one of this probe: dimensions, moduli or films differ")
         if known_bench is not None and known_bench.amplifier != setting.bench.amplifier:
             raise InputError("calibration", str(calibration), "one with this bench's amplifier")
         return setting
+
+    def described_by(self, reader: Reader) -> Reader:
+        """Return a reader whose recording tells scene, calibration and place, unless what it replays has told them."""
+        place = {"placement": [self.scene.placement.x, self.scene.placement.y]}
+        for key, value in (self.origin | place).items():
+            reader.header.source.setdefault(key, value)
+        return reader
 
     def virtual(self, source: SampleSource) -> VirtualBench:
         """Return the virtual probe, built as the source says."""
