@@ -78,6 +78,7 @@ def read(
     probe-design read scene.toml --replay run.probe --record run.h5
     """  # noqa: D301
     from probe_design.built_probe.acquisition import collected
+    from probe_design.built_probe.field_readings import noise_of, placement_of, read_told
     from probe_design.built_probe.film_forces import reading
     from probe_design.built_probe.reading import prediction
     from probe_design.built_probe.reading import read as judged
@@ -101,9 +102,11 @@ def read(
 
         with following(judge, setting.bench.load.frequency) as follow:
             samples = collected(setting.described_by(reader), length, recording, follow)
-    result = judge(samples)
+    measurement = reading(samples, setting.bench, at)
+    result = judged(measurement, setting.scene, setting.bench, predicted, gains)
     if as_json:
-        print_json(result.as_dict())
+        known = setting.origin | {"placement": placement_of(samples.source)}
+        print_json(read_told(result, noise_of(measurement, setting.scene, setting.bench, gains), known))
     else:
         show(read_table(result))
     warn(result.warnings + tuple(note for note in predicted.warnings if note.kind == "linear"))
