@@ -1,4 +1,4 @@
-"""The verbs of the built probe: `read`, `calibrate` and `check`."""
+"""The verbs of the built probe: `read`, `calibrate`, `check` and `doctor`."""
 
 from __future__ import annotations
 
@@ -16,12 +16,13 @@ if TYPE_CHECKING:
     from hw.common.samples import Samples
     from probe_design.built_probe.bench import Reference
     from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
+    from probe_design.doctor.finding import Finding
 
 Verb = Callable[..., None]
 
 
 def _with_source(verb: Verb) -> Verb:
-    """Add the options that all three verbs have."""
+    """Add the options that all verbs of the built probe have."""
     options = (
         click.argument("scene", type=FILE_NAME, required=False),
         click.option(
@@ -197,6 +198,66 @@ def check(
         warn(["not calibrated: nominal gains, with the bench's tolerances"])
     if not result.passed:
         raise SystemExit(1)
+
+
+@click.command()
+@_with_source
+def doctor(scene: Path | None, bench: Path | None, linear: bool, as_json: bool, **source: Any) -> None:
+    """Say what is installed, found and permitted for reading probes, and test the channels of one.
+
+    Looks at libusb, udev rules, probes, serial ports, VISA and versions; what is missing comes with its remedy. The probe on USB,
+    or what --device, --virtual or --replay names, is then read under the bench's load: noise against what resistor and converter
+    must have, polarity, load, clipping, mains. Exit code 1 where something is at fault.
+
+    \b
+    probe-design doctor
+    probe-design doctor --virtual
+    probe-design doctor --device usb:1234 --bench bench.toml --json
+    """  # noqa: D301
+    from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
+    from probe_design.doctor.installed import installed, versions
+    from probe_design.terminal.console import show
+    from probe_design.terminal.doctor_table import doctor_table
+
+    origin, setting = SampleSource(**source), HardwareSetup.of(scene, bench, None)
+    length = origin.length
+    computer = installed()
+    channels = _channels(origin, setting, length, any(one.name == "probe on USB" for one in computer))
+    found = [*computer, *channels]
+    good = not any(one.state == "fault" for one in found)
+    if as_json:
+        told = {"installed": [one.as_dict() for one in computer], "self_test": [one.as_dict() for one in channels]}
+        print_json({"good": good, "versions": versions(), **told})
+    else:
+        show(doctor_table(found, versions()))
+        for state, words in (("fault", "at fault"), ("doubtful", "doubtful")):
+            names = ", ".join(one.name for one in found if one.state == state)
+            print(f"{words}: {names or 'nothing'}")
+        for one in found:
+            if one.state != "good" and one.remedy:
+                print(f"{one.name}: {one.remedy}")
+    if not good:
+        raise SystemExit(1)
+
+
+def _channels(origin: SampleSource, setting: HardwareSetup, length: float | None, plugged: bool) -> list[Finding]:
+    """Test the channels of a probe, if there is one to be tested."""
+    from hw.common.errors import HardwareError, InvalidSource
+    from probe_design.doctor.finding import Finding
+    from probe_design.doctor.self_test import self_test
+
+    (recording,) = origin.recordings(1)
+    if origin.live and origin.device is None and not plugged:
+        return []
+    try:
+        (opener,) = origin.openers(lambda: (_on_scene(setting, origin, "0.01"),), 1, pace=False)
+        with opener() as reader:
+            samples = setting.described_by(reader).collect(length, recording)
+    except InvalidSource:
+        raise
+    except HardwareError as fault:
+        return [Finding("reading", "fault", str(fault))]
+    return self_test(samples, setting.scene, setting.bench)
 
 
 def _readings(

@@ -125,6 +125,7 @@ ALLOWED: dict[str, set[str]] = {
         "hw.signal",
         *ANSWERS,
     },
+    "probe_design.doctor": {"probe_design.built_probe", "hw.common", "hw.signal", "hw.usb", *SCENES},
     "probe_design.solid_output": {
         "probe_design.pictures",
         "solver.planning",
@@ -136,6 +137,7 @@ ALLOWED: dict[str, set[str]] = {
     # terminal shows what they found, cli asks them for it; the face offers the one that is asked for from Python
     "probe_design.terminal": {
         "probe_design.built_probe",
+        "probe_design.doctor",
         "probe_design.estimation",
         "probe_design.maps",
         "probe_design.sweeps",
@@ -147,6 +149,7 @@ ALLOWED: dict[str, set[str]] = {
     "probe_design.cli": {
         "probe_design.built_probe",
         "probe_design.data",
+        "probe_design.doctor",
         "probe_design.estimation",
         "probe_design.maps",
         "probe_design.optimisation",
