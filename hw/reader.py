@@ -19,11 +19,12 @@ from hw.foreign.volts import VoltsDecoder
 from hw.oscilloscope.transport import ScopeTransport, WaveformDecoder
 from hw.recordings.recording import Recorder
 from hw.recordings.replay import Replay
+from hw.serial_port.transport import SerialTransport
 from hw.simulation.virtual import Virtual
 from hw.usb.transport import UsbTransport
 from hw.wire.decoder import Format, FrameDecoder
 
-SOURCES = "usb, usb:SERIAL, visa:RESOURCE, replay:FILE"
+SOURCES = "usb, usb:SERIAL, serial:PORT, visa:RESOURCE, replay:FILE"
 AS_IT_IS = ColumnMap()
 
 
@@ -43,7 +44,7 @@ class Reader:
         """Open a source and start it.
 
         Args:
-            source: ``usb`` (the only probe connected), ``usb:SERIAL``, ``visa:RESOURCE``, ``replay:FILE``, or a
+            source: ``usb`` (the only probe connected), ``usb:SERIAL``, ``serial:PORT``, ``visa:RESOURCE``, ``replay:FILE``, or a
                 ``hw.simulation.virtual.virtual`` probe.
             rate: Hz per channel that a device is asked for; by default the rate it has.
             columns: which columns of a file of another program are meant, what they are worth and at which rate.
@@ -153,6 +154,8 @@ def _transport(source: str | Virtual, rate: float | None, columns: ColumnMap) ->
     kind, _, name = source.partition(":")
     if kind == "usb":
         return UsbTransport(name or None, rate)
+    if kind == "serial" and name:
+        return SerialTransport(name, rate)
     if kind == "visa" and name:
         return ScopeTransport.open(name)
     if kind == "replay" and name:

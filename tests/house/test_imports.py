@@ -28,13 +28,14 @@ ALLOWED: dict[str, set[str]] = {
     "geometry.cad": SCENES,
     "geometry.tetra": {"geometry.cad", *SCENES},
     # hw stands alone: a measuring computer needs neither shapes nor solvers; sources of samples know the wire, the reader all
-    "hw": {"hw.common", "hw.foreign", "hw.wire", "hw.recordings", "hw.usb", "hw.simulation", "hw.oscilloscope"},
+    "hw": {"hw.common", "hw.foreign", "hw.wire", "hw.recordings", "hw.usb", "hw.serial_port", "hw.simulation", "hw.oscilloscope"},
     "hw.common": set(),
     "hw.wire": {"hw.common"},
     "hw.signal": {"hw.common"},
     "hw.recordings": {"hw.common"},
     "hw.foreign": {"hw.common"},
     "hw.usb": {"hw.common", "hw.wire"},
+    "hw.serial_port": {"hw.common", "hw.wire"},
     "hw.simulation": {"hw.common", "hw.wire"},
     "hw.oscilloscope": {"hw.common", "hw.usb"},
     # solver sees scenes only: results never depend on how they are asked for, optimised or shown; a level knows those that it
