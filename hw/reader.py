@@ -12,7 +12,7 @@ from typing import Self
 from hw.common.errors import InvalidSource, Timeout
 from hw.common.samples import Samples, joined
 from hw.common.transport import Decoder, Header, Transport
-from hw.foreign.columns import ColumnMap
+from hw.foreign.columns import ColumnMap, channel_numbers
 from hw.foreign.files import HDF5, is_foreign, replayed
 from hw.foreign.hdf5_recording import Hdf5Recorder
 from hw.foreign.volts import VoltsDecoder
@@ -157,7 +157,7 @@ def _transport(source: str | Virtual, rate: float | None, columns: ColumnMap) ->
     if kind == "serial" and name:
         return SerialTransport(name, rate)
     if kind == "visa" and name:
-        return ScopeTransport.open(name)
+        return ScopeTransport.open(name, channel_numbers(columns), rate)
     if kind == "replay" and name:
         return _replay(Path(name), columns if rate is None else replace(columns, rate=rate))
     raise InvalidSource(f"source {source!r}: allowed: {SOURCES}")
