@@ -15,6 +15,9 @@ from geometry.meridian.sphere_box import SPHERE_CELL, Breaks, SphereBox
 
 FOLDS = 1.8  # e-folds by which cells may grow from one to the next on the coarsest mesh
 MANY = 2.0  # times the coarsest mesh's cells: beyond it no lines end, for the three columns under a gap were too few
+# columns from each radius to the next: in all, and on either side of a box's edge between them
+LEAST = {"axis": (3, (3, 2)), "inner edge": (2, (1, 1)), "inner": (3, (1, 1)), "hole": (3, (2, 2)), "tube": (4, (3, 3))}
+LEAST |= {"hole edge": (3, (2, 2)), "tube edge": (2, (1, 1))}
 THIN = 12.0  # features of the blocks: under thinner tissue no lines end, for the corners are felt below it
 
 
@@ -26,7 +29,8 @@ class Kind:
         columns, rows: cells between neighbouring breaks of radii and of the tissue's levels on the coarsest mesh.
         blocks: rows of inner and outer block.
         rings: rings of cells between sphere and box, and between core and sphere.
-        box: how many of the radii r2, Ri, Ro the box round the sphere reaches beyond, 0 to 3; None without a sphere.
+        box: how many of the section's ``block_radii`` the box round the sphere reaches beyond; None without a sphere.
+        edges: whether the blocks' edges are round.
         layers: interfaces of the tissue above the sphere, across it and below it.
         thin: whether the tissue above sphere or floor is thin.
         films: layers between block and base: 0, 1 (film) or 2 (film and adhesive).
@@ -44,6 +48,7 @@ class Kind:
     films: int
     base: int | None
     flange: bool
+    edges: bool = False
 
 
 @dataclass(frozen=True)
@@ -87,7 +92,8 @@ class MeshTopology:
     """Numbers of the lines between which the cells lie; the same for all sections of a kind.
 
     Attributes:
-        column: numbers of the radii called axis, inner, hole, tube, side and, with a sphere, box.
+        column: numbers of the radii called axis, inner, hole, tube, side, with a sphere box, and with round edges those where
+            faces end, inner edge, hole edge and tube edge.
         row: numbers of the levels called floor, surface and, with a sphere, low and high (the box's).
         interfaces: numbers of the levels of the tissue's interfaces, from the surface downwards.
         merged: rows below the surface, by the number of their upper level, in which lines end: triples of columns become one,
@@ -102,10 +108,11 @@ class MeshTopology:
     def __init__(self, kind: Kind, fineness: MeridianFineness) -> None:
         n = fineness.count
         self.kind, self.fineness = kind, fineness
-        names, levels = ["axis", "inner", "hole", "tube", "side"], _level_names(kind.layers, kind.box is not None)
+        names, levels = ["axis", *_block_names(kind.edges), "side"], _level_names(kind.layers, kind.box is not None)
         if kind.box is not None:
             names.insert(kind.box + 1, "box")
         gap = range(names.index("inner"), names.index("hole"))
+        self.split_gap = "box" in names and names.index("box") - 1 in gap
         # three columns below a gap become one; other numbers do not, but for a single one on each side of the box's edge
         self.merging = not kind.thin and fineness.cells < MANY
         self.columns = tuple(cells if k in gap and self.merging else n(cells) for k, cells in enumerate(kind.columns))
@@ -118,6 +125,12 @@ class MeshTopology:
         self.merged = self._merged()
         self.middles = dict(zip(self.merged, range(top, top + len(self.merged)), strict=True))
 
+    @property
+    def faces(self) -> tuple[tuple[int, int], tuple[int, int]]:
+        """Numbers of the radii at which the inner block's face begins and ends, and the tube's."""
+        inner, hole, tube = (self.column.get(f"{name} edge", self.column[name]) for name in ("inner", "hole", "tube"))
+        return (self.column["axis"], inner), (hole, tube)
+
     def _merged(self) -> dict[int, list[tuple[int, ...]]]:
         """Which columns become one in which row."""
         surface = self.row["surface"]
@@ -126,7 +139,7 @@ class MeshTopology:
             return {}
         wide: list[tuple[int, ...]] = [(tube - 1, tube, tube + 1, tube + 2)]
         first = surface - self.fineness.count(1)  # rows grow thinner as cells multiply, the gap does not
-        if hole - inner != 3 or self.kind.box == 1:  # the box's edge goes down from between the gap's columns
+        if hole - inner != 3 or self.split_gap:  # the box's edge goes down from between the gap's columns
             return {first - 1: wide}
         return {first: [(inner, inner + 1, inner + 2, hole)], first - 1: [(inner - 1, inner, hole, hole + 1), *wide]}
 
@@ -153,6 +166,11 @@ class MeshTopology:
             top += self.step - 1
         self.base = (high, *range(top, top + self.step + self.thick))
         return top + self.step + self.thick
+
+
+def _block_names(edges: bool) -> tuple[str, ...]:
+    """Those of ``Section.block_radii``."""
+    return ("inner edge", "inner", "hole", "hole edge", "tube edge", "tube") if edges else ("inner", "hole", "tube")
 
 
 def _level_names(layers: tuple[int, int, int], sphere: bool) -> list[str]:
@@ -188,6 +206,7 @@ def kind(section: Section) -> Kind:
         films=films,
         base=base,
         flange=bool(s.flange_radius > 0),
+        edges=bool(s.edge_radius > 0),
     )
 
 
@@ -231,13 +250,14 @@ def _cells(breaks: Breaks) -> tuple[int, ...]:
 def _radii(s: Section, box: int | None, sphere: SphereBox | None) -> Breaks:
     """Radii of the tissue's lines, graded to the blocks' corners, to a pole near the surface and to the tissue's side."""
     corner, side = s.corner_size, smooth_min(s.tissue_radius - s.tube_radius, s.tissue_depth)
-    places = [0 * s.inner_radius, s.inner_radius, s.hole_radius, s.tube_radius, s.tissue_radius]
-    sizes, least = [None, corner, corner, corner, side], [3, 3, 3, 4]
+    places = [0 * s.inner_radius, *s.block_radii.values(), s.tissue_radius]
+    least = [LEAST[name][0] for name in ("axis", *s.block_radii)]
+    sizes = [None, *[corner] * (len(places) - 2), side]
     if sphere is not None and box is not None:
         sizes[0] = sphere.pole
         places.insert(box + 1, sphere.edge(s, box, places))
         sizes.insert(box + 1, SPHERE_CELL * sphere.radius)
-        least[box : box + 1] = ([3, 2], [1, 1], [2, 2], [3, 3])[box]
+        least[box : box + 1] = LEAST[["axis", *s.block_radii][box]][1]
     return Breaks(places, sizes, least)
 
 

@@ -232,7 +232,7 @@ def _singular(layout: MeshTopology) -> Iterator[tuple[int, int]]:
     column, surface = layout.column, layout.row["surface"]
     tops = layout.inner[layout.blocks[0]], layout.outer[layout.blocks[1]]
     for radius, top in zip(("inner", "hole", "tube"), (tops[0], tops[1], tops[1]), strict=True):
-        yield column[radius], surface
+        yield column.get(f"{radius} edge", column[radius]), surface
         yield column[radius], top
     yield column["side"], layout.row["floor"]
     if layout.kind.flange:

@@ -46,7 +46,8 @@ class Section:
     ``inner_radius`` < ``hole_radius`` < ``tube_radius`` < ``tissue_radius``; 0 where there is no sphere, film,
     adhesive or elastic base. ``layer_0`` to ``layer_7`` are thicknesses of the tissue's layers from the surface downwards; those
     that are not zero come first. A sphere's centre lies on the axis. ``flange_thickness`` and ``step_height`` are the base's,
-    see ``geometry.scenes.base_sizes.BaseSizes``. ``mesh_size``, if not zero, takes the place of ``corner_size``.
+    see ``geometry.scenes.base_sizes.BaseSizes``. ``edge_radius`` is that of the blocks' lower edges: their faces end as far from
+    their walls. ``mesh_size``, if not zero, takes the place of ``corner_size``.
     """
 
     inner_radius: Lengths
@@ -71,6 +72,7 @@ class Section:
     layer_5: Lengths = 0.0
     layer_6: Lengths = 0.0
     layer_7: Lengths = 0.0
+    edge_radius: Lengths = 0.0
     mesh_size: Lengths = 0.0
 
     @property
@@ -78,6 +80,15 @@ class Section:
         """Names of the lengths that are not zero: those by which outputs can be differentiated."""
         names = (field.name for field in fields(self) if field.name != "mesh_size")
         return tuple(name for name in names if np.all(getattr(self, name) != 0))
+
+    @property
+    def block_radii(self) -> dict[str, Any]:
+        """Where the blocks' walls stand and, if their edges are round, their faces end: rising, by name."""
+        inner, hole, tube, edge = self.inner_radius, self.hole_radius, self.tube_radius, self.edge_radius
+        if not np.all(edge != 0):
+            return {"inner": inner, "hole": hole, "tube": tube}
+        inside = {"inner edge": inner - edge, "inner": inner, "hole": hole, "hole edge": hole + edge}
+        return inside | {"tube edge": tube - edge, "tube": tube}
 
     @property
     def has_details(self) -> bool:
@@ -121,6 +132,7 @@ class Section:
             self.tissue_radius - self.tube_radius,
             self.inner_height,
             self.outer_height,
+            *([self.edge_radius] if np.all(self.edge_radius != 0) else []),
         )
 
     @property

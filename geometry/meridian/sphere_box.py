@@ -75,7 +75,7 @@ class SphereBox:
 
     def widest_place(self, s: Section) -> int:
         """Between which radii the box has the most room to end, on a logarithmic scale."""
-        breaks = [0.0, s.inner_radius, s.hole_radius, s.tube_radius, s.tissue_radius]
+        breaks = [0.0, *s.block_radii.values(), s.tissue_radius]
         low, high = s.box_limits()
         return int(np.argmax([min(b, high) / max(a, low) for a, b in pairwise(breaks)]))
 

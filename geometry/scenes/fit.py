@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 Matrix = list[list[float]]
 _DIRECTIONS = 72  # in which a body's reach is looked for
+_LARGEST_EDGE, _LEAST_EDGE = 0.4, 0.1  # edge radii: of the least part of a block, and of the gap or that part
 _TOUCHING = 1 + 1e-9  # bodies nearer than this, relative to their size, count as touching
 
 
@@ -26,6 +27,7 @@ def check(scene: Scene) -> None:
     if len(targets) > 1:
         raise InputError(f"inclusion[{targets[1]}].target", True, f"true for one inclusion (it is for inclusion[{targets[0]}])")
     _check_probe(scene)
+    _check_edges(scene)
     _check_layers(scene)
     _check_load(scene)
     bodies = [(index, body) for index, body in enumerate(scene.inclusion) if body.surface is None]
@@ -109,6 +111,18 @@ def _check_probe(scene: Scene) -> None:
     elif tissue.shape == "block":
         _check_stands("length", tissue.length / 2, reach, key="placement.x", position=at.x, offset=abs(at.x))
         _check_stands("breadth", tissue.breadth / 2, reach, key="placement.y", position=at.y, offset=abs(at.y))
+
+
+def _check_edges(scene: Scene) -> None:
+    """A face has to be left between round edges; how much sharper ones close no mesh follows."""
+    probe, radius = scene.probe, scene.contact.edge_radius
+    size = min(probe.inner_radius, probe.tube_radius - probe.hole_radius, probe.core_height, probe.tube_height)
+    if radius > _LARGEST_EDGE * size:
+        why = f"{_LARGEST_EDGE:g} of the blocks' radius, wall and heights"
+        raise InputError("contact.edge_radius", mm(radius), f"up to {most_mm(_LARGEST_EDGE * size)} ({why}), or 0: sharp")
+    low = _LEAST_EDGE * min(size, probe.gap)
+    if 0 < radius < low:
+        raise InputError("contact.edge_radius", mm(radius), f"0, sharp, or {least_mm(low)} or more")
 
 
 def _check_layers(scene: Scene) -> None:

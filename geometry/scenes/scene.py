@@ -11,7 +11,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from geometry.common.errors import InputError, Words
 from geometry.scenes import fit as placement
-from geometry.scenes.probe import Frozen, Interface, Length, Material, Position, Probe
+from geometry.scenes.probe import Frozen, Interface, Length, Material, Position, Probe, Thickness
 from geometry.scenes.units import Quantity
 
 Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]
@@ -124,10 +124,17 @@ class Inclusion(Material):
 
 
 class Contact(Frozen):
-    """What holds between the blocks' ends and the tissue."""
+    """What holds between the blocks' ends and the tissue.
+
+    Attributes:
+        interface: how they hold together.
+        friction: Coulomb's coefficient, where they may open.
+        edge_radius: of the blocks' lower edges; a face ends as far from its walls.
+    """
 
     interface: Interface = "bonded"
     friction: Annotated[float, Field(ge=0.0, le=100.0, description="a number from 0 to 100")] = 0.0
+    edge_radius: Thickness = 0.0
 
     @model_validator(mode="after")
     def _friction_needs_sliding(self) -> Self:

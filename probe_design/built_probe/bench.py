@@ -23,6 +23,8 @@ Capacitance = Annotated[float, Quantity("capacitance", "F", "pF", 1e-14, 1.0)]
 Sensitivity = Annotated[float, Quantity("sensitivity", "V/N", "V/N", 1e-9, 1e9)]
 Warming = Annotated[float, Quantity("temperature change", "K", "K", 1e-6, 100.0)]
 Share = Annotated[float, Field(ge=0.0, le=1.0, description="a number from 0 to 1, such as 0.02")]
+Skew = Annotated[float, Quantity("time", "s", "us", -1.0, 1.0)]
+SkewTolerance = Annotated[float, Quantity("time", "s", "us", 0.0, 1.0)]
 On = Literal["tissue", "inner", "outer"]
 
 
@@ -51,6 +53,18 @@ class Amplifier(Frozen):
     def built(self) -> ChargeAmplifier:
         """Return it as ``hw`` knows it."""
         return ChargeAmplifier(**self.model_dump())
+
+
+class Sampling(Frozen):
+    """When the channels are sampled.
+
+    Attributes:
+        skew: by which the outer film's channel is sampled later than the inner's; corrected.
+        skew_tolerance: its standard deviation.
+    """
+
+    skew: Skew = 0.0
+    skew_tolerance: SkewTolerance = 1e-6
 
 
 class ReferenceForce(Frozen):
@@ -114,6 +128,7 @@ class Bench(Frozen):
 
     load: Shaker = Shaker()
     amplifier: Amplifier = Amplifier()
+    sampling: Sampling = Sampling()
     force: ReferenceForce | None = None
     channels: Channels = Channels()
     workshop: Workshop = Workshop()

@@ -27,6 +27,7 @@ from probe_design.built_probe.block_predictions import Shares
 ENTRIES = ("inner gain", "inner from outer", "outer from inner", "outer gain")
 FACTOR = np.array([0, 1, 2])  # entries that are free where the outer gain is the unit
 LEAST_TOLD = 0.2  # standard deviation of a gain above which it counts as not told
+STEPS = 25  # of the fit: readings that agree take ten
 PRIOR_ONLY = 0.7  # of what was assumed of a cross-talk: a standard deviation above it was not told by the readings
 
 
@@ -129,7 +130,8 @@ def estimated(observed: Sequence[Observed], shares: Shares, bench: Bench) -> Gai
     problem = _Problem(tuple(observed), shares, bench)
     if problem.data <= len(problem.start()):
         raise _unresolved(np.inf)
-    solved = least_squares(problem.residuals, problem.start(), method="lm", x_scale="jac", xtol=1e-12, ftol=1e-12)
+    most = STEPS * (len(problem.start()) + 1)  # of readings that contradict each other it may wander
+    solved = least_squares(problem.residuals, problem.start(), method="lm", x_scale="jac", xtol=1e-12, ftol=1e-12, max_nfev=most)
     entries = problem.entries
     information = solved.jac.T @ solved.jac
     scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))

@@ -14,6 +14,7 @@ from hw.signal.measure import Measurement, carried
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.film_forces import newtons
 from probe_design.built_probe.gain_matrix import Gains
+from probe_design.built_probe.ratio_phase import phased, ratio_phase, surprises
 from solver.axisymmetric.level import Axisymmetric
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.levels import AUTO, evaluate
@@ -38,7 +39,8 @@ class Read:
         z_ratio, z_stress_inner, z_stress_outer: differences over their standard deviations, both sides' errors counted.
         frequency: of the load, Hz.
         cycles: of it in the record.
-        phase, phase_uncertainty: by which the inner film leads the outer, rad.
+        ratio_phase, ratio_phase_uncertainty: by which stress_inner leads stress_outer, rad, counted from the ratio's sign.
+        predicted_ratio_phase, z_ratio_phase: by the scene's loss factors, rad, and the difference over its standard deviation.
         mains: frequency of the mains where any were seen, Hz.
         calibrated: whether gains come from a calibration.
         samples: that were used.
@@ -65,8 +67,10 @@ class Read:
     z_stress_outer: float | None
     frequency: float
     cycles: float
-    phase: float
-    phase_uncertainty: float
+    ratio_phase: float
+    ratio_phase_uncertainty: float
+    predicted_ratio_phase: float | None
+    z_ratio_phase: float | None
     mains: float | None
     calibrated: bool
     samples: int
@@ -80,19 +84,21 @@ class Read:
         return asdict(self)
 
 
-def prediction(scene: Scene, accuracy: float, linear: bool = False) -> Result:
+def prediction(scene: Scene, accuracy: float, linear: bool = False, frequency: float | None = None) -> Result:
     """Evaluate a scene by the fastest level of finite elements that takes it, whatever error it then states.
+
+    With a frequency (Hz) the ratio's phase is told too, null with a warning where it cannot be.
 
     Raises:
         Refusal: no level takes the scene, or, unless ``linear``, its load is beyond what linear elasticity allows.
     """
     level = next((one for one in (Axisymmetric(), EquivalentInclusion()) if one.refusal(scene) is None), None)
     if level is None:
-        return evaluate(scene, AUTO, accuracy, linear=linear)
+        return phased(evaluate(scene, AUTO, accuracy, linear=linear), scene, accuracy, frequency)
     result, rule = level.evaluate(scene, accuracy), load_rule(scene)
     if not linear:
         check_load(scene, exact(rule, result), accuracy, promise=False)
-    return with_load(result, scene, rule, accuracy, promise=False)
+    return phased(with_load(result, scene, rule, accuracy, promise=False), scene, accuracy, frequency)
 
 
 def read(measurement: Measurement, scene: Scene, bench: Bench, predicted: Result, gains: Gains | None = None) -> Read:
@@ -114,6 +120,8 @@ def read(measurement: Measurement, scene: Scene, bench: Bench, predicted: Result
     relative = None if predicted.error_estimate is None else SPREAD * predicted.error_estimate
     at_load, at_load_sd = _at_load(measurement, scene, bench, predicted, relative)
     predicted_ratio_sd = None if predicted.ratio is None or relative is None else abs(predicted.ratio) * relative
+    phase, phase_sd = ratio_phase(measurement, bench, effective)
+    z_phase, of_phase = surprises(phase, phase_sd, predicted)
     return Read(
         ratio=ratio,
         ratio_uncertainty=ratio_sd,
@@ -134,15 +142,17 @@ def read(measurement: Measurement, scene: Scene, bench: Bench, predicted: Result
         z_stress_outer=_z(float(stress[1]), float(spread[1]), at_load[1], at_load_sd[1]),
         frequency=measurement.fit.frequency,
         cycles=measurement.fit.cycles,
-        phase=measurement.lag[0],
-        phase_uncertainty=measurement.lag[1],
+        ratio_phase=phase,
+        ratio_phase_uncertainty=phase_sd,
+        predicted_ratio_phase=predicted.ratio_phase,
+        z_ratio_phase=z_phase,
         mains=measurement.fit.mains,
         calibrated=gains is not None,
         samples=measurement.fit.rows,
         saturated=measurement.saturated,
         gaps=measurement.lost,
         overruns=measurement.overruns,
-        warnings=tuple(_warnings(measurement, bench, gains, ratio)),
+        warnings=(*_warnings(measurement, bench, gains, ratio), *of_phase),
     )
 
 
@@ -176,9 +186,6 @@ def _warnings(measurement: Measurement, bench: Bench, gains: Gains | None, ratio
         warnings.append("the calibration had no force channel: the stresses' common factor is nominal")
     if ratio is None:
         warnings.append("ratio is null: stress_outer is below its own uncertainty")
-    phase, spread = measurement.lag
-    if abs(phase) > max(5 * spread, 0.02):
-        warnings.append(f"the films differ by {phase:.2g} rad in phase: only the parts in phase with their sum are told")
     return warnings
 
 

@@ -93,7 +93,7 @@ def read(
     (opener,) = origin.openers(lambda: (_on_scene(setting, origin, accuracy),), 1, sys.stderr.isatty())
     with opener() as reader:  # what is not there is missed before anything is computed
         with working("predicting"):
-            predicted = prediction(setting.scene, number("accuracy", accuracy), linear)
+            predicted = prediction(setting.scene, number("accuracy", accuracy), linear, setting.bench.load.frequency)
         gains, at = None, None
         if setting.calibration is not None:
             gains, at = setting.calibration.gains(), setting.calibration.frequency
@@ -110,7 +110,7 @@ def read(
         print_json(read_told(result, noise_of(measurement, setting.scene, setting.bench, gains), known))
     else:
         show(read_table(result))
-    warn(result.warnings + tuple(note for note in predicted.warnings if note.kind == "linear"))
+    warn(result.warnings + tuple(note for note in predicted.warnings if note.kind in ("linear", "null")))
     _tell_written(recording)
 
 
@@ -298,7 +298,8 @@ def _on_scene(setting: HardwareSetup, source: SampleSource, accuracy: str) -> An
     from probe_design.built_probe.reading import prediction
 
     bench = setting.virtual(source)
-    return bench.on_scene(prediction(bench.scene, number("accuracy", accuracy), linear=True))
+    predicted = prediction(bench.scene, number("accuracy", accuracy), linear=True, frequency=setting.bench.load.frequency)
+    return bench.on_scene(predicted)
 
 
 def _on_references(setting: HardwareSetup, source: SampleSource, references: Sequence[Reference], run: int) -> Any:

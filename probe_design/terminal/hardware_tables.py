@@ -20,6 +20,7 @@ def read_table(reading: Read) -> Table:
     _columns(table, "quantity", "read", "sd", "predicted", "z")
     rows = (
         ("ratio", reading.ratio, reading.ratio_uncertainty, reading.predicted_ratio, reading.z_ratio),
+        ("phase of the ratio, rad", *_phase(reading)),
         _stress(reading, "inner"),
         _stress(reading, "outer"),
         ("force on both films, N", reading.force, reading.force_uncertainty, reading.reference_force, None),
@@ -27,6 +28,10 @@ def read_table(reading: Read) -> Table:
     for name, *values in rows:
         table.add_row(name, *(_text(value, digits) for value, digits in zip(values, (5, 2, 5, 2), strict=True)))
     return table
+
+
+def _phase(reading: Read) -> tuple[float | None, ...]:
+    return reading.ratio_phase, reading.ratio_phase_uncertainty, reading.predicted_ratio_phase, reading.z_ratio_phase
 
 
 def calibration_table(record: CalibrationRecord) -> Table:

@@ -112,8 +112,10 @@ def _ties(mesh: Topology, ends: Floats, interface: Interface, axis: tuple[bool, 
     and for the functions under the inner and the outer block their value in a unit shift, shape (functions, 2).
     """
     layout, (r0, z0, r1, z1, probe, degree) = mesh.layout, ends.T
-    surface, column = line_label(layout.row["surface"]), {name: line_label(number) for name, number in layout.column.items()}
-    on = (z0 == surface) & (z1 == surface)
+    surface = line_label(layout.row["surface"])
+    spans = [(line_label(low), line_label(high)) for low, high in layout.faces]
+    under = [(z0 == surface) & (z1 == surface) & (low <= r0) & (r0 <= high) & (low <= r1) & (r1 <= high) for low, high in spans]
+    on = under[0] | under[1]
     owner = np.arange(len(axis) * len(ends)).reshape(-1, len(axis))
     tissue = {key: k for k, key in enumerate(map(tuple, ends[:, [0, 2, 5]])) if on[k] and not probe[k]}
     for k in np.flatnonzero(on & (probe == 1)):
@@ -126,9 +128,8 @@ def _ties(mesh: Topology, ends: Floats, interface: Interface, axis: tuple[bool, 
     tops = {layout.inner[-1], layout.outer[-1]} if layout.kind.base is None else {layout.base[-1]}
     edge_levels = [0.0, *(line_label(top) for top in tops)]
     fixed[np.isin(z0, edge_levels) & np.isin(z1, edge_levels) & (z0 == z1)] = True
-    spans = ((0, column["inner"]), (column["hole"], column["tube"]))
-    under = [on & (degree == 1) & (low <= r0) & (r0 <= high) & (interface != "apart") for low, high in spans]
-    return owner, fixed, np.stack(under, axis=-1).astype(float)
+    shifted = [one & (degree == 1) & (interface != "apart") for one in under]
+    return owner, fixed, np.stack(shifted, axis=-1).astype(float)
 
 
 def _gather(dofs: Ints, signs: Floats, unknowns: int) -> sp.csr_array:

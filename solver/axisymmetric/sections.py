@@ -70,7 +70,7 @@ def sections(scene: Scene) -> Sections:
     else:
         radius = depth = HALF_SPACE * max(*blocks, sum(sphere), *layers.values())
         outline = np.full(ANGLES, radius)
-    section = Section(*blocks, radius, depth, *sphere, **layers)
+    section = Section(*blocks, radius, depth, *sphere, **layers, edge_radius=scene.contact.edge_radius)
     low, high = float(outline.min()), float(outline.max())
     bracket = (
         ()

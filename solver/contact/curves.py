@@ -75,7 +75,8 @@ def lines_of(mesh: Topology, corners: Floats, order: int) -> dict[str, BoundaryL
     """Return the lines by name: "inner wall", "hole wall", "tube wall" upwards, those along the surface outwards.
 
     On the surface these are "inner face" and "tube face" of the blocks, and "under inner", "strip", "under tube", "top" of
-    the tissue.
+    the tissue. Where edges are round, "inner lip", "hole lip" and "tube lip" are the ends of the faces, "open strip" and "open
+    top" what of the tissue no face touches at rest; elsewhere the last two are "strip" and "top".
 
     Args:
         mesh: the elements.
@@ -84,6 +85,7 @@ def lines_of(mesh: Topology, corners: Floats, order: int) -> dict[str, BoundaryL
     """
     at = labels(mesh)
     column = {name: line_label(number) for name, number in mesh.layout.column.items()}
+    (_, inner_edge), (hole_edge, tube_edge) = (tuple(map(line_label, ends)) for ends in mesh.layout.faces)
     surface = line_label(mesh.layout.row["surface"])
     tissue = np.isin(mesh.body, TISSUES)
     inner, outer = (mesh.body == body for body in (Body.INNER, Body.OUTER))
@@ -91,19 +93,27 @@ def lines_of(mesh: Topology, corners: Floats, order: int) -> dict[str, BoundaryL
     def vertical(chosen: Bools, name: str) -> BoundaryLine:
         return _curve(at, corners, chosen, order, axis=0, line=column[name], start=-np.inf, end=np.inf)
 
-    def level(chosen: Bools, start: str, end: str) -> BoundaryLine:
-        return _curve(at, corners, chosen, order, axis=1, line=surface, start=column[start], end=column[end])
+    def level(chosen: Bools, start: float, end: float) -> BoundaryLine:
+        return _curve(at, corners, chosen, order, axis=1, line=surface, start=start, end=end)
 
-    return {
+    axis, inner_wall, hole, tube, side = (column[name] for name in ("axis", "inner", "hole", "tube", "side"))
+    lips = {
+        "inner lip": (inner, inner_edge, inner_wall),
+        "hole lip": (outer, hole, hole_edge),
+        "tube lip": (outer, tube_edge, tube),
+    }
+    return {name: level(*where) for name, where in lips.items() if mesh.layout.kind.edges} | {
         "inner wall": vertical(inner, "inner"),
         "hole wall": vertical(outer, "hole"),
         "tube wall": vertical(outer, "tube"),
-        "inner face": level(inner, "axis", "inner"),
-        "tube face": level(outer, "hole", "tube"),
-        "under inner": level(tissue, "axis", "inner"),
-        "strip": level(tissue, "inner", "hole"),
-        "under tube": level(tissue, "hole", "tube"),
-        "top": level(tissue, "tube", "side"),
+        "inner face": level(inner, axis, inner_wall),
+        "tube face": level(outer, hole, tube),
+        "under inner": level(tissue, axis, inner_wall),
+        "strip": level(tissue, inner_wall, hole),
+        "under tube": level(tissue, hole, tube),
+        "top": level(tissue, tube, side),
+        "open strip": level(tissue, inner_edge, hole_edge),
+        "open top": level(tissue, tube_edge, side),
     }
 
 
@@ -147,9 +157,15 @@ def functions(x: Floats, order: int) -> tuple[Floats, Floats, Floats]:
     P = polynomials(x, order)
     value, slope = edge_functions(x, P)
     bend = np.zeros_like(value)
-    rises = 2 * P[..., :-1] @ legendre.legder(np.eye(order + 1))  # derivatives of the polynomials
-    bend[..., 2:] = rises[..., 1:-1] * np.sqrt(4 * np.arange(2, order + 1) - 2)
+    bend[..., 2:] = P[..., :-1] @ _rises(order)
     return value, slope, bend
+
+
+@kept_table
+def _rises(order: int) -> Floats:
+    """Second derivatives of an edge's functions by Legendre polynomials, shape (p, p - 1)."""
+    slopes = 2 * legendre.legder(np.eye(order + 1))
+    return np.asarray(slopes[:, 1:-1] * np.sqrt(4 * np.arange(2, order + 1) - 2))
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from solver.contact.elements import Elements, ElementValues
 from solver.contact.hyperelasticity import Hyperelastic
 from solver.contact.pairs import Pair
 from solver.contact.states import Linearised, State
-from solver.contact.touch import Touch, touch
+from solver.contact.touch import SPRING, Touch, touch
 from solver.contact.touching_lines import contact_length, pairs_of
 from solver.linalg.cholesky import Factor, factorise, factorise_any
 from solver.linalg.workspace import kept
@@ -56,9 +56,18 @@ class ContactModel:
 
     @classmethod
     def of(
-        cls, section: Section, materials: Materials, interface: Interface, fineness: MeridianFineness, friction: float = 0.0
+        cls,
+        section: Section,
+        materials: Materials,
+        interface: Interface,
+        fineness: MeridianFineness,
+        friction: float = 0.0,
+        *,
+        spring: float = 1.0,
     ) -> ContactModel:
         """Mesh a section whose faces are bonded, slide and cannot open (frictionless), or open and slide against ``friction``.
+
+        Friction holds by springs, of which ``spring`` is a share.
 
         Raises:
             SolveError: the mesh has a cell without area.
@@ -71,6 +80,7 @@ class ContactModel:
         for side, on in enumerate(_blocks(section, mesh)):
             lift[on, :, side] -= numbers.vertical
         pairs = pairs_of(section, materials, mesh, fineness.order, faces=interface, friction=friction)
+        pairs = tuple(replace(pair, spring=spring * SPRING) for pair in pairs)
         return cls(section, materials, mesh, elements, numbers, Assembly.of(numbers, pairs), pairs, lift)
 
     def at_rest(self) -> State:
@@ -98,10 +108,10 @@ class ContactModel:
     def contact_lengths(self, indentation: float) -> list[float]:
         """What penetration and rounding of each pair are told in, m: the gap, or a share of the probe, or less under small loads.
 
-        Faces open at any load: what is exact enough for them goes to zero with it.
+        Faces open, and round edges close, at any load: what is exact enough for them goes to zero with it.
         """
         length = contact_length(self.section)
-        return [min(length, OPENING * indentation) if pair.loose else length for pair in self.pairs]
+        return [min(length, OPENING * indentation) if pair.smooth else length for pair in self.pairs]
 
     @property
     def target(self) -> Bools:
@@ -120,7 +130,7 @@ class ContactModel:
         """
         own = self.displaced(state.v, state.indentation)
         lengths = self.contact_lengths(state.indentation)
-        blurs = [state.blur * length * (ROUND if pair.loose else 1.0) for pair, length in zip(self.pairs, lengths, strict=True)]
+        blurs = [state.blur * length * (ROUND if pair.smooth else 1.0) for pair, length in zip(self.pairs, lengths, strict=True)]
         each = zip(self.pairs, state.multipliers, blurs, state.grips, strict=True)
         return tuple(touch(pair, own, m, state.share, blur, grip=grip) for pair, m, blur, grip in each)
 

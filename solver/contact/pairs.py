@@ -62,6 +62,7 @@ class Pair:
         penalty: e, Pa/m.
         loose: whether lines lie on each other from the start, faces that may open.
         friction: Coulomb's coefficient.
+        spring: f of eq. CT.8, in penalties.
         slave_edge, master_edge: of the block on either line.
         tied: which of the slave's points cannot leave the master, shape (points,); none where it is empty.
     """
@@ -74,9 +75,15 @@ class Pair:
     penalty: float
     loose: bool = False
     friction: float = 0.0
+    spring: float = 0.0
     slave_edge: RoundEdge = RoundEdge()
     master_edge: RoundEdge = RoundEdge()
     tied: Bools = field(default_factory=lambda: np.zeros(0, dtype=bool))
+
+    @property
+    def smooth(self) -> bool:
+        """Whether the lines lie on each other at rest, or part smoothly: what penetrates is seen at any load."""
+        return self.loose or self.slave_edge.radius > 0 or self.master_edge.radius > 0
 
     @property
     def points(self) -> int:

@@ -1,8 +1,9 @@
 r"""Which lines of a section may touch which.
 
-Bonded faces leave the walls: each with the tissue beside it, from the block's corner. Faces that may open or slide are one line
-with their walls, which is a graph over the diagonal like the wall alone: points pass the corner without leaving their line.
-The tube's face belongs to both its walls: its points are shared out at its middle, each half against the whole face.
+Bonded faces leave the walls: each with the tissue beside it, from the block's corner, or from where the face ends at a round
+edge. Faces that may open or slide are one line with their walls, which is a graph over the diagonal like the wall alone: points
+pass the corner without leaving their line. The tube's face belongs to both its walls: its points are shared out at its middle,
+each half against the whole face.
 
                  |          |              |
     inner block  |          |     tube     |
@@ -32,12 +33,12 @@ STIFF = 1000.0  # penalty: moduli of the softer body per length of its elements 
 class Side:
     """A line that may touch another: its points where it is watched, and all that points of the other may meet.
 
-    ``faces``: where on both a block's face ends and its wall begins, m.
+    ``corners``: where on both a block's face ends and its wall begins, m.
     """
 
     watched: BoundaryLine
     met: BoundaryLine
-    faces: tuple[float, float] = (np.inf, np.inf)
+    corners: tuple[float, float] = (np.inf, np.inf)
 
 
 def contact_length(section: Section) -> float:
@@ -55,21 +56,29 @@ def pairs_of(
     lines = lines_of(mesh, nodes(section, mesh, SQUARE), order)
     plan = _beside_walls(lines) if faces == "bonded" else _with_faces(lines)
     inner, hole = (Side(lines[name], lines[name]) for name in ("inner wall", "hole wall"))
-    gap = _pair("walls of the gap", inner, hole, LEVEL, materials=materials, mesh=mesh)
-    rest = [_pair(*row, materials=materials, mesh=mesh) for row in plan]
-    if faces != "bonded":
-        rest = [_loose(pair, below, above, faces, friction) for pair, (_, below, above, _) in zip(rest, plan, strict=True)]
-    return (gap, *rest)
+    gap, radius = _pair("walls of the gap", inner, hole, LEVEL, materials=materials, mesh=mesh), float(section.edge_radius)
+    rest = [(_pair(*row, materials=materials, mesh=mesh), row[1], row[2]) for row in plan]
+    if faces == "bonded":
+        return (gap, *(_rounded(pair, above, radius) for pair, _, above in rest))
+    return (gap, *(_loose(pair, below, above, radius, faces=faces, friction=friction) for pair, below, above in rest))
 
 
 def _beside_walls(lines: dict[str, BoundaryLine]) -> tuple[tuple[str, Side, Side, Axes], ...]:
     """What may touch beside bonded faces: names, lines below and above, directions."""
-    plan = (
-        ("inner wall and strip", lines["strip"], "inner wall", RISING),
-        ("hole wall and strip", lines["strip"].reversed(), "hole wall", FALLING),
-        ("tube wall and tissue", lines["top"], "tube wall", RISING),
+    strip, top = lines["open strip"], lines["open top"]
+
+    def wall(block: str) -> Side:
+        line, lip = lines[f"{block} wall"], lines.get(f"{block} lip")
+        if lip is None:
+            return Side(line, line)
+        whole, corner = (lip.reversed() if block == "hole" else lip).followed_by(line), float(lip.lengths.sum())
+        return Side(whole, whole, (corner, corner))
+
+    return (
+        ("inner wall and strip", Side(strip, strip), wall("inner"), RISING),
+        ("hole wall and strip", Side(strip.reversed(), strip.reversed()), wall("hole"), FALLING),
+        ("tube wall and tissue", Side(top, top), wall("tube"), RISING),
     )
-    return tuple((name, Side(below, below), Side(lines[wall], lines[wall]), axes) for name, below, wall, axes in plan)
 
 
 def _with_faces(lines: dict[str, BoundaryLine]) -> tuple[tuple[str, Side, Side, Axes], ...]:
@@ -102,18 +111,17 @@ def _pair(name: str, below: Side, above: Side, axes: Axes, *, materials: Materia
     return Pair(name, slave.watched, master.met, np.array(axes), -1.0 if swapped else 1.0, penalty)
 
 
-def _loose(pair: Pair, tissue: Side, block: Side, faces: Interface, friction: float) -> Pair:
+def _rounded(pair: Pair, block: Side, radius: float) -> Pair:
     """Two lines of which the block's turns round an edge."""
-    radius = SHARP * float(min(pair.slave.lengths.min(), pair.master.lengths.min()))
-    watched, met = (RoundEdge(place, radius) for place in block.faces)
-    on_slave = pair.slave is block.watched
-    face = (block if on_slave else tissue).faces[0]
+    watched, met = (RoundEdge(place, radius) for place in block.corners)
+    if pair.slave is block.watched:
+        return replace(pair, slave_edge=watched)
+    return replace(pair, master_edge=met)
+
+
+def _loose(pair: Pair, tissue: Side, block: Side, radius: float, *, faces: Interface, friction: float) -> Pair:
+    """Faces that may open or slide; a sharp edge is a little round."""
+    sharp = SHARP * float(min(pair.slave.lengths.min(), pair.master.lengths.min()))
+    face = (block if pair.slave is block.watched else tissue).corners[0]
     tied = pair.along < face if faces == "frictionless" else pair.tied
-    return replace(
-        pair,
-        loose=True,
-        friction=friction,
-        tied=tied,
-        slave_edge=watched if on_slave else RoundEdge(),
-        master_edge=RoundEdge() if on_slave else met,
-    )
+    return replace(_rounded(pair, block, radius or sharp), loose=True, friction=friction, tied=tied)

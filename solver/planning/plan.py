@@ -154,7 +154,8 @@ def plan(scene: Scene, accuracy: float, solid: bool = False, skin: bool = False,
     asked = rest if len(scene.inclusion) < 2 else float((1 + rest) * np.exp(-SHARE * accuracy) - 1)
     level = SOLID if solid else _level(fewer.scene, rough, asked)
     limit = largest(rule, accuracy, promise)
-    if not linear and level == AXISYMMETRIC and rule.force(scene) > limit.force and ContactLevel().refusal(fewer.scene) is None:
+    beyond = level == AXISYMMETRIC and rule.force(scene) > limit.force
+    if not linear and (beyond or unsupported(scene) is not None) and ContactLevel().refusal(fewer.scene) is None:
         level, asked = CONTACT, accuracy if len(scene.inclusion) < 2 else float((1 + accuracy) * np.exp(-SHARE * accuracy) - 1)
     decisions = (
         _dimension(fewer.scene, rough, level, accuracy),

@@ -58,6 +58,7 @@ ALLOWED: dict[str, set[str]] = {
         *MESHES,
     },
     "solver.solid": {"solver.axisymmetric", "solver.linalg", "solver.results", "geometry.tetra", *SCENES},
+    "solver.phase": {"solver.axisymmetric", "solver.equivalent_inclusion", "solver.results", *MESHES},
     "solver.planning": {
         "solver.axisymmetric",
         "solver.contact",
@@ -81,6 +82,7 @@ ALLOWED: dict[str, set[str]] = {
         "solver.contact",
         "solver.equivalent_inclusion",
         "solver.linalg",
+        "solver.phase",
         "solver.planning",
         "solver.published",
         "solver.results",
@@ -110,6 +112,7 @@ ALLOWED: dict[str, set[str]] = {
     "probe_design.estimation": {
         "probe_design.data",
         "probe_design.maps.target_grid",
+        "solver.contact",
         "solver.equivalent_inclusion",
         "solver.inclusions",
         "solver.planning",

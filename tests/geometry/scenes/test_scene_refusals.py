@@ -163,6 +163,10 @@ CASES: list[tuple[str, object, str]] = [
     ("inclusion.0.orientation", [1, 2, 361], "inclusion[0].orientation[2] = 361: allowed: three numbers from -360 to 360"),
     # the probe's own sizes
     ("probe.groove.width", "10.2 mm", "probe.groove.width = 10.2 mm: allowed: below the outer block's hole diameter of 10.2"),
+    ("contact.edge_radius", "-1 mm", "contact.edge_radius = '-1 mm': allowed: "),
+    ("contact.edge_radius", 0.1, "contact.edge_radius = 0.1: allowed: "),
+    ("contact.edge_radius", "4 mm", "contact.edge_radius = 4 mm: allowed: up to 0.24969 mm (0.4 of the blocks' radius"),
+    ("contact.edge_radius", "1 um", "contact.edge_radius = 0.001 mm: allowed: 0, sharp, or 0.01 mm or more"),
     ("probe.groove.depth", "5 mm", "probe.groove.depth = 5 mm: allowed: below the outer block's height of 5 mm"),
 ]  # fmt: skip
 """Key, value, and how the message begins."""

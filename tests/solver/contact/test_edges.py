@@ -1,0 +1,88 @@
+"""Round edges of the blocks: they close as the load grows; laws that hold on the way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from geometry import Refusal, Scene, scene_to_toml
+from geometry.meridian.mesh import SQUARE, nodes
+from geometry.meridian.section import Body
+from geometry.scenes.scene import Contact
+from solver.axisymmetric.sections import sections
+from solver.contact.hyperelasticity import Hyperelastic
+from solver.contact.level import ContactLevel
+from solver.contact.model import ContactModel
+from solver.contact.path import Path
+from solver.levels import evaluate, plan
+from tests.support.load_paths import COARSE, pressed, ratio, scene_of, work
+
+SHARP = scene_of("equal-blocks-6kpa")
+
+
+def round_scene(radius: float) -> Scene:
+    return SHARP.model_copy(update={"contact": Contact(edge_radius=radius)})
+
+
+def test_stiffness_falls_with_the_radius_at_rest_to_that_of_sharp_edges() -> None:
+    """Less of the faces is bonded: energy needs less, and next to nothing is as good as nothing."""
+    radii = (0.0, 1e-5, 1e-4, 3e-4)
+    rest = [float(pressed(round_scene(radius), COARSE).points[0].tangent.sum()) for radius in radii]
+    assert np.all(np.diff(rest[1:]) < 0)
+    assert rest[1] == pytest.approx(rest[0], rel=1e-2)
+
+
+def test_edges_close_under_load_and_store_the_work_that_is_done() -> None:
+    path = pressed(round_scene(2e-4), COARSE)
+    for x in np.linspace(0.005, 0.03, 6):
+        path.at_indentation(x * path.radius)
+    points = path.points
+    growing = [point.force / point.indentation for point in points[1:]]
+    assert growing[-1] > float(points[0].tangent.sum())
+    assert path.model.elements.energy(points[-1].equilibrium.state.elements) == pytest.approx(work(path), rel=1e-4)
+    for point in points[1:]:
+        lengths = path.model.contact_lengths(point.indentation)
+        for length, touch in zip(lengths, point.equilibrium.at.touches, strict=True):
+            assert np.all(touch.pressure >= 0)
+            assert np.all(touch.gap >= -1e-3 * length)
+    reached = points[-1].equilibrium.at.touches[-1]
+    at = path.model.pairs[-1].along[reached.pressure > 0]
+    assert 0 < float(at.max()) < 1e-3  # tissue lies on a part of the arc, not on the wall above it
+
+
+def test_only_contact_takes_them() -> None:
+    scene = round_scene(1e-4)
+    for name in ("closed-form", "equivalent-inclusion", "axisymmetric", "solid"):
+        with pytest.raises(Refusal, match=r"contact for contact\.edge_radius"):
+            evaluate(scene, name)
+    with pytest.raises(Refusal, match=r"contact for contact\.edge_radius"):
+        evaluate(scene, linear=True)
+    assert plan(scene).evaluator == "contact"
+
+
+def test_a_file_keeps_the_radius() -> None:
+    scene = round_scene(1.5e-4)
+    assert 'edge_radius = "0.15 mm"' in scene_to_toml(scene)
+
+
+@pytest.mark.slow
+def test_the_material_beyond_the_arc_changes_less_than_is_stated() -> None:
+    """The blocks' corners, a third softer, stand for those that are cut off."""
+    radius = 3e-4
+    of = sections(round_scene(radius))
+    model = ContactModel.of(of.section, of.materials, "bonded", COARSE)
+    r, z = nodes(of.section, model.mesh, SQUARE).mean(axis=1).T
+    walls = (of.section.inner_radius - radius / 2, of.section.hole_radius + radius / 2, of.section.tube_radius - radius / 2)
+    corner = (z > 0) & (z < radius) & np.any([np.abs(r - wall) < radius / 2 for wall in walls], axis=0)
+    laws = np.array(
+        [[of.materials[Body(body)].youngs_modulus, of.materials[Body(body)].poisson_ratio] for body in model.mesh.body]
+    )
+    laws[corner, 0] *= 2 / 3
+    softer = replace(model, elements=replace(model.elements, material=Hyperelastic.of(*laws.T)))
+    whole, cut = (Path(one, sensitive=True).at_indentation(0.1 * 5.5e-3) for one in (model, softer))
+    stated = ContactLevel().pressed(round_scene(radius)).unseen
+    assert corner.sum() >= 3
+    assert ratio(SHARP, cut) == pytest.approx(ratio(SHARP, whole), rel=stated)
+    assert cut.log_sensitivity == pytest.approx(whole.log_sensitivity, rel=stated)
