@@ -29,6 +29,7 @@ from probe_design.built_probe.gain_matrix import Gains
 from probe_design.built_probe.reading import Read, read
 from solver.results.result import Result
 
+PHASE = ("ratio_phase", "ratio_phase_uncertainty")
 LARGEST_FILE = 1_000_000  # bytes of what `read --json` prints
 WRITTEN = "what `probe-design read --json` has printed"
 
@@ -44,7 +45,7 @@ class FieldReading:
         calibration: SHA-256 of the calibration's file; None: nominal gains.
         force: of the load, N.
         placement: x and y of the probe's axis in m where the reading tells them.
-        phase: by which the inner film leads the outer, rad, and its standard deviation; for unknowns that it tells something of.
+        phase: by which stress_inner leads stress_outer, rad, and its standard deviation, where the reading tells it.
     """
 
     ratio: float
@@ -114,7 +115,7 @@ def field_reading(told: dict[str, Any], name: str) -> FieldReading:
         calibration=told.get("calibration_sha256"),
         force=force if told.get("reference_force") is None else _number(told, "reference_force", name),
         placement=None if place is None else _place(place, name),
-        phase=None if told.get("phase") is None else (_number(told, "phase", name), _number(told, "phase_uncertainty", name)),
+        phase=None if told.get(PHASE[0]) is None else (_number(told, PHASE[0], name), _number(told, PHASE[1], name)),
     )
 
 

@@ -84,7 +84,9 @@ def _noise(samples: Samples, found: LockIn, bench: Bench) -> list[Finding]:
     """Beside what there must be: kT/C of the feedback, and the converter's step over the root of 12."""
     findings = []
     for k, name in enumerate(samples.channels[:2]):
-        expected = float(np.hypot(np.sqrt(BOLTZMANN * ROOM / bench.amplifier.capacitance), _step(samples.volts[:, k]) / 12**0.5))
+        expected = float(
+            np.hypot(np.sqrt(BOLTZMANN * ROOM / bench.amplifier.of_films()[k].capacitance), _step(samples.volts[:, k]) / 12**0.5)
+        )
         times = found.noise[k] / expected
         text = f"{found.noise[k]:.2g} V rms, {times:.2g} times the least of resistor and converter, {expected:.2g} V"
         if times < QUIET:
@@ -133,7 +135,7 @@ def _polarity(samples: Samples, found: LockIn, scene: Scene, bench: Bench) -> li
         return [Finding("polarity", "doubtful", "cannot be told without a load on both films")]
     known = "force" in samples.channels and bench.force is not None and found.strength[2] > CLEAR
     try:
-        charges = found.load[:2] / bench.amplifier.built().response(found.frequency)
+        charges = found.load[:2] / [one.response(found.frequency) for one in bench.amplifier.of_films()]
     except TooSlow as fault:
         return [Finding("polarity", "fault", str(fault))]
     films = charges / (found.load[2] if known else charges[1]) * (np.sign(charge_per_force(scene)) if known else 1.0)
