@@ -17,7 +17,8 @@ from probe_design.built_probe.virtual_probe import Built, signals
 from tests.support.hw.benches import BENCH, films, sampled, scene, shares
 
 TOLD = {"ratio": 0.5, "ratio_uncertainty": 0.01, "ratio_noise": 0.012, "force": 0.01, "reference_force": 0.0101,
-        "placement": [0.001, -0.002], "calibration_sha256": "ab", "ratio_phase": 0.01, "ratio_phase_uncertainty": 0.002}  # fmt: skip
+        "placement": [0.001, -0.002], "calibration_sha256": "ab",
+        "ratio_phase": 0.01, "ratio_phase_uncertainty": 0.002}  # fmt: skip
 
 
 @pytest.mark.parametrize("seed", range(5))
