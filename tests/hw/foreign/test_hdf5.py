@@ -71,6 +71,15 @@ def test_a_recording_is_read_by_h5py_and_again(tmp_path: Path) -> None:
         np.testing.assert_array_equal(getattr(again, key), getattr(live, key))
 
 
+def test_what_was_told_of_the_clock_stands(tmp_path: Path) -> None:
+    with Reader.open(probe()) as reader:
+        reader.header.source["transport"] = "usb"
+        reader.collect(0.03, record=tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5", "a") as file:
+        file.attrs["clock"] = "time stamps tell another rate"
+    assert got(tmp_path / "a.h5").notes == ("time stamps tell another rate",)
+
+
 def samples() -> Samples:
     index = np.arange(ROWS)
     return Samples(RATE, ("inner", "outer"), index, VOLTS, np.zeros((ROWS, 2), bool), (), 0, {"transport": "here"})

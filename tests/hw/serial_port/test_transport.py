@@ -110,6 +110,13 @@ def test_every_sample_once() -> None:
     assert made.asked[:3] == [4, 1, 3]
 
 
+def test_a_board_starts_when_it_is_read() -> None:
+    with board() as made, Reader(SerialTransport(made.port)) as reader:
+        assert made.stream == 0
+        next(iter(reader.blocks(1.0)))
+        assert made.stream > 0
+
+
 def test_rate_is_asked_for() -> None:
     with board() as made, Reader.open(f"serial:{made.port}", 250.0) as reader:
         assert reader.header.rate == 250.0

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from geometry.common.errors import InputError
+from hw.signal.running import RunningFit
 from probe_design.built_probe.bench import bench_from_dict
-from probe_design.built_probe.film_forces import reading, warming
+from probe_design.built_probe.film_forces import reading, running_reading, warming
 from probe_design.built_probe.virtual_probe import Built, charge_per_force, signals
 from tests.support.hw.benches import BENCH, sampled, scene
 
@@ -28,6 +29,9 @@ def test_charges_behind_each_film_s_own_amplifier() -> None:
     np.testing.assert_allclose(found.charges / common.charges, by_hand, rtol=1e-9)
     spread = np.sqrt(np.diag(found.covariance) / np.diag(common.covariance))
     np.testing.assert_allclose(spread[::2], np.abs(by_hand), rtol=0.05)
+    running = RunningFit(own.load.frequency, force=True)
+    running.add(samples)
+    np.testing.assert_allclose(running_reading(running, own).charges, found.charges, rtol=1e-9)
     assert found.tolerance[2, 2] > common.tolerance[2, 2]  # nearer to its corner
     assert warming(found, own, scene().probe)[1] > warming(common, BENCH, scene().probe)[1]
 
@@ -35,7 +39,8 @@ def test_charges_behind_each_film_s_own_amplifier() -> None:
 def test_alike_is_as_it_was() -> None:
     samples = sampled(signals(EXACT, BENCH, scene(), FORCES, 1))
     assert "inner" not in BENCH.model_dump(mode="json", exclude_none=True)["amplifier"]
-    again = bench_from_dict({"amplifier": OWN | {"inner": {}, "outer": {}}, "reference": [{"on": "inner"}]})
+    alike = OWN | {"inner": {}, "outer": {}}
+    again = bench_from_dict({"amplifier": alike, "force": {"sensitivity": "0.1 V/N"}, "reference": [{"on": "inner"}]})
     np.testing.assert_array_equal(reading(samples, again).charges, reading(samples, BENCH).charges)
 
 

@@ -118,6 +118,16 @@ def test_read_predicts_before_the_board_starts(monkeypatch: pytest.MonkeyPatch) 
     assert json.loads(ended.stdout)["samples"] == 2500
 
 
+def test_rate_and_columns_beside_a_recording_of_ours_are_the_device_s(devices: Devices, tmp_path: Path) -> None:
+    devices([GOOD])
+    live = SampleSource(device="usb", seconds="5", record=tmp_path / "run.probe")
+    with live.openers(lambda: (), 1, pace=False)[0]() as reader:
+        reader.collect(5.0, live.record)
+    source = SampleSource(device="usb", replay=(tmp_path / "run.probe",), rate="1 kHz", column=("force=4",))
+    with source.openers(lambda: (), 2, pace=False)[0]() as reader:
+        assert len(reader.collect(5.0)) == 2500
+
+
 @pytest.mark.parametrize(
     ("given", "words"),
     [
