@@ -50,7 +50,7 @@ class Span:
 
 
 @dataclass
-class Pressing:
+class LoadedTrack:
     """A track whose nodes are asked of ``contact`` one by one.
 
     Attributes:
@@ -145,7 +145,7 @@ def under_load(track: Track, loaded: LoadedModel) -> Track:
     usable = np.flatnonzero(track.predicted.usable)
     if len(usable) < 2:
         return track
-    pressing = Pressing(track, loaded)
+    pressing = LoadedTrack(track, loaded)
     middle = int(usable[len(usable) // 2])
     pressing.first(middle)
     ends = {pressing.farthest(middle, int(end)) for end in usable[[0, -1]]} & pressing.changes.keys()
@@ -156,7 +156,7 @@ def under_load(track: Track, loaded: LoadedModel) -> Track:
     return _moved(pressing, spans, dark)
 
 
-def _moved(pressing: Pressing, spans: list[Span], dark: Bools) -> Track:
+def _moved(pressing: LoadedTrack, spans: list[Span], dark: Bools) -> Track:
     """The track with the changes by the load; no node is better than the spans beside it."""
     track, spline, nodes = pressing.track, pressing.spline(), sorted(pressing.changes)
     own = np.array([pressing.changes[node][1] for node in nodes])
