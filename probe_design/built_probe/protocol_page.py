@@ -79,7 +79,7 @@ def draw(probe: Probe, bench: Bench, expected: Sequence[Expected], name: str, pa
     FigureCanvasAgg(figure)
     figure.text(0.07, 0.955, "Calibration of a tactile probe", fontsize=17, weight="bold")
     figure.text(0.07, 0.948, _headline(probe, name), fontsize=8.5, va="top")
-    for at, (part, title) in enumerate((("pin", "1  pin: inner block alone"), ("ring", "2  ring: outer block alone"))):
+    for at, (part, title) in enumerate((("pin", "pin: inner block alone"), ("ring", "ring: outer block alone"))):
         _section(figure.add_axes((0.05 + 0.46 * at, 0.69, 0.44, 0.215)), probe, part, title)
     _table(figure, expected[:MOST_ROWS])
     foot = 0.645 - 0.0185 * (min(len(expected), MOST_ROWS) + 2)
