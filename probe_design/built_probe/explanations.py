@@ -52,7 +52,7 @@ class Explanation:
 
 
 @dataclass(frozen=True)
-class Pair:
+class VariablePair:
     """Two variables that may be off together; each as if it stood alone, but for what is left, which is that of both."""
 
     first: Explanation
@@ -83,7 +83,7 @@ def refined(scene: Scene, bench: Bench, deviation: Deviation, shares: Shares, na
     return tuple(sorted(fits, key=lambda one: one.chi_square))
 
 
-def paired(deviation: Deviation, shares: Shares, fits: Sequence[Fit]) -> tuple[Pair, ...]:
+def paired(deviation: Deviation, shares: Shares, fits: Sequence[Fit]) -> tuple[VariablePair, ...]:
     """Return the pairs that explain most, best first, from the fits of single variables; none where nothing would be left."""
     if len(deviation.logs) < 3:
         return ()
@@ -120,9 +120,9 @@ def told(fit: Fit, deviation: Deviation, at: int = 0) -> Explanation:
     )
 
 
-def _pair(fit: Fit, deviation: Deviation) -> Pair:
+def _pair(fit: Fit, deviation: Deviation) -> VariablePair:
     first, second = (told(fit, deviation, at) for at in (0, 1))
-    return Pair(first, second, first.chi_square, first.p_value, first.explains)
+    return VariablePair(first, second, first.chi_square, first.p_value, first.explains)
 
 
 def _p_value(left: float, freedom: int) -> float:

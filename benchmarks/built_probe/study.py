@@ -4,7 +4,7 @@ Each probe is solved anew as it was built, read with noise on references off by 
 and check, as in a laboratory), calibrated, and checked against its drawing. Out of tolerance is one variable, by 5 to 15 of its
 tolerances; the others stay within. ``--explain N`` asks for the explanation of so many of those that are found.
 
-    python -m benchmarks.levels.built_probes --within 200 --out 100 --explain 10
+    python -m benchmarks.built_probe.study --within 200 --out 100 --explain 10
 """
 
 from __future__ import annotations
