@@ -32,6 +32,7 @@ from probe_design.estimation.depth_and_strength import Plane
 from probe_design.estimation.intervals import Likelihood, p_value
 from probe_design.estimation.model import OF_TARGET, TargetModel, check_kind
 from probe_design.estimation.nuisances import checked
+from probe_design.estimation.phases import usable
 from probe_design.estimation.profile import Track
 from probe_design.estimation.readings import Measurements, Reading
 from probe_design.estimation.reasons import Findings, reason, warnings
@@ -67,21 +68,23 @@ def estimate(
     start = perf_counter()
     check_kind(scene, _of_target(scene, unknown))
     known = checked(scene, nuisances, unknown)
-    data = Measurements.of(readings)
+    data, notes = usable(scene, Measurements.of(readings))
     if unknown in OF_TARGET and data.is_blank.all():
         raise InputError("reading.blank", Words("true in every reading"), f"one over the inclusion whose {unknown} is asked")
     if accuracy is None:
-        accuracy = float(np.clip(data.noise[~data.is_stiffness].min() / 4, FINEST, 0.01))
+        accuracy = float(np.clip(data.noise[data.is_ratio].min() / 4, FINEST, 0.01))
     if not 0 < accuracy < 1:
         raise InputError("accuracy", accuracy, "a number above 0 and below 1, such as 0.01")
     model = TargetModel(scene, data, accuracy)
     if not linear:
         check_load(scene, model.rule, model.tolerance, promise=False)
-    notes: tuple[str, ...] = ()
     useless = data.is_stiffness & (model.stiffness_error > data.noise)
     if useless.any():
         limit = f"the model's stiffness is good to {model.stiffness_error:.2g} only"
-        notes = (f"{useless.sum()} stiffnesses left out: {limit}, which is more than their noise",)
+        notes = (
+            *notes,
+            f"{useless.sum()} stiffnesses left out: {limit}, which is more than their noise",
+        )
         model = replace(model, data=data.some(~useless))
     findings = searched(model, unknown, known)
     return _estimate(findings, _together(findings), known, notes, start)
@@ -150,7 +153,7 @@ def _estimate(
         depth, depth_interval = value, interval
     return Estimate(
         unknown=unknown,
-        noise=tuple(data.noise[~data.is_stiffness].tolist()),
+        noise=tuple(data.noise[data.is_ratio].tolist()),
         value=value,
         interval=interval,
         interval_of_noise=of_noise,
@@ -206,5 +209,5 @@ def _error(findings: Findings) -> float | None:
     if findings.best is None:
         return None
     track = findings.track
-    bound = track.predicted.bound[:, ~findings.model.data.is_stiffness].max(axis=1)
+    bound = track.predicted.bound[:, findings.model.data.is_ratio].max(axis=1)
     return float(np.expm1(np.interp(findings.best, track.x, bound)))

@@ -112,6 +112,7 @@ ALLOWED: dict[str, set[str]] = {
         "probe_design.maps.target_grid",
         "solver.equivalent_inclusion",
         "solver.inclusions",
+        "solver.phase",
         "solver.planning",
         *ANSWERS,
     },
