@@ -2,7 +2,7 @@
 
 With m_0(u) the linear predictions of ``profile.py`` and m_c those of ``contact`` at some of its nodes,
 
-    m(u) = m_0(u) + c(u),   c the cubic spline through m_c - m_0 at those nodes                     (ES.9)
+    m(u) = m_0(u) + c(u),   c the cubic spline through m_c - m_0 at those nodes                     (ES.10)
 
 Nodes are asked for where c is told worst, until the spline through the others misses the last by less than a tenth of the noise,
 or of how far what was read lies from the predictions there: values that are far off need not be told well. What it missed counts
@@ -133,7 +133,7 @@ class LoadedTrack:
 
 
 def under_load(track: Track, loaded: LoadedModel) -> Track:
-    """Return a track as eq. ES.9 has it.
+    """Return a track as eq. ES.10 has it.
 
     Args:
         track: of the model at rest.

@@ -113,6 +113,7 @@ ALLOWED: dict[str, set[str]] = {
         "solver.contact",
         "solver.equivalent_inclusion",
         "solver.inclusions",
+        "solver.phase",
         "solver.planning",
         *ANSWERS,
     },
