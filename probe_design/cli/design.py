@@ -109,9 +109,10 @@ def export(scene: Path, output: Path, force: bool, as_json: bool) -> None:
         from geometry.cad.drawing import draw
         from geometry.cad.export import export as write
 
-        probe = read_scene(scene).probe
+        told = read_scene(scene)
+        probe, edge = told.probe, told.contact.edge_radius
         check_writable(output)
-        files = write(probe, output, force, beside={"drawing.png": partial(draw, probe)})
+        files = write(probe, output, force, beside={"drawing.png": partial(draw, probe, edge_radius=edge)}, edge_radius=edge)
     assumed = {key: str(mm(size)) for key, size in assumed_sizes(probe).items()}
     if as_json:
         print_json({"files": [str(file) for file in files], "assumed": assumed})
