@@ -26,6 +26,7 @@ ROOMS = {
     "EI": "solver/equivalent_inclusion",
     "CT": "solver/contact",
     "SO": "solver/solid",
+    "PH": "solver/phase",
     "PL": "solver/planning",
     "OP": "probe_design/optimisation",
     "MA": "probe_design/maps",

@@ -8,9 +8,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from hw.common.clock import Clock
+from hw.common.drain import Drain
 from hw.common.errors import InvalidSource, Timeout
 from hw.common.samples import Samples, joined
-from hw.common.transport import Decoder, Header, Transport
+from hw.common.transport import Chunk, Decoder, Header, Transport
 from hw.oscilloscope.transport import ScopeTransport, WaveformDecoder
 from hw.recordings.recording import Recorder
 from hw.recordings.replay import Replay
@@ -18,6 +20,7 @@ from hw.simulation.virtual import Virtual
 from hw.usb.transport import UsbTransport
 from hw.wire.decoder import Format, FrameDecoder
 
+CLOCKED = ("usb", "serial")  # transports whose samples come as they are taken
 SOURCES = "usb, usb:SERIAL, visa:RESOURCE, replay:FILE"
 
 
@@ -31,10 +34,11 @@ class Reader:
 
     def __init__(self, transport: Transport) -> None:
         self.transport = transport
+        self._drain: Drain | None = None
 
     @classmethod
     def open(cls, source: str | Virtual, rate: float | None = None) -> Reader:
-        """Open a source and start it.
+        """Open a source; a device starts when it is read.
 
         Args:
             source: ``usb`` (the only probe connected), ``usb:SERIAL``, ``visa:RESOURCE``, ``replay:FILE``, or a
@@ -65,17 +69,43 @@ class Reader:
             FileExistsError: there is a file where the recording would go.
         """
         end = None if seconds is None else self._samples_in(seconds)
-        decoder = decoder_of(self.header)
+        if record is not None and Path(record).exists():
+            raise FileExistsError(f"{record} exists")
+        decoder, clock = decoder_of(self.header), Clock(self.header.rate)
+        self._drain = Drain(self.transport)
         with ExitStack() as stack:
-            recorder = None if record is None else stack.enter_context(Recorder(record, self.header))
-            while (chunk := self.transport.read()) is not None:
-                if recorder:
-                    recorder.write(chunk)
+            stack.callback(self._drain.close)
+            recorder = None
+            for chunk in self._drain:
+                if record is not None and recorder is None:
+                    recorder = stack.enter_context(Recorder(record, self.header))
+                if recorder is not None and "unrecorded" not in self.header.source:
+                    self._write(recorder, chunk)
                 block = decoder.feed(chunk.data, chunk.stream, chunk.note)
                 if len(block):
+                    self._compare(clock, chunk, block)
                     yield block if end is None else block.before(end)
                     if end is not None and block.index[-1] >= end - 1:
                         return
+
+    def _write(self, recorder: Recorder, chunk: Chunk) -> None:
+        """Record a chunk; a disk that is full ends the recording, not the reading."""
+        try:
+            recorder.write(chunk)
+        except OSError as fault:
+            why = f"the recording ends early, whole up to there: {(fault.strerror or str(fault)).lower()}"
+            self.header.source["unrecorded"] = why
+
+    def _compare(self, clock: Clock, chunk: Chunk, block: Samples) -> None:
+        if self.header.source.get("transport") in CLOCKED and (told := clock.told(chunk, block)):
+            self.header.source["clock"] = told
+        else:
+            self.header.source.pop("clock", None)
+
+    @property
+    def behind(self) -> bool:
+        """Whether samples wait to be fetched: not the moment to do anything that takes long."""
+        return self._drain is not None and self._drain.behind
 
     def collect(self, seconds: float | None = None, record: Path | str | None = None) -> Samples:
         """Return all samples of ``seconds``; for the arguments see ``blocks``.
@@ -100,6 +130,8 @@ class Reader:
 
     def close(self) -> None:
         """Stop the stream and let go of the device."""
+        if self._drain is not None:
+            self._drain.close()
         self.transport.close()
 
     def __enter__(self) -> Self:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from importlib import import_module
 from time import perf_counter
-from typing import TYPE_CHECKING, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
@@ -58,6 +58,7 @@ def evaluate(
     *,
     linear: bool = False,
     loads: bool = False,
+    frequency: float | None = None,
     limits: Limits | None = None,
 ) -> Result:
     """Evaluate a scene.
@@ -74,27 +75,30 @@ def evaluate(
         tell: called with a line before each long piece of work.
         linear: whether ``auto`` answers linearly at any load; ``error_estimate`` counts the effect, None where nothing is known.
         loads: whether level ``contact`` tells ``gap_closure_load`` and ``linear_limit_load``, which takes some seconds more.
+        frequency: of a sinusoidal load, Hz, at which the loss factors hold: ``ratio_phase`` is told; a second or so.
         limits: of memory and time, 2 GB and 120 s unless ``geometry.common.resources.limited`` says otherwise.
 
     Raises:
-        InputError: no such evaluator or accuracy, or a surface file that is missing.
+        InputError: no such evaluator, accuracy or frequency, or a surface file that is missing.
         Refusal: the scene is of a kind that the evaluator cannot take, or ``auto`` cannot reach the accuracy, or its load is
             beyond what linear elasticity allows.
         LimitReached: the answer would take more memory or time than is allowed.
     """
+    from solver.phase.inertia import check_frequency
+
     check_accuracy(accuracy)
     start = perf_counter()
     with limited(limits), timed():
         check_surface_names(scene)
-        if name != AUTO:
-            result = _named(scene, name, accuracy, tell)
-            return _with_loads(result, scene, accuracy) if loads else result
+        if frequency is not None:
+            check_frequency(scene, frequency)
         try:
-            result = _automatic(scene, accuracy, linear, tell)
+            result = _named(scene, name, accuracy, tell) if name != AUTO else _automatic(scene, accuracy, linear, tell)
             result = _with_loads(result, scene, accuracy) if loads else result
-            return replace(result, seconds=perf_counter() - start)
+            result = result if frequency is None else with_phase(result, scene, accuracy, frequency)
+            return replace(result, seconds=perf_counter() - start) if name == AUTO else result
         except OutOfReach as fault:
-            if fault.stopped:
+            if fault.stopped or name != AUTO:
                 raise
             raise Refusal("accuracy", accuracy, _reachable(fault, accuracy / fault.accuracy, tell)) from None
 
@@ -122,6 +126,19 @@ def _with_loads(result: P, scene: Scene, accuracy: float) -> P:
     ends: Ends = ends_of(scene, accuracy)
     limit, warnings = ends.linear_limit_load or result.linear_limit_load, (*result.warnings, *ends.notes)
     return replace(result, gap_closure_load=ends.gap_closure_load, linear_limit_load=limit, warnings=warnings)
+
+
+def with_phase(result: Result, scene: Scene, accuracy: float, frequency: float) -> Result:
+    """Return an answer with the phase of its ratio at a frequency (Hz), or with why that is null; see ``solver.phase.phase``."""
+    from solver.phase.phase import NotTold, ratio_phase
+
+    result = replace(result, frequency=frequency)
+    try:
+        phase = ratio_phase(scene, result, accuracy, frequency)
+    except NotTold as why:
+        return replace(result, warnings=(*result.warnings, Note("null", f"ratio_phase is null: {why}")))
+    told: dict[str, Any] = {f"ratio_phase{key}": value for key, value in phase.parts.items()}
+    return replace(result, **told, warnings=(*result.warnings, *phase.notes))
 
 
 def _automatic(scene: Scene, accuracy: float, linear: bool, tell: Tell | None) -> Result:

@@ -1,6 +1,6 @@
-"""Level contact: true and stated errors on other codes' solutions, what it costs, gaps of several widths, a deformed section.
+"""Level contact: true and stated errors on other codes' solutions, what it costs, gaps of several widths, faces, a picture.
 
-    python -m benchmarks.levels.contact [--part references|gaps|section] [-o docs/contact-section.png]
+    python -m benchmarks.levels.contact [--part references|gaps|faces|section] [-o docs/contact-section.png]
 
 Costs are the processor's, of one process. The references' own uncertainties stand beside the errors.
 """
@@ -15,8 +15,9 @@ from time import process_time
 import numpy as np
 
 from geometry import ProbeError, Scene, read_scene
+from geometry.common.resources import Limits, limited
 from geometry.meridian.frame import MeridianFineness
-from geometry.scenes.scene import Load
+from geometry.scenes.scene import Contact, Load
 from solver.axisymmetric.sections import sections
 from solver.contact.level import ContactLevel
 from solver.contact.model import ContactModel
@@ -75,6 +76,24 @@ def _gap(scene: Scene, gap: float, most: float) -> str:
     return f"| {1e3 * gap:g} | {closes} | {ratios} | {slopes} | {found.force[-1]:.3g} N |"
 
 
+def faces() -> None:
+    """Print what round edges and other faces change on the example, with what is stated of the ratio."""
+    scene = read_scene(FOLDER / "example.toml")
+    kinds = {f"edges of {1e3 * radius:g} mm": Contact(edge_radius=radius) for radius in (0.0, 0.05e-3, 0.1e-3, 0.2e-3)}
+    kinds |= {"frictionless": Contact(interface="frictionless"), "opening": Contact(interface="unilateral")}
+    kinds |= {"opening, friction 0.3": Contact(interface="unilateral", friction=0.3)}
+    print("| faces | ratio at 0.02 N (stated) | log-sensitivity | ratio at 0.05 N (stated) | log-sensitivity | processor, s |")
+    print("|---|---|---|---|---|---|")
+    for name, contact in kinds.items():
+        start, cells = process_time(), []
+        for force in (0.02, 0.05):
+            pressed = scene.model_copy(update={"contact": contact, "load": Load(force=force)})
+            with limited(Limits(seconds=600.0)):
+                found = ContactLevel().evaluate(pressed, accuracy=0.03)
+            cells.append(f"{found.ratio:.4f} ({found.error_estimate:.1%}) | {found.log_sensitivity:.4f}")
+        print(f"| {name} | {' | '.join(cells)} | {process_time() - start:.0f} |", flush=True)
+
+
 def section(picture: Path) -> None:
     """Draw the example's section at ``DEEP``: cells as they are deformed, and its corner closer."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -117,13 +136,15 @@ def _outlines(model: ContactModel, v: np.ndarray, depth: float) -> np.ndarray:
 def main() -> None:
     """Run the parts asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--part", choices=("references", "gaps", "section"))
+    parser.add_argument("--part", choices=("references", "gaps", "faces", "section"))
     parser.add_argument("-o", "--picture", type=Path, default=Path("contact-section.png"))
     asked = parser.parse_args()
     if asked.part in (None, "references"):
         references()
     if asked.part in (None, "gaps"):
         gaps()
+    if asked.part in (None, "faces"):
+        faces()
     if asked.part in (None, "section"):
         section(asked.picture)
 

@@ -29,6 +29,9 @@ COLOURS = {
     "film-inner": (0.93, 0.78, 0.22),
     "film-outer": (0.45, 0.72, 0.36),
     "base": (0.62, 0.64, 0.67),
+    "pin": (0.72, 0.53, 0.04),
+    "ring": (0.72, 0.53, 0.04),
+    "sleeve": (0.50, 0.50, 0.55),
 }
 
 
@@ -115,7 +118,7 @@ def base(probe: Probe) -> Any:
     middle, top = probe.inner_radius + probe.gap / 2, flange + sizes.thickness
     lower = [(0.0, low), (middle, low), (middle, side)] if low != side else [(0.0, low)]
     shoulder = [(radius, flange), (sizes.flange_radius, flange)] if sizes.flange_radius > radius else []
-    return _revolved([*lower, (radius, side), *shoulder, (sizes.flange_radius, top), (0.0, top)])
+    return revolved([*lower, (radius, side), *shoulder, (sizes.flange_radius, top), (0.0, top)])
 
 
 def parts(probe: Probe, edge_radius: float = 0.0) -> dict[str, Any]:
@@ -149,7 +152,7 @@ def built(name: str, make: Callable[[], Any]) -> Any:
 
 
 def _ring(inner: float, outer: float, bottom: float, top: float) -> Any:
-    return _revolved([(inner, bottom), (outer, bottom), (outer, top), (inner, top)])
+    return revolved([(inner, bottom), (outer, bottom), (outer, top), (inner, top)])
 
 
 def _block(inner: float, outer: float, top: float, edge: float) -> Any:
@@ -165,7 +168,8 @@ def _block(inner: float, outer: float, top: float, edge: float) -> Any:
     return _turned(cq.Wire.assembleEdges(edges))
 
 
-def _revolved(profile: list[tuple[float, float]]) -> Any:
+def revolved(profile: list[tuple[float, float]]) -> Any:
+    """One solid of revolution about z from its (r, z) polygon in m."""
     return _turned(cadquery().Wire.makePolygon(_points(profile), close=True))
 
 

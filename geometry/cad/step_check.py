@@ -29,12 +29,13 @@ def check(probe: Probe, drafts: dict[str, Path], edge_radius: float = 0.0) -> No
         ExportError: a file does not hold what the parameters say, to ``TOLERANCE``.
     """
     expected = expected_bodies(probe, edge_radius)
-    measured = {name: _check_part(drafts[name], name, body) for name, body in expected.items()}
+    measured = {name: check_alone(drafts[name], name, body) for name, body in expected.items()}
     _compare("inner.step and outer.step", _between(probe, measured))
     _check_assembly(drafts["assembly"], probe, expected)
 
 
-def _check_part(path: Path, name: str, expected: PartMeasures) -> PartMeasures:
+def check_alone(path: Path, name: str, expected: PartMeasures) -> PartMeasures:
+    """Read a file of one part back and compare it; returns what it measures. Raises ``ExportError``."""
     (_, shape, _), *_ = _read_named(path, [name])
     return check_body(path.name, shape, expected)
 

@@ -19,6 +19,7 @@ MODULUS = Quantity("modulus", "Pa", "Pa", 1e-3, 1e13)
 Modulus = Annotated[float, MODULUS]
 ChargePerForce = Annotated[float, Quantity("charge per force", "C/N", "pC/N", -1e-8, 1e-8)]
 PoissonRatio = Annotated[float, Field(ge=0.0, lt=0.5, description="a number from 0 to below 0.5")]
+LossFactor = Annotated[float, Field(ge=0.0, le=1.0, description="tan delta, a number from 0 to 1")]
 Number = Annotated[float, Field(ge=-100.0, le=100.0, description="a number from -100 to 100")]
 AreaRatio = Annotated[float, Field(ge=1e-4, le=1e4)]
 Interface = Literal["bonded", "frictionless", "unilateral"]
@@ -31,10 +32,16 @@ class Frozen(BaseModel):
 
 
 class Material(Frozen):
-    """An isotropic linear elastic material."""
+    """An isotropic linear elastic material.
+
+    Attributes:
+        youngs_modulus: the storage modulus E' where the material is lossy.
+        loss_factor: tan delta = E''/E' at the load's frequency: E = E' (1 + j tan delta), Poisson's ratio being real.
+    """
 
     youngs_modulus: Modulus
     poisson_ratio: PoissonRatio
+    loss_factor: LossFactor = 0.0
 
 
 class Base(Frozen):

@@ -123,6 +123,8 @@ class Quantity:
         return core_schema.with_info_plain_validator_function(self._validate, serialization=write)
 
 
+FREQUENCY = Quantity("frequency", "Hz", "Hz", 1e-3, 1e5)
+"""Of a sinusoidal load."""
 TIME = Quantity("time", "s", "s", 1e-3, 1e7)
 """That an answer may take."""
 MEMORY = Quantity("memory", "byte", "GB", 1e8, 1e15)

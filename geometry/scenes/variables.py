@@ -36,14 +36,26 @@ def values(scene: Scene) -> dict[str, float]:
     return {key: value for key, value in lengths.items() if value is not None}
 
 
+def loss_factors(scene: Scene) -> dict[str, float]:
+    """Return tan delta of every material of a scene that can have one, by its key, ``inclusion[1].loss_factor``.
+
+    The one inclusion of a scene is ``inclusion``, as in ``values``.
+    """
+    bodies = {f"probe.{block}": getattr(scene.probe, block) for block in BLOCKS} | {"tissue": scene.tissue}
+    bodies |= {f"tissue.layer[{index}]": layer for index, layer in enumerate(scene.tissue.layer)}
+    alone = len(scene.inclusion) == 1
+    bodies |= {"inclusion" if alone else f"inclusion[{k}]": body for k, body in enumerate(scene.inclusion)}
+    return {f"{name}.loss_factor": body.loss_factor for name, body in bodies.items()}
+
+
 def changed(scene: Scene, new: Mapping[str, float]) -> Scene:
-    """Return a scene with other values under keys of ``values``.
+    """Return a scene with other values under keys of ``values`` and ``loss_factors``.
 
     Raises:
         InputError: the scene has no such value.
         ValueError: the scene that results is refused.
     """
-    current = values(scene)
+    current = values(scene) | loss_factors(scene)
     data = scene.model_dump(exclude_unset=True)
     for key, value in new.items():
         if key not in current:
@@ -52,7 +64,7 @@ def changed(scene: Scene, new: Mapping[str, float]) -> Scene:
         place: Any = data
         for name in path:
             place = place[int(name) if name.isdigit() else name]
-            if name == "inclusion":
+            if name == "inclusion" and key.startswith("inclusion."):
                 place = place[0]
         place[last] = float(value)
     return Scene.model_validate(data)

@@ -14,6 +14,7 @@ from hw.common.errors import Overrun, TransferError
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+NOTES = ("cut", "damaged", "clock", "unrecorded")  # of a source, in words
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,11 @@ class Samples:
         return len(self.index)
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """Return what is to be said of the source beside the gaps: a recording that is cut or damaged, a clock that differs."""
+        return tuple(str(self.source[key]) for key in NOTES if key in self.source)
+
+    @property
     def times(self) -> Floats:
         """Return (n,) times since the start of the stream, s."""
         return self.index / self.rate
@@ -69,6 +75,18 @@ class Samples:
         gaps = tuple(gap for gap in self.gaps if gap.first < index)
         return replace(self, index=self.index[:end], volts=self.volts[:end], saturated=self.saturated[:end], gaps=gaps)
 
+    def after(self, index: int) -> Samples:
+        """Return the rows from an index on, and the gaps that begin there or later; overruns count before it."""
+        begin = int(np.searchsorted(self.index, index))
+        gaps = tuple(gap for gap in self.gaps if gap.first >= index)
+        rows = self.index[begin:], self.volts[begin:], self.saturated[begin:]
+        return replace(self, index=rows[0], volts=rows[1], saturated=rows[2], gaps=gaps, overruns=0)
+
+    def of(self, names: Sequence[str]) -> Samples:
+        """Return these channels alone, in this order; all must be there."""
+        columns = [self.channels.index(name) for name in names]
+        return replace(self, channels=tuple(names), volts=self.volts[:, columns], saturated=self.saturated[:, columns])
+
     def whole(self) -> Samples:
         """Return the samples if none was lost: what a calibration needs.
 
@@ -78,6 +96,8 @@ class Samples:
         """
         if self.overruns:
             raise Overrun(f"the device's buffer ran over {self.overruns} times: ask for a lower rate, or free the computer")
+        if self.notes:
+            raise TransferError(f"{self.notes[0]}: read again")
         if self.gaps:
             first = self.gaps[0]
             raise TransferError(f"samples from index {first.first} on were lost ({first.reason}): read again")

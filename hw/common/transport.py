@@ -17,11 +17,13 @@ class Chunk:
         data: the bytes; none when nothing came in time.
         stream: the number that the device was told with START.
         note: what happened before the read: the reason of the gap that may follow.
+        time: when it returned, s since any moment; None: not known.
     """
 
     data: bytes
     stream: int = 0
     note: str = ""
+    time: float | None = None
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,7 @@ class Transport(Protocol):
         """Return what decoding needs."""
 
     def read(self) -> Chunk | None:
-        """Return the next chunk; None when the source has ended. Raises ``HardwareError``."""
+        """Return the next chunk; None when the source has ended. A device starts at the first call. Raises ``HardwareError``."""
 
     def close(self) -> None:
         """Stop and let go of the device; never raises."""

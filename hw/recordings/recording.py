@@ -1,7 +1,8 @@
 """Raw bytes on disk, as they came and before anybody decodes them: one file that describes itself.
 
 A line of JSON, then records: ``READ``, when (s since the start), stream number, lengths of note and data, both, CRC-32 of all
-that. A record ``DONE`` ends a file that was closed. A file that was cut is readable up to the cut.
+that. A record ``DONE`` ends a file that was closed. A file that was cut is readable up to the cut; of a damaged record whatever
+frames are whole, and all that follows.
 """
 
 from __future__ import annotations
@@ -9,10 +10,12 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import struct
 import time
 import zlib
 from collections.abc import Generator
+from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
 from types import TracebackType
@@ -25,6 +28,9 @@ KIND: Literal["probe-design recording"] = "probe-design recording"
 VERSION: Literal[1] = 1
 _RECORD = struct.Struct("<4sdHHI")
 _CRC = struct.Struct("<I")
+_TAG = re.compile(b"READ|DONE")
+WINDOW = 1 << 20  # bytes that are searched at a time
+SALVAGED = 100_000  # bytes: in longer damage no frames are looked for
 
 
 class Recorder:
@@ -35,23 +41,25 @@ class Recorder:
     """
 
     def __init__(self, path: Path | str, header: Header) -> None:
-        self._file: BinaryIO = Path(path).open("xb")  # noqa: SIM115 - closed by close()
-        self._begin = time.monotonic()
+        self._file = Path(path).open("xb", buffering=0)  # noqa: SIM115 - closed by close(); bytes are on their way at once
+        self._begin, self._end = time.monotonic(), 0
         line = json.dumps({"format": KIND, "version": VERSION} | header.as_dict())
-        self._file.write(line.encode() + b"\n")
-        self._file.flush()
+        self._append(line.encode() + b"\n")
 
     def write(self, chunk: Chunk) -> None:
-        """Append what one read returned."""
+        """Append what one read returned, whole or not at all.
+
+        Raises:
+            OSError: the disk is full, or another fault; what was written before stays readable.
+        """
         self._record(b"READ", chunk)
-        self._file.flush()
 
     def close(self) -> None:
         """Mark the end, flush to disk and close."""
         if not self._file.closed:
-            self._record(b"DONE", Chunk(b""))
-            self._file.flush()
-            os.fsync(self._file.fileno())
+            with suppress(OSError):  # a full disk: the file then ends as one that was cut
+                self._record(b"DONE", Chunk(b""))
+                os.fsync(self._file.fileno())
             self._file.close()
 
     def __enter__(self) -> Self:
@@ -62,9 +70,23 @@ class Recorder:
 
     def _record(self, tag: bytes, chunk: Chunk) -> None:
         note = chunk.note.encode()[:65535]
-        head = _RECORD.pack(tag, time.monotonic() - self._begin, chunk.stream, len(note), len(chunk.data))
+        when = time.monotonic() if chunk.time is None else chunk.time
+        head = _RECORD.pack(tag, when - self._begin, chunk.stream, len(note), len(chunk.data))
         body = head + note + chunk.data
-        self._file.write(body + _CRC.pack(zlib.crc32(body)))
+        self._append(body + _CRC.pack(zlib.crc32(body)))
+
+    def _append(self, data: bytes) -> None:
+        """Write all of it, or leave the file as it was."""
+        try:
+            left = memoryview(data)
+            while left:
+                left = left[self._file.write(left) or 0 :]
+        except OSError:
+            with suppress(OSError):
+                self._file.truncate(self._end)
+                self._file.seek(self._end)
+            raise
+        self._end += len(data)
 
 
 class Recording:
@@ -73,6 +95,7 @@ class Recording:
     Attributes:
         header: how to decode it, and where it came from.
         cut: None, or in words where the file ends before its end; known once all chunks were read.
+        damaged: bytes at which records begin that are not what was written; known likewise.
 
     Raises:
         InvalidSource: the file cannot be read, is not a recording, or of another version.
@@ -81,6 +104,7 @@ class Recording:
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
         self.cut: str | None = None
+        self.damaged: list[int] = []
         if not os.path.isfile(path):  # a folder or a pipe, say, which cannot be read twice; or a name that is too long
             why = "it is no file" if os.path.exists(path) else "there is no such file"
             raise InvalidSource(f"{path} is not a recording: {why}")
@@ -92,7 +116,8 @@ class Recording:
             raise InvalidSource(f"{path} cannot be read ({fault.strerror})") from fault
 
     def chunks(self) -> Generator[Chunk, None, None]:
-        """Yield what was read, in order, up to the end or the cut."""
+        """Yield what was read, in order, up to the end or the cut; of a damaged record its bytes as they stand there."""
+        stream = self.header.stream
         with self.path.open("rb") as file:
             file.seek(self._data_begins)
             while True:
@@ -100,10 +125,20 @@ class Recording:
                 tag, chunk = _next(file)
                 if tag == b"DONE":
                     return
-                if tag != b"READ":
+                if tag == b"READ":
+                    stream = chunk.stream
+                    yield chunk
+                    continue
+                found = _found(file, at + 1)
+                if found is None:
                     self.cut = f"{self.path.name} was cut or damaged at byte {at}; what stands before is whole"
                     return
-                yield chunk
+                self.damaged.append(at)
+                file.seek(at)
+                rest = file.read(found - at) if self.header.kind == "frames" and found - at <= SALVAGED else b""
+                if self.header.kind == "frames":  # frames have checksums of their own; acquisitions have none
+                    yield Chunk(rest, stream, f"the recording is damaged at byte {at}")
+                file.seek(found)
 
 
 def sha256(path: Path | str) -> str:
@@ -158,14 +193,31 @@ def _header(line: bytes, path: Path) -> Header:
     return Header(**{field.name: getattr(first, field.name) for field in fields(Header)})
 
 
+def _found(file: BinaryIO, begin: int) -> int | None:
+    """Return where the next whole record begins, or None."""
+    at = begin
+    while True:
+        file.seek(at)
+        window = file.read(WINDOW)
+        for match in _TAG.finditer(window):
+            file.seek(at + match.start())
+            if _next(file)[0]:
+                return at + match.start()
+        if len(window) < WINDOW:
+            return None
+        at += len(window) - 3  # a tag may be cut in two
+
+
 def _next(file: BinaryIO) -> tuple[bytes, Chunk]:
     """Return a record's tag and content; an empty tag where the file ends or is damaged."""
     head = file.read(_RECORD.size)
     if len(head) < _RECORD.size:
         return b"", Chunk(b"")
-    tag, _, stream, note, length = _RECORD.unpack(head)
+    tag, when, stream, note, length = _RECORD.unpack(head)
     body = file.read(note + length) if length < 1 << 30 else b""
     crc = file.read(_CRC.size)
     if len(body) < note + length or crc != _CRC.pack(zlib.crc32(head + body)):
         return b"", Chunk(b"")
-    return tag, Chunk(body[note:], stream, body[:note].decode("utf-8", "replace"))
+    if tag not in (b"READ", b"DONE"):
+        return b"", Chunk(b"")
+    return tag, Chunk(body[note:], stream, body[:note].decode("utf-8", "replace"), when)

@@ -12,7 +12,7 @@ from hw.recordings.recording import Recording
 class Replay:
     """Returns the chunks of a recorded file, as fast as they are asked for.
 
-    Its header's source gains ``replayed``, and ``cut`` when the file turned out to end before its end.
+    Its header's source gains ``replayed``, and ``cut`` and ``damaged``, in words, once the file turned out to be so.
     """
 
     def __init__(self, path: Path) -> None:
@@ -26,6 +26,9 @@ class Replay:
         chunk = next(self._chunks, None)
         if self._recording.cut:
             self.header.source["cut"] = self._recording.cut
+        if places := self._recording.damaged:
+            where = f"at byte {places[0]}" + (f" and {len(places) - 1} places more" if len(places) > 1 else "")
+            self.header.source["damaged"] = f"{self._recording.path.name} is damaged {where}: what is not whole was left out"
         return chunk
 
     def close(self) -> None:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hw.common.errors import HardwareError
 from hw.common.samples import Floats, Samples
 from hw.signal.amplifier import ChargeAmplifier
-from hw.signal.sine_fit import Complexes, SineFit, sine_fit
+from hw.signal.sine_fit import Complexes, SineFit
+from hw.signal.stretches import sine_fit
+from hw.signal.waveform import Flawed, doubt
 
 FILMS = ("inner", "outer")
 FORCE = "force"
@@ -19,8 +20,31 @@ LEAST_STRENGTH = 20.0  # likewise, of a reading that calibrates
 STEP = 1e-6  # of the central differences by which covariances are carried on, relative
 
 
-class Flawed(HardwareError):  # noqa: N818 - says what is wrong
-    """A reading that a calibration may not use."""
+@dataclass(frozen=True)
+class Losses:
+    """What a reading lacks.
+
+    Attributes:
+        saturated: rows left out.
+        gaps: how many.
+        overruns: of the device.
+        notes: what else is to be said of the source.
+    """
+
+    saturated: int = 0
+    gaps: int = 0
+    overruns: int = 0
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, samples: Samples) -> Losses:
+        """Count them."""
+        return cls(int(samples.saturated.any(axis=1).sum()), len(samples.gaps), samples.overruns, samples.notes)
+
+    def __add__(self, other: Losses) -> Losses:
+        """Return what two consecutive parts lack; the source's notes only grow."""
+        counts = (self.saturated + other.saturated, self.gaps + other.gaps, self.overruns + other.overruns)
+        return Losses(*counts, other.notes)
 
 
 @dataclass(frozen=True)
@@ -30,13 +54,14 @@ class Measurement:
     Attributes:
         fit: of the volts.
         charges: (2,) complex amplitudes of the films' charges, inner and outer, C.
-        covariance: of (re, im) of both in turn, C^2, shape (4, 4): noise alone.
+        covariance: of (re, im) of both in turn, C^2, shape (4, 4): noise, and what the waveform leaves in doubt.
         tolerance: likewise what the amplifiers' parts may add, the same at every reading at this frequency.
         force: amplitude of the reference force, N, or None without that channel.
         force_sd: by noise, N.
         saturated: how many rows were, and were left out.
         lost: how many gaps the record has.
         overruns: of the device.
+        warnings: what of the waveform is counted in the covariance, one line each.
     """
 
     fit: SineFit
@@ -48,6 +73,7 @@ class Measurement:
     saturated: int
     lost: int
     overruns: int
+    warnings: tuple[str, ...] = ()
 
     @property
     def ratio(self) -> complex:
@@ -98,36 +124,65 @@ def measure(
         calibrated_at: frequency at which gains were calibrated, Hz.
 
     Raises:
-        HardwareError: a channel is missing, no sinusoid can be fitted, or the load is too slow for the amplifier.
+        HardwareError: a channel is missing, no sinusoid can be fitted, it is not steady, or too slow for the amplifier.
+    """
+    used = samples.of(film_channels(samples, sensitivity is not None))
+    return measured(sine_fit(used, frequency), Losses.of(used), amplifier, sensitivity, calibrated_at)
+
+
+def film_channels(samples: Samples, force: bool) -> tuple[str, ...]:
+    """Return the channels that a measurement uses: both films', and the force's if it is wanted and there.
+
+    Raises:
+        Flawed: a film's channel is missing.
     """
     missing = [name for name in FILMS if name not in samples.channels]
     if missing:
         raise Flawed(f"no channel {missing[0]!r} among {', '.join(samples.channels)}: both films are needed")
-    fit = sine_fit(samples, frequency)
-    films = [samples.channels.index(name) for name in FILMS]
+    return (*FILMS, FORCE) if force and FORCE in samples.channels else FILMS
+
+
+def measured(
+    fit: SineFit,
+    losses: Losses,
+    amplifier: ChargeAmplifier,
+    sensitivity: float | None = None,
+    calibrated_at: float | None = None,
+) -> Measurement:
+    """Divide the amplifier out of a fit of both films and, perhaps, the force; for the other arguments see ``measure``.
+
+    Raises:
+        HardwareError: no load stands out, it is not one steady sinusoid, or too slow for the amplifier.
+    """
     response = amplifier.response(fit.frequency)
-    charges = fit.amplitudes[films] / response
-    turn = _real(1 / response, 2)
-    rows = [2 * channel + part for channel in films for part in (0, 1)]
+    charges = fit.amplitudes[:2] / response
+    covariance = _over(response, fit.covariance[:4, :4])
+    if _strength(charges, covariance) < LEAST_SEEN:
+        raise Flawed(f"no load of about {fit.frequency:.4g} Hz stands out from the noise: is it on, is its frequency right?")
+    doubts = doubt(fit, (*FILMS, FORCE)[: len(fit.amplitudes)], amplifier.response)
+    told = replace(fit, covariance=fit.covariance + doubts.covariance(fit))
     tolerance = np.zeros((4, 4))
     for k, charge in enumerate(charges):
         scale = _real(charge, 1)
         tolerance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = scale @ amplifier.tolerance(fit.frequency, calibrated_at) @ scale.T
-    covariance = turn @ fit.covariance[np.ix_(rows, rows)] @ turn.T
-    if _strength(charges, covariance) < LEAST_SEEN:
-        raise Flawed(f"no load of about {fit.frequency:.4g} Hz stands out from the noise: is it on, is its frequency right?")
-    force, force_sd = _force(samples, fit, sensitivity)
+    force, force_sd = _force(told, sensitivity)
     return Measurement(
-        fit=fit,
+        fit=told,
         charges=charges,
-        covariance=covariance,
+        covariance=_over(response, told.covariance[:4, :4]),
         tolerance=tolerance,
         force=force,
         force_sd=force_sd,
-        saturated=int(samples.saturated.any(axis=1).sum()),
-        lost=len(samples.gaps),
-        overruns=samples.overruns,
+        saturated=losses.saturated,
+        lost=losses.gaps,
+        overruns=losses.overruns,
+        warnings=losses.notes + doubts.warnings,
     )
+
+
+def _over(response: complex, covariance: Floats) -> Floats:
+    turn = _real(1 / response, 2)
+    return np.asarray(turn @ covariance @ turn.T)
 
 
 def checked(measurement: Measurement, least_cycles: float) -> Measurement:
@@ -166,14 +221,11 @@ def carried(function: Callable[[Floats], Floats], at: Floats, covariance: Floats
     return np.asarray(slopes @ covariance @ slopes.T)
 
 
-def _force(samples: Samples, fit: SineFit, sensitivity: float | None) -> tuple[float | None, float | None]:
-    if sensitivity is None or FORCE not in samples.channels:
+def _force(fit: SineFit, sensitivity: float | None) -> tuple[float | None, float | None]:
+    if sensitivity is None or len(fit.amplitudes) < 3:
         return None, None
-    channel = samples.channels.index(FORCE)
-    part = slice(2 * channel, 2 * channel + 2)
-    amplitude = abs(fit.amplitudes[channel])
-    spread = carried(_size, _parts(fit.amplitudes[channel : channel + 1]), fit.covariance[part, part])
-    return float(amplitude / abs(sensitivity)), float(np.sqrt(spread[0, 0]) / abs(sensitivity))
+    spread = carried(_size, _parts(fit.amplitudes[2:3]), fit.covariance[4:6, 4:6])
+    return float(abs(fit.amplitudes[2]) / abs(sensitivity)), float(np.sqrt(spread[0, 0]) / abs(sensitivity))
 
 
 def _parts(values: Complexes) -> Floats:

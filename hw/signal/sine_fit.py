@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 
 from hw.common.errors import HardwareError
 from hw.common.samples import Floats, Samples
+from hw.signal.residuals import bending, spikes
 from hw.signal.sine_model import DRIFT, Lines, Solved, residual, solve
-from hw.signal.spectrum import MAINS, WANDERS, colour, mains, strongest
+from hw.signal.spectrum import MAINS, WANDERS, density, mains, strongest
+from hw.signal.steadiness import blocks
 
 Complexes = NDArray[np.complex128]
 HARMONICS = 3
@@ -32,6 +34,10 @@ class NoSine(HardwareError):  # noqa: N818 - says what is missing
     """A record from which the amplitude of a sinusoidal load cannot be told."""
 
 
+class TooShort(NoSine):
+    """A record of too few cycles, or rows."""
+
+
 @dataclass(frozen=True)
 class SineFit:
     """Amplitudes a of v(t) = Re(a e^(j 2 pi f t)), t from the middle of the record.
@@ -45,10 +51,17 @@ class SineFit:
         offsets_sd: (channels,).
         drift: (channels,) by how much the drift polynomial's largest value exceeds its smallest, V.
         noise: (channels,) standard deviation of the residual, V.
-        colour: (channels,) by what the noise's power near f exceeds white noise's; counted in ``covariance``.
+        density: covariance of a sample's noise as far as it acts at f, V^2, shape (channels, channels): what ``covariance`` has.
+        variance: of (re, im) of an amplitude over the noise's.
+        harmonics: (h, channels) of the load, from the second on, V, phases as ``amplitudes``.
+        spikes: (channels,) by how much rows that stand out of the noise may have changed an amplitude, V.
+        bent: (channels,) by how much a curved characteristic may have, as products of load and mains show it, V.
+        blocks: (k, channels) amplitudes of consecutive blocks.
+        blocks_variance: (k,) of their re and im over the noise's.
         mains: frequency of the mains, Hz, or None where none was seen.
-        seconds: from the first to the last sample.
+        seconds: from the first to the last sample, stretches between gaps of unknown length added up.
         rows: samples used.
+        left_out: samples of stretches too short to be fitted.
     """
 
     frequency: float
@@ -59,24 +72,36 @@ class SineFit:
     offsets_sd: Floats
     drift: Floats
     noise: Floats
-    colour: Floats
+    density: Floats
+    variance: float
+    harmonics: Complexes
+    spikes: Floats
+    bent: Floats
+    blocks: Complexes
+    blocks_variance: Floats
     mains: float | None
     seconds: float
     rows: int
+    left_out: int = 0
 
     @property
     def cycles(self) -> float:
         """How many periods of the load the record holds."""
         return self.seconds * self.frequency
 
+    @property
+    def colour(self) -> Floats:
+        """By what the noise's power at f exceeds, or falls short of, that of white noise of the same variance, (channels,)."""
+        return np.asarray(np.diag(self.density) / np.maximum(self.noise, np.finfo(float).tiny) ** 2)
 
-def sine_fit(samples: Samples, frequency: float | None = None) -> SineFit:
-    """Fit a sinusoidal load to all channels.
+
+def fit_stretch(samples: Samples, frequency: float | None = None) -> SineFit:
+    """Fit a sinusoidal load to all channels of a stretch without a gap of unknown length.
 
     Rows that are saturated in any channel are left out; gaps are simply not there: neither is filled in.
 
     Args:
-        samples: of one reading.
+        samples: of one stretch.
         frequency: of the load, Hz; it may be off by a tenth, or 1 Hz. None: looked for everywhere.
 
     Raises:
@@ -100,10 +125,12 @@ def _check_samples(samples: Samples, requested: int) -> None:
     least = 4 * (2 * (HARMONICS + HUMS) + DRIFT)
     if len(samples.index) < max(least, LEAST_SHARE * requested):
         needed = f"at least {least} and a share of {LEAST_SHARE:g} are needed"
-        raise NoSine(f"{len(samples.index)} of {requested} samples arrived and are not saturated: {needed}")
+        raise TooShort(f"{len(samples.index)} of {requested} samples arrived and are not saturated: {needed}")
     dead = [name for name, swing in zip(samples.channels, np.ptp(samples.volts, axis=0), strict=True) if not swing > 0]
     if dead or not np.all(np.isfinite(samples.volts)):
         raise NoSine(f"channel {dead[0] if dead else 'of some film'} shows no change, or no numbers: is it connected?")
+    if samples.volts.shape[1] > 1 and np.array_equal(samples.volts[:, 0], samples.volts[:, 1]):
+        raise NoSine(f"channels {samples.channels[0]} and {samples.channels[1]} hold the same numbers: two films never do")
 
 
 def _load(samples: Samples, span: float, nominal: float | None) -> float:
@@ -131,9 +158,23 @@ def _strongest_frequency(samples: Samples, span: float) -> float:
     return frequency
 
 
+def check_rate(frequency: float, rate: float) -> None:
+    """Raise ``NoSine`` if the mains, seen at a rate below twice their frequency, look like a load of this frequency."""
+    for mains_line in (k * nominal for nominal in MAINS for k in range(1, HUMS + 1)):
+        seen = abs(mains_line - rate * round(mains_line / rate))
+        if mains_line > 0.5 * rate and abs(frequency - seen) < WANDERS * max(1.0, mains_line / MAINS[0]):
+            raise NoSine(
+                f"at {rate:.6g} samples a second the mains at {mains_line:g} Hz look like {seen:.4g} Hz, the load's "
+                f"{frequency:.4g} Hz: read at another rate, above {2 * MAINS[1] * HUMS:g} samples a second"
+            )
+
+
 def _check(frequency: float, span: float, rate: float) -> None:
+    check_rate(frequency, rate)
     if frequency * span < LEAST_CYCLES:
-        raise NoSine(f"{frequency * span:.3g} cycles of {frequency:.4g} Hz in {span:.3g} s: at least {LEAST_CYCLES:g} are needed")
+        raise TooShort(
+            f"{frequency * span:.3g} cycles of {frequency:.4g} Hz in {span:.3g} s: at least {LEAST_CYCLES:g} are needed"
+        )
     hum = [k * nominal for nominal in MAINS for k in range(1, HUMS + 1) if abs(frequency - k * nominal) < k * WANDERS]
     if hum:
         raise NoSine(f"a load of {frequency:.4g} Hz cannot be told from the mains at {hum[0]:g} Hz: load at another frequency")
@@ -172,20 +213,27 @@ def _with_mains(lines: Lines, samples: Samples, t: Floats, solved: Solved) -> Li
 
 def _described(lines: Lines, solved: Solved, samples: Samples, t: Floats) -> SineFit:
     coefficients, width = solved.coefficients, 2 * len(lines.frequencies)
-    variance = np.diag(solved.noise)
-    excess = colour(samples, residual(lines, t, samples.volts, coefficients), lines.load, lines.frequencies)
-    spread = np.sqrt(np.outer(excess, excess))
+    left = residual(lines, t, samples.volts, coefficients)
+    noise = density(samples, left, lines.load, lines.frequencies, solved.noise)
     drifting = np.polynomial.legendre.legvander(np.linspace(-1, 1, 101), DRIFT - 1)[:, 1:] @ coefficients[width + 1 :]
+    waves = coefficients[0 : 2 * lines.harmonics : 2] + 1j * coefficients[1 : 2 * lines.harmonics : 2]
+    each, variances = blocks(lines, t, samples.volts)
     return SineFit(
         frequency=lines.load,
         frequency_sd=float(solved.step_sd[0]),
-        amplitudes=coefficients[0] + 1j * coefficients[1],
-        covariance=np.asarray(np.kron(solved.noise * spread, solved.inverse[:2, :2]), dtype=float),
+        amplitudes=waves[0],
+        covariance=np.asarray(np.kron(noise, solved.inverse[:2, :2]), dtype=float),
         offsets=coefficients[width],
-        offsets_sd=np.sqrt(variance * excess * solved.inverse[width, width]),
+        offsets_sd=np.sqrt(np.diag(noise) * solved.inverse[width, width]),
         drift=np.ptp(drifting, axis=0),
-        noise=np.sqrt(variance),
-        colour=excess,
+        noise=np.sqrt(np.diag(solved.noise)),
+        density=noise,
+        variance=float(max(solved.inverse[0, 0], solved.inverse[1, 1])),
+        harmonics=waves[1:],
+        spikes=spikes(left, samples.rate / lines.load),
+        bent=bending(lines, t, samples.volts - left, left),
+        blocks=each,
+        blocks_variance=variances,
         mains=lines.mains,
         seconds=2 * lines.half,
         rows=len(t),

@@ -88,9 +88,9 @@ def solve(lines: Lines, t: Floats, volts: Floats) -> Solved:
         t: (n,) times from the middle of the record, s.
         volts: (n, channels).
     """
-    pairs = [(at := lines.columns(t[rows]), at.T @ at, at.T @ volts[rows])[1:] for rows in slices(len(t))]
-    inverse: Floats = np.asarray(np.linalg.inv(sum(normal for normal, _ in pairs)), dtype=float)
-    coefficients = inverse @ sum(right for _, right in pairs)
+    normal, right = normal_equations(lines, t, volts)
+    inverse: Floats = np.asarray(np.linalg.inv(normal), dtype=float)
+    coefficients = inverse @ right
     square, curve, cross, pull = _second_pass(lines, t, volts, coefficients)
     noise = square / max(len(t) - len(inverse), 1)
     quiet = np.maximum(np.diag(noise), np.finfo(float).tiny)
@@ -98,6 +98,12 @@ def solve(lines: Lines, t: Floats, volts: Floats) -> Solved:
     information = (curve / quiet).sum(axis=2)
     step = np.linalg.solve(information, (pull / quiet).sum(axis=1))
     return Solved(coefficients, inverse, noise, step, np.sqrt(np.diag(np.linalg.inv(information))))
+
+
+def normal_equations(lines: Lines, t: Floats, volts: Floats) -> tuple[Floats, Floats]:
+    """Products of the columns with each other, (p, p), and with ``volts``, (p, channels); for the arguments see ``solve``."""
+    pairs = [(at := lines.columns(t[rows]), at.T @ at, at.T @ volts[rows])[1:] for rows in slices(len(t))]
+    return np.sum([normal for normal, _ in pairs], axis=0), np.sum([right for _, right in pairs], axis=0)
 
 
 def _second_pass(lines: Lines, t: Floats, volts: Floats, coefficients: Floats) -> tuple[Floats, Floats, Floats, Floats]:

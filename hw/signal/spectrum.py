@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hw.common.samples import Floats, Samples
 
@@ -15,6 +17,10 @@ WANDERS = 0.5  # Hz, by which the mains may be off
 NEAR = 8.0  # Hz, within which the median power is what a line stands out from
 SEEN = 12.0  # times that median: noise does it in 1 of 4 000
 AROUND = 25  # lines on either side of the load that tell the noise there
+ENOUGH_LINES = 8
+BETWEEN = 2  # a line that was not fitted and lies in the middle of two shows beside them only
+OFF = 0.1  # relative, by which a wrong sample rate may move the mains
+STANDS = 100.0  # times the median: so strong a line away from 50 and 60 Hz is the mains at a wrong rate
 
 
 @dataclass(frozen=True)
@@ -23,12 +29,12 @@ class Spectrum:
 
     Attributes:
         frequencies: (k,), Hz.
-        power: (k, channels), V^2.
+        power: (k, channels), V^2; or the sums themselves, complex, V.
         width: of a line, 1 / length of the record, Hz.
     """
 
     frequencies: Floats
-    power: Floats
+    power: NDArray[Any]
     width: float
 
     def away(self, lines: Floats, widths: float = 1.5) -> Spectrum:
@@ -42,16 +48,19 @@ class Spectrum:
         return Spectrum(self.frequencies[inside], self.power[inside], self.width)
 
 
-def spectrum(samples: Samples, values: Floats, padded: int = PADDED, hann: bool = True) -> Spectrum:
-    """Return the spectrum of values (n, channels) at the samples' indices; gaps count as zeros, fast samples are summed."""
+def spectrum(samples: Samples, values: Floats, padded: int = PADDED, hann: bool = True, power: bool = True) -> Spectrum:
+    """Return the spectrum of values (n, channels) at the samples' indices; gaps count as zeros, fast samples are summed.
+
+    Without ``power`` its ``power`` holds the sums themselves, complex.
+    """
     each = max(1, int(samples.rate // ENOUGH))
     bins = (samples.index - samples.index[0]) // each
     sums = np.stack([np.bincount(bins, weights=column) for column in values.T], axis=1)
     window = np.hanning(len(sums) + 2)[1:-1, None] if hann else 1.0
-    power = np.abs(np.fft.rfft(window * sums, n=padded * len(sums), axis=0)) ** 2
+    waves = np.fft.rfft(window * sums, n=padded * len(sums), axis=0)
     rate = samples.rate / each
     frequencies = np.asarray(np.fft.rfftfreq(padded * len(sums), 1 / rate), dtype=float)
-    return Spectrum(frequencies, power, rate / len(sums))
+    return Spectrum(frequencies, np.abs(waves) ** 2 if power else waves, rate / len(sums))
 
 
 def strongest(samples: Samples, low: float, high: float) -> float | None:
@@ -73,25 +82,42 @@ def mains(samples: Samples, residual: Floats, fitted: Floats) -> float | None:
             rise = (line.power / floor).max(axis=1)
             candidates.append((float(rise.max()), float(line.frequencies[np.argmax(rise)])))
     highest, frequency = max(candidates, default=(0.0, 0.0))
-    return frequency if highest > SEEN else None
+    return frequency if highest > SEEN else _misplaced(whole)
 
 
-def colour(samples: Samples, residual: Floats, near: float, fitted: Floats) -> Floats:
-    """Return by what the noise's power near a frequency exceeds that of white noise; 1 where it does not significantly.
+def _misplaced(whole: Spectrum) -> float | None:
+    """About where a line far above all around it is that can only be the mains at a wrong sample rate, or None."""
+    for nominal in MAINS:
+        near = whole.between(nominal * (1 - OFF), nominal * (1 + OFF))
+        if len(near.frequencies) > ENOUGH_LINES:
+            rise = (near.power / np.maximum(np.median(near.power, axis=0), np.finfo(float).tiny)).max(axis=1)
+            if rise.max() > STANDS:
+                return float(near.frequencies[np.argmax(rise)])
+    return None
 
-    The amplitude of a line at f in noise of spectral density S has the variance that white noise of density S(f) would give.
+
+def density(samples: Samples, residual: Floats, near: float, fitted: Floats, white: Floats) -> Floats:
+    """Return the covariance of noise, V^2, as far as it acts near a frequency, shape (channels, channels).
+
+    The amplitude of a line at f in noise of spectral density S has the variance that white noise of density S(f) would give: more
+    where noise rises towards low frequencies, less where most of it is mains that wander. Which is taken where they differ.
 
     Args:
         samples: of the record.
         residual: (n, channels), V.
         near: f, Hz.
         fitted: frequencies that the residual lacks, Hz.
+        white: covariance of the residual's samples, V^2.
     """
-    whole = spectrum(samples, residual, padded=1, hann=False).away(fitted)
-    reach = AROUND * whole.width
-    lines = whole.between(max(2 * whole.width, near - reach), near + reach)
-    white = (residual**2).sum(axis=0)
-    if len(lines.frequencies) < 8 or not np.all(white > 0):
-        return np.ones(residual.shape[1])
-    excess = lines.power.mean(axis=0) / white
-    return np.where(excess > 1 + 3 / np.sqrt(len(lines.frequencies)), excess, 1.0)
+    waves = spectrum(samples, residual, padded=BETWEEN, hann=False, power=False)
+    reach = AROUND * waves.width
+    lines = waves.away(fitted).between(max(2 * waves.width, near - reach), near + reach)
+    total, count = (residual**2).sum(axis=0), len(lines.frequencies) // BETWEEN
+    if count < ENOUGH_LINES or not np.all(total > 0):
+        return white
+    near_by = (lines.power.T @ lines.power.conj()).real / len(lines.frequencies)
+    excess = np.diag(near_by) / total
+    if np.all(np.abs(excess - 1) < 3 / np.sqrt(count)):
+        return white
+    scale = np.sqrt(np.diag(white) / total)
+    return np.asarray(near_by * np.outer(scale, scale) * (1 + 2 / count))

@@ -14,7 +14,7 @@ from hw.common.samples import Floats
 from hw.wire.frames import HIGHEST, LOWEST, OVERRUN, Codes, FrameLayout, encoded
 from hw.wire.protocol import GET_INFO, GET_STATUS, RATE, SET_RATE, START, STOP, Info, Status
 
-Kind = Literal["drop", "repeat", "corrupt", "cut", "overrun", "stall", "error", "silence", "unplug", "power"]
+Kind = Literal["drop", "repeat", "corrupt", "cut", "overrun", "stall", "error", "silence", "reset", "unplug", "power"]
 
 
 class Halted(Exception):  # noqa: N818 - a state of the endpoint
@@ -27,8 +27,8 @@ class Fault:
 
     Attributes:
         kind: "drop" frames on the bus, "repeat" them, "corrupt" a bit in each, "cut" the first short, "overrun" in the device,
-            "stall" the endpoint, bus "error", "silence" (reads time out), "unplug" while the device counts on, "power"
-            (unplug, and the counter begins anew).
+            "stall" the endpoint, bus "error", "silence" (reads time out), "reset" (it stays, and forgets its stream), "unplug"
+            while the device counts on, "power" (unplug, and the counter begins anew).
         frame: the number of the first frame concerned.
         count: frames lost or damaged; reads that fail in a row.
         seconds: how long an unplugged device stays away.
@@ -132,6 +132,9 @@ class Firmware:
             return
         self.index += self.layout.rows
         self.sent += 1
+        if kind == "reset":
+            self.stream = 0
+            return
         if kind == "stall":
             self.halted = True
             raise Halted

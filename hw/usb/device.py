@@ -9,8 +9,8 @@ import usb.core
 import usb.util
 
 from hw.common.errors import ProtocolError
-from hw.usb.find import FoundDevice, release, where
-from hw.wire.protocol import GET_INFO, GET_STATUS, IN, OUT, RATE, SET_RATE, START, STOP, VENDOR_CLASS, Info, Status
+from hw.usb.find import FoundDevice, release, stream_endpoint, where
+from hw.wire.protocol import GET_INFO, GET_STATUS, IN, OUT, RATE, SET_RATE, START, STOP, Info, Status
 
 _CONTROL_TIMEOUT = 1000  # ms
 
@@ -84,11 +84,8 @@ class UsbDevice:
         except usb.core.USBError:  # not configured yet
             self._device.set_configuration()
             configuration = self._device.get_active_configuration()
-        for interface in configuration:
-            for endpoint in interface:
-                bulk = usb.util.endpoint_type(endpoint.bmAttributes) == usb.util.ENDPOINT_TYPE_BULK
-                if interface.bInterfaceClass == VENDOR_CLASS and bulk and endpoint.bEndpointAddress & usb.util.ENDPOINT_IN:
-                    return interface.bInterfaceNumber, endpoint
+        if (found := stream_endpoint(configuration)) is not None:
+            return found
         raise ProtocolError(f"the device at {self.place} has no vendor interface with a bulk IN endpoint: it is not a probe")
 
     def _ask(self, request: int) -> bytes:

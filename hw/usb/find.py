@@ -10,12 +10,12 @@ from typing import Any
 import libusb_package
 import usb.core
 import usb.util
-from usb.backend import IBackend
+from usb.backend import IBackend, libusb1
 from usb.backend.libusb1 import _LibUSB
 
 from hw.common.errors import Ambiguous, HardwareError, NotFound
 from hw.usb.faults import named
-from hw.wire.protocol import PRODUCT_ID, VENDOR_ID
+from hw.wire.protocol import PRODUCT_ID, VENDOR_CLASS, VENDOR_ID
 
 Backends = Callable[[], IBackend]
 _STRING, _ENGLISH = 0x0300, 0x0409
@@ -52,12 +52,23 @@ def libusb() -> IBackend:
     looks for itself.
 
     Raises:
-        NotFound: there is no libusb for this machine.
+        NotFound: there is no libusb for this machine, or it finds no USB to work with.
     """
     backend = libusb_package.get_libusb1_backend()
-    if backend is None:
+    if backend is None and libusb1._lib is None:
         raise NotFound("libusb could not be loaded: install libusb-1.0 (apt install libusb-1.0-0, brew install libusb)")
-    return _Context(backend.lib)
+    if backend is None:  # pyusb loaded it, and keeps to itself why it did not begin
+        raise _uninitialised("of no reason that pyusb tells")
+    try:
+        return _Context(backend.lib)
+    except usb.core.USBError as fault:
+        raise _uninitialised(" ".join(str(fault).split())) from fault
+
+
+def _uninitialised(why: str) -> NotFound:
+    return NotFound(
+        f"libusb failed to initialise ({why}): is there USB on this machine, or in this container (--device /dev/bus/usb)?"
+    )
 
 
 def find(serial: str | None, backends: Backends = libusb) -> FoundDevice:
@@ -80,9 +91,30 @@ def find(serial: str | None, backends: Backends = libusb) -> FoundDevice:
 
 
 def connected(backend: IBackend) -> list[FoundDevice]:
-    """Return all devices with the probe's vendor and product number, by their place on the bus."""
-    devices = usb.core.find(find_all=True, idVendor=VENDOR_ID, idProduct=PRODUCT_ID, backend=backend)
+    """Return all devices with the probe's numbers and interface, by their place on the bus.
+
+    Other boards may carry the same test number (docs/protocol.md); their interfaces are of other classes.
+    """
+    devices = usb.core.find(find_all=True, idVendor=VENDOR_ID, idProduct=PRODUCT_ID, backend=backend, custom_match=_streams)
     return sorted((_read_serial(device) for device in devices), key=lambda probe: (probe.device.bus, probe.device.address))
+
+
+def stream_endpoint(configuration: Any) -> tuple[Any, Any] | None:
+    """Return the vendor interface's number and its bulk IN endpoint, or None where there is none."""
+    for interface in configuration:
+        for endpoint in interface:
+            bulk = usb.util.endpoint_type(endpoint.bmAttributes) == usb.util.ENDPOINT_TYPE_BULK
+            if interface.bInterfaceClass == VENDOR_CLASS and bulk and endpoint.bEndpointAddress & usb.util.ENDPOINT_IN:
+                return interface.bInterfaceNumber, endpoint
+    return None
+
+
+def _streams(device: Any) -> bool:
+    """Whether any configuration has the probe's interface; the system knows descriptors of what may not be opened, too."""
+    try:
+        return any(stream_endpoint(configuration) is not None for configuration in device)
+    except (usb.core.USBError, NotImplementedError):
+        return True  # nobody knows: to be opened, and to be refused with the reason
 
 
 def where(device: Any) -> str:

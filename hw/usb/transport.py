@@ -25,7 +25,9 @@ from hw.usb.find import Backends, find, libusb
 from hw.wire.frames import CHANNELS, FrameLayout
 
 _FAULTS = (USBError, NotImplementedError)
-_REASON: dict[type[HardwareError], str] = {Stalled: "the endpoint was halted", Disconnected: "the device was unplugged"}
+_REASON: dict[type[HardwareError], str] = {
+    Stalled: "the endpoint was halted", Disconnected: "the device was unplugged", Timeout: "the device was reset",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ class UsbTransport:
         # a number that no program used before, so that frames of an earlier stream are known as such
         self._stream, self._failures, self._heard = random.randint(1, 0xFFFF), 0, time.monotonic()
         self._fault: Exception | None = None  # of the last read: mended before the next, so that what came before it gets out
-        self._note = ""
+        self._note, self._started = "", False
         self._device = self._open_device(serial)
         try:
             self.header = self._begin(rate)
@@ -96,9 +98,13 @@ class UsbTransport:
     def read(self) -> Chunk:
         """Return what the next read brings; no bytes when none came in time. A fault is mended at the next call.
 
+        The first call starts the stream: from then on somebody must read, for the board's buffer holds 0.1 s.
+
         Raises:
             HardwareError: recovery failed, or nothing was heard for long.
         """
+        if not self._started:
+            self._start()
         if self._fault is not None:
             self._note, self._fault = self._recover(self._fault) or self._note, None
         buffer = array("B", bytes(self._size))
@@ -109,7 +115,7 @@ class UsbTransport:
         if data:
             self._failures, self._heard = 0, time.monotonic()
         note, self._note = self._note, "" if data else self._note
-        return Chunk(data, self._stream, note)
+        return Chunk(data, self._stream, note, time.monotonic())
 
     def close(self) -> None:
         """Stop the stream and let go of the device."""
@@ -134,7 +140,6 @@ class UsbTransport:
         layout = FrameLayout(packet, info.channels)
         frames = max(1, round(self._patience.span * info.rate / layout.rows))
         self._size = min(frames, self._patience.largest // packet) * packet
-        self._device.start(self._stream)
         source: dict[str, Any] = {
             "transport": self._name, "serial": self._device.serial, "firmware": info.firmware, "place": self._device.place,
             "started": now(), "scale": list(info.scale),
@@ -149,10 +154,18 @@ class UsbTransport:
             source=source,
         )
 
+    def _start(self) -> None:
+        try:
+            self._device.start(self._stream)
+        except _FAULTS as fault:
+            raise named(fault, self._what) from fault
+        self._started, self._heard = True, time.monotonic()
+        self.header.source["started"] = now()
+
     def _recover(self, fault: Exception) -> str:
         """Bring the stream back and return what happened; raises what it cannot mend."""
         kind, place = meaning(fault), self._device.place
-        if kind is Timeout:
+        if kind is Timeout and not self._forgotten():
             self._check_silence(fault)
             return ""
         self._failures += 1
@@ -168,6 +181,13 @@ class UsbTransport:
             return self._recover(another)
         reason = _REASON.get(kind, "the bus failed")
         return reason if self._device.place == place else f"{reason}, and came back at {self._device.place}"
+
+    def _forgotten(self) -> bool:
+        """Whether the board has ended our stream without leaving the bus: it was reset, or lost its power for a moment."""
+        try:
+            return self._device.status().stream != self._stream
+        except (*_FAULTS, ProtocolError):  # who does not answer this either is silent
+            return False
 
     def _check_silence(self, fault: Exception) -> None:
         if time.monotonic() - self._heard > self._patience.silence:

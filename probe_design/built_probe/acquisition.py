@@ -1,4 +1,4 @@
-"""Samples collected by a thread that waits for nobody, while what came so far is shown."""
+"""A reading as it comes: fitted piece by piece, its last seconds shown, none of it held."""
 
 from __future__ import annotations
 
@@ -6,51 +6,58 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from queue import SimpleQueue
-from threading import Event, Thread
 
 from hw.common.errors import HardwareError, InvalidSource
 from hw.common.samples import Samples, joined
 from hw.reader import Reader
+from hw.signal.running import RunningFit
 
-EVERY = 0.5  # s of samples between two looks
+EVERY = 0.5  # s of samples between two looks, and
+SELDOM = 5.0  # s more where samples wait: what comes faster than it is fitted is shown, too
+SHARE = 0.05  # of the time that passed, so that an hour has a hundred
 
 
-def collected(reader: Reader, seconds: float | None, record: Path | None, show: Callable[[Samples], None]) -> Samples:
-    """Return all samples of a reading.
+def collected(
+    reader: Reader,
+    seconds: float | None,
+    record: Path | None,
+    running: RunningFit,
+    *,
+    show: Callable[[Samples], None],
+    last: float,
+) -> None:
+    """Fit all samples of a reading as they come; the raw bytes are on disk before.
 
     Args:
         reader: open.
         seconds: how long; None: until the source ends.
         record: a new file for the raw bytes, or None.
-        show: given all that came so far, every EVERY s of it; what it raises as ``HardwareError`` is passed over.
+        running: takes the samples.
+        show: given the last seconds that came, every EVERY s of them; what it raises as ``HardwareError`` is passed over.
+        last: how many seconds that are.
 
     Raises:
         InvalidSource: a recording without samples.
         HardwareError: of the reader.
         OSError: of the recording.
     """
-    blocks: SimpleQueue[Samples | BaseException | None] = SimpleQueue()
-    stop = Event()
-    thread = Thread(target=_read, args=(reader, seconds, record, blocks, stop), daemon=True)
-    thread.start()
-    parts: list[Samples] = []
+    recent: list[Samples] = []
     shown = 0.0
-    try:
-        while (block := blocks.get()) is not None:
-            if isinstance(block, BaseException):
-                raise block
-            parts.append(block)
-            now = (int(block.index[-1]) + 1) / block.rate if len(block) else shown
-            if now >= shown + EVERY and blocks.empty():
+    with closing(reader.blocks(seconds, record)) as blocks:  # type: ignore[type-var]
+        for block in blocks:
+            running.add(block)
+            if not len(block):
+                continue
+            recent.append(block)
+            while recent[0].index[-1] < block.index[-1] - last * block.rate:
+                recent.pop(0)
+            now = (int(block.index[-1]) + 1) / block.rate
+            due = shown + max(EVERY, SHARE * now)
+            if now >= due + (SELDOM if reader.behind else 0.0):
                 shown = now
-                _shown(show, parts)
-    finally:
-        stop.set()
-        thread.join()
-    if not parts:
+                _shown(show, window(joined(recent), last))
+    if not recent:
         raise InvalidSource("no samples: is the recording empty?")
-    return joined(parts)
 
 
 def window(samples: Samples, seconds: float) -> Samples:
@@ -59,23 +66,8 @@ def window(samples: Samples, seconds: float) -> Samples:
     return replace(samples, index=samples.index[rows], volts=samples.volts[rows], saturated=samples.saturated[rows])
 
 
-def _shown(show: Callable[[Samples], None], parts: list[Samples]) -> None:
-    parts[:] = [joined(parts)]
+def _shown(show: Callable[[Samples], None], samples: Samples) -> None:
     try:
-        show(parts[0])
+        show(samples)
     except HardwareError:  # too little of the load yet: the whole reading is judged at its end
         return
-
-
-def _read(
-    reader: Reader, seconds: float | None, record: Path | None, blocks: SimpleQueue[Samples | BaseException | None], stop: Event
-) -> None:
-    try:
-        with closing(reader.blocks(seconds, record)) as stream:  # type: ignore[type-var]
-            for block in stream:
-                blocks.put(block)
-                if stop.is_set():
-                    break
-    except BaseException as fault:  # handed on to the other thread
-        blocks.put(fault)
-    blocks.put(None)

@@ -23,6 +23,8 @@ Capacitance = Annotated[float, Quantity("capacitance", "F", "pF", 1e-14, 1.0)]
 Sensitivity = Annotated[float, Quantity("sensitivity", "V/N", "V/N", 1e-9, 1e9)]
 Warming = Annotated[float, Quantity("temperature change", "K", "K", 1e-6, 100.0)]
 Share = Annotated[float, Field(ge=0.0, le=1.0, description="a number from 0 to 1, such as 0.02")]
+Skew = Annotated[float, Quantity("time", "s", "us", -1.0, 1.0)]
+SkewTolerance = Annotated[float, Quantity("time", "s", "us", 0.0, 1.0)]
 On = Literal["tissue", "inner", "outer"]
 
 
@@ -53,6 +55,18 @@ class Amplifier(Frozen):
         return ChargeAmplifier(**self.model_dump())
 
 
+class Sampling(Frozen):
+    """When the channels are sampled.
+
+    Attributes:
+        skew: by which the outer film's channel is sampled later than the inner's; corrected.
+        skew_tolerance: its standard deviation.
+    """
+
+    skew: Skew = 0.0
+    skew_tolerance: SkewTolerance = 1e-6
+
+
 class ReferenceForce(Frozen):
     """The force channel; ``tolerance`` is the relative standard deviation of its sensitivity."""
 
@@ -61,15 +75,17 @@ class ReferenceForce(Frozen):
 
 
 class Channels(Frozen):
-    """What is known of the two channels before any calibration, as relative standard deviations.
+    """What is known of the two channels before any calibration, and how far they stay as calibrated.
 
     Attributes:
-        gain: of each film about its nominal charge per force.
+        gain: relative standard deviation of each film about its nominal charge per force.
         cross_talk: what share of one film's force shows in the other channel.
+        warming: standard deviation of each film's temperature about that of its calibration.
     """
 
     gain: Share = 0.05
     cross_talk: Share = 0.01
+    warming: Warming = 1.0
 
 
 class Workshop(Frozen):
@@ -114,6 +130,7 @@ class Bench(Frozen):
 
     load: Shaker = Shaker()
     amplifier: Amplifier = Amplifier()
+    sampling: Sampling = Sampling()
     force: ReferenceForce | None = None
     channels: Channels = Channels()
     workshop: Workshop = Workshop()

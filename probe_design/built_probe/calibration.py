@@ -10,15 +10,17 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
 from geometry.scenes.scene import Scene
+from hw.common.errors import HardwareError
 from hw.common.samples import Samples
 from hw.signal.measure import Measurement
-from probe_design.built_probe.bench import Bench
+from hw.signal.waveform import Flawed
+from probe_design.built_probe.bench import Bench, Reference
 from probe_design.built_probe.block_predictions import Shares, predicted
 from probe_design.built_probe.film_forces import observed, strict_reading
-from probe_design.built_probe.gain_matrix import Gains, Observed, estimated
+from probe_design.built_probe.gain_matrix import Gains, Observed
+from probe_design.built_probe.trusted_gains import trusted
 
 SAME = 0.01  # relative, by which the loads' frequencies may differ
-UNLIKELY = 0.001  # p-value below which the readings contradict each other
 MOST_LAG = 0.02  # rad, between the films, from which a warning tells it
 
 
@@ -63,16 +65,16 @@ def calibrate(
 
     Raises:
         HardwareError: a reading has gaps, is saturated, too short or drifts.
-        InputError: the references cannot tell the gains.
+        InputError: the references cannot tell the gains, or the readings contradict each other: see ``trusted_gains.trusted``.
         Refusal: the meridian level cannot take the probe, or a load is beyond what linear elasticity allows.
     """
     if len(samples) != len(bench.reference):
         raise InputError("readings", len(samples), f"one for each of the bench's {len(bench.reference)} references")
-    measurements = [strict_reading(one, bench, scene) for one in samples]
+    measurements = [_on(reference, one, bench, scene) for reference, one in zip(bench.reference, samples, strict=True)]
     observations = tuple(observed(one, reference, scene) for one, reference in zip(measurements, bench.reference, strict=True))
     predictions = predicted(scene, bench.reference) if shares is None else shares
     predictions = predictions.under([one.load for one in observations], bench.reference, linear)
-    gains = estimated(observations, predictions, bench)
+    gains, notes = trusted(observations, predictions, bench)
     offsets = np.array([one.fit.offsets[:2] for one in measurements])
     spread = offsets.std(axis=0, ddof=1) / np.sqrt(len(offsets)) if len(offsets) > 1 else measurements[0].fit.offsets_sd[:2]
     return Calibration(
@@ -84,8 +86,17 @@ def calibrate(
         offsets=offsets.mean(axis=0),
         offsets_sd=spread,
         readings=observations,
-        warnings=tuple(_warnings(measurements, gains)),
+        warnings=(*notes, *_warnings(measurements, gains)),
     )
+
+
+def _on(reference: Reference, samples: Samples, bench: Bench, scene: Scene) -> Measurement:
+    """A reading; what is wrong with one is told with its reference."""
+    try:
+        return strict_reading(samples, bench, scene)
+    except HardwareError as fault:
+        dead = "" if reference.on == "tissue" else f"; if the load is on, is the {reference.on} film dead, its cable off?"
+        raise Flawed(f"{reference.name}: {fault}{dead}") from fault
 
 
 def _frequency(measurements: Sequence[Measurement]) -> float:
@@ -104,9 +115,6 @@ def _warnings(measurements: Sequence[Measurement], gains: Gains) -> list[str]:
     for measured, entry in zip(gains.cross_talk_resolved, ("inner from outer", "outer from inner"), strict=True):
         if not measured:
             warnings.append(f"cross-talk {entry}: the readings hardly tell it; what the bench assumes stands")
-    if gains.p_value < UNLIKELY:
-        text = f"chi-square {gains.chi_square:.3g} for {gains.freedom} degrees of freedom, p = {gains.p_value:.1g}"
-        warnings.append(f"{text}: the readings contradict the predictions or each other; run check")
     lags = [abs(one.lag[0]) - 3 * one.lag[1] for one in measurements]
     if max(lags) > MOST_LAG:
         warnings.append(f"the films differ by {max(lags):.2g} rad or more in phase: tissue that flows, or an amplifier")

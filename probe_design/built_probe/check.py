@@ -1,8 +1,8 @@
 """The check of a built probe: ratios measured on blocks of tissue against the predicted ones.
 
-d_k = ln rho_k measured - ln rho_k predicted has the covariance C: noise, the blocks' moduli, the solver, and G C_M G^T, G the
-derivatives of ln rho_k by the entries of the gain matrix. If the design is as drawn, d^T C^-1 d is a chi-square (BP.4).
-Which variable would explain a deviation is for ``probe_design.built_probe.explanations`` to say.
+d_k = ln rho_k measured - ln rho_k predicted has the covariance C: noise, the blocks' moduli, the solver, G C_M G^T, G the
+derivatives of ln rho_k by the entries of the gain matrix, and what the workshop's tolerances allow. If the probe is within these,
+d^T C^-1 d is a chi-square (BP.4). What would explain a deviation is for ``probe_design.built_probe.verdicts`` to say.
 """
 
 from __future__ import annotations
@@ -12,17 +12,22 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import InputError, Words
+from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
 from hw.common.samples import Samples
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import Shares, predicted
-from probe_design.built_probe.explanations import LEVEL, Deviation, Explanation, alike, explanations, refined
+from probe_design.built_probe.deviation import LEVEL, Deviation
+from probe_design.built_probe.exchanges import Exchange, check_films, explaining, share_doubt
+from probe_design.built_probe.explanations import Explanation, Pair
 from probe_design.built_probe.film_forces import newtons, observed, strict_reading
 from probe_design.built_probe.gain_matrix import Gains
+from probe_design.built_probe.verdicts import Verdict, judged
+from probe_design.built_probe.visibility import CancellingPair, cancelling, unseen
+
+Films = Sequence[tuple[Floats, Floats]]  # both films' readings of each block, N, (2,), and their covariance, (2, 2)
 
 
 @dataclass(frozen=True)
@@ -42,16 +47,23 @@ class Check:
     """What a check found.
 
     Attributes:
+        verdict: "within workshop tolerance", "out of it" or "cannot tell".
+        reason: what is out of it, or why nothing can be told; empty within.
         blocks: one line for each.
-        chi_square, degrees_of_freedom, p_value: of the probe as drawn, eq. BP.4.
-        level: the p-value below which it fails.
-        passed: whether it does not.
+        chi_square, degrees_of_freedom, p_value: of a probe within the workshop's tolerances, eq. BP.4.
+        level: the p-value below which it is not, as often as which a probe within them fails.
+        passed: whether it is within.
         calibrated: whether gains come from a calibration.
         explanations: the variables that the readings tell, best first.
-        alike: the best and those that the readings do not tell apart from it; empty if the check is passed.
+        alike: the best and those that the readings do not tell apart from it; empty if nothing deviates.
+        pairs: of variables, best first, where no single one explains the deviation.
         unresolved: variables of which the readings tell nothing, or that the calibration has absorbed.
+        unseen: variables that this check would probably not find off by five tolerances.
+        cancelling: pairs that it would not find off together, though it would each.
     """
 
+    verdict: str
+    reason: str
     blocks: tuple[BlockDeviation, ...]
     chi_square: float
     degrees_of_freedom: int
@@ -61,7 +73,10 @@ class Check:
     calibrated: bool
     explanations: tuple[Explanation, ...]
     alike: tuple[str, ...]
+    pairs: tuple[Pair, ...]
     unresolved: tuple[str, ...]
+    unseen: tuple[str, ...]
+    cancelling: tuple[CancellingPair, ...]
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design check``."""
@@ -91,7 +106,7 @@ def check(
 
     Raises:
         HardwareError: a reading has gaps, is saturated, too short or drifts.
-        InputError: no blocks, or not one reading for each.
+        InputError: no blocks, or not one reading for each; a film is dead or of reversed polarity.
         Refusal: a load is beyond what linear elasticity allows.
     """
     if not bench.blocks or len(samples) != len(bench.blocks):
@@ -99,59 +114,103 @@ def check(
             "readings", len(samples), f"one for each of the bench's {len(bench.blocks)} blocks of tissue, at least one"
         )
     predictions = predicted(scene, bench.reference) if shares is None else shares
-    effective = Gains.nominal(bench) if gains is None else gains
+    effective = Gains.nominal(bench) if gains is None else gains.warmed(bench.channels.warming)
     measurements = [strict_reading(one, bench, scene) for one in samples]
     loads = [observed(one, block, scene).load for one, block in zip(measurements, bench.blocks, strict=True)]
     predictions = predictions.under(loads, bench.blocks, linear)
     films = [newtons(one, scene, tolerance=gains is None) for one in measurements]
-    deviation = _deviation(bench, films, effective, variables, predictions)
-    p_value = float(chi2.sf(deviation.chi_square, len(deviation.logs)))
-    explained, unresolved = explanations(deviation, predictions)
-    names: tuple[str, ...] = ()
-    if p_value < LEVEL and explained:
-        explained = refined(scene, bench, deviation, explained)
-        names = alike(explained)
+    known = Comparison(bench, effective, tuple(variables), predictions)
+    deviation, exchanges = known.deviation(films), known.exchanges(films)
+    verdict = judged(scene, bench, deviation, predictions, [one.told(bench.blocks) for one in exchanges])
+    return _told(verdict, deviation, _blocks(scene, bench, deviation), gains is not None)
+
+
+def _told(verdict: Verdict, deviation: Deviation, blocks: tuple[BlockDeviation, ...], calibrated: bool) -> Check:
     return Check(
-        blocks=_blocks(scene, bench, deviation, predictions),
+        verdict=verdict.verdict,
+        reason=verdict.reason,
+        blocks=blocks,
         chi_square=deviation.chi_square,
-        degrees_of_freedom=len(bench.blocks),
-        p_value=p_value,
+        degrees_of_freedom=len(blocks),
+        p_value=deviation.p_value,
         level=LEVEL,
-        passed=p_value >= LEVEL,
-        calibrated=gains is not None,
-        explanations=explained,
-        alike=names,
-        unresolved=unresolved,
+        passed=verdict.passed,
+        calibrated=calibrated,
+        explanations=verdict.explanations,
+        alike=verdict.alike,
+        pairs=verdict.pairs,
+        unresolved=verdict.unresolved,
+        unseen=unseen(deviation),
+        cancelling=cancelling(deviation),
     )
 
 
-def _deviation(
-    bench: Bench, films: Sequence[tuple[Floats, Floats]], gains: Gains, variables: Sequence[str], shares: Shares
-) -> Deviation:
-    parts = [_log_ratio(gains, *one) for one in films]
-    logs, noise, by_gain = (np.array(part) for part in zip(*parts, strict=True))
-    model = np.array([share.variance(block) for share, block in zip(shares.blocks, bench.blocks, strict=True)])
-    read = np.diag(noise) + by_gain @ gains.as_drawn @ by_gain.T
-    columns = {name: by_gain @ gains.slopes[:, k] for k, name in enumerate(variables)}
-    return Deviation(logs, shares.log_ratios, read, model, columns)
+@dataclass(frozen=True)
+class Comparison:
+    """What readings are compared with.
+
+    Attributes:
+        bench: blocks and tolerances.
+        gains: with their errors at the temperature of the readings.
+        variables: that ``gains.slopes`` refers to.
+        shares: predictions for the probe as drawn.
+    """
+
+    bench: Bench
+    gains: Gains
+    variables: tuple[str, ...]
+    shares: Shares
+
+    def deviation(self, films: Films) -> Deviation:
+        """Compare readings, one of each block. Raises ``InputError``: a film is dead or of reversed polarity."""
+        parts = [_log_ratio(self.gains, *one) for one in self._pressed(films)]
+        logs, noise, by_gain = (np.array(part) for part in zip(*parts, strict=True))
+        blocks = zip(self.shares.blocks, self.bench.blocks, strict=True)
+        model = np.array([share.variance(block) for share, block in blocks])
+        read = np.diag(noise) + by_gain @ self.gains.as_drawn @ by_gain.T
+        bias = {name: by_gain @ self.gains.slopes[:, k] for k, name in enumerate(self.variables)}
+        return Deviation(logs, self.shares.log_ratios, read, model, bias, self._workshop(bias))
+
+    def exchanges(self, films: Films) -> tuple[Exchange, ...]:
+        """Return what was exchanged, where that explains readings that are not within the workshop's tolerances."""
+        if self.deviation(films).p_value >= LEVEL:
+            return ()
+        forces = np.array([self.gains.forces(one) for one, _ in films])
+        return explaining(forces, self._expected, share_doubt(self.bench), lambda one: self._agrees(films, one))
+
+    @property
+    def _expected(self) -> Floats:
+        return np.asarray(1 / (1 + np.exp(-self.shares.log_ratios)))
+
+    def _agrees(self, films: Films, exchange: Exchange) -> bool:
+        at = {k: (exchange.mended(y), exchange.mended(spread)) for k, (y, spread) in zip(exchange.order, films, strict=True)}
+        try:
+            return self.deviation([at[k] for k in range(len(films))]).p_value >= LEVEL
+        except InputError:
+            return False
+
+    def _pressed(self, films: Films) -> Films:
+        check_films(np.array([self.gains.forces(one) for one, _ in films]), self._expected)
+        return films
+
+    def _workshop(self, bias: dict[str, Floats]) -> dict[str, Floats]:
+        slopes = zip(self.shares.variables, self.shares.slopes.T, self.shares.tolerances(self.bench.workshop), strict=True)
+        return {name: (slope - bias.get(name, 0.0)) * tolerance for name, slope, tolerance in slopes}
 
 
 def _log_ratio(gains: Gains, films: Floats, covariance: Floats) -> tuple[float, float, Floats]:
     """ln(F_inner / F_outer), its variance by noise, and its derivatives by the entries of M, shape (4,)."""
     forces = gains.forces(films)
-    if not np.all(forces > 0):
-        measured = Words(f"{forces[0]:.3g} N on the inner, {forces[1]:.3g} N on the outer film")
-        raise InputError("reading", measured, "pressure on both films: are the channels exchanged?")
     slope = np.array([1.0, -1.0]) / forces
     by_films = slope @ np.linalg.inv(gains.matrix)
     return float(np.log(forces[0] / forces[1])), float(by_films @ covariance @ by_films), slope @ gains.by_entries(films)
 
 
-def _blocks(scene: Scene, bench: Bench, deviation: Deviation, shares: Shares) -> tuple[BlockDeviation, ...]:
+def _blocks(scene: Scene, bench: Bench, deviation: Deviation) -> tuple[BlockDeviation, ...]:
     areas = scene.probe.outer_area / scene.probe.inner_area
-    ratios, predictions = np.exp(deviation.logs) * areas, np.exp(shares.log_ratios) * areas
-    read, model = np.diag(deviation.read), deviation.model
-    z = (deviation.logs - deviation.drawn) / np.sqrt(read + model)
-    columns = (ratios, ratios * np.sqrt(read), predictions, predictions * np.sqrt(model), z)
+    ratios, predictions = np.exp(deviation.logs) * areas, np.exp(deviation.drawn) * areas
+    read, whole = np.diag(deviation.read), np.diag(deviation.covariance())
+    z = (deviation.logs - deviation.drawn) / np.sqrt(whole)
+    columns = (ratios, ratios * np.sqrt(read), predictions, predictions * np.sqrt(whole - read), z)
     rows = np.stack(columns, axis=1).tolist()
     return tuple(BlockDeviation(block.name, *row) for block, row in zip(bench.blocks, rows, strict=True))

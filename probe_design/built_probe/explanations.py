@@ -1,67 +1,31 @@
-"""Which single variable would explain that a probe deviates from its prediction.
+"""Which variable, or which two, would explain that a probe deviates from its prediction.
 
 A variable that is off by e shifts d = ln rho measured - ln rho predicted by (J - G S) e (BP.5): J is what it does to the probe;
 the calibration, which took the drawing as true, is off by -S e, S its slopes, and G carries that to ln rho. One e is fitted for
-each variable alone, e = D^T C^-1 d / D^T C^-1 D, D = J - G S (BP.6); for the best ones again at the design so changed, until e
-stays.
+each variable alone, e = D^T C^-1 d / D^T C^-1 D, D = J - G S (BP.6), where C counts what the workshop allows all others; then all
+of them again at the designs that they ask for, since large changes are far from linear. Where none explains the deviation, pairs
+are tried, from each variable's own best design.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from scipy.stats import chi2
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
-from geometry.scenes.variables import changed
 from probe_design.built_probe.bench import Bench
-from probe_design.built_probe.block_predictions import MODULI, Shares, by_outer_radius, predicted
+from probe_design.built_probe.block_predictions import Shares
+from probe_design.built_probe.changed_designs import GAIN, Changes, Fit, linear_left, settled
+from probe_design.built_probe.deviation import LEVEL, Deviation
 
-GAIN = "relative gain"
-LEVEL = 0.01  # p-value below which a deviation is one, and the probe fails
 ALIKE = 4.0  # difference of the remaining chi-squares below which two explanations are not told apart: 2 standard deviations
 LOOSE = 1.0  # standard deviation, relative to the value, above which an explanation says nothing
-WORTH_REFINING = 4  # of the best explanations: those whose chi-square is below FAR times the best's
-FAR = 10.0
-STEPS = 4  # of Newton
-SETTLED = 0.05  # of the standard deviation
-
-
-@dataclass(frozen=True)
-class Deviation:
-    """What was read and what was predicted of k blocks.
-
-    Attributes:
-        logs: ln(F_inner / F_outer) as read, shape (k,).
-        drawn: as predicted for the probe as drawn, shape (k,).
-        read: covariance of ``logs``, shape (k, k).
-        model: variances of ``drawn``, shape (k,).
-        calibration_bias: G S of eq. BP.5 by variable, shape (k,) each; 0 where one is missing.
-    """
-
-    logs: Floats
-    drawn: Floats
-    read: Floats
-    model: Floats
-    calibration_bias: Mapping[str, Floats]
-
-    @property
-    def weight(self) -> Floats:
-        """C^-1, shape (k, k)."""
-        return np.asarray(np.linalg.inv(self.read + np.diag(self.model)), dtype=float)
-
-    @property
-    def chi_square(self) -> float:
-        """Of the probe as drawn, eq. BP.4 of ``probe_design.built_probe.check``."""
-        off = self.logs - self.drawn
-        return float(off @ self.weight @ off)
-
-    def bias(self, name: str) -> Floats:
-        """G S of a variable, shape (k,)."""
-        return self.calibration_bias.get(name, np.zeros(len(self.logs)))
+PAIRS = 6  # that are fitted at their designs, of all that are linear about a single variable's
 
 
 @dataclass(frozen=True)
@@ -87,8 +51,24 @@ class Explanation:
     explains: bool
 
 
+@dataclass(frozen=True)
+class Pair:
+    """Two variables that may be off together; each as if it stood alone, but for what is left, which is that of both."""
+
+    first: Explanation
+    second: Explanation
+    chi_square: float
+    p_value: float
+    explains: bool
+
+    @property
+    def variables(self) -> tuple[str, str]:
+        """Their names."""
+        return self.first.variable, self.second.variable
+
+
 def explanations(deviation: Deviation, shares: Shares) -> tuple[tuple[Explanation, ...], tuple[str, ...]]:
-    """Return what each variable would explain, best first, and the names of those that the readings do not tell."""
+    """Return what each variable would explain, linearly, best first, and the names of those that the readings do not tell."""
     slopes = dict(zip(shares.variables, shares.slopes.T, strict=True)) | {GAIN: np.ones(len(deviation.logs))}
     nominal = dict(zip(shares.variables, shares.nominal.tolist(), strict=True)) | {GAIN: 1.0}
     off = deviation.logs - deviation.drawn
@@ -97,67 +77,66 @@ def explanations(deviation: Deviation, shares: Shares) -> tuple[tuple[Explanatio
     return _best_first(good), tuple(one.variable for one in fits if one not in good)
 
 
-def refined(scene: Scene, bench: Bench, deviation: Deviation, explained: tuple[Explanation, ...]) -> tuple[Explanation, ...]:
-    """Fit the best explanations again at the designs that they ask for; those that no design can have are left out."""
-    drawn = by_outer_radius(scene)
-    possible = [one for one in explained if _possible(drawn, one)]
-    worth = [one for one in possible[:WORTH_REFINING] if one.chi_square <= FAR * possible[0].chi_square]
-    again = (_settled(drawn, bench, deviation, one) for one in worth)
-    return _best_first([*(one for one in again if one is not None), *possible[len(worth) :]])
+def refined(scene: Scene, bench: Bench, deviation: Deviation, shares: Shares, names: Sequence[str]) -> tuple[Fit, ...]:
+    """Fit each of these variables alone at the designs that it asks for, best first."""
+    fits = (settled(Changes.none(scene, bench, shares, name), deviation) for name in names)
+    return tuple(sorted(fits, key=lambda one: one.chi_square))
 
 
-def alike(explained: tuple[Explanation, ...]) -> tuple[str, ...]:
+def paired(deviation: Deviation, shares: Shares, fits: Sequence[Fit]) -> tuple[Pair, ...]:
+    """Return the pairs that explain most, best first, from the fits of single variables; none where nothing would be left."""
+    if len(deviation.logs) < 3:
+        return ()
+    best: dict[frozenset[str], tuple[float, Fit, str]] = {}
+    for one, other in product(fits, [name for fit in fits for name in fit.changes.names]):
+        pair = frozenset((*one.changes.names, other))
+        if len(pair) == 2 and (left := linear_left(one, deviation, other)) < best.get(pair, (np.inf,))[0]:
+            best[pair] = left, one, other
+    worth = sorted(best.values(), key=lambda start: start[0])[:PAIRS]
+    joint = [settled(one.changes.and_other(shares, other), deviation) for _, one, other in worth]
+    return tuple(sorted((_pair(one, deviation) for one in joint), key=lambda pair: pair.chi_square))
+
+
+def alike(explained: Sequence[Explanation]) -> tuple[str, ...]:
     """Return the best explanation's name and those that the readings do not tell apart from it."""
     return tuple(one.variable for one in explained if one.chi_square - explained[0].chi_square < ALIKE)
 
 
-def _best_first(fits: list[Explanation]) -> tuple[Explanation, ...]:
+def _best_first(fits: Sequence[Explanation]) -> tuple[Explanation, ...]:
     return tuple(sorted(fits, key=lambda one: one.chi_square))
 
 
-def _possible(drawn: Scene, one: Explanation) -> bool:
-    """Whether there is such a design: no blocks that overlap, no Poisson's ratio below 0."""
-    if one.variable in (GAIN, MODULI):
-        return one.nominal + one.change > 0
-    try:
-        changed(drawn, {one.variable: one.nominal + one.change})
-    except ValueError:  # pydantic's and ours
-        return False
-    return True
+def told(fit: Fit, deviation: Deviation, at: int = 0) -> Explanation:
+    """Return what a fit says of one of its variables."""
+    p_value = _p_value(fit.chi_square, len(deviation.logs) - len(fit.changes.names))
+    return Explanation(
+        variable=fit.changes.names[at],
+        change=float(fit.changes.values[at] - fit.changes.nominal[at]),
+        uncertainty=float(fit.uncertainties[at]),
+        nominal=float(fit.changes.nominal[at]),
+        chi_square=fit.chi_square,
+        p_value=p_value,
+        explains=p_value >= LEVEL,
+    )
 
 
-def _settled(drawn: Scene, bench: Bench, deviation: Deviation, first: Explanation) -> Explanation | None:
-    name, fit = first.variable, first
-    for _ in range(STEPS if name != GAIN else 0):
-        if not _possible(drawn, fit):
-            return None
-        there = _predicted(drawn, bench, name, fit)
-        slope = there.slopes[:, there.variables.index(name)] - deviation.bias(name)
-        # about e_0 the shift is J(e) - G S e = log ratios there - drawn + slope (e - e_0) - G S e_0
-        off = deviation.logs - there.log_ratios + (slope + deviation.bias(name)) * fit.change
-        last, fit = fit, _fitted(deviation, name, slope, off, first.nominal)
-        if abs(fit.change - last.change) < SETTLED * fit.uncertainty:
-            break
-    return fit
+def _pair(fit: Fit, deviation: Deviation) -> Pair:
+    first, second = (told(fit, deviation, at) for at in (0, 1))
+    return Pair(first, second, first.chi_square, first.p_value, first.explains)
 
 
-def _predicted(drawn: Scene, bench: Bench, name: str, fit: Explanation) -> Shares:
-    value = fit.nominal + fit.change
-    if name != MODULI:
-        return predicted(changed(drawn, {name: value}), bench.reference)
-    blocks = [one.model_copy(update={"youngs_modulus": (one.youngs_modulus or 0.0) * value}) for one in bench.blocks]
-    there = predicted(drawn, blocks)
-    return replace(there, blocks=tuple(replace(one, slopes=one.slopes / value) for one in there.blocks))
+def _p_value(left: float, freedom: int) -> float:
+    return float(chi2.sf(left, freedom)) if freedom > 0 else 1.0
 
 
 def _fitted(deviation: Deviation, name: str, shift: Floats, off: Floats, nominal: float) -> Explanation:
     """Eq. BP.6, and what it leaves."""
-    weight = deviation.weight
+    weight = deviation.weight(name)
     information = max(float(shift @ weight @ shift), np.finfo(float).tiny)
     change = float(shift @ weight @ off) / information
     rest = off - shift * change
     left = float(rest @ weight @ rest)
-    p_value = float(chi2.sf(left, len(off) - 1)) if len(off) > 1 else 1.0
+    p_value = _p_value(left, len(off) - 1)
     return Explanation(
         variable=name,
         change=change,

@@ -9,7 +9,9 @@ from geometry.common.errors import InputError, Words
 from geometry.scenes.probe import Probe
 from geometry.scenes.scene import Scene
 from hw.common.samples import Samples
-from hw.signal.measure import FILMS, Flawed, Measurement, checked, measure
+from hw.signal.measure import FILMS, Measurement, checked, measure, measured
+from hw.signal.running import RunningFit
+from hw.signal.waveform import Flawed
 from probe_design.built_probe.bench import Bench, Reference
 from probe_design.built_probe.gain_matrix import Observed
 from probe_design.built_probe.virtual_probe import charge_per_force
@@ -21,6 +23,12 @@ def reading(samples: Samples, bench: Bench, calibrated_at: float | None = None) 
     """Return a reading, gaps and saturation noted and left out. Raises ``HardwareError``."""
     sensitivity = None if bench.force is None else bench.force.sensitivity
     return measure(samples, bench.amplifier.built(), bench.load.frequency, sensitivity, calibrated_at)
+
+
+def running_reading(running: RunningFit, bench: Bench, calibrated_at: float | None = None) -> Measurement:
+    """Return a reading that was fitted as it came, likewise. Raises ``HardwareError``."""
+    sensitivity = None if bench.force is None else bench.force.sensitivity
+    return measured(running.fit(), running.losses, bench.amplifier.built(), sensitivity, calibrated_at)
 
 
 def strict_reading(samples: Samples, bench: Bench, scene: Scene) -> Measurement:

@@ -11,7 +11,7 @@ Without a reference force all F_k are free and M is told up to a common factor o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -26,7 +26,9 @@ from probe_design.built_probe.block_predictions import Shares
 
 ENTRIES = ("inner gain", "inner from outer", "outer from inner", "outer gain")
 FACTOR = np.array([0, 1, 2])  # entries that are free where the outer gain is the unit
+PER_KELVIN = 0.005  # relative, by which a PVDF film's charge per force changes
 LEAST_TOLD = 0.2  # standard deviation of a gain above which it counts as not told
+STEPS = 25  # of the fit: readings that agree take ten
 PRIOR_ONLY = 0.7  # of what was assumed of a cross-talk: a standard deviation above it was not told by the readings
 
 
@@ -90,6 +92,11 @@ class Gains:
             cross_talk_resolved=(False, False),
         )
 
+    def warmed(self, kelvin: float) -> Gains:
+        """Return them at another temperature than the calibration's: each film's gain, a row of M, drifts on its own."""
+        drift = PER_KELVIN * kelvin * np.kron(np.eye(2), np.ones((2, 1))).T @ np.diag(self.matrix.ravel())
+        return replace(self, covariance=self.covariance + drift.T @ drift)
+
     @property
     def p_value(self) -> float:
         """Probability of a chi-square as large or larger."""
@@ -129,7 +136,8 @@ def estimated(observed: Sequence[Observed], shares: Shares, bench: Bench) -> Gai
     problem = _Problem(tuple(observed), shares, bench)
     if problem.data <= len(problem.start()):
         raise _unresolved(np.inf)
-    solved = least_squares(problem.residuals, problem.start(), method="lm", x_scale="jac", xtol=1e-12, ftol=1e-12)
+    most = STEPS * (len(problem.start()) + 1)  # of readings that contradict each other it may wander
+    solved = least_squares(problem.residuals, problem.start(), method="lm", x_scale="jac", xtol=1e-12, ftol=1e-12, max_nfev=most)
     entries = problem.entries
     information = solved.jac.T @ solved.jac
     scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))

@@ -10,16 +10,20 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
-from hw.signal.measure import Measurement, carried
+from hw.signal.measure import FILMS, Measurement, carried
+from hw.signal.waveform import Flawed
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.film_forces import newtons
 from probe_design.built_probe.gain_matrix import Gains
+from probe_design.built_probe.ratio_phase import phased, ratio_phase, surprises
 from solver.axisymmetric.level import Axisymmetric
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.levels import AUTO, evaluate
 from solver.planning.load_check import check_load, exact, load_rule, with_load
 from solver.results.result import Result
 
+SHOWS = 3.0  # standard deviations, which a film's force on tissue exceeds
+CONTRADICTS = 5.0  # standard deviations between the films' sum and the force channel
 SPREAD = 3**-0.5  # standard deviation of what lies anywhere within a bound of 1: GUM 4.3.7
 
 
@@ -38,7 +42,8 @@ class Read:
         z_ratio, z_stress_inner, z_stress_outer: differences over their standard deviations, both sides' errors counted.
         frequency: of the load, Hz.
         cycles: of it in the record.
-        phase, phase_uncertainty: by which the inner film leads the outer, rad.
+        ratio_phase, ratio_phase_uncertainty: by which stress_inner leads stress_outer, rad, counted from the ratio's sign.
+        predicted_ratio_phase, z_ratio_phase: by the scene's loss factors, rad, and the difference over its standard deviation.
         mains: frequency of the mains where any were seen, Hz.
         calibrated: whether gains come from a calibration.
         samples: that were used.
@@ -65,8 +70,10 @@ class Read:
     z_stress_outer: float | None
     frequency: float
     cycles: float
-    phase: float
-    phase_uncertainty: float
+    ratio_phase: float
+    ratio_phase_uncertainty: float
+    predicted_ratio_phase: float | None
+    z_ratio_phase: float | None
     mains: float | None
     calibrated: bool
     samples: int
@@ -80,19 +87,21 @@ class Read:
         return asdict(self)
 
 
-def prediction(scene: Scene, accuracy: float, linear: bool = False) -> Result:
+def prediction(scene: Scene, accuracy: float, linear: bool = False, frequency: float | None = None) -> Result:
     """Evaluate a scene by the fastest level of finite elements that takes it, whatever error it then states.
+
+    With a frequency (Hz) the ratio's phase is told too, null with a warning where it cannot be.
 
     Raises:
         Refusal: no level takes the scene, or, unless ``linear``, its load is beyond what linear elasticity allows.
     """
     level = next((one for one in (Axisymmetric(), EquivalentInclusion()) if one.refusal(scene) is None), None)
     if level is None:
-        return evaluate(scene, AUTO, accuracy, linear=linear)
+        return phased(evaluate(scene, AUTO, accuracy, linear=linear), scene, accuracy, frequency)
     result, rule = level.evaluate(scene, accuracy), load_rule(scene)
     if not linear:
         check_load(scene, exact(rule, result), accuracy, promise=False)
-    return with_load(result, scene, rule, accuracy, promise=False)
+    return phased(with_load(result, scene, rule, accuracy, promise=False), scene, accuracy, frequency)
 
 
 def read(measurement: Measurement, scene: Scene, bench: Bench, predicted: Result, gains: Gains | None = None) -> Read:
@@ -104,16 +113,23 @@ def read(measurement: Measurement, scene: Scene, bench: Bench, predicted: Result
         bench: how it was read.
         predicted: the scene's ``prediction``.
         gains: a calibration's; None: nominal, with the bench's tolerances.
+
+    Raises:
+        Flawed: a film that is dead or reversed, or films that contradict the force channel.
     """
     effective = Gains.nominal(bench) if gains is None else gains
     films, noise = newtons(measurement, scene, tolerance=True)
     forces, covariance = effective.forces(films), effective.forces_covariance(films, noise)
+    _check_films(forces, covariance)
+    _check_force(float(forces.sum()), float(covariance.sum()), measurement, bench)
     areas = np.array([scene.probe.inner_area, scene.probe.outer_area])
     stress, spread = forces / areas, np.sqrt(np.diag(covariance)) / areas
     ratio, ratio_sd = _ratio(forces, covariance, float(areas[1] / areas[0]))
     relative = None if predicted.error_estimate is None else SPREAD * predicted.error_estimate
     at_load, at_load_sd = _at_load(measurement, scene, bench, predicted, relative)
     predicted_ratio_sd = None if predicted.ratio is None or relative is None else abs(predicted.ratio) * relative
+    phase, phase_sd = ratio_phase(measurement, bench, effective)
+    z_phase, of_phase = surprises(phase, phase_sd, predicted)
     return Read(
         ratio=ratio,
         ratio_uncertainty=ratio_sd,
@@ -134,16 +150,42 @@ def read(measurement: Measurement, scene: Scene, bench: Bench, predicted: Result
         z_stress_outer=_z(float(stress[1]), float(spread[1]), at_load[1], at_load_sd[1]),
         frequency=measurement.fit.frequency,
         cycles=measurement.fit.cycles,
-        phase=measurement.lag[0],
-        phase_uncertainty=measurement.lag[1],
+        ratio_phase=phase,
+        ratio_phase_uncertainty=phase_sd,
+        predicted_ratio_phase=predicted.ratio_phase,
+        z_ratio_phase=z_phase,
         mains=measurement.fit.mains,
         calibrated=gains is not None,
         samples=measurement.fit.rows,
         saturated=measurement.saturated,
         gaps=measurement.lost,
         overruns=measurement.overruns,
-        warnings=tuple(_warnings(measurement, bench, gains, ratio)),
+        warnings=(*_warnings(measurement, bench, gains, ratio), *of_phase),
     )
+
+
+def _check_films(forces: Floats, covariance: Floats) -> None:
+    """Both films are pressed on tissue. An outer film that shows nothing leaves the ratio null."""
+    spread = np.sqrt(np.diag(covariance))
+    for name, force, own in zip(FILMS, forces.tolist(), spread.tolist(), strict=True):
+        if force < -SHOWS * own:
+            raise Flawed(f"the {name} film shows tension, {force:.3g} N: is its polarity reversed, or its cable another's?")
+    if forces[0] < SHOWS * spread[0]:
+        shown = f"the inner film shows {forces[0]:.2g} N, uncertain by {spread[0]:.2g} N"
+        raise Flawed(f"{shown}: is it dead, its cable off, or the load too small?")
+
+
+def _check_force(total: float, variance: float, measurement: Measurement, bench: Bench) -> None:
+    """What both films feel together is what the force channel shows: nothing else carries load."""
+    if measurement.force is None or measurement.force_sd is None or bench.force is None:
+        return
+    spread = math.sqrt(variance + measurement.force_sd**2 + (bench.force.tolerance * measurement.force) ** 2)
+    if abs(total - measurement.force) > CONTRADICTS * spread:
+        apart = abs(total - measurement.force) / spread
+        raise Flawed(
+            f"both films show {total:.4g} N, the force channel {measurement.force:.4g} N, {apart:.2g} standard deviations "
+            "apart: a film, amplifier or force sensor is not what bench and calibration say"
+        )
 
 
 def _z(read: float | None, spread: float | None, predicted: float | None, predicted_spread: float | None) -> float | None:
@@ -168,6 +210,7 @@ def _at_load(
 def _warnings(measurement: Measurement, bench: Bench, gains: Gains | None, ratio: float | None) -> list[str]:
     lost = {"gaps": measurement.lost, "overruns": measurement.overruns, "saturated samples": measurement.saturated}
     warnings = [f"{count} {what}: left out, never filled in" for what, count in lost.items() if count]
+    warnings += measurement.warnings
     if gains is None:
         channels = bench.channels
         text = f"gains to {100 * channels.gain:g} %, cross-talk to {100 * channels.cross_talk:g} %"
@@ -176,9 +219,6 @@ def _warnings(measurement: Measurement, bench: Bench, gains: Gains | None, ratio
         warnings.append("the calibration had no force channel: the stresses' common factor is nominal")
     if ratio is None:
         warnings.append("ratio is null: stress_outer is below its own uncertainty")
-    phase, spread = measurement.lag
-    if abs(phase) > max(5 * spread, 0.02):
-        warnings.append(f"the films differ by {phase:.2g} rad in phase: only the parts in phase with their sum are told")
     return warnings
 
 

@@ -12,6 +12,7 @@ from geometry.common.errors import Refusal, Words
 from geometry.scenes.probe import Film
 from geometry.scenes.scene import Scene
 from hw.signal.amplifier import ChargeAmplifier
+from hw.signal.sine_fit import Complexes
 from probe_design.built_probe.bench import Bench, Reference
 from probe_design.built_probe.block_predictions import predicted
 from solver.results.result import Result
@@ -56,7 +57,9 @@ class Built:
         return inner, outer
 
 
-def signals(built: Built, bench: Bench, scene: Scene, forces: Floats, seed: int | list[int]) -> Callable[[Floats], Floats]:
+def signals(
+    built: Built, bench: Bench, scene: Scene, forces: Floats | Complexes, seed: int | list[int]
+) -> Callable[[Floats], Floats]:
     """Return the function from times (s, shape (n,)) to volts of inner, outer and force channel, shape (n, 3).
 
     The noise goes on from call to call, so that a stream is read in order and once.
@@ -65,7 +68,7 @@ def signals(built: Built, bench: Bench, scene: Scene, forces: Floats, seed: int 
         built: how the bench really is.
         bench: nominal.
         scene: for its film.
-        forces: amplitudes of both films' forces, N, shape (2,).
+        forces: amplitudes of both films' forces, N, perhaps complex, shape (2,).
         seed: of the noise.
     """
     frequency = built.frequency * bench.load.frequency
@@ -122,7 +125,8 @@ class VirtualBench:
         if result.stress_inner is None or result.stress_outer is None:
             raise Refusal("scene", result.evaluator, "one whose film stresses are told")
         probe = self.scene.probe
-        forces = np.array([result.stress_inner * probe.inner_area, result.stress_outer * probe.outer_area])
+        inner = result.stress_inner * np.exp(1j * (result.ratio_phase or 0.0))
+        forces = np.array([inner * probe.inner_area, result.stress_outer * probe.outer_area])
         return self._signals(forces, 0)
 
     def on_references(self, load: float, run: int = 0) -> tuple[Callable[[Floats], Floats], ...]:
@@ -135,7 +139,7 @@ class VirtualBench:
         forces = load * np.stack([shares, 1 - shares], axis=1)
         return tuple(self._signals(one, 1 + run * len(forces) + k) for k, one in enumerate(forces))
 
-    def _signals(self, forces: Floats, run: int) -> Callable[[Floats], Floats]:
+    def _signals(self, forces: Floats | Complexes, run: int) -> Callable[[Floats], Floats]:
         return signals(self.built, self.bench, self.drawn, forces, [self.seed, run])
 
 

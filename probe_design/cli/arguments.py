@@ -23,6 +23,18 @@ linear_option = click.option(
 loads_option = click.option(
     "--loads", is_flag=True, help="Tell by level contact at which load the gap closes and linear theory ends; some seconds more."
 )
+
+
+def _frequency(ctx: click.Context, parameter: click.Parameter, text: str | None) -> float | None:
+    from geometry.scenes.units import FREQUENCY
+
+    return None if text is None else FREQUENCY.read("frequency", text)
+
+
+frequency_option = click.option(
+    "--frequency", callback=_frequency, help='Of a sinusoidal load, "5 Hz": tell the phase of the ratio by the loss factors.'
+)
+"""Of evaluate; Hz, or None."""
 F = TypeVar("F", bound=Callable[..., Any])
 
 

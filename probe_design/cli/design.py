@@ -12,6 +12,8 @@ from probe_design.cli.arguments import FILE_NAME, length, limiting, noise_of, no
 from probe_design.cli.output import print_json
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from geometry.scenes.probe import Probe
     from geometry.scenes.scene import Scene
 
@@ -92,12 +94,17 @@ def optimize(
 @click.argument("scene", type=FILE_NAME)
 @click.option("-o", "--output", type=FILE_NAME, required=True, help="Folder for the STEP files.")
 @FORCE
+@click.option("--fixture", is_flag=True, help="Besides pin, ring and sleeve to calibrate with, and a page to print.")
+@click.option("--bench", type=FILE_NAME, help="TOML file of load, amplifier and references, for that page.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def export(scene: Path, output: Path, force: bool, as_json: bool) -> None:
+def export(scene: Path, output: Path, force: bool, fixture: bool, bench: Path | None, as_json: bool) -> None:
     """Write SCENE's probe as STEP files in millimetres, each read back and measured, and a drawing.
 
     What SCENE leaves open and a part needs, such as the base's thickness, is assumed and marked; parts.json tells it too, and
     whose parts they are: a folder that holds another design is refused.
+
+    With --fixture also pin.step, ring.step and sleeve.step, which press on one block alone, centred to 0.05 mm, and
+    calibration.pdf, one page: the references of the bench in their order, loads, expected signals, commands.
     """
     from geometry.common.files import check_writable
     from geometry.scenes.base_sizes import assumed_sizes
@@ -109,16 +116,26 @@ def export(scene: Path, output: Path, force: bool, as_json: bool) -> None:
         from geometry.cad.drawing import draw
         from geometry.cad.export import export as write
 
-        told = read_scene(scene)
-        probe, edge = told.probe, told.contact.edge_radius
+        drawn = read_scene(scene)
+        probe, edge = drawn.probe, drawn.contact.edge_radius
         check_writable(output)
-        files = write(probe, output, force, beside={"drawing.png": partial(draw, probe, edge_radius=edge)}, edge_radius=edge)
+        beside = _to_calibrate(drawn, bench, scene.name) if fixture else {}
+        drawing = partial(draw, probe, edge_radius=edge)
+        files = write(probe, output, force, beside={"drawing.png": drawing, **beside}, edge_radius=edge)
     assumed = {key: str(mm(size)) for key, size in assumed_sizes(probe).items()}
     if as_json:
         print_json({"files": [str(file) for file in files], "assumed": assumed})
         return
     _tell_assumed(probe)
     message(f"wrote {', '.join(file.name for file in files)} to {output}")
+
+
+def _to_calibrate(scene: Scene, bench: Path | None, name: str) -> dict[str, Callable[[Path], object]]:
+    """What writes the fixture and the page."""
+    from probe_design.built_probe.bench import builtin_bench, read_bench
+    from probe_design.built_probe.protocol_page import writers
+
+    return writers(scene, builtin_bench() if bench is None else read_bench(bench), name)
 
 
 def _tell_assumed(probe: Probe) -> None:

@@ -46,6 +46,8 @@ def estimate(
     unknown cannot be told the reason is given, and what can be told instead: depth and strength D^3 (c-1) / (1 + beta (c-1)),
     c = E_object/E_tissue. That is an answer: exit code 0.
 
+    At loads beyond linear elasticity level contact predicts what was read on the axis of one tumour, in half a minute or more.
+
     \b
     probe-design estimate scene.toml --ratio 0.62 --noise 0.05
     probe-design estimate scene.toml --ratio 0.62 --noise 0.01 --stiffness 80 --unknown diameter

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from probe_design.cli.arguments import FILE_NAME, limiting, linear_option, loads_option, modulus, number
+from probe_design.cli.arguments import FILE_NAME, frequency_option, limiting, linear_option, loads_option, modulus, number
 from probe_design.cli.output import check_picture, present
 
 EVALUATORS = "auto, published, closed-form, equivalent-inclusion, axisymmetric, contact, solid"
@@ -19,13 +19,15 @@ EVALUATORS = "auto, published, closed-form, equivalent-inclusion, axisymmetric, 
 @click.option("--accuracy", default="0.01", show_default=True, help="Relative error that ratio, stresses and stiffness may have.")
 @linear_option
 @loads_option
+@frequency_option
 @click.option("--vtu", type=FILE_NAME, help="With solid: write mesh, displacements and stresses for ParaView.")
 @click.option("--plot", "picture", type=FILE_NAME, help="With solid: draw mesh and stresses to this .png file.")
 @limiting
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def evaluate(
-    scene: Path, evaluator: str, accuracy: str, linear: bool, loads: bool, vtu: Path | None, picture: Path | None, as_json: bool
-) -> None:
+    scene: Path, evaluator: str, accuracy: str, linear: bool, loads: bool, frequency: float | None, vtu: Path | None,
+    picture: Path | None, as_json: bool,
+) -> None:  # fmt: skip
     """Say what both films feel, and how well their ratio tells E_object.
 
     \b
@@ -50,12 +52,15 @@ def evaluate(
     with saying(f"evaluating {scene}") as tell:
         if vtu is not None or picture is not None:
             from probe_design.solid_output.evaluate_with_files import evaluated
+            from solver.levels import with_phase
 
-            result = evaluated(read_scene(scene), evaluator, relative, vtu=vtu, picture=picture, tell=tell)
+            read = read_scene(scene)
+            result = evaluated(read, evaluator, relative, vtu=vtu, picture=picture, tell=tell)
+            result = result if frequency is None else with_phase(result, read, relative, frequency)
         else:
             from solver import evaluate as run
 
-            result = run(read_scene(scene), evaluator, relative, tell, linear=linear, loads=loads)
+            result = run(read_scene(scene), evaluator, relative, tell, linear=linear, loads=loads, frequency=frequency)
     present(result, result_table, as_json)
 
 

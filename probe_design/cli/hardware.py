@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,13 +16,16 @@ from probe_design.cli.output import print_json
 if TYPE_CHECKING:
     from hw.common.samples import Samples
     from probe_design.built_probe.bench import Reference
-    from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
+    from probe_design.cli.hardware_sources import HardwareSetup, Opener, SampleSource
 
 Verb = Callable[..., None]
 
 
-def _with_source(verb: Verb) -> Verb:
-    """Add the options that all three verbs have."""
+_RESUME = click.option("--resume", is_flag=True, help="Take the recordings that --record has written before; read the rest.")
+
+
+def _with_source(verb: Verb, resumes: bool = False) -> Verb:
+    """Add the options that all three verbs have, and --resume to those of several readings."""
     options = (
         click.argument("scene", type=FILE_NAME, required=False),
         click.option(
@@ -31,6 +35,7 @@ def _with_source(verb: Verb) -> Verb:
         click.option("--device", help="usb, usb:SERIAL or visa:RESOURCE.  [default: usb, the only probe connected]"),
         click.option("--seconds", help="How long to read.  [default: 10; a recording to its end]"),
         click.option("--record", type=FILE_NAME, help="Write the raw data to this file; several are numbered."),
+        *([_RESUME] if resumes else []),
         click.option("--bench", type=FILE_NAME, help="TOML file of load, amplifier and references."),
         click.option("--built", multiple=True, help="How the virtual probe differs: 'probe.gap=0.12 mm'."),
         click.option("--seed", default=0, show_default=True, type=click.IntRange(0, 2**31), help="Of the virtual probe's noise."),
@@ -59,41 +64,51 @@ def read(
     probe-design read scene.toml --record run.probe --calibration probe.toml
     probe-design read scene.toml --replay run.probe --calibration probe.toml --json
     """  # noqa: D301
+    from hw.signal.running import RunningFit
+    from hw.signal.sine_fit import check_rate
     from probe_design.built_probe.acquisition import collected
-    from probe_design.built_probe.film_forces import reading
+    from probe_design.built_probe.film_forces import reading, running_reading
     from probe_design.built_probe.reading import prediction
     from probe_design.built_probe.reading import read as judged
     from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
     from probe_design.terminal.console import show, warn, working
     from probe_design.terminal.hardware_tables import read_table
-    from probe_design.terminal.live import following
+    from probe_design.terminal.live import followed, following
 
     origin, setting = SampleSource(**source), HardwareSetup.of(scene, bench, calibration)
     length, (recording,) = origin.length, origin.recordings(1)
     (opener,) = origin.openers(lambda: (_on_scene(setting, origin, accuracy),), 1, sys.stderr.isatty())
     with opener() as reader:  # what is not there is missed before anything is computed
         with working("predicting"):
-            predicted = prediction(setting.scene, number("accuracy", accuracy), linear)
+            predicted = prediction(setting.scene, number("accuracy", accuracy), linear, setting.bench.load.frequency)
         gains, at = None, None
         if setting.calibration is not None:
-            gains, at = setting.calibration.gains(), setting.calibration.frequency
+            gains = setting.calibration.gains().warmed(setting.bench.channels.warming)
+            at = setting.calibration.frequency
 
-        def judge(samples: Samples) -> Any:
-            return judged(reading(samples, setting.bench, at), setting.scene, setting.bench, predicted, gains)
+        def judge(measurement: Any) -> Any:
+            return judged(measurement, setting.scene, setting.bench, predicted, gains)
 
-        with following(judge, setting.bench.load.frequency) as follow:
-            samples = collected(reader, length, recording, follow)
-    result = judge(samples)
+        frequency = setting.bench.load.frequency
+        check_rate(frequency, reader.header.rate)
+        running = RunningFit(frequency, setting.bench.force is not None)
+        with following(lambda samples: judge(reading(samples, setting.bench, at))) as follow:  # from here on samples come
+            collected(reader, length, recording, running, show=follow, last=followed(frequency))
+    result = judge(running_reading(running, setting.bench, at))
     if as_json:
         print_json(result.as_dict())
     else:
         show(read_table(result))
-    warn(result.warnings + tuple(note for note in predicted.warnings if note.kind == "linear"))
+    warn(result.warnings + tuple(note for note in predicted.warnings if note.kind in ("linear", "null")))
     _tell_written(recording)
 
 
+WAIT = click.option("--wait", help="Seconds to change each reference in, without a terminal, in place of Enter.")
+
+
 @click.command()
-@_with_source
+@partial(_with_source, resumes=True)
+@WAIT
 @click.option("-o", "--output", type=FILE_NAME, required=True, help="New file for the calibration record.")
 def calibrate(scene: Path | None, bench: Path | None, output: Path, linear: bool, as_json: bool, **source: Any) -> None:
     """Tell gains, cross-talk and offsets of SCENE's probe from readings on the bench's references.
@@ -130,16 +145,17 @@ def calibrate(scene: Path | None, bench: Path | None, output: Path, linear: bool
 
 
 @click.command()
-@_with_source
+@partial(_with_source, resumes=True)
+@WAIT
 @click.option("--calibration", type=FILE_NAME, help="What calibrate has written.")
 @click.option("-o", "--output", type=FILE_NAME, help="New file for the result, as JSON.")
 def check(
     scene: Path | None, bench: Path | None, calibration: Path | None, output: Path | None, linear: bool, as_json: bool,
     **source: Any,
 ) -> None:  # fmt: skip
-    """Say whether the probe does what was predicted on the bench's blocks of tissue, and what would explain it if not.
+    """Say whether the probe is within the workshop's tolerances, by the bench's blocks of tissue, and what is out of it if not.
 
-    Exit code 1 if it does not. Without --calibration gains are nominal, with the bench's tolerances.
+    Exit code 1 if it is not, or if that cannot be told. Without --calibration gains are nominal, with the bench's tolerances.
 
     \b
     probe-design check --virtual --calibration probe.toml
@@ -152,7 +168,7 @@ def check(
     from probe_design.built_probe.check import check as run
     from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
     from probe_design.terminal.console import show, warn, working
-    from probe_design.terminal.hardware_tables import check_table, explanations_table, sentence
+    from probe_design.terminal.hardware_tables import check_table, explanations_table, pairs_table, sentences
 
     origin, setting = SampleSource(**source), HardwareSetup.of(scene, bench, calibration)
     if output is not None:
@@ -169,9 +185,11 @@ def check(
         print_json(result.as_dict())
     else:
         show(check_table(result))
-        if not result.passed:
+        if result.alike:
             show(explanations_table(result))
-        print(sentence(result))
+        if result.pairs:
+            show(pairs_table(result))
+        print("\n".join(sentences(result)))
     if record is None:
         warn(["not calibrated: nominal gains, with the bench's tolerances"])
     if not result.passed:
@@ -181,32 +199,74 @@ def check(
 def _readings(
     setting: HardwareSetup, source: SampleSource, references: Sequence[Reference], run: int
 ) -> tuple[list[Samples], tuple[Path | None, ...]]:
-    """One reading on each reference, and where its raw data are."""
-    from hw.common.errors import HardwareError
-    from hw.signal.measure import Flawed
+    """One reading on each reference, judged at once, and where its raw data are."""
+    count = len(references)
+    recorded = source.recorded(count)
+    source.recordings(count)
+    openers = source.openers(lambda: _on_references(setting, source, references, run), count, pace=False)
+    found = [
+        _reading(setting, source, reference, which=(k, count), opener=opener, recorded=path)
+        for k, (reference, opener, path) in enumerate(zip(references, openers, recorded, strict=True))
+    ]
+    samples, files = zip(*found, strict=True)
+    return list(samples), files
 
-    files = source.recordings(len(references))
-    samples = []
-    openers = source.openers(lambda: _on_references(setting, source, references, run), len(references), pace=False)
-    for k, (reference, opener, file) in enumerate(zip(references, openers, files, strict=True)):
-        _ask_for(reference, f"{k + 1} of {len(references)}", source)
+
+def _reading(
+    setting: HardwareSetup,
+    source: SampleSource,
+    reference: Reference,
+    *,
+    which: tuple[int, int],
+    opener: Opener,
+    recorded: Path | None,
+) -> tuple[Samples, Path | None]:
+    """One good reading on a reference, and its file: a live one that is flawed is read again, a recorded one refused by name."""
+    from hw.common.errors import HardwareError
+    from hw.signal.waveform import Flawed
+    from probe_design.built_probe.film_forces import strict_reading
+    from probe_design.cli.hardware_sources import ATTEMPTS
+    from probe_design.terminal.console import message
+
+    for attempt in range(1, ATTEMPTS + 1):
+        file = source.recording(*which, attempt) if recorded is None else recorded
+        if recorded is None:
+            if file is not None and file.exists():  # an attempt of a calibration that is resumed
+                continue
+            _ask_for(reference, f"{which[0] + 1} of {which[1]}", source)
         try:
             with opener() as reader:
-                samples.append(reader.collect(source.length, file).whole())
+                length = source.length if recorded is None or source.seconds is not None else None
+                samples = reader.collect(length, None if recorded is not None else file).whole()
+            strict_reading(samples, setting.bench, setting.scene)
         except HardwareError as fault:
-            raise Flawed(f"{reference.name}: {fault}") from fault
-    return samples, source.replay or files
+            flaw = Flawed(f"{reference.name}: {fault}")
+            if not source.live or recorded in source.replay or attempt == ATTEMPTS:
+                raise flaw from fault
+            message(f"{flaw}; it is read again")
+            opener, recorded = source.device_opener(), None
+            continue
+        return samples, file
+    raise Flawed(f"{reference.name}: {ATTEMPTS} attempts are recorded, none of which can be used: record under another name")
 
 
 def _ask_for(reference: Reference, which: str, source: SampleSource) -> None:
+    from time import sleep
+
     from geometry.common.errors import InputError, Words
     from probe_design.terminal.console import message
 
     if not source.live:
         return
+    if source.pause is not None:
+        message(f"{which}: press on: {reference.name}; reading begins in {source.pause:g} s")
+        sleep(source.pause)
+        return
     if not sys.stdin.isatty():
         raise InputError(
-            "device", Words("without a terminal"), "a terminal, to change references at, or --replay for each reading"
+            "device",
+            Words("without a terminal"),
+            "a terminal, to change references at, --wait SECONDS or --replay for each reading",
         )
     message(f"{which}: press on: {reference.name}; start the load, then press Enter")
     input()
@@ -216,7 +276,8 @@ def _on_scene(setting: HardwareSetup, source: SampleSource, accuracy: str) -> An
     from probe_design.built_probe.reading import prediction
 
     bench = setting.virtual(source)
-    return bench.on_scene(prediction(bench.scene, number("accuracy", accuracy), linear=True))
+    predicted = prediction(bench.scene, number("accuracy", accuracy), linear=True, frequency=setting.bench.load.frequency)
+    return bench.on_scene(predicted)
 
 
 def _on_references(setting: HardwareSetup, source: SampleSource, references: Sequence[Reference], run: int) -> Any:

@@ -29,6 +29,8 @@ from probe_design.data.builtin import builtin_reading
 
 SECONDS = 10.0  # of a live reading
 CHANNELS = 3
+SOURCES = "one of --virtual, --replay and --device"
+ATTEMPTS = 3  # at one reading, of a live device
 SAME = 1e-9  # relative, within which two probes are the same
 
 Opener = Callable[[], Reader]
@@ -36,66 +38,114 @@ Opener = Callable[[], Reader]
 
 @dataclass(frozen=True)
 class SampleSource:
-    """Where samples come from, as the command line says it; exactly one of the first three, or the only probe on USB."""
+    """Where samples come from, as the command line says it: recordings first, the rest live, by default the only probe on USB."""
 
     virtual: bool = False
     replay: tuple[Path, ...] = ()
     device: str | None = None
     seconds: str | None = None
     record: Path | None = None
+    resume: bool = False
     built: tuple[str, ...] = ()
     seed: int = 0
+    wait: str | None = None
 
     def __post_init__(self) -> None:
-        sources = [self.virtual, bool(self.replay), self.device is not None]
-        if sum(sources) > 1:
-            raise InputError("source", Words("several"), "one of --virtual, --replay and --device")
+        if self.virtual and self.device is not None:
+            raise InputError("source", Words("several"), SOURCES)
+        if self.resume and self.record is None:
+            raise InputError("resume", Words("without --record"), "the name that the recordings were given with --record")
         if self.built and not self.virtual:
             raise InputError("built", self.built[0], "nothing without --virtual: it says how the virtual probe was built")
-        if self.record is not None and self.replay:
+        if self.record is not None and not self.more:
             raise InputError("record", str(self.record), "nothing beside --replay, whose file is the recording")
+
+    @property
+    def more(self) -> bool:
+        """Whether anything but recordings is read."""
+        return not self.replay or self.virtual or self.device is not None
 
     @property
     def live(self) -> bool:
         """Whether a real device is read, on which somebody has to change what is pressed."""
-        return not self.virtual and not self.replay
+        return self.more and not self.virtual
 
     @property
     def length(self) -> float | None:
         """How long to read, s; None: a recording as long as it is."""
         if self.seconds is None:
-            return None if self.replay else SECONDS
+            return SECONDS if self.more else None
         length = number("seconds", self.seconds, "a number of seconds above 0, up to 1e6")
         if not 0 < length <= 1e6:
             raise InputError("seconds", self.seconds, "a number of seconds above 0, up to 1e6")
         return length
 
+    @property
+    def pause(self) -> float | None:
+        """Seconds to change a reference in, s; None: until Enter is pressed."""
+        if self.wait is None:
+            return None
+        pause = number("wait", self.wait, "a number of seconds from 0 to 86400")
+        if not 0 <= pause <= 86400:
+            raise InputError("wait", self.wait, "a number of seconds from 0 to 86400")
+        return pause
+
     def openers(
         self, signals: Callable[[], tuple[Callable[[Floats], Floats], ...]], count: int, pace: bool
     ) -> tuple[Opener, ...]:
-        """Return what opens a reader for each of ``count`` readings; ``signals`` are the virtual probe's."""
-        if self.virtual:
-            return tuple(partial(_virtual, one, pace) for one in signals())
-        if self.replay and len(self.replay) != count:
+        """Return what opens a reader for each of ``count`` readings; ``signals`` are the virtual probe's.
+
+        Raises:
+            InputError: more recordings than readings, or fewer and nothing that gives the rest.
+        """
+        recorded = self.recorded(count)
+        if self.virtual and None in recorded:
+            live: list[Opener] = [partial(_virtual, one, pace) for one in signals()]
+        else:
+            live = [self.device_opener()] * count
+        return tuple(
+            opener if path is None else partial(Reader.open, f"replay:{path}")
+            for path, opener in zip(recorded, live, strict=True)
+        )
+
+    def device_opener(self) -> Opener:
+        """Return what opens the device, by default the only probe on USB."""
+        return partial(Reader.open, self.device or "usb")
+
+    def recorded(self, count: int) -> tuple[Path | None, ...]:
+        """Return the recording that stands for each reading: of --replay the first ones; to resume, the last attempt of each."""
+        if len(self.replay) > count or (len(self.replay) < count and not self.more):
             raise InputError("replay", Words(f"{len(self.replay)} files"), f"{count}: one for each reading, in their order")
-        names = [f"replay:{path}" for path in self.replay] or [self.device or "usb"] * count
-        return tuple(partial(Reader.open, name) for name in names)
+        if count == 1 and self.replay and self.more:
+            raise InputError("source", Words("several"), SOURCES)
+        rest = [self._last_attempt(k, count) if self.resume else None for k in range(len(self.replay), count)]
+        return (*self.replay, *rest)
+
+    def recording(self, k: int, count: int, attempt: int = 1) -> Path | None:
+        """Return the file of a reading's raw data: numbered where there are several, and from the second attempt on."""
+        if self.record is None:
+            return None
+        number = [str(k + 1)] if count > 1 else []
+        name = "-".join([self.record.stem, *number] + ([f"again{attempt}"] if attempt > 1 else []))
+        return self.record.with_name(f"{name}{self.record.suffix}")
 
     def recordings(self, count: int) -> tuple[Path | None, ...]:
-        """Return the file of each reading's raw data: numbered where there are several.
+        """Return the file of each reading's raw data, None for those that stand in a recording already.
 
         Raises:
             InputError: one of them exists, or cannot be written.
         """
-        if self.record is None:
-            return (None,) * count
-        stem, suffix = self.record.stem, self.record.suffix
-        paths = [self.record] if count == 1 else [self.record.with_name(f"{stem}-{k + 1}{suffix}") for k in range(count)]
-        for path in paths:
+        recorded = self.recorded(count)
+        files = tuple(self.recording(k, count) if path is None else None for k, path in enumerate(recorded))
+        for path in filter(None, files):
             if path.exists():
                 raise InputError("record", str(path), "a name that is not taken: recordings are never overwritten")
             check_writable_file(path, "record")
-        return tuple(paths)
+        return files
+
+    def _last_attempt(self, k: int, count: int) -> Path | None:
+        paths = (self.recording(k, count, attempt) for attempt in range(ATTEMPTS, 0, -1))
+        return next((path for path in paths if path is not None and path.exists()), None)
 
 
 @dataclass(frozen=True)

@@ -30,17 +30,18 @@ from geometry.scenes.variables import values
 from probe_design.estimation.answer import OPEN, Estimate, hull, identifiable, several, widest
 from probe_design.estimation.depth_and_strength import Plane
 from probe_design.estimation.intervals import Likelihood, p_value
+from probe_design.estimation.loaded_model import LoadedModel, refusal
 from probe_design.estimation.model import OF_TARGET, TargetModel, check_kind
 from probe_design.estimation.nuisances import checked
 from probe_design.estimation.profile import Track
 from probe_design.estimation.readings import Measurements, Reading
 from probe_design.estimation.reasons import Findings, reason, warnings
 from probe_design.estimation.strength import DepthAndStrength, Interval, strength
-from solver.equivalent_inclusion.level import EquivalentInclusion
+from probe_design.estimation.under_load import under_load
 from solver.planning.load_check import check_load
 
 OF_TISSUE = re.compile(r"tissue\.(layer\[\d\]\.(thickness|youngs_modulus)|youngs_modulus)")
-FINEST = 5e-4  # accuracy asked for without being told to
+FINEST, COARSEST = 5e-4, 0.01  # accuracy asked for without being told to
 
 
 def estimate(
@@ -55,14 +56,15 @@ def estimate(
         unknown: youngs_modulus, diameter or depth of the target; tissue.youngs_modulus; thickness or youngs_modulus of a layer,
             ``tissue.layer[0].thickness``.
         accuracy: of the evaluator; left out: a quarter of the ratios' least noise, from 5e-4 to 0.01.
-        linear: whether to take any load. The intervals count what finite strain may change; left out, that is less than the
-            ratios' least noise.
+        linear: whether linear elasticity answers at any load. The intervals count what finite strain may change; left out, that
+            is less than the ratios' least noise, and at larger loads level ``contact`` predicts: see ``under_load.py``.
         nuisances: relative standard deviations, 0.2 or "20 %", of numbers that are known only roughly, by their keys in the
             scene file; see ``probe_design.estimation.nuisances``.
 
     Raises:
         InputError: no such unknown, nuisance or accuracy; an inclusion that cannot be seen from one of the places.
-        Refusal: the scene is of a kind that cannot be estimated, or its load is beyond what linear elasticity allows.
+        Refusal: the scene is of a kind that cannot be estimated, or its load is beyond what linear elasticity allows and what
+            ``contact`` takes, or reaches.
     """
     start = perf_counter()
     check_kind(scene, _of_target(scene, unknown))
@@ -70,21 +72,41 @@ def estimate(
     data = Measurements.of(readings)
     if unknown in OF_TARGET and data.is_blank.all():
         raise InputError("reading.blank", Words("true in every reading"), f"one over the inclusion whose {unknown} is asked")
-    if accuracy is None:
-        accuracy = float(np.clip(data.noise[~data.is_stiffness].min() / 4, FINEST, 0.01))
-    if not 0 < accuracy < 1:
-        raise InputError("accuracy", accuracy, "a number above 0 and below 1, such as 0.01")
-    model = TargetModel(scene, data, accuracy)
-    if not linear:
-        check_load(scene, model.rule, model.tolerance, promise=False)
+    model = TargetModel(scene, data, _accuracy(accuracy, data))
+    loaded = None if linear else _loaded(model, unknown, accuracy, known)
+    model = model if loaded is None else loaded.at_rest
     notes: tuple[str, ...] = ()
     useless = data.is_stiffness & (model.stiffness_error > data.noise)
     if useless.any():
         limit = f"the model's stiffness is good to {model.stiffness_error:.2g} only"
         notes = (f"{useless.sum()} stiffnesses left out: {limit}, which is more than their noise",)
         model = replace(model, data=data.some(~useless))
-    findings = searched(model, unknown, known)
+    findings = searched(model, unknown, known, loaded)
     return _estimate(findings, _together(findings), known, notes, start)
+
+
+def _accuracy(asked: float | None, data: Measurements) -> float:
+    least = float(data.noise[~data.is_stiffness].min())
+    accuracy = float(np.clip(least / 4, FINEST, COARSEST)) if asked is None else asked
+    if not 0 < accuracy < 1:
+        raise InputError("accuracy", accuracy, "a number above 0 and below 1, such as 0.01")
+    return accuracy
+
+
+def _loaded(model: TargetModel, unknown: str, accuracy: float | None, nuisances: Mapping[str, float]) -> LoadedModel | None:
+    """Return the model under load where linear elasticity ends; the intervals count what its error does, up to the noise.
+
+    Raises:
+        Refusal: the load is beyond linear elasticity, and ``contact`` cannot take the readings.
+    """
+    try:
+        check_load(model.scene, model.rule, model.tolerance, promise=False)
+    except Refusal as fault:
+        why = refusal(model, bool(nuisances))
+        if why is None:
+            return LoadedModel(model, unknown, min(model.tolerance, COARSEST) if accuracy is None else accuracy)
+        raise Refusal(fault.key, fault.value, f"{fault.allowed}; contact, for larger loads, takes {why}") from None
+    return None
 
 
 def _of_target(scene: Scene, unknown: str) -> bool:
@@ -101,9 +123,20 @@ def _of_target(scene: Scene, unknown: str) -> bool:
     return False
 
 
-def searched(model: TargetModel, unknown: str, nuisances: Mapping[str, float] = MappingProxyType({})) -> Findings:
-    """Return which values of the unknown the readings leave, with what the nuisances add to their errors."""
+def searched(
+    model: TargetModel, unknown: str, nuisances: Mapping[str, float] = MappingProxyType({}), loaded: LoadedModel | None = None
+) -> Findings:
+    """Return which values of the unknown the readings leave, with what the nuisances add to their errors.
+
+    Args:
+        model: at rest, or at loads that linear elasticity answers for.
+        unknown: as in ``estimate``.
+        nuisances: likewise.
+        loaded: the model under the load, where that is beyond linear elasticity.
+    """
     certain, noise, y = Track.of(model, unknown), model.data.noise, model.data.value
+    if loaded is not None:
+        certain = under_load(certain, loaded)
     track = certain.with_spread(nuisances)
     if not track.runs:
         return Findings(track, pieces=(), of_noise=(), best=None, p_value=1.0, shift=np.inf)
@@ -165,9 +198,9 @@ def _estimate(
         strength_interval=strong_interval,
         p_value=None if best is None else findings.p_value,
         error_estimate=_error(findings),
-        evaluator=EquivalentInclusion().name,
+        evaluator=findings.track.level,
         seconds=perf_counter() - start,
-        plan=findings.model.base.plan,
+        plan=(*findings.model.base.plan, *findings.track.plan),
         warnings=(*notes, *warnings(findings, fitted)),
     )
 

@@ -26,6 +26,8 @@ from probe_design.estimation.nuisances import Spread, spread
 from probe_design.estimation.predicted import Predicted
 from probe_design.estimation.shared_errors import SharedErrors
 from probe_design.estimation.strength import share_of_shear
+from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.results.result import Decision
 
 SOFT = (0.01, 0.04, 0.1, 0.22, 0.45)  # contrasts of nodes below 1: bulk softens fast there
 STIFF = 5  # nodes from contrast 1 to the largest
@@ -46,6 +48,8 @@ class Track:
         predicted: at the nodes.
         slope: derivatives of ``predicted.value`` by x, shape (n, k).
         spread: eq. ES.7; None without nuisances.
+        level: that predicts.
+        plan: what it models beyond ``model``.
     """
 
     model: TargetModel
@@ -54,6 +58,8 @@ class Track:
     predicted: Predicted
     slope: Floats
     spread: Spread | None = None
+    level: str = EquivalentInclusion.name
+    plan: tuple[Decision, ...] = ()
 
     @classmethod
     def of(cls, model: TargetModel, unknown: str) -> Track:

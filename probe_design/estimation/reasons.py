@@ -60,7 +60,9 @@ class Findings:
     def nothing(self) -> str:
         """Why there is no model where it ends."""
         told = f"the model's error is above {WORST:.0%}"
-        return told if self.unknown in OF_TARGET else f"{told}, or a face of a layer would cut an inclusion,"
+        if self.track.plan:
+            told = f"{self.track.level} does not reach the load, or its error is above {WORST:.0%},"
+        return told if self.unknown in OF_TARGET else f"{told.rstrip(',')}, or a face of a layer would cut an inclusion,"
 
     @property
     def model(self) -> TargetModel:

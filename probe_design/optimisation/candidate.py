@@ -16,7 +16,7 @@ from probe_design.optimisation.objective import Noise, objective
 from probe_design.optimisation.pressing import Pressing, pressing
 from solver import Result, evaluator
 from solver.planning.coarse_model import CoarseModel
-from solver.planning.loads import log_sensitivity_change, ratio_change
+from solver.planning.loads import log_sensitivity_change
 from solver.results.evaluator import Answer, FilmLevel
 from solver.results.film_forces import FilmForces
 
@@ -133,7 +133,7 @@ def _ends(films: FilmForces, noise: Noise, pressed: Pressing) -> tuple[float, fl
         return 0.0, math.inf
     size, share = abs(films.log_sensitivity), _share(films)
     off = films.sensitivity_error + size * log_sensitivity_change(pressed.x)
-    shift = films.bound.log_ratio + ratio_change(pressed.x)
+    shift = films.bound.log_ratio + pressed.change
     odds = share / (1 - share) * np.exp([-shift, 0.0, shift])  # inner over outer force
     noises = [objective(noise.information(1.0, one / (1 + one), pressed.force)) for one in odds.tolist()]
     return min(noises) / (size + off), max(noises) / (size - off) if size > off else math.inf

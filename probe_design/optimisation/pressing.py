@@ -16,7 +16,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Load, Scene
-from solver.planning.loads import CLOSING, RATIO_CHANGE, LoadRule, largest_x, tissue_strain
+from solver.planning.loads import CLOSING, RATIO_CHANGE, LoadRule, cover_factor, largest_x, tissue_strain
 
 RATIO = 0.01  # relative change of the ratio by finite strain that is allowed
 DIGITS = 3  # of a load that the rule sets
@@ -31,12 +31,14 @@ class Pressing:
         load: the scene's, or the lower one of the same kind that is allowed, of ``DIGITS`` digits.
         force: on the base under it, N.
         x: the strain that the rule counts with, see ``LoadRule``.
+        change: bound on what finite strain changes of the ratio there, relative.
         by: what sets the load: "scene", "strain" or "gap closure".
     """
 
     load: Load
     force: float
     x: float
+    change: float
     by: str
 
 
@@ -54,7 +56,7 @@ def pressing(scene: Scene, totals: Floats, closure: float) -> Pressing:
         by = BY[largest.by]
         load = Load(force=_down(largest.force)) if load.indentation is None else Load(indentation=_down(largest.indentation))
     force = asked(load, rule.stiffness)
-    return Pressing(load, force, rule.x(force), by)
+    return Pressing(load, force, rule.x(force), rule.ratio_change(force), by)
 
 
 def _down(value: float) -> float:
@@ -91,7 +93,10 @@ def pressing_force(scene: Scene, v: Any, radius: Any, totals: Any, nearing: floa
     strain = tissue_strain(radius, scene.tissue)
     for total, area, modulus in zip(totals, areas, (v[4], v[5]), strict=True):
         strain = _greater(strain, v[3] * (total / area / modulus) ** 2 / RATIO_CHANGE)
-    force = _lesser(asked(scene.load, stiffness), largest_x(RATIO, promise=False)[0] / strain * stiffness)
+    force = _lesser(
+        asked(scene.load, stiffness),
+        largest_x(RATIO, promise=False, covered=cover_factor(scene.inclusion))[0] / strain * stiffness,
+    )
     return _lesser(force, CLOSING * stiffness * v[2] / nearing) if nearing > 0 else force
 
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 UNITS = {
     "stress_inner": "Pa", "stress_outer": "Pa", "ratio": "", "log_sensitivity": "", "stiffness": "N/m", "charge_inner": "C",
     "charge_outer": "C", "error_estimate": "", "equivalent_modulus": "Pa", "residual": "",
+    "frequency": "Hz", "ratio_phase": "rad", "ratio_phase_error": "rad",
 }  # fmt: skip
 
 CURVE_ROWS, SCAN_ROWS, MAP_ROWS = 25, 41, 20  # of a table, at most

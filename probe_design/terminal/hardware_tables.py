@@ -10,8 +10,10 @@ from probe_design.built_probe.check import Check
 from probe_design.built_probe.explanations import Explanation
 from probe_design.built_probe.gain_matrix import ENTRIES
 from probe_design.built_probe.reading import Read
+from probe_design.built_probe.visibility import CancellingPair
 
 MOST = 6  # explanations shown
+MOST_PAIRS = 3
 
 
 def read_table(reading: Read) -> Table:
@@ -20,6 +22,7 @@ def read_table(reading: Read) -> Table:
     _columns(table, "quantity", "read", "sd", "predicted", "z")
     rows = (
         ("ratio", reading.ratio, reading.ratio_uncertainty, reading.predicted_ratio, reading.z_ratio),
+        ("phase of the ratio, rad", *_phase(reading)),
         _stress(reading, "inner"),
         _stress(reading, "outer"),
         ("force on both films, N", reading.force, reading.force_uncertainty, reading.reference_force, None),
@@ -27,6 +30,10 @@ def read_table(reading: Read) -> Table:
     for name, *values in rows:
         table.add_row(name, *(_text(value, digits) for value, digits in zip(values, (5, 2, 5, 2), strict=True)))
     return table
+
+
+def _phase(reading: Read) -> tuple[float | None, float | None, float | None, float | None]:
+    return reading.ratio_phase, reading.ratio_phase_uncertainty, reading.predicted_ratio_phase, reading.z_ratio_phase
 
 
 def calibration_table(record: CalibrationRecord) -> Table:
@@ -45,9 +52,8 @@ def calibration_table(record: CalibrationRecord) -> Table:
 
 def check_table(check: Check) -> Table:
     """Return the ratios of all blocks."""
-    verdict = "passed" if check.passed else "failed"
     fit = f"chi-square {check.chi_square:.4g} for {check.degrees_of_freedom} degrees of freedom, p = {check.p_value:.2g}"
-    table = Table(title=f"{verdict}: {fit} (fails below {check.level:g})")
+    table = Table(title=f"{check.verdict}: {fit} (fails below {check.level:g})")
     _columns(table, "reference", "ratio read", "sd", "predicted", "sd", "z")
     for one in check.blocks:
         values = (one.ratio, one.ratio_uncertainty, one.predicted, one.predicted_uncertainty, one.z)
@@ -64,16 +70,29 @@ def explanations_table(check: Check) -> Table:
     return table
 
 
-def sentence(check: Check) -> str:
-    """Say what a check comes to."""
-    if check.passed:
-        return "the probe does what was predicted, within the uncertainties"
-    if not check.explanations or not check.explanations[0].explains:
-        return "the probe does not do what was predicted, and no single variable explains it"
-    best, *others = check.alike
-    if not others:
-        return f"the probe does not do what was predicted; {best} would explain it"
-    return f"the probe does not do what was predicted; {best} would explain it; not told apart from it: {', '.join(others)}"
+def pairs_table(check: Check) -> Table:
+    """Return which two variables together would explain a deviation, best first."""
+    table = Table(title="which two would explain it together")
+    _columns(table, "variables", "drawn", "would be", "sd", "chi2 left")
+    for pair in check.pairs[:MOST_PAIRS]:
+        for one, left in ((pair.first, f"{pair.chi_square:.3g}"), (pair.second, "")):
+            table.add_row(one.variable.removeprefix("probe."), *_in_units(one), left)
+    return table
+
+
+def sentences(check: Check) -> list[str]:
+    """Say what a check comes to, and what it could not have seen."""
+    lines = [f"{check.verdict}: {check.reason}" if check.reason else f"the probe is {check.verdict}"]
+    if check.unseen:
+        lines.append(f"not seen even where off by five tolerances: {', '.join(check.unseen)}")
+    if check.cancelling:
+        pairs = (_together(one) for one in check.cancelling[:MOST_PAIRS])
+        lines.append(f"not seen together, in tolerances, likewise with both signs changed: {'; '.join(pairs)}")
+    return lines
+
+
+def _together(one: CancellingPair) -> str:
+    return " with ".join(f"{name} {size:+.2g}" for name, size in zip(one.variables, one.tolerances, strict=True))
 
 
 def _in_units(one: Explanation) -> tuple[str, str, str]:

@@ -24,15 +24,19 @@ LONGEST = 4.0  # s that a live number is taken from
 Show = Callable[[Samples], None]
 
 
+def followed(frequency: float) -> float:
+    """Return how many seconds of a load of that frequency a live number is taken from."""
+    return max(LEAST_PERIODS / frequency, LONGEST)
+
+
 @contextmanager
-def following(judge: Callable[[Samples], Read], frequency: float) -> Iterator[Show]:
-    """Yield a function that shows what came so far; ``judge`` turns its last seconds into a reading."""
+def following(judge: Callable[[Samples], Read]) -> Iterator[Show]:
+    """Yield a function that shows the last seconds that came; ``judge`` turns them into a reading."""
     console = rich_console()
     ratios: list[float] = []
-    seconds = max(LEAST_PERIODS / frequency, LONGEST)
 
     def judged(samples: Samples) -> Read:
-        reading = judge(window(samples, seconds))
+        reading = judge(samples)
         if reading.ratio is not None:
             ratios.append(reading.ratio)
         return reading

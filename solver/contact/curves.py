@@ -157,9 +157,15 @@ def functions(x: Floats, order: int) -> tuple[Floats, Floats, Floats]:
     P = polynomials(x, order)
     value, slope = edge_functions(x, P)
     bend = np.zeros_like(value)
-    rises = 2 * P[..., :-1] @ legendre.legder(np.eye(order + 1))  # derivatives of the polynomials
-    bend[..., 2:] = rises[..., 1:-1] * np.sqrt(4 * np.arange(2, order + 1) - 2)
+    bend[..., 2:] = P[..., :-1] @ _rises(order)
     return value, slope, bend
+
+
+@kept_table
+def _rises(order: int) -> Floats:
+    """Second derivatives of an edge's functions by Legendre polynomials, shape (p, p - 1)."""
+    slopes = 2 * legendre.legder(np.eye(order + 1))
+    return np.asarray(slopes[:, 1:-1] * np.sqrt(4 * np.arange(2, order + 1) - 2))
 
 
 @dataclass(frozen=True)

@@ -87,18 +87,20 @@ class Hyperelastic:
         J = 1 + change
         power, I1 = J ** (-2 / 3), (F**2).sum(axis=-1)
         # dI/dF and d2I/dF2 with I = J^(-2/3) I1; the first by what is small, or rounding of 1 would be stresses in large elements
-        a = (2 * I1 / (3 * J))[..., None]
         excess = ((2 * _trace(h) / 3 - change) / J)[..., None]
         first = 2 * power[..., None] * (h - _cofactor_change(h) - excess * cof)
-        mixed = F[..., :, None] * cof[..., None, :]
-        curve = -4 / (3 * J)[..., None, None] * (mixed + np.swapaxes(mixed, -1, -2)) - a[..., None] * second
-        curve += (10 * I1 / (9 * J**2))[..., None, None] * (cof[..., :, None] * cof[..., None, :])
-        curve[..., range(5), range(5)] += 2.0
         _, slope, bend = self._f(power * I1 - 3)
         pull, stiff = (self.bulk[:, None] / 2 * x for x in (change * (1 + 1 / J), 1 + 1 / J**2))
         P = slope[..., None] * first + pull[..., None] * cof
-        A = (slope * power)[..., None, None] * curve + bend[..., None, None] * (first[..., :, None] * first[..., None, :])
-        A += stiff[..., None, None] * (cof[..., :, None] * cof[..., None, :]) + pull[..., None, None] * second
+        weight = slope * power
+        # of products of dJ/dF with itself and with F, half: they are added to their transposes
+        half = (5 * weight * I1 / (9 * J**2) + stiff / 2)[..., None] * cof - (4 * weight / (3 * J))[..., None] * F
+        A = cof[..., :, None] * half[..., None, :]
+        A = A + np.swapaxes(A, -1, -2)
+        A += (pull - 2 * weight * I1 / (3 * J))[..., None, None] * second
+        A[..., range(5), range(5)] += 2 * weight[..., None]
+        if np.any(self.yeoh):
+            A += bend[..., None, None] * (first[..., :, None] * first[..., None, :])
         return P, A, change, cof, second
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +12,7 @@ from threadpoolctl import threadpool_limits
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, SolveError, Words
 from geometry.scenes.probe import mm
-from geometry.scenes.scene import Scene
+from geometry.scenes.scene import Contact, Scene
 from solver.axisymmetric.level import Axisymmetric
 from solver.contact.loaded import Loaded, LoadedScene, curve, refined
 from solver.contact.pressed import StoppedError
@@ -25,17 +27,16 @@ FEATURE = "finite strain and contact"
 
 @dataclass(frozen=True)
 class ContactLevel(FilmLevel):
-    """Finite strain and contact in the meridian plane: bonded faces, one sphere on the axis at most."""
+    """Finite strain and contact in the meridian plane: faces bonded, sliding or opening, one sphere on the axis at most."""
 
     name: str = "contact"
     summary: str = "2D, finite strain, walls in contact; tumour on the probe's axis; 5e-3 to 2e-2 in 2 to 20 s"
 
     def refusal(self, scene: Scene) -> str | None:
         """Say which kind of thing in the scene this level does not know, or None."""
-        if scene.contact.interface == "frictionless":
-            return "axisymmetric, linearly, for contact.interface = 'frictionless'"
-        sharp = scene.contact.model_copy(update={"edge_radius": 0.0})
-        return Axisymmetric().refusal(scene.model_copy(update={"contact": sharp}))
+        if scene.contact.interface != "bonded" and scene.tissue.shape == "half-space":
+            return f"tissue of finite size for contact.interface = '{scene.contact.interface}' at finite strain"
+        return Axisymmetric().refusal(scene.model_copy(update={"contact": Contact()}))
 
     def answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Answer:
         """Press on meshes as fine as ``accuracy`` needs, of the three there are; see ``Evaluator``.
@@ -45,16 +46,25 @@ class ContactLevel(FilmLevel):
         Raises:
             Refusal: the scene is of another kind, too extreme, or pressed further than any step converges.
         """
-        with threadpool_limits(1, user_api="blas"):
-            on = self.pressed(scene, accuracy)
-            try:
-                found, on, notes = refined(on, lambda films: _good(films, scene, accuracy))
-                answers = [found] if moduli is None else curve(on, np.asarray(moduli))
-            except StoppedError as fault:
-                raise self.stopped(_key(scene), fault) from fault
-            except SolveError as fault:
-                raise self._extreme(fault) from fault
+        with threadpool_limits(1, user_api="blas"), self._refusing(scene):
+            found, on, notes = refined(self.pressed(scene, accuracy), lambda films: _good(films, scene, accuracy))
+            answers = [found] if moduli is None else curve(on, np.asarray(moduli))
         return self._answer(scene, accuracy, on, answers, notes)
+
+    def loaded(self, scene: Scene, accuracy: float) -> LoadedScene:
+        """Return a scene pressed to its load, for others beside it; as ``answer``, but its log-sensitivity need not be exact."""
+        with threadpool_limits(1, user_api="blas"), self._refusing(scene):
+            return refined(self.pressed(scene, accuracy), lambda films: films.error_under(scene) <= accuracy)[1]
+
+    @contextmanager
+    def _refusing(self, scene: Scene) -> Iterator[None]:
+        """Say which load of a scene is too large, or that it is too extreme."""
+        try:
+            yield
+        except StoppedError as fault:
+            raise self.stopped(_key(scene), fault) from fault
+        except SolveError as fault:
+            raise self._extreme(fault) from fault
 
     def _answer(self, scene: Scene, accuracy: float, on: LoadedScene, answers: list[Loaded], limits: tuple[Note, ...]) -> Answer:
         films = tuple(one.films for one in answers)

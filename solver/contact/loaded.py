@@ -24,9 +24,11 @@ from solver.results.film_forces import Bound, FilmForces
 from solver.results.warnings import Note
 
 MESHES = tuple(MeridianFineness(1, 0, order) for order in (2, 3, 4))
+SPRINGS = {2: 0.25, 3: 0.5, 4: 1.0}  # of friction's: what they give way goes with one over them, and meshes differ by it
 LINEAR_SHARE = 0.2  # of the accuracy, for the linear level
 SAFETY = 2.0  # times the largest difference of two meshes on the way
 SMALL = 1e-5  # indentations, in units of a path, that change nothing but by less than ...
+LIGHT = 1e-3  # likewise, at which faces have opened as they do at any smaller load
 UNSEEN = 1e-4  # ... this share, which the least error bound is
 FAR_TOO_DEEP = 3.0  # outer radii, by the linear stiffness
 FAR = 300.0  # sizes of probe and inclusion: where a half-space ends, for rounding grows with it
@@ -69,9 +71,9 @@ class LoadedScene:
     """A scene that is pressed on two meshes.
 
     Attributes:
-        scene: bonded, one sphere on the axis at most.
+        scene: one sphere on the axis at most.
         accuracy: that is wanted in all, relative.
-        linear: its film forces at rest.
+        linear: its film forces at rest; of faces that may open, those of frictionless ones, which cannot, for scale only.
         paths: on two meshes, the finer last.
         known: what meshes differ by on the way that a path did not go itself, as it began at another modulus' loaded state.
     """
@@ -90,9 +92,14 @@ class LoadedScene:
             SolveError: its equations cannot be solved in double precision.
             LimitReached: not within the limits of memory and time.
         """
-        linear = converged_forces(scene, LINEAR_SHARE * accuracy)
+        linear = converged_forces(_tied(scene), LINEAR_SHARE * accuracy)
         first, second = (_path(scene, linear, fineness) for fineness in MESHES[:2])
         return cls(scene, accuracy, linear, (first, second))
+
+    @property
+    def opening(self) -> bool:
+        """Whether faces may open: their limit of no load is no linear answer, nor does another modulus' way lead to theirs."""
+        return self.scene.contact.interface == "unilateral"
 
     def finer(self) -> LoadedScene | None:
         """The same on the finer mesh and the next; None where there is none."""
@@ -105,7 +112,8 @@ class LoadedScene:
         """The same at rest with another Young's modulus of the target, Pa, and what the linear level says of that."""
         body = self.scene.inclusion[0].model_copy(update={"youngs_modulus": modulus})
         scene = self.scene.model_copy(update={"inclusion": (body,)})
-        first, second = (Path(path.model.with_modulus(modulus), True, linear.films[0].totals) for path in self.paths)
+        known = None if self.opening else linear.films[0].totals
+        first, second = (Path(path.model.with_modulus(modulus), True, known) for path in self.paths)
         return LoadedScene(scene, self.accuracy, linear, (first, second))
 
     def at_scene_s_load(self) -> Loaded:
@@ -153,7 +161,12 @@ class LoadedScene:
 
     def _at(self, about: float, press: Callable[[Path], Pressed]) -> Loaded:
         """Press both meshes, or neither where the indentation is ``about`` nothing."""
-        if about <= SMALL * self.paths[1].unit:
+        unit = self.paths[1].unit
+        if self.opening and about < LIGHT * unit:
+            light = self.at_indentation(LIGHT * unit)
+            point = replace(light.point, indentation=about, films=about / (LIGHT * unit) * light.point.films)
+            return Loaded(point, light.films)
+        if about <= SMALL * unit:
             rest = self.paths[1].points[0]
             return Loaded(
                 replace(rest, indentation=about, films=about * rest.tangent), _widened(self.linear.films[0], self.unseen)
@@ -179,7 +192,9 @@ class LoadedScene:
         return FilmForces(np.diag(totals), bound, np.diag(totals * shares), error)
 
     def sensitivity(self, path: Path, point: Pressed) -> float:
-        """The log-sensitivity at a point of a path, what its mesh is off at rest taken off."""
+        """The log-sensitivity at a point of a path, what its mesh is off at rest taken off where that is known."""
+        if self.opening:
+            return point.log_sensitivity
         exact, own = self.linear.films[0].log_sensitivity or 0.0, path.points[0].log_sensitivity
         if own * exact > 0 and abs(own / exact - 1) < ALIKE:
             return point.log_sensitivity * exact / own
@@ -244,7 +259,7 @@ def curve(on: LoadedScene, moduli: Floats) -> list[Loaded]:
     Raises:
         SolveError, LimitReached: see ``LoadedScene.of`` and ``at_scene_s_load``.
     """
-    every = converged_forces(on.scene, LINEAR_SHARE * on.accuracy, moduli)
+    every = converged_forces(_tied(on.scene), LINEAR_SHARE * on.accuracy, moduli)
     far = np.log(moduli / on.scene.inclusion[0].youngs_modulus)
     found: dict[int, Loaded] = {}
     for side in (far >= 0, far < 0):
@@ -254,11 +269,17 @@ def curve(on: LoadedScene, moduli: Floats) -> list[Loaded]:
     return [found[k] for k in range(len(moduli))]
 
 
+def beside(near: LoadedScene, modulus: float) -> tuple[Loaded, LoadedScene]:
+    """Return one such answer, and the scene that it is of, pressed, for more of them; see ``curve``."""
+    linear = converged_forces(near.scene, LINEAR_SHARE * near.accuracy, np.array([modulus]))
+    return _beside(near, modulus, linear)
+
+
 def _beside(near: LoadedScene, modulus: float, linear: Converged) -> tuple[Loaded, LoadedScene]:
     """The answer for another modulus, begun at the neighbour's state, or from rest where that does not converge."""
     at_rest = near.with_modulus(modulus, linear)
     last = near.paths[1].last.indentation
-    if last <= SMALL * near.paths[1].unit:
+    if near.opening or last <= SMALL * near.paths[1].unit:
         return at_rest.at_scene_s_load(), at_rest
     on = replace(at_rest, known=near.differences(last))
     try:
@@ -277,8 +298,17 @@ def _path(scene: Scene, linear: Converged, fineness: MeridianFineness) -> Path:
         body = scene.inclusion[0]
         materials[Body.INCLUSION] = Material(youngs_modulus=body.youngs_modulus, poisson_ratio=body.poisson_ratio)
     section = at_rest.section if scene.tissue.shape != "half-space" else _nearer(at_rest.section)
-    model = ContactModel.of(section, {**at_rest.materials, **materials}, "bonded", fineness)
-    return Path(model, scene.target is not None, linear.films[0].totals)
+    faces, spring = scene.contact, SPRINGS[fineness.order]
+    model = ContactModel.of(section, {**at_rest.materials, **materials}, faces.interface, fineness, faces.friction, spring=spring)
+    return Path(model, scene.target is not None, None if faces.interface == "unilateral" else linear.films[0].totals)
+
+
+def _tied(scene: Scene) -> Scene:
+    """The scene as linear elements know it."""
+    faces = scene.contact
+    if faces.interface != "unilateral":
+        return scene
+    return scene.model_copy(update={"contact": faces.model_copy(update={"interface": "frictionless", "friction": 0.0})})
 
 
 def _nearer(section: Section) -> Section:

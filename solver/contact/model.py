@@ -22,7 +22,7 @@ from solver.contact.elements import Elements, ElementValues
 from solver.contact.hyperelasticity import Hyperelastic
 from solver.contact.pairs import Pair
 from solver.contact.states import Linearised, State
-from solver.contact.touch import Touch, touch
+from solver.contact.touch import SPRING, Touch, touch
 from solver.contact.touching_lines import contact_length, pairs_of
 from solver.linalg.cholesky import Factor, factorise, factorise_any
 from solver.linalg.workspace import kept
@@ -56,9 +56,18 @@ class ContactModel:
 
     @classmethod
     def of(
-        cls, section: Section, materials: Materials, interface: Interface, fineness: MeridianFineness, friction: float = 0.0
+        cls,
+        section: Section,
+        materials: Materials,
+        interface: Interface,
+        fineness: MeridianFineness,
+        friction: float = 0.0,
+        *,
+        spring: float = 1.0,
     ) -> ContactModel:
         """Mesh a section whose faces are bonded, slide and cannot open (frictionless), or open and slide against ``friction``.
+
+        Friction holds by springs, of which ``spring`` is a share.
 
         Raises:
             SolveError: the mesh has a cell without area.
@@ -71,6 +80,7 @@ class ContactModel:
         for side, on in enumerate(_blocks(section, mesh)):
             lift[on, :, side] -= numbers.vertical
         pairs = pairs_of(section, materials, mesh, fineness.order, faces=interface, friction=friction)
+        pairs = tuple(replace(pair, spring=spring * SPRING) for pair in pairs)
         return cls(section, materials, mesh, elements, numbers, Assembly.of(numbers, pairs), pairs, lift)
 
     def at_rest(self) -> State:

@@ -62,6 +62,7 @@ class Pair:
         penalty: e, Pa/m.
         loose: whether lines lie on each other from the start, faces that may open.
         friction: Coulomb's coefficient.
+        spring: f of eq. CT.8, in penalties.
         slave_edge, master_edge: of the block on either line.
         tied: which of the slave's points cannot leave the master, shape (points,); none where it is empty.
     """
@@ -74,6 +75,7 @@ class Pair:
     penalty: float
     loose: bool = False
     friction: float = 0.0
+    spring: float = 0.0
     slave_edge: RoundEdge = RoundEdge()
     master_edge: RoundEdge = RoundEdge()
     tied: Bools = field(default_factory=lambda: np.zeros(0, dtype=bool))

@@ -109,7 +109,7 @@ def touch(
     normal[active] = at.stretch * force
     if grip is not None:
         slip = np.nan_to_num((place - grip.place)[active])
-        spring = SPRING * pair.penalty
+        spring = pair.spring * pair.penalty
         trial, bound = grip.shear[active] + spring * slip, pair.friction * normal[active]
         side = np.where(np.abs(trial) <= bound, 0, np.sign(trial)).astype(int)
         # a stiff spring throws points that slide to the other side and back: they are held first

@@ -158,7 +158,7 @@ class LoadChanges:
         x = rule.strain * (force / stiffness + rule.tilted)
         known = (x <= LARGEST_X) & (force <= CLOSING * rule.closure)
         slopes = np.expm1(SENSITIVITY_GROWTH * np.minimum(x, LARGEST_X))
-        ratio = np.where(known, RATIO_CHANGE * x, np.inf)
+        ratio = np.where(known, RATIO_CHANGE * rule.covered * x, np.inf)
         worst = int(np.argmax(force)) if load.indentation is not None else int(np.argmin(stiffness))
         return cls(ratio, np.where(known, slopes, np.inf), replace(rule, stiffness=float(stiffness[worst])))
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from geometry.scenes.scene import Scene
 from solver.planning.coarse_model import CoarseModel
-from solver.planning.loads import CLOSING, LARGEST_X, LoadRule, log_sensitivity_change, ratio_change
+from solver.planning.loads import LARGEST_X, LoadRule, log_sensitivity_change, ratio_change
 from solver.results.result import Decision, Effect
 
 NOBODY = "no linear evaluator"
@@ -28,23 +28,22 @@ def unmodelled(scene: Scene, rough: CoarseModel, accuracy: float, contact: bool)
 
 
 def _strained(rule: LoadRule, force: float, accuracy: float) -> Iterator[Decision]:
-    yield _gap_contact(force, CLOSING * rule.closure, accuracy)
-    yield _finite_strain(rule.x(force), accuracy)
+    yield _gap_contact(force, rule.known if math.isfinite(rule.closure) else math.inf, accuracy)
+    yield _finite_strain(rule.x(force), rule.covered, accuracy)
 
 
-def _finite_strain(x: float, accuracy: float) -> Decision:
+def _finite_strain(x: float, covered: float, accuracy: float) -> Decision:
     """Indentation over outer radius, or what else is strained by as much, and what that may change."""
     at = f"{NOBODY}: indented by {x:.2g} of the outer radius"
     if x > LARGEST_X:
         return _decision("finite strain", math.inf, accuracy, f"{at}; beyond {LARGEST_X:g} nothing is known")
-    changes = (
-        f"ratio, stresses and stiffness by at most {ratio_change(x):.2g}, log_sensitivity by {log_sensitivity_change(x):.2g}"
-    )
-    return _decision("finite strain", ratio_change(x), accuracy, f"{at}, which changes {changes}")
+    change, slope = ratio_change(x, covered), log_sensitivity_change(x)
+    changes = f"ratio, stresses and stiffness by at most {change:.2g}, log_sensitivity by {slope:.2g}"
+    return _decision("finite strain", change, accuracy, f"{at}, which changes {changes}")
 
 
 def _gap_contact(force: float, open_up_to: float, accuracy: float) -> Decision:
-    """The gap of every reference is open up to 1/22 of the force that closes it in linear elasticity, of most far beyond."""
+    """The gap of every reference is open up to 1/22 of the force that closes it in linear elasticity, or to x = 0.3."""
     if math.isinf(open_up_to):
         return _decision("gap contact", 0.0, accuracy, f"{NOBODY}: the blocks' walls do not near each other")
     known = f"{NOBODY}: the gap stays open up to {open_up_to:.2g} N at least"

@@ -13,7 +13,7 @@ TOUCHING = 1e-6  # of its half height: a body nearer than this to an interface o
 def unsupported(scene: Scene) -> str | None:
     """Say which kind of thing in the scene no linear level knows, or None."""
     if scene.contact.interface == "unilateral":
-        return "none built yet for contact.interface = 'unilateral'"
+        return "contact for contact.interface = 'unilateral'"
     if scene.contact.edge_radius > 0:
         return "contact for contact.edge_radius above 0: round edges close bit by bit"
     return None

@@ -84,6 +84,10 @@ class Result:
         linear_limit_load: the largest that linear levels answer at the accuracy asked for, by a cautious rule or, where loads are
             asked for, by level ``contact``; None where it is not known.
         gap_closure_load: at which the gap's walls touch, where loads are asked for; None where they do not.
+        frequency: of a sinusoidal load, Hz, where one was asked for.
+        ratio_phase: by how much ``stress_inner`` leads ``stress_outer`` then, rad, by the materials' loss factors.
+        ratio_phase_error: bound on its absolute error, rad.
+        ratio_phase_derivatives: of it by the scene's numbers and loss factors, rad per SI unit.
         plan: what was modelled and what was left out.
         warnings: one line each.
     """
@@ -102,6 +106,10 @@ class Result:
     residual: float | None = None
     linear_limit_load: LargestLoad | None = None
     gap_closure_load: LargestLoad | None = None
+    frequency: float | None = None
+    ratio_phase: float | None = None
+    ratio_phase_error: float | None = None
+    ratio_phase_derivatives: dict[str, float] | None = None
     plan: tuple[Decision, ...] = ()
     warnings: tuple[Note, ...] = ()
 

@@ -56,6 +56,7 @@ ALLOWED: dict[str, set[str]] = {
         *MESHES,
     },
     "solver.solid": {"solver.axisymmetric", "solver.linalg", "solver.results", "geometry.tetra", *SCENES},
+    "solver.phase": {"solver.axisymmetric", "solver.equivalent_inclusion", "solver.results", *MESHES},
     "solver.planning": {
         "solver.axisymmetric",
         "solver.contact",
@@ -79,6 +80,7 @@ ALLOWED: dict[str, set[str]] = {
         "solver.contact",
         "solver.equivalent_inclusion",
         "solver.linalg",
+        "solver.phase",
         "solver.planning",
         "solver.published",
         "solver.results",
@@ -108,6 +110,7 @@ ALLOWED: dict[str, set[str]] = {
     "probe_design.estimation": {
         "probe_design.data",
         "probe_design.maps.target_grid",
+        "solver.contact",
         "solver.equivalent_inclusion",
         "solver.inclusions",
         "solver.planning",
@@ -116,6 +119,7 @@ ALLOWED: dict[str, set[str]] = {
     "probe_design.tradeoffs": {"probe_design.pictures", "solver.linalg", "solver.planning", "geometry.tetra", *ANSWERS},
     "probe_design.sweeps": {"solver.closed_form", "solver.linalg", "solver.planning", *ANSWERS},
     "probe_design.built_probe": {
+        "geometry.cad",  # the fixture's sizes and the probe's outlines, on the page to print
         "solver.axisymmetric",
         "solver.equivalent_inclusion",
         "solver.planning",

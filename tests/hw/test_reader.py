@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from threading import Event
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hw.common.clock import Clock
+from hw.common.drain import Drain
 from hw.common.errors import Overrun, Timeout, TransferError
 from hw.common.samples import Gap
+from hw.common.transport import Chunk
 from hw.reader import Reader
 from hw.simulation.firmware import Fault, Kind
 from hw.simulation.virtual import virtual
@@ -111,3 +115,60 @@ def test_device_is_stopped_at_the_end() -> None:
         reader.collect(0.01)
         assert source.firmware.stream
     assert source.firmware.stream == 0
+
+
+def test_a_board_starts_when_it_is_read() -> None:
+    """Whatever is computed between opening and reading costs no samples: 4 of 10 s were lost."""
+    source = probe()
+    with Reader.open(source) as reader:
+        assert source.firmware.stream == 0
+        next(iter(reader.blocks(0.01)))
+        assert source.firmware.stream > 0
+
+
+def test_a_board_that_was_reset_and_stays_on_the_bus_is_started_again() -> None:
+    """It said nothing more, and after 3 s the reading ended."""
+    found = read(probe(Fault("reset", 70)), patience=Patience(silence=0.0))
+    assert [(gap.first, gap.count, gap.reason) for gap in found.gaps] == [(700, -1, "the device was reset")]
+    assert right(replace(found, index=np.where(found.index > 700, found.index - 701, found.index)))
+
+
+class Counting:
+    """A transport that counts how often it was read."""
+
+    header = None
+
+    def __init__(self) -> None:
+        self.reads, self.enough = 0, Event()
+
+    def read(self) -> Chunk | None:
+        self.reads += 1
+        if self.reads == 300:
+            self.enough.set()
+        return Chunk(b"x" * self.reads) if self.reads <= 300 else None
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+def test_somebody_reads_while_nobody_fetches() -> None:
+    transport = Counting()
+    drain = Drain(transport)
+    chunks = iter(drain)
+    assert next(chunks).data == b"x"
+    assert transport.enough.wait(60)
+    assert drain.behind
+    assert [len(chunk.data) for chunk in chunks] == list(range(2, 301))
+    drain.close()
+
+
+def test_time_stamps_show_a_wrong_rate() -> None:
+    """A board that states 100 kS/s and sends 90: 50 ms of samples take 55 ms."""
+    with Reader.open(probe()) as reader:
+        blocks = list(reader.blocks(8.0))
+    for passed, wrong in ((0.05, False), (0.0505, False), (0.05 / 0.9, True), (0.05 / 1.1, True)):
+        clock, said = Clock(RATE), None
+        for block in blocks:
+            said = clock.told(Chunk(b"", 1, "", passed * int(block.index[-1]) / 5000), block)
+        assert (said is not None) == wrong
+        assert said is None or "samples a second, not the stated 100000" in said

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -29,6 +31,15 @@ def spread(points: np.ndarray, number: np.ndarray) -> float:
 def test_special_sections_conform(case: dict[str, float]) -> None:
     assert_corners_are_told_apart(section(**case))
     assert_edges_are_shared(section(**case))
+
+
+@special
+def test_sections_with_round_edges_conform(case: dict[str, float]) -> None:
+    sharp = section(**case)
+    size = min(sharp.inner_radius, sharp.tube_radius - sharp.hole_radius, sharp.inner_height, sharp.outer_height)
+    for share in (0.05, 0.4):
+        assert_corners_are_told_apart(replace(sharp, edge_radius=share * size))
+        assert_edges_are_shared(replace(sharp, edge_radius=share * size))
 
 
 @few

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
+import resource
 import struct
 from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hw.common.errors import (
     InvalidSource,
     Stalled,
     Timeout,
+    TransferError,
 )
 from hw.common.transport import Chunk
 from hw.reader import Reader
@@ -82,16 +85,64 @@ def test_cut_recording_is_whole_up_to_the_cut(recorded: Path, data: st.DataObjec
     assert sum(len(chunk.data) + 24 + len(chunk.note) for chunk in chunks) <= end - header
 
 
-def test_damaged_recording_ends_at_the_damage(recorded: Path) -> None:
-    data = bytearray(recorded.read_bytes())
-    data[data.index(b"READ", data.index(b"READ") + 1) + 30] ^= 1
+@settings(max_examples=25)
+@given(st.data())
+def test_one_flipped_bit_costs_a_frame(recorded: Path, data: st.DataObject) -> None:
+    """It ended the recording before, without a word: up to half of the samples were lost."""
+    content = bytearray(recorded.read_bytes())
+    at = data.draw(st.integers(content.index(b"\n") + 1, len(content) - 25))
+    content[at] ^= 1 << data.draw(st.integers(0, 7))
     path = recorded.with_name("damaged.probe")
-    path.write_bytes(data)
+    path.write_bytes(content)
     with Reader.open(f"replay:{path}") as reader:
         found = reader.collect()
     assert right(found)
-    assert 0 < len(found) < 30_000
-    assert "damaged.probe was cut or damaged" in found.source["cut"]
+    assert len(found) >= 30_000 - 2 * 10  # two frames of ten, where it makes a magic of what is none
+    assert len(found) + sum(gap.count for gap in found.gaps) in (30_000, 30_000 - 10)  # the last frame leaves no gap
+    assert "is damaged at byte" in found.notes[0]
+    with pytest.raises(TransferError, match="read again"):
+        found.whole()
+
+
+def test_damage_in_the_middle_is_a_gap_with_its_reason(recorded: Path) -> None:
+    content = recorded.read_bytes()
+    at = [match.start() for match in re.finditer(b"READ", content)]
+    path = recorded.with_name("wiped.probe")
+    path.write_bytes(content[: at[2] + 50] + bytes(at[4] - at[2] - 50) + content[at[4] :])
+    with Reader.open(f"replay:{path}") as reader:
+        found = reader.collect()
+    assert right(found)
+    assert [gap.reason for gap in found.gaps] == [f"the recording is damaged at byte {at[2]}"]
+    assert len(found) + found.gaps[0].count == 30_000
+
+
+def test_a_full_disk_ends_the_recording_not_the_reading(tmp_path: Path) -> None:
+    """A file may be as large as the limit on files says: what reaches the disk until then is whole, and read again."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, before[1]))
+    try:
+        with Reader.open(probe()) as reader:
+            live = reader.collect(0.3, record=tmp_path / "run.probe")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert len(live) == 30_000
+    assert right(live)
+    assert "the recording ends early, whole up to there: file too large" in live.notes[0]
+    with Reader.open(f"replay:{tmp_path / 'run.probe'}") as reader:
+        again = reader.collect()
+    assert right(again)
+    np.testing.assert_array_equal(again.index, live.index[: len(again)])
+    assert 0 < len(again) < 30_000
+
+
+def test_a_cut_recording_says_so(recorded: Path) -> None:
+    path = recorded.with_name("short.probe")
+    path.write_bytes(recorded.read_bytes()[:-100])
+    with Reader.open(f"replay:{path}") as reader:
+        found = reader.collect()
+    assert "was cut" in found.notes[0]
+    with pytest.raises(TransferError, match="was cut"):
+        found.whole()
 
 
 def test_recording_is_laid_out_as_documented(tmp_path: Path) -> None:

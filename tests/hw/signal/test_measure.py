@@ -10,7 +10,8 @@ from scipy.signal import lfilter
 
 from hw.common.samples import Gap, Samples
 from hw.signal.amplifier import ChargeAmplifier, TooSlow
-from hw.signal.measure import Flawed, Measurement, carried, checked, measure
+from hw.signal.measure import Measurement, carried, checked, measure
+from hw.signal.waveform import Flawed
 
 AMPLIFIER = ChargeAmplifier()
 CHARGES = np.array([1.0e-12 * np.exp(0.02j), 2.0e-12])

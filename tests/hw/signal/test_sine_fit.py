@@ -10,7 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from hw.common.samples import Gap, Samples
-from hw.signal.sine_fit import NoSine, SineFit, sine_fit
+from hw.signal.sine_fit import NoSine, SineFit
+from hw.signal.stretches import sine_fit
 
 RATE, ROWS, FREQUENCY = 500.0, 4000, 5.003
 AMPLITUDES = np.array([1.0 * np.exp(0.3j), 0.5 * np.exp(0.28j)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+from types import SimpleNamespace
 
 import pytest
 from usb.core import NoBackendError, USBError, USBTimeoutError
@@ -20,7 +21,9 @@ from hw.common.errors import (
     TransferError,
 )
 from hw.reader import Reader
+from hw.simulation import virtual as virtual_bus
 from hw.simulation.firmware import Fault, Halted, Kind
+from hw.usb import find
 from hw.usb.faults import meaning
 from hw.usb.transport import UsbTransport
 from hw.wire.protocol import START
@@ -102,7 +105,33 @@ def test_meaning_of_faults_by_class_and_code(fault: Exception, kind: type[Hardwa
 
 
 def test_access_denied_prints_the_shipped_rule() -> None:
-    rule = 'SUBSYSTEM=="usb", ATTR{idVendor}=="1209", ATTR{idProduct}=="0001", MODE="0660", TAG+="uaccess"'
+    rule = 'SUBSYSTEM=="usb", ATTR{idVendor}=="1209", ATTR{idProduct}=="0001", MODE="0660", GROUP="plugdev", TAG+="uaccess"'
     shipped = (ROOT / "hw" / "60-probe-design.rules").read_text(encoding="utf-8")
     assert rule in shipped.splitlines()
     assert rule in str(AccessDenied("probe V1"))
+
+
+def test_another_board_of_the_same_test_number_is_no_probe(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only the numbers were looked at: a keyboard under development was opened, or made the choice ambiguous."""
+    monkeypatch.setitem(virtual_bus._INTERFACE, "bInterfaceClass", 3)
+    with pytest.raises(NotFound, match="is not connected"):
+        Reader.open(probe())
+
+
+@pytest.mark.parametrize("pyusb_tells", [True, False])
+def test_libusb_that_does_not_begin_is_said_as_such(monkeypatch: pytest.MonkeyPatch, pyusb_tells: bool) -> None:
+    """It was a bus that failed, again and again: try another cable."""
+
+    def fails(library: object) -> None:
+        raise USBError("Other error", -99, None)
+
+    monkeypatch.setattr(find, "_Context", fails)
+    monkeypatch.setattr(find.libusb1, "_lib", object())
+    backend = SimpleNamespace(lib=None) if pyusb_tells else None
+    monkeypatch.setattr(find.libusb_package, "get_libusb1_backend", lambda: backend)
+    with pytest.raises(NotFound, match=r"libusb failed to initialise .* is there USB on this machine"):
+        Reader.open("usb")
+
+
+def test_headless_machines_have_a_group() -> None:
+    assert 'GROUP="plugdev"' in str(AccessDenied("probe V1"))

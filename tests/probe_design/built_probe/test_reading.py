@@ -10,6 +10,7 @@ import pytest
 
 from geometry.common.arrays import Floats
 from hw.signal.measure import Measurement
+from hw.signal.waveform import Flawed
 from probe_design.built_probe.bench import Reference
 from probe_design.built_probe.block_predictions import Share
 from probe_design.built_probe.film_forces import reading, warming
@@ -110,3 +111,32 @@ def test_share_s_variance_has_block_and_solver() -> None:
     """Evenly spread within +-b: b^2 / 3."""
     share = Share(log_ratio=0.0, bound=0.03, slopes=np.zeros(0), by_modulus=0.5)
     assert share.variance(Reference(youngs_modulus=1e3, tolerance=0.02)) == pytest.approx(0.01**2 + 0.03**2 / 3)
+
+
+def test_a_dead_inner_film_is_refused(forces: Floats) -> None:
+    """A ratio of nearly 0 was told to 0.02 %, with the cross-talk of the living film in it or without."""
+    for share in (0.0, 0.004):
+        found = measured(np.array([share, 1.0]) * forces.sum())
+        for bench in (BENCH, BENCH.model_copy(update={"force": None})):
+            with pytest.raises(Flawed, match=r"the inner film shows .* is it dead"):
+                read(replace(found, force=found.force if bench.force else None), scene(), bench, told(0.6))
+
+
+def test_a_film_of_reversed_polarity_is_refused(forces: Floats) -> None:
+    with pytest.raises(Flawed, match="the inner film shows tension"):
+        read(measured(forces * [-1.0, 1.0]), scene(), BENCH, told(0.6))
+
+
+def test_films_that_contradict_the_force_channel_are_refused(forces: Floats) -> None:
+    """A film whose gain has halved since the calibration: 18 % of the sum, where 2.5 % are 5 standard deviations."""
+    halved = replace(EXACT, gains=((0.5, 0.0), (0.0, 1.0)))
+    known = Gains(np.eye(2), np.zeros((4, 4)), np.zeros((4, 0)), np.zeros(0), True, (True, True))
+    with pytest.raises(Flawed, match=r"the force channel 0\.1"):
+        read(measured(forces, halved, calibrated_at=5.0), scene(), BENCH, told(0.6), known)
+
+
+def test_what_the_waveform_adds_is_told(forces: Floats) -> None:
+    ramp = sampled(signals(EXACT, BENCH, scene(), forces, 1))
+    ramp.volts[:, 1] *= np.linspace(1.0, 1.02, len(ramp))
+    found = read(reading(ramp, BENCH), scene(), BENCH, told(0.6))
+    assert any("channel outer changes" in one for one in found.warnings)

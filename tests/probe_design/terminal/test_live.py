@@ -1,4 +1,4 @@
-"""What is shown while a reading runs: curves as text, the collecting thread, terminals."""
+"""What is shown while a reading runs: curves as text, its last seconds, terminals."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from rich.console import Console
 from hw.common.errors import HardwareError, InvalidSource
 from hw.common.samples import Samples
 from hw.reader import Reader
+from hw.signal.running import RunningFit
+from hw.signal.stretches import sine_fit
 from hw.simulation.firmware import Fault
 from hw.simulation.virtual import virtual
 from probe_design.built_probe.acquisition import collected, window
@@ -49,20 +51,24 @@ def probe(faults: tuple[Fault, ...] = (), seed: int = 0) -> Reader:
 
 def test_collected_is_what_the_reader_gives() -> None:
     looks: list[Samples] = []
+    running = RunningFit(5.0, force=True)
     with probe() as reader:
-        found = collected(reader, 4.0, None, looks.append)
+        collected(reader, 4.0, None, running, show=looks.append, last=1.0)
     with probe() as reader:
-        assert np.array_equal(found.volts, reader.collect(4.0).volts)
-    assert len(found.index) == 2000
-    assert len(window(found, 1.0).index) == 500
+        whole = reader.collect(4.0)
+    assert running.fit().amplitudes == pytest.approx(sine_fit(whole, 5.0).amplitudes, rel=1e-9)
+    assert all(len(look) <= 500 for look in looks)
+    assert len(window(whole, 1.0).index) == 500
 
 
 def test_what_a_look_raises_does_not_end_the_reading() -> None:
     def look(samples: Samples) -> None:
         raise HardwareError("too little yet")
 
+    running = RunningFit(5.0, force=True)
     with probe() as reader:
-        assert len(collected(reader, 3.0, None, look).index) == 1500
+        collected(reader, 3.0, None, running, show=look, last=1.0)
+    assert running.fit().rows == 1500
 
 
 class Failing:
@@ -83,7 +89,7 @@ class Failing:
 def test_errors_of_the_reader_come_through(fault: Exception | None, kind: type[Exception]) -> None:
     reader: Any = Failing(fault)
     with pytest.raises(kind):
-        collected(reader, 1.0, None, lambda samples: None)
+        collected(reader, 1.0, None, RunningFit(5.0, force=True), show=lambda samples: None, last=1.0)
 
 
 def test_lost_frames_are_marked_by_read_and_refused_by_calibrate() -> None:
@@ -111,7 +117,7 @@ def test_following_shows_numbers(
     console = Console(file=screen, force_terminal=terminal, width=width, height=40)
     monkeypatch.setattr("probe_design.terminal.live.rich_console", lambda: console)
     samples = sampled(signals(Built(), BENCH, scene(), films(shares().log_ratios)[3], 1))
-    with following(lambda part: judged(reading(part, BENCH), scene(), BENCH, told), 5.0) as show:
+    with following(lambda part: judged(reading(part, BENCH), scene(), BENCH, told)) as show:
         show(samples)
         show(samples)
     shown = screen.getvalue() if terminal else capsys.readouterr().err

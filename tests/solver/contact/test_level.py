@@ -11,7 +11,7 @@ import pytest
 from geometry import Refusal, Scene, read_scene
 from geometry.common.arrays import Bools
 from geometry.common.errors import SolveError
-from geometry.scenes.scene import Contact, Load
+from geometry.scenes.scene import Contact, HalfSpaceTissue, Load
 from solver.contact import path
 from solver.contact.level import ContactLevel
 from solver.contact.model import ContactModel
@@ -23,6 +23,7 @@ from tests.support.paths import REFERENCE
 FOLDER = REFERENCE / "contact"
 EXPECTED = json.loads((FOLDER / "expected.json").read_text())
 EXAMPLE = read_scene(FOLDER / "example.toml")
+HALF_SPACE = HalfSpaceTissue(shape="half-space", youngs_modulus=6e3, poisson_ratio=0.45)
 
 
 def at(scene: Scene, **load: float) -> Scene:
@@ -109,7 +110,7 @@ def test_a_curve_under_load_goes_through_the_answers() -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"contact": Contact(interface="frictionless")}, "frictionless"),
+        ({"contact": Contact(interface="unilateral"), "tissue": HALF_SPACE}, "finite size"),
         ({"inclusion": (EXAMPLE.inclusion[0].model_copy(update={"x": 1e-3}),)}, "off the probe's axis"),
         ({"placement": EXAMPLE.placement.model_copy(update={"tilt": 0.1})}, "tilt"),
     ],
@@ -153,6 +154,29 @@ def test_a_load_beyond_all_that_is_reached_is_refused_with_the_one_reached() -> 
     ends = "(no further step converges|it is as deep as the probe is wide)"
     with pytest.raises(Refusal, match=rf"load.force = 0.9 N: allowed: up to 0.[2-6]\d* N for contact: {ends}"):
         evaluate(at(EXAMPLE, force=0.9), "contact")
+
+
+@pytest.mark.slow
+def test_faces_that_open_are_as_a_trial_found_them() -> None:
+    """Frictionless, opening at sharp edges, by one other code: ratio 0.566 at 0.037 N (CONTACT.md)."""
+    open_ = at(EXAMPLE.model_copy(update={"contact": Contact(interface="unilateral")}), force=0.037)
+    result = ContactLevel().evaluate(open_, accuracy=0.1)
+    assert result.error_estimate is not None
+    assert result.ratio == pytest.approx(0.566, rel=result.error_estimate)
+    assert result.error_estimate < 0.05
+
+
+@pytest.mark.slow
+def test_friction_brings_faces_nearer_to_the_bond() -> None:
+    """Ratios at one small load: free, held by friction, bonded."""
+    kinds = (Contact(interface="unilateral"), Contact(interface="unilateral", friction=10.0), Contact())
+    free, held, bonded = (
+        ContactLevel().evaluate(at(EXAMPLE.model_copy(update={"contact": kind}), force=0.01), accuracy=0.1) for kind in kinds
+    )
+    ratios = np.array([free.ratio, held.ratio, bonded.ratio], dtype=float)
+    assert abs(ratios[1] - ratios[2]) < 0.5 * abs(ratios[0] - ratios[2])
+    assert held.error_estimate is not None
+    assert ratios[1] == pytest.approx(ratios[2], rel=held.error_estimate)
 
 
 @pytest.mark.slow

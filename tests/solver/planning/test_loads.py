@@ -16,8 +16,17 @@ from geometry.common.errors import InputError, Refusal
 from geometry.scenes.scene import CylinderTissue, HalfSpaceTissue, Layer
 from geometry.scenes.scene_file import scene_from_dict, scene_to_dict
 from solver import evaluate, plan
+from solver.contact.level import ContactLevel
 from solver.planning.coarse_model import CoarseModel
-from solver.planning.loads import LARGEST_X, LoadRule, least_closure, log_sensitivity_change, ratio_change, tissue_strain
+from solver.planning.loads import (
+    LARGEST_X,
+    LoadRule,
+    cover_factor,
+    least_closure,
+    log_sensitivity_change,
+    ratio_change,
+    tissue_strain,
+)
 from tests.support.paths import EXAMPLES, REFERENCE
 from tests.support.references import named
 from tests.support.slow import slow_unless
@@ -49,6 +58,8 @@ def contact_references() -> list[ContactReference]:
         for name, one in found.items()
     ]
 
+
+COVERED = 1 + 0.55 * (8 / (5 + 0.05 * 8) - 0.5) ** 1.3  # eq. PL.7 of examples/scene.toml, 8 mm under 5 mm
 
 EVERY = pytest.mark.parametrize("one", contact_references(), ids=lambda one: one.name)
 
@@ -210,7 +221,7 @@ class TestAuto:
         assert alone.error_estimate is not None
         assert loaded.error_estimate is not None
         radius = SCENE.probe.tube_radius
-        rule = 0.1 * 2e-4 * math.hypot(1 / radius, 25 * radius / 0.05**2)
+        rule = 0.1 * COVERED * 2e-4 * math.hypot(1 / radius, 25 * radius / 0.05**2)
         assert loaded.error_estimate == pytest.approx((1 + alone.error_estimate) * (1 + rule) - 1, rel=1e-9)
         assert loaded.ratio == alone.ratio
 
@@ -279,3 +290,26 @@ def test_the_gap_closes_no_earlier_than_the_formulas_say(folder: str) -> None:
     for scene in map(read_scene, paths):
         rough = CoarseModel.of(scene, details=False)
         assert least_closure(scene, rough.forces.sum(axis=1)) <= rough.closure
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("diameter", "depth", "contrast"), [(14e-3, 8.7e-3, 0.16), (14e-3, 9e-3, 24.0)])
+def test_the_rule_holds_over_large_inclusions_near_the_surface(diameter: float, depth: float, contrast: float) -> None:
+    """Level contact changes the ratio, or a stress, by more than eq. PL.2 alone allows; eq. PL.7 covers that."""
+    scene = read_scene(EXAMPLES / "scene.toml")
+    body = scene.inclusion[0].model_copy(update={"diameter": diameter, "depth": depth, "youngs_modulus": contrast * 6e3})
+    scene = scene.model_copy(update={"inclusion": (body,)})
+    rule = CoarseModel.of(scene).rule(scene)
+    loaded = ContactLevel().pressed(scene)
+    point = loaded.at_force(0.3 * rule.known).point
+    rest = loaded.paths[1].points[0].tangent
+    changes = np.append(point.films / point.indentation / rest, (point.films[0] / point.films[1]) / (rest[0] / rest[1])) - 1
+    x = rule.x(point.force)
+    assert ratio_change(x) < np.abs(changes).max() < ratio_change(x, rule.covered)
+
+
+def test_deep_or_small_inclusions_change_nothing_of_the_rule() -> None:
+    body = read_scene(EXAMPLES / "scene.toml").inclusion[0]
+    assert cover_factor(()) == cover_factor((body.model_copy(update={"depth": 32e-3}),)) == 1.0
+    near, nearer = (cover_factor((body.model_copy(update={"depth": 4e-3 + cover}),)) for cover in (2e-3, 1e-3))
+    assert 1.0 < near < nearer < cover_factor((body, body.model_copy(update={"depth": 4.1e-3})))

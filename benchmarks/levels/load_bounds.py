@@ -1,0 +1,196 @@
+"""Whether the plan's cheap bounds on loads hold: scenes drawn on the axis, pressed by level contact as far as the rule knows.
+
+    python -m benchmarks.levels.load_bounds --scenes 60 --seed 0 [--light]
+
+For each scene: the largest load of which the rule says anything; the largest share of the bounds that ratio, stresses, stiffness
+and log-sensitivity take up to there (1 is all of it; what two meshes differ by is taken off); the load at which the gap closes
+over that up to which the plan, and the bound for formulas (PL.4), say that it stays open (1 or more is right). With --light
+0.15 of the largest load has to do, where the shares are about as large, and no gap is closed: some 4 s a scene in place of 15.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from geometry import ProbeError, Scene
+from geometry.common.errors import SolveError
+from geometry.common.resources import LimitReached, timed
+from geometry.scenes.scene_file import scene_from_dict
+from solver.contact.level import ContactLevel
+from solver.contact.limits import gap_closure_load
+from solver.contact.loaded import LoadedScene
+from solver.planning.load_check import load_rule
+from solver.planning.loads import LoadRule, least_closure, log_sensitivity_change, ratio_change
+
+SHARES, LIGHT = (0.1, 0.3, 1.0), (0.15,)  # of the largest load of which the rule says anything
+SMALL = 1e-5  # log-sensitivities that differ by less are alike: what every level promises
+
+
+@dataclass(frozen=True)
+class Audit:
+    """What one scene says of the bounds.
+
+    Attributes:
+        force: the largest that contact was pressed to, N.
+        x: of the rule there.
+        used: shares of the bounds on ratio, stresses, stiffness and log-sensitivity.
+        open: closure load over what the plan says, and over what formulas say.
+        closes: whether it does; else ``open`` are bounds from below.
+    """
+
+    force: float
+    x: float
+    used: tuple[float, ...]
+    open: tuple[float, ...]
+    closes: bool
+
+    @property
+    def optimistic(self) -> bool:
+        """Whether a bound does not hold."""
+        return max(self.used) > 1 or (self.closes and min(self.open) < 1)
+
+
+def draws(seed: int) -> Iterator[Scene]:
+    """Scenes that the models allow, without an end: deep and shallow, stiff and soft, layered or not."""
+    random = np.random.default_rng(seed)
+
+    def log(low: float, high: float) -> float:
+        return float(np.exp(random.uniform(math.log(low), math.log(high))))
+
+    while True:
+        inner = log(1.5e-3, 6e-3)
+        probe = {
+            "inner_radius": f"{inner} m", "area_ratio": log(0.2, 5), "gap": f"{inner * log(0.01, 0.12)} m",
+            "height": f"{inner * log(0.3, 2)} m", "base": {"rigid": True},
+        }  # fmt: skip
+        tissue = log(1e3, 2e4)
+        for block in ("inner", "outer"):
+            probe[block] = {"youngs_modulus": f"{tissue * log(3, 200)} Pa", "poisson_ratio": random.choice([0.4, 0.48, 0.499])}
+        depth, nu = inner * log(2, 15), random.choice([0.4, 0.45, 0.49, 0.499])
+        cover = log(0.1, 1.5)
+        diameter = depth * random.uniform(0.15, 0.45)
+        body = {
+            "diameter": f"{diameter} m", "depth": f"{diameter * (0.5 + cover)} m", "poisson_ratio": nu,
+            "youngs_modulus": f"{tissue * log(0.1, 100)} Pa",
+        }  # fmt: skip
+        ground: dict[str, Any] = {
+            "shape": "cylinder", "radius": f"{inner * log(5, 15)} m", "depth": f"{depth} m", "youngs_modulus": f"{tissue} Pa",
+            "poisson_ratio": nu,
+        }  # fmt: skip
+        if random.random() < 0.2:
+            skin = {"thickness": f"{inner * log(0.05, 0.5)} m", "youngs_modulus": f"{tissue * log(0.2, 30)} Pa"}
+            ground["layer"] = [skin | {"poisson_ratio": nu}]
+        scene = {"probe": probe, "tissue": ground, "inclusion": [body], "load": {"force": "1 mN"}}
+        try:
+            yield scene_from_dict(scene)
+        except (ProbeError, ValueError):
+            continue
+
+
+def audit(scene: Scene, light: bool = False) -> Audit:
+    """Press a scene and hold it against the rule."""
+    with timed():
+        on = ContactLevel().pressed(scene)
+    totals = on.linear.films[0].totals
+    rule = replace(load_rule(scene), stiffness=float(totals.sum()))
+    used, force = np.zeros(4), 0.0
+    for share in LIGHT if light else SHARES:
+        try:
+            with timed():
+                force = on.at_force(share * rule.known).point.force
+        except (SolveError, LimitReached, ProbeError):
+            break
+        used = np.maximum(used, _used(on, rule, force))
+    closes, closure = (False, force) if light else _closure(on)
+    formulas = replace(rule, closure=least_closure(scene, totals))
+    opened = (closure / rule.known, closure / formulas.known)
+    return Audit(force, rule.x(force), tuple(used.tolist()), opened, closes)
+
+
+def _used(on: LoadedScene, rule: LoadRule, force: float) -> np.ndarray[Any, Any]:
+    """Shares of the bounds on ratio, stresses, stiffness and log-sensitivity that a load takes."""
+    _, path = on.paths
+    _, point = (one.at_force(force) for one in on.paths)
+    rest, bound = path.points[0], ratio_change(rule.x(force), rule.covered)
+    off = on.differences(point.indentation)
+    films = np.abs(point.films / point.indentation / rest.tangent - 1) - off.films
+    stiffness = abs(point.force / point.indentation / rest.tangent.sum() - 1) - off.films.max()
+    odds = abs(_ratio(point.films) / _ratio(rest.tangent) - 1) - off.log_ratio
+    first, then = on.sensitivity(path, rest), on.sensitivity(path, point)
+    slope = max(0.0, abs(then - first) - SMALL - off.sensitivity * max(abs(first), abs(then))) / abs(first)
+    strained = (odds / bound, films.max() / bound, stiffness / bound)
+    return np.array([*strained, slope / log_sensitivity_change(rule.x(force))])
+
+
+def _ratio(films: Any) -> float:
+    return float(films[0] / films[1])
+
+
+def _closure(on: LoadedScene) -> tuple[bool, float]:
+    """Whether the gap closes, and the load, N: where it does or as far as it does not."""
+    path = on.paths[0]
+    try:
+        with timed():
+            found = gap_closure_load(path)
+    except (SolveError, LimitReached):
+        found = None
+    return found is not None, path.last.force if found is None else found.force
+
+
+def described(scene: Scene) -> str:
+    """A scene in a few numbers."""
+    probe, tissue, body = scene.probe, scene.tissue, scene.inclusion[0]
+    radius, E = probe.tube_radius, tissue.youngs_modulus
+    deep = 0.0 if tissue.shape == "half-space" else tissue.depth / radius
+    moduli = ", ".join(f"{one / E:.3g}" for one in (probe.inner.youngs_modulus, probe.outer.youngs_modulus, body.youngs_modulus))
+    layers = f", skin {tissue.layer[0].youngs_modulus / E:.2g}" if tissue.layer else ""
+    return f"gap {probe.gap / radius:.3f} R, tissue {deep:.2g} R, nu {tissue.poisson_ratio:g}, moduli {moduli}{layers}"
+
+
+def main() -> None:
+    """Draw, press, count."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scenes", type=int, default=60)
+    parser.add_argument("--first", type=int, default=0, help="the number of the first that is pressed")
+    parser.add_argument("--light", action="store_true", help="small loads only")
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    print("| scene | force, N | x | ratio | stresses | stiffness | log-sensitivity | closure / plan's | / formulas' |")
+    print("|---|---|---|---|---|---|---|---|---|")
+    audits: list[Audit] = []
+    for number, scene in zip(range(options.first + options.scenes), draws(options.seed), strict=False):
+        if number < options.first:
+            continue
+        try:
+            one = audit(scene, options.light)
+        except (ProbeError, LimitReached) as fault:
+            print(f"| {number}: {described(scene)} | refused: {fault} |", flush=True)
+            continue
+        audits.append(one)
+        shares = " | ".join(f"{value:.2f}" for value in one.used)
+        more = "" if one.closes else "> "
+        opened = " | ".join(f"{more}{value:.3g}" for value in one.open)
+        mark = " **optimistic**" if one.optimistic else ""
+        print(f"| {number}: {described(scene)}{mark} | {one.force:.3g} | {one.x:.2g} | {shares} | {opened} |", flush=True)
+    _summary(audits)
+
+
+def _summary(audits: list[Audit]) -> None:
+    used = np.array([one.used for one in audits])
+    closed = np.array([one.open for one in audits if one.closes])
+    print(f"\n{len(audits)} scenes, {sum(one.optimistic for one in audits)} of them optimistic")
+    print("largest shares of the bounds on ratio, stresses, stiffness, log-sensitivity:", np.round(used.max(axis=0), 2).tolist())
+    print("medians:", np.round(np.median(used, axis=0), 2).tolist())
+    if len(closed):
+        least, middle = np.round(closed.min(axis=0), 2).tolist(), np.round(np.median(closed, axis=0), 1).tolist()
+        print(f"closure over the plan's and over the formulas', {len(closed)} scenes: least {least}, median {middle}")
+
+
+if __name__ == "__main__":
+    main()

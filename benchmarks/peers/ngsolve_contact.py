@@ -1,0 +1,264 @@
+"""NGSolve pressing a probe at finite strain, with contact, as its best user would.
+
+Curved triangles, refined at the blocks' corners; displacements alone or with pressures of their own; what lies inside elements
+condensed; ``ContactBoundary`` with penalties for the gap's walls and for each wall with the tissue beside it; each load's start
+extrapolated from the last three; the log-sensitivity from two solutions of the loaded state's tangent. The law is
+
+    W = mu/2 (J^(-2/3) I1 - 3) + K/4 (J^2 - 1 - 2 ln J).
+
+Where tissue and wall leave their common corner at a right angle ``ContactBoundary`` finds penetration in rounding: points count
+as they turn to the wall. Lengths are in inner radii, moduli in the tissue's.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import ngsolve as ngs
+import numpy as np
+from netgen.meshing import MeshingParameters, NgException
+
+from benchmarks.peers.ngsolve_meridian import CONTACT, corners, geometry, vertices
+from benchmarks.references.axisymmetric import materials
+from benchmarks.references.outline import ENDS, INCLUSION, INNER, NAMES, OUTER, Edge, outline, sizes
+from geometry import Probe, Scene
+from geometry.common.arrays import Floats
+
+SMALL = 1e-4  # the first indentation
+LEAST_STEP, MOST_STEPS, SHORTEST = 1e-4, 25, 0.2  # of indentations; Newton's steps, and the least share of one
+CHANGE = 1e-4  # of ln E for the derivative of the forces
+GAP, SIDE = ("hole wall", "inner wall"), (("strip", "inner wall"), ("strip", "hole wall"), ("top", "tube wall"))
+
+
+@dataclass(frozen=True)
+class ContactSetting:
+    """One discretisation.
+
+    Attributes:
+        order: of the displacements.
+        size: of an element over the distance to the next edge of the same body.
+        layers: geometric layers at the blocks' lower corners.
+        mixed: whether pressures, of two orders less, are unknowns too.
+        penalties: of the gap's walls and of walls with tissue, tissue moduli per inner radius.
+        blur: gap over which the penalties' kink is rounded.
+        tolerance: of Newton's steps, relative to the displacements.
+    """
+
+    order: int
+    size: float
+    layers: int = 0
+    mixed: bool = False
+    penalties: tuple[float, float] = (800.0, 3000.0)
+    blur: float = 1e-4
+    tolerance: float = 1e-6
+
+
+def make_mesh(scene: Scene, setting: ContactSetting) -> ngs.Mesh:
+    """Mesh the meridian plane, its lines named that may touch."""
+    edges = [replace(edge, name=touching(edge, scene.probe)) for edge in outline(scene)]
+    shape = geometry(edges, dict.fromkeys(vertices(edges), 1e9), corners(edges, CONTACT))
+    parameters = MeshingParameters(maxh=1e9, grading=0.5 * setting.size)
+    for r, z, h in sizes(edges, setting.size):
+        parameters.RestrictH(r, z, 0.0, h)
+    mesh = ngs.Mesh(shape.GenerateMesh(mp=parameters))
+    if setting.layers:
+        mesh.RefineHP(setting.layers)
+    mesh.Curve(setting.order)
+    return mesh
+
+
+def touching(edge: Edge, probe: Probe) -> str:
+    """Return the name of a line that may touch another, or the edge's own."""
+    if edge.name != "free":
+        return edge.name
+    hole, (a, low), (b, high) = probe.hole_radius / probe.inner_radius, edge.start, edge.end
+    if low == high == 0:
+        return "strip" if max(a, b) <= hole else "top"
+    if a == b and INNER in (edge.left, edge.right):
+        return "inner wall"
+    if a == b and OUTER in (edge.left, edge.right):
+        return "hole wall" if a == hole else "tube wall"
+    return edge.name
+
+
+def stored(displacement: Any, young: Any, nu: Any, pressure: Any = None) -> Any:
+    """Return W; with a pressure p its bulk part U(J) as p (J - J*) + U(J*), J* that at which U' = p."""
+    slope = ngs.Grad(displacement)
+    a, b, c, d, hoop = 1 + slope[0, 0], slope[0, 1], slope[1, 0], 1 + slope[1, 1], 1 + displacement[0] / ngs.x
+    volume, first = (a * d - b * c) * hoop, a**2 + b**2 + c**2 + d**2 + hoop**2
+    shear, bulk = young / (2 * (1 + nu)), young / (3 * (1 - 2 * nu))
+    held, share = volume, 0.0
+    if pressure is not None:
+        x = pressure / bulk
+        held = x + ngs.sqrt(1 + x * x)
+        share = pressure * (volume - held)
+    return shear / 2 * (volume ** (-2 / 3) * first - 3) + share + bulk / 4 * (held**2 - 1 - 2 * ngs.log(held))
+
+
+class PressedProbe:
+    """A bonded probe pressed further and further; ``steps`` counts those of Newton's method."""
+
+    def __init__(self, scene: Scene, setting: ContactSetting) -> None:
+        self.scene, self.setting, self.mesh = scene, setting, make_mesh(scene, setting)
+        held = "bottom|" + "|".join(ENDS)
+        body = ngs.VectorH1(self.mesh, order=setting.order, dirichletx=held + "|axis", dirichlety=held)
+        self.space = ngs.FESpace([body, ngs.L2(self.mesh, order=setting.order - 2)]) if setting.mixed else body
+        self.state = ngs.GridFunction(self.space)
+        self.displacement = self.state.components[0] if setting.mixed else self.state
+        self.free = self.space.FreeDofs(True)
+        self.unknowns, self.steps = int(self.free.NumSet()), 0
+        self.reached: list[tuple[float, Floats]] = []
+        self.lifts = [self._lift(end) for end in ENDS]
+        self._forms()
+
+    def _forms(self) -> None:
+        """Forms of all bodies, with contact, and of the sphere alone."""
+        trial = self.space.TrialFunction()
+        moved, pressure = trial if self.setting.mixed else (trial, None)
+        bodies, unit = materials(self.scene), self.scene.tissue.youngs_modulus
+        self.stiffer = ngs.Parameter(1.0)
+        young = self.mesh.MaterialCF({NAMES[k]: one.youngs_modulus / unit for k, one in bodies.items()})
+        young *= self.mesh.MaterialCF({NAMES[INCLUSION]: self.stiffer}, default=1.0)
+        nu = self.mesh.MaterialCF({NAMES[k]: one.poisson_ratio for k, one in bodies.items()})
+        energy = (2 * math.pi * ngs.x * stored(moved, young, nu, pressure)).Compile()
+        self.form = ngs.BilinearForm(self.space, symmetric=True, condense=True)
+        self.form += ngs.Variation(energy * ngs.dx(bonus_intorder=4))
+        self.sphere = ngs.BilinearForm(self.space, symmetric=True)
+        self.sphere += ngs.Variation(energy * ngs.dx(definedon=self.mesh.Materials(NAMES[INCLUSION]), bonus_intorder=4))
+        self.contacts = [self._contact(moved, *GAP, self.setting.penalties[0])]
+        self.contacts += [self._contact(moved, *names, self.setting.penalties[1]) for names in SIDE]
+
+    def _contact(self, moved: Any, slave: str, master: str, penalty: float) -> ngs.ContactBoundary:
+        found = ngs.ContactBoundary(self.mesh.Boundaries(slave), self.mesh.Boundaries(master))
+        place, blur = ngs.CF((ngs.x, ngs.y)), self.setting.blur
+        into = (place + moved - place.Other() - moved.Other()) * found.normal
+        rounded = ngs.IfPos(into - blur, into**2 / 2 + blur**2 / 6, ngs.IfPos(into + blur, (into + blur) ** 3 / (12 * blur), 0))
+        towards = found.normal[0] if (slave, master) == SIDE[1] else -found.normal[0]
+        share = (towards - 0.3) / 0.4
+        turned = ngs.IfPos(share, ngs.IfPos(1 - share, share**2 * (3 - 2 * share), 1), 0)
+        found.AddEnergy(2 * math.pi * ngs.x * penalty * rounded * turned)
+        return found
+
+    def _lift(self, end: str) -> Any:
+        lift = ngs.GridFunction(self.space)
+        body = lift.components[0] if self.setting.mixed else lift
+        body.Set(ngs.CF((0.0, -1.0)), definedon=self.mesh.Boundaries(end))
+        return lift.vec
+
+    def press(self, indentation: float) -> None:
+        """Go on to an indentation, where Newton's method fails in two steps.
+
+        Raises:
+            ArithmeticError: it fails in the smallest ones too.
+        """
+        before, kept = self.reached[-1] if self.reached else (0.0, self.state.vec.FV().NumPy().copy())
+        if not self.reached and indentation > SMALL:
+            self.press(SMALL)
+            before, kept = self.reached[-1]
+        try:
+            self._extrapolate(indentation)
+            self._balance()
+        except (ArithmeticError, NgException) as fault:
+            if indentation - before < LEAST_STEP:
+                raise ArithmeticError(f"no step beyond {before:g} converges") from fault
+            self.state.vec.FV().NumPy()[:] = kept
+            self.press((before + indentation) / 2)
+            self.press(indentation)
+            return
+        self.reached.append((indentation, self.state.vec.FV().NumPy().copy()))
+
+    def _extrapolate(self, indentation: float) -> None:
+        """Start from the polynomial through the last three states."""
+        near = self.reached[-3:]
+        if not near:
+            self.state.vec.data = indentation * (self.lifts[0] + self.lifts[1])
+            return
+        states = near if len(near) > 1 else [(0.0, 0 * near[0][1]), *near]
+        weights = [math.prod((indentation - b) / (a - b) for b, _ in states if b != a) for a, _ in states]
+        self.state.vec.FV().NumPy()[:] = sum(w * state for w, (_, state) in zip(weights, states, strict=True))
+
+    def _residual(self) -> Any:
+        found = self.state.vec.CreateVector()
+        for one in self.contacts:
+            one.Update(self.displacement, self.form, 2 * self.setting.order + 2, 0.05)
+        self.form.Apply(self.state.vec, found)
+        return found
+
+    def _balance(self) -> None:
+        """Take Newton's steps, halved where forces grow; normals are those of the last step, so they end linearly."""
+        vec, inner = self.state.vec, ngs.Projector(self.space.FreeDofs(), True)
+        residual, step, kept = self._residual(), vec.CreateVector(), vec.CreateVector()
+        for count in range(MOST_STEPS):
+            before = ngs.Norm((inner * residual).Evaluate())
+            self._solve(residual, step)
+            kept.data, share = vec, 1.0
+            while True:
+                vec.data = kept - share * step
+                residual = self._residual()
+                now = ngs.Norm((inner * residual).Evaluate())
+                if count == 0 or (math.isfinite(now) and (now <= 2 * before or share <= SHORTEST)):
+                    break
+                if not math.isfinite(now) and share < LEAST_STEP:
+                    raise ArithmeticError("an element folds over")
+                share /= 2
+            if share == 1 and ngs.Norm(step) <= self.setting.tolerance * ngs.Norm(vec):
+                return
+        raise ArithmeticError("Newton's method does not converge")
+
+    def _solve(self, residual: Any, step: Any) -> None:
+        """Solve with the tangent."""
+        self.form.AssembleLinearization(self.state.vec)
+        load = residual.CreateVector()
+        load.data = residual
+        load.data += self.form.harmonic_extension_trans * residual
+        step.data = self.form.mat.Inverse(self.free, "sparsecholesky") * load
+        step.data += self.form.harmonic_extension * step
+        step.data += self.form.inner_solve * residual
+        self.steps += 1
+
+    def films(self) -> Floats:
+        """Return both film forces, tissue moduli times inner radii squared."""
+        residual = self._residual()
+        return np.array([ngs.InnerProduct(residual, lift) for lift in self.lifts])
+
+    def closest_walls(self) -> float:
+        """Return the least distance of the gap's walls, inner radii, at points of equal height."""
+        heights = np.linspace(0, 1, 201) * min(self.scene.probe.core_height, self.scene.probe.tube_height)
+        lines = []
+        for radius in (1 - 1e-9, self.scene.probe.hole_radius / self.scene.probe.inner_radius + 1e-9):
+            points = [(radius, z / self.scene.probe.inner_radius) for z in heights]
+            moved = np.array([self.displacement(self.mesh(*point)) for point in points])
+            lines.append(np.array(points) + moved)
+        inner, hole = lines
+        return float(np.min(np.interp(inner[:, 1], hole[:, 1], hole[:, 0]) - inner[:, 0]))
+
+    def log_sensitivity(self, films: Floats) -> float:
+        """Return that of the ratio at one force."""
+        self.form.AssembleLinearization(self.state.vec)
+        inverse, driven = self.form.mat.Inverse(self.free, "sparsecholesky"), self._by_modulus()
+        bases, by_modulus = [], []
+        for lift in self.lifts:
+            base = lift.CreateVector()
+            base.data = lift - inverse * (self.form.mat * lift).Evaluate()
+            bases.append(base)
+            whole = base.CreateVector()
+            whole.data = base + self.form.harmonic_extension * base
+            by_modulus.append(ngs.InnerProduct(whole, driven))
+        products = [[ngs.InnerProduct((self.form.mat * a).Evaluate(), b) for a in bases] for b in bases]
+        deeper, change = np.sum(products, axis=1), np.array(by_modulus)
+        change -= deeper * change.sum() / deeper.sum()
+        return float(change @ (np.array([1.0, -1.0]) / films))
+
+    def _by_modulus(self) -> Any:
+        """The forces' derivative by ln E of the sphere, its strains and pressures held."""
+        ends = []
+        for sign in (1, -1):
+            self.stiffer.Set(math.exp(sign * CHANGE))
+            ends.append(self.state.vec.CreateVector())
+            self.sphere.Apply(self.state.vec, ends[-1])
+        self.stiffer.Set(1.0)
+        ends[0].data -= ends[1]
+        ends[0].data *= 1 / (2 * CHANGE)
+        return ends[0]

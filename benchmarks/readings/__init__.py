@@ -1,0 +1,1 @@
+"""Simulated readings, good and faulty: is what they state believed rightly, and can hours be read?"""

@@ -1,0 +1,77 @@
+"""Stated against true errors of the ratio, reading by reading: `nice python -m benchmarks.readings.coverage [--draws N]`.
+
+A row counts what came of a fault: how many readings were refused; of the others, how many were told with a warning, the root
+mean square of error over stated standard deviation, the largest, and the stated standard deviation.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from statistics import median
+
+import numpy as np
+
+from benchmarks.readings.faults import AMPLIFIER, FAULTS, FREQUENCY, SENSITIVITY, TRUTH, good
+from hw.common.errors import HardwareError
+from hw.common.samples import Samples
+from hw.signal.measure import carried, measure
+
+
+@dataclass(frozen=True)
+class FaultOutcome:
+    """What came of one fault.
+
+    Attributes:
+        refused: how many readings.
+        z: errors of the others over their stated standard deviations.
+        stated: their stated standard deviations, relative.
+        reason: of the last refusal.
+    """
+
+    refused: int
+    z: list[float]
+    stated: list[float]
+    reason: str
+
+
+def told(samples: Samples) -> tuple[float, float]:
+    """Return the ratio of the charges' parts in phase and its standard deviation. Raises ``HardwareError``."""
+    found = measure(samples, AMPLIFIER, round(FREQUENCY), SENSITIVITY)
+    spread = carried(lambda x: x[:1] / x[1:], found.in_phase, found.in_phase_covariance)
+    return float(found.in_phase[0] / found.in_phase[1]), float(np.sqrt(spread[0, 0]))
+
+
+def outcome(name: str, draws: int) -> FaultOutcome:
+    """Return what comes of a fault in so many readings."""
+    z, stated, refused, reason = [], [], 0, ""
+    for seed in range(draws):
+        random = np.random.default_rng([seed, 5])
+        try:
+            ratio, spread = told(FAULTS[name](good(random), random))
+        except HardwareError as why:
+            refused, reason = refused + 1, str(why)
+            continue
+        z.append((ratio - TRUTH) / spread)
+        stated.append(spread / abs(ratio))
+    return FaultOutcome(refused, z, stated, reason)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--draws", type=int, default=20)
+    parser.add_argument("--only", default="", help="faults whose names hold this")
+    given = parser.parse_args()
+    print(f"{'':34} refused   rms z   max z   stated sd")
+    for name in (one for one in FAULTS if given.only in one):
+        found = outcome(name, given.draws)
+        left = f"{'-':>7} {'-':>7} {'-':>9}  {found.reason[:90]}"
+        if found.z:
+            rms, most = np.sqrt(np.mean(np.square(found.z))), np.abs(found.z).max()
+            left = f"{rms:7.2f} {most:7.2f} {100 * median(found.stated):9.3f} %"
+        print(f"{name:34} {found.refused:7d} {left}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

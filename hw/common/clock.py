@@ -1,0 +1,38 @@
+"""Does the rate that a device states agree with the time that passed?"""
+
+from __future__ import annotations
+
+from hw.common.samples import Samples
+from hw.common.transport import Chunk
+
+LATE = 0.3  # s, by which a chunk may come later than its samples: buffers of device and host
+OFF = 0.01  # relative, by which a clock may be wrong
+LEAST = 2.0  # s
+
+
+class Clock:
+    """Compares indices with time stamps, from the first chunk of a stream to the last.
+
+    Args:
+        rate: as the device states it, Hz.
+    """
+
+    def __init__(self, rate: float) -> None:
+        self._rate = rate
+        self._first: tuple[float, int] | None = None
+        self._stream = 0
+
+    def told(self, chunk: Chunk, block: Samples) -> str | None:
+        """Return in words what differs so far, or None; the chunk's samples must not be empty."""
+        if chunk.time is None:
+            return None
+        now = (chunk.time, int(block.index[-1]))
+        if self._first is None or chunk.stream != self._stream:
+            self._first, self._stream = now, chunk.stream
+        passed = now[0] - self._first[0]
+        if passed < LEAST:
+            return None
+        rate = (now[1] - self._first[1]) / passed
+        if abs(rate / self._rate - 1) < OFF + LATE / passed:
+            return None
+        return f"time stamps tell {rate:.4g} samples a second, not the stated {self._rate:.6g}: frequencies are off as much"

@@ -1,0 +1,109 @@
+"""Readings in stretches: what lies between gaps of unknown length, or what memory holds of a reading of hours.
+
+How much time passed between two stretches nobody knows, so each is fitted with a phase of its own; what they share is turned to
+the phase of the longest and averaged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.common.samples import Floats, Samples
+from hw.signal.sine_fit import Complexes, NoSine, SineFit, TooShort, fit_stretch
+
+SAME = 0.01  # relative, by which the stretches' frequencies may differ
+
+
+def sine_fit(samples: Samples, frequency: float | None = None) -> SineFit:
+    """Fit a sinusoidal load to all channels, stretch by stretch.
+
+    Args:
+        samples: of one reading.
+        frequency: of the load, Hz; it may be off by a tenth, or 1 Hz. None: looked for everywhere.
+
+    Raises:
+        NoSine: too short, too slowly sampled, or no sinusoid in it.
+    """
+    parts = sorted(stretches(samples), key=len, reverse=True)
+    fits = [fit_stretch(parts[0] if parts else samples, frequency)]
+    left_out = 0
+    for part in parts[1:]:
+        try:
+            fits.append(fit_stretch(part, fits[0].frequency))
+        except TooShort:
+            left_out += len(part)
+    return replace(combined(fits), left_out=left_out)
+
+
+def stretches(samples: Samples) -> Iterator[Samples]:
+    """Yield what lies between gaps of unknown length; nothing that is empty."""
+    unknown = [gap.first for gap in samples.gaps if gap.count < 0]
+    bounds = [0, *np.searchsorted(samples.index, unknown).tolist(), len(samples)]
+    for low, high in pairwise(bounds):
+        if high > low:
+            rows = {name: getattr(samples, name)[low:high] for name in ("index", "volts", "saturated")}
+            yield replace(samples, **rows)
+
+
+def combined(fits: Sequence[SineFit]) -> SineFit:
+    """Return one fit of several stretches of a reading: means by rows, in the phase of the first.
+
+    Raises:
+        NoSine: their frequencies differ.
+    """
+    if len(fits) == 1:
+        return fits[0]
+    frequencies = np.array([fit.frequency for fit in fits])
+    if np.ptp(frequencies) > SAME * frequencies.mean():
+        bounds = f"from {frequencies.min():.5g} to {frequencies.max():.5g} Hz"
+        raise NoSine(f"the load's frequency changes {bounds} during the reading: hold it")
+    rows = np.array([fit.rows for fit in fits], dtype=float)
+    shares = rows / rows.sum()
+    turns = [_turn(fits[0], fit) for fit in fits]
+    noise = np.einsum("p,pab->ab", shares, [fit.density for fit in fits])
+    mains = [(fit.rows, fit.mains) for fit in fits if fit.mains is not None]
+    return replace(
+        fits[0],
+        frequency=float(shares @ frequencies),
+        frequency_sd=float(np.sqrt(sum((w * fit.frequency_sd) ** 2 for w, fit in zip(shares, fits, strict=True)))),
+        amplitudes=_sum(w * turn * fit.amplitudes for w, turn, fit in zip(shares, turns, fits, strict=True)),
+        covariance=_sum(w**2 * fit.covariance for w, fit in zip(shares, fits, strict=True)),
+        offsets=_sum(w * fit.offsets for w, fit in zip(shares, fits, strict=True)),
+        offsets_sd=np.sqrt(_sum((w * fit.offsets_sd) ** 2 for w, fit in zip(shares, fits, strict=True))),
+        drift=np.ptp([fit.offsets for fit in fits], axis=0) + np.max([fit.drift for fit in fits], axis=0),
+        noise=np.sqrt(_sum(w * fit.noise**2 for w, fit in zip(shares, fits, strict=True))),
+        density=noise,
+        variance=float(sum(w**2 * fit.variance for w, fit in zip(shares, fits, strict=True))),
+        harmonics=_harmonics(fits, shares, turns),
+        spikes=np.sqrt(_sum((w * fit.spikes) ** 2 for w, fit in zip(shares, fits, strict=True))),
+        bent=_sum(w * fit.bent for w, fit in zip(shares, fits, strict=True)),
+        blocks=np.concatenate([turn * fit.blocks for turn, fit in zip(turns, fits, strict=True)]),
+        blocks_variance=np.concatenate([fit.blocks_variance for fit in fits]),
+        mains=max(mains, default=(0, None))[1],
+        seconds=sum(fit.seconds for fit in fits),
+        rows=int(rows.sum()),
+    )
+
+
+def _turn(first: SineFit, other: SineFit) -> complex:
+    """The factor of size 1 that brings a stretch to the phase of the first, weighed by noise."""
+    weights = 1 / np.maximum(np.diag(first.density), np.finfo(float).tiny)
+    product = complex((np.conj(other.amplitudes) * first.amplitudes * weights).sum())
+    return product / abs(product) if product else 1.0
+
+
+def _harmonics(fits: Sequence[SineFit], shares: Floats, turns: Sequence[complex]) -> Complexes:
+    """Those that all stretches have; the h-th turns h times as fast."""
+    least = min(len(fit.harmonics) for fit in fits)
+    orders = np.arange(2, 2 + least)[:, None]
+    return _sum(w * turn**orders * fit.harmonics[:least] for w, turn, fit in zip(shares, turns, fits, strict=True))
+
+
+def _sum(parts: Iterable[NDArray[Any]]) -> NDArray[Any]:
+    return np.asarray(np.sum(list(parts), axis=0))

@@ -1,0 +1,122 @@
+"""What a fit cannot see in itself: a wave that is bent, a load that changes, rows that do not belong. Refused, or counted.
+
+Counted are deviations as if they were standard deviations: what a channel does that the others do not cannot be told from
+what the load does, and which part of a reading is the true one nobody knows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hw.common.errors import HardwareError
+from hw.common.samples import Floats
+from hw.signal.sine_fit import SineFit
+from hw.signal.spectrum import MAINS, WANDERS
+from hw.signal.steadiness import steadiness
+
+MOST_LOAD = 0.1  # by which the load's amplitude may change
+MOST_PHASE = 0.2  # rad, likewise its phase
+MOST_OWN = 0.02  # likewise one channel beside the others
+MOST_BENT = 0.05  # of a channel's amplitude, by which its harmonics may have changed it
+WEAK = 0.1  # of the other film's amplitude: a film below it shows cross-talk, whose share may change by more
+BENDS = 3.0  # d a_1 / d a_3 of a cubic; of cut peaks 1, of a dead zone 3; d a_1 / d a_2 of cut half-waves up to 2.4
+SEEN = 5.0  # standard deviations of a harmonic
+
+
+class Flawed(HardwareError):  # noqa: N818 - says what is wrong
+    """A reading that a calibration may not use, or nobody."""
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """What the waveform adds to the noise, as standard deviations.
+
+    Attributes:
+        common: of all amplitudes alike, relative.
+        own: (c,) of each channel's amplitude, V.
+        warnings: one line each.
+    """
+
+    common: float
+    own: Floats
+    warnings: tuple[str, ...]
+
+    def covariance(self, fit: SineFit) -> Floats:
+        """Of (re, im) of each channel's amplitude in turn, V^2, like ``SineFit.covariance``."""
+        parts = np.stack([fit.amplitudes.real, fit.amplitudes.imag], axis=1).ravel()
+        return np.asarray(np.diag(np.repeat(self.own**2, 2)) + self.common**2 * np.outer(parts, parts))
+
+
+def doubt(fit: SineFit, channels: tuple[str, ...], response: Callable[[float], complex]) -> Doubt:
+    """Judge a fit's waveform.
+
+    Args:
+        fit: of all channels.
+        channels: their names; the films are the first two.
+        response: of the films' amplifiers at a frequency, Hz.
+
+    Raises:
+        Flawed: the load is not one steady sinusoid, or a channel bends it, beyond what may be counted.
+    """
+    noise = np.diag(fit.density)
+    steady = steadiness(fit.amplitudes, fit.blocks, fit.blocks_variance, noise)
+    if steady.load > MOST_LOAD:
+        raise Flawed(f"the load's amplitude changes by up to {100 * steady.load:.2g} % during the reading: keep it steady")
+    if steady.phase > MOST_PHASE:
+        raise Flawed(f"the load's phase changes by up to {steady.phase:.2g} rad during the reading: hold its frequency, or "
+                     "samples are missing that nobody counted")  # fmt: skip
+    sizes = np.abs(fit.amplitudes)
+    films = np.where(np.arange(len(sizes)) < 2, np.maximum(sizes, WEAK * sizes[:2].max()), sizes)
+    orders = np.arange(1, 2 + len(fit.harmonics))
+    seen = np.array([response(order * fit.frequency) / response(fit.frequency) for order in orders])
+    relative = np.where(np.arange(len(channels)) < 2, seen[1:, None], 1.0)
+    harmonic, shared = _bent(replace(fit, harmonics=fit.harmonics / relative), noise, "force" in channels)
+    bent = np.hypot(harmonic, fit.bent)
+    flaws = {"changes by up to {} % beside the others during the reading": (steady.channels, MOST_OWN),
+             "has harmonics that the load has not, worth {} %: is it cut off or overloaded?": (bent, MOST_BENT)}  # fmt: skip
+    for text, (found, most) in flaws.items():
+        worst = int(np.argmax(found / films))
+        if found[worst] > most * films[worst]:
+            raise Flawed(f"channel {channels[worst]} " + text.format(f"{100 * found[worst] / films[worst]:.2g}"))
+    common = float(np.hypot(np.hypot(steady.load, steady.phase**2 / 2), shared))
+    own = np.sqrt(steady.channels**2 + bent**2 + fit.spikes**2)
+    return Doubt(common, own, tuple(_warnings(fit, channels, common, own / films)))
+
+
+def _bent(fit: SineFit, noise: Floats, force: bool) -> tuple[Floats, float]:
+    """By how much each channel's own nonlinearity may have changed its amplitude, V, and that of all alike, relative.
+
+    A harmonic of the load is the same share a_h / a_1 of every channel.
+    """
+    spread = np.sqrt(noise * fit.variance)
+    weights = np.abs(fit.amplitudes) ** 2 / np.maximum(noise, np.finfo(float).tiny)
+    bent, shared = np.zeros(len(noise)), 0.0
+    for order, harmonic in enumerate(fit.harmonics, 2):
+        share = harmonic / fit.amplitudes
+        mean = (share * weights).sum() / weights.sum()
+        own = np.abs(share - mean) * np.abs(fit.amplitudes)
+        bent = np.hypot(bent, np.where(own > SEEN * spread, BENDS * own, 0.0))
+        if order % 2 and not force and abs(mean) > SEEN / np.sqrt(weights.sum() / fit.variance):
+            shared = BENDS * float(abs(mean))  # without a force channel nobody knows that the load has it
+    return bent, shared
+
+
+def _warnings(fit: SineFit, channels: tuple[str, ...], common: float, own: Floats) -> list[str]:
+    warnings = []
+    if common > 0:
+        warnings.append(f"the load changes or is bent by up to {100 * common:.2g} %: counted in the uncertainties")
+    warnings += [
+        f"channel {name} changes, is bent or has stray rows, worth up to {100 * one:.2g} %: counted in the uncertainties"
+        for name, one in zip(channels, own.tolist(), strict=True)
+        if one > 0
+    ]
+    if fit.left_out:
+        warnings.append(f"{fit.left_out} samples between gaps of unknown length are too few cycles: left out")
+    off = None if fit.mains is None else min((fit.mains - nominal for nominal in MAINS), key=abs)
+    if fit.mains is not None and off is not None and abs(off) > WANDERS:
+        text = f"a line like the mains stands at {fit.mains:.4g} Hz"
+        warnings.append(f"{text}: the sample rate may be off by {100 * off / (fit.mains - off):.2g} %")
+    return warnings

@@ -1,0 +1,175 @@
+"""Designs whose variables are changed so that they do what a built probe does: damped Gauss-Newton, solved anew at each step.
+
+What is positive is changed by factors, so that a modulus that is three times too small is as near as one three times too large.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from geometry.common.arrays import Floats
+from geometry.common.errors import ProbeError
+from geometry.scenes.scene import Scene
+from geometry.scenes.variables import changed
+from probe_design.built_probe.bench import Bench
+from probe_design.built_probe.block_predictions import MODULI, Shares, by_outer_radius, predicted
+from probe_design.built_probe.deviation import Deviation
+
+GAIN = "relative gain"
+STEPS = 12  # of Gauss-Newton
+HALVINGS = 6  # of a step that leads to no design, or to a worse one
+LARGEST = 0.7  # step: a factor of 2
+SETTLED = 0.05  # of the standard deviation
+LITTLE = 0.01  # gain, relative, for which no further step is made
+
+
+@dataclass(frozen=True)
+class Changes:
+    """Values of n variables, one or two, in place of the drawn ones; a step is one of ln(value), of Poisson's ratio its own.
+
+    Attributes:
+        drawn: the scene as drawn, its probe by its outer radius.
+        bench: for its blocks.
+        names: of the variables.
+        nominal, values: as drawn and as changed, SI; 1 for GAIN and MODULI, shape (n,).
+        there: the predictions of the changed design.
+    """
+
+    drawn: Scene
+    bench: Bench
+    names: tuple[str, ...]
+    nominal: Floats
+    values: Floats
+    there: Shares
+
+    @classmethod
+    def none(cls, scene: Scene, bench: Bench, shares: Shares, name: str) -> Changes:
+        """Return the design as drawn, whose predictions are known, to be changed in one variable."""
+        nominal = np.array([_nominal(shares, name)])
+        return cls(by_outer_radius(scene), bench, (name,), nominal, nominal, shares)
+
+    def and_other(self, shares: Shares, name: str) -> Changes:
+        """Return it to be changed in a second variable, which is as drawn so far."""
+        nominal = _nominal(shares, name)
+        names, both = (*self.names, name), np.append(self.nominal, nominal)
+        return replace(self, names=names, nominal=both, values=np.append(self.values, nominal))
+
+    @property
+    def per_step(self) -> Floats:
+        """Change of the values per step, shape (n,)."""
+        return np.array([1.0 if _additive(name) else value for name, value in zip(self.names, self.values, strict=True)])
+
+    def moved(self, steps: Floats) -> Changes | None:
+        """Return it after steps, shape (n,); None where there is no such design, or none that the level takes."""
+        moves = zip(self.names, self.values, steps, strict=True)
+        values = np.array([value + step if _additive(name) else value * np.exp(step) for name, value, step in moves])
+        try:
+            return replace(self, values=values, there=self._predicted(values))
+        except (ValueError, ProbeError):  # pydantic's and ours
+            return None
+
+    def left(self, deviation: Deviation) -> Floats:
+        """Return what the changed design leaves of a deviation, shape (k,)."""
+        off = deviation.logs - self.there.log_ratios
+        for name, value, nominal in zip(self.names, self.values, self.nominal, strict=True):
+            off = off - np.log(value) if name == GAIN else off + deviation.bias(name) * (value - nominal)
+        return np.asarray(off)
+
+    def slopes(self, deviation: Deviation, names: tuple[str, ...] = ()) -> Floats:
+        """Return by how much the deviation moves per step of these variables, or of its own, shape (k, n)."""
+        return np.stack([self._slope(deviation, name) for name in names or self.names], axis=1)
+
+    def _slope(self, deviation: Deviation, name: str) -> Floats:
+        if name == GAIN:
+            return np.ones(len(deviation.logs))
+        slope = self.there.slopes[:, self.there.variables.index(name)]
+        if name == MODULI:  # by ln of the blocks' moduli, whatever these are
+            return slope
+        value = dict(zip(self.names, self.values, strict=True)).get(name, _nominal(self.there, name))
+        return (slope - deviation.bias(name)) * (1.0 if _additive(name) else value)
+
+    def _predicted(self, values: Floats) -> Shares:
+        new = dict(zip(self.names, values.tolist(), strict=True))
+        new.pop(GAIN, None)
+        if not new:
+            return self.there
+        factor = new.pop(MODULI, 1.0)
+        blocks = [one.model_copy(update={"youngs_modulus": (one.youngs_modulus or 0.0) * factor}) for one in self.bench.blocks]
+        return predicted(changed(self.drawn, new), blocks)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Changes that explain a deviation best.
+
+    Attributes:
+        changes: of n variables.
+        chi_square: that they leave.
+        uncertainties: standard deviations of the values, SI, shape (n,).
+    """
+
+    changes: Changes
+    chi_square: float
+    uncertainties: Floats
+
+
+def settled(changes: Changes, deviation: Deviation) -> Fit:
+    """Fit the values, from those that stand there."""
+    weight = deviation.weight(*changes.names)
+    for _ in range(STEPS):
+        step, spread = _newton(changes, deviation, weight)
+        nearer = _nearer(changes, deviation, weight, step * min(1.0, LARGEST / float(np.abs(step).max())))
+        if nearer is None:
+            break
+        gained = _chi_square(changes, deviation, weight) - _chi_square(nearer, deviation, weight)
+        changes = nearer
+        if np.all(np.abs(step) < SETTLED * spread) or gained < LITTLE * (1.0 + _chi_square(nearer, deviation, weight)):
+            break
+    _, spread = _newton(changes, deviation, weight)
+    return Fit(changes, _chi_square(changes, deviation, weight), spread * changes.per_step)
+
+
+def linear_left(fit: Fit, deviation: Deviation, other: str) -> float:
+    """Return the chi-square that a second variable would leave, linearly about a fit of one."""
+    names = (*fit.changes.names, other)
+    weight = deviation.weight(*names)
+    slopes, off = fit.changes.slopes(deviation, names), fit.changes.left(deviation)
+    root = np.linalg.cholesky(weight).T
+    steps = np.linalg.lstsq(root @ slopes, root @ off)[0]
+    rest = off - slopes @ steps
+    return float(rest @ weight @ rest)
+
+
+def _newton(changes: Changes, deviation: Deviation, weight: Floats) -> tuple[Floats, Floats]:
+    """The step that linear theory asks for, and its standard deviations, shape (n,) each."""
+    slopes, root = changes.slopes(deviation), np.linalg.cholesky(weight).T
+    step = np.linalg.lstsq(root @ slopes, root @ changes.left(deviation))[0]
+    information = slopes.T @ weight @ slopes
+    scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+    spread = np.sqrt(np.diag(np.linalg.pinv(information / np.outer(scale, scale)))) / scale
+    return np.asarray(step), np.asarray(spread)
+
+
+def _nearer(changes: Changes, deviation: Deviation, weight: Floats, step: Floats) -> Changes | None:
+    """The changes after a step, halved until it leads to a design that leaves less."""
+    before = _chi_square(changes, deviation, weight)
+    for halving in range(HALVINGS):
+        there = changes.moved(step / 2**halving)
+        if there is not None and _chi_square(there, deviation, weight) < before:
+            return there
+    return None
+
+
+def _chi_square(changes: Changes, deviation: Deviation, weight: Floats) -> float:
+    rest = changes.left(deviation)
+    return float(rest @ weight @ rest)
+
+
+def _nominal(shares: Shares, name: str) -> float:
+    return 1.0 if name == GAIN else float(shares.nominal[shares.variables.index(name)])
+
+
+def _additive(name: str) -> bool:
+    return name.endswith("poisson_ratio")

@@ -1,0 +1,188 @@
+"""The calibration as one page to print: what to press, how hard, what the films should then say, and the commands.
+
+Its numbers are the probe's and the bench's own: expected signals let the person at the bench notice an exchanged cable at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from geometry.cad import fixture
+from geometry.cad.drawing import outlines
+from geometry.cad.solids import COLOURS
+from geometry.scenes.probe import Probe, mm
+from geometry.scenes.scene import Scene
+from probe_design.built_probe.bench import Bench
+from probe_design.built_probe.block_predictions import LINEAR, predicted
+from probe_design.built_probe.virtual_probe import charge_per_force
+from solver.planning.load_check import largest
+
+NAME = "calibration.pdf"
+SHEET = (8.27, 11.69)  # inches: A4
+SAFE = 0.8  # of the largest load that linear elasticity allows on the softest block
+MOST_ROWS = 20  # references that the page has room for
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What a reference should give: its name, the load's amplitude (N), the inner film's share, both amplitudes (V)."""
+
+    name: str
+    load: float
+    share: float
+    volts: tuple[float, float]
+
+
+def expectations(scene: Scene, bench: Bench) -> tuple[Expected, ...]:
+    """Return what each of the bench's references should give at the scene's force, or less where a block allows less.
+
+    Raises:
+        Refusal: the meridian level cannot take the probe.
+    """
+    shares = predicted(scene, bench.reference)
+    limits = [largest(one.rule, LINEAR, promise=False).force for one in shares.blocks if one.rule is not None]
+    load = min([SAFE * one for one in limits] + ([] if scene.load.force is None else [scene.load.force]), default=0.01)
+    volts = abs(charge_per_force(scene) * bench.amplifier.built().response(bench.load.frequency))
+    blocks = iter(1 / (1 + np.exp(-shares.log_ratios)))
+    inner = [{"inner": 1.0, "outer": 0.0}.get(one.on) for one in bench.reference]
+    parts = [float(next(blocks)) if share is None else share for share in inner]
+    return tuple(
+        Expected(one.name, load, part, (load * volts * part, load * volts * (1 - part)))
+        for one, part in zip(bench.reference, parts, strict=True)
+    )
+
+
+def writers(scene: Scene, bench: Bench, name: str) -> dict[str, Callable[[Path], object]]:
+    """Return by file name what writes the fixture's parts and the page; ``name`` is the scene's file.
+
+    Raises:
+        InputError: a block is too narrow for the fixture.
+        MissingLibrary: see ``geometry.cad.solids.cadquery``.
+        Refusal: the meridian level cannot take the probe.
+    """
+    page = partial(draw, scene.probe, bench, expectations(scene, bench), name)
+    return {**fixture.writers(scene.probe), NAME: page}
+
+
+def draw(probe: Probe, bench: Bench, expected: Sequence[Expected], name: str, path: Path) -> Path:
+    """Write the page as a PDF, or by the path's suffix as a picture; returns ``path``."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=SHEET, facecolor="white")
+    FigureCanvasAgg(figure)
+    figure.text(0.07, 0.955, "Calibration of a tactile probe", fontsize=17, weight="bold")
+    figure.text(0.07, 0.948, _headline(probe, name), fontsize=8.5, va="top")
+    for at, (part, title) in enumerate((("pin", "1  pin: inner block alone"), ("ring", "2  ring: outer block alone"))):
+        _section(figure.add_axes((0.05 + 0.46 * at, 0.69, 0.44, 0.215)), probe, part, title)
+    _table(figure, expected[:MOST_ROWS])
+    foot = 0.645 - 0.0185 * (min(len(expected), MOST_ROWS) + 2)
+    for line, text in enumerate(_steps(bench, expected, name)):
+        mono = text.startswith("   $")
+        figure.text(0.07, foot - 0.0168 * line, text, fontsize=8.3 if mono else 9, family="monospace" if mono else None)
+    figure.text(
+        0.07,
+        0.03,
+        "date                         by                              probe no.                         room, °C",
+        fontsize=9,
+    )
+    figure.savefig(path, format=path.suffix.removeprefix(".") or "pdf", dpi=150)
+    return path
+
+
+def _headline(probe: Probe, name: str) -> str:
+    radii = f"inner radius {mm(probe.inner_radius)}, gap {mm(probe.gap)}, outer radius {mm(probe.tube_radius)}"
+    heights = f"heights {mm(probe.core_height)} and {mm(probe.tube_height)}"
+    moduli = f"moduli {probe.inner.youngs_modulus / 1e3:.4g} and {probe.outer.youngs_modulus / 1e3:.4g} kPa"
+    return f"{name[:90]}\n{radii}; {heights}; {moduli}"
+
+
+def _section(axes: Any, probe: Probe, part: str, title: str) -> None:
+    """The probe on pin or ring, the sleeve up (outlined) and down."""
+    sizes = fixture.fixture_sizes(probe)
+    for name, polygons in outlines(probe).items():
+        for polygon in polygons:
+            axes.fill(*zip(*polygon, strict=True), facecolor=(*COLOURS[name], 0.75), edgecolor="0.2", lw=0.5)
+    for polygon in _pressing(sizes, part):
+        axes.fill(*zip(*polygon, strict=True), facecolor=(*COLOURS[part], 0.8), edgecolor="0.2", lw=0.5)
+    low = -fixture.RISE - sizes.sleeve
+    for bottom, style in ((low, "-"), (-fixture.RISE - fixture.GRIP, "--")):
+        for side in (-1, 1):
+            inner, outer = side * sizes.bore, side * (sizes.bore + fixture.WALL)
+            x, z = (inner, outer, outer, inner, inner), (bottom, bottom, *2 * (bottom + sizes.sleeve,), bottom)
+            axes.plot(x, z, style, color="0.35", lw=0.9)
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+    axes.set_title(title, fontsize=9.5, loc="left")
+    axes.text(
+        0.5, -0.03, "sleeve: up to centre (dashed), down to read", transform=axes.transAxes, fontsize=7.5, ha="center", va="top"
+    )
+
+
+def _pressing(sizes: fixture.FixtureSizes, part: str) -> list[list[tuple[float, float]]]:
+    low, top, foot = -fixture.RISE - sizes.sleeve, -fixture.RISE, sizes.carrier + fixture.WALL
+    boxes = [(-foot, foot, low - fixture.FOOT, low), (-sizes.carrier, sizes.carrier, low, top)]
+    inner, outer = sizes.ring
+    boxes += [(-sizes.pin, sizes.pin, top, 0.0)] if part == "pin" else [(-outer, -inner, top, 0.0), (inner, outer, top, 0.0)]
+    return [[(a, c), (b, c), (b, d), (a, d)] for a, b, c, d in boxes]
+
+
+def _table(figure: Any, expected: Sequence[Expected]) -> None:
+    """References in their order, with a box to tick."""
+    columns = (
+        (0.07, "reference, in this order"),
+        (0.40, "load, mN"),
+        (0.52, "inner, mV"),
+        (0.64, "outer, mV"),
+        (0.76, "inner's share"),
+        (0.90, "read"),
+    )
+    for x, heading in columns:
+        figure.text(x, 0.655, heading, fontsize=9, weight="bold")
+    for k, one in enumerate(expected):
+        y = 0.655 - 0.0185 * (k + 1)
+        cells = (
+            f"{k + 1}  {one.name}",
+            f"{1e3 * one.load:.3g}",
+            *(f"{1e3 * one_film:.3g}" for one_film in one.volts),
+            f"{one.share:.3f}",
+        )
+        for (x, _), cell in zip(columns, (*cells, "\N{WHITE SQUARE}"), strict=True):
+            figure.text(x, y, cell, fontsize=9)
+
+
+def _steps(bench: Bench, expected: Sequence[Expected], name: str) -> list[str]:
+    """What to do; lines with a $ are typed."""
+    seconds = max(10.0, 1.2 * bench.load.least_cycles / bench.load.frequency)
+    slack, play = fixture.ALIGNED, fixture.PLAY
+    load, count, channels = 1e3 * expected[0].load, len(expected), bench.channels
+    known = ", ".join(f"{100 * one:g} %" for one in sorted({one.tolerance for one in bench.blocks})) or "no block"
+    return [
+        f"Amplitudes: a sinusoidal load of {bench.load.frequency:g} Hz; signals at nominal gain,",
+        f"give or take {100 * channels.gain:g} % and {100 * channels.cross_talk:g} % of cross-talk.",
+        "Where the larger signal shows on the other channel, or neither does: cables exchanged, or a film dead.",
+        "",
+        "1. Amplifiers on, films on them for half an hour; null the offsets. During a reading a film may warm",
+        f"    by at most {bench.load.most_warming:g} K. The force channel, if any, is the third input.",
+        "2. Stand the pin's carrier under the probe. Lift the sleeve over the base's rim, lower the probe until it touches,",
+        "    clamp the carrier, slide the sleeve down again: it must not touch the base while the load is on.",
+        f"    That centres to {slack:g} mm: twice {play:g} mm of play, 0.01 mm for each turned part. The ring likewise.",
+        f"3. On each reference: load on at {load:.3g} mN, wait until it is steady,",
+        f"    read for {seconds:.3g} s or more ({bench.load.least_cycles:g} cycles are the least).",
+        "4. Blocks of tissue, homogeneous, of the scene's shape, probe in the middle:",
+        f"    moduli known to {known} (tolerance, in the bench file). 5 % does for calibrating with pin, ring and force;",
+        "    what a check then sees of the probe is less: it says so.",
+        "5. Without a terminal, so many seconds to change what is pressed; exit code 0 is a record written, 1 or 2 none:",
+        f"   $ probe-design calibrate {name} --device usb --wait 60 --record cal.probe -o probe.toml",
+        f"    or from recordings of {count} readings, in the order above:",
+        f"   $ probe-design read {name} --record 1.probe     (and so on, one for each)",
+        f"   $ probe-design calibrate {name} --replay 1.probe ... --replay {count}.probe -o probe.toml",
+        "6. Is the probe as drawn?  Exit code 0: within workshop tolerance; 1: out of it, or not to be told, with what",
+        f"   $ probe-design check {name} --device usb --wait 60 --calibration probe.toml",
+    ]

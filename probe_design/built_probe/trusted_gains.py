@@ -1,0 +1,156 @@
+"""Gains that may be written down: estimated from readings that agree, or the reason why these do not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from geometry.common.arrays import Floats
+from geometry.common.errors import InputError, Words
+from probe_design.built_probe.bench import Bench, Reference
+from probe_design.built_probe.block_predictions import Shares
+from probe_design.built_probe.exchanges import FAR, READ_AGAIN, Exchange, check_films, explaining, share_doubt
+from probe_design.built_probe.gain_matrix import Gains, Observed, estimated
+
+UNLIKELY = 0.001  # p-value below which the readings contradict each other
+CERTAIN = 1e-9  # likewise, from which a probe off its drawing would hardly look like one reading that is wrong
+
+
+def trusted(observed: Sequence[Observed], shares: Shares, bench: Bench) -> tuple[Gains, tuple[str, ...]]:
+    """Estimate the gains, and say what of the readings was left out.
+
+    Where only the blocks contradict their predictions, the gains follow from pin, ring and force channel, which need none: the
+    probe may not be as drawn, which ``check`` is to find out.
+
+    Args:
+        observed: one for each reading.
+        shares: predictions for those that are on tissue, in their order.
+        bench: tolerances.
+
+    Raises:
+        InputError: a film is dead or of reversed polarity, readings contradict each other (with the exchange that would explain
+            it), the references cannot tell the gains, or a gain is far from what the bench says of its channel.
+    """
+    films, expected = np.array([one.films for one in observed]), _expected(observed, shares)
+    check_films(films, expected)
+    _check_force(observed, bench)
+    gains, fault = _attempt(observed, shares, bench)
+    if gains is not None and gains.p_value >= UNLIKELY:
+        return _plausible(gains, bench), ()
+    _check_exchanges(observed, shares, bench, fault or _misfit(gains))
+    if gains is None:
+        raise fault or AssertionError
+    alone, odd = _without_blocks(observed, shares, bench), _odd_ones(observed, shares, bench)
+    blamed = gains.p_value < CERTAIN and bool(odd) and all(one.on != "tissue" for one in odd)
+    if alone is None or _strange(alone, bench) or blamed:
+        raise _contradiction(_misfit(gains), odd)
+    note = f"{_misfit(gains)}: the blocks contradict their predictions; gains are told by pin, ring and force alone; run check"
+    return alone, (note + "".join(f"; without the reading on the {one.name} the others agree" for one in odd),)
+
+
+def _expected(observed: Sequence[Observed], shares: Shares) -> Floats:
+    """Shares of the load that the inner film should feel, shape (n,)."""
+    blocks = iter(1 / (1 + np.exp(-shares.log_ratios)))
+    known = [{"inner": 1.0, "outer": 0.0}.get(one.reference.on) for one in observed]
+    return np.array([next(blocks) if share is None else share for share in known])
+
+
+def _check_force(observed: Sequence[Observed], bench: Bench) -> None:
+    """All readings alike off the force channel: what they share is at fault, not a film."""
+    if bench.force is None or any(one.force is None for one in observed):
+        return
+    films, forces = np.array([(one.films.sum(), one.force) for one in observed], dtype=float).T
+    ratios = films / np.maximum(forces, np.finfo(float).tiny)
+    doubt = FAR * (np.hypot(bench.channels.gain, bench.force.tolerance) + bench.channels.cross_talk)
+    if np.all(ratios > 1 + doubt) or np.all(ratios < 1 - doubt):
+        value = Words(f"{float(np.median(ratios)):.3g} of the force channel on both films")
+        raise InputError("reading", value, f"1 to {100 * doubt:.2g} %: is the force channel plugged in, its sensitivity right?")
+
+
+def _attempt(observed: Sequence[Observed], shares: Shares, bench: Bench) -> tuple[Gains | None, InputError | None]:
+    """The gains, or why there are none."""
+    try:
+        return estimated(observed, shares, bench), None
+    except InputError as fault:
+        return None, fault
+
+
+def _misfit(gains: Gains | None) -> str:
+    assert gains is not None
+    return f"chi-square {gains.chi_square:.3g} for {gains.freedom} degrees of freedom, p = {gains.p_value:.1g}"
+
+
+def _check_exchanges(observed: Sequence[Observed], shares: Shares, bench: Bench, fault: InputError | str) -> None:
+    """Raise ``InputError`` if exchanged cables or references explain the readings."""
+    references = [one.reference for one in observed]
+
+    def agrees(exchange: Exchange) -> bool:
+        gains, _ = _attempt(_undone(observed, exchange), shares, bench)
+        return gains is not None and gains.p_value >= UNLIKELY and not _strange(gains, bench)
+
+    films = np.array([one.films for one in observed])
+    found = explaining(films, _expected(observed, shares), share_doubt(bench), agrees)
+    if found:
+        names = ", or ".join(one.told(references) for one in found)
+        value = Words(fault if isinstance(fault, str) else fault.value)
+        raise InputError("reading", value, f"readings that agree; these do if exchanged are: {names}; {READ_AGAIN}")
+
+
+def _undone(observed: Sequence[Observed], exchange: Exchange) -> list[Observed]:
+    """The readings as they are with an exchange put right, in the references' order."""
+    right, references = exchange.mended, [one.reference for one in observed]
+    at = dict(zip(exchange.order, observed, strict=True))
+    return [
+        replace(at[k], reference=one, films=right(at[k].films), covariance=right(at[k].covariance))
+        for k, one in enumerate(references)
+    ]
+
+
+def _without_blocks(observed: Sequence[Observed], shares: Shares, bench: Bench) -> Gains | None:
+    """The gains by pin, ring and force channel, if these agree."""
+    alone = [one for one in observed if one.reference.on != "tissue"]
+    if not alone or any(one.force is None for one in alone):
+        return None
+    gains, _ = _attempt(alone, replace(shares, blocks=()), bench)
+    return gains if gains is not None and gains.p_value >= UNLIKELY else None
+
+
+def _odd_ones(observed: Sequence[Observed], shares: Shares, bench: Bench) -> list[Reference]:
+    """The references each of which, left out, leaves readings that agree."""
+    found, places = [], iter(range(len(shares.blocks)))
+    for k, one in enumerate(observed):
+        place = next(places) if one.reference.on == "tissue" else None
+        kept = tuple(block for at, block in enumerate(shares.blocks) if at != place)
+        gains, _ = _attempt([*observed[:k], *observed[k + 1 :]], replace(shares, blocks=kept), bench)
+        if gains is not None and gains.freedom > 0 and gains.p_value >= UNLIKELY and not _strange(gains, bench):
+            found.append(one.reference)
+    return found
+
+
+def _contradiction(misfit: str, odd: Sequence[Reference]) -> InputError:
+    remedy = "readings that agree with each other and with the predictions; no exchange of cables or references explains these"
+    if odd:
+        names = ", or on the ".join(one.name for one in odd)
+        remedy += f"; without the reading on the {names} the others agree: read it again"
+    if not odd or any(one.on != "tissue" for one in odd):
+        remedy += "; with a force channel, pin and ring alone calibrate a probe that is not as drawn, and check tells what is off"
+    return InputError("reading", Words(misfit), remedy)
+
+
+def _strange(gains: Gains, bench: Bench) -> list[str]:
+    """What is further from nominal than the bench says a channel can be."""
+    spread = np.hypot(bench.channels.gain, np.sqrt(np.diag(gains.covariance)[[0, 3]]))
+    if not gains.absolute:  # the outer gain is the unit
+        spread = np.hypot(spread, bench.channels.gain)
+    pairs = zip(("inner", "outer"), np.diag(gains.matrix), spread, strict=True)
+    return [f"{name} {value:.3g}" for name, value, sd in pairs if abs(value - 1) > FAR * sd]
+
+
+def _plausible(gains: Gains, bench: Bench) -> Gains:
+    strange = _strange(gains, bench)
+    if not strange:
+        return gains
+    allowed = f"1 to {100 * bench.channels.gain:g} %, by channels.gain of the bench: look at film, cable, amplifier"
+    raise InputError("gain", Words(f"{', '.join(strange)} of nominal"), allowed)

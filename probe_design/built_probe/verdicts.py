@@ -1,0 +1,94 @@
+"""The verdict of a check: within the workshop's tolerances, out of them and by what, or not to be told and why.
+
+What explains a deviation is looked for in the order of what a careless hand does most easily: exchanged cables or blocks, one
+variable of the design, one wrong reading, two variables.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from geometry.scenes.scene import Scene
+from probe_design.built_probe.bench import Bench
+from probe_design.built_probe.block_predictions import MODULI, Shares
+from probe_design.built_probe.changed_designs import GAIN
+from probe_design.built_probe.deviation import LEVEL, Deviation
+from probe_design.built_probe.explanations import ALIKE, Explanation, Pair, alike, explanations, paired, refined, told
+from probe_design.built_probe.visibility import unseen
+
+WITHIN, OUT, UNKNOWN = "within workshop tolerance", "out of it", "cannot tell"
+BENCH_S = {GAIN: "one film's gain (its cable, its amplifier, its temperature since calibration)", MODULI: "the blocks' moduli"}
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is concluded; see ``probe_design.built_probe.check.Check``."""
+
+    verdict: str
+    reason: str
+    explanations: tuple[Explanation, ...]
+    unresolved: tuple[str, ...]
+    alike: tuple[str, ...] = ()
+    pairs: tuple[Pair, ...] = ()
+
+    @property
+    def passed(self) -> bool:
+        """Whether the probe is within the workshop's tolerances."""
+        return self.verdict == WITHIN
+
+
+def judged(scene: Scene, bench: Bench, deviation: Deviation, shares: Shares, exchanged: Sequence[str]) -> Verdict:
+    """Say what a deviation comes to.
+
+    Args:
+        scene: the probe as drawn.
+        bench: blocks and tolerances.
+        deviation: of all blocks.
+        shares: predictions for the probe as drawn.
+        exchanged: names of exchanges each of which would explain it.
+    """
+    linear, unresolved = explanations(deviation, shares)
+    if deviation.p_value >= LEVEL:
+        return Verdict(*_within(deviation), linear, unresolved)
+    if exchanged:
+        return Verdict(UNKNOWN, f"exchanged are: {', or '.join(exchanged)}; put it right, and read again", linear, unresolved)
+    fits = refined(scene, bench, deviation, shares, [*(one.variable for one in linear), *unresolved])
+    explained = tuple(told(one, deviation) for one in fits)
+    if explained[0].explains:
+        names = alike(explained)
+        return Verdict(*_by_one(names), explained, (), names)
+    pairs, odd = paired(deviation, shares, fits), _odd_ones(deviation, bench)
+    return Verdict(*_by_more(pairs, odd), explained, (), (), pairs)
+
+
+def _within(deviation: Deviation) -> tuple[str, str]:
+    movable = [name for name, column in deviation.workshop.items() if column.any()]
+    if movable and set(unseen(deviation)) >= set(movable):
+        return UNKNOWN, "these readings are too uncertain to see any variable off by five tolerances"
+    return WITHIN, ""
+
+
+def _by_one(names: Sequence[str]) -> tuple[str, str]:
+    """Of variables that are not told apart; the bench is at fault where no dimension or modulus of the probe is among them."""
+    if all(name in BENCH_S for name in names):
+        return UNKNOWN, f"the bench, rather than the probe: {', or '.join(BENCH_S[name] for name in names)}"
+    return OUT, ", or ".join(names)
+
+
+def _by_more(pairs: Sequence[Pair], odd: Sequence[str]) -> tuple[str, str]:
+    good = [one for one in pairs if one.explains]
+    close = [" with ".join(one.variables) for one in good if one.chi_square - good[0].chi_square < ALIKE]
+    if close:
+        besides = f"; or the reading on the {odd[0]} alone is wrong" if len(odd) == 1 else ""
+        return OUT, f"no single variable; two together: {', or '.join(close)}{besides}"
+    if odd:
+        return UNKNOWN, f"without the reading on the {', or on the '.join(odd)} the others agree: read it again"
+    return OUT, "neither one variable nor two explain it"
+
+
+def _odd_ones(deviation: Deviation, bench: Bench) -> list[str]:
+    """Names of the blocks each of which, left out, leaves a probe within the tolerances; of three blocks or more."""
+    if len(bench.blocks) < 3:
+        return []
+    return [block.name for k, block in enumerate(bench.blocks) if deviation.without(k).p_value >= LEVEL]

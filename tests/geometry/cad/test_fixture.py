@@ -1,0 +1,69 @@
+"""The fixture: what touches which block, what centres on what, and files that a plain reader finds as they should be."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from geometry.cad import fixture, solids
+from geometry.common.errors import InputError
+from geometry.scenes.base_sizes import base_sizes
+from tests.support.parts import FLANGE, make
+
+
+@pytest.mark.parametrize("changes", [{}, {"base": FLANGE}])
+def test_files_hold_closed_solids_of_the_volumes_written_out_here(tmp_path: Path, changes: dict[str, Any]) -> None:
+    probe = make(**changes)
+    one, rim = fixture.fixture_sizes(probe), 1e3 * base_sizes(probe).flange_radius
+    carrier = math.pi * (rim**2 * one.sleeve + (rim + fixture.WALL) ** 2 * fixture.FOOT)
+    inner, outer = one.ring
+    expected = {
+        "pin": carrier + math.pi * one.pin**2 * fixture.RISE,
+        "ring": carrier + math.pi * (outer**2 - inner**2) * fixture.RISE,
+    }
+    for name, write in fixture.writers(probe).items():
+        write(tmp_path / name)
+        text = (tmp_path / name).read_text()
+        assert "SI_UNIT(.MILLI.,.METRE.)" in text
+        shape = solids.cadquery().importers.importStep(str(tmp_path / name)).val()
+        if (part := name.removesuffix(".step")) in expected:
+            assert shape.Volume() == pytest.approx(expected[part], rel=1e-9)
+
+
+@pytest.mark.parametrize("changes", [{}, {"base": FLANGE}])
+def test_pin_and_ring_touch_one_block_alone_though_misaligned(changes: dict[str, Any]) -> None:
+    """Both off by 0.05 mm stay on their block; the sleeve grips carrier and rim, and parked it stays below the blocks."""
+    probe = make(**changes)
+    one, scale = fixture.fixture_sizes(probe), 1e3
+    assert one.pin + fixture.ALIGNED < scale * probe.inner_radius
+    assert one.ring[0] - fixture.ALIGNED > scale * probe.hole_radius
+    assert one.ring[1] + fixture.ALIGNED < scale * probe.tube_radius
+    assert 2 * (one.bore - one.carrier) + 2 * 0.01 <= fixture.ALIGNED + 1e-12
+    sleeve, ring = (fixture.fixture(probe)[name].BoundingBox() for name in ("sleeve", "ring"))
+    parts = solids.parts(probe)
+    rim = parts["base"].BoundingBox().zmax - scale * base_sizes(probe).thickness
+    assert sleeve.zmax == pytest.approx(rim + fixture.GRIP)
+    assert sleeve.zmin == pytest.approx(-fixture.RISE - fixture.GRIP)
+    assert ring.zmax == pytest.approx(0.0)
+    assert parts["base"].BoundingBox().xmax == pytest.approx(one.carrier)
+    parked = ring.zmin + fixture.FOOT + one.sleeve  # where its upper end is when it stands on the foot
+    assert parked <= -fixture.RISE + 1e-9
+
+
+def test_the_sleeve_is_clear_of_the_base_and_lets_the_leads_out() -> None:
+    probe = make()
+    sleeve, base = fixture.fixture(probe)["sleeve"], solids.parts(probe)["base"]
+    assert sum(one.Volume() for one in sleeve.intersect(base).Solids()) == pytest.approx(0.0, abs=1e-9)
+    cq, one = solids.cadquery(), fixture.fixture_sizes(probe)
+    lead = cq.Solid.makeBox(2 * one.bore + 10, 1.0, 1.0, cq.Vector(0.0, -0.5, 1.0))  # 1 mm wide, along the groove
+    assert sum(piece.Volume() for piece in sleeve.intersect(lead).Solids()) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_blocks_too_narrow_for_it_are_refused() -> None:
+    with pytest.raises(InputError, match="wall"):
+        fixture.fixture_sizes(make(outer_radius=5.35e-3))
+    with pytest.raises(InputError, match="pin"):
+        fixture.fixture_sizes(make(inner_radius=0.15e-3, groove=None))

@@ -1,0 +1,131 @@
+"""Readings on references one by one: judged at once, read again, mixed of recorded and live ones, resumed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from geometry import InputError
+from hw.common.samples import Floats
+from hw.reader import Reader
+from hw.recordings.recording import sha256
+from hw.signal.waveform import Flawed
+from hw.simulation.firmware import Fault
+from hw.simulation.virtual import virtual
+from probe_design.built_probe import reading
+from probe_design.built_probe.virtual_probe import Built, signals
+from probe_design.cli import hardware, hardware_sources
+from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
+from solver.results.result import Result
+from tests.support.hw.benches import BENCH, scene
+from tests.support.paths import SCENE
+
+SETUP = HardwareSetup(scene(), BENCH)
+PINS = BENCH.reference[:3]
+GOOD: tuple[Fault, ...] = ()
+LOST = (Fault("drop", 20),)
+Devices = Callable[[list[tuple[Fault, ...]]], None]
+
+
+def volts(k: int) -> Callable[[Floats], Floats]:
+    return signals(Built(), BENCH, scene(), 0.1 * np.array([0.5, 0.5]), [3, k])
+
+
+@pytest.fixture
+def devices(monkeypatch: pytest.MonkeyPatch) -> Devices:
+    """One virtual board after the other in place of the probe on USB, and somebody who presses it on what is asked for."""
+    real = Reader.open
+
+    def connect(faults: list[tuple[Fault, ...]]) -> None:
+        boards = iter([virtual(volts(k), 500.0, channels=3, scale=2e-6, faults=one) for k, one in enumerate(faults)])
+        opened: Any = lambda name: real(next(boards) if name == "usb" else name)  # noqa: E731
+        monkeypatch.setattr(hardware_sources.Reader, "open", opened)
+
+    monkeypatch.setattr(hardware, "_ask_for", lambda *what: None)
+    return connect
+
+
+def read(source: SampleSource, capsys: pytest.CaptureFixture[str]) -> tuple[list[str], str]:
+    samples, files = hardware._readings(SETUP, source, PINS, 0)
+    assert [len(one) for one in samples] == [2500] * 3
+    assert [path is None or len(sha256(path)) == 64 for path in files] == [True] * 3
+    return ["" if path is None else path.name for path in files], capsys.readouterr().err
+
+
+def test_a_flawed_reading_is_read_again(devices: Devices, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """A lost frame in one of seven readings ended all seven."""
+    devices([GOOD, LOST, GOOD, GOOD])
+    files, said = read(SampleSource(device="usb", seconds="5", record=tmp_path / "run.probe"), capsys)
+    assert files == ["run-1.probe", "run-2-again2.probe", "run-3.probe"]
+    assert "ring on the outer block: samples from index" in said
+    assert "it is read again" in said
+
+
+def test_what_is_flawed_thrice_is_refused_by_name(devices: Devices) -> None:
+    devices([GOOD, LOST, LOST, LOST])
+    with pytest.raises(Flawed, match="ring on the outer block: samples from index"):
+        hardware._readings(SETUP, SampleSource(device="usb", seconds="5"), PINS, 0)
+
+
+def test_cycles_are_judged_at_each_reading(devices: Devices) -> None:
+    """Not after the last of them."""
+    devices([GOOD] * 3)
+    with pytest.raises(Flawed, match=r"pin on the inner block: 4\.99 cycles"):
+        hardware._readings(SETUP, SampleSource(device="usb", seconds="1"), PINS, 0)
+
+
+def test_a_calibration_is_resumed(devices: Devices, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    source = SampleSource(device="usb", seconds="5", record=tmp_path / "run.probe")
+    devices([GOOD, LOST, LOST, LOST])
+    with pytest.raises(Flawed):
+        hardware._readings(SETUP, source, PINS, 0)
+    with pytest.raises(InputError, match="a name that is not taken"):
+        hardware._readings(SETUP, source, PINS, 0)
+    (tmp_path / "run-2-again3.probe").unlink()
+    devices([GOOD, GOOD])
+    files, _ = read(SampleSource(device="usb", seconds="5", record=tmp_path / "run.probe", resume=True), capsys)
+    assert files == ["run-1.probe", "run-2-again3.probe", "run-3.probe"]
+
+
+def test_recorded_and_live_readings_are_mixed(devices: Devices, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    devices([GOOD] * 3)
+    read(SampleSource(device="usb", seconds="5", record=tmp_path / "run.probe"), capsys)
+    devices([GOOD])
+    kept = (tmp_path / "run-1.probe", tmp_path / "run-2.probe")
+    assert read(SampleSource(device="usb", replay=kept, seconds="5"), capsys)[0] == ["run-1.probe", "run-2.probe", ""]
+
+
+def test_read_predicts_before_the_board_starts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It sent START, and computed while nobody read: 4 of 10 s were lost with a buffer of 100 ms."""
+    board = virtual(volts(0), 500.0, channels=3, scale=2e-6)
+    real, running = Reader.open, []
+
+    def predicts(*given: Any) -> Result:
+        running.append(board.firmware.stream)
+        return Result("none", 0.0, stress_inner=500.0, stress_outer=900.0, ratio=0.55, error_estimate=1e-3)
+
+    monkeypatch.setattr(hardware_sources.Reader, "open", lambda name: real(board))
+    monkeypatch.setattr(reading, "prediction", predicts)
+    ended = CliRunner().invoke(hardware.read, [str(SCENE), "--device", "usb", "--seconds", "5", "--json"])
+    assert ended.exit_code == 0, ended.output
+    assert running == [0]
+    assert json.loads(ended.stdout)["samples"] == 2500
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"virtual": True, "device": "usb"}, "one of --virtual, --replay and --device"), ({"resume": True}, "without --record"),
+        ({"replay": (Path("a"),) * 4}, "3: one for each reading"), ({"replay": (Path("a"),)}, "3: one for each reading"),
+        ({"replay": (Path("a"),), "record": Path("b")}, "nothing beside --replay"),
+    ],
+)  # fmt: skip
+def test_sources_that_contradict_each_other(given: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        SampleSource(**given).openers(lambda: (), 3, pace=False)

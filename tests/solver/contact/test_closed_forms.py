@@ -1,0 +1,65 @@
+"""Pressed sections against closed forms of linear elasticity, at small loads."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from geometry import Scene
+from geometry.meridian.frame import MeridianFineness
+from geometry.scenes.probe import Interface
+from solver.axisymmetric.sections import sections
+from solver.contact.model import ContactModel
+from solver.contact.path import Path
+from tests.support.load_paths import scene_of
+
+PUNCH = MeridianFineness(1, 1, 3)
+SIZES = 0.3, 0.6  # m, of the tissue: what its sides and floor add goes with one over it
+
+
+def rigid_probe(size: float, poisson_ratio: float, youngs_modulus: float = 6e3) -> Scene:
+    """Blocks a million times as stiff as tissue without a tumour."""
+    data = scene_of("equal-blocks-6kpa").model_dump(exclude_unset=True)
+    data["inclusion"] = []
+    for block in ("inner", "outer"):
+        data["probe"][block] |= {"youngs_modulus": 1e6 * youngs_modulus}
+    material = {"youngs_modulus": youngs_modulus, "poisson_ratio": poisson_ratio}
+    data["tissue"] = {"shape": "cylinder", "radius": size, "depth": size, **material}
+    return Scene.model_validate(data)
+
+
+def stiffness(size: float, interface: Interface, friction: float = 0.0) -> float:
+    """Of a flat punch on tissue of Poisson's ratio 0, over that without friction on a half-space, 2 E a."""
+    scene = rigid_probe(size, 0.0)
+    of = sections(scene)
+    path = Path(ContactModel.of(of.section, of.materials, interface, PUNCH, friction), sensitive=False)
+    point = path.at_indentation(1e-5)
+    return point.force / point.indentation / (2 * 6e3 * scene.probe.tube_radius)
+
+
+def on_half_space(*values: float) -> float:
+    """The limit of ``SIZES`` without end."""
+    return 2 * values[1] - values[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("interface", "friction", "share"), [("bonded", 0.0, 0.005), ("unilateral", 10.0, 0.015)])
+def test_stuck_punch(interface: Interface, friction: float, share: float) -> None:
+    """P = 4 mu a w ln(3 - 4 nu) / (1 - 2 nu) (D. A. Spence, Proc. R. Soc. A 305, 1968, 55): ln 3 of a smooth one's at nu = 0.
+
+    Friction's springs give way to a tenth of what sticking adds.
+    """
+    found = on_half_space(*(stiffness(size, interface, friction) for size in SIZES))
+    assert found == pytest.approx(np.log(3), rel=share)
+
+
+@pytest.mark.slow
+def test_slipping_punch() -> None:
+    """To first order friction adds f (1 - 2 nu) (pi/2 - 1) / (pi (1 - nu)) of a smooth punch's force.
+
+    By Betti's theorem that is f times the work of a smooth punch's pressure on the slip of the surface below it, per indentation,
+    over its force (both by K. L. Johnson, Contact Mechanics, 1985, section 3.4). What sticks round the axis is small.
+    """
+    friction = 0.05
+    smooth, rough = (stiffness(SIZES[1], "unilateral", f) for f in (0.0, friction))
+    assert rough / smooth - 1 == pytest.approx(friction * (np.pi / 2 - 1) / np.pi, rel=0.1)

@@ -1,0 +1,42 @@
+"""The meridian level's equations with complex moduli, solved as they stand: what phases are checked against."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from geometry import Scene
+from geometry.meridian.frame import MeridianFineness
+from geometry.meridian.section import Body
+from solver.axisymmetric.base_states import condensed, model
+from solver.axisymmetric.gradients import MATERIALS
+from solver.axisymmetric.sections import sections, with_details
+
+
+def complex_ratio(scene: Scene, fineness: MeridianFineness, frequency: float = 0.0, density: float = 0.0) -> complex:
+    """The ratio with every modulus E (1 + j tan delta): the real mesh's matrices, assembled anew, and scipy's sparse LU.
+
+    K is complex symmetric; the films' forces are bilinear in the states, without conjugation. With a frequency (Hz) and a
+    density (kg/m^3, of all bodies) K is less (2 pi f)^2 M, and the base is shaken as a whole.
+    """
+    of = with_details(scene, sections(scene))
+    real = model(of.section, dict(of.materials), scene.contact.interface, fineness)  # type: ignore[arg-type]
+    losses = np.zeros(len(Body))
+    for body in MATERIALS.values():
+        if body in of.materials:
+            losses[body] = of.materials[body].loss_factor
+    turn = 1 + 1j * losses[real.mesh.body]
+    n, s = len(turn), len(real.shapes.degrees)
+    whole = (real.two_mu * turn)[:, None, None] * real.shear + (real.lam * turn)[:, None, None] * real.volume
+    mass = density * np.einsum("nq,qs,qt->nst", real.at.weight, real.shapes.value, real.shapes.value)
+    whole = whole - (2 * np.pi * frequency) ** 2 * np.einsum("cd,nst->ncsdt", np.eye(2), mass).reshape(whole.shape)
+    stiffness, _ = condensed(whole.reshape(n, 2, s, 2, s), real.shapes.skeleton)
+    gather, lift = real.system.numbering.gather, real.system.numbering.lift
+    size = stiffness.shape[1]
+    blocks = sparse.bsr_matrix((stiffness, np.arange(n), np.arange(n + 1)), shape=(n * size, n * size))
+    pushed = np.broadcast_to(lift, (n, size, 2)).reshape(n * size, 2)
+    inner = splu((gather.T @ blocks @ gather).tocsc())
+    states = gather @ inner.solve(-(gather.T @ (blocks @ pushed))) + pushed
+    totals = (states.T @ (blocks @ states)).sum(axis=1)
+    return complex(totals[0] / totals[1] * scene.probe.outer_area / scene.probe.inner_area)
