@@ -233,7 +233,7 @@ class TestExtremes:
 def tamper(monkeypatch, name, change):
     """Export with one builder working from other parameters than the checks."""
     built = getattr(solids, name)
-    monkeypatch.setattr(solids, name, lambda probe: change(built, probe))
+    monkeypatch.setattr(solids, name, lambda probe, **edges: change(built, probe))
 
 
 def wider(**changes):
