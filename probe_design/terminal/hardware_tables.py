@@ -6,11 +6,11 @@ import numpy as np
 from rich.table import Table
 
 from probe_design.built_probe.calibration_record import CalibrationRecord
-from probe_design.built_probe.check import Check
-from probe_design.built_probe.deviation import CancellingPair
-from probe_design.built_probe.explanations import Explanation
 from probe_design.built_probe.gain_matrix import ENTRIES
 from probe_design.built_probe.reading import Read
+from probe_design.probe_check.check import Check
+from probe_design.probe_check.deviation import CancellingPair
+from probe_design.probe_check.explanations import Explanation
 
 MOST = 6  # explanations shown
 MOST_PAIRS = 3

@@ -129,6 +129,7 @@ ALLOWED: dict[str, set[str]] = {
         "hw.signal",
         *ANSWERS,
     },
+    "probe_design.probe_check": {"probe_design.built_probe", "hw.common", *ANSWERS},
     "probe_design.solid_output": {
         "probe_design.pictures",
         "solver.planning",
@@ -142,6 +143,7 @@ ALLOWED: dict[str, set[str]] = {
         "probe_design.built_probe",
         "probe_design.estimation",
         "probe_design.maps",
+        "probe_design.probe_check",
         "probe_design.sweeps",
         "solver.planning",
         "solver.results",
@@ -155,6 +157,7 @@ ALLOWED: dict[str, set[str]] = {
         "probe_design.maps",
         "probe_design.optimisation",
         "probe_design.pictures",
+        "probe_design.probe_check",
         "probe_design.solid_output",
         "probe_design.sweeps",
         "probe_design.terminal",

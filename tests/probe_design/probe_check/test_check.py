@@ -15,10 +15,10 @@ from hw.common.samples import Samples
 from probe_design.built_probe.bench import Reference, Workshop
 from probe_design.built_probe.block_predictions import predicted
 from probe_design.built_probe.calibration import calibrate
-from probe_design.built_probe.check import Check, check
-from probe_design.built_probe.deviation import Deviation
-from probe_design.built_probe.explanations import Explanation, explanations, refined, told
 from probe_design.built_probe.virtual_probe import Built, as_delivered, signals
+from probe_design.probe_check.check import Check, check
+from probe_design.probe_check.deviation import Deviation
+from probe_design.probe_check.explanations import Explanation, explanations, refined, told
 from tests.support.hw.benches import BENCH, films, sampled, scene, shares
 
 BUILT = Built()

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from geometry.scenes.scene import Scene
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import MODULI, Shares
-from probe_design.built_probe.changed_designs import GAIN
-from probe_design.built_probe.deviation import LEVEL, Deviation, unseen
-from probe_design.built_probe.explanations import ALIKE, Explanation, VariablePair, alike, explanations, paired, refined, told
+from probe_design.probe_check.changed_designs import GAIN
+from probe_design.probe_check.deviation import LEVEL, Deviation, unseen
+from probe_design.probe_check.explanations import ALIKE, Explanation, VariablePair, alike, explanations, paired, refined, told
 
 WITHIN, OUT, UNKNOWN = "within workshop tolerance", "out of it", "cannot tell"
 BENCH_S = {GAIN: "one film's gain (its cable, its amplifier, its temperature since calibration)", MODULI: "the blocks' moduli"}
@@ -22,7 +22,7 @@ BENCH_S = {GAIN: "one film's gain (its cable, its amplifier, its temperature sin
 
 @dataclass(frozen=True)
 class Verdict:
-    """What is concluded; see ``probe_design.built_probe.check.Check``."""
+    """What is concluded; see ``probe_design.probe_check.check.Check``."""
 
     verdict: str
     reason: str

@@ -27,8 +27,8 @@ class Deviation:
         drawn: as predicted for the probe as drawn, shape (k,).
         read: covariance of ``logs``, shape (k, k).
         model: variances of ``drawn`` for the probe as drawn, shape (k,).
-        calibration_bias: G S of eq. BP.5 by variable, shape (k,) each; 0 where one is missing.
-        workshop: (J - G S) t of eq. BP.5 by variable, t what the workshop's tolerance allows it, shape (k,) each.
+        calibration_bias: G S of eq. PC.2 by variable, shape (k,) each; 0 where one is missing.
+        workshop: (J - G S) t of eq. PC.2 by variable, t what the workshop's tolerance allows it, shape (k,) each.
     """
 
     logs: Floats
@@ -50,7 +50,7 @@ class Deviation:
 
     @property
     def chi_square(self) -> float:
-        """Of a probe within the workshop's tolerances, eq. BP.4 of ``probe_design.built_probe.check``."""
+        """Of a probe within the workshop's tolerances, eq. PC.1 of ``probe_design.probe_check.check``."""
         off = self.logs - self.drawn
         return float(off @ self.weight() @ off)
 
