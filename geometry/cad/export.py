@@ -21,6 +21,7 @@ def export(
     force: bool = False,
     asked: str | None = None,
     beside: Mapping[str, Writer] = NOTHING,
+    *,
     edge_radius: float = 0.0,
 ) -> tuple[Path, ...]:
     """Write inner, outer, film-inner, film-outer (if any), base and assembly ``.step`` (mm) into ``folder``; returns their paths.

@@ -57,7 +57,7 @@ def write_all(
         progress("writing STEP files, drawing and report", 2, 3)
 
     told = {name: partial(_write, text) for name, text in texts.items()}
-    export(probe, folder, force, asked, {"drawing.png": drawn, **told}, edge)
+    export(probe, folder, force, asked, {"drawing.png": drawn, **told}, edge_radius=edge)
     progress("writing STEP files, drawing and report", 3, 3)
     return paths
 
