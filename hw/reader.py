@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -13,15 +14,21 @@ from hw.common.drain import Drain
 from hw.common.errors import InvalidSource, Timeout
 from hw.common.samples import Samples, joined
 from hw.common.transport import Chunk, Decoder, Header, Transport
+from hw.foreign.columns import ColumnMap, channel_numbers
+from hw.foreign.files import HDF5, is_foreign, replayed
+from hw.foreign.hdf5_recording import Hdf5Recorder
+from hw.foreign.volts import VoltsDecoder
 from hw.oscilloscope.transport import ScopeTransport, WaveformDecoder
 from hw.recordings.recording import Recorder
 from hw.recordings.replay import Replay
+from hw.serial_port.transport import SerialTransport
 from hw.simulation.virtual import Virtual
 from hw.usb.transport import UsbTransport
 from hw.wire.decoder import Format, FrameDecoder
 
 CLOCKED = ("usb", "serial")  # transports whose samples come as they are taken
-SOURCES = "usb, usb:SERIAL, visa:RESOURCE, replay:FILE"
+SOURCES = "usb, usb:SERIAL, serial:PORT, visa:RESOURCE, replay:FILE"
+AS_IT_IS = ColumnMap()
 
 
 class Reader:
@@ -37,19 +44,20 @@ class Reader:
         self._drain: Drain | None = None
 
     @classmethod
-    def open(cls, source: str | Virtual, rate: float | None = None) -> Reader:
+    def open(cls, source: str | Virtual, rate: float | None = None, columns: ColumnMap = AS_IT_IS) -> Reader:
         """Open a source; a device starts when it is read.
 
         Args:
-            source: ``usb`` (the only probe connected), ``usb:SERIAL``, ``visa:RESOURCE``, ``replay:FILE``, or a
+            source: ``usb`` (the only probe connected), ``usb:SERIAL``, ``serial:PORT``, ``visa:RESOURCE``, ``replay:FILE``, or a
                 ``hw.simulation.virtual.virtual`` probe.
-            rate: Hz per channel that a probe on USB is asked for; by default the rate it has.
+            rate: Hz per channel that a device is asked for; by default the rate it has.
+            columns: which columns of a file of another program are meant, what they are worth and at which rate.
 
         Raises:
             HardwareError: one of its family, saying what to do.
             OSError: a recording that cannot be read.
         """
-        return cls(_transport(source, rate))
+        return cls(_transport(source, rate, columns))
 
     @property
     def header(self) -> Header:
@@ -61,7 +69,8 @@ class Reader:
 
         Args:
             seconds: how long, by the device's own clock, gaps included; None: until the source ends.
-            record: a new file for the raw bytes, which get there before they are decoded.
+            record: a new file for the raw bytes, which get there before they are decoded; one that ends in .h5 or .hdf5 takes
+                the samples instead, and gets its name when it is whole.
 
         Raises:
             InvalidSource: less than one sample.
@@ -75,16 +84,20 @@ class Reader:
         self._drain = Drain(self.transport)
         with ExitStack() as stack:
             stack.callback(self._drain.close)
-            recorder = None
+            recorder: Recorder | Hdf5Recorder | None = None
             for chunk in self._drain:
                 if record is not None and recorder is None:
-                    recorder = stack.enter_context(Recorder(record, self.header))
-                if recorder is not None and "unrecorded" not in self.header.source:
+                    recorder = _recorder(record, self.header)
+                    stack.callback(recorder.close)
+                if isinstance(recorder, Recorder) and "unrecorded" not in self.header.source:
                     self._write(recorder, chunk)
                 block = decoder.feed(chunk.data, chunk.stream, chunk.note)
                 if len(block):
                     self._compare(clock, chunk, block)
-                    yield block if end is None else block.before(end)
+                    asked = block if end is None else block.before(end)
+                    if isinstance(recorder, Hdf5Recorder):
+                        recorder.write_samples(asked)
+                    yield asked
                     if end is not None and block.index[-1] >= end - 1:
                         return
 
@@ -97,6 +110,8 @@ class Reader:
             self.header.source["unrecorded"] = why
 
     def _compare(self, clock: Clock, chunk: Chunk, block: Samples) -> None:
+        if chunk.time is None:  # what a recording tells of the clock, as HDF5 does, stands
+            return
         if self.header.source.get("transport") in CLOCKED and (told := clock.told(chunk, block)):
             self.header.source["clock"] = told
         else:
@@ -151,17 +166,33 @@ def decoder_of(header: Header) -> Decoder:
         return FrameDecoder(Format(header.rate, header.scale, header.size, header.stream), header.source)
     if header.kind == "waveforms":
         return WaveformDecoder(header)
-    raise InvalidSource(f"a recording of kind {header.kind!r}: allowed: frames, waveforms")
+    if header.kind == "volts":
+        return VoltsDecoder(header)
+    raise InvalidSource(f"a recording of kind {header.kind!r}: allowed: frames, waveforms, volts")
 
 
-def _transport(source: str | Virtual, rate: float | None) -> Transport:
+def _recorder(record: Path | str, header: Header) -> Recorder | Hdf5Recorder:
+    return Hdf5Recorder(record, header) if Path(record).suffix.lower() in HDF5 else Recorder(record, header)
+
+
+def _replay(path: Path, columns: ColumnMap) -> Transport:
+    if is_foreign(path):
+        return replayed(path, columns)
+    if columns != AS_IT_IS:
+        raise InvalidSource(f"{path} tells its columns and its rate itself: allowed: no --column and no --rate")
+    return Replay(path)
+
+
+def _transport(source: str | Virtual, rate: float | None, columns: ColumnMap) -> Transport:
     if isinstance(source, Virtual):
         return UsbTransport(source.serial, rate, backend=source)
     kind, _, name = source.partition(":")
     if kind == "usb":
         return UsbTransport(name or None, rate)
+    if kind == "serial" and name:
+        return SerialTransport(name, rate)
     if kind == "visa" and name:
-        return ScopeTransport.open(name)
+        return ScopeTransport.open(name, channel_numbers(columns), rate)
     if kind == "replay" and name:
-        return Replay(Path(name))
+        return _replay(Path(name), columns if rate is None else replace(columns, rate=rate))
     raise InvalidSource(f"source {source!r}: allowed: {SOURCES}")

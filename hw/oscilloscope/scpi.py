@@ -46,6 +46,7 @@ class Dialect:
         data: a query for the codes, as a definite-length block.
         signed: whether codes are.
         ends: codes at or beyond which a value is at the end of the range.
+        rate: sets a rate of {rate} Hz, or {division} s per division where that tells it; none where the instrument alone does.
     """
 
     makers: tuple[str, ...]
@@ -56,6 +57,7 @@ class Dialect:
     data: str
     signed: bool
     ends: tuple[int, int]
+    rate: tuple[str, ...] = ()
 
     def scaled(self, answer: str) -> Scaling:
         """Return what the scope told of its scales.
@@ -106,6 +108,7 @@ RIGOL = Dialect(
     data=":WAVEFORM:DATA?",
     signed=False,
     ends=(0, 255),
+    rate=(":TIMEBASE:MAIN:SCALE {division:.6g}",),
 )
 TEKTRONIX = Dialect(
     makers=("TEKTRONIX",),
@@ -116,6 +119,7 @@ TEKTRONIX = Dialect(
     data="CURVE?",
     signed=True,
     ends=(-128, 127),
+    rate=("HORIZONTAL:MODE MANUAL", "HORIZONTAL:MODE:SAMPLERATE {rate:.6g}"),
 )
 DIALECTS = {"keysight": KEYSIGHT, "rigol": RIGOL, "tektronix": TEKTRONIX}
 

@@ -1,4 +1,4 @@
-"""Oscilloscopes by SCPI over VISA (``pip install 'probe-design[scope]'``): inner on channel 1, outer on channel 2.
+"""Oscilloscopes by SCPI over VISA (``pip install 'probe-design[scope]'``): inner on channel 1, outer on 2, unless mapped.
 
 Each chunk is one acquisition; how much time passes between two is unknown, so a gap of unknown length stands there.
 """
@@ -20,9 +20,12 @@ from usb.core import USBError
 from hw.common.errors import Busy, Disconnected, HardwareError, InvalidSource, NotFound, ProtocolError, Timeout, TransferError
 from hw.common.samples import Gap, Samples
 from hw.common.transport import Chunk, Header, now
-from hw.oscilloscope.scpi import DIALECTS, dialect_of
+from hw.oscilloscope.scpi import DIALECTS, Dialect, dialect_of
 from hw.usb.faults import named
 
+FILMS = {"inner": 1, "outer": 2}
+PER_DIVISION = 100  # samples of a screen's division, of those whose rate follows from the time base
+APART = 0.01  # relative, by which the rate may be another than the one asked for
 _PATIENCE = 10.0  # s, for one acquisition
 _BETWEEN = "a new acquisition"
 _BY_STATUS: dict[str, type[HardwareError]] = {
@@ -37,17 +40,22 @@ class ScopeTransport:
     Args:
         resource: as pyvisa opens it, or anything with ``query``, ``write``, ``query_binary_values`` and ``close``.
         name: the resource string.
+        numbers: of the channels by name, in the order of the columns.
+        rate: Hz that it is asked for; None: as its time base is set.
 
     Raises:
         HardwareError: it does not answer, or as no known family does.
+        InvalidSource: it does not sample at that rate.
     """
 
-    def __init__(self, resource: Any, name: str) -> None:
-        self._resource, self._name = resource, name
+    def __init__(self, resource: Any, name: str, numbers: dict[str, int] = FILMS, rate: float | None = None) -> None:
+        self._resource, self._name, self._numbers = resource, name, numbers
         try:
             with faults_named(name):
                 identity = resource.query("*IDN?").strip()
                 self._dialect = dialect_of(identity)
+                if rate is not None:
+                    self._write(tuple(word.format(rate=rate, division=PER_DIVISION / rate) for word in self._words.rate))
                 self._first: Chunk | None = self._acquired()
         except HardwareError:
             self.close()
@@ -60,13 +68,22 @@ class ScopeTransport:
             "transport": "visa", "serial": serial, "firmware": firmware, "model": f"{maker} {model}", "resource": name,
             "started": now(), "scale": list(scale),
         }  # fmt: skip
+        if rate is not None and abs(rate * scaling[0].interval - 1) > APART:
+            self.close()
+            told = f"rate = {rate:g} Hz: {name} samples at {1 / scaling[0].interval:.6g} Hz"
+            raise InvalidSource(f"{told}: allowed: that rate, or none and the time base set on the instrument")
         self.header = Header(
-            "waveforms", 1 / scaling[0].interval, channels=("inner", "outer"), scale=scale, size=0, stream=0, source=source
+            "waveforms", 1 / scaling[0].interval, channels=tuple(numbers), scale=scale, size=0, stream=0, source=source
         )
 
     @classmethod
-    def open(cls, name: str) -> ScopeTransport:
+    def open(cls, name: str, numbers: dict[str, int] = FILMS, rate: float | None = None) -> ScopeTransport:
         """Open a resource by its full name, such as ``USB0::0x1AB1::0x04CE::DS1ZA1::INSTR``; resources are never listed.
+
+        Args:
+            name: the resource string.
+            numbers: of the channels by name.
+            rate: Hz that it is asked for.
 
         Raises:
             InvalidSource: pyvisa is not installed, or knows no such kind of resource.
@@ -82,7 +99,7 @@ class ScopeTransport:
             resource = manager.open_resource(name, timeout=1000 * _PATIENCE)
             if name.upper().endswith("SOCKET"):
                 resource.read_termination = resource.write_termination = "\n"
-        return cls(resource, name)
+        return cls(resource, name, numbers, rate)
 
     def read(self) -> Chunk:
         """Return the next acquisition.
@@ -99,12 +116,16 @@ class ScopeTransport:
         with suppress(Exception):  # whatever VISA raises on a scope that is gone
             self._resource.close()
 
+    @property
+    def _words(self) -> Dialect:
+        return DIALECTS[self._dialect]
+
     def _acquired(self) -> Chunk:
-        dialect = DIALECTS[self._dialect]
+        dialect = self._words
         self._write(dialect.acquire)
         self._wait(*dialect.finished)
         scales, blocks = [], []
-        for channel in (1, 2):
+        for channel in self._numbers.values():
             self._write(tuple(word.format(channel=channel) for word in dialect.select))
             scales.append(self._resource.query(dialect.scaling).strip())
             blocks.append(self._resource.query_binary_values(dialect.data, datatype="B", container=bytes))
@@ -128,8 +149,8 @@ class _Acquisition:
     """What the note of a chunk says: the family's name, and of each channel the scales as it told them and its bytes."""
 
     dialect: str
-    scales: tuple[str, str]
-    lengths: tuple[int, int]
+    scales: tuple[str, ...]
+    lengths: tuple[int, ...]
     __pydantic_config__: ClassVar = {"strict": True, "extra": "forbid"}
 
 
@@ -140,7 +161,8 @@ def _acquisition(note: str, size: int) -> _Acquisition:
         told = TypeAdapter(_Acquisition).validate_json(note)
     except ValidationError as fault:
         raise InvalidSource("the recording holds what no oscilloscope of ours has sent") from fault
-    if told.dialect not in DIALECTS or min(told.lengths) < 1 or sum(told.lengths) != size:
+    whole = 2 <= len(told.scales) == len(told.lengths) <= 3
+    if told.dialect not in DIALECTS or not whole or min(told.lengths) < 1 or sum(told.lengths) != size:
         raise InvalidSource("the recording holds an acquisition whose note does not fit its bytes")
     return told
 
@@ -161,6 +183,8 @@ class WaveformDecoder:
         """
         acquisition = _acquisition(note, len(data))
         dialect = DIALECTS[acquisition.dialect]
+        if len(acquisition.lengths) != len(self.header.channels):
+            raise InvalidSource("the recording holds an acquisition of other channels than it says")
         lengths, begin, columns = acquisition.lengths, 0, []
         for length, answer in zip(lengths, acquisition.scales, strict=True):
             scaling = dialect.scaled(answer)

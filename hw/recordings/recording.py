@@ -167,12 +167,11 @@ class _FirstLine(Header):
     def __post_init__(self) -> None:
         """Raise ``ValueError`` for numbers and names that no source of samples has."""
         json.dumps(self.source, allow_nan=False)
-        if self.kind not in ("frames", "waveforms"):
-            raise ValueError("kind: frames or waveforms")
+        if self.kind not in ("frames", "waveforms", "volts"):
+            raise ValueError("kind: frames, waveforms or volts")
         if not 1e-6 < self.rate < 1e12:
             raise ValueError("rate: in Hz, above 0")
-        most = 3 if self.kind == "frames" else 2
-        if not 2 <= len(self.channels) == len(self.scale) <= most or not all(1e-18 < abs(one) < 1e6 for one in self.scale):
+        if not 2 <= len(self.channels) == len(self.scale) <= 3 or not all(1e-18 < abs(one) < 1e6 for one in self.scale):
             raise ValueError("scale: volts per count of two or three channels")
         if not 0 <= self.stream < 1 << 16 or (self.kind == "frames" and not 32 <= self.size <= 1024):  # docs/protocol.md
             raise ValueError("stream and size: of no frames")

@@ -5,6 +5,7 @@ A bench file (TOML) looks like ``probe_design/data/bench.toml``, the built-in be
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -42,17 +43,34 @@ class Shaker(Frozen):
     most_warming: Warming = 0.1
 
 
+class OwnAmplifier(Frozen):
+    """What one film's amplifier has of its own; what is left out is as ``Amplifier`` says."""
+
+    resistance: Resistance | None = None
+    capacitance: Capacitance | None = None
+    resistance_tolerance: Share | None = None
+    capacitance_tolerance: Share | None = None
+
+
 class Amplifier(Frozen):
-    """The charge amplifiers, alike but for the tolerances of their parts (relative standard deviations)."""
+    """The charge amplifiers: alike, but for the tolerances of their parts (relative standard deviations), or each its own."""
 
     resistance: Resistance = 1e9
     capacitance: Capacitance = 1e-9
     resistance_tolerance: Share = 0.05
     capacitance_tolerance: Share = 0.02
+    inner: OwnAmplifier | None = None
+    outer: OwnAmplifier | None = None
 
     def built(self) -> ChargeAmplifier:
-        """Return it as ``hw`` knows it."""
-        return ChargeAmplifier(**self.model_dump())
+        """Return what both have in common as ``hw`` knows it."""
+        return ChargeAmplifier(**self.model_dump(exclude={"inner", "outer"}))
+
+    def of_films(self) -> tuple[ChargeAmplifier, ChargeAmplifier]:
+        """Return the inner film's and the outer film's."""
+        own = [{} if one is None else one.model_dump(exclude_none=True) for one in (self.inner, self.outer)]
+        inner, outer = (replace(self.built(), **parts) for parts in own)
+        return inner, outer
 
 
 class Sampling(Frozen):

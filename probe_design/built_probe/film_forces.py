@@ -14,6 +14,7 @@ from hw.signal.running import RunningFit
 from hw.signal.waveform import Flawed
 from probe_design.built_probe.bench import Bench, Reference
 from probe_design.built_probe.gain_matrix import Observed
+from probe_design.built_probe.own_amplifiers import with_own_amplifiers
 from probe_design.built_probe.virtual_probe import charge_per_force
 
 PYROELECTRIC = 30e-6  # C / (m^2 K), PHYSICS.md section 6: of PVDF
@@ -22,13 +23,15 @@ PYROELECTRIC = 30e-6  # C / (m^2 K), PHYSICS.md section 6: of PVDF
 def reading(samples: Samples, bench: Bench, calibrated_at: float | None = None) -> Measurement:
     """Return a reading, gaps and saturation noted and left out. Raises ``HardwareError``."""
     sensitivity = None if bench.force is None else bench.force.sensitivity
-    return measure(samples, bench.amplifier.built(), bench.load.frequency, sensitivity, calibrated_at)
+    measurement = measure(samples, bench.amplifier.built(), bench.load.frequency, sensitivity, calibrated_at)
+    return with_own_amplifiers(measurement, bench.amplifier, calibrated_at)
 
 
 def running_reading(running: RunningFit, bench: Bench, calibrated_at: float | None = None) -> Measurement:
     """Return a reading that was fitted as it came, likewise. Raises ``HardwareError``."""
     sensitivity = None if bench.force is None else bench.force.sensitivity
-    return measured(running.fit(), running.losses, bench.amplifier.built(), sensitivity, calibrated_at)
+    measurement = measured(running.fit(), running.losses, bench.amplifier.built(), sensitivity, calibrated_at)
+    return with_own_amplifiers(measurement, bench.amplifier, calibrated_at)
 
 
 def strict_reading(samples: Samples, bench: Bench, scene: Scene) -> Measurement:
@@ -77,8 +80,9 @@ def warming(measurement: Measurement, bench: Bench, probe: Probe) -> Floats:
     p A dT, a drift V = p A dT / Cf (BP.3). The electronics' own offset counts with them, so that this is a bound.
     """
     areas = PYROELECTRIC * np.array([probe.inner_area, probe.outer_area])
-    steady = np.abs(measurement.fit.offsets[:2]) * measurement.fit.seconds / (bench.amplifier.resistance * areas)
-    return np.asarray(steady + measurement.fit.drift[:2] * bench.amplifier.capacitance / areas)
+    resistance, capacitance = np.array([[one.resistance, one.capacitance] for one in bench.amplifier.of_films()]).T
+    steady = np.abs(measurement.fit.offsets[:2]) * measurement.fit.seconds / (resistance * areas)
+    return np.asarray(steady + measurement.fit.drift[:2] * capacitance / areas)
 
 
 def newtons_per_kelvin(scene: Scene) -> Floats:

@@ -72,8 +72,9 @@ def surprises(value: float, spread: float, predicted: Result) -> tuple[float | N
 
 def _of_parts(measurement: Measurement, bench: Bench) -> Floats:
     """Covariance of (re, im) of the charges by the amplifiers' parts, those that a calibration has seen too, (4, 4)."""
-    parts, out = bench.amplifier.built().tolerance(measurement.fit.frequency), np.zeros((4, 4))
-    for k, charge in enumerate(measurement.charges):
+    out = np.zeros((4, 4))
+    for k, (charge, one) in enumerate(zip(measurement.charges, bench.amplifier.of_films(), strict=True)):
+        parts = one.tolerance(measurement.fit.frequency)
         turn = np.array([[charge.real, -charge.imag], [charge.imag, charge.real]])
         out[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = turn @ parts @ turn.T
     return out

@@ -48,11 +48,11 @@ class Built:
     drift: float = 1e-3
     offsets: tuple[float, float, float] = (0.3e-3, -0.2e-3, 0.1e-3)
 
-    def amplifiers(self, nominal: ChargeAmplifier) -> tuple[ChargeAmplifier, ChargeAmplifier]:
+    def amplifiers(self, nominal: tuple[ChargeAmplifier, ChargeAmplifier]) -> tuple[ChargeAmplifier, ChargeAmplifier]:
         """Return both amplifiers as built."""
         inner, outer = (
-            replace(nominal, resistance=nominal.resistance * r, capacitance=nominal.capacitance * c)
-            for r, c in zip(self.resistance, self.capacitance, strict=True)
+            replace(one, resistance=one.resistance * r, capacitance=one.capacitance * c)
+            for one, r, c in zip(nominal, self.resistance, self.capacitance, strict=True)
         )
         return inner, outer
 
@@ -73,7 +73,7 @@ def signals(
     """
     frequency = built.frequency * bench.load.frequency
     charges = charge_per_force(scene) * np.array(built.gains) @ forces
-    responses = np.array([one.response(frequency) for one in built.amplifiers(bench.amplifier.built())])
+    responses = np.array([one.response(frequency) for one in built.amplifiers(bench.amplifier.of_films())])
     sensitivity = built.force * (0.0 if bench.force is None else bench.force.sensitivity)
     amplitudes = np.append(charges * responses, sensitivity * forces.sum())
     random = np.random.default_rng(seed)

@@ -18,11 +18,22 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("scene", type=FILE_NAME)
+@click.argument("more", nargs=-1, metavar="")
 @click.option("--ratio", help="stress_inner / stress_outer as it was read at the scene's placement.")
 @noise_option
 @click.option("--stiffness", help="Force on the base per indentation as it was read beside --ratio, N/m.")
 @click.option("--stiffness-noise", help="Relative standard deviation of a stiffness.  [default: that of the ratio]")
 @click.option("--readings", "file", type=FILE_NAME, help="In place of --ratio: a .toml or .csv file, see below.")
+@click.option(
+    "--reading",
+    "reading",
+    multiple=True,
+    help="In place of --ratio: recordings, or what read --json has printed, each with its place: 'run.probe, x=-8 mm'.",
+)
+@click.option("--calibration", type=FILE_NAME, help="Of recordings: what calibrate has written.")
+@click.option("--bench", type=FILE_NAME, help="Of recordings: TOML file of load and amplifier.")
+@click.option("--column", multiple=True, help="Of recordings by other programs: 'inner=CH1 mV'; see read --help.")
+@click.option("--rate", help="Of recordings without times: samples per second, '10 kHz'.")
 @click.option(
     "--unknown",
     default="youngs_modulus",
@@ -38,7 +49,8 @@ if TYPE_CHECKING:
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def estimate(
     scene: Path, ratio: str | None, noise: str | None, stiffness: str | None, stiffness_noise: str | None, file: Path | None,
-    unknown: str, nuisance: tuple[str, ...], accuracy: str | None, linear: bool, as_json: bool,
+    unknown: str, nuisance: tuple[str, ...], accuracy: str | None, linear: bool, as_json: bool, reading: tuple[str, ...],
+    more: tuple[str, ...], calibration: Path | None, bench: Path | None, column: tuple[str, ...], rate: str | None,
 ) -> None:  # fmt: skip
     """Say what was pressed on: E_object, diameter or depth of SCENE's target, or a layer of its tissue, with its 95 % interval.
 
@@ -52,6 +64,10 @@ def estimate(
     probe-design estimate scene.toml --ratio 0.62 --noise 0.05
     probe-design estimate scene.toml --ratio 0.62 --noise 0.01 --stiffness 80 --unknown diameter
     probe-design estimate scene.toml --readings scan.csv --nuisance "tissue.layer[0].thickness = 20 %"
+    probe-design estimate scene.toml --calibration probe.toml --reading over.probe "beside.h5, x=30 mm, blank=true"
+
+    A reading brings its own noise; what its calibration is off by never averages out among those that share it. Its place is what
+    stands behind the file's name, else what it tells itself, else the scene's.
 
     \b
     scan.csv holds one press a line (or scan.toml, tables [[reading]] with these keys):
@@ -63,17 +79,28 @@ def estimate(
     moves that reading too, and so counts less. Every column but ratio may be left out. ratio_phase and ratio_phase_sd, angles
     such as 1.8 deg, are the ratio's phase as read tells it: they count where the scene has loss factors.
     """  # noqa: D301
+    from dataclasses import replace
+
     from geometry.scenes.scene_file import read_scene
+    from probe_design.cli.estimate_readings import Sources, checked_texts, field_readings
     from probe_design.estimation.estimate import estimate as run
     from probe_design.terminal.console import working
     from probe_design.terminal.estimate_table import estimate_table, sentence
 
     read = read_scene(scene)
     roughly = dict(_named(text) for text in nuisance)
-    readings = _readings(read, file, ratio=ratio, noise=noise, stiffness=stiffness, stiffness_noise=stiffness_noise)
+    notes: list[str] = []
+    if texts := checked_texts(reading, more):
+        _check_alone(
+            {"ratio": ratio, "readings": file, "noise": noise, "stiffness": stiffness, "stiffness-noise": stiffness_noise}
+        )
+        read, readings, notes = field_readings(scene, texts, Sources(bench, calibration, column, rate))
+    else:
+        readings = _readings(read, file, ratio=ratio, noise=noise, stiffness=stiffness, stiffness_noise=stiffness_noise)
     reach = None if accuracy is None else number("accuracy", accuracy)
     with working(f"estimating {unknown} of {scene}"):
         answer = run(read, readings, unknown, reach, linear=linear, nuisances=roughly)
+    answer = replace(answer, warnings=(*notes, *answer.warnings))
     present(answer, estimate_table, as_json, lines=lambda estimate: [sentence(estimate)])
 
 
@@ -87,6 +114,15 @@ def _named(text: str) -> tuple[str, str]:
     return name, value
 
 
+def _check_alone(beside: dict[str, object]) -> None:
+    """Refuse what says otherwise than files of readings do."""
+    from geometry.common.errors import InputError
+
+    for key, value in beside.items():
+        if value is not None:
+            raise InputError(key, str(value), "nothing beside --reading, whose files have it")
+
+
 def _readings(
     scene: Scene, file: Path | None, *, ratio: str | None, noise: str | None, stiffness: str | None, stiffness_noise: str | None
 ) -> tuple[Reading, ...]:
@@ -95,7 +131,7 @@ def _readings(
 
     if (ratio is None) == (file is None):
         what = Words("missing") if ratio is None else Words(f"{ratio} beside --readings")
-        raise InputError("ratio", what, "exactly one of --ratio and --readings")
+        raise InputError("ratio", what, "exactly one of --ratio, --readings and --reading")
     if file is None:
         return one_reading(scene, ratio, NOISE if noise is None else noise, stiffness, stiffness_noise)
     if stiffness is not None:

@@ -1,4 +1,4 @@
-"""The verbs of the built probe: `read`, `calibrate` and `check`."""
+"""The verbs of the built probe: `read`, `calibrate`, `check` and `doctor`."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from hw.common.samples import Samples
     from probe_design.built_probe.bench import Reference
     from probe_design.cli.hardware_sources import HardwareSetup, Opener, SampleSource
+    from probe_design.doctor.finding import Finding
 
 Verb = Callable[..., None]
 
@@ -25,16 +26,32 @@ _RESUME = click.option("--resume", is_flag=True, help="Take the recordings that 
 
 
 def _with_source(verb: Verb, resumes: bool = False) -> Verb:
-    """Add the options that all three verbs have, and --resume to those of several readings."""
+    """Add the options that all verbs of the built probe have, and --resume to those of several readings."""
     options = (
         click.argument("scene", type=FILE_NAME, required=False),
         click.option(
             "--virtual", is_flag=True, help="Read a probe that is not there: the solver's prediction, noise, hum, drift."
         ),
-        click.option("--replay", type=FILE_NAME, multiple=True, help="Read a recording; once for each reading."),
-        click.option("--device", help="usb, usb:SERIAL or visa:RESOURCE.  [default: usb, the only probe connected]"),
+        click.option(
+            "--replay",
+            type=FILE_NAME,
+            multiple=True,
+            help="Read a recording, or a .csv, .txt, .h5 or .wav file of another program; once for each reading.",
+        ),
+        click.option(
+            "--column",
+            multiple=True,
+            help="Of such a file: 'inner=CH1 mV', for inner, outer, force, time: the column's name or number and what one of its "
+            "numbers is worth; or a TOML file that says so. Of an oscilloscope: 'force=4', the channel.",
+        ),
+        click.option("--rate", help="Samples per second, '10 kHz': a device is asked for it; a file without times has it."),
+        click.option("--device", help="usb, usb:SERIAL, serial:PORT or visa:RESOURCE.  [default: usb, the only probe connected]"),
         click.option("--seconds", help="How long to read.  [default: 10; a recording to its end]"),
-        click.option("--record", type=FILE_NAME, help="Write the raw data to this file; several are numbered."),
+        click.option(
+            "--record",
+            type=FILE_NAME,
+            help="Write the raw data to this file, or samples in volts where it ends in .h5; several are numbered.",
+        ),
         *([_RESUME] if resumes else []),
         click.option("--bench", type=FILE_NAME, help="TOML file of load, amplifier and references."),
         click.option("--built", multiple=True, help="How the virtual probe differs: 'probe.gap=0.12 mm'."),
@@ -63,10 +80,13 @@ def read(
     probe-design read scene.toml --virtual
     probe-design read scene.toml --record run.probe --calibration probe.toml
     probe-design read scene.toml --replay run.probe --calibration probe.toml --json
+    probe-design read scene.toml --replay scope.csv --column "inner=CH1 mV" --column "outer=CH2 mV" --rate "1 kHz"
+    probe-design read scene.toml --replay run.probe --record run.h5
     """  # noqa: D301
     from hw.signal.running import RunningFit
     from hw.signal.sine_fit import check_rate
     from probe_design.built_probe.acquisition import collected
+    from probe_design.built_probe.field_readings import noise_of, placement_of, read_told
     from probe_design.built_probe.film_forces import reading, running_reading
     from probe_design.built_probe.reading import prediction
     from probe_design.built_probe.reading import read as judged
@@ -93,10 +113,12 @@ def read(
         check_rate(frequency, reader.header.rate)
         running = RunningFit(frequency, setting.bench.force is not None)
         with following(lambda samples: judge(reading(samples, setting.bench, at))) as follow:  # from here on samples come
-            collected(reader, length, recording, running, show=follow, last=followed(frequency))
-    result = judge(running_reading(running, setting.bench, at))
+            collected(setting.described_by(reader), length, recording, running, show=follow, last=followed(frequency))
+    measurement = running_reading(running, setting.bench, at)
+    result = judge(measurement)
     if as_json:
-        print_json(result.as_dict())
+        known = setting.origin | {"placement": placement_of(reader.header.source)}
+        print_json(read_told(result, noise_of(measurement, setting.scene, setting.bench, gains), known))
     else:
         show(read_table(result))
     warn(result.warnings + tuple(note for note in predicted.warnings if note.kind in ("linear", "null")))
@@ -196,6 +218,66 @@ def check(
         raise SystemExit(1)
 
 
+@click.command()
+@_with_source
+def doctor(scene: Path | None, bench: Path | None, linear: bool, as_json: bool, **source: Any) -> None:
+    """Say what is installed, found and permitted for reading probes, and test the channels of one.
+
+    Looks at libusb, udev rules, probes, serial ports, VISA and versions; what is missing comes with its remedy. The probe on USB,
+    or what --device, --virtual or --replay names, is then read under the bench's load: noise against what resistor and converter
+    must have, polarity, load, clipping, mains. Exit code 1 where something is at fault.
+
+    \b
+    probe-design doctor
+    probe-design doctor --virtual
+    probe-design doctor --device usb:1234 --bench bench.toml --json
+    """  # noqa: D301
+    from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
+    from probe_design.doctor.installed import installed, versions
+    from probe_design.terminal.console import show
+    from probe_design.terminal.doctor_table import doctor_table
+
+    origin, setting = SampleSource(**source), HardwareSetup.of(scene, bench, None)
+    length = origin.length
+    computer = installed()
+    channels = _channels(origin, setting, length, any(one.name == "probe on USB" for one in computer))
+    found = [*computer, *channels]
+    good = not any(one.state == "fault" for one in found)
+    if as_json:
+        told = {"installed": [one.as_dict() for one in computer], "self_test": [one.as_dict() for one in channels]}
+        print_json({"good": good, "versions": versions(), **told})
+    else:
+        show(doctor_table(found, versions()))
+        for state, words in (("fault", "at fault"), ("doubtful", "doubtful")):
+            names = ", ".join(one.name for one in found if one.state == state)
+            print(f"{words}: {names or 'nothing'}")
+        for one in found:
+            if one.state != "good" and one.remedy:
+                print(f"{one.name}: {one.remedy}")
+    if not good:
+        raise SystemExit(1)
+
+
+def _channels(origin: SampleSource, setting: HardwareSetup, length: float | None, plugged: bool) -> list[Finding]:
+    """Test the channels of a probe, if there is one to be tested."""
+    from hw.common.errors import HardwareError, InvalidSource
+    from probe_design.doctor.finding import Finding
+    from probe_design.doctor.self_test import self_test
+
+    (recording,) = origin.recordings(1)
+    if origin.live and origin.device is None and not plugged:
+        return []
+    try:
+        (opener,) = origin.openers(lambda: (_on_scene(setting, origin, "0.01"),), 1, pace=False)
+        with opener() as reader:
+            samples = setting.described_by(reader).collect(length, recording)
+    except InvalidSource:
+        raise
+    except HardwareError as fault:
+        return [Finding("reading", "fault", str(fault))]
+    return self_test(samples, setting.scene, setting.bench)
+
+
 def _readings(
     setting: HardwareSetup, source: SampleSource, references: Sequence[Reference], run: int
 ) -> tuple[list[Samples], tuple[Path | None, ...]]:
@@ -237,7 +319,8 @@ def _reading(
         try:
             with opener() as reader:
                 length = source.length if recorded is None or source.seconds is not None else None
-                samples = reader.collect(length, None if recorded is not None else file).whole()
+                written = file if recorded is None else source.copied(*which)
+                samples = setting.described_by(reader).collect(length, written).whole()
             strict_reading(samples, setting.bench, setting.scene)
         except HardwareError as fault:
             flaw = Flawed(f"{reference.name}: {fault}")

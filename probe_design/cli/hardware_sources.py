@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,10 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import read_scene
 from geometry.scenes.variables import changed, values
 from hw.common.samples import Floats, Samples
-from hw.reader import Reader
+from hw.foreign.columns import ColumnMap
+from hw.foreign.files import HDF5, tells_itself
+from hw.foreign.units import read_rate
+from hw.reader import AS_IT_IS, Reader
 from hw.recordings.recording import sha256
 from hw.simulation.virtual import virtual
 from probe_design.built_probe.bench import Bench, builtin_bench, read_bench
@@ -49,6 +53,8 @@ class SampleSource:
     built: tuple[str, ...] = ()
     seed: int = 0
     wait: str | None = None
+    column: tuple[str, ...] = ()
+    rate: str | None = None
 
     def __post_init__(self) -> None:
         if self.virtual and self.device is not None:
@@ -57,8 +63,11 @@ class SampleSource:
             raise InputError("resume", Words("without --record"), "the name that the recordings were given with --record")
         if self.built and not self.virtual:
             raise InputError("built", self.built[0], "nothing without --virtual: it says how the virtual probe was built")
-        if self.record is not None and not self.more:
-            raise InputError("record", str(self.record), "nothing beside --replay, whose file is the recording")
+        if self.record is not None and not self.more and self.record.suffix.lower() not in HDF5:
+            raise InputError("record", str(self.record), "a name that ends in .h5 beside --replay, whose file is the recording")
+        for key, given in (("column", self.column), ("rate", self.rate)):
+            if given and self.virtual:
+                raise InputError(key, given, "nothing beside --virtual, which has its own")
 
     @property
     def more(self) -> bool:
@@ -98,19 +107,29 @@ class SampleSource:
         Raises:
             InputError: more recordings than readings, or fewer and nothing that gives the rest.
         """
-        recorded = self.recorded(count)
+        recorded, (rate, columns) = self.recorded(count), self._asked()
         if self.virtual and None in recorded:
             live: list[Opener] = [partial(_virtual, one, pace) for one in signals()]
         else:
             live = [self.device_opener()] * count
         return tuple(
-            opener if path is None else partial(Reader.open, f"replay:{path}")
+            opener if path is None else partial(self._replayed, path, rate, columns)
             for path, opener in zip(recorded, live, strict=True)
         )
 
     def device_opener(self) -> Opener:
         """Return what opens the device, by default the only probe on USB."""
-        return partial(Reader.open, self.device or "usb")
+        return partial(Reader.open, self.device or "usb", *self._asked())
+
+    def _asked(self) -> tuple[float | None, ColumnMap]:
+        """--rate in Hz and --column."""
+        return None if self.rate is None else read_rate(self.rate), ColumnMap.of(self.column)
+
+    def _replayed(self, path: Path, rate: float | None, columns: ColumnMap) -> Reader:
+        """A recording's reader; beside a device, rate and columns are the device's where the recording tells its own."""
+        if self.more and tells_itself(path):
+            rate, columns = None, AS_IT_IS
+        return Reader.open(f"replay:{path}", rate, columns)
 
     def recorded(self, count: int) -> tuple[Path | None, ...]:
         """Return the recording that stands for each reading: of --replay the first ones; to resume, the last attempt of each."""
@@ -129,14 +148,18 @@ class SampleSource:
         name = "-".join([self.record.stem, *number] + ([f"again{attempt}"] if attempt > 1 else []))
         return self.record.with_name(f"{name}{self.record.suffix}")
 
+    def copied(self, k: int, count: int) -> Path | None:
+        """Return the file that takes a replayed reading's samples as well: where nothing but recordings is read, --record."""
+        return None if self.more else self.recording(k, count)
+
     def recordings(self, count: int) -> tuple[Path | None, ...]:
-        """Return the file of each reading's raw data, None for those that stand in a recording already.
+        """Return the new file of each reading's data, None for those that stand in a recording already and are not copied.
 
         Raises:
             InputError: one of them exists, or cannot be written.
         """
         recorded = self.recorded(count)
-        files = tuple(self.recording(k, count) if path is None else None for k, path in enumerate(recorded))
+        files = tuple(self.recording(k, count) if path is None else self.copied(k, count) for k, path in enumerate(recorded))
         for path in filter(None, files):
             if path.exists():
                 raise InputError("record", str(path), "a name that is not taken: recordings are never overwritten")
@@ -150,11 +173,12 @@ class SampleSource:
 
 @dataclass(frozen=True)
 class HardwareSetup:
-    """Scene, bench and, where there is one, calibration."""
+    """Scene, bench and, where there is one, calibration; ``origin`` is what a recording keeps of them."""
 
     scene: Scene
     bench: Bench
     calibration: CalibrationRecord | None = None
+    origin: dict[str, Any] = field(default_factory=dict)
 
     @classmethod
     def of(cls, scene: Path | None, bench: Path | None, calibration: Path | None) -> HardwareSetup:
@@ -169,12 +193,20 @@ class HardwareSetup:
             read_scene(scene) if scene is not None else known_scene or builtin_reading(),
             read_bench(bench) if bench is not None else known_bench or builtin_bench(),
             record,
+            {f"{key}_sha256": sha256(path) for key, path in (("scene", scene), ("calibration", calibration)) if path is not None},
         )
         if known_scene is not None and not _same_probe(known_scene, setting.scene):
             raise InputError("calibration", str(calibration), "one of this probe: dimensions, moduli or films differ")
         if known_bench is not None and known_bench.amplifier != setting.bench.amplifier:
             raise InputError("calibration", str(calibration), "one with this bench's amplifier")
         return setting
+
+    def described_by(self, reader: Reader) -> Reader:
+        """Return a reader whose recording tells scene, calibration and place, unless what it replays has told them."""
+        place = {"placement": [self.scene.placement.x, self.scene.placement.y]}
+        for key, value in (self.origin | place).items():
+            reader.header.source.setdefault(key, value)
+        return reader
 
     def virtual(self, source: SampleSource) -> VirtualBench:
         """Return the virtual probe, built as the source says."""

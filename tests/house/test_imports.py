@@ -28,12 +28,14 @@ ALLOWED: dict[str, set[str]] = {
     "geometry.cad": SCENES,
     "geometry.tetra": {"geometry.cad", *SCENES},
     # hw stands alone: a measuring computer needs neither shapes nor solvers; sources of samples know the wire, the reader all
-    "hw": {"hw.common", "hw.wire", "hw.recordings", "hw.usb", "hw.simulation", "hw.oscilloscope"},
+    "hw": {"hw.common", "hw.foreign", "hw.wire", "hw.recordings", "hw.usb", "hw.serial_port", "hw.simulation", "hw.oscilloscope"},
     "hw.common": set(),
     "hw.wire": {"hw.common"},
     "hw.signal": {"hw.common"},
     "hw.recordings": {"hw.common"},
+    "hw.foreign": {"hw.common"},
     "hw.usb": {"hw.common", "hw.wire"},
+    "hw.serial_port": {"hw.common", "hw.wire"},
     "hw.simulation": {"hw.common", "hw.wire"},
     "hw.oscilloscope": {"hw.common", "hw.usb"},
     # solver sees scenes only: results never depend on how they are asked for, optimised or shown; a level knows those that it
@@ -130,6 +132,7 @@ ALLOWED: dict[str, set[str]] = {
         *ANSWERS,
     },
     "probe_design.probe_check": {"probe_design.built_probe", "hw.common", *ANSWERS},
+    "probe_design.doctor": {"probe_design.built_probe", "hw.common", "hw.signal", "hw.usb", *SCENES},
     "probe_design.solid_output": {
         "probe_design.pictures",
         "solver.planning",
@@ -141,6 +144,7 @@ ALLOWED: dict[str, set[str]] = {
     # terminal shows what they found, cli asks them for it; the face offers the one that is asked for from Python
     "probe_design.terminal": {
         "probe_design.built_probe",
+        "probe_design.doctor",
         "probe_design.estimation",
         "probe_design.maps",
         "probe_design.probe_check",
@@ -153,6 +157,7 @@ ALLOWED: dict[str, set[str]] = {
     "probe_design.cli": {
         "probe_design.built_probe",
         "probe_design.data",
+        "probe_design.doctor",
         "probe_design.estimation",
         "probe_design.maps",
         "probe_design.optimisation",
@@ -166,6 +171,7 @@ ALLOWED: dict[str, set[str]] = {
         "geometry.cad",
         "hw",
         "hw.common",
+        "hw.foreign",
         "hw.recordings",
         "hw.signal",
         "hw.simulation",

@@ -116,8 +116,8 @@ class TestFiles:
         back = Assembly.importStep(str(exported / "assembly.step"))
         found = {child.name: child.color.toTuple()[:3] for child in back.children}
         assert set(found) == set(NAMES)
-        for name, colour in solids.COLOURS.items():
-            assert found[name] == pytest.approx(colour, abs=1e-6)
+        for name in NAMES:
+            assert found[name] == pytest.approx(solids.COLOURS[name], abs=1e-6)
 
 
 def numbers_of_colours(text: str) -> list[float]:

@@ -13,6 +13,7 @@ from usb.core import USBError
 
 from hw.common.errors import Disconnected, HardwareError, InvalidSource, NotFound, ProtocolError, Timeout
 from hw.common.transport import Chunk
+from hw.foreign.columns import ColumnMap, channel_numbers
 from hw.oscilloscope.transport import ScopeTransport, faults_named
 from hw.reader import Reader
 
@@ -84,6 +85,39 @@ def test_families(identity: str, tmp_path: Path) -> None:
         again = reader.collect(1.5 * POINTS * INTERVAL)
     np.testing.assert_array_equal(again.volts, live.volts)
     assert again.gaps == live.gaps
+
+
+@pytest.mark.parametrize("identity", ANSWERS)
+def test_force_on_any_channel(identity: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Inner on 2, outer on 1, force on 4, which has 0.25 mV a code."""
+    monkeypatch.setattr(Scope, "codes", lambda self: CODES_OF[self.signed][self.channel].tobytes())
+    numbers = channel_numbers(ColumnMap.of(("inner=2", "outer=CH1", "force=4")))
+    with Reader(ScopeTransport(Scope(identity), "here", numbers)) as reader:
+        live = reader.collect(POINTS * INTERVAL, record=tmp_path / "run.probe")
+    assert live.channels == ("inner", "outer", "force")
+    middle = {"K": 128, "R": 127, "T": 128}[identity[0]]
+    by_hand = [1e-3 / k * (CODES[k % 2] - middle) + 0.02 for k in numbers.values()]
+    np.testing.assert_allclose(live.volts, np.column_stack(by_hand), atol=1e-12)
+    with Reader.open(f"replay:{tmp_path / 'run.probe'}") as reader:
+        np.testing.assert_array_equal(reader.collect(POINTS * INTERVAL).volts, live.volts)
+
+
+CODES_OF = {signed: {k: (CODES[k % 2] - 128 * signed).astype(np.int8 if signed else np.uint8) for k in (1, 2, 4)}
+            for signed in (False, True)}  # fmt: skip
+
+
+@pytest.mark.parametrize("words", [("force=9",), ("force=1",), ("time=3",), ("inner=CH2 mV",), ("outer=first",)])
+def test_what_is_no_channel_is_refused(words: tuple[str, ...]) -> None:
+    with pytest.raises(InvalidSource, match=r"allowed: (a channel|another channel)"):
+        channel_numbers(ColumnMap.of(words))
+
+
+def test_rate_is_asked_for_and_checked() -> None:
+    scope = Scope("RIGOL TECHNOLOGIES,DS1104Z,DS1,00.04")
+    ScopeTransport(scope, "here", rate=1 / INTERVAL)
+    assert ":TIMEBASE:MAIN:SCALE 0.002" in scope.words  # 100 samples a division, of 20 us
+    with pytest.raises(InvalidSource, match="rate = 1000 Hz: here samples at 50000 Hz"):
+        ScopeTransport(Scope("KEYSIGHT TECHNOLOGIES,DSOX1204G,CN1,2.1"), "here", rate=1000.0)
 
 
 def test_codes_at_the_ends_are_saturated(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -48,7 +48,7 @@ def test_lasting_fault_is_named(kind: Kind, error: type[HardwareError], remedy: 
 
 @pytest.mark.parametrize("source", ["", "usbs", "visa:", "replay", "virtual:x"])
 def test_unknown_sources(source: str) -> None:
-    with pytest.raises(InvalidSource, match="allowed: usb, usb:SERIAL, visa:RESOURCE, replay:FILE") as caught:
+    with pytest.raises(InvalidSource, match="allowed: usb, usb:SERIAL, serial:PORT, visa:RESOURCE, replay:FILE") as caught:
         Reader.open(source)
     assert caught.value.exit_code == 2
 

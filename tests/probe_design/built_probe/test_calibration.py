@@ -35,7 +35,7 @@ def readings(logs: Floats, seed: int, bench: Bench = BENCH, built: Built = BUILT
 def true_matrix() -> Floats:
     """Return M as a calibration at the bench's frequency should find it, amplifiers included, shape (2, 2)."""
     nominal, frequency = BENCH.amplifier.built(), BUILT.frequency * BENCH.load.frequency
-    responses = [one.response(frequency) for one in BUILT.amplifiers(nominal)]
+    responses = [one.response(frequency) for one in BUILT.amplifiers((nominal, nominal))]
     return np.asarray(np.abs(responses)[:, None] / abs(nominal.response(frequency)) * np.array(BUILT.gains))
 
 

@@ -153,7 +153,7 @@ def test_no_probe_is_one_line() -> None:
     ("arguments", "words"),
     [
         (("read", SCENE, "--virtual", "--device", "usb"), "one of --virtual, --replay and --device"),
-        (("read", SCENE, "--device", "serial:7"), "allowed"),
+        (("read", SCENE, "--device", "parallel:7"), "allowed"),
         (("read", SCENE, "--virtual", "--seconds", "-1"), "seconds"),
         (("read", SCENE, "--virtual", "--seconds", "long"), "seconds"),
         (("read", SCENE, "--virtual", "--calibration", "absent.toml"), "calibration"),

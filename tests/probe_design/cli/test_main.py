@@ -40,6 +40,7 @@ STARTED: dict[str, tuple[str | Path, ...]] = {  # the cheapest that each verb do
     "read": (EXAMPLE, "--virtual", "--seconds", "4"),
     "calibrate": (EXAMPLE, "--virtual", "--seconds", "5", "-o", "probe.toml"),
     "check": (EXAMPLE, "--virtual", "--seconds", "5"),
+    "doctor": (EXAMPLE, "--virtual", "--seconds", "4"),
 }
 
 

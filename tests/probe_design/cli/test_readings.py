@@ -44,7 +44,7 @@ def devices(monkeypatch: pytest.MonkeyPatch) -> Devices:
 
     def connect(faults: list[tuple[Fault, ...]]) -> None:
         boards = iter([virtual(volts(k), 500.0, channels=3, scale=2e-6, faults=one) for k, one in enumerate(faults)])
-        opened: Any = lambda name: real(next(boards) if name == "usb" else name)  # noqa: E731
+        opened: Any = lambda name, *asked: real(next(boards) if name == "usb" else name, *asked)  # noqa: E731
         monkeypatch.setattr(hardware_sources.Reader, "open", opened)
 
     monkeypatch.setattr(hardware, "_ask_for", lambda *what: None)
@@ -110,7 +110,7 @@ def test_read_predicts_before_the_board_starts(monkeypatch: pytest.MonkeyPatch) 
         running.append(board.firmware.stream)
         return Result("none", 0.0, stress_inner=500.0, stress_outer=900.0, ratio=0.55, error_estimate=1e-3)
 
-    monkeypatch.setattr(hardware_sources.Reader, "open", lambda name: real(board))
+    monkeypatch.setattr(hardware_sources.Reader, "open", lambda name, *asked: real(board))
     monkeypatch.setattr(reading, "prediction", predicts)
     ended = CliRunner().invoke(hardware.read, [str(SCENE), "--device", "usb", "--seconds", "5", "--json"])
     assert ended.exit_code == 0, ended.output
@@ -123,7 +123,7 @@ def test_read_predicts_before_the_board_starts(monkeypatch: pytest.MonkeyPatch) 
     [
         ({"virtual": True, "device": "usb"}, "one of --virtual, --replay and --device"), ({"resume": True}, "without --record"),
         ({"replay": (Path("a"),) * 4}, "3: one for each reading"), ({"replay": (Path("a"),)}, "3: one for each reading"),
-        ({"replay": (Path("a"),), "record": Path("b")}, "nothing beside --replay"),
+        ({"replay": (Path("a"),), "record": Path("b")}, "ends in .h5 beside --replay"),
     ],
 )  # fmt: skip
 def test_sources_that_contradict_each_other(given: dict[str, Any], words: str) -> None:

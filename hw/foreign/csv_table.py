@@ -1,0 +1,200 @@
+"""Text files of columns as data loggers, oscilloscopes and spreadsheets write them.
+
+What separates cells (semicolon, tab, comma, blanks), whether decimals have a comma, where the numbers begin, names and units of
+the columns are told from the file itself. A row that does not fit the others is refused with its line's number, never skipped.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hw.common.errors import InvalidSource
+from hw.common.samples import Floats
+from hw.foreign.table import ColumnTable
+from hw.foreign.units import NUMBER, SECONDS, VOLTS, refusal
+
+LARGEST_FILE = 400_000_000  # bytes, which take a minute
+SAMPLE = 300  # lines that tell how the file is written
+MISSING = {"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---"}
+OVERLOADS = {"inf": math.inf, "+inf": math.inf, "-inf": -math.inf, "ovf": math.inf, "ol": math.inf, "infinity": math.inf}
+_POINT, _COMMA = re.compile(NUMBER), re.compile(r"[-+]?(?:\d+,?\d*|,\d+)(?:[eE][-+]?\d+)?")
+_BRACKETS = re.compile(r"(.*\S)?\s*[(\[]\s*([^()\[\]]*)\s*[)\]]")
+_INTERVAL = re.compile(r"sample interval|x?-?incr(ement)?|tinc", re.IGNORECASE)
+_INLINE = re.compile(rf"tinc\s*=\s*({NUMBER})", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class TextLayout:
+    """How a file is written.
+
+    Attributes:
+        delimiter: between cells; None for blanks.
+        comma: whether decimals have a comma.
+        width: cells in a row of numbers.
+        begin: the first row of numbers, from 0.
+    """
+
+    delimiter: str | None
+    comma: bool
+    width: int
+    begin: int
+
+    def cells(self, lines: list[str]) -> Iterator[list[str]]:
+        """Return each line's cells."""
+        return _cells(lines, self.delimiter)
+
+
+def read_csv(path: Path) -> ColumnTable:
+    """Read a text file of columns.
+
+    Raises:
+        InvalidSource: it cannot be read, or there are no rows of numbers in it.
+    """
+    lines = _text(path).splitlines()
+    while lines and not lines[-1].strip().strip(",;"):
+        lines.pop()
+    dialect = _dialect(lines, path)
+    head = list(dialect.cells(lines[: dialect.begin]))
+    names, units = _names(head, dialect.width)
+
+    def read(wanted: list[int]) -> Floats:
+        return _numbers(path, dialect, lines, wanted)
+
+    return ColumnTable(path.name, names, units, read, _rate(lines[: dialect.begin], head), source={"transport": "csv"})
+
+
+def _text(path: Path) -> str:
+    try:
+        if path.stat().st_size > LARGEST_FILE:
+            raise refusal(str(path), f"{path.stat().st_size} bytes", f"up to {LARGEST_FILE} bytes of text: longer ones as HDF5")
+        data = path.read_bytes()
+    except OSError as fault:
+        raise InvalidSource(f"{path} cannot be read ({fault.strerror})") from fault
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return data.decode("utf-16", "replace")
+    if b"\0" in data[:10_000]:
+        raise refusal(str(path), "no text", "a text file of columns; HDF5 as .h5, sound as .wav")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
+
+
+def _cells(lines: list[str], delimiter: str | None) -> Iterator[list[str]]:
+    if delimiter is None:
+        return ([cell.strip('"') for cell in line.split()] for line in lines)
+    return ([cell.strip() for cell in row] for row in _records(lines, delimiter))
+
+
+def _records(lines: list[str], delimiter: str) -> Iterator[list[str]]:
+    """Return cells line by line: a quote that is not closed ends with its line."""
+    for line in lines:
+        yield next(csv.reader([line], delimiter=delimiter)) if '"' in line else line.split(delimiter)
+
+
+def _dialect(lines: list[str], path: Path) -> TextLayout:
+    sample = lines[:SAMPLE]
+    best: tuple[tuple[float, int], TextLayout] | None = None
+    for delimiter in (";", "\t", ",", None):
+        found = list(_cells(sample, delimiter))
+        for comma in (False, True):
+            rows = [[_is_number(cell, comma) for cell in row] for row in found]
+            widths = Counter(len(row) for row in rows if sum(row) > 1)
+            if not widths:
+                continue
+            width = widths.most_common(1)[0][0]
+            begin = _begin(found, rows, width)
+            if begin is None:
+                continue
+            body = [row for row in rows[begin:] if len(row) == width]
+            score = (sum(map(sum, body)) / (width * len(body)), len(body))
+            if best is None or score > best[0]:
+                best = score, TextLayout(delimiter, comma, width, begin)
+    if best is None:
+        raise refusal(str(path), "no rows of two numbers or more", "a text file of columns, one for each film")
+    return best[1]
+
+
+def _begin(found: list[list[str]], rows: list[list[bool]], width: int) -> int | None:
+    """The first of the rows whose numbers stand where most rows have them."""
+    usual = [row for row in rows if len(row) == width and sum(row) > 1]
+    columns = [k for k in range(width) if 2 * sum(row[k] for row in usual) > len(usual)]
+    if not columns:
+        return None
+    for at, row in enumerate(rows):
+        fits = len(row) == width and any(row[k] for k in columns)
+        if fits and all(row[k] or _is_missing(found[at][k]) for k in columns):
+            return at
+    return None
+
+
+def _is_number(cell: str, comma: bool) -> bool:
+    return (_COMMA if comma else _POINT).fullmatch(cell) is not None
+
+
+def _is_missing(cell: str) -> bool:
+    return cell.lower() in MISSING or cell.lower() in OVERLOADS
+
+
+def _names(head: list[list[str]], width: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names and units of the columns from the rows before the numbers; a row of units may stand below that of names."""
+    told = [row for row in head if sum(bool(cell) for cell in row) > 1]
+    if not told:
+        return ("",) * width, ("",) * width
+    units: list[str] = []
+    if len(told) > 1 and _are_units(told[-1][:width]):
+        units = [cell.strip("()[] ") for cell in told.pop()]
+    last = told[-1][told[-1][0] == "#" :]  # of what numpy calls a comment
+    names = [cell.lstrip("# ") for cell in [*last, *[""] * width][:width]]
+    split = [_BRACKETS.fullmatch(name) for name in names]
+    within = [match[2] if match and match[1] else "" for match in split]
+    bare = [match[1] if match and match[1] else name for match, name in zip(split, names, strict=True)]
+    return tuple(bare), tuple(([*units, *[""] * width][:width]) if units else within)
+
+
+def _are_units(cells: list[str]) -> bool:
+    known = [cell.strip("()[] ") in VOLTS.keys() | SECONDS.keys() or cell.lower() == "sequence" for cell in cells if cell]
+    return 2 * sum(known) > len(known)
+
+
+def _rate(lines: list[str], head: list[list[str]]) -> float | None:
+    """The rate that an oscilloscope's header tells: an interval beside or below its name, or within the line."""
+    texts = [match[1] for line in lines if (match := _INLINE.search(line))]
+    for at, row in enumerate(head):
+        for k, cell in enumerate(row):
+            if _INTERVAL.fullmatch(cell.strip('"')):
+                below = head[at + 1][k : k + 1] if at + 1 < len(head) else []
+                texts += [other for other in (*row[k + 1 : k + 2], *below) if _is_number(other, comma=False)]
+    intervals = [float(text) for text in texts if float(text) > 0]
+    return 1 / intervals[0] if intervals else None
+
+
+def _numbers(path: Path, dialect: TextLayout, lines: list[str], wanted: list[int]) -> Floats:
+    values = np.empty((len(lines) - dialect.begin, len(wanted)))
+    for at, row in enumerate(dialect.cells(lines[dialect.begin :])):
+        if len(row) != dialect.width:
+            where = f"{path.name}: line {dialect.begin + at + 1}"
+            raise refusal(where, f"{len(row)} cells", f"{dialect.width} as in the others: is the file cut?")
+        for k, number in enumerate(wanted):
+            cell = row[number]
+            try:
+                values[at, k] = float(cell.replace(",", ".") if dialect.comma else cell)
+            except ValueError:
+                values[at, k] = _word(f"{path.name}: line {dialect.begin + at + 1}", cell)
+    return values
+
+
+def _word(where: str, cell: str) -> float:
+    if cell.lower() in OVERLOADS:
+        return OVERLOADS[cell.lower()]
+    if cell.lower() in MISSING:
+        return math.nan
+    raise refusal(where, repr(cell), "a number, or nan where a sample is missing")

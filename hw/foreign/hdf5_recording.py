@@ -1,0 +1,174 @@
+"""Recordings as HDF5: samples in volts with units, times, gaps, device and digests, for other programs and to be read again.
+
+Datasets ``time`` (s), ``inner``, ``outer`` and ``force`` (V; ``time`` is their scale), ``index``, ``saturated`` (rows, channels)
+and ``gaps`` (first, count, reason; count -1: unknown). Attributes: ``format``, ``version``, ``rate`` (Hz), ``overruns``
+and what is known of the source: ``started``, ``serial``, ``firmware``, ``scene_sha256``, ``calibration_sha256``.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from hw.common.errors import InvalidSource
+from hw.common.samples import Gap, Samples
+from hw.common.transport import Chunk, Header
+from hw.foreign.hdf5_library import library, opened
+from hw.foreign.volts import noted, packed, volts_header
+
+KIND, VERSION = "probe-design samples", 1
+ROWS = 1 << 15  # in a chunk
+
+
+class Hdf5Recorder:
+    """Writes samples to a file that takes its name, whole, when it is closed; none that exists is overwritten.
+
+    Args:
+        path: of the new file.
+        header: of the source.
+
+    Raises:
+        FileExistsError: there is a file of that name.
+        InvalidSource: h5py is not installed.
+    """
+
+    def __init__(self, path: Path | str, header: Header) -> None:
+        self.path, self._header = Path(path), header
+        if self.path.exists():
+            raise FileExistsError(17, os.strerror(17), str(path))
+        handle, draft = tempfile.mkstemp(prefix=f".{self.path.name}.", dir=self.path.parent)
+        os.close(handle)
+        self._draft, self._gaps, self._overruns = Path(draft), list[Gap](), 0
+        try:
+            self._file = library().File(draft, "w")
+            self._begun()
+        except BaseException:
+            self._draft.unlink()
+            raise
+
+    def _begun(self) -> None:
+        channels = self._header.channels
+        for name, kind, unit in (("time", "f8", "s"), ("index", "i8", "1"), *((name, "f8", "V") for name in channels)):
+            shape: dict[str, Any] = {"shape": (0,), "maxshape": (None,), "chunks": (ROWS,)}
+            self._file.create_dataset(name, dtype=f"<{kind}", fletcher32=True, **shape).attrs["units"] = unit
+        shape = {"shape": (0, len(channels)), "maxshape": (None, len(channels)), "chunks": (ROWS, len(channels))}
+        saturated = self._file.create_dataset("saturated", dtype="u1", fletcher32=True, **shape)
+        saturated.attrs["channels"] = list(channels)
+        self._file["time"].make_scale("time")
+        for name in channels:
+            self._file[name].dims[0].attach_scale(self._file["time"])
+
+    def write_samples(self, samples: Samples) -> None:
+        """Append samples."""
+        end = self._file["index"].shape[0] + len(samples)
+        columns = dict(zip(samples.channels, samples.volts.T, strict=True))
+        for name, values in ({"time": samples.times, "index": samples.index} | columns).items():
+            self._file[name].resize(end, axis=0)
+            self._file[name][end - len(samples) :] = values
+        self._file["saturated"].resize(end, axis=0)
+        self._file["saturated"][end - len(samples) :] = samples.saturated
+        self._gaps.extend(samples.gaps)
+        self._overruns += samples.overruns
+
+    def close(self) -> None:
+        """Write what is known of the source, and give the file its name; without samples there is none."""
+        if not self._draft.exists():
+            return
+        try:
+            samples = int(self._file["index"].shape[0])
+            self._described()
+            self._file.close()
+            if samples:
+                with self._draft.open("rb") as file:
+                    os.fsync(file.fileno())
+                os.link(self._draft, self.path)  # unlike a move, fails where somebody took the name by now
+        finally:
+            with suppress(Exception):  # what a full disk leaves of a draft
+                self._file.close()
+            self._draft.unlink(missing_ok=True)
+
+    def _described(self) -> None:
+        kinds = np.dtype([("first", "<i8"), ("count", "<i8"), ("reason", library().string_dtype())])
+        self._file.create_dataset("gaps", data=np.array([(g.first, g.count, g.reason) for g in self._gaps], kinds))
+        source = self._header.source.items()
+        known = {key: value if isinstance(value, str | int | float) else json.dumps(value) for key, value in source}
+        own = {"format": KIND, "version": VERSION, "rate": self._header.rate, "overruns": self._overruns}
+        for key, value in (known | own).items():
+            self._file.attrs[key] = value
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+
+class Hdf5Replay:
+    """A recording as HDF5 in place of the device.
+
+    Raises:
+        InvalidSource: it cannot be read, or is none of ours.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        with opened(path) as file:
+            told = {key: _plain(value) for key, value in file.attrs.items()}
+            if told.pop("version", None) != VERSION:
+                raise InvalidSource(f"{path} is not a recording of version {VERSION}, as this program reads")
+            try:
+                channels = tuple(name for name in ("inner", "outer", "force") if name in file)
+                self._rows = int(file["index"].shape[0])
+                whole = all(file[name].shape == (self._rows,) for name in channels) and len(channels) > 1
+                self._gaps = [Gap(int(row["first"]), int(row["count"]), row["reason"].decode()) for row in file["gaps"][:]]
+                rate, self._overruns = float(told.pop("rate")), int(told.pop("overruns"))
+            except (KeyError, ValueError, TypeError, AttributeError, OSError, IndexError) as fault:
+                raise InvalidSource(f"{path} is damaged: parts of the recording are missing") from fault
+        if not whole or not 1e-6 < rate < 1e12:
+            raise InvalidSource(f"{path} is damaged: columns of different lengths, or no rate")
+        told.pop("format")
+        self.header = volts_header(rate, channels, **(told | {"replayed": str(path)}))
+        self._chunks = self._made()
+
+    def read(self) -> Chunk | None:
+        """Return the next rows; None at the end."""
+        return next(self._chunks, None)
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    def _made(self) -> Iterator[Chunk]:
+        overruns, gaps = self._overruns, list(self._gaps)
+        for begin in range(0, self._rows, ROWS):
+            part = slice(begin, begin + ROWS)
+            with opened(self._path) as file:
+                try:
+                    index, volts = file["index"][part], np.stack([file[name][part] for name in self.header.channels], axis=1)
+                    saturated = file["saturated"][part]
+                except (KeyError, OSError, RuntimeError, ValueError) as fault:
+                    raise InvalidSource(f"{self._path} is damaged: its samples cannot be read") from fault
+            mine = tuple(gap for gap in gaps if gap.first <= index[-1])
+            gaps = gaps[len(mine) :]
+            yield Chunk(packed(index, volts, saturated), note=noted(mine, overruns))
+            overruns = 0
+
+
+def ours(path: Path) -> bool:
+    """Whether an HDF5 file is a recording of this program."""
+    with opened(path) as file:
+        return bool(_plain(file.attrs.get("format")) == KIND)
+
+
+def _plain(value: Any) -> Any:
+    plain = value.item() if isinstance(value, np.generic) else value
+    if isinstance(plain, bytes):
+        plain = plain.decode("utf-8", "replace")
+    return plain

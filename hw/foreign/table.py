@@ -1,0 +1,210 @@
+"""A file of columns as a source of samples: columns chosen, numbers as volts, times as an index."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from hw.common.samples import Bools, Floats, Ints
+from hw.common.transport import Chunk, Header
+from hw.foreign.columns import EXAMPLE, Column, ColumnMap
+from hw.foreign.units import SECONDS, VOLTS, refusal
+from hw.foreign.volts import CHANNELS, finite, packed, volts_header
+
+TIMES = ("time", "t", "times", "x", "x-axis", "zeit", "second", "seconds", "timestamp")
+LARGEST = 100.0  # V: no charge amplifier gives more, so that more is a wrong unit
+OVERLOAD = 1e30  # what instruments write for a value beyond their range
+JITTER = 0.25  # of the interval, by which a time may be off its place
+APART = 0.005  # relative, by which a stated rate and that of the times may differ
+ROWS = 1 << 15  # in a chunk
+
+
+@dataclass(frozen=True)
+class ColumnTable:
+    """What a reader of one kind of file has found.
+
+    Attributes:
+        path: of the file, in words.
+        names: of its columns; empty where they have none.
+        units: as they stand there; empty where none do.
+        read: returns the columns of these numbers (from 0), (n, k); NaN where a value is missing.
+        rate: Hz, where the file tells it without a column of times.
+        ends: lowest and highest number that a column can hold, beyond which it is saturated.
+        source: what else is known.
+    """
+
+    path: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    read: Callable[[list[int]], Floats]
+    rate: float | None = None
+    ends: tuple[float, float] | None = None
+    source: dict[str, Any] = field(default_factory=dict)
+
+    def find(self, key: str, wanted: Column | None) -> tuple[int, Column] | None:
+        """Return the number of a column from 0, with what is asked of it; None where nobody asked and none has the name."""
+        lower = [name.lower() for name in self.names]
+        if wanted is None:
+            own = [k for k, name in enumerate(lower) if name == key or (key == "time" and name in TIMES)]
+            return (own[0], Column(key, key)) if own else None
+        for one in (Column(wanted.text, wanted.text), wanted):
+            if one.name.lower() in lower:
+                return lower.index(one.name.lower()), one
+        if wanted.name.isdecimal() and 1 <= int(wanted.name) <= len(self.names):
+            return int(wanted.name) - 1, wanted
+        raise refusal(f"{self.path}: column {key}", repr(wanted.text), self._columns())
+
+    def worth(self, key: str, number: int, wanted: Column) -> float:
+        """Return what one number of a column is worth, V or s.
+
+        Raises:
+            InvalidSource: nobody says, or file and map say different things.
+        """
+        units, stated = SECONDS if key == "time" else VOLTS, self.units[number]
+        told = units.get(stated)
+        if wanted.worth is not None and told is not None and not wanted.scaled and wanted.worth != told:
+            raise refusal(f"{self.path}: column {key}", repr(wanted.text), f"the unit that the file has, {stated}")
+        worth = wanted.worth if wanted.worth is not None else told
+        if worth is None:
+            missing = f"a unit: the file has {stated!r}" if stated else "a unit: the file has none"
+            name, unit = self.names[number] or number + 1, "ms" if key == "time" else "mV"
+            raise refusal(
+                f"{self.path}: column {key}", f"without {missing}", f"--column '{key}={name} {unit}', say, or 0.5 {unit}"
+            )
+        return worth
+
+    def _columns(self) -> str:
+        return "one of the columns " + ", ".join(f"{k} {name}".strip() for k, name in enumerate(self.names, 1))
+
+    def missing(self, key: str) -> Exception:
+        """Return the refusal of a file in which a channel is not found."""
+        return refusal(f"{self.path}: column {key}", "missing", f"{self._columns()}, as {EXAMPLE.replace('inner', key, 1)}")
+
+
+class TableTransport:
+    """Gives a table's rows as volts.
+
+    Args:
+        table: the file.
+        columns: what is asked of it.
+
+    Raises:
+        InvalidSource: something is missing or does not fit.
+    """
+
+    def __init__(self, table: ColumnTable, columns: ColumnMap) -> None:
+        self._table, self._map = table, columns
+        chosen = self._chosen()
+        time, channels = chosen.pop("time", None), tuple(chosen)
+        numbers = [number for number, _ in chosen.values()]
+        worths = np.array([table.worth(key, *one) for key, one in chosen.items()])
+        values = table.read(numbers if time is None else [*numbers, time[0]])
+        if not len(values):
+            raise refusal(table.path, "no rows", "a file with samples")
+        times = None if time is None else values[:, -1] * table.worth("time", *time)
+        values = values[:, : len(numbers)]
+        self._saturated = self._at_the_end(values, worths)
+        self._volts, self._lost = finite(values * worths), np.isnan(values).any(axis=1)
+        self._check_volts(channels)
+        rate, self._index = self._clock(times, len(values))
+        self.header: Header = volts_header(rate, channels, **({"replayed": table.path, "started": ""} | table.source))
+        self._chunks = self._made()
+
+    def read(self) -> Chunk | None:
+        """Return the next rows; None at the end."""
+        return next(self._chunks, None)
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    def _made(self) -> Iterator[Chunk]:
+        good = np.flatnonzero(~self._lost)
+        for begin in range(0, len(good), ROWS):
+            part = good[begin : begin + ROWS]
+            yield Chunk(packed(self._index[part], self._volts[part], self._saturated[part]))
+
+    def _chosen(self) -> dict[str, tuple[int, Column]]:
+        """Return number and wish of each column that is read."""
+        table, wanted = self._table, self._map.columns
+        found = {key: table.find(key, wanted.get(key)) for key in (*CHANNELS, "time")}
+        chosen = {key: one for key, one in found.items() if one is not None}
+        for key in CHANNELS[:2]:
+            if key not in chosen:
+                raise table.missing(key)
+        told = self._map.rate is not None or table.rate is not None
+        if told and "time" not in wanted and "time" in chosen and table.units[chosen["time"][0]] not in SECONDS:
+            del chosen["time"]  # a count of samples, say
+        used = [number for number, _ in chosen.values()]
+        for key, (number, _) in chosen.items():
+            name = table.names[number].lower()
+            if used.count(number) > 1 or (name in CHANNELS and name != key):
+                whose = "each its own column" if used.count(number) > 1 else f"a column that is not named {name}"
+                raise refusal(f"{table.path}: column {key}", repr(table.names[number] or number + 1), whose)
+        return chosen
+
+    def _at_the_end(self, values: Floats, worths: Floats) -> Bools:
+        over = np.abs(values) >= OVERLOAD
+        if self._table.ends is not None:
+            over |= (values <= self._table.ends[0]) | (values >= self._table.ends[1])
+        if self._map.range is not None:
+            over |= np.abs(values * worths) >= self._map.range * (1 - 1e-9)
+        values[np.abs(values) >= OVERLOAD] = 0.0
+        return np.asarray(over)
+
+    def _check_volts(self, channels: tuple[str, ...]) -> None:
+        if self._lost.all():
+            raise refusal(self._table.path, "no row with numbers in all columns", "a file with samples")
+        largest = np.abs(self._volts[~self._lost]).max(axis=0)
+        worst = int(np.argmax(largest))
+        if largest[worst] > LARGEST:
+            allowed = f"up to {LARGEST:g} V, as charge amplifiers give: is its unit right?"
+            raise refusal(f"{self._table.path}: column {channels[worst]}", f"{largest[worst]:.3g} V", allowed)
+
+    def _clock(self, times: Floats | None, count: int) -> tuple[float, Ints]:
+        """Return rate and index."""
+        stated = self._map.rate if self._map.rate is not None else self._table.rate
+        if times is None:
+            if stated is None:
+                allowed = "--rate '10 kHz', or a column of times: --column 'time=1 s'"
+                raise refusal(f"{self._table.path}: rate", "missing", allowed)
+            return stated, np.arange(count)
+        known = np.isfinite(times)
+        self._lost |= ~known
+        if known.sum() < 2:
+            raise refusal(f"{self._table.path}: column time", "without two numbers", "times of samples")
+        rate, index = evenly(times[known], np.flatnonzero(known), self._table.path)
+        if stated is not None and abs(rate / stated - 1) > APART:
+            raise refusal("rate", f"{stated:g} Hz", f"that of {self._table.path}'s times, {rate:.6g} Hz; or correct their unit")
+        every = np.zeros(count, np.int64)
+        every[known] = index
+        return rate, every
+
+
+def evenly(times: Floats, rows: Ints, path: str) -> tuple[float, Ints]:
+    """Return rate (Hz) and index of times that are evenly spaced but for gaps.
+
+    Args:
+        times: (n,) s.
+        rows: (n,) of the file, for messages, from 0.
+        path: of the file, for messages.
+
+    Raises:
+        InvalidSource: times that do not increase, or lie beside the clock.
+    """
+    steps = np.diff(times)
+    back = np.flatnonzero(steps <= 0)
+    if len(back):
+        allowed = "times that increase: is it the right column, are its decimals enough? --rate does without it"
+        raise refusal(f"{path}: column time", f"{times[back[0] + 1]:.9g} s in row {rows[back[0] + 1] + 1}", allowed)
+    index = np.concatenate([[0], np.cumsum(np.rint(steps / np.median(steps)).astype(np.int64))])
+    interval, begin = np.polyfit(index.astype(float), times - times[0], 1)
+    off = np.abs(times - times[0] - begin - interval * index) / interval
+    worst = int(np.argmax(off))
+    if not off[worst] <= JITTER or (np.diff(index) < 1).any():
+        allowed = "even intervals: record with a fixed rate"
+        text = f"{times[worst]:.9g} s in row {rows[worst] + 1}, {off[worst]:.2g} intervals of {interval:.4g} s off its place"
+        raise refusal(f"{path}: column time", text, allowed)
+    return float(1 / interval), index

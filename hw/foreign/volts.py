@@ -1,0 +1,110 @@
+"""Samples as plain volts: the simplest stream there is, for files of other programs and for adapters of other hardware.
+
+A chunk holds rows: i64 index, f64 volts of each channel, u8 saturation of each, all little-endian. What is missing is not there:
+the index jumps, and the rows around it are what they are.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hw.common.errors import InvalidSource
+from hw.common.samples import Floats, Gap, Ints, Samples
+from hw.common.transport import Header, now
+
+CHANNELS = ("inner", "outer", "force")
+MISSING = "samples are missing in what was recorded"
+
+
+def rows(channels: int) -> np.dtype[np.void]:
+    """Return a row's type."""
+    return np.dtype([("index", "<i8"), ("volts", "<f8", (channels,)), ("saturated", "u1", (channels,))])
+
+
+def packed(index: ArrayLike, volts: ArrayLike, saturated: ArrayLike = False) -> bytes:
+    """Return samples as the bytes of a chunk.
+
+    Args:
+        index: (n,) of each row since the start, increasing; it jumps where samples were lost.
+        volts: (n, channels), finite.
+        saturated: (n, channels), or one value for all.
+    """
+    values = np.asarray(volts, dtype=float)
+    data = np.zeros(len(values), rows(values.shape[1]))
+    data["index"], data["volts"], data["saturated"] = index, values, saturated
+    return data.tobytes()
+
+
+def unknown_gap(first: int, reason: str) -> str:
+    """Return the note of a chunk before which nobody knows how many samples were lost; the gap takes up index ``first``."""
+    return noted((Gap(first, -1, reason),))
+
+
+def noted(gaps: tuple[Gap, ...], overruns: int = 0) -> str:
+    """Return a chunk's note that tells its gaps; without one, they follow from the index."""
+    return json.dumps({"gaps": [[gap.first, gap.count, gap.reason] for gap in gaps], "overruns": overruns})
+
+
+def volts_header(rate: float, channels: tuple[str, ...] = CHANNELS[:2], **source: Any) -> Header:
+    """Return the header of a source of volts.
+
+    Args:
+        rate: samples per second and channel, Hz.
+        channels: names of the columns: inner, outer and perhaps force.
+        source: what is known of the source, such as ``transport`` and ``serial``.
+    """
+    return Header("volts", rate, channels, (1.0,) * len(channels), 0, 0, {"started": now()} | source)
+
+
+class VoltsDecoder:
+    """Turns chunks of volts into samples."""
+
+    def __init__(self, header: Header) -> None:
+        self.header = header
+        self._rows = rows(len(header.channels))
+        self._next: int | None = None
+
+    def feed(self, data: bytes, stream: int | None = None, note: str = "") -> Samples:
+        """Return the samples of a chunk.
+
+        Raises:
+            InvalidSource: no such rows, an index that does not increase, or values that are no numbers.
+        """
+        if len(data) % self._rows.itemsize:
+            raise InvalidSource(f"{len(data)} bytes of volts: allowed: whole rows of {self._rows.itemsize} bytes")
+        found = np.frombuffer(data, self._rows)
+        index, volts = found["index"].astype(np.int64), found["volts"].astype(float)
+        first = 0 if self._next is None else self._next
+        steps = np.diff(index, prepend=first - 1)
+        if not np.isfinite(volts).all() or (steps < 1).any():
+            raise InvalidSource("volts: values that are no numbers, or an index that does not increase")
+        gaps, overruns = _told(note) if note else (self._jumps(index, steps), 0)
+        self._next = int(index[-1]) + 1 if len(index) else self._next
+        header = self.header
+        return Samples(
+            header.rate, header.channels, index, volts, found["saturated"].astype(bool),
+            gaps=gaps, overruns=overruns, source=header.source,
+        )  # fmt: skip
+
+    def _jumps(self, index: Ints, steps: Ints) -> tuple[Gap, ...]:
+        at = np.flatnonzero(steps > 1)
+        if self._next is None:
+            at = at[at > 0]  # what was before the first row was never asked for
+        return tuple(Gap(int(index[k] - steps[k] + 1), int(steps[k] - 1), MISSING) for k in at)
+
+
+def finite(volts: Floats) -> Floats:
+    """Return volts with numbers in place of infinities, for rows that count as saturated."""
+    return np.asarray(np.nan_to_num(volts, nan=0.0))
+
+
+def _told(note: str) -> tuple[tuple[Gap, ...], int]:
+    try:
+        told = json.loads(note)
+        return tuple(Gap(int(first), int(count), str(why)) for first, count, why in told["gaps"]), int(told["overruns"])
+    except (ValueError, TypeError, KeyError) as fault:
+        raise InvalidSource("a note of volts that tells no gaps: nothing of ours wrote it") from fault

@@ -1,0 +1,48 @@
+"""WAV files: what a sound card recorded, which knows no volts."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from hw.common.samples import Floats
+from hw.foreign.table import ColumnTable
+from hw.foreign.units import refusal
+
+# scipy gives 24 bits in the upper part of 32
+_BITS = {np.dtype(np.uint8): (0.0, 255.0, 128.0), np.dtype(np.int16): (-32768.0, 32767.0, 0.0),
+         np.dtype(np.int32): (-(2.0**31), 2.0**31 - 256, 0.0)}  # fmt: skip
+
+
+def read_wav(path: Path) -> ColumnTable:
+    """Read a WAV file; columns are its channels, their numbers from -1 to 1 of the range.
+
+    Raises:
+        InvalidSource: it is none, or was cut.
+    """
+    from scipy.io import wavfile  # only who reads sound waits for it
+
+    try:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("error", message="Reached EOF")
+            warnings.filterwarnings("ignore", message="Chunk")
+            rate, data = wavfile.read(path)
+    except (ValueError, OSError, EOFError, ArithmeticError, RuntimeError, UserWarning, IndexError) as fault:
+        raise refusal(path.name, f"no whole WAV file ({type(fault).__name__}: {fault})", "PCM or floating point") from fault
+    except Exception as fault:  # struct.error, and what else damaged headers bring
+        raise refusal(path.name, "no WAV file", "PCM or floating point") from fault
+    codes = data.reshape(len(data), -1) if data.size else np.zeros((0, 1))
+    if not rate > 0:
+        raise refusal(path.name, f"{rate} samples a second", "a rate above 0")
+    low, high, middle = _BITS.get(codes.dtype, (-1.0, 1.0, 0.0))
+    full = (high - low + 1) / 2 if codes.dtype.kind in "iu" else 1.0
+    full = 2.0**31 if codes.dtype == np.int32 else full
+
+    def read(wanted: list[int]) -> Floats:
+        return np.asarray((codes[:, wanted].astype(float) - middle) / full)
+
+    names = tuple(f"channel {k + 1}" for k in range(codes.shape[1]))
+    ends = ((low - middle) / full, (high - middle) / full)
+    return ColumnTable(path.name, names, ("",) * len(names), read, float(rate), ends, {"transport": "wav"})

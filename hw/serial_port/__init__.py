@@ -1,0 +1,1 @@
+"""The probe on a serial port (CDC): the same frames, requests as packets."""

@@ -1,0 +1,46 @@
+"""Requests and answers on a serial port, as ``docs/protocol.md`` lays them down: what control transfers are on USB."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+REQUEST, ANSWER, VERSION = b"PQ", b"PA", 1
+REFUSED = 0x80
+_ASKED = struct.Struct("<2sBBHI")
+_TOLD = struct.Struct("<2sBBH")
+_CRC = struct.Struct("<I")
+LONGEST = 256  # bytes of an answer's data
+
+
+def request(number: int, value: int = 0, data: int = 0) -> bytes:
+    """Return a request's 14 bytes."""
+    body = _ASKED.pack(REQUEST, VERSION, number, value, data)
+    return body + _CRC.pack(zlib.crc32(body))
+
+
+def answer(number: int, data: bytes = b"") -> bytes:
+    """Return an answer's bytes."""
+    body = _TOLD.pack(ANSWER, VERSION, number, len(data)) + data
+    return body + _CRC.pack(zlib.crc32(body))
+
+
+def found(buffer: bytes, number: int) -> tuple[bool, bytes, bytes] | None:
+    """Look for the answer to a request among whatever else came.
+
+    Returns:
+        Whether it was granted, its data, and the bytes around it, which are the stream's; None where it is not there yet.
+    """
+    at = -1
+    while (at := buffer.find(ANSWER, at + 1)) >= 0:
+        head = buffer[at : at + _TOLD.size]
+        if len(head) < _TOLD.size:
+            return None
+        _, version, told, length = _TOLD.unpack(head)
+        end = at + _TOLD.size + length + _CRC.size
+        if version != VERSION or told & ~REFUSED != number or length > LONGEST or end > len(buffer):
+            continue
+        body = buffer[at : end - _CRC.size]
+        if _CRC.pack(zlib.crc32(body)) == buffer[end - _CRC.size : end]:
+            return not told & REFUSED, body[_TOLD.size :], buffer[:at] + buffer[end:]
+    return None

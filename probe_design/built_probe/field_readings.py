@@ -1,0 +1,164 @@
+"""Readings of the built probe as data for an estimate: each ratio with its noise, and what it shares with the others.
+
+The noise of a reading is its own; calibration and amplifiers are off by the same in all readings that they serve. The covariance
+is diag(n^2) + S with S_ii = c_i^2 and whatever correlation. As no correlation matrix of k readings has an eigenvalue above k,
+
+    S <= k diag(c^2)                                                                                     (BP.5)
+
+and independent errors of sqrt(n_i^2 + k c_i^2) understate no combination of the readings: what is common never averages out.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from geometry.common.errors import InputError, Words
+from geometry.scenes.scene import Scene
+from hw.signal.measure import Measurement
+from probe_design.built_probe.bench import Bench
+from probe_design.built_probe.film_forces import newtons
+from probe_design.built_probe.gain_matrix import Gains
+from probe_design.built_probe.reading import Read, read
+from solver.results.result import Result
+
+PHASE = ("ratio_phase", "ratio_phase_uncertainty")
+LARGEST_FILE = 1_000_000  # bytes of what `read --json` prints
+WRITTEN = "what `probe-design read --json` has printed"
+
+
+@dataclass(frozen=True)
+class FieldReading:
+    """One reading of the probe over tissue.
+
+    Attributes:
+        ratio: as read.
+        noise: its relative standard deviation by the reading's own noise.
+        shared: likewise by calibration and amplifiers.
+        calibration: SHA-256 of the calibration's file; None: nominal gains.
+        force: of the load, N.
+        placement: x and y of the probe's axis in m where the reading tells them.
+        phase: by which stress_inner leads stress_outer, rad, and its standard deviation, where the reading tells it.
+    """
+
+    ratio: float
+    noise: float
+    shared: float
+    calibration: str | None
+    force: float
+    placement: tuple[float, float] | None
+    phase: tuple[float, float] | None = None
+
+
+def noise_of(measurement: Measurement, scene: Scene, bench: Bench, gains: Gains | None) -> float:
+    """Return the relative standard deviation of a ratio by the reading's own noise, gains and amplifiers being exact."""
+    effective = replace(Gains.nominal(bench) if gains is None else gains, covariance=np.zeros((4, 4)))
+    films, noise = newtons(measurement, scene)
+    slopes = np.array([1.0, -1.0]) / effective.forces(films)
+    return float(np.sqrt(slopes @ effective.forces_covariance(films, noise) @ slopes))
+
+
+def read_told(result: Read, noise: float, origin: dict[str, Any]) -> dict[str, Any]:
+    """Return the JSON object of `read`: with what an estimate needs besides, the reading's noise and where it comes from."""
+    beside = {key: origin.get(key) for key in ("placement", "scene_sha256", "calibration_sha256")}
+    return result.as_dict() | {"ratio_noise": noise} | beside
+
+
+def without_prediction(
+    measurement: Measurement, scene: Scene, bench: Bench, gains: Gains | None, origin: dict[str, Any]
+) -> dict[str, Any]:
+    """Return the JSON object of `read` for a reading that nothing is compared with."""
+    result = read(measurement, scene, bench, Result("none", 0.0), gains)
+    return read_told(result, noise_of(measurement, scene, bench, gains), origin)
+
+
+def placement_of(source: dict[str, Any]) -> Any:
+    """Return the placement that a recording's source tells, as it stands there, or None."""
+    place = source.get("placement")
+    if not isinstance(place, str):  # HDF5 keeps it as a text
+        return place
+    try:
+        return json.loads(place)
+    except ValueError:
+        return place
+
+
+def field_reading(told: dict[str, Any], name: str) -> FieldReading:
+    """Return a reading from the JSON object of `read`.
+
+    Args:
+        told: the object.
+        name: of its file, for messages.
+
+    Raises:
+        InputError: it is none, or its ratio is null.
+    """
+    if "ratio" in told and told["ratio"] is None:
+        raise InputError(f"{name}: ratio", Words("null"), "a reading whose outer stress stands out: press harder, or read longer")
+    ratio, spread, force = (_number(told, key, name) for key in ("ratio", "ratio_uncertainty", "force"))
+    if ratio == 0 or spread <= 0:
+        raise InputError(f"{name}: ratio", ratio, "a ratio other than 0, with an uncertainty above 0")
+    whole = spread / abs(ratio)
+    own = min(_number(told, "ratio_noise", name), whole) if told.get("ratio_noise") is not None else 0.0
+    place = told.get("placement")
+    return FieldReading(
+        ratio=ratio,
+        noise=own,
+        shared=math.sqrt(max(whole**2 - own**2, 0.0)),
+        calibration=told.get("calibration_sha256"),
+        force=force if told.get("reference_force") is None else _number(told, "reference_force", name),
+        placement=None if place is None else _place(place, name),
+        phase=None if told.get(PHASE[0]) is None else (_number(told, PHASE[0], name), _number(told, PHASE[1], name)),
+    )
+
+
+def read_result(path: Path) -> dict[str, Any] | None:
+    """Return the JSON object of a file; None where it is another kind of file.
+
+    Raises:
+        InputError: it cannot be read, or ends as JSON and is none.
+    """
+    try:
+        with path.open("rb") as file:
+            data = file.read(LARGEST_FILE + 1)
+    except OSError as fault:
+        raise InputError("reading", str(path), f"a file that can be read ({fault.strerror})") from None
+    named = path.suffix.lower() == ".json"
+    if not named and not data.lstrip().startswith(b"{"):
+        return None
+    try:
+        told = json.loads(data)
+    except ValueError:
+        if named:
+            raise InputError("reading", str(path), WRITTEN) from None
+        return None
+    if not isinstance(told, dict) or "ratio" not in told:
+        raise InputError("reading", str(path), WRITTEN)
+    return told
+
+
+def spreads(readings: Sequence[FieldReading]) -> tuple[float, ...]:
+    """Return relative standard deviations that count as independent, eq. BP.5."""
+    count = Counter(one.calibration for one in readings)
+    return tuple(math.sqrt(one.noise**2 + count[one.calibration] * one.shared**2) for one in readings)
+
+
+def _number(told: dict[str, Any], key: str, name: str) -> float:
+    value = told.get(key)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise InputError(f"{name}: {key}", Words("missing") if key not in told else value, f"a number, as {WRITTEN}")
+    return float(value)
+
+
+def _place(place: Any, name: str) -> tuple[float, float]:
+    values = place if isinstance(place, list) else []
+    if len(values) != 2 or not all(isinstance(one, int | float) and math.isfinite(one) for one in values):
+        raise InputError(f"{name}: placement", place, f"x and y in m, as {WRITTEN}")
+    return float(values[0]), float(values[1])

@@ -1,0 +1,94 @@
+"""The load in every channel by plain least squares: cruder than ``hw.signal`` and apart from it, as a check should be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.common.samples import Floats, Samples
+
+MAINS = (50.0, 60.0)  # Hz
+WANDERS = 0.5  # Hz
+HARMONICS = 3
+DRIFT = 4  # polynomials
+ROWS = 100_000  # of a long record: enough for a diagnosis
+
+
+@dataclass(frozen=True)
+class LockIn:
+    """What a record holds.
+
+    Attributes:
+        frequency: of the load, Hz.
+        load: (channels,) complex amplitudes, V.
+        mains: frequency of the mains, Hz: that of 50 and 60 Hz which holds more.
+        hum: (channels,) amplitudes there, V.
+        noise: (channels,) standard deviation of the rest, V.
+        rows: used.
+    """
+
+    frequency: float
+    load: NDArray[np.complex128]
+    mains: float
+    hum: Floats
+    noise: Floats
+    rows: int
+
+    @property
+    def strength(self) -> Floats:
+        """Amplitudes of the load over their standard deviations, (channels,)."""
+        spread = self.noise * np.sqrt(2 / self.rows)
+        return np.asarray(np.abs(self.load) / np.maximum(spread, np.finfo(float).tiny))
+
+
+def lock_in(samples: Samples, nominal: float) -> LockIn:
+    """Look for a load of about ``nominal`` Hz, and for the mains, in the rows that are not saturated."""
+    good = np.flatnonzero(~samples.saturated.any(axis=1))[:ROWS]
+    times, volts = samples.times[good], samples.volts[good]
+    times = times - times.mean()
+    near = min(0.1 * nominal, 1.0)
+    frequency = _strongest(times, volts, nominal - near, nominal + near)
+    rest = _residual(_columns(times, frequency, None, samples.rate), volts)
+    lines = [_strongest(times, rest, one - WANDERS, one + WANDERS) for one in MAINS]
+    mains = max(lines, key=lambda line: float(np.abs(_at(times, rest, np.array([line]))).sum()))
+    columns = _columns(times, frequency, mains if mains < 0.5 * samples.rate else None, samples.rate)
+    found, *_ = np.linalg.lstsq(columns, volts, rcond=None)
+    noise = np.sqrt(((volts - columns @ found) ** 2).sum(axis=0) / max(1, len(volts) - columns.shape[1]))
+    hum = np.abs(_at(times, rest, np.array([mains])))[0] if mains < 0.5 * samples.rate else np.zeros(volts.shape[1])
+    return LockIn(frequency, found[0] - 1j * found[1], mains, hum, noise, len(volts))
+
+
+def _at(times: Floats, volts: Floats, frequencies: Floats) -> NDArray[np.complex128]:
+    """Amplitudes at frequencies, (k, channels), through a Hann window over the record."""
+    share = (times - times[0]) / max(times[-1] - times[0], np.finfo(float).tiny)
+    window = 0.5 - 0.5 * np.cos(2 * np.pi * share)
+    turns = np.exp(-2j * np.pi * frequencies[:, None] * times)
+    centred = volts - volts.mean(axis=0)
+    return np.asarray(2 * (turns * window) @ centred / window.sum())
+
+
+def _strongest(times: Floats, volts: Floats, low: float, high: float) -> float:
+    """The frequency that all channels hold most of: looked for on a grid, then on finer ones about the best."""
+    scale = np.maximum(volts.std(axis=0), np.finfo(float).tiny)
+    step = 0.25 / max(times[-1] - times[0], np.finfo(float).tiny)
+    grid = np.linspace(low, high, int(np.clip((high - low) / step, 9, 200)))
+    for _ in range(3):
+        power = (np.abs(_at(times, volts / scale, grid)) ** 2).sum(axis=1)
+        best = grid[int(np.argmax(power))]
+        width = grid[1] - grid[0]
+        grid = np.linspace(best - width, best + width, 9)
+    return float(best)
+
+
+def _columns(times: Floats, load: float, mains: float | None, rate: float) -> Floats:
+    lines = [k * one for one in (load, mains) if one is not None for k in range(1, HARMONICS + 1) if k * one < 0.45 * rate]
+    waves = [wave(2 * np.pi * line * times) for line in lines for wave in (np.cos, np.sin)]
+    drift = np.polynomial.legendre.legvander(times / max(np.abs(times).max(), np.finfo(float).tiny), DRIFT - 1)
+    return np.column_stack([*waves, drift])
+
+
+def _residual(columns: Floats, volts: Floats) -> Floats:
+    found, *_ = np.linalg.lstsq(columns, volts, rcond=None)
+    return np.asarray(volts - columns @ found)

@@ -1,0 +1,23 @@
+"""What the doctor found as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich.markup import escape
+from rich.table import Table
+
+from geometry.common.errors import one_line
+from probe_design.doctor.finding import Finding
+
+
+def doctor_table(findings: Sequence[Finding], versions: dict[str, str | None]) -> Table:
+    """Return findings, a line each, with versions below."""
+    names = ", ".join(f"{name} {number}" for name, number in versions.items() if number is not None)
+    table = Table(caption=escape(names), caption_justify="left")
+    table.add_column("what")
+    table.add_column("state")
+    table.add_column("found", overflow="fold")
+    for one in findings:
+        table.add_row(escape(one_line(one.name)), one.state, escape(one_line(one.text)))
+    return table

@@ -1,0 +1,28 @@
+"""The adapter that docs/lab.md shows: what it records is read by h5py and by the program."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from tests.support import program
+from tests.support.paths import EXAMPLES, SCENE
+
+
+def test_adapter_records_what_read_reads(tmp_path: Path) -> None:
+    command = [sys.executable, "-W", "error", str(EXAMPLES / "daq_adapter.py"), "run.h5"]
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=100, check=False)
+    assert (ended.returncode, ended.stdout) == (0, "2000 samples, 0 gaps\n"), ended.stderr
+    with h5py.File(tmp_path / "run.h5") as file:
+        amplitudes = [np.sqrt(2) * np.std(file[name][:]) for name in ("inner", "outer")]
+    np.testing.assert_allclose(amplitudes, [0.02, 0.03], rtol=1e-3)
+    ended = program.run("read", SCENE, "--replay", tmp_path / "run.h5", "--json")
+    assert ended.returncode == 0, ended.stderr
+    found = json.loads(ended.stdout)
+    # charges are as 2 to 3, and A2/A1 = 1.2 in the scene
+    assert abs(found["ratio"] - 2 / 3 / 1.2) < 1e-3

@@ -1,0 +1,175 @@
+"""Text files as spreadsheets, loggers and oscilloscopes write them: read right or refused in a line that says what is missing."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hw.common.errors import HardwareError, InvalidSource
+from hw.common.samples import Gap, Samples
+from hw.foreign.columns import ColumnMap
+from hw.foreign.volts import MISSING
+from hw.reader import Reader
+
+RATE, ROWS = 1000.0, 400
+TIMES = np.arange(ROWS) / RATE
+VOLTS = np.column_stack([0.3 * np.sin(31.0 * TIMES) + 0.01, 0.2 * np.cos(31.0 * TIMES), 0.1 * np.sin(31.0 * TIMES + 0.2)])
+NAMES = ("inner", "outer", "force")
+
+
+def got(path: Path, *columns: str, rate: str | None = None) -> Samples:
+    with Reader.open(f"replay:{path}", columns=ColumnMap.of(columns, rate)) as reader:
+        return reader.collect()
+
+
+def text(path: Path, head: str, rows: np.ndarray, delimiter: str = ",", comma: bool = False) -> Path:
+    """A file of a head and rows with nine digits."""
+    body = "\n".join(delimiter.join(f"{value:.9g}" for value in row) for row in rows)
+    path.write_text(head + (body.replace(".", ",") if comma else body) + "\n", encoding="utf-8")
+    return path
+
+
+def lines(volts: np.ndarray = VOLTS[:, :2], scale: float = 1.0) -> np.ndarray:
+    return np.column_stack([TIMES, volts * scale])
+
+
+def test_what_csv_of_python_writes(tmp_path: Path) -> None:
+    with (tmp_path / "a.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["time (s)", "inner (V)", "outer (V)", "force (V)"])
+        writer.writerows(np.column_stack([TIMES, VOLTS]).tolist())
+    found = got(tmp_path / "a.csv")
+    assert (found.channels, found.gaps, found.saturated.any()) == (NAMES, (), np.False_)
+    assert found.rate == pytest.approx(RATE, rel=1e-9)
+    np.testing.assert_array_equal(found.index, np.arange(ROWS))
+    np.testing.assert_allclose(found.volts, VOLTS, rtol=1e-15)
+
+
+HEADS = {  # head, delimiter, decimal comma, what the numbers are worth, options
+    "spreadsheet": ("Zeit [ms];CH1 [mV];CH2 [mV]\n", ";", True, (1e3, 1e3), ("inner=CH1", "outer=CH2")),
+    "no names": ("", "\t", False, (1.0, 1.0), ("time=1 s", "inner=2 V", "outer=3 V")),
+    "numpy": ("# time inner outer\n", " ", False, (1.0, 1.0), ("time=time s", "inner=inner V", "outer=outer V")),
+    "pico": ("Time,Channel A,Channel B\n(ms),(mV),(mV)\n\n", ",", False, (1e3, 1e3), ("inner=Channel A", "outer=Channel B")),
+    "keysight": ("x-axis,1,2\nsecond,Volt,Volt\n", ",", False, (1.0, 1.0), ("inner=1", "outer=2")),
+    "tektronix": (
+        "Model,MSO24\nFirmware Version,1.2\n\nSample Interval,1.0E-03,s\nRecord Length,400\nLabels,,\nTIME,CH1,CH2\n",
+        ",", False, (1.0, 1.0), ("time=TIME s", "inner=CH1 V", "outer=CH2 V"),
+    ),
+    "siglent": (
+        "Record Length,Analog:400\nSample Interval,0.001\nSource,CH1,CH2\nSecond,Volt,Volt\nTime(s),CH1(V),CH2(V)\n",
+        ",", False, (1.0, 1.0), ("inner=CH1", "outer=CH2"),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", HEADS)
+def test_kinds_of_head(kind: str, tmp_path: Path) -> None:
+    head, delimiter, comma, (per_second, per_volt), options = HEADS[kind]
+    rows = np.column_stack([per_second * TIMES, per_volt * VOLTS[:, :2]])
+    found = got(text(tmp_path / "a.csv", head, rows, delimiter, comma), *options)
+    assert found.rate == pytest.approx(RATE, rel=1e-7)
+    np.testing.assert_allclose(found.volts, VOLTS[:, :2], rtol=1e-8, atol=1e-12)
+    assert len(found) == ROWS
+
+
+def test_rigol_tells_its_interval_in_the_head(tmp_path: Path) -> None:
+    """As a DS1000Z writes it: a count in place of times, and a comma at each row's end."""
+    head = "X,CH1,CH2,Start,Increment,\nSequence,Volt,Volt,-6.0e-03,1.000e-03\n"
+    body = "".join(f"{k},{a:.9g},{b:.9g},\n" for k, (a, b) in enumerate(VOLTS[:, :2]))
+    (tmp_path / "a.csv").write_text(head + body)
+    found = got(tmp_path / "a.csv", "inner=CH1", "outer=CH2")
+    assert found.rate == pytest.approx(RATE)
+    np.testing.assert_allclose(found.volts, VOLTS[:, :2], rtol=1e-8, atol=1e-12)
+
+
+def test_map_as_a_file(tmp_path: Path) -> None:
+    (tmp_path / "map.toml").write_text(
+        'rate = "1 kHz"\nrange = "0.25 V"\nouter = "CH2 mV"\n[inner]\ncolumn = "CH1"\nunit = "mV"\nscale = 2.0\n'
+    )
+    path = text(tmp_path / "a.csv", "CH1;CH2\n", 1e3 * VOLTS[:, :2] / [2.0, 1.0], ";", True)
+    found = got(path, str(tmp_path / "map.toml"))
+    np.testing.assert_allclose(found.volts, VOLTS[:, :2], rtol=1e-8, atol=1e-12)
+    np.testing.assert_array_equal(found.saturated, np.abs(VOLTS[:, :2]) >= 0.25)
+    assert found.saturated.any()
+
+
+@pytest.mark.parametrize("word", ["nan", "", "NaN", "--"])
+def test_rows_without_numbers_are_gaps(word: str, tmp_path: Path) -> None:
+    rows = [[f"{value:.9g}" for value in row] for row in lines()]
+    for k in (50, 51, 200):
+        rows[k][1] = word
+    (tmp_path / "a.csv").write_text("time (s),inner (V),outer (V)\n" + "\n".join(map(",".join, rows)))
+    found = got(tmp_path / "a.csv")
+    assert found.gaps == (Gap(50, 2, MISSING), Gap(200, 1, MISSING))
+    np.testing.assert_array_equal(found.index, [k for k in range(ROWS) if k not in (50, 51, 200)])
+    np.testing.assert_allclose(found.volts, VOLTS[found.index, :2], rtol=1e-8, atol=1e-12)
+
+
+def test_times_that_jump_are_gaps(tmp_path: Path) -> None:
+    keep = [k for k in range(ROWS) if not 100 <= k < 117]
+    found = got(text(tmp_path / "a.csv", "time (s),inner (V),outer (V)\n", lines()[keep]))
+    assert found.gaps == (Gap(100, 17, MISSING),)
+    np.testing.assert_array_equal(found.index, keep)
+    assert found.rate == pytest.approx(RATE, rel=1e-7)
+
+
+def test_overload_counts_as_saturated(tmp_path: Path) -> None:
+    rows = lines()
+    rows[7, 1], rows[9, 2] = 9.9e37, np.inf
+    found = got(text(tmp_path / "a.csv", "time (s),inner (V),outer (V)\n", rows))
+    assert np.argwhere(found.saturated).tolist() == [[7, 0], [9, 1]]
+    assert np.isfinite(found.volts).all()
+
+
+HEAD = "time (s),CH1 (mV),CH2 (mV)\n"
+BOTH = ("inner=CH1", "outer=CH2")
+REFUSED = {  # head, rows, options, rate, words
+    "columns missing": (HEAD, lines(), (), None, ("column inner = missing", "1 time, 2 CH1, 3 CH2", "--column|inner=CH1 mV")),
+    "one column missing": (HEAD, lines(), ("inner=CH1",), None, ("column outer = missing",)),
+    "no such column": (HEAD, lines(), ("inner=CH7", "outer=CH2"), None, ("column inner = 'CH7'", "2 CH1")),
+    "wrong unit": (HEAD, lines(), ("inner=CH1 V", "outer=CH2"), None, ("column inner = 'CH1 V'", "mV")),
+    "no unit": ("time (s),CH1,CH2\n", lines(), BOTH, None, ("column inner = without a unit", "CH1 mV")),
+    "unit of no voltage": ("time (s),CH1 (N),CH2 (N)\n", lines(), BOTH, None, ("the file has 'N'",)),
+    "too many volts": ("time (s),CH1 (V),CH2 (V)\n", lines(scale=1e3), BOTH, None, ("column inner", "100 V", "unit")),
+    "no rate": ("CH1 (V),CH2 (V)\n", VOLTS[:, :2], BOTH, None, ("rate = missing", "--rate")),
+    "other rate": (HEAD, lines(), BOTH, "2 kHz", ("rate = 2000 Hz", "1000 Hz")),
+    "rate without unit": (HEAD, lines(), BOTH, "1000", ("rate = '1000'", "10 kHz")),
+    "time for a film": (HEAD, lines(), ("time=CH1 s", "inner=time V", "outer=CH2"), None, ("column",)),
+    "swapped names": ("time (s),outer (V),inner (V)\n", lines(), ("inner=outer", "outer=inner"), None, ("not named outer",)),
+    "twice the same": (HEAD, lines(), ("inner=CH1", "outer=CH1"), None, ("each its own column",)),
+    "time backwards": (HEAD, lines()[::-1], BOTH, None, ("column time", "increase")),
+    "uneven": (HEAD, lines() + [[0.0004, 0, 0] if k % 2 else [0, 0, 0] for k in range(ROWS)], BOTH, None, ("even intervals",)),
+    "no numbers": ("nothing\n", np.zeros((0, 3)), BOTH, None, ("no rows of two numbers",)),
+    "empty": ("", np.zeros((0, 3)), BOTH, None, ("no rows of two numbers",)),
+    "only a head": (HEAD, np.zeros((0, 3)), BOTH, None, ("no rows of two numbers",)),
+    "bad key": (HEAD, lines(), ("middle=CH1",), None, ("inner, outer, force, time",)),
+    "no column's name": (HEAD, lines(), ("inner=",), None, ("column inner = ''",)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_refusals_say_what_is_missing(what: str, tmp_path: Path) -> None:
+    head, rows, options, rate, words = REFUSED[what]
+    path = text(tmp_path / "a.csv", head, rows)
+    with pytest.raises(InvalidSource) as refused:
+        got(path, *options, rate=rate)
+    assert "\n" not in str(refused.value)
+    for word in words:
+        assert any(one in str(refused.value) for one in word.split("|")), str(refused.value)
+
+
+@pytest.mark.parametrize(("row", "words"), [("0.2,1.5", "2 cells"), ("0.2,abc,1", "'abc'"), ("0.2,1,2,3", "4 cells")])
+def test_a_row_that_does_not_fit_is_refused_with_its_line(row: str, words: str, tmp_path: Path) -> None:
+    path = text(tmp_path / "a.csv", HEAD, lines())
+    path.write_text(path.read_text() + row + "\n" + path.read_text().splitlines()[-1])
+    with pytest.raises(InvalidSource, match=rf"line {ROWS + 2} = .*{words}"):
+        got(path, *BOTH)
+
+
+def test_bytes_are_no_text(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_bytes(bytes(range(256)) * 20)
+    with pytest.raises(HardwareError, match="no text"):
+        got(tmp_path / "a.csv")

@@ -1,0 +1,148 @@
+"""HDF5 both ways, h5py being the other party: files of other programs read, our recordings read by it and again by us."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from hw.common.errors import InvalidSource
+from hw.common.samples import Samples
+from hw.foreign.columns import ColumnMap
+from hw.foreign.hdf5_recording import Hdf5Recorder
+from hw.reader import Reader
+from hw.simulation.firmware import Fault
+from tests.support.hw.virtual_probes import probe
+
+RATE, ROWS = 1000.0, 500
+TIMES = np.arange(ROWS) / RATE
+VOLTS = np.column_stack([0.3 * np.sin(31.0 * TIMES), 0.2 * np.cos(31.0 * TIMES)])
+
+
+def got(path: Path, *columns: str, rate: str | None = None) -> Samples:
+    with Reader.open(f"replay:{path}", columns=ColumnMap.of(columns, rate)) as reader:
+        return reader.collect()
+
+
+def test_datasets_of_another_program(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["run/t"] = 1e3 * TIMES
+        file["run/t"].attrs["units"] = "ms"
+        file["run/films"] = np.asarray(1e3 * VOLTS, np.float32)
+        file["run/films"].attrs["units"] = "mV"
+        file["comment"] = "a text"
+    found = got(tmp_path / "a.h5", "time=run/t", "inner=run/films[1]", "outer=run/films[2]")
+    np.testing.assert_allclose(found.volts, VOLTS, rtol=1e-6, atol=1e-9)
+    assert found.rate == pytest.approx(RATE)
+
+
+def test_names_units_and_rate_of_its_own(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for name, values in zip(("inner", "outer"), VOLTS.T, strict=True):
+            file[name] = values
+            file[name].attrs["unit"] = "V"
+        file.attrs["sample_rate"] = RATE
+    found = got(tmp_path / "a.h5")
+    np.testing.assert_array_equal(found.volts, VOLTS)
+    assert found.rate == RATE
+
+
+def test_a_recording_is_read_by_h5py_and_again(tmp_path: Path) -> None:
+    """With a gap of known length, one of unknown length, saturation and an overrun; units, times and digests for everybody."""
+    faults = (Fault("drop", 70, 3), Fault("power", 140, 1, 0.02), Fault("overrun", 180, 2))
+    with Reader.open(probe(*faults)) as reader:
+        reader.header.source["scene_sha256"] = "ab" * 32
+        live = reader.collect(0.03, record=tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5") as file:
+        np.testing.assert_array_equal(file["inner"][:], live.volts[:, 0])
+        np.testing.assert_array_equal(file["outer"][:], live.volts[:, 1])
+        np.testing.assert_allclose(file["time"][:], live.index / live.rate, rtol=1e-15)
+        assert (file["inner"].attrs["units"], file["time"].attrs["units"]) == ("V", "s")
+        assert file["inner"].dims[0][0] == file["time"]
+        assert (file.attrs["scene_sha256"], file.attrs["serial"], file.attrs["rate"]) == ("ab" * 32, "V1", live.rate)
+        assert file.attrs["started"].startswith("20")
+    again = got(tmp_path / "a.h5")
+    assert {gap.count for gap in live.gaps} >= {-1, 30}
+    assert (again.gaps, again.overruns, again.rate, again.channels) == (live.gaps, live.overruns, live.rate, live.channels)
+    for key in ("index", "volts", "saturated"):
+        np.testing.assert_array_equal(getattr(again, key), getattr(live, key))
+
+
+def samples() -> Samples:
+    index = np.arange(ROWS)
+    return Samples(RATE, ("inner", "outer"), index, VOLTS, np.zeros((ROWS, 2), bool), (), 0, {"transport": "here"})
+
+
+def test_saturation_and_long_recordings_survive(tmp_path: Path) -> None:
+    """More rows than one chunk, flagged by amplifiers at values that say nothing."""
+    whole = samples()
+    saturated = whole.saturated.copy()
+    saturated[3, 1] = True
+    parts = [replace(whole, index=whole.index + ROWS * k, saturated=saturated) for k in range(80)]
+    with Reader.open(probe()) as reader:
+        header = reader.header
+    with Hdf5Recorder(tmp_path / "a.h5", replace(header, rate=RATE)) as recorder:
+        for part in parts:
+            recorder.write_samples(part)
+    found = got(tmp_path / "a.h5")
+    np.testing.assert_array_equal(found.index, np.arange(80 * ROWS))
+    np.testing.assert_array_equal(np.flatnonzero(found.saturated[:, 1]), 3 + ROWS * np.arange(80))
+    assert not found.saturated[:, 0].any()
+
+
+def test_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    with Reader.open(probe()) as reader:
+        stream = reader.blocks(0.05, record=tmp_path / "a.h5")
+        next(stream)
+        assert not (tmp_path / "a.h5").exists()
+        stream.close()  # type: ignore[attr-defined]
+    assert got(tmp_path / "a.h5").gaps == ()
+    with Reader.open(probe()) as reader, pytest.raises(FileExistsError):
+        reader.collect(0.01, record=tmp_path / "a.h5")
+    with Reader.open(probe()) as reader, pytest.raises(FileNotFoundError):
+        reader.collect(0.01, record=tmp_path / "none" / "b.h5")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
+
+
+@pytest.mark.parametrize("at", [0, 4, 100, 1000, 3000])
+def test_damaged_files_are_refused_or_right(at: int, tmp_path: Path) -> None:
+    with Reader.open(probe()) as reader:
+        live = reader.collect(0.01, record=tmp_path / "a.h5")
+    data = bytearray((tmp_path / "a.h5").read_bytes())
+    (tmp_path / "cut.h5").write_bytes(data[: max(at, 1)])
+    data[at] ^= 0xFF
+    (tmp_path / "flipped.h5").write_bytes(data)
+    with pytest.raises(InvalidSource):
+        got(tmp_path / "cut.h5")
+    try:
+        found = got(tmp_path / "flipped.h5")
+    except InvalidSource:
+        return
+    np.testing.assert_array_equal(found.index, live.index)
+
+
+@pytest.mark.parametrize("name", ["inner", "index", "saturated"])
+def test_a_flipped_bit_among_the_samples_is_refused(name: str, tmp_path: Path) -> None:
+    with Reader.open(probe()) as reader:
+        reader.collect(0.05, record=tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5") as file:
+        at = file[name].id.get_chunk_info(0).byte_offset
+    data = bytearray((tmp_path / "a.h5").read_bytes())
+    data[at + 1000] ^= 0x08
+    (tmp_path / "a.h5").write_bytes(data)
+    with pytest.raises(InvalidSource, match="damaged"):
+        got(tmp_path / "a.h5")
+
+
+def test_what_holds_no_samples_is_refused(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["image"] = np.zeros((30, 30))
+    with pytest.raises(InvalidSource, match="no columns of numbers"):
+        got(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "b.h5", "w") as file:
+        file["inner"], file["outer"] = VOLTS[:, 0], VOLTS[1:, 1]
+    with pytest.raises(InvalidSource, match="the same number of samples"):
+        got(tmp_path / "b.h5", "inner=inner V", "outer=outer V", rate="1 kHz")

@@ -1,0 +1,100 @@
+"""What the computer has: whatever is missing or broken is a finding with its remedy, never a traceback."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from hw.common.errors import NotFound
+from hw.usb.find import FoundDevice
+from probe_design.doctor import installed
+from probe_design.doctor.finding import Finding
+from tests.support import program
+from tests.support.paths import SCENE
+
+
+def test_without_libusb_visa_serial_and_hdf5(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("pyvisa", "pyvisa_py", "serial", "serial.tools", "serial.tools.list_ports", "h5py"):
+        monkeypatch.setitem(sys.modules, name, None)  # an import of it fails
+    monkeypatch.setattr("libusb_package.get_libusb1_backend", lambda: None)
+    ended = program.run("doctor", "--json")
+    assert (ended.returncode, ended.stderr) == (0, "")
+    found = {one["name"]: one for one in json.loads(ended.stdout)["installed"]}
+    for name, remedy in (("libusb", "libusb-1.0"), ("VISA", "probe-design[scope]"), ("HDF5", "pip install h5py")):
+        assert found[name]["state"] == "missing"
+        assert remedy in found[name]["remedy"]
+    assert found["serial ports"]["state"] == "missing"
+
+
+def denied(name: str, fault: Exception | None) -> list[FoundDevice]:
+    return [FoundDevice(SimpleNamespace(bus=1, address=7), name, fault)]
+
+
+def test_a_probe_that_may_not_be_opened_is_a_fault_with_the_rule(monkeypatch: pytest.MonkeyPatch) -> None:
+    from usb.core import USBError
+
+    monkeypatch.setattr(installed, "probes", lambda: denied("", USBError("Access denied", -3, 13)))
+    (found,) = installed._probes()
+    assert (found.state, "udev" in found.remedy, "SUBSYSTEM" in found.remedy) == ("fault", True, True)
+    monkeypatch.setattr(installed, "probes", lambda: denied("AB1", None))
+    assert installed._probes() == [Finding("probe on USB", "good", "AB1 at bus 1 address 7")]
+
+
+def test_what_raises_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken() -> list[FoundDevice]:
+        raise NotFound("libusb could not\nbe loaded")
+
+    monkeypatch.setattr(installed, "probes", broken)
+    found = {one.name: one for one in installed.installed()}
+    assert found["probes on USB"].text == "NotFound: libusb could not be loaded"
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="udev is Linux's")
+def test_the_rule_is_looked_for(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(installed.os, "geteuid", lambda: 1000)
+    monkeypatch.setattr(installed, "RULE_FOLDERS", (str(tmp_path),))
+    monkeypatch.setattr(installed, "UDEV", tmp_path)
+    (found,) = installed._udev()
+    assert (found.state, "1209" in found.remedy) == ("missing", True)
+    monkeypatch.setattr(installed, "UDEV", tmp_path / "absent")
+    assert "does not run here" in installed._udev()[0].text
+    (tmp_path / installed.RULES).write_text("")
+    assert installed._udev()[0].state == "good"
+
+
+def test_the_verb_tests_a_virtual_probe() -> None:
+    ended = program.run("doctor", SCENE, "--virtual", "--seconds", "5", "--json")
+    assert ended.returncode == 0, ended.stderr
+    found = json.loads(ended.stdout)
+    assert found["good"]
+    assert {one["state"] for one in found["self_test"]} == {"good"}
+    assert {"noise, inner", "polarity, outer", "load, force", "clipping", "mains"} <= {one["name"] for one in found["self_test"]}
+    assert found["versions"]["pyusb"]
+
+
+def test_a_table_and_exit_code_1_for_a_fault(tmp_path: Path) -> None:
+    rows = "\n".join(f"{k / 1000},{0.001 * (k % 2)},{0.0}" for k in range(1000))
+    (tmp_path / "a.csv").write_text("time (s),inner (V),outer (V)\n" + rows)
+    ended = program.run("doctor", SCENE, "--replay", "a.csv", cwd=tmp_path)
+    assert ended.returncode == 1
+    assert "at fault: outer channel" in ended.stdout
+    assert "Traceback" not in ended.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "expected"),
+    [
+        (("--replay", "absent.probe"), 2, "no such file"),
+        (("--device", "usb:NONE"), 1, ""),
+        (("--virtual", "--device", "usb"), 2, "one of --virtual"),
+        (("--device", "nonsense"), 2, "allowed"),
+    ],
+)
+def test_bad_words(words: tuple[str, ...], code: int, expected: str) -> None:
+    ended = program.run("doctor", SCENE, *words)
+    assert ended.returncode == code
+    assert expected in ended.stderr
