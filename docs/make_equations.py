@@ -34,6 +34,7 @@ ROOMS = {
     "TR": "probe_design/tradeoffs",
     "SW": "probe_design/sweeps",
     "BP": "probe_design/built_probe",
+    "PC": "probe_design/probe_check",
     "SI": "hw/signal",
 }
 DEFINITION = re.compile(r"\(([A-Z]{2}\.\d+)\)")

@@ -21,7 +21,7 @@ from pathlib import Path
 from probe_design.cli.main import main
 
 NEEDED = (
-    "hw.reader", "matplotlib.figure", "probe_design.built_probe.check", "probe_design.estimation.estimate",
+    "hw.reader", "matplotlib.figure", "probe_design.probe_check.check", "probe_design.estimation.estimate",
     "probe_design.maps.scan", "probe_design.sweeps.run", "probe_design.terminal.console", "solver.closed_form.level",
     "solver.equivalent_inclusion.level", "solver.planning.plan",
 )  # fmt: skip

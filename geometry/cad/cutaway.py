@@ -44,7 +44,7 @@ def _layers(name: str, triangles: Any, normals: Any, hole: float) -> Any:
     outward = (x * normals[:, 0] + y * normals[:, 1]) / np.maximum(radius, 1e-300)
     layers = np.full(len(triangles), {"inner": 1, "film-inner": 1, "outer": 2, "film-outer": 2, "base": 3}[name])
     layers[(outward > 0.9) & (radius < hole)] = 1
-    layers[outward < -0.9] = 0
+    layers[(outward < -0.9) | ((outward < 0) & (normals[:, 2] < -1e-6))] = 0  # a hole's round edge looks down, too
     near = 1e-9 * hole
     layers[((np.abs(y) < near) & (x > 0)) | ((np.abs(x) < near) & (y < 0))] = 4
     return layers

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from geometry.cad import cutaway, solids
 from geometry.common.files import written_whole
 from geometry.scenes.base_sizes import assumed_sizes, base_sizes, has_flange
@@ -15,18 +17,24 @@ DIAMETER = "\N{LATIN CAPITAL LETTER O WITH STROKE}"
 Points = list[tuple[float, float]]
 SHEET = (16.0, 9.0)  # inches
 PANEL = (0.025, 0.05, 0.56, 0.86)  # the section's place on the sheet: left, bottom, width, height
+CHORDS = 32  # that are drawn for a round edge
 LEVEL = 0.34  # inches between two dimension lines
 HATCHES = {"inner": "//", "outer": "\\\\", "film-inner": "xxxx", "film-outer": "xxxx", "base": "/"}
 
 
-def draw(probe: Probe, path: Path) -> Path:
+def draw(probe: Probe, path: Path, edge_radius: float = 0.0) -> Path:
     """Write the drawing of the probe as a PNG of 2400 x 1350 pixels, dimensions in mm; returns ``path``.
+
+    Args:
+        probe: what is drawn.
+        path: of the PNG.
+        edge_radius: of the blocks' lower edges in m; 0: sharp.
 
     Raises:
         ExportError, InputError, MissingLibrary: see ``solids.parts``.
         OSError: the file cannot be written.
     """
-    shapes = solids.parts(probe)
+    shapes = solids.parts(probe, edge_radius)
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -36,9 +44,9 @@ def draw(probe: Probe, path: Path) -> Path:
     star = f"; {ASSUMED} assumed: not in the scene" if assumed_sizes(probe) else ""
     figure.text(0.03, 0.955, f"Tactile probe: section through {plane} (y = 0)", fontsize=15, weight="bold")
     figure.text(0.03, 0.93, f"dimensions in mm; tissue below, at z = 0{star}", fontsize=10)
-    _section(figure.add_axes(PANEL), probe)
-    _detail(figure.add_axes((0.60, 0.07, 0.16, 0.31)), probe)
-    for line, (text, colour) in enumerate(_notes(probe)):
+    _section(figure.add_axes(PANEL), probe, edge_radius)
+    _detail(figure.add_axes((0.60, 0.07, 0.16, 0.31)), probe, edge_radius)
+    for line, (text, colour) in enumerate(_notes(probe, edge_radius)):
         figure.text(0.785, 0.37 - 0.028 * line, "\N{BLACK SQUARE}", fontsize=13, va="center", color=colour or "none")
         figure.text(0.798, 0.37 - 0.028 * line, text, fontsize=9, va="center")
     cutaway.draw(figure.add_axes((0.57, 0.40, 0.43, 0.58), projection="3d"), shapes, probe.hole_radius * solids.MM)
@@ -47,18 +55,18 @@ def draw(probe: Probe, path: Path) -> Path:
     return Path(path)
 
 
-def outlines(probe: Probe) -> dict[str, list[Points]]:
-    """Return the polygons (x, z) in mm in which the plane y = 0 cuts each part."""
+def outlines(probe: Probe, edge_radius: float = 0.0) -> dict[str, list[Points]]:
+    """Return the polygons (x, z) in mm in which the plane y = 0 cuts each part; round edges (radius in m) by ``CHORDS`` each."""
     mm, t, groove = solids.MM, solids.film_thickness(probe) * solids.MM, probe.groove
     r2, ri, ro, h2, h1 = _sizes(probe)
-    ends = (h1, h1) if groove is None else (h1, h1 - groove.depth * mm)
+    ends, edge = (h1, h1) if groove is None else (h1, h1 - groove.depth * mm), edge_radius * mm
     films = [_box(-ro, -ri, h1, h1 + t)] + ([_box(ri, ro, h1, h1 + t)] if groove is None else [])
     sizes, middle = base_sizes(probe), (r2 + ri) / 2
     rf, under = sizes.flange_radius * mm, max(h1, h2) + t + sizes.step_height * mm
     side = [(middle, h2 + t), (middle, h1 + t), (ro, h1 + t), (ro, under), (rf, under), (rf, under + sizes.thickness * mm)]
     return {
-        "inner": [_box(-r2, r2, 0, h2)],
-        "outer": [_box(-ro, -ri, 0, ends[0]), _box(ri, ro, 0, ends[1])],
+        "inner": [_block(-r2, r2, h2, edge)],
+        "outer": [_block(-ro, -ri, ends[0], edge), _block(ri, ro, ends[1], edge)],
         **({} if probe.film is None else {"film-inner": [_box(-r2, r2, h2, h2 + t)], "film-outer": films}),
         "base": [side + [(-x, z) for x, z in reversed(side)]],
     }
@@ -73,7 +81,17 @@ def _box(left: float, right: float, bottom: float, top: float) -> Points:
     return [(left, bottom), (right, bottom), (right, top), (left, top)]
 
 
-def _fill(axes: Any, probe: Probe) -> None:
+def _block(left: float, right: float, top: float, edge: float) -> Points:
+    """A box on z = 0 whose lower corners are arcs, from left to right, where ``edge`` is not 0."""
+    if edge == 0:
+        return _box(left, right, 0, top)
+    angles = np.linspace(0, np.pi / 2, CHORDS + 1)
+    across, up = edge * (1 - np.cos(angles)), edge * (1 - np.sin(angles))
+    arcs = [*zip(left + across, up, strict=True), *zip(right - across[::-1], up[::-1], strict=True)]
+    return [(float(x), float(z)) for x, z in arcs] + [(right, top), (left, top)]
+
+
+def _fill(axes: Any, probe: Probe, edge_radius: float) -> None:
     if probe.groove is not None:  # what is seen behind the cut: the groove's side, and the film's edge above it
         _, ri, ro, _, h1 = _sizes(probe)
         bottom, top = h1 - probe.groove.depth * solids.MM, h1 + solids.film_thickness(probe) * solids.MM
@@ -81,19 +99,19 @@ def _fill(axes: Any, probe: Probe) -> None:
             *zip(*_box(ri, ro, bottom, h1), strict=True), facecolor=(*solids.COLOURS["outer"], 0.25), edgecolor="0.4", lw=0.6
         )
         axes.fill(*zip(*_box(ri, ro, h1, top), strict=True), facecolor=(*solids.COLOURS["film-outer"], 0.35), edgecolor="none")
-    for name, polygons in outlines(probe).items():
+    for name, polygons in outlines(probe, edge_radius).items():
         tint = (*solids.COLOURS[name], 0.75)
         for polygon in polygons:
             axes.fill(*zip(*polygon, strict=True), facecolor=tint, edgecolor="0.15", hatch=HATCHES[name], lw=0.9)
 
 
-def _section(axes: Any, probe: Probe) -> None:
+def _section(axes: Any, probe: Probe, edge_radius: float) -> None:
     base, t = base_sizes(probe), solids.film_thickness(probe) * solids.MM
     r2, ri, ro, h2, h1 = _sizes(probe)
     rf, under = base.flange_radius * solids.MM, max(h1, h2) + t + base.step_height * solids.MM
     top = under + base.thickness * solids.MM
     inch = _frame(axes, rf, top)  # mm of the probe in an inch of paper
-    _fill(axes, probe)
+    _fill(axes, probe, edge_radius)
     axes.axhline(0, color="0.55", lw=0.6, ls=(0, (6, 3)), zorder=0)
     axes.plot([0, 0], [-0.15 * inch, top + 0.15 * inch], color="0.2", lw=0.8, ls="-.")
     step = LEVEL * inch
@@ -110,7 +128,12 @@ def _section(axes: Any, probe: Probe) -> None:
         _dimension(axes, (-ro, 0), corner, at=-rf - level * step, text=text, inch=inch, upright=True)
     text = _marked(probe, "base.thickness", top - under)
     _dimension(axes, (rf, under), (rf, top), at=rf + step, text=text, inch=inch, upright=True)
-    _leader(axes, (-(r2 + ri) / 2, 0), (-rf - step, -2.2 * step), f"gap {number(ri - r2)}")
+    _leader(axes, (-(r2 + ri) / 2, edge_radius * solids.MM), (-rf - step, -2.2 * step), f"gap {number(ri - r2)}")
+    if edge_radius > 0:
+        edge = edge_radius * solids.MM
+        cut = edge * (1 - 0.5**0.5)  # from the corner that is not there to the middle of the arc
+        low = min(-0.35 * step, h1 - 0.25 * inch - 0.5 * step)  # below the arrows of what is measured to the right
+        _leader(axes, (ro - cut, cut), (rf + 2.2 * step, low), f"R {number(edge)}")
     if probe.groove is not None:
         depth = probe.groove.depth * solids.MM
         _dimension(axes, (ro, h1 - depth), (ro, h1), at=rf + 3 * step, text=number(depth), inch=inch, upright=True)
@@ -165,7 +188,7 @@ def _leader(axes: Any, tip: tuple[float, float], place: tuple[float, float], tex
     axes.annotate(text, tip, place, ha="center", va="center", fontsize=10, arrowprops=arrow, bbox=box, zorder=9)
 
 
-def _detail(axes: Any, probe: Probe) -> None:
+def _detail(axes: Any, probe: Probe, edge_radius: float) -> None:
     """Magnify the gap's corner at the outer film."""
     r2, ri, ro, h2, h1 = _sizes(probe)
     t, gap = solids.film_thickness(probe) * solids.MM, ri - r2
@@ -174,7 +197,7 @@ def _detail(axes: Any, probe: Probe) -> None:
     axes.set(xlim=(x - reach, x + reach), ylim=(z - reach, z + reach), xticks=[], yticks=[], aspect="equal")
     place = "film" if probe.film else "block's upper end"
     axes.set_title(f"detail at the outer {place}, -x side", fontsize=10)
-    _fill(axes, probe)
+    _fill(axes, probe, edge_radius)
     height = h1 - min(reach, h1) / 2
     boss = h2 + t < height  # the base reaches down into the hole and halves the gap
     tip, text = (x - gap / 4, f"clearance {number(gap / 2)}") if boss else (x, f"gap {number(gap)}")
@@ -184,7 +207,7 @@ def _detail(axes: Any, probe: Probe) -> None:
         _leader(axes, (film, z), (film, z + 0.7 * reach), f"film {_marked(probe, 'film.thickness', t)}")
 
 
-def _notes(probe: Probe) -> list[tuple[str, Any]]:
+def _notes(probe: Probe, edge_radius: float) -> list[tuple[str, Any]]:
     """Return lines of text, those of the parts with their colour."""
     thick = f"{_marked(probe, 'film.thickness', solids.film_thickness(probe) * solids.MM)} thick"
     cut, step = probe.groove_footprint, DIAMETER + number(2 * probe.tube_radius * solids.MM)
@@ -204,6 +227,8 @@ def _notes(probe: Probe) -> list[tuple[str, Any]]:
         areas |= {f"outer end at the {end}": probe.outer_area - cut, "groove's footprint": cut}
     lines += [(f"{what} = {area * solids.MM**2:.6g} mm\u00b2", None) for what, area in areas.items()]
     lines += [(f"A2/A1 = {probe.inner_area / probe.outer_area:.6g}", None)]
+    round_edges = f"lower edges R {number(edge_radius * solids.MM)}; A1, A2 as if sharp"
+    lines += [(round_edges, None)] if edge_radius else []
     return lines
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from geometry.cad import solids
 from geometry.scenes.base_sizes import base_sizes
@@ -19,7 +19,8 @@ class PartMeasures:
         ends: (z, area) of each plane face normal to z, from below.
         radii: of each cylindrical face about z, from the smallest.
         walls: (y, x of the centre, area) of each plane face normal to y.
-        off_axis: largest distance of a cylinder's axis from the z axis.
+        off_axis: largest distance of a cylinder's or torus's axis from the z axis.
+        edges: (radius of the circle of centres, edge radius, z of that circle, area) of each toroidal face about z.
     """
 
     volume: float
@@ -27,10 +28,11 @@ class PartMeasures:
     radii: tuple[float, ...]
     walls: tuple[tuple[float, float, float], ...] = ()
     off_axis: float = 0.0
+    edges: tuple[tuple[float, float, float, float], ...] = ()
 
 
-def expected_bodies(probe: Probe) -> dict[str, PartMeasures]:
-    """Derive what each part must measure from the probe's parameters alone."""
+def expected_bodies(probe: Probe, edge_radius: float = 0.0) -> dict[str, PartMeasures]:
+    """Derive what each part must measure from the probe's parameters and the radius of its lower edges (m) alone."""
     mm, groove = solids.MM, probe.groove
     r2, ri, ro = probe.inner_radius * mm, probe.hole_radius * mm, probe.tube_radius * mm
     h2, h1, t = probe.core_height * mm, probe.tube_height * mm, solids.film_thickness(probe) * mm
@@ -44,12 +46,30 @@ def expected_bodies(probe: Probe) -> dict[str, PartMeasures]:
         "film-inner": PartMeasures(a2 * t, ((h2, a2), (h2 + t, a2)), (r2,)),
         "film-outer": PartMeasures((a1 - cut) * t, ((h1, a1 - cut), (h1 + t, a1 - cut)), (ri, ro), _walls(probe, t)),
     }
+    inner = PartMeasures(a2 * h2, ((0, a2), (h2, a2)), (r2,))
+    outer = PartMeasures(a1 * h1 - cut * depth, ((0, a1), *floor, (h1, a1 - cut)), (ri, ro), _walls(probe, depth))
     return {
-        "inner": PartMeasures(a2 * h2, ((0, a2), (h2, a2)), (r2,)),
-        "outer": PartMeasures(a1 * h1 - cut * depth, ((0, a1), *floor, (h1, a1 - cut)), (ri, ro), _walls(probe, depth)),
+        "inner": _rounded(inner, edge_radius * mm),
+        "outer": _rounded(outer, edge_radius * mm),
         **({} if probe.film is None else films),
         "base": _expected_base(probe),
     }
+
+
+def _rounded(block: PartMeasures, e: float) -> PartMeasures:
+    """Take from a sharp block what its lower edges lose, by Pappus' theorems; the last of its radii is its rim, another its hole.
+
+    What a quarter disc leaves of its square has the area (1 - pi/4) e^2, and the moment e^3/6 about the side through the arc's
+    centre; the arc itself has the length pi e/2 and the moment e^2.
+    """
+    if e == 0:
+        return block
+    sides = [(radius - side * e, side) for radius, side in zip(block.radii[::-1], (1, -1), strict=False)]  # of the arcs' centres
+    volume = sum(math.tau * (centre * (1 - math.pi / 4) * e**2 + side * e**3 / 6) for centre, side in sides)
+    face = sum(math.pi * e * (2 * centre + side * e) for centre, side in sides)
+    edges = sorted((centre, e, e, math.tau * (centre * math.pi / 2 * e + side * e**2)) for centre, side in sides)
+    (z, area), *others = block.ends
+    return replace(block, volume=block.volume - volume, ends=((z, area - face), *others), edges=tuple(edges))
 
 
 def _walls(probe: Probe, height: float) -> tuple[tuple[float, float, float], ...]:

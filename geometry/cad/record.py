@@ -55,13 +55,14 @@ def part_files(probe: Probe) -> tuple[str, ...]:
     return tuple(name for name in PARTS if probe.film is not None or not name.startswith("film"))
 
 
-def design_of(probe: Probe) -> str:
-    """Return the digest of every number that the parts are made from, however the scene has given it."""
+def design_of(probe: Probe, edge_radius: float = 0.0) -> str:
+    """Return the digest of every number that the parts are made from, however the scene has given it; see ``solids.parts``."""
     sizes = probe.inner_radius, probe.hole_radius, probe.tube_radius, probe.core_height, probe.tube_height
     bodies = probe.model_dump(
         include={"inner": True, "outer": True, "groove": True, "film": True, "base": {"youngs_modulus", "poisson_ratio"}}
     )
-    return digest({"sizes": sizes, "base": astuple(base_sizes(probe)), "bodies": bodies})
+    edges = {"edge_radius": edge_radius} if edge_radius else {}  # sharp designs keep the digest from before edges could be round
+    return digest({"sizes": sizes, "base": astuple(base_sizes(probe)), "bodies": bodies, **edges})
 
 
 def digest(content: Mapping[str, Any]) -> str:
@@ -69,7 +70,9 @@ def digest(content: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(_rounded(content), sort_keys=True, default=str).encode()).hexdigest()
 
 
-def record_of(probe: Probe, drafts: Mapping[str, Path], before: PartsRecord | None, asked: str | None) -> PartsRecord:
+def record_of(
+    probe: Probe, drafts: Mapping[str, Path], before: PartsRecord | None, asked: str | None, edge_radius: float = 0.0
+) -> PartsRecord:
     """Return the record of new parts.
 
     Args:
@@ -77,21 +80,22 @@ def record_of(probe: Probe, drafts: Mapping[str, Path], before: PartsRecord | No
         drafts: where each file is now, by the name that it will have.
         before: the record of the same design in the same folder, whose other files stay valid.
         asked: see ``PartsRecord``.
+        edge_radius: of the blocks' lower edges, m.
     """
     kept, question = ({}, asked) if before is None else (before.files, asked or before.asked)
     assumed = {key: str(mm(length)) for key, length in assumed_sizes(probe).items()}
     files = {**kept, **{name: _sha256(path) for name, path in drafts.items()}}
-    return PartsRecord(design=design_of(probe), assumed=assumed, files=files, asked=question)
+    return PartsRecord(design=design_of(probe, edge_radius), assumed=assumed, files=files, asked=question)
 
 
-def check_same(folder: Path, probe: Probe) -> PartsRecord | None:
-    """Return the record of the parts in a folder, which are this probe's, or None where it holds none.
+def check_same(folder: Path, probe: Probe, edge_radius: float = 0.0) -> PartsRecord | None:
+    """Return the record of the parts in a folder, which are this probe's with these edges, or None where it holds none.
 
     Raises:
         InputError: it holds parts of another design, or of one that cannot be told.
     """
     record = held(folder)
-    if record is not None and record.design != design_of(probe):
+    if record is not None and record.design != design_of(probe, edge_radius):
         raise _refused(folder, "those there are of another design")
     return record
 

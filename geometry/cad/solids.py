@@ -10,15 +10,17 @@ from __future__ import annotations
 import math
 import warnings
 from functools import partial
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
-from geometry.common.errors import ExportError, MissingLibrary
+from geometry.common.errors import ExportError, InputError, MissingLibrary
 from geometry.common.interrupts import unbroken
+from geometry.common.limits import most_mm
 from geometry.scenes.base_sizes import base_sizes
 from geometry.scenes.probe import Probe, mm
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
 MM = 1e3  # millimetres in a metre
 COLOURS = {
@@ -65,20 +67,25 @@ def film_tops(probe: Probe) -> tuple[float, float]:
     return (outer, outer) if math.isclose(inner, outer, rel_tol=1e-14) else (inner, outer)
 
 
-def inner_block(probe: Probe) -> Any:
-    """Build the solid cylinder."""
-    return _ring(0.0, probe.inner_radius, 0.0, probe.core_height)
+def inner_block(probe: Probe, edge_radius: float = 0.0) -> Any:
+    """Build the solid cylinder, its lower edge round by ``edge_radius`` (m)."""
+    return _block(0.0, probe.inner_radius, probe.core_height, edge_radius)
 
 
-def outer_block(probe: Probe) -> Any:
-    """Build the tube, with its groove at the film end.
+def outer_block(probe: Probe, edge_radius: float = 0.0) -> Any:
+    """Build the tube, its lower edges round by ``edge_radius`` (m), with its groove at the film end.
 
     Raises:
         ExportError: the groove does not leave one body.
+        InputError: the groove reaches down into the round edges.
     """
-    tube = _ring(probe.hole_radius, probe.tube_radius, 0.0, probe.tube_height)
+    tube = _block(probe.hole_radius, probe.tube_radius, probe.tube_height, edge_radius)
     if probe.groove is None:
         return tube
+    deepest = probe.tube_height - edge_radius
+    if probe.groove.depth > deepest:
+        why = f"down to the round edges of {mm(edge_radius)}, see contact.edge_radius"
+        raise InputError("probe.groove.depth", mm(probe.groove.depth), f"up to {most_mm(deepest)} ({why})")
     return _grooved(tube, probe, probe.tube_height - probe.groove.depth, probe.tube_height + probe.groove.depth)
 
 
@@ -114,17 +121,22 @@ def base(probe: Probe) -> Any:
     return revolved([*lower, (radius, side), *shoulder, (sizes.flange_radius, top), (0.0, top)])
 
 
-def parts(probe: Probe) -> dict[str, Any]:
+def parts(probe: Probe, edge_radius: float = 0.0) -> dict[str, Any]:
     """Build all solids, by their names: inner, outer, film-inner and film-outer where there are films, base.
+
+    Args:
+        probe: whose.
+        edge_radius: of the blocks' lower edges in m, a scene's ``contact.edge_radius``; 0: sharp.
 
     Raises:
         ExportError: the modeller cannot build a part, as with sizes near its tolerance of 1e-7 mm.
-        InputError: see ``base_sizes``.
+        InputError: see ``outer_block`` and ``base_sizes``.
         MissingLibrary: see ``cadquery``.
     """
     cadquery()
     films = {} if probe.film is None else {"film-inner": inner_film, "film-outer": outer_film}
-    builders = {"inner": inner_block, "outer": outer_block, **films, "base": base}
+    blocks = {"inner": partial(inner_block, edge_radius=edge_radius), "outer": partial(outer_block, edge_radius=edge_radius)}
+    builders: dict[str, Callable[[Probe], Any]] = {**blocks, **films, "base": base}
     return {name: built(name, partial(builder, probe)) for name, builder in builders.items()}
 
 
@@ -143,13 +155,34 @@ def _ring(inner: float, outer: float, bottom: float, top: float) -> Any:
     return revolved([(inner, bottom), (outer, bottom), (outer, top), (inner, top)])
 
 
+def _block(inner: float, outer: float, top: float, edge: float) -> Any:
+    """A ring that stands on z = 0, its lower edges quarters of circles; a cylinder has one, for its axis is none."""
+    if edge == 0:
+        return _ring(inner, outer, 0.0, top)
+    cq, hole, middle = cadquery(), edge if inner > 0 else 0.0, edge * (1 - math.sqrt(0.5))
+    arcs = [[(outer - edge, 0.0), (outer - middle, middle), (outer, edge)]]
+    arcs += [[(inner, edge), (inner + middle, middle), (inner + edge, 0.0)]] if inner > 0 else []
+    lines = pairwise([(outer, edge), (outer, top), (inner, top), (inner, hole)])
+    sides = [*lines, ((inner + hole, 0.0), (outer - edge, 0.0))]
+    edges = [cq.Edge.makeLine(*_points(side)) for side in sides] + [cq.Edge.makeThreePointArc(*_points(arc)) for arc in arcs]
+    return _turned(cq.Wire.assembleEdges(edges))
+
+
 def revolved(profile: list[tuple[float, float]]) -> Any:
-    """One solid of revolution about z from its (r, z) polygon in m: exact where booleans would leave tolerances."""
+    """One solid of revolution about z from its (r, z) polygon in m."""
+    return _turned(cadquery().Wire.makePolygon(_points(profile), close=True))
+
+
+def _points(profile: Iterable[tuple[float, float]]) -> list[Any]:
+    """Vectors in mm of (r, z) in m, on the +x side, so that the groove takes the surfaces' seam away and leaves each one face."""
     cq = cadquery()
-    # drawn on the +x side, so that the groove takes the surfaces' seam away and leaves each surface one face
-    points = [cq.Vector(radius * MM, 0, height * MM) for radius, height in profile]
-    face = cq.Face.makeFromWires(cq.Wire.makePolygon(points, close=True))
-    return cq.Solid.revolve(face, 360.0, cq.Vector(0, 0, 0), cq.Vector(0, 0, 1))
+    return [cq.Vector(radius * MM, 0, height * MM) for radius, height in profile]
+
+
+def _turned(wire: Any) -> Any:
+    """One solid of revolution about z from its closed profile: exact where booleans would leave tolerances."""
+    cq = cadquery()
+    return cq.Solid.revolve(cq.Face.makeFromWires(wire), 360.0, cq.Vector(0, 0, 0), cq.Vector(0, 0, 1))
 
 
 def _grooved(tube: Any, probe: Probe, bottom: float, top: float) -> Any:

@@ -22,13 +22,13 @@ _PARALLEL = 1e-12  # sine of the angle below which two directions count as paral
 Row = tuple[str, float, float, float]  # quantity, found, expected, and the size that the mismatch is relative to
 
 
-def check(probe: Probe, drafts: dict[str, Path]) -> None:
-    """Compare the files of all parts and of the assembly, by their names, with the probe.
+def check(probe: Probe, drafts: dict[str, Path], edge_radius: float = 0.0) -> None:
+    """Compare the files of all parts and of the assembly, by their names, with the probe and the radius of its lower edges (m).
 
     Raises:
         ExportError: a file does not hold what the parameters say, to ``TOLERANCE``.
     """
-    expected = expected_bodies(probe)
+    expected = expected_bodies(probe, edge_radius)
     measured = {name: check_alone(drafts[name], name, body) for name, body in expected.items()}
     _compare("inner.step and outer.step", _between(probe, measured))
     _check_assembly(drafts["assembly"], probe, expected)
@@ -73,7 +73,7 @@ def check_body(where: str, shape: Any, expected: PartMeasures) -> PartMeasures:
     if closed != [True]:
         raise ExportError(f"{where}: closed shells = {closed}, expected [True]")
     measured = _measure(where, shape)
-    for key in ("ends", "radii", "walls"):
+    for key in ("ends", "radii", "walls", "edges"):
         count, expected_count = len(getattr(measured, key)), len(getattr(expected, key))
         if count != expected_count:
             raise ExportError(f"{where}: number of {key} = {count}, expected {expected_count}")
@@ -95,12 +95,17 @@ def _rows(measured: PartMeasures, expected: PartMeasures) -> Iterator[Row]:
     for side, expected_side in zip(measured.walls, expected.walls, strict=True):
         for quantity, value, wish in zip(("y", "middle x", "area"), side, expected_side, strict=True):
             yield f"{quantity} of the groove's side", value, wish, abs(wish)
+    for edge, expected_edge in zip(measured.edges, expected.edges, strict=True):
+        for quantity, value, wish in zip(("centres' radius", "radius", "z", "area"), edge, expected_edge, strict=True):
+            yield f"{quantity} of a round edge", value, wish, wish
 
 
 def _between(probe: Probe, measured: dict[str, PartMeasures]) -> Iterator[Row]:
     """Yield what holds between the parts: the area ratio, the gap and the common axis."""
     ratio = probe.inner_area / probe.outer_area if probe.area_ratio is None else probe.area_ratio
-    yield "area ratio A2/A1", measured["inner"].ends[0][1] / measured["outer"].ends[0][1], ratio, ratio
+    # of the faces that look up, the groove's floor among them: round edges leave these whole
+    inner, outer = (sum(area for _, area in measured[name].ends[1:]) for name in ("inner", "outer"))
+    yield "area ratio A2/A1", inner / outer, ratio, ratio
     gap = probe.gap * solids.MM
     yield "gap", measured["outer"].radii[0] - measured["inner"].radii[0], gap, gap
     for name, body in measured.items():
@@ -118,21 +123,27 @@ def _compare(where: str, rows: Iterable[Row]) -> None:
 def _measure(where: str, solid: Any) -> PartMeasures:
     from OCP.BRepAdaptor import BRepAdaptor_Surface
 
-    ends, radii, walls, off_axis = [], [], [], 0.0
+    ends, radii, walls, edges, off_axis = [], [], [], [], 0.0
     for face in solid.Faces():
         kind, surface = face.geomType(), BRepAdaptor_Surface(face.wrapped)
-        axis = surface.Plane().Axis() if kind == "PLANE" else surface.Cylinder().Axis() if kind == "CYLINDER" else None
-        place, x, y, z = _origin_and_direction(axis)
+        shape = {"PLANE": surface.Plane, "CYLINDER": surface.Cylinder, "TORUS": surface.Torus}.get(kind)
+        place, x, y, z = _origin_and_direction(None if shape is None else shape().Axis())
         if kind == "PLANE" and math.hypot(x, y) < _PARALLEL:
             ends.append((place.Z(), face.Area()))
         elif kind == "CYLINDER" and math.hypot(x, y) < _PARALLEL:
             radii.append(surface.Cylinder().Radius())
             off_axis = max(off_axis, math.hypot(place.X(), place.Y()))
+        elif kind == "TORUS" and math.hypot(x, y) < _PARALLEL:
+            edges.append((surface.Torus().MajorRadius(), surface.Torus().MinorRadius(), place.Z(), face.Area()))
+            off_axis = max(off_axis, math.hypot(place.X(), place.Y()))
         elif kind == "PLANE" and math.hypot(x, z) < _PARALLEL:
             walls.append((place.Y(), face.Center().x, face.Area()))
         else:
-            raise ExportError(f"{where}: a face = {kind} along ({x:.6g}, {y:.6g}, {z:.6g}), expected planes or cylinders along z")
-    return PartMeasures(solid.Volume(), tuple(sorted(ends)), tuple(sorted(radii)), tuple(sorted(walls)), off_axis)
+            allowed = "planes, cylinders or tori along z"
+            raise ExportError(f"{where}: a face = {kind} along ({x:.6g}, {y:.6g}, {z:.6g}), expected {allowed}")
+    return PartMeasures(
+        solid.Volume(), tuple(sorted(ends)), tuple(sorted(radii)), tuple(sorted(walls)), off_axis, tuple(sorted(edges))
+    )
 
 
 def _origin_and_direction(axis: Any) -> tuple[Any, float, float, float]:

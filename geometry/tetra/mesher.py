@@ -21,13 +21,13 @@ from geometry.common.child_process import Arrays, Failure, TooLong, run_program
 from geometry.common.errors import SolveError
 from geometry.common.resources import check_time, limits, seconds_left
 from geometry.tetra.check import check, largest_error
-from geometry.tetra.curving import curved_mesh
+from geometry.tetra.facets import halved
 from geometry.tetra.labels import labels
 from geometry.tetra.layers import layered
 from geometry.tetra.layout import BodyLayout
 from geometry.tetra.sizing import COARSE, FINE, ROUGH, TetraFineness, background, squares
 from geometry.tetra.smoothing import remove_slivers, smooth, undo_inversions
-from geometry.tetra.snapping import exact_surfaces, interfaces, memberships, snap, snap_to_permanent, surfaces_of
+from geometry.tetra.snapping import curved_mesh, exact_surfaces, interfaces, memberships, snap, snap_to_permanent, surfaces_of
 from geometry.tetra.stretched_space import MeshSpace, mesh_space
 from geometry.tetra.surface_files import Sheet
 from geometry.tetra.surfaces import Corners, corners, surfaces
@@ -134,9 +134,8 @@ def _prepared(
     """The mesher's space, the polygons that stand for circles, surfaces in that space, and the sizes wanted there."""
     space, turns = space_of(layout, fineness), corners(layout, fineness.corners)
     layout = _drawn(layout, space)
-    points, triangles = _in_mesh_space(
-        layout, space, surfaces(layout, turns, space.near, _ROWS, max(5, round(2.5 / fineness.sphere)))
-    )
+    coarse = surfaces(layout, turns, space.near, _ROWS, max(5, round(2.5 / fineness.sphere)))
+    points, triangles = _in_mesh_space(layout, space, halved(*coarse, layout, fineness, space))
     box = np.array([points.min(axis=0), points.max(axis=0)])
     margin = _MARGIN * float(np.linalg.norm(box[1] - box[0]))
     return space, turns, (points, triangles), background(layout, fineness, space, box + np.array([[-margin], [margin]]))

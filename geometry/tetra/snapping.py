@@ -1,4 +1,4 @@
-"""Nodes of a mesh put on the exact surfaces that they stand for.
+"""Nodes of a mesh, corners and middles of edges, put on the exact surfaces that they stand for.
 
 Every exact surface is a function that is zero on it; a node on an edge or in a corner is on several, and goes to where all
 of them are zero by Newton's method, along the shortest way.
@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 from geometry.common.arrays import Points
 from geometry.tetra.labels import AIR, MIRROR
 from geometry.tetra.layout import BodyLayout, Ellipsoid
-from geometry.tetra.tet_mesh import BEYOND, FACES, GROOVE, INCLUSION, INNER, OUTER, TISSUE
+from geometry.tetra.tet_mesh import BEYOND, FACES, GROOVE, INCLUSION, INNER, OUTER, TISSUE, quadratic, scaled_jacobians
 
 Indices = NDArray[np.int64]
 Level = Callable[[Points], tuple[Points, Points]]  # distances (n,), about, and their gradients (n, 3)
 _STEPS = 6
+_FLOOR = 0.03  # scaled Jacobian below which no element falls that was above it
+_SHARES = (0.8, 0.7, 0.6, 0.5, 0.0, 0.0, 0.0)  # of its bend that an edge of a bad element keeps, step by step
 
 
 @dataclass(frozen=True)
@@ -117,6 +119,41 @@ def snap(surfaces: list[Surface], points: Points, member: NDArray[np.bool_]) -> 
 def snap_to_permanent(surfaces: list[Surface], points: Points, member: NDArray[np.bool_]) -> Points:
     """Points (n, 3) moved to those alone that nodes always stay on, of the surfaces that each is a member of, (n, surfaces)."""
     return snap(surfaces, points, member & np.array([surface.permanent for surface in surfaces]))
+
+
+def curved_mesh(
+    corners: Points, tetrahedra: Indices, surfaces: list[Surface], *, faces: Indices, chosen: Indices, keep: float
+) -> tuple[Points, Indices]:
+    """Nodes and elements of the quadratic mesh whose interface edges follow the surfaces ``chosen`` (f,) of ``faces`` (f, 3).
+
+    Edges of elements whose scaled Jacobian would fall below ``keep`` times the straight element's are straightened, step by step.
+    """
+    nodes, elements, pairs = quadratic(corners, tetrahedra)
+    straight, count = nodes.copy(), len(corners)
+    member = _edge_members(pairs, faces, chosen, len(surfaces), count)
+    nodes[count:] = snap(surfaces, nodes[count:], member)
+    bent = elements[np.flatnonzero(member[elements[:, 4:] - count].any(axis=(1, 2)))]
+    before = scaled_jacobians(straight, bent)
+    least = np.maximum(keep * before, np.minimum(0.9 * before, _FLOOR))
+    for share in _SHARES:
+        bad = scaled_jacobians(nodes, bent) < least
+        if not bad.any():
+            break
+        middles = np.unique(bent[bad, 4:])
+        nodes[middles] = straight[middles] + share * (nodes[middles] - straight[middles])
+    return nodes, elements
+
+
+def _edge_members(pairs: Indices, faces: Indices, chosen: Indices, surfaces: int, count: int) -> NDArray[np.bool_]:
+    """Which surfaces each edge (m, 2) lies on, (m, surfaces): those of the faces beside it."""
+    edges = np.sort(faces[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), axis=1)
+    keys = pairs[:, 0] * count + pairs[:, 1]  # the pairs are in order, so their keys are
+    edge_keys = edges[:, 0] * count + edges[:, 1]
+    index = np.clip(np.searchsorted(keys, edge_keys), 0, len(keys) - 1)
+    hit = keys[index] == edge_keys
+    member = np.zeros((len(pairs), surfaces), dtype=bool)
+    member[index[hit], np.repeat(chosen, 3)[hit]] = True
+    return member
 
 
 def _to_edges(surfaces: list[Surface], points: Points, member: NDArray[np.bool_], rows: Indices) -> None:

@@ -1,1 +1,1 @@
-"""``read``, ``calibrate``, ``check``: bench, gains, predictions, deviations, the virtual probe."""
+"""``read`` and ``calibrate``: bench, gains, predictions, the virtual probe."""

@@ -27,7 +27,7 @@ Order = tuple[int, ...]
 
 
 @dataclass(frozen=True)
-class Exchange:
+class Misplacement:
     """What may have been exchanged.
 
     Attributes:
@@ -53,7 +53,7 @@ class Exchange:
         return films if not self.channels else np.flip(films)
 
 
-def explaining(films: Floats, expected: Floats, doubt: float, agrees: Callable[[Exchange], bool]) -> tuple[Exchange, ...]:
+def explaining(films: Floats, expected: Floats, doubt: float, agrees: Callable[[Misplacement], bool]) -> tuple[Misplacement, ...]:
     """Return the simplest exchanges with which the readings agree; none if there are none.
 
     Args:
@@ -113,19 +113,19 @@ def check_films(films: Floats, expected: Floats) -> None:
         )
 
 
-def _off(shares: Floats, expected: Floats, exchange: Exchange) -> float:
+def _off(shares: Floats, expected: Floats, exchange: Misplacement) -> float:
     """The most by which a share is off what is expected with an exchange undone."""
     read = 1 - shares if exchange.channels else shares
     return float(np.abs(read - expected[list(exchange.order)]).max())
 
 
-def _candidates(shares: Floats, expected: Floats) -> Iterator[list[Exchange]]:
+def _candidates(shares: Floats, expected: Floats) -> Iterator[list[Misplacement]]:
     """Lists of exchanges, each as simple as the others of its list."""
     here = tuple(range(len(shares)))
     plain, turned = (_transpositions(inner, expected) for inner in (shares, 1 - shares))
-    yield [Exchange(True, here), *(Exchange(False, order) for order in plain)]
-    yield [Exchange(True, order) for order in turned]
-    yield [Exchange(False, _sorted(shares, expected)), Exchange(True, _sorted(1 - shares, expected))]
+    yield [Misplacement(True, here), *(Misplacement(False, order) for order in plain)]
+    yield [Misplacement(True, order) for order in turned]
+    yield [Misplacement(False, _sorted(shares, expected)), Misplacement(True, _sorted(1 - shares, expected))]
 
 
 def _transpositions(shares: Floats, expected: Floats) -> list[Order]:

@@ -3,7 +3,7 @@
 The noise of a reading is its own; calibration and amplifiers are off by the same in all readings that they serve. The covariance
 is diag(n^2) + S with S_ii = c_i^2 and whatever correlation. As no correlation matrix of k readings has an eigenvalue above k,
 
-    S <= k diag(c^2)                                                                                     (BP.8)
+    S <= k diag(c^2)                                                                                     (BP.5)
 
 and independent errors of sqrt(n_i^2 + k c_i^2) understate no combination of the readings: what is common never averages out.
 """
@@ -145,7 +145,7 @@ def read_result(path: Path) -> dict[str, Any] | None:
 
 
 def spreads(readings: Sequence[FieldReading]) -> tuple[float, ...]:
-    """Return relative standard deviations that count as independent, eq. BP.8."""
+    """Return relative standard deviations that count as independent, eq. BP.5."""
     count = Counter(one.calibration for one in readings)
     return tuple(math.sqrt(one.noise**2 + count[one.calibration] * one.shared**2) for one in readings)
 

@@ -30,7 +30,7 @@ MOST_ROWS = 20  # references that the page has room for
 
 
 @dataclass(frozen=True)
-class Expected:
+class ExpectedSignal:
     """What a reference should give: its name, the load's amplitude (N), the inner film's share, both amplitudes (V)."""
 
     name: str
@@ -39,7 +39,7 @@ class Expected:
     volts: tuple[float, float]
 
 
-def expectations(scene: Scene, bench: Bench) -> tuple[Expected, ...]:
+def expectations(scene: Scene, bench: Bench) -> tuple[ExpectedSignal, ...]:
     """Return what each of the bench's references should give at the scene's force, or less where a block allows less.
 
     Raises:
@@ -53,7 +53,7 @@ def expectations(scene: Scene, bench: Bench) -> tuple[Expected, ...]:
     inner = [{"inner": 1.0, "outer": 0.0}.get(one.on) for one in bench.reference]
     parts = [float(next(blocks)) if share is None else share for share in inner]
     return tuple(
-        Expected(one.name, load, part, (load * volts * part, load * volts * (1 - part)))
+        ExpectedSignal(one.name, load, part, (load * volts * part, load * volts * (1 - part)))
         for one, part in zip(bench.reference, parts, strict=True)
     )
 
@@ -70,7 +70,7 @@ def writers(scene: Scene, bench: Bench, name: str) -> dict[str, Callable[[Path],
     return {**fixture.writers(scene.probe), NAME: page}
 
 
-def draw(probe: Probe, bench: Bench, expected: Sequence[Expected], name: str, path: Path) -> Path:
+def draw(probe: Probe, bench: Bench, expected: Sequence[ExpectedSignal], name: str, path: Path) -> Path:
     """Write the page as a PDF, or by the path's suffix as a picture; returns ``path``."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -79,7 +79,7 @@ def draw(probe: Probe, bench: Bench, expected: Sequence[Expected], name: str, pa
     FigureCanvasAgg(figure)
     figure.text(0.07, 0.955, "Calibration of a tactile probe", fontsize=17, weight="bold")
     figure.text(0.07, 0.948, _headline(probe, name), fontsize=8.5, va="top")
-    for at, (part, title) in enumerate((("pin", "1  pin: inner block alone"), ("ring", "2  ring: outer block alone"))):
+    for at, (part, title) in enumerate((("pin", "pin: inner block alone"), ("ring", "ring: outer block alone"))):
         _section(figure.add_axes((0.05 + 0.46 * at, 0.69, 0.44, 0.215)), probe, part, title)
     _table(figure, expected[:MOST_ROWS])
     foot = 0.645 - 0.0185 * (min(len(expected), MOST_ROWS) + 2)
@@ -133,7 +133,7 @@ def _pressing(sizes: fixture.FixtureSizes, part: str) -> list[list[tuple[float, 
     return [[(a, c), (b, c), (b, d), (a, d)] for a, b, c, d in boxes]
 
 
-def _table(figure: Any, expected: Sequence[Expected]) -> None:
+def _table(figure: Any, expected: Sequence[ExpectedSignal]) -> None:
     """References in their order, with a box to tick."""
     columns = (
         (0.07, "reference, in this order"),
@@ -157,7 +157,7 @@ def _table(figure: Any, expected: Sequence[Expected]) -> None:
             figure.text(x, y, cell, fontsize=9)
 
 
-def _steps(bench: Bench, expected: Sequence[Expected], name: str) -> list[str]:
+def _steps(bench: Bench, expected: Sequence[ExpectedSignal], name: str) -> list[str]:
     """What to do; lines with a $ are typed."""
     seconds = max(10.0, 1.2 * bench.load.least_cycles / bench.load.frequency)
     slack, play = fixture.ALIGNED, fixture.PLAY

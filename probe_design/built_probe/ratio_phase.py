@@ -3,7 +3,7 @@
 Gains are real, so that calibrating them leaves what differs between the channels in time. With complex charges q of both films
 at frequency f, over the nominal charge per force, and the outer channel sampled later than the inner by s,
 
-    forces = M^-1 q,     phase = arg(forces_inner / forces_outer) + 2 pi f s                                (BP.7)
+    forces = M^-1 q,     phase = arg(forces_inner / forces_outer) + 2 pi f s                                (BP.4)
 
 counted from the sign of the ratio. Its variance adds that of noise, of gains, of each amplifier's time constant, eq. SI.2, which
 no reading on an elastic reference is asked for, and of s.
@@ -47,7 +47,7 @@ def phased(result: Result, scene: Scene, accuracy: float, frequency: float | Non
 
 
 def ratio_phase(measurement: Measurement, bench: Bench, gains: Gains) -> tuple[float, float]:
-    """Return the phase of eq. BP.7 and its standard deviation, rad."""
+    """Return the phase of eq. BP.4 and its standard deviation, rad."""
     charges, turn = measurement.charges, 2 * math.pi * measurement.fit.frequency
     scale = float(np.abs(charges).max())
     parts = np.stack([charges.real, charges.imag], axis=1).ravel() / scale

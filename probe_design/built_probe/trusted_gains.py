@@ -11,7 +11,7 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
 from probe_design.built_probe.bench import Bench, Reference
 from probe_design.built_probe.block_predictions import Shares
-from probe_design.built_probe.exchanges import FAR, READ_AGAIN, Exchange, check_films, explaining, share_doubt
+from probe_design.built_probe.exchanges import FAR, READ_AGAIN, Misplacement, check_films, explaining, share_doubt
 from probe_design.built_probe.gain_matrix import Gains, Observed, estimated
 
 UNLIKELY = 0.001  # p-value below which the readings contradict each other
@@ -86,7 +86,7 @@ def _check_exchanges(observed: Sequence[Observed], shares: Shares, bench: Bench,
     """Raise ``InputError`` if exchanged cables or references explain the readings."""
     references = [one.reference for one in observed]
 
-    def agrees(exchange: Exchange) -> bool:
+    def agrees(exchange: Misplacement) -> bool:
         gains, _ = _attempt(_undone(observed, exchange), shares, bench)
         return gains is not None and gains.p_value >= UNLIKELY and not _strange(gains, bench)
 
@@ -98,7 +98,7 @@ def _check_exchanges(observed: Sequence[Observed], shares: Shares, bench: Bench,
         raise InputError("reading", value, f"readings that agree; these do if exchanged are: {names}; {READ_AGAIN}")
 
 
-def _undone(observed: Sequence[Observed], exchange: Exchange) -> list[Observed]:
+def _undone(observed: Sequence[Observed], exchange: Misplacement) -> list[Observed]:
     """The readings as they are with an exchange put right, in the references' order."""
     right, references = exchange.mended, [one.reference for one in observed]
     at = dict(zip(exchange.order, observed, strict=True))

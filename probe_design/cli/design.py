@@ -117,10 +117,11 @@ def export(scene: Path, output: Path, force: bool, fixture: bool, bench: Path | 
         from geometry.cad.export import export as write
 
         drawn = read_scene(scene)
-        probe = drawn.probe
+        probe, edge = drawn.probe, drawn.contact.edge_radius
         check_writable(output)
         beside = _to_calibrate(drawn, bench, scene.name) if fixture else {}
-        files = write(probe, output, force, beside={"drawing.png": partial(draw, probe), **beside})
+        drawing = partial(draw, probe, edge_radius=edge)
+        files = write(probe, output, force, beside={"drawing.png": drawing, **beside}, edge_radius=edge)
     assumed = {key: str(mm(size)) for key, size in assumed_sizes(probe).items()}
     if as_json:
         print_json({"files": [str(file) for file in files], "assumed": assumed})

@@ -76,7 +76,8 @@ def estimate(
     0 mm,  0 mm, 0.62,  0.05,  81 N/m,    0.02,            false
     30 mm, 0 mm, 0.51,  0.05,  78 N/m,    0.02,            true
     x and y are the probe's axis in the scene's frame; blank is true where there is no tumour: what is not known of the tissue
-    moves that reading too, and so counts less. Every column but ratio may be left out.
+    moves that reading too, and so counts less. Every column but ratio may be left out. ratio_phase and ratio_phase_sd, angles
+    such as 1.8 deg, are the ratio's phase as read tells it: they count where the scene has loss factors.
     """  # noqa: D301
     from dataclasses import replace
 

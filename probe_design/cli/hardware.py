@@ -187,8 +187,8 @@ def check(
 
     from geometry.common.files import check_writable_file, write_text
     from probe_design.built_probe.calibration_record import check_free
-    from probe_design.built_probe.check import check as run
     from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
+    from probe_design.probe_check.check import check as run
     from probe_design.terminal.console import show, warn, working
     from probe_design.terminal.hardware_tables import check_table, explanations_table, pairs_table, sentences
 

@@ -33,6 +33,7 @@ from probe_design.estimation.intervals import Likelihood, p_value
 from probe_design.estimation.loaded_model import LoadedModel, refusal
 from probe_design.estimation.model import OF_TARGET, TargetModel, check_kind
 from probe_design.estimation.nuisances import checked
+from probe_design.estimation.phases import usable
 from probe_design.estimation.profile import Track
 from probe_design.estimation.readings import Measurements, Reading
 from probe_design.estimation.reasons import Findings, reason, warnings
@@ -69,24 +70,29 @@ def estimate(
     start = perf_counter()
     check_kind(scene, _of_target(scene, unknown))
     known = checked(scene, nuisances, unknown)
-    data = Measurements.of(readings)
+    data, notes = usable(scene, Measurements.of(readings))
     if unknown in OF_TARGET and data.is_blank.all():
         raise InputError("reading.blank", Words("true in every reading"), f"one over the inclusion whose {unknown} is asked")
     model = TargetModel(scene, data, _accuracy(accuracy, data))
     loaded = None if linear else _loaded(model, unknown, accuracy, known)
-    model = model if loaded is None else loaded.at_rest
-    notes: tuple[str, ...] = ()
+    if loaded is not None:
+        model, phases = loaded.at_rest, data.is_phase.sum()
+        notes = (*notes, f"{phases} phases left out: nothing is known of them at this load") if phases else notes
+    data = model.data
     useless = data.is_stiffness & (model.stiffness_error > data.noise)
     if useless.any():
         limit = f"the model's stiffness is good to {model.stiffness_error:.2g} only"
-        notes = (f"{useless.sum()} stiffnesses left out: {limit}, which is more than their noise",)
+        notes = (
+            *notes,
+            f"{useless.sum()} stiffnesses left out: {limit}, which is more than their noise",
+        )
         model = replace(model, data=data.some(~useless))
     findings = searched(model, unknown, known, loaded)
     return _estimate(findings, _together(findings), known, notes, start)
 
 
 def _accuracy(asked: float | None, data: Measurements) -> float:
-    least = float(data.noise[~data.is_stiffness].min())
+    least = float(data.noise[data.is_ratio].min())
     accuracy = float(np.clip(least / 4, FINEST, COARSEST)) if asked is None else asked
     if not 0 < accuracy < 1:
         raise InputError("accuracy", accuracy, "a number above 0 and below 1, such as 0.01")
@@ -104,6 +110,7 @@ def _loaded(model: TargetModel, unknown: str, accuracy: float | None, nuisances:
     except Refusal as fault:
         why = refusal(model, bool(nuisances))
         if why is None:
+            model = replace(model, data=model.data.some(~model.data.is_phase))
             return LoadedModel(model, unknown, min(model.tolerance, COARSEST) if accuracy is None else accuracy)
         raise Refusal(fault.key, fault.value, f"{fault.allowed}; contact, for larger loads, takes {why}") from None
     return None
@@ -183,7 +190,7 @@ def _estimate(
         depth, depth_interval = value, interval
     return Estimate(
         unknown=unknown,
-        noise=tuple(data.noise[~data.is_stiffness].tolist()),
+        noise=tuple(data.noise[data.is_ratio].tolist()),
         value=value,
         interval=interval,
         interval_of_noise=of_noise,
@@ -239,5 +246,5 @@ def _error(findings: Findings) -> float | None:
     if findings.best is None:
         return None
     track = findings.track
-    bound = track.predicted.bound[:, ~findings.model.data.is_stiffness].max(axis=1)
+    bound = track.predicted.bound[:, findings.model.data.is_ratio].max(axis=1)
     return float(np.expm1(np.interp(findings.best, track.x, bound)))

@@ -13,6 +13,7 @@ from geometry.common.errors import InputError, Refusal, Words
 from geometry.scenes.probe import MODULUS, Material, mm
 from geometry.scenes.scene import Inclusion, Placement, Scene
 from geometry.scenes.variables import changed, values
+from probe_design.estimation.phases import turned, turned_bodies, with_phases
 from probe_design.estimation.predicted import Predicted
 from probe_design.estimation.readings import Measurements
 from probe_design.maps.target_grid import check_spheres
@@ -20,6 +21,7 @@ from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import Readings, readings
 from solver.inclusions.tumours import Tumours
+from solver.phase.losses import spread
 from solver.planning.load_check import LoadChanges, load_rule
 from solver.planning.loads import LoadRule
 
@@ -81,7 +83,7 @@ class TargetModel:
     @property
     def tolerance(self) -> float:
         """What the load may change of the ratio without being asked for: its least noise, at most 0.9."""
-        return min(float(self.data.noise[~self.data.is_stiffness].min()), 0.9)
+        return min(float(self.data.noise[self.data.is_ratio].min()), 0.9)
 
     @property
     def stiffness_error(self) -> float:
@@ -142,6 +144,21 @@ class TargetModel:
             reflect: whether what surface and blocks send back is modelled for all, or none; left out: where it matters.
             by_diameter: whether the derivative by the diameter is found too.
         """
+        found, are_phases = self._predicted(target, reflect, by_diameter), self.data.is_phase
+        if not are_phases.any():
+            return found
+        pairs = zip(self._turned, turned_bodies(self.scene, target), strict=True)
+        above, below = (model._predicted(bodies, reflect, by_diameter) for model, bodies in pairs)
+        return with_phases(found, above, below, are_phases, spread(self.scene))
+
+    @cached_property
+    def _turned(self) -> tuple[TargetModel, TargetModel]:
+        """The stiffer and the softer model of eq. ES.9."""
+        above, below = (replace(self, scene=scene) for scene in turned(self.scene))
+        return above, below
+
+    def _predicted(self, target: dict[str, Floats], reflect: bool | None, by_diameter: bool) -> Predicted:
+        """Predict, a ratio in the place of each phase."""
         n, of = len(next(iter(target.values()), [0])), self.data
         out = Predicted.empty(n, len(of.value))
         bare = of.is_blank | (not self.scene.inclusion)

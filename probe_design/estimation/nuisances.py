@@ -23,7 +23,7 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, ProbeError, Words
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import number
-from geometry.scenes.variables import values
+from geometry.scenes.variables import loss_factors, values
 from probe_design.estimation.model import TargetModel
 from probe_design.estimation.shared_errors import SharedErrors
 
@@ -70,7 +70,8 @@ def checked(scene: Scene, given: Mapping[str, Any], unknown: str) -> dict[str, f
         InputError: the scene has no such number, or it is the unknown, or what is said of it is no standard deviation.
     """
     asked = f"inclusion.{unknown}" if len(scene.inclusion) == 1 else unknown
-    allowed = [name for name in values(scene) if name not in (asked, unknown) and not name.endswith("poisson_ratio")]
+    lossy = [name for name, loss in loss_factors(scene).items() if loss]
+    allowed = [name for name in (*values(scene), *lossy) if name not in (asked, unknown) and not name.endswith("poisson_ratio")]
     for name in given:
         if name not in allowed:
             raise InputError("nuisance", name, ", ".join(allowed))
@@ -97,7 +98,7 @@ def spread(model: TargetModel, nuisances: Mapping[str, float], x: Floats, target
 
 def _varied(model: TargetModel, name: str, logarithm: float) -> TargetModel:
     """The model of a scene with one number larger or smaller."""
-    value = values(model.scene)[name] * math.exp(logarithm)
+    value = (values(model.scene) | loss_factors(model.scene))[name] * math.exp(logarithm)
     try:
         return model.changed({name: value})
     except (ProbeError, ValueError) as fault:

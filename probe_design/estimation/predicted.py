@@ -19,7 +19,7 @@ class Predicted:
     """Predictions for n bodies.
 
     Attributes:
-        value: ln |ratio| or ln stiffness, in the order of ``Measurements``, shape (n, k); 0 where ``resolved`` is false.
+        value: ln |ratio|, ln stiffness or phase, in the order of ``Measurements``, shape (n, k); 0 where ``resolved`` is false.
         by_modulus: derivatives of ``value`` by ln E_object, shape (n, k).
         by_diameter: by ln diameter, 0 unless asked for, shape (n, k).
         bound: on the model's error of ``value``, shape (n, k).
@@ -65,4 +65,4 @@ class Predicted:
         self.value[:, k] = np.log(np.abs(np.where(resolved, ratio, 1.0)))
         self.bound[:, k] = np.where(resolved, answers.log_ratio_bound[rows], 0.0)
         self.resolved[:] &= resolved
-        self.agrees[:] &= np.where(resolved, np.sign(ratio) == data.sign[k], True)
+        self.agrees[:] &= np.where(resolved & (data.sign[k] != 0), np.sign(ratio) == data.sign[k], True)

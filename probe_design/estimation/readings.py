@@ -1,4 +1,4 @@
-"""What was measured: ratios, and stiffnesses where they are known, each with its noise and the place of the probe.
+"""What was measured: ratios, and stiffnesses and phases where they are known, each with its noise and the place of the probe.
 
 A readings file is TOML, one table a reading,
 
@@ -9,6 +9,8 @@ A readings file is TOML, one table a reading,
     noise = 0.05            # relative, one standard deviation; left out: --noise
     stiffness = "80 N/m"    # left out: not measured; a bare number is in N/m
     stiffness_noise = 0.05  # left out: --stiffness-noise, or the noise of the ratio
+    ratio_phase = "1.8 deg" # of the ratio, as `read` tells it; left out: not measured; a bare number is in rad
+    ratio_phase_sd = "0.1 deg"  # its standard deviation
     blank = true            # read where there is no tumour; left out: false
 
 or CSV of the same keys in any order, the first row naming them and an empty cell being left out.
@@ -34,11 +36,13 @@ from geometry.scenes.scene import Placement, Scene
 from geometry.scenes.units import Quantity, number
 from probe_design.data.noise import ALLOWED, checked_noise
 
-KEYS = ("x", "y", "ratio", "noise", "stiffness", "stiffness_noise", "blank")
+KEYS = ("x", "y", "ratio", "noise", "stiffness", "stiffness_noise", "ratio_phase", "ratio_phase_sd", "blank")
 MOST_READINGS = 1000
 LARGEST_FILE = 200_000  # bytes
 POSITION = Quantity("position", "m", "mm", -10.0, 10.0)
 RATIO = "a number other than 0, stress_inner over stress_outer"
+PHASE = Quantity("phase", "rad", "deg", -1.5, 1.5)
+PHASE_SD = Quantity("phase", "rad", "deg", 1e-7, 1.5)
 STIFFNESS = Quantity("stiffness", "N/m", "N/m", 1e-9, 1e15)
 
 
@@ -53,6 +57,8 @@ class Reading:
         stiffness: force on the base per indentation, N/m, or None.
         stiffness_noise: relative, one standard deviation.
         blank: whether there is no tumour under the probe.
+        ratio_phase: by how much the inner film leads, rad, counted from the ratio's sign, or None.
+        ratio_phase_sd: its standard deviation, rad.
     """
 
     x: float
@@ -62,6 +68,8 @@ class Reading:
     stiffness: float | None = None
     stiffness_noise: float | None = None
     blank: bool = False
+    ratio_phase: float | None = None
+    ratio_phase_sd: float | None = None
 
     @property
     def place(self) -> tuple[float, float]:
@@ -76,16 +84,18 @@ class Measurements:
     Attributes:
         places: of the probe's axis, m, no two the same, shape (p, 2).
         place: which of them, shape (k,).
-        is_stiffness: whether it is a stiffness or a ratio, shape (k,).
+        is_stiffness: whether it is a stiffness, shape (k,).
+        is_phase: whether it is a ratio's phase, shape (k,); what is neither is a ratio.
         is_blank: whether it was read where there is no tumour, shape (k,).
-        value: ln |ratio| or ln stiffness, shape (k,).
-        sign: of the ratio, +1 or -1, shape (k,).
+        value: ln |ratio| or ln stiffness, or a phase in rad, shape (k,).
+        sign: of the ratio, +1 or -1, shape (k,); 0 of a phase.
         noise: standard deviations, shape (k,).
     """
 
     places: Floats
     place: Ints
     is_stiffness: Bools
+    is_phase: Bools
     is_blank: Bools
     value: Floats
     sign: Floats
@@ -95,28 +105,37 @@ class Measurements:
     def of(cls, readings: tuple[Reading, ...]) -> Measurements:
         """Return what the readings say."""
         places = list(dict.fromkeys(one.place for one in readings))
-        rows = [(one, False, one.ratio, one.noise) for one in readings]
-        rows += [(one, True, one.stiffness, one.stiffness_noise or one.noise) for one in readings if one.stiffness is not None]
-        measured = np.array([row[2] for row in rows], dtype=float)
+        rows = [(one, "ratio", one.ratio, one.noise) for one in readings]
+        stiff, turned = ([one for one in readings if getattr(one, key) is not None] for key in ("stiffness", "ratio_phase"))
+        rows += [(one, "stiffness", one.stiffness or 0.0, one.stiffness_noise or one.noise) for one in stiff]
+        rows += [(one, "phase", one.ratio_phase or 0.0, one.ratio_phase_sd or 0.0) for one in turned]
+        measured, kinds = np.array([row[2] for row in rows], dtype=float), np.array([row[1] for row in rows])
+        is_phase = kinds == "phase"
         return cls(
             places=np.array(places, dtype=float),
             place=np.array([places.index(row[0].place) for row in rows]),
-            is_stiffness=np.array([row[1] for row in rows]),
+            is_stiffness=kinds == "stiffness",
+            is_phase=is_phase,
             is_blank=np.array([row[0].blank for row in rows]),
-            value=np.log(np.abs(measured)),
-            sign=np.sign(measured),
+            value=np.where(is_phase, measured, np.log(np.abs(np.where(is_phase, 1.0, measured)))),
+            sign=np.where(is_phase, 0.0, np.sign(measured)),
             noise=np.array([row[3] for row in rows], dtype=float),
         )
 
     def some(self, which: Bools) -> Measurements:
         """Return part of what was measured."""
-        keys = ("place", "is_stiffness", "is_blank", "value", "sign", "noise")
+        keys = ("place", "is_stiffness", "is_phase", "is_blank", "value", "sign", "noise")
         return replace(self, **{key: getattr(self, key)[which] for key in keys})
+
+    @property
+    def is_ratio(self) -> Bools:
+        """Whether it is a ratio, shape (k,)."""
+        return np.asarray(~self.is_stiffness & ~self.is_phase)
 
     @property
     def first(self) -> int:
         """Index of the first ratio that was read over what is asked about."""
-        return int(np.argmin(self.is_blank | self.is_stiffness))
+        return int(np.argmax(self.is_ratio & ~self.is_blank))
 
 
 def one_reading(scene: Scene, ratio: Any, noise: Any, stiffness: Any = None, stiffness_noise: Any = None) -> tuple[Reading, ...]:
@@ -190,10 +209,22 @@ def _reading(where: str, row: Mapping[str, Any], scene: Scene, noise: Any, stiff
         y=y,
         ratio=ratio,
         noise=own,
-        stiffness=_stiffness(f"{where}stiffness", entries["stiffness"]) if "stiffness" in entries else None,
+        stiffness=_bare(f"{where}stiffness", entries["stiffness"], STIFFNESS, "N/m") if "stiffness" in entries else None,
         stiffness_noise=own if other is None else _noise(f"{where}stiffness_noise", other),
         blank=_blank(f"{where}blank", entries.get("blank", False)),
+        **_phase(where, entries),
     )
+
+
+def _phase(where: str, entries: Mapping[str, Any]) -> dict[str, float]:
+    """Read a phase with its standard deviation, or neither."""
+    given = {key: entries[key] for key in ("ratio_phase", "ratio_phase_sd") if key in entries}
+    if len(given) == 1:
+        (key,) = {"ratio_phase", "ratio_phase_sd"} - given.keys()
+        raise InputError(f"{where}{key}", Words("missing"), "ratio_phase and ratio_phase_sd, or neither")
+    return {
+        key: _bare(f"{where}{key}", value, PHASE if key == "ratio_phase" else PHASE_SD, "rad") for key, value in given.items()
+    }
 
 
 def _check_place(where: str, scene: Scene, x: float, y: float) -> None:
@@ -216,9 +247,13 @@ def _blank(key: str, value: Any) -> bool:
     return found
 
 
-def _stiffness(key: str, value: Any) -> float:
-    """Read a stiffness, N/m where it has no unit."""
+def _bare(key: str, value: Any, quantity: Quantity, unit: str) -> float:
+    """Read a quantity, in its SI ``unit`` where it has none."""
     try:
-        return STIFFNESS.checked(math.nan if isinstance(value, bool) else float(value))
+        found = math.nan if isinstance(value, bool) else float(value)
     except (TypeError, ValueError, OverflowError):
-        return STIFFNESS.read(key, value)
+        return quantity.read(key, value)
+    try:
+        return quantity.checked(found)
+    except ValueError:
+        raise InputError(key, value, f"{quantity.allowed}; a bare number is in {unit}") from None

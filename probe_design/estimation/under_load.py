@@ -2,7 +2,7 @@
 
 With m_0(u) the linear predictions of ``profile.py`` and m_c those of ``contact`` at some of its nodes,
 
-    m(u) = m_0(u) + c(u),   c the cubic spline through m_c - m_0 at those nodes                     (ES.9)
+    m(u) = m_0(u) + c(u),   c the cubic spline through m_c - m_0 at those nodes                     (ES.10)
 
 Nodes are asked for where c is told worst, until the spline through the others misses the last by less than a tenth of the noise,
 or of how far what was read lies from the predictions there: values that are far off need not be told well. What it missed counts
@@ -50,7 +50,7 @@ class Span:
 
 
 @dataclass
-class Pressing:
+class LoadedTrack:
     """A track whose nodes are asked of ``contact`` one by one.
 
     Attributes:
@@ -133,7 +133,7 @@ class Pressing:
 
 
 def under_load(track: Track, loaded: LoadedModel) -> Track:
-    """Return a track as eq. ES.9 has it.
+    """Return a track as eq. ES.10 has it.
 
     Args:
         track: of the model at rest.
@@ -145,7 +145,7 @@ def under_load(track: Track, loaded: LoadedModel) -> Track:
     usable = np.flatnonzero(track.predicted.usable)
     if len(usable) < 2:
         return track
-    pressing = Pressing(track, loaded)
+    pressing = LoadedTrack(track, loaded)
     middle = int(usable[len(usable) // 2])
     pressing.first(middle)
     ends = {pressing.farthest(middle, int(end)) for end in usable[[0, -1]]} & pressing.changes.keys()
@@ -156,7 +156,7 @@ def under_load(track: Track, loaded: LoadedModel) -> Track:
     return _moved(pressing, spans, dark)
 
 
-def _moved(pressing: Pressing, spans: list[Span], dark: Bools) -> Track:
+def _moved(pressing: LoadedTrack, spans: list[Span], dark: Bools) -> Track:
     """The track with the changes by the load; no node is better than the spans beside it."""
     track, spline, nodes = pressing.track, pressing.spline(), sorted(pressing.changes)
     own = np.array([pressing.changes[node][1] for node in nodes])

@@ -41,7 +41,7 @@ def write_all(
     from geometry.cad.export import export
     from geometry.cad.record import NAME, part_files
 
-    probe = optimum.best.scene.probe
+    probe, edge = optimum.best.scene.probe, optimum.best.scene.contact.edge_radius
     texts: dict[str, Callable[[], str]] = {
         "design.toml": lambda: scene_to_toml(optimum.best.pressed),
         "candidates.csv": lambda: candidates_csv(optimum),
@@ -53,11 +53,11 @@ def write_all(
 
     def drawn(path: Path) -> None:
         progress("writing STEP files, drawing and report", 1, 3)
-        draw(probe, path)
+        draw(probe, path, edge)
         progress("writing STEP files, drawing and report", 2, 3)
 
     told = {name: partial(_write, text) for name, text in texts.items()}
-    export(probe, folder, force, asked, {"drawing.png": drawn, **told})
+    export(probe, folder, force, asked, {"drawing.png": drawn, **told}, edge_radius=edge)
     progress("writing STEP files, drawing and report", 3, 3)
     return paths
 

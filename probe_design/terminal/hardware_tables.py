@@ -6,11 +6,11 @@ import numpy as np
 from rich.table import Table
 
 from probe_design.built_probe.calibration_record import CalibrationRecord
-from probe_design.built_probe.check import Check
-from probe_design.built_probe.explanations import Explanation
 from probe_design.built_probe.gain_matrix import ENTRIES
 from probe_design.built_probe.reading import Read
-from probe_design.built_probe.visibility import CancellingPair
+from probe_design.probe_check.check import Check
+from probe_design.probe_check.deviation import CancellingPair
+from probe_design.probe_check.explanations import Explanation
 
 MOST = 6  # explanations shown
 MOST_PAIRS = 3
@@ -22,7 +22,7 @@ def read_table(reading: Read) -> Table:
     _columns(table, "quantity", "read", "sd", "predicted", "z")
     rows = (
         ("ratio", reading.ratio, reading.ratio_uncertainty, reading.predicted_ratio, reading.z_ratio),
-        ("phase of the ratio, rad", *_phase(reading)),
+        _phase(reading),
         _stress(reading, "inner"),
         _stress(reading, "outer"),
         ("force on both films, N", reading.force, reading.force_uncertainty, reading.reference_force, None),
@@ -32,8 +32,9 @@ def read_table(reading: Read) -> Table:
     return table
 
 
-def _phase(reading: Read) -> tuple[float | None, float | None, float | None, float | None]:
-    return reading.ratio_phase, reading.ratio_phase_uncertainty, reading.predicted_ratio_phase, reading.z_ratio_phase
+def _phase(reading: Read) -> tuple[str, float | None, float | None, float | None, float | None]:
+    read, spread = reading.ratio_phase, reading.ratio_phase_uncertainty
+    return "phase of the ratio, rad", read, spread, reading.predicted_ratio_phase, reading.z_ratio_phase
 
 
 def calibration_table(record: CalibrationRecord) -> Table:

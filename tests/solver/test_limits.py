@@ -31,7 +31,8 @@ def flat(**film):
 def beside_a_needle():
     needle = {"diameters": ("10.9 mm", "0.36 mm", "0.8 mm"), "depth": "0.45 mm", "x": "9 mm"}
     scene = flat()
-    return scene | {"inclusion": [*scene["inclusion"], needle | {"youngs_modulus": "30 kPa", "poisson_ratio": 0.45}]}
+    body = needle | {"youngs_modulus": "30 kPa", "poisson_ratio": 0.45}
+    return scene | {"inclusion": [*scene["inclusion"], body], "load": {"force": "10 uN"}}
 
 
 FILMS = {"film": {"thickness": "22 um", "youngs_modulus": "1 MPa"}}

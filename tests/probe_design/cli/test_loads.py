@@ -31,7 +31,7 @@ def heavy(tmp_path: Path) -> Path:
     return path
 
 
-BY_CONTACT = ("evaluate", "curve")  # which answers beyond linear elasticity what it can take
+BY_CONTACT = ("evaluate", "curve", "estimate")  # which answers beyond linear elasticity what it can take
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def test_a_load_that_is_too_large_is_refused_with_what_is_allowed(
 
 
 @pytest.mark.parametrize("verb", slow_unless(lambda verb: verb != "curve", BY_CONTACT))
-def test_evaluate_and_curve_have_level_contact_answer_it(verb: str, heavy: Path) -> None:
+def test_level_contact_answers_it(verb: str, heavy: Path) -> None:
     found = json.loads(run(verb, heavy, *VERBS[verb], "--json").stdout)
     assert found["evaluator"] == "contact"
     beside = heavy.with_name("beside.toml")

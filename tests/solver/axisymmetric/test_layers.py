@@ -8,6 +8,7 @@ import pytest
 
 from geometry import Refusal, Scene, read_scene
 from geometry.common.errors import InputError
+from geometry.scenes.scene import Load
 from geometry.scenes.scene_file import scene_from_toml
 from geometry.scenes.variables import changed, values
 from solver.axisymmetric.gradients import gradients
@@ -175,7 +176,7 @@ def test_a_load_that_leaves_too_little_to_solid_is_refused_by_the_accuracy_that_
     breast = read_scene(EXAMPLES / "skin.toml")
     aside = breast.inclusion[0].model_copy(update={"x": 3e-3, "depth": 5e-3})  # across the skin's lower face
     with pytest.raises(Refusal, match=r"^accuracy = 0\.01: allowed: 0\.0\d+ or more at this load, or a smaller load"):
-        evaluate(breast.model_copy(update={"inclusion": (aside,)}))
+        evaluate(breast.model_copy(update={"inclusion": (aside,), "load": Load(force=1e-3)}))
 
 
 def test_the_plan_says_what_layers_change_and_what_a_skin_would():

@@ -11,7 +11,6 @@ from geometry import Refusal, Scene, read_scene
 from geometry.common.errors import InputError
 from geometry.common.resources import Limits
 from geometry.meridian.frame import MeridianFineness
-from geometry.scenes.scene import Contact
 from solver.axisymmetric.sections import sections
 from solver.contact.limits import gap_closure_load
 from solver.contact.load_curve import ends_of
@@ -80,8 +79,8 @@ def test_loads_that_are_none_are_refused(wanted: dict[str, float]) -> None:
 
 
 def test_scenes_of_other_kinds_are_refused() -> None:
-    with pytest.raises(Refusal, match="frictionless"):
-        load(EXAMPLE.model_copy(update={"contact": Contact(interface="frictionless")}), force=0.1)
+    with pytest.raises(Refusal, match="tilt"):
+        load(EXAMPLE.model_copy(update={"placement": EXAMPLE.placement.model_copy(update={"tilt": 0.1})}), force=0.1)
 
 
 def test_a_load_far_beyond_all_is_refused_by_what_was_asked() -> None:

@@ -54,10 +54,10 @@ SCENES = {
 @pytest.mark.parametrize("name", slow_unless("bonded".__eq__, SCENES))
 def test_the_error_falls_eightfold_as_losses_are_halved(name: str) -> None:
     """The complex solution shares the mesh with the gradient, so that nothing but eq. PH.2 is left."""
-    scenes = [lossy(SCENES[name], times, **{"tissue.layer[0]": 0.2} | LOSSES) for times in (1.0, 0.5, 0.25)]
+    scenes = [lossy(SCENES[name], times, **{"tissue.layer[0]": 0.2} | LOSSES) for times in (0.4, 0.2, 0.1)]
     off = [first_order(scene) - cmath.phase(complex_ratio(scene, COARSE)) for scene in scenes]
     assert off[0] / off[1] == pytest.approx(8, rel=0.1)
-    assert off[1] / off[2] == pytest.approx(8, rel=0.03)
+    assert off[1] / off[2] == pytest.approx(8, rel=0.05)
 
 
 @pytest.mark.slow

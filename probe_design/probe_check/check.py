@@ -2,7 +2,7 @@
 
 d_k = ln rho_k measured - ln rho_k predicted has the covariance C: noise, the blocks' moduli, the solver, G C_M G^T, G the
 derivatives of ln rho_k by the entries of the gain matrix, and what the workshop's tolerances allow. If the probe is within these,
-d^T C^-1 d is a chi-square (BP.4). What would explain a deviation is for ``probe_design.built_probe.verdicts`` to say.
+d^T C^-1 d is a chi-square (PC.1). What would explain a deviation is for ``probe_design.probe_check.verdicts`` to say.
 """
 
 from __future__ import annotations
@@ -19,13 +19,12 @@ from geometry.scenes.scene import Scene
 from hw.common.samples import Samples
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import Shares, predicted
-from probe_design.built_probe.deviation import LEVEL, Deviation
-from probe_design.built_probe.exchanges import Exchange, check_films, explaining, share_doubt
-from probe_design.built_probe.explanations import Explanation, Pair
+from probe_design.built_probe.exchanges import Misplacement, check_films, explaining, share_doubt
 from probe_design.built_probe.film_forces import newtons, observed, strict_reading
 from probe_design.built_probe.gain_matrix import Gains
-from probe_design.built_probe.verdicts import Verdict, judged
-from probe_design.built_probe.visibility import CancellingPair, cancelling, unseen
+from probe_design.probe_check.deviation import LEVEL, CancellingPair, Deviation, cancelling, unseen
+from probe_design.probe_check.explanations import Explanation, VariablePair
+from probe_design.probe_check.verdicts import Verdict, judged
 
 Films = Sequence[tuple[Floats, Floats]]  # both films' readings of each block, N, (2,), and their covariance, (2, 2)
 
@@ -50,7 +49,7 @@ class Check:
         verdict: "within workshop tolerance", "out of it" or "cannot tell".
         reason: what is out of it, or why nothing can be told; empty within.
         blocks: one line for each.
-        chi_square, degrees_of_freedom, p_value: of a probe within the workshop's tolerances, eq. BP.4.
+        chi_square, degrees_of_freedom, p_value: of a probe within the workshop's tolerances, eq. PC.1.
         level: the p-value below which it is not, as often as which a probe within them fails.
         passed: whether it is within.
         calibrated: whether gains come from a calibration.
@@ -73,7 +72,7 @@ class Check:
     calibrated: bool
     explanations: tuple[Explanation, ...]
     alike: tuple[str, ...]
-    pairs: tuple[Pair, ...]
+    pairs: tuple[VariablePair, ...]
     unresolved: tuple[str, ...]
     unseen: tuple[str, ...]
     cancelling: tuple[CancellingPair, ...]
@@ -171,7 +170,7 @@ class Comparison:
         bias = {name: by_gain @ self.gains.slopes[:, k] for k, name in enumerate(self.variables)}
         return Deviation(logs, self.shares.log_ratios, read, model, bias, self._workshop(bias))
 
-    def exchanges(self, films: Films) -> tuple[Exchange, ...]:
+    def exchanges(self, films: Films) -> tuple[Misplacement, ...]:
         """Return what was exchanged, where that explains readings that are not within the workshop's tolerances."""
         if self.deviation(films).p_value >= LEVEL:
             return ()
@@ -182,7 +181,7 @@ class Comparison:
     def _expected(self) -> Floats:
         return np.asarray(1 / (1 + np.exp(-self.shares.log_ratios)))
 
-    def _agrees(self, films: Films, exchange: Exchange) -> bool:
+    def _agrees(self, films: Films, exchange: Misplacement) -> bool:
         at = {k: (exchange.mended(y), exchange.mended(spread)) for k, (y, spread) in zip(exchange.order, films, strict=True)}
         try:
             return self.deviation([at[k] for k in range(len(films))]).p_value >= LEVEL

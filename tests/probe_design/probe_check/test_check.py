@@ -15,10 +15,10 @@ from hw.common.samples import Samples
 from probe_design.built_probe.bench import Reference, Workshop
 from probe_design.built_probe.block_predictions import predicted
 from probe_design.built_probe.calibration import calibrate
-from probe_design.built_probe.check import Check, check
-from probe_design.built_probe.deviation import Deviation
-from probe_design.built_probe.explanations import Explanation, explanations, refined, told
 from probe_design.built_probe.virtual_probe import Built, as_delivered, signals
+from probe_design.probe_check.check import Check, check
+from probe_design.probe_check.deviation import Deviation
+from probe_design.probe_check.explanations import Explanation, explanations, refined, told
 from tests.support.hw.benches import BENCH, films, sampled, scene, shares
 
 BUILT = Built()
@@ -81,17 +81,17 @@ def test_what_cannot_be_told_apart_is_said() -> None:
 
 
 def test_large_changes_need_the_refined_fit() -> None:
-    """Linear in 15 % the modulus would be 3 standard deviations off."""
+    """Linear in 20 % the modulus would be 3 standard deviations off."""
     name, known = "probe.outer.youngs_modulus", shares()
-    logs = predicted(changed(scene(), {name: 1.15 * values(scene())[name]}), BENCH.reference).log_ratios
+    logs = predicted(changed(scene(), {name: 1.2 * values(scene())[name]}), BENCH.reference).log_ratios
     read = 0.0027**2 * np.eye(len(logs))  # what the loop above leaves
     model = np.array([share.variance(block) for share, block in zip(known.blocks, BENCH.blocks, strict=True)])
     deviation = Deviation(logs, known.log_ratios, read, model, {})
     linear = _of("probe.outer.youngs_modulus", explanations(deviation, known)[0])
     (fit,) = refined(scene(), BLOCKS, deviation, known, ["probe.outer.youngs_modulus"])
     again = told(fit, deviation)
-    assert abs(linear.change - 12e3) > 3 * linear.uncertainty
-    assert abs(again.change - 12e3) < 3 * again.uncertainty
+    assert abs(linear.change - 16e3) > 3 * linear.uncertainty
+    assert abs(again.change - 16e3) < 3 * again.uncertainty
 
 
 def _of(name: str, explained: tuple[Explanation, ...]) -> Explanation:

@@ -14,13 +14,12 @@ from geometry.scenes.variables import changed, values
 from hw.common.samples import Samples
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import MODULI, predicted
-from probe_design.built_probe.changed_designs import GAIN
-from probe_design.built_probe.check import Check, check
-from probe_design.built_probe.deviation import LEVEL, Deviation
 from probe_design.built_probe.gain_matrix import Gains
-from probe_design.built_probe.verdicts import OUT, UNKNOWN, WITHIN, Verdict, judged
 from probe_design.built_probe.virtual_probe import Built, signals
-from probe_design.built_probe.visibility import FAR, cancelling, unseen
+from probe_design.probe_check.changed_designs import GAIN
+from probe_design.probe_check.check import Check, check
+from probe_design.probe_check.deviation import FAR, LEVEL, Deviation, cancelling, unseen
+from probe_design.probe_check.verdicts import OUT, UNKNOWN, WITHIN, Verdict, judged
 from tests.support.hw.benches import BENCH, films, sampled, scene, shares
 
 EXACT = Built(gains=((1.0, 0.0), (0.0, 1.0)), resistance=(1.0, 1.0), capacitance=(1.0, 1.0))

@@ -4,7 +4,7 @@ Each probe is solved anew as it was built, read with noise on references off by 
 and check, as in a laboratory), calibrated, and checked against its drawing. Out of tolerance is one variable, by 5 to 15 of its
 tolerances; the others stay within. ``--explain N`` asks for the explanation of so many of those that are found.
 
-    python -m benchmarks.levels.built_probes --within 200 --out 100 --explain 10
+    python -m benchmarks.built_probe.study --within 200 --out 100 --explain 10
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from geometry.common.errors import InputError
 from geometry.scenes.variables import changed, values
 from probe_design.built_probe.bench import Bench, Reference, builtin_bench
 from probe_design.built_probe.block_predictions import Shares, by_outer_radius, predicted
-from probe_design.built_probe.check import Comparison
-from probe_design.built_probe.deviation import LEVEL, Deviation
 from probe_design.built_probe.gain_matrix import Gains, Observed
 from probe_design.built_probe.trusted_gains import trusted
-from probe_design.built_probe.verdicts import judged
 from probe_design.built_probe.virtual_probe import as_delivered
+from probe_design.probe_check.check import Comparison
+from probe_design.probe_check.deviation import LEVEL, Deviation
+from probe_design.probe_check.verdicts import judged
 
 LOAD = 10e-3  # N, that examples/scene.toml has
 NOISE = 1.5e-5  # N, of a film's reading of 10 s of the virtual probe

@@ -1,7 +1,7 @@
 """Level ``contact`` beside NGSolve's ``ContactBoundary`` and CalculiX: twenty loads on examples/scene.toml, in one run.
 
     pip install -e '.[bench]'; apt-get install calculix-ccx
-    python -m benchmarks.peers.contact [--part ours|ngsolve|calculix] [--repeats 3] [--json FILE]
+    python -m benchmarks.contact.peers [--part ours|ngsolve|calculix] [--repeats 3] [--json FILE]
 
 Each presses to 2 mm in twenty loads and tells ratio and log-sensitivity at all; CalculiX presses to four of them and tells no
 log-sensitivity. Errors are the largest at the indentations of ``tests/reference/contact``, whose own uncertainty is up to 0.13 %
@@ -28,11 +28,11 @@ import numpy as np
 from rich.console import Console
 from threadpoolctl import threadpool_limits
 
-from benchmarks.peers import calculix_contact
+from benchmarks.contact import calculix_pressing
+from benchmarks.contact.ngsolve_pressing import ContactSetting, PressedProbe
 from benchmarks.peers.axisymmetric import ONE_THREAD
 from benchmarks.peers.calculix_meridian import HOW_TO_GET, installed
 from benchmarks.peers.calculix_mesh import Fineness
-from benchmarks.peers.ngsolve_contact import ContactSetting, PressedProbe
 from benchmarks.tables import MeasuredTable
 from geometry import Scene, read_scene
 from geometry.common.arrays import Floats
@@ -56,7 +56,7 @@ COLUMNS = ("code", "unknowns, count", "steps", "ratio off, error", "log-sensitiv
 
 
 @dataclass(frozen=True)
-class Run:
+class PressedRun:
     """What a code tells at ``LOADS``; log-sensitivities are not numbers where it tells none."""
 
     ratio: Floats
@@ -72,7 +72,7 @@ def scene() -> Scene:
     return read_scene(FOLDER / "example.toml")
 
 
-def one_mesh(order: int) -> Run:
+def one_mesh(order: int) -> PressedRun:
     """Press on one mesh of this project, without an error estimate."""
     start, of, probe = process_time(), sections(scene()), scene().probe
     path = LoadPath(ContactModel.of(of.section, of.materials, "bonded", MeridianFineness(1, 0, order)), sensitive=True)
@@ -82,10 +82,10 @@ def one_mesh(order: int) -> Run:
     ratio = films[:, 0] / films[:, 1] * probe.outer_area / probe.inner_area
     steps = sum(len(point.equilibrium.residuals) for point in path.points)
     slopes = np.array([point.log_sensitivity for point in points])
-    return Run(ratio, slopes, films.sum(axis=1), path.model.numbering.unknowns, steps, seconds)
+    return PressedRun(ratio, slopes, films.sum(axis=1), path.model.numbering.unknowns, steps, seconds)
 
 
-def estimated() -> Run:
+def estimated() -> PressedRun:
     """Press on two meshes of this project, with error bounds, as ``probe-design load`` does before it looks for what ends."""
     start, probe = process_time(), scene().probe
     on = ContactLevel().pressed(scene(), 0.01)
@@ -96,10 +96,10 @@ def estimated() -> Run:
     unknowns = sum(path.model.numbering.unknowns for path in on.paths)
     steps = sum(len(point.equilibrium.residuals) for path in on.paths for point in path.points)
     slopes = np.array([one.films.log_sensitivity for one in found])
-    return Run(ratio, slopes, films.sum(axis=1) * LOADS, unknowns, steps, seconds)
+    return PressedRun(ratio, slopes, films.sum(axis=1) * LOADS, unknowns, steps, seconds)
 
 
-def by_ngsolve(setting: ContactSetting) -> Run:
+def by_ngsolve(setting: ContactSetting) -> PressedRun:
     """Press with NGSolve."""
     start, on, films, slopes = process_time(), scene(), [], []
     problem = PressedProbe(on, setting)
@@ -110,13 +110,13 @@ def by_ngsolve(setting: ContactSetting) -> Run:
     seconds, unit = process_time() - start, on.tissue.youngs_modulus * on.probe.inner_radius**2
     forces = unit * np.array(films)
     ratio = forces[:, 0] / forces[:, 1] * on.probe.outer_area / on.probe.inner_area
-    return Run(ratio, np.array(slopes), forces.sum(axis=1), problem.unknowns, problem.steps, seconds)
+    return PressedRun(ratio, np.array(slopes), forces.sum(axis=1), problem.unknowns, problem.steps, seconds)
 
 
-def by_calculix(fineness: Fineness) -> Run:
+def by_calculix(fineness: Fineness) -> PressedRun:
     """Press with CalculiX, to the references' loads alone."""
     on, rows = scene(), [row["indentation"] for row in references()]
-    found = calculix_contact.press(on, fineness, [depth / on.probe.inner_radius for depth in rows])
+    found = calculix_pressing.press(on, fineness, [depth / on.probe.inner_radius for depth in rows])
     none, unit = np.full(len(LOADS), np.nan), on.tissue.youngs_modulus * on.probe.inner_radius**2
     ratio, force = none.copy(), none.copy()
     at = np.searchsorted(LOADS, np.array(rows) - 1e-9)
@@ -126,7 +126,7 @@ def by_calculix(fineness: Fineness) -> Run:
         print(
             f"closest walls at {1e3 * row['indentation']:g} mm: {1e6 * wall:.2f} um, reference {1e6 * row['closest_walls']:.2f}"
         )
-    return Run(ratio, none, force, found.unknowns, 0, found.seconds)
+    return PressedRun(ratio, none, force, found.unknowns, 0, found.seconds)
 
 
 def references() -> list[dict[str, float]]:
@@ -135,7 +135,7 @@ def references() -> list[dict[str, float]]:
     return [row for row in rows if row["indentation"] <= LOADS[-1]]
 
 
-def errors(run: Run) -> list[float | None]:
+def errors(run: PressedRun) -> list[float | None]:
     """Return the largest errors of ratio, log-sensitivity and force, relative."""
     rows = references()
     at = np.searchsorted(LOADS, np.array([row["indentation"] for row in rows]) - 1e-9)
@@ -146,9 +146,9 @@ def errors(run: Run) -> list[float | None]:
     return found
 
 
-def measure(parts: list[str], repeats: int) -> Iterator[tuple[str, Run]]:
+def measure(parts: list[str], repeats: int) -> Iterator[tuple[str, PressedRun]]:
     """Yield each code's name with its cheapest run."""
-    trials: dict[str, list[tuple[str, Callable[[], Run]]]] = {
+    trials: dict[str, list[tuple[str, Callable[[], PressedRun]]]] = {
         "ours": [
             ("ours, one mesh, order 2", lambda: one_mesh(2)),
             ("ours, one mesh, order 3", lambda: one_mesh(3)),
@@ -192,5 +192,5 @@ def main() -> None:
 
 if __name__ == "__main__":
     if any(os.environ.get(key) != value for key, value in ONE_THREAD.items()):  # they count when libraries are loaded
-        os.execve(sys.executable, [sys.executable, "-m", "benchmarks.peers.contact", *sys.argv[1:]], os.environ | ONE_THREAD)
+        os.execve(sys.executable, [sys.executable, "-m", "benchmarks.contact.peers", *sys.argv[1:]], os.environ | ONE_THREAD)
     main()

@@ -1,6 +1,6 @@
 """Whether the plan's cheap bounds on loads hold: scenes drawn on the axis, pressed by level contact as far as the rule knows.
 
-    python -m benchmarks.levels.load_bounds --scenes 60 --seed 0 [--light]
+    python -m benchmarks.extremes.load_bounds --scenes 60 --seed 0 [--light]
 
 For each scene: the largest load of which the rule says anything; the largest share of the bounds that ratio, stresses, stiffness
 and log-sensitivity take up to there (1 is all of it; what two meshes differ by is taken off); the load at which the gap closes

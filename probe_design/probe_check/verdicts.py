@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from geometry.scenes.scene import Scene
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import MODULI, Shares
-from probe_design.built_probe.changed_designs import GAIN
-from probe_design.built_probe.deviation import LEVEL, Deviation
-from probe_design.built_probe.explanations import ALIKE, Explanation, Pair, alike, explanations, paired, refined, told
-from probe_design.built_probe.visibility import unseen
+from probe_design.probe_check.changed_designs import GAIN
+from probe_design.probe_check.deviation import LEVEL, Deviation, unseen
+from probe_design.probe_check.explanations import ALIKE, Explanation, VariablePair, alike, explanations, paired, refined, told
 
 WITHIN, OUT, UNKNOWN = "within workshop tolerance", "out of it", "cannot tell"
 BENCH_S = {GAIN: "one film's gain (its cable, its amplifier, its temperature since calibration)", MODULI: "the blocks' moduli"}
@@ -23,14 +22,14 @@ BENCH_S = {GAIN: "one film's gain (its cable, its amplifier, its temperature sin
 
 @dataclass(frozen=True)
 class Verdict:
-    """What is concluded; see ``probe_design.built_probe.check.Check``."""
+    """What is concluded; see ``probe_design.probe_check.check.Check``."""
 
     verdict: str
     reason: str
     explanations: tuple[Explanation, ...]
     unresolved: tuple[str, ...]
     alike: tuple[str, ...] = ()
-    pairs: tuple[Pair, ...] = ()
+    pairs: tuple[VariablePair, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -76,7 +75,7 @@ def _by_one(names: Sequence[str]) -> tuple[str, str]:
     return OUT, ", or ".join(names)
 
 
-def _by_more(pairs: Sequence[Pair], odd: Sequence[str]) -> tuple[str, str]:
+def _by_more(pairs: Sequence[VariablePair], odd: Sequence[str]) -> tuple[str, str]:
     good = [one for one in pairs if one.explains]
     close = [" with ".join(one.variables) for one in good if one.chi_square - good[0].chi_square < ALIKE]
     if close:

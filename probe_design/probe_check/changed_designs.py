@@ -15,7 +15,7 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.variables import changed
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import MODULI, Shares, by_outer_radius, predicted
-from probe_design.built_probe.deviation import Deviation
+from probe_design.probe_check.deviation import Deviation
 
 GAIN = "relative gain"
 STEPS = 12  # of Gauss-Newton

@@ -1,8 +1,8 @@
 """Which variable, or which two, would explain that a probe deviates from its prediction.
 
-A variable that is off by e shifts d = ln rho measured - ln rho predicted by (J - G S) e (BP.5): J is what it does to the probe;
+A variable that is off by e shifts d = ln rho measured - ln rho predicted by (J - G S) e (PC.2): J is what it does to the probe;
 the calibration, which took the drawing as true, is off by -S e, S its slopes, and G carries that to ln rho. One e is fitted for
-each variable alone, e = D^T C^-1 d / D^T C^-1 D, D = J - G S (BP.6), where C counts what the workshop allows all others; then all
+each variable alone, e = D^T C^-1 d / D^T C^-1 D, D = J - G S (PC.3), where C counts what the workshop allows all others; then all
 of them again at the designs that they ask for, since large changes are far from linear. Where none explains the deviation, pairs
 are tried, from each variable's own best design.
 """
@@ -20,8 +20,8 @@ from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import Shares
-from probe_design.built_probe.changed_designs import GAIN, Changes, Fit, linear_left, settled
-from probe_design.built_probe.deviation import LEVEL, Deviation
+from probe_design.probe_check.changed_designs import GAIN, Changes, Fit, linear_left, settled
+from probe_design.probe_check.deviation import LEVEL, Deviation
 
 ALIKE = 4.0  # difference of the remaining chi-squares below which two explanations are not told apart: 2 standard deviations
 LOOSE = 1.0  # standard deviation, relative to the value, above which an explanation says nothing
@@ -52,7 +52,7 @@ class Explanation:
 
 
 @dataclass(frozen=True)
-class Pair:
+class VariablePair:
     """Two variables that may be off together; each as if it stood alone, but for what is left, which is that of both."""
 
     first: Explanation
@@ -83,7 +83,7 @@ def refined(scene: Scene, bench: Bench, deviation: Deviation, shares: Shares, na
     return tuple(sorted(fits, key=lambda one: one.chi_square))
 
 
-def paired(deviation: Deviation, shares: Shares, fits: Sequence[Fit]) -> tuple[Pair, ...]:
+def paired(deviation: Deviation, shares: Shares, fits: Sequence[Fit]) -> tuple[VariablePair, ...]:
     """Return the pairs that explain most, best first, from the fits of single variables; none where nothing would be left."""
     if len(deviation.logs) < 3:
         return ()
@@ -120,9 +120,9 @@ def told(fit: Fit, deviation: Deviation, at: int = 0) -> Explanation:
     )
 
 
-def _pair(fit: Fit, deviation: Deviation) -> Pair:
+def _pair(fit: Fit, deviation: Deviation) -> VariablePair:
     first, second = (told(fit, deviation, at) for at in (0, 1))
-    return Pair(first, second, first.chi_square, first.p_value, first.explains)
+    return VariablePair(first, second, first.chi_square, first.p_value, first.explains)
 
 
 def _p_value(left: float, freedom: int) -> float:
@@ -130,7 +130,7 @@ def _p_value(left: float, freedom: int) -> float:
 
 
 def _fitted(deviation: Deviation, name: str, shift: Floats, off: Floats, nominal: float) -> Explanation:
-    """Eq. BP.6, and what it leaves."""
+    """Eq. PC.3, and what it leaves."""
     weight = deviation.weight(name)
     information = max(float(shift @ weight @ shift), np.finfo(float).tiny)
     change = float(shift @ weight @ off) / information

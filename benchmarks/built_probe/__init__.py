@@ -1,0 +1,1 @@
+"""Built probes drawn at random: what calibration and check make of them, counted."""

@@ -1,0 +1,1 @@
+"""Level contact beside other codes, and references by one of them."""

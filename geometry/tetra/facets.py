@@ -1,0 +1,93 @@
+"""Triangles of the tissue's top, sides and floor halved until they are close to these, seen by the tetrahedra beside them.
+
+In the mesher's space far planes are bent, and round sides are polygons: pytetwild's nodes lie where the triangles are, and not
+where the surface is. Where the two are further apart than tetrahedra are large, as at a small inclusion near the floor, those
+between them are taken for air, or for tissue, and fold when their nodes go to the surface.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.common.arrays import Points
+from geometry.tetra.labels import AIR
+from geometry.tetra.layout import BodyLayout
+from geometry.tetra.sizing import TetraFineness, sizes
+from geometry.tetra.snapping import Surface, exact_surfaces, snap
+from geometry.tetra.stretched_space import MeshSpace
+from geometry.tetra.tet_mesh import TISSUE
+
+Triangles = NDArray[np.int64]
+_BESIDE = 0.1  # of the tetrahedra's size, or of what is left to an inclusion: how far an edge's middle may lie beside its image
+_ON = 1e-9  # of the tissue's size: how far points of a surface may be from it
+_ROUNDS = 8  # each makes an edge's distance from its image a quarter: the last of these never came
+_SIDES = np.array([(0, 1), (1, 2), (2, 0)])
+
+
+def halved(
+    points: Points, triangles: Triangles, layout: BodyLayout, fineness: TetraFineness, space: MeshSpace
+) -> tuple[Points, Triangles]:
+    """Cut triangles on the tissue's surfaces through the middles of their edges, which go to these surfaces.
+
+    An edge is cut while its middle lies, in the mesher's space, beside its surface's image by more than a tenth of the size of
+    the tetrahedra wanted there, or of the distance to an inclusion. What is closed stays so: all triangles of an edge are cut.
+
+    Args:
+        points: (n, 3) of the scene, in m.
+        triangles: (t, 3) of all surfaces.
+        layout: the bodies.
+        fineness: of the tetrahedra.
+        space: the mesher's.
+
+    Returns:
+        The points, with those added behind them, and the triangles.
+    """
+    outer = [surface for surface in exact_surfaces(layout) if surface.between(np.array([TISSUE]), np.array([AIR]))[0]]
+    for _ in range(_ROUNDS):
+        edges, middles, chords = _middles(points, triangles, outer, space)
+        beside = np.linalg.norm(space.to_mesh(middles) - chords, axis=1) / _room(layout, fineness, space, middles)
+        worst = np.argsort(-beside)[: np.count_nonzero(beside > _BESIDE)]
+        if len(worst) == 0:
+            break
+        triangles = cut(triangles, edges[worst], len(points))
+        points = np.vstack([points, middles[worst]])
+    return points, triangles
+
+
+def cut(triangles: Triangles, edges: NDArray[np.int64], count: int) -> Triangles:
+    """Triangles cut through the middles of ``edges`` (k, 2), the first ones first; these are the points ``count`` and on.
+
+    The lower index of each edge comes first; of a triangle with three such edges four are made.
+    """
+    base = np.array([count + len(edges), 1])
+    keys = edges @ base
+    order = np.argsort(keys)
+    for _ in range(2):  # no half has two edges left of those of its triangle
+        own = np.sort(triangles[:, _SIDES], axis=2) @ base
+        place = order[np.minimum(np.searchsorted(keys, own, sorter=order), len(keys) - 1)]
+        rank = np.where(keys[place] == own, place, len(keys))
+        found = rank.min(axis=1) < len(keys)
+        turned = (rank[found].argmin(axis=1)[:, None] + np.arange(3)) % 3
+        (a, b, c), middle = np.take_along_axis(triangles[found], turned, axis=1).T, count + rank[found].min(axis=1)
+        triangles = np.vstack([triangles[~found], np.column_stack([a, middle, c]), np.column_stack([middle, b, c])])
+    return triangles
+
+
+def _middles(
+    points: Points, triangles: Triangles, surfaces: list[Surface], space: MeshSpace
+) -> tuple[NDArray[np.int64], Points, Points]:
+    """Edges on surfaces, (k, 2); their middles on these, (k, 3); and where straight edges have them in the mesher's space."""
+    near, sides = _ON * float(np.abs(points).max()), np.sort(triangles[:, _SIDES], axis=2).reshape(-1, 2)
+    member = np.stack([np.abs(surface.level(points)[0]) <= near for surface in surfaces], axis=1)
+    edges = np.unique(sides[(member[sides[:, 0]] & member[sides[:, 1]]).any(axis=1)], axis=0)
+    chords = space.to_mesh(points)[edges].mean(axis=1)
+    both = member[edges[:, 0]] & member[edges[:, 1]]
+    return edges, snap(surfaces, space.to_scene(chords), both), chords
+
+
+def _room(layout: BodyLayout, fineness: TetraFineness, space: MeshSpace, points: Points) -> Points:
+    """The size of tetrahedra at points (n, 3) of the scene, or the distance to an inclusion if less; in the mesher's space."""
+    away = [np.abs(body.distance(points)) for body in layout.inclusions]
+    result: Points = np.min([sizes(layout, fineness, space, points), *away], axis=0) * space.scale(points)
+    return result

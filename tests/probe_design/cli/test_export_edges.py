@@ -1,0 +1,68 @@
+"""Every verb that makes parts hands the scene's round edges on to the parts and to their drawing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from geometry.scenes.scene import Contact, Scene
+from geometry.scenes.scene_file import read_scene, scene_to_toml
+from probe_design.cli.design import export
+from probe_design.optimisation import report
+
+EDGE = 0.1e-3
+Handed = list[tuple[str, float]]
+
+
+@pytest.fixture
+def scene() -> Scene:
+    sharp = read_scene(Path("examples/scene.toml"))
+    return sharp.model_copy(update={"contact": Contact(edge_radius=EDGE)})
+
+
+@pytest.fixture
+def handed(monkeypatch: pytest.MonkeyPatch) -> Handed:
+    """What was handed to export and drawing in place of the work."""
+    got: Handed = []
+
+    def write(
+        probe: object, folder: Path, force: bool = False, asked: object = None, beside: Any = None, edge_radius: float = 0.0
+    ) -> tuple[Path, ...]:
+        got.append(("parts", edge_radius))
+        beside["drawing.png"](folder / "drawing.png")
+        return ()
+
+    def draw(probe: object, path: Path, edge_radius: float = 0.0) -> None:
+        got.append(("drawing", edge_radius))
+
+    monkeypatch.setattr("geometry.cad.export.export", write)
+    monkeypatch.setattr("geometry.cad.drawing.draw", draw)
+    return got
+
+
+def test_export(tmp_path: Path, scene: Scene, handed: Handed) -> None:
+    file = tmp_path / "scene.toml"
+    file.write_text(scene_to_toml(scene))
+    ended = CliRunner().invoke(export, [str(file), "-o", str(tmp_path / "out"), "--json"])
+    assert ended.exit_code == 0, ended.output
+    assert handed == [("parts", pytest.approx(EDGE)), ("drawing", pytest.approx(EDGE))]
+
+
+@dataclass
+class Best:
+    scene: Scene
+
+
+@dataclass
+class Found:
+    best: Best
+
+
+def test_optimize(tmp_path: Path, scene: Scene, handed: Handed) -> None:
+    found: Any = Found(Best(scene))
+    report.write_all(found, tmp_path, lambda *_: None)
+    assert handed == [("parts", EDGE), ("drawing", EDGE)]
