@@ -46,7 +46,7 @@ def test_a_load_that_is_too_large_is_refused_with_what_is_allowed(
     assert "load" in told
 
 
-@pytest.mark.parametrize("verb", slow_unless(lambda verb: verb != "curve", BY_CONTACT))
+@pytest.mark.parametrize("verb", slow_unless(lambda verb: verb == "evaluate", BY_CONTACT))
 def test_level_contact_answers_it(verb: str, heavy: Path) -> None:
     found = json.loads(run(verb, heavy, *VERBS[verb], "--json").stdout)
     assert found["evaluator"] == "contact"
