@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,11 +12,10 @@ import click
 
 from probe_design.cli.arguments import FILE_NAME, limiting, linear_option, number
 from probe_design.cli.output import print_json
+from probe_design.cli.reference_readings import on_scene, readings
 
 if TYPE_CHECKING:
-    from hw.common.samples import Samples
-    from probe_design.built_probe.bench import Reference
-    from probe_design.cli.hardware_sources import HardwareSetup, Opener, SampleSource
+    from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
     from probe_design.doctor.finding import Finding
 
 Verb = Callable[..., None]
@@ -97,7 +96,7 @@ def read(
 
     origin, setting = SampleSource(**source), HardwareSetup.of(scene, bench, calibration)
     length, (recording,) = origin.length, origin.recordings(1)
-    (opener,) = origin.openers(lambda: (_on_scene(setting, origin, accuracy),), 1, sys.stderr.isatty())
+    (opener,) = origin.openers(lambda: (on_scene(setting, origin, accuracy),), 1, sys.stderr.isatty())
     with opener() as reader:  # what is not there is missed before anything is computed
         with working("predicting"):
             predicted = prediction(setting.scene, number("accuracy", accuracy), linear, setting.bench.load.frequency)
@@ -152,7 +151,7 @@ def calibrate(scene: Path | None, bench: Path | None, output: Path, linear: bool
     origin, setting = SampleSource(**source), HardwareSetup.of(scene, bench, None)
     check_free(output)
     check_writable_file(output)
-    samples, files = _readings(setting, origin, setting.bench.reference, run=0)
+    samples, files = readings(setting, origin, setting.bench.reference, run=0)
     with working("calibrating"):
         calibration = run(setting.scene, setting.bench, samples, linear=linear)
     hashes = [raw(one, file) for one, file in zip(samples, files, strict=True)]
@@ -196,7 +195,7 @@ def check(
     if output is not None:
         check_free(output)
         check_writable_file(output)
-    samples, _ = _readings(setting, origin, setting.bench.blocks, run=1)
+    samples, _ = readings(setting, origin, setting.bench.blocks, run=1)
     record = setting.calibration
     with working("checking"):
         gains, variables = (None, ()) if record is None else (record.gains(), record.variables)
@@ -268,7 +267,7 @@ def _channels(origin: SampleSource, setting: HardwareSetup, length: float | None
     if origin.live and origin.device is None and not plugged:
         return []
     try:
-        (opener,) = origin.openers(lambda: (_on_scene(setting, origin, "0.01"),), 1, pace=False)
+        (opener,) = origin.openers(lambda: (on_scene(setting, origin, "0.01"),), 1, pace=False)
         with opener() as reader:
             samples = setting.described_by(reader).collect(length, recording)
     except InvalidSource:
@@ -276,101 +275,6 @@ def _channels(origin: SampleSource, setting: HardwareSetup, length: float | None
     except HardwareError as fault:
         return [Finding("reading", "fault", str(fault))]
     return self_test(samples, setting.scene, setting.bench)
-
-
-def _readings(
-    setting: HardwareSetup, source: SampleSource, references: Sequence[Reference], run: int
-) -> tuple[list[Samples], tuple[Path | None, ...]]:
-    """One reading on each reference, judged at once, and where its raw data are."""
-    count = len(references)
-    recorded = source.recorded(count)
-    source.recordings(count)
-    openers = source.openers(lambda: _on_references(setting, source, references, run), count, pace=False)
-    found = [
-        _reading(setting, source, reference, which=(k, count), opener=opener, recorded=path)
-        for k, (reference, opener, path) in enumerate(zip(references, openers, recorded, strict=True))
-    ]
-    samples, files = zip(*found, strict=True)
-    return list(samples), files
-
-
-def _reading(
-    setting: HardwareSetup,
-    source: SampleSource,
-    reference: Reference,
-    *,
-    which: tuple[int, int],
-    opener: Opener,
-    recorded: Path | None,
-) -> tuple[Samples, Path | None]:
-    """One good reading on a reference, and its file: a live one that is flawed is read again, a recorded one refused by name."""
-    from hw.common.errors import HardwareError
-    from hw.signal.waveform import Flawed
-    from probe_design.built_probe.film_forces import strict_reading
-    from probe_design.cli.hardware_sources import ATTEMPTS
-    from probe_design.terminal.console import message
-
-    for attempt in range(1, ATTEMPTS + 1):
-        file = source.recording(*which, attempt) if recorded is None else recorded
-        if recorded is None:
-            if file is not None and file.exists():  # an attempt of a calibration that is resumed
-                continue
-            _ask_for(reference, f"{which[0] + 1} of {which[1]}", source)
-        try:
-            with opener() as reader:
-                length = source.length if recorded is None or source.seconds is not None else None
-                written = file if recorded is None else source.copied(*which)
-                samples = setting.described_by(reader).collect(length, written).whole()
-            strict_reading(samples, setting.bench, setting.scene)
-        except HardwareError as fault:
-            flaw = Flawed(f"{reference.name}: {fault}")
-            if not source.live or recorded in source.replay or attempt == ATTEMPTS:
-                raise flaw from fault
-            message(f"{flaw}; it is read again")
-            opener, recorded = source.device_opener(), None
-            continue
-        return samples, file
-    raise Flawed(f"{reference.name}: {ATTEMPTS} attempts are recorded, none of which can be used: record under another name")
-
-
-def _ask_for(reference: Reference, which: str, source: SampleSource) -> None:
-    from time import sleep
-
-    from geometry.common.errors import InputError, Words
-    from probe_design.terminal.console import message
-
-    if not source.live:
-        return
-    if source.pause is not None:
-        message(f"{which}: press on: {reference.name}; reading begins in {source.pause:g} s")
-        sleep(source.pause)
-        return
-    if not sys.stdin.isatty():
-        raise InputError(
-            "device",
-            Words("without a terminal"),
-            "a terminal, to change references at, --wait SECONDS or --replay for each reading",
-        )
-    message(f"{which}: press on: {reference.name}; start the load, then press Enter")
-    input()
-
-
-def _on_scene(setting: HardwareSetup, source: SampleSource, accuracy: str) -> Any:
-    from probe_design.built_probe.reading import prediction
-
-    bench = setting.virtual(source)
-    predicted = prediction(bench.scene, number("accuracy", accuracy), linear=True, frequency=setting.bench.load.frequency)
-    return bench.on_scene(predicted)
-
-
-def _on_references(setting: HardwareSetup, source: SampleSource, references: Sequence[Reference], run: int) -> Any:
-    from probe_design.built_probe.reading import prediction
-    from probe_design.built_probe.virtual_probe import load_of
-
-    bench = setting.virtual(source)
-    load = load_of(bench.scene, prediction(bench.scene, 0.01, linear=True).stiffness)
-    signals = zip(setting.bench.reference, bench.on_references(load, run), strict=True)
-    return tuple(one for reference, one in signals if any(reference is pressed for pressed in references))
 
 
 def _tell_written(recording: Path | None) -> None:

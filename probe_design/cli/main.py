@@ -14,11 +14,10 @@ from probe_design.cli import interrupts
 from probe_design.cli.arguments import NamedCommands
 from probe_design.cli.design import export, optimize
 from probe_design.cli.estimate import estimate
-from probe_design.cli.evaluate import curve, evaluate
+from probe_design.cli.evaluate import curve, evaluate, plan
 from probe_design.cli.hardware import calibrate, check, doctor, read
 from probe_design.cli.load import load
 from probe_design.cli.maps import detectability, scan
-from probe_design.cli.plan import plan
 from probe_design.cli.sweep import sweep
 from probe_design.cli.tissue import tissue
 from probe_design.cli.tradeoff import tradeoff

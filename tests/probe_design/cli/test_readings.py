@@ -20,7 +20,7 @@ from hw.simulation.firmware import Fault
 from hw.simulation.virtual import virtual
 from probe_design.built_probe import reading
 from probe_design.built_probe.virtual_probe import Built, signals
-from probe_design.cli import hardware, hardware_sources
+from probe_design.cli import hardware, hardware_sources, reference_readings
 from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
 from solver.results.result import Result
 from tests.support.hw.benches import BENCH, scene
@@ -47,12 +47,12 @@ def devices(monkeypatch: pytest.MonkeyPatch) -> Devices:
         opened: Any = lambda name, *asked: real(next(boards) if name == "usb" else name, *asked)  # noqa: E731
         monkeypatch.setattr(hardware_sources.Reader, "open", opened)
 
-    monkeypatch.setattr(hardware, "_ask_for", lambda *what: None)
+    monkeypatch.setattr(reference_readings, "_ask_for", lambda *what: None)
     return connect
 
 
 def read(source: SampleSource, capsys: pytest.CaptureFixture[str]) -> tuple[list[str], str]:
-    samples, files = hardware._readings(SETUP, source, PINS, 0)
+    samples, files = reference_readings.readings(SETUP, source, PINS, 0)
     assert [len(one) for one in samples] == [2500] * 3
     assert [path is None or len(sha256(path)) == 64 for path in files] == [True] * 3
     return ["" if path is None else path.name for path in files], capsys.readouterr().err
@@ -70,23 +70,23 @@ def test_a_flawed_reading_is_read_again(devices: Devices, capsys: pytest.Capture
 def test_what_is_flawed_thrice_is_refused_by_name(devices: Devices) -> None:
     devices([GOOD, LOST, LOST, LOST])
     with pytest.raises(Flawed, match="ring on the outer block: samples from index"):
-        hardware._readings(SETUP, SampleSource(device="usb", seconds="5"), PINS, 0)
+        reference_readings.readings(SETUP, SampleSource(device="usb", seconds="5"), PINS, 0)
 
 
 def test_cycles_are_judged_at_each_reading(devices: Devices) -> None:
     """Not after the last of them."""
     devices([GOOD] * 3)
     with pytest.raises(Flawed, match=r"pin on the inner block: 4\.99 cycles"):
-        hardware._readings(SETUP, SampleSource(device="usb", seconds="1"), PINS, 0)
+        reference_readings.readings(SETUP, SampleSource(device="usb", seconds="1"), PINS, 0)
 
 
 def test_a_calibration_is_resumed(devices: Devices, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     source = SampleSource(device="usb", seconds="5", record=tmp_path / "run.probe")
     devices([GOOD, LOST, LOST, LOST])
     with pytest.raises(Flawed):
-        hardware._readings(SETUP, source, PINS, 0)
+        reference_readings.readings(SETUP, source, PINS, 0)
     with pytest.raises(InputError, match="a name that is not taken"):
-        hardware._readings(SETUP, source, PINS, 0)
+        reference_readings.readings(SETUP, source, PINS, 0)
     (tmp_path / "run-2-again3.probe").unlink()
     devices([GOOD, GOOD])
     files, _ = read(SampleSource(device="usb", seconds="5", record=tmp_path / "run.probe", resume=True), capsys)
