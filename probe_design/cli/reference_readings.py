@@ -41,7 +41,7 @@ def _reading(
     recorded: Path | None,
 ) -> tuple[Samples, Path | None]:
     """One good reading on a reference, and its file: a live one that is flawed is read again, a recorded one refused by name."""
-    from hw.common.errors import HardwareError
+    from hw.common.errors import HardwareError, InvalidSource
     from hw.signal.waveform import Flawed
     from probe_design.built_probe.film_forces import strict_reading
     from probe_design.cli.hardware_sources import ATTEMPTS
@@ -59,6 +59,8 @@ def _reading(
                 written = file if recorded is None else source.copied(*which)
                 samples = setting.described_by(reader).collect(length, written).whole()
             strict_reading(samples, setting.bench, setting.scene)
+        except InvalidSource:  # what was asked for is wrong, not what was read
+            raise
         except HardwareError as fault:
             flaw = Flawed(f"{reference.name}: {fault}")
             if not source.live or recorded in source.replay or attempt == ATTEMPTS:
