@@ -120,7 +120,7 @@ def settled(changes: Changes, deviation: Deviation) -> Fit:
     weight = deviation.weight(*changes.names)
     for _ in range(STEPS):
         step, spread = _newton(changes, deviation, weight)
-        nearer = _nearer(changes, deviation, weight, step * min(1.0, LARGEST / float(np.abs(step).max())))
+        nearer = _nearer(changes, deviation, weight, step * (LARGEST / max(LARGEST, float(np.abs(step).max()))))
         if nearer is None:
             break
         gained = _chi_square(changes, deviation, weight) - _chi_square(nearer, deviation, weight)

@@ -94,6 +94,15 @@ def test_large_changes_need_the_refined_fit() -> None:
     assert abs(again.change - 16e3) < 3 * again.uncertainty
 
 
+def test_nothing_to_explain_is_explained_by_no_change() -> None:
+    name, known = "probe.outer.youngs_modulus", shares()
+    read = 0.0027**2 * np.eye(len(known.log_ratios))
+    deviation = Deviation(known.log_ratios, known.log_ratios, read, np.zeros_like(read), {})
+    (fit,) = refined(scene(), BLOCKS, deviation, known, [name])
+    assert fit.changes.values[0] == values(scene())[name]
+    assert fit.chi_square == 0
+
+
 def _of(name: str, explained: tuple[Explanation, ...]) -> Explanation:
     return next(one for one in explained if one.variable == name)
 
