@@ -15,6 +15,7 @@ from scipy.optimize import minimize
 
 from geometry import Scene, read_scene
 from geometry.common.errors import InputError
+from geometry.scenes.scene import Load
 from geometry.scenes.variables import changed, values
 from probe_design.estimation.answer import Estimate
 from probe_design.estimation.estimate import estimate, searched
@@ -86,8 +87,8 @@ def test_a_modulus_known_to_20_percent_costs_and_a_blank_gives_most_of_it_back()
 @pytest.mark.slow
 @pytest.mark.parametrize("blank", [False, True])
 def test_coverage(blank: bool) -> None:
-    """Of scenes whose outer block is drawn from its prior, as the level itself reads them with noise."""
-    of, sd, here = scene(), 0.15, 20e3
+    """Of scenes whose outer block is drawn from its prior, as the level itself reads them with noise, at next to no load."""
+    of, sd, here = scene().model_copy(update={"load": Load(force=1e-4)}), 0.15, 20e3
     over = Reading(0.0, 0.0, 1.0, NOISE, 100.0, NOISE)
     data = Measurements.of((over, Reading(0.0, 0.0, 1.0, NOISE, blank=True)) if blank else (over,))
     model = TargetModel(of, data, NOISE / 4)
