@@ -176,7 +176,7 @@ def check(
 ) -> None:  # fmt: skip
     """Say whether the probe is within the workshop's tolerances, by the bench's blocks of tissue, and what is out of it if not.
 
-    Exit code 1 if it is not, or if that cannot be told. Without --calibration gains are nominal, with the bench's tolerances.
+    Exit code 1 if the readings contradict that. Without --calibration gains are nominal, with the bench's tolerances.
 
     \b
     probe-design check --virtual --calibration probe.toml

@@ -51,7 +51,7 @@ class Check:
         blocks: one line for each.
         chi_square, degrees_of_freedom, p_value: of a probe within the workshop's tolerances, eq. PC.1.
         level: the p-value below which it is not, as often as which a probe within them fails.
-        passed: whether it is within.
+        passed: whether nothing contradicts that it is within.
         calibrated: whether gains come from a calibration.
         explanations: the variables that the readings tell, best first.
         alike: the best and those that the readings do not tell apart from it; empty if nothing deviates.
@@ -133,7 +133,7 @@ def _told(verdict: Verdict, deviation: Deviation, blocks: tuple[BlockDeviation, 
         degrees_of_freedom=len(blocks),
         p_value=deviation.p_value,
         level=LEVEL,
-        passed=verdict.passed,
+        passed=deviation.p_value >= LEVEL,
         calibrated=calibrated,
         explanations=verdict.explanations,
         alike=verdict.alike,

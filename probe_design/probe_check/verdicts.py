@@ -31,11 +31,6 @@ class Verdict:
     alike: tuple[str, ...] = ()
     pairs: tuple[VariablePair, ...] = ()
 
-    @property
-    def passed(self) -> bool:
-        """Whether the probe is within the workshop's tolerances."""
-        return self.verdict == WITHIN
-
 
 def judged(scene: Scene, bench: Bench, deviation: Deviation, shares: Shares, exchanged: Sequence[str]) -> Verdict:
     """Say what a deviation comes to.

@@ -167,6 +167,6 @@ def test_uncalibrated_gains_leave_a_wide_check() -> None:
     found = check(scene(), BENCH, samples, shares=shares())
     assert not found.calibrated
     assert found.blocks[0].ratio_uncertainty / found.blocks[0].ratio > 0.05
-    assert (found.verdict, found.passed) == ("cannot tell", False)
+    assert (found.verdict, found.passed) == ("cannot tell", True)  # nothing contradicts the drawing, as little as it says
     with pytest.raises(InputError, match="one for each"):
         check(scene(), BENCH, samples[:2], shares=shares())
