@@ -25,14 +25,14 @@ def flat(**film):
     """A flat ellipsoid on the probe's axis."""
     scene = read_scene(SCENE).model_dump(exclude_unset=True)
     body = {"diameters": ("16 mm", "16 mm", "1 mm"), "depth": "8 mm", "youngs_modulus": "600 kPa", "poisson_ratio": 0.45}
-    return scene | {"inclusion": [body | {"target": True}], "probe": scene["probe"] | film}
+    return scene | {"inclusion": [body | {"target": True}], "probe": scene["probe"] | film, "load": {"force": "10 uN"}}
 
 
 def beside_a_needle():
     needle = {"diameters": ("10.9 mm", "0.36 mm", "0.8 mm"), "depth": "0.45 mm", "x": "9 mm"}
     scene = flat()
     body = needle | {"youngs_modulus": "30 kPa", "poisson_ratio": 0.45}
-    return scene | {"inclusion": [*scene["inclusion"], body], "load": {"force": "10 uN"}}
+    return scene | {"inclusion": [*scene["inclusion"], body]}
 
 
 FILMS = {"film": {"thickness": "22 um", "youngs_modulus": "1 MPa"}}

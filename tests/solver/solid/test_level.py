@@ -11,6 +11,7 @@ import pytest
 from geometry import Groove, Placement, Refusal, Scene
 from geometry.common.resources import Limits, limited
 from geometry.scenes.fit import semi_axes
+from geometry.scenes.scene import Load
 from solver import evaluate
 from solver.results.result import Result
 from solver.solid.domain import domain, reach
@@ -184,7 +185,7 @@ def test_auto_comes_here_for_what_others_leave_out() -> None:
     result = evaluate(tilted, "auto", 0.05)
     assert result.evaluator == "solid"
     with pytest.raises(Refusal, match="accuracy"):
-        evaluate(tilted, "auto", 1e-4)
+        evaluate(tilted.model_copy(update={"load": Load(indentation=1e-9)}), "auto", 1e-4)
     with pytest.raises(Refusal, match="tilt"):
         solved(flank.model_copy(update={"placement": Placement(tilt=0.5)}))
 
