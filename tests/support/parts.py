@@ -1,9 +1,11 @@
-"""Probes to be exported and drawn."""
+"""Probes to be exported and drawn, and what their files hold."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
+from geometry.cad import solids
 from geometry.scenes.probe import Base, Film, Groove, Material, Probe
 
 RUBBER = Material(youngs_modulus=1e6, poisson_ratio=0.4)
@@ -26,3 +28,14 @@ def make(
     sizes = {} if "outer_radius" in others else {"area_ratio": area_ratio}
     blocks = {"inner": RUBBER, "outer": RUBBER}
     return Probe(inner_radius=inner_radius, gap=gap, groove=cut, film=film, **heights, **sizes, **blocks, **others)
+
+
+def read(path: Path) -> Any:
+    """The shape in a STEP file, through the plain reader (``geometry.cad.export`` uses the one with names and colours)."""
+    cq = solids.cadquery()
+    from OCP.STEPControl import STEPControl_Reader
+
+    reader = STEPControl_Reader()
+    assert int(reader.ReadFile(str(path))) == 1
+    reader.TransferRoots()
+    return cq.Shape.cast(reader.OneShape())

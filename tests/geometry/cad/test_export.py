@@ -14,20 +14,9 @@ from geometry.cad import drawing, solids, step_check, step_writer
 from geometry.cad import export as step
 from geometry.common.errors import ExportError, InputError, MissingLibrary
 from geometry.scenes.probe import Base, Film, Groove
-from tests.support.parts import FLANGE, make
+from tests.support.parts import FLANGE, make, read
 
 NAMES = ["inner", "outer", "film-inner", "film-outer", "base"]
-
-
-def read(path: Path):
-    """The shape in a STEP file, through the plain reader (``geometry.cad.export`` uses the one with names and colours)."""
-    cq = solids.cadquery()
-    from OCP.STEPControl import STEPControl_Reader
-
-    reader = STEPControl_Reader()
-    assert int(reader.ReadFile(str(path))) == 1
-    reader.TransferRoots()
-    return cq.Shape.cast(reader.OneShape())
 
 
 def numbers(text: str, entity: str, index: int) -> list[float]:

@@ -12,21 +12,10 @@ from scipy.integrate import quad
 from geometry.cad import drawing, record, solids
 from geometry.cad import export as step
 from geometry.common.errors import ExportError, InputError
-from tests.support.parts import make
+from tests.support.parts import make, read
 
 EDGE = 0.1  # mm
 HOLE, RIM = 5.1, math.sqrt(5.1**2 + 25 / 3.7)  # of the outer block of ``make()``, mm
-
-
-def read(path: Path):
-    """The shape in a STEP file, through the plain reader (``geometry.cad.export`` uses the one with names and colours)."""
-    cq = solids.cadquery()
-    from OCP.STEPControl import STEPControl_Reader
-
-    reader = STEPControl_Reader()
-    assert int(reader.ReadFile(str(path))) == 1
-    reader.TransferRoots()
-    return cq.Shape.cast(reader.OneShape())
 
 
 def volume(radius: float, top: float, towards: float, edge: float = EDGE) -> float:

@@ -8,7 +8,7 @@ from geometry.tetra.check import check
 from geometry.tetra.layout import body_layout
 from geometry.tetra.mesher import COARSE, ROUGH, expected_elements, mesh_layout, space_of
 from geometry.tetra.surfaces import corners, surfaces
-from tests.support.block_scene import scene
+from tests.support.scenes import block_scene as scene
 
 PLACES = [(0.0, 0.0), (23.8e-3, 0.0), (-23.6e-3, 11e-3), (23.8e-3, 18.7e-3), (5e-3, -18.8e-3)]
 

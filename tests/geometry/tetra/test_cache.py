@@ -6,7 +6,7 @@ import pytest
 from geometry.tetra import cache as mesh_cache
 from geometry.tetra.sizing import COARSE, FINE
 from geometry.tetra.tet_mesh import TetMesh, quadratic
-from tests.support.block_scene import scene
+from tests.support.scenes import block_scene as scene
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from geometry.tetra.facets import cut
 from geometry.tetra.layout import body_layout
 from geometry.tetra.mesher import ROUGH
 from geometry.tetra.surfaces import surfaces
-from tests.support.block_scene import scene
+from tests.support.scenes import block_scene as scene
 
 COVER = 1e-3  # of the sphere above the floor
 FAR = {

@@ -12,7 +12,7 @@ from geometry.tetra.layers import layers_at, split
 from geometry.tetra.layout import body_layout
 from geometry.tetra.mesher import ROUGH, expected_elements, mesh_layout
 from geometry.tetra.tet_mesh import FACES, INCLUSION, TISSUE, element_volumes
-from tests.support.block_scene import scene
+from tests.support.scenes import block_scene as scene
 
 SKIN = {"thickness": "1.5 mm", "youngs_modulus": "56 kPa", "poisson_ratio": 0.45}
 FAT = {"thickness": "8 mm", "youngs_modulus": "2 kPa", "poisson_ratio": 0.49}

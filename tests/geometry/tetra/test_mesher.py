@@ -14,7 +14,7 @@ from geometry.tetra.mesher import COARSE, FINE, ROUGH, mesh_layout
 from geometry.tetra.stretched_space import mesh_space
 from geometry.tetra.surfaces import ellipsoid
 from geometry.tetra.tet_mesh import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE, element_volumes, quadratic
-from tests.support.block_scene import scene
+from tests.support.scenes import block_scene as scene
 
 
 @pytest.fixture(scope="module")

@@ -16,8 +16,8 @@ from geometry.tetra.layout_fit import least_distances
 from geometry.tetra.mesher import ROUGH, mesh_layout
 from geometry.tetra.surface_files import read_surface
 from geometry.tetra.tet_mesh import INCLUSION, TISSUE, TetMesh, quadratic
-from tests.support.block_scene import scene
 from tests.support.meshes import body_volumes
+from tests.support.scenes import block_scene as scene
 from tests.support.slow import slow_unless
 
 CENTRE = np.array([0.002, 0.0, -0.009])

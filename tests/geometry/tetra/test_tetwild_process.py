@@ -17,8 +17,8 @@ from geometry.tetra.cache import FOLDER
 from geometry.tetra.layout import body_layout
 from geometry.tetra.mesher import tetrahedralize
 from geometry.tetra.sizing import ROUGH
-from tests.support.block_scene import scene
 from tests.support.paths import ROOT
+from tests.support.scenes import block_scene as scene
 
 CUBE = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
 SIDES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]

@@ -12,9 +12,9 @@ from probe_design.data.builtin import builtin_scene
 from probe_design.optimisation.design_space import space
 from probe_design.optimisation.global_search import screen
 from probe_design.optimisation.optimize import optimize
-from tests.support.nodule import nodule
 from tests.support.paths import SCENE
 from tests.support.program import run
+from tests.support.scenes import nodule
 
 
 def test_rounding_keeps_the_limit() -> None:

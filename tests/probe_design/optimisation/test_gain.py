@@ -13,8 +13,8 @@ from probe_design.optimisation.design_space import space, variables
 from probe_design.optimisation.global_search import search
 from probe_design.optimisation.objective import Noise
 from probe_design.optimisation.optimum import Optimum
-from tests.support.nodule import nodule
 from tests.support.paths import EXAMPLES, SCENE
+from tests.support.scenes import nodule
 
 NOISE = Noise()
 
