@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
-from contextlib import suppress
-from queue import Empty, Full, Queue
-from threading import Event, Thread
+from queue import SimpleQueue
+from threading import Thread
 
 from hw.common.transport import Chunk, Transport
 
 MOST = 400  # chunks that wait, of 50 ms each: what nobody fetches for 20 s stays in the device
-LOOK = 0.1  # s between two looks whether to stop
+LOOK = 0.1  # s between two looks whether there is room
 
 
 class Drain:
     """Reads a transport on a thread of its own; iterate over it for the chunks, and close it.
+
+    Whoever iterates may be interrupted at any point: a queue or an event that is written in Python would then keep its lock for
+    good, and the thread wait for it.
 
     Args:
         transport: read from now on, by nobody else.
@@ -22,8 +25,8 @@ class Drain:
 
     def __init__(self, transport: Transport) -> None:
         self._transport = transport
-        self._chunks: Queue[Chunk | BaseException | None] = Queue(MOST)
-        self._stop = Event()
+        self._chunks: SimpleQueue[Chunk | BaseException | None] = SimpleQueue()
+        self._stopped = False
         self._thread = Thread(target=self._run, name="drain", daemon=True)
         self._thread.start()
 
@@ -41,26 +44,17 @@ class Drain:
 
     def close(self) -> None:
         """Stop, and wait for a read that goes on."""
-        self._stop.set()
-        with suppress(Empty):
-            while True:
-                self._chunks.get_nowait()
+        self._stopped = True
         self._thread.join()
 
     def _run(self) -> None:
         try:
-            while not self._stop.is_set():
+            while not self._stopped:
                 chunk = self._transport.read()
-                self._put(chunk)
+                self._chunks.put(chunk)
                 if chunk is None:
                     return
+                while self._chunks.qsize() >= MOST and not self._stopped:
+                    time.sleep(LOOK)
         except BaseException as fault:  # handed on to who iterates
-            self._put(fault)
-
-    def _put(self, chunk: Chunk | BaseException | None) -> None:
-        while not self._stop.is_set():
-            try:
-                return self._chunks.put(chunk, timeout=LOOK)
-            except Full:
-                continue
-        return None
+            self._chunks.put(fault)
