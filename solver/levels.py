@@ -224,7 +224,7 @@ def load(
     """Press a scene ever harder, at finite strain and with contact; see ``solver.results.load_curve.LoadCurve``.
 
     Args:
-        scene: bonded, one sphere on the axis at most; its own load does not matter.
+        scene: that level ``contact`` takes; its own load does not matter.
         force: the largest load, N; or
         indentation: the largest, m. One of the two.
         points: number of loads, evenly spaced above 0.

@@ -74,11 +74,6 @@ def estimate(
     if unknown in OF_TARGET and data.is_blank.all():
         raise InputError("reading.blank", Words("true in every reading"), f"one over the inclusion whose {unknown} is asked")
     model = TargetModel(scene, data, _accuracy(accuracy, data))
-    loaded = None if linear else _loaded(model, unknown, accuracy, known)
-    if loaded is not None:
-        model, phases = loaded.at_rest, data.is_phase.sum()
-        notes = (*notes, f"{phases} phases left out: nothing is known of them at this load") if phases else notes
-    data = model.data
     useless = data.is_stiffness & (model.stiffness_error > data.noise)
     if useless.any():
         limit = f"the model's stiffness is good to {model.stiffness_error:.2g} only"
@@ -87,6 +82,10 @@ def estimate(
             f"{useless.sum()} stiffnesses left out: {limit}, which is more than their noise",
         )
         model = replace(model, data=data.some(~useless))
+    loaded = None if linear else _loaded(model, unknown, accuracy, known)
+    if loaded is not None:
+        phases, model = model.data.is_phase.sum(), loaded.at_rest
+        notes = (*notes, f"{phases} phases left out: nothing is known of them at this load") if phases else notes
     findings = searched(model, unknown, known, loaded)
     return _estimate(findings, _together(findings), known, notes, start)
 

@@ -29,7 +29,7 @@ def load_curve(scene: Scene, loads: Floats, accuracy: float, *, by_force: bool, 
     """Press a scene to each of several loads; see ``solver.levels.load``.
 
     Args:
-        scene: bonded, one sphere on the axis at most; its own load does not matter.
+        scene: that level ``contact`` takes; its own load does not matter.
         loads: rising, N or m, shape (k,).
         accuracy: relative.
         by_force: whether loads are forces.

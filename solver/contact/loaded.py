@@ -111,7 +111,7 @@ class LoadedScene:
 
     @property
     def _stiffness(self) -> float:
-        return float(self.linear.films[0].totals.sum())
+        return float(self.paths[1].points[0].tangent.sum())
 
     @property
     def unseen(self) -> tuple[float, float]:
@@ -214,7 +214,7 @@ def curve(on: LoadedScene, moduli: Floats) -> list[Loaded]:
 
 def beside(near: LoadedScene, modulus: float) -> tuple[Loaded, LoadedScene]:
     """Return one such answer, and the scene that it is of, pressed, for more of them; see ``curve``."""
-    linear = converged_forces(near.scene, LINEAR_SHARE * near.accuracy, np.array([modulus]))
+    linear = converged_forces(_tied(near.scene), LINEAR_SHARE * near.accuracy, np.array([modulus]))
     return _beside(near, modulus, linear)
 
 

@@ -36,6 +36,7 @@ from solver.results.warnings import Note
 STEP = 1e-2  # h of eq. PH.3 times the largest loss angle, rad
 HIGHER = 1.5  # times the terms of third order, each by its size: what those beyond may add
 LOGARITHMIC, INERTIAL = 2.0, 2.0
+CONTACT = "contact"  # the level whose answers have none
 LARGEST = 0.5  # rad: an error beyond which nothing is told
 LOSSLESS = Note("null", "all loss factors are 0, and with them ratio_phase")
 
@@ -83,6 +84,8 @@ def ratio_phase(scene: Scene, result: Result, accuracy: float, frequency: float)
     check_frequency(scene, frequency)
     if result.ratio is None or result.error_estimate is None:
         raise NotTold("the ratio has to be known with its error")
+    if result.evaluator == CONTACT:  # slopes change with the load by more than the ratio does, and it may come back to itself
+        raise NotTold("nothing is known of phases at finite strain and with contact")
     why, at = sloped(scene, accuracy)
     if why is not None:
         raise NotTold(why)

@@ -95,6 +95,16 @@ def test_what_cannot_be_pressed_is_not_searched() -> None:
     assert found.predicted.resolved.tolist() == (found.values(found.x) >= 0.999 * loaded.ends * 6e3).tolist()
 
 
+def test_stiffnesses_that_the_model_knows_less_well_are_left_out_under_load_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    def told(self: LoadedModel, value: float) -> Told:
+        return np.log(np.full(len(self.model.data.value), 0.6)), np.full(len(self.model.data.value), 1e-3)
+
+    monkeypatch.setattr(LoadedModel, "told", told)
+    found = estimate(example(Load(force=0.2)), (Reading(0.0, 0.0, 0.6, 0.05, stiffness=95.0, stiffness_noise=1e-6),))
+    assert found.evaluator == "contact"
+    assert any("1 stiffnesses left out" in text for text in found.warnings)
+
+
 @pytest.mark.parametrize(
     ("reading", "nuisances", "words"),
     [

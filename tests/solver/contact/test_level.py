@@ -55,6 +55,13 @@ def test_all_of_them_are(name: str) -> None:
     check(name, slice(None))
 
 
+@pytest.mark.slow
+def test_open_faces_are_pressed_to_the_force_that_is_asked_for_however_small() -> None:
+    """Friction makes them stiffer than frictionless ones, whose linear answer gives the scale."""
+    rubbing = EXAMPLE.model_copy(update={"contact": Contact(interface="unilateral", friction=0.3)})
+    assert ContactLevel().pressed(rubbing).at_force(1e-4).point.force == pytest.approx(1e-4, rel=1e-3)
+
+
 def test_auto_asks_it_beyond_linear_elasticity_and_not_before() -> None:
     light, heavy = at(EXAMPLE, force=0.02), at(EXAMPLE, force=0.08)
     assert (plan(light).evaluator, plan(heavy).evaluator) == ("axisymmetric", "contact")

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import cmath
 import math
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
 from geometry import InputError, Scene, read_scene
-from geometry.scenes.scene import Contact
+from geometry.scenes.scene import Contact, Load
 from geometry.scenes.scene_file import scene_from_dict, scene_to_dict
 from geometry.scenes.variables import changed, loss_factors, values
 from solver import evaluate
@@ -134,8 +135,19 @@ def test_kinds_without_derivatives_are_null_with_the_reason() -> None:
     tilted = scene_from_dict(scene_to_dict(scene) | {"placement": {"tilt": "1 deg"}})
     with pytest.raises(NotTold, match="upright probes"):
         ratio_phase(tilted, evaluate(scene, "closed-form"), 0.01, 1.0)
+    with pytest.raises(NotTold, match="finite strain"):
+        ratio_phase(scene, replace(evaluate(scene, "closed-form"), evaluator="contact"), 0.01, 1.0)
     found = evaluate(scene, "published", frequency=1.0)
     assert found.ratio_phase is None
+    assert any("ratio_phase is null" in text for text in found.warnings)
+
+
+@pytest.mark.slow
+def test_at_loads_beyond_linear_elasticity_no_phase_is_told() -> None:
+    """There the derivative by the tissue's modulus is a quarter larger, and the ratio hardly another one."""
+    found = evaluate(lossy(example()).model_copy(update={"load": Load(force=0.1)}), frequency=1.0)
+    assert found.evaluator == "contact"
+    assert found.ratio_phase is found.ratio_phase_error is None
     assert any("ratio_phase is null" in text for text in found.warnings)
 
 
