@@ -48,6 +48,8 @@ def _lost(samples: Samples) -> Finding:
     if samples.overruns or samples.gaps:
         text = f"{len(samples.gaps)} gaps, {samples.overruns} overruns of the device"
         return Finding("samples", "doubtful", text, "a lower rate, another port or cable, no hub")
+    if samples.notes:
+        return Finding("samples", "doubtful", "; ".join(samples.notes), "read again")
     return Finding("samples", "good", f"{len(samples)} of {samples.rate:g} a second, none lost")
 
 
