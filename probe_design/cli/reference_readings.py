@@ -19,6 +19,8 @@ def readings(
     setting: HardwareSetup, source: SampleSource, references: Sequence[Reference], run: int
 ) -> tuple[list[Samples], tuple[Path | None, ...]]:
     """One reading on each reference, judged at once, and where its raw data are."""
+    from probe_design.cli.hardware_sources import check_twice
+
     count = len(references)
     recorded = source.recorded(count)
     source.recordings(count)
@@ -28,6 +30,7 @@ def readings(
         for k, (reference, opener, path) in enumerate(zip(references, openers, recorded, strict=True))
     ]
     samples, files = zip(*found, strict=True)
+    check_twice("replay", [path for path in recorded if path is not None])
     return list(samples), files
 
 

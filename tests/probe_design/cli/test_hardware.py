@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -87,6 +88,19 @@ def test_calibrate_again_from_the_recordings(folder: Path) -> None:
     first, again = (tomllib.loads((folder / name).read_text()) for name in ("probe.toml", "again.toml"))
     assert again["matrix"] == first["matrix"]
     assert again["reading"] == first["reading"]
+
+
+def test_one_recording_is_one_reading(folder: Path, tmp_path: Path) -> None:
+    """The noise of one reading counted as that of two."""
+    shutil.copy(folder / "run-3.probe", tmp_path / "copy.probe")
+    files = (
+        [folder / f"run-{k}.probe" for k in (1, 2, 3)]
+        + [tmp_path / "copy.probe"]
+        + [folder / f"run-{k}.probe" for k in (5, 6, 7)]
+    )
+    replays = [word for path in files for word in ("--replay", path)]
+    assert "content is the same" in refused("calibrate", SCENE, *replays, "-o", tmp_path / "again.toml")
+    assert not (tmp_path / "again.toml").exists()
 
 
 def test_nothing_is_overwritten(folder: Path) -> None:
