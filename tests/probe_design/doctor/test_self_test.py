@@ -69,6 +69,7 @@ FAULTS: dict[str, tuple[Callable[[], Samples], str, str]] = {
     "noisy": (lambda: volts(Built(noise=1e-4)), "noise, inner", "doubtful"),
     "hum": (lambda: volts(Built(hum=0.05)), "mains", "doubtful"),
     "mains on the load": (lambda: volts(rate=45.0, seconds=30.0), "mains", "fault"),
+    "overtones of the mains on the load": (lambda: volts(rate=155.0, seconds=30.0), "mains", "fault"),
     "too short": (lambda: volts(seconds=0.3), "load", "fault"),
     "another clock": (lambda: replace(volts(), source={"clock": "time stamps tell 900"}), "samples", "doubtful"),
     "lost samples": (lambda: replace(volts(), gaps=(Gap(3, 1, "lost"),)), "samples", "doubtful"),
