@@ -22,7 +22,8 @@ from probe_design.built_probe.field_readings import (
 )
 from probe_design.built_probe.film_forces import reading as measured
 from probe_design.cli.arguments import position
-from probe_design.cli.hardware_sources import HardwareSetup, check_twice
+from probe_design.cli.hardware_sources import HardwareSetup
+from probe_design.cli.reference_readings import check_twice
 from probe_design.data.noise import LEAST
 from probe_design.estimation.readings import Reading, one_reading
 

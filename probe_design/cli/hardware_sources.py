@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -220,15 +220,6 @@ def raw(samples: Samples, recording: Path | None) -> Raw:
     if recording is not None:
         return Raw(sha256(recording), recording.name)
     return Raw(hashlib.sha256(samples.index.astype("<i8").tobytes() + samples.volts.astype("<f8").tobytes()).hexdigest())
-
-
-def check_twice(key: str, paths: Sequence[Path]) -> None:
-    """Refuse one content given as two readings: its noise would count for less than it is. Raises ``InputError``."""
-    seen: dict[str, Path] = {}
-    for path in paths:
-        first = seen.setdefault(sha256(path), path)
-        if first is not path:
-            raise InputError(key, str(path), f"another file than {first}, whose content is the same")
 
 
 def described(samples: Samples) -> str:

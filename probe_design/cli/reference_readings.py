@@ -19,8 +19,6 @@ def readings(
     setting: HardwareSetup, source: SampleSource, references: Sequence[Reference], run: int
 ) -> tuple[list[Samples], tuple[Path | None, ...]]:
     """One reading on each reference, judged at once, and where its raw data are."""
-    from probe_design.cli.hardware_sources import check_twice
-
     count = len(references)
     recorded = source.recorded(count)
     source.recordings(count)
@@ -73,6 +71,18 @@ def _reading(
             continue
         return samples, file
     raise Flawed(f"{reference.name}: {ATTEMPTS} attempts are recorded, none of which can be used: record under another name")
+
+
+def check_twice(key: str, paths: Sequence[Path]) -> None:
+    """Refuse one content given as two readings: its noise would count for less than it is. Raises ``InputError``."""
+    from geometry.common.errors import InputError
+    from hw.recordings.recording import sha256
+
+    seen: dict[str, Path] = {}
+    for path in paths:
+        first = seen.setdefault(sha256(path), path)
+        if first is not path:
+            raise InputError(key, str(path), f"another file than {first}, whose content is the same")
 
 
 def _ask_for(reference: Reference, which: str, source: SampleSource) -> None:
