@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -70,7 +71,7 @@ def field_readings(scene: Path, texts: tuple[str, ...], sources: Sources) -> tup
 
 
 def _split(text: str) -> tuple[Path, dict[str, str]]:
-    if Path(text).exists():
+    if os.path.exists(text):
         return Path(text), {}
     name, *places = text.split(",")
     entries = {}
@@ -85,7 +86,7 @@ def _split(text: str) -> tuple[Path, dict[str, str]]:
 def _check_there(paths: list[Path]) -> None:
     """Refuse what is no file, and one file given as two readings."""
     for path in paths:
-        if not path.is_file():
+        if not os.path.isfile(path):
             raise InputError("reading", str(path), f"a file that is there; {FORM}")
     check_twice("reading", paths)
 

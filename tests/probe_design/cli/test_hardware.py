@@ -159,6 +159,9 @@ def test_check_fails_a_probe_off_its_drawing_and_says_why(folder: Path) -> None:
     assert abs(best["change"] - 12e3) < 3 * best["uncertainty"]
 
 
+LONG = "x" * 5000 + ".h5"
+
+
 def test_no_probe_is_one_line() -> None:
     assert "probe" in refused("read", SCENE, code=1)
 
@@ -181,6 +184,10 @@ def test_no_probe_is_one_line() -> None:
         (("calibrate", SCENE, "--virtual", "-o", "unused.toml", "--memory", "0.1 GB"), "--memory raises the limit"),
         (("read", SCENE, "--virtual", "--time", "soon"), "time"),
         (("calibrate", SCENE, "--virtual"), "--output"),
+        (("calibrate", SCENE, "--virtual", "-o", LONG), "name too long"),
+        (("calibrate", SCENE, "--virtual", "--resume", "--record", LONG, "-o", "unused.toml"), "name too long"),
+        (("check", SCENE, "--virtual", "-o", LONG), "name too long"),
+        (("read", SCENE, "--virtual", "--record", LONG), "name too long"),
         (("calibrate", SCENE, "-o", "unused.toml"), "terminal"),
     ],
 )
