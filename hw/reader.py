@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from hw.common.clock import Clock
 from hw.common.drain import Drain
@@ -88,26 +88,28 @@ class Reader:
             for chunk in self._drain:
                 if record is not None and recorder is None:
                     recorder = _recorder(record, self.header)
-                    stack.callback(recorder.close)
-                if isinstance(recorder, Recorder) and "unrecorded" not in self.header.source:
-                    self._write(recorder, chunk)
+                    stack.callback(self._unless_full, recorder, recorder.close)
+                if isinstance(recorder, Recorder):
+                    self._unless_full(recorder, recorder.write, chunk)
                 block = decoder.feed(chunk.data, chunk.stream, chunk.note)
                 if len(block):
                     self._compare(clock, chunk, block)
                     asked = block if end is None else block.before(end)
                     if isinstance(recorder, Hdf5Recorder):
-                        recorder.write_samples(asked)
+                        self._unless_full(recorder, recorder.write_samples, asked)
                     yield asked
                     if end is not None and block.index[-1] >= end - 1:
                         return
 
-    def _write(self, recorder: Recorder, chunk: Chunk) -> None:
-        """Record a chunk; a disk that is full ends the recording, not the reading."""
+    def _unless_full(self, recorder: Recorder | Hdf5Recorder, step: Callable[..., None], *data: Any) -> None:
+        """Go on with a recording; a disk that is full ends the recording, not the reading; it is closed in any case."""
+        if "unrecorded" in self.header.source and data:
+            return
         try:
-            recorder.write(chunk)
+            step(*data)
         except OSError as fault:
-            why = f"the recording ends early, whole up to there: {(fault.strerror or str(fault)).lower()}"
-            self.header.source["unrecorded"] = why
+            why = (fault.strerror or str(fault)).lower()
+            self.header.source.setdefault("unrecorded", f"{recorder.ENDED}: {why}")
 
     def _compare(self, clock: Clock, chunk: Chunk, block: Samples) -> None:
         if chunk.time is None:  # what a recording tells of the clock, as HDF5 does, stands

@@ -93,9 +93,15 @@ def check_writable(folder: Path, key: str = "output") -> None:
 
 def check_writable_file(path: Path, key: str = "output") -> None:
     """Make sure that a file of that name can be written, making its folder if needed; see ``check_writable``."""
-    if path.is_dir():
+    if os.path.isdir(path):
         raise InputError(key, str(path), "the name of a file: this is a folder")
     check_writable(path.parent, key)
+    try:
+        os.lstat(path)
+    except FileNotFoundError:
+        return
+    except OSError as fault:  # too long a name, say
+        raise InputError(key, str(path), f"the name of a file that can be written: {fault.strerror}") from None
 
 
 def _obstacle(folder: Path, fault: OSError) -> str:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from hw.common.errors import Overrun, TransferError
 
 Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 NOTES = ("cut", "damaged", "clock", "unrecorded")  # of a source, in words

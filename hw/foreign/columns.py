@@ -112,32 +112,41 @@ def column(key: str, text: str) -> Column:
     """
     if not text:
         raise refusal(f"column {key}", repr(text), EXAMPLE)
-    match, units = _ENTRY.fullmatch(text), SECONDS if key == "time" else VOLTS
-    if match is None or match["unit"] not in units:
+    match = _ENTRY.fullmatch(text)
+    if match is None or match["unit"] not in _units(key):
         return Column(text, text)
-    factor = float(match["number"] or 1)
-    if not 1e-15 < abs(factor * units[match["unit"]]) < 1e6 or (key == "time" and factor < 0):
-        raise refusal(f"column {key}", repr(text), "numbers that are worth between 1e-15 and 1e6 V, or s above 0")
-    return Column(text, match["name"], factor * units[match["unit"]], match["number"] is not None)
+    return _worth(key, Column(text, match["name"]), None if match["number"] is None else float(match["number"]), match["unit"])
+
+
+def _units(key: str) -> dict[str, float]:
+    return SECONDS if key == "time" else VOLTS
+
+
+def _worth(key: str, named: Column, factor: float | None, unit: str) -> Column:
+    """A column one of whose numbers is worth so many of a unit, or one. Raises ``InvalidSource``."""
+    worth = (1.0 if factor is None else factor) * _units(key)[unit]
+    if not 1e-15 < abs(worth) < 1e6 or (key == "time" and worth < 0):
+        raise refusal(f"column {key}", repr(named.text), "numbers that are worth between 1e-15 and 1e6 V, or s above 0")
+    return replace(named, worth=worth, scaled=factor is not None)
 
 
 def _entry(where: str, key: str, value: Any) -> Column:
     """Read an entry of a TOML file: a text, a column's number, or a table."""
     if isinstance(value, str | int) and not isinstance(value, bool):
         return column(key, str(value))
-    if not isinstance(value, dict) or "column" not in value or set(value) - {"column", "unit", "scale"}:
+    if not isinstance(value, dict) or value.get("column", "") == "" or set(value) - {"column", "unit", "scale"}:
         raise refusal(where, repr(value), "a text like 'CH1 mV', or a table with column, unit and scale")
     name, unit, scale = str(value["column"]), value.get("unit"), value.get("scale")
     if scale is not None and (isinstance(scale, bool) or not isinstance(scale, int | float)):
         raise refusal(f"{where}.scale", repr(scale), "a number: how many of the unit one number of the file is worth")
     if unit is None and scale is None:
         return Column(name, name)
-    units = SECONDS if key == "time" else VOLTS
-    if unit is not None and unit not in units:
-        raise refusal(f"{where}.unit", repr(unit), ", ".join(units))
+    units = ", ".join(_units(key))
     if unit is None:
-        raise refusal(f"{where}.unit", "missing", f"beside scale, one of {', '.join(units)}")
-    return column(key, f"{name} {1 if scale is None else scale!r} {unit}") if scale is not None else column(key, f"{name} {unit}")
+        raise refusal(f"{where}.unit", "missing", f"beside scale, one of {units}")
+    if not isinstance(unit, str) or unit not in _units(key):
+        raise refusal(f"{where}.unit", repr(unit), units)
+    return _worth(key, Column(name, name), None if scale is None else float(str(scale)), unit)  # of what is too large, inf
 
 
 def channel_numbers(columns: ColumnMap) -> dict[str, int]:

@@ -26,6 +26,7 @@ SAMPLE = 300  # lines that tell how the file is written
 MISSING = {"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---"}
 OVERLOADS = {"inf": math.inf, "+inf": math.inf, "-inf": -math.inf, "ovf": math.inf, "ol": math.inf, "infinity": math.inf}
 _POINT, _COMMA = re.compile(NUMBER), re.compile(r"[-+]?(?:\d+,?\d*|,\d+)(?:[eE][-+]?\d+)?")
+_DECIMAL = str.maketrans(",.", ".?")  # a point beside decimal commas parts thousands: such a cell is refused
 _BRACKETS = re.compile(r"(.*\S)?\s*[(\[]\s*([^()\[\]]*)\s*[)\]]")
 _INTERVAL = re.compile(r"sample interval|x?-?incr(ement)?|tinc", re.IGNORECASE)
 _INLINE = re.compile(rf"tinc\s*=\s*({NUMBER})", re.IGNORECASE)
@@ -63,7 +64,8 @@ def read_csv(path: Path) -> ColumnTable:
         lines.pop()
     dialect = _dialect(lines, path)
     head = list(dialect.cells(lines[: dialect.begin]))
-    names, units = _names(head, dialect.width)
+    (first,) = dialect.cells(lines[dialect.begin : dialect.begin + 1])
+    names, units = _names(head, first, told_apart=dialect.delimiter is not None)
 
     def read(wanted: list[int]) -> Floats:
         return _numbers(path, dialect, lines, wanted)
@@ -144,8 +146,12 @@ def _is_missing(cell: str) -> bool:
     return cell.lower() in MISSING or cell.lower() in OVERLOADS
 
 
-def _names(head: list[list[str]], width: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names and units of the columns from the rows before the numbers; a row of units may stand below that of names."""
+def _names(head: list[list[str]], first: list[str], told_apart: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names and units of the columns from the rows before the numbers; a row of units may stand below that of names.
+
+    Fewer names than numbers name nobody knows which; likewise more, where names with blanks are not told apart.
+    """
+    width = len(first)
     told = [row for row in head if sum(bool(cell) for cell in row) > 1]
     if not told:
         return ("",) * width, ("",) * width
@@ -153,11 +159,19 @@ def _names(head: list[list[str]], width: int) -> tuple[tuple[str, ...], tuple[st
     if len(told) > 1 and _are_units(told[-1][:width]):
         units = [cell.strip("()[] ") for cell in told.pop()]
     last = told[-1][told[-1][0] == "#" :]  # of what numpy calls a comment
+    named, filled = _filled(last), _filled(first)
+    if named < filled or (named > filled and not told_apart):
+        return ("",) * width, ("",) * width
     names = [cell.lstrip("# ") for cell in [*last, *[""] * width][:width]]
     split = [_BRACKETS.fullmatch(name) for name in names]
     within = [match[2] if match and match[1] else "" for match in split]
     bare = [match[1] if match and match[1] else name for match, name in zip(split, names, strict=True)]
     return tuple(bare), tuple(([*units, *[""] * width][:width]) if units else within)
+
+
+def _filled(cells: list[str]) -> int:
+    """How many cells there are up to the last that is not empty."""
+    return max((k for k, cell in enumerate(cells, 1) if cell), default=0)
 
 
 def _are_units(cells: list[str]) -> bool:
@@ -186,7 +200,7 @@ def _numbers(path: Path, dialect: TextLayout, lines: list[str], wanted: list[int
         for k, number in enumerate(wanted):
             cell = row[number]
             try:
-                values[at, k] = float(cell.replace(",", ".") if dialect.comma else cell)
+                values[at, k] = float(cell.translate(_DECIMAL) if dialect.comma else cell)
             except ValueError:
                 values[at, k] = _word(f"{path.name}: line {dialect.begin + at + 1}", cell)
     return values

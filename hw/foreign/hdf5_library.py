@@ -1,10 +1,12 @@
-"""HDF5 files opened, with what goes wrong said in one line."""
+"""HDF5 files opened, with what goes wrong said in one line, and written to disks that may be full."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
+from io import FileIO
 from pathlib import Path
 from typing import Any
 
@@ -32,3 +34,32 @@ def opened(path: Path) -> Iterator[Any]:
         raise InvalidSource(f"{path} is no HDF5 file that can be read: is it whole, is it HDF5?") from fault
     with file:
         yield file
+
+
+class UnfailingFile(FileIO):
+    """A new file's bytes for h5py, which a full disk never fails; ``fault`` is then what the disk said, and the file worthless.
+
+    HDF5 cannot close a file after a write that failed, tries again when the program ends, and takes it down.
+    """
+
+    fault: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        """Write all of it; after a fault, nothing."""
+        left = memoryview(data).cast("B")
+        size = len(left)
+        try:
+            while left and self.fault is None:
+                left = left[super().write(left) :]
+        except OSError as fault:
+            self.fault = fault
+        self.seek(len(left), os.SEEK_CUR)
+        return size
+
+    def truncate(self, size: int | None = None) -> int:
+        """Give it a length; after a fault, none."""
+        try:
+            return super().truncate(size) if self.fault is None else self.tell()
+        except OSError as fault:
+            self.fault = fault
+            return self.tell()

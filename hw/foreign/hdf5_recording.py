@@ -11,7 +11,6 @@ import json
 import os
 import tempfile
 from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -21,7 +20,7 @@ import numpy as np
 from hw.common.errors import InvalidSource
 from hw.common.samples import Gap, Samples
 from hw.common.transport import Chunk, Header
-from hw.foreign.hdf5_library import library, opened
+from hw.foreign.hdf5_library import UnfailingFile, library, opened
 from hw.foreign.volts import noted, packed, volts_header
 
 KIND, VERSION = "probe-design samples", 1
@@ -40,6 +39,8 @@ class Hdf5Recorder:
         InvalidSource: h5py is not installed.
     """
 
+    ENDED = "there is no recording, which HDF5 writes whole or not at all"  # what a full disk does to it
+
     def __init__(self, path: Path | str, header: Header) -> None:
         self.path, self._header = Path(path), header
         if self.path.exists():
@@ -47,10 +48,12 @@ class Hdf5Recorder:
         handle, draft = tempfile.mkstemp(prefix=f".{self.path.name}.", dir=self.path.parent)
         os.close(handle)
         self._draft, self._gaps, self._overruns = Path(draft), list[Gap](), 0
+        self._disk = UnfailingFile(draft, "w+")
         try:
-            self._file = library().File(draft, "w")
+            self._file = library().File(self._disk, "w")
             self._begun()
         except BaseException:
+            self._disk.close()
             self._draft.unlink()
             raise
 
@@ -67,7 +70,12 @@ class Hdf5Recorder:
             self._file[name].dims[0].attach_scale(self._file["time"])
 
     def write_samples(self, samples: Samples) -> None:
-        """Append samples."""
+        """Append samples.
+
+        Raises:
+            OSError: the disk is full, or another fault; nothing is left of the file.
+        """
+        self._check_disk()
         end = self._file["index"].shape[0] + len(samples)
         columns = dict(zip(samples.channels, samples.volts.T, strict=True))
         for name, values in ({"time": samples.times, "index": samples.index} | columns).items():
@@ -79,21 +87,29 @@ class Hdf5Recorder:
         self._overruns += samples.overruns
 
     def close(self) -> None:
-        """Write what is known of the source, and give the file its name; without samples there is none."""
-        if not self._draft.exists():
+        """Write what is known of the source, and give the file its name; without samples there is none.
+
+        Raises:
+            OSError: the disk is full, somebody took the name by now, or another fault; nothing is left of the file.
+        """
+        if self._disk.closed:
             return
         try:
             samples = int(self._file["index"].shape[0])
             self._described()
             self._file.close()
+            self._check_disk()
             if samples:
-                with self._draft.open("rb") as file:
-                    os.fsync(file.fileno())
-                os.link(self._draft, self.path)  # unlike a move, fails where somebody took the name by now
+                os.fsync(self._disk.fileno())
+                self.path.touch(exist_ok=False)  # a move would take the place of what has the name by now
+                self._draft.replace(self.path)
         finally:
-            with suppress(Exception):  # what a full disk leaves of a draft
-                self._file.close()
+            self._disk.close()
             self._draft.unlink(missing_ok=True)
+
+    def _check_disk(self) -> None:
+        if self._disk.fault is not None:
+            raise self._disk.fault
 
     def _described(self) -> None:
         kinds = np.dtype([("first", "<i8"), ("count", "<i8"), ("reason", library().string_dtype())])

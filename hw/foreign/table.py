@@ -50,9 +50,11 @@ class ColumnTable:
         if wanted is None:
             own = [k for k, name in enumerate(lower) if name == key or (key == "time" and name in TIMES)]
             return (own[0], Column(key, key)) if own else None
-        for one in (Column(wanted.text, wanted.text), wanted):
-            if one.name.lower() in lower:
-                return lower.index(one.name.lower()), one
+        for name, one in {wanted.text: Column(wanted.text, wanted.text), wanted.name: wanted}.items():
+            if lower.count(name.lower()) > 1:
+                raise refusal(f"{self.path}: column {key}", repr(name), f"a number where names are alike: {self._columns()}")
+            if name.lower() in lower:
+                return lower.index(name.lower()), one
         if wanted.name.isdecimal() and 1 <= int(wanted.name) <= len(self.names):
             return int(wanted.name) - 1, wanted
         raise refusal(f"{self.path}: column {key}", repr(wanted.text), self._columns())

@@ -37,8 +37,7 @@ def read_wav(path: Path) -> ColumnTable:
     if not rate > 0:
         raise refusal(path.name, f"{rate} samples a second", "a rate above 0")
     low, high, middle = _BITS.get(codes.dtype, (-1.0, 1.0, 0.0))
-    full = (high - low + 1) / 2 if codes.dtype.kind in "iu" else 1.0
-    full = 2.0**31 if codes.dtype == np.int32 else full
+    full = middle - low
 
     def read(wanted: list[int]) -> Floats:
         return np.asarray((codes[:, wanted].astype(float) - middle) / full)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from hw.common.errors import HardwareError
-from hw.common.samples import Floats
+from hw.common.samples import Complexes, Floats
 
+QUARTER = np.array([[0.0, -1.0], [1.0, 0.0]])  # what multiplication with j does to (re, im)
 LEAST = 0.5  # of the corner frequency: below it less than 45 % of the charge is seen, and the corner's error with all its weight
 
 
@@ -71,3 +74,16 @@ class ChargeAmplifier:
         parts = np.array([by_resistance * self.resistance_tolerance, by_capacitance * self.capacitance_tolerance])
         both = np.stack([parts.real, parts.imag])
         return np.asarray(both @ both.T)
+
+
+def of_parts(
+    charges: Complexes, amplifiers: Sequence[ChargeAmplifier], frequency: float, calibrated_at: float | None = None
+) -> Floats:
+    """Return the covariance of (re, im) of charges (n,) in turn by their amplifiers' tolerances, eq. SI.2, C^2, (2 n, 2 n)."""
+    turn = multiplied(charges)
+    return np.asarray(turn @ block_diag(*(one.tolerance(frequency, calibrated_at) for one in amplifiers)) @ turn.T)
+
+
+def multiplied(factors: Complexes) -> Floats:
+    """Return the matrix by which multiplication with complex numbers (n,) turns (re, im) in turn, shape (2 n, 2 n)."""
+    return np.asarray(np.kron(np.diag(factors.real), np.eye(2)) + np.kron(np.diag(factors.imag), QUARTER))

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hw.common.samples import Floats, Samples
-from hw.signal.amplifier import ChargeAmplifier
-from hw.signal.sine_fit import Complexes, SineFit
+from hw.common.samples import Complexes, Floats, Samples
+from hw.signal.amplifier import ChargeAmplifier, multiplied, of_parts
+from hw.signal.sine_fit import SineFit
 from hw.signal.stretches import sine_fit
 from hw.signal.waveform import Flawed, doubt
 
@@ -161,16 +161,12 @@ def measured(
         raise Flawed(f"no load of about {fit.frequency:.4g} Hz stands out from the noise: is it on, is its frequency right?")
     doubts = doubt(fit, (*FILMS, FORCE)[: len(fit.amplitudes)], amplifier.response)
     told = replace(fit, covariance=fit.covariance + doubts.covariance(fit))
-    tolerance = np.zeros((4, 4))
-    for k, charge in enumerate(charges):
-        scale = _real(charge, 1)
-        tolerance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = scale @ amplifier.tolerance(fit.frequency, calibrated_at) @ scale.T
     force, force_sd = _force(told, sensitivity)
     return Measurement(
         fit=told,
         charges=charges,
         covariance=_over(response, told.covariance[:4, :4]),
-        tolerance=tolerance,
+        tolerance=of_parts(charges, (amplifier, amplifier), fit.frequency, calibrated_at),
         force=force,
         force_sd=force_sd,
         saturated=losses.saturated,
@@ -181,7 +177,7 @@ def measured(
 
 
 def _over(response: complex, covariance: Floats) -> Floats:
-    turn = _real(1 / response, 2)
+    turn = multiplied(np.full(2, 1 / response))
     return np.asarray(turn @ covariance @ turn.T)
 
 
@@ -230,11 +226,6 @@ def _force(fit: SineFit, sensitivity: float | None) -> tuple[float | None, float
 
 def _parts(values: Complexes) -> Floats:
     return np.stack([values.real, values.imag], axis=1).ravel()
-
-
-def _real(factor: complex, times: int) -> Floats:
-    """The matrix by which multiplication with a complex number turns (re, im), repeated along the diagonal."""
-    return np.kron(np.eye(times), np.array([[factor.real, -factor.imag], [factor.imag, factor.real]]))
 
 
 def _complex(parts: Floats) -> Complexes:

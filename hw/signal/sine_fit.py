@@ -10,16 +10,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hw.common.errors import HardwareError
-from hw.common.samples import Floats, Samples
+from hw.common.samples import Complexes, Floats, Samples
 from hw.signal.residuals import bending, spikes
 from hw.signal.sine_model import DRIFT, Lines, Solved, residual, solve
 from hw.signal.spectrum import MAINS, WANDERS, density, mains, strongest
 from hw.signal.steadiness import blocks
 
-Complexes = NDArray[np.complex128]
 HARMONICS = 3
 HUMS = 3
 LEAST_CYCLES = 3.0  # of the load: with fewer, a drift polynomial can pass for it
@@ -159,7 +157,10 @@ def _strongest_frequency(samples: Samples, span: float) -> float:
 
 
 def check_rate(frequency: float, rate: float) -> None:
-    """Raise ``NoSine`` if the mains, seen at a rate below twice their frequency, look like a load of this frequency."""
+    """Raise ``NoSine`` if the mains look like a load of this frequency, as they are or seen at a rate below twice their own."""
+    hum = [k * nominal for nominal in MAINS for k in range(1, HUMS + 1) if abs(frequency - k * nominal) < k * WANDERS]
+    if hum:
+        raise NoSine(f"a load of {frequency:.4g} Hz cannot be told from the mains at {hum[0]:g} Hz: load at another frequency")
     for mains_line in (k * nominal for nominal in MAINS for k in range(1, HUMS + 1)):
         seen = abs(mains_line - rate * round(mains_line / rate))
         if mains_line > 0.5 * rate and abs(frequency - seen) < WANDERS * max(1.0, mains_line / MAINS[0]):
@@ -175,9 +176,6 @@ def _check(frequency: float, span: float, rate: float) -> None:
         raise TooShort(
             f"{frequency * span:.3g} cycles of {frequency:.4g} Hz in {span:.3g} s: at least {LEAST_CYCLES:g} are needed"
         )
-    hum = [k * nominal for nominal in MAINS for k in range(1, HUMS + 1) if abs(frequency - k * nominal) < k * WANDERS]
-    if hum:
-        raise NoSine(f"a load of {frequency:.4g} Hz cannot be told from the mains at {hum[0]:g} Hz: load at another frequency")
     if frequency > 0.4 * rate:
         raise NoSine(f"a load of {frequency:.4g} Hz needs more than {rate:.4g} samples a second: 2.5 a period at least")
 

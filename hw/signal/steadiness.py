@@ -9,13 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from hw.common.samples import Floats
+from hw.common.samples import Complexes, Floats
 from hw.signal.sine_model import DRIFT, Lines, normal_equations
 
-Complexes = NDArray[np.complex128]
 MOST = 12  # blocks
 CYCLES = 2.0  # of the load in a block, at least, and of each beat between two lines
 ROWS_EACH = 4  # rows in a block for each unknown, at least

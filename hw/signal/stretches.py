@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.common.samples import Floats, Samples
-from hw.signal.sine_fit import Complexes, NoSine, SineFit, TooShort, fit_stretch
+from hw.common.samples import Complexes, Floats, Samples
+from hw.signal.sine_fit import NoSine, SineFit, TooShort, fit_stretch
 
 SAME = 0.01  # relative, by which the stretches' frequencies may differ
 

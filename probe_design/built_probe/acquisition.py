@@ -10,6 +10,7 @@ from pathlib import Path
 from hw.common.errors import HardwareError, InvalidSource
 from hw.common.samples import Samples, joined
 from hw.reader import Reader
+from hw.signal.measure import Losses
 from hw.signal.running import RunningFit
 
 EVERY = 0.5  # s of samples between two looks, and
@@ -58,6 +59,7 @@ def collected(
                 _shown(show, window(joined(recent), last))
     if not recent:
         raise InvalidSource("no samples: is the recording empty?")
+    running.losses += Losses(notes=recent[-1].notes)  # a recording may fail where it is closed
 
 
 def window(samples: Samples, seconds: float) -> Samples:

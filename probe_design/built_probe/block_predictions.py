@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import expit
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
@@ -118,6 +119,18 @@ def predicted(scene: Scene, references: Sequence[Reference]) -> Shares:
     blocks = tuple(_share(on_block(by_radius, one), names) for one in references if one.on == "tissue")
     nominal = values(by_radius)
     return Shares((*names, MODULI), np.array([*(nominal[name] for name in names), 1.0]), blocks)
+
+
+def inner_shares(log_ratios: Floats, references: Sequence[Reference]) -> Floats:
+    """Return the share of the load that the inner film feels on each reference, shape (n,).
+
+    Args:
+        log_ratios: ln(F_inner / F_outer) on those that are tissue, in their order.
+        references: pin and ring press one film alone.
+    """
+    blocks = iter(expit(log_ratios))
+    known = ({"inner": 1.0, "outer": 0.0}.get(one.on) for one in references)
+    return np.array([next(blocks) if share is None else share for share in known])
 
 
 def on_block(scene: Scene, reference: Reference) -> Scene:

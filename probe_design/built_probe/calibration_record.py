@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -167,5 +168,5 @@ def read_record(path: Path | str) -> CalibrationRecord:
 
 def check_free(path: Path) -> None:
     """Raise ``InputError`` if there is a file of that name."""
-    if path.exists():
+    if os.path.exists(path):
         raise InputError("output", str(path), "a name that is not taken: calibrations are never overwritten")

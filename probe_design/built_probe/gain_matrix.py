@@ -22,7 +22,7 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
 from hw.common.samples import Ints
 from probe_design.built_probe.bench import Bench, Reference
-from probe_design.built_probe.block_predictions import Shares
+from probe_design.built_probe.block_predictions import Shares, inner_shares
 
 ENTRIES = ("inner gain", "inner from outer", "outer from inner", "outer gain")
 FACTOR = np.array([0, 1, 2])  # entries that are free where the outer gain is the unit
@@ -224,9 +224,7 @@ class _Problem:
 
     def _shares(self, lambdas: Floats) -> Floats:
         """Shares of the load on both films, shape (readings, 2)."""
-        blocks = iter(1 / (1 + np.exp(-lambdas)))
-        inner = [{"inner": 1.0, "outer": 0.0}.get(one.reference.on) for one in self.observed]
-        shares = np.array([next(blocks) if share is None else share for share in inner])
+        shares = inner_shares(lambdas, [one.reference for one in self.observed])
         return np.stack([shares, 1 - shares], axis=1)
 
     def _forces(self, loads: Floats, error: float) -> Floats:

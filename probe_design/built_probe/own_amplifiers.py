@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import block_diag
 
-from geometry.common.arrays import Floats
+from hw.signal.amplifier import multiplied, of_parts
 from hw.signal.measure import Measurement
 from probe_design.built_probe.bench import Amplifier
 
@@ -28,17 +27,10 @@ def with_own_amplifiers(measurement: Measurement, amplifier: Amplifier, calibrat
         return measurement
     factors = np.array([common.response(frequency) / one.response(frequency) for one in films])
     charges = measurement.charges * factors
-    turn = block_diag(*(_multiplied(factor) for factor in factors))
-    spreads = [_multiplied(charge) for charge in charges]
-    parts = [scale @ one.tolerance(frequency, calibrated_at) @ scale.T for scale, one in zip(spreads, films, strict=True)]
+    turn = multiplied(factors)
     return replace(
         measurement,
         charges=charges,
         covariance=np.asarray(turn @ measurement.covariance @ turn.T),
-        tolerance=np.asarray(block_diag(*parts)),
+        tolerance=of_parts(charges, films, frequency, calibrated_at),
     )
-
-
-def _multiplied(factor: complex) -> Floats:
-    """The matrix by which multiplication with a complex number turns (re, im)."""
-    return np.array([[factor.real, -factor.imag], [factor.imag, factor.real]])

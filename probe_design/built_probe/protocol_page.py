@@ -11,15 +11,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from geometry.cad import fixture
 from geometry.cad.drawing import outlines
 from geometry.cad.solids import COLOURS
 from geometry.scenes.probe import Probe, mm
 from geometry.scenes.scene import Scene
 from probe_design.built_probe.bench import Bench
-from probe_design.built_probe.block_predictions import LINEAR, predicted
+from probe_design.built_probe.block_predictions import LINEAR, inner_shares, predicted
 from probe_design.built_probe.virtual_probe import charge_per_force
 from solver.planning.load_check import largest
 
@@ -49,9 +47,7 @@ def expectations(scene: Scene, bench: Bench) -> tuple[ExpectedSignal, ...]:
     limits = [largest(one.rule, LINEAR, promise=False).force for one in shares.blocks if one.rule is not None]
     load = min([SAFE * one for one in limits] + ([] if scene.load.force is None else [scene.load.force]), default=0.01)
     volts = abs(charge_per_force(scene) * bench.amplifier.built().response(bench.load.frequency))
-    blocks = iter(1 / (1 + np.exp(-shares.log_ratios)))
-    inner = [{"inner": 1.0, "outer": 0.0}.get(one.on) for one in bench.reference]
-    parts = [float(next(blocks)) if share is None else share for share in inner]
+    parts = inner_shares(shares.log_ratios, bench.reference).tolist()
     return tuple(
         ExpectedSignal(one.name, load, part, (load * volts * part, load * volts * (1 - part)))
         for one, part in zip(bench.reference, parts, strict=True)
@@ -183,6 +179,6 @@ def _steps(bench: Bench, expected: Sequence[ExpectedSignal], name: str) -> list[
         f"    or from recordings of {count} readings, in the order above:",
         f"   $ probe-design read {name} --record 1.probe     (and so on, one for each)",
         f"   $ probe-design calibrate {name} --replay 1.probe ... --replay {count}.probe -o probe.toml",
-        "6. Is the probe as drawn?  Exit code 0: within workshop tolerance; 1: out of it, or not to be told, with what",
+        "6. Is the probe as drawn?  Exit code 0: nothing contradicts it; 1: the readings do, and it says what is off",
         f"   $ probe-design check {name} --device usb --wait 60 --calibration probe.toml",
     ]

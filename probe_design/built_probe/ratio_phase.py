@@ -20,6 +20,7 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
 from geometry.scenes.variables import loss_factors
+from hw.signal.amplifier import of_parts
 from hw.signal.measure import Measurement, carried
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.gain_matrix import Gains
@@ -48,10 +49,13 @@ def phased(result: Result, scene: Scene, accuracy: float, frequency: float | Non
 
 def ratio_phase(measurement: Measurement, bench: Bench, gains: Gains) -> tuple[float, float]:
     """Return the phase of eq. BP.4 and its standard deviation, rad."""
-    charges, turn = measurement.charges, 2 * math.pi * measurement.fit.frequency
+    charges, frequency = measurement.charges, measurement.fit.frequency
+    turn = 2 * math.pi * frequency
     scale = float(np.abs(charges).max())
     parts = np.stack([charges.real, charges.imag], axis=1).ravel() / scale
-    of_charges = measurement.covariance + _of_parts(measurement, bench)
+    of_charges = measurement.covariance + of_parts(
+        charges, bench.amplifier.of_films(), frequency
+    )  # a calibration has not seen them
     variance = carried(lambda moved: _phase(moved, gains.matrix), parts, of_charges / scale**2)
     variance = variance + carried(lambda moved: _phase(parts, moved.reshape(2, 2)), gains.matrix.ravel(), gains.covariance)
     value = float(_phase(parts, gains.matrix)[0]) + turn * bench.sampling.skew
@@ -68,16 +72,6 @@ def surprises(value: float, spread: float, predicted: Result) -> tuple[float | N
         return z, []
     text = f"the ratio's phase is {value:.2g} rad, and {expected:.2g} by the scene's loss factors"
     return z, [f"{text}: tissue or blocks that lose more than the scene says, or channels that differ in time"]
-
-
-def _of_parts(measurement: Measurement, bench: Bench) -> Floats:
-    """Covariance of (re, im) of the charges by the amplifiers' parts, those that a calibration has seen too, (4, 4)."""
-    out = np.zeros((4, 4))
-    for k, (charge, one) in enumerate(zip(measurement.charges, bench.amplifier.of_films(), strict=True)):
-        parts = one.tolerance(measurement.fit.frequency)
-        turn = np.array([[charge.real, -charge.imag], [charge.imag, charge.real]])
-        out[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = turn @ parts @ turn.T
-    return out
 
 
 def _phase(parts: Floats, matrix: Floats) -> Floats:

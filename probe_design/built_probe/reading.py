@@ -15,7 +15,7 @@ from hw.signal.waveform import Flawed
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.film_forces import newtons
 from probe_design.built_probe.gain_matrix import Gains
-from probe_design.built_probe.ratio_phase import phased, ratio_phase, surprises
+from probe_design.built_probe.ratio_phase import SPREAD, phased, ratio_phase, surprises
 from solver.axisymmetric.level import Axisymmetric
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.levels import AUTO, evaluate
@@ -24,7 +24,6 @@ from solver.results.result import Result
 
 SHOWS = 3.0  # standard deviations, which a film's force on tissue exceeds
 CONTRADICTS = 5.0  # standard deviations between the films' sum and the force channel
-SPREAD = 3**-0.5  # standard deviation of what lies anywhere within a bound of 1: GUM 4.3.7
 
 
 @dataclass(frozen=True)

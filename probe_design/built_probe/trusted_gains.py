@@ -10,7 +10,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
 from probe_design.built_probe.bench import Bench, Reference
-from probe_design.built_probe.block_predictions import Shares
+from probe_design.built_probe.block_predictions import Shares, inner_shares
 from probe_design.built_probe.exchanges import FAR, READ_AGAIN, Misplacement, check_films, explaining, share_doubt
 from probe_design.built_probe.gain_matrix import Gains, Observed, estimated
 
@@ -52,9 +52,7 @@ def trusted(observed: Sequence[Observed], shares: Shares, bench: Bench) -> tuple
 
 def _expected(observed: Sequence[Observed], shares: Shares) -> Floats:
     """Shares of the load that the inner film should feel, shape (n,)."""
-    blocks = iter(1 / (1 + np.exp(-shares.log_ratios)))
-    known = [{"inner": 1.0, "outer": 0.0}.get(one.reference.on) for one in observed]
-    return np.array([next(blocks) if share is None else share for share in known])
+    return inner_shares(shares.log_ratios, [one.reference for one in observed])
 
 
 def _check_force(observed: Sequence[Observed], bench: Bench) -> None:

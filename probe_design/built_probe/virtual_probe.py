@@ -11,10 +11,10 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
 from geometry.scenes.probe import Film
 from geometry.scenes.scene import Scene
+from hw.common.samples import Complexes
 from hw.signal.amplifier import ChargeAmplifier
-from hw.signal.sine_fit import Complexes
 from probe_design.built_probe.bench import Bench, Reference
-from probe_design.built_probe.block_predictions import predicted
+from probe_design.built_probe.block_predictions import inner_shares, predicted
 from solver.results.result import Result
 
 Matrix = tuple[tuple[float, float], tuple[float, float]]
@@ -133,9 +133,7 @@ class VirtualBench:
         """Signals on each of the bench's references under a load of that amplitude, N; noise differs from run to run."""
         random = np.random.default_rng(self.seed)
         delivered = [as_delivered(one, random) for one in self.bench.reference]
-        logs = iter(predicted(self.scene, delivered).log_ratios)
-        inner = [{"inner": 1.0, "outer": 0.0}.get(one.on) for one in delivered]
-        shares = np.array([1 / (1 + np.exp(-next(logs))) if share is None else share for share in inner])
+        shares = inner_shares(predicted(self.scene, delivered).log_ratios, delivered)
         forces = load * np.stack([shares, 1 - shares], axis=1)
         return tuple(self._signals(one, 1 + run * len(forces) + k) for k, one in enumerate(forces))
 

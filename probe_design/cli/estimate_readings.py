@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,6 @@ from geometry.scenes.scene import Load, Scene
 from hw.foreign.columns import ColumnMap
 from hw.foreign.units import read_rate
 from hw.reader import Reader
-from hw.recordings.recording import sha256
 from probe_design.built_probe.field_readings import (
     FieldReading,
     field_reading,
@@ -24,6 +24,7 @@ from probe_design.built_probe.field_readings import (
 from probe_design.built_probe.film_forces import reading as measured
 from probe_design.cli.arguments import position
 from probe_design.cli.hardware_sources import HardwareSetup
+from probe_design.cli.reference_readings import check_twice
 from probe_design.data.noise import LEAST
 from probe_design.estimation.readings import Reading, one_reading
 
@@ -56,7 +57,7 @@ def field_readings(scene: Path, texts: tuple[str, ...], sources: Sources) -> tup
     """
     setting = HardwareSetup.of(scene, sources.bench, sources.calibration)
     split = [_split(text) for text in texts]
-    _check_twice([path for path, _ in split])
+    _check_there([path for path, _ in split])
     found, warnings = [], []
     for path, _ in split:
         told = read_result(path)
@@ -70,7 +71,7 @@ def field_readings(scene: Path, texts: tuple[str, ...], sources: Sources) -> tup
 
 
 def _split(text: str) -> tuple[Path, dict[str, str]]:
-    if Path(text).exists():
+    if os.path.exists(text):
         return Path(text), {}
     name, *places = text.split(",")
     entries = {}
@@ -82,16 +83,12 @@ def _split(text: str) -> tuple[Path, dict[str, str]]:
     return Path(name.strip()), entries
 
 
-def _check_twice(paths: list[Path]) -> None:
-    """Refuse one file given as two readings: its noise would count for less than it is."""
-    seen: dict[str, Path] = {}
+def _check_there(paths: list[Path]) -> None:
+    """Refuse what is no file, and one file given as two readings."""
     for path in paths:
-        if not path.is_file():
+        if not os.path.isfile(path):
             raise InputError("reading", str(path), f"a file that is there; {FORM}")
-        digest = sha256(path)
-        if digest in seen:
-            raise InputError("reading", str(path), f"another file than {seen[digest]}, whose content is the same")
-        seen[digest] = path
+    check_twice("reading", paths)
 
 
 def _recorded(path: Path, setting: HardwareSetup, sources: Sources) -> dict[str, Any]:

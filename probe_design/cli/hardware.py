@@ -280,5 +280,5 @@ def _channels(origin: SampleSource, setting: HardwareSetup, length: float | None
 def _tell_written(recording: Path | None) -> None:
     from probe_design.terminal.console import message
 
-    if recording is not None:
+    if recording is not None and recording.exists():  # a full disk leaves none of HDF5; a warning says so
         message(f"wrote {recording}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
@@ -161,14 +162,14 @@ class SampleSource:
         recorded = self.recorded(count)
         files = tuple(self.recording(k, count) if path is None else self.copied(k, count) for k, path in enumerate(recorded))
         for path in filter(None, files):
-            if path.exists():
+            if os.path.exists(path):
                 raise InputError("record", str(path), "a name that is not taken: recordings are never overwritten")
             check_writable_file(path, "record")
         return files
 
     def _last_attempt(self, k: int, count: int) -> Path | None:
         paths = (self.recording(k, count, attempt) for attempt in range(ATTEMPTS, 0, -1))
-        return next((path for path in paths if path is not None and path.exists()), None)
+        return next((path for path in paths if path is not None and os.path.exists(path)), None)
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,7 @@ def readings(
         for k, (reference, opener, path) in enumerate(zip(references, openers, recorded, strict=True))
     ]
     samples, files = zip(*found, strict=True)
+    check_twice("replay", [path for path in recorded if path is not None])
     return list(samples), files
 
 
@@ -70,6 +71,18 @@ def _reading(
             continue
         return samples, file
     raise Flawed(f"{reference.name}: {ATTEMPTS} attempts are recorded, none of which can be used: record under another name")
+
+
+def check_twice(key: str, paths: Sequence[Path]) -> None:
+    """Refuse one content given as two readings: its noise would count for less than it is. Raises ``InputError``."""
+    from geometry.common.errors import InputError
+    from hw.recordings.recording import sha256
+
+    seen: dict[str, Path] = {}
+    for path in paths:
+        first = seen.setdefault(sha256(path), path)
+        if first is not path:
+            raise InputError(key, str(path), f"another file than {first}, whose content is the same")
 
 
 def _ask_for(reference: Reference, which: str, source: SampleSource) -> None:

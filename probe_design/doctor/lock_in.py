@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hw.common.samples import Floats, Samples
+from hw.signal.spectrum import MAINS, WANDERS
 
-MAINS = (50.0, 60.0)  # Hz
-WANDERS = 0.5  # Hz
 HARMONICS = 3
 DRIFT = 4  # polynomials
 ROWS = 100_000  # of a long record: enough for a diagnosis

@@ -10,6 +10,7 @@ from geometry.common.errors import ProbeError
 from geometry.scenes.scene import Scene
 from hw.common.samples import Floats, Samples
 from hw.signal.amplifier import TooSlow
+from hw.signal.sine_fit import NoSine, check_rate
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.reading import prediction
 from probe_design.built_probe.virtual_probe import charge_per_force
@@ -48,6 +49,8 @@ def _lost(samples: Samples) -> Finding:
     if samples.overruns or samples.gaps:
         text = f"{len(samples.gaps)} gaps, {samples.overruns} overruns of the device"
         return Finding("samples", "doubtful", text, "a lower rate, another port or cable, no hub")
+    if samples.notes:
+        return Finding("samples", "doubtful", "; ".join(samples.notes), "read again")
     return Finding("samples", "good", f"{len(samples)} of {samples.rate:g} a second, none lost")
 
 
@@ -157,10 +160,10 @@ def _polarity(samples: Samples, found: LockIn, scene: Scene, bench: Bench) -> li
 def _mains(samples: Samples, found: LockIn) -> Finding:
     worst = int(np.argmax(found.hum[:2]))
     text = f"{found.hum[worst]:.2g} V at {found.mains:.4g} Hz on the {samples.channels[worst]} film"
-    aliased = [abs(found.frequency - abs(line - round(line / samples.rate) * samples.rate)) for line in (50.0, 60.0)]
-    if min(aliased) < 0.5:
-        remedy = f"another rate than {samples.rate:g} Hz, or another frequency of the load"
-        return Finding("mains", "fault", f"at {samples.rate:g} samples a second the mains fall on the load", remedy)
+    try:
+        check_rate(found.frequency, samples.rate)
+    except NoSine as fault:
+        return Finding("mains", "fault", str(fault), "another rate, or another frequency of the load")
     if samples.rate < 110:
         return Finding("mains", "doubtful", f"not to be seen at {samples.rate:g} samples a second", "more than 120 Hz")
     if found.hum[worst] > HUM * np.abs(found.load[:2]).max():

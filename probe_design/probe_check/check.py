@@ -18,7 +18,7 @@ from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
 from hw.common.samples import Samples
 from probe_design.built_probe.bench import Bench
-from probe_design.built_probe.block_predictions import Shares, predicted
+from probe_design.built_probe.block_predictions import Shares, inner_shares, predicted
 from probe_design.built_probe.exchanges import Misplacement, check_films, explaining, share_doubt
 from probe_design.built_probe.film_forces import newtons, observed, strict_reading
 from probe_design.built_probe.gain_matrix import Gains
@@ -179,7 +179,7 @@ class Comparison:
 
     @property
     def _expected(self) -> Floats:
-        return np.asarray(1 / (1 + np.exp(-self.shares.log_ratios)))
+        return inner_shares(self.shares.log_ratios, self.bench.blocks)
 
     def _agrees(self, films: Films, exchange: Misplacement) -> bool:
         at = {k: (exchange.mended(y), exchange.mended(spread)) for k, (y, spread) in zip(exchange.order, films, strict=True)}

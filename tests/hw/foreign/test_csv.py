@@ -96,6 +96,24 @@ def test_map_as_a_file(tmp_path: Path) -> None:
     assert found.saturated.any()
 
 
+def test_a_table_s_name_is_the_name_as_it_stands(tmp_path: Path) -> None:
+    """`CH1 5` with the unit mV was read as the column CH1, worth 5 mV."""
+    (tmp_path / "map.toml").write_text(
+        'rate = "1 kHz"\ninner = { column = "CH1 5", unit = "mV" }\nouter = { column = "CH1", unit = "mV" }\n'
+    )
+    found = got(text(tmp_path / "a.csv", "CH1;CH1 5\n", 1e3 * VOLTS[:, :2], ";"), str(tmp_path / "map.toml"))
+    np.testing.assert_allclose(found.volts, VOLTS[:, [1, 0]], rtol=1e-8, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "entry", ['column = "", unit = "V"', 'column = 1, unit = ["V"]', f"column = 1, unit = 'V', scale = 1{400 * '0'}"]
+)
+def test_a_table_that_says_nothing_is_refused(entry: str, tmp_path: Path) -> None:
+    (tmp_path / "map.toml").write_text(f'rate = "1 kHz"\ninner = {{ {entry} }}\nouter = "2 V"\n')
+    with pytest.raises(InvalidSource, match="inner"):
+        got(text(tmp_path / "a.csv", "", VOLTS[:, :2]), str(tmp_path / "map.toml"))
+
+
 @pytest.mark.parametrize("word", ["nan", "", "NaN", "--"])
 def test_rows_without_numbers_are_gaps(word: str, tmp_path: Path) -> None:
     rows = [[f"{value:.9g}" for value in row] for row in lines()]
@@ -129,6 +147,8 @@ BOTH = ("inner=CH1", "outer=CH2")
 REFUSED = {  # head, rows, options, rate, words
     "columns missing": (HEAD, lines(), (), None, ("column inner = missing", "1 time, 2 CH1, 3 CH2", "--column|inner=CH1 mV")),
     "one column missing": (HEAD, lines(), ("inner=CH1",), None, ("column outer = missing",)),
+    "fewer names than numbers": ("inner,outer\n", np.tile(VOLTS[:, :2], 2), ("inner=inner V",), "1 kHz", ("1, 2, 3, 4",)),
+    "names alike": ("time (s),CH (mV),CH (mV)\n", lines(), ("inner=CH", "outer=3"), None, ("names are alike", "2 CH, 3 CH")),
     "no such column": (HEAD, lines(), ("inner=CH7", "outer=CH2"), None, ("column inner = 'CH7'", "2 CH1")),
     "wrong unit": (HEAD, lines(), ("inner=CH1 V", "outer=CH2"), None, ("column inner = 'CH1 V'", "mV")),
     "no unit": ("time (s),CH1,CH2\n", lines(), BOTH, None, ("column inner = without a unit", "CH1 mV")),
@@ -167,6 +187,21 @@ def test_a_row_that_does_not_fit_is_refused_with_its_line(row: str, words: str, 
     path.write_text(path.read_text() + row + "\n" + path.read_text().splitlines()[-1])
     with pytest.raises(InvalidSource, match=rf"line {ROWS + 2} = .*{words}"):
         got(path, *BOTH)
+
+
+def test_names_with_blanks_between_blanks_name_nothing(tmp_path: Path) -> None:
+    """Each column was taken for the one on its right."""
+    path = text(tmp_path / "a.csv", "sample no inner outer x y\n", np.column_stack([TIMES, VOLTS, VOLTS[:, 0]]), " ")
+    with pytest.raises(InvalidSource, match=r"column inner = .*1, 2, 3, 4, 5"):
+        got(path, "inner=inner V", "outer=outer V", rate="1 kHz")
+
+
+def test_points_that_part_thousands_are_refused(tmp_path: Path) -> None:
+    """1.000 mV beside decimal commas are a thousand; they were read as one."""
+    path = text(tmp_path / "a.csv", "Zeit [s];CH1 [mV];CH2 [mV]\n", lines(), ";", comma=True)
+    path.write_text(path.read_text() + "0,4;1.000;2,5\n")
+    with pytest.raises(InvalidSource, match=r"line 402 = '1.000'"):
+        got(path, "time=Zeit", *BOTH)
 
 
 def test_bytes_are_no_text(tmp_path: Path) -> None:

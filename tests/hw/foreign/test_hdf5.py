@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -114,6 +116,32 @@ def test_written_whole_or_not_at_all(tmp_path: Path) -> None:
     with Reader.open(probe()) as reader, pytest.raises(FileNotFoundError):
         reader.collect(0.01, record=tmp_path / "none" / "b.h5")
     assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
+
+
+FULL = """
+import resource, sys
+from pathlib import Path
+import numpy as np
+from hw.reader import Reader
+from hw.simulation.virtual import virtual
+
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), resource.RLIM_INFINITY))
+source = virtual(lambda times: np.column_stack([np.sin(31 * times), np.cos(31 * times)]), 1e5, scale=1e-4)
+with Reader.open(source) as reader:
+    live = reader.collect(0.6, record=Path(sys.argv[1]))
+print(len(live), *live.notes)
+"""
+
+
+@pytest.mark.parametrize("room", [0, 3000, 1_500_000])
+def test_a_full_disk_costs_the_recording_not_the_reading(room: int, tmp_path: Path) -> None:
+    """In a process of its own: a file that HDF5 could not close took the program down at its end, by signal 11."""
+    words = [sys.executable, "-W", "error", "-c", FULL, str(tmp_path / "a.h5"), str(room)]
+    ended = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert ended.stdout.startswith("60000 there is no recording")
+    assert "file too large" in ended.stdout
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("at", [0, 4, 100, 1000, 3000])

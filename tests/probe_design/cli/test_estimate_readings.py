@@ -63,6 +63,7 @@ def test_json_is_the_same_as_its_recording(folder: Path) -> None:
         (("--reading", "b.json, x=3 km"), "x = "),
         (("--reading", "b.json, blank=perhaps"), "true or false"),
         (("--reading", "absent.json"), "a file that is there"),
+        (("--reading", "x" * 5000), "a file that is there"),
         (("--reading", "b.json", "--ratio", "0.5"), "nothing beside --reading"),
         (("--reading", "b.json", "--noise", "0.05"), "nothing beside --reading"),
         (("b.json",), "one scene"),

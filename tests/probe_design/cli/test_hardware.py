@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -89,6 +90,19 @@ def test_calibrate_again_from_the_recordings(folder: Path) -> None:
     assert again["reading"] == first["reading"]
 
 
+def test_one_recording_is_one_reading(folder: Path, tmp_path: Path) -> None:
+    """The noise of one reading counted as that of two."""
+    shutil.copy(folder / "run-3.probe", tmp_path / "copy.probe")
+    files = (
+        [folder / f"run-{k}.probe" for k in (1, 2, 3)]
+        + [tmp_path / "copy.probe"]
+        + [folder / f"run-{k}.probe" for k in (5, 6, 7)]
+    )
+    replays = [word for path in files for word in ("--replay", path)]
+    assert "content is the same" in refused("calibrate", SCENE, *replays, "-o", tmp_path / "again.toml")
+    assert not (tmp_path / "again.toml").exists()
+
+
 def test_nothing_is_overwritten(folder: Path) -> None:
     before = (folder / "probe.toml").read_bytes()
     assert "not taken" in refused("calibrate", SCENE, "--virtual", "-o", folder / "probe.toml")
@@ -145,6 +159,9 @@ def test_check_fails_a_probe_off_its_drawing_and_says_why(folder: Path) -> None:
     assert abs(best["change"] - 12e3) < 3 * best["uncertainty"]
 
 
+LONG = "x" * 5000 + ".h5"
+
+
 def test_no_probe_is_one_line() -> None:
     assert "probe" in refused("read", SCENE, code=1)
 
@@ -167,6 +184,10 @@ def test_no_probe_is_one_line() -> None:
         (("calibrate", SCENE, "--virtual", "-o", "unused.toml", "--memory", "0.1 GB"), "--memory raises the limit"),
         (("read", SCENE, "--virtual", "--time", "soon"), "time"),
         (("calibrate", SCENE, "--virtual"), "--output"),
+        (("calibrate", SCENE, "--virtual", "-o", LONG), "name too long"),
+        (("calibrate", SCENE, "--virtual", "--resume", "--record", LONG, "-o", "unused.toml"), "name too long"),
+        (("check", SCENE, "--virtual", "-o", LONG), "name too long"),
+        (("read", SCENE, "--virtual", "--record", LONG), "name too long"),
         (("calibrate", SCENE, "-o", "unused.toml"), "terminal"),
     ],
 )
