@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 from dataclasses import replace
-from threading import Event
+from threading import Event, Thread
 
 import numpy as np
 import pytest
@@ -160,6 +161,41 @@ def test_somebody_reads_while_nobody_fetches() -> None:
     assert drain.behind
     assert [len(chunk.data) for chunk in chunks] == list(range(2, 301))
     drain.close()
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="Windows has no interval timer")
+def test_an_interrupt_at_any_point_leaves_nothing_locked() -> None:
+    """The thread could wait for ever on a lock that the interrupted reader kept, and whoever closes for the thread."""
+    random = np.random.default_rng(1)
+    before = signal.signal(signal.SIGALRM, _interrupted)
+    try:
+        for _ in range(30):
+            drain = Drain(Endless())
+            try:
+                signal.setitimer(signal.ITIMER_REAL, random.uniform(1e-4, 3e-3))
+                for _ in drain:
+                    pass
+            except InterruptedError:
+                pass
+            finally:
+                signal.setitimer(signal.ITIMER_REAL, 0)
+            closing = Thread(target=drain.close, daemon=True)
+            closing.start()
+            closing.join(60)
+            assert not closing.is_alive()
+    finally:
+        signal.signal(signal.SIGALRM, before)
+
+
+def _interrupted(*_: object) -> None:
+    raise InterruptedError
+
+
+class Endless(Counting):
+    """Chunks without an end."""
+
+    def read(self) -> Chunk:
+        return Chunk(b"x")
 
 
 def test_time_stamps_show_a_wrong_rate() -> None:
