@@ -156,7 +156,8 @@ def _automatic(scene: Scene, accuracy: float, linear: bool, tell: Tell | None) -
         raise
     except Refusal as fault:
         again = second_try(planned, scene, accuracy)
-        if again is None and planned.evaluator == CONTACT and fault.key.startswith("load."):
+        by_load = planned.evaluator == CONTACT and fault.key.startswith("load.")
+        if again is None and by_load and unsupported(scene) is None:
             raise Refusal(fault.key, fault.value, f"{fault.allowed}, {REMEDY}") from None
         if again is None:
             raise

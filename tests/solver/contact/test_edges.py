@@ -10,7 +10,7 @@ import pytest
 from geometry import Refusal, Scene, scene_to_toml
 from geometry.meridian.mesh import SQUARE, nodes
 from geometry.meridian.section import Body
-from geometry.scenes.scene import Contact
+from geometry.scenes.scene import Contact, Load
 from solver.axisymmetric.sections import sections
 from solver.contact.hyperelasticity import Hyperelastic
 from solver.contact.level import ContactLevel
@@ -60,6 +60,8 @@ def test_only_contact_takes_them() -> None:
     with pytest.raises(Refusal, match=r"contact for contact\.edge_radius"):
         evaluate(scene, linear=True)
     assert plan(scene).evaluator == "contact"
+    with pytest.raises(Refusal, match=r"load\.force = 1e\+06 N: .* as deep as it is wide$"):  # without a linear way round
+        evaluate(scene.model_copy(update={"load": Load(force=1e6)}))
 
 
 def test_a_file_keeps_the_radius() -> None:
