@@ -20,7 +20,8 @@ from solver.planning.loads import CLOSING, RATIO_CHANGE, LoadRule, cover_factor,
 
 RATIO = 0.01  # relative change of the ratio by finite strain that is allowed
 DIGITS = 3  # of a load that the rule sets
-BY = {"ratio": "strain", "strain limit": "strain", "gap closure": "gap closure"}
+SCENE, STRAIN, GAP = "scene", "strain", "gap closure"  # what sets a load
+BY = {"ratio": STRAIN, "strain limit": STRAIN, "gap closure": GAP}
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class Pressing:
         force: on the base under it, N.
         x: the strain that the rule counts with, see ``LoadRule``.
         change: bound on what finite strain changes of the ratio there, relative.
-        by: what sets the load: "scene", "strain" or "gap closure".
+        by: what sets the load: ``SCENE``, ``STRAIN`` or ``GAP``.
     """
 
     load: Load
@@ -51,7 +52,7 @@ def pressing(scene: Scene, totals: Floats, closure: float) -> Pressing:
         closure: force that closes the gap in linear elasticity, N; see ``CoarseModel.closure``.
     """
     rule = LoadRule.of(scene, totals, closure)
-    largest, load, by = rule.largest(RATIO, promise=False), scene.load, "scene"
+    largest, load, by = rule.largest(RATIO, promise=False), scene.load, SCENE
     if largest.force < asked(scene.load, rule.stiffness):
         by = BY[largest.by]
         load = Load(force=_down(largest.force)) if load.indentation is None else Load(indentation=_down(largest.indentation))
@@ -95,7 +96,7 @@ def pressing_force(scene: Scene, v: Any, radius: Any, totals: Any, nearing: floa
         strain = _greater(strain, v[3] * (total / area / modulus) ** 2 / RATIO_CHANGE)
     force = _lesser(
         asked(scene.load, stiffness),
-        largest_x(RATIO, promise=False, covered=cover_factor(scene.inclusion))[0] / strain * stiffness,
+        largest_x(RATIO, promise=None, covered=cover_factor(scene.inclusion))[0] / strain * stiffness,
     )
     return _lesser(force, CLOSING * stiffness * v[2] / nearing) if nearing > 0 else force
 

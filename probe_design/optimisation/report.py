@@ -73,7 +73,7 @@ def summary(optimum: Optimum, files: Sequence[Path]) -> dict[str, Any]:
         "design": scene_to_dict(best.pressed),
         "objective": _finite(best.judged_objective),
         "baseline_objective": _finite(start.judged_objective),
-        "evaluator": optimum.judge,
+        "evaluator": best.judged.evaluator,
         "status": optimum.status,
         "verdict": optimum.verdict,
         "remarks": list(optimum.remarks),
@@ -116,7 +116,7 @@ def page(optimum: Optimum, files: Sequence[str]) -> str:
         warnings="".join(f"<li>{escape(text)}</li>" for text in warnings) or "<li>none</li>",
         files="".join(f'<li><a href="{escape(name)}">{escape(name)}</a></li>' for name in files),
         scene=escape(scene_to_toml(optimum.best.pressed)),
-        judge=optimum.judge,
+        judge=optimum.judges,
     )
 
 

@@ -173,8 +173,10 @@ class LoadChanges:
 
 
 def exact(rule: LoadRule, result: Result) -> LoadRule:
-    """Return the rule with an answer's own stiffness."""
-    return rule if result.stiffness is None else replace(rule, stiffness=result.stiffness)
+    """Return the rule with an answer's own stiffness and log-sensitivities."""
+    if result.stiffness is None:
+        return rule
+    return replace(rule, stiffness=result.stiffness, films=result.film_log_sensitivities)
 
 
 def _of_formulas(scene: Scene, result: Result) -> LoadRule:

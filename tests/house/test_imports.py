@@ -97,6 +97,7 @@ ALLOWED: dict[str, set[str]] = {
         "probe_design.data",
         "solver.casadi_functions",
         "solver.closed_form",
+        "solver.contact",
         "solver.planning",
         "geometry.cad",
         *ANSWERS,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from dataclasses import dataclass
 from typing import Any
 
@@ -106,6 +107,20 @@ def test_each_cause_limits_in_its_turn() -> None:
         assert largest.indentation == pytest.approx(x * 5e-3, rel=1e-12)
         assert largest.force == pytest.approx(x * 5e-3 * 100.0, rel=1e-12)
     assert LoadRule(1 / 5e-3, 100.0, 0.5).largest(0.01, True).by == "gap closure"
+
+
+def test_cancelling_films_let_a_load_change_more_of_their_difference() -> None:
+    """Numbers of draw 43 of ``benchmarks.extremes.load_bounds --seed 1``: by level contact -1.16e-4 becomes -1.6e-5 at x = 0.0816."""
+    films, x = (0.02360534, 0.02372112), 0.0816
+    rule = LoadRule(strain=1 / 5e-3, stiffness=100.0, closure=math.inf, films=films)
+    force = x * 5e-3 * rule.stiffness
+    change, own = (1.16e-4 - 1.6e-5), films[1] - films[0]
+    assert replace(rule, films=None).log_sensitivity_change(force) * own < change <= rule.log_sensitivity_change(force) * own
+    assert rule.largest(0.01, promise=True).force < replace(rule, films=None).largest(0.01, promise=True).force
+    apart = replace(rule, films=(0.05, 0.01))
+    assert apart.log_sensitivity_change(force) == replace(rule, films=None).log_sensitivity_change(force)
+    nothing = replace(rule, films=(3e-8, 1e-8))  # promised to 1e-5, absolute: no load changes it by as much
+    assert nothing.largest(0.5, promise=True).by == "strain limit"
 
 
 def test_soft_blocks_count_as_much_as_their_own_strain() -> None:
