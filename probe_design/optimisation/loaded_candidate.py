@@ -7,7 +7,7 @@ from time import perf_counter
 
 from geometry.common.errors import Refusal, SolveError
 from geometry.common.resources import timed
-from geometry.scenes.scene import Load, Scene
+from geometry.scenes.scene import Load
 from probe_design.optimisation.candidate import ACCURACY, Candidate, ends_of, objective_of
 from probe_design.optimisation.objective import Noise
 from probe_design.optimisation.pressing import GAP, SCENE, STRAIN, Pressing, asked
@@ -15,7 +15,7 @@ from solver.contact.level import ContactLevel
 from solver.contact.limits import closed, gap_closure_load
 from solver.contact.loaded import LoadedScene
 from solver.contact.pressed import StoppedError
-from solver.results.evaluator import Answer
+from solver.results.film_forces import FilmForces
 
 DEEPEST = 0.5  # outer radii by the linear stiffness, which level ``contact`` is held to reach
 KEPT = 0.9  # of the load at which the gap closes, or beyond which no step converges: a workshop's gap is not exact
@@ -45,7 +45,9 @@ def under_load(one: Candidate, noise: Noise) -> Candidate:
             force, by = _last(fault), STRAIN
         else:
             if force is None:
-                return _judged(one, noise, scene, answer, by, perf_counter() - start)
+                result = answer.result(ContactLevel().name, scene, perf_counter() - start)
+                pressed = Pressing(load, float(asked(load, answer.films[0].totals.sum())), x=0.0, change=0.0, by=by)
+                return _judged(replace(one, judged=result, pressing=pressed), noise, answer.films[0])
             by = GAP
         load = Load(force=float(f"{KEPT * force:.3g}"))
         if KEPT * force <= one.pressing.force:
@@ -75,16 +77,7 @@ def _closure(on: LoadedScene) -> float | None:
     return found.force if found else None
 
 
-def _judged(one: Candidate, noise: Noise, scene: Scene, answer: Answer, by: str, seconds: float) -> Candidate:
-    """The candidate with what ``contact`` says of it under the scene's load."""
-    films = answer.films[0]
-    pressed = Pressing(scene.load, float(asked(scene.load, films.totals.sum())), x=0.0, change=0.0, by=by)
-    least, most = ends_of(films, noise, pressed)
-    return replace(
-        one,
-        judged=answer.result(ContactLevel().name, scene, seconds),
-        pressing=pressed,
-        judged_objective=objective_of(films, noise, pressed.force),
-        least=least,
-        most=most,
-    )
+def _judged(one: Candidate, noise: Noise, films: FilmForces) -> Candidate:
+    """The candidate with the objective of what ``contact`` found under its load."""
+    least, most = ends_of(films, noise, one.pressing)
+    return replace(one, judged_objective=objective_of(films, noise, one.pressing.force), least=least, most=most)

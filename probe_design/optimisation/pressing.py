@@ -16,7 +16,8 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Load, Scene
-from solver.planning.loads import CLOSING, RATIO_CHANGE, LoadRule, cover_factor, largest_x, tissue_strain
+from solver.planning.loads import CLOSING, LoadRule, largest_x
+from solver.planning.strains import block_strain, cover_factor, slimness, tissue_strain
 
 RATIO = 0.01  # relative change of the ratio by finite strain that is allowed
 DIGITS = 3  # of a load that the rule sets
@@ -91,9 +92,9 @@ def pressing_force(scene: Scene, v: Any, radius: Any, totals: Any, nearing: floa
     """
     stiffness = totals[0] + totals[1]
     areas = (np.pi * v[0] ** 2, np.pi * v[0] ** 2 / v[1])
-    strain = tissue_strain(radius, scene.tissue)
-    for total, area, modulus in zip(totals, areas, (v[4], v[5]), strict=True):
-        strain = _greater(strain, v[3] * (total / area / modulus) ** 2 / RATIO_CHANGE)
+    inner, outer = (block_strain(v[3], total / area / E) for total, area, E in zip(totals, areas, (v[4], v[5]), strict=True))
+    slim = slimness(radius, radius - v[0] - v[2])
+    strain = tissue_strain(radius, scene.tissue) + _greater(inner, slim * outer)
     force = _lesser(
         asked(scene.load, stiffness),
         largest_x(RATIO, promise=None, covered=cover_factor(scene.inclusion))[0] / strain * stiffness,

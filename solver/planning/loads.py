@@ -12,25 +12,22 @@ both films cancel, it counts as larger: PL.8.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.scenes.scene import Inclusion, Scene, Tissue
+from geometry.scenes.scene import Scene
+from solver.planning.strains import RATIO_CHANGE, block_strain, cover_factor, slimness, tissue_strain
 from solver.results.result import LargestLoad
 
-RATIO_CHANGE = 0.1  # of ratio, stresses and stiffness per x
 SENSITIVITY_GROWTH = 0.8  # of ln(log-sensitivity) per x
 LARGEST_X = 0.3
 CLOSING = 1 / 25  # of the linear closure force
 NEARING = (1.45, 0.17, 1.6, 0.1)  # of eq. PL.4: 1.2 times what 2062 scenes need; 8 times too much for half of them
-COVERED = (0.55, 0.05, 0.5, 1.3)  # of eq. PL.7: the worst of 150 scenes needs 86 % of what it says, half of them an eighth
 CANCELLING = 0.2  # of eq. PL.8: the worst of 240 scenes needs 0.065
 LEAST_SENSITIVITY = 1e-5  # absolute, that a log-sensitivity is promised to
-SHALLOW = 25.0  # of eq. PL.5: the worst row needs 97 % of it, at 9 outer radii; at 3 the worst needs 92 %, at one 40 %
 
 Cause = Literal["ratio", "log_sensitivity", "strain limit", "gap closure"]
 
@@ -43,23 +40,6 @@ def ratio_change(x: float, covered: float = 1.0) -> float:
 def log_sensitivity_change(x: float) -> float:
     """Bound on what it changes of the log-sensitivity, relative: eq. PL.2; infinite beyond all floating-point numbers."""
     return math.expm1(SENSITIVITY_GROWTH * x) if x < 800 else math.inf
-
-
-def cover_factor(bodies: Iterable[Inclusion]) -> float:
-    """Return by how many times inclusions near the surface raise what finite strain changes of ratio, stresses and stiffness.
-
-    What covers them is strained the more the thinner it is, and counts the more the wider they are: with diameter D and cover t
-    at most by
-
-        1 + 0.55 max(0, D / (t + 0.05 D) - 0.5)^1.3      (PL.7)
-
-    whatever their moduli are and wherever beside the axis they lie. The log-sensitivity needs no more than eq. PL.2. Bodies from
-    surface files, whose sizes are not known here, count as nothing.
-    """
-    share, least, nothing, power = COVERED
-    sizes = [(max(body.diameters) if body.diameters is not None else body.diameter or 0.0, body.depth) for body in bodies]
-    wide = [size / (max(0.0, depth - size / 2) + least * size) for size, depth in sizes if size > 0]
-    return float(1 + share * max(0.0, max(wide, default=0.0) - nothing) ** power)
 
 
 def sensitivity_size(films: tuple[float, float]) -> float:
@@ -119,48 +99,12 @@ def least_closure(scene: Scene, totals: Floats) -> float:
     return float(totals.sum() * probe.gap / nearing)
 
 
-def tissue_strain(tube_radius: Any, tissue: Tissue) -> Any:
-    """Return x per indentation on deep, shallow or layered tissue, 1/m.
-
-    Where the bottom is near the tissue is squeezed out from under the probe, which is bad sooner than an indentation of deep
-    tissue: with the outer radius R and the depth H
-
-        x = indentation sqrt(1/R^2 + (25 R / H^2)^2)      (PL.5)
-
-    bounds all of ``tests/reference/contact/shallow.json``, from H = R on. Layers are such bottoms, each by the share of its own
-    modulus that what is softer above it lacks; and a stiff layer on soft material carries the load by bending, where strain comes
-    sooner: with c the largest modulus of a layer over any below it
-
-        x = indentation (1.5 sqrt(c) - 0.5) sqrt(1/R^2 + (25 R max (1 - E_above / E_below) / H^2)^2)      (PL.6)
-
-    which is 1.7 to 80 times what ``tests/reference/contact/layered.json`` needs, whose c is 100 at most, and 1.3 times what the
-    worst scene of ``benchmarks.extremes.load_bounds --seed 1`` does; a larger c counts as the square of a tenth of it.
-
-    Args:
-        tube_radius: outer radius of the probe, m; a float, an array or casadi.
-        tissue: of any shape.
-    """
-    bottoms, bending = _bottoms_and_bending(tissue)
-    return (1.5 * bending**0.5 - 0.5) * (1 / tube_radius**2 + (SHALLOW * tube_radius * bottoms) ** 2) ** 0.5
-
-
-def _bottoms_and_bending(tissue: Tissue) -> tuple[float, float]:
-    """Largest (1 - E_above / E_below) / H^2 of floor and interfaces, 1/m^2, and c of eq. PL.6."""
-    bottoms, bending = 0.0 if tissue.shape == "half-space" else 1 / tissue.depth**2, 1.0
-    moduli = [*(layer.youngs_modulus for layer in tissue.layer), tissue.youngs_modulus]
-    for k, depth in enumerate(tissue.interfaces):
-        above, below = moduli[: k + 1], moduli[k + 1 :]
-        bottoms = max(bottoms, (1 - min(above) / max(below)) / depth**2)
-        bending = max(bending, moduli[k] / min(below))
-    return bottoms, max(bending, (bending / 10) ** 2)
-
-
 @dataclass(frozen=True)
 class LoadRule:
     """The rule for one probe on one tissue.
 
     Attributes:
-        strain: x per indentation, 1/m: the larger of ``tissue_strain`` and what the blocks' own strain is worth.
+        strain: x per indentation, 1/m: ``tissue_strain`` and what the blocks' own strain adds.
         stiffness: linear, force per indentation, N/m.
         closure: force that closes the gap in linear elasticity, N; infinite where the blocks' walls do not near each other.
         tilted: by how much a tilt lowers one side of the probe, m, which counts as indentation.
@@ -180,19 +124,20 @@ class LoadRule:
         """Return the rule of a scene from its linear answer.
 
         A block of height h whose mean strain is e per indentation d changes the stiffness by about e times its share e h / d of
-        the indentation (PL.3).
+        the indentation: it adds e^2 h / 0.1 to x per indentation; the tissue drags a tube along as well, the thinner the more,
+        which adds 1 + 0.15 R / w times that with its outer radius R and wall w (PL.3). The block that adds more counts.
 
         Args:
             scene: its load does not matter.
             totals: force on each film, inner and outer, per indentation, N/m, shape (2,).
             closure: ``CoarseModel.closure``.
         """
-        probe, tissue = scene.probe, scene.tissue
-        areas = np.array([probe.inner_area, probe.outer_area])
-        moduli = np.array([probe.inner.youngs_modulus, probe.outer.youngs_modulus])
-        blocks = np.array([probe.core_height, probe.tube_height]) * (totals / areas / moduli) ** 2 / RATIO_CHANGE
+        probe = scene.probe
+        inner = block_strain(probe.core_height, totals[0] / probe.inner_area / probe.inner.youngs_modulus)
+        outer = block_strain(probe.tube_height, totals[1] / probe.outer_area / probe.outer.youngs_modulus)
+        outer *= slimness(probe.tube_radius, probe.tube_radius - probe.hole_radius)
         tilted = probe.tube_radius * math.tan(abs(scene.placement.tilt))
-        strain = max(tissue_strain(probe.tube_radius, tissue), float(blocks.max()))
+        strain = float(tissue_strain(probe.tube_radius, scene.tissue) + max(inner, outer))
         return cls(strain, float(totals.sum()), closure, tilted, cover_factor(scene.inclusion))
 
     def force(self, scene: Scene) -> float:
