@@ -1,4 +1,4 @@
-"""What every file for the workshop says of itself: which design, by which program, in which unit; no date, so that files compare."""
+"""What every file for the workshop says of itself: which design, by which program, in which unit; no date, so files compare."""
 
 from __future__ import annotations
 
