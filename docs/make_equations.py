@@ -15,6 +15,7 @@ ROOMS = {
     "ME": "geometry/meridian",
     "TE": "geometry/tetra",
     "CA": "geometry/cad",
+    "WS": "geometry/workshop",
     "RE": "solver/results",
     "LA": "solver/linalg",
     "PU": "solver/published",
