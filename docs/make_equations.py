@@ -31,6 +31,7 @@ ROOMS = {
     "DA": "probe_design/data",
     "OP": "probe_design/optimisation",
     "MA": "probe_design/maps",
+    "TO": "probe_design/tolerances",
     "ES": "probe_design/estimation",
     "TR": "probe_design/tradeoffs",
     "SW": "probe_design/sweeps",
