@@ -26,6 +26,7 @@ ALLOWED: dict[str, set[str]] = {
     "geometry.scenes": {"geometry.common"},
     "geometry.meridian": {"geometry.common"},
     "geometry.cad": SCENES,
+    "geometry.workshop": {"geometry.cad", *SCENES},
     "geometry.tetra": {"geometry.cad", *SCENES},
     # hw stands alone: a measuring computer needs neither shapes nor solvers; sources of samples know the wire, the reader all
     "hw": {"hw.common", "hw.foreign", "hw.wire", "hw.recordings", "hw.usb", "hw.serial_port", "hw.simulation", "hw.oscilloscope"},
@@ -120,6 +121,16 @@ ALLOWED: dict[str, set[str]] = {
         "solver.planning",
         *ANSWERS,
     },
+    "probe_design.tolerances": {
+        "probe_design.built_probe",  # the bench's tolerances, the probe as a workshop measures it
+        "probe_design.data",
+        "probe_design.pictures",
+        "solver.axisymmetric",
+        "solver.closed_form",
+        "solver.equivalent_inclusion",
+        "solver.planning",
+        *ANSWERS,
+    },
     "probe_design.tradeoffs": {"probe_design.pictures", "solver.linalg", "solver.planning", "geometry.tetra", *ANSWERS},
     "probe_design.sweeps": {"solver.closed_form", "solver.linalg", "solver.planning", *ANSWERS},
     "probe_design.built_probe": {
@@ -145,11 +156,13 @@ ALLOWED: dict[str, set[str]] = {
     # terminal shows what they found, cli asks them for it; the face offers the one that is asked for from Python
     "probe_design.terminal": {
         "probe_design.built_probe",
+        "probe_design.data",
         "probe_design.doctor",
         "probe_design.estimation",
         "probe_design.maps",
         "probe_design.probe_check",
         "probe_design.sweeps",
+        "probe_design.tolerances",
         "solver.planning",
         "solver.results",
         "geometry.common",
@@ -167,6 +180,7 @@ ALLOWED: dict[str, set[str]] = {
         "probe_design.solid_output",
         "probe_design.sweeps",
         "probe_design.terminal",
+        "probe_design.tolerances",
         "probe_design.tradeoffs",
         "solver",
         "geometry.cad",
