@@ -19,7 +19,7 @@ from geometry.tetra.stretched_space import MeshSpace
 from geometry.tetra.tet_mesh import TISSUE
 
 Triangles = NDArray[np.int64]
-_BESIDE = 0.1  # of tetrahedra's size, of its length, or of what is left to an inclusion: an edge's middle from its image
+_BESIDE = 0.1  # of the tetrahedra's size, or of what is left to an inclusion: how far an edge's middle may lie beside its image
 _ON = 1e-9  # of the tissue's size: how far points of a surface may be from it
 _ROUNDS = 8  # each makes an edge's distance from its image a quarter: the last of these never came
 _SIDES = np.array([(0, 1), (1, 2), (2, 0)])
@@ -31,8 +31,7 @@ def halved(
     """Cut triangles on the tissue's surfaces through the middles of their edges, which go to these surfaces.
 
     An edge is cut while its middle lies, in the mesher's space, beside its surface's image by more than a tenth of the size of
-    the tetrahedra wanted there, of its own length, which theirs is seldom above, or of the distance to an inclusion. What is
-    closed stays so: all triangles of an edge are cut.
+    the tetrahedra wanted there, or of the distance to an inclusion. What is closed stays so: all triangles of an edge are cut.
 
     Args:
         points: (n, 3) of the scene, in m.
@@ -46,9 +45,8 @@ def halved(
     """
     outer = [surface for surface in exact_surfaces(layout) if surface.between(np.array([TISSUE]), np.array([AIR]))[0]]
     for _ in range(_ROUNDS):
-        edges, middles, chords, lengths = _middles(points, triangles, outer, space)
-        room = np.minimum(_room(layout, fineness, space, middles), lengths)
-        beside = np.linalg.norm(space.to_mesh(middles) - chords, axis=1) / room
+        edges, middles, chords = _middles(points, triangles, outer, space)
+        beside = np.linalg.norm(space.to_mesh(middles) - chords, axis=1) / _room(layout, fineness, space, middles)
         worst = np.argsort(-beside)[: np.count_nonzero(beside > _BESIDE)]
         if len(worst) == 0:
             break
@@ -78,15 +76,14 @@ def cut(triangles: Triangles, edges: NDArray[np.int64], count: int) -> Triangles
 
 def _middles(
     points: Points, triangles: Triangles, surfaces: list[Surface], space: MeshSpace
-) -> tuple[NDArray[np.int64], Points, Points, Points]:
-    """Edges on surfaces, (k, 2); their middles on these, (k, 3); where straight ones have them in the mesher's space; lengths."""
+) -> tuple[NDArray[np.int64], Points, Points]:
+    """Edges on surfaces, (k, 2); their middles on these, (k, 3); and where straight edges have them in the mesher's space."""
     near, sides = _ON * float(np.abs(points).max()), np.sort(triangles[:, _SIDES], axis=2).reshape(-1, 2)
     member = np.stack([np.abs(surface.level(points)[0]) <= near for surface in surfaces], axis=1)
     edges = np.unique(sides[(member[sides[:, 0]] & member[sides[:, 1]]).any(axis=1)], axis=0)
-    ends = space.to_mesh(points)[edges]
-    chords, lengths = ends.mean(axis=1), np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    chords = space.to_mesh(points)[edges].mean(axis=1)
     both = member[edges[:, 0]] & member[edges[:, 1]]
-    return edges, snap(surfaces, space.to_scene(chords), both), chords, lengths
+    return edges, snap(surfaces, space.to_scene(chords), both), chords
 
 
 def _room(layout: BodyLayout, fineness: TetraFineness, space: MeshSpace, points: Points) -> Points:
