@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from html import escape
 from typing import Literal
 
 from probe_design.optimisation.candidate import Candidate
 from probe_design.optimisation.design_space import Limit, Space
 from probe_design.optimisation.objective import Noise
+from solver.results.notebook import html_table
 
 
 @dataclass(frozen=True)
@@ -75,6 +77,12 @@ class Optimum:
             f"no gain that counts: the best design's standard deviation of ln E_object is {found}, {100 * less:.2g} % less than "
             f"{start}, {by}, which its errors may feign"
         )
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: start and optimum side by side."""
+        from probe_design.optimisation.comparison import headings, level_rows
+
+        return f"<p>{escape(self.verdict)}</p>{html_table(headings(self), level_rows(self))}"
 
     @property
     def remarks(self) -> Iterator[str]:
