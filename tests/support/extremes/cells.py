@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from tests.support.extremes.rows import Row
 
 LEVELS = ("closed-form", "equivalent-inclusion", "axisymmetric", "auto")
+UNDER_LOAD = ("contact", "auto")
 SOLID = (
     "extremes/middle", "extremes/contrast-1e6", "extremes/contrast-1e-6", "extremes/incompressible",
     "extremes/diameter-0.1-mm", "off-axis/contrast-1000", "off-axis/stiff-cover-0.025-offset-0.5",
@@ -17,7 +18,7 @@ SOLID = (
 def cells(found: list[Row]) -> Iterator[tuple[Row, str]]:
     """Yield every row with every evaluator."""
     for row in found:
-        yield from ((row, level) for level in LEVELS)
+        yield from ((row, level) for level in (UNDER_LOAD if row.group == "loads" else LEVELS))
     for row in found:
         if row.key in SOLID or row.group == "zero":
             yield row, "solid"

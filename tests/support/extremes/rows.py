@@ -84,5 +84,6 @@ def referenced() -> Iterator[Row]:
 def rows() -> list[Row]:
     """Return every scene of the matrix."""
     from tests.support.extremes.laws import lawful
+    from tests.support.extremes.loads import loaded
 
-    return [*referenced(), *lawful()]
+    return [*referenced(), *lawful(), *loaded()]
