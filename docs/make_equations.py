@@ -38,6 +38,7 @@ ROOMS = {
     "SW": "probe_design/sweeps",
     "BP": "probe_design/built_probe",
     "PC": "probe_design/probe_check",
+    "WO": "probe_design/workshop",
     "SI": "hw/signal",
 }
 DEFINITION = re.compile(r"\(([A-Z]{2}\.\d+)\)")

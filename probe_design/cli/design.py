@@ -1,8 +1,7 @@
-"""The verbs `optimize` and `export`."""
+"""The verb `optimize`."""
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,11 +11,8 @@ from probe_design.cli.arguments import FILE_NAME, length, limiting, noise_of, no
 from probe_design.cli.output import print_json
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from geometry.scenes.probe import Probe
     from geometry.scenes.scene import Scene
-
 
 FORCE = click.option("--force", is_flag=True, help="Replace parts of another design that the folder holds.")
 
@@ -82,7 +78,7 @@ def optimize(
         print_json(summary(optimum, files))
     else:
         show(levels_table(optimum))
-        _tell_assumed(optimum.best.scene.probe)
+        tell_assumed(optimum.best.scene.probe)
         message(f"wrote {len(files)} files to {output}; begin with {output / 'report.html'}")
     warn(optimum.remarks)
     message(optimum.verdict)
@@ -90,55 +86,7 @@ def optimize(
         raise SystemExit(1)
 
 
-@click.command()
-@click.argument("scene", type=FILE_NAME)
-@click.option("-o", "--output", type=FILE_NAME, required=True, help="Folder for the STEP files.")
-@FORCE
-@click.option("--fixture", is_flag=True, help="Besides pin, ring and sleeve to calibrate with, and a page to print.")
-@click.option("--bench", type=FILE_NAME, help="TOML file of load, amplifier and references, for that page.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def export(scene: Path, output: Path, force: bool, fixture: bool, bench: Path | None, as_json: bool) -> None:
-    """Write SCENE's probe as STEP files in millimetres, each read back and measured, and a drawing.
-
-    What SCENE leaves open and a part needs, such as the base's thickness, is assumed and marked; parts.json tells it too, and
-    whose parts they are: a folder that holds another design is refused.
-
-    With --fixture also pin.step, ring.step and sleeve.step, which press on one block alone, centred to 0.05 mm, and
-    calibration.pdf, one page: the references of the bench in their order, loads, expected signals, commands.
-    """
-    from geometry.common.files import check_writable
-    from geometry.scenes.base_sizes import assumed_sizes
-    from geometry.scenes.probe import mm
-    from geometry.scenes.scene_file import read_scene
-    from probe_design.terminal.console import message, working
-
-    with working("building the solids"):
-        from geometry.cad.drawing import draw
-        from geometry.cad.export import export as write
-
-        drawn = read_scene(scene)
-        probe, edge = drawn.probe, drawn.contact.edge_radius
-        check_writable(output)
-        beside = _to_calibrate(drawn, bench, scene.name) if fixture else {}
-        drawing = partial(draw, probe, edge_radius=edge)
-        files = write(probe, output, force, beside={"drawing.png": drawing, **beside}, edge_radius=edge)
-    assumed = {key: str(mm(size)) for key, size in assumed_sizes(probe).items()}
-    if as_json:
-        print_json({"files": [str(file) for file in files], "assumed": assumed})
-        return
-    _tell_assumed(probe)
-    message(f"wrote {', '.join(file.name for file in files)} to {output}")
-
-
-def _to_calibrate(scene: Scene, bench: Path | None, name: str) -> dict[str, Callable[[Path], object]]:
-    """What writes the fixture and the page."""
-    from probe_design.built_probe.bench import builtin_bench, read_bench
-    from probe_design.built_probe.protocol_page import writers
-
-    return writers(scene, builtin_bench() if bench is None else read_bench(bench), name)
-
-
-def _tell_assumed(probe: Probe) -> None:
+def tell_assumed(probe: Probe) -> None:
     """Say of which sizes a workshop should know that nobody has given them."""
     from geometry.scenes.base_sizes import assumed_sizes
     from geometry.scenes.probe import mm

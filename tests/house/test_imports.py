@@ -152,6 +152,7 @@ ALLOWED: dict[str, set[str]] = {
         "geometry.tetra",
         *ANSWERS,
     },
+    "probe_design.workshop": {"probe_design.tolerances", "geometry.cad", "geometry.workshop", *ANSWERS},
     # terminal shows what they found, cli asks them for it; the face offers the one that is asked for from Python
     "probe_design.terminal": {
         "probe_design.built_probe",
@@ -181,8 +182,10 @@ ALLOWED: dict[str, set[str]] = {
         "probe_design.terminal",
         "probe_design.tolerances",
         "probe_design.tradeoffs",
+        "probe_design.workshop",
         "solver",
         "geometry.cad",
+        "geometry.workshop",
         "hw",
         "hw.common",
         "hw.foreign",
