@@ -13,10 +13,9 @@ import click
 from probe_design.cli import interrupts
 from probe_design.cli.arguments import NamedCommands
 from probe_design.cli.catalogue import material, tissue
-from probe_design.cli.design import optimize
+from probe_design.cli.design import export, optimize
 from probe_design.cli.estimate import estimate
 from probe_design.cli.evaluate import curve, evaluate, plan, tolerances
-from probe_design.cli.export import export
 from probe_design.cli.hardware import calibrate, check, doctor, read
 from probe_design.cli.load import load
 from probe_design.cli.maps import detectability, scan

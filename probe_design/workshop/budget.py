@@ -32,26 +32,31 @@ SAME = {
 """Dimensions of the drawings, by the scene's key whose tolerance and derivative are theirs."""
 
 
-def ratio_budget(scene: Scene, ratio: float) -> Budget:
+def ratio_budget(scene: Scene, tolerance: float) -> Budget:
     """Return what the ratio leaves the dimensions of a scene's probe.
 
     Args:
         scene: whose probe.
-        ratio: standard deviation of ln ratio that dimensions, moduli and gains together may make: 0.01 for 1 %.
+        tolerance: standard deviation of ln ratio that dimensions, moduli and gains together may make: 0.01 for 1 %.
 
     Returns:
         A budget without numbers, and its remark, where no level has derivatives of the scene.
 
     Raises:
-        InputError: no such ratio.
+        InputError: no such tolerance.
     """
-    if not 0 < ratio < 1:
-        raise InputError("ratio", ratio, "a number above 0 and below 1, such as 0.01")
+    check_tolerance(tolerance)
     try:
-        lines = tolerances(_by_heights(scene), ratio, samples=SAMPLES).lines
+        lines = tolerances(_by_heights(scene), tolerance, samples=SAMPLES).lines
     except InputError as fault:  # of a kind that no level differentiates, or read by one film alone
-        return Budget(100 * ratio, remark=f"No dimension is bound by the ratio: {fault}")
-    return of_lines(scene.probe, {line.name: line for line in lines}, ratio)
+        return Budget(100 * tolerance, remark=f"No dimension is bound by the ratio: {fault}")
+    return of_lines(scene.probe, {line.name: line for line in lines}, tolerance)
+
+
+def check_tolerance(tolerance: float) -> None:
+    """Raise ``InputError`` unless a tolerance of the ratio is above 0 and below 1."""
+    if not 0 < tolerance < 1:
+        raise InputError("tolerance", tolerance, "a number above 0 and below 1, such as 0.01")
 
 
 def _by_heights(scene: Scene) -> Scene:
@@ -63,7 +68,7 @@ def _by_heights(scene: Scene) -> Scene:
     return Scene.model_validate(scene.model_dump(exclude_unset=True) | {"probe": probe})
 
 
-def of_lines(probe: Probe, lines: dict[str, BudgetLine], ratio: float) -> Budget:
+def of_lines(probe: Probe, lines: dict[str, BudgetLine], tolerance: float) -> Budget:
     """Return the budget of the drawings' dimensions from the lines of a budget, by their names; see eq. WO.1."""
     slopes = {name: line.outputs["ln_ratio"].derivative for name, line in lines.items()}
     sizes = {"inner_radius": probe.inner_radius, "hole_radius": probe.hole_radius, "outer_radius": probe.tube_radius}
@@ -75,4 +80,4 @@ def of_lines(probe: Probe, lines: dict[str, BudgetLine], ratio: float) -> Budget
         found["inner_radius"] = radius.held * abs(slopes["probe.inner_radius"] / alone), alone
     deviations = {name: RECTANGULAR * sd * MM for name, (sd, _) in found.items() if sd is not None}
     values = {name: sizes[name] if name in sizes else lines[there[name]].value for name in found}
-    return Budget(100 * ratio, deviations, {name: slope * values[name] for name, (_, slope) in found.items()})
+    return Budget(100 * tolerance, deviations, {name: slope * values[name] for name, (_, slope) in found.items()})

@@ -6,16 +6,20 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from geometry.cad.drawing import draw
 from geometry.cad.export import Writer
 from geometry.cad.export import export as write
 from geometry.cad.record import check_same
 from geometry.common.files import check_writable
+from geometry.scenes.base_sizes import assumed_sizes
+from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_toml
+from geometry.workshop.mould_sizes import mould_sizes
 from geometry.workshop.package import USUAL, Casting, writers
-from probe_design.workshop.budget import ratio_budget
+from probe_design.workshop.budget import check_tolerance, ratio_budget
 from probe_design.workshop.rounding import Rounding, costed, rounded
 
 SCENE = "scene.toml"
@@ -38,6 +42,12 @@ class Exported:
     rounding: Rounding | None
     remarks: tuple[str, ...]
 
+    def as_dict(self) -> dict[str, Any]:
+        """Return the JSON object of ``probe-design export``."""
+        assumed = {key: str(mm(size)) for key, size in assumed_sizes(self.scene.probe).items()}
+        found = {"files": [str(file) for file in self.files], "assumed": assumed, "remarks": list(self.remarks)}
+        return found if self.rounding is None else {**found, "rounding": self.rounding.as_dict()}
+
 
 def export(
     scene: Scene,
@@ -45,7 +55,7 @@ def export(
     *,
     step: float | None = None,
     force: bool = False,
-    ratio: float = 0.01,
+    tolerance: float = 0.01,
     casting: Casting = USUAL,
     beside: Callable[[Scene], dict[str, Writer]] = lambda scene: {},
     tell: Tell = lambda text: None,
@@ -59,7 +69,7 @@ def export(
         folder: for the files, made if needed.
         step: m, to which sizes are rounded; None: they stay. See ``probe_design.workshop.rounding.rounded``.
         force: whether parts of another design that are there are replaced.
-        ratio: standard deviation of ln ratio that the tolerances may make: 0.01 for 1 %.
+        tolerance: standard deviation of ln ratio that the tolerances may make: 0.01 for 1 %.
         casting: how the blocks are cast.
         beside: what else is written, for the scene as it is built.
         tell: called with a line before each long piece of work.
@@ -70,14 +80,16 @@ def export(
         MissingLibrary: CAD cannot be loaded.
         OSError: the folder cannot be written.
     """
-    check_writable(folder)
+    check_writable(folder)  # what would fail after the work fails before it
+    check_tolerance(tolerance)
+    mould_sizes(scene.probe, scene.contact.edge_radius, casting.shrinkage, casting.draft)
     rounding = None if step is None else rounded(scene, step)
     built = scene if rounding is None else rounding.scene
     edge = built.contact.edge_radius
     if not force:
         check_same(folder, built.probe, edge)
     tell("what the ratio leaves the dimensions")
-    budget = ratio_budget(built, ratio)
+    budget = ratio_budget(built, tolerance)
     if rounding is not None:
         tell("what the rounding costs")
         rounding = costed(rounding, scene)

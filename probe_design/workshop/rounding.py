@@ -21,7 +21,7 @@ LEVELS = (("auto", 1e-3), ("auto", 1e-2), ("closed-form", 1e-2))
 
 
 @dataclass(frozen=True)
-class Change:
+class SizeChange:
     """A size that was rounded: its key in the scene file, and both values in m."""
 
     key: str
@@ -30,7 +30,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Reading:
+class RoundingCost:
     """What an evaluator says of a design; None where it has no such number."""
 
     ratio: float | None
@@ -53,9 +53,9 @@ class Rounding:
 
     step: float
     scene: Scene
-    changes: tuple[Change, ...]
-    before: Reading | None = None
-    after: Reading | None = None
+    changes: tuple[SizeChange, ...]
+    before: RoundingCost | None = None
+    after: RoundingCost | None = None
     remark: str = ""
 
     def as_dict(self) -> dict[str, Any]:
@@ -81,7 +81,7 @@ def rounded(scene: Scene, step: float) -> Rounding:
         raise InputError("step", mm(step), f"at most {mm(2 * before[small])}: {small} is {mm(before[small])}")
     after = _kept(scene, {key: _nearest(size, step) for key, size in before.items()}, step)
     changes = tuple(
-        Change(key, size, after[key]) for key, size in before.items() if not math.isclose(size, after[key], rel_tol=1e-9)
+        SizeChange(key, size, after[key]) for key, size in before.items() if not math.isclose(size, after[key], rel_tol=1e-9)
     )
     return Rounding(step, _with(scene, after), changes)
 
@@ -98,8 +98,8 @@ def costed(rounding: Rounding, scene: Scene) -> Rounding:
     return Rounding(rounding.step, rounding.scene, rounding.changes, remark=remark)
 
 
-def _reading(result: Result) -> Reading:
-    return Reading(result.ratio, result.log_sensitivity, result.error_estimate, result.evaluator)
+def _reading(result: Result) -> RoundingCost:
+    return RoundingCost(result.ratio, result.log_sensitivity, result.error_estimate, result.evaluator)
 
 
 def _sizes(probe: Probe) -> dict[str, float]:

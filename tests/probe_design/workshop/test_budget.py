@@ -60,5 +60,5 @@ def test_a_scene_that_nobody_differentiates_is_told(monkeypatch: pytest.MonkeyPa
 
 @pytest.mark.parametrize("share", [0.0, 1.0, -1.0, math.nan])
 def test_impossible_ratios_are_refused(share: float) -> None:
-    with pytest.raises(InputError, match=r"^ratio = "):
+    with pytest.raises(InputError, match=r"^tolerance = "):
         ratio_budget(SCENE, share)
