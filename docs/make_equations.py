@@ -39,6 +39,7 @@ ROOMS = {
     "BP": "probe_design/built_probe",
     "PC": "probe_design/probe_check",
     "RP": "probe_design/repetition",
+    "WO": "probe_design/workshop",
     "SI": "hw/signal",
 }
 DEFINITION = re.compile(r"\(([A-Z]{2}\.\d+)\)")

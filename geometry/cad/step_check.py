@@ -84,8 +84,9 @@ def check_body(where: str, shape: Any, expected: PartMeasures) -> PartMeasures:
 def _rows(measured: PartMeasures, expected: PartMeasures) -> Iterator[Row]:
     """Yield volume, areas and radii; distances between neighbouring faces, among them every height, thickness and groove size."""
     yield "volume", measured.volume, expected.volume, expected.volume
+    farthest = max(abs(z) for z, _ in expected.ends)
     for (z, area), (expected_z, expected_area) in zip(measured.ends, expected.ends, strict=True):
-        yield f"z of the face at {expected_z:.6g} mm", z, expected_z, expected.ends[-1][0]
+        yield f"z of the face at {expected_z:.6g} mm", z, expected_z, farthest
         yield f"area of the face at z = {expected_z:.6g} mm", area, expected_area, expected_area
     for (low, high), (from_z, to_z) in zip(pairwise(measured.ends), pairwise(expected.ends), strict=True):
         length = to_z[0] - from_z[0]

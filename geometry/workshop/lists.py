@@ -89,8 +89,12 @@ def tolerances(views: Iterable[PartView], budget: Budget) -> str:
 
 
 def together(views: Iterable[PartView], budget: Budget) -> float:
-    """Return what all deviations together change of the ratio, in percent: the root of the sum of their squares."""
-    shares = (budget.sensitivities.get(name, 0.0) * one.deviation / size for name, (_, size, one) in held(views, budget).items())
+    """Return what all deviations together change of the ratio, in percent: the root of the sum of their squares.
+
+    The gap is not counted beside the two radii that it lies between.
+    """
+    found = {name: one for name, one in held(views, budget).items() if name != "gap"}
+    shares = (budget.sensitivities.get(name, 0.0) * one.deviation / size for name, (_, size, one) in found.items())
     return 100 * math.sqrt(sum(share**2 for share in shares))
 
 

@@ -23,7 +23,7 @@ SHRINKAGE = 0.001
 """Linear; platinum-cure silicones cast at room temperature have 0.001 or less by their data sheets, PDMS cured at 65 degC 0.0106
 (S. W. Lee, S. S. Lee, Microsyst. Technol. 14, 205 (2008))."""
 MOST_SHRINKAGE = 0.2
-DRAFT = math.radians(0.5)
+DRAFT, MOST_DRAFT = math.radians(0.5), math.radians(10)
 GAP_CHANGE = 0.05  # of the gap, at either end: two leaning walls may take no more of it, or the contact limit moves
 WALL, FLOOR, LID = 8.0, 4.0, 6.0  # mm: around the cavity, below it, above it
 PINS = (1.5, 1.0)  # mm: radii; they differ, so that the halves fit in one way only
@@ -100,7 +100,7 @@ def mould_sizes(
     """
     if not 0 <= shrinkage <= MOST_SHRINKAGE:
         raise InputError("shrinkage", Words(f"{shrinkage:g}"), f"a number from 0 to {MOST_SHRINKAGE:g}: of every length")
-    if not 0 <= draft <= math.radians(10):
+    if not 0 <= draft <= MOST_DRAFT:
         raise InputError("draft", Words(f"{math.degrees(draft):g} deg"), "an angle with its unit, from 0 deg to 10 deg")
     angle = draft_of(probe, draft)
     one = millimetres(probe, edge_radius)

@@ -16,8 +16,10 @@ def write(sheet: DrawingSheet, path: Path, title: str) -> None:
     """Print a sheet; a millimetre of the file's page is one of paper. Raises ``OSError``."""
     import matplotlib  # the fonts that every reader has: making subsets of others takes longer than the drawing
 
-    with matplotlib.rc_context({"pdf.use14corefonts": True, "font.family": "Helvetica", "font.weight": "medium"}):
+    with matplotlib.rc_context({"pdf.use14corefonts": True}):
         figure = picture(sheet)
+        for text in figure.axes[0].texts:
+            text.set(fontfamily="Helvetica", fontweight="medium")
         figure.savefig(path, format="pdf", metadata={"Title": title, "CreationDate": None})
 
 

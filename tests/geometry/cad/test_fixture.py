@@ -11,7 +11,8 @@ import pytest
 from geometry.cad import fixture, solids
 from geometry.common.errors import InputError
 from geometry.scenes.base_sizes import base_sizes
-from tests.support.parts import FLANGE, make
+from geometry.scenes.probe import Base
+from tests.support.parts import FLANGE, make, read
 
 
 @pytest.mark.parametrize("changes", [{}, {"base": FLANGE}])
@@ -67,3 +68,12 @@ def test_blocks_too_narrow_for_it_are_refused() -> None:
         fixture.fixture_sizes(make(outer_radius=5.35e-3))
     with pytest.raises(InputError, match="pin"):
         fixture.fixture_sizes(make(inner_radius=0.15e-3, groove=None))
+
+
+def test_a_pin_of_any_length_is_measured_against_its_length(tmp_path: Path) -> None:
+    """Its upper face lies at z = 0, which no size can be compared with."""
+    base = Base(youngs_modulus=2e9, poisson_ratio=0.35)
+    one = make(4e-3, 1.2, groove=(1.5e-3, 1e-3), inner_height=3.4e-3, outer_height=3e-3, base=base)
+    for name, write in fixture.writers(one).items():
+        write(tmp_path / name)
+    assert read(tmp_path / "pin.step").isValid()

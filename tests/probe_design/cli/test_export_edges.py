@@ -11,6 +11,7 @@ from click.testing import CliRunner
 
 from geometry.scenes.scene import Contact, Scene
 from geometry.scenes.scene_file import read_scene, scene_to_toml
+from geometry.workshop.tolerance import UNBOUND
 from probe_design.cli.design import export
 from probe_design.optimisation import report
 
@@ -39,8 +40,11 @@ def handed(monkeypatch: pytest.MonkeyPatch) -> Handed:
     def draw(probe: object, path: Path, edge_radius: float = 0.0) -> None:
         got.append(("drawing", edge_radius))
 
-    monkeypatch.setattr("geometry.cad.export.export", write)
-    monkeypatch.setattr("geometry.cad.drawing.draw", draw)
+    for place in ("geometry.cad.export.export", "probe_design.workshop.package.write"):
+        monkeypatch.setattr(place, write)
+    for place in ("geometry.cad.drawing.draw", "probe_design.workshop.package.draw"):
+        monkeypatch.setattr(place, draw)
+    monkeypatch.setattr("probe_design.workshop.package.ratio_budget", lambda scene, ratio: UNBOUND)
     return got
 
 

@@ -6,6 +6,7 @@ import json
 import shlex
 import subprocess
 import sys
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
@@ -168,10 +169,16 @@ def test_export_writes_files(tmp_path: Path) -> None:
     ended = run("export", SCENE, "-o", tmp_path / "out", "--json")
     assert ended.returncode == 0, ended.stderr
     files = json.loads(ended.stdout)["files"]
+    parts = ("inner", "outer", "base", "assembly")
+    moulds = {f"mould-{block}-{half}.step" for block in ("inner", "outer") for half in ("lower", "upper")}
+    lists = {"bill-of-materials.csv", "tolerances.csv", "assembly.md", "scene.toml", "drawing.png", "parts.json"}
     assert {Path(file).name for file in files} == {
-        "inner.step", "outer.step", "base.step", "assembly.step", "drawing.png", "parts.json",
-    }  # fmt: skip
-    assert all(Path(file).stat().st_size > 500 for file in files)
+        f"{part}.{kind}" for part in parts for kind in ("step", "dxf", "pdf")
+    } | moulds | lists
+    assert all(Path(file).stat().st_size > 300 for file in files)
+    record = json.loads((tmp_path / "out" / "parts.json").read_text())["files"]
+    assert record.keys() == {Path(file).name for file in files} - {"parts.json"}
+    assert record == {name: sha256((tmp_path / "out" / name).read_bytes()).hexdigest() for name in record}
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,167 @@
+"""Sizes rounded to a step that is machined, and what that costs: the ratio and its log-sensitivity before and after."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from geometry.common.errors import InputError, Refusal, Words
+from geometry.scenes.base_sizes import base_sizes, has_flange
+from geometry.scenes.probe import LENGTH, Probe, mm
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_file import scene_from_dict, scene_to_dict
+from solver import Result, evaluate
+
+LEAST_WALL = 0.5e-3
+"""m: a wall that was as thick stays so, one that was thinner becomes no thinner; the limit of `optimize`."""
+
+LEVELS = (("auto", 1e-3), ("auto", 1e-2), ("closed-form", 1e-2))
+"""Evaluators that tell what a rounding costs, with the accuracy that is asked of them: the first that takes both scenes."""
+
+
+@dataclass(frozen=True)
+class SizeChange:
+    """A size that was rounded: its key in the scene file, and both values in m."""
+
+    key: str
+    before: float
+    after: float
+
+
+@dataclass(frozen=True)
+class RoundingCost:
+    """What an evaluator says of a design; None where it has no such number."""
+
+    ratio: float | None
+    log_sensitivity: float | None
+    error_estimate: float | None
+    evaluator: str
+
+
+@dataclass(frozen=True)
+class Rounding:
+    """A rounded scene.
+
+    Attributes:
+        step: to which its sizes were rounded, m.
+        scene: the rounded one.
+        changes: what was rounded, in the order of the scene file; without sizes that were multiples of the step already.
+        before, after: what it costs; None where no evaluator takes the scene.
+        remark: why, then.
+    """
+
+    step: float
+    scene: Scene
+    changes: tuple[SizeChange, ...]
+    before: RoundingCost | None = None
+    after: RoundingCost | None = None
+    remark: str = ""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the JSON object of ``rounding``, SI units."""
+        told = asdict(self)
+        del told["scene"]
+        return told
+
+
+def rounded(scene: Scene, step: float) -> Rounding:
+    """Round radii, gap, heights, groove and base of a scene's probe to multiples of ``step`` (m), its cost not yet told.
+
+    The outer radius takes the place of ``area_ratio``. The wall keeps its limit, see ``LEAST_WALL``; the groove stays inside its
+    block. The film's thickness is the maker's and the round edges are the tool's: they stay.
+
+    Raises:
+        InputError: a size is below half the step, or the rounded scene is none.
+    """
+    step = LENGTH.read("step", step, units_required=False)
+    before = _sizes(scene.probe)
+    small = min(before, key=before.__getitem__)
+    if before[small] < step / 2 or not math.isfinite(step):
+        raise InputError("step", mm(step), f"at most {mm(2 * before[small])}: {small} is {mm(before[small])}")
+    after = _kept(scene, {key: _nearest(size, step) for key, size in before.items()}, step)
+    changes = tuple(
+        SizeChange(key, size, after[key]) for key, size in before.items() if not math.isclose(size, after[key], rel_tol=1e-9)
+    )
+    return Rounding(step, _with(scene, after), changes)
+
+
+def costed(rounding: Rounding, scene: Scene) -> Rounding:
+    """Return a rounding of ``scene`` with what it costs, by the evaluator that ``auto`` chooses, or the closed form."""
+    for name, accuracy in LEVELS:
+        try:
+            before, after = (evaluate(one, name, accuracy, linear=True) for one in (scene, rounding.scene))
+        except Refusal as fault:
+            remark = f"what the rounding costs is not known: {fault}"
+            continue
+        return Rounding(rounding.step, rounding.scene, rounding.changes, _reading(before), _reading(after))
+    return Rounding(rounding.step, rounding.scene, rounding.changes, remark=remark)
+
+
+def _reading(result: Result) -> RoundingCost:
+    return RoundingCost(result.ratio, result.log_sensitivity, result.error_estimate, result.evaluator)
+
+
+def _sizes(probe: Probe) -> dict[str, float]:
+    """Return what is rounded, by its key, m; the base's sizes only where the probe has or needs them."""
+    base = base_sizes(probe)
+    sizes = {"probe.inner_radius": probe.inner_radius, "probe.gap": probe.gap, "probe.outer_radius": probe.tube_radius}
+    if probe.height is not None:
+        sizes["probe.height"] = probe.height
+    else:
+        sizes |= {"probe.inner_height": probe.core_height, "probe.outer_height": probe.tube_height}
+    if probe.groove is not None:
+        sizes |= {"probe.groove.width": probe.groove.width, "probe.groove.depth": probe.groove.depth}
+    flange = {"probe.base.flange_radius": base.flange_radius, "probe.base.step_height": base.step_height}
+    return {**sizes, **(flange if has_flange(probe) else {}), "probe.base.thickness": base.thickness}
+
+
+def _nearest(size: float, step: float) -> float:
+    return _times(max(1, round(size / step)), step)
+
+
+def _times(count: int, step: float) -> float:
+    """Return a multiple of the step as a file would have it: 3 times 0.1 mm is 0.3 mm."""
+    return float(f"{count * step:.12g}")
+
+
+def _kept(scene: Scene, sizes: dict[str, float], step: float) -> dict[str, float]:
+    """Move rounded sizes by steps until what held between them holds again."""
+    probe = scene.probe
+    hole = sizes["probe.inner_radius"] + sizes["probe.gap"]
+    wall = min(LEAST_WALL, probe.tube_radius - probe.hole_radius)
+    radius, flange = "probe.outer_radius", "probe.base.flange_radius"
+    sizes[radius] = max(sizes[radius], _up(hole + wall, step))
+    if flange in sizes:
+        sizes[flange] = max(sizes[flange], sizes[radius])
+    if probe.groove is not None:
+        height = sizes.get("probe.height", sizes.get("probe.outer_height", 0.0)) - scene.contact.edge_radius
+        for key, limit in (("probe.groove.width", 2 * hole), ("probe.groove.depth", height)):
+            sizes[key] = min(sizes[key], _below(limit, step))
+            if sizes[key] <= 0:
+                raise InputError("step", mm(step), f"a step below {mm(limit)}, so that {key} has room")
+    return sizes
+
+
+def _up(size: float, step: float) -> float:
+    return _times(math.ceil(size / step * (1 - 1e-9)), step)
+
+
+def _below(limit: float, step: float) -> float:
+    return _times(math.ceil(limit / step * (1 - 1e-9)) - 1, step)
+
+
+def _with(scene: Scene, sizes: dict[str, float]) -> Scene:
+    """Return the scene with other sizes, checked as a file is."""
+    tables = scene_to_dict(scene)
+    tables["probe"].pop("area_ratio", None)
+    for key, size in sizes.items():
+        *places, name = key.split(".")
+        table = tables
+        for place in places:
+            table = table.setdefault(place, {"rigid": True} if place == "base" else {})
+        table[name] = LENGTH.text(size)
+    try:
+        return scene_from_dict(tables)
+    except InputError as fault:
+        raise InputError("step", Words("a rounded scene"), f"a smaller step ({fault})") from None

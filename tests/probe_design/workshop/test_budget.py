@@ -1,0 +1,64 @@
+"""What the ratio leaves the dimensions, against finite differences of another level's ratio and against the rule of shares."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from geometry.common.errors import InputError
+from geometry.scenes.scene_file import read_scene
+from geometry.workshop.tolerance import Budget
+from probe_design.workshop.budget import ratio_budget
+from solver import evaluate
+
+SCENE = read_scene(Path("examples/scene.toml"))
+RADII = {"inner_radius": 4.0, "hole_radius": 4.1, "outer_radius": math.sqrt(4.1**2 + 16 / 1.2)}
+SIZES = {**RADII, "inner_height": 3.0, "outer_height": 3.0}  # mm
+
+
+@pytest.fixture(scope="module")
+def budget() -> Budget:
+    return ratio_budget(SCENE, 0.01)
+
+
+def ratio(**sizes: float) -> float:
+    """By the closed form, sizes in mm."""
+    one = {name: size * 1e-3 for name, size in (SIZES | sizes).items()}
+    one["gap"] = one.pop("hole_radius") - one["inner_radius"]
+    probe = SCENE.probe.model_copy(update={**one, "area_ratio": None, "height": None})
+    told = evaluate(SCENE.model_copy(update={"probe": probe}), "closed-form").ratio
+    assert told is not None
+    return told
+
+
+@pytest.mark.parametrize("name", SIZES)
+def test_sensitivities_are_those_of_one_size_alone(budget: Budget, name: str) -> None:
+    """The hole's at a fixed inner radius and the other way round, which the gap's and the radius's in the scene are not."""
+    low, high = (ratio(**{name: SIZES[name] * (1 + sign * 1e-4)}) for sign in (-1, 1))
+    wanted = math.log(high / low) / 2e-4
+    assert budget.sensitivities[name] == pytest.approx(wanted, rel=0.1, abs=0.05)  # levels differ by some percent
+
+
+def test_all_that_is_held_stays_within_what_was_asked(budget: Budget) -> None:
+    """As standard deviations, sqrt(3) below the deviations; the moduli and gains of the budget take the rest."""
+    parts = [budget.sensitivities[name] * budget.deviations[name] / SIZES[name] / math.sqrt(3) for name in SIZES]
+    assert 0.001 < math.sqrt(sum(part**2 for part in parts)) <= 0.01 * 1.001
+    assert min(budget.deviations.values()) > 0
+
+
+def test_a_scene_that_nobody_differentiates_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise InputError("contact.interface", "unilateral", "bonded")
+
+    monkeypatch.setattr("probe_design.workshop.budget.tolerances", refuse)
+    told = ratio_budget(SCENE, 0.01)
+    assert told.deviations == {}
+    assert told.remark.startswith("No dimension is bound by the ratio: contact.interface = ")
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0, -1.0, math.nan])
+def test_impossible_ratios_are_refused(share: float) -> None:
+    with pytest.raises(InputError, match=r"^tolerance = "):
+        ratio_budget(SCENE, share)
