@@ -69,7 +69,7 @@ function show(canvas) {
   });
   gl.enable(gl.DEPTH_TEST);
   gl.clearColor(1, 1, 1, 1);
-  let about = 0.7, up = 0.4, held = null;
+  let about = -0.6, up = 0.4, held = null;
   function draw() {
     const ratio = window.devicePixelRatio || 1;
     canvas.width = canvas.clientWidth * ratio;

@@ -18,7 +18,7 @@ from geometry.scenes.scene_file import scene_to_dict, scene_to_toml
 from probe_design.optimisation.candidate import Candidate
 from probe_design.optimisation.comparison import candidates_csv, headings, level_rows, noise_line
 from probe_design.optimisation.optimum import Optimum
-from probe_design.reports.page import Items, Picture, Section, Table, Text
+from probe_design.reports.page import Chapter, Items, Picture, Sheet, Text
 from probe_design.reports.page import page as html
 from probe_design.reports.scene_sections import asked, scene_sections
 
@@ -127,12 +127,12 @@ def page(optimum: Optimum, files: Sequence[str], answer: dict[str, Any], drawing
     drawn = () if drawing is None else (Picture.read(drawing, "section and view of the probe"),)
     sections = (
         asked(optimum.baseline.scene),
-        Section("Start and optimum", (_table(headings(optimum), level_rows(optimum)), *map(Text, _notes(optimum)))),
-        Section("Limits of the search", (_table(("limit", "value, SI", "active"), limits),)),
-        Section("What to machine", (*drawn, Items(tuple(files), links=True))),
+        Chapter("Start and optimum", (_table(headings(optimum), level_rows(optimum)), *map(Text, _notes(optimum)))),
+        Chapter("Limits of the search", (_table(("limit", "value, SI", "active"), limits),)),
+        Chapter("What to machine", (*drawn, Items(tuple(files), links=True))),
         *scene_sections(best, optimum.noise.ratio),
-        Section("All judged designs", (_table(rows[0], rows[1:]),)),
-        Section("What to keep in mind", (Items((*optimum.remarks, *map(str, optimum.best.judged.warnings)) or ("nothing",)),)),
+        Chapter("All judged designs", (_table(rows[0], rows[1:]),)),
+        Chapter("What to keep in mind", (Items((*optimum.remarks, *map(str, optimum.best.judged.warnings)) or ("nothing",)),)),
         asked(best, "The scene of the design"),
     )
     verdict = optimum.verdict
@@ -154,8 +154,8 @@ def _notes(optimum: Optimum) -> tuple[str, ...]:
     )
 
 
-def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    return Table(tuple(headings), tuple(map(tuple, rows)))
+def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> Sheet:
+    return Sheet(tuple(headings), tuple(map(tuple, rows)))
 
 
 def _finite(value: float | None) -> float | None:

@@ -67,7 +67,7 @@ def probe_bodies(probe: Probe) -> Iterator[tuple[str, Mesh]]:
             yield name, ring(inner, outer, low, high, begin=begin)
 
 
-def ring(inner: float, outer: float, low: float, high: float, begin: float = 0.0, end: float = 1.5 * math.pi) -> Mesh:
+def ring(inner: float, outer: float, low: float, high: float, *, begin: float = 0.0, end: float = 1.5 * math.pi) -> Mesh:
     """Return the closed surface of a rectangle of the meridian plane that turns from one angle to another.
 
     Args:

@@ -1,6 +1,6 @@
 """A report as one HTML file: what verbs put into sections becomes a page that needs no network and fits a phone.
 
-A verb makes ``Section``s of the parts below and calls ``page``; texts are escaped by the template. The JSON object of the answer,
+A verb makes ``Chapter``s of the parts below and calls ``page``; texts are escaped by the template. The JSON object of the answer,
 with its block of provenance, is inside, so that ``probe-design rerun`` can repeat the page.
 """
 
@@ -49,7 +49,7 @@ class Items:
 
 
 @dataclass(frozen=True)
-class Table:
+class Sheet:
     """Headings and rows of texts, which a reader can copy into a spreadsheet."""
 
     headings: tuple[str, ...]
@@ -101,18 +101,18 @@ class View:
         return json.dumps(self.bodies, separators=(",", ":"))
 
 
-Part = Text | Code | Items | Table | Picture | View
+Part = Text | Code | Items | Sheet | Picture | View
 
 
 @dataclass(frozen=True)
-class Section:
+class Chapter:
     """A heading and what stands below it."""
 
     title: str
     parts: tuple[Part, ...]
 
 
-def page(title: str, headline: str, sections: Sequence[Section], answer: dict[str, Any]) -> str:
+def page(title: str, headline: str, sections: Sequence[Chapter], answer: dict[str, Any]) -> str:
     """Return the report as HTML.
 
     Args:
@@ -125,19 +125,19 @@ def page(title: str, headline: str, sections: Sequence[Section], answer: dict[st
     return _template().render(
         title=title,
         headline=headline,
-        sections=[*sections, Section("Where this comes from", (_origin(block),))],
+        sections=[*sections, Chapter("Where this comes from", (_origin(block),))],
         answer=html_script("answer", answer),
         script=resources.files("probe_design.data").joinpath("report.js").read_text(encoding="utf-8"),
     )
 
 
-def _origin(block: dict[str, Any]) -> Table:
+def _origin(block: dict[str, Any]) -> Sheet:
     told = {**block, "dependencies": [f"{name} {version}" for name, version in block["dependencies"].items()]}
     command = block["command"]
     told["command"] = None if command is None else " ".join(["probe-design", *command])
     told["inputs"] = [f"{name} {sha[:12]}" for name, sha in block["inputs"].items()]
     shown = {name: ", ".join(value) if isinstance(value, list) else value for name, value in told.items()}
-    return Table(("", "provenance"), tuple((name, str(value)) for name, value in shown.items() if value not in (None, "")))
+    return Sheet(("", "provenance"), tuple((name, str(value)) for name, value in shown.items() if value not in (None, "")))
 
 
 @lru_cache(maxsize=1)

@@ -15,7 +15,7 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_toml
 from geometry.scenes.variables import values
 from probe_design.reports.bodies import bodies
-from probe_design.reports.page import Code, Part, Picture, Section, Table, Text, View
+from probe_design.reports.page import Chapter, Code, Part, Picture, Sheet, Text, View
 from solver.axisymmetric.gradients import Gradients
 from solver.axisymmetric.level import Axisymmetric
 from solver.equivalent_inclusion.level import EquivalentInclusion
@@ -25,7 +25,7 @@ ACCURACY, DRAWN = 0.01, 0.02  # of numbers, and of what is only drawn
 Tell = Callable[[str], None]
 
 
-def scene_sections(scene: Scene, noise: float, tell: Tell = lambda text: None) -> Iterator[Section]:
+def scene_sections(scene: Scene, noise: float, tell: Tell = lambda text: None) -> Iterator[Chapter]:
     """Yield all that a report tells of a scene, at its load; each takes up to some seconds.
 
     Args:
@@ -47,12 +47,12 @@ def scene_sections(scene: Scene, noise: float, tell: Tell = lambda text: None) -
             parts = tuple(made(scene))
         except ProbeError as why:
             parts = (Text(f"Not told: {why}"),)
-        yield Section(title, parts)
+        yield Chapter(title, parts)
 
 
-def asked(scene: Scene, title: str = "What was asked") -> Section:
+def asked(scene: Scene, title: str = "What was asked") -> Chapter:
     """Return the section with a scene's file."""
-    return Section(title, (Code(scene_to_toml(scene)),))
+    return Chapter(title, (Code(scene_to_toml(scene)),))
 
 
 def _shape(scene: Scene) -> Iterator[Part]:
@@ -67,7 +67,7 @@ def _plan(scene: Scene) -> Iterator[Part]:
     yield Text(
         f"Answered by {decided.evaluator or 'no evaluator'}: {decided.dimension}. Effects are relative changes of the ratio."
     )
-    yield Table(("feature", "modelled", "effect", "why"), rows)
+    yield Sheet(("feature", "modelled", "effect", "why"), rows)
 
 
 def _loads(scene: Scene) -> Iterator[Part]:
@@ -77,7 +77,7 @@ def _loads(scene: Scene) -> Iterator[Part]:
     rows = [("linear answers hold to 1 % up to", f"{limit.force:.3g}", f"{1e3 * limit.indentation:.3g}", limit.by)]
     load = scene.load
     force, deep = ("-" if one is None else f"{size * one:.3g}" for one, size in ((load.force, 1.0), (load.indentation, 1e3)))
-    yield Table(("load", "force, N", "indentation, mm", "limited by"), (("here", force, deep, "-"), *rows))
+    yield Sheet(("load", "force, N", "indentation, mm", "limited by"), (("here", force, deep, "-"), *rows))
     yield Text("Beyond, level contact presses further: probe-design load draws ratio and walls against force.")
 
 
@@ -106,7 +106,7 @@ def _sensitivities(scene: Scene) -> Iterator[Part]:
     found = _gradients(scene)
     rows = tuple(_row(scene, found, k) for k in range(len(found.variables)))
     yield Text("By how many per cent ratio and stiffness change, and by how much the log-sensitivity, for 1 % more of each.")
-    yield Table(("1 % more of", "ratio, %", "stiffness, %", "log-sensitivity"), rows)
+    yield Sheet(("1 % more of", "ratio, %", "stiffness, %", "log-sensitivity"), rows)
 
 
 def _gradients(scene: Scene) -> Gradients:

@@ -12,7 +12,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.files import write_text
 from geometry.scenes.units import shown
-from probe_design.reports.page import Picture, Section, Table, Text, page
+from probe_design.reports.page import Chapter, Picture, Sheet, Text, page
 from probe_design.sweeps.results import UNITS, about, extra, origin, rows
 
 SHOWN = ("ratio", "log_sensitivity", "stiffness", "error_estimate")
@@ -33,12 +33,12 @@ def write_page(folder: Path | str, path: Path) -> Path:
     request, all_rows = about(folder), list(rows(folder))
     good = [row for row in all_rows if row["status"] == "ok"]
     names = [name for name in SHOWN if any(row[name] is not None for row in good)]
-    sections = [Section("What was asked", (_counts(request, all_rows),))]
+    sections = [Chapter("What was asked", (_counts(request, all_rows),))]
     for name in names:
         answered = [row for row in good if row[name] is not None]
         y = np.array([row[name] for row in answered], dtype=float)
         effects = _effects(request, answered, y, complete=len(answered) == request["designs"])
-        sections.append(Section(_label(name, UNITS[name]), (_picture(name, request["variables"], answered, y), *effects)))
+        sections.append(Chapter(_label(name, UNITS[name]), (_picture(name, request["variables"], answered, y), *effects)))
     sections += _reasons(all_rows)
     counts = Counter(row["status"] for row in all_rows)
     headline = f"{request['designs']} designs: {counts['ok']} ok, {counts['refused']} refused, {counts['failed']} failed."
@@ -46,7 +46,7 @@ def write_page(folder: Path | str, path: Path) -> Path:
     return write_text(path, page("Sweep", headline, sections, answer))
 
 
-def _counts(request: dict[str, Any], all_rows: list[dict[str, Any]]) -> Table:
+def _counts(request: dict[str, Any], all_rows: list[dict[str, Any]]) -> Sheet:
     count = Counter(row["status"] for row in all_rows)
     lines = [
         ("designs", request["designs"]), ("ok", count["ok"]), ("refused", count["refused"]), ("failed", count["failed"]),
@@ -57,14 +57,14 @@ def _counts(request: dict[str, Any], all_rows: list[dict[str, Any]]) -> Table:
     return _table(("", ""), lines)
 
 
-def _reasons(all_rows: list[dict[str, Any]]) -> list[Section]:
+def _reasons(all_rows: list[dict[str, Any]]) -> list[Chapter]:
     """The commonest reasons why there is no answer."""
     reasons = Counter((row["status"], row["type"], row["reason"]) for row in all_rows if row["status"] != "ok")
     lines = [(count, *reason) for reason, count in reasons.most_common(20)]
-    return [Section("Without an answer", (_table(("rows", "status", "type", "reason"), lines),))] if lines else []
+    return [Chapter("Without an answer", (_table(("rows", "status", "type", "reason"), lines),))] if lines else []
 
 
-def _effects(request: dict[str, Any], answered: list[dict[str, Any]], y: Floats, complete: bool) -> tuple[Table | Text, ...]:
+def _effects(request: dict[str, Any], answered: list[dict[str, Any]], y: Floats, complete: bool) -> tuple[Sheet | Text, ...]:
     """Share of the variance that each variable explains on its own, and Sobol indices."""
     if len(y) < 2 or np.ptp(y) == 0.0:
         return (Text("The same for all designs."),)
@@ -147,5 +147,5 @@ def _label(name: str, unit: str) -> str:
     return f"{name}, {unit}" if unit else name
 
 
-def _table(heads: tuple[str, ...], lines: Sequence[Sequence[Any]]) -> Table:
-    return Table(heads, tuple(tuple(map(str, line)) for line in lines))
+def _table(heads: tuple[str, ...], lines: Sequence[Sequence[Any]]) -> Sheet:
+    return Sheet(heads, tuple(tuple(map(str, line)) for line in lines))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from geometry.scenes.scene import Scene
 from probe_design.data.noise import NOISE
 from probe_design.probe_check.check import Check
-from probe_design.reports.page import Items, Section, Table, page
+from probe_design.reports.page import Chapter, Items, Sheet, page
 from probe_design.reports.scene_sections import asked, scene_sections
 from probe_design.terminal.hardware_tables import check_table, explanations_table, pairs_table, sentences
 
@@ -28,15 +28,15 @@ def check_report(check: Check, scene: Scene, answer: dict[str, Any], tell: Calla
     said = sentences(check)
     sections = [
         asked(scene),
-        Section("Readings and predictions", (_table(check_table(check)),)),
-        Section("What would explain a deviation", (_table(explanations_table(check)), _table(pairs_table(check)))),
-        Section("What it comes to", (Items(tuple(said)),)),
+        Chapter("Readings and predictions", (_table(check_table(check)),)),
+        Chapter("What would explain a deviation", (_table(explanations_table(check)), _table(pairs_table(check)))),
+        Chapter("What it comes to", (Items(tuple(said)),)),
         *scene_sections(scene, NOISE, tell),
     ]
     return page("Check of a built probe", f"{said[0][0].upper()}{said[0][1:]}.", sections, answer)
 
 
-def _table(shown: RichTable) -> Table:
+def _table(shown: RichTable) -> Sheet:
     """A terminal's table as a page's."""
     columns = [[str(cell) for cell in column.cells] for column in shown.columns]
-    return Table(tuple(str(column.header) for column in shown.columns), tuple(zip(*columns, strict=True)))
+    return Sheet(tuple(str(column.header) for column in shown.columns), tuple(zip(*columns, strict=True)))

@@ -8,7 +8,7 @@ from typing import Any
 
 from geometry.common.files import written_together
 from geometry.provenance.block import provenance
-from probe_design.reports.page import Items, Picture, Section, Table, Text
+from probe_design.reports.page import Chapter, Items, Picture, Sheet, Text
 from probe_design.reports.page import page as html
 from probe_design.reports.scene_sections import asked
 from probe_design.tradeoffs.plot import plot
@@ -41,11 +41,11 @@ def _report(study: Tradeoff, picture: Path, summary: dict[str, Any]) -> str:
     refusals = [f"{row.scene}, {row.evaluator}: {row.reason}" for row in study.rows if row.reason is not None]
     silent = (*(f"{name}: {why}" for name, why in study.skipped.items()), *dict.fromkeys(refusals))
     sections = (
-        Section("Error against time", (Picture.read(picture, "error against time of every level and setting"),)),
-        Section("Every setting", (Table(SUMMARY, tuple(summary_cells(study))), Text(NOTES))),
-        Section("The cheapest for each scene", (Table(CHOICES, tuple(choice_cells(study))),)),
-        Section("Every answer", (Table(EACH, tuple(row_cells(study))),)),
-        Section("Not asked, or no answer", (Items(silent or ("nothing",)),)),
+        Chapter("Error against time", (Picture.read(picture, "error against time of every level and setting"),)),
+        Chapter("Every setting", (Sheet(SUMMARY, tuple(summary_cells(study))), Text(NOTES))),
+        Chapter("The cheapest for each scene", (Sheet(CHOICES, tuple(choice_cells(study))),)),
+        Chapter("Every answer", (Sheet(EACH, tuple(row_cells(study))),)),
+        Chapter("Not asked, or no answer", (Items(silent or ("nothing",)),)),
         *scenes,
     )
     headline = f"{len(study.rows)} answers of {len(study.scenes)} scenes, timed and judged."

@@ -12,7 +12,7 @@ from geometry import read_scene
 from geometry.provenance.block import provenance
 from geometry.provenance.texts import block_of
 from probe_design.reports.bodies import bodies
-from probe_design.reports.page import Code, Items, Part, Section, Table, Text, View, page
+from probe_design.reports.page import Chapter, Code, Items, Part, Sheet, Text, View, page
 from tests.support.browser import shown
 from tests.support.paths import EXAMPLES, SCENE
 
@@ -23,13 +23,13 @@ LONG = "a_very_long_name_without_any_blank_" * 8
 def written(folder: Path, *parts: Part) -> Path:
     answer = {"ratio": 0.5, "note": ODD, "provenance": provenance(read_scene(SCENE))}
     path = folder / "report.html"
-    path.write_text(page(f"Report {ODD}", LONG, [Section(ODD, parts)], answer), encoding="utf-8")
+    path.write_text(page(f"Report {ODD}", LONG, [Chapter(ODD, parts)], answer), encoding="utf-8")
     return path
 
 
 @pytest.fixture
 def report(tmp_path: Path) -> Path:
-    wide = Table(tuple(f"heading {k}" for k in range(15)), (tuple("1.2345678" for _ in range(15)), (LONG, *"abcdefghijklmn")))
+    wide = Sheet(tuple(f"heading {k}" for k in range(15)), (tuple("1.2345678" for _ in range(15)), (LONG, *"abcdefghijklmn")))
     view = View(bodies(read_scene(EXAMPLES / "two-tumours.toml")), "the probe")
     return written(tmp_path, Text(ODD), Text(LONG), Code(LONG), Items((ODD, "design.toml"), links=True), wide, view)
 
