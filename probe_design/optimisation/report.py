@@ -18,7 +18,7 @@ from geometry.scenes.scene_file import scene_to_dict, scene_to_toml
 from probe_design.optimisation.candidate import Candidate
 from probe_design.optimisation.comparison import candidates_csv, headings, level_rows, noise_line
 from probe_design.optimisation.optimum import Optimum
-from probe_design.reports.page import Chapter, Items, Picture, Sheet, Text
+from probe_design.reports.page import Chapter, Items, PageTable, Picture, Text
 from probe_design.reports.page import page as html
 from probe_design.reports.scene_sections import asked, scene_sections
 
@@ -154,8 +154,8 @@ def _notes(optimum: Optimum) -> tuple[str, ...]:
     )
 
 
-def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> Sheet:
-    return Sheet(tuple(headings), tuple(map(tuple, rows)))
+def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> PageTable:
+    return PageTable(tuple(headings), tuple(map(tuple, rows)))
 
 
 def _finite(value: float | None) -> float | None:

@@ -49,7 +49,7 @@ class Items:
 
 
 @dataclass(frozen=True)
-class Sheet:
+class PageTable:
     """Headings and rows of texts, which a reader can copy into a spreadsheet."""
 
     headings: tuple[str, ...]
@@ -101,7 +101,7 @@ class View:
         return json.dumps(self.bodies, separators=(",", ":"))
 
 
-Part = Text | Code | Items | Sheet | Picture | View
+Part = Text | Code | Items | PageTable | Picture | View
 
 
 @dataclass(frozen=True)
@@ -131,13 +131,13 @@ def page(title: str, headline: str, sections: Sequence[Chapter], answer: dict[st
     )
 
 
-def _origin(block: dict[str, Any]) -> Sheet:
+def _origin(block: dict[str, Any]) -> PageTable:
     told = {**block, "dependencies": [f"{name} {version}" for name, version in block["dependencies"].items()]}
     command = block["command"]
     told["command"] = None if command is None else " ".join(["probe-design", *command])
     told["inputs"] = [f"{name} {sha[:12]}" for name, sha in block["inputs"].items()]
     shown = {name: ", ".join(value) if isinstance(value, list) else value for name, value in told.items()}
-    return Sheet(("", "provenance"), tuple((name, str(value)) for name, value in shown.items() if value not in (None, "")))
+    return PageTable(("", "provenance"), tuple((name, str(value)) for name, value in shown.items() if value not in (None, "")))
 
 
 @lru_cache(maxsize=1)

@@ -15,7 +15,7 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_toml
 from geometry.scenes.variables import values
 from probe_design.reports.bodies import bodies
-from probe_design.reports.page import Chapter, Code, Part, Picture, Sheet, Text, View
+from probe_design.reports.page import Chapter, Code, PageTable, Part, Picture, Text, View
 from solver.axisymmetric.gradients import Gradients
 from solver.axisymmetric.level import Axisymmetric
 from solver.equivalent_inclusion.level import EquivalentInclusion
@@ -67,7 +67,7 @@ def _plan(scene: Scene) -> Iterator[Part]:
     yield Text(
         f"Answered by {decided.evaluator or 'no evaluator'}: {decided.dimension}. Effects are relative changes of the ratio."
     )
-    yield Sheet(("feature", "modelled", "effect", "why"), rows)
+    yield PageTable(("feature", "modelled", "effect", "why"), rows)
 
 
 def _loads(scene: Scene) -> Iterator[Part]:
@@ -77,7 +77,7 @@ def _loads(scene: Scene) -> Iterator[Part]:
     rows = [("linear answers hold to 1 % up to", f"{limit.force:.3g}", f"{1e3 * limit.indentation:.3g}", limit.by)]
     load = scene.load
     force, deep = ("-" if one is None else f"{size * one:.3g}" for one, size in ((load.force, 1.0), (load.indentation, 1e3)))
-    yield Sheet(("load", "force, N", "indentation, mm", "limited by"), (("here", force, deep, "-"), *rows))
+    yield PageTable(("load", "force, N", "indentation, mm", "limited by"), (("here", force, deep, "-"), *rows))
     yield Text("Beyond, level contact presses further: probe-design load draws ratio and walls against force.")
 
 
@@ -106,7 +106,7 @@ def _sensitivities(scene: Scene) -> Iterator[Part]:
     found = _gradients(scene)
     rows = tuple(_row(scene, found, k) for k in range(len(found.variables)))
     yield Text("By how many per cent ratio and stiffness change, and by how much the log-sensitivity, for 1 % more of each.")
-    yield Sheet(("1 % more of", "ratio, %", "stiffness, %", "log-sensitivity"), rows)
+    yield PageTable(("1 % more of", "ratio, %", "stiffness, %", "log-sensitivity"), rows)
 
 
 def _gradients(scene: Scene) -> Gradients:

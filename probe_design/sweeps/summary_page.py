@@ -12,7 +12,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.files import write_text
 from geometry.scenes.units import shown
-from probe_design.reports.page import Chapter, Picture, Sheet, Text, page
+from probe_design.reports.page import Chapter, PageTable, Picture, Text, page
 from probe_design.sweeps.results import UNITS, about, extra, origin, rows
 
 SHOWN = ("ratio", "log_sensitivity", "stiffness", "error_estimate")
@@ -46,7 +46,7 @@ def write_page(folder: Path | str, path: Path) -> Path:
     return write_text(path, page("Sweep", headline, sections, answer))
 
 
-def _counts(request: dict[str, Any], all_rows: list[dict[str, Any]]) -> Sheet:
+def _counts(request: dict[str, Any], all_rows: list[dict[str, Any]]) -> PageTable:
     count = Counter(row["status"] for row in all_rows)
     lines = [
         ("designs", request["designs"]), ("ok", count["ok"]), ("refused", count["refused"]), ("failed", count["failed"]),
@@ -64,7 +64,7 @@ def _reasons(all_rows: list[dict[str, Any]]) -> list[Chapter]:
     return [Chapter("Without an answer", (_table(("rows", "status", "type", "reason"), lines),))] if lines else []
 
 
-def _effects(request: dict[str, Any], answered: list[dict[str, Any]], y: Floats, complete: bool) -> tuple[Sheet | Text, ...]:
+def _effects(request: dict[str, Any], answered: list[dict[str, Any]], y: Floats, complete: bool) -> tuple[PageTable | Text, ...]:
     """Share of the variance that each variable explains on its own, and Sobol indices."""
     if len(y) < 2 or np.ptp(y) == 0.0:
         return (Text("The same for all designs."),)
@@ -147,5 +147,5 @@ def _label(name: str, unit: str) -> str:
     return f"{name}, {unit}" if unit else name
 
 
-def _table(heads: tuple[str, ...], lines: Sequence[Sequence[Any]]) -> Sheet:
-    return Sheet(heads, tuple(tuple(map(str, line)) for line in lines))
+def _table(heads: tuple[str, ...], lines: Sequence[Sequence[Any]]) -> PageTable:
+    return PageTable(heads, tuple(tuple(map(str, line)) for line in lines))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from geometry.scenes.scene import Scene
 from probe_design.data.noise import NOISE
 from probe_design.probe_check.check import Check
-from probe_design.reports.page import Chapter, Items, Sheet, page
+from probe_design.reports.page import Chapter, Items, PageTable, page
 from probe_design.reports.scene_sections import asked, scene_sections
 from probe_design.terminal.hardware_tables import check_table, explanations_table, pairs_table, sentences
 
@@ -36,7 +36,7 @@ def check_report(check: Check, scene: Scene, answer: dict[str, Any], tell: Calla
     return page("Check of a built probe", f"{said[0][0].upper()}{said[0][1:]}.", sections, answer)
 
 
-def _table(shown: RichTable) -> Sheet:
+def _table(shown: RichTable) -> PageTable:
     """A terminal's table as a page's."""
     columns = [[str(cell) for cell in column.cells] for column in shown.columns]
-    return Sheet(tuple(str(column.header) for column in shown.columns), tuple(zip(*columns, strict=True)))
+    return PageTable(tuple(str(column.header) for column in shown.columns), tuple(zip(*columns, strict=True)))

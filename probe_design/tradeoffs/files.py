@@ -8,7 +8,7 @@ from typing import Any
 
 from geometry.common.files import written_together
 from geometry.provenance.block import provenance
-from probe_design.reports.page import Chapter, Items, Picture, Sheet, Text
+from probe_design.reports.page import Chapter, Items, PageTable, Picture, Text
 from probe_design.reports.page import page as html
 from probe_design.reports.scene_sections import asked
 from probe_design.tradeoffs.plot import plot
@@ -42,9 +42,9 @@ def _report(study: Tradeoff, picture: Path, summary: dict[str, Any]) -> str:
     silent = (*(f"{name}: {why}" for name, why in study.skipped.items()), *dict.fromkeys(refusals))
     sections = (
         Chapter("Error against time", (Picture.read(picture, "error against time of every level and setting"),)),
-        Chapter("Every setting", (Sheet(SUMMARY, tuple(summary_cells(study))), Text(NOTES))),
-        Chapter("The cheapest for each scene", (Sheet(CHOICES, tuple(choice_cells(study))),)),
-        Chapter("Every answer", (Sheet(EACH, tuple(row_cells(study))),)),
+        Chapter("Every setting", (PageTable(SUMMARY, tuple(summary_cells(study))), Text(NOTES))),
+        Chapter("The cheapest for each scene", (PageTable(CHOICES, tuple(choice_cells(study))),)),
+        Chapter("Every answer", (PageTable(EACH, tuple(row_cells(study))),)),
         Chapter("Not asked, or no answer", (Items(silent or ("nothing",)),)),
         *scenes,
     )

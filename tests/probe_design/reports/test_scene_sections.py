@@ -10,14 +10,14 @@ import pytest
 from geometry import Scene, read_scene
 from geometry.scenes.variables import changed, values
 from probe_design.reports import scene_sections as told
-from probe_design.reports.page import Sheet, Text, page
+from probe_design.reports.page import PageTable, Text, page
 from solver import evaluate
 from tests.support.browser import shown
 from tests.support.paths import EXAMPLES, SCENE
 
 
 def table(scene: Scene) -> dict[str, tuple[float, ...]]:
-    rows = next(part for part in told._sensitivities(scene) if isinstance(part, Sheet)).rows
+    rows = next(part for part in told._sensitivities(scene) if isinstance(part, PageTable)).rows
     return {name: tuple(map(float, cells)) for name, *cells in rows}
 
 
