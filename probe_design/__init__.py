@@ -1,6 +1,6 @@
 """Design, check and export tactile palpation probes, from Python as from the command line.
 
-A scene says which probe is pressed on which tissue: ``geometry.Scene``, or a TOML file (README shows one). Numbers are in SI
+A scene says which probe is pressed on which tissue: ``geometry.Scene``, or a TOML file (docs/scene-file.md). Numbers are in SI
 units. What a user calls:
 
     evaluate       what both films feel, and how well their ratio tells E_object

@@ -10,7 +10,11 @@ from tests.support.extremes.judge import ACCURACY, MARKS, Cell
 from tests.support.extremes.rows import FOLDERS, Row
 
 COMMAND = "python -m benchmarks.extremes -o out/extremes --document docs/extremes.md"
-TITLES = FOLDERS | {"laws": "by laws of linear elasticity", "zero": "a stress that crosses zero", "loads": "from no load to where nothing is known"}
+TITLES = FOLDERS | {
+    "laws": "by laws of linear elasticity",
+    "zero": "a stress that crosses zero",
+    "loads": "from no load to where nothing is known",
+}
 INTRODUCTION = f"""# The extremes
 
 Scenes at the limits of the range of designs, by every level, at an accuracy of {ACCURACY:g}. `{COMMAND}`
@@ -27,8 +31,8 @@ printed this page; a run that was interrupted goes on where it ended.
 "Largest true / stated" is of what the true value's own uncertainty cannot explain.
 
 The load does not matter in linear elasticity; a warning says where that ends. The rows of `loads` are pressed, by `contact` and
-`auto`: beyond the largest load that another code has reached a refusal alone is right. stress_inner crosses zero in the rows named
-`inner-...`, where the ring presses a lid of tissue over a hollow, stress_outer in those of `zero`.
+`auto`: beyond the largest load that another code has reached a refusal alone is right. stress_inner crosses zero in the rows
+named `inner-...`, where the ring presses a lid of tissue over a hollow, stress_outer in those of `zero`.
 
 True values come from NGSolve (`benchmarks/references/axisymmetric.py`, `solid.py`, `half_space.py`;
 values and their uncertainty in `tests/reference`), or follow from such a value by the law that stands in the table. Those

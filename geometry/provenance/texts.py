@@ -24,8 +24,8 @@ def toml_comment(block: Provenance) -> str:
 
 
 def html_script(name: str, content: Any) -> str:
-    """Return a script of an HTML page that holds JSON and does nothing; ``</`` in it cannot end it."""
-    text = json.dumps(content, allow_nan=False).replace("</", "<\\/")
+    """Return a script of an HTML page that holds JSON and does nothing; no ``<`` in it can end it."""
+    text = json.dumps(content, allow_nan=False).replace("<", "\\u003c")
     return f"{SCRIPT.format(name)}{text}</script>"
 
 

@@ -37,7 +37,8 @@ class Material(Frozen):
     """An isotropic linear elastic material.
 
     Attributes:
-        youngs_modulus: the storage modulus E' where the material is lossy.
+        youngs_modulus: of the material; the storage modulus E' where it is lossy.
+        poisson_ratio: of the material.
         loss_factor: tan delta = E''/E' at the load's frequency: E = E' (1 + j tan delta), Poisson's ratio being real.
     """
 
@@ -53,6 +54,9 @@ class Base(Frozen):
     solver where the base is elastic; see ``geometry.scenes.base_sizes`` for what holds where they are left out.
 
     Attributes:
+        rigid: whether the base does not give way.
+        youngs_modulus: of an elastic base.
+        poisson_ratio: of an elastic base.
         flange_radius: at least the probe's outer radius.
         thickness: of the flange.
         step_height: from the upper face of the higher of the two films to the flange's lower face.
@@ -76,7 +80,12 @@ class Base(Frozen):
 
 
 class Groove(Frozen):
-    """The channel for the inner film's lead: cut radially through the +x side of the outer block's film end."""
+    """The channel for the inner film's lead: cut radially through the +x side of the outer block's film end.
+
+    Attributes:
+        width: less than the hole's diameter.
+        depth: from the film end, less than the outer block's height.
+    """
 
     width: PartLength
     depth: PartLength
@@ -88,6 +97,14 @@ class Film(Frozen):
     The defaults are the paper's: 110 um (section 2.1), Table 1 for ``d31``, ``d32``, ``d33``. It
     gives no ``psi1``, ``psi2`` of eq. (12): zero means that lateral stresses add no charge.
     The adhesive counts in the solvers only: it is not part of the CAD model's stack.
+
+    Attributes:
+        thickness: of the film.
+        youngs_modulus: of the film.
+        d31, d32, d33: charge per force along length, breadth and thickness.
+        psi1, psi2: lateral over vertical stress in the film, the paper's eq. (12).
+        adhesive_thickness: of the layer that holds the film, between block and base together.
+        adhesive_modulus: of it; left out: the film's.
     """
 
     thickness: PartLength = 110e-6
@@ -111,6 +128,15 @@ class Probe(Frozen):
 
     ``inner`` is the paper's block 2 (solid), ``outer`` its block 1 (tube). Exactly one of
     ``area_ratio`` (A2/A1) and ``outer_radius`` is given, and either ``height`` or both block heights.
+
+    Attributes:
+        inner_radius: of the inner block.
+        area_ratio: end area of the inner over that of the outer block; or ``outer_radius``.
+        outer_radius: of the outer block; or ``area_ratio``.
+        gap: between the blocks, so that the hole's radius is inner_radius + gap.
+        height: of both blocks; or one for each.
+        inner_height: of the inner block.
+        outer_height: of the outer block.
     """
 
     inner_radius: PartLength

@@ -54,7 +54,16 @@ class _Layered(Material):
 
 
 class CylinderTissue(_Layered):
-    """A round piece of tissue, bonded to the table."""
+    """A round piece of tissue, bonded to the table.
+
+    Attributes:
+        shape: of the tissue; it says which other keys there are.
+        youngs_modulus: of the tissue below its layers.
+        poisson_ratio: likewise.
+        loss_factor: likewise, tan delta.
+        radius: of the piece.
+        depth: from its top to the table.
+    """
 
     shape: Literal["cylinder"]
     radius: Length
@@ -62,7 +71,17 @@ class CylinderTissue(_Layered):
 
 
 class BlockTissue(_Layered):
-    """A rectangular piece of tissue, bonded to the table; length along x, breadth along y."""
+    """A rectangular piece of tissue, bonded to the table.
+
+    Attributes:
+        shape: of the tissue; it says which other keys there are.
+        youngs_modulus: of the tissue below its layers.
+        poisson_ratio: likewise.
+        loss_factor: likewise, tan delta.
+        length: along x.
+        breadth: along y.
+        depth: from its top to the table.
+    """
 
     shape: Literal["block"]
     length: Length
@@ -71,7 +90,14 @@ class BlockTissue(_Layered):
 
 
 class HalfSpaceTissue(_Layered):
-    """Tissue without an end."""
+    """Tissue without an end.
+
+    Attributes:
+        shape: of the tissue; it says which other keys there are.
+        youngs_modulus: of the tissue below its layers.
+        poisson_ratio: likewise.
+        loss_factor: likewise, tan delta.
+    """
 
     shape: Literal["half-space"]
 
@@ -95,8 +121,8 @@ class Inclusion(Material):
 
     Attributes:
         diameter: of a sphere.
-        diameters: of an ellipsoid, along axes turned by ``orientation`` (rz, ry, rx in degrees about
-            fixed axes).
+        diameters: of an ellipsoid, along axes turned by ``orientation``.
+        orientation: rz, ry, rx in degrees about fixed axes.
         surface: file name of an STL or STEP surface, in place of a diameter.
         depth: from the tissue's surface to the centre.
         x, y: the centre beside the tissue's axis.
@@ -144,7 +170,12 @@ class Contact(Frozen):
 
 
 class Placement(Frozen):
-    """Where the probe's axis meets the tissue; ``tilt`` about the y axis, + lowers the +x side."""
+    """Where the probe's axis meets the tissue.
+
+    Attributes:
+        x, y: from the middle of the tissue's top.
+        tilt: about the y axis, + lowers the +x side.
+    """
 
     x: Position = 0.0
     y: Position = 0.0
@@ -152,7 +183,12 @@ class Placement(Frozen):
 
 
 class Load(Frozen):
-    """How the base is pressed: by a force, or by an indentation."""
+    """How the base is pressed: by a force, or by an indentation.
+
+    Attributes:
+        force: on the base.
+        indentation: of the base, less than the tissue's depth.
+    """
 
     force: Force | None = None
     indentation: Indentation | None = None

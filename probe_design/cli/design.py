@@ -79,7 +79,7 @@ def optimize(
     cadquery()
     with stages() as progress:
         optimum = run(start, progress, outer_radius=limit, starts=starts, judge=evaluator, noise=relative)
-        files = write_all(optimum, output, progress, force=force, asked=asked)
+        files = write_all(optimum, output, progress, force=force, question=asked)
     if as_json:
         print_json(summary(optimum, files))
     else:

@@ -169,9 +169,10 @@ def calibrate(scene: Path | None, bench: Path | None, output: Path, linear: bool
 @WAIT
 @click.option("--calibration", type=FILE_NAME, help="What calibrate has written.")
 @click.option("-o", "--output", type=FILE_NAME, help="New file for the result, as JSON.")
+@click.option("--report", type=FILE_NAME, help="File for the result as a page, .html.")
 def check(
-    scene: Path | None, bench: Path | None, calibration: Path | None, output: Path | None, linear: bool, as_json: bool,
-    **source: Any,
+    scene: Path | None, bench: Path | None, calibration: Path | None, output: Path | None, report: Path | None, linear: bool,
+    as_json: bool, **source: Any,
 ) -> None:  # fmt: skip
     """Say whether the probe is within the workshop's tolerances, by the bench's blocks of tissue, and what is out of it if not.
 
@@ -194,6 +195,8 @@ def check(
     if output is not None:
         check_free(output)
         check_writable_file(output)
+    if report is not None:
+        check_writable_file(report, "report")
     read = [one.measurement for one in readings(setting, origin, setting.bench.blocks, run=1)]
     record = setting.calibration
     gains, variables = (None, ()) if record is None else (record.gains(), record.variables)
@@ -201,6 +204,11 @@ def check(
         result = checked(setting.scene, setting.bench, read, gains, variables=variables, linear=linear, tell=tell)
     if output is not None:
         write_text(output, json.dumps(with_provenance(result.as_dict()), allow_nan=False, indent=1) + "\n")
+    if report is not None:
+        from probe_design.terminal.check_report import check_report
+
+        with saying("the report") as tell:
+            write_text(report, check_report(result, setting.scene, with_provenance(result.as_dict()), tell))
     if as_json:
         print_json(result.as_dict())
     else:

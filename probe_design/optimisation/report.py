@@ -9,10 +9,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from functools import partial
-from html import escape
-from importlib import resources
 from pathlib import Path
-from string import Template
 from typing import Any
 
 from geometry.provenance.block import Provenance, provenance
@@ -21,16 +18,17 @@ from geometry.scenes.scene_file import scene_to_dict, scene_to_toml
 from probe_design.optimisation.candidate import Candidate
 from probe_design.optimisation.comparison import candidates_csv, headings, level_rows, noise_line
 from probe_design.optimisation.optimum import Optimum
-
-PAGE = resources.files("probe_design.data").joinpath("report.html.in")
+from probe_design.reports.page import Chapter, Items, PageTable, Picture, Text
+from probe_design.reports.page import page as html
+from probe_design.reports.scene_sections import asked, scene_sections
 
 
 def write_all(
-    optimum: Optimum, folder: Path, progress: Callable[[str, int, int], None], *, force: bool = False, asked: str | None = None
+    optimum: Optimum, folder: Path, progress: Callable[[str, int, int], None], *, force: bool = False, question: str | None = None
 ) -> list[Path]:
     """Write everything into ``folder``, all of it or nothing; the STEP files are checked before they take their names.
 
-    ``force`` and ``asked`` are those of ``geometry.cad.export.export``.
+    ``force`` and ``question`` are ``force`` and ``asked`` of ``geometry.cad.export.export``.
 
     Raises:
         ExportError: a part is not what the parameters say.
@@ -47,10 +45,9 @@ def write_all(
     texts: dict[str, Callable[[], str]] = {
         "design.toml": lambda: toml_comment(_origin(optimum)) + scene_to_toml(optimum.best.pressed),
         "candidates.csv": lambda: candidates_csv(optimum),
-        "report.html": lambda: page(optimum, [name for name in names if name not in ("report.html", "optimize.json")]),
         "optimize.json": lambda: json.dumps(summary(optimum, paths), indent=2, allow_nan=False) + "\n",
     }
-    names = [*part_files(probe), NAME, "drawing.png", *texts]
+    names = [*part_files(probe), NAME, "drawing.png", *texts, "report.html"]
     paths = [folder / name for name in names]
 
     def drawn(path: Path) -> None:
@@ -58,8 +55,13 @@ def write_all(
         draw(probe, path, edge)
         progress("writing STEP files, drawing and report", 2, 3)
 
-    told = {name: partial(_write, text) for name, text in texts.items()}
-    export(probe, folder, force, asked, {"drawing.png": drawn, **told}, edge_radius=edge)
+    def reported(path: Path) -> None:
+        told = page(optimum, names[:-1], summary(optimum, paths), path.with_name("drawing.png"))
+        path.write_text(told, encoding="utf-8")
+
+    writers: dict[str, Callable[[Path], object]] = {"drawing.png": drawn}
+    writers |= {name: partial(_write, text) for name, text in texts.items()} | {"report.html": reported}
+    export(probe, folder, force, question, writers, edge_radius=edge)
     progress("writing STEP files, drawing and report", 3, 3)
     return paths
 
@@ -110,28 +112,51 @@ def _summary(one: Candidate) -> dict[str, Any]:
     }
 
 
-def page(optimum: Optimum, files: Sequence[str]) -> str:
-    """Return the report as an HTML page."""
-    warnings = dict.fromkeys(optimum.best.judged.warnings)
-    candidates = list(csv.reader(io.StringIO(candidates_csv(optimum))))
-    return Template(PAGE.read_text(encoding="utf-8")).substitute(
-        headline=escape(optimum.verdict[0].upper() + optimum.verdict[1:] + "."),
-        remarks="".join(f"<p><b>{escape(text)}.</b></p>" for text in optimum.remarks),
-        noise=escape(noise_line(optimum)),
-        levels=_html_table(headings(optimum), level_rows(optimum)),
-        candidates=_html_table(candidates[0], candidates[1:]),
-        warnings="".join(f"<li>{escape(text)}</li>" for text in warnings) or "<li>none</li>",
-        files="".join(f'<li><a href="{escape(name)}">{escape(name)}</a></li>' for name in files),
-        scene=escape(scene_to_toml(optimum.best.pressed)),
-        judge=optimum.judges,
+def page(optimum: Optimum, files: Sequence[str], answer: dict[str, Any], drawing: Path | None = None) -> str:
+    """Return the report as an HTML page.
+
+    Args:
+        optimum: that was found.
+        files: beside it, that it links to.
+        answer: what ``summary`` returns.
+        drawing: the picture of the probe; none where it is not drawn.
+    """
+    best = optimum.best.pressed
+    rows = list(csv.reader(io.StringIO(candidates_csv(optimum))))
+    limits = [(one.name, f"{one.value:.6g}", "yes" if one.active else "no") for one in optimum.limits]
+    drawn = () if drawing is None else (Picture.read(drawing, "section and view of the probe"),)
+    sections = (
+        asked(optimum.baseline.scene),
+        Chapter("Start and optimum", (_table(headings(optimum), level_rows(optimum)), *map(Text, _notes(optimum)))),
+        Chapter("Limits of the search", (_table(("limit", "value, SI", "active"), limits),)),
+        Chapter("What to machine", (*drawn, Items(tuple(files), links=True))),
+        *scene_sections(best, optimum.noise.ratio),
+        Chapter("All judged designs", (_table(rows[0], rows[1:]),)),
+        Chapter("What to keep in mind", (Items((*optimum.remarks, *map(str, optimum.best.judged.warnings)) or ("nothing",)),)),
+        asked(best, "The scene of the design"),
     )
+    verdict = optimum.verdict
+    return html(title="Probe design", headline=f"{verdict[0].upper()}{verdict[1:]}.", sections=sections, answer=answer)
+
+
+def _notes(optimum: Optimum) -> tuple[str, ...]:
+    """What the numbers of the comparison mean."""
+    return (
+        f"Standard deviations hold for {noise_line(optimum)}. A star marks a limit that the design lies on. The search used "
+        f"the closed form; {optimum.judges} judged. A gain counts only where it is beyond the errors of both designs: those of "
+        f"the log-sensitivity and the ratio by {optimum.judges}, and what finite strain changes of both at the force. That is "
+        "the scene's load; by linear levels no more than changes the ratio by 1 %, and 1/25 of the force that closes the gap "
+        "in linear elasticity; by contact as far as the gap stays open; design.toml has it as its load. Lengths are rounded "
+        "to 0.01 mm and moduli to three digits before they are judged: this table is the probe as it is drawn.",
+        "A standard deviation of ln E_object of 1 means that the stiffness is known to a factor of 2.7; well above 1 it "
+        "cannot be told from one reading, however good the design (a tumour a hundred times stiffer than its tissue hardly "
+        "feels different from a rigid one).",
+    )
+
+
+def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> PageTable:
+    return PageTable(tuple(headings), tuple(map(tuple, rows)))
 
 
 def _finite(value: float | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None
-
-
-def _html_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    head = "".join(f"<th>{escape(text)}</th>" for text in headings)
-    body = "".join("<tr>" + "".join(f"<td>{escape(text)}</td>" for text in row) + "</tr>" for row in rows)
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"

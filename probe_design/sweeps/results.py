@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from geometry.common.errors import InputError, MissingLibrary
 from geometry.common.files import written_whole
 from geometry.common.text_files import read_text
+from geometry.provenance.block import Provenance, provenance
 from probe_design.sweeps.rows import COLUMNS, REAL
 from probe_design.sweeps.store import reading
 
@@ -113,10 +114,16 @@ def dataset(folder: Path | str) -> xr.Dataset:
     for name, unit in units(folder).items():
         labelled[name].attrs["units"] = unit or "1"
     labelled.attrs |= {name: request[name] for name in ("evaluator", "accuracy", "version")}
-    with suppress(InputError, ValueError, KeyError):  # a sweep that is not finished has not told yet
-        told = json.loads(read_text(Path(folder) / "provenance.json", "provenance"))
-        labelled.attrs["provenance"] = json.dumps(told["provenance"])
+    labelled.attrs["provenance"] = json.dumps(origin(folder))
     return labelled
+
+
+def origin(folder: Path | str) -> Provenance:
+    """Return the block of provenance that a sweep has left when it ended; while it runs, of what asks."""
+    with suppress(InputError, ValueError, KeyError, TypeError):
+        told: Provenance = json.loads(read_text(Path(folder) / "provenance.json", "provenance"))["provenance"]
+        return told
+    return provenance()
 
 
 def to_csv(folder: Path | str, path: Path) -> Path:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import html
-import io
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +12,8 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.files import write_text
 from geometry.scenes.units import shown
-from probe_design.sweeps.results import UNITS, about, extra, rows
+from probe_design.reports.page import Chapter, PageTable, Picture, Text, page
+from probe_design.sweeps.results import UNITS, about, extra, origin, rows
 
 SHOWN = ("ratio", "log_sensitivity", "stiffness", "error_estimate")
 MOST_POINTS = 5000
@@ -35,22 +33,20 @@ def write_page(folder: Path | str, path: Path) -> Path:
     request, all_rows = about(folder), list(rows(folder))
     good = [row for row in all_rows if row["status"] == "ok"]
     names = [name for name in SHOWN if any(row[name] is not None for row in good)]
-    parts = [_counts(request, all_rows)]
+    sections = [Chapter("What was asked", (_counts(request, all_rows),))]
     for name in names:
         answered = [row for row in good if row[name] is not None]
         y = np.array([row[name] for row in answered], dtype=float)
-        parts.append(f"<h2>{_label(name, UNITS[name])}</h2>")
-        parts.append(_picture(name, request["variables"], answered, y))
-        parts.append(_effects(request, answered, y, complete=len(answered) == request["designs"]))
-    parts.append(_reasons(all_rows))
-    style = (
-        "<style>body{font:15px sans-serif;margin:2em;max-width:70em}img{max-width:100%}"
-        "td,th{padding:2px 12px;text-align:right}td:first-child{text-align:left}</style>"
-    )
-    return write_text(path, f"<!doctype html><meta charset=utf-8><title>Sweep</title>{style}<h1>Sweep</h1>{''.join(parts)}\n")
+        effects = _effects(request, answered, y, complete=len(answered) == request["designs"])
+        sections.append(Chapter(_label(name, UNITS[name]), (_picture(name, request["variables"], answered, y), *effects)))
+    sections += _reasons(all_rows)
+    counts = Counter(row["status"] for row in all_rows)
+    headline = f"{request['designs']} designs: {counts['ok']} ok, {counts['refused']} refused, {counts['failed']} failed."
+    answer = {"designs": request["designs"], **counts, "provenance": origin(folder)}
+    return write_text(path, page("Sweep", headline, sections, answer))
 
 
-def _counts(request: dict[str, Any], all_rows: list[dict[str, Any]]) -> str:
+def _counts(request: dict[str, Any], all_rows: list[dict[str, Any]]) -> PageTable:
     count = Counter(row["status"] for row in all_rows)
     lines = [
         ("designs", request["designs"]), ("ok", count["ok"]), ("refused", count["refused"]), ("failed", count["failed"]),
@@ -61,27 +57,26 @@ def _counts(request: dict[str, Any], all_rows: list[dict[str, Any]]) -> str:
     return _table(("", ""), lines)
 
 
-def _reasons(all_rows: list[dict[str, Any]]) -> str:
+def _reasons(all_rows: list[dict[str, Any]]) -> list[Chapter]:
     """The commonest reasons why there is no answer."""
     reasons = Counter((row["status"], row["type"], row["reason"]) for row in all_rows if row["status"] != "ok")
-    if not reasons:
-        return ""
-    table = _table(("rows", "status", "type", "reason"), [(count, *reason) for reason, count in reasons.most_common(20)])
-    return f"<h2>Without an answer</h2>{table}"
+    lines = [(count, *reason) for reason, count in reasons.most_common(20)]
+    return [Chapter("Without an answer", (_table(("rows", "status", "type", "reason"), lines),))] if lines else []
 
 
-def _effects(request: dict[str, Any], answered: list[dict[str, Any]], y: Floats, complete: bool) -> str:
+def _effects(request: dict[str, Any], answered: list[dict[str, Any]], y: Floats, complete: bool) -> tuple[PageTable | Text, ...]:
     """Share of the variance that each variable explains on its own, and Sobol indices."""
     if len(y) < 2 or np.ptp(y) == 0.0:
-        return "<p>The same for all designs.</p>"
+        return (Text("The same for all designs."),)
     if request["sample"]["kind"] == "saltelli" and complete:
         indices = sobol_indices(y, len(request["names"]))
         table = [(name, *(f"{low:.3g}" for low in one)) for name, one in zip(request["names"], indices, strict=True)]
-        return _table(("variable", "first order", "+-", "total", "+-"), table) + "<p>Sobol indices, 95 % intervals.</p>"
+        heads = ("variable", "first order", "+-", "total", "+-")
+        return _table(heads, table), Text("Sobol indices, 95 % intervals.")
     effects = [(name, main_effect([row[name] for row in answered], y)) for name in request["names"]]
     lines = [(name, "-" if effect is None else f"{effect:.3g}") for name, effect in effects]
     note = "" if request["sample"]["kind"] != "saltelli" else " Sobol indices need an answer for every design."
-    return _table(("variable", "share of the variance"), lines) + f"<p>Of the means over each variable alone.{note}</p>"
+    return _table(("variable", "share of the variance"), lines), Text(f"Of the means over each variable alone.{note}")
 
 
 def main_effect(values: Sequence[object], y: Floats) -> float | None:
@@ -123,7 +118,7 @@ def sobol_indices(y: Floats, d: int) -> list[tuple[float, float, float, float]]:
     return list(zip(*columns, strict=True))
 
 
-def _picture(name: str, variables: list[Any], answered: list[Any], y: Floats) -> str:
+def _picture(name: str, variables: list[Any], answered: list[Any], y: Floats) -> Picture:
     """Scatter over each variable, in the unit in which people read it."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -145,16 +140,12 @@ def _picture(name: str, variables: list[Any], answered: list[Any], y: Floats) ->
             axes.set_xscale("log")
     for axes in places[::wide]:
         axes.set_ylabel(_label(name, UNITS[name]))
-    drawn = io.BytesIO()
-    figure.savefig(drawn, format="png", dpi=110, bbox_inches="tight")
-    return f'<p><img alt="{html.escape(name)}" src="data:image/png;base64,{base64.b64encode(drawn.getvalue()).decode()}"></p>'
+    return Picture.of(figure, name)
 
 
 def _label(name: str, unit: str) -> str:
     return f"{name}, {unit}" if unit else name
 
 
-def _table(heads: tuple[str, ...], lines: list[Any]) -> str:
-    head = "".join(f"<th>{html.escape(one)}</th>" for one in heads)
-    body = "".join("<tr>" + "".join(f"<td>{html.escape(str(cell))}</td>" for cell in line) + "</tr>" for line in lines)
-    return f"<table><tr>{head}</tr>{body}</table>"
+def _table(heads: tuple[str, ...], lines: Sequence[Sequence[Any]]) -> PageTable:
+    return PageTable(heads, tuple(tuple(map(str, line)) for line in lines))

@@ -1,17 +1,21 @@
-"""What `probe-design tradeoff` leaves behind: a page, a plot and a JSON file."""
+"""What `probe-design tradeoff` leaves behind: a page, a plot, a JSON file and a report."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 from geometry.common.files import written_together
 from geometry.provenance.block import provenance
+from probe_design.reports.page import Chapter, Items, PageTable, Picture, Text
+from probe_design.reports.page import page as html
+from probe_design.reports.scene_sections import asked
 from probe_design.tradeoffs.plot import plot
 from probe_design.tradeoffs.study import Tradeoff
-from probe_design.tradeoffs.tables import page
+from probe_design.tradeoffs.tables import CHOICES, EACH, NOTES, SUMMARY, choice_cells, page, row_cells, summary_cells
 
-NAMES = ("tradeoff.png", "tradeoff.md", "tradeoff.json")
+NAMES = ("tradeoff.png", "tradeoff.md", "tradeoff.json", "report.html")
 
 
 def write_all(study: Tradeoff, folder: Path) -> list[Path]:
@@ -23,8 +27,26 @@ def write_all(study: Tradeoff, folder: Path) -> list[Path]:
     files = [folder / name for name in NAMES]
     summary = study.as_dict() | {"files": [str(file) for file in files], "provenance": provenance()}
     with written_together(folder, NAMES) as new:
-        picture, table, data = (new / name for name in NAMES)
+        picture, table, data, told = (new / name for name in NAMES)
         plot(study, picture)
         table.write_text(page(study, picture.name), encoding="utf-8")
         data.write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        told.write_text(_report(study, picture, summary), encoding="utf-8")
     return files
+
+
+def _report(study: Tradeoff, picture: Path, summary: dict[str, Any]) -> str:
+    """The same as a page."""
+    scenes = [asked(scene, f"The scene {name}") for name, scene in study.scenes.items()]
+    refusals = [f"{row.scene}, {row.evaluator}: {row.reason}" for row in study.rows if row.reason is not None]
+    silent = (*(f"{name}: {why}" for name, why in study.skipped.items()), *dict.fromkeys(refusals))
+    sections = (
+        Chapter("Error against time", (Picture.read(picture, "error against time of every level and setting"),)),
+        Chapter("Every setting", (PageTable(SUMMARY, tuple(summary_cells(study))), Text(NOTES))),
+        Chapter("The cheapest for each scene", (PageTable(CHOICES, tuple(choice_cells(study))),)),
+        Chapter("Every answer", (PageTable(EACH, tuple(row_cells(study))),)),
+        Chapter("Not asked, or no answer", (Items(silent or ("nothing",)),)),
+        *scenes,
+    )
+    headline = f"{len(study.rows)} answers of {len(study.scenes)} scenes, timed and judged."
+    return html("Speed against accuracy", headline, sections, summary)

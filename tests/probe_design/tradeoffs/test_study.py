@@ -204,8 +204,13 @@ def test_files_and_one_json_object(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     told = json.loads(ended.stdout)
     assert set(told) == {"scenes", "rows", "cheapest", "skipped", "warnings", "files", "provenance"}
     assert told["warnings"] == []
-    assert [Path(file).name for file in told["files"]] == ["tradeoff.png", "tradeoff.md", "tradeoff.json"]
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["tradeoff.json", "tradeoff.md", "tradeoff.png"]
+    assert [Path(file).name for file in told["files"]] == ["tradeoff.png", "tradeoff.md", "tradeoff.json", "report.html"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        "report.html",
+        "tradeoff.json",
+        "tradeoff.md",
+        "tradeoff.png",
+    ]
     assert json.loads(Path(told["files"][2]).read_text()) == told
     assert all(set(one) == KEYS for one in told["rows"])
     assert [(one["evaluator"], one["accuracy"]) for one in told["rows"]][: len(SETTINGS)] == [

@@ -1,0 +1,148 @@
+"""A report as one HTML file: what verbs put into sections becomes a page that needs no network and fits a phone.
+
+A verb makes ``Chapter``s of the parts below and calls ``page``; texts are escaped by the template. The JSON object of the answer,
+with its block of provenance, is inside, so that ``probe-design rerun`` can repeat the page.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from geometry.provenance.texts import html_script
+
+if TYPE_CHECKING:
+    from jinja2 import Template
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Text:
+    """A paragraph."""
+
+    text: str
+    kind: str = "text"
+
+
+@dataclass(frozen=True)
+class Code:
+    """Text as it is, such as a scene file."""
+
+    text: str
+    kind: str = "code"
+
+
+@dataclass(frozen=True)
+class Items:
+    """A list; an item that is the name of a file beside the page is a link where ``links``."""
+
+    items: tuple[str, ...]
+    links: bool = False
+    kind: str = "items"
+
+
+@dataclass(frozen=True)
+class PageTable:
+    """Headings and rows of texts, which a reader can copy into a spreadsheet."""
+
+    headings: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    kind: str = "table"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture inside the page.
+
+    Attributes:
+        source: a ``data:`` address.
+        alt: what it shows, in words.
+    """
+
+    source: str
+    alt: str
+    kind: str = "picture"
+
+    @classmethod
+    def of(cls, figure: Figure, alt: str) -> Picture:
+        """Return a figure as a picture."""
+        drawn = io.BytesIO()
+        figure.savefig(drawn, format="png", dpi=110)
+        return cls._png(drawn.getvalue(), alt)
+
+    @classmethod
+    def read(cls, path: Path, alt: str) -> Picture:
+        """Return a .png file as a picture."""
+        return cls._png(path.read_bytes(), alt)
+
+    @classmethod
+    def _png(cls, content: bytes, alt: str) -> Picture:
+        return cls(f"data:image/png;base64,{base64.b64encode(content).decode()}", alt)
+
+
+@dataclass(frozen=True)
+class View:
+    """Bodies that turn, each with ``colour``, ``vertices`` (n, 3) and ``triangles`` (m, 3); see ``bodies.py``."""
+
+    bodies: tuple[dict[str, Any], ...]
+    alt: str
+    kind: str = "view"
+
+    @property
+    def content(self) -> str:
+        """The bodies as JSON."""
+        return json.dumps(self.bodies, separators=(",", ":"))
+
+
+Part = Text | Code | Items | PageTable | Picture | View
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """A heading and what stands below it."""
+
+    title: str
+    parts: tuple[Part, ...]
+
+
+def page(title: str, headline: str, sections: Sequence[Chapter], answer: dict[str, Any]) -> str:
+    """Return the report as HTML.
+
+    Args:
+        title: of the page.
+        headline: the answer in a sentence.
+        sections: in their order.
+        answer: the JSON object that the verb prints, with its ``provenance``, which closes the page as a table.
+    """
+    block = answer["provenance"]
+    return _template().render(
+        title=title,
+        headline=headline,
+        sections=[*sections, Chapter("Where this comes from", (_origin(block),))],
+        answer=html_script("answer", answer),
+        script=resources.files("probe_design.data").joinpath("report.js").read_text(encoding="utf-8"),
+    )
+
+
+def _origin(block: dict[str, Any]) -> PageTable:
+    told = {**block, "dependencies": [f"{name} {version}" for name, version in block["dependencies"].items()]}
+    command = block["command"]
+    told["command"] = None if command is None else " ".join(["probe-design", *command])
+    told["inputs"] = [f"{name} {sha[:12]}" for name, sha in block["inputs"].items()]
+    shown = {name: ", ".join(value) if isinstance(value, list) else value for name, value in told.items()}
+    return PageTable(("", "provenance"), tuple((name, str(value)) for name, value in shown.items() if value not in (None, "")))
+
+
+@lru_cache(maxsize=1)
+def _template() -> Template:
+    from jinja2 import Environment, StrictUndefined
+
+    text = resources.files("probe_design.data").joinpath("report.html.in").read_text(encoding="utf-8")
+    return Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True).from_string(text)

@@ -1,0 +1,61 @@
+"""The report in a browser: whole at a phone's and a desk's width, its bodies drawn, nothing fetched, nothing complained of."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from geometry import read_scene
+from geometry.provenance.block import provenance
+from geometry.provenance.texts import block_of
+from probe_design.reports.bodies import bodies
+from probe_design.reports.page import Chapter, Code, Items, PageTable, Part, Text, View, page
+from tests.support.browser import shown
+from tests.support.paths import EXAMPLES, SCENE
+
+ODD = "<script>alert(1)</script> & \"quotes\" 'and' {{ braces }}"
+LONG = "a_very_long_name_without_any_blank_" * 8
+
+
+def written(folder: Path, *parts: Part) -> Path:
+    answer = {"ratio": 0.5, "note": ODD, "provenance": provenance(read_scene(SCENE))}
+    path = folder / "report.html"
+    path.write_text(page(f"Report {ODD}", LONG, [Chapter(ODD, parts)], answer), encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def report(tmp_path: Path) -> Path:
+    wide = PageTable(tuple(f"heading {k}" for k in range(15)), (tuple("1.2345678" for _ in range(15)), (LONG, *"abcdefghijklmn")))
+    view = View(bodies(read_scene(EXAMPLES / "two-tumours.toml")), "the probe")
+    return written(tmp_path, Text(ODD), Text(LONG), Code(LONG), Items((ODD, "design.toml"), links=True), wide, view)
+
+
+def test_texts_are_texts_and_nothing_is_fetched(report: Path) -> None:
+    text = report.read_text(encoding="utf-8")
+    assert "<script>alert" not in text
+    assert text.count("&lt;script&gt;alert(1)&lt;/script&gt;") >= 4
+    assert '<meta name="viewport" content="width=device-width' in text
+    assert re.findall(r"""(?:src|href)\s*=\s*["'](?!data:|design\.toml|&lt;)[^"']*""", text) == []
+    assert "http" not in text
+
+
+def test_the_answer_is_inside(report: Path) -> None:
+    block, answer = block_of(report)
+    assert answer == {"ratio": 0.5, "note": ODD}
+    assert block == json.loads(json.dumps(provenance(read_scene(SCENE))))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [390, 1280])
+def test_a_page_in_a_browser(report: Path, width: int, tmp_path: Path) -> None:
+    found = shown(report, width, tmp_path)
+    assert found.console == []
+    assert int(found.told["width"]) == width
+    assert int(found.told["scroll"]) <= width
+    assert found.told["clipped"] == ""
+    assert int(found.told["drawn"]) > 3000  # pixels that are not background
+    assert found.told["tables"] == found.told["buttons"] == "2"

@@ -1,0 +1,62 @@
+"""Pages in a real browser: headless Chromium."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+NAMES = ("chromium", "chromium-browser", "google-chrome")
+# drawn by the processor; no network: every host is one that does not exist
+FLAGS = (
+    "--headless", "--no-sandbox", "--hide-scrollbars", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+    "--host-resolver-rules=MAP * ~NOTFOUND", "--enable-logging=stderr", "--virtual-time-budget=5000",
+    "--allow-file-access-from-files", "--window-size=1400,1000", "--dump-dom",
+)  # fmt: skip
+
+
+# the page stands in a frame of the width that is asked for: a headless window is no narrower than 500 pixels
+FRAME = """<!doctype html><iframe src="{page}" style="width: {width}px; height: 900px; border: 0"></iframe><script>
+onload = () => {{
+  const frame = document.querySelector("iframe"), page = frame.contentDocument, wide = frame.contentWindow.innerWidth;
+  const told = document.documentElement.dataset, free = (one) => !one.closest("div.wide");
+  told.width = wide;
+  told.scroll = page.documentElement.scrollWidth;
+  told.clipped = [...page.body.querySelectorAll("*")].filter((one) => free(one) && one.getBoundingClientRect().right > wide + 0.5)
+    .map((one) => one.tagName).join(" ");
+  told.drawn = [...page.querySelectorAll("canvas")].map((one) => one.dataset.drawn).join(" ");
+  told.broken = [...page.images].filter((one) => !one.complete || !one.naturalWidth).length;
+  told.tables = page.querySelectorAll("table").length;
+  told.buttons = page.querySelectorAll("button.copy").length;
+}};
+</script>"""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A page as a browser has it.
+
+    Attributes:
+        told: what is measured of it, by name; see ``FRAME``.
+        console: what its scripts, or the browser about them, have said.
+    """
+
+    told: dict[str, str]
+    console: list[str]
+
+
+def shown(page: Path, width: int, folder: Path) -> Shown:
+    """Show a page at a width, pixels; skips the test where there is no browser. ``folder`` is for the browser's own files."""
+    program = next((found for name in NAMES if (found := shutil.which(name))), None)
+    if program is None:
+        pytest.skip("no Chromium")
+    (folder / "frame.html").write_text(FRAME.format(page=page.as_uri(), width=width))
+    command = [program, *FLAGS, f"--user-data-dir={folder / 'profile'}", (folder / "frame.html").as_uri()]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert ended.returncode == 0, ended.stderr[-2000:]
+    told = dict(re.findall(r'data-(\w+)="([^"]*)"', re.findall(r"<html[^>]*>", ended.stdout)[0]))
+    return Shown(told, [line for line in ended.stderr.splitlines() if "CONSOLE" in line])
