@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
@@ -135,7 +135,7 @@ def _pair(fit: Fit, deviation: Deviation) -> VariablePair:
 
 
 def _p_value(left: float, freedom: int) -> float:
-    return float(chi2.sf(left, freedom)) if freedom > 0 else 1.0
+    return float(chdtrc(freedom, left)) if freedom > 0 else 1.0
 
 
 def _fitted(deviation: Deviation, name: str, shift: Floats, off: Floats, nominal: float) -> Explanation:
