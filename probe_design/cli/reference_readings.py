@@ -11,12 +11,10 @@ from typing import TYPE_CHECKING, Any
 from probe_design.cli.arguments import number
 
 if TYPE_CHECKING:
-    from geometry.scenes.scene import Scene
     from hw.common.samples import Samples
     from hw.signal.measure import Measurement
     from probe_design.built_probe.bench import Reference
     from probe_design.cli.hardware_sources import HardwareSetup, Opener, SampleSource
-    from solver.results.result import Result
 
 
 @dataclass(frozen=True)
@@ -126,7 +124,7 @@ def on_scene(setting: HardwareSetup, source: SampleSource, accuracy: str) -> Any
     return bench.on_scene(predicted)
 
 
-def predicting(length: float | None) -> Callable[[Scene, float, bool, float], Result]:
+def predicting(length: float | None) -> Callable[..., Any]:
     """Return what predicts a scene for a reading of so many seconds: apart where it is to leave no memory held."""
     from probe_design.built_probe import prediction_apart, reading
 

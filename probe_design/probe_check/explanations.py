@@ -79,7 +79,7 @@ def explanations(deviation: Deviation, shares: Shares) -> tuple[tuple[Explanatio
 
 
 def refined(
-    scene: Scene, bench: Bench, deviation: Deviation, shares: Shares, names: Sequence[str], tell: Tell = silent
+    scene: Scene, bench: Bench, deviation: Deviation, shares: Shares, names: Sequence[str], *, tell: Tell = silent
 ) -> tuple[Fit, ...]:
     """Fit each of these variables alone at the designs that it asks for, best first; ``tell`` is told how far it is."""
     fits = []
@@ -89,7 +89,7 @@ def refined(
     return tuple(sorted(fits, key=lambda one: one.chi_square))
 
 
-def paired(deviation: Deviation, shares: Shares, fits: Sequence[Fit], tell: Tell = silent) -> tuple[VariablePair, ...]:
+def paired(deviation: Deviation, shares: Shares, fits: Sequence[Fit], *, tell: Tell = silent) -> tuple[VariablePair, ...]:
     """Return the pairs that explain most, best first, from the fits of single variables; none where nothing would be left."""
     if len(deviation.logs) < 3:
         return ()
