@@ -15,11 +15,10 @@ from hw.common.errors import InvalidSource, Timeout
 from hw.common.samples import Samples, joined
 from hw.common.transport import Chunk, Decoder, Header, Transport
 from hw.foreign.columns import ColumnMap, channel_numbers
-from hw.foreign.files import HDF5, is_foreign, replayed
-from hw.foreign.hdf5_recording import Hdf5Recorder
+from hw.foreign.files import is_foreign, replayed
 from hw.foreign.volts import VoltsDecoder
 from hw.oscilloscope.transport import ScopeTransport, WaveformDecoder
-from hw.recordings.recording import Recorder
+from hw.recorders import DataRecorder, recorder_of
 from hw.recordings.replay import Replay
 from hw.serial_port.transport import SerialTransport
 from hw.simulation.virtual import Virtual
@@ -70,7 +69,7 @@ class Reader:
         Args:
             seconds: how long, by the device's own clock, gaps included; None: until the source ends.
             record: a new file for the raw bytes, which get there before they are decoded; one that ends in .h5 or .hdf5 takes
-                the samples instead, and gets its name when it is whole.
+                the samples instead, and gets its name when it is whole: until then, and where it fails, the bytes are beside it.
 
         Raises:
             InvalidSource: less than one sample.
@@ -84,24 +83,24 @@ class Reader:
         self._drain = Drain(self.transport)
         with ExitStack() as stack:
             stack.callback(self._drain.close)
-            recorder: Recorder | Hdf5Recorder | None = None
+            recorder: DataRecorder | None = None
             for chunk in self._drain:
                 if record is not None and recorder is None:
-                    recorder = _recorder(record, self.header)
+                    recorder = recorder_of(record, self.header)
                     stack.callback(self._unless_full, recorder, recorder.close)
-                if isinstance(recorder, Recorder):
+                if recorder is not None:
                     self._unless_full(recorder, recorder.write, chunk)
                 block = decoder.feed(chunk.data, chunk.stream, chunk.note)
                 if len(block):
                     self._compare(clock, chunk, block)
                     asked = block if end is None else block.before(end)
-                    if isinstance(recorder, Hdf5Recorder):
+                    if recorder is not None:
                         self._unless_full(recorder, recorder.write_samples, asked)
                     yield asked
                     if end is not None and block.index[-1] >= end - 1:
                         return
 
-    def _unless_full(self, recorder: Recorder | Hdf5Recorder, step: Callable[..., None], *data: Any) -> None:
+    def _unless_full(self, recorder: DataRecorder, step: Callable[..., None], *data: Any) -> None:
         """Go on with a recording; a disk that is full ends the recording, not the reading; it is closed in any case."""
         if "unrecorded" in self.header.source and data:
             return
@@ -109,7 +108,7 @@ class Reader:
             step(*data)
         except OSError as fault:
             why = (fault.strerror or str(fault)).lower()
-            self.header.source.setdefault("unrecorded", f"{recorder.ENDED}: {why}")
+            self.header.source.setdefault("unrecorded", f"{recorder.ended}: {why}")
 
     def _compare(self, clock: Clock, chunk: Chunk, block: Samples) -> None:
         if chunk.time is None:  # what a recording tells of the clock, as HDF5 does, stands
@@ -171,10 +170,6 @@ def decoder_of(header: Header) -> Decoder:
     if header.kind == "volts":
         return VoltsDecoder(header)
     raise InvalidSource(f"a recording of kind {header.kind!r}: allowed: frames, waveforms, volts")
-
-
-def _recorder(record: Path | str, header: Header) -> Recorder | Hdf5Recorder:
-    return Hdf5Recorder(record, header) if Path(record).suffix.lower() in HDF5 else Recorder(record, header)
 
 
 def _replay(path: Path, columns: ColumnMap) -> Transport:

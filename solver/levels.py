@@ -146,11 +146,13 @@ def _with_loads(result: P, scene: Scene, accuracy: float) -> P:
 
 def with_phase(result: Result, scene: Scene, accuracy: float, frequency: float) -> Result:
     """Return an answer with the phase of its ratio at a frequency (Hz), or with why that is null; see ``solver.phase.phase``."""
+    from solver.phase.inertia import with_inertia
     from solver.phase.phase import NotTold, ratio_phase
 
-    result = replace(result, frequency=frequency)
+    still = result
+    result = replace(result, frequency=frequency, error_estimate=with_inertia(result.error_estimate, scene, frequency))
     try:
-        phase = ratio_phase(scene, result, accuracy, frequency)
+        phase = ratio_phase(scene, still, accuracy, frequency)
     except NotTold as why:
         return replace(result, warnings=(*result.warnings, Note("null", f"ratio_phase is null: {why}")))
     told: dict[str, Any] = {f"ratio_phase{key}": value for key, value in phase.parts.items()}

@@ -16,7 +16,7 @@ LIKELY = 0.9  # power from which a probe counts as one that the check should fin
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ProbeOutcome:
     """What became of one probe.
 
     Attributes:
@@ -42,7 +42,7 @@ class Outcome:
         return self.p_value < LEVEL
 
 
-def print_within(outcomes: Sequence[Outcome]) -> None:
+def print_within(outcomes: Sequence[ProbeOutcome]) -> None:
     """Print false alarms and coverage."""
     read = [one for one in outcomes if not one.refused]
     alarms = sum(one.found for one in read)
@@ -54,7 +54,7 @@ def print_within(outcomes: Sequence[Outcome]) -> None:
         print(f"{name} within 1.96 sd: {share(int(count), len(read))}, stated 95 %")
 
 
-def print_out(outcomes: Sequence[Outcome]) -> None:
+def print_out(outcomes: Sequence[ProbeOutcome]) -> None:
     """Print what is found of each variable beside the check's own power, and what is named."""
     print(f"{len(outcomes)} out of tolerance by 5 to 15: {sum(one.found for one in outcomes)} found, or refused by calibrate")
     for name in dict.fromkeys(one.off for one in outcomes):

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.built_probe.counts import Outcome, print_out, print_within
+from benchmarks.built_probe.counts import ProbeOutcome, print_out, print_within
 from benchmarks.built_probe.solved_probes import SolvedProbes
 from geometry import Scene, read_scene
 from geometry.common.arrays import Floats
@@ -116,17 +116,17 @@ class Study:
             except ValueError:
                 continue
 
-    def outcome(self, drawn: Drawn, logs: Floats) -> Outcome:
+    def outcome(self, drawn: Drawn, logs: Floats) -> ProbeOutcome:
         """Calibrate and check a probe of which ln(F_inner / F_outer) on its blocks is known."""
         first, second = drawn.readings(logs)
         try:
             gains = self._gains(first, drawn.sensor)
             deviation = self._deviation(gains, second)
         except InputError as fault:
-            return Outcome(drawn.off, drawn.turn, refused=str(fault))
+            return ProbeOutcome(drawn.off, drawn.turn, refused=str(fault))
         error = (gains.matrix - drawn.matrix).ravel() / np.sqrt(np.diag(gains.covariance))
         likely = power(deviation, {drawn.off: drawn.turn}) if drawn.off else None
-        return Outcome(drawn.off, drawn.turn, deviation.p_value, likely, error)
+        return ProbeOutcome(drawn.off, drawn.turn, deviation.p_value, likely, error)
 
     def _gains(self, films: Floats, sensor: float) -> Gains:
         pressed = zip(self.bench.reference, films, strict=True)
@@ -147,7 +147,9 @@ class Study:
         return drawn.off in {*verdict.alike, *(name for pair in verdict.pairs if pair.explains for name in pair.variables)}
 
 
-def studied(study: Study, count: int, names: tuple[str | None, ...], solved: SolvedProbes, explain: int = 0) -> Iterator[Outcome]:
+def studied(
+    study: Study, count: int, names: tuple[str | None, ...], solved: SolvedProbes, explain: int = 0
+) -> Iterator[ProbeOutcome]:
     """Yield the outcome of each of ``count`` probes, one of ``names`` after the other off; those solved before are not again."""
     left = explain
     for seed in range(count):

@@ -1,7 +1,8 @@
 """An hour at 10 kS/s, faster than it would last: `nice python -m benchmarks.readings.soak [--seconds 3600] [--rate 10000]`.
 
 A virtual probe streams through decoder, recorder and fit as a real one does. Told are the largest memory, samples lost, what is
-on disk, and how far the result is off. `--full MB` lets the disk be full after so much.
+on disk, and how far the result is off. `--full MB` lets the disk be full after so much. `--verb` runs `probe-design read` itself,
+with its prediction, its lines and its JSON object.
 """
 
 from __future__ import annotations
@@ -64,6 +65,19 @@ def soak(seconds: float, rate: float, path: Path) -> None:
     print(f"on disk {path.stat().st_size / 1e6:.0f} MB, cut: {told_by(path)}; {time.monotonic() - begun:.0f} s; {notes}")
 
 
+def verb(seconds: float, rate: float, path: Path) -> None:
+    """Run `read --virtual` for so long at so many samples per second, and print what it held."""
+    from probe_design.cli import hardware_sources
+    from probe_design.cli.hardware import read
+
+    vars(hardware_sources)["RATE"] = rate
+    begun = time.monotonic()
+    words = ["examples/scene.toml", "--virtual", "--seconds", f"{seconds:g}", "--record", str(path), "--json"]
+    read.main(words, standalone_mode=False)
+    size, took = path.stat().st_size / 1e6, time.monotonic() - begun
+    print(f"the process held {memory():.0f} MB at most; on disk {size:.0f} MB; {took:.0f} s")
+
+
 def told_by(path: Path) -> str:
     """Return how many bytes of frames a recording holds, and whether it was cut."""
     recording = Recording(path)
@@ -77,11 +91,12 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=3600.0)
     parser.add_argument("--rate", type=float, default=10_000.0)
     parser.add_argument("--full", type=float, help="MB after which the disk is full")
+    parser.add_argument("--verb", action="store_true", help="run the verb read")
     given = parser.parse_args()
     if given.full:
         resource.setrlimit(resource.RLIMIT_FSIZE, (int(given.full * 1e6), resource.RLIM_INFINITY))
     with tempfile.TemporaryDirectory() as folder:
-        soak(given.seconds, given.rate, Path(folder) / "run.probe")
+        (verb if given.verb else soak)(given.seconds, given.rate, Path(folder) / "run.probe")
 
 
 if __name__ == "__main__":

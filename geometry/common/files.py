@@ -45,7 +45,7 @@ def written_together(folder: Path, names: Sequence[str], once: bool = False) -> 
         OSError: a file cannot be written, is missing, or a folder is in its place.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    drafts = Path(tempfile.mkdtemp(prefix=f".{names[0]}.", dir=folder))
+    drafts = Path(tempfile.mkdtemp(prefix=f".{names[0][:50]}.", dir=folder))
     try:
         yield drafts
         for name in names:

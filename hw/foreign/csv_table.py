@@ -180,15 +180,31 @@ def _are_units(cells: list[str]) -> bool:
 
 
 def _rate(lines: list[str], head: list[list[str]]) -> float | None:
-    """The rate that an oscilloscope's header tells: an interval beside or below its name, or within the line."""
-    texts = [match[1] for line in lines if (match := _INLINE.search(line))]
+    """The rate that an oscilloscope's header tells: an interval, s unless a unit follows, beside or below its name, or in line.
+
+    Raises:
+        InvalidSource: what follows the interval is no unit of time.
+    """
+    intervals = [float(match[1]) for line in lines if (match := _INLINE.search(line))]
     for at, row in enumerate(head):
         for k, cell in enumerate(row):
             if _INTERVAL.fullmatch(cell.strip('"')):
                 below = head[at + 1][k : k + 1] if at + 1 < len(head) else []
-                texts += [other for other in (*row[k + 1 : k + 2], *below) if _is_number(other, comma=False)]
-    intervals = [float(text) for text in texts if float(text) > 0]
-    return 1 / intervals[0] if intervals else None
+                beside = [other for other in row[k + 1 : k + 2] if _is_number(other, comma=False)]
+                intervals += [float(other) * _seconds(row[k + 2 : k + 3]) for other in beside]
+                intervals += [float(other) for other in below if _is_number(other, comma=False)]
+    positive = [one for one in intervals if one > 0]
+    return 1 / positive[0] if positive else None
+
+
+def _seconds(after: list[str]) -> float:
+    """What one of an interval's numbers is worth by the cell after it, which may be empty or begin something else."""
+    unit = after[0].strip("()[] ") if after else ""
+    if not unit or _is_number(unit, comma=False):
+        return 1.0
+    if unit not in SECONDS:
+        raise refusal("sample interval", repr(unit), f"a unit of time after its number: {', '.join(SECONDS)}; or none")
+    return SECONDS[unit]
 
 
 def _numbers(path: Path, dialect: TextLayout, lines: list[str], wanted: list[int]) -> Floats:

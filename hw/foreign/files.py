@@ -15,6 +15,11 @@ TEXT = (".csv", ".txt", ".tsv", ".dat")
 WAV = (".wav",)
 
 
+def raw_beside(path: Path) -> Path:
+    """Return the file that holds the raw bytes of an HDF5 recording until that is whole, and after a kill."""
+    return path.with_name(f"{path.name}.probe")
+
+
 def is_foreign(path: Path) -> bool:
     """Whether a file's name ends as those of other programs' files."""
     return path.suffix.lower() in (*HDF5, *TEXT, *WAV)
@@ -40,7 +45,8 @@ def replayed(path: Path, columns: ColumnMap) -> Transport:
         InvalidSource: it cannot be read, or something is missing.
     """
     if not os.path.isfile(path):
-        raise InvalidSource(f"{path} cannot be read: there is no such file")
+        left = f"; what was read until it was interrupted is in {raw_beside(path)}" if raw_beside(path).exists() else ""
+        raise InvalidSource(f"{path} cannot be read: there is no such file{left}")
     suffix = path.suffix.lower()
     if suffix in HDF5:
         from hw.foreign.hdf5_recording import Hdf5Replay, ours

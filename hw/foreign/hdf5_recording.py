@@ -39,13 +39,11 @@ class Hdf5Recorder:
         InvalidSource: h5py is not installed.
     """
 
-    ENDED = "there is no recording, which HDF5 writes whole or not at all"  # what a full disk does to it
-
     def __init__(self, path: Path | str, header: Header) -> None:
         self.path, self._header = Path(path), header
         if self.path.exists():
             raise FileExistsError(17, os.strerror(17), str(path))
-        handle, draft = tempfile.mkstemp(prefix=f".{self.path.name}.", dir=self.path.parent)
+        handle, draft = tempfile.mkstemp(prefix=f".{self.path.name[:50]}.", dir=self.path.parent)
         os.close(handle)
         self._draft, self._gaps, self._overruns = Path(draft), list[Gap](), 0
         self._disk = UnfailingFile(draft, "w+")
@@ -104,8 +102,13 @@ class Hdf5Recorder:
                 self.path.touch(exist_ok=False)  # a move would take the place of what has the name by now
                 self._draft.replace(self.path)
         finally:
-            self._disk.close()
-            self._draft.unlink(missing_ok=True)
+            self.discard()
+
+    def discard(self) -> None:
+        """Leave nothing of it, unless it was made whole."""
+        self._file.close()  # HDF5 writes until then, and not beyond it
+        self._disk.close()
+        self._draft.unlink(missing_ok=True)
 
     def _check_disk(self) -> None:
         if self._disk.fault is not None:

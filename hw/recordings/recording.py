@@ -40,13 +40,15 @@ class Recorder:
         FileExistsError: there is a file of that name.
     """
 
-    ENDED = "the recording ends early, whole up to there"  # what a full disk does to it
-
     def __init__(self, path: Path | str, header: Header) -> None:
         self._file = Path(path).open("xb", buffering=0)  # noqa: SIM115 - closed by close(); bytes are on their way at once
         self._begin, self._end = time.monotonic(), 0
         line = json.dumps({"format": KIND, "version": VERSION} | header.as_dict())
-        self._append(line.encode() + b"\n")
+        try:
+            self._append(line.encode() + b"\n")
+        except OSError:
+            self._file.close()
+            raise
 
     def write(self, chunk: Chunk) -> None:
         """Append what one read returned, whole or not at all.

@@ -10,8 +10,8 @@ from hw.signal.measure import Losses, film_channels
 from hw.signal.sine_fit import NoSine, SineFit, TooShort, fit_stretch
 from hw.signal.stretches import combined, stretches
 
-ROWS = 1 << 17  # in a piece, at least
-CYCLES = 60.0  # of the load in a piece, at least
+ROWS = 1 << 16  # in a piece, at least
+CYCLES = 30.0  # of the load in a piece, at least
 
 
 class RunningFit:
@@ -28,7 +28,7 @@ class RunningFit:
     def __init__(self, frequency: float, force: bool, rows: int = ROWS) -> None:
         self._frequency, self._force, self._rows = frequency, force, rows
         self._waiting: list[Samples] = []
-        self._count = 0
+        self._count, self._piece = 0, rows
         self._fits: list[SineFit] = []
         self._left_out = 0
         self._fault: HardwareError | None = None
@@ -42,9 +42,9 @@ class RunningFit:
             return
         self._waiting.append(used)
         self._count += len(used)
-        piece = max(self._rows, round(CYCLES / self._frequency * block.rate))
-        while self._count >= 2 * piece:
-            self._fit_first(piece)
+        self._piece = max(self._rows, round(CYCLES / self._frequency * block.rate))
+        while self._count >= 2 * self._piece:
+            self._fit_first(self._piece)
 
     def fit(self) -> SineFit:
         """Return the fit of all that came.
@@ -53,8 +53,7 @@ class RunningFit:
             HardwareError: what a piece was refused for.
         """
         if self._waiting:
-            self._try(joined(self._waiting))
-            self._waiting = []
+            self._fit_rest()
         if self._fault is not None:
             raise self._fault
         if not self._fits:
@@ -62,6 +61,13 @@ class RunningFit:
         longest = max(range(len(self._fits)), key=lambda k: self._fits[k].rows)
         ordered = [self._fits[longest], *self._fits[:longest], *self._fits[longest + 1 :]]
         return replace(combined(ordered), left_out=self._left_out)
+
+    def _fit_rest(self) -> None:
+        """Of a long reading in two halves, where more than a piece waits: no fit then takes more memory than the others."""
+        if self._fits and self._count > self._piece:
+            self._fit_first(self._count // 2)
+        self._try(joined(self._waiting))
+        self._waiting, self._count = [], 0
 
     def _fit_first(self, piece: int) -> None:
         whole = joined(self._waiting)

@@ -15,8 +15,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
@@ -100,7 +99,7 @@ class Gains:
     @property
     def p_value(self) -> float:
         """Probability of a chi-square as large or larger."""
-        return float(chi2.sf(self.chi_square, self.freedom)) if self.freedom else 1.0
+        return float(chdtrc(self.freedom, self.chi_square)) if self.freedom else 1.0
 
     @property
     def as_drawn(self) -> Floats:
@@ -133,6 +132,8 @@ def estimated(observed: Sequence[Observed], shares: Shares, bench: Bench) -> Gai
     Raises:
         InputError: the references cannot tell the gains.
     """
+    from scipy.optimize import least_squares  # 15 MB that a logger of hours, who knows the gains, need not hold
+
     problem = _Problem(tuple(observed), shares, bench)
     if problem.data <= len(problem.start()):
         raise _unresolved(np.inf)

@@ -25,6 +25,7 @@ from hw.signal.measure import Measurement, carried
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.gain_matrix import Gains
 from solver.levels import with_phase
+from solver.phase.inertia import with_inertia
 from solver.results.result import Result
 from solver.results.warnings import Note
 
@@ -39,12 +40,13 @@ def phased(result: Result, scene: Scene, accuracy: float, frequency: float | Non
     """
     if frequency is None:
         return result
+    moving = replace(result, frequency=frequency, error_estimate=with_inertia(result.error_estimate, scene, frequency))
     if not any(loss_factors(scene).values()):
-        return replace(result, frequency=frequency, ratio_phase=0.0, ratio_phase_error=0.0)
+        return replace(moving, ratio_phase=0.0, ratio_phase_error=0.0)
     try:
         return with_phase(result, scene, accuracy, frequency)
     except InputError as fault:  # a load too fast for what the phase knows is read all the same
-        return replace(result, warnings=(*result.warnings, Note("null", f"predicted_ratio_phase is null: {fault}")))
+        return replace(moving, warnings=(*result.warnings, Note("null", f"predicted_ratio_phase is null: {fault}")))
 
 
 def ratio_phase(measurement: Measurement, bench: Bench, gains: Gains) -> tuple[float, float]:

@@ -12,7 +12,7 @@ import click
 
 from probe_design.cli.arguments import FILE_NAME, limiting, linear_option, number
 from probe_design.cli.output import print_json, with_provenance
-from probe_design.cli.reference_readings import on_scene, readings
+from probe_design.cli.reference_readings import on_scene, predicting, readings
 
 if TYPE_CHECKING:
     from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
@@ -87,7 +87,6 @@ def read(
     from probe_design.built_probe.acquisition import collected
     from probe_design.built_probe.field_readings import noise_of, placement_of, read_told
     from probe_design.built_probe.film_forces import reading, running_reading
-    from probe_design.built_probe.reading import prediction
     from probe_design.built_probe.reading import read as judged
     from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
     from probe_design.terminal.console import show, warn, working
@@ -99,7 +98,7 @@ def read(
     (opener,) = origin.openers(lambda: (on_scene(setting, origin, accuracy),), 1, sys.stderr.isatty())
     with opener() as reader:  # what is not there is missed before anything is computed
         with working("predicting"):
-            predicted = prediction(setting.scene, number("accuracy", accuracy), linear, setting.bench.load.frequency)
+            predicted = predicting(length)(setting.scene, number("accuracy", accuracy), linear, setting.bench.load.frequency)
         gains, at = None, None
         if setting.calibration is not None:
             gains = setting.calibration.gains().warmed(setting.bench.channels.warming)

@@ -20,7 +20,7 @@ from geometry.scenes.scene_file import read_scene
 from geometry.scenes.variables import changed, values
 from hw.common.samples import Floats, Samples
 from hw.foreign.columns import ColumnMap
-from hw.foreign.files import HDF5, tells_itself
+from hw.foreign.files import HDF5, raw_beside, tells_itself
 from hw.foreign.units import read_rate
 from hw.reader import AS_IT_IS, Reader
 from hw.recordings.recording import sha256
@@ -162,14 +162,15 @@ class SampleSource:
         recorded = self.recorded(count)
         files = tuple(self.recording(k, count) if path is None else self.copied(k, count) for k, path in enumerate(recorded))
         for path in filter(None, files):
-            if os.path.exists(path):
-                raise InputError("record", str(path), "a name that is not taken: recordings are never overwritten")
-            check_writable_file(path, "record")
+            for one in _written(path):
+                if os.path.exists(one):
+                    raise InputError("record", str(one), "a name that is not taken: recordings are never overwritten")
+                check_writable_file(one, "record")
         return files
 
     def _last_attempt(self, k: int, count: int) -> Path | None:
         paths = (self.recording(k, count, attempt) for attempt in range(ATTEMPTS, 0, -1))
-        return next((path for path in paths if path is not None and os.path.exists(path)), None)
+        return next((one for path in paths if path is not None for one in _written(path) if os.path.exists(one)), None)
 
 
 @dataclass(frozen=True)
@@ -218,9 +219,15 @@ class HardwareSetup:
 
 def raw(samples: Samples, recording: Path | None) -> Raw:
     """Return the hash of a reading's raw data: of its file, or of index and volts where there is none."""
-    if recording is not None:
-        return Raw(sha256(recording), recording.name)
+    kept = None if recording is None else next((one for one in _written(recording) if one.exists()), None)
+    if kept is not None:
+        return Raw(sha256(kept), kept.name)
     return Raw(hashlib.sha256(samples.index.astype("<i8").tobytes() + samples.volts.astype("<f8").tobytes()).hexdigest())
+
+
+def _written(path: Path) -> tuple[Path, ...]:
+    """A recording's file, and where that is HDF5 the one that holds its raw bytes until it is whole."""
+    return (path, raw_beside(path)) if path.suffix.lower() in HDF5 else (path,)
 
 
 def described(samples: Samples) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -119,11 +119,17 @@ def _ask_for(reference: Reference, which: str, source: SampleSource) -> None:
 
 def on_scene(setting: HardwareSetup, source: SampleSource, accuracy: str) -> Any:
     """What a virtual probe sends when the scene is pressed."""
-    from probe_design.built_probe.reading import prediction
-
     bench = setting.virtual(source)
-    predicted = prediction(bench.scene, number("accuracy", accuracy), linear=True, frequency=setting.bench.load.frequency)
+    predicted = predicting(source.length)(bench.scene, number("accuracy", accuracy), True, setting.bench.load.frequency)
     return bench.on_scene(predicted)
+
+
+def predicting(length: float | None) -> Callable[..., Any]:
+    """Return what predicts a scene for a reading of so many seconds: apart where it is to leave no memory held."""
+    from probe_design.built_probe import prediction_apart, reading
+
+    apart = length is not None and length >= prediction_apart.LONG
+    return prediction_apart.prediction_apart if apart else reading.prediction
 
 
 def on_references(setting: HardwareSetup, source: SampleSource, references: Sequence[Reference], run: int) -> Any:

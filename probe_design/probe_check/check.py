@@ -135,7 +135,7 @@ def checked(
     films = [newtons(one, scene, tolerance=gains is None) for one in measurements]
     known = Comparison(bench, effective, tuple(variables), predictions)
     deviation, exchanges = known.deviation(films), known.exchanges(films)
-    verdict = judged(scene, bench, deviation, predictions, [one.told(bench.blocks) for one in exchanges], tell)
+    verdict = judged(scene, bench, deviation, predictions, [one.told(bench.blocks) for one in exchanges], tell=tell)
     return _told(verdict, deviation, _blocks(scene, bench, deviation), gains is not None)
 
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
-from scipy.special import ndtri
-from scipy.stats import chi2
+from scipy.special import chdtrc, chdtri, ndtri
 
 from geometry.common.arrays import Floats
 
@@ -59,7 +58,7 @@ class Deviation:
     @property
     def p_value(self) -> float:
         """Probability of a chi-square as large or larger."""
-        return float(chi2.sf(self.chi_square, len(self.logs)))
+        return float(chdtrc(len(self.logs), self.chi_square))
 
     def bias(self, name: str) -> Floats:
         """G S of a variable, shape (k,)."""
@@ -104,9 +103,9 @@ def power(deviation: Deviation, tolerances: Mapping[str, float]) -> float:
     told = sizes > NOTHING
     middle = np.sqrt(sizes[told]) * (directions.T @ np.array(list(tolerances.values())))[told]
     spread = np.stack(np.meshgrid(*[EVENLY] * len(middle), indexing="ij"), axis=-1) if len(middle) else np.zeros(0)
-    rest = float(chi2.isf(LEVEL, len(deviation.logs))) - np.sum((middle + spread) ** 2 / (1 + sizes[told]), axis=-1)
+    rest = float(chdtri(len(deviation.logs), LEVEL)) - np.sum((middle + spread) ** 2 / (1 + sizes[told]), axis=-1)
     freedom = len(deviation.logs) - len(middle)
-    return float(np.mean(chi2.sf(rest, freedom) if freedom else rest < 0))
+    return float(np.mean(chdtrc(freedom, np.maximum(rest, 0.0)) if freedom else rest < 0))
 
 
 def unseen(deviation: Deviation) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
@@ -79,7 +79,7 @@ def explanations(deviation: Deviation, shares: Shares) -> tuple[tuple[Explanatio
 
 
 def refined(
-    scene: Scene, bench: Bench, deviation: Deviation, shares: Shares, names: Sequence[str], tell: Tell = silent
+    scene: Scene, bench: Bench, deviation: Deviation, shares: Shares, names: Sequence[str], *, tell: Tell = silent
 ) -> tuple[Fit, ...]:
     """Fit each of these variables alone at the designs that it asks for, best first; ``tell`` is told how far it is."""
     fits = []
@@ -89,7 +89,7 @@ def refined(
     return tuple(sorted(fits, key=lambda one: one.chi_square))
 
 
-def paired(deviation: Deviation, shares: Shares, fits: Sequence[Fit], tell: Tell = silent) -> tuple[VariablePair, ...]:
+def paired(deviation: Deviation, shares: Shares, fits: Sequence[Fit], *, tell: Tell = silent) -> tuple[VariablePair, ...]:
     """Return the pairs that explain most, best first, from the fits of single variables; none where nothing would be left."""
     if len(deviation.logs) < 3:
         return ()
@@ -135,7 +135,7 @@ def _pair(fit: Fit, deviation: Deviation) -> VariablePair:
 
 
 def _p_value(left: float, freedom: int) -> float:
-    return float(chi2.sf(left, freedom)) if freedom > 0 else 1.0
+    return float(chdtrc(freedom, left)) if freedom > 0 else 1.0
 
 
 def _fitted(deviation: Deviation, name: str, shift: Floats, off: Floats, nominal: float) -> Explanation:

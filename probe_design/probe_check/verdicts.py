@@ -34,7 +34,7 @@ class Verdict:
 
 
 def judged(
-    scene: Scene, bench: Bench, deviation: Deviation, shares: Shares, exchanged: Sequence[str], tell: Tell = silent
+    scene: Scene, bench: Bench, deviation: Deviation, shares: Shares, exchanged: Sequence[str], *, tell: Tell = silent
 ) -> Verdict:
     """Say what a deviation comes to.
 
@@ -51,12 +51,12 @@ def judged(
         return Verdict(*_within(deviation), linear, unresolved)
     if exchanged:
         return Verdict(UNKNOWN, f"exchanged are: {', or '.join(exchanged)}; put it right, and read again", linear, unresolved)
-    fits = refined(scene, bench, deviation, shares, [*(one.variable for one in linear), *unresolved], tell)
+    fits = refined(scene, bench, deviation, shares, [*(one.variable for one in linear), *unresolved], tell=tell)
     explained = tuple(told(one, deviation) for one in fits)
     if explained[0].explains:
         names = alike(explained)
         return Verdict(*_by_one(names), explained, (), names)
-    pairs, odd = paired(deviation, shares, fits, tell), _odd_ones(deviation, bench)
+    pairs, odd = paired(deviation, shares, fits, tell=tell), _odd_ones(deviation, bench)
     return Verdict(*_by_more(pairs, odd), explained, (), (), pairs)
 
 

@@ -82,6 +82,9 @@ def ratio_phase(scene: Scene, result: Result, accuracy: float, frequency: float)
         LimitReached: see ``solver.evaluate``.
     """
     check_frequency(scene, frequency)
+    moving = swinging(scene, frequency)
+    if moving is not None:
+        raise NotTold(moving)
     if result.ratio is None or result.error_estimate is None:
         raise NotTold("the ratio has to be known with its error")
     if result.evaluator == CONTACT:  # slopes change with the load by more than the ratio does, and it may come back to itself
@@ -103,7 +106,7 @@ def ratio_phase(scene: Scene, result: Result, accuracy: float, frequency: float)
     if not error <= LARGEST:
         raise NotTold(f"its error would be {error:.2g} rad, and up to {LARGEST:g} is told")
     notes = () if any(turns.values()) else (LOSSLESS,)
-    return RatioPhase(float(middle.along[0]), float(error), by | _by_losses(scene, middle), (*notes, *swinging(scene, frequency)))
+    return RatioPhase(float(middle.along[0]), float(error), by | _by_losses(scene, middle), notes)
 
 
 def _changes(scene: Scene, middle: Slopes, at: Callable[[float], Slopes]) -> tuple[dict[str, float], float]:

@@ -156,13 +156,14 @@ ALLOWED: dict[str, set[str]] = {
         "geometry.cad",  # the fixture's sizes and the probe's outlines, on the page to print
         "solver.axisymmetric",
         "solver.equivalent_inclusion",
+        "solver.phase",
         "solver.planning",
         "hw",
         "hw.common",
         "hw.signal",
         *ANSWERS,
     },
-    "probe_design.probe_check": {"probe_design.built_probe", "hw.common", *ANSWERS},
+    "probe_design.probe_check": {"probe_design.built_probe", "hw.common", "hw.signal", *ANSWERS},
     "probe_design.doctor": {"probe_design.built_probe", "hw.common", "hw.signal", "hw.usb", *SCENES},
     "probe_design.solid_output": {
         "probe_design.pictures",

@@ -208,3 +208,17 @@ def test_bytes_are_no_text(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_bytes(bytes(range(256)) * 20)
     with pytest.raises(HardwareError, match="no text"):
         got(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize(("unit", "rate"), [("ms", 1000.0), ("s", 1.0), ("us", 1e6), ("", 1.0)])
+def test_the_unit_of_an_interval_may_stand_in_the_next_cell(unit: str, rate: float, tmp_path: Path) -> None:
+    """Milliseconds were read as seconds."""
+    head = f"Sample Interval,1.0,{unit}\ninner (V),outer (V),x\n"
+    path = text(tmp_path / "a.csv", head, np.column_stack([VOLTS[:, :2], TIMES]))
+    assert got(path).rate == pytest.approx(rate)
+
+
+def test_an_interval_of_an_unknown_unit_is_refused(tmp_path: Path) -> None:
+    path = text(tmp_path / "a.csv", "Sample Interval,1.0,ticks\ninner (V),outer (V),x\n", np.column_stack([VOLTS[:, :2], TIMES]))
+    with pytest.raises(InvalidSource, match="sample interval = 'ticks': allowed: a unit of time"):
+        got(path)

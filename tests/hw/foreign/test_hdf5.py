@@ -133,15 +133,58 @@ print(len(live), *live.notes)
 """
 
 
-@pytest.mark.parametrize("room", [0, 3000, 1_500_000])
-def test_a_full_disk_costs_the_recording_not_the_reading(room: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("room", "kept"), [(0, 0), (30_000, 5000), (1_500_000, 60_000)])
+def test_a_full_disk_costs_the_file_not_the_reading_nor_its_raw_data(room: int, kept: int, tmp_path: Path) -> None:
     """In a process of its own: a file that HDF5 could not close took the program down at its end, by signal 11."""
     words = [sys.executable, "-W", "error", "-c", FULL, str(tmp_path / "a.h5"), str(room)]
     ended = subprocess.run(words, capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stderr) == (0, "")
-    assert ended.stdout.startswith("60000 there is no recording")
+    assert ended.stdout.startswith("60000 there is no HDF5 file")
     assert "file too large" in ended.stdout
-    assert not list(tmp_path.iterdir())
+    assert [path.name for path in tmp_path.iterdir()] == (["a.h5.probe"] if kept else [])
+    if kept:
+        assert "what was read is in a.h5.probe" in ended.stdout
+        assert kept <= len(got(tmp_path / "a.h5.probe")) <= 61_000
+
+
+KILLED = """
+import sys, time
+from pathlib import Path
+import numpy as np
+from hw.reader import Reader
+from hw.simulation.virtual import virtual
+
+source = virtual(lambda times: np.column_stack([np.sin(31 * times), np.cos(31 * times)]), 1e4, scale=1e-4)
+with Reader.open(source) as reader:
+    for block in reader.blocks(60.0, record=Path(sys.argv[1])):
+        if block.index[-1] > 20_000:
+            print("recorded", flush=True)
+            time.sleep(1000)
+"""
+
+
+def test_a_killed_recording_is_read_up_to_the_kill(tmp_path: Path) -> None:
+    with subprocess.Popen([sys.executable, "-c", KILLED, str(tmp_path / "a.h5")], stdout=subprocess.PIPE) as running:
+        assert running.stdout is not None
+        assert running.stdout.readline() == b"recorded\n"
+        running.kill()
+    found = got(tmp_path / "a.h5.probe")
+    assert len(found) > 20_000
+    assert any("was cut" in note for note in found.notes)
+    np.testing.assert_allclose(found.volts[:, 0], np.sin(31 * found.times), atol=1e-4)
+    with pytest.raises(InvalidSource, match=r"until it was interrupted is in .*a\.h5\.probe"):
+        got(tmp_path / "a.h5")
+
+
+def test_a_recording_that_ends_well_leaves_one_file_and_one_of_a_replay_writes_no_other(tmp_path: Path) -> None:
+    with Reader.open(probe()) as reader:
+        reader.collect(0.05, record=tmp_path / "a.probe")
+    with Reader.open(f"replay:{tmp_path / 'a.probe'}") as reader:
+        stream = reader.blocks(record=tmp_path / "a.h5")
+        next(stream)
+        assert not (tmp_path / "a.h5.probe").exists()
+        list(stream)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.h5", "a.probe"]
 
 
 @pytest.mark.parametrize("at", [0, 4, 100, 1000, 3000])

@@ -27,7 +27,7 @@ def reading(seconds: float) -> Samples:
 
 
 def fitted(whole: Samples, each: int = 70) -> RunningFit:
-    running = RunningFit(5.0, force=True, rows=1000)
+    running = RunningFit(5.0, force=True, rows=PIECE)
     for at in range(0, len(whole), each):
         part = whole.after(int(whole.index[at]))
         running.add(part.before(int(whole.index[at + each])) if at + each < len(whole) else part)
@@ -40,7 +40,7 @@ def test_pieces_tell_what_the_whole_tells() -> None:
     spread = np.sqrt(np.diag(one.covariance)[::2])
     assert np.all(np.abs(np.abs(found.amplitudes) - np.abs(TRUE)) < 4 * spread)
     assert np.sqrt(np.diag(found.covariance)[::2]) == pytest.approx(spread, rel=0.1)
-    assert (found.rows, len(found.blocks)) == (10_000, 12 * 8)
+    assert (found.rows, len(found.blocks)) == (10_000, 12 * 9)
     assert found.seconds == pytest.approx(100.0, rel=2e-3)
 
 

@@ -155,3 +155,27 @@ def test_each_reading_is_fitted_once(devices: Devices, monkeypatch: pytest.Monke
     with pytest.raises(InputError, match="readings that agree"):  # pressed on the same thing thrice
         calibrated(SETUP.scene, BENCH.model_copy(update={"reference": PINS}), [one.measurement for one in readings], known)
     assert fits == [2500] * 3
+
+
+@pytest.mark.parametrize("length", [240, 249, 250, 254, 255])
+def test_names_of_hdf5_recordings_may_be_as_long_as_the_disk_allows(length: int, tmp_path: Path) -> None:
+    """What is written meanwhile has longer names: an error of the system, exit 1, from 246 characters on."""
+    path = tmp_path / f"{'a' * (length - 3)}.h5"
+    source = SampleSource(device="usb", record=path)
+    if length <= 249:
+        assert source.recordings(1) == (path,)
+        with Reader.open(virtual(volts(0), 500.0, channels=3, scale=2e-6)) as reader:
+            reader.collect(0.1, path)
+        assert path.exists()
+        return
+    with pytest.raises(InputError, match=r"record = .*: allowed: the name of a file that can be written"):
+        source.recordings(1)
+
+
+def test_a_killed_reading_counts_as_recorded(tmp_path: Path) -> None:
+    """Its name is taken, and who resumes gets it for the reading that it was."""
+    source = SampleSource(device="usb", record=tmp_path / "run.h5", resume=True)
+    (tmp_path / "run-2.h5.probe").touch()
+    assert source.recorded(3) == (None, tmp_path / "run-2.h5.probe", None)
+    with pytest.raises(InputError, match="a name that is not taken"):
+        replace(source, resume=False).recordings(3)

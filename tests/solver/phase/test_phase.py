@@ -16,7 +16,7 @@ from geometry.scenes.scene_file import scene_from_dict, scene_to_dict
 from geometry.scenes.variables import changed, loss_factors, values
 from solver import evaluate
 from solver.axisymmetric.refinement import LEVELS
-from solver.phase.inertia import inertia
+from solver.phase.inertia import inertia, with_inertia
 from solver.phase.losses import angles, spread
 from solver.phase.phase import LOSSLESS, STEP, NotTold, ratio_phase
 from solver.phase.slopes import off_axis, on_axis
@@ -161,10 +161,22 @@ def test_frequencies_that_are_none_or_too_high_are_refused(frequency: float) -> 
 @pytest.mark.parametrize("name", ["bonded", "skin"])
 @pytest.mark.parametrize("frequency", [1.0, 3.0, 5.0])
 def test_inertia_is_within_what_it_is_counted_as(name: str, frequency: float) -> None:
-    """Against the complex equations with masses."""
+    """Against the complex equations with masses: of the phase, and of the ratio, in whose error it did not count."""
     scene = lossy(SCENES[name], 1.0, tissue=0.1, inclusion=0.1)
-    still, shaken = (cmath.phase(complex_ratio(scene, LEVELS[1], f, 1100.0)) for f in (0.0, frequency))
-    assert abs(shaken - still) <= 2.0 * inertia(scene, frequency) * spread(scene)
+    still, shaken = (complex_ratio(scene, LEVELS[1], f, 1100.0) for f in (0.0, frequency))
+    assert abs(cmath.phase(shaken) - cmath.phase(still)) <= 2.0 * inertia(scene, frequency) * spread(scene)
+    told = with_inertia(0.0, scene, frequency)
+    assert told is not None
+    assert abs(math.log(abs(shaken / still))) <= told
+
+
+def test_tissue_that_swings_as_a_whole_has_no_phase() -> None:
+    """Once it was told with a warning that its error did not count that."""
+    scene = lossy(example())
+    limit = 0.25 * math.sqrt(scene.tissue.youngs_modulus / (2 * (1 + scene.tissue.poisson_ratio)) / 1100.0) / scene.tissue.depth
+    known = evaluate(scene, "closed-form")
+    with pytest.raises(NotTold, match="may swing as a whole"):
+        ratio_phase(scene, known, 0.01, limit)
 
 
 def test_the_step_is_small_enough() -> None:

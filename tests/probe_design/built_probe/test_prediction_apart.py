@@ -1,0 +1,51 @@
+"""The prediction of a long reading leaves no memory behind, and says what the prediction here would."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from geometry.common.child_process import Failure
+from geometry.common.errors import Refusal
+from probe_design.built_probe import prediction_apart
+from probe_design.built_probe.reading import prediction
+from probe_design.cli.reference_readings import predicting
+from tests.support.hw.benches import scene
+
+
+@pytest.mark.slow
+def test_it_is_the_prediction() -> None:
+    apart, here = (one(scene(), 0.01, False, 5.0) for one in (prediction_apart.prediction_apart, prediction))
+    assert apart.as_dict() | {"seconds": 0} == here.as_dict() | {"seconds": 0}
+
+
+def test_what_is_refused_there_is_refused_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the error's own name, which decides the exit code."""
+
+    def fails(program: Path, arrays: Any, seconds: float) -> Any:
+        raise Failure("load = ...: allowed: ...")
+
+    def refuses(*question: Any) -> Any:
+        raise Refusal("load", 1.0, "less")
+
+    monkeypatch.setattr(prediction_apart, "run_program", fails)
+    monkeypatch.setattr(prediction_apart, "prediction", refuses)
+    with pytest.raises(Refusal, match=r"load = 1\.0: allowed: less"):
+        prediction_apart.prediction_apart(scene(), 0.01, False, 5.0)
+
+
+def test_long_readings_are_predicted_apart() -> None:
+    assert predicting(3600.0) is prediction_apart.prediction_apart
+    assert predicting(10.0) is prediction
+    assert predicting(None) is prediction
+
+
+def test_reading_loads_no_library_that_it_does_not_use() -> None:
+    """23 and 15 MB of statistics and optimisation, held for hours."""
+    modules = "probe_design.built_probe.reading, probe_design.cli.hardware_sources, probe_design.terminal.hardware_tables"
+    program = f"import sys, {modules}; print({{'scipy.stats', 'scipy.optimize'}} & set(sys.modules))"
+    assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout == "set()\n"
