@@ -29,6 +29,7 @@ ROOMS = {
     "PH": "solver/phase",
     "PL": "solver/planning",
     "OP": "probe_design/optimisation",
+    "PO": "probe_design/populations",
     "MA": "probe_design/maps",
     "ES": "probe_design/estimation",
     "TR": "probe_design/tradeoffs",
