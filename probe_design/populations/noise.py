@@ -1,0 +1,133 @@
+"""How far the readings of one scan scatter together: their covariance.
+
+With w_c the standard deviation of one reading of channel c by itself, readings at p positions, with one more over a tumour-free
+place of the same tissue (the blank) that is taken from each, have
+
+    C = w_c^2 (1 + u u^T) within a channel, u = (1, ..., 1)                                         (PO.2)
+
+where a gain common to the scan cancels and the blank's own noise is in all of them. Without a blank they are counted from a
+prediction, with the gains g_c and what is not known of the tissue, numbers of deviation s_j and derivatives t_j,
+
+    C = w_c^2 + g_c^2 u u^T within a channel, and sum s_j^2 t_j t_j^T over all                     (PO.3)
+
+That is how a detector counts, which need not know the tissue then. What is told of a tumour rests on all readings as they are,
+the blank's among them, with u over these too,
+
+    C = w_c^2 + g_c^2 u u^T within a channel                                                        (PO.8)
+
+The ratio's w^2 is white^2 + tilt^2 + sum (q0 / Q_j)^2 with Q_j = |d33| F_j the charge of channel j (PHYSICS section 2), its g^2
+that of two channels, 2 gain^2.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+
+from geometry.common.arrays import Floats
+from geometry.common.errors import InputError
+from geometry.scenes.probe import Film
+from geometry.scenes.scene import Scene
+from probe_design.data.noise import LEAST
+from probe_design.populations.tables import NoiseModel, Protocol
+
+
+def covariance(
+    noise: NoiseModel,
+    protocol: Protocol,
+    scene: Scene,
+    blank: Floats,
+    tissue: Floats | None = None,
+    over: Floats | None = None,
+) -> Floats:
+    """Return C of eq. PO.2, PO.3.
+
+    Args:
+        noise: of the design file.
+        protocol: likewise.
+        scene: for its films and load.
+        blank: force on each film per unit of indentation without tumours, N/m, shape (2,).
+        over: the same at each position over tumours, shape (p, 2), as charges depend on it; left out: that without.
+        tissue: s_j t_j of eq. PO.3, shape (m, q); left out where the tissue is no nuisance. With a blank it does not count.
+
+    Returns:
+        shape (m, m), in the order of ``readings.logarithms``.
+
+    Raises:
+        InputError: a reading would have less noise than ``LEAST``, or charges are noisy and the scene has no load.
+    """
+    p = len(protocol.positions)
+    places = np.vstack([blank, np.tile(blank, (p, 1)) if over is None else over])
+    own, together = _variances(noise, protocol, scene, places), _common(noise, protocol, blank)
+    shared = own[:, 0] if protocol.blank else together
+    C = np.diag(own[:, 1:].ravel()) + np.kron(np.diag(shared), np.ones((p, p)))
+    return C if tissue is None or protocol.blank else C + tissue @ tissue.T
+
+
+def covariance_of_all(noise: NoiseModel, protocol: Protocol, scene: Scene, blank: Floats, over: Floats) -> Floats:
+    """Return C of eq. PO.8, arguments and refusals as of ``covariance``.
+
+    Returns:
+        in the order of ``readings.logarithms``, then, where there is one, the blank's channels; shape (m, m) or (m + c, m + c).
+    """
+    own, common = _variances(noise, protocol, scene, np.vstack([blank, over])), _common(noise, protocol, blank)
+    channels, p = np.eye(len(own)), len(over)
+    variances = np.concatenate([own[:, 1:].ravel(), own[:, 0]])
+    u = np.concatenate([np.repeat(channels, p, axis=0), channels])
+    kept = len(variances) if protocol.blank else len(own) * p
+    return np.asarray((np.diag(variances) + u @ np.diag(common) @ u.T)[:kept, :kept])
+
+
+def reading_deviations(noise: NoiseModel, protocol: Protocol, scene: Scene, blank: Floats) -> Floats:
+    """Return the standard deviation of one reading of each channel by itself, less the blank's where there is one, (c,)."""
+    return np.asarray(np.sqrt((1 + protocol.blank) * _variances(noise, protocol, scene, blank[None])[:, 0]))
+
+
+def _variances(noise: NoiseModel, protocol: Protocol, scene: Scene, places: Floats) -> Floats:
+    """w_c^2 of each channel where the films feel such forces, shape (k, 2): (c, k)."""
+    charges = film_charges(scene, places) if noise.charge else np.ones(places.shape)
+    ratio = noise.white**2 + noise.tilt**2 + ((noise.charge / charges) ** 2).sum(axis=1)
+    own = np.stack([ratio, np.full_like(ratio, noise.stiffness_white**2)])[: protocol.channels]
+    for key, variance in zip(("white", "stiffness_white"), own.min(axis=1).tolist(), strict=False):
+        if not variance >= LEAST**2:
+            least = f"{LEAST:g} or more: far below it the model's own error is all there is"
+            raise InputError(f"noise.{key}", math.sqrt(variance), least)
+    return np.asarray(own)
+
+
+def _common(noise: NoiseModel, protocol: Protocol, blank: Floats) -> Floats:
+    """g_c^2 of each channel, (c,)."""
+    return np.array([_ratio_gain(noise, blank), noise.stiffness_gain**2])[: protocol.channels]
+
+
+def film_charges(scene: Scene, places: Floats) -> Floats:
+    """Q_j, C, under the scene's load, shape (k, 2)."""
+    load, film = scene.load, scene.probe.film
+    indentation = (load.force or 0.0) / places.sum(axis=1) if load.indentation is None else np.full(len(places), load.indentation)
+    charges = (abs(film.d33 if film else 0.0) or abs(Film().d33)) * np.abs(places) * indentation[:, None]
+    if not np.all(charges > 0):
+        key = "force" if load.indentation is None else "indentation"
+        raise InputError(f"load.{key}", getattr(load, key), f"a {key} above 0: at 0 the films give no charge to read")
+    return np.asarray(charges)
+
+
+def _ratio_gain(noise: NoiseModel, blank: Floats) -> float:
+    """The variance of ln ratio that the channels' gains have: y = M f, d ln(y1 / y2) by the entries of M."""
+    if noise.calibration is None:
+        return 2 * noise.gain**2
+    matrix, entries = _calibrated(noise.calibration)
+    share = blank / np.abs(blank).sum()
+    first, second = matrix @ share
+    by = np.concatenate([share / first, -share / second])
+    return float(by @ entries @ by)
+
+
+@lru_cache(maxsize=4)
+def _calibrated(path: str) -> tuple[Floats, Floats]:
+    """The gain matrix M, shape (2, 2), and the covariance of its entries row by row, (4, 4), of a calibration record."""
+    from probe_design.built_probe.calibration_record import read_record
+
+    gains = read_record(path).gains()
+    return gains.matrix, gains.covariance
