@@ -20,6 +20,7 @@ ROOMS = {
     "PU": "solver/published",
     "LY": "solver/layers",
     "CF": "solver/closed_form",
+    "TW": "solver/tumour_waves",
     "IN": "solver/inclusions",
     "AX": "solver/axisymmetric",
     "MS": "solver/multiple_scattering",

@@ -46,6 +46,7 @@ ALLOWED: dict[str, set[str]] = {
     "solver.published": {"solver.results", *SCENES},
     "solver.layers": SCENES,
     "solver.closed_form": {"solver.inclusions", "solver.layers", "solver.linalg", "solver.results", *SCENES},
+    "solver.tumour_waves": {"solver.closed_form", "solver.inclusions", "solver.layers", "geometry.common"},
     "solver.axisymmetric": {"solver.linalg", "solver.results", *MESHES},
     "solver.contact": {"solver.axisymmetric", "solver.linalg", "solver.results", *MESHES},
     "solver.multiple_scattering": {"solver.axisymmetric", "solver.inclusions", "solver.linalg", *MESHES},
