@@ -39,8 +39,16 @@ class TumourDraws:
 
     def of(self, which: Ints) -> TumourDraws:
         """Return some of the draws."""
-        columns = (getattr(self, key)[which] for key in ("radius", "depth", "x", "y", "youngs_modulus", "poisson_ratio"))
-        return TumourDraws(*columns, self.tissue[:, :, which], self.bounded)
+        return TumourDraws(
+            self.radius[which],
+            self.depth[which],
+            self.x[which],
+            self.y[which],
+            self.youngs_modulus[which],
+            self.poisson_ratio[which],
+            self.tissue[:, :, which],
+            self.bounded,
+        )
 
     @property
     def hosts(self) -> tuple[Floats, Floats]:
