@@ -29,6 +29,7 @@ ROOMS = {
     "SO": "solver/solid",
     "PH": "solver/phase",
     "PL": "solver/planning",
+    "DA": "probe_design/data",
     "OP": "probe_design/optimisation",
     "MA": "probe_design/maps",
     "ES": "probe_design/estimation",
