@@ -51,6 +51,7 @@ class ManyTumours:
     """A population seen from positions, for any probe up to an outer radius.
 
     Attributes:
+        draws: the tumours.
         moments: see ``moments.Moments``.
         tissues: those that differ, shape (layers + 1, 3, u).
         which: the tissue of each draw, shape (m,).
@@ -60,6 +61,7 @@ class ManyTumours:
         layer_nodes: of integrals for layers.
     """
 
+    draws: TumourDraws
     moments: Moments
     tissues: Floats
     which: Ints
@@ -74,7 +76,8 @@ class ManyTumours:
     ) -> ManyTumours:
         """Find what depends on no probe."""
         tissues, which = draws.tissues
-        return cls(moments(draws, positions, widest), tissues, which, draws.bounded, bonded, side, layer_nodes)
+        found = moments(draws, positions, widest)
+        return cls(draws, found, tissues, which, draws.bounded, bonded, side, layer_nodes)
 
     def films(self, probes: Array) -> Films:
         """Return the film forces of n probes, eq. TW.1.
