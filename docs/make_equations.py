@@ -31,6 +31,7 @@ ROOMS = {
     "PL": "solver/planning",
     "DA": "probe_design/data",
     "OP": "probe_design/optimisation",
+    "PO": "probe_design/populations",
     "MA": "probe_design/maps",
     "ES": "probe_design/estimation",
     "TR": "probe_design/tradeoffs",

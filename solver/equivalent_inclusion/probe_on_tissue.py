@@ -14,7 +14,7 @@ from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import Refusal, SolveError
 from geometry.common.limits import most_mm
 from geometry.meridian.frame import MeridianFineness
-from geometry.meridian.section import Section
+from geometry.meridian.section import LAYERS, Body, Section
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Load, Scene
 from solver.axisymmetric.base_states import BaseStates, Materials, base_states, model
@@ -199,6 +199,29 @@ def alone(scene: Scene, accuracy: float) -> ProbeAlone:
 
 def _bare(scene: Scene) -> Scene:
     return scene.model_copy(update={"inclusion": (), "load": Load(indentation=0.0)})
+
+
+def in_other_tissue(base: Undisturbed, scene: Scene) -> Undisturbed:
+    """Solve the probe on tissue with other moduli and thicknesses of layers on the mesh of the strains, which moves with them.
+
+    Film forces are of that mesh too, so that two such answers differ by what the tissue does, and not by their meshes; the bounds
+    are those of ``base``.
+
+    Args:
+        base: of the same probe on the tissue before.
+        scene: with the other tissue, of the same number of layers.
+
+    Raises:
+        Refusal: see ``undisturbed``.
+    """
+    before, layers = base.field.states.model, dict(zip(LAYERS, scene.tissue.layer, strict=False))
+    section = replace(before.section, **{body.name.lower(): layer.thickness for body, layer in layers.items()})
+    materials: Materials = {**before.materials, Body.TISSUE: scene.tissue, **layers}
+    layout = before.mesh.layout
+    with _solving():
+        states = base_states(model(section, materials, base._interface, layout.fineness, layout.kind))
+    films, energies = FilmForces(states.forces, base.films.bound), Energies(TissueField(states))
+    return replace(base, scene=_bare(scene), films=films, section=section, materials=materials, energies=energies)
 
 
 @kept

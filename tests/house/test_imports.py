@@ -94,8 +94,21 @@ ALLOWED: dict[str, set[str]] = {
     # beside the solver's face each room sees those inner rooms whose many answers at once it needs
     "probe_design.data": SCENES,
     "probe_design.pictures": {"geometry.common"},
+    "probe_design.populations": {
+        "probe_design.built_probe.calibration_record",  # gains that were calibrated
+        "probe_design.data",
+        "probe_design.maps.detectability",
+        "probe_design.maps.scan_line",
+        "probe_design.pictures",
+        "solver.closed_form",
+        "solver.equivalent_inclusion",
+        "solver.inclusions",
+        "solver.planning",
+        *ANSWERS,
+    },
     "probe_design.optimisation": {
         "probe_design.data",
+        "probe_design.populations",
         "solver.casadi_functions",
         "solver.closed_form",
         "solver.planning",
@@ -163,6 +176,7 @@ ALLOWED: dict[str, set[str]] = {
         "probe_design.maps",
         "probe_design.optimisation",
         "probe_design.pictures",
+        "probe_design.populations",
         "probe_design.probe_check",
         "probe_design.solid_output",
         "probe_design.sweeps",

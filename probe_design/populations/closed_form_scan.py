@@ -1,0 +1,244 @@
+"""Readings over a population by formulas, for many probes: what a search asks.
+
+What does not depend on the probe is found once: which tumour, seen from which position, is a column of
+``closed_form.designs.forces``. Each probe then takes one evaluation on arrays, complex where derivatives are wanted.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from geometry.common.arrays import Floats, Ints
+from geometry.common.errors import Refusal
+from geometry.scenes.scene import Inclusion, Placement, Scene
+from probe_design.populations.population import TumourDraw, is_of_tumour
+from probe_design.populations.readings import ScanReadings, logarithms
+from probe_design.populations.tables import Protocol
+from solver.closed_form.designs import BALL, LAYER, PROBE, TISSUE, Shape, forces, parameters
+from solver.closed_form.level import ClosedForm
+
+ROUNDED = 8  # nodes by which groups differ: fewer groups, each a little more exact
+ON_AXIS = 1e-6  # of the diameter: an offset that counts as the least one beside the axis
+STEP = 1e-30  # of complex steps, relative
+FIRST_BALL = len(PROBE) + len(TISSUE)
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Columns of one structure.
+
+    Attributes:
+        shape: the structure.
+        values: parameters, shape (parameters, k).
+        tumour: number of each column's tumour, or of its tissue where there is none, shape (k,).
+    """
+
+    shape: Shape
+    values: Floats
+    tumour: Ints
+
+    def totals(self, probe: Any, changed: Any = None) -> Any:
+        """Force on each film per unit of indentation for probes of shape (PROBE, d), or for other values; shape (d, k, 2)."""
+        values = self.values if changed is None else changed
+        d, k = probe.shape[1], values.shape[1]
+        every = np.tile(values, (1, d)).astype(np.result_type(values, probe))
+        every[: len(PROBE)] = np.repeat(probe, k, axis=1)
+        with np.errstate(all="ignore"):  # what is not finite is for those to refuse who ask
+            return forces(self.shape, every)[0].sum(axis=2).reshape(d, k, 2)
+
+
+@dataclass(frozen=True)
+class ClosedFormScan:
+    """A population under a protocol, for any probe.
+
+    Attributes:
+        draw: the tumours.
+        protocol: the readings.
+        groups: all tumours at all distinct distances from the probe.
+        blanks: the tissues without tumours.
+        place: of each tumour's positions among all columns of all groups, shape (n, p).
+    """
+
+    draw: TumourDraw
+    protocol: Protocol
+    groups: tuple[Columns, ...]
+    blanks: tuple[Columns, ...]
+    place: Ints
+
+    @classmethod
+    def of(cls, draw: TumourDraw, protocol: Protocol, radius: float | None = None) -> ClosedFormScan:
+        """Prepare a population.
+
+        Args:
+            draw: the tumours.
+            protocol: the readings.
+            radius: the largest outer radius that probes will have, m; left out: that of the draw's scene.
+
+        Raises:
+            Refusal: the formulas cannot take the scene.
+        """
+        scenes = [_widened(scene, radius) for scene in draw.tissues]
+        for scene in draw.tissues:
+            _check(scene)
+        offset = np.hypot(draw.x[:, None] - protocol.places, draw.beside)
+        grouped: dict[Shape, list[tuple[int, Floats]]] = defaultdict(list)
+        for number in range(len(draw)):
+            shape, values = parameters(
+                _with_tumour(scenes[draw.tissue[number]], draw, number, float(offset[number].max())), merged=False
+            )
+            grouped[replace(shape, nodes=-(-shape.nodes // ROUNDED) * ROUNDED)].append((number, values))
+        groups, place, start = [], np.empty(offset.shape, dtype=int), 0
+        for shape, members in grouped.items():
+            columns, start = _columns(shape, members, offset, draw.diameter, place=place, start=start), start
+            groups.append(columns)
+            start += columns.values.shape[1]
+        return cls(draw, protocol, tuple(groups), tuple(_blanks(scenes)), place)
+
+    def totals(self, probe: Any) -> tuple[Any, Any]:
+        """Return forces on the films per unit of indentation, N/m, of d probes.
+
+        Args:
+            probe: the parameters ``PROBE`` of each, SI, real or complex, shape (PROBE, d).
+
+        Returns:
+            over the tumours, shape (d, n, p, 2), and without them, shape (d, t, 2); not finite where the formulas break down.
+        """
+        every = np.concatenate([group.totals(probe) for group in self.groups], axis=1)
+        return every[:, self.place], self._blank(probe)
+
+    def signals(self, probe: Any) -> tuple[Any, Any]:
+        """Return the signals, eq. PO.1, shape (d, n, m), and the forces without tumours, shape (d, t, 2)."""
+        over, blank = self.totals(probe)
+        with np.errstate(all="ignore"):
+            without = np.repeat(self._logs(blank[:, :, None]), len(self.protocol.positions), axis=-1)
+            return self._logs(over) - without[:, self.draw.tissue], blank
+
+    def readings(self, scene: Scene, names: tuple[str, ...] = ()) -> ScanReadings:
+        """Return readings with one scene's probe, and their derivatives by the names of ``ScenePopulation.ranges``.
+
+        Raises:
+            Refusal: the formulas break down for this probe.
+        """
+        probe = parameters(scene.model_copy(update={"inclusion": ()}))[1][: len(PROBE), None]
+        signal, blank = (one[0] for one in self.signals(probe))
+        if not (np.all(np.isfinite(signal)) and np.all(blank > 0)):
+            raise Refusal("evaluator", "closed-form", "equivalent-inclusion, as the formulas break down for this probe")
+        by, blank_by = {}, {}
+        for name in names:
+            by[name], less = self._slopes(probe, name)
+            if not is_of_tumour(name):
+                blank_by[name] = less
+        c = self.protocol.channels
+        return ScanReadings(signal, np.zeros_like(signal), self.draw.tissue, blank, np.zeros((len(blank), c)), by, blank_by)
+
+    def _slopes(self, probe: Floats, name: str) -> tuple[Floats, Floats]:
+        """Derivatives of the signals (n, m) and, by the tissue's numbers, of what is read without tumours (t, c)."""
+        over, slopes = [], np.zeros((len(self.draw.tissues), self.protocol.channels))
+        for group in self.groups:
+            over.append(group.totals(probe, _stepped(group, name))[0])
+        totals = np.concatenate(over)[self.place]
+        signal = self._logs(totals).imag / STEP
+        if name == "x":
+            toward = np.sign(self.draw.x[:, None] - self.protocol.places) * np.abs(self._along)
+            signal = signal * np.tile(toward, (1, self.protocol.channels))
+        if is_of_tumour(name):
+            return signal, slopes
+        blank = np.concatenate([group.totals(probe, _stepped(group, name))[0] for group in self.blanks])[self._order]
+        slopes = self._logs(blank[:, None]).imag / STEP
+        return signal - np.repeat(slopes[self.draw.tissue], len(self.protocol.positions), axis=1), slopes
+
+    @property
+    def _along(self) -> Floats:
+        """D offset / d x without its sign, shape (n, p)."""
+        dx = self.draw.x[:, None] - self.protocol.places
+        return np.asarray(np.abs(dx) / np.maximum(np.hypot(dx, self.draw.beside), 1e-300))
+
+    def _blank(self, probe: Any) -> Any:
+        return np.concatenate([group.totals(probe) for group in self.blanks], axis=1)[:, self._order]
+
+    @property
+    def _order(self) -> Ints:
+        return np.argsort(np.concatenate([group.tumour for group in self.blanks]))
+
+    def _logs(self, totals: Any) -> Any:
+        return logarithms(totals, self.protocol.stiffness)
+
+
+def _of_tumour(name: str) -> bool:
+    return name in ("depth", "diameter", "object", "x")
+
+
+def _y(draw: TumourDraw) -> float:
+    """How far the tumours lie beside the line of readings, m."""
+    body = draw.scene.inclusion
+    return (body[0].y if body else draw.scene.placement.y) - draw.scene.placement.y
+
+
+def _check(scene: Scene) -> None:
+    why = ClosedForm().refusal(scene)
+    if why is not None:
+        raise Refusal("evaluator", "closed-form", why)
+
+
+def _widened(scene: Scene, radius: float | None) -> Scene:
+    """The scene with a probe of that outer radius: nodes enough for it."""
+    if radius is None or radius <= scene.probe.tube_radius:
+        return scene
+    probe = scene.probe.model_copy(update={"outer_radius": radius, "area_ratio": None})
+    return scene.model_copy(update={"probe": probe})
+
+
+def _with_tumour(scene: Scene, draw: TumourDraw, number: int, offset: float) -> Scene:
+    """The scene with one tumour as far from the probe as it is read; not checked, as the draw is."""
+    body = Inclusion.model_construct(
+        diameter=float(draw.diameter[number]), depth=float(draw.depth[number]), x=offset, y=0.0, target=True,
+        youngs_modulus=float(draw.youngs_modulus[number]), poisson_ratio=draw.poisson_ratio,
+    )  # fmt: skip
+    return scene.model_copy(update={"inclusion": (body,), "placement": Placement()})
+
+
+def _columns(
+    shape: Shape, members: list[tuple[int, Floats]], offset: Floats, diameter: Floats, *, place: Ints, start: int
+) -> Columns:
+    """The columns of tumours of one structure, each distance once; ``place`` is filled with where they are."""
+    values: list[Floats] = []
+    numbers: list[int] = []
+    for number, own in members:
+        least = 0.0 if shape.on_axis[0] else ON_AXIS * diameter[number]
+        distinct, where = np.unique(np.maximum(offset[number], least), return_inverse=True)
+        place[number] = start + len(numbers) + where
+        every = np.tile(own[:, None], (1, len(distinct)))
+        every[FIRST_BALL + BALL.index("offset")] = distinct
+        values.append(every)
+        numbers += [number] * len(distinct)
+    return Columns(shape, np.concatenate(values, axis=1), np.array(numbers))
+
+
+def _blanks(scenes: list[Scene]) -> list[Columns]:
+    grouped: dict[Shape, list[tuple[int, Floats]]] = defaultdict(list)
+    for number, scene in enumerate(scenes):
+        shape, values = parameters(scene.model_copy(update={"inclusion": ()}), merged=False)
+        grouped[shape].append((number, values))
+    return [
+        Columns(shape, np.stack([values for _, values in members], axis=1), np.array([number for number, _ in members]))
+        for shape, members in grouped.items()
+    ]
+
+
+def _stepped(group: Columns, name: str) -> Any:
+    """The columns' values with a complex step of the logarithm, of x of the value itself."""
+    values, bodies = group.values.astype(complex), len(group.shape.on_axis)
+    rows = {"diameter": "radius", "object": "modulus", "depth": "depth", "x": "offset"}
+    if name in rows:
+        row = FIRST_BALL + BALL.index(rows[name])
+    elif name == "tissue":
+        row = len(PROBE) + TISSUE.index("tissue_modulus")
+    else:
+        _, number, key = name.split("_")
+        row = FIRST_BALL + bodies * len(BALL) + int(number) * len(LAYER) + LAYER.index(f"layer_{key}")
+    values[row] += 1j * STEP * (1.0 if name == "x" else values[row])
+    return values

@@ -1,0 +1,160 @@
+"""A design file: the scene to start from and, in tables of their own, for whom, how and within which limits to design."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, get_args
+
+from pydantic import BaseModel, Field, ValidationError
+from pydantic_core import ErrorDetails
+
+from geometry.common.errors import InputError, Words
+from geometry.common.text_files import read_tables
+from geometry.scenes.probe import Frozen
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_file import read_scene, scene_from_dict
+from geometry.scenes.units import Quantity
+from probe_design.populations.tables import DesignLimits, NoiseModel, Objective, PopulationRanges, Protocol
+from probe_design.populations.variables import DesignVariables
+
+SCENE = "the name of a scene file, or its tables, [scene.probe] and so on"
+SECTIONS = ("population", "protocol", "noise", "limits", "variables", "objective")
+
+
+class Design(Frozen):
+    """What a probe is designed for; frozen, in SI units.
+
+    Attributes:
+        scene: whose probe is the start, and whose tissue and one inclusion hold for what ``population`` leaves out.
+        population, protocol, noise, limits, variables, objective: the tables of the file.
+    """
+
+    scene: Scene
+    population: PopulationRanges = Field(default_factory=PopulationRanges)
+    protocol: Protocol = Field(default_factory=Protocol)
+    noise: NoiseModel = Field(default_factory=NoiseModel)
+    limits: DesignLimits = Field(default_factory=DesignLimits)
+    variables: DesignVariables = Field(default_factory=DesignVariables)
+    objective: Objective = Field(default_factory=Objective)
+
+
+def is_design(tables: Mapping[str, Any]) -> bool:
+    """Whether the tables of a file are those of a design file: a scene has the tables probe and tissue itself."""
+    return "scene" in tables or (bool(set(SECTIONS) - {"noise"} & set(tables)) and "probe" not in tables)
+
+
+def read_design(path: Path | str) -> Design:
+    """Read a design file; names of files in it are relative to its folder.
+
+    Raises:
+        InputError: the file is missing, no TOML, or says something that is not allowed.
+    """
+    return design_from_dict(read_tables(path, "design file"), Path(path).parent, True)
+
+
+def design_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_required: bool = False) -> Design:
+    """Check a design given as the tables of a design file.
+
+    Args:
+        tables: as in the file; ``scene`` may be a ``Scene``, numbers are in SI units.
+        folder: that file names are relative to.
+        units_required: whether a bare number is refused where a unit belongs.
+
+    Raises:
+        InputError: something is not allowed.
+    """
+    rest = {name: table for name, table in tables.items() if name != "scene"}
+    if unknown := [name for name in rest if name not in SECTIONS]:
+        raise InputError(str(unknown[0]), rest[unknown[0]], _keys(str(unknown[0]), ("scene", *SECTIONS)))
+    scene = _scene(tables.get("scene"), Path(folder))
+    try:
+        design = Design.model_validate({**rest, "scene": scene}, context={"units_required": units_required})
+    except ValidationError as refused:
+        raise _first_fault(refused) from None
+    return _located(_checked(design), Path(folder))
+
+
+def _scene(entry: object, folder: Path) -> Scene:
+    if isinstance(entry, Scene):
+        return entry
+    if isinstance(entry, str | Path):
+        return read_scene(folder / entry)
+    if isinstance(entry, Mapping):
+        return scene_from_dict(dict(entry))
+    raise InputError("scene", Words("missing") if entry is None else entry, SCENE)
+
+
+def _checked(design: Design) -> Design:
+    """Refuse what does not fit the scene."""
+    ranges, scene = design.population, design.scene
+    if len(ranges.layer) > len(scene.tissue.layer):
+        raise InputError(
+            "population.layer",
+            Words(f"{len(ranges.layer)} tables"),
+            f"at most {len(scene.tissue.layer)}, as many as the scene has layers",
+        )
+    if len(scene.inclusion) > 1:
+        raise InputError(
+            "scene.inclusion", Words(f"{len(scene.inclusion)} tables"), "one or none: the population's tumours take its place"
+        )
+    if scene.inclusion and scene.inclusion[0].diameter is None and ranges.diameter is None:
+        raise InputError("population.diameter", Words("missing"), "diameters of spheres: the scene's inclusion is none")
+    for key in ("depth", "diameter", "object"):
+        if not scene.inclusion and getattr(ranges, key) is None:
+            raise InputError(f"population.{key}", Words("missing"), "a value, a range or a list, as the scene has no inclusion")
+    return design
+
+
+def _located(design: Design, folder: Path) -> Design:
+    """The design with its calibration's file by its whole path."""
+    name = design.noise.calibration
+    if name is None:
+        return design
+    return design.model_copy(update={"noise": design.noise.model_copy(update={"calibration": str((folder / name).absolute())})})
+
+
+def _first_fault(refused: ValidationError) -> InputError:
+    """One of pydantic's errors as one line: an unknown key before other faults."""
+    error = min(refused.errors(include_url=False), key=lambda one: one["type"] != "extra_forbidden")
+    path = [part for part in error["loc"] if isinstance(part, int) or not part.startswith(("literal", "float", "constrained"))]
+    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path).lstrip(".")
+    cause = error.get("ctx", {}).get("error")
+    if isinstance(cause, InputError):
+        return InputError(f"{key}.{cause.key}".rstrip(".") if cause.key else key, cause.value, cause.allowed)
+    return InputError(key, Words("missing") if error["type"] == "missing" else error["input"], _allowed(error, path))
+
+
+def _allowed(error: ErrorDetails, path: list[str | int]) -> str:
+    model, last = _model(path), next((part for part in reversed(path) if isinstance(part, str)), "")
+    if error["type"] == "extra_forbidden":
+        return _keys(str(path[-1]), tuple(model.model_fields))
+    if error["type"] == "quantity":
+        return error["msg"]
+    field = model.model_fields.get(last)
+    if field is None or error["type"] in ("model_type", "model_attributes_type"):
+        return f"a table, [{last}]"
+    quantities = [note.allowed for note in field.metadata if isinstance(note, Quantity)]
+    return next(iter(quantities), None) or field.description or error["msg"].removeprefix("Input should be ")
+
+
+def _model(path: list[str | int]) -> type[BaseModel]:
+    """The table that the last key of a path belongs to."""
+    model: type[BaseModel] = Design
+    for part in [part for part in path[:-1] if isinstance(part, str)]:
+        field = model.model_fields.get(part)
+        model = (_held(field.annotation) if field else None) or model
+    return model
+
+
+def _held(kind: Any) -> type[BaseModel] | None:
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        return kind
+    return next((one for one in map(_held, get_args(kind)) if one is not None), None)
+
+
+def _keys(given: str, known: tuple[str, ...]) -> str:
+    """The keys that there are, the one that was perhaps meant first."""
+    near = get_close_matches(given, known, 1)
+    return (f"did you mean {near[0]}? " if near else "") + f"one of {', '.join(known)}"

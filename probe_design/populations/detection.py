@@ -1,0 +1,139 @@
+"""Whether a tumour of the population is found: the detector that knows the population, not the tumour.
+
+With C the readings' covariance, L its Cholesky factor, u_k = L^-1 (signal of tumour k of a reference sample) and z = L^-1
+(readings), the likelihood ratio averaged over K tumours is
+
+    Lambda(z) = 1/K sum_k exp(u_k . z - |u_k|^2 / 2)                                               (PO.4)
+
+It finds a tumour where ln Lambda exceeds the threshold that a share ``false_alarm`` of tumour-free scans exceed. Where all
+u_k are alike it does where u . z does, and the probability to find a tumour v_i is
+
+    P_i = Phi(d' - z_a) with d' = u . v_i / |u|, and z_a the normal quantile of 1 - false_alarm                (PO.5)
+
+which for v_i = u is d' = |u|, the deflection: no detector finds a known tumour more often, so it bounds P_i of all others.
+Otherwise threshold and P_i are found by drawing z, always the same numbers, so that two designs differ by less than the draws do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.special import ndtr, ndtri
+
+from geometry.common.arrays import Floats
+
+BLANKS = 32_768  # scans without tumours from which the threshold is found
+SCANS = 256  # over each tumour
+ROWS = 8192  # scans at once: what they need stays small
+SMALL = 0.1  # exponents below which their mean is told by its difference from 1
+ALIKE = 1e-12  # relative: templates that differ less are one
+
+
+@dataclass(frozen=True)
+class Detector:
+    """Eq. PO.4 with its threshold.
+
+    Attributes:
+        factor: L, shape (m, m).
+        templates: u_k, shape (K, m).
+        false_alarm: share of scans without tumours above the threshold.
+        threshold: of ln Lambda; of u . z / |u| where there is one template.
+        tie: share of scans that are just on the threshold which count as above it: all, if no tumour can be told from none.
+        uncertain: thresholds one standard error of the false alarms lower and higher.
+    """
+
+    factor: Floats
+    templates: Floats
+    false_alarm: float
+    threshold: float
+    tie: float
+    uncertain: tuple[float, float]
+
+    @classmethod
+    def trained(cls, signals: Floats, covariance: Floats, false_alarm: float, *, seed: int = 0, blanks: int = BLANKS) -> Detector:
+        """Return the detector for a reference sample of tumours.
+
+        Args:
+            signals: of the tumours, shape (K, m).
+            covariance: of the readings, shape (m, m).
+            false_alarm: over the whole scan.
+            seed: of the draws.
+            blanks: how many scans without tumours are drawn.
+        """
+        factor = np.asarray(np.linalg.cholesky(covariance), dtype=float)
+        templates = whitened(factor, signals)
+        if np.ptp(templates, axis=0).max() <= ALIKE * np.abs(templates).max():
+            threshold = float(ndtri(1 - false_alarm))
+            return cls(factor, templates[:1], false_alarm, threshold, false_alarm, (threshold, threshold))
+        z = np.random.default_rng([seed, 1]).standard_normal((blanks, len(factor)))
+        statistic = np.sort(log_likelihood_ratio(templates, z))
+        spread = np.sqrt(false_alarm * (1 - false_alarm) / blanks)
+        threshold, lower, higher = (
+            float(np.quantile(statistic, 1 - share, method="higher"))
+            for share in (false_alarm, false_alarm + spread, false_alarm - spread)
+        )
+        above, on = float((statistic > threshold).mean()), float((statistic == threshold).mean())
+        return cls(factor, templates, false_alarm, threshold, (false_alarm - above) / on, (lower, higher))
+
+    def probabilities(self, signals: Floats, *, seed: int = 0, scans: int = SCANS, shift: int = 0) -> Floats:
+        """Return the probability to find each of n tumours.
+
+        Args:
+            signals: shape (n, m).
+            seed: of the draws, which are the same for each call.
+            scans: how many are drawn over each tumour.
+            shift: -1 or 1: with the threshold one standard error lower or higher.
+
+        Returns:
+            P_i, shape (n,), each with a standard error of sqrt(P_i (1 - P_i) / scans), or exact by eq. PO.5.
+        """
+        v = whitened(self.factor, signals)
+        if len(self.templates) == 1:
+            return self._known(v)
+        threshold = self.threshold if not shift else self.uncertain[(shift + 1) // 2]
+        each, found = max(1, ROWS // scans), np.empty(len(v))
+        rng = np.random.default_rng([seed, 2])
+        for low in range(0, len(v), each):
+            z = rng.standard_normal((min(each, len(v) - low), scans, v.shape[1])) + v[low : low + each, None]
+            statistic = log_likelihood_ratio(self.templates, z.reshape(-1, v.shape[1])).reshape(z.shape[:2])
+            found[low : low + each] = (statistic > threshold).mean(axis=1) + self.tie * (statistic == threshold).mean(axis=1)
+        return found
+
+    def _known(self, v: Floats) -> Floats:
+        u = self.templates[0]
+        size = float(np.linalg.norm(u))
+        if size == 0.0:
+            return np.full(len(v), self.false_alarm)
+        return np.asarray(ndtr(v @ (u / size) - self.threshold))
+
+
+def whitened(factor: Floats, signals: Any) -> Any:
+    """Return L^-1 s for signals of shape (n, m), real or complex."""
+    return solve_triangular(factor, signals.T, lower=True).T
+
+
+def log_likelihood_ratio(templates: Floats, z: Floats) -> Floats:
+    """Return ln of eq. PO.4 for scans z of shape (s, m), shape (s,); neither large nor tiny exponents lose anything."""
+    out = np.empty(len(z))
+    for low in range(0, len(z), ROWS):
+        exponents = z[low : low + ROWS] @ templates.T - (templates**2).sum(axis=1) / 2
+        most = exponents.max(axis=1)
+        tiny = np.abs(exponents).max(axis=1) < SMALL
+        whole = most + np.log(np.exp(exponents - most[:, None]).mean(axis=1))
+        out[low : low + ROWS] = np.where(tiny, np.log1p(np.expm1(np.minimum(exponents, SMALL)).mean(axis=1)), whole)
+    return out
+
+
+def deflections(signals: Any, covariance: Floats) -> Any:
+    """Return d' of each tumour if it were known, shape (n,): what eq. PO.5 bounds P_i with; smooth, also for complex steps."""
+    factor = np.asarray(np.linalg.cholesky(covariance), dtype=float)
+    v = whitened(factor, signals)
+    return np.sqrt((v**2).sum(axis=-1))
+
+
+def known_tumours(deflection: Floats, false_alarm: float) -> Floats:
+    """Return eq. PO.5 for deflections of any shape: the most that any detector finds."""
+    return np.asarray(ndtr(deflection - ndtri(1 - false_alarm)))

@@ -1,0 +1,202 @@
+"""How good a probe is for a population: tumours found, contrasts told, what is learnt; with errors.
+
+``scored`` asks the formulas, for a search, of the tumours that it has drawn; ``judged`` asks the equivalent-inclusion level with
+reflections, of tumours that no search has seen. Both judge the same detector: it knows other tumours of the population by the
+formulas, so that the tumours it is tried on are none of those it knows.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from geometry.common.arrays import Floats
+from geometry.scenes.scene import Scene
+from probe_design.populations.closed_form_scan import ClosedFormScan
+from probe_design.populations.design_file import Design
+from probe_design.populations.detection import Detector, deflections
+from probe_design.populations.inclusion_scan import inclusion_readings
+from probe_design.populations.noise import covariance
+from probe_design.populations.population import ScenePopulation, TumourDraw
+from probe_design.populations.readings import ScanReadings
+from probe_design.populations.resolved import Unknowns, contrast_deviations, informations, resolved
+from probe_design.populations.tables import Objective
+
+Progress = Callable[[int, int], None]
+REFERENCE = 256  # tumours that the detector knows
+SHARE = 0.2  # of the noise of a reading: what reflections may be left out for
+KINDS = ("detection", "resolved", "information")
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What a probe does for n tumours.
+
+    Attributes:
+        detection, resolved, information: the statistic of ``[objective]`` over all: probability that a tumour is found; share
+            whose ln contrast is told to 0.5; ln(prior / posterior standard deviation) of ln contrast.
+        detection_error, resolved_error, information_error: one standard error, of the sample and of the draws, and on it what the
+            level may be off.
+        probability, contrast_sd, modulus_sd, gain, deflection: of each tumour: P_i, standard deviations of ln contrast and of
+            ln E_object, information, d' if it were known; shape (n,).
+        depth, diameter, x, youngs_modulus: of the tumours, m and Pa, shape (n,).
+        level_errors: what the level may be off in each of ``KINDS``.
+        statistic: as in the design file.
+        false_alarm: share of tumour-free scans in which a tumour is found.
+        evaluator: the level.
+        seconds: what it took.
+        warnings: what else is to be said.
+    """
+
+    detection: float
+    detection_error: float
+    resolved: float
+    resolved_error: float
+    information: float
+    information_error: float
+    probability: Floats
+    contrast_sd: Floats
+    modulus_sd: Floats
+    gain: Floats
+    deflection: Floats
+    depth: Floats
+    diameter: Floats
+    x: Floats
+    youngs_modulus: Floats
+    level_errors: tuple[float, float, float]
+    statistic: str | float
+    false_alarm: float
+    evaluator: str
+    seconds: float
+    warnings: tuple[str, ...] = ()
+
+    def values(self, kind: str) -> Floats:
+        """Return each tumour's value of one of ``KINDS``, shape (n,)."""
+        return {"detection": self.probability, "resolved": resolved(self.contrast_sd), "information": self.gain}[kind]
+
+    def gain_over(self, other: Judgement, objective: Objective) -> tuple[float, float]:
+        """Return by how much this is better than another probe for the same tumours, and the standard error of that.
+
+        The tumours are the same, and so are the draws: of a mean what counts is how much the differences scatter.
+        """
+        kind = objective.maximise
+        mine, others = self.values(kind), other.values(kind)
+        level = math.hypot(self.level_errors[KINDS.index(kind)], other.level_errors[KINDS.index(kind)])
+        if objective.statistic == "mean":
+            return float(np.mean(mine - others)), objective.error(mine - others) + level
+        return objective.over(mine) - objective.over(others), math.hypot(objective.error(mine), objective.error(others)) + level
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the numbers of the population, as JSON has them."""
+        names = [name for kind in KINDS for name in (kind, f"{kind}_error")]
+        return {name: getattr(self, name) for name in names} | {"false_alarm": self.false_alarm, "tumours": len(self.depth)}
+
+
+def judged(
+    scene: Scene, design: Design, *, samples: int | None = None, seed: int = 0, progress: Progress | None = None
+) -> Judgement:
+    """Judge a scene's probe under its load on tumours that no search has seen, by ``equivalent-inclusion`` with reflections.
+
+    Args:
+        scene: the design's scene, perhaps with another probe and load.
+        design: population, protocol, noise and statistic.
+        samples: tumours; left out: as many as the design says.
+        seed: of the noise's draws; the tumours' is the design's.
+        progress: called with tissues done and all.
+
+    Raises:
+        InputError: the population does not fit the tissue, or the probe would leave it.
+        Refusal: the levels cannot take the scene.
+    """
+    start = perf_counter()
+    population = ScenePopulation.of(scene, design.population)
+    draw, names = population.drawn(samples, unseen=True), _names(population)
+    tolerance = SHARE * design.noise.white
+    readings = inclusion_readings(draw, design.protocol, names, tolerance=tolerance, progress=progress)
+    return _judgement(design, population, draw, readings, "equivalent-inclusion", seed=seed, start=start)
+
+
+def scored(scene: Scene, design: Design, *, samples: int | None = None, seed: int = 0) -> Judgement:
+    """Judge a scene's probe by the formulas on the design's own draw; arguments and refusals as of ``judged``."""
+    start = perf_counter()
+    population = ScenePopulation.of(scene, design.population)
+    draw, names = population.drawn(samples), _names(population)
+    readings = ClosedFormScan.of(draw, design.protocol).readings(scene, names)
+    return _judgement(design, population, draw, readings, "closed-form", seed=seed, start=start)
+
+
+def _names(population: ScenePopulation) -> tuple[str, ...]:
+    """What derivatives are needed by."""
+    return ("object", *(name for name, one in population.ranges.items() if not one.single and name != "object"))
+
+
+def _judgement(
+    design: Design,
+    population: ScenePopulation,
+    draw: TumourDraw,
+    readings: ScanReadings,
+    evaluator: str,
+    *,
+    seed: int,
+    start: float,
+) -> Judgement:
+    """From readings to what is made of them."""
+    protocol, scene, blank = design.protocol, draw.scene, np.exp(np.log(readings.blank).mean(axis=0))
+    unknowns = Unknowns.of(population, draw)
+    own = covariance(design.noise, protocol, scene, blank)
+    whole = covariance(design.noise, protocol, scene, blank, _tissue(unknowns, readings))
+    detector = Detector.trained(_reference(population, design), whole, protocol.false_alarm, seed=seed)
+    less, found, more = (detector.probabilities(readings.signal * scale, seed=seed) for scale in _scales(readings))
+    J = unknowns.derivatives(readings, protocol.blank)
+    contrast, modulus = (contrast_deviations(unknowns, J, own, of_object) for of_object in (False, True))
+    gain = informations(unknowns, J, own)
+    share = _scales(readings)[2].max(axis=1) - 1
+    objective, told = design.objective, resolved(contrast)
+    levels = (
+        float(np.abs(more - less).mean() / 2),
+        float((resolved(contrast * (1 - share)) - resolved(contrast * (1 + share))).mean() / 2),
+        float(np.minimum(share, gain).mean()),
+    )
+    by_threshold = float(np.mean(detector.probabilities(readings.signal, seed=seed, shift=-1) - found))
+    draws = 0.0 if len(found) > 1 else math.sqrt(float(found[0] * (1 - found[0])) / 256)
+    errors = (
+        math.hypot(objective.error(found), by_threshold, draws) + levels[0],
+        objective.error(told) + levels[1],
+        objective.error(gain) + levels[2],
+    )
+    return Judgement(
+        detection=objective.over(found), detection_error=errors[0],
+        resolved=float(told.mean()), resolved_error=errors[1],
+        information=objective.over(gain), information_error=errors[2],
+        probability=found, contrast_sd=contrast, modulus_sd=modulus, gain=gain, deflection=deflections(readings.signal, whole),
+        depth=draw.depth, diameter=draw.diameter, x=draw.x, youngs_modulus=draw.youngs_modulus,
+        level_errors=levels, statistic=objective.statistic, false_alarm=protocol.false_alarm, evaluator=evaluator,
+        seconds=perf_counter() - start, warnings=(draw.note,) if draw.note else (),
+    )  # fmt: skip
+
+
+def _reference(population: ScenePopulation, design: Design) -> Floats:
+    """Signals of the tumours that the detector knows, by the formulas, shape (K, m)."""
+    draw = replace(population, seed=population.seed + 1).drawn(REFERENCE)
+    return np.asarray(ClosedFormScan.of(draw, design.protocol).readings(draw.scene).signal)
+
+
+def _tissue(unknowns: Unknowns, readings: ScanReadings) -> Floats | None:
+    """s_j t_j of eq. PO.3 in the mean over the tissues, shape (m, q)."""
+    columns = [
+        deviation * readings.on_scan(readings.blank_by[name].mean(axis=0))
+        for name, deviation in zip(unknowns.names, unknowns.deviations, strict=True)
+        if name in readings.blank_by
+    ]
+    return np.stack(columns, axis=1) if columns else None
+
+
+def _scales(readings: ScanReadings) -> tuple[Floats, Any, Floats]:
+    """Factors on each tumour's signals, (n, 1): as small and as large as the level's bounds allow, and 1 between."""
+    share = np.minimum(readings.error.max(axis=1) / np.maximum(np.abs(readings.signal).max(axis=1), 1e-300), 1.0)[:, None]
+    return 1 - share, 1.0, 1 + share

@@ -1,0 +1,96 @@
+"""How far the readings of one scan scatter together: their covariance.
+
+With w_c the standard deviation of one reading of channel c by itself, readings at p positions, with one more over a tumour-free
+place of the same tissue (the blank) that is taken from each, have
+
+    C = w_c^2 (1 + u u^T) within a channel, u = (1, ..., 1)                                         (PO.2)
+
+where a gain common to the scan cancels and the blank's own noise is in all of them. Without a blank they are counted from a
+prediction, with the gains g_c and what is not known of the tissue, numbers of deviation s_j and derivatives t_j,
+
+    C = w_c^2 + g_c^2 u u^T within a channel, and sum s_j^2 t_j t_j^T over all                     (PO.3)
+
+The ratio's w^2 is white^2 + tilt^2 + sum (q0 / Q_j)^2 with Q_j = |d33| F_j the charge of channel j (PHYSICS section 2), its g^2
+that of two channels, 2 gain^2.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+
+from geometry.common.arrays import Floats
+from geometry.common.errors import InputError
+from geometry.scenes.probe import Film
+from geometry.scenes.scene import Scene
+from probe_design.data.noise import LEAST
+from probe_design.populations.tables import NoiseModel, Protocol
+
+
+def covariance(noise: NoiseModel, protocol: Protocol, scene: Scene, blank: Floats, tissue: Floats | None = None) -> Floats:
+    """Return C of eq. PO.2, PO.3.
+
+    Args:
+        noise: of the design file.
+        protocol: likewise.
+        scene: for its films and load.
+        blank: force on each film per unit of indentation without tumours, N/m, shape (2,).
+        tissue: s_j t_j of eq. PO.3, shape (m, q); left out where the tissue is no nuisance. With a blank it does not count.
+
+    Returns:
+        shape (m, m), in the order of ``readings.logarithms``.
+
+    Raises:
+        InputError: a reading would have less noise than ``LEAST``, or charges are noisy and the scene has no load.
+    """
+    p = len(protocol.positions)
+    own, common = _variances(noise, protocol, scene, blank)
+    together = np.kron(np.diag(own if protocol.blank else common), np.ones((p, p)))
+    C = np.kron(np.diag(own), np.eye(p)) + together
+    return C if tissue is None or protocol.blank else C + tissue @ tissue.T
+
+
+def _variances(noise: NoiseModel, protocol: Protocol, scene: Scene, blank: Floats) -> tuple[Floats, Floats]:
+    """w_c^2 and g_c^2 by channel."""
+    charges = _charges(scene, blank) if noise.charge else np.ones(2)
+    own = [noise.white**2 + noise.tilt**2 + float(((noise.charge / charges) ** 2).sum()), noise.stiffness_white**2]
+    common = [_ratio_gain(noise, blank), noise.stiffness_gain**2]
+    for key, variance in zip(("white", "stiffness_white"), own[: protocol.channels], strict=False):
+        if not variance >= LEAST**2:
+            raise InputError(
+                f"noise.{key}", math.sqrt(variance), f"{LEAST:g} or more: the model's own error is all there is far below it"
+            )
+    return np.array(own[: protocol.channels]), np.array(common[: protocol.channels])
+
+
+def _charges(scene: Scene, blank: Floats) -> Floats:
+    """Q_j, C, under the scene's load."""
+    load, film = scene.load, scene.probe.film
+    indentation = (load.force or 0.0) / float(blank.sum()) if load.indentation is None else load.indentation
+    charges = (abs(film.d33 if film else 0.0) or abs(Film().d33)) * np.abs(blank) * indentation
+    if not np.all(charges > 0):
+        key = "force" if load.indentation is None else "indentation"
+        raise InputError(f"load.{key}", getattr(load, key), f"a {key} above 0: at 0 the films give no charge to read")
+    return np.asarray(charges)
+
+
+def _ratio_gain(noise: NoiseModel, blank: Floats) -> float:
+    """The variance of ln ratio that the channels' gains have: y = M f, d ln(y1 / y2) by the entries of M."""
+    if noise.calibration is None:
+        return 2 * noise.gain**2
+    matrix, entries = _calibrated(noise.calibration)
+    share = blank / np.abs(blank).sum()
+    first, second = matrix @ share
+    by = np.concatenate([share / first, -share / second])
+    return float(by @ entries @ by)
+
+
+@lru_cache(maxsize=4)
+def _calibrated(path: str) -> tuple[Floats, Floats]:
+    """The gain matrix M, shape (2, 2), and the covariance of its entries row by row, (4, 4), of a calibration record."""
+    from probe_design.built_probe.calibration_record import read_record
+
+    gains = read_record(path).gains()
+    return gains.matrix, gains.covariance

@@ -1,0 +1,117 @@
+"""What a design file says of a quantity that differs from tumour to tumour: one value, a list, or a range."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pydantic import ValidationInfo
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+
+from geometry.common.arrays import Floats
+from geometry.scenes.units import Quantity
+
+if TYPE_CHECKING:
+    from pydantic import GetCoreSchemaHandler
+
+MOST_VALUES = 1000
+
+
+@dataclass(frozen=True)
+class Range:
+    """The values that a quantity takes in a population.
+
+    Attributes:
+        values: of a list, all equally likely; of a range its two ends.
+        continuous: whether it is a range.
+        log: whether its logarithm is what is spread evenly, and whose deviation counts; the value itself otherwise.
+    """
+
+    values: tuple[float, ...]
+    continuous: bool = False
+    log: bool = True
+
+    @property
+    def single(self) -> bool:
+        """Whether there is one value alone."""
+        return min(self.values) == max(self.values)
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation, of the logarithm where that is what is spread."""
+        scaled = np.log(self.values) if self.log else np.array(self.values)
+        return float(np.ptp(scaled) / math.sqrt(12)) if self.continuous else float(np.std(scaled))
+
+    @property
+    def middle(self) -> float:
+        """Mean, geometric where the logarithm is what is spread."""
+        return float(np.exp(np.mean(np.log(self.values)))) if self.log else float(np.mean(self.values))
+
+    def at(self, share: Floats) -> Floats:
+        """Return the values that these shares of the population, 0 to 1, stay below; any shape."""
+        if not self.continuous:
+            return np.asarray(np.array(self.values)[np.minimum((share * len(self.values)).astype(int), len(self.values) - 1)])
+        low, high = self.values
+        return np.asarray(low * (high / low) ** share if self.log else low + (high - low) * share, dtype=float)
+
+
+@dataclass(frozen=True)
+class Ranged:
+    """A ``Range`` as a pydantic annotation.
+
+    One text is one value, two in a list are the ends of a range, one or three and more are a list; ``{values = [...]}`` is a list
+    of any length.
+
+    Args:
+        quantity: of each value.
+        log: see ``Range``.
+    """
+
+    quantity: Quantity
+    log: bool = True
+
+    @property
+    def allowed(self) -> str:
+        """What is one, in words."""
+        return (
+            f"{self.quantity.allowed}; a range of two, the lower first; a list of three or more, or {{ values = [...] }}, "
+            f"of at most {MOST_VALUES}"
+        )
+
+    def read(self, entry: object, units_required: bool) -> Range:
+        """Return the range that an entry of a file says; raises ``ValueError`` saying why it is none."""
+        if isinstance(entry, Range):
+            return entry
+        listed = isinstance(entry, Mapping)
+        if isinstance(entry, Mapping):
+            if set(entry) != {"values"}:
+                raise ValueError("a table with other keys than values")
+            entry = entry["values"]
+        elif not isinstance(entry, list | tuple):
+            entry = [entry]
+        if not isinstance(entry, list | tuple) or not 1 <= len(entry) <= MOST_VALUES:
+            raise ValueError("not a list of values")
+        values = tuple(self.quantity.value(one, units_required) for one in entry)
+        continuous = len(values) == 2 and not listed
+        if continuous and values[0] > values[1]:
+            raise ValueError("the higher end comes first")
+        return Range(values, continuous and values[0] < values[1], self.log)
+
+    def written(self, value: Range) -> Any:
+        """Return what a file says of it."""
+        texts = [self.quantity.text(one) for one in value.values]
+        return {"values": texts} if len(texts) == 2 and not value.continuous else texts
+
+    def _validate(self, entry: Any, info: ValidationInfo) -> Range:
+        try:
+            return self.read(entry, bool(info.context and info.context.get("units_required")))
+        except (ValueError, OverflowError) as fault:
+            raise PydanticCustomError("quantity", "{allowed} ({why})", {"allowed": self.allowed, "why": str(fault)}) from None
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Tell pydantic how to read and, as JSON, write the range."""
+        write = core_schema.plain_serializer_function_ser_schema(self.written, when_used="json-unless-none")
+        return core_schema.with_info_plain_validator_function(self._validate, serialization=write)

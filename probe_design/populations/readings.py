@@ -1,0 +1,70 @@
+"""What a scan reads over each tumour of a population, beside what it would read without the tumour.
+
+Readings are logarithms: of the ratio at all positions, then of the stiffness where it is read, m in all. With F_j the force on
+film j per unit of indentation, A_j its area,
+
+    ln ratio = ln F_inner - ln F_outer + const,   ln stiffness = ln (F_inner + F_outer)             (PO.1)
+
+and the signal of a tumour is by how much they are more than in its own tissue without it. A load and the areas cancel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from geometry.common.arrays import Floats, Ints
+
+
+@dataclass(frozen=True)
+class ScanReadings:
+    """Readings over n tumours in t tissues, m readings of c channels each.
+
+    Attributes:
+        signal: eq. PO.1 with less without the tumour, shape (n, m).
+        error: bound on what the level is off in it, shape (n, m); 0 where none is told.
+        tissue: number of each tumour's tissue, shape (n,).
+        blank: film forces per unit of indentation without tumours, N/m, shape (t, 2).
+        blank_error: bound on the error of eq. PO.1 there, shape (t, c).
+        by: derivatives of ``signal`` by what differs from tumour to tumour, by its name in ``ScenePopulation.ranges``: by
+            logarithms, per m of x; shape (n, m).
+        blank_by: derivatives of eq. PO.1 without tumours by the tissue's numbers, shape (t, c).
+    """
+
+    signal: Floats
+    error: Floats
+    tissue: Ints
+    blank: Floats
+    blank_error: Floats
+    by: dict[str, Floats] = field(default_factory=dict)
+    blank_by: dict[str, Floats] = field(default_factory=dict)
+
+    @property
+    def positions(self) -> int:
+        """How many positions were read."""
+        return int(self.signal.shape[1]) // self.channels
+
+    @property
+    def channels(self) -> int:
+        """How many readings at each."""
+        return int(self.blank_error.shape[1])
+
+    def on_scan(self, values: Floats) -> Floats:
+        """Return numbers of each channel, shape (..., c), for all readings, shape (..., m)."""
+        return np.repeat(values, self.positions, axis=-1)
+
+
+def logarithms(totals: Any, stiffness: bool) -> Any:
+    """Eq. PO.1 without its constant.
+
+    Args:
+        totals: F_inner and F_outer, shape (..., p, 2), real or complex.
+        stiffness: whether it is read.
+
+    Returns:
+        shape (..., m): ln ratio at the p positions, then ln stiffness.
+    """
+    ratio = np.log(totals[..., 0]) - np.log(totals[..., 1])
+    return np.concatenate([ratio, np.log(totals.sum(axis=-1))], axis=-1) if stiffness else ratio

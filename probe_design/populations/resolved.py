@@ -1,0 +1,109 @@
+"""How well the contrast of a found tumour is told: its posterior standard deviation, with all that is not known beside it.
+
+About each tumour the readings are straight lines in what is not known: logarithms of depth, diameter and moduli, of the layers'
+thicknesses, and the place x. With J their derivatives, C the readings' covariance, S the prior variances of all but the object's
+modulus, j its derivative, and ln contrast k = ln E_object - ln E_host put in its place, so that the host's derivative is t + j,
+
+    W = (C + sum S_i J_i J_i^T)^-1,   sd(k) = (j^T W j)^(-1/2)                                     (PO.6)
+
+with nothing taken as known of the contrast before. The same with t in place of t + j is the standard deviation of ln E_object,
+which of one tumour of which all else is known is eq. OP.3. With the prior of the object too,
+
+    sd(k)^2 = c^T (S^-1 + J^T C^-1 J)^-1 c,   c = e_object - e_host                                (PO.7)
+
+and the information is the logarithm by which that is below the prior's (S_object + S_host)^(1/2). Never negative, its mean over
+a population is no mean of 1/variance, which the few tumours that are told best would rule.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.common.arrays import Floats, Ints
+from probe_design.data.noise import RESOLVED
+from probe_design.populations.population import ScenePopulation, TumourDraw
+from probe_design.populations.readings import ScanReadings
+
+E_FOLD = 1.0  # prior standard deviation of ln E_object where the population has one value of it
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """What is not known of each tumour and its tissue, with priors.
+
+    Attributes:
+        names: in the order of ``ScenePopulation.ranges``, the object first.
+        deviations: of the priors, shape (q,).
+        host: number of each tumour's host modulus among the names, -1 where that is known, shape (n,).
+    """
+
+    names: tuple[str, ...]
+    deviations: Floats
+    host: Ints
+
+    @classmethod
+    def of(cls, population: ScenePopulation, draw: TumourDraw) -> Unknowns:
+        """Return what the ranges leave open."""
+        open_ones = {key: one.deviation for key, one in population.ranges.items() if not one.single and key != "object"}
+        names = ("object", *open_ones)
+        hosts = np.array([_host(draw, number) for number in range(len(draw))])
+        index = np.array([names.index(name) if name in names else -1 for name in hosts.tolist()])
+        deviations = [population.ranges["object"].deviation or E_FOLD, *open_ones.values()]
+        return cls(names, np.array(deviations), index)
+
+    def derivatives(self, readings: ScanReadings, blank: bool) -> Floats:
+        """Return J, shape (n, m, q): without a blank the tissue's numbers count with what they change of all readings."""
+        columns = []
+        for name in self.names:
+            column = readings.by[name]
+            if not blank and name in readings.blank_by:
+                column = column + readings.on_scan(readings.blank_by[name])[readings.tissue]
+            columns.append(column)
+        return np.stack(columns, axis=-1)
+
+
+def _host(draw: TumourDraw, number: int) -> str:
+    faces = draw.tissues[draw.tissue[number]].tissue.interfaces
+    above = sum(face <= draw.depth[number] for face in faces)
+    return "tissue" if above == len(faces) else f"layer_{above}_modulus"
+
+
+def contrast_deviations(unknowns: Unknowns, J: Floats, covariance: Floats, of_object: bool = False) -> Floats:
+    """Return eq. PO.6, of ln E_object itself if asked for; inf where nothing is told; shape (n,).
+
+    Args:
+        unknowns: q of them.
+        J: their derivatives, shape (n, m, q).
+        covariance: of the readings, shape (m, m).
+        of_object: whether to tell ln E_object.
+    """
+    j, others = J[:, :, 0], J[:, :, 1:].copy()
+    if not of_object:
+        rows = np.flatnonzero(unknowns.host > 0)
+        others[rows, :, unknowns.host[rows] - 1] += j[rows]
+    spread = others * unknowns.deviations[1:]
+    marginal = covariance + spread @ spread.transpose(0, 2, 1)
+    weighed = np.linalg.solve(marginal, j[:, :, None])[:, :, 0]
+    information = np.maximum((j * weighed).sum(axis=1), 0.0)
+    with np.errstate(divide="ignore"):
+        return np.asarray(1 / np.sqrt(information))
+
+
+def informations(unknowns: Unknowns, J: Floats, covariance: Floats) -> Floats:
+    """Return ln(prior / posterior standard deviation) of ln contrast, eq. PO.7, shape (n,)."""
+    n, q = len(J), len(unknowns.names)
+    scaled = J * unknowns.deviations  # unknowns in prior deviations: S = 1
+    posterior = np.eye(q) + scaled.transpose(0, 2, 1) @ np.linalg.solve(covariance, scaled)
+    c = np.zeros((n, q))
+    c[:, 0] = unknowns.deviations[0]
+    rows = np.flatnonzero(unknowns.host > 0)
+    c[rows, unknowns.host[rows]] = -unknowns.deviations[unknowns.host[rows]]
+    left = (c * np.linalg.solve(posterior, c[:, :, None])[:, :, 0]).sum(axis=1)
+    return np.asarray(np.maximum(np.log((c**2).sum(axis=1) / left) / 2, 0.0))
+
+
+def resolved(deviations: Floats) -> Floats:
+    """Return 1 for tumours whose ln contrast is told to ``RESOLVED``, 0 for others, shape (n,)."""
+    return np.asarray((deviations <= RESOLVED).astype(float))

@@ -1,0 +1,210 @@
+"""The tables of a design file: frozen, in SI units, every key with its default and what it means."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import Field, ValidationInfo, field_validator, model_validator
+
+from geometry.common.arrays import Floats
+from geometry.common.errors import InputError
+from geometry.scenes.probe import LENGTH, MODULUS, Frozen, Length
+from geometry.scenes.scene import MOST_LAYERS, Force, Indentation
+from geometry.scenes.units import Quantity
+from probe_design.populations.ranges import Range, Ranged
+
+POSITION = Quantity("position", "m", "mm", -10.0, 10.0)
+CHARGE = Quantity("charge", "C", "pC", 0.0, 1e-3)
+DEFAULT_SAMPLES, MOST_SAMPLES, MOST_POSITIONS = 64, 4096, 101
+LARGEST_NOISE = 10.0
+
+Lengths = Annotated[Range, Ranged(LENGTH)]
+Moduli = Annotated[Range, Ranged(MODULUS)]
+Places = Annotated[Range, Ranged(POSITION, log=False)]
+Charge = Annotated[float, CHARGE]
+Relative = Annotated[float, Field(ge=0.0, le=LARGEST_NOISE, allow_inf_nan=False)]
+
+
+def _relative(what: str) -> str:
+    return f"{what}: a number from 0 to {LARGEST_NOISE:g}, relative, one standard deviation"
+
+
+class LayerRanges(Frozen):
+    """What differs of one layer of the tissue, ``[[population.layer]]`` in the order of ``[[tissue.layer]]``."""
+
+    thickness: Lengths | None = Field(default=None, description="left out: the scene's", examples=[["1 mm", "2 mm"]])
+    modulus: Moduli | None = Field(default=None, description="left out: the scene's", examples=[["50 kPa", "200 kPa"]])
+
+
+Layers = Annotated[tuple[LayerRanges, ...], Field(strict=False, max_length=MOST_LAYERS)]
+
+
+class PopulationRanges(Frozen):
+    """Which tumours there are, each in its own tissue; what is left out is that of the scene's one inclusion and tissue.
+
+    Two values are the ends of a range over which the logarithm is spread evenly, of ``x`` the place itself; one, or three and
+    more, are a list of equally likely ones.
+    """
+
+    depth: Lengths | None = Field(
+        default=None, description="from the surface to the centre; left out: the scene's", examples=[["3 mm", "20 mm"]]
+    )
+    diameter: Lengths | None = Field(default=None, description="left out: the scene's", examples=[["5 mm", "15 mm"]])
+    object: Moduli | None = Field(
+        default=None, description="Young's modulus of the tumours; left out: the scene's", examples=[["20 kPa", "100 kPa"]]
+    )
+    tissue: Moduli | None = Field(
+        default=None,
+        description="Young's modulus of the tissue below its layers; left out: the scene's",
+        examples=[["4 kPa", "9 kPa"]],
+    )
+    x: Places | None = Field(
+        default=None,
+        description="where the tumour lies along the line of readings, spread evenly; left out: the scene's",
+        examples=[["-4 mm", "4 mm"]],
+    )
+    layer: Layers = Field(default=(), description="tables [[population.layer]] of thickness and modulus, as the scene has layers")
+    least_cover: Length = Field(
+        default=0.5e-3, description="least tissue above a tumour, which is a tenth of its diameter at any rate"
+    )
+    samples: Annotated[int, Field(ge=1, le=MOST_SAMPLES)] = Field(
+        default=DEFAULT_SAMPLES, description=f"tumours drawn, a whole number from 1 to {MOST_SAMPLES}"
+    )
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = Field(
+        default=0, description="of the draw, a whole number from 0: other tumours of the same kind"
+    )
+
+
+def _positions(entry: Any, units_required: bool) -> Any:
+    """Write ``[from, to, number]`` out."""
+    if not isinstance(entry, Sequence) or isinstance(entry, str) or len(entry) != 3:
+        return entry
+    low, high, number = entry
+    if isinstance(number, bool) or not isinstance(number, int):
+        return entry
+    if not 1 <= number <= MOST_POSITIONS:
+        raise InputError("", list(entry), f"[from, to, number] with a number from 1 to {MOST_POSITIONS}")
+    first, last = (POSITION.read("", one, units_required) for one in (low, high))
+    return [POSITION.text(float(one)) for one in np.linspace(first, last, number)]
+
+
+class Protocol(Frozen):
+    """How a patient is examined: readings along a line over the tissue through the probe's place, along x."""
+
+    positions: Annotated[tuple[Annotated[float, POSITION], ...], Field(strict=False, min_length=1, max_length=MOST_POSITIONS)] = (
+        Field(
+            default=tuple(np.linspace(-16e-3, 16e-3, 9).tolist()),
+            description="of the probe's axis: [from, to, number], or a list of positions with their units",
+            examples=[["-16 mm", "16 mm", 9]],
+        )
+    )
+    stiffness: bool = Field(default=True, description="whether force over indentation is read beside the ratio: true or false")
+    blank: bool = Field(
+        default=True,
+        description="whether a tumour-free place of the tissue is read too, from which all readings are counted: true or false",
+    )
+    false_alarm: Annotated[float, Field(ge=1e-4, le=0.5)] = Field(
+        default=0.05, description="share of patients without a tumour in whom one is found, over the whole scan: 0.0001 to 0.5"
+    )
+
+    @field_validator("positions", mode="before")
+    @classmethod
+    def _written_out(cls, entry: Any, info: ValidationInfo) -> Any:
+        return _positions(entry, bool(info.context and info.context.get("units_required")))
+
+    @property
+    def places(self) -> Floats:
+        """The positions as an array, m, shape (p,)."""
+        return np.array(self.positions)
+
+    @property
+    def channels(self) -> int:
+        """Readings at each position: ln ratio, and ln stiffness where it is read."""
+        return 2 if self.stiffness else 1
+
+
+class NoiseModel(Frozen):
+    """What keeps two readings of the same from being alike; see ``docs/population.md``."""
+
+    white: Relative = Field(default=0.01, description=_relative("of each reading of the ratio by itself"))
+    gain: Relative = Field(default=0.05, description=_relative("of each channel's gain, common to a scan"))
+    stiffness_white: Relative = Field(default=0.01, description=_relative("of each reading of the stiffness"))
+    stiffness_gain: Relative = Field(default=0.05, description=_relative("of all stiffnesses of a scan together"))
+    charge: Charge = Field(
+        default=0.01e-12,
+        description="of each channel's charge, a charge with its unit, such as '0.01 pC', one standard deviation",
+    )
+    tilt: Relative = Field(default=0.0, description=_relative("of each reading of the ratio by the probe's tilt at it"))
+    calibration: str | None = Field(
+        default=None,
+        description="the name of a file that `probe-design calibrate` has written, whose gains take the place of gain",
+        examples=["probe.toml"],
+    )
+
+
+class DesignLimits(Frozen):
+    """What a design must keep to; what is left out follows from the start, the tissue and linear elasticity."""
+
+    outer_radius: Length | None = Field(default=None, description="largest outer radius of the probe", examples=["8 mm"])
+    height: Length | None = Field(default=None, description="largest height of the blocks", examples=["10 mm"])
+    wall: Length | None = Field(default=None, description="least thickness of the outer block", examples=["0.5 mm"])
+    force: Force | None = Field(default=None, description="largest force on the probe", examples=["0.5 N"])
+    indentation: Indentation | None = Field(default=None, description="largest indentation", examples=["1000 um"])
+    tissue_strain: Annotated[float, Field(gt=0.0, le=1.0)] | None = Field(
+        default=None, description="largest mean strain of the tissue under the probe: above 0, up to 1", examples=[0.1]
+    )
+    gap_closure: bool = Field(default=True, description="whether the gap has to stay open under the load: true or false")
+    charge: Annotated[tuple[Charge, Charge], Field(strict=False)] | None = Field(
+        default=None,
+        description="least and largest charge of each channel that the amplifiers take",
+        examples=[["1 pC", "1000 pC"]],
+    )
+
+    @model_validator(mode="after")
+    def _charges_in_order(self) -> Self:
+        if self.charge is not None and not self.charge[0] < self.charge[1]:
+            texts = [CHARGE.text(one) for one in self.charge]
+            raise InputError("charge", texts, "[least, largest], the least first")
+        return self
+
+
+Statistic = Literal["mean"] | Annotated[float, Field(gt=0.0, lt=1.0)]
+
+
+class Objective(Frozen):
+    """What is best."""
+
+    maximise: Literal["detection", "resolved", "information"] = Field(
+        default="detection",
+        description=(
+            "'detection': probability that a tumour is found; 'resolved': share whose ln contrast is told to 0.5 (one standard "
+            "deviation); 'information': mean ln(prior / posterior standard deviation) of ln contrast"
+        ),
+    )
+    statistic: Statistic = Field(
+        default="mean", description="over the population: 'mean', or a number between 0 and 1, that quantile", examples=[0.1]
+    )
+
+    @model_validator(mode="after")
+    def _share_has_no_quantile(self) -> Self:
+        if self.maximise == "resolved" and self.statistic != "mean":
+            raise InputError("statistic", self.statistic, "'mean' with maximise = 'resolved', which is a share of the tumours")
+        return self
+
+    def over(self, values: Floats) -> float:
+        """Return the statistic of the tumours' values, shape (n,): their mean, or their quantile."""
+        return float(np.mean(values) if self.statistic == "mean" else np.quantile(values, self.statistic))
+
+    def error(self, values: Floats) -> float:
+        """Return the standard error of ``over`` for n tumours drawn at random; of a quantile from its neighbours."""
+        n = len(values)
+        if n < 2:
+            return 0.0
+        if self.statistic == "mean":
+            return float(np.std(values, ddof=1) / math.sqrt(n))
+        spread = math.sqrt(self.statistic * (1 - self.statistic) / n)
+        ends = np.quantile(values, np.clip([self.statistic - spread, self.statistic + spread], 0, 1))
+        return float(np.ptp(ends) / 2)

@@ -1,0 +1,58 @@
+"""The design file with all its keys, their defaults and what they mean."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import tomli_w
+from pydantic import BaseModel
+
+from probe_design.populations.design_file import SECTIONS, Design
+from probe_design.populations.tables import LayerRanges
+
+HEAD = """\
+# A design file: `probe-design optimize DESIGN.toml -o DIR` designs a probe for these tumours, readings, noise and limits.
+# A key that is a comment shows an example: without it the default holds that its line tells. Quantities have their units.
+
+scene = "scene.toml"   # its probe is the start; its tissue and inclusion hold for what [population] leaves out
+"""
+
+
+def template() -> str:
+    """Return a commented design file that reads as the defaults, beside a ``scene.toml``."""
+    return "\n".join([HEAD, *(_section(name) for name in SECTIONS)])
+
+
+def _section(name: str) -> str:
+    model = Design.model_fields[name].annotation
+    assert isinstance(model, type)
+    assert issubclass(model, BaseModel)
+    lines = [f"[{name}]   # {_first_sentence(model)}", *_keys(model)]
+    if name == "population":
+        lines += ["# [[population.layer]]", *(f"# {line.removeprefix('# ')}" for line in _keys(LayerRanges))]
+    return "\n".join([*lines, ""])
+
+
+def _keys(model: type[BaseModel]) -> Iterator[str]:
+    written: dict[str, Any] = model().model_dump(mode="json", exclude_none=True)
+    for key, field in model.model_fields.items():
+        default = written.get(key)
+        if default in ([], {}, None) and field.examples:
+            yield f"# {key} = {_toml(field.examples[0])}   # {field.description}"
+        elif default != []:
+            value = field.examples[0] if key == "positions" and field.examples else default
+            yield f"{key} = {_toml(value)}   # {field.description}"
+
+
+def _toml(value: Any) -> str:
+    """A value as one line of TOML."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {_toml(one)}" for key, one in value.items()) + " }"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_toml(one) for one in value) + "]"
+    return tomli_w.dumps({"x": value}).removeprefix("x = ").strip()
+
+
+def _first_sentence(model: type[BaseModel]) -> str:
+    return " ".join((model.__doc__ or "").split("\n\n")[0].split()).rstrip(".")

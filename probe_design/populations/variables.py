@@ -1,0 +1,135 @@
+"""Which numbers of the probe a design file lets vary, and how."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import Field, ValidationInfo
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+
+from geometry.scenes.probe import LENGTH, MODULUS, Frozen
+from geometry.scenes.units import Quantity
+
+if TYPE_CHECKING:
+    from pydantic import GetCoreSchemaHandler
+
+MOST_CHOICES = 1000
+FIXED: Literal["fixed"] = "fixed"
+NUMBER = Quantity("number", "dimensionless", "", 1e-4, 1e4)
+
+
+@dataclass(frozen=True)
+class DesignVariable:
+    """How one number of the probe may vary, SI.
+
+    Attributes:
+        low, high: its bounds; None where they follow from the start and the workshop.
+        step: values lie on multiples of it; None: on those of the search.
+        choices: the only values, increasing; empty where there are bounds.
+        fixed: whether it stays as the scene has it.
+    """
+
+    low: float | None = None
+    high: float | None = None
+    step: float | None = None
+    choices: tuple[float, ...] = ()
+    fixed: bool = False
+
+
+@dataclass(frozen=True)
+class Varied:
+    """A ``DesignVariable`` as a pydantic annotation: ``"fixed"``, ``[low, high]``, or a table of bounds, step and choices.
+
+    Args:
+        quantity: of its values; ``NUMBER`` has no unit.
+    """
+
+    quantity: Quantity
+
+    @property
+    def allowed(self) -> str:
+        """What is one, in words."""
+        each = "a number from 0.0001 to 10000" if self.quantity is NUMBER else self.quantity.allowed
+        return f"'fixed', [low, high], or a table of bounds = [low, high] and step, or of choices; each {each}"
+
+    def read(self, entry: object, units_required: bool) -> DesignVariable:
+        """Return what an entry of a file says; raises ``ValueError`` saying why it is none."""
+        if isinstance(entry, DesignVariable):
+            return entry
+        if entry == FIXED:
+            return DesignVariable(fixed=True)
+        table = entry if isinstance(entry, Mapping) else {"bounds": entry}
+        unknown = set(table) - {"bounds", "step", "choices"}
+        if unknown:
+            raise ValueError(f"no key {min(unknown, key=str)}")
+        if "choices" in table:
+            if len(table) > 1:
+                raise ValueError("choices beside bounds or step")
+            return DesignVariable(choices=tuple(sorted(set(self._values(table["choices"], 1, MOST_CHOICES, units_required)))))
+        low, high = self._values(table["bounds"], 2, 2, units_required) if "bounds" in table else (None, None)
+        if low is not None and high is not None and not low < high:
+            raise ValueError("the lower bound is not below the higher")
+        step = self._values([table["step"]], 1, 1, units_required)[0] if "step" in table else None
+        return DesignVariable(low, high, step)
+
+    def written(self, value: DesignVariable) -> Any:
+        """Return what a file says of it."""
+
+        def text(one: float) -> Any:
+            return one if self.quantity is NUMBER else self.quantity.text(one)
+
+        if value.fixed:
+            return FIXED
+        if value.choices:
+            return {"choices": [text(one) for one in value.choices]}
+        bounds = {} if value.low is None or value.high is None else {"bounds": [text(value.low), text(value.high)]}
+        return bounds | ({} if value.step is None else {"step": text(value.step)})
+
+    def _values(self, entries: object, least: int, most: int, units_required: bool) -> tuple[float, ...]:
+        if not isinstance(entries, list | tuple) or not least <= len(entries) <= most:
+            raise ValueError("not a list of two" if most == 2 else "not a list of values")
+        required = units_required and self.quantity is not NUMBER
+        if self.quantity is NUMBER and any(isinstance(one, str) for one in entries):
+            raise ValueError("a text, not a number")
+        return tuple(self.quantity.value(one, required) for one in entries)
+
+    def _validate(self, entry: Any, info: ValidationInfo) -> DesignVariable:
+        try:
+            return self.read(entry, bool(info.context and info.context.get("units_required")))
+        except (ValueError, OverflowError) as fault:
+            raise PydanticCustomError("quantity", "{allowed} ({why})", {"allowed": self.allowed, "why": str(fault)}) from None
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Tell pydantic how to read and, as JSON, write it."""
+        write = core_schema.plain_serializer_function_ser_schema(self.written, when_used="json-unless-none")
+        return core_schema.with_info_plain_validator_function(self._validate, serialization=write)
+
+
+VariedLength = Annotated[DesignVariable, Varied(LENGTH)]
+VariedModulus = Annotated[DesignVariable, Varied(MODULUS)]
+VariedNumber = Annotated[DesignVariable, Varied(NUMBER)]
+Materials = Annotated[tuple[str, ...], Field(strict=False, max_length=100)]
+
+
+class DesignVariables(Frozen):
+    """What the search may change of the probe; what is left out varies within what a workshop can make."""
+
+    inner_radius: VariedLength = Field(
+        default=DesignVariable(), description="of the inner block", examples=[{"bounds": ["1 mm", "6 mm"], "step": "0.1 mm"}]
+    )
+    area_ratio: VariedNumber = Field(
+        default=DesignVariable(), description="A2/A1, inner over outer end area", examples=[[0.1, 4.0]]
+    )
+    gap: VariedLength = Field(
+        default=DesignVariable(), description="between the blocks", examples=[{"choices": ["0.1 mm", "0.2 mm", "0.3 mm"]}]
+    )
+    height: VariedLength = Field(default=DesignVariable(), description="of both blocks", examples=[["2 mm", "10 mm"]])
+    inner_modulus: VariedModulus = Field(default=DesignVariable(), description="of the inner block", examples=["fixed"])
+    outer_modulus: VariedModulus = Field(default=DesignVariable(), description="of the outer block", examples=["fixed"])
+    materials: Materials = Field(
+        default=(),
+        description="names of `probe-design material list`: each block is of one of these, modulus and Poisson's ratio together",
+        examples=[["dragon-skin-30", "ecoflex-00-30"]],
+    )
