@@ -14,10 +14,10 @@ from probe_design.design_search.room import Combination, Room
 from probe_design.design_search.steered_population import SteeredDesigns
 
 MOST_ENUMERATED = 200
-FEW = 12  # combinations that are each searched as one design file without choices is
+FEW = 1  # combinations that are each searched from several starts at once
 BRANCHES = 3  # designs of the relaxed search that are rounded
 ROUNDS = 4  # of looking at neighbours
-AGAIN = 4  # of many combinations, so many of the best are searched once more from several starts
+AGAIN = 3  # of many combinations, so many of the best are searched once more from several starts
 
 Progress = Callable[[int, int], None]
 
@@ -111,7 +111,7 @@ def _branched(steered: SteeredDesigns, room: Room, progress: Progress) -> tuple[
         best = max(found, key=lambda one: one.value)
         _try(steered, room, _beside(room, best), tried)
         progress(3 + turn, 2 + ROUNDS)
-        if max((one.value for choices in tried.values() for one in choices)) <= best.value:
+        if max(one.value for choices in tried.values() for one in choices) <= best.value:
             break
     progress(2 + ROUNDS, 2 + ROUNDS)
     choices = [one for found in tried.values() for one in found]

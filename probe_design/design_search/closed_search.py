@@ -1,7 +1,7 @@
 """The closed-form search: quasi-random designs on arrays, then IPOPT with exact gradients from the best of every size.
 
-What is screened does not depend on a limit but by what the limit takes away, and IPOPT starts from the best design of each shell of
-outer radii before it starts from the second best of any: a wider limit adds designs and starts.
+What is screened does not depend on a limit but by what the limit takes away, and IPOPT starts from the best design of each
+shell of outer radii before it starts from the second best of any: a wider limit adds designs and starts.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def search(
 
 
 def screen(space: Space, count: int = SCREENED) -> Floats:
-    """Return the admissible designs of Sobol sequences, uniform in the logarithms, shell by shell of outer radii, shape (6, n)."""
+    """Return the admissible designs of Sobol sequences, even in the logarithms, shell by shell of outer radii, shape (6, n)."""
     low, high = np.maximum(space.low, 1e-12), np.maximum(space.high, 1e-12)
     if not np.any(low < high * (1 - TIGHT)):
         return low[:, None]
@@ -102,7 +102,9 @@ def screen(space: Space, count: int = SCREENED) -> Floats:
     first, last = (math.floor(SHELLS * math.log2(radius)) for radius in (least, max(space.outer_radius, least)))
     sample = qmc.Sobol(6, seed=SEED).random(count)
     designs = np.concatenate([_shell(space, low, high, sample, k) for k in range(first, last + 1)], axis=1)
-    inside = space.admits(designs) & np.all((designs >= low[:, None] * (1 - 1e-9)) & (designs <= high[:, None] * (1 + 1e-9)), axis=0)
+    inside = space.admits(designs) & np.all(
+        (designs >= low[:, None] * (1 - 1e-9)) & (designs <= high[:, None] * (1 + 1e-9)), axis=0
+    )
     return np.concatenate([_corners(space, low, high), designs[:, inside]], axis=1)
 
 
@@ -159,7 +161,12 @@ def polished(
     constraints = ca.vertcat(radius / space.outer_radius, (radius - v[0] - v[2]) / space.wall, margin)
     choices: dict[str, Any] = {"ipopt.hessian_approximation": "limited-memory", "ipopt.max_iter": steps, "ipopt.tol": 1e-5}
     solver = ca.nlpsol("population", "ipopt", {"x": x, "f": -value, "g": constraints}, QUIET | choices)
-    bounds = {"lbx": np.log(space.low[free]), "ubx": np.log(space.high[free]), "lbg": [0.0, 1.0, 0.0], "ubg": [1.0, np.inf, np.inf]}
+    bounds = {
+        "lbx": np.log(space.low[free]),
+        "ubx": np.log(space.high[free]),
+        "lbg": [0.0, 1.0, 0.0],
+        "ubg": [1.0, np.inf, np.inf],
+    }
     optimum = start.copy()
     optimum[free] = np.exp(np.array(solver(x0=np.log(start[free]), **bounds)["x"]).ravel())
     stopped_by_user(solver)

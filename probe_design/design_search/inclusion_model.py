@@ -1,4 +1,4 @@
-"""The objective of the search by the equivalent-inclusion level to first order, on the tumours that steer: what polishing climbs."""
+"""The objective of the search by the equivalent-inclusion level to first order, on the tumours that steer: for polishing."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
+from probe_design.design_search.loads import Sizes
 from probe_design.design_search.steered_population import SteeredDesigns
 from probe_design.populations.design_file import Design
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
@@ -52,9 +53,9 @@ class InclusionTumours:
 
     def _seen(self, which: Any) -> Tumours:
         """Tumours from all positions, shape (k P, 1), relative to the probe's axis."""
-        draws, (x, y) = self.draws, self.positions
-        places = len(x)
-        columns = [(draws.x[which, None] - x).ravel(), np.repeat(draws.y[which] - y, places)]
+        draws, (along, across) = self.draws, self.positions
+        places = len(along)
+        columns = [(draws.x[which, None] - along).ravel(), np.repeat(draws.y[which] - across, places)]
         columns += [
             np.repeat(values[which], places)
             for values in (draws.depth, 2 * draws.radius, draws.youngs_modulus, draws.poisson_ratio)
@@ -70,7 +71,7 @@ def inclusion_value(steered: SteeredDesigns, design: Design, scene: Scene) -> fl
         Refusal: the level cannot take the scene.
     """
     bases = tuple(CoarseModel.of(one, details=False).undisturbed for one in steered.draw.on(scene).tissues)
-    force = steered.rule.pressed(scene).force
+    sizes = Sizes.of(scene)
 
     def seen(tumours: ManyTumours) -> Any:
         draws = tumours.draws
@@ -80,5 +81,5 @@ def inclusion_value(steered: SteeredDesigns, design: Design, scene: Scene) -> fl
     moved = {key: (seen(less), seen(more)) for key, (less, more) in objective.moved.items()}
     found = replace(objective, tumours=seen(objective.tumours), moved=moved)
     with np.errstate(all="ignore"):
-        value = float(found.values(np.zeros((9, 1)), lambda totals: np.full(totals.shape[:2], force))[0])
+        value = float(found.values(np.zeros((9, 1)), lambda totals: steered.rule.forces(sizes, totals, steered.draw.tissue))[0])
     return value if np.isfinite(value) else -np.inf

@@ -1,4 +1,4 @@
-"""The design loop for a population: search by formulas, polish and judge by finite elements on tumours that no search has seen."""
+"""The design loop for a population: search by formulas, polish and judge by finite elements on tumours not seen before."""
 
 from __future__ import annotations
 

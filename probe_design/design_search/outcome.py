@@ -80,7 +80,9 @@ class PopulationOptimum:
         given = self.design.limits
         rows += [Limit(name, _value(given, name, pressed.allowed[name]), pressed.by == name) for name in pressed.allowed]
         if given.charge is not None:
-            rows.append(Limit("least charge", given.charge[0], abs(pressed.charge[0] - given.charge[0]) <= CLOSE * given.charge[0]))
+            rows.append(
+                Limit("least charge", given.charge[0], abs(pressed.charge[0] - given.charge[0]) <= CLOSE * given.charge[0])
+            )
         return tuple(rows)
 
     @property
@@ -149,6 +151,6 @@ def _renamed(limit: Limit) -> Limit:
 def _value(given: Any, name: str, force: float) -> float:
     """The limit as the file gives it; for what has no number, the force that it allows, N."""
     stated = getattr(given, name, None)
-    if name == "charge":
-        return float(stated[1])
-    return float(force if stated is None or isinstance(stated, bool) else stated)
+    if stated is None or isinstance(stated, bool):
+        return force
+    return float(stated[1] if name == "charge" else stated)

@@ -41,7 +41,7 @@ class Corrected:
         """Return both values and their derivatives, see ``SteeredDesigns.gradient``."""
         both, slopes = self.steered.gradient(x, poisson, which)
         moved = np.log(x[which] / self.start[which])
-        return both + [float(self.slopes @ moved), 0.0], slopes + np.stack([self.slopes, 0 * self.slopes])
+        return both + np.array([float(self.slopes @ moved), 0.0]), slopes + np.stack([self.slopes, 0 * self.slopes])
 
     def values(self, x: Array, poisson: tuple[float, float]) -> tuple[Array, Array]:
         """Return what the closed form says, without the correction."""

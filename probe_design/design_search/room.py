@@ -1,7 +1,7 @@
 """The designs that a search may choose from: bounds, constraints, and what comes in steps or from a shelf.
 
-Variables are those of ``optimisation.design_space``; what a design file leaves out of them varies within what a workshop can make,
-round the start. Limits take designs away and bring none.
+Variables are those of ``optimisation.design_space``; what a design file leaves out of them varies within what a workshop can
+make, round the start. Limits take designs away and bring none.
 """
 
 from __future__ import annotations
@@ -205,7 +205,9 @@ def _steps(k: int, step: float, low: float, high: float) -> tuple[float, ...]:
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
     if last - first >= MOST_STEPS or last < first:
         few = "wide enough for at most 10000 values" if last >= first else "with a multiple between the bounds"
-        raise InputError(f"variables.{VARIABLES[k]}.step", _shown(k, step), f"a step {few} of {_shown(k, low)} to {_shown(k, high)}")
+        raise InputError(
+            f"variables.{VARIABLES[k]}.step", _shown(k, step), f"a step {few} of {_shown(k, low)} to {_shown(k, high)}"
+        )
     return tuple(float(f"{n * step:.12g}") for n in range(first, last + 1))
 
 

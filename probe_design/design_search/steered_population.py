@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Floats
-from probe_design.design_search.loads import PressingRule, lesser
+from probe_design.design_search.loads import PressingRule, Sizes, lesser
 from probe_design.design_search.steering import Channels, Steered
 from probe_design.populations.design_file import Design
 from probe_design.populations.population import ScenePopulation, TumourDraw
@@ -20,7 +20,6 @@ from solver.tumour_waves.readings import ManyTumours
 
 MOST = 64  # tumours that steer
 STEP = 1e-3  # of ln diameter, depth and modulus, for what is differentiated by differences
-LEAST_VALUE = -1e3
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,7 @@ class SteeredDesigns:
         moved = {key: (make(_moved(tumours, key, -STEP)), make(_moved(tumours, key, STEP))) for key in _moving(design)}
         priors = {key: population.ranges[key].deviation for key in ("object", "diameter", "depth", "tissue")}
         maximise, statistic = design.objective.maximise, design.objective.statistic
-        rule = PressingRule.of(design, draw)
+        rule = PressingRule.of(design, draw, population.drawn(unseen=True))
         steered = Steered(make(tumours), moved, STEP, channels_of(design, rule), priors, maximise, statistic)
         return cls(steered, rule, draw, 0.0 if design.limits.charge is None else design.limits.charge[0])
 
@@ -71,14 +70,12 @@ class SteeredDesigns:
             x: floats or complex, shape (6, n).
             poisson: Poisson's ratios of both blocks, floats or shape (2, n).
         """
-        r2, ratio, gap, height, inner, outer = x
-        ro = ((r2 + gap) ** 2 + r2**2 / ratio) ** 0.5
-        one = np.ones(x.shape[1])
-        probes = np.array([r2, gap, ro, height, height, inner, poisson[0] * one, outer, poisson[1] * one])
+        probes = _probes(x, poisson)
+        r2, gap, ro, height, _, inner, _, outer, _ = probes
+        sizes = Sizes(r2, ro, gap, (height, height), (inner, outer))
         charges: list[Array] = []
 
         def force(totals: Array) -> Array:
-            sizes = r2, ro, gap, (height, height), (inner, outer)
             forces = self.rule.forces(sizes, totals, self.draw.tissue)
             share = totals / totals.sum(axis=2, keepdims=True)
             weaker = lesser(share[..., 0], share[..., 1]) * forces * self.rule.charge_per_force
@@ -95,6 +92,11 @@ class SteeredDesigns:
             values, margin = self.values(x, poisson)
         return np.where(np.isfinite(values) & (margin >= -1e-6), values, -np.inf)
 
+    def each(self, x: Floats, poisson: tuple[float, float], force: float) -> Floats:
+        """Return the objective of each tumour for one design (6,) under a force, N; shape (m,)."""
+        with np.errstate(all="ignore"):
+            return np.asarray(self.steered.each(_probes(x[:, None], poisson), lambda totals: np.full(totals.shape[:2], force))[0])
+
     def gradient(self, x: Floats, poisson: Any, which: list[int]) -> tuple[Floats, Floats]:
         """Return both values of one design (6,), shape (2,), and their derivatives by ln of some variables, shape (2, k)."""
         steps = np.repeat(x[:, None].astype(complex), len(which), axis=1)
@@ -102,6 +104,13 @@ class SteeredDesigns:
         with np.errstate(all="ignore"):
             both = np.array(self.values(steps, poisson))
         return both[:, 0].real, both.imag / 1e-30
+
+
+def _probes(x: Array, poisson: Any) -> Array:
+    """The parameters ``closed_form.designs.PROBE`` of designs."""
+    r2, ratio, gap, height, inner, outer = x
+    ro, one = ((r2 + gap) ** 2 + r2**2 / ratio) ** 0.5, np.ones(x.shape[1])
+    return np.array([r2, gap, ro, height, height, inner, poisson[0] * one, outer, poisson[1] * one])
 
 
 def draws_of(draw: TumourDraw) -> TumourDraws:

@@ -25,7 +25,6 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from geometry.common.arrays import Floats
 from probe_design.data.noise import RESOLVED
 from solver.closed_form.bessel import Array
 from solver.tumour_waves.readings import Films, ManyTumours
@@ -89,14 +88,17 @@ class Steered:
             probes: see ``ManyTumours.films``; floats or complex.
             force: a function of films' totals without tumours (n, m, 2): N, shape (n, m).
         """
-        films = self.tumours.films(probes)
-        of_each = self._of_each(probes, films, force(films.without))
+        of_each = self.each(probes, force)
         if self.statistic == "mean":
             return of_each.mean(axis=1)
         return _quantile(of_each, float(self.statistic))
 
+    def each(self, probes: Array, force: Any) -> Array:
+        """Return the objective tumour by tumour, shape (n, m); see ``values``."""
+        films = self.tumours.films(probes)
+        return self._of_each(probes, films, force(films.without))
+
     def _of_each(self, probes: Array, films: Films, force: Array) -> Array:
-        """The objective tumour by tumour, shape (n, m)."""
         variance = self._variance(films, force)
         nuisances, prior = self._nuisances(probes, films, variance)
         if self.maximise == "detection":
