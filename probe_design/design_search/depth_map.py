@@ -51,13 +51,13 @@ def depth_map(design: Design, scene: Scene, force: float) -> DepthMap:
     for interface in design.scene.tissue.interfaces:
         fits &= np.abs(z - interface) >= d / 2
     found, told = np.full(len(z), np.nan), np.full(len(z), np.nan)
+    shape, probe = (len(depth), len(diameter)), scene.probe
+    at = variables(scene), (probe.inner.poisson_ratio, probe.outer.poisson_ratio), force
     if fits.any():
         draw = _draw(population, z[fits], d[fits])
-        found[fits] = _values(design, population, draw, scene, force, "detection")
-        told[fits] = _values(design, population, draw, scene, force, "information")
-    shape = len(depth), len(diameter)
-    prior = max(population.ranges["object"].deviation, 1e-6)
-    return DepthMap(depth, diameter, found.reshape(shape), prior * np.exp(-told.reshape(shape)))
+        found[fits] = _steered(design, population, draw, scene, "detection").each(*at)
+        told[fits] = _steered(design, population, draw, scene, "resolved").contrast_sd(*at)
+    return DepthMap(depth, diameter, found.reshape(shape), told.reshape(shape))
 
 
 def _shown(given: Range) -> Floats:
@@ -71,8 +71,6 @@ def _draw(population: ScenePopulation, depth: Floats, diameter: Floats) -> Tumou
     return TumourDraw(population.scene, depth, diameter, modulus, x, own, np.zeros(n, dtype=int), (scene,))
 
 
-def _values(design: Design, population: ScenePopulation, draw: TumourDraw, scene: Scene, force: float, maximise: str) -> Floats:
+def _steered(design: Design, population: ScenePopulation, draw: TumourDraw, scene: Scene, maximise: str) -> SteeredDesigns:
     asked = design.model_copy(update={"objective": Objective(maximise=maximise)})  # type: ignore[arg-type]
-    steered = SteeredDesigns.over(asked, population, draw, scene.probe.tube_radius)
-    probe = scene.probe
-    return steered.each(variables(scene), (probe.inner.poisson_ratio, probe.outer.poisson_ratio), force)
+    return SteeredDesigns.over(asked, population, draw, scene.probe.tube_radius)

@@ -76,7 +76,7 @@ class PopulationOptimum:
     def limits(self) -> tuple[Limit, ...]:
         """All limits and which of them the design found lies on."""
         scene, pressed = self.found.scene, self.found.pressed
-        rows = [_renamed(one) for one in self.room.space.limits(scene)]
+        rows = [_renamed(one) for one in self.room.space.limits(scene) if not (self.room.shelf and "modulus" in one.name)]
         given = self.design.limits
         rows += [Limit(name, _value(given, name, pressed.allowed[name]), pressed.by == name) for name in pressed.allowed]
         if given.charge is not None:

@@ -149,7 +149,7 @@ def room(design: Design) -> Room:
         InputError: a variable has no value within the limits, a material is not one for blocks, or there is no room for a probe.
     """
     scene, given, limits = design.scene, design.variables, design.limits
-    base = space(scene, limits.outer_radius)
+    base = _usual(design)
     low, high, grids = base.low.copy(), base.high.copy(), dict[int, tuple[float, ...]]()
     shelf = tuple(_of_blocks(name, k) for k, name in enumerate(dict.fromkeys(given.materials)))
     for k, name in enumerate(VARIABLES):
@@ -168,6 +168,14 @@ def room(design: Design) -> Room:
     found = replace(base, low=low, high=high, wall=wall)
     poisson = scene.probe.inner.poisson_ratio, scene.probe.outer.poisson_ratio
     return Room(found, grids, shelf, poisson)
+
+
+def _usual(design: Design) -> Space:
+    """The space round the start that its limit of the outer radius leaves."""
+    try:
+        return space(design.scene, design.limits.outer_radius)
+    except InputError as fault:
+        raise InputError("limits.outer_radius", fault.value, fault.allowed) from None
 
 
 def poisson_of(one: CatalogueMaterial) -> float:

@@ -13,6 +13,7 @@ from probe_design.design_search.loads import PressingRule, Sizes, lesser
 from probe_design.design_search.steering import Channels, Steered
 from probe_design.populations.design_file import Design
 from probe_design.populations.population import ScenePopulation, TumourDraw
+from probe_design.populations.resolved import E_FOLD
 from solver.closed_form.bessel import Array
 from solver.closed_form.designs import parameters
 from solver.tumour_waves.population import TumourDraws
@@ -57,7 +58,8 @@ class SteeredDesigns:
         tumours = draws_of(draw)
         make = _maker(design, draw, widest)
         moved = {key: (make(_moved(tumours, key, -STEP)), make(_moved(tumours, key, STEP))) for key in _moving(design)}
-        priors = {key: population.ranges[key].deviation for key in ("object", "diameter", "depth", "tissue")}
+        priors = {key: population.ranges[key].deviation for key in ("diameter", "depth", "tissue")}
+        priors["object"] = population.ranges["object"].deviation or E_FOLD
         maximise, statistic = design.objective.maximise, design.objective.statistic
         rule = PressingRule.of(design, draw, population.drawn(unseen=True))
         steered = Steered(make(tumours), moved, STEP, channels_of(design, rule), priors, maximise, statistic)
@@ -96,6 +98,12 @@ class SteeredDesigns:
         """Return the objective of each tumour for one design (6,) under a force, N; shape (m,)."""
         with np.errstate(all="ignore"):
             return np.asarray(self.steered.each(_probes(x[:, None], poisson), lambda totals: np.full(totals.shape[:2], force))[0])
+
+    def contrast_sd(self, x: Floats, poisson: tuple[float, float], force: float) -> Floats:
+        """Return the standard deviation of ln contrast of each tumour, likewise; of what steers for ``resolved``."""
+        with np.errstate(all="ignore"):
+            found = self.steered.log_sd(_probes(x[:, None], poisson), lambda totals: np.full(totals.shape[:2], force))
+        return np.asarray(np.exp(found[0]))
 
     def gradient(self, x: Floats, poisson: Any, which: list[int]) -> tuple[Floats, Floats]:
         """Return both values of one design (6,), shape (2,), and their derivatives by ln of some variables, shape (2, k)."""

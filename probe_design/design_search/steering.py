@@ -11,9 +11,9 @@ posterior standard deviation of ln contrast is that of c_1 in
 
     (J^T W J + Pi_c^-1)^-1                                                                          (DS.2)
 
-and a tumour counts as resolved by Phi((ln 0.5 - ln sd) / 0.25), a step that a gradient can climb. With a blank the reading that
-all others are counted from is a nuisance whose prior is its own white error; without one each channel's offset has the prior of
-the gain, and tissue modulus that of the population.
+with no prior on c_1 itself but for information, which counts from it. A tumour counts as resolved by Phi((ln 0.5 - ln sd) / 0.25),
+a step that a gradient can climb. With a blank the reading that all others are counted from is a nuisance whose prior is its own
+white error; without one each channel's offset has the prior of the gain, and tissue modulus that of the population.
 """
 
 from __future__ import annotations
@@ -30,7 +30,6 @@ from solver.closed_form.bessel import Array
 from solver.tumour_waves.readings import Films, ManyTumours
 
 STEP = 0.25  # of ln sd over which a tumour passes from not resolved to resolved
-PARAMETERS = 1 + 2  # ln contrast, ln diameter, ln depth
 SMALL = 1e-12  # least prior variance
 
 
@@ -68,7 +67,7 @@ class Steered:
             tissue alone without a blank.
         steps: the steps of these.
         channels: the errors.
-        priors: standard deviations of ln contrast, ln diameter, ln depth and ln tissue modulus.
+        priors: standard deviations of ln contrast (above 0), ln diameter, ln depth and ln tissue modulus.
         maximise: ``detection``, ``resolved`` or ``information``.
         statistic: ``mean`` or a quantile.
     """
@@ -95,23 +94,28 @@ class Steered:
 
     def each(self, probes: Array, force: Any) -> Array:
         """Return the objective tumour by tumour, shape (n, m); see ``values``."""
-        films = self.tumours.films(probes)
-        return self._of_each(probes, films, force(films.without))
-
-    def _of_each(self, probes: Array, films: Films, force: Array) -> Array:
-        variance = self._variance(films, force)
-        nuisances, prior = self._nuisances(probes, films, variance)
         if self.maximise == "detection":
+            films, variance, nuisances, prior = self._errors(probes, force)
             deflection = _weighed(self._signature(films)[..., None], variance, nuisances, prior)[..., 0, 0]
             return ndtr(np.sqrt(deflection + SMALL) - ndtri(1 - self.channels.false_alarm))
-        slopes = self._slopes(probes, films)
-        information = _weighed(slopes, variance, nuisances, prior)
-        variances = [max(self.priors[key], 1e-6) ** -2 for key in ("object", "diameter", "depth")]
-        least = np.linalg.inv(information + np.diag(variances))[..., 0, 0]
-        log_sd = 0.5 * np.log(least)
+        log_sd = self.log_sd(probes, force)
         if self.maximise == "information":
-            return math.log(max(self.priors["object"], 1e-6)) - log_sd
+            return math.log(self.priors["object"]) - log_sd
         return ndtr((math.log(RESOLVED) - log_sd) / STEP)
+
+    def log_sd(self, probes: Array, force: Any) -> Array:
+        """Return ln of the posterior standard deviation of ln contrast, eq. DS.2, shape (n, m)."""
+        films, variance, nuisances, prior = self._errors(probes, force)
+        information = _weighed(self._slopes(probes, films), variance, nuisances, prior)
+        precisions = [max(self.priors[key], 1e-6) ** -2 for key in ("object", "diameter", "depth")]
+        precisions[0] = precisions[0] if self.maximise == "information" else SMALL
+        return 0.5 * np.log(np.linalg.inv(information + np.diag(precisions))[..., 0, 0])
+
+    def _errors(self, probes: Array, force: Any) -> tuple[Films, Array, Array, Array]:
+        """Films, white variances, nuisances and their priors."""
+        films = self.tumours.films(probes)
+        variance = self._variance(films, force(films.without))
+        return films, variance, *self._nuisances(probes, films, variance)
 
     def _kept(self, ratio: Array, stiffness: Array) -> Array:
         """Readings of a scan in one axis: ratios, then stiffnesses where they are read."""

@@ -11,8 +11,8 @@ from probe_design.design_search.outcome import PopulationOptimum
 
 MILLI, KILO, PICO = 1e-3, 1e3, 1e-12
 BY = {
-    "scene": "the scene's load", "force": "limits.force", "linearity": "linear elasticity", "indentation": "limits.indentation",
-    "tissue_strain": "limits.tissue_strain", "gap_closure": "the gap, which must not close", "charge": "limits.charge",
+    "scene": "load", "force": "force limit", "linearity": "linearity", "indentation": "indentation",
+    "tissue_strain": "tissue strain", "gap_closure": "gap closure", "charge": "charge",
 }  # fmt: skip
 NAMES = {"start": "start", "single": "for one tumour", "optimum": "for the population"}
 
@@ -30,25 +30,24 @@ def rows(optimum: PopulationOptimum, maps: dict[str, DepthMap]) -> Iterator[tupl
     def row(name: str, of: Any) -> tuple[str, ...]:
         return (name, *(of(one) for one in designs.values()))
 
-    samples = len(optimum.start.judgement.depth)
-    yield row(f"tumours found, of 100 ({samples} judged)", lambda one: _percent(one, "detection"))
-    yield row("stiffness told to a factor of 1.6, of 100", lambda one: _percent(one, "resolved"))
+    yield row("tumours found, of 100", lambda one: _percent(one, "detection"))
+    yield row("stiffness told, of 100", lambda one: _percent(one, "resolved"))
     yield row("learnt of ln contrast", lambda one: f"{one.judgement.information:.3f} +- {one.judgement.information_error:.2g}")
     middle = _middle_diameter(optimum)
     told = {name: maps[name].deepest(middle) for name in designs}
-    name = f"{1e3 * middle:.3g} mm found 9 times in 10 down to, mm"
+    name = f"{1e3 * middle:.2g} mm sure down to, mm"
     yield (name, *("nowhere" if told[one] is None else f"{told[one] / MILLI:.3g}" for one in designs))  # type: ignore[operator]
     yield row("force, N", lambda one: f"{one.pressed.force:.3g}")
     yield row("force limited by", lambda one: BY[one.pressed.by])
     yield row("indentation, mm", lambda one: f"{one.pressed.indentation / MILLI:.2g}")
-    yield row("weaker channel's charge, pC", lambda one: f"{one.pressed.charge[0] / PICO:.2g}")
+    yield row("weaker charge, pC", lambda one: f"{one.pressed.charge[0] / PICO:.2g}")
     yield row("inner radius, mm", lambda one: f"{one.scene.probe.inner_radius / MILLI:.4g}")
     yield row("outer radius, mm", lambda one: f"{one.scene.probe.tube_radius / MILLI:.4g}")
     yield row("gap, mm", lambda one: f"{one.scene.probe.gap / MILLI:.4g}")
     yield row("height, mm", lambda one: f"{one.scene.probe.core_height / MILLI:.4g}")
-    yield row("inner / outer modulus, kPa", _moduli)
+    yield row("moduli, kPa", _moduli)
     if any(one.materials for one in designs.values()):
-        yield row("inner / outer material", lambda one: " / ".join(one.materials) or "-")
+        yield row("materials", lambda one: " / ".join(one.materials) or "-")
 
 
 def table(optimum: PopulationOptimum, maps: dict[str, DepthMap]) -> Any:
@@ -69,7 +68,9 @@ def caption(optimum: PopulationOptimum) -> str:
     readings = f"{len(protocol.positions)} positions, ratio{' and stiffness' if protocol.stiffness else ''}"
     against = "a blank" if protocol.blank else "a prediction"
     alarms = f"{100 * protocol.false_alarm:g} % false alarms"
-    return f"{readings} against {against}, {alarms}; +- one error; active limits: {', '.join(found) or 'none'}"
+    judged = f"{len(optimum.start.judgement.depth)} tumours judged that the search has not seen"
+    told = "sure: 9 times in 10 if it were known; told: ln contrast to 0.5"
+    return f"{judged}; {readings} against {against}, {alarms}; {told}; +- one error; active limits: {', '.join(found) or 'none'}"
 
 
 def _percent(one: JudgedDesign, kind: str) -> str:
