@@ -112,7 +112,10 @@ class ClosedFormScan:
 
     def signals(self, probe: Any) -> tuple[Any, Any]:
         """Return the signals, eq. PO.1, shape (d, n, m), and the forces without tumours, shape (d, t, 2)."""
-        over, blank = self.totals(probe)
+        return self.signals_of(*self.totals(probe))
+
+    def signals_of(self, over: Any, blank: Any) -> tuple[Any, Any]:
+        """Return ``signals`` from ``totals``."""
         with np.errstate(all="ignore"):
             without = np.repeat(self._logs(blank[:, :, None]), len(self.protocol.positions), axis=-1)
             return self._logs(over) - without[:, self.draw.tissue], blank
@@ -124,16 +127,17 @@ class ClosedFormScan:
             Refusal: the formulas break down for this probe.
         """
         probe = parameters(scene.model_copy(update={"inclusion": ()}))[1][: len(PROBE), None]
-        signal, blank = (one[0] for one in self.signals(probe))
+        totals, blanks = self.totals(probe)
+        signal, blank = (one[0] for one in self.signals_of(totals, blanks))
         if not (np.all(np.isfinite(signal)) and np.all(blank > 0)):
             raise Refusal("evaluator", "closed-form", "equivalent-inclusion, as the formulas break down for this probe")
-        by, blank_by = {}, {}
+        by, blank_by, over = {}, {}, np.exp(np.log(totals[0]).mean(axis=0))
         for name in names:
             by[name], less = self._slopes(probe, name)
             if not is_of_tumour(name):
                 blank_by[name] = less
         c = self.protocol.channels
-        return ScanReadings(signal, np.zeros_like(signal), self.draw.tissue, blank, np.zeros((len(blank), c)), by, blank_by)
+        return ScanReadings(signal, np.zeros_like(signal), self.draw.tissue, blank, over, np.zeros((len(blank), c)), by, blank_by)
 
     def _slopes(self, probe: Floats, name: str) -> tuple[Floats, Floats]:
         """Derivatives of the signals (n, m) and, by the tissue's numbers, of what is read without tumours (t, c)."""

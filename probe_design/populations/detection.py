@@ -123,7 +123,7 @@ def log_likelihood_ratio(templates: Floats, z: Floats) -> Floats:
         most = exponents.max(axis=1)
         tiny = np.abs(exponents).max(axis=1) < SMALL
         whole = most + np.log(np.exp(exponents - most[:, None]).mean(axis=1))
-        out[low : low + ROWS] = np.where(tiny, np.log1p(np.expm1(np.minimum(exponents, SMALL)).mean(axis=1)), whole)
+        out[low : low + ROWS] = np.where(tiny, np.log1p(np.expm1(np.clip(exponents, -SMALL, SMALL)).mean(axis=1)), whole)
     return out
 
 

@@ -154,13 +154,14 @@ def inclusion_readings(
     n, c, t = len(draw), protocol.channels, len(draw.tissues)
     m = c * len(protocol.positions)
     found = ScanReadings(
-        np.zeros((n, m)), np.zeros((n, m)), draw.tissue, np.zeros((t, 2)), np.zeros((t, c)),
+        np.zeros((n, m)), np.zeros((n, m)), draw.tissue, np.zeros((t, 2)), np.zeros((m // c, 2)), np.zeros((t, c)),
         {name: np.zeros((n, m)) for name in names}, {name: np.zeros((t, c)) for name in names if not is_of_tumour(name)},
     )  # fmt: skip
     for number in range(t):
         _fill(found, InclusionScan.of(draw, protocol, number), tolerance)
         if progress is not None:
             progress(number + 1, t)
+    found.over[:] = np.exp(found.over / n)
     return found
 
 
@@ -171,6 +172,7 @@ def _fill(found: ScanReadings, scan: InclusionScan, tolerance: float) -> None:
     answers = scan.answered(tumours, tolerance, None)
     films = scan.base.films
     blank = scan._logs(films.totals[None])
+    found.over[:] += np.log(answers.totals[where]).sum(axis=0)  # of the logarithms; ``inclusion_readings`` takes their mean
     found.signal[rows] = scan._logs(answers.totals[where]) - np.repeat(blank, len(scan.protocol.positions))
     errors = scan.errors(answers)
     stated = np.stack([errors.sum(axis=1), errors.max(axis=1)], axis=1)[:, : found.channels]

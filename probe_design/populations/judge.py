@@ -19,7 +19,7 @@ from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
 from probe_design.populations.closed_form_scan import ClosedFormScan
 from probe_design.populations.design_file import Design
-from probe_design.populations.detection import Detector, deflections
+from probe_design.populations.detection import SCANS, Detector, deflections
 from probe_design.populations.inclusion_scan import inclusion_readings
 from probe_design.populations.noise import covariance
 from probe_design.populations.population import ScenePopulation, TumourDraw
@@ -146,38 +146,38 @@ def _judgement(
     start: float,
 ) -> Judgement:
     """From readings to what is made of them."""
-    protocol, scene, blank = design.protocol, draw.scene, np.exp(np.log(readings.blank).mean(axis=0))
+    objective, blank = design.objective, np.exp(np.log(readings.blank).mean(axis=0))
     unknowns = Unknowns.of(population, draw)
-    own = covariance(design.noise, protocol, scene, blank)
-    whole = covariance(design.noise, protocol, scene, blank, _tissue(unknowns, readings))
-    detector = Detector.trained(_reference(population, design), whole, protocol.false_alarm, seed=seed)
-    less, found, more = (detector.probabilities(readings.signal * scale, seed=seed) for scale in _scales(readings))
-    J = unknowns.derivatives(readings, protocol.blank)
+    own, whole = (
+        covariance(design.noise, design.protocol, draw.scene, blank, tissue, readings.over)
+        for tissue in (None, _tissue(unknowns, readings))
+    )
+    detector = Detector.trained(_reference(population, design), whole, design.protocol.false_alarm, seed=seed)
+    found, unsure = _found(detector, readings, design, seed)
+    J, share = unknowns.derivatives(readings, design.protocol.blank), _share(readings, design.protocol.blank)
     contrast, modulus = (contrast_deviations(unknowns, J, own, of_object) for of_object in (False, True))
-    gain = informations(unknowns, J, own)
-    share = _scales(readings)[2].max(axis=1) - 1
-    objective, told = design.objective, resolved(contrast)
-    levels = (
-        float(np.abs(more - less).mean() / 2),
-        float((resolved(contrast * (1 - share)) - resolved(contrast * (1 + share))).mean() / 2),
-        float(np.minimum(share, gain).mean()),
-    )
-    by_threshold = float(np.mean(detector.probabilities(readings.signal, seed=seed, shift=-1) - found))
-    draws = 0.0 if len(found) > 1 else math.sqrt(float(found[0] * (1 - found[0])) / 256)
-    errors = (
-        math.hypot(objective.error(found), by_threshold, draws) + levels[0],
-        objective.error(told) + levels[1],
-        objective.error(gain) + levels[2],
-    )
+    gain, told = informations(unknowns, J, own), resolved(contrast)
+    flips = resolved(contrast * (1 - share)) - resolved(contrast * (1 + share))
+    levels = (unsure[1], float(flips.mean() / 2), float(np.minimum(share, gain).mean()))
     return Judgement(
-        detection=objective.over(found), detection_error=errors[0],
-        resolved=float(told.mean()), resolved_error=errors[1],
-        information=objective.over(gain), information_error=errors[2],
+        detection=objective.over(found), detection_error=math.hypot(objective.error(found), unsure[0]) + levels[0],
+        resolved=float(told.mean()), resolved_error=objective.error(told) + levels[1],
+        information=objective.over(gain), information_error=objective.error(gain) + levels[2],
         probability=found, contrast_sd=contrast, modulus_sd=modulus, gain=gain, deflection=deflections(readings.signal, whole),
         depth=draw.depth, diameter=draw.diameter, x=draw.x, youngs_modulus=draw.youngs_modulus,
-        level_errors=levels, statistic=objective.statistic, false_alarm=protocol.false_alarm, evaluator=evaluator,
+        level_errors=levels, statistic=objective.statistic, false_alarm=design.protocol.false_alarm, evaluator=evaluator,
         seconds=perf_counter() - start, warnings=(draw.note,) if draw.note else (),
     )  # fmt: skip
+
+
+def _found(detector: Detector, readings: ScanReadings, design: Design, seed: int) -> tuple[Floats, tuple[float, float]]:
+    """P of each tumour; what the threshold and, of one tumour alone, the draws leave open of their mean; what the level does."""
+    share = _share(readings, design.protocol.blank)[:, None]
+    less, found, more = (detector.probabilities(readings.signal * scale, seed=seed) for scale in (1 - share, 1.0, 1 + share))
+    threshold = float(np.mean(detector.probabilities(readings.signal, seed=seed, shift=-1) - found))
+    known = len(found) > 1 or len(detector.templates) == 1  # whose draws scatter with the tumours, or which need none
+    draws = 0.0 if known else math.sqrt(float(found[0] * (1 - found[0])) / SCANS)
+    return found, (math.hypot(threshold, draws), float(np.abs(more - less).mean() / 2))
 
 
 def _reference(population: ScenePopulation, design: Design) -> Floats:
@@ -196,7 +196,10 @@ def _tissue(unknowns: Unknowns, readings: ScanReadings) -> Floats | None:
     return np.stack(columns, axis=1) if columns else None
 
 
-def _scales(readings: ScanReadings) -> tuple[Floats, Any, Floats]:
-    """Factors on each tumour's signals, (n, 1): as small and as large as the level's bounds allow, and 1 between."""
-    share = np.minimum(readings.error.max(axis=1) / np.maximum(np.abs(readings.signal).max(axis=1), 1e-300), 1.0)[:, None]
-    return 1 - share, 1.0, 1 + share
+def _share(readings: ScanReadings, blank: bool) -> Floats:
+    """By what share each tumour's signals may be off as the level says, at most 1, shape (n,).
+
+    Without a blank readings are counted from what the level predicts, whose own error counts too.
+    """
+    error = readings.error if blank else readings.error + readings.on_scan(readings.blank_error)[readings.tissue]
+    return np.asarray(np.minimum(error.max(axis=1) / np.maximum(np.abs(readings.signal).max(axis=1), 1e-300), 1.0))

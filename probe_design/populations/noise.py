@@ -29,7 +29,14 @@ from probe_design.data.noise import LEAST
 from probe_design.populations.tables import NoiseModel, Protocol
 
 
-def covariance(noise: NoiseModel, protocol: Protocol, scene: Scene, blank: Floats, tissue: Floats | None = None) -> Floats:
+def covariance(
+    noise: NoiseModel,
+    protocol: Protocol,
+    scene: Scene,
+    blank: Floats,
+    tissue: Floats | None = None,
+    over: Floats | None = None,
+) -> Floats:
     """Return C of eq. PO.2, PO.3.
 
     Args:
@@ -37,6 +44,7 @@ def covariance(noise: NoiseModel, protocol: Protocol, scene: Scene, blank: Float
         protocol: likewise.
         scene: for its films and load.
         blank: force on each film per unit of indentation without tumours, N/m, shape (2,).
+        over: the same at each position over tumours, shape (p, 2), as charges depend on it; left out: that without.
         tissue: s_j t_j of eq. PO.3, shape (m, q); left out where the tissue is no nuisance. With a blank it does not count.
 
     Returns:
@@ -46,30 +54,35 @@ def covariance(noise: NoiseModel, protocol: Protocol, scene: Scene, blank: Float
         InputError: a reading would have less noise than ``LEAST``, or charges are noisy and the scene has no load.
     """
     p = len(protocol.positions)
-    own, common = _variances(noise, protocol, scene, blank)
-    together = np.kron(np.diag(own if protocol.blank else common), np.ones((p, p)))
-    C = np.kron(np.diag(own), np.eye(p)) + together
+    places = np.vstack([blank, np.tile(blank, (p, 1)) if over is None else over])
+    own, together = _variances(noise, protocol, scene, places), _common(noise, protocol, blank)
+    shared = own[:, 0] if protocol.blank else together
+    C = np.diag(own[:, 1:].ravel()) + np.kron(np.diag(shared), np.ones((p, p)))
     return C if tissue is None or protocol.blank else C + tissue @ tissue.T
 
 
-def _variances(noise: NoiseModel, protocol: Protocol, scene: Scene, blank: Floats) -> tuple[Floats, Floats]:
-    """w_c^2 and g_c^2 by channel."""
-    charges = _charges(scene, blank) if noise.charge else np.ones(2)
-    own = [noise.white**2 + noise.tilt**2 + float(((noise.charge / charges) ** 2).sum()), noise.stiffness_white**2]
-    common = [_ratio_gain(noise, blank), noise.stiffness_gain**2]
-    for key, variance in zip(("white", "stiffness_white"), own[: protocol.channels], strict=False):
+def _variances(noise: NoiseModel, protocol: Protocol, scene: Scene, places: Floats) -> Floats:
+    """w_c^2 of each channel where the films feel such forces, shape (k, 2): (c, k)."""
+    charges = _charges(scene, places) if noise.charge else np.ones(places.shape)
+    ratio = noise.white**2 + noise.tilt**2 + ((noise.charge / charges) ** 2).sum(axis=1)
+    own = np.stack([ratio, np.full_like(ratio, noise.stiffness_white**2)])[: protocol.channels]
+    for key, variance in zip(("white", "stiffness_white"), own.min(axis=1).tolist(), strict=False):
         if not variance >= LEAST**2:
-            raise InputError(
-                f"noise.{key}", math.sqrt(variance), f"{LEAST:g} or more: the model's own error is all there is far below it"
-            )
-    return np.array(own[: protocol.channels]), np.array(common[: protocol.channels])
+            least = f"{LEAST:g} or more: far below it the model's own error is all there is"
+            raise InputError(f"noise.{key}", math.sqrt(variance), least)
+    return np.asarray(own)
 
 
-def _charges(scene: Scene, blank: Floats) -> Floats:
-    """Q_j, C, under the scene's load."""
+def _common(noise: NoiseModel, protocol: Protocol, blank: Floats) -> Floats:
+    """g_c^2 of each channel, (c,)."""
+    return np.array([_ratio_gain(noise, blank), noise.stiffness_gain**2])[: protocol.channels]
+
+
+def _charges(scene: Scene, places: Floats) -> Floats:
+    """Q_j, C, under the scene's load, shape (k, 2)."""
     load, film = scene.load, scene.probe.film
-    indentation = (load.force or 0.0) / float(blank.sum()) if load.indentation is None else load.indentation
-    charges = (abs(film.d33 if film else 0.0) or abs(Film().d33)) * np.abs(blank) * indentation
+    indentation = (load.force or 0.0) / places.sum(axis=1) if load.indentation is None else np.full(len(places), load.indentation)
+    charges = (abs(film.d33 if film else 0.0) or abs(Film().d33)) * np.abs(places) * indentation[:, None]
     if not np.all(charges > 0):
         key = "force" if load.indentation is None else "indentation"
         raise InputError(f"load.{key}", getattr(load, key), f"a {key} above 0: at 0 the films give no charge to read")

@@ -23,7 +23,7 @@ from geometry.scenes.variables import changed
 from probe_design.populations.ranges import Range
 from probe_design.populations.tables import PopulationRanges
 
-MOST_TISSUES = 8
+MOST_TISSUES = 4
 COVER = 0.1  # of its diameter: least tissue between a tumour and surface or interface, see ``closed_form``'s ``LEAST_COVER``
 CLEAR = 1 - 1e-6  # of the room that a tumour may fill
 TRIES = 64  # times the tumours asked for that are drawn before giving up
@@ -143,7 +143,7 @@ class ScenePopulation:
     def _bodies(self, tissues: tuple[Scene, ...], shares: list[int], seed: int) -> tuple[Floats, int]:
         """So many tumours as fit each tissue, as ``OF_TUMOUR``, (n, 4), and how many before the last of them did not.
 
-        Each tissue has blocks of consecutive points: every eighth of a Sobol sequence lies in a part of the range alone.
+        Each tissue has blocks of consecutive points: every fourth of a Sobol sequence lies in a part of the range alone.
         """
         sobol, block = qmc.Sobol(len(OF_TUMOUR), seed=seed), _power(shares[0])
         chosen, misfits = [np.empty((0, len(OF_TUMOUR))) for _ in tissues], 0

@@ -27,6 +27,7 @@ class ScanReadings:
         error: bound on what the level is off in it, shape (n, m); 0 where none is told.
         tissue: number of each tumour's tissue, shape (n,).
         blank: film forces per unit of indentation without tumours, N/m, shape (t, 2).
+        over: the same over the tumours at each position, in their geometric mean, shape (p, 2).
         blank_error: bound on the error of eq. PO.1 there, shape (t, c).
         by: derivatives of ``signal`` by what differs from tumour to tumour, by its name in ``ScenePopulation.ranges``: by
             logarithms, per m of x; shape (n, m).
@@ -37,6 +38,7 @@ class ScanReadings:
     error: Floats
     tissue: Ints
     blank: Floats
+    over: Floats
     blank_error: Floats
     by: dict[str, Floats] = field(default_factory=dict)
     blank_by: dict[str, Floats] = field(default_factory=dict)

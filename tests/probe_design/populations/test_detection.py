@@ -1,0 +1,132 @@
+"""The detector against simulated scans: another path to the noise, and the likelihood written out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+from scipy.stats import multivariate_normal, norm
+
+from geometry.common.arrays import Floats
+from probe_design.populations.closed_form_scan import ClosedFormScan
+from probe_design.populations.detection import Detector, deflections, known_tumours, log_likelihood_ratio
+from probe_design.populations.noise import covariance
+from probe_design.populations.population import ScenePopulation
+from probe_design.populations.readings import ScanReadings
+from probe_design.populations.tables import NoiseModel, Protocol
+from tests.support.designs import SUPERFICIAL, THREE, example_design
+
+ALARMS = 0.05
+
+
+def simulated(noise: NoiseModel, protocol: Protocol, scans: int, seed: int) -> Floats:
+    """Errors of readings as they come about: each by itself, gains of a scan, and a blank that is taken from all; (scans, m)."""
+    rng, p = np.random.default_rng(seed), len(protocol.positions)
+    columns = []
+    for white, gain in ((noise.white, np.sqrt(2) * noise.gain), (noise.stiffness_white, noise.stiffness_gain)):
+        errors = gain * rng.standard_normal((scans, 1)) + white * rng.standard_normal((scans, p + 1))
+        columns.append(errors[:, :p] - errors[:, p:] * protocol.blank)
+    return np.concatenate(columns[: protocol.channels], axis=1)
+
+
+def readings_of(design, samples: int) -> ScanReadings:  # type: ignore[no-untyped-def]
+    population = ScenePopulation.of(design.scene, design.population)
+    return ClosedFormScan.of(population.drawn(samples), design.protocol).readings(design.scene)
+
+
+def probability_by_simulation(noise: NoiseModel, protocol: Protocol, known: Floats, tumours: Floats, scans: int) -> Floats:
+    """P of each tumour, with the densities of scipy and the covariance of the simulated errors' own model, written out."""
+    p = len(protocol.positions)
+    blocks = []
+    for white, gain in ((noise.white, np.sqrt(2) * noise.gain), (noise.stiffness_white, noise.stiffness_gain)):
+        mixing = np.hstack(
+            [np.eye(p) * white, np.full((p, 1), -white * protocol.blank), np.full((p, 1), gain * (not protocol.blank))]
+        )
+        blocks.append(mixing @ mixing.T)
+    C = np.zeros((p * protocol.channels,) * 2)
+    for k, block in enumerate(blocks[: protocol.channels]):
+        C[k * p : (k + 1) * p, k * p : (k + 1) * p] = block
+
+    def statistic(y: Floats) -> Floats:
+        over = np.array([multivariate_normal.logpdf(y, mean, C) for mean in known])
+        return np.asarray(logsumexp(over, axis=0) - np.log(len(known)) - multivariate_normal.logpdf(y, np.zeros(len(C)), C))
+
+    threshold = np.quantile(statistic(simulated(noise, protocol, 4 * scans, 11)), 1 - ALARMS)
+    return np.array(
+        [(statistic(one + simulated(noise, protocol, scans, 12 + k)) > threshold).mean() for k, one in enumerate(tumours)]
+    )
+
+
+@pytest.mark.parametrize("blank", [True, False])
+def test_probabilities_are_those_of_simulated_scans(blank: bool) -> None:
+    compare(blank, tumours=6, known=12, scans=1000, within=0.04)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("blank", [True, False])
+def test_probabilities_are_those_of_ten_thousand_simulated_scans(blank: bool) -> None:
+    compare(blank, tumours=8, known=48, scans=10_000, within=0.02)
+
+
+def compare(blank: bool, *, tumours: int, known: int, scans: int, within: float) -> None:
+    design = example_design(
+        population=SUPERFICIAL,
+        protocol={**THREE, "blank": blank},
+        noise={"charge": "0 pC", "white": 0.03, "stiffness_white": 0.02},
+    )
+    signals = readings_of(design, known + tumours)
+    signals_known, tried = signals.signal[:known], signals.signal[known:]
+    C = covariance(design.noise, design.protocol, design.scene, signals.blank[0])
+    detector = Detector.trained(signals_known, C, ALARMS)
+    found = detector.probabilities(tried, scans=4 * scans)
+    expected = probability_by_simulation(design.noise, design.protocol, signals_known, tried, scans)
+    assert 0.1 < expected.mean() < 0.95
+    assert np.abs(found - expected).max() < 1.5 * within
+    assert abs(found.mean() - expected.mean()) < within
+
+
+def test_one_tumour_is_found_as_the_deflection_says() -> None:
+    rng = np.random.default_rng(0)
+    mixing = rng.standard_normal((6, 6))
+    C, signal = mixing @ mixing.T, rng.standard_normal((1, 6))
+    d = np.sqrt(signal[0] @ np.linalg.inv(C) @ signal[0])
+    assert deflections(signal, C)[0] == pytest.approx(d, rel=1e-12)
+    exact = norm.cdf(d - norm.ppf(1 - ALARMS))
+    assert Detector.trained(signal, C, ALARMS).probabilities(signal)[0] == pytest.approx(exact, rel=1e-12)
+    assert known_tumours(np.array([d]), ALARMS)[0] == pytest.approx(exact, rel=1e-12)
+
+
+def test_no_detector_finds_more_than_that_of_the_known_tumour() -> None:
+    signals, C = np.random.default_rng(1).standard_normal((20, 4)) * 1.5, np.eye(4)
+    most = known_tumours(deflections(signals, C), ALARMS)
+    assert np.all(Detector.trained(signals, C, ALARMS).probabilities(signals, scans=4000) < most + 4 * np.sqrt(0.25 / 4000))
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-300, 1e-17, 1e-9, 1e-3])
+def test_tumours_without_effect_are_found_as_often_as_none(size: float) -> None:
+    signals = size * np.random.default_rng(2).standard_normal((40, 4))
+    found = Detector.trained(signals, np.eye(4), ALARMS).probabilities(signals, scans=4096)
+    assert found.mean() == pytest.approx(ALARMS, abs=0.004)
+
+
+@pytest.mark.parametrize("noise", [1e-6, 1e-12])
+def test_hardly_any_noise_hides_no_tumour(noise: float) -> None:
+    signals = np.abs(np.random.default_rng(3).standard_normal((40, 4))) * 0.01
+    with np.errstate(all="raise", under="ignore"):
+        found = Detector.trained(signals[:20], noise**2 * np.eye(4), ALARMS).probabilities(signals[20:])
+    assert np.all(found == 1.0)
+
+
+def test_likelihood_ratios_are_what_they_say() -> None:
+    templates, z = np.random.default_rng(4).standard_normal((7, 3)), np.random.default_rng(5).standard_normal((11, 3))
+    for scale in (1e-8, 1e-3, 1.0, 20.0):
+        u = scale * templates
+        exact = logsumexp([norm.logpdf(z, one).sum(axis=1) - norm.logpdf(z).sum(axis=1) for one in u], axis=0) - np.log(7)
+        assert log_likelihood_ratio(u, z) == pytest.approx(exact, rel=1e-12, abs=1e-14)
+
+
+def test_the_same_draws_serve_two_designs() -> None:
+    """So that their difference is that of the designs, far below what either one's draws scatter."""
+    signals, C = np.random.default_rng(6).standard_normal((30, 4)), np.eye(4)
+    one, other = (Detector.trained(scale * signals, C, ALARMS).probabilities(scale * signals).mean() for scale in (1.0, 1.001))
+    assert abs(other - one) < 0.002

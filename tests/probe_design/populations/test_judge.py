@@ -1,0 +1,70 @@
+"""Probes judged: the two levels, paired differences, and what errors count."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from geometry.common.errors import Refusal
+from geometry.scenes.scene import Load
+from geometry.scenes.variables import changed
+from probe_design.populations.judge import judged, scored
+from probe_design.populations.tables import Objective
+from tests.support.designs import SUPERFICIAL, THREE, example_design
+
+DESIGN = example_design(population={**SUPERFICIAL, "samples": 16}, protocol=THREE)
+
+
+def test_a_probe_is_judged_on_tumours_that_no_search_has_seen() -> None:
+    seen, unseen = scored(DESIGN.scene, DESIGN), judged(DESIGN.scene, DESIGN, samples=4)
+    assert not set(seen.depth.tolist()) & set(unseen.depth.tolist())
+    assert unseen.evaluator == "equivalent-inclusion"
+    assert abs(unseen.detection - seen.detection) < 3 * np.hypot(unseen.detection_error, seen.detection_error)
+    told = json.loads(json.dumps(unseen.as_dict()))
+    assert {"detection", "detection_error", "resolved", "resolved_error", "information", "information_error"} <= told.keys()
+
+
+def test_more_readings_find_more() -> None:
+    noisy = {"white": 0.03, "stiffness_white": 0.03}
+    axis = {"positions": ["0 mm"], "stiffness": False}
+    found = []
+    for protocol in (axis, {**THREE, "stiffness": False}, THREE):
+        design = example_design(population=SUPERFICIAL, protocol=protocol, noise=noisy)
+        found.append(scored(design.scene, design))
+    assert found[0].detection < found[1].detection < found[2].detection
+    assert np.all(np.diff([one.information for one in found]) > 0)
+
+
+def test_differences_of_two_probes_are_paired() -> None:
+    """The same tumours, the same draws: the error of the difference is far below those of both."""
+    noise = {"white": 0.04, "stiffness_white": 0.04}
+    design = example_design(population={**SUPERFICIAL, "samples": 64}, protocol=THREE, noise=noise)
+    one = scored(design.scene, design)
+    other = scored(changed(design.scene, {"probe.height": 3.3e-3}), design)
+    gain, error = other.gain_over(one, design.objective)
+    assert gain == pytest.approx(other.detection - one.detection)
+    assert error < 0.5 * one.detection_error
+    assert one.gain_over(one, design.objective)[0] == 0.0
+
+
+def test_a_quantile_looks_at_the_hard_tumours() -> None:
+    design = example_design(population=SUPERFICIAL, protocol=THREE, objective={"statistic": 0.1})
+    found = scored(design.scene, design)
+    assert found.detection == pytest.approx(np.quantile(found.probability, 0.1))
+    assert found.detection < found.probability.mean()
+
+
+def test_errors_of_means_are_those_of_repeated_samples() -> None:
+    rng = np.random.default_rng(0)
+    samples = rng.beta(0.5, 0.5, (2000, 50))
+    for objective in (Objective(), Objective(statistic=0.3)):
+        spread = np.std([objective.over(one) for one in samples])
+        assert np.mean([objective.error(one) for one in samples]) == pytest.approx(spread, rel=0.15)
+
+
+def test_loads_of_which_nothing_is_known_are_refused() -> None:
+    pressed = DESIGN.scene.model_copy(update={"load": Load(force=50.0)})
+    with pytest.raises(Refusal, match="load"):
+        judged(pressed, DESIGN, samples=1)

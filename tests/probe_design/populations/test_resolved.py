@@ -1,0 +1,112 @@
+"""Posterior standard deviations: known cases, simulated estimates, and what a prior does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from geometry.common.arrays import Floats
+from probe_design.optimisation.objective import Noise, objective
+from probe_design.populations.judge import scored
+from probe_design.populations.population import ScenePopulation
+from probe_design.populations.resolved import Unknowns, contrast_deviations, informations, resolved
+from solver import evaluate
+from tests.support.designs import SUPERFICIAL, THREE, example_design
+
+NOISE = 0.05
+
+
+def unknowns(q: int, host: int, n: int) -> Unknowns:
+    names = ("object", "tissue", *(f"number {k}" for k in range(q - 2)))
+    return Unknowns(names, np.linspace(0.3, 0.9, q), np.full(n, host))
+
+
+def problem(n: int = 5, m: int = 6, q: int = 4) -> tuple[Floats, Floats]:
+    rng = np.random.default_rng(0)
+    mixing = rng.standard_normal((m, m))
+    return rng.standard_normal((n, m, q)), mixing @ mixing.T + np.eye(m)
+
+
+def test_one_reading_of_one_known_tumour_is_today_s_objective() -> None:
+    """The standard deviation of ln E_object that ``optimize`` of a bare scene counts with, eq. OP.3."""
+    protocol = {"positions": ["0 mm"], "stiffness": False, "blank": False}
+    design = example_design(protocol=protocol, noise={"white": NOISE, "gain": 0.0})
+    found = scored(design.scene, design)
+    result = evaluate(design.scene, "closed-form")
+    assert result.ratio is not None
+    assert result.log_sensitivity is not None
+    share = result.ratio * design.scene.probe.inner_area
+    share /= share + design.scene.probe.outer_area
+    expected = objective(Noise.of(design.scene, NOISE).information(result.log_sensitivity, share, 0.01))
+    assert found.contrast_sd[0] == pytest.approx(expected, rel=1e-6)
+    assert found.modulus_sd[0] == pytest.approx(expected, rel=1e-6)
+
+
+def test_deviations_are_those_of_the_whole_fisher_matrix() -> None:
+    J, C = problem()
+    for host in (-1, 1):
+        known = unknowns(4, host, len(J))
+        c = np.zeros(4)
+        c[0] = 1
+        if host > 0:
+            c[host] = -1
+        prior = np.diag([0.0, *known.deviations[1:] ** -2])
+        fisher = J.transpose(0, 2, 1) @ np.linalg.solve(C, J) + prior
+        assert contrast_deviations(known, J, C) == pytest.approx(np.sqrt([c @ np.linalg.solve(one, c) for one in fisher]))
+        e = np.eye(4)[0]
+        whole = np.sqrt([e @ np.linalg.solve(one, e) for one in fisher])
+        assert contrast_deviations(known, J, C, of_object=True) == pytest.approx(whole)
+
+
+def test_information_is_what_the_prior_loses() -> None:
+    J, C = problem()
+    known = unknowns(4, 1, len(J))
+    c, prior = np.array([1.0, -1.0, 0.0, 0.0]), np.diag(known.deviations**-2)
+    fisher = J.transpose(0, 2, 1) @ np.linalg.solve(C, J) + prior
+    after, before = np.array([c @ np.linalg.solve(one, c) for one in fisher]), c @ np.linalg.solve(prior, c)
+    assert informations(known, J, C) == pytest.approx(np.log(before / after) / 2)
+
+
+def test_readings_that_tell_nothing_tell_nothing() -> None:
+    J, C = np.zeros((3, 6, 4)), np.eye(6)
+    known = unknowns(4, 1, 3)
+    assert np.all(np.isinf(contrast_deviations(known, J, C)))
+    assert np.all(resolved(contrast_deviations(known, J, C)) == 0)
+    assert informations(known, J, C) == pytest.approx(0.0, abs=1e-15)
+
+
+def test_hardly_any_noise_leaves_finite_numbers() -> None:
+    J, C = problem()
+    for size in (1e-12, 1e12):
+        known = unknowns(4, 1, len(J))
+        assert np.all(np.isfinite(informations(known, J, C * size)))
+        assert np.all(contrast_deviations(known, J, C * size) > 0)
+
+
+@pytest.mark.slow
+def test_intervals_cover_the_truth() -> None:
+    """Estimates from simulated readings of tumours whose numbers are off as the priors say: 1.96 deviations hold 95 %."""
+    design = example_design(population={**SUPERFICIAL, "tissue": ["4 kPa", "9 kPa"]}, protocol=THREE)
+    population = ScenePopulation.of(design.scene, design.population)
+    from probe_design.populations.closed_form_scan import ClosedFormScan
+    from probe_design.populations.noise import covariance
+
+    draw = population.drawn(8)
+    known = Unknowns.of(population, draw)
+    readings = ClosedFormScan.of(draw, design.protocol).readings(design.scene, known.names)
+    C, rng = covariance(design.noise, design.protocol, design.scene, readings.blank[0]), np.random.default_rng(0)
+    J = known.derivatives(readings, design.protocol.blank)
+    stated, tissue = contrast_deviations(known, J, C), known.names.index("tissue")
+    covered = []
+    for k, own in enumerate(J):
+        off = known.deviations * rng.standard_normal((2000, len(known.names)))
+        readings_off = off @ own.T + rng.multivariate_normal(np.zeros(len(C)), C, 2000)
+        # least squares with the priors as rows: what is off besides the object's modulus was found to be none
+        rows = np.vstack([own, np.diag(1 / known.deviations)[1:]])
+        weight = np.zeros((len(rows), len(rows)))
+        weight[: len(C), : len(C)], weight[len(C) :, len(C) :] = np.linalg.inv(C), np.eye(len(known.names) - 1)
+        data = np.hstack([readings_off, np.zeros((2000, len(known.names) - 1))])
+        estimate = data @ weight @ rows @ np.linalg.inv(rows.T @ weight @ rows)
+        error = (estimate - off)[:, 0] - (estimate - off)[:, tissue]
+        covered.append((np.abs(error) < 1.96 * stated[k]).mean())
+    assert 0.93 < np.mean(covered) < 0.97

@@ -1,0 +1,114 @@
+"""Readings over populations: against single evaluations, between the levels, and their derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from geometry.common.arrays import Floats
+from geometry.scenes.scene import Inclusion, Placement, Scene
+from probe_design.populations.closed_form_scan import ClosedFormScan
+from probe_design.populations.inclusion_scan import inclusion_readings
+from probe_design.populations.population import ScenePopulation, TumourDraw
+from solver import evaluate
+from solver.closed_form.designs import PROBE, parameters
+from tests.support.designs import SUPERFICIAL, THREE, example_design
+
+RANGES = {**SUPERFICIAL, "tissue": ["4 kPa", "9 kPa"], "x": ["-3 mm", "3 mm"]}
+DESIGN = example_design(population=RANGES, protocol=THREE)
+POPULATION = ScenePopulation.of(DESIGN.scene, DESIGN.population)
+FIELDS = {"depth": "depth", "diameter": "diameter", "object": "youngs_modulus", "x": "x"}
+
+
+def one_scene(draw: TumourDraw, number: int, position: float) -> Scene:
+    body = Inclusion(
+        depth=draw.depth[number], diameter=draw.diameter[number], x=draw.x[number], youngs_modulus=draw.youngs_modulus[number],
+        poisson_ratio=draw.poisson_ratio,
+    )  # fmt: skip
+    tissue = draw.tissues[draw.tissue[number]]
+    return tissue.model_copy(update={"inclusion": (body,), "placement": Placement(x=position)})
+
+
+def single(draw: TumourDraw, number: int, level: str) -> Floats:
+    """ln ratio and ln stiffness at all positions, less those without the tumour, one evaluation each."""
+    rows = []
+    for position in DESIGN.protocol.positions:
+        scene = one_scene(draw, number, position)
+        over, without = (evaluate(one, level) for one in (scene, scene.model_copy(update={"inclusion": ()})))
+        rows.append([np.log(getattr(over, key) / getattr(without, key)) for key in ("ratio", "stiffness")])
+    return np.array(rows).T.ravel()
+
+
+def test_formulas_on_arrays_are_those_of_single_scenes() -> None:
+    draw = POPULATION.drawn(6)
+    signal = ClosedFormScan.of(draw, DESIGN.protocol).readings(DESIGN.scene).signal
+    for number in range(len(draw)):
+        assert signal[number] == pytest.approx(
+            single(draw, number, "closed-form"), rel=0.01, abs=1e-5
+        )  # nodes for its farthest place
+
+
+@pytest.mark.slow
+def test_the_judge_s_readings_are_those_of_single_scenes() -> None:
+    draw = POPULATION.drawn(4)
+    readings = inclusion_readings(draw, DESIGN.protocol, tolerance=1e-4)
+    for number in range(len(draw)):
+        off = np.abs(readings.signal[number] - single(draw, number, "equivalent-inclusion"))
+        assert np.all(off <= readings.error[number] + 1e-4)
+
+
+@pytest.mark.slow
+def test_levels_agree_and_so_do_their_derivatives() -> None:
+    draw, names = POPULATION.drawn(8), (*FIELDS, "tissue")
+    formulas = ClosedFormScan.of(draw, DESIGN.protocol).readings(DESIGN.scene, names)
+    elements = inclusion_readings(draw, DESIGN.protocol, names, tolerance=1e-3)
+    assert np.abs(formulas.signal - elements.signal).max() < 0.05 * np.abs(elements.signal).max()
+    for name in names:
+        assert np.abs(formulas.by[name] - elements.by[name]).max() < 0.15 * np.abs(elements.by[name]).max(), name
+    assert formulas.blank_by["tissue"] == pytest.approx(elements.blank_by["tissue"], rel=0.05)
+
+
+@pytest.mark.parametrize("name", [*FIELDS, "tissue"])
+def test_derivatives_of_the_formulas_have_taylor_s_rate(name: str) -> None:
+    """What a straight line leaves of a step falls with its square: a rate of 2."""
+    draw = POPULATION.drawn(4)
+    now = ClosedFormScan.of(draw, DESIGN.protocol).readings(DESIGN.scene, (name,))
+
+    def left(step: float) -> float:
+        if name == "tissue":
+            grown = (one.tissue.youngs_modulus * np.exp(step) for one in draw.tissues)
+            tissues = tuple(POPULATION.in_tissue({"tissue": float(one)}) for one in grown)
+            there = replace(draw, tissues=tissues)
+        else:
+            old = getattr(draw, FIELDS[name])
+            there = replace(draw, **{FIELDS[name]: old + 1e-3 * step if name == "x" else old * np.exp(step)})
+        moved = step * (1e-3 if name == "x" else 1.0)
+        signal = ClosedFormScan.of(there, DESIGN.protocol, radius=6.5e-3).readings(DESIGN.scene).signal
+        return float(np.abs(signal - now.signal - moved * now.by[name]).max())
+
+    rate = np.log2(left(0.04) / left(0.02))
+    assert 1.8 < rate < 2.2
+
+
+def test_derivatives_by_the_probe_have_taylor_s_rate() -> None:
+    """By complex steps, as a search asks for them."""
+    scan = ClosedFormScan.of(POPULATION.drawn(4), DESIGN.protocol)
+    probe = parameters(DESIGN.scene)[1][: len(PROBE), None]
+    for row in range(len(PROBE)):
+        direction = np.zeros_like(probe)
+        direction[row] = 0.1 * probe[row]
+        value, slope = (scan.signals(probe)[0].real, scan.signals(probe + 1e-30j * direction)[0].imag / 1e-30)
+        left = [np.abs(scan.signals(probe + h * direction)[0] - value - h * slope).max() for h in (0.2, 0.1)]
+        assert 1.8 < np.log2(left[0] / left[1]) < 2.3, PROBE[row]
+
+
+def test_the_same_tumour_read_from_both_sides_is_the_same() -> None:
+    design = example_design(protocol=THREE)
+    draw = ScenePopulation.of(design.scene, design.population).drawn()
+    for read in (
+        ClosedFormScan.of(draw, design.protocol).readings(design.scene),
+        inclusion_readings(draw, design.protocol, tolerance=1e-3),
+    ):
+        assert read.signal[0, :3] == pytest.approx(read.signal[0, 2::-1], rel=1e-12)
