@@ -20,7 +20,7 @@ from solver.tumour_waves.population import TumourDraws
 from solver.tumour_waves.readings import ManyTumours
 
 MOST = 64  # tumours that steer
-STEP = 1e-3  # of ln diameter, depth and modulus, for what is differentiated by differences
+STEP = 0.02  # of ln diameter, depth and modulus, for differences: less would show the steps of Bessel functions from tables
 
 
 @dataclass(frozen=True)
