@@ -15,6 +15,7 @@ ROOMS = {
     "ME": "geometry/meridian",
     "TE": "geometry/tetra",
     "CA": "geometry/cad",
+    "WS": "geometry/workshop",
     "RE": "solver/results",
     "LA": "solver/linalg",
     "PU": "solver/published",
@@ -32,12 +33,15 @@ ROOMS = {
     "DA": "probe_design/data",
     "OP": "probe_design/optimisation",
     "PO": "probe_design/populations",
+    "DS": "probe_design/design_search",
     "MA": "probe_design/maps",
+    "TO": "probe_design/tolerances",
     "ES": "probe_design/estimation",
     "TR": "probe_design/tradeoffs",
     "SW": "probe_design/sweeps",
     "BP": "probe_design/built_probe",
     "PC": "probe_design/probe_check",
+    "RP": "probe_design/repetition",
     "SI": "hw/signal",
 }
 DEFINITION = re.compile(r"\(([A-Z]{2}\.\d+)\)")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from probe_design.cli.arguments import FILE_NAME, length, limiting, noise_of, noise_option
+from probe_design.cli.arguments import FILE_NAME, completed, length, limiting, noise_of, noise_option
 from probe_design.cli.output import print_json
 
 if TYPE_CHECKING:
@@ -36,7 +36,9 @@ FORCE = click.option("--force", is_flag=True, help="Replace parts of another des
 @click.option("--outer-radius", help="Limit of the probe's outer radius, such as '8 mm'.  [default: 1.4 times the start's]")
 @click.option("--starts", type=click.IntRange(1, 100), help="Local searches for a SCENE.  [default: 8]")
 @click.option(
-    "--evaluator", help="Who judges and polishes: axisymmetric or equivalent-inclusion.  [default: what the scene asks for]"
+    "--evaluator",
+    shell_complete=completed("axisymmetric", "equivalent-inclusion"),
+    help="Who judges and polishes: axisymmetric or equivalent-inclusion.  [default: what the scene asks for]",
 )
 @noise_option
 @FORCE
@@ -70,7 +72,7 @@ def optimize(
     The force is the least of what SCENE's load gives on the design, the force at which finite strain changes the ratio
     by 1 %, and 1/25 of the force that closes the gap. The table says which limits are active and what sets the force.
     """  # noqa: D301
-    from probe_design.cli.population import builtin_design, read_question
+    from probe_design.design_search.question import question
     from probe_design.populations.design_file import Design
 
     if template:
@@ -80,7 +82,7 @@ def optimize(
         return
     if output is None:
         raise click.UsageError("Missing option '-o' / '--output'.")
-    start = builtin_design() if scene is None else read_question(scene)
+    start = question(scene)
     own = {"outer-radius": outer_radius, "starts": starts, "evaluator": evaluator, "noise": noise}
     if isinstance(start, Design):
         _refuse(own, "none for a design file, whose tables say it")
@@ -221,7 +223,7 @@ def _question(start: Scene | Design) -> str:
     """What an optimisation is asked: the scene or design, and every option that its answer depends on."""
     from importlib.metadata import version
 
-    from geometry.cad.record import digest
+    from geometry.provenance.digest import digest
 
     others = ("scene", "output", "force", "as_json", "template", "pareto")
     given = click.get_current_context().params.items()

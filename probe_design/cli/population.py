@@ -10,31 +10,7 @@ from probe_design.cli.output import print_json
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from geometry.scenes.scene import Scene
     from probe_design.populations.design_file import Design
-
-
-def builtin_design() -> Design:
-    """Return the design that `optimize` without a file answers; its file says where every number comes from."""
-    from geometry.common.text_files import tables
-    from probe_design.design_search.template import builtin_design_text
-    from probe_design.populations.design_file import design_from_dict
-
-    return design_from_dict(tables(builtin_design_text(), "built-in design", "a design file"), units_required=True)
-
-
-def read_question(path: Path) -> Design | Scene:
-    """Read the file that `optimize` is asked: a design file where it has one's tables, a scene otherwise.
-
-    Raises:
-        InputError: it is missing, no TOML, or says something that is not allowed.
-    """
-    from geometry.common.text_files import read_text, tables
-    from geometry.scenes.scene_file import read_scene
-    from probe_design.populations.design_file import design_from_dict, is_design
-
-    asked = tables(read_text(path, "scene file"), str(path), "a TOML scene or design file")
-    return design_from_dict(asked, path.parent, units_required=True) if is_design(asked) else read_scene(path)
 
 
 def optimize_population(design: Design, output: Path, asked: str, *, force: bool, pareto: tuple[str, ...], as_json: bool) -> None:

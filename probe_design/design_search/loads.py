@@ -19,7 +19,8 @@ from probe_design.populations.design_file import Design
 from probe_design.populations.population import TumourDraw
 from solver.closed_form.bessel import Array
 from solver.planning.coarse_model import CoarseModel
-from solver.planning.loads import CLOSING, NEARING, RATIO_CHANGE, cover_factor, largest_x, tissue_strain
+from solver.planning.loads import CLOSING, NEARING, largest_x
+from solver.planning.strains import block_strain, cover_factor, slimness, tissue_strain
 
 USUAL_CHARGE = 20e-12  # C/N, of films that a scene does not have
 DIGITS = 3  # of a force
@@ -162,12 +163,13 @@ class PressingRule:
         """The force that each limit allows on one tissue."""
         limits, load, stiffness = self.design.limits, self.design.scene.load, totals[0] + totals[1]
         per_depth = tissue_strain(sizes.outer_radius, tissue.tissue)
-        strain = per_depth
-        for total, area, height, modulus in zip(totals, sizes.areas, sizes.heights, sizes.moduli, strict=True):
-            strain = -lesser(-strain, -(height * (total / area / modulus) ** 2 / RATIO_CHANGE))
+        blocks = zip(sizes.heights, totals, sizes.areas, sizes.moduli, strict=True)
+        inner, outer = (block_strain(height, total / area / E) for height, total, area, E in blocks)
+        outer = outer * slimness(sizes.outer_radius, sizes.outer_radius - sizes.inner_radius - sizes.gap)
+        strain = per_depth - lesser(-inner, -outer)
         asked = load.force if load.indentation is None else load.indentation * stiffness
         allowed = {"scene" if limits.force is None else "force": asked if limits.force is None else limits.force}
-        allowed["linearity"] = MARGIN * largest_x(RATIO, promise=False, covered=self.covered)[0] / strain * stiffness
+        allowed["linearity"] = MARGIN * largest_x(RATIO, promise=None, covered=self.covered)[0] / strain * stiffness
         if limits.indentation is not None:
             allowed["indentation"] = limits.indentation * stiffness
         if limits.tissue_strain is not None:

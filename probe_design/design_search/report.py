@@ -10,6 +10,8 @@ from importlib import resources
 from pathlib import Path
 from string import Template
 
+from geometry.provenance.block import Provenance, provenance
+from geometry.provenance.texts import toml_comment
 from geometry.scenes.scene_file import scene_to_toml
 from probe_design.design_search.depth_map import DepthMap, depth_map
 from probe_design.design_search.levers import levers
@@ -59,8 +61,8 @@ def write_all(
     if fronts:
         pictures[FRONT] = partial(draw_front, fronts, maximise)
     texts: dict[str, Callable[[], str]] = {
-        "design.toml": lambda: scene_to_toml(scene),
-        "question.toml": lambda: question(optimum.design),
+        "design.toml": lambda: toml_comment(_origin(optimum)) + scene_to_toml(scene),
+        "question.toml": lambda: toml_comment(_origin(optimum)) + question(optimum.design),
         "report.html": lambda: page(optimum, maps, [name for name in names if name not in ("report.html", "optimize.json")]),
         "optimize.json": lambda: json.dumps(summary(optimum, paths, raised, fronts), indent=2, allow_nan=False) + "\n",
     }
@@ -77,8 +79,12 @@ def summary(
     optimum: PopulationOptimum, files: Sequence[Path], raised: dict[str, float], fronts: tuple[Front, ...] = ()
 ) -> dict[str, object]:
     """Return the JSON object of ``probe-design optimize DESIGN``."""
-    more = {"levers": raised, "pareto": [one.as_dict() for one in fronts]}
+    more = {"levers": raised, "pareto": [one.as_dict() for one in fronts], "provenance": _origin(optimum)}
     return optimum.summary([str(file) for file in files]) | more
+
+
+def _origin(optimum: PopulationOptimum) -> Provenance:
+    return provenance(optimum.design.scene, evaluator=optimum.best.judgement.evaluator, seed=optimum.design.population.seed)
 
 
 def question(design: Design) -> str:

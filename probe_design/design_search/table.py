@@ -14,13 +14,12 @@ BY = {
     "scene": "load", "force": "force limit", "linearity": "linearity", "indentation": "indentation",
     "tissue_strain": "tissue strain", "gap_closure": "gap closure", "charge": "charge",
 }  # fmt: skip
-NAMES = {"start": "start", "single": "for one tumour", "optimum": "for the population"}
 
 
 def columns(optimum: PopulationOptimum) -> dict[str, JudgedDesign]:
     """Return the judged designs by their headings."""
-    found = {"start": optimum.start} | ({} if optimum.single is None else {"for one tumour": optimum.single})
-    return found | {"for the population" if optimum.status == "improved" else "found, no gain": optimum.found}
+    found = {"start": optimum.start} | ({} if optimum.single is None else {"one tumour": optimum.single})
+    return found | {"population" if optimum.status == "improved" else "found, no gain": optimum.found}
 
 
 def rows(optimum: PopulationOptimum, maps: dict[str, DepthMap]) -> Iterator[tuple[str, ...]]:
@@ -33,9 +32,9 @@ def rows(optimum: PopulationOptimum, maps: dict[str, DepthMap]) -> Iterator[tupl
     yield row("tumours found, of 100", lambda one: _percent(one, "detection"))
     yield row("stiffness told, of 100", lambda one: _percent(one, "resolved"))
     yield row("learnt of ln contrast", lambda one: f"{one.judgement.information:.3f} +- {one.judgement.information_error:.2g}")
-    middle = _middle_diameter(optimum)
-    told = {name: maps[name].deepest(middle) for name in designs}
-    name = f"{1e3 * middle:.2g} mm sure down to, mm"
+    largest = _largest_diameter(optimum)
+    told = {name: maps[name].deepest(largest) for name in designs}
+    name = f"{1e3 * largest:.2g} mm sure down to, mm"
     yield (name, *("nowhere" if told[one] is None else f"{told[one] / MILLI:.3g}" for one in designs))  # type: ignore[operator]
     yield row("force, N", lambda one: f"{one.pressed.force:.3g}")
     yield row("force limited by", lambda one: BY[one.pressed.by])
@@ -83,7 +82,7 @@ def _moduli(one: JudgedDesign) -> str:
     return f"{probe.inner.youngs_modulus / KILO:.4g} / {probe.outer.youngs_modulus / KILO:.4g}"
 
 
-def _middle_diameter(optimum: PopulationOptimum) -> float:
+def _largest_diameter(optimum: PopulationOptimum) -> float:
     from probe_design.populations.population import ScenePopulation
 
-    return ScenePopulation.of(optimum.design.scene, optimum.design.population).ranges["diameter"].middle
+    return max(ScenePopulation.of(optimum.design.scene, optimum.design.population).ranges["diameter"].values)
