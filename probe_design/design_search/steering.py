@@ -11,9 +11,10 @@ posterior standard deviation of ln contrast is that of c_1 in
 
     (J^T W J + Pi_c^-1)^-1                                                                          (DS.2)
 
-with no prior on c_1 itself but for information, which counts from it. A tumour counts as resolved by Phi((ln 0.5 - ln sd) /
-0.25), a step that a gradient can climb. With a blank the reading that all others are counted from is a nuisance whose prior is its own
-white error; without one each channel's offset has the prior of the gain, and tissue modulus that of the population.
+with no prior on c_1 itself but for information, which counts from it. A tumour counts as resolved by a share
+Phi((ln 0.5 - ln sd) / 0.25), a step that a gradient can climb. With a blank the reading that all others are counted from is a
+nuisance whose prior is its own white error; without one each channel's offset has the prior of the gain, and tissue modulus that
+of the population.
 """
 
 from __future__ import annotations

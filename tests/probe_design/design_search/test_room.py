@@ -12,13 +12,9 @@ from probe_design.data.builtin import typical_scenes
 from probe_design.data.materials import material
 from probe_design.design_search.room import admitted, room
 from probe_design.optimisation.design_space import VARIABLES, variables
-from probe_design.populations.design_file import Design, design_from_dict
+from tests.support.searches import design
 
 GAP = VARIABLES.index("gap")
-
-
-def design(units_required: bool = False, **tables: Any) -> Design:
-    return design_from_dict({"scene": typical_scenes()["on-axis"], **tables}, units_required=units_required)
 
 
 def test_what_is_left_out_varies_round_the_start() -> None:
