@@ -87,9 +87,7 @@ def optimize(
     if isinstance(start, Design):
         _refuse(own, "none for a design file, whose tables say it")
         _check(output, _question(start), force)
-        from probe_design.cli.population import optimize_population
-
-        optimize_population(start, output, _question(start), force=force, pareto=pareto, as_json=as_json)
+        _optimize_population(start, output, _question(start), force=force, pareto=pareto, as_json=as_json)
         return
     _refuse({"pareto": ", ".join(pareto) or None}, "none for a scene: fronts are a design file's")
     limit = None if outer_radius is None else length("outer-radius", outer_radius)
@@ -124,6 +122,38 @@ def _check(output: Path, asked: str, force: bool) -> None:
     if not force:
         check_asked(output, asked)
     cadquery()
+
+
+def _optimize_population(
+    design: Design, output: Path, asked: str, *, force: bool, pareto: tuple[str, ...], as_json: bool
+) -> None:
+    """Search, judge, write and tell; exit code 1 where no gain counts."""
+    from functools import partial
+
+    from probe_design.design_search.optimize import optimize
+    from probe_design.design_search.pareto import front
+    from probe_design.design_search.report import maps_of, write_all
+    from probe_design.design_search.table import table
+    from probe_design.terminal.console import message, show, stages, warn
+
+    with stages() as progress:
+        optimum = optimize(design, progress)
+        maps = maps_of(optimum)
+        fronts = tuple(front(design, one, partial(progress, f"front: {one}")) for one in pareto)
+        files = write_all(optimum, output, progress, maps, fronts, force=force, asked=asked)
+    if as_json:
+        import json
+
+        told: Mapping[str, object] = json.loads((output / "optimize.json").read_text(encoding="utf-8"))
+        print_json(dict(told))
+    else:
+        show(table(optimum, maps))
+        message(f"search: {optimum.how}")
+        message(f"wrote {len(files)} files to {output}; begin with {output / 'report.html'}")
+    warn(dict.fromkeys(optimum.best.judgement.warnings))
+    message(optimum.verdict)
+    if optimum.status == "no-gain":
+        raise SystemExit(1)
 
 
 def _optimize_scene(

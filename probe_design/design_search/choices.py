@@ -9,7 +9,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
-from probe_design.design_search.closed_search import STARTS, Found, search
+from probe_design.design_search.closed_search import STARTS, FoundDesigns, search
 from probe_design.design_search.room import Combination, Room
 from probe_design.design_search.steered_population import SteeredDesigns
 
@@ -74,7 +74,7 @@ def searched(steered: SteeredDesigns, room: Room, one: Combination, *, thorough:
     return _choices(one, found)
 
 
-def _choices(one: Combination, found: Found) -> list[Choice]:
+def _choices(one: Combination, found: FoundDesigns) -> list[Choice]:
     pairs = zip(found.designs.T, found.values.tolist(), strict=True)
     return [Choice(one, design, value) for design, value in pairs if np.isfinite(value)][:50]
 

@@ -23,19 +23,19 @@ from solver.casadi_functions.base import Differentiated
 
 SEED = 21
 SCREENED = 64  # designs in each shell, a power of two as Sobol's sequence likes it
-STARTS, STEPS = 6, 30  # of IPOPT
+STARTS, STEPS = 4, 25  # of IPOPT
 TIGHT = 1e-9  # relative: bounds this near are one value
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundDesigns:
     """Designs of a search, best first: six variables each, shape (6, n), and their objectives by the closed form, shape (n,)."""
 
     designs: Floats
     values: Floats
 
 
-class Gradients(Protocol):
+class ExactGradients(Protocol):
     """What IPOPT asks."""
 
     def gradient(self, x: Floats, poisson: tuple[float, float], which: list[int]) -> tuple[Floats, Floats]:
@@ -52,7 +52,7 @@ class SteeredFunction(Differentiated):
         poisson: ratios of both blocks.
     """
 
-    def __init__(self, steered: Gradients, start: Floats, which: list[int], poisson: tuple[float, float]) -> None:
+    def __init__(self, steered: ExactGradients, start: Floats, which: list[int], poisson: tuple[float, float]) -> None:
         super().__init__()
         self.steered, self.start, self.which, self.poisson = steered, start, which, poisson
         self.evaluations = 0
@@ -70,7 +70,7 @@ class SteeredFunction(Differentiated):
 def search(
     steered: SteeredDesigns, space: Space, poisson: tuple[float, float], *, starts: int = STARTS, screened: int = SCREENED,
     steps: int = STEPS,
-) -> Found:  # fmt: skip
+) -> FoundDesigns:  # fmt: skip
     """Return designs within bounds, best first: local optima, and what they started from.
 
     Args:
@@ -86,7 +86,10 @@ def search(
     free = [k for k in range(6) if space.low[k] < space.high[k] * (1 - TIGHT)]
     if not free or not np.isfinite(values).any():
         return _sorted(designs, values)
-    optima = [polished(steered, space, poisson, designs[:, k], free, steps) for k in _starts(space, designs, values)[:starts]]
+    optima = [
+        polished(steered, space, designs[:, k], poisson=poisson, free=free, steps=steps)
+        for k in _starts(space, designs, values)[:starts]
+    ]
     every = np.concatenate([np.array(optima).T, designs], axis=1)
     found = np.concatenate([steered.real_values(np.array(optima).T, poisson), values])
     keeps = _nearly(space, every)
@@ -148,7 +151,7 @@ def _starts(space: Space, designs: Floats, values: Floats) -> Ints:
 
 
 def polished(
-    steered: Gradients, space: Space, poisson: tuple[float, float], start: Floats, free: list[int], steps: int
+    steered: ExactGradients, space: Space, start: Floats, *, poisson: tuple[float, float], free: list[int], steps: int
 ) -> Floats:
     """Return the local optimum near a design (6,) by IPOPT; ``free`` are the variables that vary, ``steps`` its steps."""
     formula = SteeredFunction(steered, start, free, poisson)
@@ -179,6 +182,6 @@ def _nearly(space: Space, designs: Floats) -> Any:
     return (radius <= space.outer_radius * (1 + 1e-6)) & (radius - designs[0] - designs[2] >= space.wall * (1 - 1e-6))
 
 
-def _sorted(designs: Floats, values: Floats) -> Found:
+def _sorted(designs: Floats, values: Floats) -> FoundDesigns:
     order = np.argsort(-values, kind="stable")
-    return Found(designs[:, order], values[order])
+    return FoundDesigns(designs[:, order], values[order])

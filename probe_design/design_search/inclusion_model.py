@@ -9,7 +9,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
-from probe_design.design_search.loads import Sizes
+from probe_design.design_search.loads import ProbeSizes
 from probe_design.design_search.steered_population import SteeredDesigns
 from probe_design.populations.design_file import Design
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
@@ -71,7 +71,7 @@ def inclusion_value(steered: SteeredDesigns, design: Design, scene: Scene) -> fl
         Refusal: the level cannot take the scene.
     """
     bases = tuple(CoarseModel.of(one, details=False).undisturbed for one in steered.draw.on(scene).tissues)
-    sizes = Sizes.of(scene)
+    sizes = ProbeSizes.of(scene)
 
     def seen(tumours: ManyTumours) -> Any:
         draws = tumours.draws

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from geometry.scenes.scene import Scene
 from probe_design.design_search.choices import Progress
-from probe_design.design_search.loads import Pressed, PressingRule
+from probe_design.design_search.loads import PressedDesign, PressingRule
 from probe_design.populations.design_file import Design
 from probe_design.populations.judge import Judgement, judged
 
@@ -24,7 +24,7 @@ class JudgedDesign:
     """
 
     scene: Scene
-    pressed: Pressed
+    pressed: PressedDesign
     judgement: Judgement
     combination: str = ""
     materials: tuple[str, ...] = ()
@@ -42,7 +42,13 @@ class JudgedDesign:
 
 
 def judge(
-    design: Design, rule: PressingRule, scene: Scene, progress: Progress, combination: str = "", materials: tuple[str, ...] = ()
+    design: Design,
+    rule: PressingRule,
+    scene: Scene,
+    *,
+    progress: Progress,
+    combination: str = "",
+    materials: tuple[str, ...] = (),
 ) -> JudgedDesign:
     """Judge a scene's probe under its force.
 

@@ -28,7 +28,7 @@ MARGIN = 0.9  # of what is known on a coarse mesh without tumours, which is off 
 
 
 @dataclass(frozen=True)
-class Pressed:
+class PressedDesign:
     """The force on a design.
 
     Attributes:
@@ -49,7 +49,7 @@ class Pressed:
 
 
 @dataclass(frozen=True)
-class Sizes:
+class ProbeSizes:
     """What of designs their forces follow from, SI: floats, or arrays that may be complex.
 
     Attributes:
@@ -64,7 +64,7 @@ class Sizes:
     moduli: tuple[Any, Any]
 
     @classmethod
-    def of(cls, scene: Scene) -> Sizes:
+    def of(cls, scene: Scene) -> ProbeSizes:
         """Return those of a scene's probe."""
         probe = scene.probe
         heights, moduli = (probe.core_height, probe.tube_height), (probe.inner.youngs_modulus, probe.outer.youngs_modulus)
@@ -102,7 +102,7 @@ class PressingRule:
             for d, z in zip(one.diameter.tolist(), one.depth.tolist(), strict=True)
         ]
         coarse = CoarseModel.of(draw.tissues[0], details=False)
-        bound = _nearing(design.scene, Sizes.of(design.scene), coarse.forces.sum(axis=1))
+        bound = _nearing(design.scene, ProbeSizes.of(design.scene), coarse.forces.sum(axis=1))
         tissues = (*draw.tissues, *(one for one in unseen.tissues if one not in draw.tissues))
         return cls(design, tissues, cover_factor(bodies), coarse.approach / bound)
 
@@ -112,7 +112,7 @@ class PressingRule:
         film = self.design.scene.probe.film
         return abs(film.d33) or USUAL_CHARGE if film else USUAL_CHARGE
 
-    def pressed(self, scene: Scene) -> Pressed:
+    def pressed(self, scene: Scene) -> PressedDesign:
         """Return the force on a scene's probe.
 
         Raises:
@@ -122,7 +122,7 @@ class PressingRule:
         for tissue in self.tissues:
             coarse = CoarseModel.of(tissue.model_copy(update={"probe": scene.probe}), details=False)
             totals = coarse.forces.sum(axis=1)
-            found.append((self._allowed(scene, Sizes.of(scene), totals, coarse.closure, tissue), totals))
+            found.append((self._allowed(scene, ProbeSizes.of(scene), totals, coarse.closure, tissue), totals))
         allowed = {key: float(min(one[key] for one, _ in found)) for key in found[0][0]}
         by = min(allowed, key=lambda key: allowed[key])
         force = float(f"{allowed[by]:.{DIGITS}g}")
@@ -133,14 +133,14 @@ class PressingRule:
             float(tissue_strain(scene.probe.tube_radius, tissue.tissue)) * force / float(totals.sum())
             for tissue, (_, totals) in zip(self.tissues, found, strict=True)
         )
-        return Pressed(force, deepest, strain, (float(shares.min()), float(shares.max())), by, allowed)
+        return PressedDesign(force, deepest, strain, (float(shares.min()), float(shares.max())), by, allowed)
 
-    def under(self, scene: Scene) -> tuple[Scene, Pressed]:
+    def under(self, scene: Scene) -> tuple[Scene, PressedDesign]:
         """Return a scene under its force."""
         pressed = self.pressed(scene)
         return scene.model_copy(update={"load": Load(force=pressed.force)}), pressed
 
-    def forces(self, sizes: Sizes, totals: Array, which: Any) -> Array:
+    def forces(self, sizes: ProbeSizes, totals: Array, which: Any) -> Array:
         """Return the force on n designs over m tumours in closed form, N, shape (n, m): each design's is one.
 
         Args:
@@ -159,7 +159,7 @@ class PressingRule:
                 least = force + 0 * both[0] if least is None else lesser(least, force + 0 * both[0])
         return np.repeat(least[:, None], totals.shape[1], axis=1)
 
-    def _allowed(self, scene: Scene, sizes: Sizes, totals: Any, closure: Any, tissue: Scene) -> dict[str, Any]:
+    def _allowed(self, scene: Scene, sizes: ProbeSizes, totals: Any, closure: Any, tissue: Scene) -> dict[str, Any]:
         """The force that each limit allows on one tissue."""
         limits, load, stiffness = self.design.limits, self.design.scene.load, totals[0] + totals[1]
         per_depth = tissue_strain(sizes.outer_radius, tissue.tissue)
@@ -187,7 +187,7 @@ def lesser(a: Any, b: Any) -> Any:
     return np.where(np.real(a) <= np.real(b), a, b) if np.ndim(a) or np.ndim(b) else (a if np.real(a) <= np.real(b) else b)
 
 
-def _nearing(scene: Scene, sizes: Sizes, totals: Any) -> Any:
+def _nearing(scene: Scene, sizes: ProbeSizes, totals: Any) -> Any:
     """Eq. PL.4 of designs: by how much the walls near each other per indentation at most."""
     tissue, hole = scene.tissue, sizes.inner_radius + sizes.gap
     wall = sizes.outer_radius - hole

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from time import perf_counter
 
@@ -19,7 +19,7 @@ from probe_design.design_search.polish import polish
 from probe_design.design_search.room import Combination, Room, admitted, room
 from probe_design.design_search.steered_population import SteeredDesigns
 from probe_design.design_search.workshop import Robustness, robustness
-from probe_design.optimisation.design_space import alike
+from probe_design.optimisation.design_space import Space, alike
 from probe_design.optimisation.global_search import search as search_single
 from probe_design.optimisation.objective import Noise
 from probe_design.optimisation.pressing import check_load
@@ -29,6 +29,7 @@ from probe_design.populations.population import ScenePopulation
 Progress = Callable[[str, int, int], None]
 FINALISTS = 2  # designs that are judged, beside start and single-tumour optimum
 SINGLE_STARTS = 4
+HAIR = 1e-6  # relative
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ def optimize(design: Design, progress: Progress | None = None) -> PopulationOpti
     tell("drawing the population", 0, 1)
     steered = SteeredDesigns.of(design, max(found.space.outer_radius, design.scene.probe.tube_radius))
     tell("drawing the population", 1, 1)
-    start = judge(design, steered.rule, design.scene, partial(tell, "judging the start"))
+    start = judge(design, steered.rule, design.scene, progress=partial(tell, "judging the start"))
     searching = perf_counter()
     chosen = choose(steered, found, partial(tell, "searching with the closed form"))
     finalists = _finalists(steered, design, found, chosen, tell)
@@ -113,7 +114,14 @@ def _judged(
         stage = f"judging finalist {k + 1} of {len(finalists)}"
         with suppress(Refusal):  # a design that cannot be judged is none
             combination = one.choice.combination
-            judged = judge(design, steered.rule, one.scene, partial(tell, stage), combination.told, combination.materials)
+            judged = judge(
+                design,
+                steered.rule,
+                one.scene,
+                progress=partial(tell, stage),
+                combination=combination.told,
+                materials=combination.materials,
+            )
             yield judged, one.robust
 
 
@@ -123,13 +131,20 @@ def _single(design: Design, steered: SteeredDesigns, found: Room, tell: Progress
     try:
         scene = middle_scene(design)
         noise = Noise.of(scene, max(design.noise.white, 1e-6))
-        designs = search_single(found.space, noise, SINGLE_STARTS, partial(tell, stage)) if found.free() else None
+        designs = search_single(_widened(found.space), noise, SINGLE_STARTS, partial(tell, stage)) if found.free() else None
         made = None if designs is None else _nearest_scene(found, designs)
         if made is None:
             return None, "no variable left to choose" if designs is None else "no design for one tumour within the limits"
-        return judge(design, steered.rule, made, partial(tell, "judging the design for one tumour")), ""
+        return judge(design, steered.rule, made, progress=partial(tell, "judging the design for one tumour")), ""
     except (Refusal, InputError) as fault:
         return None, str(fault)
+
+
+def _widened(space: Space) -> Space:
+    """Bounds with a little room where they are one value, as Sobol's sequence needs some."""
+    held = space.low >= space.high * (1 - HAIR)
+    low, high = np.where(held, space.low * (1 - HAIR), space.low), np.where(held, space.high * (1 + HAIR), space.high)
+    return replace(space, low=low, high=high)
 
 
 def _nearest_scene(found: Room, designs: np.ndarray) -> Scene | None:

@@ -105,6 +105,6 @@ def _judged(design: Design, steered: SteeredDesigns, scene: Any, point: Point) -
     if scene is None:
         return point
     try:
-        return replace(point, judged=judge(design, steered.rule, scene, lambda done, total: None).value(design))
+        return replace(point, judged=judge(design, steered.rule, scene, progress=lambda done, total: None).value(design))
     except Refusal:
         return point

@@ -65,7 +65,8 @@ def polish(steered: SteeredDesigns, design: Design, room: Room, start: Choice, p
     low = np.maximum(space.low, start.design * np.exp(-REACH))
     high = np.minimum(space.high, start.design * np.exp(REACH))
     corrected = Corrected(steered, start.design, slopes)
-    found = polished(corrected, replace(space, low=low, high=high), start.combination.poisson, start.design, free, STEPS)
+    near = replace(space, low=low, high=high)
+    found = polished(corrected, near, start.design, poisson=start.combination.poisson, free=free, steps=STEPS)
     progress(len(free) + 1, len(free) + 1)
     if not _value(steered, design, room, start, found) > here:
         return None

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Floats
-from probe_design.design_search.loads import PressingRule, Sizes, lesser
-from probe_design.design_search.steering import Channels, Steered
+from probe_design.design_search.loads import PressingRule, ProbeSizes, lesser
+from probe_design.design_search.steering import ScanErrors, Steered
 from probe_design.populations.design_file import Design
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from probe_design.populations.resolved import E_FOLD
@@ -74,7 +74,7 @@ class SteeredDesigns:
         """
         probes = _probes(x, poisson)
         r2, gap, ro, height, _, inner, _, outer, _ = probes
-        sizes = Sizes(r2, ro, gap, (height, height), (inner, outer))
+        sizes = ProbeSizes(r2, ro, gap, (height, height), (inner, outer))
         charges: list[Array] = []
 
         def force(totals: Array) -> Array:
@@ -133,10 +133,10 @@ def draws_of(draw: TumourDraw) -> TumourDraws:
     )
 
 
-def channels_of(design: Design, rule: PressingRule) -> Channels:
+def channels_of(design: Design, rule: PressingRule) -> ScanErrors:
     """Return the errors of a scan as a design file has them."""
     noise, protocol = design.noise, design.protocol
-    return Channels(
+    return ScanErrors(
         white=math.hypot(noise.white, noise.tilt),
         gain=noise.gain * math.sqrt(2),
         stiffness_white=noise.stiffness_white,

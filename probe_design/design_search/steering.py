@@ -35,7 +35,7 @@ SMALL = 1e-12  # least prior variance
 
 
 @dataclass(frozen=True)
-class Channels:
+class ScanErrors:
     """Errors of one scan; relative, but charge.
 
     Attributes:
@@ -76,7 +76,7 @@ class Steered:
     tumours: ManyTumours
     moved: dict[str, tuple[ManyTumours, ManyTumours]]
     step: float
-    channels: Channels
+    channels: ScanErrors
     priors: dict[str, float]
     maximise: str
     statistic: Any
