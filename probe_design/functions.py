@@ -17,11 +17,14 @@ from geometry.scenes.scene_file import read_scene
 from probe_design.data.noise import NOISE, RESOLVED
 
 if TYPE_CHECKING:
+    from probe_design.design_search.outcome import PopulationOptimum
+    from probe_design.design_search.question import Asked
     from probe_design.estimation.answer import Estimate
     from probe_design.estimation.readings import Reading
     from probe_design.maps.detectability import Detectability
     from probe_design.maps.scan import Scan
     from probe_design.optimisation.optimum import Optimum
+    from probe_design.populations.design_file import Design
 
 NOTHING: Mapping[str, Any] = MappingProxyType({})
 
@@ -141,14 +144,15 @@ def estimate(
 
 
 def optimize(
-    scene: Scene | Path | str | None = None, *, output: Path | str | None = None, outer_radius: float | None = None,
+    design: Asked = None, *, output: Path | str | None = None, outer_radius: float | None = None,
     starts: int = 8, evaluator: str | None = None, noise: float = NOISE, force: bool = False,
     progress: Callable[[str, int, int], None] | None = None,
-) -> Optimum:  # fmt: skip
-    """Find a probe that tells E_object better than a scene's, and prove it by finite elements.
+) -> Optimum | PopulationOptimum:  # fmt: skip
+    """Find a better probe, for a design file's tumours or for the one of a scene, and prove it by finite elements.
 
     Args:
-        scene: the start, or the name of a scene file; left out: the built-in one.
+        design: a ``Design`` or the tables of a design file, or the start as a ``Scene``, or the name of a file of either; left
+            out: the built-in design file. A design file says itself what ``outer_radius`` to ``noise`` say for a scene.
         output: folder for the design, STEP files and report; left out: nothing is written.
         outer_radius: limit of the probe's outer radius, m; left out: 1.4 times the start's.
         starts: local searches.
@@ -165,17 +169,39 @@ def optimize(
         Refusal: closed form or judge cannot take the scene.
     """
     from geometry.common.files import check_writable
-    from probe_design.data.builtin import builtin_scene
+    from probe_design.design_search.question import question
     from probe_design.optimisation.optimize import optimize as run
     from probe_design.optimisation.report import write_all
 
-    tell = progress or _silent
-    start = builtin_scene() if scene is None else read(scene)
+    tell, start = progress or _silent, question(design)
     if output is not None:
         check_writable(Path(output))
+    if not isinstance(start, Scene):
+        _refuse_settings(outer_radius, starts, evaluator, noise)
+        return _for_population(start, output, tell, force)
     optimum = run(start, tell, outer_radius=outer_radius, starts=starts, judge=evaluator, noise=noise)
     if output is not None:
         write_all(optimum, Path(output), tell, force=force)
+    return optimum
+
+
+def _refuse_settings(outer_radius: float | None, starts: int, evaluator: str | None, noise: float) -> None:
+    """Refuse what a design file says by its tables."""
+    given = {"outer_radius": (outer_radius, None), "starts": (starts, 8), "evaluator": (evaluator, None), "noise": (noise, NOISE)}
+    for key, (value, usual) in given.items():
+        if value != usual:
+            raise InputError(key, value, "none for a design file, whose tables say it")
+
+
+def _for_population(
+    design: Design, output: Path | str | None, tell: Callable[[str, int, int], None], force: bool
+) -> PopulationOptimum:
+    from probe_design.design_search.optimize import optimize as run
+    from probe_design.design_search.report import maps_of, write_all
+
+    optimum = run(design, tell)
+    if output is not None:
+        write_all(optimum, Path(output), tell, maps_of(optimum), force=force)
     return optimum
 
 

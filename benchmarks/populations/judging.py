@@ -59,7 +59,8 @@ def main() -> None:
     parser.add_argument("--only", choices=sorted(CASES))
     given = parser.parse_args()
     print(
-        "population | scored, s | judged, s (processor) | P formulas | P judged | simulated | false alarms | resolved | information"
+        "population | scored, s | judged, s (processor) | P formulas | P judged | simulated | false alarms | resolved | "
+        "information"
     )
     for name in [given.only] if given.only else CASES:
         design = case(name)

@@ -12,20 +12,31 @@ from probe_design.cli.arguments import FILE_NAME, completed, length, limiting, n
 from probe_design.cli.output import print_json
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from geometry.cad.export import Writer
     from geometry.scenes.probe import Probe
     from geometry.scenes.scene import Scene
     from geometry.workshop.package import Casting
+    from probe_design.populations.design_file import Design
     from probe_design.workshop.package import Exported
 
+STARTS = 8  # local searches for a scene
 FORCE = click.option("--force", is_flag=True, help="Replace parts of another design that the folder holds.")
 
 
 @click.command()
-@click.argument("scene", type=FILE_NAME, required=False)
-@click.option("-o", "--output", type=FILE_NAME, required=True, help="Folder for the design, STEP files and report.")
+@click.argument("scene", metavar="[SCENE | DESIGN]", type=FILE_NAME, required=False)
+@click.option("-o", "--output", type=FILE_NAME, help="Folder for the design, STEP files and report.")
+@click.option("--template", is_flag=True, help="Print a design file with every key, its default and what it means, and end.")
+@click.option(
+    "--pareto",
+    multiple=True,
+    type=click.Choice(["outer_radius", "force", "positions"]),
+    help="Of a design file: also what more of this would bring, as a front; may be given again.",
+)
 @click.option("--outer-radius", help="Limit of the probe's outer radius, such as '8 mm'.  [default: 1.4 times the start's]")
-@click.option("--starts", default=8, show_default=True, type=click.IntRange(1, 100), help="Local searches.")
+@click.option("--starts", type=click.IntRange(1, 100), help="Local searches for a SCENE.  [default: 8]")
 @click.option(
     "--evaluator",
     shell_complete=completed("axisymmetric", "equivalent-inclusion"),
@@ -36,19 +47,23 @@ FORCE = click.option("--force", is_flag=True, help="Replace parts of another des
 @limiting
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def optimize(
-    scene: Path | None, output: Path, outer_radius: str | None, starts: int, evaluator: str | None, noise: str | None,
-    force: bool, as_json: bool,
+    scene: Path | None, output: Path | None, template: bool, pareto: tuple[str, ...], outer_radius: str | None,
+    starts: int | None, evaluator: str | None, noise: str | None, force: bool, as_json: bool,
 ) -> None:  # fmt: skip
-    """Find a probe that tells E_object better than SCENE's, prove it by finite elements, export it.
+    """Find a better probe: for a DESIGN file's tumours, or for the one of a SCENE; judge it by finite elements, export it.
 
-    Without SCENE the built-in one is improved: the paper's materials, gap, groove and films on a
-    cylinder of tissue with one 8 mm tumour. The search varies inner radius, A2/A1, gap, height and
-    both moduli by formulas; the ten best designs are judged by finite elements, the best three
-    of them polished with exact derivatives. A gain counts where it is beyond what the errors of start and design can
-    feign. Exit code 1 if none does.
+    A DESIGN file (--template prints one) says which tumours in which tissue are looked for, how they are read, with which
+    noise, within which limits, and what may vary: dimensions, moduli, materials from the shelf. The probe that finds most of
+    them, or tells most, is searched by formulas, polished and judged by finite elements on tumours that the search has not
+    seen. Without any file a built-in one is answered: the paper's probe as the start. A gain counts where it is beyond twice
+    its error. Exit code 1 if none does.
+
+    For a SCENE the standard deviation of ln E_object of its one tumour is improved. The search varies inner radius, A2/A1,
+    gap, height and both moduli by formulas; the ten best designs are judged by finite elements, the best three of them
+    polished with exact derivatives. A gain counts where it is beyond what the errors of start and design can feign.
 
     \b
-    Limits, each as far as the start lies if that is beyond it:
+    Limits for a SCENE, each as far as the start lies if that is beyond it:
       outer radius   --outer-radius, and 0.95 of the tissue's radius or half its breadth
       inner radius   0.5 mm or more, and 0.55 groove widths
       wall           0.5 mm or more, of the outer block
@@ -59,26 +74,110 @@ def optimize(
     The force is the least of what SCENE's load gives on the design, the force at which finite strain changes the ratio
     by 1 %, and 1/25 of the force that closes the gap. The table says which limits are active and what sets the force.
     """  # noqa: D301
+    from probe_design.design_search.question import question
+    from probe_design.populations.design_file import Design
+
+    if template:
+        from probe_design.design_search.template import whole_template
+
+        click.echo(whole_template(), nl=False)
+        return
+    if output is None:
+        raise click.UsageError("Missing option '-o' / '--output'.")
+    start = question(scene)
+    own = {"outer-radius": outer_radius, "starts": starts, "evaluator": evaluator, "noise": noise}
+    if isinstance(start, Design):
+        _refuse(own, "none for a design file, whose tables say it")
+        _check(output, _question(start), force)
+        _optimize_population(start, output, _question(start), force=force, pareto=pareto, as_json=as_json)
+        return
+    _refuse({"pareto": ", ".join(pareto) or None}, "none for a scene: fronts are a design file's")
+    limit = None if outer_radius is None else length("outer-radius", outer_radius)
+    _optimize_scene(
+        start,
+        output,
+        limit=limit,
+        starts=starts or STARTS,
+        evaluator=evaluator,
+        noise=noise_of(noise),
+        force=force,
+        as_json=as_json,
+    )
+
+
+def _refuse(given: Mapping[str, object], allowed: str) -> None:
+    """Refuse options that say nothing of this question."""
+    from geometry.common.errors import InputError
+
+    for key, value in given.items():
+        if value is not None:
+            raise InputError(key, value, allowed)
+
+
+def _check(output: Path, asked: str, force: bool) -> None:
+    """Refuse before the work what would fail after it."""
     from geometry.cad.record import check_asked
     from geometry.cad.solids import cadquery
     from geometry.common.files import check_writable
-    from geometry.scenes.scene_file import read_scene
-    from probe_design.data.builtin import builtin_scene
+
+    check_writable(output)
+    if not force:
+        check_asked(output, asked)
+    cadquery()
+
+
+def _optimize_population(
+    design: Design, output: Path, asked: str, *, force: bool, pareto: tuple[str, ...], as_json: bool
+) -> None:
+    """Search, judge, write and tell; exit code 1 where no gain counts."""
+    from functools import partial
+
+    from probe_design.design_search.optimize import optimize
+    from probe_design.design_search.pareto import front
+    from probe_design.design_search.report import maps_of, write_all
+    from probe_design.design_search.table import table
+    from probe_design.terminal.console import message, show, stages, warn
+
+    with stages() as progress:
+        optimum = optimize(design, progress)
+        maps = maps_of(optimum)
+        fronts = tuple(front(design, one, partial(progress, f"front: {one}")) for one in pareto)
+        files = write_all(optimum, output, progress, maps, fronts, force=force, asked=asked)
+    if as_json:
+        import json
+
+        told: Mapping[str, object] = json.loads((output / "optimize.json").read_text(encoding="utf-8"))
+        print_json(dict(told))
+    else:
+        show(table(optimum, maps))
+        message(f"search: {optimum.how}")
+        message(f"wrote {len(files)} files to {output}; begin with {output / 'report.html'}")
+    warn(dict.fromkeys(optimum.best.judgement.warnings))
+    message(optimum.verdict)
+    if optimum.status == "no-gain":
+        raise SystemExit(1)
+
+
+def _optimize_scene(
+    start: Scene,
+    output: Path,
+    *,
+    limit: float | None,
+    starts: int,
+    evaluator: str | None,
+    noise: float,
+    force: bool,
+    as_json: bool,
+) -> None:
     from probe_design.optimisation.comparison import levels_table
     from probe_design.optimisation.optimize import optimize as run
     from probe_design.optimisation.report import summary, write_all
     from probe_design.terminal.console import message, show, stages, warn
 
-    start = builtin_scene() if scene is None else read_scene(scene)
-    limit = None if outer_radius is None else length("outer-radius", outer_radius)
-    relative = noise_of(noise)
-    check_writable(output)  # what would fail after the search fails before it
     asked = _question(start)
-    if not force:
-        check_asked(output, asked)
-    cadquery()
+    _check(output, asked, force)
     with stages() as progress:
-        optimum = run(start, progress, outer_radius=limit, starts=starts, judge=evaluator, noise=relative)
+        optimum = run(start, progress, outer_radius=limit, starts=starts, judge=evaluator, noise=noise)
         files = write_all(optimum, output, progress, force=force, question=asked)
     if as_json:
         print_json(summary(optimum, files))
@@ -179,13 +278,14 @@ def _tell_assumed(probe: Probe) -> None:
         message("no films: the scene has no [probe.film]; the base lies on the blocks")
 
 
-def _question(start: Scene) -> str:
-    """What an optimisation is asked: the scene, and every option that its answer depends on."""
+def _question(start: Scene | Design) -> str:
+    """What an optimisation is asked: the scene or design, and every option that its answer depends on."""
     from importlib.metadata import version
 
     from geometry.provenance.digest import digest
-    from geometry.scenes.scene_file import scene_to_dict
 
-    others = ("scene", "output", "force", "as_json")
-    options = {key: str(value) for key, value in click.get_current_context().params.items() if key not in others}
-    return digest({"scene": scene_to_dict(start), "version": version("probe-design"), **options})
+    others = ("scene", "output", "force", "as_json", "template", "pareto")
+    given = click.get_current_context().params.items()
+    options = {key: str(value) for key, value in given if key not in others and value is not None}
+    tables = start.model_dump(mode="json", exclude_none=True)
+    return digest({"asked": tables, "version": version("probe-design"), **options})

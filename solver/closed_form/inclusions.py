@@ -78,7 +78,7 @@ class LoadedSpheres:
 
     def form(self, strength: tuple[Array, Array]) -> Array:
         """V K of eq. CF.14: eq. CF.13 on the moments."""
-        return self.volume * _form(*strength, self.moments.shape[1])
+        return self.volume * moment_form(*strength, self.moments.shape[1])
 
     @cached_property
     def answered(self) -> Array:
@@ -187,7 +187,7 @@ def _moments(strain: Array, across: Array, beside: Array) -> Array:
     return np.stack([(w * times * part).sum(axis=1) for part, times in pairs], axis=1)
 
 
-def _form(k_v: Array, k_d: Array, size: int) -> Array:
+def moment_form(k_v: Array, k_d: Array, size: int) -> Array:
     """K of eq. CF.15: eq. CF.13 on the moments, shape (n, size, size)."""
     K = np.zeros((len(k_d), size, size), dtype=k_d.dtype)
     both = k_v - k_d / 3

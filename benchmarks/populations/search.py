@@ -1,0 +1,95 @@
+"""The closed-form stage of `optimize DESIGN` against scipy's differential evolution on the same objective; and whole searches.
+
+python -m benchmarks.populations.search            # the closed-form stage, both searches, three populations
+python -m benchmarks.populations.search --judged   # the whole loop: start, one-tumour optimum, population optimum, judged
+"""
+
+from __future__ import annotations
+
+import argparse
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from scipy.optimize import differential_evolution
+
+from benchmarks.tables import MeasuredTable
+from geometry.common.arrays import Floats
+from probe_design.data.builtin import typical_scenes
+from probe_design.design_search.choices import choose
+from probe_design.design_search.optimize import optimize
+from probe_design.design_search.room import Room, room
+from probe_design.design_search.steered_population import SteeredDesigns
+from probe_design.populations.design_file import Design, design_from_dict
+
+EVALUATIONS = 3000
+MEMBERS = 60  # ten for each variable, scipy's default of 15 rounded to what divides the evaluations
+TUMOURS: dict[str, Any] = {"diameter": [5e-3, 12e-3], "object": [2e4, 6e4], "tissue": [4e3, 8e3], "x": [-4e-3, 4e-3]}
+POPULATIONS: dict[str, dict[str, Any]] = {
+    "superficial, 3-10 mm": TUMOURS | {"depth": [3e-3, 10e-3]},
+    "deep, 10-25 mm": TUMOURS | {"depth": [10e-3, 25e-3]},
+    "mixed under a skin, 3-25 mm": TUMOURS
+    | {"depth": [3e-3, 25e-3], "layer": [{"thickness": [1.2e-3, 1.7e-3], "modulus": [4e4, 7e4]}]},
+}
+
+
+def design(name: str) -> Design:
+    """Return a population's design file; limits of 8 mm and 0.5 N, the ratio alone is read."""
+    scene = typical_scenes()["on-axis"]
+    if "skin" in name:
+        skin = {"thickness": 1.44e-3, "youngs_modulus": 56.3e3, "poisson_ratio": 0.45}  # Briot 2022, OSTI 22130565
+        tissue = scene.tissue.model_dump(exclude_unset=True) | {"layer": [skin]}
+        scene = type(scene).model_validate(scene.model_dump(exclude_unset=True) | {"tissue": tissue})
+    tables = {"population": POPULATIONS[name], "protocol": {"stiffness": False}, "limits": {"outer_radius": 8e-3, "force": 0.5}}
+    return design_from_dict({"scene": scene, **tables})
+
+
+def evolved(steered: SteeredDesigns, found: Room) -> float:
+    """Return the best objective that differential evolution finds in ``EVALUATIONS``; designs beyond constraints are worth 0."""
+    space = found.space
+
+    def worth(x: Floats) -> float:
+        one = np.exp(x)[:, None]
+        return -float(steered.real_values(one, found.start_poisson)[0]) if space.admits(one)[0] else 0.0
+
+    bounds = list(zip(np.log(space.low), np.log(space.high), strict=True))
+    settings: dict[str, Any] = {"polish": False, "tol": 0.0, "seed": 1, "popsize": MEMBERS // 6}
+    return -float(differential_evolution(worth, bounds, maxiter=EVALUATIONS // MEMBERS - 1, **settings).fun)
+
+
+def closed_form() -> MeasuredTable:
+    """Time both searches on the three populations."""
+    columns = ("population", "this search", "time, s", "differential evolution", "its time, s", "faster, times")
+    table = MeasuredTable(f"closed-form stage against {EVALUATIONS} evaluations of differential evolution", columns)
+    for name in POPULATIONS:
+        asked = design(name)
+        found = room(asked)
+        steered = SteeredDesigns.of(asked, found.space.outer_radius)
+        start = perf_counter()
+        mine = choose(steered, found, lambda done, total: None).choices[0].value
+        middle = perf_counter()
+        theirs = evolved(steered, found)
+        end = perf_counter()
+        table.add(name, round(mine, 5), middle - start, round(theirs, 5), end - middle, (end - middle) / (middle - start))
+    return table
+
+
+def judged() -> MeasuredTable:
+    """Answer the three populations and judge on unseen tumours."""
+    columns = ("population", "start", "one tumour", "population optimum", "gain", "error of the gain", "search, s", "all, s")
+    table = MeasuredTable("probability of detection on tumours that the search has not seen", columns)
+    for name in POPULATIONS:
+        found = optimize(design(name))
+        told = [
+            "-" if one is None else "{:.3f} +- {:.3f}".format(*one.value(found.design))
+            for one in (found.start, found.single, found.found)
+        ]
+        table.add(name, *told, *(round(one, 3) for one in found.gain), found.seconds["search"], found.seconds["all"])
+    return table
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--judged", action="store_true", help="whole searches")
+    (judged() if parser.parse_args().judged else closed_form()).print(Console(width=160))

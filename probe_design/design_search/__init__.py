@@ -1,0 +1,1 @@
+"""``optimize DESIGN``: variables, materials, limits, search, judgement on unseen tumours, what it leaves behind."""

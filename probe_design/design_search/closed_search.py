@@ -1,0 +1,187 @@
+"""The closed-form search: quasi-random designs on arrays, then IPOPT with exact gradients from the best of every size.
+
+What is screened does not depend on a limit but by what the limit takes away, and IPOPT starts from the best design of each
+shell of outer radii before it starts from the second best of any: a wider limit adds designs and starts.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import casadi as ca
+import numpy as np
+from scipy.stats import qmc
+
+from geometry.common.arrays import Floats, Ints
+from geometry.common.resources import check_time
+from probe_design.design_search.steered_population import SteeredDesigns
+from probe_design.optimisation.design_space import Space
+from probe_design.optimisation.global_search import QUIET, SHELLS, stopped_by_user
+from solver.casadi_functions.base import Differentiated
+
+SEED = 21
+SCREENED = 64  # designs in each shell, a power of two as Sobol's sequence likes it
+STARTS, STEPS = 4, 25  # of IPOPT
+TIGHT = 1e-9  # relative: bounds this near are one value
+
+
+@dataclass(frozen=True)
+class FoundDesigns:
+    """Designs of a search, best first: six variables each, shape (6, n), and their objectives by the closed form, shape (n,)."""
+
+    designs: Floats
+    values: Floats
+
+
+class ExactGradients(Protocol):
+    """What IPOPT asks."""
+
+    def gradient(self, x: Floats, poisson: tuple[float, float], which: list[int]) -> tuple[Floats, Floats]:
+        """See ``SteeredDesigns.gradient``."""
+
+
+class SteeredFunction(Differentiated):
+    """ln of some variables -> the objective, and the margin of the weaker channel's charge, with exact derivatives.
+
+    Args:
+        steered: the objective.
+        start: all six variables.
+        which: those that vary.
+        poisson: ratios of both blocks.
+    """
+
+    def __init__(self, steered: ExactGradients, start: Floats, which: list[int], poisson: tuple[float, float]) -> None:
+        super().__init__()
+        self.steered, self.start, self.which, self.poisson = steered, start, which, poisson
+        self.evaluations = 0
+        self.begin("population", len(which), 2)
+
+    def values(self, x: Floats) -> tuple[Floats, Floats]:
+        """Return both values and their derivatives; NaN where the formulas break down, from which IPOPT steps back."""
+        check_time("variables")
+        design = self.start.copy()
+        design[self.which] = np.exp(x)
+        self.evaluations += 1
+        return self.steered.gradient(design, self.poisson, self.which)
+
+
+def search(
+    steered: SteeredDesigns, space: Space, poisson: tuple[float, float], *, starts: int = STARTS, screened: int = SCREENED,
+    steps: int = STEPS,
+) -> FoundDesigns:  # fmt: skip
+    """Return designs within bounds, best first: local optima, and what they started from.
+
+    Args:
+        steered: the objective.
+        space: bounds and constraints; a variable whose bounds are one value stays there.
+        poisson: of both blocks.
+        starts: from how many of the screened designs IPOPT starts.
+        screened: designs in each shell of outer radii.
+        steps: of IPOPT from each.
+    """
+    designs = screen(space, screened)
+    values = steered.real_values(designs, poisson)
+    free = [k for k in range(6) if space.low[k] < space.high[k] * (1 - TIGHT)]
+    if not free or not np.isfinite(values).any():
+        return _sorted(designs, values)
+    optima = [
+        polished(steered, space, designs[:, k], poisson=poisson, free=free, steps=steps)
+        for k in _starts(space, designs, values)[:starts]
+    ]
+    every = np.concatenate([np.array(optima).T, designs], axis=1)
+    found = np.concatenate([steered.real_values(np.array(optima).T, poisson), values])
+    keeps = _nearly(space, every)
+    return _sorted(every[:, keeps], found[keeps])
+
+
+def screen(space: Space, count: int = SCREENED) -> Floats:
+    """Return the admissible designs of Sobol sequences, even in the logarithms, shell by shell of outer radii, shape (6, n)."""
+    low, high = np.maximum(space.low, 1e-12), np.maximum(space.high, 1e-12)
+    if not np.any(low < high * (1 - TIGHT)):
+        return low[:, None]
+    least = low[0] + low[2] + space.wall
+    first, last = (math.floor(SHELLS * math.log2(radius)) for radius in (least, max(space.outer_radius, least)))
+    sample = qmc.Sobol(6, seed=SEED).random(count)
+    designs = np.concatenate([_shell(space, low, high, sample, k) for k in range(first, last + 1)], axis=1)
+    inside = space.admits(designs) & np.all(
+        (designs >= low[:, None] * (1 - 1e-9)) & (designs <= high[:, None] * (1 + 1e-9)), axis=0
+    )
+    return np.concatenate([_corners(space, low, high), designs[:, inside]], axis=1)
+
+
+def _corners(space: Space, low: Floats, high: Floats) -> Floats:
+    """The narrowest design and, where it is admissible, the middle of all bounds; one column at least."""
+    middle = np.exp((np.log(low) + np.log(high)) / 2)
+    candidates = np.array([low, middle]).T
+    for column in candidates.T:
+        least = column[0] + column[2] + space.wall * (1 + 1e-9)
+        widest = min(max(float(space.derived_radius(column)), least), max(space.outer_radius * (1 - 1e-9), least))
+        ratio = column[0] ** 2 / (widest**2 - (column[0] + column[2]) ** 2)
+        column[1] = np.clip(ratio, low[1], high[1])
+    return np.asarray(candidates[:, space.admits(candidates)])
+
+
+def _shell(space: Space, low: Floats, high: Floats, sample: Floats, k: int) -> Floats:
+    """Designs whose outer radius is between 2^(k / SHELLS) and 2^((k + 1) / SHELLS) m, unless what is held says otherwise."""
+    radius = 2 ** ((k + sample[:, 0]) / SHELLS)
+    ratio, gap, *rest = np.exp(np.log(low[1:]) + sample[:, 1:] * (np.log(high[1:]) - np.log(low[1:]))).T
+    if low[0] < high[0] * (1 - TIGHT):
+        a, b, c = 1 + 1 / ratio, gap, gap**2 - radius**2  # a r^2 + 2 b r + c = 0 is r^2 / ratio = radius^2 - (r + gap)^2
+        inner = (np.sqrt(np.maximum(b**2 - a * c, 0.0)) - b) / a
+    else:
+        inner = np.full_like(radius, low[0])
+        ring = np.maximum(radius**2 - (inner + gap) ** 2, 1e-12)
+        ratio = inner**2 / ring if low[1] < high[1] * (1 - TIGHT) else ratio
+    return np.array([inner, ratio, gap, *rest])
+
+
+def _starts(space: Space, designs: Floats, values: Floats) -> Ints:
+    """Indices of designs in the order in which IPOPT starts from them: the best, then the best of each shell, the second, ..."""
+    shells = np.floor(SHELLS * np.log2(space.derived_radius(designs)))
+    best_first = np.argsort(-values, kind="stable")
+    best_first = best_first[np.isfinite(values[best_first])]
+    turn = np.full(len(values), len(values))
+    for shell in np.unique(shells):
+        members = best_first[shells[best_first] == shell]
+        turn[members] = np.arange(len(members))
+    order = np.lexsort((-values, turn))
+    return np.asarray([k for k in order if np.isfinite(values[k])], dtype=int)
+
+
+def polished(
+    steered: ExactGradients, space: Space, start: Floats, *, poisson: tuple[float, float], free: list[int], steps: int
+) -> Floats:
+    """Return the local optimum near a design (6,) by IPOPT; ``free`` are the variables that vary, ``steps`` its steps."""
+    formula = SteeredFunction(steered, start, free, poisson)
+    x = ca.MX.sym("x", len(free))
+    v = [ca.MX(value) for value in start]
+    for position, k in enumerate(free):
+        v[k] = ca.exp(x[position])
+    value, margin = ca.vertsplit(formula(x))
+    radius = space.derived_radius(v)
+    constraints = ca.vertcat(radius / space.outer_radius, (radius - v[0] - v[2]) / space.wall, margin)
+    choices: dict[str, Any] = {"ipopt.hessian_approximation": "limited-memory", "ipopt.max_iter": steps, "ipopt.tol": 1e-5}
+    solver = ca.nlpsol("population", "ipopt", {"x": x, "f": -value, "g": constraints}, QUIET | choices)
+    bounds = {
+        "lbx": np.log(space.low[free]),
+        "ubx": np.log(space.high[free]),
+        "lbg": [0.0, 1.0, 0.0],
+        "ubg": [1.0, np.inf, np.inf],
+    }
+    optimum = start.copy()
+    optimum[free] = np.exp(np.array(solver(x0=np.log(start[free]), **bounds)["x"]).ravel())
+    stopped_by_user(solver)
+    return np.clip(optimum, space.low, space.high)
+
+
+def _nearly(space: Space, designs: Floats) -> Any:
+    """IPOPT meets constraints to about 1e-8; rounding for the workshop takes care of the rest."""
+    radius = space.derived_radius(designs)
+    return (radius <= space.outer_radius * (1 + 1e-6)) & (radius - designs[0] - designs[2] >= space.wall * (1 - 1e-6))
+
+
+def _sorted(designs: Floats, values: Floats) -> FoundDesigns:
+    order = np.argsort(-values, kind="stable")
+    return FoundDesigns(designs[:, order], values[order])

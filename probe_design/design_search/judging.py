@@ -1,0 +1,61 @@
+"""Judging designs: each under its own force, all on the same tumours that the search has not seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from geometry.scenes.scene import Scene
+from probe_design.design_search.choices import Progress
+from probe_design.design_search.loads import PressedDesign, PressingRule
+from probe_design.populations.design_file import Design
+from probe_design.populations.judge import Judgement, judged
+
+
+@dataclass(frozen=True)
+class JudgedDesign:
+    """A design under the force that it is judged with.
+
+    Attributes:
+        scene: the whole scene, its load the force.
+        pressed: what sets that.
+        judgement: on unseen tumours.
+        combination: what was chosen for it from steps and shelf, in words.
+        materials: of the inner and the outer block, empty where none were asked for.
+    """
+
+    scene: Scene
+    pressed: PressedDesign
+    judgement: Judgement
+    combination: str = ""
+    materials: tuple[str, ...] = ()
+
+    def value(self, design: Design) -> tuple[float, float]:
+        """Return what the file's objective names, and its standard error."""
+        kind = design.objective.maximise
+        return getattr(self.judgement, kind), getattr(self.judgement, f"{kind}_error")
+
+    def gain_over(self, other: JudgedDesign, design: Design) -> tuple[float, float]:
+        """Return by how much this is better than another for the same tumours, and the error of that."""
+        if self.scene == other.scene:
+            return 0.0, 0.0
+        return self.judgement.gain_over(other.judgement, design.objective)
+
+
+def judge(
+    design: Design,
+    rule: PressingRule,
+    scene: Scene,
+    *,
+    progress: Progress,
+    combination: str = "",
+    materials: tuple[str, ...] = (),
+) -> JudgedDesign:
+    """Judge a scene's probe under its force.
+
+    Raises:
+        InputError: the population does not fit the tissue, or the probe would leave it.
+        Refusal: the levels cannot take the scene.
+    """
+    loaded, pressed = rule.under(scene)
+    found = judged(loaded, design, progress=progress)
+    return JudgedDesign(loaded, pressed, found, combination, materials)

@@ -1,0 +1,199 @@
+"""How hard a design is pressed over a population: as far as the file, the scene and linear elasticity allow.
+
+One force holds for all tumours and tissues, as nobody knows beforehand which is there: the least of the scene's, of what limits
+of force, indentation, tissue strain and charge allow, of 1/25 of what closes the gap, and of what keeps the ratio within
+``RATIO`` of linear elasticity over the tumour with the widest, thinnest cover (``solver.planning.loads``, PL.7).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from geometry.common.arrays import Floats
+from geometry.scenes.scene import Inclusion, Load, Scene
+from probe_design.optimisation.pressing import RATIO
+from probe_design.populations.design_file import Design
+from probe_design.populations.population import TumourDraw
+from solver.closed_form.bessel import Array
+from solver.planning.coarse_model import CoarseModel
+from solver.planning.loads import CLOSING, NEARING, largest_x
+from solver.planning.strains import block_strain, cover_factor, slimness, tissue_strain
+
+USUAL_CHARGE = 20e-12  # C/N, of films that a scene does not have
+DIGITS = 3  # of a force
+MARGIN = 0.9  # of what is known on a coarse mesh without tumours, which is off by 5 % and which tumours stiffen
+
+
+@dataclass(frozen=True)
+class PressedDesign:
+    """The force on a design.
+
+    Attributes:
+        force: N.
+        indentation: m, the deepest of all tissues'.
+        tissue_strain: likewise.
+        charge: of the weaker and of the stronger channel, C.
+        by: what sets the force: scene, force, indentation, tissue_strain, gap_closure, charge or linearity.
+        allowed: the force, N, that each of these allows.
+    """
+
+    force: float
+    indentation: float
+    tissue_strain: float
+    charge: tuple[float, float]
+    by: str
+    allowed: dict[str, float]
+
+
+@dataclass(frozen=True)
+class ProbeSizes:
+    """What of designs their forces follow from, SI: floats, or arrays that may be complex.
+
+    Attributes:
+        inner_radius, outer_radius, gap: m.
+        heights, moduli: of the inner and the outer block.
+    """
+
+    inner_radius: Any
+    outer_radius: Any
+    gap: Any
+    heights: tuple[Any, Any]
+    moduli: tuple[Any, Any]
+
+    @classmethod
+    def of(cls, scene: Scene) -> ProbeSizes:
+        """Return those of a scene's probe."""
+        probe = scene.probe
+        heights, moduli = (probe.core_height, probe.tube_height), (probe.inner.youngs_modulus, probe.outer.youngs_modulus)
+        return cls(probe.inner_radius, probe.tube_radius, probe.gap, heights, moduli)
+
+    @property
+    def areas(self) -> tuple[Any, Any]:
+        """End areas of the inner and the outer block."""
+        hole = self.inner_radius + self.gap
+        return np.pi * self.inner_radius**2, np.pi * (self.outer_radius**2 - hole**2)
+
+
+@dataclass(frozen=True)
+class PressingRule:
+    """What the forces on designs follow from.
+
+    Attributes:
+        design: its limits, and its scene's load.
+        tissues: the population's that steer, and those of tumours that the search has not seen, on which a force has to hold too.
+        covered: eq. PL.7 for the worst of its tumours.
+        nearing: of walls per indentation, over that of eq. PL.4, at the start: a search takes it for that of all designs.
+    """
+
+    design: Design
+    tissues: tuple[Scene, ...]
+    covered: float
+    nearing: float
+
+    @classmethod
+    def of(cls, design: Design, draw: TumourDraw, unseen: TumourDraw) -> PressingRule:
+        """Return the rule of a design file, its tumours that steer and those that judge."""
+        bodies = [
+            Inclusion(diameter=d, depth=z, youngs_modulus=1e4, poisson_ratio=0.45)
+            for one in (draw, unseen)
+            for d, z in zip(one.diameter.tolist(), one.depth.tolist(), strict=True)
+        ]
+        coarse = CoarseModel.of(draw.tissues[0], details=False)
+        bound = _nearing(design.scene, ProbeSizes.of(design.scene), coarse.forces.sum(axis=1))
+        tissues = (*draw.tissues, *(one for one in unseen.tissues if one not in draw.tissues))
+        return cls(design, tissues, cover_factor(bodies), coarse.approach / bound)
+
+    @property
+    def charge_per_force(self) -> float:
+        """|d33| of the films, C/N."""
+        film = self.design.scene.probe.film
+        return abs(film.d33) or USUAL_CHARGE if film else USUAL_CHARGE
+
+    def pressed(self, scene: Scene) -> PressedDesign:
+        """Return the force on a scene's probe.
+
+        Raises:
+            Refusal: a tissue is so extreme that it cannot be solved.
+        """
+        found: list[tuple[dict[str, float], Floats]] = []
+        for tissue in self.tissues:
+            coarse = CoarseModel.of(tissue.model_copy(update={"probe": scene.probe}), details=False)
+            totals = coarse.forces.sum(axis=1)
+            found.append((self._allowed(scene, ProbeSizes.of(scene), totals, coarse.closure, tissue), totals))
+        allowed = {key: float(min(one[key] for one, _ in found)) for key in found[0][0]}
+        by = min(allowed, key=lambda key: allowed[key])
+        force = float(f"{allowed[by]:.{DIGITS}g}")
+        force = force if force <= allowed[by] else float(f"{allowed[by] * (1 - 10.0 ** (1 - DIGITS)):.{DIGITS}g}")
+        deepest = max(force / float(totals.sum()) for _, totals in found)
+        shares = np.array([totals / totals.sum() for _, totals in found]) * force * self.charge_per_force
+        strain = max(
+            float(tissue_strain(scene.probe.tube_radius, tissue.tissue)) * force / float(totals.sum())
+            for tissue, (_, totals) in zip(self.tissues, found, strict=True)
+        )
+        return PressedDesign(force, deepest, strain, (float(shares.min()), float(shares.max())), by, allowed)
+
+    def under(self, scene: Scene) -> tuple[Scene, PressedDesign]:
+        """Return a scene under its force."""
+        pressed = self.pressed(scene)
+        return scene.model_copy(update={"load": Load(force=pressed.force)}), pressed
+
+    def forces(self, sizes: ProbeSizes, totals: Array, which: Any) -> Array:
+        """Return the force on n designs over m tumours in closed form, N, shape (n, m): each design's is one.
+
+        Args:
+            sizes: floats or complex, shape (n,) each.
+            totals: force on both films per indentation without tumours, shape (n, m, 2).
+            which: the tissue of each tumour, shape (m,).
+        """
+        least: Any = None
+        for number, tissue in enumerate(self.tissues):  # draws number those that steer first
+            column = np.flatnonzero(which == number)
+            if not len(column):
+                continue
+            both = np.moveaxis(totals[:, column[0]], 1, 0)
+            closure = both.sum(axis=0) * sizes.gap / (self.nearing * _nearing(tissue, sizes, both))
+            for force in self._allowed(self.design.scene, sizes, both, closure, tissue).values():
+                least = force + 0 * both[0] if least is None else lesser(least, force + 0 * both[0])
+        return np.repeat(least[:, None], totals.shape[1], axis=1)
+
+    def _allowed(self, scene: Scene, sizes: ProbeSizes, totals: Any, closure: Any, tissue: Scene) -> dict[str, Any]:
+        """The force that each limit allows on one tissue."""
+        limits, load, stiffness = self.design.limits, self.design.scene.load, totals[0] + totals[1]
+        per_depth = tissue_strain(sizes.outer_radius, tissue.tissue)
+        blocks = zip(sizes.heights, totals, sizes.areas, sizes.moduli, strict=True)
+        inner, outer = (block_strain(height, total / area / E) for height, total, area, E in blocks)
+        outer = outer * slimness(sizes.outer_radius, sizes.outer_radius - sizes.inner_radius - sizes.gap)
+        strain = per_depth - lesser(-inner, -outer)
+        asked = load.force if load.indentation is None else load.indentation * stiffness
+        allowed = {"scene" if limits.force is None else "force": asked if limits.force is None else limits.force}
+        allowed["linearity"] = MARGIN * largest_x(RATIO, promise=None, covered=self.covered)[0] / strain * stiffness
+        if limits.indentation is not None:
+            allowed["indentation"] = limits.indentation * stiffness
+        if limits.tissue_strain is not None:
+            allowed["tissue_strain"] = limits.tissue_strain / per_depth * stiffness
+        if limits.gap_closure:
+            allowed["gap_closure"] = MARGIN * CLOSING * closure
+        if limits.charge is not None:
+            larger = -lesser(-totals[0], -totals[1]) / stiffness
+            allowed["charge"] = limits.charge[1] / (self.charge_per_force * larger)
+        return allowed
+
+
+def lesser(a: Any, b: Any) -> Any:
+    """Return the lesser of two by their real parts."""
+    return np.where(np.real(a) <= np.real(b), a, b) if np.ndim(a) or np.ndim(b) else (a if np.real(a) <= np.real(b) else b)
+
+
+def _nearing(scene: Scene, sizes: ProbeSizes, totals: Any) -> Any:
+    """Eq. PL.4 of designs: by how much the walls near each other per indentation at most."""
+    tissue, hole = scene.tissue, sizes.inner_radius + sizes.gap
+    wall = sizes.outer_radius - hole
+    thin = wall / hole
+    inner, outer = (total / (area * E) for total, area, E in zip(totals, sizes.areas, sizes.moduli, strict=True))
+    dragged = tissue.youngs_modulus / (tissue.youngs_modulus + sizes.moduli[1] * thin * (1 + 5 * thin))
+    by_inner, by_outer, compressible, rest = NEARING
+    nearing = by_inner * inner * sizes.inner_radius + by_outer * outer * wall
+    return nearing + (compressible * (1 - 2 * tissue.poisson_ratio) + rest) * dragged

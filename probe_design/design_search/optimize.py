@@ -1,0 +1,173 @@
+"""The design loop for a population: search by formulas, polish and judge by finite elements on tumours not seen before."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import partial
+from time import perf_counter
+
+import numpy as np
+
+from geometry.common.errors import InputError, Refusal
+from geometry.scenes.scene import Inclusion, Load, Scene
+from probe_design.design_search.choices import Choice, Chosen, choose
+from probe_design.design_search.judging import JudgedDesign, judge
+from probe_design.design_search.outcome import PopulationOptimum
+from probe_design.design_search.polish import polish
+from probe_design.design_search.room import Combination, Room, admitted, room
+from probe_design.design_search.steered_population import SteeredDesigns
+from probe_design.design_search.workshop import Robustness, robustness
+from probe_design.optimisation.design_space import Space, alike
+from probe_design.optimisation.global_search import search as search_single
+from probe_design.optimisation.objective import Noise
+from probe_design.optimisation.pressing import check_load
+from probe_design.populations.design_file import Design
+from probe_design.populations.population import ScenePopulation
+
+Progress = Callable[[str, int, int], None]
+FINALISTS = 2  # designs that are judged, beside start and single-tumour optimum
+SINGLE_STARTS = 4
+HAIR = 1e-6  # relative
+
+
+@dataclass(frozen=True)
+class Finalist:
+    """A design as a workshop makes it, with what the closed form says of it as it is built."""
+
+    scene: Scene
+    choice: Choice
+    robust: Robustness
+
+
+def optimize(design: Design, progress: Progress | None = None) -> PopulationOptimum:
+    """Find the probe that is best for a design file's population.
+
+    Args:
+        design: see ``populations.design_file.read_design``.
+        progress: called with a stage's name, the steps done and their number.
+
+    Raises:
+        InputError: the file leaves no design to choose, a load of 0, or a population that does not fit the tissue.
+        Refusal: the levels cannot take the scene.
+    """
+    tell = progress or (lambda stage, done, total: None)
+    begin = perf_counter()
+    check_load(design.scene)
+    found = room(design)
+    tell("drawing the population", 0, 1)
+    steered = SteeredDesigns.of(design, max(found.space.outer_radius, design.scene.probe.tube_radius))
+    tell("drawing the population", 1, 1)
+    start = judge(design, steered.rule, design.scene, progress=partial(tell, "judging the start"))
+    searching = perf_counter()
+    chosen = choose(steered, found, partial(tell, "searching with the closed form"))
+    finalists = _finalists(steered, design, found, chosen, tell)
+    searched = perf_counter()
+    single, why = _single(design, steered, found, tell)
+    judged = sorted(_judged(steered, design, finalists, tell), key=lambda pair: -_rank(design, *pair))
+    end = perf_counter()
+    return PopulationOptimum(
+        design=design,
+        room=found,
+        start=start,
+        single=single,
+        finalists=tuple(one for one, _ in judged),
+        robust=(robustness(steered, design, design.scene, ()), *(robust for _, robust in judged)),
+        how=chosen.how,
+        exhaustive=chosen.exhaustive,
+        best_of=chosen.best,
+        seconds={"search": searched - searching, "judge": end - searched + searching - begin, "all": end - begin},
+        why_no_single=why,
+    )
+
+
+def _rank(design: Design, one: JudgedDesign, robust: Robustness) -> float:
+    """The judged objective, less what tolerances take of it by the closed form."""
+    return one.value(design)[0] + robust.expected - robust.nominal
+
+
+def _finalists(steered: SteeredDesigns, design: Design, found: Room, chosen: Chosen, tell: Progress) -> list[Finalist]:
+    """The best designs that differ, the first of them polished, as a workshop makes them."""
+    first = chosen.choices[0]
+    better = polish(steered, design, found, first, partial(tell, "polishing by equivalent-inclusion"))
+    order = ([] if better is None else [better]) + list(chosen.choices)
+    finalists: list[Finalist] = []
+    for one in order:
+        scene = found.scene_of(one.design, one.combination)
+        if scene is None or not admitted(found, scene) or any(_same(scene, other.scene) for other in finalists):
+            continue
+        finalists.append(Finalist(scene, one, robustness(steered, design, scene, one.combination.materials)))
+        if len(finalists) == FINALISTS:
+            break
+    return finalists
+
+
+def _same(one: Scene, other: Scene) -> bool:
+    return alike(one, other) and one.probe.inner.poisson_ratio == other.probe.inner.poisson_ratio
+
+
+def _judged(
+    steered: SteeredDesigns, design: Design, finalists: list[Finalist], tell: Progress
+) -> Iterator[tuple[JudgedDesign, Robustness]]:
+    for k, one in enumerate(finalists):
+        stage = f"judging finalist {k + 1} of {len(finalists)}"
+        with suppress(Refusal):  # a design that cannot be judged is none
+            combination = one.choice.combination
+            judged = judge(
+                design,
+                steered.rule,
+                one.scene,
+                progress=partial(tell, stage),
+                combination=combination.told,
+                materials=combination.materials,
+            )
+            yield judged, one.robust
+
+
+def _single(design: Design, steered: SteeredDesigns, found: Room, tell: Progress) -> tuple[JudgedDesign | None, str]:
+    """What one is led to by one tumour in the middle of the population and one reading over it; or why by nothing."""
+    stage = "designing for one tumour"
+    try:
+        scene = middle_scene(design)
+        noise = Noise.of(scene, max(design.noise.white, 1e-6))
+        designs = search_single(_widened(found.space), noise, SINGLE_STARTS, partial(tell, stage)) if found.free() else None
+        made = None if designs is None else _nearest_scene(found, designs)
+        if made is None:
+            return None, "no variable left to choose" if designs is None else "no design for one tumour within the limits"
+        return judge(design, steered.rule, made, progress=partial(tell, "judging the design for one tumour")), ""
+    except (Refusal, InputError) as fault:
+        return None, str(fault)
+
+
+def _widened(space: Space) -> Space:
+    """Bounds with a little room where they are one value, as Sobol's sequence needs some."""
+    held = space.low >= space.high * (1 - HAIR)
+    low, high = np.where(held, space.low * (1 - HAIR), space.low), np.where(held, space.high * (1 + HAIR), space.high)
+    return replace(space, low=low, high=high)
+
+
+def _nearest_scene(found: Room, designs: np.ndarray) -> Scene | None:
+    for one in designs.T:
+        nearest: Combination = next(iter(found.near(one, 1)))
+        held = one.copy()
+        held[list(nearest.pinned)] = list(nearest.pinned.values())
+        scene = found.scene_of(held, nearest)
+        if scene is not None and admitted(found, scene):
+            return scene
+    return None
+
+
+def middle_scene(design: Design) -> Scene:
+    """Return the scene with one tumour in the middle of the population's ranges, under the probe's axis."""
+    population = ScenePopulation.of(design.scene, design.population)
+    middle = {key: population.ranges[key].middle for key in ("depth", "diameter", "object", "x")}
+    own = design.scene.inclusion[0] if design.scene.inclusion else None
+    nu = own.poisson_ratio if own else design.scene.tissue.poisson_ratio
+    at = design.scene.placement
+    body = Inclusion(
+        diameter=middle["diameter"], depth=max(middle["depth"], 0.6 * middle["diameter"]), x=at.x, y=at.y,
+        youngs_modulus=middle["object"], poisson_ratio=nu, target=True,
+    )  # fmt: skip
+    load = design.scene.load if design.scene.load.force or design.scene.load.indentation else Load(force=0.1)
+    return design.scene.model_copy(update={"inclusion": (body,), "load": load})

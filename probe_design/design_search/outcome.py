@@ -1,0 +1,156 @@
+"""What an optimisation for a population found, whether it counts, and which limits it lies on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from geometry.scenes.scene import Scene
+from probe_design.design_search.judging import JudgedDesign
+from probe_design.design_search.room import Room
+from probe_design.design_search.workshop import Robustness
+from probe_design.optimisation.design_space import CLOSE, Limit
+from probe_design.populations.design_file import Design
+
+SURE = 2.0  # times the combined error of judge and sample: a gain beyond it counts
+OF_FORCE = ("scene", "force", "linearity", "indentation", "tissue_strain", "gap_closure", "charge")
+
+
+@dataclass(frozen=True)
+class PopulationOptimum:
+    """What was found.
+
+    Attributes:
+        design: the question.
+        room: the designs that were to choose from.
+        start: the scene's probe, judged.
+        single: the optimum for one tumour in the middle of the population, judged; None where there is none, ``why_no_single``.
+        finalists: designs found, judged, best first.
+        robust: what workshop tolerances do to start and finalists, by the closed form.
+        how: what was done with steps, choices and materials.
+        exhaustive: whether every combination was tried.
+        best_of: the best closed-form objective of every combination tried.
+        seconds: of search and judgement.
+        why_no_single: in words.
+    """
+
+    design: Design
+    room: Room
+    start: JudgedDesign
+    single: JudgedDesign | None
+    finalists: tuple[JudgedDesign, ...]
+    robust: tuple[Robustness, ...]
+    how: str
+    exhaustive: bool
+    best_of: dict[str, float]
+    seconds: dict[str, float]
+    why_no_single: str = ""
+
+    @property
+    def found(self) -> JudgedDesign:
+        """The best design found, whether it counts or not; the start where there is none."""
+        return self.finalists[0] if self.finalists else self.start
+
+    @property
+    def gain(self) -> tuple[float, float]:
+        """By how much the design found is better than the start, and one standard error of that, judge and sample together."""
+        return self.found.gain_over(self.start, self.design)
+
+    @property
+    def status(self) -> Literal["improved", "no-gain"]:
+        """``improved`` where the gain is beyond twice its error."""
+        gain, error = self.gain
+        return "improved" if gain > SURE * error and gain > 0 else "no-gain"
+
+    @property
+    def best(self) -> JudgedDesign:
+        """The design to build: the start where no gain counts."""
+        return self.found if self.status == "improved" else self.start
+
+    @property
+    def scene(self) -> Scene:
+        """The scene of the design to build, under its force."""
+        return self.best.scene
+
+    @property
+    def limits(self) -> tuple[Limit, ...]:
+        """All limits and which of them the design found lies on."""
+        scene, pressed = self.found.scene, self.found.pressed
+        rows = [_renamed(one) for one in self.room.space.limits(scene) if not (self.room.shelf and "modulus" in one.name)]
+        given = self.design.limits
+        rows += [Limit(name, _value(given, name, pressed.allowed[name]), pressed.by == name) for name in pressed.allowed]
+        if given.charge is not None:
+            rows.append(
+                Limit("least charge", given.charge[0], abs(pressed.charge[0] - given.charge[0]) <= CLOSE * given.charge[0])
+            )
+        return tuple(rows)
+
+    @property
+    def verdict(self) -> str:
+        """What was found, in one sentence."""
+        kind, (gain, error) = self.design.objective.maximise, self.gain
+        start, found = (f"{_told(*one.value(self.design))}" for one in (self.start, self.found))
+        change = f"a gain of {gain:.3g}, of which {SURE:g} errors are {SURE * error:.2g}"
+        if self.status == "improved":
+            return f"improved: {kind} {found} in place of {start}, {change}"
+        if not self.finalists:
+            return f"no gain: no other design within the limits could be judged; the start's {kind} is {start}"
+        return f"no gain that counts: {kind} {found} at best, the start's {start}, {change}"
+
+    def summary(self, files: list[str]) -> dict[str, Any]:
+        """Return the JSON object of ``probe-design optimize DESIGN``."""
+        from geometry.scenes.scene_file import scene_to_dict
+
+        gain, error = self.gain
+        named = {"start": self.start, "single": self.single, "optimum": self.best, "found": self.found}
+        return {
+            "design": scene_to_dict(self.scene),
+            "objective": self.best.value(self.design)[0],
+            "objective_error": self.best.value(self.design)[1],
+            "baseline_objective": self.start.value(self.design)[0],
+            "baseline_objective_error": self.start.value(self.design)[1],
+            "maximise": self.design.objective.maximise,
+            "statistic": self.design.objective.statistic,
+            "gain": gain,
+            "gain_error": error,
+            "evaluator": self.best.judgement.evaluator,
+            "status": self.status,
+            "verdict": self.verdict,
+            "population": {name: None if one is None else one.judgement.as_dict() for name, one in named.items()},
+            "single_reason": self.why_no_single or None,
+            "pressing": {name: None if one is None else _pressing(one) for name, one in named.items()},
+            "designs": {name: None if one is None else scene_to_dict(one.scene) for name, one in named.items()},
+            "materials": list(self.best.materials),
+            "limits": [{"name": one.name, "value": one.value, "active": one.active} for one in self.limits],
+            "search": {"how": self.how, "exhaustive": self.exhaustive, "combinations": self.best_of},
+            "tolerances": [one.as_dict() for one in self.robust],
+            "seconds": self.seconds,
+            "warnings": list(dict.fromkeys(self.start.judgement.warnings + self.best.judgement.warnings)),
+            "files": files,
+        }
+
+
+def _pressing(one: JudgedDesign) -> dict[str, Any]:
+    pressed = one.pressed
+    return {
+        "force": pressed.force, "indentation": pressed.indentation, "tissue_strain": pressed.tissue_strain,
+        "charge": list(pressed.charge), "limited_by": pressed.by,
+    }  # fmt: skip
+
+
+def _told(value: float, error: float) -> str:
+    return f"{value:.3f} (error {error:.2g})"
+
+
+def _renamed(limit: Limit) -> Limit:
+    """Names of the file's keys for its limits, ``least gap`` and so on for bounds of variables."""
+    names = {"largest outer_radius": "outer_radius", "least wall": "wall", "largest height": "height"}
+    return Limit(names.get(limit.name, limit.name), limit.value, limit.active)
+
+
+def _value(given: Any, name: str, force: float) -> float:
+    """The limit as the file gives it; for what has no number, the force that it allows, N."""
+    stated = getattr(given, name, None)
+    if stated is None or isinstance(stated, bool):
+        return force
+    return float(stated[1] if name == "charge" else stated)

@@ -1,0 +1,116 @@
+"""The pictures of a report: start beside optimum over depth and diameter, levers as bars, Pareto fronts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from probe_design.data.noise import RESOLVED
+from probe_design.design_search.depth_map import SURE, DepthMap
+from probe_design.pictures.formats import save
+
+if TYPE_CHECKING:
+    from probe_design.design_search.judging import JudgedDesign
+    from probe_design.design_search.pareto import Front
+
+MM = 1e3
+BLUE, GREY = "#2a6f97", "#9aa5b1"
+
+
+def draw_maps(maps: dict[str, DepthMap], judged: dict[str, JudgedDesign], path: Path) -> Path:
+    """Draw P and the standard deviation of ln contrast over diameter and depth, a column for each design; returns ``path``.
+
+    Judged tumours are points: filled where they are found more often than not.
+    """
+    figure, axes = _figure((5.4 * len(maps), 9.0), (2, len(maps)))
+    for column, (name, one) in enumerate(maps.items()):
+        for row, (values, label, limit) in enumerate(
+            ((one.probability, "probability that it is found", SURE), (one.contrast_sd, "sd of ln contrast", RESOLVED))
+        ):
+            _map(figure, axes[row][column], one, values, label=label, limit=limit)
+        axes[0][column].set_title(name, fontsize=11)
+        _tumours(axes[0][column], judged[name])
+    for row in axes:
+        row[0].set_ylabel("depth of the centre, mm")
+    for one in axes[-1]:
+        one.set_xlabel("diameter, mm")
+    figure.suptitle(
+        "by the closed form, a known tumour in the middle of the population's ranges (an upper bound); points: judged tumours,\n"
+        "full where found more often than not; lines: found nine times in ten, contrast told to 0.5",
+        fontsize=9,
+    )
+    return save(figure, path)
+
+
+def draw_levers(levers: dict[str, float], name: str, path: Path) -> Path:
+    """Draw what each change of the readings would make of the objective; returns ``path``."""
+    figure, axes = _figure((8.0, 0.5 * len(levers) + 1.4), (1, 1))
+    plain, words, values = axes[0][0], list(levers), list(levers.values())
+    plain.barh(range(len(words)), values, color=[GREY] + [BLUE] * (len(words) - 1))
+    plain.axvline(values[0], color=GREY, linewidth=1, linestyle="--")
+    plain.set_yticks(range(len(words)), words)
+    plain.invert_yaxis()
+    for row, value in enumerate(values):
+        plain.text(value, row, f" {value:.3g}", va="center", fontsize=9)
+    plain.set_xlim(min(0.0, min(values)), 1.12 * max([*values, 1e-9]))
+    plain.set_xlabel(f"{name}, by the closed form (an upper bound)")
+    return save(figure, path)
+
+
+def draw_front(fronts: tuple[Front, ...], name: str, path: Path) -> Path:
+    """Draw Pareto fronts side by side; returns ``path``."""
+    figure, axes = _figure((5.0 * len(fronts), 4.0), (1, len(fronts)))
+    for plain, front in zip(axes[0], fronts, strict=True):
+        plain.plot(front.shown, [one.value for one in front.points], "-", color=GREY, label="by the closed form")
+        judged = [(at, one) for at, one in zip(front.shown, front.points, strict=True) if one.judged is not None]
+        if judged:
+            values, errors = zip(*(one.judged for _, one in judged), strict=True)
+            plain.errorbar([at for at, _ in judged], values, errors, fmt="o", color=BLUE, capsize=3, label="judged, one error")
+        plain.set_xlabel(front.label)
+        plain.set_ylabel(name)
+        plain.legend(fontsize=8)
+    return save(figure, path)
+
+
+def _figure(size: tuple[float, float], shape: tuple[int, int]) -> tuple[Any, Any]:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size, dpi=120, facecolor="white", layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure, figure.subplots(*shape, squeeze=False, sharey="row")
+
+
+def _map(figure: Any, axes: Any, one: DepthMap, values: Any, *, label: str, limit: float) -> None:
+    axes.set_facecolor("0.88")
+    probability = limit == SURE
+    most = 1.0 if probability else float(np.nanmax(values, initial=2 * limit))
+    colours = "viridis" if probability else "viridis_r"
+    x, y = one.diameter * MM, one.depth * MM
+    shown = axes.pcolormesh(x, y, values, cmap=colours, vmin=0.0, vmax=most, shading="nearest")
+    figure.colorbar(shown, ax=axes, label=label)
+    finite = values[np.isfinite(values)]
+    if len(finite) and finite.min() < limit < finite.max():
+        axes.contour(x, y, np.ma.masked_invalid(values), levels=[limit], colors="white", linewidths=1.6)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    for axis in (axes.xaxis, axes.yaxis):
+        _plain_numbers(axis)
+    if axes.get_ylim()[0] < axes.get_ylim()[1]:
+        axes.invert_yaxis()
+
+
+def _plain_numbers(axis: Any) -> None:
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _tumours(axes: Any, judged: JudgedDesign) -> None:
+    found = judged.judgement.probability >= 0.5
+    x, y = judged.judgement.diameter * MM, judged.judgement.depth * MM
+    axes.scatter(x, y, s=16, facecolors=np.where(found, "white", "none"), edgecolors="white", linewidths=0.8)

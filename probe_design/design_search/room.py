@@ -1,0 +1,280 @@
+"""The designs that a search may choose from: bounds, constraints, and what comes in steps or from a shelf.
+
+Variables are those of ``optimisation.design_space``; what a design file leaves out of them varies within what a workshop can
+make, round the start. Limits take designs away and bring none.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.common.arrays import Floats
+from geometry.common.errors import InputError
+from geometry.scenes.probe import LENGTH, MODULUS, mm
+from geometry.scenes.scene import Scene
+from probe_design.data.materials import CatalogueMaterial, material
+from probe_design.optimisation.design_space import VARIABLES, Space, space, variables
+from probe_design.populations.design_file import Design
+from probe_design.populations.variables import DesignVariable
+
+BLOCK_MODULI = VARIABLES[4:]
+MOST_STEPS = 10_000
+
+
+@dataclass(frozen=True)
+class Combination:
+    """One choice of everything that comes in steps or from a shelf.
+
+    Attributes:
+        pinned: values of variables by their index in ``VARIABLES``, SI.
+        poisson: Poisson's ratios of the inner and the outer block; None: the start's.
+        materials: names of both, empty where none were asked for.
+    """
+
+    pinned: Mapping[int, float]
+    poisson: tuple[float, float]
+    materials: tuple[str, ...] = ()
+
+    @property
+    def told(self) -> str:
+        """What was chosen, in words."""
+        values = [f"{VARIABLES[k]} {_shown(k, v)}" for k, v in self.pinned.items() if not (self.materials and k >= 4)]
+        return ", ".join([*values, *(["materials " + " / ".join(self.materials)] if self.materials else [])])
+
+
+@dataclass(frozen=True)
+class Room:
+    """The designs of a design file.
+
+    Attributes:
+        space: bounds and constraints of the relaxed variables, every one continuous.
+        grids: the only values of what comes in steps or choices, increasing, by index in ``VARIABLES``.
+        shelf: the materials that a block may be of; empty: moduli by themselves.
+        start_poisson: the start's Poisson's ratios.
+    """
+
+    space: Space
+    grids: Mapping[int, tuple[float, ...]]
+    shelf: tuple[CatalogueMaterial, ...]
+    start_poisson: tuple[float, float]
+
+    @property
+    def combinations(self) -> int:
+        """How many there are."""
+        return math.prod(len(values) for values in self.grids.values()) * max(1, len(self.shelf) ** 2)
+
+    def every(self) -> Iterator[Combination]:
+        """Yield all combinations, in the order of the file."""
+        for values in product(*self.grids.values()):
+            yield from self._with_materials(dict(zip(self.grids, values, strict=True)), self.shelf, self.shelf)
+
+    def every_material(self, held: Mapping[int, float]) -> Iterator[Combination]:
+        """Yield all pairs of materials beside held values of grids."""
+        yield from self._with_materials(dict(held), self.shelf, self.shelf)
+
+    @property
+    def shelf_poisson(self) -> list[float]:
+        """Poisson's ratios of the materials."""
+        return [poisson_of(one) for one in self.shelf]
+
+    def near(self, design: Floats, least: int = 2) -> Iterator[Combination]:
+        """Yield those round a design (6,): of each grid and of the shelf, for each block, the nearest values."""
+        grids = {k: _nearest(values, design[k], least) for k, values in self.grids.items()}
+        shelves = [self._nearest_materials(design[k], least) for k in (4, 5)]
+        for values in product(*grids.values()):
+            yield from self._with_materials(dict(zip(grids, values, strict=True)), *shelves)
+
+    def pinned(self, combination: Combination) -> Space:
+        """Return the bounds with a combination's values as both ends."""
+        low, high = self.space.low.copy(), self.space.high.copy()
+        for k, value in combination.pinned.items():
+            low[k] = high[k] = value
+        return replace(self.space, low=low, high=high)
+
+    def free(self, combination: Combination | None = None) -> list[int]:
+        """Return indices of the variables that a combination (None: the relaxed problem) leaves open."""
+        held = {} if combination is None else combination.pinned
+        return [k for k in range(len(VARIABLES)) if k not in held and self.space.low[k] < self.space.high[k]]
+
+    def scene_of(self, design: Floats, combination: Combination) -> Scene | None:
+        """Return the scene with a design rounded as a workshop makes it; None where that breaks a rule."""
+        space = self.space
+        made = _rounded(space, design, combination)
+        if made is None:
+            return None
+        probe = made.probe.model_dump(exclude_unset=True)
+        for block, poisson in zip(("inner", "outer"), combination.poisson, strict=True):
+            probe[block]["poisson_ratio"] = poisson
+        try:
+            return Scene.model_validate(made.model_dump(exclude_unset=True) | {"probe": probe})
+        except ValueError:
+            return None
+
+    def exact_scene(self, design: Floats, combination: Combination) -> Scene | None:
+        """Return the scene with a design as it is, not rounded; None where that breaks a rule."""
+        probe = self.space.scene.probe.model_dump(exclude={"outer_radius", "inner_height", "outer_height"}, exclude_unset=True)
+        probe |= dict(zip(VARIABLES[:4], design[:4].tolist(), strict=True))
+        for block, modulus, poisson in zip(("inner", "outer"), design[4:].tolist(), combination.poisson, strict=True):
+            probe[block] |= {"youngs_modulus": modulus, "poisson_ratio": poisson}
+        try:
+            return Scene.model_validate(self.space.scene.model_dump(exclude_unset=True) | {"probe": probe})
+        except ValueError:
+            return None
+
+    def _with_materials(
+        self, held: dict[int, float], inner: tuple[CatalogueMaterial, ...], outer: tuple[CatalogueMaterial, ...]
+    ) -> Iterator[Combination]:
+        if not self.shelf:
+            yield Combination(held, self.start_poisson)
+            return
+        for one, other in product(inner, outer):
+            moduli = {4: one.youngs_modulus, 5: other.youngs_modulus}
+            yield Combination(held | moduli, (poisson_of(one), poisson_of(other)), (one.name, other.name))
+
+    def _nearest_materials(self, modulus: float, least: int) -> tuple[CatalogueMaterial, ...]:
+        return tuple(sorted(self.shelf, key=lambda one: abs(math.log(one.youngs_modulus / modulus)))[:least])
+
+
+def room(design: Design) -> Room:
+    """Return the designs of a design file.
+
+    Raises:
+        InputError: a variable has no value within the limits, a material is not one for blocks, or there is no room for a probe.
+    """
+    scene, given, limits = design.scene, design.variables, design.limits
+    base = _usual(design)
+    low, high, grids = base.low.copy(), base.high.copy(), dict[int, tuple[float, ...]]()
+    shelf = tuple(_of_blocks(name, k) for k, name in enumerate(dict.fromkeys(given.materials)))
+    for k, name in enumerate(VARIABLES):
+        variable: DesignVariable = getattr(given, name)
+        if shelf and name in BLOCK_MODULI:
+            _check_alone(name, variable)
+            moduli = [one.youngs_modulus for one in shelf]
+            low[k], high[k] = min(moduli), max(moduli)
+            continue
+        low[k], high[k], values = _ends(k, variable, low[k], high[k], variables(scene)[k])
+        if values:
+            grids[k] = values
+    wall = base.wall if limits.wall is None else limits.wall
+    _limit_height(design, low, high, grids)
+    _limit_radius(low, high, base.outer_radius, wall)
+    found = replace(base, low=low, high=high, wall=wall)
+    poisson = scene.probe.inner.poisson_ratio, scene.probe.outer.poisson_ratio
+    return Room(found, grids, shelf, poisson)
+
+
+def _usual(design: Design) -> Space:
+    """The space round the start that its limit of the outer radius leaves."""
+    try:
+        return space(design.scene, design.limits.outer_radius)
+    except InputError as fault:
+        raise InputError("limits.outer_radius", fault.value, fault.allowed) from None
+
+
+def poisson_of(one: CatalogueMaterial) -> float:
+    """Return a material's Poisson's ratio."""
+    return one.poisson_ratio
+
+
+def _of_blocks(name: str, k: int) -> CatalogueMaterial:
+    try:
+        found = material(name)
+    except InputError as fault:
+        raise InputError(f"variables.materials[{k}]", name, fault.allowed) from None
+    if "poisson_ratio" not in found.numbers or found.kind != "elastomer":
+        raise InputError(f"variables.materials[{k}]", name, f"materials of blocks: elastomers; {name} is of kind {found.kind}")
+    return found
+
+
+def _check_alone(name: str, variable: DesignVariable) -> None:
+    if variable != DesignVariable():
+        raise InputError(f"variables.{name}", "given", "nothing beside materials, which pick the moduli")
+
+
+def _ends(k: int, variable: DesignVariable, low: float, high: float, start: float) -> tuple[float, float, tuple[float, ...]]:
+    """Bounds of a variable and its only values, if it has such."""
+    if variable.fixed:
+        return start, start, ()
+    if variable.choices:
+        return variable.choices[0], variable.choices[-1], variable.choices
+    low, high = (low if variable.low is None else variable.low), (high if variable.high is None else variable.high)
+    return low, high, () if variable.step is None else _steps(k, variable.step, low, high)
+
+
+def _steps(k: int, step: float, low: float, high: float) -> tuple[float, ...]:
+    """Multiples of a step between bounds."""
+    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    if last - first >= MOST_STEPS or last < first:
+        few = "wide enough for at most 10000 values" if last >= first else "with a multiple between the bounds"
+        raise InputError(
+            f"variables.{VARIABLES[k]}.step", _shown(k, step), f"a step {few} of {_shown(k, low)} to {_shown(k, high)}"
+        )
+    return tuple(float(f"{n * step:.12g}") for n in range(first, last + 1))
+
+
+def _limit_height(design: Design, low: Floats, high: Floats, grids: dict[int, tuple[float, ...]]) -> None:
+    limit, k = design.limits.height, VARIABLES.index("height")
+    if limit is None:
+        return
+    if low[k] > limit:
+        if design.variables.height == DesignVariable() and design.scene.probe.groove is None:
+            low[k] = limit  # the start is higher: no bound that was asked for
+        else:
+            raise InputError("limits.height", mm(limit), f"at least {mm(low[k])}, the least height of the blocks")
+    high[k] = max(low[k], min(high[k], limit))
+    if k in grids:
+        grids[k] = tuple(value for value in grids[k] if value <= limit * (1 + 1e-9))
+    high[k] = grids[k][-1] if k in grids else high[k]
+
+
+def _limit_radius(low: Floats, high: Floats, outer_radius: float, wall: float) -> None:
+    least = low[0] + low[2] + wall
+    if least > outer_radius * (1 + 1e-9):
+        raise InputError("limits.outer_radius", mm(outer_radius), f"above {mm(least)}: inner block, gap and wall need as much")
+    high[0] = max(low[0], min(high[0], outer_radius - low[2] - wall))
+
+
+def _nearest(values: tuple[float, ...], value: float, least: int) -> tuple[float, ...]:
+    return tuple(sorted(sorted(values, key=lambda one: abs(math.log(one / value)))[:least]))
+
+
+def _rounded(space: Space, design: Floats, combination: Combination) -> Scene | None:
+    """The scene of a design whose pinned values stay as they are, all others rounded; A2/A1 gives way to whole lengths."""
+    made = space.scene_of(design)
+    if made is None or not set(combination.pinned) & {0, 2, 3, 4, 5}:
+        return made
+    probe = made.probe.model_dump(exclude_unset=True)
+    for k, value in combination.pinned.items():
+        if k in (0, 2, 3):
+            probe[VARIABLES[k]] = value
+        elif k >= 4:
+            probe["inner" if k == 4 else "outer"]["youngs_modulus"] = value
+    if 1 in combination.pinned:
+        del probe["outer_radius"]
+        probe["area_ratio"] = combination.pinned[1]
+    try:
+        return Scene.model_validate(made.model_dump(exclude_unset=True) | {"probe": probe})
+    except ValueError:
+        return None
+
+
+def admitted(found: Room, scene: Scene) -> bool:
+    """Whether a scene's probe keeps limits of outer radius and wall, and bounds, within rounding."""
+    at = variables(scene)
+    inside: NDArray[np.bool_] = (at >= 0.995 * found.space.low) & (at <= 1.005 * found.space.high)
+    probe = scene.probe
+    wall = probe.tube_radius - probe.hole_radius
+    keeps = probe.tube_radius <= found.space.outer_radius * (1 + 1e-9) and wall >= found.space.wall * (1 - 1e-9) - 1e-9
+    return bool(inside.all() and keeps)
+
+
+def _shown(k: int, value: float) -> Any:
+    quantity = LENGTH if VARIABLES[k] in ("inner_radius", "gap", "height") else MODULUS
+    return f"{value:g}" if VARIABLES[k] == "area_ratio" else quantity.text(value)

@@ -1,0 +1,190 @@
+"""What a search of designs climbs: the population objective in closed form, smooth, on arrays of designs.
+
+Readings are linear in what is unknown: y = s + J c + N n + e, with white errors e of variance v at each position, tumour
+parameters c and nuisances n common to a scan, both with Gaussian priors. All but s eliminated,
+
+    d'^2 = s^T W s,     W = V^-1 - V^-1 N (N^T V^-1 N + Pi^-1)^-1 N^T V^-1                             (DS.1)
+
+is the deflection of a *known* tumour against the same tissue without it, and P = Phi(d' - z) its probability of detection at a
+false alarm rate Phi(-z): an upper bound on that of a detector that knows the population alone, which the judge finds. The
+posterior standard deviation of ln contrast is that of c_1 in
+
+    (J^T W J + Pi_c^-1)^-1                                                                          (DS.2)
+
+with no prior on c_1 itself but for information, which counts from it. A tumour counts as resolved by a share
+Phi((ln 0.5 - ln sd) / 0.25), a step that a gradient can climb. With a blank the reading that all others are counted from is a
+nuisance whose prior is its own white error; without one each channel's offset has the prior of the gain, and tissue modulus that
+of the population.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.special import ndtr, ndtri
+
+from probe_design.data.noise import RESOLVED
+from solver.closed_form.bessel import Array
+from solver.tumour_waves.readings import Films, ManyTumours
+
+STEP = 0.25  # of ln sd over which a tumour passes from not resolved to resolved
+SMALL = 1e-12  # least prior variance
+
+
+@dataclass(frozen=True)
+class ScanErrors:
+    """Errors of one scan; relative, but charge.
+
+    Attributes:
+        white: of the ratio at a position, tilt included.
+        gain: common to the ratios of a scan.
+        stiffness_white, stiffness_gain: of the stiffness.
+        charge: of each film's charge over charge per force, N.
+        stiffness: whether it is read.
+        blank: whether a tumour-free place is read.
+        false_alarm: over a scan.
+    """
+
+    white: float
+    gain: float
+    stiffness_white: float
+    stiffness_gain: float
+    charge: float
+    stiffness: bool
+    blank: bool
+    false_alarm: float
+
+
+@dataclass(frozen=True)
+class Steered:
+    """The population of an objective, ready for any design.
+
+    Attributes:
+        tumours: as they are.
+        moved: pairs of the same with diameter, depth and tissue modulus e^-step and e^step times as large; empty for detection,
+            tissue alone without a blank.
+        steps: the steps of these.
+        channels: the errors.
+        priors: standard deviations of ln contrast (above 0), ln diameter, ln depth and ln tissue modulus.
+        maximise: ``detection``, ``resolved`` or ``information``.
+        statistic: ``mean`` or a quantile.
+    """
+
+    tumours: ManyTumours
+    moved: dict[str, tuple[ManyTumours, ManyTumours]]
+    step: float
+    channels: ScanErrors
+    priors: dict[str, float]
+    maximise: str
+    statistic: Any
+
+    def values(self, probes: Array, force: Any) -> Array:
+        """Return the objective of n designs, larger is better, shape (n,).
+
+        Args:
+            probes: see ``ManyTumours.films``; floats or complex.
+            force: a function of films' totals without tumours (n, m, 2): N, shape (n, m).
+        """
+        of_each = self.each(probes, force)
+        if self.statistic == "mean":
+            return of_each.mean(axis=1)
+        return _quantile(of_each, float(self.statistic))
+
+    def each(self, probes: Array, force: Any) -> Array:
+        """Return the objective tumour by tumour, shape (n, m); see ``values``."""
+        if self.maximise == "detection":
+            films, variance, nuisances, prior = self._errors(probes, force)
+            deflection = _weighed(self._signature(films)[..., None], variance, nuisances, prior)[..., 0, 0]
+            return ndtr(np.sqrt(deflection + SMALL) - ndtri(1 - self.channels.false_alarm))
+        log_sd = self.log_sd(probes, force)
+        if self.maximise == "information":
+            return math.log(self.priors["object"]) - log_sd
+        return ndtr((math.log(RESOLVED) - log_sd) / STEP)
+
+    def log_sd(self, probes: Array, force: Any) -> Array:
+        """Return ln of the posterior standard deviation of ln contrast, eq. DS.2, shape (n, m)."""
+        films, variance, nuisances, prior = self._errors(probes, force)
+        information = _weighed(self._slopes(probes, films), variance, nuisances, prior)
+        precisions = [max(self.priors[key], 1e-6) ** -2 for key in ("object", "diameter", "depth")]
+        precisions[0] = precisions[0] if self.maximise == "information" else SMALL
+        return 0.5 * np.log(np.linalg.inv(information + np.diag(precisions))[..., 0, 0])
+
+    def _errors(self, probes: Array, force: Any) -> tuple[Films, Array, Array, Array]:
+        """Films, white variances, nuisances and their priors."""
+        films = self.tumours.films(probes)
+        variance = self._variance(films, force(films.without))
+        return films, variance, *self._nuisances(probes, films, variance)
+
+    def _kept(self, ratio: Array, stiffness: Array) -> Array:
+        """Readings of a scan in one axis: ratios, then stiffnesses where they are read."""
+        return np.concatenate([ratio, stiffness], axis=2) if self.channels.stiffness else ratio
+
+    def _signature(self, films: Films) -> Array:
+        """By how much a tumour changes the readings, shape (n, m, readings)."""
+        whole, alone = films.without[:, :, None] + films.change, films.without[:, :, None]
+        ratio = np.log(whole[..., 0] / alone[..., 0]) - np.log(whole[..., 1] / alone[..., 1])
+        return self._kept(ratio, np.log(whole.sum(axis=3) / alone.sum(axis=3)))
+
+    def _variance(self, films: Films, force: Array) -> Array:
+        """White variance of each reading, shape (n, m, readings)."""
+        share = films.without / films.without.sum(axis=2, keepdims=True)
+        charges = ((self.channels.charge / (share * force[..., None])) ** 2).sum(axis=2)
+        one = np.ones((1, 1, films.change.shape[2]))
+        ratio = (self.channels.white**2 + charges)[..., None] * one
+        return self._kept(ratio, self.channels.stiffness_white**2 + SMALL + 0 * ratio)
+
+    def _nuisances(self, probes: Array, films: Films, variance: Array) -> tuple[Array, Array]:
+        """What is common to a scan: columns (n, m, readings, a) and prior variances (n, m, a)."""
+        readings, channels = variance.shape[2], 2 if self.channels.stiffness else 1
+        count = readings // channels
+        columns = [np.repeat(np.arange(channels) == k, count).astype(float) for k in range(channels)]
+        if self.channels.blank:
+            return np.array(columns).T, variance[:, :, ::count] + 0.0
+        gains = [self.channels.gain**2 + SMALL, self.channels.stiffness_gain**2 + SMALL][:channels]
+        tissue = self._by("tissue", probes, lambda films: self._kept(*_alone(films)))[..., None]
+        common = np.broadcast_to(np.array(columns).T, (*variance.shape, channels))
+        prior = np.broadcast_to([*gains, max(self.priors["tissue"], 1e-6) ** 2], (*variance.shape[:2], channels + 1))
+        return np.concatenate([common, tissue], axis=3), prior
+
+    def _slopes(self, probes: Array, films: Films) -> Array:
+        """Derivatives of the signature by ln contrast, ln diameter and ln depth, shape (n, m, readings, 3)."""
+        whole = films.without[:, :, None] + films.change
+        share = films.by_log / whole
+        total = films.by_log.sum(axis=3) / whole.sum(axis=3)
+        slopes = [self._kept(share[..., 0] - share[..., 1], total)]
+        slopes += [self._by(key, probes, self._signature) for key in ("diameter", "depth")]
+        return np.stack(slopes, axis=3)
+
+    def _by(self, key: str, probes: Array, of: Any) -> Array:
+        less, more = (of(tumours.films(probes)) for tumours in self.moved[key])
+        return (more - less) / (2 * self.step)
+
+
+def _alone(films: Films) -> tuple[Array, Array]:
+    """Ln ratio and ln stiffness without the tumour at each position, shapes (n, m, P)."""
+    ratio = np.log(films.without[..., 0] / films.without[..., 1])
+    stiffness = np.log(films.without.sum(axis=2))
+    one = np.ones(films.change.shape[2])
+    return ratio[..., None] * one, stiffness[..., None] * one
+
+
+def _weighed(columns: Array, variance: Array, nuisances: Array, prior: Array) -> Array:
+    """J^T W J of eq. DS.1 for columns J (n, m, readings, c), shape (n, m, c, c)."""
+    scaled = columns / variance[..., None]
+    whole = np.swapaxes(columns, 2, 3) @ scaled
+    common = np.swapaxes(nuisances, -1, -2) @ (nuisances / variance[..., None])
+    common = common + np.eye(prior.shape[2]) / prior[..., None]
+    crossed = np.swapaxes(nuisances, -1, -2) @ scaled
+    return whole - np.swapaxes(crossed, 2, 3) @ np.linalg.solve(common, crossed)
+
+
+def _quantile(values: Array, share: float) -> Array:
+    """Quantile over the last axis, of complex numbers by their real parts; shape (n,)."""
+    order = np.argsort(values.real, axis=1)
+    at = share * (values.shape[1] - 1)
+    low = min(int(at), values.shape[1] - 1)
+    ends = np.take_along_axis(values, order[:, [low, min(low + 1, values.shape[1] - 1)]], axis=1)
+    return ends[:, 0] * (1 - (at - low)) + ends[:, 1] * (at - low)

@@ -1,0 +1,70 @@
+"""What a workshop's tolerances do to a design: the objective over draws of what will be built, by the closed form."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.stats import norm, qmc
+
+from geometry.common.arrays import Floats
+from geometry.scenes.scene import Scene
+from probe_design.data.materials import material
+from probe_design.design_search.steered_population import SteeredDesigns
+from probe_design.optimisation.design_space import variables
+from probe_design.populations.design_file import Design
+
+DRAWS, SEED = 64, 22
+LENGTHS = {"inner_radius": 0.05e-3, "outer_radius": 0.05e-3, "gap": 0.02e-3, "height": 0.05e-3}  # m, one standard deviation
+LOG_MODULUS = 0.1  # of a modulus that was measured, where no material says its own
+LEAST = 0.2  # of a length that tolerances leave, at least
+
+
+@dataclass(frozen=True)
+class Robustness:
+    """One design under tolerances; all by the closed form.
+
+    Attributes:
+        nominal: the objective of the drawing.
+        expected: its statistic over what is built: the mean, or the quantile that ``[objective]`` names.
+        low, high: 5 and 95 % of what is built lie below.
+    """
+
+    nominal: float
+    expected: float
+    low: float
+    high: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the numbers as JSON has them."""
+        return vars(self) | {"evaluator": "closed-form", "draws": DRAWS}
+
+
+def robustness(steered: SteeredDesigns, design: Design, scene: Scene, materials: tuple[str, ...]) -> Robustness:
+    """Return what tolerances do to a scene's probe."""
+    probe = scene.probe
+    poisson = probe.inner.poisson_ratio, probe.outer.poisson_ratio
+    built = np.concatenate([variables(scene)[:, None], drawn(scene, materials)], axis=1)
+    values = steered.real_values(built, poisson)
+    told = values[1:][np.isfinite(values[1:])]
+    if not len(told):
+        return Robustness(float(values[0]), float(values[0]), float(values[0]), float(values[0]))
+    low, high = np.quantile(told, [0.05, 0.95])
+    return Robustness(float(values[0]), design.objective.over(told), float(low), float(high))
+
+
+def drawn(scene: Scene, materials: tuple[str, ...]) -> Floats:
+    """Return what may be built of a scene's probe, shape (6, ``DRAWS``): lengths and ln of moduli are normal."""
+    probe, z = scene.probe, norm.ppf(qmc.Sobol(6, seed=SEED).random(DRAWS)).T
+    sizes = {"inner_radius": probe.inner_radius, "outer_radius": probe.tube_radius, "gap": probe.gap, "height": probe.core_height}
+    inner, outer, gap, height = (
+        np.maximum(size + LENGTHS[key] * one, LEAST * size) for (key, size), one in zip(sizes.items(), z, strict=False)
+    )
+    outer = np.maximum(outer, inner + gap + LEAST * (probe.tube_radius - probe.hole_radius))
+    deviations = [material(name).log_sd for name in materials] or [LOG_MODULUS, LOG_MODULUS]
+    moduli = [
+        block.youngs_modulus * np.exp(deviation * one)
+        for block, deviation, one in zip((probe.inner, probe.outer), deviations, z[4:], strict=True)
+    ]
+    return np.array([inner, inner**2 / (outer**2 - (inner + gap) ** 2), gap, height, *moduli])

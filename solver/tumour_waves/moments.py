@@ -1,0 +1,94 @@
+"""What waves of traction under a probe do to spheres, before any probe is known.
+
+The strain's moments about a sphere (``closed_form.surface_images``) are, under loads whose Hankel transforms at the wave numbers
+k are p and q, sums over k of numbers that depend on tissue, sphere and its distance from the probe's axis alone: they are
+found once, and serve every design.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from geometry.common.arrays import Floats
+from solver.closed_form.contact import NODES_PER_WAVE, REACH
+from solver.closed_form.inclusions import moment_form
+from solver.closed_form.layer import waves
+from solver.closed_form.layered_spheres import inside
+from solver.closed_form.off_axis import shifted_waves
+from solver.closed_form.surface_images import ALL, SphereArray, nearby
+from solver.closed_form.tractions import between_waves
+from solver.inclusions.eshelby import strengths
+from solver.tumour_waves.population import TumourDraws, stack
+
+MOST = 160  # wave numbers
+LEAST_WAY = 0.2  # of a sphere's radius: nearer to a face its waves are cut
+ON_AXIS = 1e-6  # m: moments beside the axis pass over into those on it
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Of m spheres seen from P positions.
+
+    Attributes:
+        k: wave numbers, shape (q,).
+        pressed, sheared: moments under waves of pressure and of shear, k dk / 2 mu in them, shapes (m, P x moments, q).
+        form, form_by_log: V K of eq. CF.13 on moments and its derivative by ln E of the sphere, shapes (m, moments, moments).
+    """
+
+    k: Floats
+    pressed: Floats
+    sheared: Floats
+    form: Floats
+    form_by_log: Floats
+
+
+def moments(draws: TumourDraws, positions: Floats, widest: float) -> Moments:
+    """Return what the waves under a probe do to spheres.
+
+    Args:
+        draws: the spheres.
+        positions: x and y of the probe's axis, m, shape (P, 2).
+        widest: outer radius of the widest probe, m.
+    """
+    apart = np.hypot(draws.x[:, None] - positions[:, 0], draws.y[:, None] - positions[:, 1])
+    k, weight = _wave_numbers(draws, widest + float(apart.max(initial=0.0)))
+    kinds = np.empty((2, len(draws.radius), len(positions), ALL, len(k)))
+    for layer in np.unique(draws.layers):
+        which = np.flatnonzero(draws.layers == layer)
+        near = _of_layer(draws.of(which), int(layer), k, weight)
+        for p in range(len(positions)):
+            share = shifted_waves(np.broadcast_to(k, (len(which), len(k))), np.maximum(apart[which, p], ON_AXIS))
+            kinds[:, which, p] = near * share
+    pressed, sheared = kinds.reshape(2, len(draws.radius), -1, len(k))
+    modulus, poisson = draws.hosts
+    volume = (4 * np.pi / 3 * draws.radius**3)[:, None, None]
+    whole, by_log = strengths(modulus, poisson, draws.youngs_modulus, draws.poisson_ratio)
+    return Moments(k, pressed, sheared, volume * moment_form(*whole, ALL), volume * moment_form(*by_log, ALL))
+
+
+def _wave_numbers(draws: TumourDraws, across: float) -> tuple[Floats, Floats]:
+    """Wave numbers and the weights k dk, for the shallowest sphere as far as so many nodes resolve them."""
+    way = np.maximum(draws.depth - 0.8 * draws.radius, LEAST_WAY * draws.radius)
+    reach = min(REACH / float(way.min()), (MOST - 8) / (NODES_PER_WAVE * across))
+    share, weight = between_waves(min(MOST, 2 * int(np.ceil((8 + NODES_PER_WAVE * reach * across) / 2))))
+    k = reach * share
+    return k, k * reach * weight
+
+
+def _of_layer(draws: TumourDraws, layer: int, k: Floats, weight: Floats) -> Floats:
+    """Moments about the spheres' own axes times k dk / 2 mu, of all that one layer holds, shape (2, m, moments, q)."""
+    sphere = SphereArray(
+        draws.radius, draws.depth, draws.depth, draws.youngs_modulus, draws.poisson_ratio, on_axis=False, layer=layer
+    )
+    many, host, nu = np.repeat(k[None], len(draws.radius), axis=0), *draws.hosts
+    near: Any
+    if len(draws.tissue) == 1 and not draws.bounded:
+        near = nearby(sphere, waves(many, None, nu))
+    else:
+        near = inside(
+            sphere, many, np.repeat(weight[None], len(many), axis=0), stack(draws.tissue, draws.bounded), draws.bounded
+        ).near
+    return np.stack(near.moments) * (weight * ((1 + nu) / host)[:, None])[None, :, None, :]

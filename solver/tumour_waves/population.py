@@ -1,0 +1,71 @@
+"""Draws of a population: a sphere in its own tissue each, as arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.common.arrays import Floats, Ints
+from solver.layers.stack import TissueLayer
+
+
+@dataclass(frozen=True)
+class TumourDraws:
+    """m spheres, each in a tissue of its own; SI.
+
+    Attributes:
+        radius, depth, x, y: of the spheres, m, shape (m,).
+        youngs_modulus, poisson_ratio: of the spheres, shape (m,).
+        tissue: layers from the surface downwards and the tissue's own material, each thickness (of the last the floor's depth, or
+            None on half-spaces), modulus and Poisson's ratio, shape (layers + 1, 3, m).
+        bounded: whether the tissue has a floor; the last thickness says nothing otherwise.
+    """
+
+    radius: Floats
+    depth: Floats
+    x: Floats
+    y: Floats
+    youngs_modulus: Floats
+    poisson_ratio: Floats
+    tissue: Floats
+    bounded: bool
+
+    @property
+    def layers(self) -> Ints:
+        """The layer that holds each centre, 0 the first, shape (m,)."""
+        faces = np.cumsum(self.tissue[:-1, 0], axis=0)
+        return np.asarray((faces <= self.depth).sum(axis=0))
+
+    def of(self, which: Ints) -> TumourDraws:
+        """Return some of the draws."""
+        return TumourDraws(
+            self.radius[which],
+            self.depth[which],
+            self.x[which],
+            self.y[which],
+            self.youngs_modulus[which],
+            self.poisson_ratio[which],
+            self.tissue[:, :, which],
+            self.bounded,
+        )
+
+    @property
+    def hosts(self) -> tuple[Floats, Floats]:
+        """Modulus and Poisson's ratio about each sphere, shapes (m,)."""
+        column = np.arange(len(self.radius))
+        return self.tissue[self.layers, 1, column], self.tissue[self.layers, 2, column]
+
+    @property
+    def tissues(self) -> tuple[Floats, Ints]:
+        """The tissues that differ, shape (layers + 1, 3, u), and which of them each draw has, shape (m,)."""
+        flat = self.tissue.reshape(-1, len(self.radius))
+        found, which = np.unique(flat, axis=1, return_inverse=True)
+        return found.reshape(*self.tissue.shape[:2], -1), np.asarray(which).reshape(-1)
+
+
+def stack(tissue: Floats, bounded: bool) -> list[TissueLayer]:
+    """Return the layers of n tissues (layers + 1, 3, n)."""
+    *above, (depth, modulus, poisson) = tissue
+    thicknesses = sum((layer[0] for layer in above), start=0 * depth)
+    return [TissueLayer(*layer) for layer in above] + [TissueLayer(depth - thicknesses if bounded else None, modulus, poisson)]

@@ -1,0 +1,149 @@
+"""Film forces of many probes over a population, to first order in the tumours.
+
+With t the tractions under a probe whose blocks move together and t_i those under block i alone, eq. CF.12, and M the moments of
+the strain about a sphere, linear in the tractions, film i feels
+
+    F_i = A_i . t,     dF_i = M(t_i) . V K M(t)                                                       (TW.1)
+
+eq. CF.13 on moments without the image in surface and blocks, which nearly cancel each other. That leaves out 1 % of the ratio
+for spheres whose cover is half their diameter and more, 13 % at a tenth: enough to lead a search, not to judge what it finds. The
+slope by ln E of the sphere has dK / d ln E in K's place. All is analytic in the probe's sizes and moduli: complex steps
+differentiate it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from geometry.common.arrays import Floats, Ints
+from solver.closed_form.bessel import Array
+from solver.closed_form.block_compliance import ElasticBlocks
+from solver.closed_form.contact import ContactSolution, Tissue, solve_contact
+from solver.closed_form.tractions import long_waves
+from solver.layers.stack import TissueLayer
+from solver.tumour_waves.moments import Moments, moments
+from solver.tumour_waves.population import TumourDraws
+
+FLOOR_NODES = 16
+MOST_PAIRS = 4096  # of probes and tissues solved at once
+
+
+@dataclass(frozen=True)
+class Films:
+    """Forces per unit indentation, N/m, of n probes over m tumours from P positions.
+
+    Attributes:
+        without: on both films without tumours, shape (n, m, 2).
+        change: by the tumour, shape (n, m, P, 2).
+        by_log: derivatives by ln of the tumour's modulus, shape (n, m, P, 2).
+    """
+
+    without: Array
+    change: Array
+    by_log: Array
+
+
+@dataclass(frozen=True)
+class ManyTumours:
+    """A population seen from positions, for any probe up to an outer radius.
+
+    Attributes:
+        draws: the tumours.
+        moments: see ``moments.Moments``.
+        tissues: those that differ, shape (layers + 1, 3, u).
+        which: the tissue of each draw, shape (m,).
+        bounded: whether they have a floor.
+        bonded: whether blocks and tissue stick.
+        side: radius and nodes of the tissue's free sides, if they are near.
+        layer_nodes: of integrals for layers.
+    """
+
+    draws: TumourDraws
+    moments: Moments
+    tissues: Floats
+    which: Ints
+    bounded: bool
+    bonded: bool
+    side: tuple[float, int]
+    layer_nodes: int
+
+    @classmethod
+    def of(
+        cls, draws: TumourDraws, positions: Floats, widest: float, *, bonded: bool, side: tuple[float, int], layer_nodes: int
+    ) -> ManyTumours:
+        """Find what depends on no probe."""
+        tissues, which = draws.tissues
+        found = moments(draws, positions, widest)
+        return cls(draws, found, tissues, which, draws.bounded, bonded, side, layer_nodes)
+
+    def films(self, probes: Array) -> Films:
+        """Return the film forces of n probes, eq. TW.1.
+
+        Args:
+            probes: the parameters ``closed_form.designs.PROBE``, a column for each, floats or complex, shape (9, n).
+        """
+        parts = [self._films(probes[:, k : k + self._chunk]) for k in range(0, probes.shape[1], self._chunk)]
+        return Films(*(np.concatenate([getattr(part, key) for part in parts]) for key in ("without", "change", "by_log")))
+
+    @property
+    def _chunk(self) -> int:
+        return max(1, MOST_PAIRS // int(self.tissues.shape[2]))
+
+    def _films(self, probes: Array) -> Films:
+        n, u = probes.shape[1], self.tissues.shape[2]
+        base = self._alone(np.repeat(probes, u, axis=1), np.tile(self.tissues, n))
+        blocks = _blocks(probes)
+        k = np.repeat(self.moments.k[None], n, axis=0)
+        kinds = long_waves(blocks, k, self.bonded)
+        tractions = base.tractions.reshape(n, u, -1, 2)
+        pressures = kinds[0].shape[2]
+        sent = [wave[:, None] @ part for wave, part in zip(kinds, np.split(tractions, [pressures], axis=2), strict=True)]
+        together = self._arrived(*sent)  # (m, P, moments, n, 2)
+        total = together.sum(axis=-1, keepdims=True)
+        forms = (self.moments.form, self.moments.form_by_log)
+        change, by_log = (np.moveaxis((_times(form, total) * together).sum(axis=2), 2, 0) for form in forms)
+        without = base.forces.sum(axis=2).reshape(n, u, 2)[:, self.which]
+        return Films(without, change, by_log)
+
+    def _alone(self, probes: Array, tissues: Floats) -> ContactSolution:
+        """Eq. CF.12 of probes on tissues, a pair in each column."""
+        *above, (depth, modulus, poisson) = tissues
+        layers = tuple(TissueLayer(*layer) for layer in above)
+        side = np.full(probes.shape[1], self.side[0])
+        tissue = Tissue(depth if self.bounded else None, modulus, poisson, side, layers)
+        settings: dict[str, Any] = {"nodes": FLOOR_NODES, "side_nodes": self.side[1], "layer_nodes": self.layer_nodes}
+        return solve_contact(_blocks(probes), tissue, (), target=None, bonded=self.bonded, **settings)
+
+    def _arrived(self, pressed: Array, sheared: Array) -> Array:
+        """Moments about every sphere under each block, of waves (n, u, q, 2); shape (m, P, moments, n, 2)."""
+        n = len(pressed)
+        m, rows, _ = self.moments.pressed.shape
+        found: Any = 0.0
+        for kernel, sent in ((self.moments.pressed, pressed), (self.moments.sheared, sheared)):
+            columns = np.ascontiguousarray(np.moveaxis(sent, 0, 2)).reshape(sent.shape[1], sent.shape[2], -1)  # (u, q, 2 n)
+            found = found + _real_times(kernel, columns, self.which)
+        return found.reshape(m, -1, self.moments.form.shape[1], n, 2) if rows else found
+
+
+def _blocks(probes: Array) -> tuple[ElasticBlocks, ElasticBlocks]:
+    r2, gap, ro, hi, ho, ei, ni, eo, no = probes
+    return ElasticBlocks(None, r2, hi, ei, ni), ElasticBlocks(r2 + gap, ro, ho, eo, no)
+
+
+def _times(form: Floats, vectors: Array) -> Array:
+    """Matrices (m, i, j) times vectors (m, P, j, n, 1)."""
+    m, P, size, n, _ = vectors.shape
+    return _real_times(form[:, None], vectors.reshape(m, P, size, n), None).reshape(m, P, size, n, 1)
+
+
+def _real_times(real: Floats, columns: Array, which: Ints | None) -> Array:
+    """Real matrices times columns, which may be complex, as one product of reals; ``which`` columns belong to each matrix."""
+    parts = columns.view(float) if np.iscomplexobj(columns) else columns
+    if which is not None and len(parts) == 1:
+        product = (real.reshape(-1, real.shape[-1]) @ parts[0]).reshape(*real.shape[:-1], -1)
+    else:
+        product = real @ (parts if which is None else parts[which])
+    return product.view(complex) if np.iscomplexobj(columns) else product

@@ -1,0 +1,125 @@
+"""`optimize DESIGN` from the command line: its template, its refusals, its answer, and the same answer after a kill."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from geometry import read_scene
+from probe_design.design_search.question import builtin_design
+from probe_design.design_search.template import whole_template
+from probe_design.populations.design_file import Design, design_from_dict, read_design
+from tests.support.program import run
+
+SMALL = """
+[population]
+depth = ["6 mm", "9 mm"]
+diameter = ["6 mm", "10 mm"]
+samples = 4
+[protocol]
+positions = ["-6 mm", "6 mm", 2]
+stiffness = false
+[noise]
+charge = "0.002 pC"
+[limits]
+force = "0.05 N"
+outer_radius = "7 mm"
+[variables]
+inner_radius = {choices = ["3 mm", "5 mm"]}
+gap = "fixed"
+height = "fixed"
+materials = ["dragon-skin-30"]
+"""
+
+
+@pytest.fixture
+def small(tmp_path: Path) -> Path:
+    text = whole_template()
+    path = tmp_path / "design.toml"
+    path.write_text(SMALL + text[text.index("\n[scene.probe]") :].replace('"100 Pa"', '"10 kPa"'), encoding="utf-8")
+    return path
+
+
+def test_template_is_all_defaults_and_reads_back() -> None:
+    ended = run("optimize", "--template")
+    assert ended.returncode == 0, ended.stderr
+    read = design_from_dict(tomllib.loads(ended.stdout), units_required=True)
+    assert read == Design(scene=read.scene)
+    for table in type(read).model_fields:
+        for key in getattr(type(getattr(read, table)), "model_fields", {}) if table != "scene" else ():
+            assert f"{key} = " in ended.stdout or f"[[{table}.{key}]]" in ended.stdout, (table, key)
+
+
+def test_builtin_design_starts_from_the_papers_probe_and_every_number_says_where_it_is_from() -> None:
+    design = builtin_design()
+    probe = design.scene.probe
+    assert (probe.area_ratio, probe.inner.youngs_modulus, probe.outer.youngs_modulus) == (3.7, 1e5, 1e2)  # sections 2.1, 2.3
+    assert design.limits.outer_radius is not None
+    assert design.population.depth is not None
+
+
+@pytest.mark.parametrize(
+    ("change", "options", "named"),
+    [
+        (('charge = "0.002 pC"', 'charge = "2 mm"'), (), "noise.charge"),
+        (('materials = ["dragon-skin-30"]', 'materials = ["dragon-skin-3"]'), (), "did you mean"),
+        (("samples = 4", "samples = -4"), (), "population.samples"),
+        (("samples = 4", "sample = 4"), (), "did you mean samples"),
+        (('outer_radius = "7 mm"', 'outer_radius = "7"'), (), "limits.outer_radius"),
+        (("[noise]", "[nois]"), (), "did you mean noise"),
+        (("", ""), ("--starts", "3"), "starts"),
+        (("", ""), ("--outer-radius", "8 mm"), "outer-radius"),
+    ],
+)
+def test_careless_questions_are_one_line_and_exit_2(
+    small: Path, change: tuple[str, str], options: tuple[str, ...], named: str
+) -> None:
+    small.write_text(small.read_text(encoding="utf-8").replace(*change, 1), encoding="utf-8")
+    ended = run("optimize", small, "-o", small.parent / "out", *options)
+    assert ended.returncode == 2
+    assert named in ended.stderr
+    assert ended.stderr.count("\n") == 1
+
+
+@pytest.mark.slow
+def test_an_answer_is_the_same_after_a_kill(small: Path) -> None:
+    out = small.parent / "out"
+    words = [sys.executable, "-m", "probe_design", "optimize", str(small), "-o", str(out), "--json"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as first:
+        assert first.stderr is not None
+        assert any("searching" in line for line in first.stderr)
+        first.send_signal(signal.SIGKILL)
+    assert not list(out.iterdir())
+    answers = [run("optimize", small, "-o", small.parent / name, "--json") for name in ("out", "again")]
+    found, again = (json.loads(one.stdout) for one in answers)
+    assert found["design"] == again["design"]
+    assert found["objective"] == again["objective"]
+    _check(found, small, out)
+
+
+def _check(found: dict[str, object], asked: Path, out: Path) -> None:
+    """What DESIGN.md promises of the JSON object and the folder."""
+    population = found["population"]
+    assert isinstance(population, dict)
+    for name in ("start", "single", "optimum"):
+        assert {f"{kind}{end}" for kind in ("detection", "resolved", "information") for end in ("", "_error")} <= set(
+            population[name]
+        )
+    assert found["objective"] == population["optimum"]["detection"]
+    assert found["baseline_objective"] == population["start"]["detection"]
+    limits = found["limits"]
+    assert isinstance(limits, list)
+    assert {"outer_radius", "wall", "height", "force", "gap_closure"} <= {one["name"] for one in limits}
+    assert all(set(one) == {"name", "value", "active"} for one in limits)
+    files = found["files"]
+    assert isinstance(files, list)
+    assert {Path(one).name for one in files} == {path.name for path in out.iterdir()}
+    assert {"report.html", "maps.png", "levers.png", "assembly.step", "design.toml"} <= {path.name for path in out.iterdir()}
+    assert read_scene(out / "design.toml").probe.inner.poisson_ratio == pytest.approx(0.495)
+    assert read_design(out / "question.toml") == read_design(asked)

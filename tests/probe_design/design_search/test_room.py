@@ -1,0 +1,94 @@
+"""What a design file lets vary: bounds, steps, choices, materials; every refusal names key and remedy in one line."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from geometry.common.errors import InputError
+from probe_design.data.builtin import typical_scenes
+from probe_design.data.materials import material
+from probe_design.design_search.room import admitted, room
+from probe_design.optimisation.design_space import VARIABLES, variables
+from tests.support.searches import design
+
+GAP = VARIABLES.index("gap")
+
+
+def test_what_is_left_out_varies_round_the_start() -> None:
+    found = room(design())
+    assert found.combinations == 1
+    assert found.free() == list(range(6))
+    assert np.all(found.space.low <= variables(typical_scenes()["on-axis"]))
+
+
+def test_fixed_is_the_start_and_choices_and_steps_are_grids() -> None:
+    found = room(
+        design(
+            variables={
+                "inner_radius": "fixed",
+                "gap": {"choices": [3e-4, 1e-4]},
+                "height": {"bounds": [1.95e-3, 2.6e-3], "step": 2e-4},
+            }
+        )
+    )
+    assert found.space.low[0] == found.space.high[0] == 4e-3
+    assert found.grids[GAP] == (1e-4, 3e-4)
+    assert found.grids[3] == pytest.approx((2e-3, 2.2e-3, 2.4e-3, 2.6e-3), rel=1e-12)
+    assert found.combinations == 8
+    assert found.free(next(found.every())) == [1, 4, 5]
+
+
+def test_materials_pick_modulus_and_poissons_ratio_together() -> None:
+    names = ("dragon-skin-30", "ecoflex-00-10")
+    found = room(design(variables={"materials": list(names)}))
+    assert found.combinations == 4
+    at = variables(typical_scenes()["on-axis"])
+    for one in found.every():
+        made = found.scene_of(np.array([*at[:4], *(material(name).youngs_modulus for name in one.materials)]), one)
+        assert made is not None
+        for name, block in zip(one.materials, (made.probe.inner, made.probe.outer), strict=True):
+            assert (block.youngs_modulus, block.poisson_ratio) == (material(name).youngs_modulus, material(name).poisson_ratio)
+
+
+def test_what_a_workshop_gets_keeps_grids_and_limits() -> None:
+    found = room(design(variables={"inner_radius": {"choices": [3.137e-3]}}, limits={"outer_radius": 5e-3}))
+    one = next(found.every())
+    made = found.scene_of(np.array([3.137e-3, 0.7, 1.234e-4, 3e-3, 5e5, 5e4]), one)
+    assert made is not None
+    assert made.probe.inner_radius == 3.137e-3
+    assert made.probe.tube_radius <= 5e-3
+    assert admitted(found, made)
+
+
+CARELESS = [
+    ({"variables": {"gap": {"choices": ["0.1 kPa"]}}}, "variables.gap"),
+    ({"variables": {"gap": {"choices": []}}}, "variables.gap"),
+    ({"variables": {"gap": ["-1 mm", "1 mm"]}}, "variables.gap"),
+    ({"variables": {"gap": {"bounds": ["0.1 mm", "0.5 mm"], "step": "1 nm"}}}, "variables.gap.step"),
+    ({"variables": {"inner_modulus": ["1 mm", "2 mm"]}}, "variables.inner_modulus"),
+    ({"variables": {"area_ratio": ["1 mm", "2 mm"]}}, "variables.area_ratio"),
+    ({"variables": {"materials": ["dragonskin-30"]}}, "did you mean dragon-skin-30"),
+    ({"variables": {"materials": ["dragon-skin-30"], "inner_modulus": "fixed"}}, "variables.inner_modulus"),
+    ({"variables": {"materials": ["pvdf-28"]}}, "variables.materials[0]"),
+    ({"variables": {"hight": ["1 mm", "2 mm"]}}, "did you mean height"),
+    ({"limits": {"outer_radius": "1 mm"}, "variables": {"inner_radius": "fixed"}}, "limits.outer_radius"),
+    ({"limits": {"outer_radius": "-8 mm"}}, "limits.outer_radius"),
+    ({"limits": {"height": "1 um"}, "variables": {"height": "fixed"}}, "limits.height"),
+    ({"limits": {"force": "8 mm"}}, "limits.force"),
+    ({"limits": {"wall": "9 mm"}}, "outer_radius"),
+    ({"limits": {"gap_closure": 3}}, "limits.gap_closure"),
+    ({"limits": {"tissue_strain": -0.1}}, "limits.tissue_strain"),
+    ({"limits": {"charge": ["3 pC", "1 pC"]}}, "limits.charge"),
+]
+
+
+@pytest.mark.parametrize(("tables", "named"), CARELESS)
+def test_careless_files_are_refused_in_one_line(tables: dict[str, Any], named: str) -> None:
+    with pytest.raises(InputError) as refused:
+        room(design(units_required=True, **tables))
+    assert named in str(refused.value)
+    assert "\n" not in str(refused.value)
+    assert refused.value.exit_code == 2

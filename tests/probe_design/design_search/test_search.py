@@ -1,0 +1,110 @@
+"""The search in closed form: exact gradients, all of few combinations tried, the same each time, limits that only take."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pytest
+
+from probe_design.design_search.choices import choose
+from probe_design.design_search.room import Room, room
+from probe_design.design_search.steered_population import SteeredDesigns
+from probe_design.optimisation.design_space import variables
+from probe_design.populations.design_file import Design
+from tests.support.searches import design
+
+POPULATION = {"depth": [5e-3, 15e-3], "diameter": [5e-3, 12e-3], "object": [2e4, 1e5], "tissue": [4e3, 8e3], "samples": 8}
+PROTOCOL = {"positions": [-8e-3, 0.0, 8e-3, 4e-3], "stiffness": True}
+
+
+def asked(**tables: Any) -> Design:
+    return design(**{"population": POPULATION, "protocol": PROTOCOL, **tables})
+
+
+def ready(made: Design) -> tuple[SteeredDesigns, Room]:
+    found = room(made)
+    return SteeredDesigns.of(made, max(found.space.outer_radius, 7.6e-3)), found
+
+
+def none(done: int, total: int) -> None:
+    assert 0 <= done <= total
+
+
+@pytest.mark.parametrize("maximise", ["detection", "resolved", "information"])
+@pytest.mark.parametrize("blank", [True, False])
+def test_gradients_are_exact_at_taylors_rate(maximise: str, blank: bool) -> None:
+    noise = {"white": 0.002, "stiffness_white": 0.002, "charge": 1e-15}  # so small that something is told
+    made = asked(objective={"maximise": maximise}, protocol={**PROTOCOL, "blank": blank}, limits={"force": 5e-4}, noise=noise)
+    steered, found = ready(made)
+    at = variables(made.scene)
+    direction = np.array([0.8, 0.6, 0.2, -0.4, 0.3, 0.5])
+
+    def moved(step: complex) -> Any:
+        return steered.each(at * np.exp(step * direction), found.start_poisson, 5e-4)
+
+    slope = moved(1e-30j).imag / 1e-30  # of each tumour: of their mean a remainder may pass through zero
+    left = [np.linalg.norm(moved(step) - moved(0.0) - step * slope) for step in (0.08, 0.04, 0.02)]
+    assert np.log2(left[0] / left[1]) == pytest.approx(2, abs=0.35)
+    assert np.log2(left[1] / left[2]) == pytest.approx(2, abs=0.2)
+    slopes = steered.gradient(at, found.start_poisson, list(range(6)))[1][0]
+    assert slopes @ direction == pytest.approx(slope.mean(), rel=1e-9)
+
+
+def test_all_of_few_combinations_are_tried_and_the_best_is_brute_forces() -> None:
+    grids = {
+        "inner_radius": [2e-3, 3e-3, 4e-3], "area_ratio": [0.5, 1.5], "gap": [1e-4, 3e-4], "height": [2e-3, 5e-3],
+        "inner_modulus": [1e5, 1e6], "outer_modulus": [1e5],
+    }  # fmt: skip
+    made = asked(
+        variables={key: {"choices": values} for key, values in grids.items()}, limits={"outer_radius": 6e-3, "force": 5e-3}
+    )
+    steered, found = ready(made)
+    chosen = choose(steered, found, none)
+    assert chosen.exhaustive
+    assert "all 48 combinations" in chosen.how
+    every = np.array(list(product(*grids.values()))).T
+    values = steered.real_values(every, found.start_poisson)
+    values[found.space.derived_radius(every) > 6e-3] = -np.inf
+    values[found.space.derived_radius(every) - every[0] - every[2] < found.space.wall] = -np.inf
+    assert chosen.choices[0].value == pytest.approx(values.max(), rel=1e-9)
+    np.testing.assert_allclose(chosen.choices[0].design, every[:, values.argmax()], rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_many_combinations_are_branched_and_it_is_said() -> None:
+    made = asked(variables={"inner_radius": {"step": 1e-4}, "gap": {"step": 5e-5}, "height": "fixed"}, limits={"force": 5e-3})
+    steered, found = ready(made)
+    chosen = choose(steered, found, none)
+    assert not chosen.exhaustive
+    assert "not all tried" in chosen.how
+    best = chosen.choices[0]
+    for k in found.grids:
+        assert best.design[k] in found.grids[k]
+    relaxed = asked(variables={"height": "fixed"}, limits={"force": 5e-3})
+    free = choose(*ready(relaxed), none).choices[0].value
+    assert best.value <= free + 1e-6
+    assert best.value > free - 0.02
+
+
+@pytest.mark.slow
+def test_the_same_question_has_the_same_answer_and_a_tighter_limit_no_better_one() -> None:
+    found = []
+    for limit in (7e-3, 7e-3, 6e-3, 5e-3):
+        one = choose(*ready(asked(limits={"outer_radius": limit, "force": 5e-3})), none).choices[0]
+        found.append((one.value, one.design.tolist()))
+    assert found[0] == found[1]
+    assert found[0][0] >= found[2][0] - 1e-9
+    assert found[2][0] >= found[3][0] - 1e-9
+
+
+def test_a_tighter_limit_of_force_strain_or_charge_takes_from_every_design() -> None:
+    at = variables(asked().scene)[:, None] * np.linspace(0.8, 1.2, 5)
+    wide, least = asked(limits={"force": 5e-3, "gap_closure": False}), []
+    for limits in ({"force": 5e-3}, {"force": 2e-3}, {"indentation": 2e-5}, {"tissue_strain": 2e-3}, {"charge": [0.0, 3e-14]}):
+        steered, found = ready(asked(limits={"force": 5e-3, **limits}))
+        least.append(steered.real_values(at, found.start_poisson))
+    steered, found = ready(wide)
+    assert np.all(np.array(least) <= steered.real_values(at, found.start_poisson) + 1e-12)
+    assert np.all(least[1] < least[0])
