@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 from geometry.common.arrays import Points
 from geometry.tetra.labels import AIR, MIRROR
 from geometry.tetra.layout import BodyLayout, Ellipsoid
-from geometry.tetra.tet_mesh import BEYOND, FACES, GROOVE, INCLUSION, INNER, OUTER, TISSUE, quadratic, scaled_jacobians
+from geometry.tetra.tet_mesh import BEYOND, EDGES, FACES, GROOVE, INCLUSION, INNER, OUTER, TISSUE, quadratic, scaled_jacobians
 
 Indices = NDArray[np.int64]
 Level = Callable[[Points], tuple[Points, Points]]  # distances (n,), about, and their gradients (n, 3)
 _STEPS = 6
 _FLOOR = 0.03  # scaled Jacobian below which no element falls that was above it
 _SHARES = (0.8, 0.7, 0.6, 0.5, 0.0, 0.0, 0.0)  # of its bend that an edge of a bad element keeps, step by step
+_AROUND = (0.8,) * 5  # the same where an element has an edge between two faces on surfaces, of its other edges
 
 
 @dataclass(frozen=True)
@@ -127,6 +128,8 @@ def curved_mesh(
     """Nodes and elements of the quadratic mesh whose interface edges follow the surfaces ``chosen`` (f,) of ``faces`` (f, 3).
 
     Edges of elements whose scaled Jacobian would fall below ``keep`` times the straight element's are straightened, step by step.
+    Two faces that an element has on one surface are tangent to each other along their common edge once all is curved. So its
+    other edges are straightened first, until that edge stands out between them.
     """
     nodes, elements, pairs = quadratic(corners, tetrahedra)
     straight, count = nodes.copy(), len(corners)
@@ -135,13 +138,24 @@ def curved_mesh(
     bent = elements[np.flatnonzero(member[elements[:, 4:] - count].any(axis=(1, 2)))]
     before = scaled_jacobians(straight, bent)
     least = np.maximum(keep * before, np.minimum(0.9 * before, _FLOOR))
-    for share in _SHARES:
+    between, every = _between_faces(bent, faces), np.ones((len(bent), 6), dtype=bool)
+    around = between.any(axis=1, keepdims=True) & ~between
+    for share, which in [*((share, around) for share in _AROUND), *((share, every) for share in _SHARES)]:
         bad = scaled_jacobians(nodes, bent) < least
         if not bad.any():
             break
-        middles = np.unique(bent[bad, 4:])
+        middles = np.unique(bent[:, 4:][which & bad[:, None]])
         nodes[middles] = straight[middles] + share * (nodes[middles] - straight[middles])
     return nodes, elements
+
+
+def _between_faces(elements: Indices, faces: Indices) -> NDArray[np.bool_]:
+    """Which of the six edges of elements (t, 10) lie between two of ``faces`` (f, 3) that both are the element's, (t, 6)."""
+    base = int(elements[:, :4].max(initial=faces.max(initial=0))) + 1
+    own, given = (np.sort(part, axis=-1) @ np.array([base**2, base, 1]) for part in (elements[:, FACES], faces))
+    on = np.isin(own, given)
+    beside = (EDGES[:, None, :, None] == FACES[None, :, None, :]).any(axis=3).all(axis=2)  # edges, faces
+    return np.asarray(on.astype(int) @ beside.T.astype(int) == 2)
 
 
 def _edge_members(pairs: Indices, faces: Indices, chosen: Indices, surfaces: int, count: int) -> NDArray[np.bool_]:
