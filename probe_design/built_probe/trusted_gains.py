@@ -15,6 +15,7 @@ from probe_design.built_probe.exchanges import FAR, READ_AGAIN, Misplacement, ch
 from probe_design.built_probe.gain_matrix import Gains, Observed, estimated
 
 UNLIKELY = 0.001  # p-value below which the readings contradict each other
+ANYTHING = 10.0  # bound on ln(F_inner / F_outer) of a block of which nothing is assumed
 CERTAIN = 1e-9  # likewise, from which a probe off its drawing would hardly look like one reading that is wrong
 
 
@@ -42,7 +43,7 @@ def trusted(observed: Sequence[Observed], shares: Shares, bench: Bench) -> tuple
     _check_exchanges(observed, shares, bench, fault or _misfit(gains))
     if gains is None:
         raise fault or AssertionError
-    alone, odd = _without_blocks(observed, shares, bench), _odd_ones(observed, shares, bench)
+    alone, odd = _without_predictions(observed, shares, bench), _odd_ones(observed, shares, bench)
     blamed = gains.p_value < CERTAIN and bool(odd) and all(one.on != "tissue" for one in odd)
     if alone is None or _strange(alone, bench) or blamed:
         raise _contradiction(_misfit(gains), odd)
@@ -106,13 +107,17 @@ def _undone(observed: Sequence[Observed], exchange: Misplacement) -> list[Observ
     ]
 
 
-def _without_blocks(observed: Sequence[Observed], shares: Shares, bench: Bench) -> Gains | None:
-    """The gains by pin, ring and force channel, if these agree."""
+def _without_predictions(observed: Sequence[Observed], shares: Shares, bench: Bench) -> Gains | None:
+    """The gains by pin, ring and force channel, if these agree, and with them what both films feel together on the blocks.
+
+    That sum needs no prediction: a force channel that drifts or a film that warms meanwhile is not a probe off its drawing.
+    """
     alone = [one for one in observed if one.reference.on != "tissue"]
-    if not alone or any(one.force is None for one in alone):
+    if not alone or any(one.force is None for one in observed):
         return None
-    gains, _ = _attempt(alone, replace(shares, blocks=()), bench)
-    return gains if gains is not None and gains.p_value >= UNLIKELY else None
+    anything = replace(shares, blocks=tuple(replace(one, bound=ANYTHING) for one in shares.blocks))
+    fits = [_attempt(alone, replace(shares, blocks=()), bench)[0], _attempt(observed, anything, bench)[0]]
+    return fits[0] if all(one is not None and one.p_value >= UNLIKELY for one in fits) else None
 
 
 def _odd_ones(observed: Sequence[Observed], shares: Shares, bench: Bench) -> list[Reference]:
@@ -143,12 +148,15 @@ def _strange(gains: Gains, bench: Bench) -> list[str]:
     if not gains.absolute:  # the outer gain is the unit
         spread = np.hypot(spread, bench.channels.gain)
     pairs = zip(("inner", "outer"), np.diag(gains.matrix), spread, strict=True)
-    return [f"{name} {value:.3g}" for name, value, sd in pairs if abs(value - 1) > FAR * sd]
+    found = [f"{name} {value:.3g}" for name, value, sd in pairs if abs(value - 1) > FAR * sd]
+    together = float(np.sum((np.diag(gains.matrix) - 1) / spread) / np.sqrt(2))
+    return found or (["both alike {:.3g} and {:.3g}".format(*np.diag(gains.matrix))] if abs(together) > FAR else [])
 
 
 def _plausible(gains: Gains, bench: Bench) -> Gains:
     strange = _strange(gains, bench)
     if not strange:
         return gains
-    allowed = f"1 to {100 * bench.channels.gain:g} %, by channels.gain of the bench: look at film, cable, amplifier"
+    look = "look at the force channel's sensitivity" if "alike" in strange[0] else "look at film, cable, amplifier"
+    allowed = f"1 to {100 * bench.channels.gain:g} %, by channels.gain of the bench: {look}"
     raise InputError("gain", Words(f"{', '.join(strange)} of nominal"), allowed)

@@ -133,6 +133,30 @@ def test_a_probe_off_its_drawing_is_calibrated_by_pin_and_ring() -> None:
     assert np.all(found.gains.slopes == 0)
 
 
+def each(factors: Callable[[float], list[float]]) -> Careless:
+    """Channels' volts times factors that depend on how far the calibration is, from 0 to 1."""
+    return lambda samples: [replace(one, volts=one.volts * factors(k / 6)) for k, one in enumerate(samples)]
+
+
+@pytest.mark.parametrize(
+    "careless",
+    [
+        pytest.param(each(lambda t: [1, 1, 1.05 if t < 0.3 else 1]), id="force sensor pushed after the ring"),
+        pytest.param(each(lambda t: [1, 1, 1 - 0.1 * t]), id="force sensor drifts", marks=pytest.mark.slow),
+        pytest.param(each(lambda t: [1.025 if t else 1, 1, 1]), id="film 5 K warmer after the pin", marks=pytest.mark.slow),
+        pytest.param(each(lambda t: [1 - 0.03 * t, 1, 1]), id="film depolarises"),
+    ],
+)
+def test_what_no_prediction_explains_is_not_blamed_on_the_blocks(careless: Careless) -> None:
+    """What both films feel together contradicts the force channel, whatever the probe is: gains came out up to 9 sd off."""
+    assert "readings that agree with each other" in refused(careless)
+
+
+def test_a_force_sensor_of_a_wrong_sensitivity_is_told_from_the_films() -> None:
+    """20 % on both alike, each alone within four standard deviations of what the bench says of a film."""
+    assert "look at the force channel's sensitivity" in refused(scaled(1.0, 1.0, 1.19))
+
+
 def test_films_that_feel_each_other_s_load_are_not_dead() -> None:
     swapped, right = np.array([[0.01, 1.0], [1.0, 0.01]]), np.array([[1.0, 0.01], [0.01, 1.0]])
     assert dead_film(swapped, np.array([1.0, 0.0])) is None
