@@ -1,4 +1,4 @@
-"""Make the pictures of ``workshop.md`` from files of a folder that ``probe-design export`` has written: drawing, pattern, mould."""
+"""Make the pictures of ``workshop.md`` from a folder that ``probe-design export`` has written: drawing, pattern, mould."""
 
 from __future__ import annotations
 
