@@ -11,6 +11,7 @@ A deviation allowed either way, anything within it being as likely, is sqrt(3) s
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from geometry.common.errors import InputError
 from geometry.scenes.probe import Probe
@@ -21,6 +22,7 @@ from probe_design.tolerances.budget import BudgetLine, tolerances
 RECTANGULAR = math.sqrt(3)
 MM = 1e3
 SAMPLES = 64  # the least: of the budget only the first order is used here
+SHARP = "What the ratio leaves the dimensions is of the probe with sharp lower edges: no level differentiates round ones."
 SAME = {
     "probe.outer_radius": ("outer_radius",),
     "probe.inner_height": ("inner_height",),
@@ -46,11 +48,14 @@ def ratio_budget(scene: Scene, tolerance: float) -> Budget:
         InputError: no such tolerance.
     """
     check_tolerance(tolerance)
+    edge = scene.contact.edge_radius
+    sharp = scene.model_copy(update={"contact": scene.contact.model_copy(update={"edge_radius": 0.0})}) if edge else scene
     try:
-        lines = tolerances(_by_heights(scene), tolerance, samples=SAMPLES).lines
+        lines = tolerances(_by_heights(sharp), tolerance, samples=SAMPLES).lines
     except InputError as fault:  # of a kind that no level differentiates, or read by one film alone
         return Budget(100 * tolerance, remark=f"No dimension is bound by the ratio: {fault}")
-    return of_lines(scene.probe, {line.name: line for line in lines}, tolerance)
+    found = of_lines(scene.probe, {line.name: line for line in lines}, tolerance)
+    return replace(found, remark=SHARP) if edge else found
 
 
 def check_tolerance(tolerance: float) -> None:

@@ -22,6 +22,7 @@ from tests.support.parts import make
 from tests.support.workshop import EDGE, distance, entities, probe
 
 OUTER = math.sqrt(5.1**2 + 25 / 3.7)  # Ro^2 = hole^2 + r2^2 / (A2/A1), mm
+STEPPED = math.sqrt(2.72**2 + 6.25 / 0.12)  # of the probe with two heights
 SIZES = {  # of each drawing's dimensions, from the scene by hand, mm
     "inner": [10, 5, 0.2],
     "outer": [10.2, 2 * OUTER, 5, 1, 2, 0.2],
@@ -140,3 +141,15 @@ def test_scales_are_standard() -> None:
     for name, scale, size in (("micro", 500, "A4"), ("large", 1, "A3")):
         sheet = drawn(*PROBES[name], "base" if name == "large" else "film-inner")
         assert (sheet.scale, sheet.size) == (scale, size)
+
+
+@pytest.mark.parametrize(
+    ("name", "sizes"),  # by hand, mm: boss or recess, tube, flange; step between the blocks' ends; flange; whole
+    [
+        ("stepped", [5.22, 2 * STEPPED, 0.5, 0.3 * STEPPED, 0.5 + 0.3 * STEPPED]),
+        ("recessed", [5.22, 2 * STEPPED, 200, 0.5, 10, 0.3 * STEPPED, 10.5 + 0.3 * STEPPED]),
+    ],
+)
+def test_a_base_with_a_boss_or_a_recess(name: str, sizes: list[float]) -> None:
+    found = [one.dxf.actual_measurement for one in drawn(*PROBES[name], "base").model.query("DIMENSION")]
+    assert sorted(found) == pytest.approx(sorted(sizes), rel=1e-9)

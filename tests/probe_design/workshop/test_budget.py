@@ -58,6 +58,13 @@ def test_a_scene_that_nobody_differentiates_is_told(monkeypatch: pytest.MonkeyPa
     assert told.remark.startswith("No dimension is bound by the ratio: contact.interface = ")
 
 
+def test_round_edges_are_told_and_bound_as_sharp_ones(budget: Budget) -> None:
+    round_edges = SCENE.model_copy(update={"contact": SCENE.contact.model_copy(update={"edge_radius": 1e-4})})
+    told = ratio_budget(round_edges, 0.01)
+    assert told.deviations == pytest.approx(budget.deviations, rel=1e-9)
+    assert "sharp lower edges" in told.remark
+
+
 @pytest.mark.parametrize("share", [0.0, 1.0, -1.0, math.nan])
 def test_impossible_ratios_are_refused(share: float) -> None:
     with pytest.raises(InputError, match=r"^tolerance = "):
