@@ -19,7 +19,7 @@ class Optimum:
     """What an optimisation found.
 
     Attributes:
-        judge: the evaluator that ranked the designs.
+        judge: the evaluator that ranked the designs, before ``contact`` judged what it presses harder.
         room: the limits they were to keep.
         noise: of a reading.
         baseline: the start.
@@ -53,6 +53,11 @@ class Optimum:
         return self.winner or next(iter(self.candidates), self.baseline)
 
     @property
+    def judges(self) -> str:
+        """Who judged the start and the design that was found: one name, or two parted by " / "."""
+        return " / ".join(dict.fromkeys(one.judged.evaluator for one in (self.baseline, self.found)))
+
+    @property
     def limits(self) -> tuple[Limit, ...]:
         """All limits of the designs, and which of them the one that was found lies on."""
         return self.room.limits(self.found.scene)
@@ -60,7 +65,7 @@ class Optimum:
     @property
     def verdict(self) -> str:
         """What was found, and why it counts or does not, in one sentence."""
-        found, start, by = _told(self.found), f"the start's {_told(self.baseline)}", f"by {self.judge}"
+        found, start, by = _told(self.found), f"the start's {_told(self.baseline)}", f"by {self.judges}"
         if self.winner is not None:
             return f"improved: standard deviation of ln E_object {found} in place of {start}, {by}"
         less = 1 - self.found.judged_objective / self.baseline.judged_objective

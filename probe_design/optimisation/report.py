@@ -77,7 +77,7 @@ def summary(optimum: Optimum, files: Sequence[Path]) -> dict[str, Any]:
         "design": scene_to_dict(best.pressed),
         "objective": _finite(best.judged_objective),
         "baseline_objective": _finite(start.judged_objective),
-        "evaluator": optimum.judge,
+        "evaluator": best.judged.evaluator,
         "status": optimum.status,
         "verdict": optimum.verdict,
         "remarks": list(optimum.remarks),
@@ -143,8 +143,8 @@ def _notes(optimum: Optimum) -> tuple[str, ...]:
     """What the numbers of the comparison mean."""
     return (
         f"Standard deviations hold for {noise_line(optimum)}. A star marks a limit that the design lies on. The search used "
-        f"the closed form; {optimum.judge} judged. A gain counts only where it is beyond the errors of both designs: those of "
-        f"the log-sensitivity and the ratio by {optimum.judge}, and what finite strain changes of both at the force. That is "
+        f"the closed form; {optimum.judges} judged. A gain counts only where it is beyond the errors of both designs: those of "
+        f"the log-sensitivity and the ratio by {optimum.judges}, and what finite strain changes of both at the force. That is "
         "the least of what the scene's load gives on each design, the force at which finite strain changes the ratio by 1 %, "
         "and 1/25 of the force that closes the gap in linear elasticity; design.toml has it as its load. Lengths are rounded "
         "to 0.01 mm and moduli to three digits before they are judged: this table is the probe as it is drawn.",

@@ -79,6 +79,7 @@ class Result(Notebook):
         stress_inner, stress_outer: force on each film over the block's nominal end area, Pa, compression positive.
         ratio: ``stress_inner / stress_outer``; at zero load its limit.
         log_sensitivity: d ln(ratio) / d ln(E_object) of the target inclusion.
+        film_log_sensitivities: of the forces on inner and outer film at a given indentation; their difference is the former.
         stiffness: force on the base per indentation, N/m.
         charge_inner, charge_outer: film charges by the paper's eq. (12), C.
         error_estimate: bound on the relative error of ``ratio``; of an evaluator that was named, against linear elasticity.
@@ -104,6 +105,7 @@ class Result(Notebook):
     stress_outer: float | None = None
     ratio: float | None = None
     log_sensitivity: float | None = None
+    film_log_sensitivities: tuple[float, float] | None = None
     stiffness: float | None = None
     charge_inner: float | None = None
     charge_outer: float | None = None

@@ -38,6 +38,8 @@ STARTED: dict[str, tuple[str | Path, ...]] = {  # the cheapest that each verb do
     "tradeoff": (REFERENCE / "axisymmetric" / "homogeneous.toml", "-o", "out"),
     "sweep": (EXAMPLES / "sweep.toml", "-o", "out", "--workers", "1"),
     "tissue": ("show", "breast"),
+    "tolerances": (EXAMPLE, "--samples", "64"),
+    "material": ("show", "ecoflex-00-10", "--thinner", "0.3"),
     "read": (EXAMPLE, "--virtual", "--seconds", "4"),
     "calibrate": (EXAMPLE, "--virtual", "--seconds", "5", "-o", "probe.toml"),
     "check": (EXAMPLE, "--virtual", "--seconds", "5"),
