@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from geometry.provenance.texts import picture_metadata
 from geometry.workshop.sheet import SIZES, DrawingSheet
 
 INCH = 25.4
@@ -18,7 +19,7 @@ def write(sheet: DrawingSheet, path: Path, title: str) -> None:
 
     with matplotlib.rc_context({"pdf.use14corefonts": True, "font.family": "Helvetica", "font.weight": "medium"}):
         figure = picture(sheet)
-        figure.savefig(path, format="pdf", metadata={"Title": title, "CreationDate": None})
+        figure.savefig(path, format="pdf", metadata={"Title": title, "CreationDate": None, **picture_metadata("pdf")})
 
 
 def picture(sheet: DrawingSheet) -> Any:
