@@ -10,6 +10,7 @@ import numpy as np
 from geometry.cad import cutaway, solids
 from geometry.cad.materials import elastic
 from geometry.common.files import written_whole
+from geometry.provenance.texts import picture_metadata
 from geometry.scenes.base_sizes import assumed_sizes, base_sizes, has_flange
 from geometry.scenes.probe import Probe
 
@@ -52,7 +53,7 @@ def draw(probe: Probe, path: Path, edge_radius: float = 0.0) -> Path:
         figure.text(0.798, 0.37 - 0.028 * line, text, fontsize=9, va="center")
     cutaway.draw(figure.add_axes((0.57, 0.40, 0.43, 0.58), projection="3d"), shapes, probe.hole_radius * solids.MM)
     with written_whole(Path(path)) as draft:
-        figure.savefig(draft, format="png")
+        figure.savefig(draft, format="png", metadata=picture_metadata("png"))
     return Path(path)
 
 

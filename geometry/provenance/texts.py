@@ -9,7 +9,7 @@ from typing import Any
 
 from geometry.common.errors import InputError, Words
 from geometry.common.text_files import LARGEST_FILE, read_bytes
-from geometry.provenance.block import FORMAT, VERSION, Provenance
+from geometry.provenance.block import FORMAT, VERSION, Provenance, provenance
 
 LEAD = "# provenance = "
 SCRIPT = '<script type="application/json" id="{}">'
@@ -27,6 +27,11 @@ def html_script(name: str, content: Any) -> str:
     """Return a script of an HTML page that holds JSON and does nothing; no ``<`` in it can end it."""
     text = json.dumps(content, allow_nan=False).replace("<", "\\u003c")
     return f"{SCRIPT.format(name)}{text}</script>"
+
+
+def picture_metadata(kind: str) -> dict[str, str]:
+    """Return what a picture of a kind, "png", "svg" or "pdf", says of itself: its block of provenance as JSON."""
+    return {"Subject" if kind == "pdf" else "Description": json.dumps(provenance())}
 
 
 def block_of(path: Path) -> tuple[Provenance, dict[str, Any]]:

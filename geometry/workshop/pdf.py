@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from geometry.provenance.texts import picture_metadata
 from geometry.workshop.sheet import SIZES, DrawingSheet
 
 INCH = 25.4
@@ -20,7 +21,7 @@ def write(sheet: DrawingSheet, path: Path, title: str) -> None:
         figure = picture(sheet)
         for text in figure.axes[0].texts:
             text.set(fontfamily="Helvetica", fontweight="medium")
-        figure.savefig(path, format="pdf", metadata={"Title": title, "CreationDate": None})
+        figure.savefig(path, format="pdf", metadata={"Title": title, "CreationDate": None, **picture_metadata("pdf")})
 
 
 def picture(sheet: DrawingSheet) -> Any:

@@ -14,6 +14,7 @@ from typing import Any
 from geometry.cad import fixture
 from geometry.cad.drawing import outlines
 from geometry.cad.solids import COLOURS
+from geometry.provenance.texts import picture_metadata
 from geometry.scenes.probe import Probe, mm
 from geometry.scenes.scene import Scene
 from probe_design.built_probe.bench import Bench
@@ -88,7 +89,8 @@ def draw(probe: Probe, bench: Bench, expected: Sequence[ExpectedSignal], name: s
         "date                         by                              probe no.                         room, °C",
         fontsize=9,
     )
-    figure.savefig(path, format=path.suffix.removeprefix(".") or "pdf", dpi=150)
+    kind = path.suffix.removeprefix(".") or "pdf"
+    figure.savefig(path, format=kind, dpi=150, metadata=picture_metadata(kind))
     return path
 
 

@@ -28,7 +28,7 @@ Mesh = tuple[Floats, Ints]
 
 
 def bodies(scene: Scene) -> tuple[dict[str, Any], ...]:
-    """Return all bodies of ``probe_design.reports.page.View``; an inclusion whose surface is a file is left out."""
+    """Return all bodies of ``probe_design.reports.page.TurningView``; an inclusion whose surface is a file is left out."""
     at, rotated = scene.placement, _rotation(scene.placement.tilt)
     shift = np.array([at.x, at.y, 0.0])
     shown = [(name, mesh[0] @ rotated.T + shift, mesh[1]) for name, mesh in probe_bodies(scene.probe)]

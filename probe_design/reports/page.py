@@ -88,7 +88,7 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class View:
+class TurningView:
     """Bodies that turn, each with ``colour``, ``vertices`` (n, 3) and ``triangles`` (m, 3); see ``bodies.py``."""
 
     bodies: tuple[dict[str, Any], ...]
@@ -101,7 +101,7 @@ class View:
         return json.dumps(self.bodies, separators=(",", ":"))
 
 
-Part = Text | Code | Items | PageTable | Picture | View
+Part = Text | Code | Items | PageTable | Picture | TurningView
 
 
 @dataclass(frozen=True)

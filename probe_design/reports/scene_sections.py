@@ -15,7 +15,7 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_toml
 from geometry.scenes.variables import values
 from probe_design.reports.bodies import bodies
-from probe_design.reports.page import Chapter, Code, PageTable, Part, Picture, Text, View
+from probe_design.reports.page import Chapter, Code, PageTable, Part, Picture, Text, TurningView
 from solver.axisymmetric.gradients import Gradients
 from solver.axisymmetric.level import Axisymmetric
 from solver.equivalent_inclusion.level import EquivalentInclusion
@@ -56,7 +56,9 @@ def asked(scene: Scene, title: str = "What was asked") -> Chapter:
 
 
 def _shape(scene: Scene) -> Iterator[Part]:
-    yield View(bodies(scene), "The probe with a quarter left out, above its tumours, all to scale; the tissue is not shown.")
+    yield TurningView(
+        bodies(scene), "The probe with a quarter left out, above its tumours, all to scale; the tissue is not shown."
+    )
 
 
 def _plan(scene: Scene) -> Iterator[Part]:

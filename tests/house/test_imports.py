@@ -28,7 +28,7 @@ ALLOWED: dict[str, set[str]] = {
     "geometry.meridian": {"geometry.common"},
     "geometry.provenance": SCENES,
     "geometry.cad": PROVENANCE,
-    "geometry.workshop": {"geometry.cad", *SCENES},
+    "geometry.workshop": {"geometry.cad", *PROVENANCE},
     "geometry.tetra": {"geometry.cad", *SCENES},
     # hw stands alone: a measuring computer needs neither shapes nor solvers; sources of samples know the wire, the reader all
     "hw": {"hw.common", "hw.foreign", "hw.wire", "hw.recordings", "hw.usb", "hw.serial_port", "hw.simulation", "hw.oscilloscope"},

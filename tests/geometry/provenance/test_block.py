@@ -9,8 +9,10 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from geometry import InputError, read_scene, scene_from_toml
+from geometry.cad.drawing import draw
 from geometry.provenance.block import command, provenance
 from geometry.provenance.digest import scene_digest
 from geometry.provenance.texts import block_of, html_script, toml_comment
@@ -99,3 +101,11 @@ def test_what_has_no_block_is_refused(text: str, tmp_path: Path) -> None:
         block_of(tmp_path / "a")
     with pytest.raises(InputError, match="file = "):
         block_of(tmp_path / "nothing")
+
+
+def test_pictures_tell_it_too(tmp_path: Path) -> None:
+    """Read by pillow, matplotlib having written it."""
+    with command(["export", "scene.toml"]):
+        draw(read_scene(SCENE).probe, tmp_path / "drawing.png")
+    with Image.open(tmp_path / "drawing.png") as picture:
+        assert json.loads(picture.info["Description"])["command"] == ["export", "scene.toml"]

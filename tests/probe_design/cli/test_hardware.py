@@ -134,7 +134,9 @@ def test_read_without_scene_takes_the_built_in_one() -> None:
 def test_replay_reads_what_was_read(tmp_path: Path) -> None:
     live = told("read", SCENE, "--virtual", "--seconds", "4", "--record", tmp_path / "one.probe")
     again = told("read", SCENE, "--replay", tmp_path / "one.probe", "--seconds", "4")
+    commands = [one.pop("provenance")["command"] for one in (live, again)]
     assert again == live
+    assert commands[0] != commands[1]
 
 
 def test_check_passes_a_probe_as_drawn(folder: Path) -> None:

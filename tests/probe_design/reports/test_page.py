@@ -12,7 +12,7 @@ from geometry import read_scene
 from geometry.provenance.block import provenance
 from geometry.provenance.texts import block_of
 from probe_design.reports.bodies import bodies
-from probe_design.reports.page import Chapter, Code, Items, PageTable, Part, Text, View, page
+from probe_design.reports.page import Chapter, Code, Items, PageTable, Part, Text, TurningView, page
 from tests.support.browser import shown
 from tests.support.paths import EXAMPLES, SCENE
 
@@ -30,7 +30,7 @@ def written(folder: Path, *parts: Part) -> Path:
 @pytest.fixture
 def report(tmp_path: Path) -> Path:
     wide = PageTable(tuple(f"heading {k}" for k in range(15)), (tuple("1.2345678" for _ in range(15)), (LONG, *"abcdefghijklmn")))
-    view = View(bodies(read_scene(EXAMPLES / "two-tumours.toml")), "the probe")
+    view = TurningView(bodies(read_scene(EXAMPLES / "two-tumours.toml")), "the probe")
     return written(tmp_path, Text(ODD), Text(LONG), Code(LONG), Items((ODD, "design.toml"), links=True), wide, view)
 
 
