@@ -50,11 +50,12 @@ def test_slopes_are_those_of_answers(x: float) -> None:
     aside = SCENE.inclusion[0].model_copy(update={"x": x})
     scene = by_outer_radius(SCENE.model_copy(update={"inclusion": (aside,)}))
     level = "equivalent-inclusion" if x else "axisymmetric"
-    variables = [one for one in toleranced(scene) if one.kind != "gain"]
+    some = ("probe.inner_radius", "probe.gap", "probe.outer_radius", "probe.outer.youngs_modulus")
+    variables = [one for one in toleranced(scene) if (one.name in some if x else one.kind != "gain")]
     found = slopes(scene, variables, 1e-3)
     for one, slope in zip(variables, found.T, strict=True):
         step = 0.01 * one.value
-        above, below = (outputs(changed(scene, {one.name: one.value + s}), scene, level) for s in (step, -step))
+        above, below = (outputs(changed(scene, {one.name: one.value + s}), scene, level, 1e-3) for s in (step, -step))
         wanted = (above - below) / (2 * step)
         assert slope == pytest.approx(wanted, rel=0.03, abs=3e-3 / one.value), one.name
 
