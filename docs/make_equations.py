@@ -15,6 +15,7 @@ ROOMS = {
     "ME": "geometry/meridian",
     "TE": "geometry/tetra",
     "CA": "geometry/cad",
+    "WS": "geometry/workshop",
     "RE": "solver/results",
     "LA": "solver/linalg",
     "PU": "solver/published",
@@ -37,6 +38,7 @@ ROOMS = {
     "SW": "probe_design/sweeps",
     "BP": "probe_design/built_probe",
     "PC": "probe_design/probe_check",
+    "RP": "probe_design/repetition",
     "SI": "hw/signal",
 }
 DEFINITION = re.compile(r"\(([A-Z]{2}\.\d+)\)")

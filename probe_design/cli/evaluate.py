@@ -7,7 +7,16 @@ from typing import Any
 
 import click
 
-from probe_design.cli.arguments import FILE_NAME, frequency_option, limiting, linear_option, loads_option, modulus, number
+from probe_design.cli.arguments import (
+    FILE_NAME,
+    completed,
+    frequency_option,
+    limiting,
+    linear_option,
+    loads_option,
+    modulus,
+    number,
+)
 from probe_design.cli.output import check_picture, present
 
 EVALUATORS = "auto, published, closed-form, equivalent-inclusion, axisymmetric, contact, solid"
@@ -15,7 +24,13 @@ EVALUATORS = "auto, published, closed-form, equivalent-inclusion, axisymmetric, 
 
 @click.command()
 @click.argument("scene", type=FILE_NAME)
-@click.option("--evaluator", default="auto", show_default=True, help=f"Level of fidelity: {EVALUATORS}.")
+@click.option(
+    "--evaluator",
+    default="auto",
+    show_default=True,
+    shell_complete=completed(*EVALUATORS.split(", ")),
+    help=f"Level of fidelity: {EVALUATORS}.",
+)
 @click.option("--accuracy", default="0.01", show_default=True, help="Relative error that ratio, stresses and stiffness may have.")
 @linear_option
 @loads_option

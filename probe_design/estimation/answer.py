@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from probe_design.estimation.intervals import Piece
 from probe_design.estimation.strength import Interval
+from solver.results.notebook import Notebook
 from solver.results.result import Decision
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ OPEN: Interval = (None, None)
 
 
 @dataclass(frozen=True)
-class Estimate:
+class Estimate(Notebook):
     """What readings say, SI units; an end of an interval is None where it is open.
 
     Attributes:
