@@ -101,6 +101,15 @@ def test_a_lognormal_modulus_of_which_the_ratio_is_a_power_scatters_as_its_logar
     assert [lines[name].total for name in GAINS] == pytest.approx([0.64, 0.36], abs=0.06)
 
 
+def test_few_samples_scatter_no_more_than_stated() -> None:
+    """With the bench's tolerances ln ratio is all but linear in normal numbers, so that first order is its scatter."""
+    scatter = tolerances(SCENE, samples=64).outputs["ln_ratio"]
+    assert scatter.sampled is not None
+    assert scatter.sampled_error is not None
+    assert abs(scatter.sampled - scatter.sd) < 2 * scatter.sampled_error
+    assert scatter.sampled_error < 0.05 * scatter.sd
+
+
 def test_held_tolerances_add_up_to_what_is_allowed_and_cost_least() -> None:
     """Against scipy's minimiser of the cost sum t_j / tau_j under sum (a_j tau_j / t_j)^2 = x^2."""
     from scipy.optimize import minimize
