@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 @click.option(
     "--nuisance", "nuisance", multiple=True, help='What is known roughly, "tissue.layer[0].thickness = 20 %"; may be repeated.'
 )
+@click.option("--next", "advise", is_flag=True, help="Say which reading would narrow the interval most, and to what.")
 @click.option("--accuracy", help="Relative error that the model's ratio may have.  [default: 1/4 of --noise, at most 0.01]")
 @linear_option
 @limiting
@@ -50,7 +51,7 @@ if TYPE_CHECKING:
 def estimate(
     scene: Path, ratio: str | None, noise: str | None, stiffness: str | None, stiffness_noise: str | None, file: Path | None,
     unknown: str, nuisance: tuple[str, ...], accuracy: str | None, linear: bool, as_json: bool, reading: tuple[str, ...],
-    more: tuple[str, ...], calibration: Path | None, bench: Path | None, column: tuple[str, ...], rate: str | None,
+    more: tuple[str, ...], calibration: Path | None, bench: Path | None, column: tuple[str, ...], rate: str | None, advise: bool,
 ) -> None:  # fmt: skip
     """Say what was pressed on: E_object, diameter or depth of SCENE's target, or a layer of its tissue, with its 95 % interval.
 
@@ -63,6 +64,7 @@ def estimate(
     \b
     probe-design estimate scene.toml --ratio 0.62 --noise 0.05
     probe-design estimate scene.toml --ratio 0.62 --noise 0.01 --stiffness 80 --unknown diameter
+    probe-design estimate scene.toml --ratio 0.62 --noise 0.01 --nuisance "inclusion.diameter = 20 %" --next
     probe-design estimate scene.toml --readings scan.csv --nuisance "tissue.layer[0].thickness = 20 %"
     probe-design estimate scene.toml --calibration probe.toml --reading over.probe "beside.h5, x=30 mm, blank=true"
 
@@ -85,7 +87,7 @@ def estimate(
     from probe_design.cli.estimate_readings import Sources, checked_texts, field_readings
     from probe_design.estimation.estimate import estimate as run
     from probe_design.terminal.console import working
-    from probe_design.terminal.estimate_table import estimate_table, sentence
+    from probe_design.terminal.estimate_table import advice, estimate_table, sentence
 
     read = read_scene(scene)
     roughly = dict(_named(text) for text in nuisance)
@@ -99,9 +101,9 @@ def estimate(
         readings = _readings(read, file, ratio=ratio, noise=noise, stiffness=stiffness, stiffness_noise=stiffness_noise)
     reach = None if accuracy is None else number("accuracy", accuracy)
     with working(f"estimating {unknown} of {scene}"):
-        answer = run(read, readings, unknown, reach, linear=linear, nuisances=roughly)
+        answer = run(read, readings, unknown, reach, linear=linear, nuisances=roughly, advise=advise)
     answer = replace(answer, warnings=(*notes, *answer.warnings))
-    present(answer, estimate_table, as_json, lines=lambda estimate: [sentence(estimate)])
+    present(answer, estimate_table, as_json, lines=lambda estimate: [sentence(estimate), *advice(estimate)])
 
 
 def _named(text: str) -> tuple[str, str]:

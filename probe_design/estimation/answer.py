@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from probe_design.estimation.intervals import Piece
 from probe_design.estimation.strength import Interval
 from solver.results.notebook import Notebook
 from solver.results.result import Decision
+
+if TYPE_CHECKING:
+    from probe_design.estimation.next_reading import NextReading
 
 WIDEST = {"youngs_modulus": 100.0, "diameter": 4.0, "depth": 4.0, "thickness": 4.0}
 OPEN: Interval = (None, None)
@@ -36,6 +39,7 @@ class Estimate(Notebook):
         p_value: how probable a worse fit is if scene and noise are right.
         error_estimate: bound on the relative error of the evaluator's ratio at the best fit; None where there is none.
         evaluator, seconds, plan, warnings: see ``solver.results.result.Result``.
+        next: what to measure next, where that was asked.
     """
 
     unknown: str
@@ -58,6 +62,7 @@ class Estimate(Notebook):
     seconds: float
     plan: tuple[Decision, ...]
     warnings: tuple[str, ...]
+    next: NextReading | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design estimate``."""

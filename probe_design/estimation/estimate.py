@@ -47,7 +47,7 @@ FINEST, COARSEST = 5e-4, 0.01  # accuracy asked for without being told to
 
 def estimate(
     scene: Scene, readings: tuple[Reading, ...], unknown: str = "youngs_modulus", accuracy: float | None = None, *,
-    linear: bool = False, nuisances: Mapping[str, Any] = MappingProxyType({}),
+    linear: bool = False, nuisances: Mapping[str, Any] = MappingProxyType({}), advise: bool = False,
 ) -> Estimate:  # fmt: skip
     """Estimate one unknown of the scene's target, or of its tissue.
 
@@ -61,6 +61,7 @@ def estimate(
             is less than the ratios' least noise, and at larger loads level ``contact`` predicts: see ``under_load.py``.
         nuisances: relative standard deviations, 0.2 or "20 %", of numbers that are known only roughly, by their keys in the
             scene file; see ``probe_design.estimation.nuisances``.
+        advise: whether ``next`` says what to measure next.
 
     Raises:
         InputError: no such unknown, nuisance or accuracy; an inclusion that cannot be seen from one of the places.
@@ -87,7 +88,19 @@ def estimate(
         phases, model = model.data.is_phase.sum(), loaded.at_rest
         notes = (*notes, f"{phases} phases left out: nothing is known of them at this load") if phases else notes
     findings = searched(model, unknown, known, loaded)
-    return _estimate(findings, _together(findings), known, notes, start)
+    found = _estimate(findings, _together(findings), known, notes, start)
+    return _advised(found, model, known, at_rest=loaded is None) if advise else found
+
+
+def _advised(found: Estimate, model: TargetModel, nuisances: Mapping[str, float], at_rest: bool) -> Estimate:
+    """Return an estimate that says what to measure next; at loads beyond linear elasticity, why it does not."""
+    from probe_design.estimation.next_reading import next_reading
+
+    start = perf_counter()
+    if not at_rest:
+        return replace(found, warnings=(*found.warnings, "next is null: at loads beyond linear elasticity nothing is told of it"))
+    advice = next_reading(model, found.unknown, nuisances, found.identifiable)
+    return replace(found, next=advice, seconds=found.seconds + perf_counter() - start)
 
 
 def _accuracy(asked: float | None, data: Measurements) -> float:

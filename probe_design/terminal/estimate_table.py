@@ -5,6 +5,7 @@ from __future__ import annotations
 from rich.table import Table
 
 from probe_design.estimation.answer import Estimate
+from probe_design.estimation.next_reading import ExpectedInterval
 from probe_design.estimation.reasons import NAMES, shown
 from probe_design.estimation.strength import Interval
 
@@ -21,6 +22,24 @@ def sentence(estimate: Estimate) -> str:
         instead.append(f"strength {estimate.strength * 1e9:.4g} mm^3{size}")
     left = f" What can be told: {', '.join(instead)}." if instead else ""
     return f"{name} is not identifiable: {estimate.reason}.{left}"
+
+
+def advice(estimate: Estimate) -> list[str]:
+    """Say what to measure next, and what is expected of it, a line each; nothing where it was not asked."""
+    found = estimate.next
+    if found is None:
+        return []
+    lines = [f"next: {found.verdict}"]
+    if found.reading is not None:
+        lines += [f"  expected with {one.told}: {_expected(estimate.unknown, one)}" for one in (found.reading, *found.others[:2])]
+    if found.together is not None:
+        lines.append(f"  expected with {found.together.told}: {_expected(estimate.unknown, found.together)}")
+    return lines
+
+
+def _expected(unknown: str, one: ExpectedInterval) -> str:
+    apart = "open in most cases" if one.width is None else f"ends a factor of {one.width:.3g} apart"
+    return f"{_between(unknown, one.interval)}, {apart}; told with a probability of {one.identifiable:.2g}"
 
 
 def estimate_table(estimate: Estimate) -> Table:

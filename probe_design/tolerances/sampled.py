@@ -30,6 +30,7 @@ PARAMETERS = {
 }  # fmt: skip
 LEVEL = 0.95  # of intervals
 RESAMPLED = 300  # times, for the intervals of indices
+EACH = 128  # points of one at least: a shorter sequence is no sample in ten dimensions
 REPEATS = 8  # scrambled samples, whose differences tell the error of a standard deviation
 STEP = 1e-30  # complex: exact to rounding
 
@@ -69,12 +70,13 @@ def sampled(scene: Scene, variables: Sequence[Toleranced], samples: int, seed: i
     Args:
         scene: by its outer radius; of a kind that ``closed-form`` takes.
         variables: v of them.
-        samples: n, a power of 2: n (v + 2) designs tell the indices, n the standard deviations.
+        samples: n, a power of 2: n (v + 2) designs tell the indices, n or 1024 the standard deviations.
         seed: of the scrambled Sobol sequences.
     """
     outputs, d = _outputs(scene, variables), len(variables)
     slopes = outputs(1j * STEP * np.eye(d)).imag / STEP
-    draws = [norm.ppf(qmc.Sobol(d, rng=[seed, k]).random(max(samples // REPEATS, 2))).T for k in range(REPEATS)]
+    each = max(samples // REPEATS, EACH)
+    draws = [norm.ppf(qmc.Sobol(d, rng=[seed, k]).random(each)).T for k in range(REPEATS)]
     parts = [outputs(draw) for draw in draws]
     if not all(np.isfinite(part).all() for part in parts) or not np.isfinite(slopes).all():
         return None
@@ -84,7 +86,7 @@ def sampled(scene: Scene, variables: Sequence[Toleranced], samples: int, seed: i
     if not (np.isfinite(first).all() and np.isfinite(total).all()):
         return None
     sd = np.sqrt((sds**2).mean(axis=0))
-    return Sampled(slopes, sd, half, first, total, first_interval, total_interval, designs=samples * (d + 3))
+    return Sampled(slopes, sd, half, first, total, first_interval, total_interval, designs=samples * (d + 2) + REPEATS * each)
 
 
 def _indices(

@@ -1,0 +1,273 @@
+"""Which reading next: of what may be read, the one after which the interval is expected to be shortest.
+
+What is not known yet is drawn as the present readings leave it: the unknown's coordinate x of eq. ES.2, evenly spread before any
+reading, and after them the nuisances eta of eq. ES.8, normal about their best fit,
+
+    p(x) ~ exp(-chi2(x) / 2),   eta ~ N(M A^T r, M),   M = (I + A^T A)^-1,   r = (y - m(x)) / s.            (ES.11)
+
+Each draw and fresh noise give what a candidate would read; with it stands the interval of eq. ES.4, as ``estimate`` would find
+it. A candidate's score is the mean of the interval's logarithmic length, its ends no farther from the truth than what counts as
+told (``answer.WIDEST``). A size from elsewhere is a reading of eta: ln of it has the standard deviation ``ULTRASOUND``.
+
+All candidates meet the same draws (points of one scrambled Sobol sequence), so that their order is not their draws'.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.stats import norm, qmc
+
+from geometry.common.arrays import Floats, Ints
+from probe_design.estimation.answer import identifiable, widest
+from probe_design.estimation.candidates import ULTRASOUND, NextCandidate, candidates, joined
+from probe_design.estimation.intervals import Likelihood, threshold
+from probe_design.estimation.model import TargetModel
+from probe_design.estimation.nuisances import Spread
+from probe_design.estimation.predicted import Predicted
+from probe_design.estimation.profile import Track
+from probe_design.estimation.readings import Measurements
+from probe_design.estimation.shared_errors import SharedErrors
+from probe_design.estimation.strength import Interval
+
+DRAWS = 64
+LIKELY = 0.5  # probability from which a reading is expected to tell
+
+
+@dataclass(frozen=True)
+class ExpectedInterval:
+    """What one reading is expected to leave.
+
+    Attributes:
+        kind, told: see ``candidates.NextCandidate``.
+        x, y: of the probe's axis, m; None of a size.
+        interval: medians of the interval's ends, SI; None where an end is open in most cases.
+        width: median of the ratio of its ends; None where it is open in most cases.
+        identifiable: probability that the unknown is told with it.
+        score: mean logarithmic length, see above.
+    """
+
+    kind: str
+    told: str
+    x: float | None
+    y: float | None
+    interval: Interval
+    width: float | None
+    identifiable: float
+    score: float
+
+
+@dataclass(frozen=True)
+class NextReading:
+    """What to measure next.
+
+    Attributes:
+        reading: the best, or None where none narrows the interval.
+        together: all of them in one go.
+        verdict: one sentence.
+        others: the rest, the best first.
+        draws: of eq. ES.11.
+    """
+
+    reading: ExpectedInterval | None
+    together: ExpectedInterval | None
+    verdict: str
+    others: tuple[ExpectedInterval, ...]
+    draws: int
+
+
+def next_reading(model: TargetModel, unknown: str, nuisances: Mapping[str, float], told: bool, seed: int = 0) -> NextReading:
+    """Say what to measure next.
+
+    Args:
+        model: at loads that linear elasticity answers for, with the readings that are there.
+        unknown: as in ``probe_design.estimation.estimate``.
+        nuisances: likewise, relative standard deviations.
+        told: whether the readings that are there tell it.
+        seed: of the draws.
+    """
+    allowed = candidates(model, unknown, nuisances)
+    track, columns = _track(model, unknown, nuisances, allowed)
+    present = np.arange(len(model.data.value))
+    if not track.runs:
+        return NextReading(None, None, "no reading of this probe can: the model tells nothing of it", (), 0)
+    draws = _Draws.of(track, present, columns, seed)
+    found = [draws.expected(one, np.append(present, own)) for one, own in zip(allowed, columns, strict=True)]
+    ranked = sorted(found, key=lambda one: one.score)
+    together = min((draws.expected(*one, together=True) for one in _all(allowed, columns, present)), key=lambda one: one.score)
+    now = draws.expected(NextCandidate("nothing more"), present, together=True).score
+    best = ranked[0] if ranked and ranked[0].score < now else None
+    return NextReading(best, together, _verdict(best, together, told), tuple(ranked[best is not None :]), DRAWS)
+
+
+def _all(allowed: Sequence[NextCandidate], columns: Sequence[Ints], present: Ints) -> list[tuple[NextCandidate, Ints]]:
+    """All ratios together, and all ratios with stiffness, which the model's own error may make worse; sizes with both."""
+    found = []
+    for width in sorted({len(own) for one, own in zip(allowed, columns, strict=True) if one.reading}):
+        every = [own for one, own in zip(allowed, columns, strict=True) if one.reading is None or len(own) == width]
+        kind = "ratios with stiffness" if width > 1 else "ratios"
+        found.append((NextCandidate(f"all {len(every)} together, {kind}"), np.concatenate([present, *every])))
+    return found
+
+
+def _verdict(best: ExpectedInterval | None, together: ExpectedInterval, told: bool) -> str:
+    if best is not None and (told or best.identifiable >= LIKELY):
+        return f"measure this: {best.told}"
+    if best is not None and together.identifiable >= LIKELY:
+        return f"measure this: {best.told}; then the others: no single reading is expected to tell it, all together are"
+    chance = f"all that may be read together would with a probability of {together.identifiable:.2g}"
+    return f"no reading of this probe can, at this noise: {chance}"
+
+
+def _track(
+    model: TargetModel, unknown: str, nuisances: Mapping[str, float], allowed: Sequence[NextCandidate]
+) -> tuple[Track, list[Ints]]:
+    """Predictions of what was read and all that may be, and which columns are each candidate's."""
+    data, columns = model.data, []
+    for one in allowed:
+        more = Measurements.of((one.reading,)) if one.reading is not None else None
+        begin = len(data.value)
+        data = data if more is None else joined(data, more)
+        columns.append(np.arange(begin, len(data.value)))
+    track = Track.of(replace(model, data=data), unknown).with_spread(nuisances)
+    for k, one in enumerate(allowed):
+        if one.learned and track.spread is not None:
+            begin = track.predicted.value.shape[1]
+            track = _with_sizes(
+                track, [list(nuisances).index(name) for name in one.learned], [nuisances[name] for name in one.learned]
+            )
+            columns[k] = np.arange(begin, track.predicted.value.shape[1])
+    return track, columns
+
+
+def _with_sizes(track: Track, which: Sequence[int], sds: Sequence[float]) -> Track:
+    """Predictions with a column more for each nuisance that is had from elsewhere: sd times eta, whatever the unknown."""
+    assert track.spread is not None
+    more, errors, data = len(which), track.spread.errors, track.model.data
+    line = np.zeros((len(errors.line), more, errors.line.shape[2]))
+    line[:, np.arange(more), which] = sds
+    spread = Spread(track.spread.x, SharedErrors(_beside(errors.line, line), _beside(errors.bend, np.zeros_like(line))))
+    none = np.zeros((len(track.x), more))
+    parts = {key: np.hstack([getattr(track.predicted, key), none]) for key in ("value", "by_modulus", "by_diameter", "bound")}
+    none_of = np.zeros(more, dtype=bool)
+    own = {key: np.append(getattr(data, key), none_of) for key in ("is_stiffness", "is_blank")}
+    own |= {key: np.append(getattr(data, key), np.zeros(more)) for key in ("value", "sign")}
+    own |= {"place": np.append(data.place, np.zeros(more, dtype=int)), "is_phase": np.append(data.is_phase, ~none_of)}
+    own |= {"noise": np.append(data.noise, np.full(more, ULTRASOUND))}
+    model = replace(track.model, data=replace(data, **own))
+    return replace(
+        track, model=model, predicted=replace(track.predicted, **parts), slope=np.hstack([track.slope, none]), spread=spread
+    )
+
+
+def _beside(one: Floats, other: Floats) -> Floats:
+    return np.concatenate([one, other], axis=1)
+
+
+def _some(track: Track, which: Ints) -> Likelihood:
+    """The likelihood of some of the data."""
+    told: Predicted = track.predicted
+    parts = {key: getattr(told, key)[:, which] for key in ("value", "by_modulus", "by_diameter", "bound")}
+    spread = track.spread
+    if spread is not None:
+        spread = Spread(spread.x, SharedErrors(spread.errors.line[:, which], spread.errors.bend[:, which]))
+    narrowed = replace(track, predicted=replace(told, **parts), slope=track.slope[:, which], spread=spread)
+    return Likelihood(narrowed, track.model.data.noise[which])
+
+
+@dataclass(frozen=True)
+class _Draws:
+    """Truths that the present readings leave, and what would be read of them.
+
+    Attributes:
+        track: of all that is or may be read, k data.
+        truth: coordinates of the unknown, shape (s,).
+        alike: what is read of each candidate alone, with the same noise for all, shape (s, k); the present readings as they are.
+        apart: likewise, each with noise of its own.
+    """
+
+    track: Track
+    truth: Floats
+    alike: Floats
+    apart: Floats
+
+    @classmethod
+    def of(cls, track: Track, present: Ints, columns: Sequence[Ints], seed: int) -> _Draws:
+        """Draw eq. ES.11."""
+        data, k, nuisances = track.model.data, len(track.model.data.noise), track.shared(track.x[:1]).line.shape[-1]
+        fit, here = _some(track, present), data.value[present]
+        widths = max((len(own) for own in columns), default=0)
+        chance = qmc.Sobol(1 + nuisances + widths, rng=seed).random(DRAWS)
+        normal = norm.ppf(np.clip(chance[:, 1:], 1e-9, 1 - 1e-9))
+        truth = _truths(fit, here, chance[:, 0])
+        shared, value = track.shared(truth), track.at(truth)[0]
+        line, bend = (np.broadcast_to(part, (DRAWS, k, nuisances)) for part in (shared.line, shared.bend))
+        own = SharedErrors(line[:, present], bend[:, present]).over(data.noise[present])
+        eta = _nuisances(own, (here - value[:, present]) / data.noise[present], normal[:, :nuisances])
+        middle = value + (line @ eta[..., None])[..., 0] + (bend @ (eta**2)[..., None])[..., 0]
+        alike, apart = middle.copy(), middle + data.noise * np.random.default_rng(seed).normal(size=middle.shape)
+        for columns_of_one in columns:
+            noise = normal[:, nuisances : nuisances + len(columns_of_one)]
+            alike[:, columns_of_one] += data.noise[columns_of_one] * noise
+        alike[:, present] = apart[:, present] = here
+        return cls(track, truth, alike, apart)
+
+    def expected(self, one: NextCandidate, which: Ints, together: bool = False) -> ExpectedInterval:
+        """What some of the data leave, on average over the draws."""
+        fit, unknown = _some(self.track, which), self.track.unknown
+        intervals = _intervals(fit, (self.apart if together else self.alike)[:, which])
+        truth, most = self.track.values(self.truth), widest(unknown)
+        low, high = (np.array([interval[end] or none for interval in intervals]) for end, none in ((0, 0.0), (1, np.inf)))
+        length = np.log(np.minimum(high, truth * most)) - np.log(np.maximum(low, truth / most))
+        with np.errstate(divide="ignore"):
+            ends, width = (float(np.median(low)), float(np.median(high))), float(np.median(high / low))
+        spot = one.reading
+        return ExpectedInterval(
+            one.kind, one.kind if together else one.told, None if spot is None else spot.x, None if spot is None else spot.y,
+            interval=(ends[0] or None, ends[1] if np.isfinite(ends[1]) else None), width=width if np.isfinite(width) else None,
+            identifiable=float(np.mean([identifiable(interval, unknown) for interval in intervals])),
+            score=float(np.mean(np.maximum(length, 0.0))),
+        )  # fmt: skip
+
+
+def _truths(fit: Likelihood, y: Floats, level: Floats) -> Floats:
+    """Coordinates of the unknown at levels of the distribution p of eq. ES.11, shape (s,)."""
+    points = np.concatenate(fit.track.runs)
+    room = np.concatenate([np.gradient(run) for run in fit.track.runs])
+    chi2 = fit.chi_square(points, y)
+    weight = room * np.exp(-(chi2 - chi2.min()) / 2)
+    return np.asarray(points[np.minimum(np.searchsorted(np.cumsum(weight) / weight.sum(), level), len(points) - 1)])
+
+
+def _nuisances(errors: SharedErrors, off: Floats, normal: Floats) -> Floats:
+    """Return eta of eq. ES.11, shape (s, q), for A of shape (s, k, q), r of shape (s, k) and normal numbers, (s, q)."""
+    A = errors.line
+    M = np.linalg.inv(np.eye(A.shape[-1]) + A.swapaxes(1, 2) @ A)
+    middle = (M @ (A.swapaxes(1, 2) @ off[..., None]))[..., 0]
+    return np.asarray(middle + (np.linalg.cholesky(M) @ normal[..., None])[..., 0])
+
+
+def _intervals(fit: Likelihood, y: Floats) -> list[Interval]:
+    """The hulls of eq. ES.4 for s sets of data, shape (s, k), by straight lines between points of the runs; None: open, empty."""
+    floor, best = fit.floor(y), fit.best(y)[0]
+    points = np.concatenate(fit.track.runs)
+    found = []
+    for one, least, at in zip(y, floor, best, strict=True):
+        u = np.unique(np.append(points, at))
+        beyond = fit.chi_square(u, one) - least - threshold(fit.shift(u))
+        inside = np.flatnonzero(beyond <= 0)
+        found.append((None, None) if not len(inside) else _ends(fit.track, u, beyond, inside))
+    return found
+
+
+def _ends(track: Track, u: Floats, beyond: Floats, inside: Ints) -> Interval:
+    def crossing(within: Any, without: Any) -> float:
+        share = beyond[within] / (beyond[within] - beyond[without])
+        return float(track.values(u[within : within + 1] + share * (u[without] - u[within]))[0])
+
+    first, last = int(inside[0]), int(inside[-1])
+    low = None if first == 0 else crossing(first, first - 1)
+    return low, None if last == len(u) - 1 else crossing(last, last + 1)
