@@ -1,8 +1,9 @@
 """Coverage and false alarms of calibration and check, over probes drawn within the workshop's tolerances and out of them.
 
 Each probe is solved anew as it was built, read with noise on references off by their tolerances (the same blocks for calibration
-and check, as in a laboratory), calibrated, and checked against its drawing. Out of tolerance is one variable, by 5 to 15 of its
-tolerances; the others stay within. ``--explain N`` asks for the explanation of so many of those that are found.
+and check, as in a laboratory), calibrated, and checked against its drawing at another temperature. Out of tolerance is one
+variable, by 5 to 15 of its tolerances; the others stay within. ``--explain N`` asks for the explanation of so many of those that
+are found. What is solved is kept in ``--solved FILE``, from which an interrupted study goes on; all else takes a second.
 
     python -m benchmarks.built_probe.study --within 200 --out 100 --explain 10
 """
@@ -10,27 +11,59 @@ tolerances; the others stay within. ``--explain N`` asks for the explanation of 
 from __future__ import annotations
 
 import argparse
-from collections import defaultdict
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
+from benchmarks.built_probe.counts import Outcome, print_out, print_within
+from benchmarks.built_probe.solved_probes import SolvedProbes
 from geometry import Scene, read_scene
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from geometry.scenes.variables import changed, values
 from probe_design.built_probe.bench import Bench, Reference, builtin_bench
-from probe_design.built_probe.block_predictions import Shares, by_outer_radius, predicted
-from probe_design.built_probe.gain_matrix import Gains, Observed
+from probe_design.built_probe.block_predictions import Shares, by_outer_radius, inner_shares, log_ratios, predicted
+from probe_design.built_probe.gain_matrix import PER_KELVIN, Gains, Observed
 from probe_design.built_probe.trusted_gains import trusted
 from probe_design.built_probe.virtual_probe import as_delivered
 from probe_design.probe_check.check import Comparison
-from probe_design.probe_check.deviation import LEVEL, Deviation
+from probe_design.probe_check.deviation import Deviation, power
 from probe_design.probe_check.verdicts import judged
 
 LOAD = 10e-3  # N, that examples/scene.toml has
 NOISE = 1.5e-5  # N, of a film's reading of 10 s of the virtual probe
 SCENE = "examples/scene.toml"
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """One probe, its bench and its noise as they are, which nobody knows.
+
+    Attributes:
+        probe: as built.
+        off, turn: the variable beyond its tolerance, and by how many tolerances; None and 0.
+        blocks: references as delivered.
+        matrix, warm: M of eq. BP.1 at the calibration and at the check, shape (2, 2).
+        sensor: amplitude of the load by the force channel, N.
+        noise: of both films' readings at the calibration and at the check, N, shape (2, references, 2).
+    """
+
+    probe: Scene
+    off: str | None
+    turn: float
+    blocks: tuple[Reference, ...]
+    matrix: Floats
+    warm: Floats
+    sensor: float
+    noise: Floats
+
+    def readings(self, logs: Floats) -> tuple[Floats, Floats]:
+        """Return both films' readings on all references, N, shape (references, 2), at the calibration and at the check."""
+        shares = inner_shares(logs, self.blocks)
+        forces = LOAD * np.stack([shares, 1 - shares], axis=1)
+        return forces @ self.matrix.T + self.noise[0], forces @ self.warm.T + self.noise[1]
 
 
 @dataclass(frozen=True)
@@ -52,7 +85,24 @@ class Study:
             bench = bench.model_copy(update={"reference": tuple(blocks)})
         return cls(scene, bench, predicted(scene, bench.reference))
 
-    def built(self, random: np.random.Generator, off: str | None) -> tuple[Scene, float]:
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Variables that have a tolerance."""
+        tolerances = self.shares.tolerances(self.bench.workshop)
+        return tuple(name for name, tolerance in zip(self.shares.variables, tolerances, strict=True) if tolerance)
+
+    def drawn(self, seed: int, off: str | None) -> Drawn:
+        """Draw all that chance decides."""
+        random = np.random.default_rng([seed, off is not None])
+        probe, turn = self._built(random, off)
+        matrix = np.eye(2) + np.array([[0.05, 0.01], [0.01, 0.05]]) * random.standard_normal((2, 2))
+        blocks = tuple(as_delivered(one, random) for one in self.bench.reference)
+        sensor = LOAD * (1 + (self.bench.force.tolerance if self.bench.force else 0.0) * random.standard_normal())
+        noise = NOISE * random.standard_normal((2, len(blocks), 2))
+        drift = 1 + PER_KELVIN * self.bench.channels.warming * random.standard_normal((2, 1))
+        return Drawn(probe, off, turn, blocks, matrix, drift * matrix, sensor, noise)
+
+    def _built(self, random: np.random.Generator, off: str | None) -> tuple[Scene, float]:
         """Draw a probe within the tolerances, one variable beyond them; returns it and by how many tolerances that is."""
         tolerances = dict(zip(self.shares.variables, self.shares.tolerances(self.bench.workshop), strict=True))
         at = values(self.scene)
@@ -66,34 +116,47 @@ class Study:
             except ValueError:
                 continue
 
-    def forces(self, probe: Scene, blocks: tuple[Reference, ...]) -> Floats:
-        """Both films' true forces on all references as delivered, N, shape (references, 2)."""
-        logs = iter(predicted(probe, blocks).log_ratios)
-        inner = [{"inner": 1.0, "outer": 0.0}.get(one.on) for one in blocks]
-        shares = np.array([1 / (1 + np.exp(-next(logs))) if share is None else share for share in inner])
-        return np.asarray(LOAD * np.stack([shares, 1 - shares], axis=1))
+    def outcome(self, drawn: Drawn, logs: Floats) -> Outcome:
+        """Calibrate and check a probe of which ln(F_inner / F_outer) on its blocks is known."""
+        first, second = drawn.readings(logs)
+        try:
+            gains = self._gains(first, drawn.sensor)
+            deviation = self._deviation(gains, second)
+        except InputError as fault:
+            return Outcome(drawn.off, drawn.turn, refused=str(fault))
+        error = (gains.matrix - drawn.matrix).ravel() / np.sqrt(np.diag(gains.covariance))
+        likely = power(deviation, {drawn.off: drawn.turn}) if drawn.off else None
+        return Outcome(drawn.off, drawn.turn, deviation.p_value, likely, error)
 
-    def one(self, seed: int, off: str | None) -> tuple[Floats, Deviation, float]:
-        """Build, calibrate and check: errors of M over their standard deviations, the deviation, the tolerances."""
-        random = np.random.default_rng([seed, off is not None])
-        probe, turn = self.built(random, off)
-        matrix = np.eye(2) + np.array([[0.05, 0.01], [0.01, 0.05]]) * random.standard_normal((2, 2))
-        blocks = tuple(as_delivered(one, random) for one in self.bench.reference)
-        sensor = LOAD * (1 + (self.bench.force.tolerance if self.bench.force else 0.0) * random.standard_normal())
-        true = self.forces(probe, blocks) @ matrix.T
-        first, second = (true + NOISE * random.standard_normal(true.shape) for _ in range(2))
-        spread = NOISE**2 * np.eye(2)
-        pressed = zip(self.bench.reference, first, strict=True)
-        observed = [Observed(one, films, spread, sensor, 1e-3 * LOAD) for one, films in pressed]
-        gains, _ = trusted(observed, self.shares, self.bench)
-        again = [(films, spread) for one, films in zip(blocks, second, strict=True) if one.on == "tissue"]
-        error = (gains.matrix - matrix).ravel() / np.sqrt(np.diag(gains.covariance))
-        return error, self.compared(gains, again), turn
+    def _gains(self, films: Floats, sensor: float) -> Gains:
+        pressed = zip(self.bench.reference, films, strict=True)
+        observed = [Observed(one, read, NOISE**2 * np.eye(2), sensor, 1e-3 * LOAD) for one, read in pressed]
+        return trusted(observed, self.shares, self.bench)[0]
 
-    def compared(self, gains: Gains, films: list[tuple[Floats, Floats]]) -> Deviation:
-        """Compare at the calibration's temperature give or take the bench's warming."""
+    def _deviation(self, gains: Gains, films: Floats) -> Deviation:
+        on_tissue = [read for one, read in zip(self.bench.reference, films, strict=True) if one.on == "tissue"]
         known = gains.warmed(self.bench.channels.warming)
-        return Comparison(self.bench, known, self.shares.variables, self.shares).deviation(films)
+        comparison = Comparison(self.bench, known, self.shares.variables, self.shares)
+        return comparison.deviation([(read, NOISE**2 * np.eye(2)) for read in on_tissue])
+
+    def named(self, drawn: Drawn, logs: Floats) -> bool:
+        """Return whether the check's explanation names the variable that is off."""
+        first, second = drawn.readings(logs)
+        deviation = self._deviation(self._gains(first, drawn.sensor), second)
+        verdict = judged(self.scene, self.bench, deviation, self.shares, ())
+        return drawn.off in {*verdict.alike, *(name for pair in verdict.pairs if pair.explains for name in pair.variables)}
+
+
+def studied(study: Study, count: int, names: tuple[str | None, ...], solved: SolvedProbes, explain: int = 0) -> Iterator[Outcome]:
+    """Yield the outcome of each of ``count`` probes, one of ``names`` after the other off; those solved before are not again."""
+    left = explain
+    for seed in range(count):
+        drawn = study.drawn(seed, names[seed % len(names)])
+        logs = solved.get(seed, drawn.off, lambda drawn=drawn: log_ratios(drawn.probe, drawn.blocks))  # type: ignore[misc]
+        outcome = study.outcome(drawn, logs)
+        if left and outcome.found and not outcome.refused:
+            left, outcome = left - 1, replace(outcome, named=study.named(drawn, logs))
+        yield outcome
 
 
 def main() -> None:
@@ -103,47 +166,11 @@ def main() -> None:
     parser.add_argument("--out", type=int, default=100)
     parser.add_argument("--explain", type=int, default=0)
     parser.add_argument("--block-tolerance", type=float)
+    parser.add_argument("--solved", type=Path)
     asked = parser.parse_args()
-    study = Study.of(asked.block_tolerance)
-    _within(study, asked.within)
-    _out(study, asked.out, asked.explain)
-
-
-def _within(study: Study, count: int) -> None:
-    errors, alarms, refused = [], 0, 0
-    for seed in range(count):
-        try:
-            error, deviation, _ = study.one(seed, None)
-        except InputError:
-            refused += 1
-            continue
-        errors.append(error)
-        alarms += deviation.p_value < LEVEL
-    beyond = np.mean(np.abs(errors) > 1.96, axis=0)
-    print(f"{count} within tolerance: {alarms} false alarms ({count * LEVEL:g} stated), {refused} calibrations refused")
-    print("gains within 1.96 sd (95 % stated):", " ".join(f"{100 * (1 - one):.1f} %" for one in beyond), flush=True)
-
-
-def _out(study: Study, count: int, explain: int) -> None:
-    tolerances = study.shares.tolerances(study.bench.workshop)
-    names = [name for name, tolerance in zip(study.shares.variables, tolerances, strict=True) if tolerance]
-    found: dict[str, list[bool]] = defaultdict(list)
-    named: list[bool] = []
-    for seed in range(count):
-        name = names[seed % len(names)]
-        try:
-            _, deviation, _ = study.one(seed, name)
-        except InputError:
-            found[name].append(True)  # refused is found, too
-            continue
-        found[name].append(deviation.p_value < LEVEL)
-        if found[name][-1] and len(named) < explain:
-            named.append(name in judged(study.scene, study.bench, deviation, study.shares, ()).alike)
-    for name, ones in found.items():
-        print(f"{name}: {sum(ones)} of {len(ones)} found")
-    print(f"{count} out of tolerance: {sum(map(sum, found.values()))} found")
-    if named:
-        print(f"of {len(named)} explained, {sum(named)} name the variable")
+    study, solved = Study.of(asked.block_tolerance), SolvedProbes(asked.solved, asked.block_tolerance)
+    print_within(list(studied(study, asked.within, (None,), solved)))
+    print_out(list(studied(study, asked.out, study.names, solved, asked.explain)))
 
 
 if __name__ == "__main__":

@@ -15,8 +15,10 @@ from scipy.special import expit
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
 from geometry.scenes.scene import Placement, Scene
+from geometry.scenes.units import SI
 from geometry.scenes.variables import changed, values
 from probe_design.built_probe.bench import Reference, Workshop
+from solver.axisymmetric.converged_forces import Converged
 from solver.axisymmetric.gradients import gradients
 from solver.axisymmetric.level import Axisymmetric
 from solver.planning.coarse_model import CoarseModel
@@ -121,6 +123,12 @@ def predicted(scene: Scene, references: Sequence[Reference]) -> Shares:
     return Shares((*names, MODULI), np.array([*(nominal[name] for name in names), 1.0]), blocks)
 
 
+def log_ratios(scene: Scene, references: Sequence[Reference]) -> Floats:
+    """Return ln(F_inner / F_outer) alone on the references that are tissue, shape (blocks,); see ``predicted``."""
+    by_radius = by_outer_radius(scene)
+    return np.array([_solved(on_block(by_radius, one))[1] for one in references if one.on == "tissue"])
+
+
 def inner_shares(log_ratios: Floats, references: Sequence[Reference]) -> Floats:
     """Return the share of the load that the inner film feels on each reference, shape (n,).
 
@@ -137,28 +145,33 @@ def on_block(scene: Scene, reference: Reference) -> Scene:
     """Return the scene's probe in the middle of a homogeneous block."""
     tissue = scene.tissue.model_copy(update={"youngs_modulus": reference.youngs_modulus, "layer": ()})
     data = scene.model_dump(exclude_unset=True, exclude={"inclusion", "tissue", "placement"})
-    return Scene.model_validate(data | {"tissue": tissue.model_dump(exclude_unset=True), "placement": Placement().model_dump()})
+    upright = data | {"tissue": tissue.model_dump(exclude_unset=True), "placement": Placement().model_dump()}
+    return Scene.model_validate(upright, context=SI)
 
 
 def by_outer_radius(scene: Scene) -> Scene:
     """Return the scene with its probe written by its outer radius, which is what a workshop measures."""
     probe = scene.probe.model_dump(exclude_unset=True, exclude={"area_ratio"}) | {"outer_radius": scene.probe.tube_radius}
-    return Scene.model_validate(scene.model_dump(exclude_unset=True) | {"probe": probe})
+    return Scene.model_validate(scene.model_dump(exclude_unset=True) | {"probe": probe}, context=SI)
+
+
+def _solved(scene: Scene) -> tuple[Converged, float]:
+    """The probe on a block, and ln(F_inner / F_outer) there."""
+    solution = Axisymmetric().converged(scene, ACCURACY)
+    ratio = outputs(scene, solution.films[0])["ratio"]
+    if ratio is None or ratio <= 0:
+        raise Refusal("reference.youngs_modulus", scene.tissue.youngs_modulus, "one on which both films are pressed")
+    return solution, math.log(ratio * scene.probe.inner_area / scene.probe.outer_area)
 
 
 def _share(scene: Scene, names: tuple[str, ...]) -> Share:
-    solution = Axisymmetric().converged(scene, ACCURACY)
-    films = solution.films[0]
-    ratio = outputs(scene, films)["ratio"]
-    if ratio is None or ratio <= 0:
-        raise Refusal("reference.youngs_modulus", scene.tissue.youngs_modulus, "one on which both films are pressed")
-    areas = scene.probe.inner_area / scene.probe.outer_area
+    solution, log_ratio = _solved(scene)
     gradient = gradients(scene, solution.sample)
     by_name = dict(zip(gradient.variables, gradient.derivatives["ratio"][0] / gradient.values["ratio"][0], strict=True))
     by_modulus = float(by_name[TISSUE] * scene.tissue.youngs_modulus)
     slopes = np.array([*(by_name.get(name, 0.0) + _by_areas(scene, name) for name in names), by_modulus])
     rule = CoarseModel(scene, solution.sample, ()).rule(scene)
-    return Share(math.log(ratio * areas), films.bound.log_ratio, slopes, by_modulus, rule)
+    return Share(log_ratio, solution.films[0].bound.log_ratio, slopes, by_modulus, rule)
 
 
 def _by_areas(scene: Scene, name: str) -> float:

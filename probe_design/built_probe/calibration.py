@@ -68,9 +68,16 @@ def calibrate(
         InputError: the references cannot tell the gains, or the readings contradict each other: see ``trusted_gains.trusted``.
         Refusal: the meridian level cannot take the probe, or a load is beyond what linear elasticity allows.
     """
-    if len(samples) != len(bench.reference):
-        raise InputError("readings", len(samples), f"one for each of the bench's {len(bench.reference)} references")
+    _check_count(samples, bench)
     measurements = [_on(reference, one, bench, scene) for reference, one in zip(bench.reference, samples, strict=True)]
+    return calibrated(scene, bench, measurements, shares, linear=linear)
+
+
+def calibrated(
+    scene: Scene, bench: Bench, measurements: Sequence[Measurement], shares: Shares | None = None, *, linear: bool = False
+) -> Calibration:
+    """Calibrate from readings as ``film_forces.strict_reading`` returns them; else as ``calibrate``."""
+    _check_count(measurements, bench)
     observations = tuple(observed(one, reference, scene) for one, reference in zip(measurements, bench.reference, strict=True))
     predictions = predicted(scene, bench.reference) if shares is None else shares
     predictions = predictions.under([one.load for one in observations], bench.reference, linear)
@@ -88,6 +95,11 @@ def calibrate(
         readings=observations,
         warnings=(*notes, *_warnings(measurements, gains)),
     )
+
+
+def _check_count(readings: Sequence[Samples] | Sequence[Measurement], bench: Bench) -> None:
+    if len(readings) != len(bench.reference):
+        raise InputError("readings", len(readings), f"one for each of the bench's {len(bench.reference)} references")
 
 
 def _on(reference: Reference, samples: Samples, bench: Bench, scene: Scene) -> Measurement:

@@ -14,7 +14,7 @@ from geometry.scenes.scene import Scene
 from hw.common.samples import Complexes
 from hw.signal.amplifier import ChargeAmplifier
 from probe_design.built_probe.bench import Bench, Reference
-from probe_design.built_probe.block_predictions import inner_shares, predicted
+from probe_design.built_probe.block_predictions import inner_shares, log_ratios
 from solver.results.result import Result
 
 Matrix = tuple[tuple[float, float], tuple[float, float]]
@@ -133,7 +133,7 @@ class VirtualBench:
         """Signals on each of the bench's references under a load of that amplitude, N; noise differs from run to run."""
         random = np.random.default_rng(self.seed)
         delivered = [as_delivered(one, random) for one in self.bench.reference]
-        shares = inner_shares(predicted(self.scene, delivered).log_ratios, delivered)
+        shares = inner_shares(log_ratios(self.scene, delivered), delivered)
         forces = load * np.stack([shares, 1 - shares], axis=1)
         return tuple(self._signals(one, 1 + run * len(forces) + k) for k, one in enumerate(forces))
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from probe_design.cli.arguments import FILE_NAME, limiting, linear_option, number
-from probe_design.cli.output import print_json
+from probe_design.cli.output import print_json, with_provenance
 from probe_design.cli.reference_readings import on_scene, readings
 
 if TYPE_CHECKING:
@@ -142,7 +142,7 @@ def calibrate(scene: Path | None, bench: Path | None, output: Path, linear: bool
     probe-design calibrate scene.toml --record run.probe -o probe.toml
     """  # noqa: D301
     from geometry.common.files import check_writable_file
-    from probe_design.built_probe.calibration import calibrate as run
+    from probe_design.built_probe.calibration import calibrated
     from probe_design.built_probe.calibration_record import check_free, record, write_record
     from probe_design.cli.hardware_sources import HardwareSetup, SampleSource, described, raw
     from probe_design.terminal.console import message, show, warn, working
@@ -151,11 +151,10 @@ def calibrate(scene: Path | None, bench: Path | None, output: Path, linear: bool
     origin, setting = SampleSource(**source), HardwareSetup.of(scene, bench, None)
     check_free(output)
     check_writable_file(output)
-    samples, files = readings(setting, origin, setting.bench.reference, run=0)
+    read = readings(setting, origin, setting.bench.reference, run=0)
     with working("calibrating"):
-        calibration = run(setting.scene, setting.bench, samples, linear=linear)
-    hashes = [raw(one, file) for one, file in zip(samples, files, strict=True)]
-    recorded = record(calibration, hashes, described(samples[0]))
+        calibration = calibrated(setting.scene, setting.bench, [one.measurement for one in read], linear=linear)
+    recorded = record(calibration, [raw(one.samples, one.file) for one in read], described(read[0].samples))
     write_record(output, recorded)
     if as_json:
         print_json(recorded.model_dump(mode="json"))
@@ -187,21 +186,21 @@ def check(
     from geometry.common.files import check_writable_file, write_text
     from probe_design.built_probe.calibration_record import check_free
     from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
-    from probe_design.probe_check.check import check as run
-    from probe_design.terminal.console import show, warn, working
+    from probe_design.probe_check.check import checked
+    from probe_design.terminal.console import saying, show, warn
     from probe_design.terminal.hardware_tables import check_table, explanations_table, pairs_table, sentences
 
     origin, setting = SampleSource(**source), HardwareSetup.of(scene, bench, calibration)
     if output is not None:
         check_free(output)
         check_writable_file(output)
-    samples, _ = readings(setting, origin, setting.bench.blocks, run=1)
+    read = [one.measurement for one in readings(setting, origin, setting.bench.blocks, run=1)]
     record = setting.calibration
-    with working("checking"):
-        gains, variables = (None, ()) if record is None else (record.gains(), record.variables)
-        result = run(setting.scene, setting.bench, samples, gains, variables=variables, linear=linear)
+    gains, variables = (None, ()) if record is None else (record.gains(), record.variables)
+    with saying("checking") as tell:
+        result = checked(setting.scene, setting.bench, read, gains, variables=variables, linear=linear, tell=tell)
     if output is not None:
-        write_text(output, json.dumps(result.as_dict(), allow_nan=False, indent=1) + "\n")
+        write_text(output, json.dumps(with_provenance(result.as_dict()), allow_nan=False, indent=1) + "\n")
     if as_json:
         print_json(result.as_dict())
     else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,25 +12,34 @@ from probe_design.cli.arguments import number
 
 if TYPE_CHECKING:
     from hw.common.samples import Samples
+    from hw.signal.measure import Measurement
     from probe_design.built_probe.bench import Reference
     from probe_design.cli.hardware_sources import HardwareSetup, Opener, SampleSource
 
 
+@dataclass(frozen=True)
+class ReferenceReading:
+    """A good reading on a reference: its samples, what they come to, and the file of its raw data or None."""
+
+    samples: Samples
+    measurement: Measurement
+    file: Path | None
+
+
 def readings(
     setting: HardwareSetup, source: SampleSource, references: Sequence[Reference], run: int
-) -> tuple[list[Samples], tuple[Path | None, ...]]:
-    """One reading on each reference, judged at once, and where its raw data are."""
+) -> tuple[ReferenceReading, ...]:
+    """One reading on each reference, judged at once."""
     count = len(references)
     recorded = source.recorded(count)
     source.recordings(count)
     openers = source.openers(lambda: on_references(setting, source, references, run), count, pace=False)
-    found = [
+    found = tuple(
         _reading(setting, source, reference, which=(k, count), opener=opener, recorded=path)
         for k, (reference, opener, path) in enumerate(zip(references, openers, recorded, strict=True))
-    ]
-    samples, files = zip(*found, strict=True)
+    )
     check_twice("replay", [path for path in recorded if path is not None])
-    return list(samples), files
+    return found
 
 
 def _reading(
@@ -40,8 +50,8 @@ def _reading(
     which: tuple[int, int],
     opener: Opener,
     recorded: Path | None,
-) -> tuple[Samples, Path | None]:
-    """One good reading on a reference, and its file: a live one that is flawed is read again, a recorded one refused by name."""
+) -> ReferenceReading:
+    """One good reading on a reference: a live one that is flawed is read again, a recorded one refused by name."""
     from hw.common.errors import HardwareError, InvalidSource
     from hw.signal.waveform import Flawed
     from probe_design.built_probe.film_forces import strict_reading
@@ -59,7 +69,7 @@ def _reading(
                 length = source.length if recorded is None or source.seconds is not None else None
                 written = file if recorded is None else source.copied(*which)
                 samples = setting.described_by(reader).collect(length, written).whole()
-            strict_reading(samples, setting.bench, setting.scene)
+            measurement = strict_reading(samples, setting.bench, setting.scene)
         except InvalidSource:  # what was asked for is wrong, not what was read
             raise
         except HardwareError as fault:
@@ -69,7 +79,7 @@ def _reading(
             message(f"{flaw}; it is read again")
             opener, recorded = source.device_opener(), None
             continue
-        return samples, file
+        return ReferenceReading(samples, measurement, file)
     raise Flawed(f"{reference.name}: {ATTEMPTS} attempts are recorded, none of which can be used: record under another name")
 
 

@@ -118,8 +118,10 @@ class Fit:
 def settled(changes: Changes, deviation: Deviation) -> Fit:
     """Fit the values, from those that stand there."""
     weight = deviation.weight(*changes.names)
-    for _ in range(STEPS):
+    for k in range(STEPS):
         step, spread = _newton(changes, deviation, weight)
+        if k and _promised(changes, deviation, weight, step) < LITTLE * (1.0 + _chi_square(changes, deviation, weight)):
+            break  # before a design is solved that is no better; where none was solved yet, linear theory may not see it
         nearer = _nearer(changes, deviation, weight, step * (LARGEST / max(LARGEST, float(np.abs(step).max()))))
         if nearer is None:
             break
@@ -150,6 +152,12 @@ def _newton(changes: Changes, deviation: Deviation, weight: Floats) -> tuple[Flo
     scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
     spread = np.sqrt(np.diag(np.linalg.pinv(information / np.outer(scale, scale)))) / scale
     return np.asarray(step), np.asarray(spread)
+
+
+def _promised(changes: Changes, deviation: Deviation, weight: Floats, step: Floats) -> float:
+    """By how much linear theory says that a step lessens the chi-square."""
+    moved = changes.slopes(deviation) @ step
+    return float(moved @ weight @ moved)
 
 
 def _nearer(changes: Changes, deviation: Deviation, weight: Floats, step: Floats) -> Changes | None:

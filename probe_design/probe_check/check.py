@@ -17,6 +17,7 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
 from hw.common.samples import Samples
+from hw.signal.measure import Measurement
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import Shares, inner_shares, predicted
 from probe_design.built_probe.exchanges import Misplacement, check_films, explaining, share_doubt
@@ -25,6 +26,7 @@ from probe_design.built_probe.gain_matrix import Gains
 from probe_design.probe_check.deviation import LEVEL, CancellingPair, Deviation, cancelling, unseen
 from probe_design.probe_check.explanations import Explanation, VariablePair
 from probe_design.probe_check.verdicts import Verdict, judged
+from solver.results.evaluator import Tell, silent
 
 Films = Sequence[tuple[Floats, Floats]]  # both films' readings of each block, N, (2,), and their covariance, (2, 2)
 
@@ -108,20 +110,40 @@ def check(
         InputError: no blocks, or not one reading for each; a film is dead or of reversed polarity.
         Refusal: a load is beyond what linear elasticity allows.
     """
-    if not bench.blocks or len(samples) != len(bench.blocks):
-        raise InputError(
-            "readings", len(samples), f"one for each of the bench's {len(bench.blocks)} blocks of tissue, at least one"
-        )
+    _check_count(samples, bench)
+    measurements = [strict_reading(one, bench, scene) for one in samples]
+    return checked(scene, bench, measurements, gains, variables=variables, shares=shares, linear=linear)
+
+
+def checked(
+    scene: Scene,
+    bench: Bench,
+    measurements: Sequence[Measurement],
+    gains: Gains | None = None,
+    *,
+    variables: Sequence[str] = (),
+    shares: Shares | None = None,
+    linear: bool = False,
+    tell: Tell = silent,
+) -> Check:
+    """Compare readings as ``film_forces.strict_reading`` returns them; else as ``check``. ``tell`` is told what is tried."""
+    _check_count(measurements, bench)
     predictions = predicted(scene, bench.reference) if shares is None else shares
     effective = Gains.nominal(bench) if gains is None else gains.warmed(bench.channels.warming)
-    measurements = [strict_reading(one, bench, scene) for one in samples]
     loads = [observed(one, block, scene).load for one, block in zip(measurements, bench.blocks, strict=True)]
     predictions = predictions.under(loads, bench.blocks, linear)
     films = [newtons(one, scene, tolerance=gains is None) for one in measurements]
     known = Comparison(bench, effective, tuple(variables), predictions)
     deviation, exchanges = known.deviation(films), known.exchanges(films)
-    verdict = judged(scene, bench, deviation, predictions, [one.told(bench.blocks) for one in exchanges])
+    verdict = judged(scene, bench, deviation, predictions, [one.told(bench.blocks) for one in exchanges], tell)
     return _told(verdict, deviation, _blocks(scene, bench, deviation), gains is not None)
+
+
+def _check_count(readings: Sequence[Samples] | Sequence[Measurement], bench: Bench) -> None:
+    if not bench.blocks or len(readings) != len(bench.blocks):
+        raise InputError(
+            "readings", len(readings), f"one for each of the bench's {len(bench.blocks)} blocks of tissue, at least one"
+        )
 
 
 def _told(verdict: Verdict, deviation: Deviation, blocks: tuple[BlockDeviation, ...], calibrated: bool) -> Check:

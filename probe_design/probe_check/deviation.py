@@ -7,15 +7,17 @@ from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.stats import chi2, ncx2
+from scipy.special import ndtri
+from scipy.stats import chi2
 
 from geometry.common.arrays import Floats
 
 LEVEL = 0.01  # p-value below which a deviation is one, and the probe fails
 FAR = 5.0  # tolerances by which a variable that should be found is off
 POWER = 0.5  # probability with which it then is
-TOLD = 1.0  # tolerances below which the smaller of a pair is no part of it
+TOLD = 2.0  # tolerances below which the smaller of a pair is nothing unusual, and no part of it
+NOTHING = 1e-12  # information, in units of tolerances, below which a direction is not told
+EVENLY = ndtri((np.arange(100) + 0.5) / 100)  # a unit normal variable at equal steps of its probability
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,7 @@ class Deviation:
 
 @dataclass(frozen=True)
 class CancellingPair:
-    """Two variables that may be off together without being seen, though either alone would be.
+    """Two variables that may be off together without being seen, though one of them alone would be, or either.
 
     Attributes:
         variables: their names.
@@ -88,21 +90,40 @@ class CancellingPair:
     tolerances: tuple[float, float]
 
 
+def power(deviation: Deviation, tolerances: Mapping[str, float]) -> float:
+    """Return how likely the check is to find variables that are off, all others within their tolerances.
+
+    Eq. PC.1 allows these variables their tolerances, too: along their own deviations, whose information S has the eigenvalues
+    s_i, it divides squares of unit variance by 1 + s_i. What is left is a chi-square (PC.4).
+
+    Args:
+        deviation: for its covariances.
+        tolerances: by how many each variable is off, of one or two of ``deviation.workshop``.
+    """
+    sizes, directions = np.linalg.eigh(_seen(deviation, list(tolerances)))
+    told = sizes > NOTHING
+    middle = np.sqrt(sizes[told]) * (directions.T @ np.array(list(tolerances.values())))[told]
+    spread = np.stack(np.meshgrid(*[EVENLY] * len(middle), indexing="ij"), axis=-1) if len(middle) else np.zeros(0)
+    rest = float(chi2.isf(LEVEL, len(deviation.logs))) - np.sum((middle + spread) ** 2 / (1 + sizes[told]), axis=-1)
+    freedom = len(deviation.logs) - len(middle)
+    return float(np.mean(chi2.sf(rest, freedom) if freedom else rest < 0))
+
+
 def unseen(deviation: Deviation) -> tuple[str, ...]:
     """Return the variables with a tolerance that may be off by ``FAR`` of it and are found less often than ``POWER``."""
-    least = _least(len(deviation.logs))
-    return tuple(name for name in _movable(deviation) if FAR**2 * _seen(deviation, [name])[0, 0] < least)
+    return tuple(name for name in _movable(deviation) if power(deviation, {name: FAR}) < POWER)
 
 
 def cancelling(deviation: Deviation) -> tuple[CancellingPair, ...]:
-    """Return the pairs of seen variables that cancel, the least visible first."""
-    least, hidden = _least(len(deviation.logs)), unseen(deviation)
-    found = []
-    for pair in combinations([name for name in _movable(deviation) if name not in hidden], 2):
-        sizes, directions = np.linalg.eigh(_seen(deviation, pair))
-        way = directions[:, 0] * FAR / np.abs(directions[:, 0]).max()
-        visible = float(sizes[0] * (way @ way))
-        if visible < least and np.abs(way).min() >= TOLD:
+    """Return the pairs that hide each other, the least visible first, of variables of which one at least is seen alone."""
+    hidden, found = unseen(deviation), []
+    for pair in combinations(_movable(deviation), 2):
+        way = np.linalg.eigh(_seen(deviation, pair))[1][:, 0]
+        way = way * FAR / np.abs(way).max()
+        if set(pair) <= set(hidden) or np.abs(way).min() < TOLD:
+            continue
+        visible = power(deviation, dict(zip(pair, way.tolist(), strict=True)))
+        if visible < POWER:
             found.append((visible, CancellingPair(pair, (float(way[0]), float(way[1])))))
     return tuple(one for _, one in sorted(found, key=lambda entry: entry[0]))
 
@@ -115,9 +136,3 @@ def _seen(deviation: Deviation, names: Sequence[str]) -> Floats:
     """Information on variables in units of their tolerances, (n, n): their deviations' chi-square is its quadratic form."""
     columns = np.stack([deviation.workshop[name] for name in names], axis=1)
     return np.asarray(columns.T @ deviation.weight(*names) @ columns)
-
-
-def _least(blocks: int) -> float:
-    """The noncentral chi-square that is found with ``POWER``."""
-    found = chi2.isf(LEVEL, blocks)
-    return float(brentq(lambda size: ncx2.sf(found, blocks, size) - POWER, 1e-6, 10 * found))

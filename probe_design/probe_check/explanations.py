@@ -22,6 +22,7 @@ from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import Shares
 from probe_design.probe_check.changed_designs import GAIN, Changes, Fit, linear_left, settled
 from probe_design.probe_check.deviation import LEVEL, Deviation
+from solver.results.evaluator import Tell, silent
 
 ALIKE = 4.0  # difference of the remaining chi-squares below which two explanations are not told apart: 2 standard deviations
 LOOSE = 1.0  # standard deviation, relative to the value, above which an explanation says nothing
@@ -77,13 +78,18 @@ def explanations(deviation: Deviation, shares: Shares) -> tuple[tuple[Explanatio
     return _best_first(good), tuple(one.variable for one in fits if one not in good)
 
 
-def refined(scene: Scene, bench: Bench, deviation: Deviation, shares: Shares, names: Sequence[str]) -> tuple[Fit, ...]:
-    """Fit each of these variables alone at the designs that it asks for, best first."""
-    fits = (settled(Changes.none(scene, bench, shares, name), deviation) for name in names)
+def refined(
+    scene: Scene, bench: Bench, deviation: Deviation, shares: Shares, names: Sequence[str], tell: Tell = silent
+) -> tuple[Fit, ...]:
+    """Fit each of these variables alone at the designs that it asks for, best first; ``tell`` is told how far it is."""
+    fits = []
+    for k, name in enumerate(names, 1):
+        tell(f"what would explain it: {name}, {k} of {len(names)}")
+        fits.append(settled(Changes.none(scene, bench, shares, name), deviation))
     return tuple(sorted(fits, key=lambda one: one.chi_square))
 
 
-def paired(deviation: Deviation, shares: Shares, fits: Sequence[Fit]) -> tuple[VariablePair, ...]:
+def paired(deviation: Deviation, shares: Shares, fits: Sequence[Fit], tell: Tell = silent) -> tuple[VariablePair, ...]:
     """Return the pairs that explain most, best first, from the fits of single variables; none where nothing would be left."""
     if len(deviation.logs) < 3:
         return ()
@@ -93,7 +99,10 @@ def paired(deviation: Deviation, shares: Shares, fits: Sequence[Fit]) -> tuple[V
         if len(pair) == 2 and (left := linear_left(one, deviation, other)) < best.get(pair, (np.inf,))[0]:
             best[pair] = left, one, other
     worth = sorted(best.values(), key=lambda start: start[0])[:PAIRS]
-    joint = [settled(one.changes.and_other(shares, other), deviation) for _, one, other in worth]
+    joint = []
+    for k, (_, one, other) in enumerate(worth, 1):
+        tell(f"which two would: {one.changes.names[0]} and {other}, {k} of {len(worth)}")
+        joint.append(settled(one.changes.and_other(shares, other), deviation))
     return tuple(sorted((_pair(one, deviation) for one in joint), key=lambda pair: pair.chi_square))
 
 

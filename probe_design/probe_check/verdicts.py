@@ -15,6 +15,7 @@ from probe_design.built_probe.block_predictions import MODULI, Shares
 from probe_design.probe_check.changed_designs import GAIN
 from probe_design.probe_check.deviation import LEVEL, Deviation, unseen
 from probe_design.probe_check.explanations import ALIKE, Explanation, VariablePair, alike, explanations, paired, refined, told
+from solver.results.evaluator import Tell, silent
 
 WITHIN, OUT, UNKNOWN = "within workshop tolerance", "out of it", "cannot tell"
 BENCH_S = {GAIN: "one film's gain (its cable, its amplifier, its temperature since calibration)", MODULI: "the blocks' moduli"}
@@ -32,7 +33,9 @@ class Verdict:
     pairs: tuple[VariablePair, ...] = ()
 
 
-def judged(scene: Scene, bench: Bench, deviation: Deviation, shares: Shares, exchanged: Sequence[str]) -> Verdict:
+def judged(
+    scene: Scene, bench: Bench, deviation: Deviation, shares: Shares, exchanged: Sequence[str], tell: Tell = silent
+) -> Verdict:
     """Say what a deviation comes to.
 
     Args:
@@ -41,18 +44,19 @@ def judged(scene: Scene, bench: Bench, deviation: Deviation, shares: Shares, exc
         deviation: of all blocks.
         shares: predictions for the probe as drawn.
         exchanged: names of exchanges each of which would explain it.
+        tell: is told what is tried.
     """
     linear, unresolved = explanations(deviation, shares)
     if deviation.p_value >= LEVEL:
         return Verdict(*_within(deviation), linear, unresolved)
     if exchanged:
         return Verdict(UNKNOWN, f"exchanged are: {', or '.join(exchanged)}; put it right, and read again", linear, unresolved)
-    fits = refined(scene, bench, deviation, shares, [*(one.variable for one in linear), *unresolved])
+    fits = refined(scene, bench, deviation, shares, [*(one.variable for one in linear), *unresolved], tell)
     explained = tuple(told(one, deviation) for one in fits)
     if explained[0].explains:
         names = alike(explained)
         return Verdict(*_by_one(names), explained, (), names)
-    pairs, odd = paired(deviation, shares, fits), _odd_ones(deviation, bench)
+    pairs, odd = paired(deviation, shares, fits, tell), _odd_ones(deviation, bench)
     return Verdict(*_by_more(pairs, odd), explained, (), (), pairs)
 
 

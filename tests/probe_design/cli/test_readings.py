@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +19,13 @@ from hw.recordings.recording import sha256
 from hw.signal.waveform import Flawed
 from hw.simulation.firmware import Fault
 from hw.simulation.virtual import virtual
-from probe_design.built_probe import reading
+from probe_design.built_probe import film_forces, reading
+from probe_design.built_probe.calibration import calibrated
 from probe_design.built_probe.virtual_probe import Built, signals
 from probe_design.cli import hardware, hardware_sources, reference_readings
 from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
 from solver.results.result import Result
-from tests.support.hw.benches import BENCH, scene
+from tests.support.hw.benches import BENCH, scene, shares
 from tests.support.paths import SCENE
 
 SETUP = HardwareSetup(scene(), BENCH)
@@ -52,8 +54,9 @@ def devices(monkeypatch: pytest.MonkeyPatch) -> Devices:
 
 
 def read(source: SampleSource, capsys: pytest.CaptureFixture[str]) -> tuple[list[str], str]:
-    samples, files = reference_readings.readings(SETUP, source, PINS, 0)
-    assert [len(one) for one in samples] == [2500] * 3
+    readings = reference_readings.readings(SETUP, source, PINS, 0)
+    files = [one.file for one in readings]
+    assert [len(one.samples) for one in readings] == [2500] * 3
     assert [path is None or len(sha256(path)) == 64 for path in files] == [True] * 3
     return ["" if path is None else path.name for path in files], capsys.readouterr().err
 
@@ -139,3 +142,16 @@ def test_rate_and_columns_beside_a_recording_of_ours_are_the_device_s(devices: D
 def test_sources_that_contradict_each_other(given: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError, match=words):
         SampleSource(**given).openers(lambda: (), 3, pace=False)
+
+
+def test_each_reading_is_fitted_once(devices: Devices, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Readings were judged when they were taken, and fitted again for the gains."""
+    devices([GOOD] * 3)
+    fits: list[int] = []  # rows of each
+    real = film_forces.measure
+    monkeypatch.setattr(film_forces, "measure", lambda samples, *rest: fits.append(len(samples)) or real(samples, *rest))
+    readings = reference_readings.readings(SETUP, SampleSource(device="usb", seconds="5"), PINS, 0)
+    known = replace(shares(), blocks=shares().blocks[:1])
+    with pytest.raises(InputError, match="readings that agree"):  # pressed on the same thing thrice
+        calibrated(SETUP.scene, BENCH.model_copy(update={"reference": PINS}), [one.measurement for one in readings], known)
+    assert fits == [2500] * 3

@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from geometry import InputError
 from geometry.common.arrays import Floats
@@ -18,7 +19,7 @@ from probe_design.built_probe.gain_matrix import Gains
 from probe_design.built_probe.virtual_probe import Built, signals
 from probe_design.probe_check.changed_designs import GAIN
 from probe_design.probe_check.check import Check, check
-from probe_design.probe_check.deviation import FAR, LEVEL, Deviation, cancelling, unseen
+from probe_design.probe_check.deviation import FAR, LEVEL, Deviation, cancelling, power, unseen
 from probe_design.probe_check.verdicts import OUT, UNKNOWN, WITHIN, Verdict, judged
 from tests.support.hw.benches import BENCH, films, sampled, scene, shares
 
@@ -144,7 +145,8 @@ def test_what_cancels_is_what_cannot_be_seen() -> None:
     both, *alone = (float(one @ weight @ one) for one in (sum(columns), *columns))
     assert both < 0.2 * min(alone)
     assert max(abs(size) for size in pair.tolerances) == FAR
-    assert not set(pair.variables) & set(unseen(at))
+    assert not set(pair.variables) <= set(unseen(at))
+    assert power(at, dict(zip(pair.variables, pair.tolerances, strict=True))) < 0.05
     assert MODULI not in unseen(at)  # which has no tolerance of its own
 
 
@@ -166,3 +168,15 @@ def test_gains_drift_with_temperature() -> None:
     spread = warm.forces_covariance(cold.matrix @ force, np.zeros((2, 2)))
     drifted = [np.linalg.solve(cold.matrix, np.diag(turn) @ cold.matrix @ force) - force for turn in ([1.01, 1.0], [1.0, 1.01])]
     assert spread == pytest.approx(np.array(drifted).T @ np.array(drifted), rel=1e-6)
+
+
+@pytest.mark.parametrize("turns", [{"probe.outer.youngs_modulus": 5.0}, {"probe.gap": 9.0, "probe.height": 5.0}])
+def test_power_is_how_often_the_check_s_own_chi_square_finds_it(turns: dict[str, float]) -> None:
+    """4000 probes off by so many tolerances, linearly. The check allows a variable its tolerance: that hides part of it."""
+    random, at = np.random.default_rng(11), deviation(noise=5e-3)
+    others = np.array([column for name, column in at.workshop.items() if name not in turns])
+    off = random.standard_normal((4000, len(others))) @ others + sum(turn * at.workshop[name] for name, turn in turns.items())
+    off += np.sqrt(at.model + 5e-3**2) * random.standard_normal((4000, len(at.drawn)))
+    found = np.mean(chi2.sf(np.einsum("ni,ij,nj->n", off, at.weight(), off), len(at.drawn)) < LEVEL)
+    assert 0.1 < found < 0.9
+    assert power(at, turns) == pytest.approx(found, abs=0.03)
