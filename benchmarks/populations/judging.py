@@ -58,10 +58,7 @@ def main() -> None:
     parser.add_argument("--pictures", type=Path)
     parser.add_argument("--only", choices=sorted(CASES))
     given = parser.parse_args()
-    print(
-        "population | scored, s | judged, s (processor) | P formulas | P judged | simulated | false alarms | resolved | "
-        "information"
-    )
+    print("population | scored, s | judged, s (processor) | P formulas | P judged | simulated | alarms | resolved | information")
     for name in [given.only] if given.only else CASES:
         design = case(name)
         formulas, start, spent = scored(design.scene, design), perf_counter(), process_time()

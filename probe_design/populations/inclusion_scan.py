@@ -32,6 +32,7 @@ from solver.planning.load_check import LoadChanges, check_load, load_rule
 Progress = Callable[[int, int], None]
 ACCURACY = 0.01  # of the probe without tumours: it cancels in what tumours change, but for its share of that
 SHARE = 0.3  # of a reading's noise: bounds on what reflections change that are left out, and counted in the errors
+MOST, MOST_LAYERED = 400, 80  # readings with reflections, of one material and of layers, where each takes half a second
 STEP = 0.002  # of logarithms of the tissue's numbers
 LARGEST_CHANGE = 0.5  # of the ratio by the load: what is far beyond it is refused anyway
 OF_TARGET = {"depth": "depth", "diameter": "diameter", "object": "youngs_modulus", "x": "offset"}
@@ -87,11 +88,16 @@ class InclusionScan:
         return np.asarray(self.draw.x[self.members, None] - self.protocol.places)
 
     def answered(self, tumours: Tumours, tolerance: Floats) -> Readings:
-        """Return readings in which no reflection is left out that may change a signal by more than ``tolerance``, shape (c,)."""
+        """Return readings in which no reflection is left out that may change a signal by more than ``tolerance``, shape (c,).
+
+        Beyond so many as there is time for, those that may change most are made; what is left out counts in ``errors``.
+        """
         answers = readings(self.base, tumours, 0, True, reflect=False)
         own = np.maximum(answers.bound - self.base.films.bound.totals, 0.0)
         left_out = np.stack([(own / np.abs(answers.totals)).sum(axis=1), own.sum(axis=1) / answers.stiffness], axis=1)
-        chosen = np.flatnonzero(np.any(left_out[:, : len(tolerance)] > tolerance, axis=1))
+        worst = (left_out[:, : len(tolerance)] / tolerance).max(axis=1)
+        most = (MOST_LAYERED if self.base.strata.interfaces else MOST) // len(self.draw.tissues)
+        chosen = np.sort(np.array([k for k in np.argsort(-worst)[:most].tolist() if worst[k] > 1], dtype=int))
         if not len(chosen):
             return answers
         better = readings(self.base, tumours.of_index(chosen), 0, True, reflect=True)

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from geometry.common.arrays import Floats
+from geometry.common.arrays import Floats, Ints
 from geometry.scenes.scene import Scene
 from probe_design.populations.closed_form_scan import ClosedFormScan
 from probe_design.populations.design_file import Design
@@ -45,6 +45,7 @@ class Judgement:
         probability, contrast_sd, modulus_sd, gain, deflection: of each tumour: P_i, standard deviations of ln contrast and of
             ln E_object, information, d' if it were known; shape (n,).
         depth, diameter, x, youngs_modulus: of the tumours, m and Pa, shape (n,).
+        tissue: number of each one's tissue, shape (n,).
         level_errors: what the level may be off in each of ``KINDS``.
         statistic: as in the design file.
         false_alarm: share of tumour-free scans in which a tumour is found.
@@ -68,6 +69,7 @@ class Judgement:
     diameter: Floats
     x: Floats
     youngs_modulus: Floats
+    tissue: Ints
     level_errors: tuple[float, float, float]
     statistic: str | float
     false_alarm: float
@@ -88,8 +90,10 @@ class Judgement:
         mine, others = self.values(kind), other.values(kind)
         level = math.hypot(self.level_errors[KINDS.index(kind)], other.level_errors[KINDS.index(kind)])
         if objective.statistic == "mean":
-            return float(np.mean(mine - others)), objective.error(mine - others) + level
-        return objective.over(mine) - objective.over(others), math.hypot(objective.error(mine), objective.error(others)) + level
+            return float(np.mean(mine - others)), objective.error(mine - others, self.tissue) + level
+        return objective.over(mine) - objective.over(others), math.hypot(
+            *(objective.error(one, self.tissue) for one in (mine, others))
+        ) + level
 
     def as_dict(self) -> dict[str, Any]:
         """Return the numbers of the population, as JSON has them."""
@@ -132,12 +136,13 @@ class Examination:
         flips = resolved(contrast * (1 - share)) - resolved(contrast * (1 + share))
         levels = (unsure[1], float(flips.mean() / 2), float(np.minimum(share, gain).mean()))
         return Judgement(
-            detection=objective.over(found), detection_error=math.hypot(objective.error(found), unsure[0]) + levels[0],
-            resolved=float(told.mean()), resolved_error=objective.error(told) + levels[1],
-            information=objective.over(gain), information_error=objective.error(gain) + levels[2],
+            detection=objective.over(found),
+            detection_error=math.hypot(objective.error(found, draw.tissue), unsure[0]) + levels[0],
+            resolved=float(told.mean()), resolved_error=objective.error(told, draw.tissue) + levels[1],
+            information=objective.over(gain), information_error=objective.error(gain, draw.tissue) + levels[2],
             probability=found, contrast_sd=contrast, modulus_sd=modulus, gain=gain,
             deflection=deflections(readings.signal, whole),
-            depth=draw.depth, diameter=draw.diameter, x=draw.x, youngs_modulus=draw.youngs_modulus,
+            depth=draw.depth, diameter=draw.diameter, x=draw.x, youngs_modulus=draw.youngs_modulus, tissue=draw.tissue,
             level_errors=levels, statistic=objective.statistic, false_alarm=protocol.false_alarm, evaluator=self.evaluator,
             seconds=self.seconds + perf_counter() - start, warnings=(draw.note,) if draw.note else (),
         )  # fmt: skip

@@ -26,6 +26,7 @@ def test_a_probe_is_judged_on_tumours_that_no_search_has_seen() -> None:
     assert {"detection", "detection_error", "resolved", "resolved_error", "information", "information_error"} <= told.keys()
 
 
+@pytest.mark.slow
 def test_more_readings_find_more() -> None:
     noisy = {"white": 0.03, "stiffness_white": 0.03}
     axis = {"positions": ["0 mm"], "stiffness": False}
@@ -37,6 +38,7 @@ def test_more_readings_find_more() -> None:
     assert np.all(np.diff([one.information for one in found]) > 0)
 
 
+@pytest.mark.slow
 def test_differences_of_two_probes_are_paired() -> None:
     """The same tumours, the same draws: the error of the difference is far below those of both."""
     noise = {"white": 0.04, "stiffness_white": 0.04}
@@ -62,6 +64,19 @@ def test_errors_of_means_are_those_of_repeated_samples() -> None:
     for objective in (Objective(), Objective(statistic=0.3)):
         spread = np.std([objective.over(one) for one in samples])
         assert np.mean([objective.error(one) for one in samples]) == pytest.approx(spread, rel=0.15)
+
+
+def test_tissues_that_differ_count_in_the_error() -> None:
+    """Few tissues with many tumours each are as many samples as tissues, where tumours of one tissue are alike."""
+    rng, group = np.random.default_rng(1), np.repeat(np.arange(4), 25)
+    spread, stated = [], []
+    for _ in range(2000):
+        values = rng.standard_normal(4)[group] + 0.1 * rng.standard_normal(100)
+        spread.append(values.mean())
+        stated.append(Objective().error(values, group))
+    assert np.sqrt(np.mean(np.square(stated))) == pytest.approx(np.std(spread), rel=0.1)
+    alike = rng.standard_normal(100)
+    assert Objective().error(alike, group) >= Objective().error(alike)
 
 
 def test_loads_of_which_nothing_is_known_are_refused() -> None:
