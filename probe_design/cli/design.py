@@ -130,10 +130,10 @@ def _optimize_population(
     """Search, judge, write and tell; exit code 1 where no gain counts."""
     from functools import partial
 
+    from probe_design.design_report.report import maps_of, write_all
+    from probe_design.design_report.table import table
     from probe_design.design_search.optimize import optimize
     from probe_design.design_search.pareto import front
-    from probe_design.design_search.report import maps_of, write_all
-    from probe_design.design_search.table import table
     from probe_design.terminal.console import message, show, stages, warn
 
     with stages() as progress:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from probe_design.data.noise import RESOLVED
-from probe_design.design_search.depth_map import SURE, DepthMap
+from probe_design.design_report.depth_map import SURE, DepthMap
 from probe_design.pictures.formats import save
 
 if TYPE_CHECKING:

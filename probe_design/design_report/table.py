@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from probe_design.design_search.depth_map import DepthMap
+from probe_design.design_report.depth_map import DepthMap
 from probe_design.design_search.judging import JudgedDesign
 from probe_design.design_search.outcome import PopulationOptimum
 

@@ -13,12 +13,12 @@ from string import Template
 from geometry.provenance.block import Provenance, provenance
 from geometry.provenance.texts import toml_comment
 from geometry.scenes.scene_file import scene_to_toml
-from probe_design.design_search.depth_map import DepthMap, depth_map
-from probe_design.design_search.levers import levers
+from probe_design.design_report.depth_map import DepthMap, depth_map
+from probe_design.design_report.levers import levers
+from probe_design.design_report.pictures import draw_front, draw_levers, draw_maps
+from probe_design.design_report.table import caption, columns, rows
 from probe_design.design_search.outcome import PopulationOptimum
 from probe_design.design_search.pareto import Front
-from probe_design.design_search.pictures import draw_front, draw_levers, draw_maps
-from probe_design.design_search.table import caption, columns, rows
 from probe_design.populations.design_file import Design
 
 PAGE = resources.files("probe_design.data").joinpath("population_report.html.in")
