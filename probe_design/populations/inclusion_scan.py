@@ -19,9 +19,10 @@ from geometry.scenes.scene import Placement, Scene
 from geometry.scenes.variables import values
 from probe_design.maps.detectability import CHANGES
 from probe_design.maps.scan_line import ScanLine
+from probe_design.populations.noise import reading_deviations
 from probe_design.populations.population import ScenePopulation, TumourDraw, is_of_tumour, scene_key
 from probe_design.populations.readings import ScanReadings, logarithms
-from probe_design.populations.tables import Protocol
+from probe_design.populations.tables import NoiseModel, Protocol
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed, in_other_tissue
 from solver.equivalent_inclusion.readings import Readings, readings
@@ -30,6 +31,8 @@ from solver.planning.load_check import LoadChanges, check_load, load_rule
 
 Progress = Callable[[int, int], None]
 ACCURACY = 0.01  # of the probe without tumours: it cancels in what tumours change, but for its share of that
+SHARE = 0.5  # of a reading's noise: bounds on what reflections change that are left out, and counted in the errors
+MOST, MOST_LAYERED = 400, 32  # readings with reflections, of one material and of layers, where each takes half a second
 STEP = 0.002  # of logarithms of the tissue's numbers
 LARGEST_CHANGE = 0.5  # of the ratio by the load: what is far beyond it is refused anyway
 OF_TARGET = {"depth": "depth", "diameter": "diameter", "object": "youngs_modulus", "x": "offset"}
@@ -84,13 +87,20 @@ class InclusionScan:
     def _along(self) -> Floats:
         return np.asarray(self.draw.x[self.members, None] - self.protocol.places)
 
-    def answered(self, tumours: Tumours, tolerance: float, progress: Progress | None) -> Readings:
-        """Return readings in which no reflection is left out that may change a signal by more than ``tolerance``."""
+    def answered(self, tumours: Tumours, tolerance: Floats) -> Readings:
+        """Return readings in which no reflection is left out that may change a signal by more than ``tolerance``, shape (c,).
+
+        Beyond so many as there is time for, those that may change most are made; what is left out counts in ``errors``.
+        """
         answers = readings(self.base, tumours, 0, True, reflect=False)
-        chosen = np.flatnonzero(answers.first_share - self.base.films.bound.log_ratio > tolerance)
+        own = np.maximum(answers.bound - self.base.films.bound.totals, 0.0)
+        left_out = np.stack([(own / np.abs(answers.totals)).sum(axis=1), own.sum(axis=1) / answers.stiffness], axis=1)
+        worst = (left_out[:, : len(tolerance)] / tolerance).max(axis=1)
+        most = (MOST_LAYERED if self.base.strata.interfaces else MOST) // len(self.draw.tissues)
+        chosen = np.sort(np.array([k for k in np.argsort(-worst)[:most].tolist() if worst[k] > 1], dtype=int))
         if not len(chosen):
             return answers
-        better = readings(self.base, tumours.of_index(chosen), 0, True, reflect=True, progress=progress)
+        better = readings(self.base, tumours.of_index(chosen), 0, True, reflect=True)
         for one in fields(answers):
             if one.name not in ("areas", "by"):
                 getattr(answers, one.name)[chosen] = getattr(better, one.name)
@@ -134,7 +144,7 @@ def inclusion_readings(
     protocol: Protocol,
     names: tuple[str, ...] = (),
     *,
-    tolerance: float,
+    noise: NoiseModel,
     progress: Progress | None = None,
 ) -> ScanReadings:
     """Return readings over a population, see ``ScanReadings``.
@@ -143,7 +153,7 @@ def inclusion_readings(
         draw: the tumours.
         protocol: the readings; the probe has to stay on the tissue.
         names: of ``ScenePopulation.ranges``, by which derivatives are wanted.
-        tolerance: of a signal, that reflections may be left out for.
+        noise: of a reading, of which reflections that may change it by less than ``SHARE`` are left out.
         progress: called with tissues done and all.
 
     Raises:
@@ -158,26 +168,26 @@ def inclusion_readings(
         {name: np.zeros((n, m)) for name in names}, {name: np.zeros((t, c)) for name in names if not is_of_tumour(name)},
     )  # fmt: skip
     for number in range(t):
-        _fill(found, InclusionScan.of(draw, protocol, number), tolerance)
+        _fill(found, InclusionScan.of(draw, protocol, number), noise)
         if progress is not None:
             progress(number + 1, t)
     found.over[:] = np.exp(found.over / n)
     return found
 
 
-def _fill(found: ScanReadings, scan: InclusionScan, tolerance: float) -> None:
+def _fill(found: ScanReadings, scan: InclusionScan, noise: NoiseModel) -> None:
     """Put the readings of one tissue where they belong."""
     which, offset, where = scan.distinct()
     tumours, rows, number = scan.tumours(which, offset), scan.members, scan.number
-    answers = scan.answered(tumours, tolerance, None)
-    films = scan.base.films
+    films, scene = scan.base.films, scan.draw.tissues[number]
+    answers = scan.answered(tumours, SHARE * reading_deviations(noise, scan.protocol, scene, films.totals))
     blank = scan._logs(films.totals[None])
     found.over[:] += np.log(answers.totals[where]).sum(axis=0)  # of the logarithms; ``inclusion_readings`` takes their mean
     found.signal[rows] = scan._logs(answers.totals[where]) - np.repeat(blank, len(scan.protocol.positions))
     errors = scan.errors(answers)
     stated = np.stack([errors.sum(axis=1), errors.max(axis=1)], axis=1)[:, : found.channels]
     found.error[rows] = np.concatenate([stated[where, k] for k in range(found.channels)], axis=1)
-    by_load = np.tile(_by_load(scan.draw.tissues[number], answers)[where], (1, found.channels))
+    by_load = np.tile(_by_load(scene, answers)[where], (1, found.channels))
     found.error[rows] += by_load * np.abs(found.signal[rows])
     found.blank[number] = films.totals
     found.blank_error[number] = [films.bound.log_ratio, films.relative_errors.max()][: found.channels]

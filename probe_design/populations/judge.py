@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from geometry.common.arrays import Floats
+from geometry.common.arrays import Floats, Ints
 from geometry.scenes.scene import Scene
 from probe_design.populations.closed_form_scan import ClosedFormScan
 from probe_design.populations.design_file import Design
 from probe_design.populations.detection import SCANS, Detector, deflections
 from probe_design.populations.inclusion_scan import inclusion_readings
-from probe_design.populations.noise import covariance
+from probe_design.populations.noise import covariance, covariance_of_all
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from probe_design.populations.readings import ScanReadings
 from probe_design.populations.resolved import Unknowns, contrast_deviations, informations, resolved
@@ -29,7 +29,7 @@ from probe_design.populations.tables import Objective
 
 Progress = Callable[[int, int], None]
 REFERENCE = 256  # tumours that the detector knows
-SHARE = 0.2  # of the noise of a reading: what reflections may be left out for
+LEVELS = ("closed-form", "equivalent-inclusion")
 KINDS = ("detection", "resolved", "information")
 
 
@@ -45,6 +45,7 @@ class Judgement:
         probability, contrast_sd, modulus_sd, gain, deflection: of each tumour: P_i, standard deviations of ln contrast and of
             ln E_object, information, d' if it were known; shape (n,).
         depth, diameter, x, youngs_modulus: of the tumours, m and Pa, shape (n,).
+        tissue: number of each one's tissue, shape (n,).
         level_errors: what the level may be off in each of ``KINDS``.
         statistic: as in the design file.
         false_alarm: share of tumour-free scans in which a tumour is found.
@@ -68,6 +69,7 @@ class Judgement:
     diameter: Floats
     x: Floats
     youngs_modulus: Floats
+    tissue: Ints
     level_errors: tuple[float, float, float]
     statistic: str | float
     false_alarm: float
@@ -88,13 +90,90 @@ class Judgement:
         mine, others = self.values(kind), other.values(kind)
         level = math.hypot(self.level_errors[KINDS.index(kind)], other.level_errors[KINDS.index(kind)])
         if objective.statistic == "mean":
-            return float(np.mean(mine - others)), objective.error(mine - others) + level
-        return objective.over(mine) - objective.over(others), math.hypot(objective.error(mine), objective.error(others)) + level
+            return float(np.mean(mine - others)), objective.error(mine - others, self.tissue) + level
+        return objective.over(mine) - objective.over(others), math.hypot(
+            *(objective.error(one, self.tissue) for one in (mine, others))
+        ) + level
 
     def as_dict(self) -> dict[str, Any]:
         """Return the numbers of the population, as JSON has them."""
         names = [name for kind in KINDS for name in (kind, f"{kind}_error")]
         return {name: getattr(self, name) for name in names} | {"false_alarm": self.false_alarm, "tumours": len(self.depth)}
+
+
+@dataclass(frozen=True)
+class Examination:
+    """What a scan with one probe reads over a population: what it takes time to find, and no noise changes.
+
+    Attributes:
+        population: the ranges.
+        draw: the tumours.
+        readings: over them.
+        reference: signals of the tumours that the detector knows, by the formulas, shape (K, m).
+        evaluator: the level of the readings.
+        seconds: what it took.
+    """
+
+    population: ScenePopulation
+    draw: TumourDraw
+    readings: ScanReadings
+    reference: Floats
+    evaluator: str
+    seconds: float
+
+    def judgement(self, design: Design, seed: int = 0) -> Judgement:
+        """Judge it under a design file's noise, false alarms and statistic; ``seed``: of the noise's draws."""
+        start, readings, draw, objective = perf_counter(), self.readings, self.draw, design.objective
+        unknowns, protocol = Unknowns.of(self.population, draw), design.protocol
+        blank = np.exp(np.log(readings.blank).mean(axis=0))
+        known = design.noise, protocol, draw.scene, blank
+        whole, own = covariance(*known, _tissue(unknowns, readings), readings.over), covariance_of_all(*known, readings.over)
+        detector = Detector.trained(self.reference, whole, protocol.false_alarm, seed=seed)
+        found, unsure = _found(detector, readings, design, seed)
+        J, share = unknowns.derivatives(readings, protocol.blank), _share(readings, protocol.blank)
+        contrast, modulus = (contrast_deviations(unknowns, J, own, of_object) for of_object in (False, True))
+        gain, told = informations(unknowns, J, own), resolved(contrast)
+        flips = resolved(contrast * (1 - share)) - resolved(contrast * (1 + share))
+        levels = (unsure[1], float(flips.mean() / 2), float(np.minimum(share, gain).mean()))
+        return Judgement(
+            detection=objective.over(found),
+            detection_error=math.hypot(objective.error(found, draw.tissue), unsure[0]) + levels[0],
+            resolved=float(told.mean()), resolved_error=objective.error(told, draw.tissue) + levels[1],
+            information=objective.over(gain), information_error=objective.error(gain, draw.tissue) + levels[2],
+            probability=found, contrast_sd=contrast, modulus_sd=modulus, gain=gain,
+            deflection=deflections(readings.signal, whole),
+            depth=draw.depth, diameter=draw.diameter, x=draw.x, youngs_modulus=draw.youngs_modulus, tissue=draw.tissue,
+            level_errors=levels, statistic=objective.statistic, false_alarm=protocol.false_alarm, evaluator=self.evaluator,
+            seconds=self.seconds + perf_counter() - start, warnings=(draw.note,) if draw.note else (),
+        )  # fmt: skip
+
+
+def examined(
+    scene: Scene, design: Design, *, samples: int | None = None, unseen: bool = False, progress: Progress | None = None
+) -> Examination:
+    """Read a scan over a population: by the formulas over the design's own draw, or by the judge's level over an unseen one.
+
+    Args:
+        scene: the design's scene, perhaps with another probe and load.
+        design: population and protocol.
+        samples: tumours; left out: as many as the design says.
+        unseen: whether to take the judge's level and tumours.
+        progress: called with tissues done and all, by the judge's level.
+
+    Raises:
+        InputError: the population does not fit the tissue, or the probe would leave it.
+        Refusal: the levels cannot take the scene.
+    """
+    start, population = perf_counter(), ScenePopulation.of(scene, design.population)
+    draw = population.drawn(samples, unseen=unseen)
+    names = ("object", *(name for name, one in population.ranges.items() if not one.single and name != "object"))
+    if unseen:
+        readings = inclusion_readings(draw, design.protocol, names, noise=design.noise, progress=progress)
+    else:
+        readings = ClosedFormScan.of(draw, design.protocol).readings(scene, names)
+    known = replace(population, seed=population.seed + 1).drawn(REFERENCE)
+    reference = ClosedFormScan.of(known, design.protocol).readings(scene).signal
+    return Examination(population, draw, readings, reference, LEVELS[unseen], perf_counter() - start)
 
 
 def judged(
@@ -113,61 +192,12 @@ def judged(
         InputError: the population does not fit the tissue, or the probe would leave it.
         Refusal: the levels cannot take the scene.
     """
-    start = perf_counter()
-    population = ScenePopulation.of(scene, design.population)
-    draw, names = population.drawn(samples, unseen=True), _names(population)
-    tolerance = SHARE * design.noise.white
-    readings = inclusion_readings(draw, design.protocol, names, tolerance=tolerance, progress=progress)
-    return _judgement(design, population, draw, readings, "equivalent-inclusion", seed=seed, start=start)
+    return examined(scene, design, samples=samples, unseen=True, progress=progress).judgement(design, seed)
 
 
 def scored(scene: Scene, design: Design, *, samples: int | None = None, seed: int = 0) -> Judgement:
     """Judge a scene's probe by the formulas on the design's own draw; arguments and refusals as of ``judged``."""
-    start = perf_counter()
-    population = ScenePopulation.of(scene, design.population)
-    draw, names = population.drawn(samples), _names(population)
-    readings = ClosedFormScan.of(draw, design.protocol).readings(scene, names)
-    return _judgement(design, population, draw, readings, "closed-form", seed=seed, start=start)
-
-
-def _names(population: ScenePopulation) -> tuple[str, ...]:
-    """What derivatives are needed by."""
-    return ("object", *(name for name, one in population.ranges.items() if not one.single and name != "object"))
-
-
-def _judgement(
-    design: Design,
-    population: ScenePopulation,
-    draw: TumourDraw,
-    readings: ScanReadings,
-    evaluator: str,
-    *,
-    seed: int,
-    start: float,
-) -> Judgement:
-    """From readings to what is made of them."""
-    objective, blank = design.objective, np.exp(np.log(readings.blank).mean(axis=0))
-    unknowns = Unknowns.of(population, draw)
-    own, whole = (
-        covariance(design.noise, design.protocol, draw.scene, blank, tissue, readings.over)
-        for tissue in (None, _tissue(unknowns, readings))
-    )
-    detector = Detector.trained(_reference(population, design), whole, design.protocol.false_alarm, seed=seed)
-    found, unsure = _found(detector, readings, design, seed)
-    J, share = unknowns.derivatives(readings, design.protocol.blank), _share(readings, design.protocol.blank)
-    contrast, modulus = (contrast_deviations(unknowns, J, own, of_object) for of_object in (False, True))
-    gain, told = informations(unknowns, J, own), resolved(contrast)
-    flips = resolved(contrast * (1 - share)) - resolved(contrast * (1 + share))
-    levels = (unsure[1], float(flips.mean() / 2), float(np.minimum(share, gain).mean()))
-    return Judgement(
-        detection=objective.over(found), detection_error=math.hypot(objective.error(found), unsure[0]) + levels[0],
-        resolved=float(told.mean()), resolved_error=objective.error(told) + levels[1],
-        information=objective.over(gain), information_error=objective.error(gain) + levels[2],
-        probability=found, contrast_sd=contrast, modulus_sd=modulus, gain=gain, deflection=deflections(readings.signal, whole),
-        depth=draw.depth, diameter=draw.diameter, x=draw.x, youngs_modulus=draw.youngs_modulus,
-        level_errors=levels, statistic=objective.statistic, false_alarm=design.protocol.false_alarm, evaluator=evaluator,
-        seconds=perf_counter() - start, warnings=(draw.note,) if draw.note else (),
-    )  # fmt: skip
+    return examined(scene, design, samples=samples).judgement(design, seed)
 
 
 def _found(detector: Detector, readings: ScanReadings, design: Design, seed: int) -> tuple[Floats, tuple[float, float]]:
@@ -178,12 +208,6 @@ def _found(detector: Detector, readings: ScanReadings, design: Design, seed: int
     known = len(found) > 1 or len(detector.templates) == 1  # whose draws scatter with the tumours, or which need none
     draws = 0.0 if known else math.sqrt(float(found[0] * (1 - found[0])) / SCANS)
     return found, (math.hypot(threshold, draws), float(np.abs(more - less).mean() / 2))
-
-
-def _reference(population: ScenePopulation, design: Design) -> Floats:
-    """Signals of the tumours that the detector knows, by the formulas, shape (K, m)."""
-    draw = replace(population, seed=population.seed + 1).drawn(REFERENCE)
-    return np.asarray(ClosedFormScan.of(draw, design.protocol).readings(draw.scene).signal)
 
 
 def _tissue(unknowns: Unknowns, readings: ScanReadings) -> Floats | None:

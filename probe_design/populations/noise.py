@@ -10,6 +10,11 @@ prediction, with the gains g_c and what is not known of the tissue, numbers of d
 
     C = w_c^2 + g_c^2 u u^T within a channel, and sum s_j^2 t_j t_j^T over all                     (PO.3)
 
+That is how a detector counts, which need not know the tissue then. What is told of a tumour rests on all readings as they are,
+the blank's among them, with u over these too,
+
+    C = w_c^2 + g_c^2 u u^T within a channel                                                        (PO.8)
+
 The ratio's w^2 is white^2 + tilt^2 + sum (q0 / Q_j)^2 with Q_j = |d33| F_j the charge of channel j (PHYSICS section 2), its g^2
 that of two channels, 2 gain^2.
 """
@@ -61,9 +66,28 @@ def covariance(
     return C if tissue is None or protocol.blank else C + tissue @ tissue.T
 
 
+def covariance_of_all(noise: NoiseModel, protocol: Protocol, scene: Scene, blank: Floats, over: Floats) -> Floats:
+    """Return C of eq. PO.8, arguments and refusals as of ``covariance``.
+
+    Returns:
+        in the order of ``readings.logarithms``, then, where there is one, the blank's channels; shape (m, m) or (m + c, m + c).
+    """
+    own, common = _variances(noise, protocol, scene, np.vstack([blank, over])), _common(noise, protocol, blank)
+    channels, p = np.eye(len(own)), len(over)
+    variances = np.concatenate([own[:, 1:].ravel(), own[:, 0]])
+    u = np.concatenate([np.repeat(channels, p, axis=0), channels])
+    kept = len(variances) if protocol.blank else len(own) * p
+    return np.asarray((np.diag(variances) + u @ np.diag(common) @ u.T)[:kept, :kept])
+
+
+def reading_deviations(noise: NoiseModel, protocol: Protocol, scene: Scene, blank: Floats) -> Floats:
+    """Return the standard deviation of one reading of each channel by itself, less the blank's where there is one, (c,)."""
+    return np.asarray(np.sqrt((1 + protocol.blank) * _variances(noise, protocol, scene, blank[None])[:, 0]))
+
+
 def _variances(noise: NoiseModel, protocol: Protocol, scene: Scene, places: Floats) -> Floats:
     """w_c^2 of each channel where the films feel such forces, shape (k, 2): (c, k)."""
-    charges = _charges(scene, places) if noise.charge else np.ones(places.shape)
+    charges = film_charges(scene, places) if noise.charge else np.ones(places.shape)
     ratio = noise.white**2 + noise.tilt**2 + ((noise.charge / charges) ** 2).sum(axis=1)
     own = np.stack([ratio, np.full_like(ratio, noise.stiffness_white**2)])[: protocol.channels]
     for key, variance in zip(("white", "stiffness_white"), own.min(axis=1).tolist(), strict=False):
@@ -78,7 +102,7 @@ def _common(noise: NoiseModel, protocol: Protocol, blank: Floats) -> Floats:
     return np.array([_ratio_gain(noise, blank), noise.stiffness_gain**2])[: protocol.channels]
 
 
-def _charges(scene: Scene, places: Floats) -> Floats:
+def film_charges(scene: Scene, places: Floats) -> Floats:
     """Q_j, C, under the scene's load, shape (k, 2)."""
     load, film = scene.load, scene.probe.film
     indentation = (load.force or 0.0) / places.sum(axis=1) if load.indentation is None else np.full(len(places), load.indentation)

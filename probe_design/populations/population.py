@@ -1,7 +1,7 @@
 """Tumours drawn from the ranges of a design file, each in its own tissue.
 
 A draw is a scrambled Sobol sequence, so that n tumours fill the ranges more evenly than n random ones; those that do not fit are
-drawn again. Tissues differ from patient to patient: up to ``MOST_TISSUES`` are drawn, and the tumours shared out among them, as
+drawn again. Tissues differ from patient to patient: two or four are drawn, and the tumours shared out among them, as
 each takes a probe solved on it. All tumours count the same.
 """
 
@@ -23,7 +23,7 @@ from geometry.scenes.variables import changed
 from probe_design.populations.ranges import Range
 from probe_design.populations.tables import PopulationRanges
 
-MOST_TISSUES = 4
+MOST_TISSUES, MOST_LAYERED = 4, 2  # of one material, and of layers, on which a probe takes three times as long to solve
 COVER = 0.1  # of its diameter: least tissue between a tumour and surface or interface, see ``closed_form``'s ``LEAST_COVER``
 CLEAR = 1 - 1e-6  # of the room that a tumour may fill
 TRIES = 64  # times the tumours asked for that are drawn before giving up
@@ -191,7 +191,8 @@ class ScenePopulation:
             InputError: a tissue is none, such as one with layers thicker than it is deep.
         """
         keys = self.of_tissue
-        count = 1 if all(self.ranges[key].single for key in keys) else min(n, MOST_TISSUES)
+        most = MOST_LAYERED if self.scene.tissue.layer else MOST_TISSUES
+        count = 1 if all(self.ranges[key].single for key in keys) else min(n, most)
         rows = _values([self.ranges[key] for key in keys], qmc.Sobol(len(keys), seed=seed).random(_power(count))[:count])
         return tuple(self.in_tissue(dict(zip(keys, row.tolist(), strict=True))) for row in rows)
 

@@ -1,8 +1,9 @@
 """How well the contrast of a found tumour is told: its posterior standard deviation, with all that is not known beside it.
 
 About each tumour the readings are straight lines in what is not known: logarithms of depth, diameter and moduli, of the layers'
-thicknesses, and the place x. With J their derivatives, C the readings' covariance, S the prior variances of all but the object's
-modulus, j its derivative, and ln contrast k = ln E_object - ln E_host put in its place, so that the host's derivative is t + j,
+thicknesses, and the place x. With J their derivatives, C their covariance, eq. PO.8, S the prior variances of all but the
+object's modulus, j its derivative, and ln contrast k = ln E_object - ln E_host put in its place, so that the host's derivative
+is t + j,
 
     W = (C + sum S_i J_i J_i^T)^-1,   sd(k) = (j^T W j)^(-1/2)                                     (PO.6)
 
@@ -54,13 +55,12 @@ class Unknowns:
         return cls(names, np.array(deviations), index)
 
     def derivatives(self, readings: ScanReadings, blank: bool) -> Floats:
-        """Return J, shape (n, m, q): without a blank the tissue's numbers count with what they change of all readings."""
+        """Return J of all readings, the blank's after those of the scan where there is one, shape (n, m or m + c, q)."""
         columns = []
         for name in self.names:
-            column = readings.by[name]
-            if not blank and name in readings.blank_by:
-                column = column + readings.on_scan(readings.blank_by[name])[readings.tissue]
-            columns.append(column)
+            without = readings.blank_by.get(name, np.zeros_like(readings.blank_error))
+            whole = readings.by[name] + readings.on_scan(without)[readings.tissue]
+            columns.append(np.concatenate([whole, without[readings.tissue]], axis=1) if blank else whole)
         return np.stack(columns, axis=-1)
 
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from geometry.common.arrays import Floats
+from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import InputError
 from geometry.scenes.probe import LENGTH, MODULUS, Frozen, Length
 from geometry.scenes.scene import MOST_LAYERS, Force, Indentation
@@ -198,8 +198,21 @@ class Objective(Frozen):
         """Return the statistic of the tumours' values, shape (n,): their mean, or their quantile."""
         return float(np.mean(values) if self.statistic == "mean" else np.quantile(values, self.statistic))
 
-    def error(self, values: Floats) -> float:
-        """Return the standard error of ``over`` for n tumours drawn at random; of a quantile from its neighbours."""
+    def error(self, values: Floats, group: Ints | None = None) -> float:
+        """Return the standard error of ``over``, of a quantile from its neighbours.
+
+        Args:
+            values: of n tumours drawn at random, shape (n,).
+            group: number of each tumour's tissue, shape (n,): where these, which are few, differ by more than tumours drawn at
+                random would, that counts.
+        """
+        alone = self._error(values)
+        parts = [] if group is None else [values[group == one] for one in np.unique(group)]
+        if len(parts) < 2:
+            return alone
+        return max(alone, float(np.std([self.over(part) for part in parts], ddof=1) / math.sqrt(len(parts))))
+
+    def _error(self, values: Floats) -> float:
         n = len(values)
         if n < 2:
             return 0.0

@@ -9,6 +9,7 @@ from scipy.stats import multivariate_normal, norm
 
 from geometry.common.arrays import Floats
 from probe_design.populations.closed_form_scan import ClosedFormScan
+from probe_design.populations.design_file import Design
 from probe_design.populations.detection import Detector, deflections, known_tumours, log_likelihood_ratio
 from probe_design.populations.noise import covariance
 from probe_design.populations.population import ScenePopulation
@@ -29,7 +30,7 @@ def simulated(noise: NoiseModel, protocol: Protocol, scans: int, seed: int) -> F
     return np.concatenate(columns[: protocol.channels], axis=1)
 
 
-def readings_of(design, samples: int) -> ScanReadings:  # type: ignore[no-untyped-def]
+def readings_of(design: Design, samples: int) -> ScanReadings:
     population = ScenePopulation.of(design.scene, design.population)
     return ClosedFormScan.of(population.drawn(samples), design.protocol).readings(design.scene)
 

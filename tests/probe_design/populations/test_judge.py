@@ -64,6 +64,19 @@ def test_errors_of_means_are_those_of_repeated_samples() -> None:
         assert np.mean([objective.error(one) for one in samples]) == pytest.approx(spread, rel=0.15)
 
 
+def test_tissues_that_differ_count_in_the_error() -> None:
+    """Few tissues with many tumours each are as many samples as tissues, where tumours of one tissue are alike."""
+    rng, group = np.random.default_rng(1), np.repeat(np.arange(4), 25)
+    spread, stated = [], []
+    for _ in range(2000):
+        values = rng.standard_normal(4)[group] + 0.1 * rng.standard_normal(100)
+        spread.append(values.mean())
+        stated.append(Objective().error(values, group))
+    assert np.sqrt(np.mean(np.square(stated))) == pytest.approx(np.std(spread), rel=0.1)
+    alike = rng.standard_normal(100)
+    assert Objective().error(alike, group) >= Objective().error(alike)
+
+
 def test_loads_of_which_nothing_is_known_are_refused() -> None:
     pressed = DESIGN.scene.model_copy(update={"load": Load(force=50.0)})
     with pytest.raises(Refusal, match="load"):

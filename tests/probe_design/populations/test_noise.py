@@ -7,7 +7,7 @@ import pytest
 
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Load
-from probe_design.populations.noise import covariance
+from probe_design.populations.noise import covariance, covariance_of_all
 from probe_design.populations.tables import NoiseModel, Protocol
 from tests.probe_design.populations.test_detection import simulated
 from tests.support.designs import THREE, example_design
@@ -67,3 +67,13 @@ def test_readings_without_noise_or_charge_are_refused(noise: NoiseModel, load: L
     with pytest.raises(InputError) as fault:
         covariance(noise, Protocol(), scene, BLANK)
     assert fault.value.key == key
+
+
+def test_all_readings_taken_from_the_blank_are_the_differences() -> None:
+    """Eq. PO.2 from eq. PO.8: each reading less the blank's of its channel, whatever the gains."""
+    protocol, scene = Protocol(), example_design().scene
+    over = np.tile(BLANK, (9, 1)) * np.linspace(0.9, 1.1, 18).reshape(9, 2)
+    noise = QUIET.model_copy(update={"charge": 1e-14})
+    less = np.hstack([np.eye(18), -np.kron(np.eye(2), np.ones((9, 1)))])
+    whole = less @ covariance_of_all(noise, protocol, scene, BLANK, over) @ less.T
+    assert whole == pytest.approx(covariance(noise, protocol, scene, BLANK, over=over), rel=1e-12, abs=1e-15)

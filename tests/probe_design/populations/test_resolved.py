@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from geometry.common.arrays import Floats
+from geometry.scenes.scene import Load
+from geometry.scenes.variables import changed
 from probe_design.optimisation.objective import Noise, objective
+from probe_design.populations.closed_form_scan import ClosedFormScan
+from probe_design.populations.inclusion_scan import inclusion_readings
 from probe_design.populations.judge import scored
+from probe_design.populations.noise import covariance_of_all
 from probe_design.populations.population import ScenePopulation
 from probe_design.populations.resolved import Unknowns, contrast_deviations, informations, resolved
+from probe_design.populations.tables import NoiseModel, Protocol
 from solver import evaluate
 from tests.support.designs import SUPERFICIAL, THREE, example_design
 
@@ -88,13 +96,11 @@ def test_intervals_cover_the_truth() -> None:
     """Estimates from simulated readings of tumours whose numbers are off as the priors say: 1.96 deviations hold 95 %."""
     design = example_design(population={**SUPERFICIAL, "tissue": ["4 kPa", "9 kPa"]}, protocol=THREE)
     population = ScenePopulation.of(design.scene, design.population)
-    from probe_design.populations.closed_form_scan import ClosedFormScan
-    from probe_design.populations.noise import covariance
-
     draw = population.drawn(8)
     known = Unknowns.of(population, draw)
     readings = ClosedFormScan.of(draw, design.protocol).readings(design.scene, known.names)
-    C, rng = covariance(design.noise, design.protocol, design.scene, readings.blank[0]), np.random.default_rng(0)
+    C = covariance_of_all(design.noise, design.protocol, design.scene, readings.blank[0], readings.over)
+    rng = np.random.default_rng(0)
     J = known.derivatives(readings, design.protocol.blank)
     stated, tissue = contrast_deviations(known, J, C), known.names.index("tissue")
     covered = []
@@ -110,3 +116,38 @@ def test_intervals_cover_the_truth() -> None:
         error = (estimate - off)[:, 0] - (estimate - off)[:, tissue]
         covered.append((np.abs(error) < 1.96 * stated[k]).mean())
     assert 0.93 < np.mean(covered) < 0.97
+
+
+@pytest.mark.slow
+def test_tumours_of_the_physics_page_are_told_as_it_says() -> None:
+    """PHYSICS section 2: 50 % on depth, diameter and the tissue, 1 % noise, nine positions; another trial, of another probe."""
+    lengths = {"probe.inner_radius": 2.51e-3, "probe.gap": 0.22e-3, "probe.height": 2.47e-3}
+    moduli = {"probe.inner.youngs_modulus": 1.13e6, "probe.outer.youngs_modulus": 0.785e6}
+    scene = changed(example_design().scene, {"probe.area_ratio": 0.117, **lengths, **moduli})
+    scene = scene.model_copy(update={"load": Load(force=1e-3)})
+    noise = NoiseModel(gain=0.0, stiffness_gain=0.0, charge=0.0)
+    depth, diameter, contrast = np.array([[9, 8, 10], [9, 8, 3], [6, 10, 10], [6, 10, 3], [9, 15, 5]]).T
+    one = ScenePopulation.of(scene, example_design().population).drawn()
+    objects = contrast * scene.tissue.youngs_modulus
+    draw = replace(
+        one, depth=depth * 1e-3, diameter=diameter * 1e-3, youngs_modulus=objects, x=np.zeros(5), tissue=np.zeros(5, int)
+    )
+    known = Unknowns(("object", "depth", "diameter", "tissue"), np.array([1.0, 0.5, 0.5, 0.5]), np.full(5, 3))
+    line = tuple(np.linspace(-16e-3, 16e-3, 9).tolist())
+    told = {((0.0,), False): [8.5, 2.4, 4.1, 1.1, 1.9], (line, False): [6.4, 1.9, 0.61, 0.52, 0.68],
+            (line, True): [6.2, 1.8, 0.28, 0.14, 0.10]}  # fmt: skip
+    for (positions, stiffness), expected in told.items():
+        protocol = Protocol(positions=positions, stiffness=stiffness, blank=False)
+        readings = inclusion_readings(draw, protocol, known.names, noise=noise)
+        C = covariance_of_all(noise, protocol, scene, readings.blank[0], readings.over)
+        found = contrast_deviations(known, known.derivatives(readings, False), C)
+        assert found[:2] == pytest.approx(expected[:2], rel=0.1)
+        assert np.abs(np.log(found / expected)).max() < np.log(1.7)
+
+
+def test_a_blank_never_tells_less() -> None:
+    sds = []
+    for blank in (False, True):
+        design = example_design(population={**SUPERFICIAL, "tissue": ["4 kPa", "9 kPa"]}, protocol={**THREE, "blank": blank})
+        sds.append(scored(design.scene, design, samples=8).contrast_sd)
+    assert np.all(sds[1] <= sds[0] * (1 + 1e-9))

@@ -1,0 +1,83 @@
+"""Judge the start for three populations, and simulate scans that the same detector reads.
+
+Usage: ``python -m benchmarks.populations.judging [--scans 10000] [--tumours 64] [--only deep] [--pictures FOLDER]``, from the
+repository's root.
+Each simulated scan draws a tumour of the judge's, the errors of every reading, both gains of the scan and a blank.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from time import perf_counter, process_time
+
+import numpy as np
+
+from benchmarks.populations.cases import CASES, case
+from geometry.common.arrays import Floats, Ints
+from probe_design.populations.design_file import Design
+from probe_design.populations.detection import Detector, log_likelihood_ratio, whitened
+from probe_design.populations.judge import Examination, examined, scored
+from probe_design.populations.levers import levers
+from probe_design.populations.noise import covariance, film_charges
+from probe_design.populations.pictures import plot_judgements, plot_levers
+
+
+def simulated(scan: Examination, design: Design, scans: int) -> tuple[Floats, Ints]:
+    """Return the errors of scans with a blank, part by part, and numbers of the tumours that they are over."""
+    rng, noise, readings = np.random.default_rng(2024), design.noise, scan.readings
+    p, forces = readings.positions, np.vstack([np.exp(np.log(readings.blank).mean(axis=0)), readings.over])
+    charges = film_charges(scan.draw.scene, forces)
+    ratio = noise.white * rng.standard_normal((scans, p + 1)) + np.sqrt(2) * noise.gain * rng.standard_normal((scans, 1))
+    for film in (0, 1):
+        ratio += (1 - 2 * film) * noise.charge / charges[:, film] * rng.standard_normal((scans, p + 1))
+    stiffness = noise.stiffness_white * rng.standard_normal((scans, p + 1))
+    stiffness += noise.stiffness_gain * rng.standard_normal((scans, 1))
+    less = np.hstack([one[:, 1:] - one[:, :1] for one in (ratio, stiffness)])
+    return np.asarray(less, dtype=float), rng.integers(len(scan.draw), size=scans)
+
+
+def found(scan: Examination, design: Design, scans: int) -> tuple[float, float]:
+    """Return the share of simulated scans in which the detector finds the tumour, and of those without one."""
+    blank = np.exp(np.log(scan.readings.blank).mean(axis=0))
+    C = covariance(design.noise, design.protocol, scan.draw.scene, blank, over=scan.readings.over)
+    detector = Detector.trained(scan.reference, C, design.protocol.false_alarm)
+    errors, tumour = simulated(scan, design, scans)
+    shares = []
+    for readings in (errors + scan.readings.signal[tumour], errors):
+        statistic = log_likelihood_ratio(detector.templates, whitened(detector.factor, readings))
+        shares.append(float((statistic > detector.threshold).mean()))
+    return shares[0], shares[1]
+
+
+def main() -> None:
+    """Print a line for each population."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--scans", type=int, default=10_000)
+    parser.add_argument("--tumours", type=int, default=64)
+    parser.add_argument("--pictures", type=Path)
+    parser.add_argument("--only", choices=sorted(CASES))
+    given = parser.parse_args()
+    print("population | scored, s | judged, s (processor) | P formulas | P judged | simulated | alarms | resolved | information")
+    for name in [given.only] if given.only else CASES:
+        design = case(name)
+        formulas, start, spent = scored(design.scene, design), perf_counter(), process_time()
+        scan = examined(design.scene, design, samples=given.tumours, unseen=True)
+        judgement = scan.judgement(design)
+        took, spent = perf_counter() - start, process_time() - spent
+        simulation, alarms = found(scan, design, given.scans)
+        print(
+            f"{name} | {formulas.seconds:.1f} | {took:.1f} ({spent:.1f}) | {formulas.detection:.3f} | "
+            f"{judgement.detection:.3f} +- {judgement.detection_error:.3f} | {simulation:.3f} | {alarms:.3f} | "
+            f"{judgement.resolved:.2f} +- {judgement.resolved_error:.2f} | "
+            f"{judgement.information:.3f} +- {judgement.information_error:.3f}",
+            flush=True,
+        )
+        if given.pictures is not None:
+            slug = name.replace(" ", "-")
+            plot_judgements([("formulas", formulas), ("judge", judgement)], given.pictures / f"{slug}.png")
+            plot_levers(levers(design.scene, design), "probability to be found", given.pictures / f"{slug}-levers.png")
+
+
+if __name__ == "__main__":
+    main()

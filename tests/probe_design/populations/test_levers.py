@@ -1,0 +1,51 @@
+"""Levers, and pictures of what was judged."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from geometry.common.errors import InputError
+from probe_design.populations.design_file import Design
+from probe_design.populations.judge import scored
+from probe_design.populations.levers import Lever, levers
+from probe_design.populations.pictures import plot_judgements, plot_levers
+from tests.support.designs import SUPERFICIAL, example_design
+
+NOISE = {"white": 0.05, "stiffness_white": 0.05}
+PNG = b"\x89PNG"
+
+
+def small(**protocol: object) -> Design:
+    table = {"positions": ["-4 mm", "4 mm"], **protocol}
+    return example_design(population={**SUPERFICIAL, "samples": 8}, protocol=table, noise=NOISE)
+
+
+@pytest.mark.slow
+def test_every_lever_helps_and_is_named() -> None:
+    design = small(stiffness=False, blank=False)
+    found = levers(design.scene, design)
+    names = ["as it is", "white halved", "gain halved", "charge halved", "stiffness read", "blank read", "3 positions"]
+    assert [one.name for one in found] == names
+    assert found[0].gain == 0.0
+    for one in found[1:]:
+        if one.name != "blank read":  # which takes gains away and doubles white noise
+            assert one.gain > -2 * one.error, one
+
+
+def test_gains_that_cancel_are_no_lever() -> None:
+    design = small(stiffness=False)
+    assert not any("gain" in one.name for one in levers(design.scene, design))
+
+
+def test_pictures_are_written(tmp_path: Path) -> None:
+    design = small()
+    judgement = scored(design.scene, design)
+    for count in (1, 2):
+        path = plot_judgements([("start", judgement), ("optimum", judgement)][:count], tmp_path / f"{count}.png")
+        assert path.read_bytes().startswith(PNG)
+    bars = [Lever("as it is", 0.4, 0.0, 0.0), Lever("white halved", 0.5, 0.1, 0.02)]
+    assert plot_levers(bars, "probability to be found", tmp_path / "levers.png").read_bytes().startswith(PNG)
+    with pytest.raises(InputError, match="a file name that ends in"):
+        plot_levers(bars, "P", tmp_path / "levers.txt")
