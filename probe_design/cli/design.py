@@ -150,7 +150,7 @@ def _optimize_population(
         show(table(optimum, maps))
         message(f"search: {optimum.how}")
         message(f"wrote {len(files)} files to {output}; begin with {output / 'report.html'}")
-    warn(dict.fromkeys(optimum.best.judgement.warnings))
+    warn(optimum.warnings)
     message(optimum.verdict)
     if optimum.status == "no-gain":
         raise SystemExit(1)

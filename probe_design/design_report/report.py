@@ -99,7 +99,6 @@ def question(design: Design) -> str:
 
 def page(optimum: PopulationOptimum, maps: dict[str, DepthMap], files: Sequence[str]) -> str:
     """Return the report as an HTML page."""
-    warnings = dict.fromkeys((*optimum.start.judgement.warnings, *optimum.best.judgement.warnings))
     limits = [(one.name, f"{one.value:.4g}", "active" if one.active else "") for one in optimum.limits]
     tolerances = [
         (name, *(f"{value:.3g}" for value in (one.nominal, one.expected, one.low, one.high)))
@@ -115,7 +114,7 @@ def page(optimum: PopulationOptimum, maps: dict[str, DepthMap], files: Sequence[
         limits=_html_table(("limit", "value, SI", ""), limits),
         tolerances=_html_table(("design", "as drawn", "expected", "5 % below", "95 % below"), tolerances),
         front=front,
-        warnings="".join(f"<li>{escape(text)}</li>" for text in warnings) or "<li>none</li>",
+        warnings="".join(f"<li>{escape(text)}</li>" for text in optimum.warnings) or "<li>none</li>",
         files="".join(f'<li><a href="{escape(name)}">{escape(name)}</a></li>' for name in files),
         scene=escape(scene_to_toml(optimum.scene)),
         judge=escape(optimum.best.judgement.evaluator),
