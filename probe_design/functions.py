@@ -196,8 +196,8 @@ def _refuse_settings(outer_radius: float | None, starts: int, evaluator: str | N
 def _for_population(
     design: Design, output: Path | str | None, tell: Callable[[str, int, int], None], force: bool
 ) -> PopulationOptimum:
+    from probe_design.design_report.report import maps_of, write_all
     from probe_design.design_search.optimize import optimize as run
-    from probe_design.design_search.report import maps_of, write_all
 
     optimum = run(design, tell)
     if output is not None:

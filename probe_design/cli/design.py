@@ -132,10 +132,10 @@ def _optimize_population(
     """Search, judge, write and tell; exit code 1 where no gain counts."""
     from functools import partial
 
+    from probe_design.design_report.report import maps_of, write_all
+    from probe_design.design_report.table import table
     from probe_design.design_search.optimize import optimize
     from probe_design.design_search.pareto import front
-    from probe_design.design_search.report import maps_of, write_all
-    from probe_design.design_search.table import table
     from probe_design.terminal.console import message, show, stages, warn
 
     with stages() as progress:
@@ -152,7 +152,7 @@ def _optimize_population(
         show(table(optimum, maps))
         message(f"search: {optimum.how}")
         message(f"wrote {len(files)} files to {output}; begin with {output / 'report.html'}")
-    warn(dict.fromkeys(optimum.best.judgement.warnings))
+    warn(optimum.warnings)
     message(optimum.verdict)
     if optimum.status == "no-gain":
         raise SystemExit(1)

@@ -15,7 +15,6 @@ import numpy as np
 from scipy.stats import qmc
 
 from geometry.common.arrays import Floats, Ints
-from geometry.common.resources import check_time
 from probe_design.design_search.steered_population import SteeredDesigns
 from probe_design.optimisation.design_space import Space
 from probe_design.optimisation.global_search import QUIET, SHELLS, stopped_by_user
@@ -60,7 +59,6 @@ class SteeredFunction(Differentiated):
 
     def values(self, x: Floats) -> tuple[Floats, Floats]:
         """Return both values and their derivatives; NaN where the formulas break down, from which IPOPT steps back."""
-        check_time("variables")
         design = self.start.copy()
         design[self.which] = np.exp(x)
         self.evaluations += 1

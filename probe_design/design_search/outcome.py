@@ -86,6 +86,17 @@ class PopulationOptimum:
         return tuple(rows)
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """What else one has to know, one line each."""
+        told = dict.fromkeys(self.start.judgement.warnings + self.best.judgement.warnings)
+        start, limit = self.design.scene.probe.tube_radius, self.room.space.outer_radius
+        if start > limit * (1 + CLOSE):
+            told[f"the start's outer radius of {start * 1e3:.4g} mm is above the limit of {limit * 1e3:.4g} mm"] = None
+        if self.why_no_single:
+            told[f"no design for one tumour to compare with: {self.why_no_single}"] = None
+        return tuple(told)
+
+    @property
     def verdict(self) -> str:
         """What was found, in one sentence."""
         kind, (gain, error) = self.design.objective.maximise, self.gain
@@ -125,7 +136,7 @@ class PopulationOptimum:
             "search": {"how": self.how, "exhaustive": self.exhaustive, "combinations": self.best_of},
             "tolerances": [one.as_dict() for one in self.robust],
             "seconds": self.seconds,
-            "warnings": list(dict.fromkeys(self.start.judgement.warnings + self.best.judgement.warnings)),
+            "warnings": list(self.warnings),
             "files": files,
         }
 

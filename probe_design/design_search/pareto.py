@@ -95,7 +95,8 @@ def _asked(design: Design, against: str) -> Any:
             yield limit, design.model_copy(update={"limits": limits, "scene": scene})
     else:
         places = design.protocol.places
-        for count in sorted({1, *np.linspace(1, max(1, len(places)), POINTS).round().astype(int).tolist()}):
+        most = len(places) - (len(places) + 1) % 2  # odd ones, which have one in the middle
+        for count in sorted({1 + 2 * int(half) for half in np.linspace(0, (most - 1) // 2, POINTS).round()}):
             some = np.linspace(places.min(), places.max(), count) if count > 1 else np.array([places.mean()])
             protocol = design.protocol.model_copy(update={"positions": tuple(some.tolist())})
             yield float(count), design.model_copy(update={"protocol": protocol})

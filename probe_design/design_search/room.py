@@ -150,6 +150,8 @@ def room(design: Design) -> Room:
     """
     scene, given, limits = design.scene, design.variables, design.limits
     base = _usual(design)
+    if given.height.fixed and scene.probe.core_height != scene.probe.tube_height:
+        raise InputError("variables.height", "fixed", "bounds or choices: designs have blocks of one height, the start's differ")
     low, high, grids = base.low.copy(), base.high.copy(), dict[int, tuple[float, ...]]()
     shelf = tuple(_of_blocks(name, k) for k, name in enumerate(dict.fromkeys(given.materials)))
     for k, name in enumerate(VARIABLES):

@@ -118,10 +118,19 @@ ALLOWED: dict[str, set[str]] = {
         "solver.planning",
         *ANSWERS,
     },
+    "probe_design.design_report": {
+        "probe_design.data",
+        "probe_design.design_search",
+        "probe_design.optimisation",
+        "probe_design.pictures",
+        "probe_design.populations",
+        "geometry.cad",
+        "geometry.provenance",
+        *ANSWERS,
+    },
     "probe_design.design_search": {
         "probe_design.data",
         "probe_design.optimisation",
-        "probe_design.pictures",
         "probe_design.populations",
         "solver.casadi_functions",
         "solver.closed_form",
@@ -129,8 +138,6 @@ ALLOWED: dict[str, set[str]] = {
         "solver.inclusions",
         "solver.planning",
         "solver.tumour_waves",
-        "geometry.cad",
-        "geometry.provenance",
         *ANSWERS,
     },
     "probe_design.optimisation": {
@@ -222,6 +229,7 @@ ALLOWED: dict[str, set[str]] = {
     "probe_design.cli": {
         "probe_design.built_probe",
         "probe_design.data",
+        "probe_design.design_report",
         "probe_design.design_search",
         "probe_design.doctor",
         "probe_design.estimation",
@@ -251,6 +259,7 @@ ALLOWED: dict[str, set[str]] = {
     "probe_design": {
         "probe_design.cli",
         "probe_design.data",
+        "probe_design.design_report",
         "probe_design.design_search",
         "probe_design.estimation",
         "probe_design.maps",

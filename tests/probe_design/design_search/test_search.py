@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from geometry.scenes.scene import Load
 from probe_design.design_search.choices import choose
 from probe_design.design_search.room import Room, room
 from probe_design.design_search.steered_population import SteeredDesigns
 from probe_design.optimisation.design_space import variables
 from probe_design.populations.design_file import Design
+from solver.planning.load_check import load_rule
 from tests.support.searches import design
 
 POPULATION = {"depth": [5e-3, 15e-3], "diameter": [5e-3, 12e-3], "object": [2e4, 1e5], "tissue": [4e3, 8e3], "samples": 8}
@@ -97,6 +99,19 @@ def test_the_same_question_has_the_same_answer_and_a_tighter_limit_no_better_one
     assert found[0] == found[1]
     assert found[0][0] >= found[2][0] - 1e-9
     assert found[2][0] >= found[3][0] - 1e-9
+
+
+def test_a_force_is_the_least_that_is_allowed_and_the_judge_takes_it() -> None:
+    made = asked(limits={"force": 5e-3, "indentation": 1e-4, "charge": [0.0, 1e-12]})
+    steered, _ = ready(made)
+    pressed = steered.rule.pressed(made.scene)
+    assert 0.99 * min(pressed.allowed.values()) <= pressed.force <= min(pressed.allowed.values())
+    assert pressed.allowed[pressed.by] == min(pressed.allowed.values())
+    assert pressed.indentation <= 1e-4
+    for tissue in steered.draw.on(made.scene.model_copy(update={"load": Load(force=pressed.force)})).tissues:
+        rule = load_rule(tissue)
+        assert rule.knows(pressed.force)
+        assert rule.ratio_change(pressed.force) <= 0.01
 
 
 def test_a_tighter_limit_of_force_strain_or_charge_takes_from_every_design() -> None:

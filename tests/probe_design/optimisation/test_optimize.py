@@ -17,7 +17,7 @@ from probe_design.optimisation.design_space import space
 from probe_design.optimisation.global_search import log_objectives, search
 from probe_design.optimisation.local_search import polish
 from probe_design.optimisation.objective import Noise
-from tests.support.paths import REFERENCE
+from tests.support.paths import REFERENCE, ROOT
 from tests.support.program import Ended, run
 from tests.support.references import named
 from tests.support.slow import slow_unless
@@ -62,7 +62,7 @@ def test_search_stays_in_bounds_and_finds_better_than_it_screened() -> None:
 def improved(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Ended]:
     """The built-in scene's optimum: the folder, and what the program said."""
     out = tmp_path_factory.mktemp("optimum") / "out"
-    return out, run("optimize", "-o", out, "--starts", "2", "--json")
+    return out, run("optimize", ROOT / "probe_design" / "data" / "builtin.toml", "-o", out, "--starts", "2", "--json")
 
 
 @pytest.mark.slow

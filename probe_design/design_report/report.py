@@ -13,12 +13,12 @@ from string import Template
 from geometry.provenance.block import Provenance, provenance
 from geometry.provenance.texts import toml_comment
 from geometry.scenes.scene_file import scene_to_toml
-from probe_design.design_search.depth_map import DepthMap, depth_map
-from probe_design.design_search.levers import levers
+from probe_design.design_report.depth_map import DepthMap, depth_map
+from probe_design.design_report.levers import levers
+from probe_design.design_report.pictures import draw_front, draw_levers, draw_maps
+from probe_design.design_report.table import caption, columns, rows
 from probe_design.design_search.outcome import PopulationOptimum
 from probe_design.design_search.pareto import Front
-from probe_design.design_search.pictures import draw_front, draw_levers, draw_maps
-from probe_design.design_search.table import caption, columns, rows
 from probe_design.populations.design_file import Design
 
 PAGE = resources.files("probe_design.data").joinpath("population_report.html.in")
@@ -99,7 +99,6 @@ def question(design: Design) -> str:
 
 def page(optimum: PopulationOptimum, maps: dict[str, DepthMap], files: Sequence[str]) -> str:
     """Return the report as an HTML page."""
-    warnings = dict.fromkeys((*optimum.start.judgement.warnings, *optimum.best.judgement.warnings))
     limits = [(one.name, f"{one.value:.4g}", "active" if one.active else "") for one in optimum.limits]
     tolerances = [
         (name, *(f"{value:.3g}" for value in (one.nominal, one.expected, one.low, one.high)))
@@ -115,7 +114,7 @@ def page(optimum: PopulationOptimum, maps: dict[str, DepthMap], files: Sequence[
         limits=_html_table(("limit", "value, SI", ""), limits),
         tolerances=_html_table(("design", "as drawn", "expected", "5 % below", "95 % below"), tolerances),
         front=front,
-        warnings="".join(f"<li>{escape(text)}</li>" for text in warnings) or "<li>none</li>",
+        warnings="".join(f"<li>{escape(text)}</li>" for text in optimum.warnings) or "<li>none</li>",
         files="".join(f'<li><a href="{escape(name)}">{escape(name)}</a></li>' for name in files),
         scene=escape(scene_to_toml(optimum.scene)),
         judge=escape(optimum.best.judgement.evaluator),

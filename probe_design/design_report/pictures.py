@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from probe_design.data.noise import RESOLVED
-from probe_design.design_search.depth_map import SURE, DepthMap
+from probe_design.design_report.depth_map import SURE, DepthMap
 from probe_design.pictures.formats import save
 
 if TYPE_CHECKING:
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 MM = 1e3
 BLUE, GREY = "#2a6f97", "#9aa5b1"
+LEAST_SD, MOST_SD = 0.05, 5.0  # of ln contrast: what the colours tell apart
 
 
 def draw_maps(maps: dict[str, DepthMap], judged: dict[str, JudgedDesign], path: Path) -> Path:
@@ -85,12 +86,14 @@ def _figure(size: tuple[float, float], shape: tuple[int, int]) -> tuple[Any, Any
 
 def _map(figure: Any, axes: Any, one: DepthMap, values: Any, *, label: str, limit: float) -> None:
     axes.set_facecolor("0.88")
+    from matplotlib.colors import LogNorm, Normalize
+
     probability = limit == SURE
-    most = 1.0 if probability else float(np.nanmax(values, initial=2 * limit))
+    norm = Normalize(0.0, 1.0) if probability else LogNorm(LEAST_SD, MOST_SD)
     colours = "viridis" if probability else "viridis_r"
     x, y = one.diameter * MM, one.depth * MM
-    shown = axes.pcolormesh(x, y, values, cmap=colours, vmin=0.0, vmax=most, shading="nearest")
-    figure.colorbar(shown, ax=axes, label=label)
+    shown = axes.pcolormesh(x, y, values, cmap=colours, norm=norm, shading="nearest")
+    figure.colorbar(shown, ax=axes, label=label, extend="neither" if probability else "both", format="%g")
     finite = values[np.isfinite(values)]
     if len(finite) and finite.min() < limit < finite.max():
         axes.contour(x, y, np.ma.masked_invalid(values), levels=[limit], colors="white", linewidths=1.6)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from probe_design.design_search.depth_map import DepthMap
+from probe_design.design_report.depth_map import DepthMap
 from probe_design.design_search.judging import JudgedDesign
 from probe_design.design_search.outcome import PopulationOptimum
 
@@ -30,11 +30,11 @@ def rows(optimum: PopulationOptimum, maps: dict[str, DepthMap]) -> Iterator[tupl
         return (name, *(of(one) for one in designs.values()))
 
     yield row("tumours found, of 100", lambda one: _percent(one, "detection"))
-    yield row("stiffness told, of 100", lambda one: _percent(one, "resolved"))
+    yield row("told, of 100", lambda one: _percent(one, "resolved"))
     yield row("learnt of ln contrast", lambda one: f"{one.judgement.information:.3f} +- {one.judgement.information_error:.2g}")
     largest = _largest_diameter(optimum)
     told = {name: maps[name].deepest(largest) for name in designs}
-    name = f"{1e3 * largest:.2g} mm sure down to, mm"
+    name = f"{1e3 * largest:.2g} mm sure to, mm"
     yield (name, *("nowhere" if told[one] is None else f"{told[one] / MILLI:.3g}" for one in designs))  # type: ignore[operator]
     yield row("force, N", lambda one: f"{one.pressed.force:.3g}")
     yield row("force limited by", lambda one: BY[one.pressed.by])
