@@ -20,8 +20,7 @@ from geometry.scenes.probe import Probe
 from geometry.workshop.parts import Millimetres, millimetres
 
 SHRINKAGE = 0.001
-"""Linear; platinum-cure silicones cast at room temperature have 0.001 or less by their data sheets, PDMS cured at 65 degC 0.0106
-(S. W. Lee, S. S. Lee, Microsyst. Technol. 14, 205 (2008))."""
+"""Linear; an assumption: platinum-cure silicones cast at room temperature are sold as not shrinking notably."""
 MOST_SHRINKAGE = 0.2
 DRAFT, MOST_DRAFT = math.radians(0.5), math.radians(10)
 GAP_CHANGE = 0.05  # of the gap, at either end: two leaning walls may take no more of it, or the contact limit moves
