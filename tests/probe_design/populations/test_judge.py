@@ -26,6 +26,7 @@ def test_a_probe_is_judged_on_tumours_that_no_search_has_seen() -> None:
     assert {"detection", "detection_error", "resolved", "resolved_error", "information", "information_error"} <= told.keys()
 
 
+@pytest.mark.slow
 def test_more_readings_find_more() -> None:
     noisy = {"white": 0.03, "stiffness_white": 0.03}
     axis = {"positions": ["0 mm"], "stiffness": False}
@@ -37,6 +38,7 @@ def test_more_readings_find_more() -> None:
     assert np.all(np.diff([one.information for one in found]) > 0)
 
 
+@pytest.mark.slow
 def test_differences_of_two_probes_are_paired() -> None:
     """The same tumours, the same draws: the error of the difference is far below those of both."""
     noise = {"white": 0.04, "stiffness_white": 0.04}

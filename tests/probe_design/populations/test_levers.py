@@ -34,6 +34,7 @@ def test_every_lever_helps_and_is_named() -> None:
             assert one.gain > -2 * one.error, one
 
 
+@pytest.mark.slow
 def test_gains_that_cancel_are_no_lever() -> None:
     design = small(stiffness=False)
     assert not any("gain" in one.name for one in levers(design.scene, design))
