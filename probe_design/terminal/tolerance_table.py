@@ -47,7 +47,8 @@ def tolerance_lines(budget: ToleranceBudget) -> list[str]:
         if one.sampled is not None and one.sampled_error is not None:
             scale, unit = (1.0, "") if absolute else (100.0, " %")
             beside = f"samples {scale * one.sampled:.3g} +- {scale * one.sampled_error:.2g}{unit}"
-        error = "" if one.error_estimate is None else f", error of it {100 * one.error_estimate:.2g} % at most"
+        size = one.error_estimate
+        error = ", error of it not known" if size is None else f", error of it {100 * size:.2g} % at most"
         lines.append(f"{NAMES[key]}: standard deviation {sd} to first order, {beside}{error}")
     return lines
 

@@ -33,6 +33,7 @@ from solver import evaluator
 from solver.closed_form.level import ClosedForm
 from solver.planning.load_check import with_warning
 from solver.results.result import Result
+from solver.results.warnings import of_kind
 
 ACCURACY = 1e-3  # of the outputs whose derivatives are taken
 LINEAR = 0.01  # accuracy at which a load is warned of
@@ -90,7 +91,8 @@ class OutputScatter:
         sd: to first order.
         sampled: ``sd`` times q of eq. TO.2, so with curvature and interplay; None where there are no samples.
         sampled_error: half-width of its 95 % interval by the number of samples.
-        error_estimate: bound on the relative error of ``sd``: q - 1, the samples' own error and that of the derivatives.
+        error_estimate: bound on the relative error of ``sd``: q - 1, the samples' own error and that of the derivatives;
+            None where there are no samples, or the level warns that it cannot tell the log-sensitivity as exactly.
     """
 
     sd: float
@@ -189,6 +191,7 @@ def _check(ratio: float, samples: int) -> None:
 def _scatter(moved: Floats, drawn: Sampled | None, told: Result) -> dict[str, OutputScatter]:
     """The scatter of the outputs that the scene has."""
     found, model = {}, OF_SLOPES * (told.error_estimate or 0.0)
+    vague = bool(of_kind(told.warnings, "sensitivity"))
     for k, name in enumerate(OUTPUTS):
         if name == "log_sensitivity" and told.log_sensitivity is None:
             continue
@@ -198,7 +201,8 @@ def _scatter(moved: Floats, drawn: Sampled | None, told: Result) -> dict[str, Ou
             continue
         bend = float(drawn.bend[k])
         error = bend * float(drawn.sd_error[k] / drawn.sd[k])
-        found[name] = OutputScatter(sd, sd * bend, sd * error, abs(bend - 1) + error + model)
+        unknown = vague and name == "log_sensitivity"  # its own error is beyond what was asked, and so is its derivatives'
+        found[name] = OutputScatter(sd, sd * bend, sd * error, None if unknown else abs(bend - 1) + error + model)
     return found
 
 

@@ -145,6 +145,14 @@ def test_samples_of_the_closed_form_tell_how_far_finite_elements_bend() -> None:
         assert abs(told[:, k].std() / line[:, k].std() - 1) < one.error_estimate + 0.05  # 24 draws bend by chance
 
 
+@pytest.mark.slow
+def test_a_log_sensitivity_that_the_level_cannot_tell_has_no_error() -> None:
+    """`evaluate` says of the two tumours, one far aside, that it is good to about twice itself only."""
+    scatter = tolerances(read_scene(EXAMPLES / "two-tumours.toml"), samples=64).outputs
+    assert scatter["log_sensitivity"].error_estimate is None
+    assert scatter["ln_ratio"].error_estimate is not None
+
+
 def test_a_material_s_width_is_carried() -> None:
     found = tolerances(SCENE, samples=64, materials={"outer": "ecoflex-00-50"})
     line = next(one for one in found.lines if one.name == "probe.outer.youngs_modulus")
