@@ -55,33 +55,31 @@ def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[Diffe
     ]
 
 
+Errors = tuple[Any, Any]  # the error estimates beside two values: numbers, lists of them, or nothing
 Pair = tuple[str, Any, Any, tuple[float, float]]
 
 
-def _pairs(one: Any, other: Any, place: str, allowed: tuple[float, float] = (0.0, 0.0)) -> Iterator[Pair]:
+def _pairs(one: Any, other: Any, place: str, errors: Errors = (None, None)) -> Iterator[Pair]:
     """Yield the leaves of both trees: place, values, and what they may differ by, relative and absolute."""
     if isinstance(one, Mapping) and isinstance(other, Mapping):
-        errors = one.get("error_estimate"), other.get("error_estimate")
+        beside = one.get("error_estimate"), other.get("error_estimate")
         for key in [key for key in {**one, **other} if key not in ASIDE and key != "error_estimate"]:
-            inner = f"{place}.{key}".lstrip(".")
-            yield from _pairs(one.get(key), other.get(key), inner, _allowed(key, errors))
+            yield from _pairs(one.get(key), other.get(key), f"{place}.{key}".lstrip("."), beside)
     elif isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
         for k, (left, right) in enumerate(zip(one, other, strict=True)):
-            yield from _pairs(left, right, f"{place}[{k}]", allowed)
+            yield from _pairs(left, right, f"{place}[{k}]", (_entry(errors[0], k, len(one)), _entry(errors[1], k, len(one))))
     elif one is not None or other is not None:
-        yield place, one, other, allowed
+        yield place, one, other, _allowed(place, errors)
 
 
-def _allowed(key: str, errors: tuple[Any, Any]) -> tuple[float, float]:
-    worst = sum(_largest(one) for one in errors)
-    return (5 * worst, SMALLEST) if "log_sensitivity" in key else (worst, 0.0)
+def _entry(error: Any, k: int, count: int) -> Any:
+    """The error of an array's entry: its own, where there is one for each."""
+    return error[k] if isinstance(error, list) and len(error) == count else error
 
 
-def _largest(error: Any) -> float:
-    """The largest of the errors that stand beside numbers; 0 where none does."""
-    if isinstance(error, list):
-        return max((_largest(one) for one in error), default=0.0)
-    return float(error) if isinstance(error, int | float) and not isinstance(error, bool) else 0.0
+def _allowed(place: str, errors: Errors) -> tuple[float, float]:
+    both = sum(float(one) for one in errors if isinstance(one, int | float) and not isinstance(one, bool))
+    return (5 * both, SMALLEST) if "log_sensitivity" in place else (both, 0.0)
 
 
 def _agree(one: Any, other: Any, allowed: tuple[float, float]) -> bool:

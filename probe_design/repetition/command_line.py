@@ -76,7 +76,9 @@ def _placed(text: str, places: Mapping[str, str]) -> str:
 
 
 def _listed(value: Any) -> list[Any]:
-    return [] if value is None else list(value) if isinstance(value, list | tuple) else [value]
+    """The words of a value; click has a mark of its own for none."""
+    several = list(value) if isinstance(value, list | tuple) else [value]
+    return [one for one in several if isinstance(one, str)]
 
 
 def _found(name: str, sha: str, beside: Path) -> Path:

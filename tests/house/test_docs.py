@@ -25,6 +25,7 @@ COMMANDS = {
 QUICK = ("physics.md",)
 
 
+@pytest.mark.timeout(1200)  # a page may be a whole session
 @pytest.mark.parametrize("page", slow_unless(QUICK.__contains__, [name for name, lines in COMMANDS.items() if lines]))
 def test_commands_of_a_page_run(page: str, tmp_path: Path) -> None:
     shutil.copytree(ROOT / "examples", tmp_path / "examples")

@@ -24,6 +24,12 @@ from probe_design.repetition.agreement import compared, differences
             {"log_sensitivity": 0.045, "error_estimate": 0.01},
             ["log_sensitivity"],
         ),
+        # of an array each entry has its own error
+        (
+            {"ratio": [1.0, 1.0], "error_estimate": [0.1, 0.001]},
+            {"ratio": [1.1, 1.1], "error_estimate": [0.1, 0.001]},
+            ["ratio[1]"],
+        ),
         ({"ratio": None}, {"ratio": 0.5}, ["ratio"]),
         ({"ratio": 0.5}, {}, ["ratio"]),
         ({"seconds": 1.0, "files": ["a"], "warnings": ["b"]}, {"seconds": 2.0, "files": [], "warnings": []}, []),

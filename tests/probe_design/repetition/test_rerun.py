@@ -40,6 +40,18 @@ def test_an_answer_is_repeated(folder: Path) -> None:
     assert told["command"] == list(QUESTION)
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("estimate", "scene.toml", "--ratio", "0.563", "--accuracy", "0.05", "--json"),  # whose further arguments are none
+        ("tissue", "show", "breast", "--json"),
+    ],
+)
+def test_answers_of_other_verbs_are_repeated(words: tuple[str, ...], folder: Path) -> None:
+    (folder / "other.json").write_text(run(*words, cwd=folder).stdout)
+    assert "all agree" in again("other.json").stdout
+
+
 def test_another_number_is_noticed(folder: Path) -> None:
     told = json.loads((folder / "made.json").read_text())
     told["stress_inner"] *= 1.2
