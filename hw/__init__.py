@@ -1,1 +1,33 @@
-"""The built probe: transport, decoding and virtual probe. Imports nothing of the other packages."""
+"""The built probe: transport, decoding and virtual probe. Imports nothing of the other packages.
+
+>>> from hw import Reader
+>>> with Reader.open("usb") as reader:  # doctest: +SKIP
+...     samples = reader.collect(10.0)
+"""
+
+from __future__ import annotations
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from hw.common.samples import Samples
+    from hw.reader import Reader
+
+__all__ = ["Reader", "Samples"]
+
+
+def __getattr__(name: str) -> object:
+    """Import what is asked for by name only then."""
+    if name == "Reader":
+        from hw.reader import Reader
+
+        return Reader
+    if name == "Samples":
+        from hw.common.samples import Samples
+
+        return Samples
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """What a user calls: the rooms are imported by their names."""
+    return sorted([*__all__, "__all__", "__doc__", "__file__", "__name__", "__path__"])

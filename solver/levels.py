@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from importlib import import_module
+from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import InputError, Refusal, Words
+from geometry.common.errors import InputError, Refusal, Words, did_you_mean
 from geometry.common.limits import least
 from geometry.common.resources import LimitReached, Limits, limited, timed
+from geometry.provenance.block import provenance
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
 from geometry.scenes.surface_names import check_surface_names
@@ -44,15 +46,15 @@ def evaluator(name: str, tell: Tell | None = None, workspace: Workspace | None =
         InputError: no evaluator has that name.
     """
     if name not in BUILT:
-        raise InputError("evaluator", name, f"{', '.join((AUTO, *BUILT))}")
+        raise InputError("evaluator", name, f"{', '.join((AUTO, *BUILT))}{did_you_mean(name, (AUTO, *BUILT))}")
     room = import_module(f"solver.{name.replace('-', '_')}.level")
     with using(current() if workspace is None else workspace):
         return cast(Evaluator, room.level(tell))
 
 
 def evaluate(
-    scene: Scene,
-    name: str = AUTO,
+    scene: Scene | Path | str,
+    evaluator: str = AUTO,
     accuracy: float = 0.01,
     tell: Tell | None = None,
     *,
@@ -68,8 +70,8 @@ def evaluate(
     refuses those that it cannot take.
 
     Args:
-        scene: what is pressed on what.
-        name: an evaluator's, or ``auto``: what ``plan`` says, the cheapest level that takes the scene and reaches the accuracy,
+        scene: what is pressed on what, or the name of a scene file.
+        evaluator: its name, or ``auto``: what ``plan`` says, the cheapest level that takes the scene and reaches the accuracy,
             of ``axisymmetric``, ``equivalent-inclusion``, ``contact`` and ``solid``; it refuses to answer worse than asked.
         accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
         tell: called with a line before each long piece of work.
@@ -86,6 +88,7 @@ def evaluate(
     """
     from solver.phase.inertia import check_frequency
 
+    scene = _read(scene)
     check_accuracy(accuracy)
     start = perf_counter()
     with limited(limits), timed():
@@ -93,14 +96,27 @@ def evaluate(
         if frequency is not None:
             check_frequency(scene, frequency)
         try:
-            result = _named(scene, name, accuracy, tell) if name != AUTO else _automatic(scene, accuracy, linear, tell)
+            named = evaluator != AUTO
+            result = _named(scene, evaluator, accuracy, tell) if named else _automatic(scene, accuracy, linear, tell)
             result = _with_loads(result, scene, accuracy) if loads else result
             result = result if frequency is None else with_phase(result, scene, accuracy, frequency)
-            return replace(result, seconds=perf_counter() - start) if name == AUTO else result
+            told = provenance(scene, evaluator=evaluator, accuracy=accuracy)
+            return replace(result, provenance=told, seconds=result.seconds if named else perf_counter() - start)
         except OutOfReach as fault:
-            if fault.stopped or name != AUTO:
+            if fault.stopped or named:
                 raise
             raise Refusal("accuracy", accuracy, _reachable(fault, accuracy / fault.accuracy, tell)) from None
+
+
+def _read(scene: Scene | Path | str) -> Scene:
+    """A scene, or that of a file."""
+    if isinstance(scene, Scene):
+        return scene
+    if not isinstance(scene, Path | str):
+        raise InputError("scene", scene, "a Scene, or the name of a scene file")
+    from geometry.scenes.scene_file import read_scene
+
+    return read_scene(scene)
 
 
 def _named(scene: Scene, name: str, accuracy: float, tell: Tell | None) -> Result:
@@ -192,11 +208,11 @@ def _reachable(fault: OutOfReach, share: float, tell: Tell | None) -> str:
     return f"none for this scene: errors are no smaller than the values (--evaluator {fault.name} tells which)"
 
 
-def plan(scene: Scene, accuracy: float = 0.01, solid: bool = False, *, loads: bool = False) -> Plan:
+def plan(scene: Scene | Path | str, accuracy: float = 0.01, solid: bool = False, *, loads: bool = False) -> Plan:
     """Say how ``auto`` would answer a scene, what it would leave out, and what that may change; see ``solver.planning.plan``.
 
     Args:
-        scene: any.
+        scene: any, or the name of a scene file.
         accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
         solid: whether to plan for the level ``solid``, whatever the scene asks for.
         loads: see ``evaluate``.
@@ -207,6 +223,7 @@ def plan(scene: Scene, accuracy: float = 0.01, solid: bool = False, *, loads: bo
     """
     from solver.planning.plan import plan as run
 
+    scene = _read(scene)
     check_accuracy(accuracy)
     with timed():
         check_surface_names(scene)
@@ -215,7 +232,7 @@ def plan(scene: Scene, accuracy: float = 0.01, solid: bool = False, *, loads: bo
 
 
 def load(
-    scene: Scene,
+    scene: Scene | Path | str,
     *,
     force: float | None = None,
     indentation: float | None = None,
@@ -227,7 +244,7 @@ def load(
     """Press a scene ever harder, at finite strain and with contact; see ``solver.results.load_curve.LoadCurve``.
 
     Args:
-        scene: that level ``contact`` takes; its own load does not matter.
+        scene: that level ``contact`` takes, or the name of a scene file; its own load does not matter.
         force: the largest load, N; or
         indentation: the largest, m. One of the two.
         points: number of loads, evenly spaced above 0.
@@ -243,6 +260,7 @@ def load(
     from solver.contact.load_curve import load_curve
     from solver.results.evaluator import silent
 
+    scene = _read(scene)
     check_accuracy(accuracy)
     most = force if indentation is None else indentation
     if (force is None) == (indentation is None) or most is None or not 0 < most < float("inf") or points < 1:
@@ -253,7 +271,8 @@ def load(
         raise InputError("indentation", mm(indentation), f"less than the tissue's depth of {mm(scene.tissue.depth)}")
     loads = most * np.arange(1, points + 1) / points
     with limited(limits):
-        return load_curve(scene, loads, accuracy, by_force=indentation is None, tell=tell or silent)
+        pressed = load_curve(scene, loads, accuracy, by_force=indentation is None, tell=tell or silent)
+    return replace(pressed, provenance=provenance(scene, evaluator=CONTACT, accuracy=accuracy))
 
 
 def _planned(scene: Scene, accuracy: float, linear: bool) -> Plan:
@@ -277,7 +296,7 @@ def _level(name: str | None, tell: Tell | None) -> Evaluator:
 
 
 def curve(
-    scene: Scene,
+    scene: Scene | Path | str,
     moduli: Floats,
     accuracy: float = 0.01,
     tell: Tell | None = None,
@@ -288,7 +307,7 @@ def curve(
     """Return ratio and log-sensitivity of a scene for every Young's modulus (Pa) of its target, by the level of ``auto``.
 
     Args:
-        scene: with one inclusion or a target among several.
+        scene: with one inclusion or a target among several, or the name of a scene file.
         moduli: shape (k,).
         accuracy: relative, on every ratio; above 0, below 1.
         tell: called with a line before each long piece of work.
@@ -300,6 +319,7 @@ def curve(
         Refusal: the scene is of a kind that no level built yet can take, or its load is beyond what linear elasticity allows.
         LimitReached: see ``evaluate``.
     """
+    scene = _read(scene)
     check_accuracy(accuracy)
     checked_moduli(scene, moduli)
     start = perf_counter()
@@ -308,7 +328,8 @@ def curve(
         if not linear:
             planned.check_load(scene, accuracy)
         result = _level(planned.curve_evaluator, tell).curve(planned.scene, moduli, planned.accuracy)
-    return replace(planned.completed_curve(result, scene, accuracy, linear), seconds=perf_counter() - start)
+    told = provenance(scene, evaluator=AUTO, accuracy=accuracy)
+    return replace(planned.completed_curve(result, scene, accuracy, linear), seconds=perf_counter() - start, provenance=told)
 
 
 def check_accuracy(accuracy: float) -> None:

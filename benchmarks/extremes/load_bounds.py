@@ -26,7 +26,7 @@ from solver.contact.level import ContactLevel
 from solver.contact.limits import gap_closure_load
 from solver.contact.loaded import LoadedScene
 from solver.planning.load_check import load_rule
-from solver.planning.loads import LoadRule, least_closure, log_sensitivity_change, ratio_change
+from solver.planning.loads import LoadRule, least_closure, log_sensitivity_change, ratio_change, sensitivity_size
 
 SHARES, LIGHT = (0.1, 0.3, 1.0), (0.15,)  # of the largest load of which the rule says anything
 SMALL = 1e-5  # log-sensitivities that differ by less are alike: what every level promises
@@ -123,7 +123,8 @@ def _used(on: LoadedScene, rule: LoadRule, force: float) -> np.ndarray[Any, Any]
     stiffness = abs(point.force / point.indentation / rest.tangent.sum() - 1) - off.films.max()
     odds = abs(_ratio(point.films) / _ratio(rest.tangent) - 1) - off.log_ratio
     first, then = on.sensitivity(path, rest), on.sensitivity(path, point)
-    slope = max(0.0, abs(then - first) - SMALL - off.sensitivity * max(abs(first), abs(then))) / abs(first)
+    size = sensitivity_size(on.linear.films[0].film_log_sensitivities or (0.0, 0.0))
+    slope = max(0.0, abs(then - first) - SMALL - off.sensitivity * max(abs(first), abs(then))) / size
     strained = (odds / bound, films.max() / bound, stiffness / bound)
     return np.array([*strained, slope / log_sensitivity_change(rule.x(force))])
 

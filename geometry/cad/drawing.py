@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from geometry.cad import cutaway, solids
+from geometry.cad.materials import elastic
 from geometry.common.files import written_whole
 from geometry.scenes.base_sizes import assumed_sizes, base_sizes, has_flange
-from geometry.scenes.probe import Material, Probe
+from geometry.scenes.probe import Probe
 
 ASSUMED = "*"  # behind dimensions that the scene does not give
 DIAMETER = "\N{LATIN CAPITAL LETTER O WITH STROKE}"
@@ -212,8 +213,8 @@ def _notes(probe: Probe, edge_radius: float) -> list[tuple[str, Any]]:
     thick = f"{_marked(probe, 'film.thickness', solids.film_thickness(probe) * solids.MM)} thick"
     cut, step = probe.groove_footprint, DIAMETER + number(2 * probe.tube_radius * solids.MM)
     texts = {
-        "inner": f"inner block: {_material(probe.inner)}",
-        "outer": f"outer block: {_material(probe.outer)}",
+        "inner": f"inner block: {elastic(probe.inner.youngs_modulus, probe.inner.poisson_ratio)}",
+        "outer": f"outer block: {elastic(probe.outer.youngs_modulus, probe.outer.poisson_ratio)}",
         "film-inner": f"inner film, {thick}",
         "film-outer": f"outer film, {thick}" + (", open above the groove" if cut else ""),
         "base": f"base, step {step}" if has_flange(probe) else f"base, {step}",
@@ -230,12 +231,6 @@ def _notes(probe: Probe, edge_radius: float) -> list[tuple[str, Any]]:
     round_edges = f"lower edges R {number(edge_radius * solids.MM)}; A1, A2 as if sharp"
     lines += [(round_edges, None)] if edge_radius else []
     return lines
-
-
-def _material(material: Material) -> str:
-    modulus = material.youngs_modulus
-    size, unit = next(((size, unit) for size, unit in ((1e9, "GPa"), (1e6, "MPa"), (1e3, "kPa")) if modulus >= size), (1.0, "Pa"))
-    return f"E = {modulus / size:.4g} {unit}, Poisson's ratio {material.poisson_ratio:g}"
 
 
 def _marked(probe: Probe, key: str, length: float) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from geometry.cad import record, solids, step_check, step_writer
+from geometry.cad.stamp import stamp_of
 from geometry.common.files import written_together
 from geometry.scenes.probe import Probe
 
@@ -47,6 +48,7 @@ def export(
     """
     before = record.read_record(folder) if force else record.check_same(folder, probe, edge_radius)
     same = before if before is not None and before.design == record.design_of(probe, edge_radius) else None
+    stamp = stamp_of(probe, edge_radius)
     with step_writer.quiet():
         shapes = solids.parts(probe, edge_radius)
         contents = {name: {name: shape} for name, shape in shapes.items()} | {"assembly": shapes}
@@ -54,7 +56,7 @@ def export(
         # the record first: a kill between the moves leaves parts that it does not fit
         with written_together(folder, names := [record.NAME, *parts.values(), *beside]) as new:
             for name, content in contents.items():
-                solids.built(parts[name], partial(step_writer.write, content, new / parts[name]))
+                solids.built(parts[name], partial(step_writer.write, content, new / parts[name], stamp))
             read = {name: new / file for name, file in parts.items()}
             solids.built("reading back", partial(step_check.check, probe, read, edge_radius))
             for name, write in beside.items():

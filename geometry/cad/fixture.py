@@ -16,6 +16,7 @@ from typing import Any
 
 from geometry.cad import solids, step_check, step_writer
 from geometry.cad.parts_check import PartMeasures
+from geometry.cad.stamp import Stamp, stamp_of
 from geometry.common.errors import InputError
 from geometry.scenes.base_sizes import base_sizes
 from geometry.scenes.probe import Probe, mm
@@ -80,8 +81,8 @@ def fixture(probe: Probe) -> dict[str, Any]:
 def writers(probe: Probe) -> dict[str, Callable[[Path], object]]:
     """Return by file name what writes each part as STEP, reads it back and measures it; raises as ``fixture``."""
     solids.cadquery()
-    shapes, expected = fixture(probe), expected_fixture(probe)
-    return {f"{name}.step": partial(_write, name, shapes[name], expected[name]) for name in NAMES}
+    shapes, expected, stamp = fixture(probe), expected_fixture(probe), stamp_of(probe)
+    return {f"{name}.step": partial(_write, name, shapes[name], expected[name], stamp) for name in NAMES}
 
 
 def expected_fixture(probe: Probe) -> dict[str, PartMeasures]:
@@ -147,7 +148,7 @@ def _sleeve(one: FixtureSizes) -> Any:
     return piece
 
 
-def _write(name: str, shape: Any, expected: PartMeasures, path: Path) -> None:
+def _write(name: str, shape: Any, expected: PartMeasures, stamp: Stamp, path: Path) -> None:
     with step_writer.quiet():
-        step_writer.write({name: shape}, path)
+        step_writer.write({name: shape}, path, stamp)
         step_check.check_alone(path, name, expected)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 from collections.abc import Iterable, Mapping
 from dataclasses import astuple
@@ -14,6 +13,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from geometry.common.errors import InputError
 from geometry.common.text_files import read_text
+from geometry.provenance.block import provenance
+from geometry.provenance.digest import digest
 from geometry.scenes.base_sizes import assumed_sizes, base_sizes
 from geometry.scenes.probe import Probe, mm
 
@@ -21,7 +22,6 @@ NAME = "parts.json"
 PARTS = tuple(f"{name}.step" for name in ("inner", "outer", "film-inner", "film-outer", "base", "assembly"))
 FORMAT: Literal["probe-design parts"] = "probe-design parts"
 VERSION: Literal[1] = 1
-DIGITS = 9  # of a length or modulus; designs that differ less are the same parts
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 FileName = Annotated[str, Field(pattern=r"^\w[\w.-]*$", max_length=100)]
 
@@ -34,6 +34,7 @@ class PartsRecord(BaseModel):
         assumed: dimensions that the scene leaves open, by the keys that would give them.
         files: SHA-256 of the parts, and of what else was written about this design, by name.
         asked: digest of the question whose answer the design is, where it is one's.
+        provenance: what made the newest of the files, see ``geometry.provenance.block``.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
@@ -44,6 +45,7 @@ class PartsRecord(BaseModel):
     assumed: dict[str, str]
     files: dict[FileName, Digest]
     asked: Digest | None = None
+    provenance: dict[str, Any] | None = None
 
     def text(self) -> str:
         """Return the text of the file."""
@@ -65,11 +67,6 @@ def design_of(probe: Probe, edge_radius: float = 0.0) -> str:
     return digest({"sizes": sizes, "base": astuple(base_sizes(probe)), "bodies": bodies, **edges})
 
 
-def digest(content: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of numbers, to ``DIGITS``, and texts by their names."""
-    return hashlib.sha256(json.dumps(_rounded(content), sort_keys=True, default=str).encode()).hexdigest()
-
-
 def record_of(
     probe: Probe, drafts: Mapping[str, Path], before: PartsRecord | None, asked: str | None, edge_radius: float = 0.0
 ) -> PartsRecord:
@@ -85,7 +82,8 @@ def record_of(
     kept, question = ({}, asked) if before is None else (before.files, asked or before.asked)
     assumed = {key: str(mm(length)) for key, length in assumed_sizes(probe).items()}
     files = {**kept, **{name: _sha256(path) for name, path in drafts.items()}}
-    return PartsRecord(design=design_of(probe, edge_radius), assumed=assumed, files=files, asked=question)
+    design = design_of(probe, edge_radius)
+    return PartsRecord(design=design, assumed=assumed, files=files, asked=question, provenance=provenance())
 
 
 def check_same(folder: Path, probe: Probe, edge_radius: float = 0.0) -> PartsRecord | None:
@@ -157,11 +155,3 @@ def _sha256(path: Path) -> str:
         return ""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _rounded(value: Any) -> Any:
-    if isinstance(value, float):
-        return f"{value:.{DIGITS}g}"
-    if isinstance(value, Mapping):
-        return {key: _rounded(one) for key, one in value.items()}
-    return [_rounded(one) for one in value] if isinstance(value, list | tuple) else value

@@ -32,6 +32,7 @@ COLOURS = {
     "pin": (0.72, 0.53, 0.04),
     "ring": (0.72, 0.53, 0.04),
     "sleeve": (0.50, 0.50, 0.55),
+    **{f"mould-{block}-{half}": (0.75, 0.76, 0.80) for block in ("inner", "outer") for half in ("lower", "upper")},
 }
 
 

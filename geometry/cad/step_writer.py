@@ -1,4 +1,4 @@
-"""STEP files written by OCC's writer with names and colours (XCAF)."""
+"""STEP files (ISO 10303-242, AP242) written by OCC's writer with names, colours and materials (XCAF), and who made them."""
 
 from __future__ import annotations
 
@@ -8,28 +8,52 @@ from pathlib import Path
 from typing import Any
 
 from geometry.cad import solids
+from geometry.cad.materials import PartMaterial
+from geometry.cad.stamp import Stamp
 from geometry.common.errors import ExportError
 
 ASSEMBLY = "probe"
 """Name of the assembly inside ``assembly.step``."""
+SCHEMA = "AP242DIS"
+TIMELESS = "1970-01-01T00:00:00"  # in place of a date, which the format wants: the same design gives the same file
 
 
-def write(shapes: dict[str, Any], path: Path) -> None:
-    """Write one solid, or several as the components of an assembly, with their names and colours.
+def write(shapes: dict[str, Any], path: Path, stamp: Stamp) -> None:
+    """Write one solid, or several as the components of an assembly, with their names, colours and materials.
 
     Raises:
         ExportError: the writer stops.
     """
     from OCP.IFSelect import IFSelect_ReturnStatus
+    from OCP.Interface import Interface_Static
     from OCP.STEPCAFControl import STEPCAFControl_Writer
 
     document, writer = new_document(), STEPCAFControl_Writer()
-    _add(document, shapes)
-    if not writer.Transfer(document) or writer.Write(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone:
+    Interface_Static.SetCVal_s("write.step.schema", SCHEMA)
+    _add(document, shapes, stamp)
+    transferred = writer.Transfer(document)
+    _sign(writer.ChangeWriter().Model(), path.name, stamp)
+    if not transferred or writer.Write(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone:
         raise ExportError(f"{path.name}: the STEP writer stopped, expected a file in {path.parent.parent}")
 
 
-def _add(document: Any, shapes: dict[str, Any]) -> None:
+def _sign(model: Any, name: str, stamp: Stamp) -> None:
+    from OCP.APIHeaderSection import APIHeaderSection_MakeHeader
+    from OCP.TCollection import TCollection_HAsciiString
+
+    header, (system, description, file, time, nobody) = (
+        APIHeaderSection_MakeHeader(model),
+        (TCollection_HAsciiString(text) for text in (stamp.program, stamp.text, name, TIMELESS, "")),
+    )
+    header.SetName(file)
+    header.SetTimeStamp(time)
+    header.SetOriginatingSystem(system)
+    header.SetDescriptionValue(1, description)
+    header.SetAuthorValue(1, nobody)
+    header.SetOrganizationValue(1, nobody)
+
+
+def _add(document: Any, shapes: dict[str, Any], stamp: Stamp) -> None:
     from OCP.TopLoc import TopLoc_Location
     from OCP.XCAFDoc import XCAFDoc_ColorType, XCAFDoc_DocumentTool
 
@@ -39,9 +63,22 @@ def _add(document: Any, shapes: dict[str, Any]) -> None:
         # the solid itself: wrapped in a compound, as cadquery's exporter has it, it reads back as a nameless assembly
         label = _named(tool.AddShape(shape.wrapped, False), name)
         colours.SetColor(label, colour_of(name), XCAFDoc_ColorType.XCAFDoc_ColorSurf)
+        _make_of(document, label, stamp.materials.get(name))
         if whole is not None:
             _named(tool.AddComponent(whole, label, TopLoc_Location()), name)
     tool.UpdateAssemblies()
+
+
+def _make_of(document: Any, label: Any, material: PartMaterial | None) -> None:
+    """Give a part its material; the density among its properties, for OCC 7.9 writes that of the format in g^3 cm^2."""
+    from OCP.TCollection import TCollection_HAsciiString
+    from OCP.XCAFDoc import XCAFDoc_DocumentTool
+
+    if material is None:
+        return
+    density = "" if material.density is None else f", density {material.density:g} kg/m3"
+    name, properties, nothing = (TCollection_HAsciiString(text) for text in (material.name, material.properties + density, ""))
+    XCAFDoc_DocumentTool.MaterialTool_s(document.Main()).SetMaterial(label, name, properties, 0.0, nothing, nothing)
 
 
 def new_document() -> Any:

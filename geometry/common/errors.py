@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import reprlib
+from collections.abc import Iterable
 
 
 class Words(str):
@@ -50,6 +51,14 @@ class ExportError(ProbeError):
 
 class MissingLibrary(ProbeError):  # noqa: N818 - says what is missing
     """A system library that a dependency needs; the text names the package to install."""
+
+
+def did_you_mean(word: object, words: Iterable[str]) -> str:
+    """Return what ends a message about a word that is none of ``words``: the one that was likely meant, or nothing."""
+    from difflib import get_close_matches
+
+    near = get_close_matches(str(word).lower()[:100], [*words], n=1) if isinstance(word, str) else []
+    return f"; did you mean {near[0]!r}?" if near else ""
 
 
 class _Repr(reprlib.Repr):

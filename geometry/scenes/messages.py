@@ -9,7 +9,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from geometry.common.errors import InputError, Words
+from geometry.common.errors import InputError, Words, did_you_mean
 from geometry.scenes.scene import BlockTissue, CylinderTissue, HalfSpaceTissue, Scene
 from geometry.scenes.units import Quantity
 
@@ -50,7 +50,8 @@ def _path(error: ErrorDetails) -> list[str | int]:
 def _allowed(error: ErrorDetails) -> str:
     """What would be right: the keys there are, the range with its unit, the field's description, or pydantic's words."""
     if error["type"] == "extra_forbidden":
-        return "one of " + ", ".join(_model(error).model_fields)
+        names = _model(error).model_fields
+        return f"one of {', '.join(names)}{did_you_mean(error['loc'][-1], names)}"
     if error["type"] == "quantity":
         return error["msg"]
     if error["type"] == "bool_type":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -11,10 +12,11 @@ from geometry.common.errors import InputError, Words
 from geometry.common.limits import least_mm, most_mm, reaches
 from geometry.scenes.units import Quantity
 
-LENGTH = Quantity("length", "m", "mm", 1e-9, 10.0)
+LENGTH = Quantity("length", "m", "mm", 1e-9, 10.0, bare=1.0)
 Length = Annotated[float, LENGTH]
-Thickness = Annotated[float, Quantity("length", "m", "mm", 0.0, 10.0)]
-Position = Annotated[float, Quantity("position", "m", "mm", -10.0, 10.0)]
+PartLength = Annotated[float, replace(LENGTH, bare=0.2)]
+Thickness = Annotated[float, Quantity("length", "m", "mm", 0.0, 10.0, bare=0.2)]
+Position = Annotated[float, Quantity("position", "m", "mm", -10.0, 10.0, bare=1.0)]
 MODULUS = Quantity("modulus", "Pa", "Pa", 1e-3, 1e13)
 Modulus = Annotated[float, MODULUS]
 ChargePerForce = Annotated[float, Quantity("charge per force", "C/N", "pC/N", -1e-8, 1e-8)]
@@ -59,9 +61,9 @@ class Base(Frozen):
     rigid: bool = False
     youngs_modulus: Modulus | None = None
     poisson_ratio: PoissonRatio | None = None
-    flange_radius: Length | None = None
-    thickness: Length | None = None
-    step_height: Length | None = None
+    flange_radius: PartLength | None = None
+    thickness: PartLength | None = None
+    step_height: PartLength | None = None
 
     @model_validator(mode="after")
     def _rigid_or_elastic(self) -> Self:
@@ -76,8 +78,8 @@ class Base(Frozen):
 class Groove(Frozen):
     """The channel for the inner film's lead: cut radially through the +x side of the outer block's film end."""
 
-    width: Length
-    depth: Length
+    width: PartLength
+    depth: PartLength
 
 
 class Film(Frozen):
@@ -88,7 +90,7 @@ class Film(Frozen):
     The adhesive counts in the solvers only: it is not part of the CAD model's stack.
     """
 
-    thickness: Length = 110e-6
+    thickness: PartLength = 110e-6
     youngs_modulus: Modulus = 2.5e9
     d31: ChargePerForce = 20e-12
     d32: ChargePerForce = 2e-12
@@ -111,13 +113,13 @@ class Probe(Frozen):
     ``area_ratio`` (A2/A1) and ``outer_radius`` is given, and either ``height`` or both block heights.
     """
 
-    inner_radius: Length
+    inner_radius: PartLength
     area_ratio: AreaRatio | None = Field(default=None, description="a number from 1e-4 to 1e4")
-    outer_radius: Length | None = None
-    gap: Length
-    height: Length | None = None
-    inner_height: Length | None = None
-    outer_height: Length | None = None
+    outer_radius: PartLength | None = None
+    gap: PartLength
+    height: PartLength | None = None
+    inner_height: PartLength | None = None
+    outer_height: PartLength | None = None
     inner: Material
     outer: Material
     base: Base = Base(rigid=True)

@@ -51,6 +51,7 @@ class Quantity:
         si: its SI unit, as pint reads it.
         unit: the unit in which it is written and shown.
         low, high: the bounds, SI.
+        bare: the size, SI, above which a number that Python code gives without a unit has surely lost one.
     """
 
     name: str
@@ -58,6 +59,7 @@ class Quantity:
     unit: str
     low: float
     high: float
+    bare: float = math.inf
 
     @property
     def allowed(self) -> str:
@@ -95,6 +97,12 @@ class Quantity:
             raise ValueError("the unit is missing")
         return self.checked(float(entry))
 
+    def check_bare(self, entry: object) -> None:
+        """Raise ``ValueError`` for a number of Python code that is as large only because it is meant in ``unit``."""
+        if isinstance(entry, int | float) and not isinstance(entry, bool) and self.bare < abs(entry) < math.inf:
+            meant = _times(repr(entry), _factor(self.unit, self.si))
+            raise ValueError(f"{entry:g} {self.si}? did you mean {meant:g} or '{entry:g} {self.unit}'")
+
     def read(self, key: str, entry: object, units_required: bool = True) -> float:
         """Return the SI value that is given for a key.
 
@@ -113,6 +121,8 @@ class Quantity:
 
     def _validate(self, value: Any, info: ValidationInfo) -> float:
         try:
+            if info.context is None:
+                self.check_bare(value)
             return self.value(value, bool(info.context and info.context.get("units_required")))
         except (ValueError, OverflowError) as fault:
             raise PydanticCustomError("quantity", "{allowed} ({why})", {"allowed": self.allowed, "why": str(fault)}) from None
@@ -123,6 +133,8 @@ class Quantity:
         return core_schema.with_info_plain_validator_function(self._validate, serialization=write)
 
 
+SI = {"units_required": False}
+"""Context of pydantic for numbers that are known to be in SI units, as those of a scene that was read already."""
 FREQUENCY = Quantity("frequency", "Hz", "Hz", 1e-3, 1e5)
 """Of a sinusoidal load."""
 TIME = Quantity("time", "s", "s", 1e-3, 1e7)

@@ -8,6 +8,7 @@ from typing import Any
 
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
+from geometry.scenes.units import SI
 
 BLOCKS = ("inner", "outer")
 
@@ -67,7 +68,7 @@ def changed(scene: Scene, new: Mapping[str, float]) -> Scene:
             if name == "inclusion" and key.startswith("inclusion."):
                 place = place[0]
         place[last] = float(value)
-    return Scene.model_validate(data)
+    return Scene.model_validate(data, context=SI)
 
 
 def length_derivatives(scene: Scene) -> dict[str, dict[str, float]]:

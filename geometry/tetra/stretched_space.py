@@ -5,11 +5,16 @@ Tetrahedra of about equal size there are graded in the scene; a hairline gap cos
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from geometry.common.arrays import Points
+
+_BESIDE = 0.012  # of the mesher's near distance: how far the middle of an edge may lie beside its image
+_LARGEST = 0.5  # of their distance from the probe: edges of triangles
+_BODY = 0.5  # of their distance from an inclusion's middle
 
 
 @dataclass(frozen=True)
@@ -66,6 +71,39 @@ class MeshSpace:
         result = points.copy()
         result[:, :2] *= factor[:, None]
         return result
+
+
+@dataclass(frozen=True)
+class Spacing:
+    """How long edges of triangles on the tissue's faces may be.
+
+    Attributes:
+        near: distance from the probe beyond which lengths shrink in the mesher's space.
+        bodies: middles of inclusions, (b, 3).
+        largest: what they are nowhere above.
+    """
+
+    near: float
+    bodies: Points
+    largest: float = math.inf
+
+    def at(self, points: Points) -> Points:
+        """Lengths at points (n, 3): a plane at a distance r is bent in the mesher's space as ln(r / near) over r."""
+        far = np.maximum(np.linalg.norm(points, axis=1), self.near / 2)
+        share = np.minimum(np.sqrt(8 * _BESIDE / np.maximum(np.log(far / self.near), 1e-9)), _LARGEST)
+        apart = np.linalg.norm(points[:, None] - self.bodies, axis=2).min(axis=1, initial=np.inf)
+        return np.asarray(np.minimum(np.minimum(share * far, _BODY * apart), self.largest))
+
+    def between(self, low: Points, high: Points) -> Points:
+        """Shares from 0 to 1 of the way from one point (3,) to another, so far apart."""
+        return self.along(low + np.linspace(0, 1, 2000)[:, None] * (high - low))
+
+    def along(self, path: Points) -> Points:
+        """Shares from 0 to 1 of a path of very many equal steps (n, 3), so far apart."""
+        ends, step = np.linspace(0, 1, len(path)), float(np.linalg.norm(path[1] - path[0]))
+        density = step / self.at(path)
+        count = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2)])
+        return np.asarray(np.interp(np.linspace(0, count[-1], max(1, math.ceil(count[-1])) + 1), count, ends))
 
 
 def mesh_space(

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
-from geometry.tetra.block_faces import Spacing, block_faces
 from geometry.tetra.layout import BodyLayout, Ellipsoid
+from geometry.tetra.stretched_space import Spacing
 from geometry.tetra.surface_files import Sheet
+from geometry.tetra.tissue_faces import tissue_faces
 
 Triangles = NDArray[np.int64]
 Soup = tuple[Points, Triangles]
-_GROWTH = 0.25  # from ring to ring of the floor beyond the reference cylinder, logarithm
 _OCTAHEDRON = ((0, 2, 4), (2, 1, 4), (1, 3, 4), (3, 0, 4), (2, 0, 5), (1, 2, 5), (3, 1, 5), (0, 3, 5))
 
 
@@ -140,12 +140,7 @@ def _tissue(layout: BodyLayout, turns: Corners, near: float, rows: int) -> list[
     edge = np.array([layout.wall, 0.0, 0.0])
     down = -layout.depth * Spacing(near, np.zeros((0, 3))).between(edge, edge - [0, 0, layout.depth])
     soups = [band(tube, wall), *_can(layout, wall, down, rows)]
-    if layout.tissue_radius is None:
-        return [*soups, *block_faces(layout, near, wall[:, :2] if layout.half else wall[:-1, :2])]
-    size = np.linalg.norm(far, axis=1, keepdims=True) / layout.wall
-    out = [wall * size**share for share in np.linspace(0, 1, max(1, math.ceil(math.log(size.max()) / _GROWTH)) + 1)]
-    under = [row - [0, 0, layout.depth] for row in out]
-    return [*soups, band(*out), band(*under), band(*(far + np.array([0, 0, z]) for z in down))]
+    return [*soups, *tissue_faces(layout, near, wall[:, :2] if layout.half else wall[:-1, :2])]
 
 
 def _can(layout: BodyLayout, top: Points, down: Points, rows: int) -> list[Soup]:

@@ -15,6 +15,7 @@ from scipy.special import expit
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
 from geometry.scenes.scene import Placement, Scene
+from geometry.scenes.units import SI
 from geometry.scenes.variables import changed, values
 from probe_design.built_probe.bench import Reference, Workshop
 from solver.axisymmetric.converged_forces import Converged
@@ -144,13 +145,14 @@ def on_block(scene: Scene, reference: Reference) -> Scene:
     """Return the scene's probe in the middle of a homogeneous block."""
     tissue = scene.tissue.model_copy(update={"youngs_modulus": reference.youngs_modulus, "layer": ()})
     data = scene.model_dump(exclude_unset=True, exclude={"inclusion", "tissue", "placement"})
-    return Scene.model_validate(data | {"tissue": tissue.model_dump(exclude_unset=True), "placement": Placement().model_dump()})
+    upright = data | {"tissue": tissue.model_dump(exclude_unset=True), "placement": Placement().model_dump()}
+    return Scene.model_validate(upright, context=SI)
 
 
 def by_outer_radius(scene: Scene) -> Scene:
     """Return the scene with its probe written by its outer radius, which is what a workshop measures."""
     probe = scene.probe.model_dump(exclude_unset=True, exclude={"area_ratio"}) | {"outer_radius": scene.probe.tube_radius}
-    return Scene.model_validate(scene.model_dump(exclude_unset=True) | {"probe": probe})
+    return Scene.model_validate(scene.model_dump(exclude_unset=True) | {"probe": probe}, context=SI)
 
 
 def _solved(scene: Scene) -> tuple[Converged, float]:

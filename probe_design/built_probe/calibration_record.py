@@ -16,6 +16,8 @@ from pydantic import Field, ValidationError, model_validator
 from geometry.common.errors import InputError, Words
 from geometry.common.files import write_text
 from geometry.common.text_files import read_tables
+from geometry.provenance.block import provenance
+from geometry.provenance.texts import toml_comment
 from geometry.scenes.probe import Frozen
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_from_dict, scene_to_dict
@@ -151,7 +153,9 @@ def write_record(path: Path, contents: CalibrationRecord) -> Path:
     import tomli_w
 
     check_free(path)
-    return write_text(path, HEADER + tomli_w.dumps(contents.model_dump(mode="json", exclude_none=True)))
+    return write_text(
+        path, toml_comment(provenance()) + HEADER + tomli_w.dumps(contents.model_dump(mode="json", exclude_none=True))
+    )
 
 
 def read_record(path: Path | str) -> CalibrationRecord:

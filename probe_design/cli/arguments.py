@@ -46,7 +46,10 @@ class NamedCommands(click.Group):
         if args[0] in self.commands:
             return super().resolve_command(ctx, args)
         kind = "verb" if ctx.parent is None else ctx.info_name
-        raise click.UsageError(f"{kind} = {args[0]!r}: allowed: {', '.join(self.commands)}")
+        from geometry.common.errors import did_you_mean
+
+        allowed = f"{', '.join(self.commands)}{did_you_mean(args[0], self.commands)}"
+        raise click.UsageError(f"{kind} = {args[0]!r}: allowed: {allowed}")
 
 
 class FileName(click.Path):
@@ -64,6 +67,11 @@ class FileName(click.Path):
         if not value:
             raise InputError(key, value, "the name of a file or folder")
         return super().convert(value, param, ctx)
+
+
+def completed(*words: str) -> Callable[[click.Context, click.Parameter, str], list[str]]:
+    """Return what a shell asks for the words that an option may have; the option itself refuses others with more to say."""
+    return lambda ctx, parameter, begun: [word for word in words if word.startswith(begun)]
 
 
 FILE_NAME = FileName(path_type=Path)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from probe_design.cli.arguments import FILE_NAME, length, limiting, noise_of, noise_option
+from probe_design.cli.arguments import FILE_NAME, completed, length, limiting, noise_of, noise_option
 from probe_design.cli.output import print_json
 
 if TYPE_CHECKING:
@@ -27,7 +27,9 @@ FORCE = click.option("--force", is_flag=True, help="Replace parts of another des
 @click.option("--outer-radius", help="Limit of the probe's outer radius, such as '8 mm'.  [default: 1.4 times the start's]")
 @click.option("--starts", default=8, show_default=True, type=click.IntRange(1, 100), help="Local searches.")
 @click.option(
-    "--evaluator", help="Who judges and polishes: axisymmetric or equivalent-inclusion.  [default: what the scene asks for]"
+    "--evaluator",
+    shell_complete=completed("axisymmetric", "equivalent-inclusion"),
+    help="Who judges and polishes: axisymmetric or equivalent-inclusion.  [default: what the scene asks for]",
 )
 @noise_option
 @FORCE
@@ -154,7 +156,7 @@ def _question(start: Scene) -> str:
     """What an optimisation is asked: the scene, and every option that its answer depends on."""
     from importlib.metadata import version
 
-    from geometry.cad.record import digest
+    from geometry.provenance.digest import digest
     from geometry.scenes.scene_file import scene_to_dict
 
     others = ("scene", "output", "force", "as_json")

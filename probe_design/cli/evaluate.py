@@ -1,4 +1,4 @@
-"""The verbs `evaluate`, `plan` and `curve`."""
+"""The verbs `evaluate`, `plan`, `curve` and `tolerances`: what one scene says."""
 
 from __future__ import annotations
 
@@ -7,7 +7,16 @@ from typing import Any
 
 import click
 
-from probe_design.cli.arguments import FILE_NAME, frequency_option, limiting, linear_option, loads_option, modulus, number
+from probe_design.cli.arguments import (
+    FILE_NAME,
+    completed,
+    frequency_option,
+    limiting,
+    linear_option,
+    loads_option,
+    modulus,
+    number,
+)
 from probe_design.cli.output import check_picture, present
 
 EVALUATORS = "auto, published, closed-form, equivalent-inclusion, axisymmetric, contact, solid"
@@ -15,7 +24,13 @@ EVALUATORS = "auto, published, closed-form, equivalent-inclusion, axisymmetric, 
 
 @click.command()
 @click.argument("scene", type=FILE_NAME)
-@click.option("--evaluator", default="auto", show_default=True, help=f"Level of fidelity: {EVALUATORS}.")
+@click.option(
+    "--evaluator",
+    default="auto",
+    show_default=True,
+    shell_complete=completed(*EVALUATORS.split(", ")),
+    help=f"Level of fidelity: {EVALUATORS}.",
+)
 @click.option("--accuracy", default="0.01", show_default=True, help="Relative error that ratio, stresses and stiffness may have.")
 @linear_option
 @loads_option
@@ -133,3 +148,51 @@ def plan(scene: Path, accuracy: str, loads: bool, as_json: bool) -> None:
     with working(f"planning {scene}"):
         decided = run(read_scene(scene), number("accuracy", accuracy), loads=loads)
     present(decided, plan_table, as_json, lines=plan_lines)
+
+
+@click.command()
+@click.argument("scene", type=FILE_NAME)
+@click.option("--ratio", default="0.01", show_default=True, help="Standard deviation of the ratio that is allowed, relative.")
+@click.option("--tolerance", multiple=True, help='A standard deviation: "probe.gap = 10 um", 5 % of a modulus or gain.')
+@click.option("--material", multiple=True, help="What a block is made of, inner=dragon-skin-30: how well its modulus is known.")
+@click.option("--bench", type=FILE_NAME, help="TOML file whose [workshop] and [channels] hold in place of the built-in bench's.")
+@click.option("--samples", default=1024, show_default=True, type=int, help="Of the Sobol indices: a power of 2.")
+@click.option("--plot", "picture", type=FILE_NAME, help="Draw the budget to this .png, .svg or .pdf file.")
+@limiting
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def tolerances(
+    scene: Path, ratio: str, tolerance: tuple[str, ...], material: tuple[str, ...], bench: Path | None, samples: int,
+    picture: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Say how far SCENE's probe as built may read off, by what, and what must be held how tightly for --ratio.
+
+    Radii, gap, heights, moduli and Poisson's ratios of the blocks and the films' gains are off by what the bench file says, or
+    --tolerance and --material. To first order by exact derivatives; beside it samples and Sobol indices by the closed form.
+    """
+    from geometry.scenes.scene_file import read_scene
+    from probe_design.built_probe.bench import read_bench
+    from probe_design.terminal.console import working
+    from probe_design.terminal.tolerance_table import tolerance_lines, tolerance_table
+    from probe_design.tolerances.budget import tolerances as run
+    from probe_design.tolerances.plot import plot
+
+    read, allowed = read_scene(scene), number("ratio", ratio)
+    check_picture(picture)
+    given, materials = (dict(_named(kind, text) for text in texts) for kind, texts in
+                        (("tolerance", tolerance), ("material", material)))  # fmt: skip
+    with working(f"tolerances of {scene}"):
+        shop = None if bench is None else read_bench(bench)
+        found = run(read, allowed, bench=shop, materials=materials, given=given, samples=samples)
+    if picture is not None:
+        plot(found, picture)
+    present(found, tolerance_table, as_json, picture, tolerance_lines)
+
+
+def _named(kind: str, text: str) -> tuple[str, str]:
+    """Split "probe.gap = 10 um"."""
+    from geometry.common.errors import InputError
+
+    name, equals, value = (part.strip() for part in text.partition("="))
+    if not equals:
+        raise InputError(kind, text, {"tolerance": "'probe.gap = 10 um'", "material": "'inner=dragon-skin-30'"}[kind])
+    return name, value

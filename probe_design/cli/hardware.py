@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from probe_design.cli.arguments import FILE_NAME, limiting, linear_option, number
-from probe_design.cli.output import print_json
+from probe_design.cli.output import print_json, with_provenance
 from probe_design.cli.reference_readings import on_scene, predicting, readings
 
 if TYPE_CHECKING:
@@ -199,7 +199,7 @@ def check(
     with saying("checking") as tell:
         result = checked(setting.scene, setting.bench, read, gains, variables=variables, linear=linear, tell=tell)
     if output is not None:
-        write_text(output, json.dumps(result.as_dict(), allow_nan=False, indent=1) + "\n")
+        write_text(output, json.dumps(with_provenance(result.as_dict()), allow_nan=False, indent=1) + "\n")
     if as_json:
         print_json(result.as_dict())
     else:

@@ -12,15 +12,16 @@ import click
 
 from probe_design.cli import interrupts
 from probe_design.cli.arguments import NamedCommands
+from probe_design.cli.catalogue import material, tissue
 from probe_design.cli.design import export, optimize
 from probe_design.cli.estimate import estimate
-from probe_design.cli.evaluate import curve, evaluate, plan
+from probe_design.cli.evaluate import curve, evaluate, plan, tolerances
 from probe_design.cli.hardware import calibrate, check, doctor, read
 from probe_design.cli.load import load
 from probe_design.cli.maps import detectability, scan
+from probe_design.cli.output import noted
 from probe_design.cli.sweep import sweep
-from probe_design.cli.tissue import tissue
-from probe_design.cli.tradeoff import tradeoff
+from probe_design.cli.tradeoff import rerun, tradeoff
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
@@ -62,11 +63,11 @@ def cli() -> None:
 
 
 VERBS = (
-    evaluate, plan, curve, load, scan, detectability, estimate, optimize, export, tradeoff, sweep, tissue, read, calibrate, check,
-    doctor,
+    evaluate, plan, curve, load, scan, detectability, estimate, optimize, export, tradeoff, sweep, tissue, material, tolerances,
+    read, calibrate, check, doctor, rerun,
 )  # fmt: skip
 for verb in VERBS:
-    cli.add_command(verb)
+    cli.add_command(noted(verb))
 
 
 def main() -> None:

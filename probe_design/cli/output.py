@@ -1,14 +1,23 @@
-"""What a verb leaves: JSON or a table on standard output, warnings on standard error, a picture; imports wait until then."""
+"""What a verb leaves: JSON or a table on standard output, warnings on standard error, a picture, and in each where it is from.
+
+Imports wait until there is something to leave.
+"""
 
 from __future__ import annotations
 
+import functools
 import json
+import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
+import click
+
 if TYPE_CHECKING:
     from rich.table import Table
+
+SETTINGS = ("evaluator", "accuracy", "seed")  # that a block of provenance tells by themselves
 
 
 class Presentable(Protocol):
@@ -57,9 +66,18 @@ def present(
         message(f"wrote {picture}")
 
 
+def with_provenance(value: dict[str, Any]) -> dict[str, Any]:
+    """Return a JSON object with the block that tells where it comes from, if it has none."""
+    from geometry.provenance.block import provenance
+
+    name = value.get("evaluator")
+    own = value.get("provenance") or provenance(evaluator=name if isinstance(name, str) else None)
+    return value | {"provenance": own}
+
+
 def print_json(value: dict[str, Any]) -> None:
     """Print one JSON object; NaN and infinity are a defect."""
-    print(json.dumps(value, allow_nan=False))
+    print(json.dumps(with_provenance(value), allow_nan=False))
 
 
 def check_picture(picture: Path | None) -> None:
@@ -74,3 +92,34 @@ def check_picture(picture: Path | None) -> None:
     if picture is not None:
         check_format(picture)
         check_writable_file(picture, "plot")
+
+
+def noted(verb: click.Command) -> click.Command:
+    """Let a verb, or all that a group of them has, tell of the command line in what it makes."""
+    if isinstance(verb, click.Group):
+        for one in verb.commands.values():
+            noted(one)
+    elif verb.callback is not None:
+        verb.callback = _telling(verb.callback)
+    return verb
+
+
+def _telling(run: Any) -> Any:
+    @functools.wraps(run)
+    def telling(*values: Any, **options: Any) -> Any:
+        from geometry.provenance.block import command
+
+        scene = options.get("scene")
+        asked = {name: _plain(options[name]) for name in SETTINGS if options.get(name) is not None}
+        with command(sys.argv[1:], scene if isinstance(scene, Path) else None, **asked):
+            return run(*values, **options)
+
+    return telling
+
+
+def _plain(value: Any) -> Any:
+    """A number, where a text is one."""
+    try:
+        return value if isinstance(value, int) else float(value)
+    except ValueError:
+        return value

@@ -6,32 +6,10 @@ import tomllib
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from textwrap import wrap
 from typing import Any
 
 from geometry.common.errors import InputError
-
-WIDTH = 118  # characters of a line
-
-
-@dataclass(frozen=True)
-class Number:
-    """A number of a tissue.
-
-    Attributes:
-        value: as a scene file has it, with its unit.
-        source: the publication, or "assumed" and why.
-        scatter: between people or samples, as published; empty for what is assumed.
-    """
-
-    value: str | float
-    source: str
-    scatter: str = ""
-
-    @property
-    def told(self) -> str:
-        """Scatter and source in one line."""
-        return f"{self.scatter}; {self.source}" if self.scatter else self.source
+from probe_design.data.numbers import Number, toml_lines
 
 
 @dataclass(frozen=True)
@@ -59,9 +37,9 @@ class BuiltinTissue:
     def toml(self) -> str:
         """Return the table ``[tissue]`` of a scene file, each number below a comment with its source."""
         shape = ["# no end is assumed; a patient's own: 'cylinder' with radius and depth, or 'block'", 'shape = "half-space"']
-        lines = [f"# {self.name}: {self.about}", "[tissue]", *shape, *_lines(self.own)]
+        lines = [f"# {self.name}: {self.about}", "[tissue]", *shape, *toml_lines(self.own)]
         for layer in self.layers:
-            lines += ["", "[[tissue.layer]]", *_lines(layer)]
+            lines += ["", "[[tissue.layer]]", *toml_lines(layer)]
         return "\n".join(lines) + "\n"
 
 
@@ -95,11 +73,3 @@ def _numbers(entry: dict[str, Any]) -> dict[str, Number]:
 
 def _values(numbers: dict[str, Number]) -> dict[str, str | float]:
     return {key: number.value for key, number in numbers.items()}
-
-
-def _lines(numbers: dict[str, Number]) -> list[str]:
-    lines: list[str] = []
-    for key, number in numbers.items():
-        lines += [f"# {line}" for line in wrap(number.told, WIDTH)]
-        lines.append(f'{key} = "{number.value}"' if isinstance(number.value, str) else f"{key} = {number.value}")
-    return lines

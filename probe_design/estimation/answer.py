@@ -7,6 +7,7 @@ from typing import Any
 
 from probe_design.estimation.intervals import Piece
 from probe_design.estimation.strength import Interval
+from solver.results.notebook import Notebook
 from solver.results.result import Decision
 
 WIDEST = {"youngs_modulus": 100.0, "diameter": 4.0, "depth": 4.0, "thickness": 4.0}
@@ -14,7 +15,7 @@ OPEN: Interval = (None, None)
 
 
 @dataclass(frozen=True)
-class Estimate:
+class Estimate(Notebook):
     """What readings say, SI units; an end of an interval is None where it is open.
 
     Attributes:

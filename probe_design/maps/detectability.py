@@ -17,23 +17,28 @@ more with reflections, and where it stays open there is no verdict (None).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import InputError
+from geometry.provenance.block import Provenance, provenance
 from geometry.scenes.scene import Scene
 from probe_design.data.noise import NOISE, RESOLVED, checked_noise
-from probe_design.maps.scan import Progress, check_accuracy
+from probe_design.maps.scan import Progress, check_accuracy, drawn, without_scene
 from probe_design.maps.target_grid import Spheres, check_spheres, target_of
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import Readings, readings
 from solver.planning.load_check import DOUBT, LoadChanges, budget, check_load, load_notes, load_rule
+from solver.results.notebook import Notebook
 from solver.results.result import Decision
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 FINEST, COARSEST = 5e-4, 0.01  # accuracies chosen by the noise
 MOST = 1e6  # of thresholds: beyond it they are none
@@ -72,7 +77,7 @@ class Thresholds:
 
 
 @dataclass(frozen=True)
-class Detectability:
+class Detectability(Notebook):
     """Maps over depths (rows) and diameters (columns); None where the sphere does not fit.
 
     Attributes:
@@ -85,8 +90,11 @@ class Detectability:
         noise, seen_threshold, resolved_threshold: of the verdicts, the second on |change|.
         ratio_without: R_0, with the other inclusions in place.
         evaluator, seconds, plan, warnings: see ``solver.results.result.Result``.
+        scene: that was asked about.
+        provenance: see ``geometry.provenance.block``.
     """
 
+    DIMENSIONS = ("depth", "diameter")
     depth: tuple[float, ...]
     diameter: tuple[float, ...]
     change: Map
@@ -103,10 +111,22 @@ class Detectability:
     seconds: float
     plan: tuple[Decision, ...] = ()
     warnings: tuple[str, ...] = ()
+    scene: Scene | None = field(default=None, compare=False, repr=False)
+    provenance: Provenance | None = field(default=None, compare=False, repr=False)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design detectability``."""
-        return asdict(self)
+        return asdict(replace(self, scene=None), dict_factory=without_scene)
+
+    def plot(self) -> Figure:
+        """Draw what ``probe-design detectability --plot`` draws; returns the figure, whose ``savefig`` writes it.
+
+        Raises:
+            InputError: it was made by hand, without its scene.
+        """
+        from probe_design.maps.detectability_plot import figure_of
+
+        return figure_of(self, drawn(self.scene))
 
 
 def detectability(
@@ -162,6 +182,8 @@ def detectability(
         seconds=perf_counter() - start,
         plan=(*base.plan, _reflections(base, len(unsure), len(effects.change))),
         warnings=(*base.notes, *_warnings(effects, limits), *load_notes(scene, load.weakest, accuracy, True)),
+        scene=scene,
+        provenance=provenance(scene, evaluator=EquivalentInclusion().name, accuracy=accuracy),
     )
 
 

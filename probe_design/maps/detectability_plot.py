@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +12,9 @@ from geometry.scenes.scene import Scene
 from probe_design.maps.detectability import Detectability
 from probe_design.maps.target_grid import target_of
 from probe_design.pictures.formats import check_format, save
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 MM = 1e3
 DECADES = 100.0  # between the threshold and either end of a colour scale
@@ -25,6 +28,11 @@ def plot(maps: Detectability, scene: Scene, path: Path) -> Path:
         OSError: the file cannot be written.
     """
     check_format(path)
+    return save(figure_of(maps, scene), path)
+
+
+def figure_of(maps: Detectability, scene: Scene) -> Figure:
+    """Draw both maps."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import LogNorm, SymLogNorm
     from matplotlib.figure import Figure
@@ -58,7 +66,7 @@ def plot(maps: Detectability, scene: Scene, path: Path) -> Path:
         fontsize=11,
     )
     _legend(figure)
-    return save(figure, path)
+    return figure
 
 
 def _tissue(scene: Scene) -> str:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from geometry.common.arrays import Bools, Floats
-from geometry.common.errors import InputError
+from geometry.common.errors import InputError, Words
+from geometry.provenance.block import Provenance, provenance
 from geometry.scenes.scene import Scene
 from probe_design.maps.scan_line import ScanLine
 from probe_design.maps.target_grid import check_spheres
@@ -19,14 +20,18 @@ from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
 from solver.equivalent_inclusion.readings import Readings, readings
 from solver.planning.load_check import DOUBT, LoadChanges, budget, check_load, load_notes, load_rule
 from solver.results.film_forces import ratio
+from solver.results.notebook import Notebook
 from solver.results.result import Decision
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Progress = Callable[[int, int], None]
 Column = tuple[float | None, ...]
 
 
 @dataclass(frozen=True)
-class Scan:
+class Scan(Notebook):
     """Readings at positions along a line, at the scene's load; None where a warning gives the reason.
 
     Attributes:
@@ -36,8 +41,11 @@ class Scan:
         ratio, stiffness, stress_inner, stress_outer, log_sensitivity, error_estimate: see ``Result``, one per position.
         ratio_without: the ratio that there would be without any inclusion.
         evaluator, seconds, plan, warnings: see ``Result``.
+        scene: that was asked about.
+        provenance: see ``geometry.provenance.block``.
     """
 
+    DIMENSIONS = ("position",)
     along: str
     at: float
     position: tuple[float, ...]
@@ -52,10 +60,22 @@ class Scan:
     seconds: float
     plan: tuple[Decision, ...] = ()
     warnings: tuple[str, ...] = ()
+    scene: Scene | None = field(default=None, compare=False, repr=False)
+    provenance: Provenance | None = field(default=None, compare=False, repr=False)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design scan``."""
-        return asdict(self)
+        return asdict(replace(self, scene=None), dict_factory=without_scene)
+
+    def plot(self) -> Figure:
+        """Draw what ``probe-design scan --plot`` draws; returns the figure, whose ``savefig`` writes it.
+
+        Raises:
+            InputError: it was made by hand, without its scene.
+        """
+        from probe_design.maps.scan_plot import figure_of
+
+        return figure_of(self, drawn(self.scene))
 
 
 def scan(
@@ -118,7 +138,21 @@ def scan(
             *dict.fromkeys(_warnings(scene, far, answers, outside)),
             *load_notes(scene, load.weakest, accuracy, promise),
         ),
+        scene=scene,
+        provenance=provenance(scene, evaluator=EquivalentInclusion().name, accuracy=accuracy),
     )
+
+
+def without_scene(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return the fields that a JSON object has of a result that carries its scene."""
+    return {key: value for key, value in pairs if key != "scene"}
+
+
+def drawn(scene: Scene | None) -> Scene:
+    """Return the scene of a result that is to be drawn. Raises ``InputError`` where it has none."""
+    if scene is None:
+        raise InputError("scene", Words("missing"), "a result that the toolkit made, which carries its scene")
+    return scene
 
 
 def check_accuracy(accuracy: float) -> None:

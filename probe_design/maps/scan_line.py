@@ -17,6 +17,7 @@ from geometry.common.errors import InputError
 from geometry.common.limits import most_mm
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Placement, Scene
+from geometry.scenes.units import SI
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
 from solver.equivalent_inclusion.readings import Readings
@@ -100,7 +101,7 @@ class ScanLine:
 
     def _at(self, position: float) -> Scene:
         at = {self.along: abs(position), self.across: abs(self.at), "tilt": self.scene.placement.tilt}
-        placement = Placement.model_validate({key: float(value) for key, value in at.items()})
+        placement = Placement.model_validate({key: float(value) for key, value in at.items()}, context=SI)
         return self.scene.model_copy(update={"placement": placement})
 
     def bounded(self, base: Undisturbed, answers: Readings, positions: Floats) -> Readings:

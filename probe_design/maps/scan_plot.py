@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +12,9 @@ from geometry.common.arrays import Floats
 from geometry.scenes.scene import Inclusion, Scene
 from probe_design.maps.scan import Column, Scan
 from probe_design.pictures.formats import check_format, save
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 MM = 1e3
 WIDTH, LEFT, RIGHT = 9.0, 0.95, 0.25  # of the figure and its margins, inches
@@ -28,6 +31,11 @@ def plot(scan: Scan, scene: Scene, path: Path) -> Path:
         OSError: the file cannot be written.
     """
     check_format(path)
+    return save(figure_of(scan, scene), path)
+
+
+def figure_of(scan: Scan, scene: Scene) -> Figure:
+    """Draw a scan of a scene."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -61,7 +69,7 @@ def plot(scan: Scan, scene: Scene, path: Path) -> Path:
         fontsize=10,
     )
     top.legend(loc="best", fontsize=8)
-    return save(figure, path)
+    return figure
 
 
 def _window(scan: Scan, scene: Scene) -> tuple[float, float, float]:

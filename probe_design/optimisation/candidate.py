@@ -16,7 +16,7 @@ from probe_design.optimisation.objective import Noise, objective
 from probe_design.optimisation.pressing import Pressing, pressing
 from solver import Result, evaluator
 from solver.planning.coarse_model import CoarseModel
-from solver.planning.loads import log_sensitivity_change
+from solver.planning.loads import log_sensitivity_change, sensitivity_size
 from solver.results.evaluator import Answer, FilmLevel
 from solver.results.film_forces import FilmForces
 
@@ -71,7 +71,7 @@ def candidate(scene: Scene, noise: Noise, judge: str, accuracy: float = ACCURACY
     answer = answered(scene, judge, accuracy)
     films = answer.films[0]
     pressed = pressing(scene, films.totals, rough.closure)
-    least, most = _ends(films, noise, pressed)
+    least, most = ends_of(films, noise, pressed)
     candidate = Candidate(
         scene=scene,
         judged=answer.result(judge, _under(scene, pressed), perf_counter() - start),
@@ -127,12 +127,13 @@ def _share(films: FilmForces) -> float:
     return float(films.totals[0] / films.totals.sum())
 
 
-def _ends(films: FilmForces, noise: Noise, pressed: Pressing) -> tuple[float, float]:
-    """The least and the most that the objective can be."""
-    if films.unresolved_stress is not None or films.log_sensitivity is None:
+def ends_of(films: FilmForces, noise: Noise, pressed: Pressing) -> tuple[float, float]:
+    """Return the least and the most that the objective can be, whatever the errors of films and pressing are."""
+    sensitivities = films.film_log_sensitivities
+    if films.unresolved_stress is not None or films.log_sensitivity is None or sensitivities is None:
         return 0.0, math.inf
     size, share = abs(films.log_sensitivity), _share(films)
-    off = films.sensitivity_error + size * log_sensitivity_change(pressed.x)
+    off = films.sensitivity_error + sensitivity_size(sensitivities) * log_sensitivity_change(pressed.x)
     shift = films.bound.log_ratio + pressed.change
     odds = share / (1 - share) * np.exp([-shift, 0.0, shift])  # inner over outer force
     noises = [objective(noise.information(1.0, one / (1 + one), pressed.force)) for one in odds.tolist()]

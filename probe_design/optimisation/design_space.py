@@ -13,6 +13,7 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
+from geometry.scenes.units import SI
 
 VARIABLES = ("inner_radius", "area_ratio", "gap", "height", "inner_modulus", "outer_modulus")
 LEAST_RADIUS = 0.5e-3  # m: thinner cylinders of elastomer, and thinner sleeves, are not handled well
@@ -82,7 +83,7 @@ class Space:
         for block, modulus in zip(("inner", "outer"), moduli, strict=True):
             probe[block]["youngs_modulus"] = modulus
         try:
-            return Scene.model_validate(self.scene.model_dump(exclude_unset=True) | {"probe": probe})
+            return Scene.model_validate(self.scene.model_dump(exclude_unset=True) | {"probe": probe}, context=SI)
         except ValueError:
             return None
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Load, Scene
+from geometry.scenes.units import SI
 from probe_design.optimisation.design_space import Space, variables
 from probe_design.optimisation.global_search import QUIET, stopped_by_user
 from probe_design.optimisation.objective import Noise
@@ -65,4 +66,6 @@ def _by_area_ratio(scene: Scene) -> Scene:
     probe = scene.probe
     data = probe.model_dump(exclude={"outer_radius", "inner_height", "outer_height"}, exclude_unset=True)
     data |= {"area_ratio": probe.inner_area / probe.outer_area, "height": probe.core_height}
-    return Scene.model_validate(scene.model_dump(exclude_unset=True) | {"probe": data, "load": Load(indentation=UNIT)})
+    return Scene.model_validate(
+        scene.model_dump(exclude_unset=True) | {"probe": data, "load": Load(indentation=UNIT)}, context=SI
+    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal, SolveError
@@ -13,6 +13,7 @@ from probe_design.data.noise import NOISE
 from probe_design.optimisation.candidate import FINER, Candidate, candidate, merged
 from probe_design.optimisation.design_space import Space, space
 from probe_design.optimisation.global_search import search
+from probe_design.optimisation.loaded_candidate import asks_for_contact, under_load
 from probe_design.optimisation.local_search import polish
 from probe_design.optimisation.objective import Noise
 from probe_design.optimisation.optimum import Optimum
@@ -65,7 +66,7 @@ def optimize(
     designs = search(run.room, run.noise, starts, lambda done, total: progress("searching with the closed form", done, total))
     candidates = merged(_judged(run, _workshop_scenes(run.room, designs)))
     candidates = merged((*candidates, *_polished(run, candidates[:POLISHED])))
-    return _decided(run, baseline, candidates)
+    return _under_load(run, _decided(run, baseline, candidates))
 
 
 def _judge(scene: Scene, name: str | None) -> str:
@@ -105,6 +106,19 @@ def _polished(run: Judging, best: tuple[Candidate, ...]) -> Iterator[Candidate]:
             if scene is not None:
                 yield candidate(scene, run.noise, run.judge)
     run.progress(stage, len(best), len(best))
+
+
+def _under_load(run: Judging, found: Optimum) -> Optimum:
+    """Start and finalists under the scene's own load, where that is beyond linear elasticity and ``contact`` takes them."""
+    finalists = (found.baseline, *found.candidates[:POLISHED])
+    if not any(map(asks_for_contact, finalists)):
+        return found
+    stage, pressed = "pressing finalists by contact", []
+    for k, one in enumerate(finalists):
+        run.progress(stage, k, len(finalists))
+        pressed.append(under_load(one, run.noise))
+    run.progress(stage, len(finalists), len(finalists))
+    return replace(found, baseline=pressed[0], candidates=merged((*pressed[1:], *found.candidates[POLISHED:])))
 
 
 def _decided(run: Judging, baseline: Candidate, candidates: tuple[Candidate, ...]) -> Optimum:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from html import escape
 from typing import Literal
 
 from probe_design.optimisation.candidate import Candidate
 from probe_design.optimisation.design_space import Limit, Space
 from probe_design.optimisation.objective import Noise
+from solver.results.notebook import html_table
 
 
 @dataclass(frozen=True)
@@ -17,7 +19,7 @@ class Optimum:
     """What an optimisation found.
 
     Attributes:
-        judge: the evaluator that ranked the designs.
+        judge: the evaluator that ranked the designs, before ``contact`` judged what it presses harder.
         room: the limits they were to keep.
         noise: of a reading.
         baseline: the start.
@@ -51,6 +53,11 @@ class Optimum:
         return self.winner or next(iter(self.candidates), self.baseline)
 
     @property
+    def judges(self) -> str:
+        """Who judged the start and the design that was found: one name, or two parted by " / "."""
+        return " / ".join(dict.fromkeys(one.judged.evaluator for one in (self.baseline, self.found)))
+
+    @property
     def limits(self) -> tuple[Limit, ...]:
         """All limits of the designs, and which of them the one that was found lies on."""
         return self.room.limits(self.found.scene)
@@ -58,7 +65,7 @@ class Optimum:
     @property
     def verdict(self) -> str:
         """What was found, and why it counts or does not, in one sentence."""
-        found, start, by = _told(self.found), f"the start's {_told(self.baseline)}", f"by {self.judge}"
+        found, start, by = _told(self.found), f"the start's {_told(self.baseline)}", f"by {self.judges}"
         if self.winner is not None:
             return f"improved: standard deviation of ln E_object {found} in place of {start}, {by}"
         less = 1 - self.found.judged_objective / self.baseline.judged_objective
@@ -70,6 +77,12 @@ class Optimum:
             f"no gain that counts: the best design's standard deviation of ln E_object is {found}, {100 * less:.2g} % less than "
             f"{start}, {by}, which its errors may feign"
         )
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: start and optimum side by side."""
+        from probe_design.optimisation.comparison import headings, level_rows
+
+        return f"<p>{escape(self.verdict)}</p>{html_table(headings(self), level_rows(self))}"
 
     @property
     def remarks(self) -> Iterator[str]:

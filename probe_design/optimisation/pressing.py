@@ -16,11 +16,13 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Load, Scene
-from solver.planning.loads import CLOSING, RATIO_CHANGE, LoadRule, cover_factor, largest_x, tissue_strain
+from solver.planning.loads import CLOSING, LoadRule, largest_x
+from solver.planning.strains import block_strain, cover_factor, slimness, tissue_strain
 
 RATIO = 0.01  # relative change of the ratio by finite strain that is allowed
 DIGITS = 3  # of a load that the rule sets
-BY = {"ratio": "strain", "strain limit": "strain", "gap closure": "gap closure"}
+SCENE, STRAIN, GAP = "scene", "strain", "gap closure"  # what sets a load
+BY = {"ratio": STRAIN, "strain limit": STRAIN, "gap closure": GAP}
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,7 @@ class Pressing:
         force: on the base under it, N.
         x: the strain that the rule counts with, see ``LoadRule``.
         change: bound on what finite strain changes of the ratio there, relative.
-        by: what sets the load: "scene", "strain" or "gap closure".
+        by: what sets the load: ``SCENE``, ``STRAIN`` or ``GAP``.
     """
 
     load: Load
@@ -51,7 +53,7 @@ def pressing(scene: Scene, totals: Floats, closure: float) -> Pressing:
         closure: force that closes the gap in linear elasticity, N; see ``CoarseModel.closure``.
     """
     rule = LoadRule.of(scene, totals, closure)
-    largest, load, by = rule.largest(RATIO, promise=False), scene.load, "scene"
+    largest, load, by = rule.largest(RATIO, promise=False), scene.load, SCENE
     if largest.force < asked(scene.load, rule.stiffness):
         by = BY[largest.by]
         load = Load(force=_down(largest.force)) if load.indentation is None else Load(indentation=_down(largest.indentation))
@@ -90,12 +92,12 @@ def pressing_force(scene: Scene, v: Any, radius: Any, totals: Any, nearing: floa
     """
     stiffness = totals[0] + totals[1]
     areas = (np.pi * v[0] ** 2, np.pi * v[0] ** 2 / v[1])
-    strain = tissue_strain(radius, scene.tissue)
-    for total, area, modulus in zip(totals, areas, (v[4], v[5]), strict=True):
-        strain = _greater(strain, v[3] * (total / area / modulus) ** 2 / RATIO_CHANGE)
+    inner, outer = (block_strain(v[3], total / area / E) for total, area, E in zip(totals, areas, (v[4], v[5]), strict=True))
+    slim = slimness(radius, radius - v[0] - v[2])
+    strain = tissue_strain(radius, scene.tissue) + _greater(inner, slim * outer)
     force = _lesser(
         asked(scene.load, stiffness),
-        largest_x(RATIO, promise=False, covered=cover_factor(scene.inclusion))[0] / strain * stiffness,
+        largest_x(RATIO, promise=None, covered=cover_factor(scene.inclusion))[0] / strain * stiffness,
     )
     return _lesser(force, CLOSING * stiffness * v[2] / nearing) if nearing > 0 else force
 

@@ -15,6 +15,8 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
+from geometry.provenance.block import Provenance, provenance
+from geometry.provenance.texts import toml_comment
 from geometry.scenes.scene_file import scene_to_dict, scene_to_toml
 from probe_design.optimisation.candidate import Candidate
 from probe_design.optimisation.comparison import candidates_csv, headings, level_rows, noise_line
@@ -43,7 +45,7 @@ def write_all(
 
     probe, edge = optimum.best.scene.probe, optimum.best.scene.contact.edge_radius
     texts: dict[str, Callable[[], str]] = {
-        "design.toml": lambda: scene_to_toml(optimum.best.pressed),
+        "design.toml": lambda: toml_comment(_origin(optimum)) + scene_to_toml(optimum.best.pressed),
         "candidates.csv": lambda: candidates_csv(optimum),
         "report.html": lambda: page(optimum, [name for name in names if name not in ("report.html", "optimize.json")]),
         "optimize.json": lambda: json.dumps(summary(optimum, paths), indent=2, allow_nan=False) + "\n",
@@ -73,7 +75,7 @@ def summary(optimum: Optimum, files: Sequence[Path]) -> dict[str, Any]:
         "design": scene_to_dict(best.pressed),
         "objective": _finite(best.judged_objective),
         "baseline_objective": _finite(start.judged_objective),
-        "evaluator": optimum.judge,
+        "evaluator": best.judged.evaluator,
         "status": optimum.status,
         "verdict": optimum.verdict,
         "remarks": list(optimum.remarks),
@@ -89,7 +91,12 @@ def summary(optimum: Optimum, files: Sequence[Path]) -> dict[str, Any]:
         "force_limited_by": best.pressing.by,
         "baseline": _summary(start),
         "candidates": [_summary(one) for one in optimum.candidates],
+        "provenance": _origin(optimum),
     }
+
+
+def _origin(optimum: Optimum) -> Provenance:
+    return provenance(optimum.baseline.scene, evaluator=optimum.judge)
 
 
 def _summary(one: Candidate) -> dict[str, Any]:
@@ -116,7 +123,7 @@ def page(optimum: Optimum, files: Sequence[str]) -> str:
         warnings="".join(f"<li>{escape(text)}</li>" for text in warnings) or "<li>none</li>",
         files="".join(f'<li><a href="{escape(name)}">{escape(name)}</a></li>' for name in files),
         scene=escape(scene_to_toml(optimum.best.pressed)),
-        judge=optimum.judge,
+        judge=optimum.judges,
     )
 
 

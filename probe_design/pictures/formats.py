@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from geometry.common.errors import InputError
 from geometry.common.files import written_whole
+from geometry.provenance.block import provenance
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,5 +35,6 @@ def save(figure: Figure, path: Path) -> Path:
     """
     with written_whole(path) as draft, warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph")  # of a scene's name in a script that the font has not: boxes stand for it
-        figure.savefig(draft, format=path.suffix[1:].lower())
+        kind = path.suffix[1:].lower()
+        figure.savefig(draft, format=kind, metadata={"Subject" if kind == "pdf" else "Description": json.dumps(provenance())})
     return path

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from geometry.common.errors import InputError, Words
+from geometry.common.errors import InputError, Words, did_you_mean
 from geometry.common.resources import Limits, limits
 from geometry.common.text_files import read_tables
 from geometry.scenes.messages import most_telling
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import read_scene, scene_from_dict
-from geometry.scenes.units import MEMORY, TIME
+from geometry.scenes.units import MEMORY, SI, TIME
 from probe_design.sweeps.constraints import satisfied
 from probe_design.sweeps.keys import Key, Value, at_path, changed, key
 from probe_design.sweeps.samples import KINDS, DesignSampling, Variable
@@ -158,7 +158,7 @@ def _settings(tables: Mapping[str, Any]) -> tuple[str, float, bool]:
 
     evaluator, accuracy, linear = tables.get("evaluator", AUTO), tables.get("accuracy", 0.01), tables.get("linear", False)
     if evaluator not in (AUTO, *BUILT):
-        raise InputError("evaluator", evaluator, f"one of {', '.join((AUTO, *BUILT))}")
+        raise InputError("evaluator", evaluator, f"one of {', '.join((AUTO, *BUILT))}{did_you_mean(evaluator, (AUTO, *BUILT))}")
     if isinstance(accuracy, bool) or not isinstance(accuracy, int | float):
         raise InputError("accuracy", accuracy, "a number above 0 and below 1, such as 0.01")
     check_accuracy(accuracy)
@@ -197,6 +197,6 @@ def _sample(table: object) -> DesignSampling:
 def scene_of(base: Mapping[str, Any], keys: tuple[Key, ...], values: tuple[Value, ...]) -> Scene:
     """Build the scene of one design. Raises ``InputError`` where it is refused."""
     try:
-        return Scene.model_validate(changed(base, keys, values))
+        return Scene.model_validate(changed(base, keys, values), context=SI)
     except ValidationError as refused:
         raise most_telling(refused) from None

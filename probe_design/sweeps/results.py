@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import csv
+import json
 from collections.abc import Iterator
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from geometry.common.errors import InputError, MissingLibrary
 from geometry.common.files import written_whole
+from geometry.common.text_files import read_text
 from probe_design.sweeps.rows import COLUMNS, REAL
 from probe_design.sweeps.store import reading
 
@@ -110,6 +113,9 @@ def dataset(folder: Path | str) -> xr.Dataset:
     for name, unit in units(folder).items():
         labelled[name].attrs["units"] = unit or "1"
     labelled.attrs |= {name: request[name] for name in ("evaluator", "accuracy", "version")}
+    with suppress(InputError, ValueError, KeyError):  # a sweep that is not finished has not told yet
+        told = json.loads(read_text(Path(folder) / "provenance.json", "provenance"))
+        labelled.attrs["provenance"] = json.dumps(told["provenance"])
     return labelled
 
 

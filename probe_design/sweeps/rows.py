@@ -130,7 +130,7 @@ class Job:
             if not isinstance(together, Exception):
                 pairs = zip(together, scenes, strict=True)
                 return [one if isinstance(one, Exception) else with_warning(one, scene, self.accuracy) for one, scene in pairs]
-        answer = partial(evaluate, name=self.evaluator, accuracy=self.accuracy, linear=self.linear)
+        answer = partial(evaluate, evaluator=self.evaluator, accuracy=self.accuracy, linear=self.linear)
         return [_caught(partial(answer, scene)) for scene in scenes]
 
 

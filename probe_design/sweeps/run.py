@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -13,7 +14,11 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 from geometry.common.errors import InputError
+from geometry.common.files import write_text
 from geometry.common.resources import Limits
+from geometry.provenance.block import provenance
+from geometry.scenes.scene import Scene
+from geometry.scenes.units import SI
 from probe_design.sweeps.file import Sweep, read_sweep, sweep_from_dict
 from probe_design.sweeps.local_workers import LocalCrew
 from probe_design.sweeps.progress import Progress, Tell, logged
@@ -21,6 +26,7 @@ from probe_design.sweeps.rows import Job, Row, blank
 from probe_design.sweeps.store import Store, StoreError, writing
 from probe_design.sweeps.variables import whole
 from probe_design.sweeps.workers import Batch, Crew, CrewError, FinishedBatch, Outcome, Task
+from solver.results.notebook import Notebook
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,11 +35,12 @@ if TYPE_CHECKING:
 SECONDS = 0.5  # of work in a batch: some hundred times the cost of handing it out, and what a kill may cost
 LARGEST = 2000  # designs in a batch
 Log = Callable[[str], None]
+ORIGIN = "provenance.json"
 TRIES = 2  # workers that may die with a design on its own before it counts as failed
 
 
 @dataclass(frozen=True)
-class Swept:
+class Swept(Notebook):
     """A finished sweep.
 
     Attributes:
@@ -63,6 +70,10 @@ class Swept:
         from probe_design.sweeps.results import dataframe
 
         return dataframe(self.folder)
+
+    def to_dataset(self) -> xr.Dataset:
+        """Return all rows with labels and units; the same as ``dataset``."""
+        return self.dataset()
 
     def dataset(self) -> xr.Dataset:
         """Return all rows with labels and units; see ``probe_design.sweeps.results.dataset``."""
@@ -126,7 +137,17 @@ def sweep(
         if sum(counts.values()) != total:
             raise StoreError(f"{folder}: the store has {sum(counts.values())} rows of {total} designs: start again")
         log(f"ends: {counts}")
-    return Swept(folder, total, left_out, **counts, answered=len(tasks), seconds=monotonic() - start)
+    swept = Swept(folder, total, left_out, **counts, answered=len(tasks), seconds=monotonic() - start)
+    _tell_origin(swept, checked)
+    return swept
+
+
+def _tell_origin(swept: Swept, sweep: Sweep) -> None:
+    """Write where the rows come from beside them, with their counts."""
+    scene = Scene.model_validate(sweep.base, context=SI)
+    origin = provenance(scene, evaluator=sweep.evaluator, accuracy=sweep.accuracy, seed=sweep.sample.seed)
+    told = {name: getattr(swept, name) for name in ("designs", "left_out", "ok", "refused", "failed")}
+    write_text(swept.folder / ORIGIN, json.dumps(told | {"provenance": origin}, indent=2) + "\n")
 
 
 def _both(log: Log, notice: Log) -> Log:

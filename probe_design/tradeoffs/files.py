@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 from geometry.common.files import written_together
+from geometry.provenance.block import provenance
 from probe_design.tradeoffs.plot import plot
 from probe_design.tradeoffs.study import Tradeoff
 from probe_design.tradeoffs.tables import page
@@ -20,7 +21,7 @@ def write_all(study: Tradeoff, folder: Path) -> list[Path]:
         OSError: the folder cannot be written.
     """
     files = [folder / name for name in NAMES]
-    summary = study.as_dict() | {"files": [str(file) for file in files]}
+    summary = study.as_dict() | {"files": [str(file) for file in files], "provenance": provenance()}
     with written_together(folder, NAMES) as new:
         picture, table, data = (new / name for name in NAMES)
         plot(study, picture)

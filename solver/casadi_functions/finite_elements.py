@@ -13,6 +13,7 @@ from geometry.meridian.frame import Kind, MeshTopology
 from geometry.meridian.frame import kind as kind_of
 from geometry.scenes.base_sizes import base_sizes
 from geometry.scenes.scene import Scene
+from geometry.scenes.units import SI
 from geometry.scenes.variables import changed
 from solver.axisymmetric.gradients import Gradients, gradients
 from solver.axisymmetric.level import Axisymmetric
@@ -124,4 +125,4 @@ def _explicit(scene: Scene) -> Scene:
         data["probe"]["base"] |= asdict(base_sizes(probe))
     if probe.film is not None and probe.film.adhesive_thickness > 0:
         data["probe"]["film"]["adhesive_modulus"] = probe.film.adhesive_modulus or probe.film.youngs_modulus
-    return Scene.model_validate(data)
+    return Scene.model_validate(data, context=SI)

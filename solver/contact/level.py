@@ -47,10 +47,14 @@ class ContactLevel(FilmLevel):
         Raises:
             Refusal: the scene is of another kind, too extreme, or pressed further than any step converges.
         """
+        return self.pressed_answer(scene, accuracy, moduli)[0]
+
+    def pressed_answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> tuple[Answer, LoadedScene]:
+        """Return the same with the pressed scene, which knows the way there: see ``answer``."""
         with threadpool_limits(1, user_api="blas"), self._refusing(scene):
             found, on, notes = refined(self.pressed(scene, accuracy), lambda films: _good(films, scene, accuracy))
             answers = [found] if moduli is None else curve(on, np.asarray(moduli))
-        return self._answer(scene, accuracy, on, answers, notes)
+        return self._answer(scene, accuracy, on, answers, notes), on
 
     def loaded(self, scene: Scene, accuracy: float) -> LoadedScene:
         """Return a scene pressed to its load, for others beside it; as ``answer``, but its log-sensitivity need not be exact."""

@@ -12,7 +12,8 @@ from geometry.common.errors import Refusal, Words
 from geometry.common.limits import most
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
-from solver.planning.loads import CLOSING, LARGEST_X, RATIO_CHANGE, SENSITIVITY_GROWTH, LoadRule, least_closure
+from solver.planning.loads import CLOSING, LARGEST_X, SENSITIVITY_GROWTH, LoadRule, least_closure
+from solver.planning.strains import RATIO_CHANGE
 from solver.results.film_forces import indented
 from solver.results.result import LargestLoad, Result
 from solver.results.warnings import Note
@@ -173,8 +174,10 @@ class LoadChanges:
 
 
 def exact(rule: LoadRule, result: Result) -> LoadRule:
-    """Return the rule with an answer's own stiffness."""
-    return rule if result.stiffness is None else replace(rule, stiffness=result.stiffness)
+    """Return the rule with an answer's own stiffness and log-sensitivities."""
+    if result.stiffness is None:
+        return rule
+    return replace(rule, stiffness=result.stiffness, films=result.film_log_sensitivities)
 
 
 def _of_formulas(scene: Scene, result: Result) -> LoadRule:

@@ -5,29 +5,29 @@ log-sensitivity by at most exp(0.8 x) - 1, relative (PL.2). The rule is read off
 tests hold it against (``tests/reference/contact``); nothing is known beyond x = 0.3, nor beyond 1/25 of the force that closes
 the gap in linear elasticity: the true closure was found at 1/22 of it. Those solutions have stiff blocks on deep tissue, so
 that what else is strained counts as the indentation that would be as bad: shallow tissue by PL.5, soft blocks by PL.3. Large
-inclusions near the surface change ratio, stresses and stiffness more: PL.7.
+inclusions near the surface change ratio, stresses and stiffness more: PL.7. Where a log-sensitivity nearly vanishes as those of
+both films cancel, it counts as larger: PL.8.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.scenes.scene import Inclusion, Scene, Tissue
+from geometry.scenes.scene import Scene
+from solver.planning.strains import RATIO_CHANGE, block_strain, cover_factor, slimness, tissue_strain
 from solver.results.result import LargestLoad
 
-RATIO_CHANGE = 0.1  # of ratio, stresses and stiffness per x
 SENSITIVITY_GROWTH = 0.8  # of ln(log-sensitivity) per x
 LARGEST_X = 0.3
 CLOSING = 1 / 25  # of the linear closure force
 NEARING = (1.45, 0.17, 1.6, 0.1)  # of eq. PL.4: 1.2 times what 2062 scenes need; 8 times too much for half of them
-COVERED = (0.55, 0.05, 0.5, 1.3)  # of eq. PL.7: the worst of 150 scenes needs 86 % of what it says, half of them an eighth
-SHALLOW = 25.0  # of eq. PL.5: the worst row needs 97 % of it, at 9 outer radii; at 3 the worst needs 92 %, at one 40 %
+CANCELLING = 0.2  # of eq. PL.8: the worst of 240 scenes needs 0.065
+LEAST_SENSITIVITY = 1e-5  # absolute, that a log-sensitivity is promised to
 
 Cause = Literal["ratio", "log_sensitivity", "strain limit", "gap closure"]
 
@@ -42,34 +42,31 @@ def log_sensitivity_change(x: float) -> float:
     return math.expm1(SENSITIVITY_GROWTH * x) if x < 800 else math.inf
 
 
-def cover_factor(bodies: Iterable[Inclusion]) -> float:
-    """Return by how many times inclusions near the surface raise what finite strain changes of ratio, stresses and stiffness.
+def sensitivity_size(films: tuple[float, float]) -> float:
+    """Return what the log-sensitivity S = S_inner - S_outer counts as where finite strain changes it by a share of itself.
 
-    What covers them is strained the more the thinner it is, and counts the more the wider they are: with diameter D and cover t
-    at most by
+    Where the films' own nearly cancel, each still changes, so that S counts as
 
-        1 + 0.55 max(0, D / (t + 0.05 D) - 0.5)^1.3      (PL.7)
+        max(|S|, 0.2 |S_inner|, 0.2 |S_outer|)      (PL.8)
 
-    whatever their moduli are and wherever beside the axis they lie. The log-sensitivity needs no more than eq. PL.2. Bodies from
-    surface files, whose sizes are not known here, count as nothing.
+    Args:
+        films: d ln force / d ln E_object of inner and outer film at a given indentation.
     """
-    share, least, nothing, power = COVERED
-    sizes = [(max(body.diameters) if body.diameters is not None else body.diameter or 0.0, body.depth) for body in bodies]
-    wide = [size / (max(0.0, depth - size / 2) + least * size) for size, depth in sizes if size > 0]
-    return float(1 + share * max(0.0, max(wide, default=0.0) - nothing) ** power)
+    inner, outer = films
+    return max(abs(inner - outer), CANCELLING * max(abs(inner), abs(outer)))
 
 
-def largest_x(accuracy: float, promise: bool, covered: float = 1.0) -> tuple[float, Cause]:
+def largest_x(accuracy: float, promise: float | None, covered: float = 1.0) -> tuple[float, Cause]:
     """Return the largest x at which the rule keeps an accuracy, and what sets it.
 
     Args:
         accuracy: relative, on ratio, stresses and stiffness.
-        promise: whether the log-sensitivity has to be good to five times that.
+        promise: how good the log-sensitivity has to be, relative to its size by eq. PL.8; None where it does not matter.
         covered: eq. PL.7.
     """
     limits: dict[Cause, float] = {"strain limit": LARGEST_X, "ratio": accuracy / RATIO_CHANGE / covered}
-    if promise:
-        limits["log_sensitivity"] = math.log1p(5 * accuracy) / SENSITIVITY_GROWTH
+    if promise is not None:
+        limits["log_sensitivity"] = math.log1p(promise) / SENSITIVITY_GROWTH
     by = min(limits, key=lambda cause: limits[cause])
     return limits[by], by
 
@@ -102,52 +99,17 @@ def least_closure(scene: Scene, totals: Floats) -> float:
     return float(totals.sum() * probe.gap / nearing)
 
 
-def tissue_strain(tube_radius: Any, tissue: Tissue) -> Any:
-    """Return x per indentation on deep, shallow or layered tissue, 1/m.
-
-    Where the bottom is near the tissue is squeezed out from under the probe, which is bad sooner than an indentation of deep
-    tissue: with the outer radius R and the depth H
-
-        x = indentation sqrt(1/R^2 + (25 R / H^2)^2)      (PL.5)
-
-    bounds all of ``tests/reference/contact/shallow.json``, from H = R on. Layers are such bottoms, each by the share of its own
-    modulus that what is softer above it lacks; and a stiff layer on soft material carries the load by bending, where strain comes
-    sooner: with c the largest modulus of a layer over any below it
-
-        x = indentation sqrt(c) sqrt(1/R^2 + (25 R max (1 - E_above / E_below) / H^2)^2)      (PL.6)
-
-    which is 1.7 to 80 times what ``tests/reference/contact/layered.json`` needs, whose c is 100 at most; a larger one counts as
-    the square of a tenth of it.
-
-    Args:
-        tube_radius: outer radius of the probe, m; a float, an array or casadi.
-        tissue: of any shape.
-    """
-    bottoms, bending = _bottoms_and_bending(tissue)
-    return bending**0.5 * (1 / tube_radius**2 + (SHALLOW * tube_radius * bottoms) ** 2) ** 0.5
-
-
-def _bottoms_and_bending(tissue: Tissue) -> tuple[float, float]:
-    """Largest (1 - E_above / E_below) / H^2 of floor and interfaces, 1/m^2, and c of eq. PL.6."""
-    bottoms, bending = 0.0 if tissue.shape == "half-space" else 1 / tissue.depth**2, 1.0
-    moduli = [*(layer.youngs_modulus for layer in tissue.layer), tissue.youngs_modulus]
-    for k, depth in enumerate(tissue.interfaces):
-        above, below = moduli[: k + 1], moduli[k + 1 :]
-        bottoms = max(bottoms, (1 - min(above) / max(below)) / depth**2)
-        bending = max(bending, moduli[k] / min(below))
-    return bottoms, max(bending, (bending / 10) ** 2)
-
-
 @dataclass(frozen=True)
 class LoadRule:
     """The rule for one probe on one tissue.
 
     Attributes:
-        strain: x per indentation, 1/m: the larger of ``tissue_strain`` and what the blocks' own strain is worth.
+        strain: x per indentation, 1/m: ``tissue_strain`` and what the blocks' own strain adds.
         stiffness: linear, force per indentation, N/m.
         closure: force that closes the gap in linear elasticity, N; infinite where the blocks' walls do not near each other.
         tilted: by how much a tilt lowers one side of the probe, m, which counts as indentation.
         covered: eq. PL.7.
+        films: log-sensitivities of both film forces, where an answer has told them, see ``sensitivity_size``.
     """
 
     strain: float
@@ -155,25 +117,27 @@ class LoadRule:
     closure: float
     tilted: float = 0.0
     covered: float = 1.0
+    films: tuple[float, float] | None = None
 
     @classmethod
     def of(cls, scene: Scene, totals: Floats, closure: float) -> LoadRule:
         """Return the rule of a scene from its linear answer.
 
         A block of height h whose mean strain is e per indentation d changes the stiffness by about e times its share e h / d of
-        the indentation (PL.3).
+        the indentation: it adds e^2 h / 0.1 to x per indentation; the tissue drags a tube along as well, the thinner the more,
+        which adds 1 + 0.15 R / w times that with its outer radius R and wall w (PL.3). The block that adds more counts.
 
         Args:
             scene: its load does not matter.
             totals: force on each film, inner and outer, per indentation, N/m, shape (2,).
             closure: ``CoarseModel.closure``.
         """
-        probe, tissue = scene.probe, scene.tissue
-        areas = np.array([probe.inner_area, probe.outer_area])
-        moduli = np.array([probe.inner.youngs_modulus, probe.outer.youngs_modulus])
-        blocks = np.array([probe.core_height, probe.tube_height]) * (totals / areas / moduli) ** 2 / RATIO_CHANGE
+        probe = scene.probe
+        inner = block_strain(probe.core_height, totals[0] / probe.inner_area / probe.inner.youngs_modulus)
+        outer = block_strain(probe.tube_height, totals[1] / probe.outer_area / probe.outer.youngs_modulus)
+        outer *= slimness(probe.tube_radius, probe.tube_radius - probe.hole_radius)
         tilted = probe.tube_radius * math.tan(abs(scene.placement.tilt))
-        strain = max(tissue_strain(probe.tube_radius, tissue), float(blocks.max()))
+        strain = float(tissue_strain(probe.tube_radius, scene.tissue) + max(inner, outer))
         return cls(strain, float(totals.sum()), closure, tilted, cover_factor(scene.inclusion))
 
     def force(self, scene: Scene) -> float:
@@ -192,11 +156,18 @@ class LoadRule:
             accuracy: relative, on ratio, stresses and stiffness.
             promise: whether the log-sensitivity has to be good to five times that.
         """
-        x, by = largest_x(accuracy, promise, self.covered)
+        x, by = largest_x(accuracy, self._promised(accuracy) if promise else None, self.covered)
         force = max(0.0, x / self.strain - self.tilted) * self.stiffness
         if CLOSING * self.closure < force:
             force, by = CLOSING * self.closure, "gap closure"
         return LargestLoad(force, force / self.stiffness, by)
+
+    def _promised(self, accuracy: float) -> float:
+        """How good the log-sensitivity has to be, relative to its size; it is promised to five times the accuracy."""
+        if self.films is None or not any(self.films):
+            return 5 * accuracy
+        own = abs(self.films[0] - self.films[1])
+        return max(5 * accuracy * own, LEAST_SENSITIVITY) / sensitivity_size(self.films)
 
     @property
     def known(self) -> float:
@@ -212,5 +183,10 @@ class LoadRule:
         return ratio_change(self.x(force), self.covered) if self.knows(force) else math.inf
 
     def log_sensitivity_change(self, force: float) -> float:
-        """Bound on what a force, N, changes of the log-sensitivity; infinite where nothing is known."""
-        return log_sensitivity_change(self.x(force)) if self.knows(force) else math.inf
+        """Bound on what a force, N, changes of the log-sensitivity, relative; infinite where nothing is known or it is 0."""
+        if not self.knows(force):
+            return math.inf
+        if self.films is None or not any(self.films):
+            return log_sensitivity_change(self.x(force))
+        own = abs(self.films[0] - self.films[1])
+        return log_sensitivity_change(self.x(force)) * sensitivity_size(self.films) / own if own else math.inf

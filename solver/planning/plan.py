@@ -27,6 +27,7 @@ from solver.planning.loads import LoadRule
 from solver.planning.negligible_inclusions import SHARE, reduced
 from solver.planning.nonlinear_effects import unmodelled
 from solver.results.kinds import needs_solid, unsupported
+from solver.results.notebook import Notebook
 from solver.results.result import Curve, Decision, Effect, LargestLoad, Result
 from solver.results.warnings import Note, null_sensitivity
 from solver.solid.domain import domain, reach
@@ -36,7 +37,7 @@ AXISYMMETRIC, HARMONICS, SOLID, CONTACT = "axisymmetric", "equivalent-inclusion"
 
 
 @dataclass(frozen=True)
-class Plan:
+class Plan(Notebook):
     """How a scene is best answered.
 
     Attributes:

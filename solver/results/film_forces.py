@@ -81,8 +81,16 @@ class FilmForces:
         """Log-sensitivity of the ratio: S = d ln(F_0 / F_1) / d ln E_object (RE.3)."""
         if self.slope is None:
             return None
-        inner, outer = self.slope.sum(axis=1) / self.totals
-        return float(inner - outer)
+        inner, outer = self.film_log_sensitivities or (0.0, 0.0)
+        return inner - outer
+
+    @property
+    def film_log_sensitivities(self) -> tuple[float, float] | None:
+        """Those of both film forces at a given indentation, inner and outer: d ln F_i / d ln E_object."""
+        if self.slope is None:
+            return None
+        inner, outer = (self.slope.sum(axis=1) / self.totals).tolist()
+        return inner, outer
 
     @property
     def ratio_error(self) -> float:
@@ -145,12 +153,17 @@ def indented(scene: Scene, stiffness: float) -> float:
     return deep
 
 
-def ratio(scene: Scene, films: FilmForces) -> dict[str, float | None]:
-    """Return ratio, its log-sensitivity and its error; all None where a stress is below its own error."""
+def ratio(scene: Scene, films: FilmForces) -> dict[str, Any]:
+    """Return ratio, its and the films' log-sensitivities and its error; all None where a stress is below its own error."""
     if films.unresolved_stress is not None:
-        return dict.fromkeys(("ratio", "log_sensitivity", "error_estimate"))
+        return dict.fromkeys(("ratio", "log_sensitivity", "film_log_sensitivities", "error_estimate"))
     inner, outer = films.totals / [scene.probe.inner_area, scene.probe.outer_area]
-    return {"ratio": float(inner / outer), "log_sensitivity": films.log_sensitivity, "error_estimate": films.ratio_error}
+    return {
+        "ratio": float(inner / outer),
+        "log_sensitivity": films.log_sensitivity,
+        "film_log_sensitivities": films.film_log_sensitivities,
+        "error_estimate": films.ratio_error,
+    }
 
 
 def checked_moduli(scene: Scene, moduli: Floats) -> Floats:

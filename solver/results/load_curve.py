@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
 
+from geometry.provenance.block import Provenance
+from solver.results.notebook import Notebook
 from solver.results.result import LargestLoad
 from solver.results.warnings import Note
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
@@ -19,7 +24,7 @@ class LoadRange:
 
 
 @dataclass(frozen=True)
-class LoadCurve:
+class LoadCurve(Notebook):
     """A scene under rising loads; tuples of one length.
 
     Attributes:
@@ -42,8 +47,11 @@ class LoadCurve:
         accuracy: as asked for.
         stopped: why the curve ends before the load asked for; None where it does not.
         warnings: one line each.
+        provenance: see ``geometry.provenance.block``.
     """
 
+    DIMENSIONS = ("force",)
+    LABELS = ("indentation",)
     evaluator: str
     seconds: float
     force: tuple[float, ...]
@@ -64,7 +72,14 @@ class LoadCurve:
     accuracy: float
     stopped: str | None
     warnings: tuple[Note, ...] = ()
+    provenance: Provenance | None = field(default=None, compare=False, repr=False)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design load``."""
         return asdict(self)
+
+    def plot(self) -> Figure:
+        """Draw ratio, log-sensitivity and the gap's walls against force; returns the figure, whose ``savefig`` writes it."""
+        from solver.results.figures import load_figure
+
+        return load_figure(self)

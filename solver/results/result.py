@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
 
+from geometry.provenance.block import Provenance
+from solver.results.notebook import Notebook
 from solver.results.warnings import Note
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 LARGEST = 1e9  # effects are cut there: all the same, and JSON knows no infinity
 
@@ -67,13 +72,14 @@ class LargestLoad:
 
 
 @dataclass(frozen=True)
-class Result:
+class Result(Notebook):
     """What an evaluator says of a scene, at the scene's load; ``None`` where a warning gives the reason.
 
     Attributes:
         stress_inner, stress_outer: force on each film over the block's nominal end area, Pa, compression positive.
         ratio: ``stress_inner / stress_outer``; at zero load its limit.
         log_sensitivity: d ln(ratio) / d ln(E_object) of the target inclusion.
+        film_log_sensitivities: of the forces on inner and outer film at a given indentation; their difference is the former.
         stiffness: force on the base per indentation, N/m.
         charge_inner, charge_outer: film charges by the paper's eq. (12), C.
         error_estimate: bound on the relative error of ``ratio``; of an evaluator that was named, against linear elasticity.
@@ -90,6 +96,7 @@ class Result:
         ratio_phase_derivatives: of it by the scene's numbers and loss factors, rad per SI unit.
         plan: what was modelled and what was left out.
         warnings: one line each.
+        provenance: see ``geometry.provenance.block``; None where a level was asked by itself.
     """
 
     evaluator: str
@@ -98,6 +105,7 @@ class Result:
     stress_outer: float | None = None
     ratio: float | None = None
     log_sensitivity: float | None = None
+    film_log_sensitivities: tuple[float, float] | None = None
     stiffness: float | None = None
     charge_inner: float | None = None
     charge_outer: float | None = None
@@ -112,6 +120,7 @@ class Result:
     ratio_phase_derivatives: dict[str, float] | None = None
     plan: tuple[Decision, ...] = ()
     warnings: tuple[Note, ...] = ()
+    provenance: Provenance | None = field(default=None, compare=False, repr=False)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design evaluate``."""
@@ -119,7 +128,7 @@ class Result:
 
 
 @dataclass(frozen=True)
-class Curve:
+class Curve(Notebook):
     """What an evaluator says of a scene for many Young's moduli of its target inclusion; arrays of one length.
 
     Attributes:
@@ -127,9 +136,10 @@ class Curve:
         ratio, log_sensitivity: see ``Result``; None where ``stress_outer`` is below its own error.
         error_estimate: bound on the relative error of each ratio.
         stiffness: force on the base per indentation, N/m.
-        evaluator, seconds, plan, warnings: see ``Result``.
+        evaluator, seconds, plan, warnings, provenance: see ``Result``.
     """
 
+    DIMENSIONS = ("youngs_modulus",)
     evaluator: str
     seconds: float
     youngs_modulus: tuple[float, ...]
@@ -139,7 +149,14 @@ class Curve:
     stiffness: tuple[float, ...]
     plan: tuple[Decision, ...] = ()
     warnings: tuple[Note, ...] = ()
+    provenance: Provenance | None = field(default=None, compare=False, repr=False)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design curve``."""
         return asdict(self)
+
+    def plot(self) -> Figure:
+        """Draw ratio and log-sensitivity against Young's modulus; returns the figure, whose ``savefig`` writes it."""
+        from solver.results.figures import curve_figure
+
+        return curve_figure(self)

@@ -15,8 +15,9 @@ from tests.support.imports import at_import, everywhere, module, room, sources
 from tests.support.paths import ROOT
 
 SCENES = {"geometry.common", "geometry.scenes"}
+PROVENANCE = {"geometry.provenance", *SCENES}
 MESHES = {"geometry.meridian", *SCENES}
-ANSWERS = {"solver", "solver.results", *SCENES}  # asked for by the face
+ANSWERS = {"solver", "solver.results", *PROVENANCE}  # asked for by the face
 
 # What each room may import of ours beside itself: rooms, or single modules of rooms that it needs nothing else of; and why.
 ALLOWED: dict[str, set[str]] = {
@@ -25,7 +26,9 @@ ALLOWED: dict[str, set[str]] = {
     "geometry.common": set(),
     "geometry.scenes": {"geometry.common"},
     "geometry.meridian": {"geometry.common"},
-    "geometry.cad": SCENES,
+    "geometry.provenance": SCENES,
+    "geometry.cad": PROVENANCE,
+    "geometry.workshop": {"geometry.cad", *SCENES},
     "geometry.tetra": {"geometry.cad", *SCENES},
     # hw stands alone: a measuring computer needs neither shapes nor solvers; sources of samples know the wire, the reader all
     "hw": {"hw.common", "hw.foreign", "hw.wire", "hw.recordings", "hw.usb", "hw.serial_port", "hw.simulation", "hw.oscilloscope"},
@@ -41,7 +44,7 @@ ALLOWED: dict[str, set[str]] = {
     # solver sees scenes only: results never depend on how they are asked for, optimised or shown; a level knows those that it
     # stands on, planning the three that it chooses from, the face all, and no level the face
     "solver.linalg": {"geometry.common"},
-    "solver.results": {"solver.linalg", *SCENES},
+    "solver.results": {"solver.linalg", *PROVENANCE},
     "solver.inclusions": {"solver.linalg", *SCENES},
     "solver.published": {"solver.results", *SCENES},
     "solver.layers": SCENES,
@@ -87,16 +90,18 @@ ALLOWED: dict[str, set[str]] = {
         "solver.published",
         "solver.results",
         "solver.solid",
-        *SCENES,
+        *PROVENANCE,
     },
     # probe_design: what is computed knows neither the terminal nor the command line, so that scripts and workers can ask for it;
     # beside the solver's face each room sees those inner rooms whose many answers at once it needs
     "probe_design.data": SCENES,
-    "probe_design.pictures": {"geometry.common"},
+    "probe_design.pictures": PROVENANCE,
+    "probe_design.repetition": PROVENANCE,
     "probe_design.optimisation": {
         "probe_design.data",
         "solver.casadi_functions",
         "solver.closed_form",
+        "solver.contact",
         "solver.planning",
         "geometry.cad",
         *ANSWERS,
@@ -116,6 +121,16 @@ ALLOWED: dict[str, set[str]] = {
         "solver.equivalent_inclusion",
         "solver.inclusions",
         "solver.phase",
+        "solver.planning",
+        *ANSWERS,
+    },
+    "probe_design.tolerances": {
+        "probe_design.built_probe",  # the bench's tolerances, the probe as a workshop measures it
+        "probe_design.data",
+        "probe_design.pictures",
+        "solver.axisymmetric",
+        "solver.closed_form",
+        "solver.equivalent_inclusion",
         "solver.planning",
         *ANSWERS,
     },
@@ -142,14 +157,16 @@ ALLOWED: dict[str, set[str]] = {
         "geometry.tetra",
         *ANSWERS,
     },
-    # terminal shows what they found, cli asks them for it; the face offers the one that is asked for from Python
+    # terminal shows what they found, cli asks them for it; the face offers from Python what can be asked
     "probe_design.terminal": {
         "probe_design.built_probe",
+        "probe_design.data",
         "probe_design.doctor",
         "probe_design.estimation",
         "probe_design.maps",
         "probe_design.probe_check",
         "probe_design.sweeps",
+        "probe_design.tolerances",
         "solver.planning",
         "solver.results",
         "geometry.common",
@@ -164,9 +181,11 @@ ALLOWED: dict[str, set[str]] = {
         "probe_design.optimisation",
         "probe_design.pictures",
         "probe_design.probe_check",
+        "probe_design.repetition",
         "probe_design.solid_output",
         "probe_design.sweeps",
         "probe_design.terminal",
+        "probe_design.tolerances",
         "probe_design.tradeoffs",
         "solver",
         "geometry.cad",
@@ -176,9 +195,19 @@ ALLOWED: dict[str, set[str]] = {
         "hw.recordings",
         "hw.signal",
         "hw.simulation",
+        *PROVENANCE,
+    },
+    "probe_design": {
+        "probe_design.cli",
+        "probe_design.data",
+        "probe_design.estimation",
+        "probe_design.maps",
+        "probe_design.optimisation",
+        "probe_design.sweeps",
+        "geometry.cad",
+        "solver",
         *SCENES,
     },
-    "probe_design": {"probe_design.cli", "probe_design.sweeps"},
 }
 PACKAGES = sorted({room.split(".")[0] for room in ALLOWED})
 HEAVY = {"cadquery", "OCP", "matplotlib", "vtk", "vtkmodules", "pyvista", "pytetwild"}

@@ -6,6 +6,8 @@ from itertools import pairwise
 
 from geometry import Scene, read_scene
 from geometry.meridian.frame import MeridianFineness
+from geometry.scenes.probe import Probe
+from solver import Result
 from solver.axisymmetric.sections import sections
 from solver.contact.model import ContactModel
 from solver.contact.path import Path
@@ -43,3 +45,11 @@ def work(path: Path) -> float:
         d = b.indentation - a.indentation
         total += d * (a.force + b.force) / 2 + d**2 * float(a.tangent.sum() - b.tangent.sum()) / 12
     return total
+
+
+def added_by_blocks(probe: Probe, result: Result, indentation: float) -> float:
+    """Eq. PL.3 from the blocks' stresses, which are their moduli times their mean strains."""
+    strains = (result.stress_inner or 0.0) / probe.inner.youngs_modulus, (result.stress_outer or 0.0) / probe.outer.youngs_modulus
+    slim = 1 + 0.15 * probe.tube_radius / (probe.tube_radius - probe.hole_radius)
+    inner, outer = ((strain / indentation) ** 2 / 0.1 for strain in strains)
+    return max(inner * probe.core_height, slim * outer * probe.tube_height)

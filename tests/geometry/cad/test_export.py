@@ -267,8 +267,8 @@ class TestTampering:
     def test_wrong_unit(self, tmp_path, monkeypatch):
         written = step_writer.write
 
-        def in_metres(shapes, path):
-            written(shapes, path)
+        def in_metres(shapes, path, stamp):
+            written(shapes, path, stamp)
             path.write_text(path.read_text().replace(".MILLI.,.METRE.", "$,.METRE."))
 
         monkeypatch.setattr(step_writer, "write", in_metres)
@@ -291,8 +291,8 @@ class TestTampering:
 
 
 def writer_without_base(written):
-    def write(shapes, path):
-        written({name: shapes[name] for name in shapes if name != "base" or len(shapes) == 1}, path)
+    def write(shapes, path, stamp):
+        written({name: shapes[name] for name in shapes if name != "base" or len(shapes) == 1}, path, stamp)
 
     return write
 
@@ -303,8 +303,8 @@ class TestInterruption:
         (tmp_path / name).write_text("old")
         written = step_writer.write
 
-        def interrupted(shapes, path):
-            written(shapes, path)
+        def interrupted(shapes, path, stamp):
+            written(shapes, path, stamp)
             if path.name == name:
                 raise KeyboardInterrupt
 

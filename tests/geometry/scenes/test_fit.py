@@ -25,6 +25,7 @@ from geometry import (
 )
 from geometry.common.arrays import Floats
 from geometry.scenes.fit import lateral_reach, overlap, semi_axes
+from geometry.scenes.units import SI
 
 SOFT = {"youngs_modulus": 1e3, "poisson_ratio": 0.4}
 PROBE = Probe(inner_radius=5e-3, outer_radius=6e-3, gap=1e-4, height=5e-3, inner=Material(**SOFT), outer=Material(**SOFT))
@@ -35,12 +36,13 @@ Tissue = CylinderTissue | BlockTissue | HalfSpaceTissue
 
 
 def sphere(diameter: float, depth: float, x: float = 0.0, y: float = 0.0) -> Inclusion:
-    return Inclusion(diameter=diameter, depth=depth, x=x, y=y, **SOFT)
+    return Inclusion.model_validate({"diameter": diameter, "depth": depth, "x": x, "y": y, **SOFT}, context=SI)
 
 
 def ellipsoid(diameters: Floats, orientation: Floats, x: float = 0.0, y: float = 0.0, depth: float = 1.0) -> Inclusion:
     sizes, angles = tuple(map(float, diameters)), tuple(map(float, orientation))
-    return Inclusion(diameters=sizes, orientation=angles, x=float(x), y=float(y), depth=float(depth), **SOFT)
+    tables = {"diameters": sizes, "orientation": angles, "x": float(x), "y": float(y), "depth": float(depth), **SOFT}
+    return Inclusion.model_validate(tables, context=SI)  # metres: of another size than any tumour, as the shapes alone matter
 
 
 def refusal(tissue: Tissue, *bodies: Inclusion, x: float = 0.0, y: float = 0.0) -> str | None:

@@ -21,6 +21,7 @@ KEYS = {
     "stress_inner", "stress_outer", "ratio", "log_sensitivity", "stiffness", "charge_inner", "charge_outer", "error_estimate",
     "evaluator", "seconds", "equivalent_modulus", "residual", "linear_limit_load", "gap_closure_load",
     "frequency", "ratio_phase", "ratio_phase_error", "ratio_phase_derivatives", "plan", "warnings",
+    "provenance",
 }  # fmt: skip
 
 
@@ -37,10 +38,13 @@ STARTED: dict[str, tuple[str | Path, ...]] = {  # the cheapest that each verb do
     "tradeoff": (REFERENCE / "axisymmetric" / "homogeneous.toml", "-o", "out"),
     "sweep": (EXAMPLES / "sweep.toml", "-o", "out", "--workers", "1"),
     "tissue": ("show", "breast"),
+    "tolerances": (EXAMPLE, "--samples", "64"),
+    "material": ("show", "ecoflex-00-10", "--thinner", "0.3"),
     "read": (EXAMPLE, "--virtual", "--seconds", "4"),
     "calibrate": (EXAMPLE, "--virtual", "--seconds", "5", "-o", "probe.toml"),
     "check": (EXAMPLE, "--virtual", "--seconds", "5"),
     "doctor": (EXAMPLE, "--virtual", "--seconds", "4"),
+    "rerun": ("made.json",),
 }
 
 
@@ -49,6 +53,10 @@ LONG = ("load", "tradeoff")  # quick tests ask for them in this process, for les
 
 @pytest.mark.parametrize("verb", slow_unless(lambda verb: verb not in LONG, [verb.name for verb in VERBS]))
 def test_every_verb_starts_as_a_command(verb: str, tmp_path: Path) -> None:
+    if verb == "rerun":
+        made = started("evaluate", SCENE, "--evaluator", "closed-form", "--json", cwd=tmp_path)
+        (tmp_path / "made.json").write_text(made.stdout)
+        (tmp_path / SCENE.name).write_bytes(SCENE.read_bytes())
     ended = started(verb, *STARTED[verb], "--json", cwd=tmp_path)
     assert ended.returncode == 0, ended.stderr
     assert isinstance(json.loads(ended.stdout), dict)

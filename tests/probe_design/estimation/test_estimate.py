@@ -283,7 +283,7 @@ def test_command_line(tmp_path: Path) -> None:
     assert ended.returncode == 0, ended.stderr
     assert ended.stderr == ""
     found = json.loads(ended.stdout)
-    assert found.keys() == {*Estimate.__dataclass_fields__, "youngs_modulus"} - {"value"}
+    assert found.keys() == {*Estimate.__dataclass_fields__, "youngs_modulus", "provenance"} - {"value"}
     assert found["interval"][0] < found["youngs_modulus"] < found["interval"][1]
     assert found["identifiable"] is True
     said = run("estimate", file, "--ratio", "0.71")

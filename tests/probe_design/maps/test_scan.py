@@ -26,6 +26,7 @@ SCENE = REFERENCE / "solid" / "two-tumours-between.toml"
 KEYS = {
     "along", "at", "position", "ratio", "stiffness", "stress_inner", "stress_outer", "log_sensitivity", "error_estimate",
     "ratio_without", "evaluator", "seconds", "plan", "warnings",
+    "provenance",
 }  # fmt: skip
 
 

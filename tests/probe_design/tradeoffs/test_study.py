@@ -202,7 +202,7 @@ def test_files_and_one_json_object(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     ended = run("tradeoff", SCENE, "-o", tmp_path / "out", "--json")
     assert ended.returncode == 0, ended.stderr
     told = json.loads(ended.stdout)
-    assert set(told) == {"scenes", "rows", "cheapest", "skipped", "warnings", "files"}
+    assert set(told) == {"scenes", "rows", "cheapest", "skipped", "warnings", "files", "provenance"}
     assert told["warnings"] == []
     assert [Path(file).name for file in told["files"]] == ["tradeoff.png", "tradeoff.md", "tradeoff.json"]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["tradeoff.json", "tradeoff.md", "tradeoff.png"]

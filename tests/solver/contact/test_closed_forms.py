@@ -7,13 +7,15 @@ import pytest
 
 from geometry import Scene
 from geometry.meridian.frame import MeridianFineness
-from geometry.scenes.probe import Interface
+from geometry.scenes.probe import Interface, Material, Probe
+from geometry.scenes.scene import CylinderTissue, Load
 from solver.axisymmetric.sections import sections
 from solver.contact.model import ContactModel
 from solver.contact.path import Path
 from tests.support.load_paths import scene_of
 
 PUNCH = MeridianFineness(1, 1, 3)
+STIFF = 1e7  # of tissue over blocks
 SIZES = 0.3, 0.6  # m, of the tissue: what its sides and floor add goes with one over it
 
 
@@ -63,3 +65,19 @@ def test_slipping_punch() -> None:
     friction = 0.05
     smooth, rough = (stiffness(SIZES[1], "unilateral", f) for f in (0.0, friction))
     assert rough / smooth - 1 == pytest.approx(friction * (np.pi / 2 - 1) / np.pi, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("radius_per_height", "nu", "apparent"),
+    # E_app / E, an independent code's values, PHYSICS section 7
+    [(1, 0.3, 1.118576), (1, 0.4999, 1.544227), (5, 0.49, 7.021501), (5, 0.4999, 13.034977)],
+)
+def test_bonded_cylinder_at_small_strain(radius_per_height: float, nu: float, apparent: float) -> None:
+    """The inner block between the base and tissue far stiffer; both blocks alike, so that nothing turns."""
+    block = Material(youngs_modulus=1e3, poisson_ratio=nu)
+    probe = Probe(inner_radius=0.01, outer_radius=0.02, gap=1e-3, height=0.01 / radius_per_height, inner=block, outer=block)
+    tissue = CylinderTissue(shape="cylinder", radius=0.1, depth=0.05, youngs_modulus=STIFF * 1e3, poisson_ratio=0.3)
+    of = sections(Scene(probe=probe, tissue=tissue, load=Load(indentation=1e-6)))
+    model = ContactModel.of(of.section, of.materials, "bonded", MeridianFineness(1, 2, 4))
+    stiffness = Path(model, sensitive=False).points[0].tangent[0]  # of the inner film's force
+    assert stiffness * probe.core_height / (1e3 * probe.inner_area) == pytest.approx(apparent, rel=1e-3)

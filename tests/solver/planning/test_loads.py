@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi
@@ -21,12 +21,12 @@ from solver.planning.coarse_model import CoarseModel
 from solver.planning.loads import (
     LARGEST_X,
     LoadRule,
-    cover_factor,
     least_closure,
     log_sensitivity_change,
     ratio_change,
-    tissue_strain,
 )
+from solver.planning.strains import cover_factor, tissue_strain
+from tests.support.load_paths import added_by_blocks
 from tests.support.paths import EXAMPLES, REFERENCE
 from tests.support.references import named
 from tests.support.slow import slow_unless
@@ -81,9 +81,11 @@ def test_some_rows_are_below_it() -> None:
 
 
 @EVERY
-def test_x_is_indentation_over_outer_radius_unless_a_block_is_softer_than_the_tissue(one: ContactReference) -> None:
+def test_x_is_little_more_than_indentation_over_outer_radius_unless_a_block_is_softer_than_the_tissue(
+    one: ContactReference,
+) -> None:
     times = one.rule.strain * one.scene.probe.tube_radius
-    assert 1.1 < times < 1.5 if one.name == "paper" else 1 < times < 1.06
+    assert 3.5 < times < 4.5 if one.name == "paper" else 1 < times < 1.2
 
 
 @EVERY
@@ -106,6 +108,20 @@ def test_each_cause_limits_in_its_turn() -> None:
         assert largest.indentation == pytest.approx(x * 5e-3, rel=1e-12)
         assert largest.force == pytest.approx(x * 5e-3 * 100.0, rel=1e-12)
     assert LoadRule(1 / 5e-3, 100.0, 0.5).largest(0.01, True).by == "gap closure"
+
+
+def test_cancelling_films_let_a_load_change_more_of_their_difference() -> None:
+    """Draw 43 of ``benchmarks.extremes.load_bounds --seed 1``: by level contact -1.16e-4 becomes -1.6e-5 at x = 0.0816."""
+    films, x = (0.02360534, 0.02372112), 0.0816
+    rule = LoadRule(strain=1 / 5e-3, stiffness=100.0, closure=math.inf, films=films)
+    force = x * 5e-3 * rule.stiffness
+    change, own = (1.16e-4 - 1.6e-5), films[1] - films[0]
+    assert replace(rule, films=None).log_sensitivity_change(force) * own < change <= rule.log_sensitivity_change(force) * own
+    assert rule.largest(0.01, promise=True).force < replace(rule, films=None).largest(0.01, promise=True).force
+    apart = replace(rule, films=(0.05, 0.01))
+    assert apart.log_sensitivity_change(force) == replace(rule, films=None).log_sensitivity_change(force)
+    nothing = replace(rule, films=(3e-8, 1e-8))  # promised to 1e-5, absolute: no load changes it by as much
+    assert nothing.largest(0.5, promise=True).by == "strain limit"
 
 
 def test_soft_blocks_count_as_much_as_their_own_strain() -> None:
@@ -221,8 +237,9 @@ class TestAuto:
         assert alone.error_estimate is not None
         assert loaded.error_estimate is not None
         radius = SCENE.probe.tube_radius
-        rule = 0.1 * COVERED * 2e-4 * math.hypot(1 / radius, 25 * radius / 0.05**2)
-        assert loaded.error_estimate == pytest.approx((1 + alone.error_estimate) * (1 + rule) - 1, rel=1e-9)
+        strain = math.hypot(1 / radius, 25 * radius / 0.05**2) + added_by_blocks(SCENE.probe, loaded, 2e-4)
+        rule = 0.1 * COVERED * 2e-4 * strain
+        assert (1 + loaded.error_estimate) / (1 + alone.error_estimate) - 1 == pytest.approx(rule, rel=0.01)
         assert loaded.ratio == alone.ratio
 
     def test_a_load_of_zero_has_a_ratio(self) -> None:

@@ -18,11 +18,12 @@ from probe_design.cli.main import cli
 from solver import Decision, evaluate, evaluator, plan
 from solver.axisymmetric.converged_forces import converged_forces
 from solver.planning.coarse_model import CoarseModel
-from solver.planning.loads import cover_factor
 from solver.planning.plan import Plan
+from solver.planning.strains import cover_factor
 from solver.results.film_forces import FilmForces
 from solver.results.result import LARGEST
 from solver.solid.domain import plain
+from tests.support.load_paths import added_by_blocks
 from tests.support.paths import REFERENCE
 from tests.support.references import expected, named
 from tests.support.slow import slow_unless
@@ -108,7 +109,9 @@ class TestInclusions:
         alone = evaluate(found.scene, "axisymmetric", found.accuracy)
         assert result.error_estimate is not None
         assert alone.error_estimate is not None
-        x = result.linear_limit_load and one.scene.load.indentation / one.scene.probe.tube_radius  # type: ignore[operator]
+        indentation = one.scene.load.indentation
+        assert indentation is not None
+        x = indentation * (1 / one.scene.probe.tube_radius + added_by_blocks(one.scene.probe, result, indentation))
         assert result.error_estimate - alone.error_estimate == pytest.approx(
             found.left_out + 0.1 * cover_factor(one.scene.inclusion) * x, rel=0.02
         )

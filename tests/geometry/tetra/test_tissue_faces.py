@@ -1,15 +1,24 @@
 """The tissue's surfaces: closed, and beside their images in the mesher's space by little, wherever the probe stands."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from geometry.tetra.block_faces import Spacing
 from geometry.tetra.check import check
 from geometry.tetra.layout import body_layout
 from geometry.tetra.mesher import COARSE, ROUGH, expected_elements, mesh_layout, space_of
-from geometry.tetra.surfaces import corners, surfaces
+from geometry.tetra.stretched_space import Spacing
+from geometry.tetra.surface_files import Sheet
+from geometry.tetra.surfaces import corners, ellipsoid, surfaces
 from tests.support.scenes import block_scene as scene
 
+ROUND = {
+    "tissue": {"shape": "cylinder", "radius": "64 mm", "depth": "60 mm", "youngs_modulus": "6 kPa", "poisson_ratio": 0.45},
+    "inclusion": [
+        {"diameter": "8 mm", "depth": "48 mm", "x": "-17 mm", "target": True, "youngs_modulus": "30 kPa", "poisson_ratio": 0.45},
+    ],
+}  # fmt: skip
 PLACES = [(0.0, 0.0), (23.8e-3, 0.0), (-23.6e-3, 11e-3), (23.8e-3, 18.7e-3), (5e-3, -18.8e-3)]
 
 
@@ -40,10 +49,21 @@ def test_the_surfaces_are_closed(place, fineness, size):
                                             "youngs_modulus": "6 kPa", "poisson_ratio": 0.45},
         inclusion=[],
     )  # fmt: skip
-    points, triangles = tissue(layout, fineness)
+    assert closed(layout, *tissue(layout, fineness))
+
+
+@pytest.mark.parametrize("place", [(55e-3, 0.0), (-56e-3, 0.0), (30e-3, -45e-3), (-7e-3, 3e-3)], ids=str)
+@pytest.mark.parametrize("fineness", [ROUGH, COARSE], ids=["rough", "coarse"])
+def test_the_surfaces_of_round_tissue_are_closed(place, fineness):
+    layout = placed(*place, **ROUND)
+    assert closed(layout, *tissue(layout, fineness))
+
+
+def closed(layout, points, triangles):
+    """Whether each edge has two triangles, or one on the plane of symmetry."""
     edges, count = np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0, return_counts=True)
     middles = points[edges[count == 1]].mean(axis=1)
-    assert np.all(np.abs(middles[:, 1]) < 1e-12) if layout.half else len(middles) == 0
+    return bool(np.all(np.abs(middles[:, 1]) < 1e-12)) if layout.half else len(middles) == 0
 
 
 @pytest.mark.parametrize("place", PLACES, ids=str)
@@ -57,6 +77,39 @@ def test_far_planes_are_where_their_triangles_are(place):
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     beside = np.einsum("ij,ij->i", middles - images.mean(axis=1), normal)
     assert np.abs(beside).max() < 0.045 * space.near
+
+
+@pytest.mark.parametrize("tissue_of", [{}, ROUND], ids=["block", "round"])
+def test_a_file_whose_origin_lies_on_a_face_is_no_trouble(tissue_of):
+    """Triangles were to become ever smaller towards that point, without an end."""
+    layout = placed(10e-3, 5e-3, **tissue_of)
+    points, triangles = ellipsoid(layout.inclusions[0], 5, False)
+    sheet = Sheet(points, triangles, layout.inclusions[0].centre * [1, 1, 0] - [0, 0, layout.depth])
+    points, triangles = surfaces(replace(layout, inclusions=(sheet,)), corners(layout, 24), space_of(layout, ROUGH).near, 12, 5)
+    assert len(triangles) < 4000
+
+
+@pytest.mark.parametrize("place", [(55e-3, 0.0), (30e-3, -45e-3)], ids=str)
+def test_faces_of_round_tissue_have_no_triangles_thinner_than_they_are_off(place):
+    """They were up to 0.85 of a triangle's height off: tetrahedra there, as small as triangles are thin, folded."""
+    layout = placed(*place, **ROUND)
+    space, (points, triangles) = space_of(layout, ROUGH), tissue(layout, ROUGH)
+    faces = triangles[(np.hypot(*points[:, :2].T) > 1.01 * layout.wall)[triangles].any(axis=1)]
+    pairs = np.stack([faces, np.roll(faces, -1, axis=1)])
+    images = space.to_mesh(points)[pairs]
+    sides, middles = images[1] - images[0], images.mean(axis=0)
+    axis = np.array([*layout.centre, 0.0])
+    exact = space.to_scene(middles.reshape(-1, 3)).reshape(middles.shape) - axis
+    radius = np.hypot(*(points - axis)[:, :2].T)
+    on_side = np.isclose(radius, layout.tissue_radius)[pairs].all(axis=0)
+    on_floor = np.isclose(points[:, 2], -layout.depth)[pairs].all(axis=0)
+    exact[on_side, :2] *= layout.tissue_radius / np.hypot(*exact[on_side, :2].T)[:, None]
+    exact[on_floor, 2] = -layout.depth
+    beside = space.to_mesh((exact + axis).reshape(-1, 3)).reshape(middles.shape) - middles
+    heights = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / np.linalg.norm(sides, axis=2).max(axis=1)
+    off = np.linalg.norm(beside, axis=2).max(axis=1) / heights
+    assert off.max() < 0.5
+    assert np.quantile(off, 0.99) < 0.25
 
 
 def test_points_of_an_edge_meet_both_ends_and_grow_away_from_probe_and_inclusions():

@@ -1,0 +1,60 @@
+"""What each part is made of, in the words of a drawing and of a STEP file; a scene gives moduli, no products."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from geometry.scenes.probe import Material, Probe
+
+PVDF_DENSITY = 1780.0
+"""kg/m^3, of poled PVDF film: Measurement Specialties, Piezo Film Sensors Technical Manual (1999), p. 3."""
+
+
+@dataclass(frozen=True)
+class PartMaterial:
+    """A part's material.
+
+    Attributes:
+        name: of the kind of material.
+        properties: what it must have, with units.
+        density: in kg/m^3; None where the scene does not tell the product.
+    """
+
+    name: str
+    properties: str
+    density: float | None = None
+
+    @property
+    def text(self) -> str:
+        """Both in one line."""
+        return f"{self.name}, {self.properties}"
+
+
+def part_materials(probe: Probe) -> dict[str, PartMaterial]:
+    """Return the materials of a probe's parts by their names, as ``geometry.cad.solids.parts`` has them."""
+    base = probe.base
+    if base.youngs_modulus is None or base.poisson_ratio is None:
+        stiff = PartMaterial("rigid material", "metal or glass-filled polymer, far stiffer than the blocks")
+    else:
+        stiff = PartMaterial("elastic material", elastic(base.youngs_modulus, base.poisson_ratio))
+    films = {}
+    if probe.film is not None:
+        film = PartMaterial("piezoelectric PVDF film", f"E = {modulus(probe.film.youngs_modulus)}", PVDF_DENSITY)
+        films = {"film-inner": film, "film-outer": film}
+    return {"inner": _elastomer(probe.inner), "outer": _elastomer(probe.outer), **films, "base": stiff}
+
+
+def elastic(youngs_modulus: float, poisson_ratio: float) -> str:
+    """Write both constants of an isotropic material (Pa, 1)."""
+    return f"E = {modulus(youngs_modulus)}, Poisson's ratio {poisson_ratio:g}"
+
+
+def modulus(value: float) -> str:
+    """Write a modulus (Pa) with the unit that suits it."""
+    size, unit = next(((size, unit) for size, unit in ((1e9, "GPa"), (1e6, "MPa"), (1e3, "kPa")) if value >= size), (1.0, "Pa"))
+    return f"{value / size:.4g} {unit}"
+
+
+def _elastomer(material: Material) -> PartMaterial:
+    loss = f", tan delta {material.loss_factor:g}" if material.loss_factor else ""
+    return PartMaterial("elastomer", elastic(material.youngs_modulus, material.poisson_ratio) + loss)

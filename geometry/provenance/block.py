@@ -1,0 +1,111 @@
+"""The block that says where numbers come from, and the one place that makes it.
+
+It is a plain dictionary: ``format`` and ``version`` of the block itself, ``program`` and ``dependencies`` (versions), ``scene``
+(digest of ``geometry.provenance.digest``), ``evaluator``, ``accuracy``, ``seed``, ``command`` (the words behind the program's
+name, None in Python) and ``inputs`` (SHA-256 of the files that these words name). No path of a machine is in it: of a word that
+is one from the root the last name stays.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from geometry.common.errors import InputError
+from geometry.provenance.digest import file_digest, scene_digest
+
+if TYPE_CHECKING:
+    from geometry.scenes.scene import Scene
+
+FORMAT, VERSION = "probe-design provenance", 1
+DEPENDENCIES = ("numpy", "scipy", "casadi", "pydantic", "pytetwild", "pyvista", "cadquery")  # that numbers and shapes depend on
+Provenance = dict[str, Any]
+# a path from the root, as a word or behind "-o", "=", "," or a blank: what stands before its last name
+_FROM_ROOT = re.compile(r"(^-[a-zA-Z]|^|(?<=[=,\s]))(?:[A-Za-z]:)?[\\/](?:[^\\/,=]*[\\/])*")
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a command line asks: its words, the files that they name, and the settings that a block tells by themselves."""
+
+    words: list[str]
+    inputs: dict[str, str]
+    scene: Path | None
+    settings: dict[str, Any]
+
+
+_asked: ContextVar[Asked | None] = ContextVar("asked", default=None)
+
+
+@contextmanager
+def command(words: Sequence[str], scene: Path | None = None, **settings: Any) -> Iterator[None]:
+    """Let all that is made inside tell of a command line.
+
+    Args:
+        words: behind the program's name; the files that they name are read for their digests, at once.
+        scene: the file that holds the scene, where there is one.
+        settings: ``evaluator``, ``accuracy`` and ``seed``, where they are asked for.
+    """
+    found = {one: file_digest(Path(one)) for word in words for one in (word, *re.split("[=,]", word)[:2])}
+    inputs = {_named(name): sha for name, sha in found.items() if sha is not None}
+    token = _asked.set(Asked([_named(word) for word in words], inputs, scene, settings))
+    try:
+        yield
+    finally:
+        _asked.reset(token)
+
+
+def provenance(
+    scene: Scene | None = None, *, evaluator: str | None = None, accuracy: float | None = None, seed: int | None = None
+) -> Provenance:
+    """Return the block.
+
+    Args:
+        scene: that was asked about, where it is one; left out: that of the command line.
+        evaluator: that was asked for, or answered; the command line's own goes before.
+        accuracy: that was asked for; likewise.
+        seed: of what was drawn at random; likewise.
+    """
+    asked = _asked.get() or Asked([], {}, None, {})
+    told = {"evaluator": evaluator, "accuracy": accuracy, "seed": seed} | asked.settings
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "program": _version("probe-design"),
+        "dependencies": {name: found for name in DEPENDENCIES if (found := _version(name)) is not None},
+        "scene": _of_file(asked.scene) if scene is None else scene_digest(scene),
+        **told,
+        "command": list(asked.words) or None,
+        "inputs": dict(asked.inputs),
+    }
+
+
+def _of_file(path: Path | None) -> str | None:
+    """The digest of a file's scene; None where there is none."""
+    from geometry.scenes.scene_file import read_scene
+
+    try:
+        return None if path is None else scene_digest(read_scene(path))
+    except InputError:
+        return None
+
+
+def _named(word: str) -> str:
+    return _FROM_ROOT.sub(r"\1", word)
+
+
+@lru_cache(maxsize=32)
+def _version(name: str) -> str | None:
+    """The version of a distribution; None where it is not installed."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None

@@ -1,0 +1,46 @@
+"""Digests of what numbers were computed from."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from geometry.scenes.scene import Scene
+
+DIGITS = 9  # of a number; what differs less is the same
+
+
+def digest(content: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of numbers, to ``DIGITS``, and texts by their names."""
+    return hashlib.sha256(json.dumps(_rounded(content), sort_keys=True, default=str).encode()).hexdigest()
+
+
+def scene_digest(scene: Scene) -> str:
+    """Return the digest of a scene, whatever units and defaults its file wrote; of surface files what they hold counts."""
+    tables = scene.model_dump()
+    for body in tables["inclusion"]:
+        if body["surface"] is not None:
+            body["surface"] = file_digest(Path(body["surface"])) or Path(body["surface"]).name
+    return digest(tables)
+
+
+def file_digest(path: Path) -> str | None:
+    """Return the SHA-256 of a file's content; None of what is none, such as a pipe or a folder, or cannot be read."""
+    try:
+        if not path.is_file():
+            return None
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except (OSError, ValueError):
+        return None
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, float):
+        return f"{value:.{DIGITS}g}"
+    if isinstance(value, Mapping):
+        return {key: _rounded(one) for key, one in value.items()}
+    return [_rounded(one) for one in value] if isinstance(value, list | tuple) else value

@@ -1,0 +1,120 @@
+"""The order in which the parts are cast, bonded and checked, as Markdown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from geometry.cad.drawing import number
+from geometry.cad.stamp import Stamp
+from geometry.scenes.base_sizes import assumed_sizes
+from geometry.scenes.probe import Probe, mm
+from geometry.workshop.film_pattern import FilmPattern
+from geometry.workshop.mould_sizes import DRAFT, MouldSizes, cavity_volume
+from geometry.workshop.tolerance import Budget, tolerance, written
+
+SMALL_HOLE = 0.3  # mm: diameter of the smallest hole that is drilled as a matter of course
+
+
+def assembly_order(
+    probe: Probe, stamp: Stamp, patterns: Sequence[FilmPattern], moulds: Sequence[MouldSizes], *, budget: Budget, together: float
+) -> str:
+    """Return the page.
+
+    Args:
+        probe: what is built.
+        stamp: the design's.
+        patterns: of the films.
+        moulds: of the blocks.
+        budget: see ``geometry.workshop.tolerance.Budget``.
+        together: what all tolerances together change of the ratio, in percent; see ``geometry.workshop.lists.together``.
+    """
+    steps = [*_casting(moulds), *_bonding(probe, patterns), *_gap(probe, budget), _measuring()]
+    lines = [f"{count}. {text}" for count, text in enumerate(steps, start=1)]
+    head = ["# Assembly and bonding", "", f"Millimetres. {stamp.text}", ""]
+    return "\n".join([*head, *lines, "", *_remarks(probe, moulds, budget, together), ""])
+
+
+def _casting(moulds: Sequence[MouldSizes]) -> list[str]:
+    steps = []
+    for mould in moulds:
+        volume, grown = f"{cavity_volume(mould):.4g} mm\u00b3", f"shrinkage {100 * mould.shrinkage:g} %"
+        angle = f"draft {math.degrees(mould.draft):.3g}\u00b0"
+        steps.append(
+            f"Cast the {mould.name} block: close `mould-{mould.name}-lower.step` and `mould-{mould.name}-upper.step` on their "
+            f"pins, pour {volume} of degassed elastomer through the larger hole ({grown}, {angle}); the film end is at the lid. "
+            "Take it out upwards, cut the sprues flush."
+        )
+    return steps
+
+
+def _bonding(probe: Probe, patterns: Sequence[FilmPattern]) -> list[str]:
+    if probe.film is None:
+        return ["Clean and prime the film ends of both blocks and the base.", _blocks("base", probe)]
+    bond = probe.film.adhesive_thickness
+    layer = (
+        f"a layer of {number(1e3 * bond)} mm of adhesive" if bond else "adhesive as thin as it goes (the scene has none, 0 mm)"
+    )
+    steps = [
+        f"Cut the films by {', '.join(f'`{one.name}-pattern.dxf`' for one in patterns)}; test each for a short between its faces."
+    ]
+    steps.append(
+        f"Bond each film to the base with {layer}; the inner film's centre on the base's axis, an opening of the outer one at +x."
+    )
+    steps += [_exit(one) for one in patterns]
+    return [*steps, _blocks("films", probe)]
+
+
+def _exit(pattern: FilmPattern) -> str:
+    ways = {
+        "groove": "through the outer block's groove, towards +x",
+        "gap": "down the gap, folded at the block's edge, and out at its lower end: it must not touch the walls",
+        "outside": "outwards, towards -x",
+        "": "nowhere: no groove is deeper than the film and the gap is narrower; give the scene a [probe.groove]",
+    }
+    return f"Lead the {pattern.name.removeprefix('film-')} film's leads {ways[pattern.exit]}."
+
+
+def _blocks(onto: str, probe: Probe) -> str:
+    bond = 0.0 if probe.film is None else probe.film.adhesive_thickness
+    layer = f" with {number(1e3 * bond)} mm of adhesive" if bond else ""
+    groove = "; its groove lies at +x" if probe.groove is not None else ""
+    return f"Bond the inner block to the {onto}{layer}, concentric with the base, then the outer block{groove}."
+
+
+def _gap(probe: Probe, budget: Budget) -> list[str]:
+    gap = 1e3 * probe.gap
+    deviation = written(tolerance(gap, budget.bound("gap")).deviation)
+    return [
+        f"Hold the gap while the adhesive cures: three shims of {number(gap)} mm, 120\u00b0 apart, from the tissue end between "
+        f"the blocks; the gap is {number(gap)} \u00b1{deviation} mm all round. Draw them out along the axis."
+    ]
+
+
+def _measuring() -> str:
+    return (
+        "Measure inner and outer diameters, heights and the gap against the drawings; both lower faces in one plane. "
+        "Then calibrate: `probe-design calibrate`, `probe-design check`."
+    )
+
+
+def _remarks(probe: Probe, moulds: Sequence[MouldSizes], budget: Budget, together: float) -> list[str]:
+    said = []
+    if budget.sensitivities:
+        said.append(
+            f"All tolerances together change the ratio by {together:.2g} % (`tolerances.csv`; asked for: {budget.percent:g} %)."
+        )
+    if budget.remark:
+        said.append(budget.remark)
+    said += [f"Assumed, the scene does not give it: {key} = {mm(size)}." for key, size in assumed_sizes(probe).items()]
+    for mould in moulds:
+        if 2 * mould.vent < SMALL_HOLE:
+            said.append(
+                f"The {mould.name} block's lid: holes of {number(2 * mould.pour)} and {number(2 * mould.vent)} mm are below what "
+                "is drilled; fill the open lower half and close it, or have them made by laser."
+            )
+        if mould.draft < DRAFT:
+            said.append(
+                f"The {mould.name} mould's draft is less than usual, so that the gap keeps its width; use a release agent."
+            )
+    return ["Remarks:", "", *(f"- {text}" for text in said)] if said else []

@@ -1,0 +1,182 @@
+"""What the moulds of the two blocks measure, from the probe's numbers alone: formulas that know nothing of the CAD model.
+
+A block stands in the lower half on its tissue end; the lower half holds its walls, and the pin that leaves the tube's hole. The
+parting plane is the film end: the upper half is a lid, with the rib that leaves the groove, a hole to pour through, two vents.
+The walls lean outwards by the draft angle, so that the block comes out upwards, and have their nominal radius at half the height;
+every length is larger than the block's by the shrinkage s:
+
+    L_mould = L / (1 - s).   (WS.1)
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.common.errors import InputError, Words
+from geometry.scenes.probe import Probe
+from geometry.workshop.parts import Millimetres, millimetres
+
+SHRINKAGE = 0.001
+"""Linear; platinum-cure silicones cast at room temperature have 0.001 or less by their data sheets, PDMS cured at 65 degC 0.0106
+(S. W. Lee, S. S. Lee, Microsyst. Technol. 14, 205 (2008))."""
+MOST_SHRINKAGE = 0.2
+DRAFT = math.radians(0.5)
+GAP_CHANGE = 0.05  # of the gap, at either end: two leaning walls may take no more of it, or the contact limit moves
+WALL, FLOOR, LID = 8.0, 4.0, 6.0  # mm: around the cavity, below it, above it
+PINS = (1.5, 1.0)  # mm: radii; they differ, so that the halves fit in one way only
+PIN_HEIGHT, PIN_PLAY = 3.0, 0.05  # mm
+POUR, VENT = 1.5, 0.5  # mm: radii of the holes, less where the block is narrow
+
+
+@dataclass(frozen=True)
+class MouldSizes:
+    """A mould, mm: radii at the cavity's floor and at the parting plane.
+
+    Attributes:
+        name: of the block.
+        inner, outer: radii of the cavity at its floor and at the parting plane; ``inner`` is 0 for the solid block.
+        height: of the cavity.
+        edge: radius of the round edges at the floor.
+        half_width, depth: of the rib that leaves the groove.
+        pour, vent: radii of the holes in the lid.
+        draft: of the walls, rad.
+        shrinkage: linear.
+    """
+
+    name: str
+    inner: tuple[float, float]
+    outer: tuple[float, float]
+    height: float
+    edge: float
+    half_width: float
+    depth: float
+    pour: float
+    vent: float
+    draft: float
+    shrinkage: float
+
+    @property
+    def outside(self) -> float:
+        """Radius of both halves."""
+        return self.outer[1] + WALL
+
+    @property
+    def middle(self) -> float:
+        """Radius on which the tube's holes lie; 0 for the solid block, which is poured at its centre."""
+        return (self.inner[1] + self.outer[1]) / 2 if self.inner[1] else 0.0
+
+    def radii(self, z: float) -> tuple[float, float]:
+        """Inner and outer radius of the cavity above its round edges, at a height."""
+        share = z / self.height
+        return tuple(low + (high - low) * share for low, high in (self.inner, self.outer))  # type: ignore[return-value]
+
+
+def draft_of(probe: Probe, asked: float = DRAFT) -> float:
+    """Return the draft angle in rad: what is asked for, or less where the walls would change the gap by more than ``GAP_CHANGE``.
+
+    Half the height h above its middle both walls together have taken h tan(draft) from the gap:
+
+        tan(draft) <= 0.05 gap / h.   (WS.2)
+    """
+    return min(asked, math.atan(GAP_CHANGE * probe.gap / max(probe.core_height, probe.tube_height)))
+
+
+def mould_sizes(
+    probe: Probe, edge_radius: float = 0.0, shrinkage: float = SHRINKAGE, draft: float = DRAFT
+) -> tuple[MouldSizes, ...]:
+    """Return the moulds of the inner and the outer block.
+
+    Args:
+        probe: whose.
+        edge_radius: of the blocks' lower edges, m.
+        shrinkage: linear, of the elastomer while it cures.
+        draft: of the walls in rad, at most; see ``draft_of``.
+
+    Raises:
+        InputError: no such shrinkage or draft.
+    """
+    if not 0 <= shrinkage <= MOST_SHRINKAGE:
+        raise InputError("shrinkage", Words(f"{shrinkage:g}"), f"a number from 0 to {MOST_SHRINKAGE:g}: of every length")
+    if not 0 <= draft <= math.radians(10):
+        raise InputError("draft", Words(f"{math.degrees(draft):g} deg"), "an angle with its unit, from 0 deg to 10 deg")
+    angle = draft_of(probe, draft)
+    one = millimetres(probe, edge_radius)
+    inner = _sizes("inner", one, (0.0, one.r2, one.h2), depth=0.0, draft=angle, shrinkage=shrinkage)
+    return inner, _sizes("outer", one, (one.ri, one.ro, one.h1), depth=one.depth, draft=angle, shrinkage=shrinkage)
+
+
+def _sizes(
+    name: str, one: Millimetres, block: tuple[float, float, float], *, depth: float, draft: float, shrinkage: float
+) -> MouldSizes:
+    grown = 1 / (1 - shrinkage)
+    inner, outer, height = (length * grown for length in block)
+    lean = height / 2 * math.tan(draft)
+    wide = outer - inner
+    return MouldSizes(
+        name,
+        inner=(inner + lean, inner - lean) if inner else (0.0, 0.0),
+        outer=(outer - lean, outer + lean),
+        height=height,
+        edge=one.edge * grown,
+        half_width=one.half_width * grown if depth else 0.0,
+        depth=depth * grown,
+        pour=min(POUR, 0.25 * wide),
+        vent=min(VENT, 0.1 * wide),
+        draft=draft,
+        shrinkage=shrinkage,
+    )
+
+
+def cavity_volume(mould: MouldSizes) -> float:
+    """Volume of the closed mould's cavity in mm^3: frusta, less what round edges and rib take.
+
+    The round edges stand below a frustum of radii a, b and height h, on a cylinder of the radius that the wall has there:
+
+        V = pi h (a^2 + a b + b^2) / 3.   (WS.3)
+    """
+    (inner, outer), e = mould.radii(mould.edge), mould.edge
+    walls = [_frustum(low, high, mould.height - e) for low, high in ((outer, mould.outer[1]), (inner, mould.inner[1]))]
+    foot = math.pi * (outer**2 - inner**2) * e
+    for radius, side in ((outer, 1), *(((inner, -1),) if inner else ())):  # Pappus, see geometry.cad.parts_check
+        foot -= math.tau * ((radius - side * e) * (1 - math.pi / 4) * e**2 + side * e**3 / 6)
+    return walls[0] - walls[1] + foot - rib_volume(mould)
+
+
+def _frustum(low: float, high: float, height: float) -> float:
+    return math.pi * height * (low**2 + low * high + high**2) / 3
+
+
+def rib_volume(mould: MouldSizes) -> float:
+    """Volume of the rib in mm^3: its footprint, eq. SC.1, between the leaning walls, over its depth, by Gauss's rule."""
+    if not mould.depth:
+        return 0.0
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+    heights = mould.height - mould.depth / 2 * (1 - nodes)
+    return float(
+        mould.depth / 2 * sum(w * _footprint(*mould.radii(z), mould.half_width) for z, w in zip(heights, weights, strict=True))
+    )
+
+
+def _footprint(inner: float, outer: float, a: float) -> float:
+    return sum(sign * (a * math.sqrt((r - a) * (r + a)) + r**2 * math.asin(a / r)) for r, sign in ((outer, 1), (inner, -1)))
+
+
+def volumes(mould: MouldSizes) -> dict[str, float]:
+    """Return the volumes of both halves in mm^3: what they are turned from, less the cavity and the holes, with pins and rib."""
+    cylinder = math.pi * mould.outside**2
+    pins = sum(math.pi * radius**2 for radius in PINS) * PIN_HEIGHT
+    holes = sum(math.pi * (radius + PIN_PLAY) ** 2 for radius in PINS) * (PIN_HEIGHT + 0.5)
+    vents = math.pi * (mould.pour**2 + 2 * mould.vent**2) * LID
+    rib = rib_volume(mould)
+    lower = cylinder * (mould.height + FLOOR) - cavity_volume(mould) - rib + pins
+    return {"lower": lower, "upper": cylinder * LID - holes - vents + rib}
+
+
+def block_volume(probe: Probe, name: str, edge_radius: float = 0.0) -> float:
+    """Volume of a block as the scene has it, mm^3."""
+    from geometry.cad.parts_check import expected_bodies
+
+    return expected_bodies(probe, edge_radius)[name].volume

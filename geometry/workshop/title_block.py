@@ -1,0 +1,95 @@
+"""The title block of a sheet: what the part is, of what, at which scale, how exact, of which design; ISO 7200, without a date."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from geometry.cad.stamp import Stamp
+from geometry.workshop.sheet import PER_LETTER, DrawingSheet, View, room
+from geometry.workshop.tolerance import GENERAL
+
+WIDTH, ROW, ROWS = 180.0, 6.5, 6  # mm of paper
+HEIGHT = ROW * ROWS + 3.5  # the first row is higher
+LABEL, FIGURES = 1.8, 2.2  # heights of letters
+NOTE = 4.0  # between two lines of notes
+
+
+@dataclass(frozen=True)
+class Title:
+    """What a title block says.
+
+    Attributes:
+        name: of the part.
+        file: name of the drawing's files without their ending.
+        material: of the part.
+        stamp: the design's.
+    """
+
+    name: str
+    file: str
+    material: str
+    stamp: Stamp
+
+
+def scale_text(scale: float) -> str:
+    """Write a scale as drawings do: ``5:1`` or ``1:2``."""
+    return f"{scale:g}:1" if scale >= 1 else f"1:{1 / scale:g}"
+
+
+def frame(sheet: DrawingSheet) -> None:
+    """Draw the frame of a sheet."""
+    left, bottom, right, top = sheet.frame
+    sheet.line((left, bottom), (right, bottom), (right, top), (left, top), (left, bottom))
+
+
+def title_block(sheet: DrawingSheet, title: Title) -> None:
+    """Draw the title block at the lower right corner of the frame."""
+    _, bottom, right, _ = sheet.frame
+    left, top = right - WIDTH, bottom + HEIGHT
+    sheet.line((left, bottom), (left, top), (right, top))
+    sheet.text(left + 3, top - 7.2, title.name, 4.5)
+    sheet.text(right - 3, top - 7.2, title.file, 3.0, "RIGHT")
+    rows: list[list[tuple[str, str, float]]] = [
+        [("Material", title.material, WIDTH)],
+        [("Scale", scale_text(sheet.scale), 45), ("Sheet", sheet.size, 45), ("Units", "mm", 45), ("Projection", "", 45)],
+        [("General tolerances", GENERAL, 90), ("Roughness, unless indicated", "Ra 3.2", 90)],
+        [("Design", title.stamp.design, WIDTH)],
+        [("Program", title.stamp.program, 90), ("Bonded faces", "Ra 0.8, free of release agent", 90)],
+    ]
+    for number, row in enumerate(rows):
+        high = top - 10.0 - number * ROW
+        sheet.line((left, high), (right, high))
+        _cells(sheet, left, high, row)
+    _first_angle(sheet, left + 160, top - 10.0 - 1.5 * ROW)
+
+
+def _cells(sheet: DrawingSheet, left: float, high: float, row: list[tuple[str, str, float]]) -> None:
+    for label, text, width in row:
+        if left > sheet.frame[2] - WIDTH:
+            sheet.line((left, high), (left, high - ROW))
+        sheet.text(left + 2, high - 4.2, label, LABEL)
+        start = 3 + room(label, LABEL)
+        sheet.text(left + start, high - 4.4, text, fitted(text, width - start - 1))
+        left += width
+
+
+def fitted(text: str, width: float, height: float = FIGURES) -> float:
+    """Return the height of letters at which a text is no wider than ``width``, at most ``height``; mm of paper."""
+    return min(height, width / (PER_LETTER * max(1, len(text))))
+
+
+def notes(sheet: DrawingSheet, lines: list[str], bottom: float) -> None:
+    """Write lines above each other, the last one at ``bottom``, in mm of paper."""
+    left, _, right, _ = sheet.frame
+    for number, line in enumerate(reversed(lines)):
+        sheet.text(left + 4, bottom + NOTE * number, line, fitted(line, right - left - 8))
+
+
+def _first_angle(sheet: DrawingSheet, x: float, y: float) -> None:
+    """Draw the symbol of first-angle projection, ISO 5456-2: the cone, and to its right what is seen from its left."""
+    sheet.line((x - 9, y - 1), (x - 3, y - 2), (x - 3, y + 2), (x - 9, y + 1), (x - 9, y - 1), layer="TEXT")
+    view: View = sheet.view(x + 4, y)
+    for radius in (1.0, 2.0):
+        view.circle(radius * sheet.unit, "TEXT")
+    sheet.line((x - 10, y), (x + 7, y), layer="AXIS")
+    sheet.line((x + 4, y - 2.8), (x + 4, y + 2.8), layer="AXIS")

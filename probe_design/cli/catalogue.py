@@ -1,0 +1,96 @@
+"""``probe-design tissue list|show`` and ``material list|show``: built-in numbers with their sources."""
+
+from __future__ import annotations
+
+import click
+
+from probe_design.cli.arguments import NamedCommands
+from probe_design.cli.output import print_json
+
+json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+
+
+@click.group(cls=NamedCommands)
+def tissue() -> None:
+    """List and show built-in tissues: breast, forearm, a phantom; every number with its source.
+
+    \b
+    probe-design tissue list
+    probe-design tissue show breast       the [tissue] table for a scene file
+    """  # noqa: D301
+
+
+@tissue.command("list")
+@json_option
+def tissues_listed(as_json: bool) -> None:
+    """List the built-in tissues."""
+    from probe_design.data.tissues import tissues
+
+    found = {name: one.about for name, one in tissues().items()}
+    if as_json:
+        print_json({"tissues": found})
+        return
+    for name, about in found.items():
+        print(f"{name:10}{about}")
+
+
+@tissue.command("show")
+@click.argument("name")
+@json_option
+def tissue_shown(name: str, as_json: bool) -> None:
+    """Print the table [tissue] of NAME, ready for a scene file: each number below its scatter and source."""
+    from probe_design.data.tissues import tissue as find
+
+    found = find(name)
+    if as_json:
+        print_json(found.as_dict())
+    else:
+        print(found.toml(), end="")
+
+
+@click.group(cls=NamedCommands)
+def material() -> None:
+    """List and show built-in materials: block elastomers, base plastics and metals, films, recipes; every number with its source.
+
+    \b
+    probe-design material list
+    probe-design material show dragon-skin-30       the [probe.inner] table for a scene file
+    probe-design material show ecoflex-00-10 --thinner 0.3
+    """  # noqa: D301
+
+
+@material.command("list")
+@json_option
+def materials_listed(as_json: bool) -> None:
+    """List the built-in materials: Young's modulus, the standard deviation of its logarithm, what it is."""
+    from probe_design.data.materials import materials, modulus_text
+
+    found = materials()
+    if as_json:
+        print_json({"materials": {name: _brief(one.as_dict()) for name, one in found.items()}})
+        return
+    for name, one in found.items():
+        print(f"{name:22}{one.kind:11}{modulus_text(one.youngs_modulus):>11}  +- {one.log_sd:4.2f}  {one.about}")
+
+
+@material.command("show")
+@click.argument("name")
+@click.option("--thinner", help="Share of thinner of an Ecoflex, such as 0.3.")
+@click.option("--ratio", help="Parts of base to one of agent of Sylgard 184, such as 20.")
+@json_option
+def material_shown(name: str, thinner: str | None, ratio: str | None, as_json: bool) -> None:
+    """Print a table for a scene file of NAME: each number below its tolerance, sources, test methods and licences."""
+    from probe_design.cli.arguments import number
+    from probe_design.data.materials import material as find
+
+    share = None if thinner is None else number("thinner", thinner, "a share of thinner, such as 0.3")
+    parts = None if ratio is None else number("ratio", ratio, "parts of base to one of agent, such as 20")
+    found = find(name, thinner=share, ratio=parts)
+    if as_json:
+        print_json(found.as_dict())
+    else:
+        print(found.toml(), end="")
+
+
+def _brief(told: dict[str, object]) -> dict[str, object]:
+    return {key: told[key] for key in ("kind", "about", "youngs_modulus", "poisson_ratio", "log_sd", "recipe")}

@@ -1,0 +1,266 @@
+"""Built-in materials: each number with its sources, test methods, licences and tolerance.
+
+Open databases differ by a factor of 2.0 to 2.3 about the same product, for one compresses and the other pulls. A material is
+given the middle of what was published, and a standard deviation of ln E that reaches both ends:
+
+    E = (E_low E_high)^(1/2),   s = ln(E_high / E_low) / 2.   (DA.1)
+
+What one method alone tells of an elastomer may be off both from that middle and by what the middle itself is: with ln E by either
+method about the true one with the same standard deviation, the products that both have measured give it as
+
+    s = <(ln E_compression - ln E_tension)^2 / 2>^(1/2).   (DA.2)
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import cache
+from importlib.resources import files
+from typing import Any, Literal
+
+from geometry.common.errors import InputError
+from geometry.scenes.probe import MODULUS
+from probe_design.data.numbers import Number, comment, toml_lines
+from probe_design.data.recipes import MixingRatio, Thinned, parsed
+
+Kind = Literal["elastomer", "base", "film"]
+TABLES: dict[str, str] = {"elastomer": "probe.inner", "base": "probe.base", "film": "probe.film"}
+FILM_KEYS = ("thickness", "d31", "d33")
+UNITS = ((1e9, "GPa"), (1e6, "MPa"), (1e3, "kPa"), (1.0, "Pa"))
+DIGITS = 4  # of a modulus: enough for what is known to some per cent at best
+
+
+@dataclass(frozen=True)
+class PublishedModulus:
+    """One published value of Young's modulus.
+
+    Attributes:
+        youngs_modulus: Pa.
+        method: of the test.
+        source, licence: of the value.
+        scatter: standard deviation between samples, Pa; 0 where none is told.
+    """
+
+    youngs_modulus: float
+    method: str
+    source: str
+    licence: str
+    scatter: float = 0.0
+
+    @property
+    def told(self) -> str:
+        """All of it in one line."""
+        scatter = f" +- {modulus_text(self.scatter)}" if self.scatter else ""
+        return f"{modulus_text(self.youngs_modulus)}{scatter}: {self.method}; {self.source}; {self.licence}"
+
+
+@dataclass(frozen=True)
+class CatalogueMaterial:
+    """A material that one can buy, or cast by a recipe.
+
+    Attributes:
+        name: as in the catalogue, with its recipe.
+        kind: what it serves for: blocks and phantoms, the base, the films.
+        about: what it is.
+        youngs_modulus: the value to take, Pa.
+        log_sd: standard deviation of its natural logarithm: its tolerance until the part itself is measured.
+        tolerance: where ``log_sd`` comes from.
+        published: the values that it rests on; of a recipe, without thinner or at the ratio.
+        numbers: the other keys of its table: ``poisson_ratio``, or of a film ``thickness``, ``d31`` and ``d33``.
+        recipe: what its recipe may be, in words; empty where it has none.
+    """
+
+    name: str
+    kind: Kind
+    about: str
+    youngs_modulus: float
+    log_sd: float
+    tolerance: str
+    published: tuple[PublishedModulus, ...]
+    numbers: dict[str, Number]
+    recipe: str = ""
+
+    @property
+    def poisson_ratio(self) -> float:
+        """Poisson's ratio; ``source`` says whether it is assumed.
+
+        Raises:
+            InputError: a film's, of which no level asks any.
+        """
+        if "poisson_ratio" not in self.numbers:
+            raise InputError("material", self.name, "an elastomer or a base material, which have a Poisson's ratio")
+        return float(self.numbers["poisson_ratio"].value)
+
+    @property
+    def source(self) -> str:
+        """Where the modulus and its tolerance come from, in one line."""
+        return f"{self.tolerance} | {' | '.join(one.told for one in self.published)}"
+
+    @property
+    def modulus(self) -> Number:
+        """Young's modulus as a scene file has it."""
+        return Number(modulus_text(self.youngs_modulus), f"standard deviation of ln E {self.log_sd:.2g}: {self.tolerance}")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the JSON object of ``probe-design material show``: SI numbers, a scene's table, where each number comes from."""
+        keys = {"youngs_modulus": self.modulus} | self.numbers
+        values = [vars(one) for one in self.published]
+        told = {"name": self.name, "kind": self.kind, "about": self.about, "youngs_modulus": self.youngs_modulus}
+        told |= {"poisson_ratio": None if self.kind == "film" else self.poisson_ratio, "log_sd": self.log_sd}
+        told |= {"tolerance": self.tolerance, "published": values, "recipe": self.recipe or None}
+        table = {TABLES[self.kind]: {key: number.value for key, number in keys.items()}}
+        return told | {"table": table, "sources": {key: number.told for key, number in keys.items()}}
+
+    def toml(self) -> str:
+        """Return a table of a scene file, each number below a comment with its source."""
+        lines = comment(f"{self.name}: {self.about}") + (comment(f"recipe: {self.recipe}") if self.recipe else [])
+        for one in self.published:
+            lines += comment(f"- {one.told}")
+        also = "  # as well [probe.outer]; of a phantom [tissue] and [[inclusion]]" if self.kind == "elastomer" else ""
+        numbers = {"youngs_modulus": self.modulus} | self.numbers
+        return "\n".join([*lines, f"[{TABLES[self.kind]}]{also}", *toml_lines(numbers), ""])
+
+
+def material(name: str, *, thinner: float | None = None, ratio: float | None = None) -> CatalogueMaterial:
+    """Return a built-in material.
+
+    Args:
+        name: as ``materials`` has it; a recipe may stand behind: ``"ecoflex-00-10 with 30 % thinner"``, ``"sylgard-184 20:1"``.
+        thinner: share of thinner, 0.3 for 30 %, in place of one in the name.
+        ratio: parts of base to one of agent, likewise.
+
+    Raises:
+        InputError: there is none of that name, or none with that recipe.
+    """
+    plain, share, parts = parsed(name)
+    if plain not in catalogue():
+        near = get_close_matches(plain, catalogue(), 3, 0.5)
+        hint = f"did you mean {' or '.join(near)}? " if near else ""
+        raise InputError("material", name, f"{hint}one of {', '.join(catalogue())}")
+    share, parts = (share if thinner is None else thinner), (parts if ratio is None else ratio)
+    return _with_recipe(plain, share, parts)
+
+
+def materials() -> dict[str, CatalogueMaterial]:
+    """Return all built-in materials by name, each by its usual recipe."""
+    return {name: material(name) for name in catalogue()}
+
+
+@cache
+def catalogue() -> dict[str, dict[str, Any]]:
+    """Return the entries of the catalogue by name, as its files have them."""
+    entries = _read("materials.toml")
+    shared = entries.pop("elastomer")
+    return {name: (shared if entry["kind"] == "elastomer" else {}) | entry for name, entry in entries.items()}
+
+
+def modulus_text(value: float) -> str:
+    """Write a modulus with the unit that suits it."""
+    scale, unit = next((pair for pair in UNITS if value >= pair[0]), UNITS[-1])
+    return f"{value / scale:.{DIGITS}g} {unit}"
+
+
+def _with_recipe(name: str, thinner: float | None, ratio: float | None) -> CatalogueMaterial:
+    entry, thinned = catalogue()[name], compressed().get(name)
+    if thinner is not None and thinned is None:
+        raise InputError("thinner", thinner, f"none for {name}; measured with thinner: {', '.join(compressed())}")
+    if ratio is not None and "base_per_agent" not in entry:
+        raise InputError("ratio", ratio, f"none for {name}; by its mixing ratio: sylgard-184")
+    if "base_per_agent" in entry:
+        return _mixed(name, entry, ratio)
+    published = _published(name, entry)
+    youngs_modulus, log_sd, tolerance = _middle(entry, published)
+    if thinned is None:
+        return _made(name, entry, (youngs_modulus, log_sd, tolerance), published)
+    recipe = f"thinner, added to parts A and B: 0 to {100 * thinned.thinner[-1]:g} % (--thinner), as compressed; interpolated"
+    change, more = thinned.softening(thinner or 0.0)
+    if thinner:
+        name = f"{name} with {100 * thinner:g} % thinner"
+        tolerance += f"; without thinner, whose effect of {math.exp(change):.3g} adds {more:.2g}"
+    return _made(name, entry, (youngs_modulus * math.exp(change), math.hypot(log_sd, more), tolerance), published, recipe)
+
+
+def _mixed(name: str, entry: dict[str, Any], ratio: float | None) -> CatalogueMaterial:
+    given = entry["base_per_agent"]
+    mix = MixingRatio(given["low"], given["high"], given["usual"], MODULUS.read(name, given["modulus"]))
+    parts = mix.usual if ratio is None else ratio
+    value = mix.youngs_modulus(parts)
+    published = tuple(PublishedModulus(value, **one) for one in entry["value"])
+    recipe = f"base : agent from {mix.low:g}:1 to {mix.high:g}:1 (--ratio), E = {modulus_text(mix.modulus)} / ratio"
+    named = f"{name} {parts:g}:1"
+    return _made(named, entry, (value, entry["tolerance"]["value"], entry["tolerance"]["source"]), published, recipe)
+
+
+def _made(
+    name: str,
+    entry: dict[str, Any],
+    modulus: tuple[float, float, str],
+    published: tuple[PublishedModulus, ...],
+    recipe: str = "",
+) -> CatalogueMaterial:
+    value, log_sd, tolerance = modulus
+    numbers = {key: Number(**entry[key]) for key in ("poisson_ratio", *FILM_KEYS) if key in entry}
+    rounded = float(f"{value:.{DIGITS}g}")
+    return CatalogueMaterial(name, entry["kind"], entry["about"], rounded, log_sd, tolerance, published, numbers, recipe)
+
+
+def _middle(entry: dict[str, Any], published: tuple[PublishedModulus, ...]) -> tuple[float, float, str]:
+    """Young's modulus, the standard deviation of its logarithm and where that comes from, eqs. DA.1 and DA.2."""
+    low, high = (pick(one.youngs_modulus for one in published) for pick in (min, max))
+    if len(published) > 1:
+        told = f"the published values differ by a factor of {high / low:.3g}, and it reaches both ends from their geometric mean"
+        return math.sqrt(low * high), math.log(high / low) / 2, told
+    if "tolerance" in entry:
+        return low, entry["tolerance"]["value"], entry["tolerance"]["source"]
+    ends = " to ".join(f"{math.exp(abs(gap)):.2g}" for gap in sorted(_gaps(), key=abs)[:: len(_gaps()) - 1])
+    told = f"one method only; products that were pulled and compressed differ by a factor of {ends}"
+    return low, math.sqrt(sum(gap**2 for gap in _gaps()) / (2 * len(_gaps()))), told
+
+
+@cache
+def _gaps() -> tuple[float, ...]:
+    """The differences of eq. DA.2, for the products without thinner that both databases have."""
+    pulled = _read("materials-odbl.toml")["value"]
+    return tuple(
+        math.log(compressed()[name].youngs_modulus[0] / MODULUS.read(name, text))
+        for name, text in pulled.items()
+        if name in compressed()
+    )
+
+
+@cache
+def compressed() -> dict[str, Thinned]:
+    """Return what was compressed, by name."""
+
+    def moduli(texts: Iterable[str]) -> tuple[float, ...]:
+        return tuple(MODULUS.read("youngs_modulus", text) for text in texts)
+
+    return {
+        name: Thinned(tuple(one["thinner"]), moduli(one["youngs_modulus"]), moduli(one["scatter"]))
+        for name, one in _read("materials-cc-by.toml")["value"].items()
+    }
+
+
+def _published(name: str, entry: dict[str, Any]) -> tuple[PublishedModulus, ...]:
+    """All that was published of a product, without thinner."""
+    found = [one | {"youngs_modulus": MODULUS.read(name, one["youngs_modulus"])} for one in entry.get("value", ())]
+    if name in compressed():
+        first = compressed()[name]
+        found.append(_origin("materials-cc-by.toml") | {"youngs_modulus": first.youngs_modulus[0], "scatter": first.scatter[0]})
+    pulled = _read("materials-odbl.toml")["value"]
+    if name in pulled:
+        found.append(_origin("materials-odbl.toml") | {"youngs_modulus": MODULUS.read(name, pulled[name])})
+    return tuple(PublishedModulus(**one) for one in found)
+
+
+def _origin(file: str) -> dict[str, str]:
+    return {key: _read(file)[key] for key in ("method", "source", "licence")}
+
+
+@cache
+def _read(name: str) -> dict[str, Any]:
+    return tomllib.loads(files("probe_design.data").joinpath(name).read_text(encoding="utf-8"))

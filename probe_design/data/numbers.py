@@ -1,0 +1,43 @@
+"""Numbers of built-in data with their sources, and the lines of TOML that say both."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from textwrap import wrap
+
+WIDTH = 118  # characters of a line
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number of a tissue or a material.
+
+    Attributes:
+        value: as a scene file has it, with its unit.
+        source: the publication, or "assumed" and why.
+        scatter: between people or samples, as published; empty for what is assumed.
+    """
+
+    value: str | float
+    source: str
+    scatter: str = ""
+
+    @property
+    def told(self) -> str:
+        """Scatter and source in one line."""
+        return f"{self.scatter}; {self.source}" if self.scatter else self.source
+
+
+def comment(text: str) -> list[str]:
+    """Return a text as lines of comment."""
+    return [f"# {line}" for line in wrap(text, WIDTH, break_on_hyphens=False, break_long_words=False)]
+
+
+def toml_lines(numbers: Mapping[str, Number]) -> list[str]:
+    """Return each number as a key of a TOML table below a comment with its source."""
+    lines: list[str] = []
+    for key, number in numbers.items():
+        lines += comment(number.told)
+        lines.append(f'{key} = "{number.value}"' if isinstance(number.value, str) else f"{key} = {number.value}")
+    return lines

@@ -1,0 +1,101 @@
+"""Recipes: an elastomer's modulus by the share of thinner or the mixing ratio, between what was measured and never beyond."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Any
+
+from geometry.common.errors import InputError
+
+_NAME = re.compile(
+    r"(?P<name>.*?)(?:\s+with\s+(?:(?P<share>[\d.]+)\s*%\s*thinner|thinner\s+(?P<turned>[\d.]+)\s*%)|\s+(?P<ratio>[\d.]+)\s*:\s*1)?"
+)
+
+
+@dataclass(frozen=True)
+class Thinned:
+    """What was measured of a product with thinner.
+
+    Attributes:
+        thinner: shares added to parts A and B, as the database has them ("A + B + 12.5 % T"), rising.
+        youngs_modulus: of each, Pa.
+        scatter: standard deviation of each, Pa.
+    """
+
+    thinner: tuple[float, ...]
+    youngs_modulus: tuple[float, ...]
+    scatter: tuple[float, ...]
+
+    def softening(self, share: float) -> tuple[float, float]:
+        """Return ln(E / E without thinner) at a share of thinner, and the standard deviation that the share adds.
+
+        ln E runs through the measured shares by a monotone cubic (scipy's PCHIP); what it differs from straight lines counts, as
+        does the largest relative scatter of a sample:
+
+            sd = (sd_sample^2 + (ln E_cubic - ln E_line)^2)^(1/2).   (DA.3)
+
+        Raises:
+            InputError: the share was not measured, and lies between none that were.
+        """
+        if not self.thinner[0] <= share <= self.thinner[-1]:
+            allowed = f"a share of thinner from {self.thinner[0]:g} to {self.thinner[-1]:g}, as measured: nothing is extrapolated"
+            raise InputError("thinner", share, allowed)
+        if share == self.thinner[0]:
+            return 0.0, 0.0
+        import numpy as np
+        from scipy.interpolate import PchipInterpolator
+
+        logs = np.log(self.youngs_modulus)
+        cubic = float(PchipInterpolator(self.thinner, logs)(share))
+        line = float(np.interp(share, self.thinner, logs))
+        sample = max(sd / value for sd, value in zip(self.scatter, self.youngs_modulus, strict=True))
+        return cubic - float(logs[0]), math.hypot(sample, cubic - line)
+
+
+@dataclass(frozen=True)
+class MixingRatio:
+    """A modulus by the ratio of base to agent: E = ``modulus`` / ratio, for ratios that were measured.
+
+    Attributes:
+        low, high: the ratios between which it was.
+        usual: the one that is meant where none is given.
+        modulus: Pa.
+    """
+
+    low: float
+    high: float
+    usual: float
+    modulus: float
+
+    def youngs_modulus(self, ratio: float) -> float:
+        """Return E at a ratio, Pa.
+
+        Raises:
+            InputError: the ratio was not measured.
+        """
+        if not self.low <= ratio <= self.high:
+            allowed = f"parts of base to one of agent, from {self.low:g} to {self.high:g}, as measured: nothing is extrapolated"
+            raise InputError("ratio", ratio, allowed)
+        return self.modulus / ratio
+
+
+def parsed(text: str) -> tuple[str, float | None, float | None]:
+    """Return name, share of thinner and mixing ratio of ``"ecoflex-00-10 with 30 % thinner"`` or ``"sylgard-184 20:1"``.
+
+    Raises:
+        InputError: what stands for a number is none.
+    """
+    match = _NAME.fullmatch(text.strip())
+    groups: dict[str, Any] = match.groupdict() if match else {"name": text}
+    share, ratio = groups.get("share") or groups.get("turned"), groups.get("ratio")
+    try:
+        return slug(groups["name"]), None if share is None else float(share) / 100, None if ratio is None else float(ratio)
+    except ValueError:
+        raise InputError("material", text, "a name, 'NAME with 30 % thinner' or 'NAME 20:1'") from None
+
+
+def slug(name: str) -> str:
+    """Return a name as the catalogue has it: "Dragon Skin 30" is dragon-skin-30."""
+    return re.sub(r"[\s_]+", "-", name.strip().lower())

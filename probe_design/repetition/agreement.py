@@ -1,0 +1,104 @@
+"""Whether numbers of two answers to one question agree: each within the errors that both state.
+
+With e and e' the error estimates that stand beside two values x and x', they agree where
+
+    |x - x'| <= (k (e + e') + ROUNDING) max(|x|, |x'|)                                               (RP.1)
+
+k is 1, and 5 for a log-sensitivity, which an accuracy promises five times as widely; without an error estimate e is 0.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+ROUNDING = 1e-6  # relative: of other processors and libraries
+SMALLEST = 1e-5  # absolute, of a log-sensitivity, as the accuracy promises
+# what tells of a run and not of its answer, or in words what numbers say too
+ASIDE = {
+    "seconds", "provenance", "files", "folder", "answered", "warnings", "plan", "verdict", "remarks", "reason", "versions",
+    "residual", "p_value", "date", "asked", "version", "program",
+}  # fmt: skip
+_QUANTITY = re.compile(r"\s*([+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?)\s*([^\s0-9][^0-9]*)?\s*")
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A place at which two answers differ.
+
+    Attributes:
+        place: keys from the outside in, such as ``result.ratio``.
+        before, now: what stands there; None where nothing does.
+    """
+
+    place: str
+    before: object
+    now: object
+
+    def __str__(self) -> str:
+        """Say it in one line."""
+        return f"{self.place}: {_short(self.before)} then, {_short(self.now)} now"
+
+
+def compared(before: Mapping[str, Any], now: Mapping[str, Any]) -> int:
+    """Count the numbers that both have."""
+    return sum(1 for _ in _pairs(before, now, ""))
+
+
+def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[Difference]:
+    """Return the places at which two answers differ by more than their errors, eq. RP.1."""
+    return [
+        Difference(place, one, other) for place, one, other, allowed in _pairs(before, now, "") if not _agree(one, other, allowed)
+    ]
+
+
+Pair = tuple[str, Any, Any, tuple[float, float]]
+
+
+def _pairs(one: Any, other: Any, place: str, allowed: tuple[float, float] = (0.0, 0.0)) -> Iterator[Pair]:
+    """Yield the leaves of both trees: place, values, and what they may differ by, relative and absolute."""
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        errors = one.get("error_estimate"), other.get("error_estimate")
+        for key in [key for key in {**one, **other} if key not in ASIDE and key != "error_estimate"]:
+            inner = f"{place}.{key}".lstrip(".")
+            yield from _pairs(one.get(key), other.get(key), inner, _allowed(key, errors))
+    elif isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
+        for k, (left, right) in enumerate(zip(one, other, strict=True)):
+            yield from _pairs(left, right, f"{place}[{k}]", allowed)
+    elif one is not None or other is not None:
+        yield place, one, other, allowed
+
+
+def _allowed(key: str, errors: tuple[Any, Any]) -> tuple[float, float]:
+    worst = sum(_largest(one) for one in errors)
+    return (5 * worst, SMALLEST) if "log_sensitivity" in key else (worst, 0.0)
+
+
+def _largest(error: Any) -> float:
+    """The largest of the errors that stand beside numbers; 0 where none does."""
+    if isinstance(error, list):
+        return max((_largest(one) for one in error), default=0.0)
+    return float(error) if isinstance(error, int | float) and not isinstance(error, bool) else 0.0
+
+
+def _agree(one: Any, other: Any, allowed: tuple[float, float]) -> bool:
+    if isinstance(one, str) and isinstance(other, str):
+        return one == other or _quantities_agree(one, other)
+    if any(isinstance(value, bool) or not isinstance(value, int | float) for value in (one, other)):
+        return bool(one == other)
+    return math.isclose(one, other, rel_tol=allowed[0] + ROUNDING, abs_tol=allowed[1])
+
+
+def _quantities_agree(one: str, other: str) -> bool:
+    """Whether two texts are nearly one quantity, such as ``4.31 mm``."""
+    left, right = _QUANTITY.fullmatch(one), _QUANTITY.fullmatch(other)
+    if left is None or right is None or left[2] != right[2]:
+        return False
+    return math.isclose(float(left[1]), float(right[1]), rel_tol=ROUNDING)
+
+
+def _short(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else repr(value)[:60]

@@ -1,0 +1,141 @@
+"""Does again what made a file, and compares."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from geometry.common.errors import InputError, ProbeError, Words
+from geometry.provenance.block import Provenance, provenance
+from geometry.provenance.texts import block_of
+from probe_design.repetition.agreement import Difference, compared, differences
+from probe_design.repetition.command_line import rerun_words
+
+ROWS = "results.csv"  # of a sweep
+NO_GAIN = 1  # the exit code of an answer that says no
+
+
+class RerunError(ProbeError):
+    """What made a file cannot be done again."""
+
+
+@dataclass(frozen=True)
+class Rerun:
+    """What came of doing it again.
+
+    Attributes:
+        command: what was run.
+        numbers: how many values were compared.
+        differences: those that differ by more than both errors.
+        changed: versions that are others now, as "numpy 2.3 then, 2.4 now".
+        provenance: of the rerun.
+    """
+
+    command: tuple[str, ...]
+    numbers: int
+    differences: tuple[Difference, ...]
+    changed: tuple[str, ...]
+    provenance: Provenance
+
+    @property
+    def agrees(self) -> bool:
+        """Whether all numbers agree."""
+        return not self.differences
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a user has to know."""
+        return tuple(f"versions differ: {text}" for text in self.changed)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the JSON object of ``probe-design rerun``."""
+        places = [{"place": one.place, "before": one.before, "now": one.now} for one in self.differences]
+        return {
+            "agrees": self.agrees, "numbers": self.numbers, "differences": places, "command": list(self.command),
+            "warnings": list(self.warnings), "provenance": self.provenance,
+        }  # fmt: skip
+
+
+def rerun(file: Path, cli: click.Group) -> Rerun:
+    """Run the command that made a file or folder again, and compare their numbers.
+
+    Args:
+        file: JSON, TOML or page with its block of provenance; or the folder that such files are in.
+        cli: the verbs.
+
+    Raises:
+        InputError: it has no block, was made from Python, or of files that are others now.
+        RerunError: the command fails now.
+    """
+    block, before = _told(file)
+    words = block.get("command")
+    if not words or not isinstance(words, list):
+        raise InputError("file", str(file), "made by a command line (this was made by a Python program)")
+    with tempfile.TemporaryDirectory() as folder:
+        beside = file if file.is_dir() else file.parent
+        again = rerun_words(cli, [str(word) for word in words], block.get("inputs") or {}, beside.absolute(), Path(folder))
+        printed = _printed(again)
+        made = _counterpart(file, Path(folder))
+        now_block, now = (printed.get("provenance") or provenance(), printed) if made is None else _told(made)
+    if block.get("scene") != now_block.get("scene"):
+        raise InputError("scene", Words("another one now"), f"the scene that was asked about, {block.get('scene')}")
+    count = compared(before, now)
+    if count == 0:
+        raise InputError("file", str(file), "a file with numbers beside its block of provenance")
+    return Rerun(tuple(words), count, tuple(differences(before, now)), tuple(_changed(block, now_block)), now_block)
+
+
+def _told(file: Path) -> tuple[Provenance, dict[str, Any]]:
+    """The block of a file or folder and the numbers beside it; of a sweep's folder with its rows."""
+    block, found = block_of(file)
+    return block, found if not (file / ROWS).is_file() else found | {"rows": list(_rows(file / ROWS))}
+
+
+def _rows(path: Path) -> Iterator[dict[str, Any]]:
+    """The rows of a sweep by their headings without units, numbers where there are any."""
+    with path.open(encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            yield {name.partition(",")[0]: _number(text) for name, text in row.items() if name != "key"}
+
+
+def _number(text: str) -> float | str | None:
+    try:
+        return float(text) if text else None
+    except ValueError:
+        return text
+
+
+def _printed(words: list[str]) -> dict[str, Any]:
+    """The JSON object that the program prints for these words; what it says meanwhile is passed on."""
+    ended = subprocess.run([sys.executable, "-m", "probe_design", *words], stdout=subprocess.PIPE, text=True, check=False)
+    if ended.returncode not in (0, NO_GAIN):
+        raise RerunError(f"what made the file ends now with exit code {ended.returncode}: see above")
+    try:
+        found = json.loads(ended.stdout)
+    except ValueError:
+        raise RerunError("what made the file fails now: see above") from None
+    return found if isinstance(found, dict) else {}
+
+
+def _counterpart(file: Path, folder: Path) -> Path | None:
+    """The file of that name, or the only one of that kind, that was made again; None where the printed object is all there is."""
+    if file.is_dir():
+        return folder
+    if (folder / file.name).is_file():
+        return folder / file.name
+    alike = [path for path in folder.iterdir() if path.suffix == file.suffix]
+    return alike[0] if len(alike) == 1 else None
+
+
+def _changed(before: Provenance, now: Provenance) -> list[str]:
+    old, new = ({"probe-design": one.get("program"), **(one.get("dependencies") or {})} for one in (before, now))
+    return [f"{name} {old.get(name)} then, {new.get(name)} now" for name in {**old, **new} if old.get(name) != new.get(name)]

@@ -1,0 +1,65 @@
+"""An uncertainty budget as a person reads it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from probe_design.data.materials import modulus_text
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from probe_design.tolerances.budget import BudgetLine, ToleranceBudget
+
+NAMES = {
+    "ln_ratio": "ratio",
+    "ln_ratio_over_drawn_areas": "ratio over the drawn areas",
+    "ln_stiffness": "stiffness by both films",
+    "log_sensitivity": "log_sensitivity, absolute",
+}
+
+
+def tolerance_table(budget: ToleranceBudget) -> Table:
+    """Return a budget as a table, the largest share first."""
+    from rich.table import Table
+
+    table = Table(title=f"{budget.evaluator}, {budget.samples} samples of closed-form, {budget.seconds:.2g} s")
+    last = f"hold to, for {100 * budget.ratio:g} %"
+    for heading in ("what", "as drawn", "sd", "moves ratio", "share", "Sobol total, 95 %", last):
+        table.add_column(heading, justify="left" if heading == "what" else "right", no_wrap=True)
+    for line in budget.lines:
+        part = line.outputs["ln_ratio"]
+        ends = part.total_interval
+        sobol = "-" if ends is None else f"{max(ends[0], 0.0):.3f} to {ends[1]:.3f}"
+        held = "-" if line.held is None else _sd(line, line.held)
+        moves = f"{100 * part.contribution:.2g} %"
+        table.add_row(line.name, _drawn(line), _sd(line, line.sd), moves, f"{part.share:.3f}", sobol, held)
+    return table
+
+
+def tolerance_lines(budget: ToleranceBudget) -> list[str]:
+    """Return by how much each output scatters, a line each."""
+    lines = []
+    for key, one in budget.outputs.items():
+        absolute = key == "log_sensitivity"
+        sd = f"{one.sd:.3g}" if absolute else f"{100 * one.sd:.3g} %"
+        beside = "no samples beside it"
+        if one.sampled is not None and one.sampled_error is not None:
+            scale, unit = (1.0, "") if absolute else (100.0, " %")
+            beside = f"samples {scale * one.sampled:.3g} +- {scale * one.sampled_error:.2g}{unit}"
+        error = "" if one.error_estimate is None else f", error of it {100 * one.error_estimate:.2g} % at most"
+        lines.append(f"{NAMES[key]}: standard deviation {sd} to first order, {beside}{error}")
+    return lines
+
+
+def _drawn(line: BudgetLine) -> str:
+    if line.kind == "length":
+        return f"{1e3 * line.value:.4g} mm"
+    return modulus_text(line.value) if line.kind == "modulus" else f"{line.value:.4g}"
+
+
+def _sd(line: BudgetLine, sd: float) -> str:
+    """A standard deviation in the unit in which a workshop thinks."""
+    if line.kind == "length":
+        return f"{1e6 * sd:.2g} um" if sd < 1e-3 else f"{1e3 * sd:.2g} mm"
+    return f"{sd:.2g}" if line.kind == "poisson_ratio" else f"{100 * sd / line.value:.2g} %"

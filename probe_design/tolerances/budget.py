@@ -1,0 +1,228 @@
+"""The uncertainty budget of a probe as built: how far its readings may be off, by what, and what must be held how tightly.
+
+To first order, with what one standard deviation t_j of each number moves an output, and each number's share of the variance:
+
+    sd(y)^2 = sum_j a_j^2,   a_j = t_j dy/dx_j,   share_j = a_j^2 / sd(y)^2.   (TO.4)
+
+``sampled.py`` says beside it how much curvature and interplay add. Held alone, a number j would have to be within x / |dy/dx_j|
+for the ratio to be within x. With all of them off together the tolerances tau_j with sum_j (tau_j dy/dx_j)^2 = x^2 that cost
+least, each being the dearer the tighter it is against what the workshop holds anyway (a cost of t_j / tau_j), are
+
+    tau_j = t_j x |a_j|^(-2/3) / (sum_k |a_k|^(2/3))^(1/2).   (TO.5)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from time import perf_counter
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from geometry.common.arrays import Floats
+from geometry.common.errors import InputError
+from geometry.scenes.scene import Scene
+from probe_design.built_probe.bench import Bench
+from probe_design.built_probe.block_predictions import by_outer_radius
+from probe_design.tolerances.sampled import OUTPUTS, Sampled, sampled
+from probe_design.tolerances.slopes import level_of, slopes
+from probe_design.tolerances.variables import Toleranced, toleranced
+from solver import evaluator
+from solver.closed_form.level import ClosedForm
+from solver.planning.load_check import with_warning
+from solver.results.result import Result
+
+ACCURACY = 1e-3  # of the outputs whose derivatives are taken
+LINEAR = 0.01  # accuracy at which a load is warned of
+SAMPLES = (64, 65536)
+OF_SLOPES = 5.0  # the error of derivatives in units of that of the ratio: what DESIGN promises of the log-sensitivity
+
+
+@dataclass(frozen=True)
+class BudgetPart:
+    """What one number does to one output.
+
+    Attributes:
+        derivative: dy/dx, per SI unit.
+        contribution: |a_j|, eq. TO.4.
+        share: of the output's variance, to first order.
+        first, total: Sobol indices; None where there are none.
+        first_interval, total_interval: 95 %.
+    """
+
+    derivative: float
+    contribution: float
+    share: float
+    first: float | None = None
+    total: float | None = None
+    first_interval: tuple[float, float] | None = None
+    total_interval: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class BudgetLine:
+    """One line of the budget.
+
+    Attributes:
+        name, kind, value, sd, source: see ``Toleranced``.
+        held: eq. TO.5, SI: its standard deviation for the ratio asked; None where it is exact or does not matter.
+        alone: its standard deviation if all else were as drawn.
+        outputs: by name.
+    """
+
+    name: str
+    kind: str
+    value: float
+    sd: float
+    source: str
+    held: float | None
+    alone: float | None
+    outputs: dict[str, BudgetPart]
+
+
+@dataclass(frozen=True)
+class OutputScatter:
+    """By how much one output scatters between built probes.
+
+    Attributes:
+        sd: to first order.
+        sampled: ``sd`` times q of eq. TO.2, so with curvature and interplay; None where there are no samples.
+        sampled_error: half-width of its 95 % interval by the number of samples.
+        error_estimate: bound on the relative error of ``sd``: q - 1, the samples' own error and that of the derivatives.
+    """
+
+    sd: float
+    sampled: float | None
+    sampled_error: float | None
+    error_estimate: float | None
+
+
+@dataclass(frozen=True)
+class ToleranceBudget:
+    """An uncertainty budget, SI units.
+
+    Attributes:
+        evaluator: whose derivatives were taken.
+        seconds: what it cost.
+        ratio: standard deviation of ln ratio that ``held`` and ``alone`` are for.
+        nominal: what the probe as drawn reads: ratio, stiffness, log_sensitivity.
+        outputs: scatter by output: ``ln_ratio`` as ``evaluate`` has it, of the built areas; ``ln_ratio_over_drawn_areas``, as it
+            is read where nobody measured them; ``ln_stiffness``, by both films; ``log_sensitivity``, absolute.
+        lines: the budget, the largest share of ln_ratio first.
+        samples: designs of the closed form that were evaluated.
+        warnings: one line each.
+    """
+
+    evaluator: str
+    seconds: float
+    ratio: float
+    nominal: dict[str, float | None]
+    outputs: dict[str, OutputScatter]
+    lines: tuple[BudgetLine, ...]
+    samples: int
+    warnings: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the JSON object of ``probe-design tolerances``."""
+        return asdict(self)
+
+
+def tolerances(
+    scene: Scene, ratio: float = 0.01, *, bench: Bench | None = None, materials: Mapping[str, str] = MappingProxyType({}),
+    given: Mapping[str, Any] = MappingProxyType({}), samples: int = 1024, seed: int = 0,
+) -> ToleranceBudget:  # fmt: skip
+    """Return the uncertainty budget of a scene's probe as built.
+
+    Linear elasticity: a load beyond it is warned of, as ``evaluate`` does.
+
+    Args:
+        scene: of a kind that ``axisymmetric`` or ``equivalent-inclusion`` takes.
+        ratio: standard deviation of ln ratio that is allowed, 0.01 for 1 %.
+        bench: whose ``[workshop]`` and ``[channels]`` hold; left out: their defaults.
+        materials: of the blocks "inner" and "outer", by names of the catalogue: how well their moduli are known.
+        given: standard deviations by names, see ``probe_design.tolerances.variables.toleranced``.
+        samples: a power of 2 from 64 to 65536; see ``sampled``.
+        seed: of the samples.
+
+    Raises:
+        InputError: a number out of range, or see ``toleranced``.
+        Refusal: the scene is of another kind, or its films do not both feel a pressure.
+    """
+    start = perf_counter()
+    _check(ratio, samples)
+    scene = by_outer_radius(scene)
+    variables, level = toleranced(scene, bench, materials, given), level_of(scene)
+    told = with_warning(evaluator(level).evaluate(scene, ACCURACY), scene, LINEAR)
+    if told.ratio is None or told.ratio <= 0 or told.error_estimate is None:
+        raise InputError("load", "ratio", "a scene whose films are both pressed")
+    slope = slopes(scene, variables, ACCURACY)
+    moved = slope * [one.sd for one in variables]
+    why = ClosedForm().refusal(scene)
+    drawn = sampled(scene, variables, samples, seed) if why is None else None
+    notes = [str(one) for one in told.warnings]
+    if drawn is None:
+        notes.append(
+            f"no samples: closed-form takes {why}" if why else "no samples: some built probes are beyond the closed form"
+        )
+    return ToleranceBudget(
+        level, perf_counter() - start, ratio, {key: getattr(told, key) for key in ("ratio", "stiffness", "log_sensitivity")},
+        _scatter(moved, drawn, told), _lines(variables, slope, drawn, ratio), 0 if drawn is None else drawn.designs, tuple(notes),
+    )  # fmt: skip
+
+
+def held(sds: Floats, contributions: Floats, allowed: float) -> Floats:
+    """Return eq. TO.5: the standard deviations that cost least, infinite for what contributes nothing; shapes (v,)."""
+    size = np.abs(contributions)
+    scale = np.power(size, -2 / 3, out=np.full_like(size, np.inf), where=size > 0)
+    return np.where(size > 0, np.where(size > 0, sds, 1.0) * allowed * scale / np.sqrt((size ** (2 / 3)).sum() or 1.0), np.inf)
+
+
+def _check(ratio: float, samples: int) -> None:
+    if not 0 < ratio < 1:
+        raise InputError("ratio", ratio, "a number above 0 and below 1, such as 0.01")
+    if not SAMPLES[0] <= samples <= SAMPLES[1] or samples & (samples - 1):
+        raise InputError("samples", samples, f"a power of 2 from {SAMPLES[0]} to {SAMPLES[1]}")
+
+
+def _scatter(moved: Floats, drawn: Sampled | None, told: Result) -> dict[str, OutputScatter]:
+    """The scatter of the outputs that the scene has."""
+    found, model = {}, OF_SLOPES * (told.error_estimate or 0.0)
+    for k, name in enumerate(OUTPUTS):
+        if name == "log_sensitivity" and told.log_sensitivity is None:
+            continue
+        sd = float(np.sqrt((moved[k] ** 2).sum()))
+        if drawn is None or drawn.sd[k] == 0:
+            found[name] = OutputScatter(sd, None, None, None)
+            continue
+        bend = float(drawn.bend[k])
+        error = bend * float(drawn.sd_error[k] / drawn.sd[k])
+        found[name] = OutputScatter(sd, sd * bend, sd * error, abs(bend - 1) + error + model)
+    return found
+
+
+def _lines(variables: tuple[Toleranced, ...], slope: Floats, drawn: Sampled | None, ratio: float) -> tuple[BudgetLine, ...]:
+    sds = np.array([one.sd for one in variables])
+    moved = slope * sds
+    tight = held(sds, moved[0], ratio)
+    lines = []
+    for j, one in enumerate(variables):
+        parts = {name: _part(slope[k], moved[k], j, _indices(drawn, k, j)) for k, name in enumerate(OUTPUTS)}
+        alone = float(ratio / abs(slope[0, j])) if slope[0, j] else None
+        fields = (one.name, one.kind, one.value, one.sd, one.source)
+        lines.append(BudgetLine(*fields, held=float(tight[j]) if moved[0, j] else None, alone=alone, outputs=parts))
+    return tuple(sorted(lines, key=lambda line: -line.outputs[OUTPUTS[0]].contribution))
+
+
+def _part(slope: Floats, moved: Floats, j: int, indices: dict[str, Any]) -> BudgetPart:
+    variance = float((moved**2).sum())
+    share = float(moved[j] ** 2 / variance) if variance else 0.0
+    return BudgetPart(float(slope[j]), abs(float(moved[j])), share, **indices)
+
+
+def _indices(drawn: Sampled | None, k: int, j: int) -> dict[str, Any]:
+    if drawn is None or drawn.sd[k] == 0:
+        return {}
+    low, high = (tuple(part[k, j].tolist()) for part in (drawn.first_interval, drawn.total_interval))
+    return {"first": float(drawn.first[k, j]), "total": float(drawn.total[k, j]), "first_interval": low, "total_interval": high}

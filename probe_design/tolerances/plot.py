@@ -1,0 +1,47 @@
+"""The picture of an uncertainty budget: what each number moves the ratio, and its shares to first order and by samples."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from probe_design.pictures.formats import check_format, save
+from probe_design.tolerances.budget import ToleranceBudget
+
+
+def plot(budget: ToleranceBudget, path: Path) -> Path:
+    """Draw a budget to a file. Returns ``path``.
+
+    Raises:
+        InputError: see ``check_format``.
+        OSError: the file cannot be written.
+    """
+    check_format(path)
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    lines = budget.lines[::-1]
+    rows, parts = np.arange(len(lines)), [line.outputs["ln_ratio"] for line in lines]
+    figure = Figure(figsize=(10.0, 1.5 + 0.4 * len(lines)), dpi=150, facecolor="white", layout="constrained")
+    FigureCanvasAgg(figure)
+    left, right = figure.subplots(1, 2, sharey=True)
+    left.barh(rows, [100 * part.contribution for part in parts], color="tab:blue")
+    left.set_yticks(rows, [line.name for line in lines])
+    left.set_xlabel("moves the ratio by, % (one standard deviation)")
+    right.plot([part.share for part in parts], rows, "s", color="tab:blue", label="share, first order")
+    drawn = [
+        (row, part) for row, part in zip(rows, parts, strict=True) if part.total is not None and part.total_interval is not None
+    ]
+    if drawn:
+        total = np.array([part.total for _, part in drawn])
+        ends = np.array([part.total_interval for _, part in drawn]).T
+        error = np.maximum([total - ends[0], ends[1] - total], 0.0)
+        at = np.array([row for row, _ in drawn]) - 0.2
+        right.errorbar(total, at, xerr=error, fmt="o", color="tab:orange", capsize=3, label="Sobol total, 95 %")
+    right.set_xlabel("share of the variance of ln ratio")
+    right.legend(loc="lower right", fontsize=9)
+    for axes in (left, right):
+        axes.grid(alpha=0.3, axis="x")
+    figure.suptitle(f"{budget.evaluator}: ln ratio scatters by {budget.outputs['ln_ratio'].sd:.3g}", fontsize=10)
+    return save(figure, path)

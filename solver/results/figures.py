@@ -1,0 +1,98 @@
+"""Pictures of ratio and log-sensitivity against Young's modulus, and against load; matplotlib waits until one is drawn."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from solver.results.load_curve import LoadCurve
+    from solver.results.result import Curve
+
+
+def curve_figure(curve: Curve, scene_modulus: float | None = None, tissue_modulus: float | None = None) -> Figure:
+    """Draw a curve with the band of its error; moduli of the scene's own inclusion and tissue, Pa, are marked."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 7.0), dpi=150, facecolor="white", layout="constrained")
+    FigureCanvasAgg(figure)
+    top, bottom = figure.subplots(2, 1, sharex=True)
+    modulus = np.array(curve.youngs_modulus)
+    order = np.argsort(modulus)
+    ratio, error, sensitivity = (_numbers(values)[order] for values in (curve.ratio, curve.error_estimate, curve.log_sensitivity))
+    top.plot(modulus[order], ratio, color="tab:blue", marker="." if len(modulus) < 25 else None)
+    band = np.abs(ratio) * np.minimum(error, 1.0)
+    top.fill_between(modulus[order], ratio - band, ratio + band, color="tab:blue", alpha=0.2, label="bound on the error")
+    top.set_ylabel("ratio of inner to outer film stress")
+    bottom.plot(modulus[order], sensitivity, color="tab:orange", marker="." if len(modulus) < 25 else None)
+    bottom.axhline(0.0, color="0.7", linewidth=0.8)
+    bottom.set_ylabel("log-sensitivity  d ln ratio / d ln E")
+    bottom.set_xlabel("Young's modulus of the inclusion, Pa")
+    for axes in (top, bottom):
+        axes.set_xscale("log")
+        axes.grid(alpha=0.3)
+        for value, style, name in ((tissue_modulus, ":", "tissue"), (scene_modulus, "--", "the scene's inclusion")):
+            if value is not None and modulus.min() <= value <= modulus.max():
+                axes.axvline(value, color="0.4", linestyle=style, linewidth=1.0, label=name)
+    top.legend(loc="best", fontsize=9)
+    top.set_title(f"{curve.evaluator}: {len(modulus)} moduli in {curve.seconds:.2g} s", fontsize=10)
+    return figure
+
+
+def load_figure(curve: LoadCurve) -> Figure:
+    """Draw a probe under load, the gap's walls below; where linear theory ends and where the gap closes is marked."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 9.0), dpi=150, facecolor="white", layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(3, 1, sharex=True)
+    force, ratio = np.array(curve.force), np.array(curve.ratio)
+    band = ratio * np.minimum(curve.error_estimate, 1.0)
+    marker = "." if len(force) < 40 else None
+    panels[0].plot(force, ratio, color="tab:blue", marker=marker)
+    panels[0].fill_between(force, ratio - band, ratio + band, color="tab:blue", alpha=0.2, label="bound on the error")
+    panels[0].set_ylabel("ratio of inner to outer film stress")
+    told = [np.nan if value is None else value for value in curve.log_sensitivity]
+    panels[1].plot(force, told, color="tab:orange", marker=marker)
+    panels[1].set_ylabel("log-sensitivity  d ln ratio / d ln E")
+    panels[2].plot(force, 1e6 * np.array(curve.closest_walls), color="tab:green", marker=marker)
+    panels[2].set_ylabel("closest walls of the gap, \u00b5m")
+    panels[2].set_ylim(bottom=0.0)
+    panels[2].set_xlabel("force, N")
+    for axes in panels:
+        axes.grid(alpha=0.3)
+        for load, style, name in (
+            (curve.linear_limit_load, "--", "linear theory ends"),
+            (curve.gap_closure_load, ":", "gap closes"),
+        ):
+            if load is not None and load.force <= 1.05 * force.max():
+                axes.axvline(load.force, color="0.4", linestyle=style, linewidth=1.0, label=name)
+    panels[0].legend(loc="best", fontsize=9)
+    depth = panels[0].secondary_xaxis("top", functions=_between(force, 1e3 * np.array(curve.indentation)))
+    depth.set_xlabel("indentation, mm")
+    panels[0].set_title(f"{curve.evaluator}: {len(force)} loads in {curve.seconds:.2g} s", fontsize=10)
+    return figure
+
+
+def _numbers(values: tuple[float | None, ...]) -> np.ndarray:
+    """Floats with gaps where there is no value."""
+    return np.array([np.nan if value is None else value for value in values])
+
+
+def _between(force: np.ndarray, depth: np.ndarray) -> tuple:  # type: ignore[type-arg]
+    """From force to indentation and back, straight on beyond the ends."""
+    f, d = np.append(0.0, force), np.append(0.0, depth)
+    ends = max(f[-1], 1e-300), max(d[-1], 1e-300)
+
+    def ahead(x: np.ndarray) -> np.ndarray:
+        return np.asarray(np.where(x > f[-1], x * ends[1] / ends[0], np.interp(x, f, d)))
+
+    def back(x: np.ndarray) -> np.ndarray:
+        return np.asarray(np.where(x > d[-1], x * ends[0] / ends[1], np.interp(x, d, f)))
+
+    return ahead, back

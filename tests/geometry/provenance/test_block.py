@@ -1,0 +1,101 @@
+"""The block that says where numbers come from: complete, the same for the same scene, without a machine's paths."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tomllib
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+from geometry import InputError, read_scene, scene_from_toml
+from geometry.provenance.block import command, provenance
+from geometry.provenance.digest import scene_digest
+from geometry.provenance.texts import block_of, html_script, toml_comment
+from tests.support.paths import SCENE
+
+TEXT = SCENE.read_text(encoding="utf-8")
+
+
+def test_a_block_has_all_its_parts() -> None:
+    block = provenance(read_scene(SCENE), evaluator="solid", accuracy=0.02, seed=7)
+    assert block.keys() == {
+        "format", "version", "program", "dependencies", "scene", "evaluator", "accuracy", "seed", "command", "inputs"
+    }  # fmt: skip
+    assert block["program"] == version("probe-design")
+    assert block["dependencies"]["numpy"] == version("numpy")
+    assert (block["evaluator"], block["accuracy"], block["seed"], block["command"]) == ("solid", 0.02, 7, None)
+
+
+def test_a_scene_s_digest_is_of_its_numbers_not_of_its_text() -> None:
+    other_words = scene_from_toml("# a comment\n" + TEXT.replace('"5 mm"', '"0.005 m"'))
+    assert scene_digest(other_words) == scene_digest(read_scene(SCENE))
+    moved = read_scene(SCENE)
+    moved = moved.model_copy(update={"probe": moved.probe.model_copy(update={"gap": 1.001 * moved.probe.gap})})
+    assert scene_digest(moved) != scene_digest(read_scene(SCENE))
+
+
+def test_a_surface_counts_by_what_it_holds(tmp_path: Path) -> None:
+    digests = []
+    for folder, content in (("a", "one"), ("b", "one"), ("c", "two")):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "tumour.stl").write_text(content)
+        scene = read_scene(SCENE)
+        body = scene.inclusion[0].model_copy(update={"diameter": None, "surface": str(tmp_path / folder / "tumour.stl")})
+        digests.append(scene_digest(scene.model_copy(update={"inclusion": (body,)})))
+    assert digests[0] == digests[1] != digests[2]
+
+
+def test_a_command_and_its_files_are_told() -> None:
+    words = ["evaluate", str(SCENE), "--accuracy", "0.1"]
+    with command(words, SCENE, accuracy=0.1):
+        block = provenance()
+    assert block["command"] == ["evaluate", "scene.toml", "--accuracy", "0.1"]
+    assert block["inputs"] == {"scene.toml": hashlib.sha256(SCENE.read_bytes()).hexdigest()}
+    assert block["scene"] == scene_digest(read_scene(SCENE))
+    assert block["accuracy"] == 0.1
+    assert provenance()["command"] is None
+
+
+@pytest.mark.parametrize(
+    ("word", "left"),
+    [
+        ("/home/somebody/scene.toml", "scene.toml"),
+        ("-o/home/somebody/out", "-oout"),
+        ("--output=/home/somebody/out", "--output=out"),
+        (r"C:\Users\somebody\scene.toml", "scene.toml"),
+        ("/home/somebody/run.probe, x=-8 mm", "run.probe, x=-8 mm"),
+        ("designs/scene.toml", "designs/scene.toml"),
+        ("../scene.toml", "../scene.toml"),
+        ("2 N/m", "2 N/m"),
+        ("tcp://host:8786", "tcp://host:8786"),
+    ],
+)
+def test_paths_of_a_machine_are_left_out(word: str, left: str) -> None:
+    with command([word]):
+        assert provenance()["command"] == [left]
+
+
+def test_a_block_comes_back_out_of_every_text(tmp_path: Path) -> None:
+    block = provenance(read_scene(SCENE))
+    answer = {"ratio": 0.5, "note": "</script><b>", "provenance": block}
+    (tmp_path / "a.json").write_text(json.dumps(answer))
+    (tmp_path / "a.html").write_text(f"<html>{html_script('answer', answer)}<p>more</p></html>")
+    (tmp_path / "a.toml").write_text(toml_comment(block) + TEXT)
+    for name in ("a.json", "a.html"):
+        assert block_of(tmp_path / name) == (block, {"ratio": 0.5, "note": "</script><b>"})
+    assert block_of(tmp_path / "a.toml") == (block, tomllib.loads(TEXT))
+    assert read_scene(tmp_path / "a.toml") == read_scene(SCENE)
+    (tmp_path / "parts.json").write_text(json.dumps(answer))
+    assert block_of(tmp_path)[0] == block
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[]", '{"provenance": 3}', '{"provenance": {"format": "other"}}', "a = 1", "\0", "{"])
+def test_what_has_no_block_is_refused(text: str, tmp_path: Path) -> None:
+    (tmp_path / "a").write_text(text)
+    with pytest.raises(InputError, match="block of provenance"):
+        block_of(tmp_path / "a")
+    with pytest.raises(InputError, match="file = "):
+        block_of(tmp_path / "nothing")

@@ -1,0 +1,142 @@
+"""The drawings: DXF read by dxf-parser, PDF by pypdf, neither of which wrote them; every size against the scene's own numbers."""
+
+from __future__ import annotations
+
+import math
+import re
+from itertools import combinations, pairwise
+from pathlib import Path
+from typing import Any
+
+import dxf_parser
+import pytest
+from pypdf import PdfReader
+
+from geometry.cad.record import design_of
+from geometry.cad.stamp import stamp_of
+from geometry.scenes.probe import Base, Film, Probe
+from geometry.workshop import drawings, pdf
+from geometry.workshop.parts import assembly_view, part_views, parts_list
+from geometry.workshop.tolerance import UNBOUND
+from tests.support.parts import make
+from tests.support.workshop import EDGE, distance, entities, probe
+
+OUTER = math.sqrt(5.1**2 + 25 / 3.7)  # Ro^2 = hole^2 + r2^2 / (A2/A1), mm
+SIZES = {  # of each drawing's dimensions, from the scene by hand, mm
+    "inner": [10, 5, 0.2],
+    "outer": [10.2, 2 * OUTER, 5, 1, 2, 0.2],
+    "film-inner": [10, 0.11],
+    "film-outer": [10.2, 2 * OUTER, 0.11, 2],
+    "base": [2 * OUTER, 18, 3, 2, 5],
+    "assembly": [0.1, 2 * OUTER, 18, 5, 5 + 0.11 + 2 + 3],
+}
+TEXTS = {  # what stands at them
+    "inner": ["\u00d810 \u00b10.04", "5", "R0.2 \u00b10.02"],
+    "outer": ["\u00d810.2", f"\u00d8{2 * OUTER:.4f}", "5", "1", "2", "R0.2 \u00b10.02"],
+    "film-inner": ["\u00d810 \u00b10.04", "0.11 \u00b10.011"],
+    "film-outer": ["\u00d810.2", f"\u00d8{2 * OUTER:.4f}", "0.11 \u00b10.011", "2"],
+    "base": [f"\u00d8{2 * OUTER:.4f}", "\u00d818", "3", "2", "5"],
+    "assembly": ["0.1 \u00b10.01", f"\u00d8{2 * OUTER:.4f}", "\u00d818", "5", "10.11"],
+}
+
+
+def dimensions(path: Path) -> list[dict[str, Any]]:
+    return entities(path, "DIMENSION")
+
+
+@pytest.mark.parametrize("name", SIZES)
+def test_dxf_holds_every_size_of_the_scene(package: Path, name: str) -> None:
+    found = dimensions(package / f"{name}.dxf")
+    assert sorted(distance(one) for one in found) == pytest.approx(sorted(SIZES[name]), rel=1e-9)
+    assert sorted(one["actualMeasurement"] for one in found) == pytest.approx(sorted(SIZES[name]), rel=1e-9)
+    assert sorted(one["text"] for one in found) == sorted(TEXTS[name])
+    for one in found:  # and each text says what its dimension measures
+        number = float(re.sub(r"^[^0-9]*", "", one["text"]).split()[0].rstrip("*"))
+        assert number == pytest.approx(distance(one), abs=0.51e-4)
+
+
+@pytest.mark.parametrize("name", SIZES)
+def test_pdf_holds_the_same_sizes_and_the_title_block(package: Path, name: str) -> None:
+    page = PdfReader(package / f"{name}.pdf").pages[0].extract_text()
+    assert [text for text in TEXTS[name] if text not in page.splitlines()] == []
+    design, program = design_of(probe(), EDGE), stamp_of(probe()).program
+    for told in (f"Design {design}\n", f"Program {program} ", "Units mm", "General tolerances ISO 2768-m", f" {name}\n"):
+        assert told in page, told
+    assert re.search(r"Scale \d+:1 Sheet A4", page)
+
+
+@pytest.mark.parametrize("name", ["inner", "base"])
+def test_pdf_is_to_scale(package: Path, name: str) -> None:
+    """A line of the page is as long as the part's size times the scale that the title block tells."""
+    page = PdfReader(package / f"{name}.pdf").pages[0]
+    assert [float(side) / 72 * 25.4 for side in page.mediabox[2:]] == pytest.approx([210, 297], abs=0.1)
+    scale = int(re.findall(r"Scale (\d+):1", page.extract_text())[0])
+    points: list[tuple[float, float]] = []
+    page.extract_text(visitor_operand_before=lambda op, args, *_: op in (b"m", b"l") and points.append(tuple(map(float, args))))
+    lengths = [abs(x - next_x) / 72 * 25.4 for (x, y), (next_x, next_y) in pairwise(points) if y == next_y]
+    width = {"inner": 10, "base": 18}[name]  # the face above; the flange
+    assert min(abs(length / scale - width) for length in lengths) < 1e-3
+
+
+def test_dxf_declares_millimetres_and_layers(package: Path) -> None:
+    drawing = dxf_parser.parse((package / "outer.dxf").read_bytes())
+    assert drawing["header"]["$INSUNITS"] == 4
+    layers = drawing["tables"]["layer"]["layers"]
+    assert {"OUTLINE", "HIDDEN", "AXIS", "SECTION", "DIMENSION", "TEXT", "FRAME"} <= set(layers)
+
+
+def test_the_seat_of_a_film_has_its_roughness(package: Path) -> None:
+    for name, symbols in {"inner": 1, "outer": 1, "base": 1, "film-inner": 0}.items():
+        assert [one["text"] for one in entities(package / f"{name}.dxf", "TEXT")].count("Ra 0.8") == symbols
+
+
+def test_what_is_assumed_has_a_star() -> None:
+    sheet = drawings.draw(part_views(make())["base"], stamp_of(make()), UNBOUND)
+    assert [one.dxf.text for one in sheet.model.query("DIMENSION") if "*" in one.dxf.text] == ["1.7173*"]
+    assert any(one.dxf.text.startswith("* assumed") for one in sheet.model.query("TEXT"))
+
+
+def drawn(one: Probe, edge: float, name: str) -> Any:
+    view = assembly_view(one, edge) if name == "assembly" else part_views(one, edge)[name]
+    stamp = stamp_of(one, edge)
+    return drawings.draw(view, stamp, UNBOUND, parts_list(one, stamp.materials) if name == "assembly" else ())
+
+
+WIDE = Base(rigid=True, flange_radius=0.1, step_height=0.01)
+PROBES = {
+    "usual": (make(), 0.0),
+    "micro": (make(1e-4, 1.2, 5e-6, 1e-4, groove=(5e-5, 3e-5), film=Film(thickness=9e-6)), 1e-5),
+    "large": (make(5e-2, 0.7, 2e-3, 6e-2, groove=(5e-3, 3e-3), base=WIDE), 1e-3),
+    "slender": (make(1e-3, 1.2, 1e-4, 2e-2, groove=None, film=None), 0.0),
+    "flat": (make(2e-2, 1.2, 1e-4, 5e-4, groove=(2e-3, 2e-4)), 1e-4),
+    "stepped": (make(2.5e-3, 0.12, 2.2e-4, groove=None, inner_height=2e-3, outer_height=2.5e-3), 0.0),
+    "recessed": (make(2.5e-3, 0.12, 2.2e-4, inner_height=3e-3, outer_height=2.5e-3, base=WIDE), 0.0),
+    "thin gap": (make(5e-2, 50, 1e-6, 1e-3, groove=(9.9e-2, 9e-4)), 0.0),
+}
+SLOW = [
+    pytest.param(name, part, marks=pytest.mark.slow) for name in PROBES for part in ("outer", "film-outer", "base", "assembly")
+]
+
+
+@pytest.mark.parametrize(("name", "part"), [("flat", "outer"), *SLOW])
+def test_nothing_overlaps_nor_leaves_the_frame(name: str, part: str) -> None:
+    one, edge = PROBES[name]
+    if part == "film-outer" and one.film is None:
+        return
+    sheet = drawn(one, edge, part)
+    figure = pdf.picture(sheet)
+    figure.draw_without_rendering()
+    boxes = {text: text.get_window_extent() for text in figure.axes[0].texts}
+    per_mm = figure.dpi / 25.4
+    left, bottom, right, top = (side * per_mm for side in sheet.frame)
+    for text, box in boxes.items():
+        inside = box.x0 > left and box.x1 < right and box.y0 > bottom and box.y1 < top
+        assert inside, text.get_text()
+    for (text, box), (other, second) in combinations(boxes.items(), 2):
+        assert not box.padded(-0.3 * per_mm).overlaps(second.padded(-0.3 * per_mm)), (text.get_text(), other.get_text())
+
+
+def test_scales_are_standard() -> None:
+    for name, scale, size in (("micro", 500, "A4"), ("large", 1, "A3")):
+        sheet = drawn(*PROBES[name], "base" if name == "large" else "film-inner")
+        assert (sheet.scale, sheet.size) == (scale, size)

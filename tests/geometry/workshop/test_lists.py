@@ -1,0 +1,111 @@
+"""Bill of materials, tolerances and order of assembly: what they say against the scene's numbers."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import pytest
+
+from geometry.scenes.probe import Film
+from geometry.workshop.package import Casting, writers
+from geometry.workshop.tolerance import tolerance, written
+from tests.support.parts import make
+from tests.support.workshop import EDGE, probe
+
+
+def rows(path: Path, key: str) -> dict[str, dict[str, str]]:
+    with path.open(encoding="utf-8") as file:
+        return {row[key]: row for row in csv.DictReader(file)}
+
+
+def text(name: str, folder: Path, **options: object) -> str:
+    writers(make(**options))[name](folder / name)
+    return (folder / name).read_text(encoding="utf-8")
+
+
+def test_bill_of_materials(package: Path) -> None:
+    bill = rows(package / "bill-of-materials.csv", "part")
+    parts = ["inner", "outer", "film-inner", "film-outer", "base"]
+    assert list(bill)[:5] == parts
+    assert [bill[name]["source_file"] for name in parts] == [f"{name}.step" for name in parts]
+    volume = math.pi * 25 * 0.11
+    assert float(bill["film-inner"]["volume_mm3"]) == pytest.approx(volume, rel=1e-5)
+    assert float(bill["film-inner"]["mass_g"]) == pytest.approx(volume * 1.78e-3, rel=1e-5)  # 1780 kg/m^3
+    assert bill["inner"]["mass_g"] == ""  # nobody has said which product
+    assert bill["inner"]["properties"] == "E = 1 MPa, Poisson's ratio 0.4"
+    assert {name for name in bill if "mould" in name} == {
+        f"mould-{b}-{h}" for b in ("inner", "outer") for h in ("lower", "upper")
+    }
+
+
+def test_adhesive_is_counted(tmp_path: Path) -> None:
+    film = Film(thickness=110e-6, adhesive_thickness=20e-6, adhesive_modulus=1e9)
+    (tmp_path / "bill-of-materials.csv").write_text(text("bill-of-materials.csv", tmp_path, film=film, groove=None))
+    glue = rows(tmp_path / "bill-of-materials.csv", "part")["adhesive"]
+    assert float(glue["volume_mm3"]) == pytest.approx(2 * 0.02 * math.pi * 25 * (1 + 1 / 3.7), rel=1e-5)
+    assert "0.02 mm of adhesive" in text("assembly.md", tmp_path, film=film)
+
+
+def test_tolerances(package: Path) -> None:
+    table = rows(package / "tolerances.csv", "dimension")
+    inner, height = table["inner_diameter"], table["outer_height"]
+    assert (inner["nominal_mm"], inner["tolerance_mm"], inner["from"]) == ("10", "0.04", "the ratio")
+    assert float(inner["ratio_change_percent"]) == pytest.approx(100 * 0.6 * 0.04 / 10)
+    assert (height["tolerance_mm"], height["from"]) == ("0.1", "ISO 2768-m")  # tighter than the ratio wants it
+    assert float(height["ratio_change_percent"]) == pytest.approx(100 * 0.05 * 0.1 / 5)
+    assert (table["gap"]["tolerance_mm"], table["gap"]["drawing"]) == ("0.01", "assembly")
+
+
+def test_the_order_of_assembly_tells_the_shim(package: Path) -> None:
+    page = (package / "assembly.md").read_text(encoding="utf-8")
+    assert "three shims of 0.1 mm" in page
+    assert "the gap is 0.1 \u00b10.01 mm" in page
+    total = 100 * math.hypot(0.6 * 0.04 / 10, 0.05 * 0.1 / 5)
+    assert f"change the ratio by {total:.2g} %" in page
+    steps = [line for line in page.splitlines() if line[:1].isdigit()]
+    assert [int(line.split(".")[0]) for line in steps] == list(range(1, len(steps) + 1))
+
+
+def test_without_films_there_is_nothing_of_them(tmp_path: Path) -> None:
+    names = writers(make(film=None, groove=None)).keys()
+    assert not [name for name in names if "film" in name]
+    assert "film" not in text("assembly.md", tmp_path, film=None, groove=None).replace("film end", "")
+
+
+def test_a_lead_that_cannot_leave_is_told(tmp_path: Path) -> None:
+    assert "give the scene a [probe.groove]" in text("assembly.md", tmp_path, groove=None)
+
+
+def test_casting_is_handed_on(tmp_path: Path) -> None:
+    writers(probe(), EDGE, casting=Casting(shrinkage=0.02))["assembly.md"](tmp_path / "assembly.md")
+    assert "shrinkage 2 %" in (tmp_path / "assembly.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("size", "bound", "radius", "wanted"),  # ISO 2768-1, tables 1 and 2, class m
+    [
+        (1.0, None, False, (0.1, False)),
+        (6.0, None, False, (0.1, False)),
+        (6.1, None, False, (0.2, False)),
+        (30.1, None, False, (0.3, False)),
+        (120.0, None, False, (0.3, False)),
+        (0.4, None, False, (0.04, True)),
+        (0.6, None, False, (0.06, True)),
+        (5.0, None, True, (0.5, False)),
+        (10.0, 0.03, False, (0.03, True)),
+        (10.0, 0.3, False, (0.2, False)),
+        (5000.0, None, False, (500.0, True)),
+    ],
+)
+def test_general_tolerances(size: float, bound: float | None, radius: bool, wanted: tuple[float, bool]) -> None:
+    found = tolerance(size, bound, radius)
+    assert (found.deviation, found.told) == (pytest.approx(wanted[0]), wanted[1])
+
+
+@pytest.mark.parametrize(
+    ("value", "wanted"), [(0.0299, "0.029"), (0.1, "0.1"), (1.299, "1.2"), (129.0, "120"), (3.7e-5, "0.000037")]
+)
+def test_deviations_are_rounded_down(value: float, wanted: str) -> None:
+    assert written(value) == wanted

@@ -1,0 +1,103 @@
+"""`rerun`: what it repeats, what it notices, and what it refuses in one line."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from geometry import read_scene
+from geometry.provenance.block import provenance
+from probe_design import evaluate
+from tests.support.paths import EXAMPLES, ROOT, SCENE
+from tests.support.program import Ended, refused, run
+
+QUESTION = ("evaluate", "scene.toml", "--evaluator", "closed-form", "--json")
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """With a scene and an answer; programs that are started there are this tree's."""
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(ROOT), os.environ.get("PYTHONPATH", ""))))
+    (tmp_path / "scene.toml").write_bytes(SCENE.read_bytes())
+    (tmp_path / "made.json").write_text(run(*QUESTION, cwd=tmp_path).stdout)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def again(*words: str | Path) -> Ended:
+    return run("rerun", *words)
+
+
+def test_an_answer_is_repeated(folder: Path) -> None:
+    ended = again("made.json")
+    assert ended.returncode == 0, ended.stderr
+    assert "all agree" in ended.stdout
+    told = json.loads(again("made.json", "--json").stdout)
+    assert told["agrees"] is True
+    assert told["command"] == list(QUESTION)
+
+
+def test_another_number_is_noticed(folder: Path) -> None:
+    told = json.loads((folder / "made.json").read_text())
+    told["stress_inner"] *= 1.2
+    (folder / "made.json").write_text(json.dumps(told))
+    ended = again("made.json")
+    assert ended.returncode == 1
+    assert "stress_inner: " in ended.stdout
+
+
+def test_an_answer_beside_its_scene_is_repeated_from_elsewhere(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    assert run("rerun", folder / "made.json", cwd=tmp_path_factory.mktemp("elsewhere")).returncode == 0
+
+
+def test_a_scene_that_changed_or_is_gone_is_refused(folder: Path) -> None:
+    scene = folder / "scene.toml"
+    scene.write_text(scene.read_text().replace("0.1 mm", "0.2 mm"))
+    assert "another content" in refused("rerun", "made.json")
+    scene.unlink()
+    assert "missing" in refused("rerun", "made.json")
+
+
+def test_what_tells_nothing_of_its_origin_is_refused(folder: Path) -> None:
+    (folder / "empty.json").write_text("{}")
+    for name in ("empty.json", "scene.toml"):
+        assert "block of provenance" in refused("rerun", name)
+    for name in ("nothing.json", "."):
+        assert "that can be read" in refused("rerun", name)
+
+
+def test_what_python_made_is_refused(folder: Path) -> None:
+    (folder / "python.json").write_text(json.dumps(evaluate("scene.toml", evaluator="closed-form", accuracy=0.1).as_dict()))
+    assert "Python program" in refused("rerun", "python.json")
+
+
+@pytest.mark.parametrize(
+    "words", [["nonsense"], ["evaluate", "scene.toml", "--colour", "red"], ["tissue"], ["read", "--device", "usb"]]
+)
+def test_a_command_that_cannot_be_repeated_is_refused(words: list[str], folder: Path) -> None:
+    block = provenance(read_scene(SCENE)) | {"command": words}
+    (folder / "odd.json").write_text(json.dumps({"ratio": 1.0, "provenance": block}))
+    assert "file = " in refused("rerun", "odd.json")
+
+
+@pytest.mark.slow
+def test_a_sweep_s_folder_is_repeated(folder: Path) -> None:
+    (folder / "sweep.toml").write_bytes((EXAMPLES / "sweep.toml").read_bytes())
+    assert run("sweep", "sweep.toml", "-o", "out", "--workers", "1").returncode == 0
+    assert again("out").returncode == 0
+    table = folder / "out" / "results.csv"
+    table.write_text(table.read_text().replace(",ok,", ",failed,", 1))
+    assert again("out").returncode == 1
+
+
+@pytest.mark.slow
+def test_an_export_s_record_is_repeated(folder: Path) -> None:
+    assert run("export", "scene.toml", "-o", "out").returncode == 0
+    record = folder / "out" / "parts.json"
+    assert again(record).returncode == 0
+    told = json.loads(record.read_text())
+    record.write_text(json.dumps(told | {"design": "0" * 64}))
+    assert again(record).returncode == 1

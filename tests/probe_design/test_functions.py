@@ -1,0 +1,168 @@
+"""The verbs as Python functions: scenes or their files in, results out that notebooks show."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import subprocess
+import sys
+from html.parser import HTMLParser
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hw
+import probe_design
+import solver
+from geometry.common.errors import InputError
+from geometry.scenes.scene_file import read_scene
+from probe_design import curve, detectability, estimate, evaluate, export, load, scan, sweep
+from tests.support.paths import SCENE
+from tests.support.program import run
+
+
+class Cells(HTMLParser):
+    """Texts of a page's table cells; a tag that is not closed is a fault."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.cells: list[str] = []
+        self.open: list[str] = []
+        self.feed(page)
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: Any) -> None:
+        self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open[-1:] == ["td"]:
+            self.cells.append(data)
+
+
+def test_a_scene_and_its_file_are_answered_alike() -> None:
+    by_name = evaluate(str(SCENE), evaluator="closed-form", accuracy=0.1)
+    assert by_name.ratio == evaluate(read_scene(SCENE), evaluator="closed-form", accuracy=0.1).ratio
+    assert by_name.ratio == solver.evaluate(SCENE, "closed-form", 0.1).ratio
+
+
+@pytest.mark.parametrize("function", [evaluate, scan, detectability, estimate, probe_design.optimize, curve, load])
+def test_what_is_no_scene_is_refused_in_one_line(function: Any, tmp_path: Any) -> None:
+    extra = {curve: {"moduli": [1e3]}, load: {"force": 0.1}, estimate: {"ratio": 0.6}}.get(function, {})
+    with pytest.raises(InputError, match="scene = 3: allowed: a Scene, or the name"):
+        function(3, **extra)
+    with pytest.raises(InputError, match="scene file = "):
+        function(tmp_path / "nothing.toml", **extra)
+
+
+def test_functions_say_what_they_take() -> None:
+    for name in probe_design.__all__:
+        function = getattr(probe_design, name)
+        text = inspect.getdoc(function)
+        assert text is not None
+        for parameter in inspect.signature(function).parameters.values():
+            assert f"{parameter.name}:" in text, (name, parameter.name)
+            if parameter.name in ("progress", "tell"):
+                assert parameter.default is None
+
+
+@pytest.mark.parametrize("package", [probe_design, solver, hw])
+def test_help_lists_what_a_user_calls(package: Any) -> None:
+    assert [name for name in dir(package) if inspect.ismodule(getattr(package, name)) and package is not solver] == []
+    assert all(callable(getattr(package, name)) for name in package.__all__)
+
+
+def test_help_page_has_the_functions() -> None:
+    page = subprocess.run(
+        [sys.executable, "-c", "import probe_design; help(probe_design)"], capture_output=True, text=True, check=True
+    ).stdout
+    functions = page.partition("\nFUNCTIONS\n")[2]
+    assert [name for name in probe_design.__all__ if f"\n    {name}(" not in f"\n{functions}"] == []
+
+
+def test_bare_import_is_light() -> None:
+    code = "import probe_design, sys; dir(probe_design); print(*sys.modules)"
+    loaded = set(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split())
+    assert loaded & {"numpy", "pydantic", "scipy", "click", "solver", "geometry", "xarray", "matplotlib"} == set()
+
+
+def test_functions_need_no_plots_and_no_tables() -> None:
+    code = f"from probe_design import evaluate; evaluate({str(SCENE)!r}, evaluator='closed-form', accuracy=0.1)"
+    command = [sys.executable, "-c", f"{code}\nimport sys; print(*sys.modules)"]
+    loaded = set(subprocess.run(command, capture_output=True, text=True, check=True).stdout.split())
+    assert loaded & {"matplotlib", "xarray", "pandas", "rich", "click", "cadquery", "casadi"} == set()
+
+
+def test_a_result_shows_its_numbers() -> None:
+    result = evaluate(SCENE, evaluator="closed-form", accuracy=0.1)
+    cells = Cells(result._repr_html_()).cells
+    assert f"{result.ratio:.6g}" in cells
+    assert cells[cells.index("stress_inner") + 2] == "Pa"
+
+
+def test_scan_as_arrays_and_picture() -> None:
+    found = scan(SCENE, positions=[-8e-3, 0.0], accuracy=0.1)
+    data = found.to_dataset()
+    assert data["ratio"].dims == ("position",)
+    assert data["ratio"].values.tolist() == list(found.ratio)
+    assert {name: data[name].attrs["units"] for name in ("position", "stiffness", "stress_inner")} == {
+        "position": "m", "stiffness": "N/m", "stress_inner": "Pa"
+    }  # fmt: skip
+    assert json.loads(data.attrs["provenance"])["scene"] == found.provenance["scene"]
+    assert len(found.plot().axes) == 3
+    assert "scene" not in found.as_dict()
+    assert f"{found.ratio[0]:.6g}" in Cells(found._repr_html_()).cells
+
+
+def test_map_as_arrays_and_picture() -> None:
+    found = detectability(SCENE, depths=[8e-3, 4e-2], diameters=[4e-3, 6e-2, 6.5e-2])
+    data = found.to_dataset()
+    assert data["seen"].dims == ("depth", "diameter")
+    assert np.isnan(data["change"].values[1, 2])  # does not fit
+    assert data["change"].values[0, 0] == found.change[0][0]
+    assert found.plot().axes
+
+
+def test_curve_as_arrays_and_picture() -> None:
+    found = curve(SCENE, [1e3, 1e5])
+    data = found.to_dataset()
+    assert data["ratio"].sel(youngs_modulus=1e5) == found.ratio[1]
+    assert data["youngs_modulus"].attrs["units"] == "Pa"
+    assert len(found.plot().axes) == 2
+
+
+@pytest.mark.slow
+def test_load_as_arrays_and_picture() -> None:
+    found = load(SCENE, force=0.02, points=2)
+    data = found.to_dataset()
+    assert data["indentation"].dims == ("force",)
+    assert data["closest_walls"].attrs["units"] == "m"
+    assert data["indentation"].values.tolist() == list(found.indentation)
+    assert len(found.plot().axes) == 3
+
+
+def test_estimate_needs_one_way_to_readings() -> None:
+    with pytest.raises(InputError, match="one of ratio and readings"):
+        estimate(SCENE)
+
+
+def test_estimate_is_the_command_line_s() -> None:
+    found = estimate(SCENE, ratio=0.62, noise=0.05)
+    told = json.loads(run("estimate", SCENE, "--ratio", "0.62", "--noise", "0.05", "--json").stdout)
+    assert told["interval"] == list(found.interval)
+    assert "unknown" in Cells(found._repr_html_()).cells
+
+
+def test_sweep_as_arrays(tmp_path: Any) -> None:
+    variables = {"probe.gap": {"values": [1e-4, 2e-4]}}
+    swept = sweep({"scene": SCENE, "evaluator": "closed-form", "variables": variables}, tmp_path, workers=1)
+    assert swept.to_dataset()["ratio"].dims == ("probe.gap",)
+    assert "designs" in Cells(swept._repr_html_()).cells
+
+
+@pytest.mark.slow
+def test_export_writes_what_the_command_writes(tmp_path: Any) -> None:
+    assert {"assembly.step", "parts.json", "drawing.png"} <= {path.name for path in export(SCENE, tmp_path)}

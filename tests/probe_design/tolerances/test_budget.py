@@ -1,0 +1,195 @@
+"""The uncertainty budget: its slopes against differences of answers, its samples against theory and finite elements."""
+
+from __future__ import annotations
+
+import json
+import math
+import tomllib
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from geometry.common.errors import InputError, Refusal
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_file import read_scene
+from geometry.scenes.variables import changed
+from probe_design.built_probe.bench import Workshop, builtin_bench
+from probe_design.built_probe.block_predictions import by_outer_radius
+from probe_design.tolerances.budget import ToleranceBudget, held, tolerances
+from probe_design.tolerances.sampled import OUTPUTS, sampled
+from probe_design.tolerances.slopes import slopes
+from probe_design.tolerances.variables import GAINS, toleranced
+from solver import evaluate
+from tests.support.paths import EXAMPLES
+from tests.support.program import refused, run
+
+SCENE = read_scene(EXAMPLES / "scene.toml")
+NONE = dict.fromkeys(GAINS, 0.0)
+
+
+@cache
+def budget() -> ToleranceBudget:
+    return tolerances(SCENE, samples=256)
+
+
+def outputs(scene: Scene, drawn: Scene, level: str = "axisymmetric", accuracy: float = 1e-4) -> np.ndarray:
+    told = evaluate(scene, level, accuracy, linear=True)
+    assert told.ratio is not None
+    assert told.stiffness is not None
+    built, before = scene.probe, drawn.probe
+    areas = math.log(built.inner_area / built.outer_area * before.outer_area / before.inner_area)
+    return np.array([math.log(told.ratio), math.log(told.ratio) + areas, math.log(told.stiffness), told.log_sensitivity])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("x", [0.0, 4e-3])  # by axisymmetric, and by equivalent-inclusion
+def test_slopes_are_those_of_answers(x: float) -> None:
+    """Central differences of ``evaluate`` at 1 % of each number."""
+    aside = SCENE.inclusion[0].model_copy(update={"x": x})
+    scene = by_outer_radius(SCENE.model_copy(update={"inclusion": (aside,)}))
+    level = "equivalent-inclusion" if x else "axisymmetric"
+    variables = [one for one in toleranced(scene) if one.kind != "gain"]
+    found = slopes(scene, variables, 1e-3)
+    for one, slope in zip(variables, found.T, strict=True):
+        step = 0.01 * one.value
+        above, below = (outputs(changed(scene, {one.name: one.value + s}), scene, level) for s in (step, -step))
+        wanted = (above - below) / (2 * step)
+        assert slope == pytest.approx(wanted, rel=0.03, abs=3e-3 / one.value), one.name
+
+
+def test_gains_move_ratio_and_stiffness_as_each_film_s_share() -> None:
+    """Independent of the probe: ln(g_1 F_1 / (g_2 F_2)); ln(g_1 F_1 + g_2 F_2)."""
+    told = evaluate(SCENE, "axisymmetric", 1e-3)
+    assert told.stress_inner is not None
+    assert told.stress_outer is not None
+    inner, outer = told.stress_inner * SCENE.probe.inner_area, told.stress_outer * SCENE.probe.outer_area
+    lines = {line.name: line for line in budget().lines}
+    for name, sign, share in ((GAINS[0], 1.0, inner / (inner + outer)), (GAINS[1], -1.0, outer / (inner + outer))):
+        parts = lines[name].outputs
+        assert parts["ln_ratio"].derivative == pytest.approx(sign)
+        assert parts["ln_stiffness"].derivative == pytest.approx(share, rel=1e-3)
+        assert parts["log_sensitivity"].contribution == 0.0
+
+
+def test_small_tolerances_make_samples_linear() -> None:
+    """As all tolerances go to 0 the samples' scatter is that of first order, and Sobol indices are the shares of variance."""
+    scene = by_outer_radius(SCENE)
+    small = {"length": 1e-3, "modulus": 1e-3, "poisson_ratio": 1e-4, "gain": 1e-3}
+    plain = toleranced(scene)
+    given = {one.name: 1e-7 if one.kind == "length" else small[one.kind] for one in plain}
+    drawn = sampled(scene, toleranced(scene, given=given), 512, 1)
+    assert drawn is not None
+    assert drawn.bend == pytest.approx(np.ones(len(OUTPUTS)), abs=0.02)
+    shares = drawn.slopes**2 / (drawn.slopes**2).sum(axis=1, keepdims=True)
+    assert drawn.total == pytest.approx(shares, abs=0.06)
+    inside = (drawn.total_interval[..., 0] - 0.02 <= shares) & (shares <= drawn.total_interval[..., 1] + 0.02)
+    assert inside.mean() > 0.9
+
+
+def test_a_lognormal_modulus_of_which_the_ratio_is_a_power_scatters_as_its_logarithm() -> None:
+    """With gains alone ln ratio is linear in the normal variables: sd^2 = s_1^2 + s_2^2, shares by their squares."""
+    given: dict[str, object] = {one.name: 0.0 for one in toleranced(by_outer_radius(SCENE))}
+    found = tolerances(SCENE, samples=256, given=given | {GAINS[0]: "40 %", GAINS[1]: 0.3})
+    ratio = found.outputs["ln_ratio"]
+    assert ratio.sd == pytest.approx(0.5)
+    assert ratio.sampled == pytest.approx(0.5, abs=0.02)
+    lines = {line.name: line.outputs["ln_ratio"] for line in found.lines}
+    assert [lines[name].share for name in GAINS] == pytest.approx([0.64, 0.36])
+    assert [lines[name].total for name in GAINS] == pytest.approx([0.64, 0.36], abs=0.06)
+
+
+def test_held_tolerances_add_up_to_what_is_allowed_and_cost_least() -> None:
+    """Against scipy's minimiser of the cost sum t_j / tau_j under sum (a_j tau_j / t_j)^2 = x^2."""
+    from scipy.optimize import minimize
+
+    contributions, allowed = np.array([0.05, 0.02, 0.004, 1e-3]), 0.01
+    found = held(np.ones(4), contributions, allowed)
+    assert np.sqrt(((contributions * found) ** 2).sum()) == pytest.approx(allowed)
+    rule = {"type": "eq", "fun": lambda u: (contributions**2 * np.exp(2 * u)).sum() / allowed**2 - 1}
+    best = minimize(lambda u: np.exp(-u).sum(), np.zeros(4), constraints=[rule], method="SLSQP", options={"ftol": 1e-12})
+    assert found == pytest.approx(np.exp(best.x), rel=1e-3)
+
+
+def test_a_budget_with_the_held_tolerances_is_what_was_asked() -> None:
+    given = {line.name: line.held if line.kind == "length" else line.held / line.value for line in budget().lines if line.held}
+    given |= {line.name: line.held for line in budget().lines if line.kind == "poisson_ratio" and line.held}
+    assert tolerances(SCENE, samples=64, given=given).outputs["ln_ratio"].sd == pytest.approx(0.01, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_samples_of_the_closed_form_tell_how_far_finite_elements_bend() -> None:
+    """The same 24 built probes by ``axisymmetric`` and by its slopes: their scatters differ by what is stated."""
+    scene = by_outer_radius(SCENE)
+    given = NONE | {"probe.gap": 4e-5, "probe.outer.youngs_modulus": 0.4, "probe.inner_radius": 1e-4}
+    found = tolerances(SCENE, samples=1024, given=given)
+    variables = [one for one in toleranced(scene, given=given) if one.name in given and one.kind != "gain"]
+    eta = np.random.default_rng(3).normal(size=(24, len(variables)))
+    built = [{one.name: float(one.drawn(e)) for one, e in zip(variables, row, strict=True)} for row in eta]
+    told = np.array([outputs(changed(scene, new), scene, accuracy=1e-3) for new in built])
+    line = (eta * [one.sd for one in variables]) @ slopes(scene, variables, 1e-3).T
+    for k, name in enumerate(OUTPUTS):
+        one = found.outputs[name]
+        assert one.error_estimate is not None
+        assert abs(told[:, k].std() / line[:, k].std() - 1) < one.error_estimate + 0.05  # 24 draws bend by chance
+
+
+def test_a_material_s_width_is_carried() -> None:
+    found = tolerances(SCENE, samples=64, materials={"outer": "ecoflex-00-50"})
+    line = next(one for one in found.lines if one.name == "probe.outer.youngs_modulus")
+    assert line.sd / line.value == pytest.approx(math.log(152.7 / 67) / 2, rel=1e-3)
+    assert "ecoflex-00-50" in line.source
+
+
+def test_tolerances_are_the_bench_s() -> None:
+    """One place for defaults: the built-in bench file says what ``Workshop`` and ``Channels`` have."""
+    assert builtin_bench().workshop == Workshop()
+    bench = builtin_bench().model_copy(update={"workshop": Workshop(length=5e-6)})
+    lines = {one.name: one.sd for one in toleranced(by_outer_radius(SCENE), bench)}
+    assert lines["probe.gap"] == 5e-6
+    assert lines[GAINS[0]] == builtin_bench().channels.gain
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"ratio": 0.0}, {"ratio": math.nan}, {"samples": 100}, {"samples": 0}, {"given": {"probe.knob": 1e-5}},
+        {"given": {"probe.gap": "1 kPa"}}, {"given": {"probe.gap": "-1 um"}}, {"given": {"probe.gap": 1.0}},
+        {"given": {"probe.inner.youngs_modulus": "-3 %"}}, {"given": {"film.inner.gain": math.inf}},
+        {"materials": {"middle": "pmma"}}, {"materials": {"inner": "ecoflex-00-10"}}, {"materials": {"inner": "oak"}},
+    ],
+)  # fmt: skip
+def test_what_is_no_tolerance_is_refused(wrong: dict[str, object]) -> None:
+    with pytest.raises(InputError):
+        tolerances(SCENE, **wrong)  # type: ignore[arg-type]
+
+
+def test_other_kinds_are_refused() -> None:
+    contact = SCENE.contact.model_copy(update={"interface": "unilateral", "friction": 0.3})
+    with pytest.raises(Refusal):
+        tolerances(SCENE.model_copy(update={"contact": contact}))
+
+
+def test_a_scene_without_tumour_has_no_log_sensitivity() -> None:
+    assert "log_sensitivity" not in tolerances(SCENE.model_copy(update={"inclusion": ()}), samples=64).outputs
+
+
+def test_the_command_tells_what_python_does(tmp_path: Path) -> None:
+    bench = tmp_path / "bench.toml"
+    bench.write_text('[workshop]\nlength = "5 um"\n[[reference]]\nyoungs_modulus = "6 kPa"\n', encoding="utf-8")
+    words = ("--bench", bench, "--samples", "64", "--tolerance", "probe.gap = 10 um", "--material", "inner=rtv615")
+    picture = tmp_path / "budget.png"
+    told = json.loads(run("tolerances", EXAMPLES / "scene.toml", *words, "--plot", picture, "--json").stdout)
+    lines = {one["name"]: one for one in told["lines"]}
+    assert lines["probe.gap"]["sd"] == pytest.approx(1e-5)
+    assert lines["probe.inner_radius"]["sd"] == pytest.approx(5e-6)
+    assert lines["probe.inner.youngs_modulus"]["source"].startswith("rtv615")
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert tomllib.loads(bench.read_text(encoding="utf-8"))
+    assert "standard deviation" in run("tolerances", EXAMPLES / "scene.toml", "--samples", "64").stdout
+
+
+@pytest.mark.parametrize("words", [("--tolerance", "probe.gap"), ("--material", "oak"), ("--samples", "7"), ("--ratio", "2")])
+def test_the_command_refuses_in_one_line(words: tuple[str, str]) -> None:
+    assert ": allowed: " in refused("tolerances", EXAMPLES / "scene.toml", *words)
