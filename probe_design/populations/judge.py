@@ -127,7 +127,8 @@ class Examination:
         unknowns, protocol = Unknowns.of(self.population, draw), design.protocol
         blank = np.exp(np.log(readings.blank).mean(axis=0))
         known = design.noise, protocol, draw.scene, blank
-        whole, own = covariance(*known, _tissue(unknowns, readings), readings.over), covariance_of_all(*known, readings.over)
+        whole = covariance(*known, tissue=_tissue(unknowns, readings), over=readings.over)
+        own = covariance_of_all(*known, readings.over)
         detector = Detector.trained(self.reference, whole, protocol.false_alarm, seed=seed)
         found, unsure = _found(detector, readings, design, seed)
         J, share = unknowns.derivatives(readings, protocol.blank), _share(readings, protocol.blank)

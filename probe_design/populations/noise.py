@@ -39,6 +39,7 @@ def covariance(
     protocol: Protocol,
     scene: Scene,
     blank: Floats,
+    *,
     tissue: Floats | None = None,
     over: Floats | None = None,
 ) -> Floats:

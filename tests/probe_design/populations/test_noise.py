@@ -49,7 +49,7 @@ def test_charge_noise_is_that_of_the_films_forces() -> None:
 def test_tissue_counts_without_a_blank_alone() -> None:
     scene, shift = example_design().scene, np.ones((18, 1))
     for blank in (True, False):
-        plain, more = (covariance(QUIET, Protocol(blank=blank), scene, BLANK, tissue) for tissue in (None, shift))
+        plain, more = (covariance(QUIET, Protocol(blank=blank), scene, BLANK, tissue=tissue) for tissue in (None, shift))
         assert np.allclose(more - plain, 0.0 if blank else 1.0)
 
 
