@@ -54,7 +54,7 @@ def test_formulas_on_arrays_are_those_of_single_scenes() -> None:
 
 @pytest.mark.slow
 def test_the_judge_s_readings_are_those_of_single_scenes() -> None:
-    draw = POPULATION.drawn(4)
+    draw = POPULATION.drawn(2)
     readings = inclusion_readings(draw, DESIGN.protocol, noise=FINE)
     for number in range(len(draw)):
         off = np.abs(readings.signal[number] - single(draw, number, "equivalent-inclusion"))
@@ -63,7 +63,7 @@ def test_the_judge_s_readings_are_those_of_single_scenes() -> None:
 
 @pytest.mark.slow
 def test_levels_agree_and_so_do_their_derivatives() -> None:
-    draw, names = POPULATION.drawn(8), (*FIELDS, "tissue")
+    draw, names = POPULATION.drawn(2), (*FIELDS, "tissue")
     formulas = ClosedFormScan.of(draw, DESIGN.protocol).readings(DESIGN.scene, names)
     elements = inclusion_readings(draw, DESIGN.protocol, names, noise=FINE)
     assert np.abs(formulas.signal - elements.signal).max() < 0.05 * np.abs(elements.signal).max()
