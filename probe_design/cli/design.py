@@ -142,7 +142,7 @@ def _optimize_population(
         optimum = optimize(design, progress)
         maps = maps_of(optimum)
         fronts = tuple(front(design, one, partial(progress, f"front: {one}")) for one in pareto)
-        files = write_all(optimum, output, progress, maps, fronts, force=force, asked=asked)
+        files = write_all(optimum, output, progress, maps, fronts, force=force, asking=asked)
     if as_json:
         import json
 

@@ -1,4 +1,4 @@
-"""The pictures of a report: start beside optimum over depth and diameter, levers as bars, Pareto fronts."""
+"""The pictures of a report: start beside optimum over depth and diameter, Pareto fronts."""
 
 from __future__ import annotations
 
@@ -42,21 +42,6 @@ def draw_maps(maps: dict[str, DepthMap], judged: dict[str, JudgedDesign], path: 
         "full where found more often than not; lines: found nine times in ten, contrast told to 0.5",
         fontsize=9,
     )
-    return save(figure, path)
-
-
-def draw_levers(levers: dict[str, float], name: str, path: Path) -> Path:
-    """Draw what each change of the readings would make of the objective; returns ``path``."""
-    figure, axes = _figure((8.0, 0.5 * len(levers) + 1.4), (1, 1))
-    plain, words, values = axes[0][0], list(levers), list(levers.values())
-    plain.barh(range(len(words)), values, color=[GREY] + [BLUE] * (len(words) - 1))
-    plain.axvline(values[0], color=GREY, linewidth=1, linestyle="--")
-    plain.set_yticks(range(len(words)), words)
-    plain.invert_yaxis()
-    for row, value in enumerate(values):
-        plain.text(value, row, f" {value:.3g}", va="center", fontsize=9)
-    plain.set_xlim(min(0.0, min(values)), 1.12 * max([*values, 1e-9]))
-    plain.set_xlabel(f"{name}, by the closed form (an upper bound)")
     return save(figure, path)
 
 

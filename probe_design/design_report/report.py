@@ -3,27 +3,39 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict
 from functools import partial
-from html import escape
-from importlib import resources
 from pathlib import Path
-from string import Template
+from typing import Any
 
 from geometry.provenance.block import Provenance, provenance
 from geometry.provenance.texts import toml_comment
 from geometry.scenes.scene_file import scene_to_toml
 from probe_design.design_report.depth_map import DepthMap, depth_map
-from probe_design.design_report.levers import levers
-from probe_design.design_report.pictures import draw_front, draw_levers, draw_maps
+from probe_design.design_report.pictures import draw_front, draw_maps
 from probe_design.design_report.table import caption, columns, rows
 from probe_design.design_search.outcome import PopulationOptimum
 from probe_design.design_search.pareto import Front
 from probe_design.populations.design_file import Design
+from probe_design.populations.levers import Lever, levers
+from probe_design.populations.pictures import plot_levers
+from probe_design.reports.page import Chapter, Code, Items, PageTable, Picture, Text
+from probe_design.reports.page import page as html
+from probe_design.reports.scene_sections import asked, scene_sections
 
-PAGE = resources.files("probe_design.data").joinpath("population_report.html.in")
 STAGE = "writing STEP files, pictures and report"
 FRONT = "pareto.png"
+PICTURES = {
+    "maps.png": "probability and standard deviation of ln contrast over depth and diameter",
+    "levers.png": "the objective after each change of the readings",
+    FRONT: "Pareto fronts",
+    "drawing.png": "section and view of the probe",
+}
+WORKSHOP = (
+    "The objective by the closed form over 64 draws of what is built: radii and height to 0.05 mm, gap to 0.02 mm, each modulus "
+    "to 10 % or to its material's own tolerance, one standard deviation each."
+)
 Progress = Callable[[str, int, int], None]
 
 
@@ -34,7 +46,7 @@ def maps_of(optimum: PopulationOptimum) -> dict[str, DepthMap]:
 
 def write_all(
     optimum: PopulationOptimum, folder: Path, progress: Progress, maps: dict[str, DepthMap], fronts: tuple[Front, ...] = (), *,
-    force: bool = False, asked: str | None = None,
+    force: bool = False, asking: str | None = None,
 ) -> list[Path]:  # fmt: skip
     """Write everything into ``folder``, all of it or nothing; see ``optimisation.report.write_all``.
 
@@ -51,35 +63,43 @@ def write_all(
 
     scene = optimum.scene
     probe, edge = scene.probe, scene.contact.edge_radius
-    raised = levers(optimum.design, optimum.found.scene)
+    raised = levers(optimum.found.scene, optimum.design)
     maximise = optimum.design.objective.maximise
     pictures: dict[str, Callable[[Path], object]] = {
         "drawing.png": lambda path: draw(probe, path, edge),
         "maps.png": partial(draw_maps, maps, columns(optimum)),
-        "levers.png": partial(draw_levers, raised, maximise),
+        "levers.png": partial(plot_levers, raised, maximise),
     }
     if fronts:
         pictures[FRONT] = partial(draw_front, fronts, maximise)
     texts: dict[str, Callable[[], str]] = {
         "design.toml": lambda: toml_comment(_origin(optimum)) + scene_to_toml(scene),
         "question.toml": lambda: toml_comment(_origin(optimum)) + question(optimum.design),
-        "report.html": lambda: page(optimum, maps, [name for name in names if name not in ("report.html", "optimize.json")]),
         "optimize.json": lambda: json.dumps(summary(optimum, paths, raised, fronts), indent=2, allow_nan=False) + "\n",
     }
-    names = [*part_files(probe), NAME, *pictures, *texts]
+    names = [*part_files(probe), NAME, *pictures, *texts, "report.html"]
     paths = [folder / name for name in names]
-    told = {name: partial(_write, text) for name, text in texts.items()}
+
+    def reported(path: Path) -> None:
+        answer = summary(optimum, paths, raised, fronts)
+        path.write_text(page(optimum, maps, answer, path.parent, names[:-1]), encoding="utf-8")
+
+    told = {name: partial(_write, text) for name, text in texts.items()} | {"report.html": reported}
     progress(STAGE, 1, 4)
-    export(probe, folder, force, asked, {**pictures, **told}, edge_radius=edge)
+    export(probe, folder, force, asking, {**pictures, **told}, edge_radius=edge)
     progress(STAGE, 4, 4)
     return paths
 
 
 def summary(
-    optimum: PopulationOptimum, files: Sequence[Path], raised: dict[str, float], fronts: tuple[Front, ...] = ()
-) -> dict[str, object]:
+    optimum: PopulationOptimum, files: Sequence[Path], raised: Sequence[Lever], fronts: tuple[Front, ...] = ()
+) -> dict[str, Any]:
     """Return the JSON object of ``probe-design optimize DESIGN``."""
-    more = {"levers": raised, "pareto": [one.as_dict() for one in fronts], "provenance": _origin(optimum)}
+    more = {
+        "levers": [asdict(one) for one in raised],
+        "pareto": [one.as_dict() for one in fronts],
+        "provenance": _origin(optimum),
+    }
     return optimum.summary([str(file) for file in files]) | more
 
 
@@ -97,36 +117,63 @@ def question(design: Design) -> str:
     return tomli_w.dumps(tables | {"scene": scene_to_dict(design.scene)})
 
 
-def page(optimum: PopulationOptimum, maps: dict[str, DepthMap], files: Sequence[str]) -> str:
-    """Return the report as an HTML page."""
-    limits = [(one.name, f"{one.value:.4g}", "active" if one.active else "") for one in optimum.limits]
-    tolerances = [
-        (name, *(f"{value:.3g}" for value in (one.nominal, one.expected, one.low, one.high)))
-        for name, one in zip(("start", *(f"design {k + 1}" for k in range(len(optimum.robust)))), optimum.robust, strict=False)
-    ]
-    front = f'<h2>What more would cost</h2><p><img src="{FRONT}" alt="Pareto fronts"></p>' if FRONT in files else ""
-    return Template(PAGE.read_text(encoding="utf-8")).substitute(
-        headline=escape(optimum.verdict[0].upper() + optimum.verdict[1:] + "."),
-        rows=_html_table(("quantity", *columns(optimum)), list(rows(optimum, maps))),
-        caption=escape(caption(optimum)),
-        how=escape(optimum.how),
-        single=escape(f"No design for one tumour: {optimum.why_no_single}." if optimum.why_no_single else ""),
-        limits=_html_table(("limit", "value, SI", ""), limits),
-        tolerances=_html_table(("design", "as drawn", "expected", "5 % below", "95 % below"), tolerances),
-        front=front,
-        warnings="".join(f"<li>{escape(text)}</li>" for text in optimum.warnings) or "<li>none</li>",
-        files="".join(f'<li><a href="{escape(name)}">{escape(name)}</a></li>' for name in files),
-        scene=escape(scene_to_toml(optimum.scene)),
-        judge=escape(optimum.best.judgement.evaluator),
-        maximise=escape(optimum.design.objective.maximise),
+def page(
+    optimum: PopulationOptimum, maps: dict[str, DepthMap], answer: dict[str, Any], folder: Path, files: Sequence[str]
+) -> str:
+    """Return the report as an HTML page.
+
+    Args:
+        optimum: that was found.
+        maps: of each judged design.
+        answer: what ``summary`` returns.
+        folder: of the pictures, which go into the page.
+        files: beside the page, that it links to.
+    """
+    verdict, pictures = optimum.verdict, {name: folder / name for name in PICTURES if name in files}
+    parts = {name: (Picture.read(pictures[name], alt),) if name in pictures else () for name, alt in PICTURES.items()}
+    limits = [(one.name, f"{one.value:.4g}", "yes" if one.active else "no") for one in optimum.limits]
+    sections = (
+        Chapter("Start and optimum", (_table(("quantity", *columns(optimum)), rows(optimum, maps)), *map(Text, _notes(optimum)))),
+        Chapter("Which tumours are found and told", parts["maps.png"]),
+        Chapter("What would help most", parts["levers.png"]),
+        *((Chapter("What more would cost", parts[FRONT]),) if parts[FRONT] else ()),
+        Chapter("Limits", (_table(("limit", "value, SI", "active"), limits),)),
+        Chapter(
+            "After the workshop",
+            (Text(WORKSHOP), _table(("design", "as drawn", "expected", "5 % below", "95 % below"), _built(optimum))),
+        ),
+        Chapter("What to machine", (*parts["drawing.png"], Items(tuple(files), links=True))),
+        *scene_sections(optimum.scene, None),
+        Chapter("What to keep in mind", (Items(tuple(optimum.warnings) or ("nothing",)),)),
+        asked(optimum.scene, "The scene of the design"),
+        Chapter("What was asked", (Code(question(optimum.design)),)),
     )
+    return html(title="Probe design", headline=f"{verdict[0].upper()}{verdict[1:]}.", sections=sections, answer=answer)
+
+
+def _notes(optimum: PopulationOptimum) -> tuple[str, ...]:
+    """What the numbers of the comparison mean."""
+    single = (f"No design for one tumour: {optimum.why_no_single}.",) if optimum.why_no_single else ()
+    return (
+        f"{caption(optimum)}. The errors are those of the sample of tumours and of the draws, and on top what the level may be "
+        "off; a gain counts only where it is beyond twice its own error, for which the same tumours are read with both probes. "
+        f"{optimum.best.judgement.evaluator} judged, with reflections, on tumours that the search has not seen, under one force "
+        f"for all of them. The search went by formulas: {optimum.how}.",
+        *single,
+    )
+
+
+def _built(optimum: PopulationOptimum) -> list[tuple[str, ...]]:
+    names = ("start", *(f"design {k + 1}" for k in range(len(optimum.robust))))
+    return [
+        (name, *(f"{value:.3g}" for value in (one.nominal, one.expected, one.low, one.high)))
+        for name, one in zip(names, optimum.robust, strict=False)
+    ]
+
+
+def _table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> PageTable:
+    return PageTable(tuple(headings), tuple(map(tuple, rows)))
 
 
 def _write(text: Callable[[], str], path: Path) -> None:
     path.write_text(text(), encoding="utf-8")
-
-
-def _html_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    head = "".join(f"<th>{escape(text)}</th>" for text in headings)
-    body = "".join("<tr>" + "".join(f"<td>{escape(text)}</td>" for text in row) + "</tr>" for row in rows)
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"

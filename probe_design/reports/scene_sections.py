@@ -25,12 +25,12 @@ ACCURACY, DRAWN = 0.01, 0.02  # of numbers, and of what is only drawn
 Tell = Callable[[str], None]
 
 
-def scene_sections(scene: Scene, noise: float, tell: Tell = lambda text: None) -> Iterator[Chapter]:
+def scene_sections(scene: Scene, noise: float | None, tell: Tell = lambda text: None) -> Iterator[Chapter]:
     """Yield all that a report tells of a scene, at its load; each takes up to some seconds.
 
     Args:
         scene: that the report is about.
-        noise: relative standard deviation of one reading of the ratio.
+        noise: relative standard deviation of one reading of the ratio; None leaves out the maps that hang on it.
         tell: called with a line before each long piece of work.
     """
     for title, made in (
@@ -38,7 +38,11 @@ def scene_sections(scene: Scene, noise: float, tell: Tell = lambda text: None) -
         ("The plan: what is modelled, and what is left out", _plan),
         ("Loads that hold", _loads),
         ("Ratio over the tumour's stiffness", _curve),
-        ("Which tumours it sees, and of which it tells the stiffness", partial(_map, noise=noise)),
+        *(
+            (("Which tumours it sees, and of which it tells the stiffness", partial(_map, noise=noise)),)
+            if noise is not None
+            else ()
+        ),
         ("What each dimension does", _sensitivities),
         ("Stresses", _stresses),
     ):

@@ -124,6 +124,7 @@ ALLOWED: dict[str, set[str]] = {
         "probe_design.optimisation",
         "probe_design.pictures",
         "probe_design.populations",
+        "probe_design.reports",
         "geometry.cad",
         "geometry.provenance",
         *ANSWERS,

@@ -121,5 +121,8 @@ def _check(found: dict[str, object], asked: Path, out: Path) -> None:
     assert isinstance(files, list)
     assert {Path(one).name for one in files} == {path.name for path in out.iterdir()}
     assert {"report.html", "maps.png", "levers.png", "assembly.step", "design.toml"} <= {path.name for path in out.iterdir()}
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png;base64,") >= 4  # maps, levers, drawing, stresses: inside, as a file alone is sent on
+    assert 'src="maps' not in page
     assert read_scene(out / "design.toml").probe.inner.poisson_ratio == pytest.approx(0.495)
     assert read_design(out / "question.toml") == read_design(asked)
