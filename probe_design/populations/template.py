@@ -39,18 +39,18 @@ def _keys(model: type[BaseModel]) -> Iterator[str]:
     for key, field in model.model_fields.items():
         default = written.get(key)
         if default in ([], {}, None) and field.examples:
-            yield f"# {key} = {_toml(field.examples[0])}   # {field.description}"
+            yield f"# {key} = {in_toml(field.examples[0])}   # {field.description}"
         elif default != []:
             value = field.examples[0] if key == "positions" and field.examples else default
-            yield f"{key} = {_toml(value)}   # {field.description}"
+            yield f"{key} = {in_toml(value)}   # {field.description}"
 
 
-def _toml(value: Any) -> str:
-    """A value as one line of TOML."""
+def in_toml(value: Any) -> str:
+    """Return a value as one line of TOML."""
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {_toml(one)}" for key, one in value.items()) + " }"
+        return "{ " + ", ".join(f"{key} = {in_toml(one)}" for key, one in value.items()) + " }"
     if isinstance(value, list | tuple):
-        return "[" + ", ".join(_toml(one) for one in value) + "]"
+        return "[" + ", ".join(in_toml(one) for one in value) + "]"
     return tomli_w.dumps({"x": value}).removeprefix("x = ").strip()
 
 
