@@ -10,9 +10,9 @@ units. What a user calls:
     scan           what the probe reads along a line over the tissue
     detectability  which tumours it sees, and of which it tells the stiffness
     estimate       from readings to modulus, diameter or depth
-    optimize       a better probe for a scene
+    optimize       a better probe for a population of tumours, or for the one of a scene
     sweep          thousands of designs, answered once each
-    export         the probe as STEP files and a drawing
+    export         the probe as the workshop needs it: STEP, drawings, film patterns, moulds, lists
 
     >>> from probe_design import evaluate
     >>> evaluate("examples/scene.toml", evaluator="closed-form").ratio  # doctest: +SKIP
