@@ -52,7 +52,7 @@ def test_a_scene_and_its_file_are_answered_alike() -> None:
 @pytest.mark.parametrize("function", [evaluate, scan, detectability, estimate, probe_design.optimize, curve, load])
 def test_what_is_no_scene_is_refused_in_one_line(function: Any, tmp_path: Any) -> None:
     extra = {curve: {"moduli": [1e3]}, load: {"force": 0.1}, estimate: {"ratio": 0.6}}.get(function, {})
-    with pytest.raises(InputError, match="scene = 3: allowed: a Scene, or the name"):
+    with pytest.raises(InputError, match=r"(scene|design) = 3: allowed: a (Design or )?Scene, (or )?the name"):
         function(3, **extra)
     with pytest.raises(InputError, match="scene file = "):
         function(tmp_path / "nothing.toml", **extra)

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from geometry.cad import solids
-from geometry.scenes.probe import Base, Film, Groove, Material, Probe
+from geometry.scenes.probe import Base, Film, Material, Probe
+from geometry.scenes.units import SI
 
 RUBBER = Material(youngs_modulus=1e6, poisson_ratio=0.4)
 FILM = Film(thickness=110e-6)
@@ -23,11 +24,12 @@ def make(
     **others: Any,
 ) -> Probe:
     """A probe with a groove of that width and depth, or none; other heights, sizes and bases take the place of those here."""
-    cut = None if groove is None else Groove(width=groove[0], depth=groove[1])
+    cut = None if groove is None else {"width": groove[0], "depth": groove[1]}
     heights = {} if "inner_height" in others else {"height": height}
     sizes = {} if "outer_radius" in others else {"area_ratio": area_ratio}
     blocks = {"inner": RUBBER, "outer": RUBBER}
-    return Probe(inner_radius=inner_radius, gap=gap, groove=cut, film=film, **heights, **sizes, **blocks, **others)
+    rest = {"inner_radius": inner_radius, "gap": gap, "groove": cut, "film": film}
+    return Probe.model_validate({**rest, **heights, **sizes, **blocks, **others}, context=SI)
 
 
 def read(path: Path) -> Any:

@@ -8,6 +8,7 @@ from typing import Any
 from hypothesis import strategies as st
 
 from geometry import Scene
+from geometry.scenes.units import SI
 
 LENGTHS = {
     "inner_radius", "outer_radius", "gap", "height", "inner_height", "outer_height", "radius", "depth", "diameter", "x", "y",
@@ -46,7 +47,7 @@ def scenes(draw: Any, least_cover: float = 0.15, farthest: float = 0.0, tumours:
         "contact": {"interface": draw(st.sampled_from(["bonded", "frictionless"]))},
         "load": {"indentation": 1e-6},
     }
-    return scaled(Scene.model_validate(scene), moduli=draw(between(0.1, 100.0)))
+    return scaled(Scene.model_validate(scene, context=SI), moduli=draw(between(0.1, 100.0)))
 
 
 def materials(least: float, most: float) -> st.SearchStrategy[dict[str, float]]:
@@ -94,7 +95,7 @@ def scaled(scene: Scene, lengths: float = 1.0, moduli: float = 1.0) -> Scene:
             return tuple(of(key, one) for one in value)
         return value * lengths if key in LENGTHS else value * moduli if key == "youngs_modulus" else value
 
-    return Scene.model_validate(of("", scene.model_dump(exclude_unset=True)))
+    return Scene.model_validate(of("", scene.model_dump(exclude_unset=True)), context=SI)
 
 
 def stiffened(scene: Scene, part: str, times: float) -> Scene:
@@ -104,7 +105,7 @@ def stiffened(scene: Scene, part: str, times: float) -> Scene:
     for key in MODULI[part]:
         material = material[key]
     material["youngs_modulus"] *= times
-    return Scene.model_validate(data)
+    return Scene.model_validate(data, context=SI)
 
 
 def homogeneous(scene: Scene) -> Scene:
@@ -118,7 +119,7 @@ def in_a_block(scene: Scene) -> Scene:
     tissue = scene.tissue.model_dump(exclude={"shape"})
     radius = tissue.pop("radius")
     block = {**tissue, "shape": "block", "length": 2.2 * radius, "breadth": 1.6 * radius}
-    return Scene.model_validate({**scene.model_dump(exclude_unset=True), "tissue": block})
+    return Scene.model_validate({**scene.model_dump(exclude_unset=True), "tissue": block}, context=SI)
 
 
 def moved(scene: Scene, xx: float, xy: float, yx: float, yy: float) -> Scene:
@@ -130,4 +131,4 @@ def moved(scene: Scene, xx: float, xy: float, yx: float, yy: float) -> Scene:
     tissue = data["tissue"]
     if scene.tissue.shape == "block" and xx == yy == 0:
         tissue.update(length=tissue["breadth"], breadth=tissue["length"])
-    return Scene.model_validate(data)
+    return Scene.model_validate(data, context=SI)

@@ -14,6 +14,7 @@ from geometry.scenes.scene_file import read_scene, scene_to_toml
 from geometry.workshop.tolerance import UNBOUND
 from probe_design.cli.design import export
 from probe_design.optimisation import report
+from probe_design.workshop import package  # before anything is replaced, or what is replaced would stay in it
 
 EDGE = 0.1e-3
 Handed = list[tuple[str, float]]
@@ -40,11 +41,10 @@ def handed(monkeypatch: pytest.MonkeyPatch) -> Handed:
     def draw(probe: object, path: Path, edge_radius: float = 0.0) -> None:
         got.append(("drawing", edge_radius))
 
-    for place in ("geometry.cad.export.export", "probe_design.workshop.package.write"):
-        monkeypatch.setattr(place, write)
-    for place in ("geometry.cad.drawing.draw", "probe_design.workshop.package.draw"):
-        monkeypatch.setattr(place, draw)
-    monkeypatch.setattr("probe_design.workshop.package.ratio_budget", lambda scene, ratio: UNBOUND)
+    monkeypatch.setattr("geometry.cad.export.export", write)
+    monkeypatch.setattr("geometry.cad.drawing.draw", draw)
+    for name, instead in (("write", write), ("draw", draw), ("ratio_budget", lambda scene, ratio: UNBOUND)):
+        monkeypatch.setattr(package, name, instead)
     return got
 
 

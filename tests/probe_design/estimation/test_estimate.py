@@ -23,6 +23,7 @@ from probe_design.estimation.profile import Track, coordinate
 from probe_design.estimation.readings import Measurements, Reading, one_reading, read_readings
 from probe_design.estimation.strength import strength
 from solver import evaluate
+from tests.support.load_paths import added_by_blocks
 from tests.support.paths import EXAMPLES, REFERENCE
 from tests.support.program import refused, run
 from tests.support.slow import slow_unless
@@ -346,7 +347,9 @@ class TestLoads:
         assert heavy.error_estimate is not None
         radius, depth = self.scene(0.0).probe.tube_radius, self.scene(0.0).tissue.depth
         covered = 1 + 0.55 * (8 / (5 + 0.05 * 8) - 0.5) ** 1.3
-        x = 0.02 / 93.166 * math.hypot(1 / radius, 25 * radius / depth**2)  # stiffness: tests/reference/contact
+        deep = 0.02 / 93.166  # stiffness: tests/reference/contact
+        pressed = evaluate(self.scene(0.02), "axisymmetric")
+        x = deep * (math.hypot(1 / radius, 25 * radius / depth**2) + added_by_blocks(self.scene(0.02).probe, pressed, deep))
         assert heavy.error_estimate - light.error_estimate == pytest.approx(0.1 * covered * x, rel=0.03)
         ends = [one for interval in (heavy.interval, light.interval) for one in interval if one is not None]
         assert ends[0] < ends[2] < ends[3] < ends[1]

@@ -93,7 +93,7 @@ def test_a_load_beyond_linear_elasticity_is_lowered_to_what_references_allow() -
     pressed = pressing(scene, totals, CoarseModel.of(scene).closure)
     assert pressed.by in ("strain", "gap closure")
     assert pressed.load == Load(force=pressed.force)
-    below = [row for row in found["rows"] if row["force"] <= 1.2 * pressed.force]  # a little beyond, where the first row is
+    below = [row for row in found["rows"] if row["force"] <= 1.4 * pressed.force]  # a little beyond, where the first row is
     assert below
     for row in below:
         assert row["ratio"] == pytest.approx(found["small_load"]["ratio"], rel=0.01)

@@ -10,6 +10,7 @@ from geometry import Refusal, Scene, read_scene
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Load
 from geometry.scenes.scene_file import scene_from_toml
+from geometry.scenes.units import SI
 from geometry.scenes.variables import changed, values
 from solver.axisymmetric.gradients import gradients
 from solver.axisymmetric.level import Axisymmetric
@@ -31,7 +32,7 @@ def on(*layers: tuple[float, ...], scene: Scene = EXAMPLE, **changes) -> Scene:
     names = ("thickness", "youngs_modulus", "poisson_ratio")
     tables = [dict(zip(names, (1e-3 * one[0], *one[1:], 0.45)[:3], strict=True)) for one in layers]
     data = scene.model_dump(exclude_unset=True)
-    return Scene.model_validate(data | {"tissue": data["tissue"] | {"layer": tables}} | changes)
+    return Scene.model_validate(data | {"tissue": data["tissue"] | {"layer": tables}} | changes, context=SI)
 
 
 def cut(*thicknesses: float) -> Scene:

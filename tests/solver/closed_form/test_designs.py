@@ -9,6 +9,7 @@ from scipy.integrate import quad
 from scipy.special import jv, spherical_jn
 
 from geometry import CylinderTissue, HalfSpaceTissue, Inclusion, InputError, Refusal, Scene
+from geometry.scenes.units import SI
 from solver import evaluate
 from solver.casadi_functions.closed_form import ClosedFormFunction
 from solver.closed_form.bessel import bessel, spherical
@@ -249,7 +250,8 @@ def test_casadi_differentiates_it() -> None:
 
 def test_deep_layer_is_a_half_space() -> None:
     scene = expected("axisymmetric")[0].scene
-    deep = CylinderTissue(shape="cylinder", radius=20.0 / 3, depth=9.9, youngs_modulus=1e3, poisson_ratio=0.4)
+    sizes = {"radius": 20.0 / 3, "depth": 9.9, "youngs_modulus": 1e3, "poisson_ratio": 0.4}
+    deep = CylinderTissue.model_validate({"shape": "cylinder", **sizes}, context=SI)
     endless = HalfSpaceTissue(shape="half-space", youngs_modulus=1e3, poisson_ratio=0.4)
     one, other = (evaluate(scene.model_copy(update={"tissue": tissue}), "closed-form") for tissue in (deep, endless))
     assert one.stiffness == pytest.approx(other.stiffness, rel=2e-3)

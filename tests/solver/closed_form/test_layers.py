@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from geometry import Refusal, Scene, read_scene
 from geometry.common.errors import InputError
+from geometry.scenes.units import SI
 from solver import evaluate
 from solver.casadi_functions.closed_form import ClosedFormFunction
 from solver.closed_form.block_compliance import ElasticBlocks
@@ -40,7 +41,7 @@ def on(*layers: tuple[float, ...], scene: Scene = EXAMPLE) -> Scene:
     names = ("thickness", "youngs_modulus", "poisson_ratio")
     tables = [dict(zip(names, (1e-3 * one[0], *one[1:], 0.45)[:3], strict=True)) for one in layers]
     data = scene.model_dump(exclude_unset=True)
-    return Scene.model_validate(data | {"tissue": data["tissue"] | {"layer": tables}})
+    return Scene.model_validate(data | {"tissue": data["tissue"] | {"layer": tables}}, context=SI)
 
 
 def raw(scene: Scene, *, nodes: int | None = None, merged: bool = False) -> np.ndarray:
