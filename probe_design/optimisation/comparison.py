@@ -25,7 +25,7 @@ def level_rows(optimum: Optimum) -> list[Row]:
         for (name, one, variable), (_, other, _) in zip(_design(start), _design(best), strict=True)
     ]
     rows += [(name, one, other, "") for (name, one), (_, other) in zip(_load(start), _load(best), strict=True)]
-    for level, pick in (("closed-form", _searched), (optimum.judges, _judged)):
+    for level, pick in (("closed-form", _searched), (optimum.judge, _judged)):
         for (name, one), (_, other) in zip(pick(start), pick(best), strict=True):
             rows.append((f"{name} by {level}", one, other, ""))
     return rows
@@ -57,18 +57,15 @@ def candidates_csv(optimum: Optimum) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     names = [name for name, *_ in (*_design(optimum.baseline), *_load(optimum.baseline))]
-    objectives = ["judged by", "objective", "least", "most"]
+    objectives = [f"objective {optimum.judge}", "least", "most"]
     writer.writerow(["design", *names, "objective closed-form", *objectives, "ratio", "log_sensitivity", "error_estimate"])
     for name, one in [("start", optimum.baseline), *((f"{k + 1}", c) for k, c in enumerate(optimum.candidates))]:
         judged = one.judged
-        results = (one.judged_objective, one.least, one.most, judged.ratio, judged.log_sensitivity, judged.error_estimate)
-        cells = [cells[1] for cells in (*_design(one), *_load(one))]
-        writer.writerow([name, *cells, _cell(one.searched_objective), judged.evaluator, *map(_cell, results)])
+        results = (one.searched_objective, one.judged_objective, one.least, one.most)
+        answers = (judged.ratio, judged.log_sensitivity, judged.error_estimate)
+        numbers = [f"{v:.6g}" if v is not None and math.isfinite(v) else "" for v in (*results, *answers)]
+        writer.writerow([name, *(cells[1] for cells in (*_design(one), *_load(one))), *numbers])
     return text.getvalue()
-
-
-def _cell(value: float | None) -> str:
-    return f"{value:.6g}" if value is not None and math.isfinite(value) else ""
 
 
 def _limits(limits: tuple[Limit, ...], variable: str) -> str:

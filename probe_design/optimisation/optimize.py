@@ -108,17 +108,23 @@ def _polished(run: Judging, best: tuple[Candidate, ...]) -> Iterator[Candidate]:
     run.progress(stage, len(best), len(best))
 
 
-def _under_load(run: Judging, found: Optimum) -> Optimum:
-    """Start and finalists under the scene's own load, where that is beyond linear elasticity and ``contact`` takes them."""
-    finalists = (found.baseline, *found.candidates[:POLISHED])
-    if not any(map(asks_for_contact, finalists)):
-        return found
-    stage, pressed = "pressing finalists by contact", []
-    for k, one in enumerate(finalists):
-        run.progress(stage, k, len(finalists))
-        pressed.append(under_load(one, run.noise))
-    run.progress(stage, len(finalists), len(finalists))
-    return replace(found, baseline=pressed[0], candidates=merged((*pressed[1:], *found.candidates[POLISHED:])))
+def _under_load(run: Judging, decided: Optimum) -> Optimum:
+    """Tell what ``contact`` says of start and best design under the scene's own load, where that is beyond linear elasticity.
+
+    It ranks none: a search that does not know it would leave designs out which are the best under load, so that a wider limit
+    could give a worse optimum.
+    """
+    both = (decided.baseline, decided.found)
+    if not any(map(asks_for_contact, both)):
+        return decided
+    stage, loaded = "pressing start and best design by contact", []
+    for k, one in enumerate(both):
+        run.progress(stage, k, len(both))
+        loaded.append(under_load(one, run.noise))
+    run.progress(stage, len(both), len(both))
+    if loaded == list(both):
+        return decided
+    return replace(decided, loaded=(loaded[0], loaded[1]))
 
 
 def _decided(run: Judging, baseline: Candidate, candidates: tuple[Candidate, ...]) -> Optimum:

@@ -19,11 +19,13 @@ class Optimum:
     """What an optimisation found.
 
     Attributes:
-        judge: the evaluator that ranked the designs, before ``contact`` judged what it presses harder.
+        judge: the evaluator that ranked the designs.
         room: the limits they were to keep.
         noise: of a reading.
         baseline: the start.
         candidates: the re-ranked designs, best first.
+        loaded: start and the design that was found as ``contact`` judges them under the scene's own load, where that is beyond
+            what the judge answers for; None elsewhere. It ranks no designs: see ``docs/contact.md``.
     """
 
     judge: str
@@ -31,6 +33,7 @@ class Optimum:
     noise: Noise
     baseline: Candidate
     candidates: tuple[Candidate, ...]
+    loaded: tuple[Candidate, Candidate] | None = None
 
     @property
     def winner(self) -> Candidate | None:
@@ -53,11 +56,6 @@ class Optimum:
         return self.winner or next(iter(self.candidates), self.baseline)
 
     @property
-    def judges(self) -> str:
-        """Who judged the start and the design that was found: one name, or two parted by " / "."""
-        return " / ".join(dict.fromkeys(one.judged.evaluator for one in (self.baseline, self.found)))
-
-    @property
     def limits(self) -> tuple[Limit, ...]:
         """All limits of the designs, and which of them the one that was found lies on."""
         return self.room.limits(self.found.scene)
@@ -65,7 +63,7 @@ class Optimum:
     @property
     def verdict(self) -> str:
         """What was found, and why it counts or does not, in one sentence."""
-        found, start, by = _told(self.found), f"the start's {_told(self.baseline)}", f"by {self.judges}"
+        found, start, by = _told(self.found), f"the start's {_told(self.baseline)}", f"by {self.judge}"
         if self.winner is not None:
             return f"improved: standard deviation of ln E_object {found} in place of {start}, {by}"
         less = 1 - self.found.judged_objective / self.baseline.judged_objective
@@ -87,6 +85,12 @@ class Optimum:
     @property
     def remarks(self) -> Iterator[str]:
         """What else one has to know of the search."""
+        if self.loaded is not None:
+            before, after = self.loaded
+            yield (
+                f"under more load, by contact: standard deviation of ln E_object {_told(after)} at {after.pressing.force:.3g} N "
+                f"in place of the start's {_told(before)} at {before.pressing.force:.3g} N"
+            )
         refused = self.baseline.refused or self.best.refused
         if refused is not None:
             yield (

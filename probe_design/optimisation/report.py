@@ -77,7 +77,7 @@ def summary(optimum: Optimum, files: Sequence[Path]) -> dict[str, Any]:
         "design": scene_to_dict(best.pressed),
         "objective": _finite(best.judged_objective),
         "baseline_objective": _finite(start.judged_objective),
-        "evaluator": best.judged.evaluator,
+        "evaluator": optimum.judge,
         "status": optimum.status,
         "verdict": optimum.verdict,
         "remarks": list(optimum.remarks),
@@ -93,6 +93,7 @@ def summary(optimum: Optimum, files: Sequence[Path]) -> dict[str, Any]:
         "force_limited_by": best.pressing.by,
         "baseline": _summary(start),
         "candidates": [_summary(one) for one in optimum.candidates],
+        "under_load": None if optimum.loaded is None else [_summary(one) for one in optimum.loaded],
         "provenance": _origin(optimum),
     }
 
@@ -143,10 +144,10 @@ def _notes(optimum: Optimum) -> tuple[str, ...]:
     """What the numbers of the comparison mean."""
     return (
         f"Standard deviations hold for {noise_line(optimum)}. A star marks a limit that the design lies on. The search used "
-        f"the closed form; {optimum.judges} judged. A gain counts only where it is beyond the errors of both designs: those of "
-        f"the log-sensitivity and the ratio by {optimum.judges}, and what finite strain changes of both at the force. That is "
-        "the scene's load; by linear levels no more than changes the ratio by 1 %, and 1/25 of the force that closes the gap "
-        "in linear elasticity; by contact as far as the gap stays open; design.toml has it as its load. Lengths are rounded "
+        f"the closed form; {optimum.judge} judged. A gain counts only where it is beyond the errors of both designs: those of "
+        f"the log-sensitivity and the ratio by {optimum.judge}, and what finite strain changes of both at the force. That is "
+        "the least of what the scene's load gives on each design, the force at which finite strain changes the ratio by 1 %, "
+        "and 1/25 of the force that closes the gap in linear elasticity; design.toml has it as its load. Lengths are rounded "
         "to 0.01 mm and moduli to three digits before they are judged: this table is the probe as it is drawn.",
         "A standard deviation of ln E_object of 1 means that the stiffness is known to a factor of 2.7; well above 1 it "
         "cannot be told from one reading, however good the design (a tumour a hundred times stiffer than its tissue hardly "

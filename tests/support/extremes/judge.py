@@ -15,7 +15,7 @@ from typing import Any
 
 from geometry import InputError
 from solver import evaluate
-from tests.support.extremes.rows import Row, Truth
+from tests.support.extremes.rows import Row, Truth, lightened
 
 ACCURACY = 0.01
 PATIENCE = 300  # s of the processor: what takes longer is no answer
@@ -75,6 +75,7 @@ class Cell:
 
 def answer(row: Row, evaluator: str) -> Answer:
     """Evaluate a scene, with every warning an error."""
+    row = _asked(row, evaluator)
     start = time.process_time()
 
     def found(**outcome: Any) -> Answer:
@@ -92,8 +93,14 @@ def answer(row: Row, evaluator: str) -> Answer:
     return found(values=values)
 
 
+def _asked(row: Row, evaluator: str) -> Row:
+    """What an evaluator is asked: ``auto``, which goes to ``contact`` under loads, lightly where linear values are true."""
+    return lightened(row) if evaluator == "auto" and row.group != "loads" else row
+
+
 def judged(row: Row, told: Answer) -> Cell:
     """Compare an answer with the true values."""
+    row = _asked(row, told.evaluator)
     name = (told.row, told.evaluator, told.seconds)
     if told.values is None:
         return Cell(*name, "refused", told.refusal) if told.refusal else Cell(*name, "wrong", told.fault or "no answer")
