@@ -18,7 +18,8 @@ FOLDERS = {
     "tissue-layers": "skin, fat, bone, films: tissue of layers",
     "tissue-layers-off-axis": "tumours beside the axis in tissue of layers",
 }
-LIGHT, STRESSES = 1e-3, ("stress_inner", "stress_outer")
+LIGHT, SMALL = 1e-3, 1e-3  # of loads; m, probes narrower than which are pressed more lightly by the square
+STRESSES = ("stress_inner", "stress_outer")
 SENSITIVITY_FLOOR = 1e-4  # below it the references' uncertainty of the log-sensitivity is relative to this
 
 
@@ -62,10 +63,11 @@ class Row:
 
 
 def lightened(row: Row) -> Row:
-    """Return a row of linear elasticity under a thousandth of its load, where ``auto`` answers linearly."""
+    """Return a row of linear elasticity under a thousandth of its load or less, where ``auto`` answers linearly."""
     load, truth = row.scene.load, row.truth
-    light = {key: value and LIGHT * value for key, value in (("force", load.force), ("indentation", load.indentation))}
-    stresses = {key: value and LIGHT * value for key in STRESSES if (value := getattr(truth, key)) is not None}
+    share = LIGHT * min(1.0, row.scene.probe.tube_radius / SMALL) ** 2
+    light = {key: value and share * value for key, value in (("force", load.force), ("indentation", load.indentation))}
+    stresses = {key: value and share * value for key in STRESSES if (value := getattr(truth, key)) is not None}
     return replace(row, scene=row.scene.model_copy(update={"load": Load(**light)}), truth=replace(truth, **stresses))
 
 
