@@ -39,6 +39,9 @@ def level_of(scene: Scene) -> str:
 def slopes(scene: Scene, variables: Sequence[Toleranced], accuracy: float) -> Floats:
     """Return dy / dx of ``sampled.OUTPUTS`` by variables, per SI unit, shape (4, v).
 
+    Beside the axis what surface and blocks send back of a tumour's field is left out: slopes of the log-sensitivity are then good
+    to some tenth where the cover is half a diameter.
+
     Raises:
         Refusal: see ``level_of``; or a block's height cannot be moved alone, as an elastic base lies on both films.
     """
