@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -56,3 +57,19 @@ def scene_to_toml(scene: Scene) -> str:
     import tomli_w
 
     return tomli_w.dumps(scene_to_dict(scene))
+
+
+def named_scene(entry: object, folder: Path) -> Scene:
+    """Return the scene that another file's key ``scene`` says: a ``Scene``, the name of a file in a folder, or its tables.
+
+    Raises:
+        InputError: it says none, or one that is not allowed.
+    """
+    if isinstance(entry, Scene):
+        return entry
+    if isinstance(entry, str | Path):
+        return read_scene(folder / entry)
+    if isinstance(entry, Mapping):
+        return scene_from_dict(dict(entry))
+    value = Words("missing") if entry is None else entry
+    raise InputError("scene", value, "the name of a scene file, or its tables, [scene.probe]")

@@ -14,12 +14,11 @@ from geometry.common.errors import InputError, Words
 from geometry.common.text_files import read_tables
 from geometry.scenes.probe import Frozen
 from geometry.scenes.scene import Scene
-from geometry.scenes.scene_file import read_scene, scene_from_dict
+from geometry.scenes.scene_file import named_scene
 from geometry.scenes.units import Quantity
 from probe_design.populations.tables import DesignLimits, NoiseModel, Objective, PopulationRanges, Protocol
 from probe_design.populations.variables import DesignVariables
 
-SCENE = "the name of a scene file, or its tables, [scene.probe] and so on"
 SECTIONS = ("population", "protocol", "noise", "limits", "variables", "objective")
 
 
@@ -68,22 +67,12 @@ def design_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_
     rest = {name: table for name, table in tables.items() if name != "scene"}
     if unknown := [name for name in rest if name not in SECTIONS]:
         raise InputError(str(unknown[0]), rest[unknown[0]], _keys(str(unknown[0]), ("scene", *SECTIONS)))
-    scene = _scene(tables.get("scene"), Path(folder))
+    scene = named_scene(tables.get("scene"), Path(folder))
     try:
         design = Design.model_validate({**rest, "scene": scene}, context={"units_required": units_required})
     except ValidationError as refused:
         raise _first_fault(refused) from None
     return _located(_checked(design), Path(folder))
-
-
-def _scene(entry: object, folder: Path) -> Scene:
-    if isinstance(entry, Scene):
-        return entry
-    if isinstance(entry, str | Path):
-        return read_scene(folder / entry)
-    if isinstance(entry, Mapping):
-        return scene_from_dict(dict(entry))
-    raise InputError("scene", Words("missing") if entry is None else entry, SCENE)
 
 
 def _checked(design: Design) -> Design:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 from pydantic import ValidationInfo
@@ -58,8 +59,39 @@ class Range:
         return np.asarray(low * (high / low) ** share if self.log else low + (high - low) * share, dtype=float)
 
 
+Said = TypeVar("Said")
+
+
+class FileEntry(ABC, Generic[Said]):
+    """What an entry of a design file says, as a pydantic annotation: how it is read, written, and told where it is refused."""
+
+    @property
+    @abstractmethod
+    def allowed(self) -> str:
+        """What is one, in words."""
+
+    @abstractmethod
+    def read(self, entry: object, units_required: bool) -> Said:
+        """Return what an entry of a file says; raises ``ValueError`` saying why it is none."""
+
+    @abstractmethod
+    def written(self, value: Said) -> Any:
+        """Return what a file says of it."""
+
+    def _validate(self, entry: Any, info: ValidationInfo) -> Said:
+        try:
+            return self.read(entry, bool(info.context and info.context.get("units_required")))
+        except (ValueError, OverflowError) as fault:
+            raise PydanticCustomError("quantity", "{allowed} ({why})", {"allowed": self.allowed, "why": str(fault)}) from None
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Tell pydantic how to read and, as JSON, write the range."""
+        write = core_schema.plain_serializer_function_ser_schema(self.written, when_used="json-unless-none")
+        return core_schema.with_info_plain_validator_function(self._validate, serialization=write)
+
+
 @dataclass(frozen=True)
-class Ranged:
+class Ranged(FileEntry[Range]):
     """A ``Range`` as a pydantic annotation.
 
     One text is one value, two in a list are the ends of a range, one or three and more are a list; ``{values = [...]}`` is a list
@@ -104,14 +136,3 @@ class Ranged:
         """Return what a file says of it."""
         texts = [self.quantity.text(one) for one in value.values]
         return {"values": texts} if len(texts) == 2 and not value.continuous else texts
-
-    def _validate(self, entry: Any, info: ValidationInfo) -> Range:
-        try:
-            return self.read(entry, bool(info.context and info.context.get("units_required")))
-        except (ValueError, OverflowError) as fault:
-            raise PydanticCustomError("quantity", "{allowed} ({why})", {"allowed": self.allowed, "why": str(fault)}) from None
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Tell pydantic how to read and, as JSON, write the range."""
-        write = core_schema.plain_serializer_function_ser_schema(self.written, when_used="json-unless-none")
-        return core_schema.with_info_plain_validator_function(self._validate, serialization=write)

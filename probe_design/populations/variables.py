@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, ValidationInfo
-from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+from pydantic import Field
 
 from geometry.scenes.probe import LENGTH, MODULUS, Frozen
 from geometry.scenes.units import Quantity
+from probe_design.populations.ranges import FileEntry
 
 if TYPE_CHECKING:
-    from pydantic import GetCoreSchemaHandler
+    pass
 
 MOST_CHOICES = 1000
 FIXED: Literal["fixed"] = "fixed"
@@ -39,7 +39,7 @@ class DesignVariable:
 
 
 @dataclass(frozen=True)
-class Varied:
+class Varied(FileEntry[DesignVariable]):
     """A ``DesignVariable`` as a pydantic annotation: ``"fixed"``, ``[low, high]``, or a table of bounds, step and choices.
 
     Args:
@@ -94,17 +94,6 @@ class Varied:
         if self.quantity is NUMBER and any(isinstance(one, str) for one in entries):
             raise ValueError("a text, not a number")
         return tuple(self.quantity.value(one, required) for one in entries)
-
-    def _validate(self, entry: Any, info: ValidationInfo) -> DesignVariable:
-        try:
-            return self.read(entry, bool(info.context and info.context.get("units_required")))
-        except (ValueError, OverflowError) as fault:
-            raise PydanticCustomError("quantity", "{allowed} ({why})", {"allowed": self.allowed, "why": str(fault)}) from None
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Tell pydantic how to read and, as JSON, write it."""
-        write = core_schema.plain_serializer_function_ser_schema(self.written, when_used="json-unless-none")
-        return core_schema.with_info_plain_validator_function(self._validate, serialization=write)
 
 
 VariedLength = Annotated[DesignVariable, Varied(LENGTH)]

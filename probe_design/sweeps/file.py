@@ -15,7 +15,7 @@ from geometry.common.resources import Limits, limits
 from geometry.common.text_files import read_tables
 from geometry.scenes.messages import most_telling
 from geometry.scenes.scene import Scene
-from geometry.scenes.scene_file import read_scene, scene_from_dict
+from geometry.scenes.scene_file import named_scene
 from geometry.scenes.units import MEMORY, SI, TIME
 from probe_design.sweeps.constraints import satisfied
 from probe_design.sweeps.keys import Key, Value, at_path, changed, key
@@ -102,7 +102,7 @@ def sweep_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_r
     for name in tables:
         if name not in _KEYS:
             raise InputError(str(name), tables[name], f"one of {', '.join(_KEYS)}")
-    base = _with_whole_names(_scene(tables.get("scene"), Path(folder)).model_dump(exclude_unset=True))
+    base = _with_whole_names(named_scene(tables.get("scene"), Path(folder)).model_dump(exclude_unset=True))
     sample = _sample(tables.get("sample", {}))
     entries = tables.get("variables")
     if not isinstance(entries, Mapping) or not entries:
@@ -130,18 +130,6 @@ def sweep_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_r
         base, variables, sample, evaluator=evaluator, accuracy=accuracy, linear=linear, constraints=tuple(constraints),
         limits=_limits(tables, units_required),
     )  # fmt: skip
-
-
-def _scene(entry: object, folder: Path) -> Scene:
-    if isinstance(entry, Scene):
-        return entry
-    if isinstance(entry, str | Path):
-        return read_scene(folder / entry)
-    if isinstance(entry, Mapping):
-        return scene_from_dict(dict(entry))
-    raise InputError(
-        "scene", Words("missing") if entry is None else entry, "the name of a scene file, or its tables, [scene.probe]"
-    )
 
 
 def _with_whole_names(base: dict[str, Any]) -> dict[str, Any]:
