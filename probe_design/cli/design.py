@@ -73,6 +73,7 @@ def optimize(
       moduli         10 kPa to 1 MPa, of each block
     The force is the least of what SCENE's load gives on the design, the force at which finite strain changes the ratio
     by 1 %, and 1/25 of the force that closes the gap. The table says which limits are active and what sets the force.
+    Where SCENE's load is more, level contact tells beside it what start and best design bring under that.
     """  # noqa: D301
     from probe_design.design_search.question import question
     from probe_design.populations.design_file import Design

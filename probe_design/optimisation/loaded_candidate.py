@@ -1,4 +1,4 @@
-"""Finalists under loads that linear elasticity does not answer for: level ``contact`` judges them."""
+"""Start and best design under loads that linear elasticity does not answer for: level ``contact`` judges them."""
 
 from __future__ import annotations
 

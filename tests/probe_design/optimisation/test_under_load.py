@@ -1,4 +1,4 @@
-"""Finalists under more load than linear elasticity answers for, against references with finite strain and contact."""
+"""Designs under more load than linear elasticity answers for, against references with finite strain and contact."""
 
 from __future__ import annotations
 
