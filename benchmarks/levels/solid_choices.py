@@ -29,8 +29,9 @@ from solver.linalg.cholesky import factorise
 from solver.linalg.conjugate_gradients import Stiffness, solve
 from solver.solid.base_states import SolidStates
 from solver.solid.body_stiffness import assembled, part
-from solver.solid.difference import difference, mesh_domain
+from solver.solid.difference import difference
 from solver.solid.domain import domain
+from solver.solid.domain_mesh import mesh_domain
 
 TESTS = Path(__file__).parents[2] / "tests"
 BONDED = {0.3: 1.118576, 0.49: 1.502552, 0.4999: 1.544227}  # apparent modulus over modulus, R/h = 1, PHYSICS section 7

@@ -108,6 +108,11 @@ class _Ldlt:
     def __init__(self, handle: Any, single: bool) -> None:
         self.handle, self.single = handle, single
 
+    @property
+    def foreign_bytes(self) -> int:
+        """What the library holds."""
+        return int(self.handle.heap_bytes)
+
     @classmethod
     def of(cls, library: Any, lower: sp.csc_array) -> _Ldlt:
         n = lower.shape[0]

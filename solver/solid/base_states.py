@@ -17,7 +17,7 @@ from solver.solid.problem import BLOCKS, STATES, Problem
 from solver.solid.regions import Region
 from solver.solid.tetrahedron import integrated
 
-DOUBLE = 60_000  # unknowns up to which factors are in double precision: beyond, single is faster too
+DOUBLE = 20_000  # unknowns up to which factors are in double precision: beyond, single is faster too, and half as large
 TAMED = 100.0
 
 
@@ -76,19 +76,23 @@ class FactorisedStates(SolidStates):
         return SolidStates(self.problem, self.v, self.energies)
 
 
-def solid_states(problem: Problem, near: FactorisedStates | None = None) -> FactorisedStates:
+def solid_states(
+    problem: Problem, near: FactorisedStates | None = None, *, factor: Factor | None = None, start: Floats | None = None
+) -> FactorisedStates:
     """Solve all states.
 
     Args:
         problem: what is solved.
         near: states of other materials of the same bodies. Their factor serves again, and they are where the solution starts.
+        factor: of a matrix near the problem's, where there is no such state.
+        start: where the solution starts then.
 
     Raises:
         SolveError: the residual is too large.
     """
-    shared = near is not None and near.problem.supports is problem.supports
-    start, loads = near.v if near is not None and shared else None, problem.loads()
-    factor = near.factor if near is not None and shared else _factor(problem)
+    if near is not None and near.problem.supports is problem.supports:
+        factor, start = near.factor, near.v
+    factor, loads = factor or factor_of(problem), problem.loads()
     try:
         v = solve(problem.matrix, loads, factor, start)
     except SolveError:  # too far away, or too rough
@@ -97,8 +101,8 @@ def solid_states(problem: Problem, near: FactorisedStates | None = None) -> Fact
     return FactorisedStates(problem, v, energies(problem, v), factor)
 
 
-def _factor(problem: Problem) -> Factor:
-    """Large systems in single precision, whose rounding errors in stiff bodies would outweigh the softest layer: tamed ones."""
+def factor_of(problem: Problem) -> Factor:
+    """Factorise: large systems in single precision, tamed where its errors in stiff bodies would outweigh the softest layer."""
     if problem.supports.unknowns <= DOUBLE:
         return problem.matrix.factor()
     tamed = dict(problem.materials)

@@ -16,17 +16,16 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
-from geometry.tetra.cache import cached_mesh
 from geometry.tetra.check import files_error
 from geometry.tetra.layout import body_layout, extent
-from geometry.tetra.sizing import TetraFineness
 from geometry.tetra.tet_mesh import INCLUSION, TetMesh
-from solver.solid.base_states import FactorisedStates, SolidStates, solid_states
+from solver.solid.base_states import FactorisedStates, SolidStates
 from solver.solid.body_stiffness import Elastic
 from solver.solid.domain import Domain
+from solver.solid.kept_mesh import kept_mesh
 from solver.solid.modulus_response import solid_response
-from solver.solid.problem import Problem, Solid
-from solver.solid.regions import Region, own_material, reference_material, tissue_about
+from solver.solid.problem import Solid
+from solver.solid.regions import Region, own_material, reference_material, tissue_about, without_inclusions
 
 TAMED = 30.0  # times the tissue's modulus, either way, from which curves begin
 
@@ -56,19 +55,10 @@ class SceneDifference:
     lost: float
 
 
-def mesh_domain(domain: Domain, fineness: TetraFineness) -> TetMesh:
-    """Return the domain's mesh, from the cache if it was made before.
-
-    Raises:
-        InputError, Refusal, SolveError: see ``geometry.tetra.cache.cached_mesh``.
-    """
-    return cached_mesh(domain.scene, fineness, domain.half, None, domain.radius)
-
-
 def difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> tuple[SceneDifference, SolidStates]:
     """Solve reference and scene, at the scene's own modulus of the target or at all ``moduli``; return the scene's states too.
 
-    A factor is most of the memory: the reference's goes before the scene gets one of its own.
+    A factor is most of the memory: there is one for both, which the workspace keeps with the states for other materials.
 
     Raises:
         SolveError: the equations could not be solved.
@@ -76,14 +66,12 @@ def difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> t
     scene, target = domain.scene, domain.scene.target
     if moduli is not None and target is not None:
         scene = _with_modulus(scene, target, float(np.sqrt(moduli.min() * moduli.max())))
-    solid = Solid.of(mesh, scene.contact.interface == "frictionless")
-    plain, own = (_materials(scene, solid, of) for of in (reference_material, own_material))
-    reference = solid_states(Problem.of(solid, plain))
+    kept = kept_mesh(mesh, scene.contact.interface == "frictionless")
+    plain, own = (_materials(scene, kept.solid, of) for of in (reference_material, own_material))
+    base = _materials(scene, kept.solid, without_inclusions)
+    reference = kept.states("reference", plain, base)
     less, residual = reference.reactions, reference.residual
-    near = reference if set(plain) == set(own) else None
-    del reference
-    problem = Problem.of(solid, own, None if near is None else near.problem.supports)
-    states = solid_states(problem, near)
+    states = kept.states("scene", own, base)
     reactions, slope = _reactions(states, scene, target, moduli)
     found = SceneDifference(
         reactions[:, :2, :2] - less[:2, :2],
@@ -91,7 +79,7 @@ def difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> t
         tilt=reactions[:, :2, 2] - less[:2, 2],
         tilt_slope=slope[:, :2, 2],
         reference=less[:2, :2],
-        unknowns=problem.supports.unknowns,
+        unknowns=states.problem.supports.unknowns,
         residual=max(residual, states.residual),
         lost=_lost(domain, mesh),
     )

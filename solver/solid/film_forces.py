@@ -24,17 +24,18 @@ from geometry.common.resources import LimitReached
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
 from geometry.tetra.layout import body_layout
-from geometry.tetra.sizing import COARSE, FINE, ROUGH
+from geometry.tetra.sizing import COARSE, FINE, ROUGH, TetraFineness
 from geometry.tetra.tet_mesh import TetMesh
-from solver.axisymmetric.converged_forces import Converged, converged_forces
-from solver.linalg.workspace import current
+from solver.axisymmetric.converged_forces import converged_forces
+from solver.linalg.workspace import current, kept
 from solver.results.film_forces import Bound, FilmForces
 from solver.results.result import Decision
 from solver.results.warnings import Note, of_kind
 from solver.solid.base_states import SolidStates
-from solver.solid.cost import check_mesh
-from solver.solid.difference import SceneDifference, difference, mesh_domain
+from solver.solid.cost import UNKNOWNS, check_mesh, check_unknowns
+from solver.solid.difference import SceneDifference, difference
 from solver.solid.domain import Domain, coaxial, domain, plain, reach, room
+from solver.solid.domain_mesh import is_meshed, mesh_domain
 
 MESHES = ROUGH, COARSE, FINE
 SHARE = 0.1  # of the accuracy that the symmetric part may take
@@ -75,6 +76,21 @@ class SolidForces:
 
 
 @dataclass(frozen=True)
+class _Exact:
+    """Film forces of a rotationally symmetric scene; see ``Converged``, whose finite elements are not kept here."""
+
+    films: FilmForces
+    plan: tuple[Decision, ...]
+    notes: tuple[Note, ...]
+
+
+@kept
+def _exact(scene: Scene, accuracy: float) -> _Exact:
+    found = converged_forces(scene, accuracy)
+    return _Exact(found.films[0], found.plan, found.notes)
+
+
+@dataclass(frozen=True)
 class _Symmetric:
     """The rotationally symmetric part of eq. SO.5.
 
@@ -89,7 +105,7 @@ class _Symmetric:
     domain: Domain
     exact: Floats
     compliance: Floats
-    whole: Converged
+    whole: _Exact
     edges: float
 
     def corrected(self, change: Floats) -> Floats:
@@ -143,6 +159,7 @@ def _agreed(
         try:
             mesh = next(meshes)
             tell(f"solving on {len(mesh.elements)} tetrahedra")
+            current().begin()  # a coarser mesh's factor may go
             one, states = difference(symmetric.domain, mesh, moduli)
         except LimitReached as limit:
             if not films:
@@ -158,29 +175,37 @@ def _agreed(
 def _meshes(domain: Domain, tell: Tell) -> Iterator[TetMesh]:
     """Finer and finer ones; the first two are made side by side."""
     for fineness in MESHES[:2]:
-        check_mesh(domain, fineness)
+        _check(domain, fineness)
     tell("meshing twice")
     with ThreadPoolExecutor(2) as pool, ProgramGroup() as group:
         for mesh in [pool.submit(group.context().run, mesh_domain, domain, fineness) for fineness in MESHES[:2]]:
             yield mesh.result()
     for fineness in MESHES[2:]:
-        check_mesh(domain, fineness)
+        _check(domain, fineness)
         tell("meshing more finely")
         yield mesh_domain(domain, fineness)
+
+
+def _check(domain: Domain, fineness: TetraFineness) -> None:
+    """Refuse what would pass the limits before it is made: a mesh, or the equations of one that is there."""
+    if is_meshed(domain, fineness):
+        check_unknowns(UNKNOWNS * len(mesh_domain(domain, fineness).elements))
+    else:
+        check_mesh(domain, fineness)
 
 
 def _symmetric(scene: Scene, accuracy: float) -> _Symmetric:
     """Cut far tissue off where that changes what inclusions do by little enough."""
     alone = plain(scene)
-    whole = converged_forces(alone, SHARE * accuracy)
+    whole = _exact(alone, SHARE * accuracy)
     span = reach(scene)
     while True:
         chosen = domain(scene, span, _wall(scene))
-        unsure = whole.films[0].error_under(alone) > accuracy / 4
+        unsure = whole.films.error_under(alone) > accuracy / 4
         if chosen.shortened and not coaxial(scene) and unsure:  # the tissue's sides are known better where they are meshed
             span = np.inf
             continue
-        exact = converged_forces(chosen.reference, SHARE * accuracy).films[0].forces
+        exact = _exact(chosen.reference, SHARE * accuracy).films.forces
         symmetric = _Symmetric(chosen, exact, *_compliance(alone, chosen, exact, whole, accuracy))
         if not chosen.shortened or EDGES * symmetric.edges <= accuracy:
             return symmetric
@@ -198,14 +223,12 @@ def _wall(scene: Scene) -> float | None:
     return body_layout(scene, False, np.inf, None).wall
 
 
-def _compliance(
-    alone: Scene, chosen: Domain, exact: Floats, whole: Converged, accuracy: float
-) -> tuple[Floats, Converged, float]:
+def _compliance(alone: Scene, chosen: Domain, exact: Floats, whole: _Exact, accuracy: float) -> tuple[Floats, _Exact, float]:
     """C of eq. SO.5, the converged whole, and what of it far tissue makes."""
     if chosen.radius is not None:  # edges are meshed: only films and base are left for C
         probe = alone.probe
-        whole = converged_forces(chosen.reference.model_copy(update={"probe": probe}), SHARE * accuracy)
-    forces = whole.films[0].forces
+        whole = _exact(chosen.reference.model_copy(update={"probe": probe}), SHARE * accuracy)
+    forces = whole.films.forces
     compliance = np.linalg.inv(forces) - np.linalg.inv(exact)
     totals = np.abs(forces.sum(axis=1) - exact.sum(axis=1)) / np.abs(exact.sum(axis=1))
     return compliance, whole, float(totals.max()) if chosen.shortened else 0.0
@@ -215,10 +238,10 @@ def _films(
     scene: Scene, symmetric: _Symmetric, coarse: SceneDifference, fine: SceneDifference, floor: float
 ) -> tuple[FilmForces, ...]:
     """Film forces of the finer mesh, with bounds from both."""
-    whole = symmetric.whole.films[0]
+    whole = symmetric.whole.films
     forces, before = symmetric.corrected(fine.forces), symmetric.corrected(coarse.forces)
     slope, slope_before = (symmetric.carried(one.forces, one.slope) for one in (fine, coarse))
-    none = symmetric.whole.films[0].forces
+    none = symmetric.whole.films.forces
     raw = np.abs(np.log(fine.reference.sum(axis=1) / symmetric.exact.sum(axis=1)))
     films = []
     for k, now in enumerate(forces):

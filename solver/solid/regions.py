@@ -73,3 +73,11 @@ def reference_material(scene: Scene, number: int) -> Material | None:
     if region.body >= TISSUE:
         return tissue_at(scene, region.layer)
     return probe.inner if region.body == INNER else probe.outer
+
+
+def without_inclusions(scene: Scene, number: int) -> Material:
+    """A region's material where scene and reference are one: tissue in and beyond the cylinder, the tube in the groove."""
+    region, probe = Region.of(number), scene.probe
+    if region.body >= TISSUE:
+        return tissue_at(scene, region.layer)
+    return probe.inner if region.body == INNER else probe.outer

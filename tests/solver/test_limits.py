@@ -79,6 +79,7 @@ def test_a_third_mesh_that_the_limits_forbid_leaves_the_answer_of_two(monkeypatc
         if fineness is film_forces.MESHES[2]:
             raise LimitReached("memory", "2 GB", "more")
 
+    monkeypatch.setattr(film_forces, "is_meshed", lambda *_: False)
     monkeypatch.setattr(film_forces, "check_mesh", forbidden)
     monkeypatch.setattr(film_forces, "_good", lambda *_: False)
     two = evaluate(scene, "solid", 0.01, said.append)

@@ -36,7 +36,7 @@ def stored_mesh(name: str) -> TetMesh:
 
 
 def scene_mesh(of: Domain, fineness: TetraFineness, name: str = SCENE) -> TetMesh:
-    """What solver.solid.difference.mesh_domain returns, of a scene with the bodies of a named one; ``check`` holds that it is."""
+    """What domain_mesh.mesh_domain returns, of a scene with the bodies of a named one; ``check`` holds that it is."""
     mesh = stored_mesh(f"{name}-{FINENESS[fineness]}")
     check(mesh, _layout(of))
     return mesh

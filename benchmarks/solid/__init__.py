@@ -1,0 +1,1 @@
+"""What scenes that follow one another cost the level ``solid``."""

@@ -1,0 +1,87 @@
+"""What a change of a scene costs the evaluator ``solid``: answered alone, and after the scene that it is a change of.
+
+Usage: ``python -m benchmarks.solid.changes [SCENE.toml] [--accuracy 0.01] [--cache FOLDER]``; some minutes. Meshes are made where
+the folder, else an empty one, has none. Seconds are the processor's, of the processes that mesh, too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from rich.console import Console
+
+from benchmarks.tables import MeasuredTable
+from geometry import Scene, read_scene
+from geometry.common.resources import Limits, limited
+from geometry.tetra.cache import FOLDER
+from solver.linalg.workspace import Workspace
+from solver.results.result import Result
+from solver.solid.level import SolidLevel
+
+SCENE = Path(__file__).parents[2] / "tests" / "reference" / "solid" / "flank.toml"
+COLUMNS = ("scene", "alone, processor, s", "after the first, processor, s", "apart, error", "stated, error", "peak, MB")
+
+
+def changes(scene: Scene) -> Iterator[tuple[str, Scene]]:
+    body, load = scene.inclusion[0], scene.load
+    yield "another load", scene.model_copy(update={"load": load.model_copy(update={"indentation": 2e-6, "force": None})})
+    yield "tumour 1.5 times as stiff", with_first(scene, youngs_modulus=1.5 * body.youngs_modulus)
+    tissue = scene.tissue.model_copy(update={"youngs_modulus": 1.5 * scene.tissue.youngs_modulus})
+    yield "tissue 1.5 times as stiff", scene.model_copy(update={"tissue": tissue})
+
+
+def with_first(scene: Scene, **other: float) -> Scene:
+    first, *rest = scene.inclusion
+    return scene.model_copy(update={"inclusion": (first.model_copy(update=other), *rest)})
+
+
+def processor() -> float:
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(one.ru_utime + one.ru_stime for one in used)
+
+
+def answered(level: SolidLevel, scene: Scene, accuracy: float) -> tuple[Result, float]:
+    start = processor()
+    with limited(Limits(seconds=3600.0)):
+        return level.evaluate(scene, accuracy), processor() - start
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scene", nargs="?", type=Path, default=SCENE)
+    parser.add_argument("--accuracy", type=float, default=0.01)
+    parser.add_argument("--cache", type=Path)
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as empty:
+        os.environ[FOLDER] = str(given.cache or empty)
+        measured(read_scene(given.scene), given.accuracy, given.scene.stem).print(Console(width=150))
+
+
+def measured(scene: Scene, accuracy: float, name: str) -> MeasuredTable:
+    shared = SolidLevel(workspace=Workspace())
+    table = MeasuredTable(f"{name} at accuracy {accuracy:g}", COLUMNS)
+    first, seconds = answered(shared, scene, accuracy)
+    table.add("the first scene", seconds, None, None, first.error_estimate, peak())
+    for what, changed in changes(scene):
+        print(f"{what} ...", file=sys.stderr, flush=True)
+        after, quick = answered(shared, changed, accuracy)
+        alone, slow = answered(SolidLevel(workspace=Workspace()), changed, accuracy)
+        apart = abs((after.ratio or 0.0) / (alone.ratio or 1.0) - 1)
+        print(what, slow, quick, apart, after.error_estimate, peak(), file=sys.stderr, flush=True)
+        table.add(what, slow, quick, apart, after.error_estimate, peak())
+    table.note("apart: of both ratios; peak: of this process so far")
+    return table
+
+
+def peak() -> int:
+    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+
+
+if __name__ == "__main__":
+    main()
