@@ -61,10 +61,13 @@ def _adhesive(probe: Probe) -> tuple[str, str, str, str]:
 
 
 def held(views: Iterable[PartView], budget: Budget) -> dict[str, tuple[str, float, Tolerance]]:
-    """Return by the name of each dimension where it is drawn, its size as drawn (a diameter, of a radius) and how it is held."""
+    """Return by the name of each dimension where it is drawn, its size as drawn (a diameter, of a radius) and how it is held.
+
+    Those that others give are not held for themselves.
+    """
     found: dict[str, tuple[str, float, Tolerance]] = {}
     for view in views:
-        for measure in view.measures:
+        for measure in (one for one in view.measures if not one.auxiliary):
             bound = budget.bound(measure.name)
             factor = 2 if measure.prefix else 1
             one = tolerance(measure.size, None if bound is None else factor * bound)
