@@ -177,11 +177,11 @@ def test_sweep_as_arrays(tmp_path: Any) -> None:
 
 @pytest.mark.slow
 def test_export_writes_what_the_command_writes(tmp_path: Any) -> None:
-    made = export(SCENE, tmp_path / "parts", step=1e-3)
+    made = export(SCENE, tmp_path / "parts", step=1e-4)
     names = {path.name for path in made.files}
     assert {"assembly.step", "parts.json", "outer.pdf", "mould-inner-upper.step", "bill-of-materials.csv"} <= names
     assert made.rounding is not None
-    assert made.scene.probe.gap == 1e-3
+    assert made.scene.probe.tube_radius == pytest.approx(5.5e-3)
     assert block_of(tmp_path / "parts")[0]["scene"] == provenance(read_scene(SCENE))["scene"]
     with pytest.raises(InputError, match="another design"):
         export(SCENE, tmp_path / "parts")
