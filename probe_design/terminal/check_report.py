@@ -28,15 +28,17 @@ def check_report(check: Check, scene: Scene, answer: dict[str, Any], tell: Calla
     said = sentences(check)
     sections = [
         asked(scene),
-        Chapter("Readings and predictions", _told(check_table(check))),
-        Chapter("What would explain a deviation", (*_told(explanations_table(check)), *_told(pairs_table(check)))),
+        Chapter("Readings and predictions", below_its_title(check_table(check))),
+        Chapter(
+            "What would explain a deviation", (*below_its_title(explanations_table(check)), *below_its_title(pairs_table(check)))
+        ),
         Chapter("What it comes to", (Items(tuple(said)),)),
         *scene_sections(scene, NOISE, tell),
     ]
     return page("Check of a built probe", f"{said[0][0].upper()}{said[0][1:]}.", sections, answer)
 
 
-def _told(shown: RichTable) -> tuple[Text, ...] | tuple[Text, PageTable]:
+def below_its_title(shown: RichTable) -> tuple[Text, ...] | tuple[Text, PageTable]:
     """A terminal's table below its title as a page has them; nothing of one without rows."""
     if not shown.row_count:
         return ()
