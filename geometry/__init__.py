@@ -1,6 +1,17 @@
 """The probe and its scene as shapes: parameters, files, meridian meshes, solids, STEP.
 
-CAD (``geometry.cad.solids``, ``geometry.cad.export``) and meshes are imported where they are needed.
+What a user calls:
+
+    read_scene        a scene of a TOML file (docs/scene-file.md)
+    scene_from_toml   of its text; scene_from_dict: of its tables
+    scene_to_toml     the text of such a file; scene_to_dict: its tables
+    Scene             what is pressed on what: Probe, tissue, Inclusion, Contact, Placement, Load
+    Probe             two blocks of a Material each; Base, Film and Groove where it has them
+    CylinderTissue    tissue, or BlockTissue, or HalfSpaceTissue
+    InputError        bad input, in one line; Refusal: of a scene that an evaluator cannot take; SolveError, ExportError,
+                      MissingLibrary: likewise named; ProbeError: any of them
+
+Numbers are in SI units. CAD (``geometry.cad.solids``, ``geometry.cad.export``) and meshes are imported where they are needed.
 """
 
 from geometry.common.errors import ExportError, InputError, MissingLibrary, ProbeError, Refusal, SolveError

@@ -1,5 +1,10 @@
 """The built probe: transport, decoding and virtual probe. Imports nothing of the other packages.
 
+What a user calls:
+
+    Reader    reads a probe on USB or a serial port, an oscilloscope, a recording or the virtual probe
+    Samples   what it reads: both channels and the device's clock
+
 >>> from hw import Reader
 >>> with Reader.open("usb") as reader:  # doctest: +SKIP
 ...     samples = reader.collect(10.0)

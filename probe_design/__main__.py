@@ -7,7 +7,7 @@ import sys
 def main() -> None:
     """Run the command line and end the process: 0 good, 1 failure, 2 bad input, 128 + signal; never a traceback."""
     try:
-        from probe_design.cli.interrupts import leave, minded
+        from probe_design.process.interrupts import leave, minded
     except KeyboardInterrupt:  # nobody listens yet
         print("probe-design: interrupted; nothing half-written is left", file=sys.stderr)
         sys.exit(130)
@@ -16,7 +16,7 @@ def main() -> None:
 
 def _run() -> int:
     _open_streams()
-    from probe_design.cli.process_limits import refused
+    from probe_design.process.limits import refused
 
     if why := refused():
         print(f"probe-design: {why}", file=sys.stderr)

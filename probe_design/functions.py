@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from probe_design.maps.scan import Scan
     from probe_design.optimisation.optimum import Optimum
     from probe_design.populations.design_file import Design
+    from probe_design.workshop.package import Exported
 
 NOTHING: Mapping[str, Any] = MappingProxyType({})
 
@@ -205,28 +206,43 @@ def _for_population(
     return optimum
 
 
-def export(scene: Scene | Path | str, output: Path | str, *, force: bool = False) -> tuple[Path, ...]:
-    """Write a scene's probe as STEP files in millimetres, each read back and measured, and a drawing; returns their paths.
+def export(
+    scene: Scene | Path | str, output: Path | str, *, step: float | None = None, tolerance: float = 0.01,
+    shrinkage: float | None = None, draft: float | None = None, force: bool = False,
+    progress: Callable[[str], None] | None = None,
+) -> Exported:  # fmt: skip
+    """Write the probe as the workshop needs it: STEP, drawings, film patterns, moulds, lists; docs/workshop.md tells each file.
 
     Args:
         scene: whose probe; or the name of a scene file.
         output: folder for the files, made if needed.
-        force: whether parts of another design that it holds are replaced.
+        step: m, to which sizes are rounded, 1e-4 for 0.1 mm; left out: they stay.
+        tolerance: standard deviation of ln ratio that the drawings' tolerances may make: 0.01 for 1 %.
+        shrinkage: linear, of the elastomer while it cures, for the moulds; left out: 0.001.
+        draft: of the moulds' walls, at most, rad; left out: half a degree.
+        force: whether parts of another design that the folder holds are replaced.
+        progress: called with a line before each long piece of work.
+
+    Returns:
+        the scene as it is built, the files' paths, and what the rounding costs.
 
     Raises:
         ExportError: a part, read back, is not what the parameters say; no file is left.
-        InputError: the folder holds another design.
+        InputError: the folder holds another design; no such step, tolerance, shrinkage or draft.
         MissingLibrary: CAD cannot be loaded.
-    """
-    from geometry.cad.drawing import draw
-    from geometry.cad.export import export as write
-    from geometry.common.files import check_writable
 
-    drawn = read(scene)
-    edge = drawn.contact.edge_radius
-    check_writable(Path(output))
-    drawing = {"drawing.png": lambda path: draw(drawn.probe, path, edge_radius=edge)}
-    return write(drawn.probe, Path(output), force, beside=drawing, edge_radius=edge)
+    Example:
+        >>> from probe_design import export
+        >>> export("examples/scene.toml", "out/parts", step=1e-4).files  # doctest: +SKIP
+    """
+    from geometry.provenance.block import about
+    from geometry.workshop.package import USUAL, Casting
+    from probe_design.workshop.package import export as write
+
+    casting = Casting(USUAL.shrinkage if shrinkage is None else shrinkage, USUAL.draft if draft is None else draft)
+    built, tell = read(scene), progress or _silent
+    with about(built):
+        return write(built, Path(output), step=step, force=force, tolerance=tolerance, casting=casting, tell=tell)
 
 
 def _lengths(given: ArrayLike | None, usual: Floats) -> Floats:
@@ -234,5 +250,5 @@ def _lengths(given: ArrayLike | None, usual: Floats) -> Floats:
     return usual if given is None else np.atleast_1d(np.asarray(given, dtype=float))
 
 
-def _silent(stage: str, done: int, total: int) -> None:
+def _silent(stage: str, done: int = 0, total: int = 0) -> None:
     """Tell nobody."""

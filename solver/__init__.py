@@ -3,7 +3,14 @@
     >>> from solver import evaluate
     >>> evaluate("examples/scene.toml", evaluator="closed-form").ratio  # doctest: +SKIP
 
-`evaluate`, `plan`, `curve` and `load` take a ``geometry.Scene`` or the name of a scene file; `evaluator` returns one level.
+What a user calls, with a ``geometry.Scene`` or the name of a scene file:
+
+    evaluate    what both films feel, and how well their ratio tells E_object: a Result
+    plan        which level answers at which accuracy, and what it leaves out: a Decision for each feature
+    curve       ratio and log-sensitivity over the target's Young's modulus: a Curve
+    load        the same, and the gap's walls, under rising loads
+    evaluator   one level by its name: an Evaluator
+    Workspace   keeps factors from one answer to the next
 """
 
 from solver.levels import curve, evaluate, evaluator, load, plan

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import InputError, Refusal, Words, did_you_mean
+from geometry.common.errors import InputError, Refusal, Words, one_of
 from geometry.common.limits import least
 from geometry.common.resources import LimitReached, Limits, limited, timed
 from geometry.provenance.block import provenance
@@ -46,7 +46,7 @@ def evaluator(name: str, tell: Tell | None = None, workspace: Workspace | None =
         InputError: no evaluator has that name.
     """
     if name not in BUILT:
-        raise InputError("evaluator", name, f"{', '.join((AUTO, *BUILT))}{did_you_mean(name, (AUTO, *BUILT))}")
+        raise InputError("evaluator", name, one_of(name, (AUTO, *BUILT)))
     room = import_module(f"solver.{name.replace('-', '_')}.level")
     with using(current() if workspace is None else workspace):
         return cast(Evaluator, room.level(tell))

@@ -7,6 +7,7 @@ from importlib.metadata import version
 
 from geometry.cad.materials import PartMaterial, part_materials
 from geometry.cad.record import design_of
+from geometry.provenance.block import Provenance, provenance
 from geometry.scenes.probe import Probe
 
 UNITS = "millimetres"
@@ -20,11 +21,13 @@ class Stamp:
         design: digest of the probe's numbers, see ``geometry.cad.record.design_of``.
         program: name and version.
         materials: of the parts, by their names; a part that is missing has none to be told.
+        provenance: what made the file, see ``geometry.provenance.block``.
     """
 
     design: str
     program: str
     materials: dict[str, PartMaterial] = field(default_factory=dict)
+    provenance: Provenance = field(default_factory=dict)
 
     @property
     def text(self) -> str:
@@ -34,4 +37,5 @@ class Stamp:
 
 def stamp_of(probe: Probe, edge_radius: float = 0.0) -> Stamp:
     """Stamp the files of a probe whose lower edges have that radius (m)."""
-    return Stamp(design_of(probe, edge_radius), f"probe-design {version('probe-design')}", part_materials(probe))
+    program = f"probe-design {version('probe-design')}"
+    return Stamp(design_of(probe, edge_radius), program, part_materials(probe), provenance())

@@ -11,6 +11,7 @@ from geometry.cad import solids
 from geometry.cad.materials import PartMaterial
 from geometry.cad.stamp import Stamp
 from geometry.common.errors import ExportError
+from geometry.provenance.texts import pieces
 
 ASSEMBLY = "probe"
 """Name of the assembly inside ``assembly.step``."""
@@ -39,16 +40,21 @@ def write(shapes: dict[str, Any], path: Path, stamp: Stamp) -> None:
 
 def _sign(model: Any, name: str, stamp: Stamp) -> None:
     from OCP.APIHeaderSection import APIHeaderSection_MakeHeader
+    from OCP.Interface import Interface_HArray1OfHAsciiString
     from OCP.TCollection import TCollection_HAsciiString
 
-    header, (system, description, file, time, nobody) = (
+    header, (system, file, time, nobody) = (
         APIHeaderSection_MakeHeader(model),
-        (TCollection_HAsciiString(text) for text in (stamp.program, stamp.text, name, TIMELESS, "")),
+        (TCollection_HAsciiString(text) for text in (stamp.program, name, TIMELESS, "")),
     )
+    told = [stamp.text, *pieces(stamp.provenance)]
+    description = Interface_HArray1OfHAsciiString(1, len(told))
+    for place, text in enumerate(told, start=1):
+        description.SetValue(place, TCollection_HAsciiString(text))
     header.SetName(file)
     header.SetTimeStamp(time)
     header.SetOriginatingSystem(system)
-    header.SetDescriptionValue(1, description)
+    header.SetDescription(description)
     header.SetAuthorValue(1, nobody)
     header.SetOrganizationValue(1, nobody)
 

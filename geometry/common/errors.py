@@ -61,6 +61,12 @@ def did_you_mean(word: object, words: Iterable[str]) -> str:
     return f"; did you mean {near[0]!r}?" if near else ""
 
 
+def one_of(word: object, words: Iterable[str]) -> str:
+    """Return what is allowed in place of a word that is none of ``words``: all of them, and the one that was likely meant."""
+    known = [*words]
+    return f"one of {', '.join(known)}{did_you_mean(word, known)}"
+
+
 class _Repr(reprlib.Repr):
     """Short descriptions of values as a TOML file has them, of any depth and size."""
 

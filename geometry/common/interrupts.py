@@ -7,7 +7,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGALRM")  # the last reminds of the others, see ``probe_design.cli.interrupts``
+SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGALRM")  # the last reminds of the others, see ``probe_design.process.interrupts``
 
 
 @contextmanager

@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -36,10 +36,11 @@ class Asked:
 
     words: list[str]
     inputs: dict[str, str]
-    scene: Path | None
+    scene: Scene | Path | None
     settings: dict[str, Any]
 
 
+NOTHING = Asked([], {}, None, {})
 _asked: ContextVar[Asked | None] = ContextVar("asked", default=None)
 
 
@@ -61,6 +62,17 @@ def command(words: Sequence[str], scene: Path | None = None, **settings: Any) ->
         _asked.reset(token)
 
 
+@contextmanager
+def about(scene: Scene) -> Iterator[None]:
+    """Let all that is made inside tell of a scene, where no command line names one."""
+    asked = _asked.get() or NOTHING
+    token = _asked.set(asked if asked.scene else replace(asked, scene=scene))
+    try:
+        yield
+    finally:
+        _asked.reset(token)
+
+
 def provenance(
     scene: Scene | None = None, *, evaluator: str | None = None, accuracy: float | None = None, seed: int | None = None
 ) -> Provenance:
@@ -72,26 +84,26 @@ def provenance(
         accuracy: that was asked for; likewise.
         seed: of what was drawn at random; likewise.
     """
-    asked = _asked.get() or Asked([], {}, None, {})
+    asked = _asked.get() or NOTHING
     told = {"evaluator": evaluator, "accuracy": accuracy, "seed": seed} | asked.settings
     return {
         "format": FORMAT,
         "version": VERSION,
         "program": _version("probe-design"),
         "dependencies": {name: found for name in DEPENDENCIES if (found := _version(name)) is not None},
-        "scene": _of_file(asked.scene) if scene is None else scene_digest(scene),
+        "scene": _digest_of(asked.scene if scene is None else scene),
         **told,
         "command": list(asked.words) or None,
         "inputs": dict(asked.inputs),
     }
 
 
-def _of_file(path: Path | None) -> str | None:
-    """The digest of a file's scene; None where there is none."""
+def _digest_of(scene: Scene | Path | None) -> str | None:
+    """The digest of a scene, or of a file's; None where there is none."""
     from geometry.scenes.scene_file import read_scene
 
     try:
-        return None if path is None else scene_digest(read_scene(path))
+        return None if scene is None else scene_digest(read_scene(scene) if isinstance(scene, Path) else scene)
     except InputError:
         return None
 

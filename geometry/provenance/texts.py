@@ -12,10 +12,12 @@ from geometry.common.text_files import LARGEST_FILE, read_bytes
 from geometry.provenance.block import FORMAT, VERSION, Provenance, provenance
 
 LEAD = "# provenance = "
+REMARK = "<!-- provenance = "
+PIECE = 200  # characters: a string of a STEP file's header holds 256
 SCRIPT = '<script type="application/json" id="{}">'
 KEEPERS = ("provenance.json", "optimize.json", "tradeoff.json", "parts.json")  # of a folder: the first that is there tells
 MOST = 200 * LARGEST_FILE  # bytes of a page with its pictures
-_ALLOWED = "a JSON object, TOML file or page that probe-design made, or a folder of its files"
+_ALLOWED = "a JSON object, TOML file or page that probe-design made, or a folder of its files (of a drawing or solid its folder)"
 
 
 def toml_comment(block: Provenance) -> str:
@@ -29,9 +31,21 @@ def html_script(name: str, content: Any) -> str:
     return f"{SCRIPT.format(name)}{text}</script>"
 
 
-def picture_metadata(kind: str) -> dict[str, str]:
+def markdown_comment(block: Provenance) -> str:
+    """Return the comment line that a page of Markdown ends with; no ``>`` in it can end it."""
+    text = json.dumps(block).replace(">", "\\u003e")
+    return f"{REMARK}{text} -->\n"
+
+
+def pieces(block: Provenance, most: int = PIECE) -> list[str]:
+    """Return the block's JSON, ASCII, in pieces of at most ``most`` characters, for formats that hold short strings."""
+    text = json.dumps(block)
+    return [text[start : start + most] for start in range(0, len(text), most)]
+
+
+def picture_metadata(kind: str, block: Provenance | None = None) -> dict[str, str]:
     """Return what a picture of a kind, "png", "svg" or "pdf", says of itself: its block of provenance as JSON."""
-    return {"Subject" if kind == "pdf" else "Description": json.dumps(provenance())}
+    return {"Subject" if kind == "pdf" else "Description": json.dumps(provenance() if block is None else block)}
 
 
 def block_of(path: Path) -> tuple[Provenance, dict[str, Any]]:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from geometry.common.errors import InputError, Words, did_you_mean
+from geometry.common.errors import InputError, Words, did_you_mean, one_of
 from geometry.scenes.scene import BlockTissue, CylinderTissue, HalfSpaceTissue, Scene
 from geometry.scenes.units import Quantity
 
@@ -26,7 +27,7 @@ def most_telling(refused: ValidationError) -> InputError:
         return InputError(f"{key}.{cause.key}".lstrip("."), cause.value, cause.allowed)
     if error["type"] in _TAGGED and isinstance(error["input"], Mapping):
         value = error["input"].get("shape", Words("missing"))
-        return InputError("tissue.shape", value, "'cylinder', 'block' or 'half-space'")
+        return InputError("tissue.shape", value, f"'cylinder', 'block' or 'half-space'{did_you_mean(value, TISSUES)}")
     value = Words("missing") if error["type"] == "missing" else error["input"]
     return InputError(key or "scene", value, _allowed(error))
 
@@ -50,13 +51,14 @@ def _path(error: ErrorDetails) -> list[str | int]:
 def _allowed(error: ErrorDetails) -> str:
     """What would be right: the keys there are, the range with its unit, the field's description, or pydantic's words."""
     if error["type"] == "extra_forbidden":
-        names = _model(error).model_fields
-        return f"one of {', '.join(names)}{did_you_mean(error['loc'][-1], names)}"
+        return one_of(error["loc"][-1], _model(error).model_fields)
     if error["type"] == "quantity":
         return error["msg"]
     if error["type"] == "bool_type":
         return "true or false"
-    return _described(error) or error["msg"].removeprefix("Input should be ")
+    allowed = _described(error) or error["msg"].removeprefix("Input should be ")
+    meant = did_you_mean(error["input"], re.findall("'([^']+)'", allowed)) if error["type"] == "literal_error" else ""
+    return allowed + meant
 
 
 def _described(error: ErrorDetails) -> str | None:
@@ -72,10 +74,15 @@ def _model(error: ErrorDetails) -> type[BaseModel]:
     """The model that the key at fault belongs to."""
     if error["loc"][0] == "tissue" and len(error["loc"]) > 2:
         return TISSUES[str(error["loc"][1])]
-    model: type[BaseModel] = Scene
-    for part in error["loc"][:-1]:
-        if isinstance(part, str):
-            model = _nested(model.model_fields[part]) or model
+    return model_at(Scene, error["loc"][:-1])
+
+
+def model_at(root: type[BaseModel], path: Sequence[str | int]) -> type[BaseModel]:
+    """Return the model of the table that stands under a path of keys, as far as one is known."""
+    model = root
+    for part in path:
+        field = model.model_fields.get(part) if isinstance(part, str) else None
+        model = (_nested(field) if field else None) or model
     return model
 
 

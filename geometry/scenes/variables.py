@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from geometry.common.errors import InputError
+from geometry.common.errors import InputError, one_of
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import SI
 
@@ -60,7 +60,7 @@ def changed(scene: Scene, new: Mapping[str, float]) -> Scene:
     data = scene.model_dump(exclude_unset=True)
     for key, value in new.items():
         if key not in current:
-            raise InputError("variable", key, ", ".join(current))
+            raise InputError("variable", key, one_of(key, current))
         *path, last = key.replace("[", ".").replace("]", "").split(".")
         place: Any = data
         for name in path:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from geometry.cad.drawing import number
 from geometry.cad.stamp import Stamp
+from geometry.provenance.texts import markdown_comment
 from geometry.scenes.base_sizes import assumed_sizes
 from geometry.scenes.probe import Probe, mm
 from geometry.workshop.film_pattern import FilmPattern
@@ -32,7 +33,7 @@ def assembly_order(
     steps = [*_casting(moulds), *_bonding(probe, patterns), *_gap(probe, budget), _measuring()]
     lines = [f"{count}. {text}" for count, text in enumerate(steps, start=1)]
     head = ["# Assembly and bonding", "", f"Millimetres. {stamp.text}", ""]
-    return "\n".join([*head, *lines, "", *_remarks(probe, moulds, budget, together), ""])
+    return "\n".join([*head, *lines, "", *_remarks(probe, moulds, budget, together), "", markdown_comment(stamp.provenance)])
 
 
 def _casting(moulds: Sequence[MouldSizes]) -> list[str]:

@@ -39,7 +39,12 @@ def draw(part: PartView, stamp: Stamp, budget: Budget, extra: tuple[str, ...] = 
 
 
 def label(measure: Measure, budget: Budget) -> str:
-    """Write a dimension: its number, its deviation where the drawing has to tell it, a star where it is assumed."""
+    """Write a dimension: its number, its deviation where the drawing has to tell it, a star where it is assumed.
+
+    One that others give stands in parentheses.
+    """
+    if measure.auxiliary:
+        return f"({measure.prefix}{number(measure.size)})"
     factor = 2 if measure.prefix else 1
     bound = budget.bound(measure.name)
     held = tolerance(measure.size, None if bound is None else factor * bound)

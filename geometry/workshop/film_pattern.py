@@ -14,6 +14,7 @@ from typing import Any
 from geometry.cad.drawing import number
 from geometry.cad.stamp import Stamp
 from geometry.scenes.probe import Probe
+from geometry.workshop.dxf_properties import signed
 from geometry.workshop.outlines import area, box, disc, open_ring
 from geometry.workshop.parts import TITLES, Millimetres, millimetres
 from geometry.workshop.sheet import Loop, bounds
@@ -162,4 +163,4 @@ def _said(pattern: FilmPattern, stamp: Stamp, thickness: float) -> list[str]:
 
 def write(pattern: FilmPattern, stamp: Stamp, thickness: float, path: Path) -> None:
     """Write a pattern as DXF; ``thickness`` of the film in mm. Raises ``OSError``."""
-    document(pattern, stamp, thickness).saveas(path)
+    signed(document(pattern, stamp, thickness), stamp).saveas(path)

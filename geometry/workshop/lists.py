@@ -12,7 +12,7 @@ from geometry.cad.materials import PartMaterial
 from geometry.cad.parts_check import expected_bodies
 from geometry.cad.stamp import Stamp
 from geometry.scenes.probe import Probe
-from geometry.workshop.mould_sizes import MouldSizes, cavity_volume, volumes
+from geometry.workshop.mould_sizes import TOOL, MouldSizes, cavity_volume, holes_volume, volumes
 from geometry.workshop.parts import PartView
 from geometry.workshop.tolerance import Budget, Tolerance, tolerance, written
 
@@ -29,15 +29,22 @@ def bill_of_materials(probe: Probe, stamp: Stamp, moulds: Sequence[MouldSizes], 
         rows.append(("adhesive", 4, *_adhesive(probe), "assembly.md"))
     rows.append(("shim", 3, "foil or feeler gauge", f"{number(1e3 * probe.gap)} mm thick, for the gap", "", "", "assembly.md"))
     for mould in moulds:
-        casting = f"{cavity_volume(mould):.6g} mm3 of mixed elastomer fill it"
+        rows.append((f"casting-{mould.name}", 1, *_casting(stamp.materials[mould.name], mould), "assembly.md"))
         names = {f"mould-{mould.name}-{half}": volume for half, volume in volumes(mould).items()}
-        rows += [(name, 1, "mould material", casting, f"{volume:.6g}", "", f"{name}.step") for name, volume in names.items()]
+        rows += [(name, 1, *_material(TOOL, volume), f"{name}.step") for name, volume in names.items()]
     return _csv(BILL, rows)
 
 
 def _material(material: PartMaterial, volume: float) -> tuple[str, str, str, str]:
     mass = "" if material.density is None else f"{material.density * volume * 1e-6:.6g}"
     return material.name, material.properties, f"{volume:.6g}", mass
+
+
+def _casting(material: PartMaterial, mould: MouldSizes) -> tuple[str, str, str, str]:
+    """What is mixed for a block: it fills cavity and holes, and shrinks to the block and its sprues."""
+    said = f"fills cavity ({cavity_volume(mould):.6g} mm3), pour hole and vents; what stays in the cup comes on top"
+    mixed = PartMaterial(f"mixed {material.name}", said, material.density)
+    return _material(mixed, cavity_volume(mould) + holes_volume(mould))
 
 
 def _adhesive(probe: Probe) -> tuple[str, str, str, str]:
@@ -54,10 +61,13 @@ def _adhesive(probe: Probe) -> tuple[str, str, str, str]:
 
 
 def held(views: Iterable[PartView], budget: Budget) -> dict[str, tuple[str, float, Tolerance]]:
-    """Return by the name of each dimension where it is drawn, its size as drawn (a diameter, of a radius) and how it is held."""
+    """Return by the name of each dimension where it is drawn, its size as drawn (a diameter, of a radius) and how it is held.
+
+    Those that others give are not held for themselves.
+    """
     found: dict[str, tuple[str, float, Tolerance]] = {}
     for view in views:
-        for measure in view.measures:
+        for measure in (one for one in view.measures if not one.auxiliary):
             bound = budget.bound(measure.name)
             factor = 2 if measure.prefix else 1
             one = tolerance(measure.size, None if bound is None else factor * bound)

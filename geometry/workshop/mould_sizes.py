@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from geometry.cad.materials import PartMaterial
 from geometry.common.errors import InputError, Words
 from geometry.scenes.probe import Probe
 from geometry.workshop.parts import Millimetres, millimetres
@@ -27,6 +28,7 @@ GAP_CHANGE = 0.05  # of the gap, at either end: two leaning walls may take no mo
 WALL, FLOOR, LID = 8.0, 4.0, 6.0  # mm: around the cavity, below it, above it
 PINS = (1.5, 1.0)  # mm: radii; they differ, so that the halves fit in one way only
 PIN_HEIGHT, PIN_PLAY = 3.0, 0.05  # mm
+TOOL = PartMaterial("mould material", "aluminium or printed resin that does not inhibit the cure")
 POUR, VENT = 1.5, 0.5  # mm: radii of the holes, less where the block is narrow
 
 
@@ -163,15 +165,19 @@ def _footprint(inner: float, outer: float, a: float) -> float:
     return sum(sign * (a * math.sqrt((r - a) * (r + a)) + r**2 * math.asin(a / r)) for r, sign in ((outer, 1), (inner, -1)))
 
 
+def holes_volume(mould: MouldSizes) -> float:
+    """Volume in mm^3 of the lid's hole to pour through and of its vents: what becomes sprues."""
+    return math.pi * (mould.pour**2 + 2 * mould.vent**2) * LID
+
+
 def volumes(mould: MouldSizes) -> dict[str, float]:
     """Return the volumes of both halves in mm^3: what they are turned from, less the cavity and the holes, with pins and rib."""
     cylinder = math.pi * mould.outside**2
     pins = sum(math.pi * radius**2 for radius in PINS) * PIN_HEIGHT
     holes = sum(math.pi * (radius + PIN_PLAY) ** 2 for radius in PINS) * (PIN_HEIGHT + 0.5)
-    vents = math.pi * (mould.pour**2 + 2 * mould.vent**2) * LID
     rib = rib_volume(mould)
     lower = cylinder * (mould.height + FLOOR) - cavity_volume(mould) - rib + pins
-    return {"lower": lower, "upper": cylinder * LID - holes - vents + rib}
+    return {"lower": lower, "upper": cylinder * LID - holes - holes_volume(mould) + rib}
 
 
 def block_volume(probe: Probe, name: str, edge_radius: float = 0.0) -> float:

@@ -10,16 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from geometry.cad import solids, step_writer
-from geometry.cad.materials import PartMaterial
 from geometry.cad.stamp import Stamp
 from geometry.cad.step_check import TOLERANCE
 from geometry.cad.step_reader import read
 from geometry.common.errors import ExportError
-from geometry.workshop.mould_sizes import FLOOR, LID, PIN_HEIGHT, PIN_PLAY, PINS, WALL, MouldSizes, volumes
+from geometry.workshop.mould_sizes import FLOOR, LID, PIN_HEIGHT, PIN_PLAY, PINS, TOOL, WALL, MouldSizes, volumes
 from geometry.workshop.sheet import Point
 
 HALVES = ("lower", "upper")
-TOOL = PartMaterial("mould material", "aluminium or printed resin that does not inhibit the cure")
 
 
 def file_name(mould: MouldSizes, half: str) -> str:

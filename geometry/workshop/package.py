@@ -12,6 +12,7 @@ from geometry.cad.export import Writer
 from geometry.cad.stamp import Stamp, stamp_of
 from geometry.scenes.probe import Probe
 from geometry.workshop import assembly_order, drawings, film_pattern, lists, mould_sizes, moulds, pdf
+from geometry.workshop.dxf_properties import signed
 from geometry.workshop.parts import TITLES, PartView, assembly_view, part_views, parts_list
 from geometry.workshop.sheet import DrawingSheet
 from geometry.workshop.tolerance import UNBOUND, Budget
@@ -73,17 +74,17 @@ def _drawings(probe: Probe, views: dict[str, PartView], stamp: Stamp, budget: Bu
     for name, view in views.items():
         extra = parts_list(probe, stamp.materials) if name == "assembly" else ()
         sheet = cache(partial(drawings.draw, view, stamp, budget, extra))
-        found[f"{name}.dxf"] = partial(_write_dxf, sheet)
-        found[f"{name}.pdf"] = partial(_write_pdf, sheet, name)
+        found[f"{name}.dxf"] = partial(_write_dxf, sheet, stamp)
+        found[f"{name}.pdf"] = partial(_write_pdf, sheet, name, stamp)
     return found
 
 
-def _write_dxf(sheet: Callable[[], DrawingSheet], path: Path) -> None:
-    sheet().document.saveas(path)
+def _write_dxf(sheet: Callable[[], DrawingSheet], stamp: Stamp, path: Path) -> None:
+    signed(sheet().document, stamp).saveas(path)
 
 
-def _write_pdf(sheet: Callable[[], DrawingSheet], name: str, path: Path) -> None:
-    pdf.write(sheet(), path, TITLES[name])
+def _write_pdf(sheet: Callable[[], DrawingSheet], name: str, stamp: Stamp, path: Path) -> None:
+    pdf.write(sheet(), path, TITLES[name], stamp.provenance)
 
 
 def _write(text: str, path: Path) -> None:

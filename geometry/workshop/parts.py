@@ -36,6 +36,7 @@ class Measure:
         place: below the section, left or right of it, or right of the view from above.
         prefix: before the number: a diameter's sign, or nothing.
         assumed: whether the scene leaves it open.
+        auxiliary: whether others give it, here or in a part's drawing; it stands in parentheses, without deviation (ISO 129-1).
     """
 
     name: str
@@ -44,6 +45,7 @@ class Measure:
     place: Place
     prefix: str = ""
     assumed: bool = False
+    auxiliary: bool = False
 
     @property
     def size(self) -> float:
@@ -126,9 +128,9 @@ def part_views(probe: Probe, edge_radius: float = 0.0) -> dict[str, PartView]:
     return {"inner": _inner(one), "outer": _outer(one), **films, "base": _base(probe, one, open_sizes)}
 
 
-def diameter(name: str, radius: float, z: float, assumed: bool = False) -> Measure:
+def diameter(name: str, radius: float, z: float, assumed: bool = False, auxiliary: bool = False) -> Measure:
     """Return a diameter, dimensioned below the section."""
-    return Measure(name, (-radius, z), (radius, z), "below", "\N{LATIN CAPITAL LETTER O WITH STROKE}", assumed)
+    return Measure(name, (-radius, z), (radius, z), "below", "\N{LATIN CAPITAL LETTER O WITH STROKE}", assumed, auxiliary)
 
 
 def _inner(one: Millimetres) -> PartView:
@@ -215,7 +217,7 @@ def _base(probe: Probe, one: Millimetres, open_sizes: set[str]) -> PartView:
     if low != side:
         measures.append(Measure("height_step", (-middle, low), (-one.ro, side), "left"))
     if bottom < under:
-        measures.append(Measure("base_height", (-one.ro, bottom), (-rf, top), "left"))
+        measures.append(Measure("base_height", (-one.ro, bottom), (-rf, top), "left", auxiliary=True))
     return PartView(
         "base",
         cut=((base_section(probe), 0.0),),
@@ -243,9 +245,12 @@ def assembly_view(probe: Probe, edge_radius: float = 0.0) -> PartView:
         "outer": ((one.ri + one.ro) / 2, 0.6 * (one.h1 - one.depth)),
         "inner": (0.7 * one.r2, 0.3 * one.h2),
     }
-    heights = [Measure("outer_height", (-one.ro, 0), (-one.ro, one.h1), "left")]
-    heights += [Measure("inner_height", (-one.r2, 0), (-one.r2, one.h2), "left")] if one.h2 != one.h1 else []
-    widths = [diameter("outer_radius", one.ro, one.edge), *([diameter("flange_radius", rf, top)] if rf > one.ro else [])]
+    heights = [Measure("outer_height", (-one.ro, 0), (-one.ro, one.h1), "left", auxiliary=True)]
+    if one.h2 != one.h1:
+        heights.append(Measure("inner_height", (-one.r2, 0), (-one.r2, one.h2), "left", auxiliary=True))
+    heights.append(Measure("total_height", (-one.ro, 0), (-rf, top), "left", auxiliary=True))
+    widths = [diameter("outer_radius", one.ro, one.edge, auxiliary=True)]
+    widths += [diameter("flange_radius", rf, top, auxiliary=True)] if rf > one.ro else []
     gap = Measure("gap", (one.r2, one.edge), (one.ri, one.edge), "below")
     return PartView(
         "assembly",
@@ -253,7 +258,7 @@ def assembly_view(probe: Probe, edge_radius: float = 0.0) -> PartView:
         seen=tuple(line for name in ("outer", "film-outer") if name in alone for line in alone[name].seen[2:]),
         plan=(disc(rf),),
         hidden=(one.r2, one.ri, *((one.ro,) if rf > one.ro else ())),
-        measures=(*heights, Measure("total_height", (-one.ro, 0), (-rf, top), "left"), gap, *widths),
+        measures=(*heights, gap, *widths),
         items=tuple(tips[name] for name in ITEMS if name in alone),
     )
 

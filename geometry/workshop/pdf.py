@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from geometry.provenance.block import Provenance
 from geometry.provenance.texts import picture_metadata
 from geometry.workshop.sheet import SIZES, DrawingSheet
 
@@ -13,15 +14,15 @@ INCH = 25.4
 CAPITALS = 0.72  # of the font's size: height of Helvetica's capitals and figures, and of DejaVu Sans'
 
 
-def write(sheet: DrawingSheet, path: Path, title: str) -> None:
-    """Print a sheet; a millimetre of the file's page is one of paper. Raises ``OSError``."""
+def write(sheet: DrawingSheet, path: Path, title: str, origin: Provenance | None = None) -> None:
+    """Print a sheet, made by ``origin``; a millimetre of the file's page is one of paper. Raises ``OSError``."""
     import matplotlib  # the fonts that every reader has: making subsets of others takes longer than the drawing
 
     with matplotlib.rc_context({"pdf.use14corefonts": True}):
         figure = picture(sheet)
         for text in figure.axes[0].texts:
             text.set(fontfamily="Helvetica", fontweight="medium")
-        figure.savefig(path, format="pdf", metadata={"Title": title, "CreationDate": None, **picture_metadata("pdf")})
+        figure.savefig(path, format="pdf", metadata={"Title": title, "CreationDate": None, **picture_metadata("pdf", origin)})
 
 
 def picture(sheet: DrawingSheet) -> Any:

@@ -10,10 +10,11 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import BaseModel, Field, ValidationError, model_validator
 
-from geometry.common.errors import InputError, Words
+from geometry.common.errors import InputError, Words, one_of
 from geometry.common.text_files import read_tables, tables
+from geometry.scenes.messages import model_at
 from geometry.scenes.probe import Frozen, Length, Modulus
 from geometry.scenes.units import Quantity
 from hw.signal.amplifier import ChargeAmplifier
@@ -176,15 +177,17 @@ def bench_from_dict(data: dict[str, Any]) -> Bench:
     try:
         return Bench.model_validate(data, context={"units_required": True})
     except ValidationError as refused:
-        raise first_fault(refused, "bench") from None
+        raise first_fault(refused, "bench", Bench) from None
 
 
-def first_fault(refused: ValidationError, what: str) -> InputError:
-    """Turn pydantic's first error into ours."""
-    error = refused.errors(include_url=False)[0]
+def first_fault(refused: ValidationError, what: str, root: type[BaseModel]) -> InputError:
+    """Turn one of pydantic's errors about ``root``'s tables into ours: an unknown key before other faults."""
+    error = min(refused.errors(include_url=False), key=lambda one: one["type"] != "extra_forbidden")
     cause = error.get("ctx", {}).get("error")
     key = ".".join(map(str, error["loc"])) or what
     if isinstance(cause, InputError):
         return InputError(f"{key}.{cause.key}", cause.value, cause.allowed)
     entry = Words("missing") if error["type"] == "missing" else error["input"]
+    if error["type"] == "extra_forbidden":
+        return InputError(key, entry, one_of(error["loc"][-1], model_at(root, error["loc"][:-1]).model_fields))
     return InputError(key, entry, error["msg"].removeprefix("Input should be "))

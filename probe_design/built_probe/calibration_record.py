@@ -167,7 +167,7 @@ def read_record(path: Path | str) -> CalibrationRecord:
     try:
         return CalibrationRecord.model_validate(data)
     except ValidationError as refused:
-        raise first_fault(refused, "calibration") from None
+        raise first_fault(refused, "calibration", CalibrationRecord) from None
 
 
 def check_free(path: Path) -> None:

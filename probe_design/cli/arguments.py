@@ -25,6 +25,10 @@ loads_option = click.option(
 )
 
 
+force_option = click.option("--force", is_flag=True, help="Replace parts of another design that the folder holds.")
+"""Of the verbs that write parts."""
+
+
 def _frequency(ctx: click.Context, parameter: click.Parameter, text: str | None) -> float | None:
     from geometry.scenes.units import FREQUENCY
 
@@ -46,10 +50,9 @@ class NamedCommands(click.Group):
         if args[0] in self.commands:
             return super().resolve_command(ctx, args)
         kind = "verb" if ctx.parent is None else ctx.info_name
-        from geometry.common.errors import did_you_mean
+        from geometry.common.errors import one_of
 
-        allowed = f"{', '.join(self.commands)}{did_you_mean(args[0], self.commands)}"
-        raise click.UsageError(f"{kind} = {args[0]!r}: allowed: {allowed}")
+        raise click.UsageError(f"{kind} = {args[0]!r}: allowed: {one_of(args[0], self.commands)}")
 
 
 class FileName(click.Path):

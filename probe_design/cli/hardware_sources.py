@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from geometry.common.errors import InputError, Words
+from geometry.common.errors import InputError, Words, one_of
 from geometry.common.files import check_writable_file
 from geometry.scenes.probe import LENGTH, MODULUS
 from geometry.scenes.scene import Scene
@@ -252,7 +252,7 @@ def _change(scene: Scene, text: str) -> tuple[str, float]:
     key, _, value = text.partition("=")
     names = [name for name in values(scene) if name.startswith("probe.")]
     if key.strip() not in names:
-        raise InputError("built", text, f"KEY=VALUE with a key of {', '.join(names)}")
+        raise InputError("built", text, f"KEY=VALUE with a key that is {one_of(key.strip(), names)}")
     if key.strip().endswith("poisson_ratio"):
         return key.strip(), number("built", value, "a number from 0 to below 0.5")
     return key.strip(), (MODULUS if key.strip().endswith("modulus") else LENGTH).read("built", value.strip())

@@ -10,18 +10,20 @@ from typing import Any
 
 import click
 
-from probe_design.cli import interrupts
 from probe_design.cli.arguments import NamedCommands
 from probe_design.cli.catalogue import material, tissue
-from probe_design.cli.design import export, optimize
 from probe_design.cli.estimate import estimate
 from probe_design.cli.evaluate import curve, evaluate, plan, tolerances
+from probe_design.cli.export import export
 from probe_design.cli.hardware import calibrate, check, doctor, read
 from probe_design.cli.load import load
 from probe_design.cli.maps import detectability, scan
+from probe_design.cli.optimize import optimize
 from probe_design.cli.output import noted
+from probe_design.cli.rerun import rerun
 from probe_design.cli.sweep import sweep
-from probe_design.cli.tradeoff import rerun, tradeoff
+from probe_design.cli.tradeoff import tradeoff
+from probe_design.process import interrupts
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 

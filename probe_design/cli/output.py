@@ -17,6 +17,8 @@ import click
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from geometry.scenes.probe import Probe
+
 SETTINGS = ("evaluator", "accuracy", "seed")  # that a block of provenance tells by themselves
 
 
@@ -123,3 +125,15 @@ def _plain(value: Any) -> Any:
         return value if isinstance(value, int) else float(value)
     except ValueError:
         return value
+
+
+def tell_assumed(probe: Probe) -> None:
+    """Say of which sizes a workshop should know that nobody has given them."""
+    from geometry.scenes.base_sizes import assumed_sizes
+    from geometry.scenes.probe import mm
+    from probe_design.terminal.console import message
+
+    for key, size in assumed_sizes(probe).items():
+        message(f"assumed: {key} = {mm(size)}, which the scene does not give")
+    if probe.film is None:
+        message("no films: the scene has no [probe.film]; the base lies on the blocks")

@@ -1,4 +1,4 @@
-"""The verbs `tradeoff` and `rerun`: what each level costs and how wrong it is, and whether numbers can be had again."""
+"""The verb `tradeoff`: what each level costs and how wrong it is."""
 
 from __future__ import annotations
 
@@ -72,34 +72,3 @@ def _named(paths: Sequence[Path]) -> dict[str, Scene]:
         return typical_scenes()
     stems = [path.stem for path in paths]
     return {path.stem if stems.count(path.stem) == 1 else str(path): read_scene(path) for path in paths}
-
-
-@click.command()
-@click.argument("file", type=FILE_NAME)
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def rerun(file: Path, as_json: bool) -> None:
-    """Do again what made FILE, and say whether its numbers still agree.
-
-    FILE is what --json printed, an optimum's design.toml, a report, or the folder of optimize, sweep, tradeoff or export. Its
-    block of provenance tells which command made it of which scene; the scene's file has to be there, unchanged, where the program
-    runs or beside FILE. Two numbers agree within the error estimates that stand beside both, or else to 1 part in a million;
-    seconds and versions do not count.
-
-    Exit code 0 where all agree, 1 where one does not, 2 where FILE tells nothing of its origin.
-    """
-    from probe_design.repetition.rerun import rerun as run
-    from probe_design.terminal.console import message, warn
-
-    root = click.get_current_context().find_root().command
-    assert isinstance(root, click.Group)
-    found = run(file, root)
-    if as_json:
-        print_json(found.as_dict())
-    else:
-        for one in found.differences:
-            print(one)
-        print(f"{found.numbers} values compared: {'all agree' if found.agrees else f'{len(found.differences)} differ'}")
-        warn(found.warnings)
-    message(f"made by: probe-design {' '.join(found.command)}")
-    if not found.agrees:
-        raise SystemExit(1)

@@ -17,12 +17,11 @@ import math
 import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import cache
 from importlib.resources import files
 from typing import Any, Literal
 
-from geometry.common.errors import InputError
+from geometry.common.errors import InputError, one_of
 from geometry.scenes.probe import MODULUS
 from probe_design.data.numbers import Number, comment, toml_lines
 from probe_design.data.recipes import MixingRatio, Thinned, parsed
@@ -138,9 +137,7 @@ def material(name: str, *, thinner: float | None = None, ratio: float | None = N
     """
     plain, share, parts = parsed(name)
     if plain not in catalogue():
-        near = get_close_matches(plain, catalogue(), 3, 0.5)
-        hint = f"did you mean {' or '.join(near)}? " if near else ""
-        raise InputError("material", name, f"{hint}one of {', '.join(catalogue())}")
+        raise InputError("material", name, one_of(plain, catalogue()))
     share, parts = (share if thinner is None else thinner), (parts if ratio is None else ratio)
     return _with_recipe(plain, share, parts)
 

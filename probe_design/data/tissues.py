@@ -8,7 +8,7 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
-from geometry.common.errors import InputError
+from geometry.common.errors import InputError, one_of
 from probe_design.data.numbers import Number, toml_lines
 
 
@@ -51,7 +51,7 @@ def tissue(name: str) -> BuiltinTissue:
     """
     found = tissues()
     if name not in found:
-        raise InputError("tissue", name, ", ".join(found))
+        raise InputError("tissue", name, one_of(name, found))
     return found[name]
 
 

@@ -23,6 +23,7 @@ from probe_design.populations.pictures import plot_levers
 from probe_design.reports.page import Chapter, Code, Items, PageTable, Picture, Text
 from probe_design.reports.page import page as html
 from probe_design.reports.scene_sections import asked, scene_sections
+from probe_design.reports.workshop import FOR_THE_WORKSHOP
 
 STAGE = "writing STEP files, pictures and report"
 FRONT = "pareto.png"
@@ -142,7 +143,7 @@ def page(
             "After the workshop",
             (Text(WORKSHOP), _table(("design", "as drawn", "expected", "5 % below", "95 % below"), _built(optimum))),
         ),
-        Chapter("What to machine", (*parts["drawing.png"], Items(tuple(files), links=True))),
+        Chapter("What to machine", (*parts["drawing.png"], Items(tuple(files), links=True), *FOR_THE_WORKSHOP)),
         *scene_sections(optimum.scene, None),
         Chapter("What to keep in mind", (Items(tuple(optimum.warnings) or ("nothing",)),)),
         asked(optimum.scene, "The scene of the design"),

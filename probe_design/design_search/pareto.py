@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from geometry.common.errors import InputError, Refusal
+from geometry.common.errors import InputError, Refusal, one_of
 from geometry.scenes.scene import Load
 from probe_design.design_search.choices import Progress, choose
 from probe_design.design_search.judging import judge
@@ -60,7 +60,7 @@ def front(design: Design, against: str, progress: Progress) -> Front:
         InputError: there is no such cost.
     """
     if against not in AGAINST:
-        raise InputError("pareto", against, " or ".join(AGAINST))
+        raise InputError("pareto", against, one_of(against, AGAINST))
     points: list[Point] = []
     asked = list(_asked(design, against))
     for k, (at, one) in enumerate(asked):

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import InputError, Refusal, Words
+from geometry.common.errors import InputError, Refusal, Words, one_of
 from geometry.scenes.scene import Scene
 from geometry.scenes.variables import values
 from probe_design.estimation.answer import OPEN, Estimate, hull, identifiable, several, widest
@@ -138,7 +138,7 @@ def _of_target(scene: Scene, unknown: str) -> bool:
         return True
     numbers = [name for name in values(scene) if OF_TISSUE.fullmatch(name)]
     if unknown not in numbers:
-        raise InputError("unknown", unknown, ", ".join([*OF_TARGET, *numbers]))
+        raise InputError("unknown", unknown, one_of(unknown, [*OF_TARGET, *numbers]))
     return False
 
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import InputError, ProbeError, Words
+from geometry.common.errors import InputError, ProbeError, Words, one_of
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import number
 from geometry.scenes.variables import loss_factors, values
@@ -74,7 +74,7 @@ def checked(scene: Scene, given: Mapping[str, Any], unknown: str) -> dict[str, f
     allowed = [name for name in (*values(scene), *lossy) if name not in (asked, unknown) and not name.endswith("poisson_ratio")]
     for name in given:
         if name not in allowed:
-            raise InputError("nuisance", name, ", ".join(allowed))
+            raise InputError("nuisance", name, one_of(name, allowed))
     return {name: deviation(f"nuisance.{name}", value) for name, value in given.items()}
 
 

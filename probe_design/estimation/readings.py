@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Bools, Floats, Ints
-from geometry.common.errors import InputError, Words
+from geometry.common.errors import InputError, Words, one_of
 from geometry.common.text_files import read_text, tables
 from geometry.scenes import fit as placement
 from geometry.scenes.probe import mm
@@ -194,7 +194,7 @@ def _reading(where: str, row: Mapping[str, Any], scene: Scene, noise: Any, stiff
     """Check one reading; ``where`` begins its keys in messages."""
     for key in row:
         if key not in KEYS:
-            raise InputError(f"{where}{key}", row[key], f"one of {', '.join(KEYS)}")
+            raise InputError(f"{where}{key}", row[key], one_of(key, KEYS))
     defaults = {"noise": noise, "stiffness_noise": stiffness_noise}
     entries = defaults | {key: value for key, value in row.items() if value is not None}
     ratio = number(f"{where}ratio", entries.get("ratio"), RATIO)

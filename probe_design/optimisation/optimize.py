@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import InputError, Refusal, SolveError
+from geometry.common.errors import InputError, Refusal, SolveError, one_of
 from geometry.scenes.scene import Scene
 from probe_design.data.noise import NOISE
 from probe_design.optimisation.candidate import FINER, Candidate, candidate, merged
@@ -73,7 +73,7 @@ def _judge(scene: Scene, name: str | None) -> str:
     if name is None:
         return next((level for level in JUDGES if evaluator(level).refusal(scene) is None), JUDGES[0])
     if name not in JUDGES:
-        raise InputError("evaluator", name, f"{' or '.join(JUDGES)} to judge designs")
+        raise InputError("evaluator", name, f"to judge designs {one_of(name, JUDGES)}")
     return name
 
 

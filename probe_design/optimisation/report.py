@@ -21,6 +21,7 @@ from probe_design.optimisation.optimum import Optimum
 from probe_design.reports.page import Chapter, Items, PageTable, Picture, Text
 from probe_design.reports.page import page as html
 from probe_design.reports.scene_sections import asked, scene_sections
+from probe_design.reports.workshop import FOR_THE_WORKSHOP
 
 
 def write_all(
@@ -130,7 +131,7 @@ def page(optimum: Optimum, files: Sequence[str], answer: dict[str, Any], drawing
         asked(optimum.baseline.scene),
         Chapter("Start and optimum", (_table(headings(optimum), level_rows(optimum)), *map(Text, _notes(optimum)))),
         Chapter("Limits of the search", (_table(("limit", "value, SI", "active"), limits),)),
-        Chapter("What to machine", (*drawn, Items(tuple(files), links=True))),
+        Chapter("What to machine", (*drawn, Items(tuple(files), links=True), *FOR_THE_WORKSHOP)),
         *scene_sections(best, optimum.noise.ratio),
         Chapter("All judged designs", (_table(rows[0], rows[1:]),)),
         Chapter("What to keep in mind", (Items((*optimum.remarks, *map(str, optimum.best.judged.warnings)) or ("nothing",)),)),

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import Field, ValidationError
 from pydantic_core import ErrorDetails
 
-from geometry.common.errors import InputError, Words
+from geometry.common.errors import InputError, Words, one_of
 from geometry.common.text_files import read_tables
+from geometry.scenes.messages import model_at
 from geometry.scenes.probe import Frozen
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import named_scene
@@ -66,7 +66,7 @@ def design_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_
     """
     rest = {name: table for name, table in tables.items() if name != "scene"}
     if unknown := [name for name in rest if name not in SECTIONS]:
-        raise InputError(str(unknown[0]), rest[unknown[0]], _keys(str(unknown[0]), ("scene", *SECTIONS)))
+        raise InputError(str(unknown[0]), rest[unknown[0]], one_of(unknown[0], ("scene", *SECTIONS)))
     scene = named_scene(tables.get("scene"), Path(folder))
     try:
         design = Design.model_validate({**rest, "scene": scene}, context={"units_required": units_required})
@@ -116,9 +116,9 @@ def _first_fault(refused: ValidationError) -> InputError:
 
 
 def _allowed(error: ErrorDetails, path: list[str | int]) -> str:
-    model, last = _model(path), next((part for part in reversed(path) if isinstance(part, str)), "")
+    model, last = model_at(Design, path[:-1]), next((part for part in reversed(path) if isinstance(part, str)), "")
     if error["type"] == "extra_forbidden":
-        return _keys(str(path[-1]), tuple(model.model_fields))
+        return one_of(path[-1], model.model_fields)
     if error["type"] == "quantity":
         return error["msg"]
     field = model.model_fields.get(last)
@@ -126,24 +126,3 @@ def _allowed(error: ErrorDetails, path: list[str | int]) -> str:
         return f"a table, [{last}]"
     quantities = [note.allowed for note in field.metadata if isinstance(note, Quantity)]
     return next(iter(quantities), None) or field.description or error["msg"].removeprefix("Input should be ")
-
-
-def _model(path: list[str | int]) -> type[BaseModel]:
-    """The table that the last key of a path belongs to."""
-    model: type[BaseModel] = Design
-    for part in [part for part in path[:-1] if isinstance(part, str)]:
-        field = model.model_fields.get(part)
-        model = (_held(field.annotation) if field else None) or model
-    return model
-
-
-def _held(kind: Any) -> type[BaseModel] | None:
-    if isinstance(kind, type) and issubclass(kind, BaseModel):
-        return kind
-    return next((one for one in map(_held, get_args(kind)) if one is not None), None)
-
-
-def _keys(given: str, known: tuple[str, ...]) -> str:
-    """The keys that there are, the one that was perhaps meant first."""
-    near = get_close_matches(given, known, 1)
-    return (f"did you mean {near[0]}? " if near else "") + f"one of {', '.join(known)}"

@@ -20,7 +20,8 @@ from geometry.provenance.texts import block_of
 from probe_design.repetition.agreement import Difference, compared, differences
 from probe_design.repetition.command_line import rerun_words
 
-ROWS = "results.csv"  # of a sweep
+TABLES = {"results.csv": "rows", "tolerances.csv": "tolerances", "bill-of-materials.csv": "bill"}  # of a sweep; of an export
+WHOLE = "optimize.json"  # has all numbers of its folder, whatever else was put there
 NO_GAIN = 1  # the exit code of an answer that says no
 
 
@@ -95,13 +96,14 @@ def rerun(file: Path, cli: click.Group) -> Rerun:
 
 
 def _told(file: Path) -> tuple[Provenance, dict[str, Any]]:
-    """The block of a file or folder and the numbers beside it; of a sweep's folder with its rows."""
+    """The block of a file or folder and the numbers beside it; of a folder with the rows of its tables."""
     block, found = block_of(file)
-    return block, found if not (file / ROWS).is_file() else found | {"rows": list(_rows(file / ROWS))}
+    there = {name: file / name for name in TABLES if (file / name).is_file() and not (file / WHOLE).is_file()}
+    return block, found | {TABLES[name]: list(_rows(path)) for name, path in there.items()}
 
 
 def _rows(path: Path) -> Iterator[dict[str, Any]]:
-    """The rows of a sweep by their headings without units, numbers where there are any."""
+    """The rows of a table by their headings without units, numbers where there are any."""
     with path.open(encoding="utf-8", newline="") as file:
         for row in csv.DictReader(file):
             yield {name.partition(",")[0]: _number(text) for name, text in row.items() if name != "key"}

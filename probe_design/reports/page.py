@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import io
 import json
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -21,6 +22,9 @@ from geometry.provenance.texts import html_script
 if TYPE_CHECKING:
     from jinja2 import Template
     from matplotlib.figure import Figure
+
+
+SENTENCE = 24  # characters of a table's cell: what is longer breaks into lines
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,11 @@ class PageTable:
     headings: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     kind: str = "table"
+
+    @property
+    def wordy(self) -> list[bool]:
+        """Whether each column holds sentences, which break into lines, and not numbers or names, which do not."""
+        return [any(len(row[k]) > SENTENCE for row in self.rows) for k in range(len(self.headings))]
 
 
 @dataclass(frozen=True)
@@ -134,7 +143,7 @@ def page(title: str, headline: str, sections: Sequence[Chapter], answer: dict[st
 def _origin(block: dict[str, Any]) -> PageTable:
     told = {**block, "dependencies": [f"{name} {version}" for name, version in block["dependencies"].items()]}
     command = block["command"]
-    told["command"] = None if command is None else " ".join(["probe-design", *command])
+    told["command"] = None if command is None else shlex.join(["probe-design", *command])
     told["inputs"] = [f"{name} {sha[:12]}" for name, sha in block["inputs"].items()]
     shown = {name: ", ".join(value) if isinstance(value, list) else value for name, value in told.items()}
     return PageTable(("", "provenance"), tuple((name, str(value)) for name, value in shown.items() if value not in (None, "")))

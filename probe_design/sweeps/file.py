@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from geometry.common.errors import InputError, Words, did_you_mean
+from geometry.common.errors import InputError, Words, one_of
 from geometry.common.resources import Limits, limits
 from geometry.common.text_files import read_tables
 from geometry.scenes.messages import most_telling
@@ -101,7 +101,7 @@ def sweep_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_r
     """
     for name in tables:
         if name not in _KEYS:
-            raise InputError(str(name), tables[name], f"one of {', '.join(_KEYS)}")
+            raise InputError(str(name), tables[name], one_of(name, _KEYS))
     base = _with_whole_names(named_scene(tables.get("scene"), Path(folder)).model_dump(exclude_unset=True))
     sample = _sample(tables.get("sample", {}))
     entries = tables.get("variables")
@@ -146,7 +146,7 @@ def _settings(tables: Mapping[str, Any]) -> tuple[str, float, bool]:
 
     evaluator, accuracy, linear = tables.get("evaluator", AUTO), tables.get("accuracy", 0.01), tables.get("linear", False)
     if evaluator not in (AUTO, *BUILT):
-        raise InputError("evaluator", evaluator, f"one of {', '.join((AUTO, *BUILT))}{did_you_mean(evaluator, (AUTO, *BUILT))}")
+        raise InputError("evaluator", evaluator, one_of(evaluator, (AUTO, *BUILT)))
     if isinstance(accuracy, bool) or not isinstance(accuracy, int | float):
         raise InputError("accuracy", accuracy, "a number above 0 and below 1, such as 0.01")
     check_accuracy(accuracy)
@@ -169,10 +169,10 @@ def _sample(table: object) -> DesignSampling:
         raise InputError("sample", table, "a table, [sample]")
     for name in table:
         if name not in ("kind", "n", "seed"):
-            raise InputError(f"sample.{name}", table[name], "one of kind, n, seed")
+            raise InputError(f"sample.{name}", table[name], one_of(name, ("kind", "n", "seed")))
     kind = table.get("kind", "grid")
     if kind not in KINDS:
-        raise InputError("sample.kind", kind, f"one of {', '.join(KINDS)}")
+        raise InputError("sample.kind", kind, one_of(kind, KINDS))
     if kind == "grid":
         if len(table) > ("kind" in table):
             raise InputError("sample", Words("n or seed of a grid"), f"n and seed with kind = {', '.join(KINDS[1:])}")

@@ -11,7 +11,7 @@ from typing import Any, Union, get_args, get_origin
 
 from pydantic import BaseModel
 
-from geometry.common.errors import InputError, Words
+from geometry.common.errors import InputError, Words, one_of
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import Quantity
 
@@ -151,7 +151,7 @@ def _quantity(name: str, path: Path, base: Mapping[str, Any]) -> Quantity | None
             continue
         fields = {key: field for model in models for key, field in model.model_fields.items()}
         if part not in fields:
-            allowed = f"one of {', '.join(fields)} in place of {part}" if fields else "a key of the scene file"
+            allowed = f"in place of {part} {one_of(part, fields)}" if fields else "a key of the scene file"
             raise InputError("variable", name, allowed)
         field = fields[part]
         kind = field.annotation

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from geometry.common.errors import InputError, Words
+from geometry.common.errors import InputError, Words, one_of
 from probe_design.sweeps.keys import Key, Value, key
 from probe_design.sweeps.samples import Variable
 
 MOST_VALUES = 1_000_000
+PARTS = ("values", "from", "to", "points", "scale")
 
 
 def variable(name: str, entry: object, base: Mapping[str, Any], *, kind: str, units_required: bool, folder: Path) -> Variable:
@@ -35,8 +36,8 @@ def variable(name: str, entry: object, base: Mapping[str, Any], *, kind: str, un
     if not isinstance(entry, Mapping):
         raise InputError(name, entry, "a list of values, or a table with from and to")
     for part in entry:
-        if part not in ("values", "from", "to", "points", "scale"):
-            raise InputError(f"{name}.{part}", entry[part], "one of values, from, to, points, scale")
+        if part not in PARTS:
+            raise InputError(f"{name}.{part}", entry[part], one_of(part, PARTS))
     if "values" in entry:
         listed = _listed(where, entry, units_required)
         if where.path[-1] == "surface":

@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from geometry.common.errors import InputError
+from geometry.common.errors import InputError, one_of
 from geometry.scenes.probe import LENGTH
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import number
@@ -79,7 +79,7 @@ def toleranced(
         found |= _of_material(found, block, what)
     for name, entry in (given or {}).items():
         if name not in found:
-            raise InputError("tolerance", name, ", ".join(found))
+            raise InputError("tolerance", name, one_of(name, found))
         found[name] = replace(found[name], sd=_read(found[name], entry), source="given")
     return tuple(found.values())
 

@@ -42,7 +42,7 @@ def _report(study: Tradeoff, picture: Path, summary: dict[str, Any]) -> str:
     silent = (*(f"{name}: {why}" for name, why in study.skipped.items()), *dict.fromkeys(refusals))
     sections = (
         Chapter("Error against time", (Picture.read(picture, "error against time of every level and setting"),)),
-        Chapter("Every setting", (PageTable(SUMMARY, tuple(summary_cells(study))), Text(NOTES))),
+        Chapter("Every setting", (PageTable(SUMMARY, tuple(summary_cells(study))), Text(NOTES.replace("`", "")))),
         Chapter("The cheapest for each scene", (PageTable(CHOICES, tuple(choice_cells(study))),)),
         Chapter("Every answer", (PageTable(EACH, tuple(row_cells(study))),)),
         Chapter("Not asked, or no answer", (Items(silent or ("nothing",)),)),

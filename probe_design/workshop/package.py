@@ -13,6 +13,8 @@ from geometry.cad.export import Writer
 from geometry.cad.export import export as write
 from geometry.cad.record import check_same
 from geometry.common.files import check_writable
+from geometry.provenance.block import provenance
+from geometry.provenance.texts import toml_comment
 from geometry.scenes.base_sizes import assumed_sizes
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
@@ -95,7 +97,8 @@ def export(
         rounding = costed(rounding, scene)
     tell("solids, drawings, patterns and moulds")
     files: dict[str, Writer] = {"drawing.png": partial(draw, built.probe, edge_radius=edge), **beside(built)}
-    files |= {**writers(built.probe, edge, budget, casting), SCENE: partial(_write, scene_to_toml(built))}
+    text = toml_comment(provenance()) + scene_to_toml(built)
+    files |= {**writers(built.probe, edge, budget, casting), SCENE: partial(_write, text)}
     paths = write(built.probe, folder, force, beside=files, edge_radius=edge)
     remarks = [budget.remark, "" if rounding is None else rounding.remark]
     return Exported(built, paths, rounding, tuple(text for text in remarks if text))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import InputError
+from geometry.common.errors import InputError, one_of
 from geometry.meridian.section import LAYERS, Body
 from geometry.scenes.scene import Scene
 from geometry.scenes.variables import length_derivatives, values
@@ -52,7 +52,7 @@ def gradients(scene: Scene, sample: MeshSample, names: tuple[str, ...] | None = 
     chosen = allowed if names is None else names
     unknown = [name for name in chosen if name not in allowed]
     if unknown:
-        raise InputError("variable", unknown[0], ", ".join(allowed))
+        raise InputError("variable", unknown[0], one_of(unknown[0], allowed))
     chain = np.array([by_scene(scene, sample.states.model, name) for name in chosen])  # (v, section variables)
     logs = by_section(sample)
     totals, f = sample.totals, logs.totals  # (k, 2), (k, section variables, 2)

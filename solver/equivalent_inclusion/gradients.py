@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import InputError
+from geometry.common.errors import InputError, one_of
 from geometry.meridian.frame import Kind, MeridianFineness
 from geometry.meridian.section import LAYERS, TISSUES, Body
 from geometry.scenes.probe import Material
@@ -150,7 +150,7 @@ def tumour_gradients(scene: Scene, solution: FirstOrder, names: tuple[str, ...])
     allowed = tuple(values(scene))
     unknown = [name for name in names if name not in allowed]
     if unknown:
-        raise InputError("variable", unknown[0], ", ".join(allowed))
+        raise InputError("variable", unknown[0], one_of(unknown[0], allowed))
     values_now = solution.forms()
     values_now[0] += solution.states.forces
     model = solution.states.model

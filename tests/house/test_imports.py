@@ -227,6 +227,7 @@ ALLOWED: dict[str, set[str]] = {
         "hw.common",
         *SCENES,
     },
+    "probe_design.process": set(),
     "probe_design.cli": {
         "probe_design.built_probe",
         "probe_design.data",
@@ -239,7 +240,9 @@ ALLOWED: dict[str, set[str]] = {
         "probe_design.pictures",
         "probe_design.populations",
         "probe_design.probe_check",
+        "probe_design.process",
         "probe_design.repetition",
+        "probe_design.reports",
         "probe_design.solid_output",
         "probe_design.sweeps",
         "probe_design.terminal",
@@ -266,10 +269,12 @@ ALLOWED: dict[str, set[str]] = {
         "probe_design.maps",
         "probe_design.optimisation",
         "probe_design.populations",
+        "probe_design.process",
         "probe_design.sweeps",
-        "geometry.cad",
+        "probe_design.workshop",
+        "geometry.workshop",
         "solver",
-        *SCENES,
+        *PROVENANCE,
     },
 }
 PACKAGES = sorted({room.split(".")[0] for room in ALLOWED})

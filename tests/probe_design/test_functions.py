@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import inspect
 import json
+import pydoc
+import re
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -12,10 +14,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+import geometry
 import hw
 import probe_design
 import solver
 from geometry.common.errors import InputError
+from geometry.provenance.block import provenance
+from geometry.provenance.texts import block_of
 from geometry.scenes.scene_file import read_scene
 from probe_design import curve, detectability, estimate, evaluate, export, load, scan, sweep
 from tests.support.paths import SCENE
@@ -81,6 +86,13 @@ def test_help_page_has_the_functions() -> None:
     ).stdout
     functions = page.partition("\nFUNCTIONS\n")[2]
     assert [name for name in probe_design.__all__ if f"\n    {name}(" not in f"\n{functions}"] == []
+
+
+@pytest.mark.parametrize("package", [probe_design, solver, hw, geometry])
+def test_help_begins_with_what_a_user_calls(package: Any) -> None:
+    """Before the rooms, which pydoc lists of any package, stands each name that the package offers."""
+    told = pydoc.render_doc(package, renderer=pydoc.plaintext).partition("\nPACKAGE CONTENTS\n")[0]
+    assert [name for name in package.__all__ if not re.search(rf"\b{name}\b", told)] == []
 
 
 def test_bare_import_is_light() -> None:
@@ -165,4 +177,11 @@ def test_sweep_as_arrays(tmp_path: Any) -> None:
 
 @pytest.mark.slow
 def test_export_writes_what_the_command_writes(tmp_path: Any) -> None:
-    assert {"assembly.step", "parts.json", "drawing.png"} <= {path.name for path in export(SCENE, tmp_path)}
+    made = export(SCENE, tmp_path / "parts", step=1e-4)
+    names = {path.name for path in made.files}
+    assert {"assembly.step", "parts.json", "outer.pdf", "mould-inner-upper.step", "bill-of-materials.csv"} <= names
+    assert made.rounding is not None
+    assert made.scene.probe.tube_radius == pytest.approx(5.5e-3)
+    assert block_of(tmp_path / "parts")[0]["scene"] == provenance(read_scene(SCENE))["scene"]
+    with pytest.raises(InputError, match="another design"):
+        export(SCENE, tmp_path / "parts")

@@ -36,8 +36,8 @@ TEXTS = {  # what stands at them
     "outer": ["\u00d810.2", f"\u00d8{2 * OUTER:.4f}", "5", "1", "2", "R0.2 \u00b10.02"],
     "film-inner": ["\u00d810 \u00b10.04", "0.11 \u00b10.011"],
     "film-outer": ["\u00d810.2", f"\u00d8{2 * OUTER:.4f}", "0.11 \u00b10.011", "2"],
-    "base": [f"\u00d8{2 * OUTER:.4f}", "\u00d818", "3", "2", "5"],
-    "assembly": ["0.1 \u00b10.01", f"\u00d8{2 * OUTER:.4f}", "\u00d818", "5", "10.11"],
+    "base": [f"\u00d8{2 * OUTER:.4f}", "\u00d818", "3", "2", "(5)"],  # the whole follows from its steps, ISO 129-1
+    "assembly": ["0.1 \u00b10.01", f"(\u00d8{2 * OUTER:.4f})", "(\u00d818)", "(5)", "(10.11)"],  # the parts' drawings give them
 }
 
 
@@ -52,7 +52,7 @@ def test_dxf_holds_every_size_of_the_scene(package: Path, name: str) -> None:
     assert sorted(one["actualMeasurement"] for one in found) == pytest.approx(sorted(SIZES[name]), rel=1e-9)
     assert sorted(one["text"] for one in found) == sorted(TEXTS[name])
     for one in found:  # and each text says what its dimension measures
-        number = float(re.sub(r"^[^0-9]*", "", one["text"]).split()[0].rstrip("*"))
+        number = float(re.sub(r"^[^0-9]*", "", one["text"]).split()[0].rstrip("*)"))
         assert number == pytest.approx(distance(one), abs=0.51e-4)
 
 

@@ -14,6 +14,8 @@ from geometry.workshop.tolerance import tolerance, written
 from tests.support.parts import make
 from tests.support.workshop import EDGE, probe
 
+EDGE_MM = 1e3 * EDGE
+
 
 def rows(path: Path, key: str) -> dict[str, dict[str, str]]:
     with path.open(encoding="utf-8") as file:
@@ -35,6 +37,14 @@ def test_bill_of_materials(package: Path) -> None:
     assert float(bill["film-inner"]["mass_g"]) == pytest.approx(volume * 1.78e-3, rel=1e-5)  # 1780 kg/m^3
     assert bill["inner"]["mass_g"] == ""  # nobody has said which product
     assert bill["inner"]["properties"] == "E = 1 MPa, Poisson's ratio 0.4"
+    lid, shrunk = 6.0, 1 - 1e-3  # mm; linear
+    sprues = math.pi * (1.25**2 + 2 * 0.5**2) * lid  # the hole is a quarter of the radius
+    # eq. WS.1 undone, to what the draft adds to a block of these walls: (h tan(draft))^2 / 12 of the mean radius squared
+    block = math.pi * (25 * 5) - math.tau * (4.8 * (1 - math.pi / 4) * EDGE_MM**2 + EDGE_MM**3 / 6)
+    mixed = float(bill["casting-inner"]["volume_mm3"])
+    assert (mixed - sprues) * shrunk**3 == pytest.approx(block, rel=1e-3)
+    assert (bill["casting-inner"]["material"], bill["casting-inner"]["mass_g"]) == ("mixed elastomer", "")
+    assert all(float(row["volume_mm3"]) > 0 for name, row in bill.items() if name != "shim")
     assert {name for name in bill if "mould" in name} == {
         f"mould-{b}-{h}" for b in ("inner", "outer") for h in ("lower", "upper")
     }

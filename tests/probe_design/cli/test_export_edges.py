@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from geometry.scenes.scene import Contact, Scene
 from geometry.scenes.scene_file import read_scene, scene_to_toml
 from geometry.workshop.tolerance import UNBOUND
-from probe_design.cli.design import export
+from probe_design.cli.export import export
 from probe_design.optimisation import report
 from probe_design.workshop import package  # before anything is replaced, or what is replaced would stay in it
 

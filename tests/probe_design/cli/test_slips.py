@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -21,10 +22,47 @@ from tests.support.program import refused
         (("evaluate", SCENE, "--evaluator", "axisymetric"), "did you mean 'axisymmetric'?"),
         (("evaluate", SCENE, "--evaluator", "Solid"), "did you mean 'solid'?"),
         (("evaluate", SCENE, "--acuracy", "0.1"), "--accuracy"),
+        (("optimize", SCENE, "-o", "out", "--evaluator", "axisymetric"), "did you mean 'axisymmetric'?"),
+        (("estimate", SCENE, "--ratio", "0.5", "--unknown", "diametre"), "did you mean 'diameter'?"),
+        (("estimate", SCENE, "--ratio", "0.5", "--nuisance", "probe.gpa=1 %"), "did you mean 'probe.gap'?"),
+        (("tolerances", SCENE, "--tolerance", "probe.gpa=1 um"), "did you mean 'probe.gap'?"),
+        (("material", "show", "ecoflx-00-10"), "did you mean 'ecoflex-00-10'?"),
+        (("tissue", "show", "brest"), "did you mean 'breast'?"),
+        (("read", SCENE, "--virtual", "--built", "probe.gpa=1 mm"), "did you mean 'probe.gap'?"),
     ],
 )
 def test_what_was_likely_meant_is_told(words: tuple[str, ...], meant: str) -> None:
     assert meant in refused(*words)
+
+
+SWEEP = """scene = "{scene}"
+[variables]
+"{key}" = {{{part} = ["0.1 mm"]}}
+"""
+FILES = {  # what is wrong in it, the verb that reads it, and what is meant
+    "sweep": (SWEEP.format(scene=SCENE, key="probe.gapp", part="values"), "did you mean 'gap'?"),
+    "sweep ": (SWEEP.format(scene=SCENE, key="probe.gap", part="vals"), "did you mean 'values'?"),
+    "sweep  ": (f'scene = "{SCENE}"\nevaluater = "closed-form"', "did you mean 'evaluator'?"),
+    "read": ("[workshp]\nlength = '1 um'\n", "did you mean 'workshop'?"),
+    "read ": ("[channels]\ngian = 0.1\n", "did you mean 'gain'?"),
+    "estimate": ("ratoi,noise\n0.5,0.01\n", "did you mean 'ratio'?"),
+    "evaluate": (SCENE.read_text(encoding="utf-8").replace('"bonded"', '"bondd"'), "did you mean 'bonded'?"),
+    "evaluate ": (SCENE.read_text(encoding="utf-8").replace('"cylinder"', '"cylindre"'), "did you mean 'cylinder'?"),
+}
+
+
+@pytest.mark.parametrize("verb", FILES)
+def test_what_was_likely_meant_in_a_file_is_told(verb: str, tmp_path: Path) -> None:
+    text, meant = FILES[verb]
+    file = tmp_path / ("file.csv" if "," in text else "file.toml")
+    file.write_text(text, encoding="utf-8")
+    words: dict[str, tuple[object, ...]] = {
+        "sweep": (file, "-o", tmp_path / "out"),
+        "read": (SCENE, "--virtual", "--bench", file),
+        "estimate": (SCENE, "--readings", file),
+        "evaluate": (file,),
+    }
+    assert meant in refused(verb.strip(), *words[verb.strip()])
 
 
 def completions(*words: str) -> list[str]:

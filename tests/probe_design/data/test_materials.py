@@ -90,7 +90,7 @@ def test_a_recipe_may_stand_in_the_name(words: str, recipe: dict[str, float]) ->
         ("sylgard-184", {"ratio": 50.0}, "from 5 to 33"),
         ("sylgard-184", {"thinner": 0.1}, "none for sylgard-184"),
         ("dragon-skin-30", {"ratio": 10.0}, "none for dragon-skin-30"),
-        ("dragonskin-30", {}, "did you mean dragon-skin-30"),
+        ("dragonskin-30", {}, "did you mean 'dragon-skin-30'"),
         ("unobtainium", {}, "one of ecoflex-00-10"),
         ("ecoflex-00-10 with 3.0.0 % thinner", {}, "a name"),
         ("", {}, "one of ecoflex-00-10"),

@@ -45,8 +45,8 @@ def test_every_key_says_what_it_means() -> None:
 @pytest.mark.parametrize(
     ("tables", "key", "allowed"),
     [
-        ({"populaton": {}}, "populaton", "did you mean population?"),
-        ({"population": {"dept": ["3 mm", "4 mm"]}}, "population.dept", "did you mean depth?"),
+        ({"populaton": {}}, "populaton", "did you mean 'population'?"),
+        ({"population": {"dept": ["3 mm", "4 mm"]}}, "population.dept", "did you mean 'depth'?"),
         ({"population": {"depth": ["3 mm", 4]}}, "population.depth", "the unit is missing"),
         ({"population": {"depth": ["5 mm", "4 mm"]}}, "population.depth", "the higher end comes first"),
         ({"population": {"layer": [{"thickness": "1 mm"}]}}, "population.layer", "at most 0"),

@@ -81,6 +81,12 @@ def test_what_tells_nothing_of_its_origin_is_refused(folder: Path) -> None:
         assert "that can be read" in refused("rerun", name)
 
 
+@pytest.mark.parametrize("text", ["ISO-10303-21;\nHEADER;\n", "  0\nSECTION\n", "%PDF-1.4\n%\u00ac", "\x89PNG\r\n", "part\n"])
+def test_of_a_drawing_the_folder_is_asked_for(text: str, folder: Path) -> None:
+    (folder / "drawing").write_text(text, encoding="latin-1")
+    assert "of a drawing or solid its folder" in refused("rerun", "drawing")
+
+
 def test_what_python_made_is_refused(folder: Path) -> None:
     (folder / "python.json").write_text(json.dumps(evaluate("scene.toml", evaluator="closed-form", accuracy=0.1).as_dict()))
     assert "Python program" in refused("rerun", "python.json")
@@ -108,8 +114,14 @@ def test_a_sweep_s_folder_is_repeated(folder: Path) -> None:
 @pytest.mark.slow
 def test_an_export_s_record_is_repeated(folder: Path) -> None:
     assert run("export", "scene.toml", "-o", "out").returncode == 0
+    table = folder / "out" / "tolerances.csv"
+    kept = table.read_text()
+    table.write_text(kept.replace("hole_diameter,diameter,outer,8.2,", "hole_diameter,diameter,outer,8.3,"))
+    assert table.read_text() != kept
+    first, last = again("out").stdout.splitlines()  # the tables' numbers too, and all others agree
+    assert first.startswith("tolerances[2].nominal_mm: 8.3 then, 8.2 now")
+    assert int(last.split()[0]) > 40
     record = folder / "out" / "parts.json"
-    assert again(record).returncode == 0
     told = json.loads(record.read_text())
     record.write_text(json.dumps(told | {"design": "0" * 64}))
     assert again(record).returncode == 1

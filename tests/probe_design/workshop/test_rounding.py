@@ -14,7 +14,7 @@ from geometry.common.errors import InputError
 from geometry.scenes.probe import Base, Groove
 from geometry.scenes.scene import Contact, Scene
 from geometry.scenes.scene_file import read_scene, scene_from_toml, scene_to_toml
-from probe_design.cli.design import export
+from probe_design.cli.export import export
 from probe_design.workshop.rounding import costed, rounded
 from solver import evaluate
 

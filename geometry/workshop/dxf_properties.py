@@ -1,0 +1,20 @@
+"""Properties of a DXF file, as CAD programs list them: whose design it is, and what made it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from geometry.cad.stamp import Stamp
+from geometry.provenance.texts import pieces
+
+PIECE = 2000  # characters: a string of a DXF file holds 2049
+
+
+def signed(document: Any, stamp: Stamp) -> Any:
+    """Return a DXF document with its custom properties: design, program, and the block as JSON, in one where it fits."""
+    told = {"design": stamp.design, "program": stamp.program}
+    parts = pieces(stamp.provenance, PIECE)
+    names = ["provenance"] if len(parts) == 1 else [f"provenance {number}" for number in range(1, len(parts) + 1)]
+    for name, text in {**told, **dict(zip(names, parts, strict=True))}.items():
+        document.header.custom_vars.append(name, text)
+    return document
