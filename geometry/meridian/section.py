@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from enum import IntEnum
+from functools import cached_property
 from itertools import accumulate
 from typing import Any
 
@@ -75,13 +76,13 @@ class Section:
     edge_radius: Lengths = 0.0
     mesh_size: Lengths = 0.0
 
-    @property
+    @cached_property
     def lengths(self) -> tuple[str, ...]:
         """Names of the lengths that are not zero: those by which outputs can be differentiated."""
         names = (field.name for field in fields(self) if field.name != "mesh_size")
         return tuple(name for name in names if np.all(getattr(self, name) != 0))
 
-    @property
+    @cached_property
     def block_radii(self) -> dict[str, Any]:
         """Where the blocks' walls stand and, if their edges are round, their faces end: rising, by name."""
         inner, hole, tube, edge = self.inner_radius, self.hole_radius, self.tube_radius, self.edge_radius
@@ -95,13 +96,13 @@ class Section:
         """Whether there is a film or an elastic base."""
         return bool(np.all(self.film != 0) or np.all(self.flange_thickness != 0))
 
-    @property
+    @cached_property
     def interfaces(self) -> list[Any]:
         """Depths of the tissue's interfaces, from the surface downwards."""
         thicknesses = (getattr(self, body.name.lower()) for body in LAYERS)
         return list(accumulate(one for one in thicknesses if np.all(one != 0)))
 
-    @property
+    @cached_property
     def interfaces_apart(self) -> tuple[int, int]:
         """How many interfaces lie above the sphere and how many cross it; all lie above where there is none."""
         if "sphere_radius" not in self.lengths:
@@ -110,19 +111,19 @@ class Section:
         above = sum(bool(np.all(np.real(depth) <= np.real(tops))) for depth in self.interfaces)
         return above, sum(bool(np.all(np.real(depth) < np.real(bottoms))) for depth in self.interfaces[above:])
 
-    @property
+    @cached_property
     def cover(self) -> Any:
         """Tissue between the sphere's top and the next interface above it, or the surface."""
         above, _ = self.interfaces_apart
         return self.sphere_depth - self.sphere_radius - ([0.0, *self.interfaces][above])
 
-    @property
+    @cached_property
     def clearance(self) -> Any:
         """Tissue between the sphere's bottom and the next interface below it, or the floor."""
         below = sum(self.interfaces_apart)
         return [*self.interfaces, self.tissue_depth][below] - self.sphere_depth - self.sphere_radius
 
-    @property
+    @cached_property
     def block_size(self) -> Any:
         """A smooth length below the smallest feature at the blocks' corners."""
         return smooth_min(
@@ -135,14 +136,14 @@ class Section:
             *([self.edge_radius] if np.all(self.edge_radius != 0) else []),
         )
 
-    @property
+    @cached_property
     def under_blocks(self) -> Any:
         """Tissue between the blocks and what is below them: the first interface, the sphere or the floor."""
         if self.interfaces_apart[0]:
             return self.interfaces[0]
         return self.cover if "sphere_radius" in self.lengths else self.tissue_depth
 
-    @property
+    @cached_property
     def corner_size(self) -> Any:
         """The size to which the mesh is graded at the blocks' corners."""
         if np.all(self.mesh_size != 0):

@@ -10,10 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from geometry.common.arrays import Floats
+from geometry.common.arrays import Floats, Ints
 from geometry.common.resources import check_memory, check_time
 from geometry.meridian.frame import Kind, MeridianFineness
 from geometry.meridian.frame import kind as kind_of
@@ -22,11 +23,12 @@ from geometry.meridian.section import Body, Section
 from geometry.scenes.probe import Material
 from solver.axisymmetric.condensed_system import System
 from solver.axisymmetric.dofs import Interface, numbering
-from solver.axisymmetric.quadrilateral import Geometry, geometry, lame, matrices
+from solver.axisymmetric.quadrilateral import Geometry, geometry, lame, matrices, stiffness
 from solver.axisymmetric.shape_functions import Shapes, shapes
 from solver.linalg.workspace import current, kept
 
 Materials = Mapping[Body, Material]
+BLOCK = 32  # elements worked on at once: few enough for the processor's cache
 WHOLE = 2.6  # times the bytes of all element matrices: what a process holds at most
 _mesh = kept(topology)
 
@@ -36,11 +38,10 @@ class MeridianModel:
     """A section with its materials on one mesh: element matrices and the factorised system.
 
     Attributes:
-        section, materials: what is modelled.
+        section, materials, interface: what is modelled.
         mesh: the elements.
         shapes: their functions.
         at: their geometry.
-        shear, volume: their stiffness per unit 2 mu and lambda, shape (n, 2 s, 2 s); u_r before u_z.
         two_mu, lam: of each element, shape (n,).
         recovery: what gives the values inside an element from those on corners and edges, shape (n, 2 (p-1)^2, 8 p).
         system: of the unknowns on corners and edges.
@@ -48,15 +49,24 @@ class MeridianModel:
 
     section: Section
     materials: Materials
+    interface: Interface
     mesh: Topology
     shapes: Shapes
     at: Geometry
-    shear: Floats
-    volume: Floats
     two_mu: Floats
     lam: Floats
     recovery: Floats
     system: System
+
+    def parts(self, chosen: Ints) -> tuple[Floats, Floats]:
+        """Matrices of some elements per unit 2 mu and lambda, shape (e, 2 s, 2 s) both; u_r before u_z. They are not kept."""
+        size = 2 * len(self.shapes.degrees)
+        shear, volume = matrices(self.at.of(chosen), self.shapes)
+        return shear.reshape(len(chosen), size, size), volume.reshape(len(chosen), size, size)
+
+    def stiffness(self, chosen: Ints) -> Floats:
+        """Matrices of some elements with their moduli, shape (e, 2, s, 2, s). They are not kept."""
+        return stiffness(self.at.of(chosen), self.shapes, self.two_mu[chosen], self.lam[chosen])
 
     def whole(self, edge: Floats) -> Floats:
         """All values of the elements, (n, 2 s, k), from those on corners and edges, (n, 8 p, k)."""
@@ -74,7 +84,7 @@ class BaseStates:
     Attributes:
         model: what was solved.
         v: the unknowns of both states, shape (unknowns, 2).
-        own: all values of the elements in both states, rigid shifts taken out, shape (n, 2 s, 2).
+        edge: the elements' values on corners and edges in both states, rigid shifts taken out, shape (n, 8 p, 2).
         shift: these shifts along z, shape (n, 2).
         forces: F_ij, force on block i (0 inner, 1 outer) per unit displacement of base j, N/m, shape (2, 2).
         rounding: bound on what rounding changes in ``forces``, shape (2, 2).
@@ -83,18 +93,22 @@ class BaseStates:
 
     model: MeridianModel
     v: Floats
-    own: Floats
+    edge: Floats
     shift: Floats
     forces: Floats
     rounding: Floats
     residual: float
 
+    @cached_property
+    def own(self) -> Floats:
+        """All values of the elements, rigid shifts taken out, shape (n, 2 s, 2)."""
+        return self.model.whole(self.edge)
+
     def slope(self, body: Body = Body.INCLUSION) -> Floats:
         """Return dF_ij / d ln E of a body, N/m, shape (2, 2)."""
-        inside = self.model.mesh.body == body
-        model, u = self.model, self.own[inside]
-        stiffness = model.two_mu[inside, None, None] * model.shear[inside] + model.lam[inside, None, None] * model.volume[inside]
-        return products(u, stiffness @ u)
+        inside = np.flatnonzero(self.model.mesh.body == body)
+        u = self.edge[inside]
+        return products(u, self.model.system.stiffness[inside] @ u)
 
 
 def model(
@@ -114,21 +128,17 @@ def model(
     current().make_room(WHOLE * size)
     at = geometry(nodes(section, mesh, functions.places), functions)
     two_mu, lam = _moduli(mesh, materials)
-    n, s = len(mesh.body), len(functions.degrees)
-    parts = matrices(at, functions)
-    edge, recovery = condensed(
-        two_mu[:, None, None, None, None] * parts[0] + lam[:, None, None, None, None] * parts[1], functions.skeleton
-    )
+    blocks = [slice(low, low + BLOCK) for low in range(0, len(mesh.body), BLOCK)]
+    parts = [condensed(stiffness(at.of(one), functions, two_mu[one], lam[one]), functions.skeleton) for one in blocks]
+    edge, recovery = (np.concatenate(part) for part in zip(*parts, strict=True))
     system = System.of(numbering(mesh, fineness.order, interface), edge)
-    shear, volume = (part.reshape(n, 2 * s, 2 * s) for part in parts)
     return MeridianModel(
         section,
         materials,
+        interface,
         mesh=mesh,
         shapes=functions,
         at=at,
-        shear=shear,
-        volume=volume,
         two_mu=two_mu,
         lam=lam,
         recovery=recovery,
@@ -153,7 +163,7 @@ def base_states(model: MeridianModel) -> BaseStates:
     # ten standard deviations of the energy when every entry of the matrices carries an independent rounding error
     variance = products(own**2, system.stiffness**2 @ own**2)
     rounding = 10 * np.finfo(float).eps * np.sqrt(variance) + hidden
-    return BaseStates(model, v, own=model.whole(own), shift=shift, forces=forces, rounding=rounding, residual=residual)
+    return BaseStates(model, v, edge=own, shift=shift, forces=forces, rounding=rounding, residual=residual)
 
 
 def products(a: Floats, b: Floats) -> Floats:

@@ -57,6 +57,14 @@ class System:
         """Add the elements' forces, shape (n, 8 p, k), to those of the unknowns."""
         return np.asarray(self.numbering.gather.T @ forces.reshape(-1, forces.shape[-1]))
 
+    def lifted(self, lift: Floats) -> Floats:
+        """Forces of the lift alone, shape (unknowns, k); few elements have any."""
+        some = np.flatnonzero(np.any(lift != 0, axis=(1, 2)))
+        local, up = lift[some], self.numbering.vertical
+        forces = np.zeros((*self.stiffness.shape[:2], lift.shape[-1]))
+        forces[some] = self.stiffness[some] @ (local - local[:, None, np.argmax(up)] * up[:, None])
+        return self.add_up(forces)
+
     def solve(self, forces: Floats, lift: Floats | float = 0.0, passes: int = 1) -> tuple[Floats, Floats, float]:
         """Return displacements v with K (v + lift) = forces, what is left of the forces, (unknowns, k) both, and its share.
 
@@ -64,10 +72,10 @@ class System:
             SolveError: what is left is too large for the solution to be trusted.
         """
         v = np.zeros_like(forces)
-        for k in range(passes + 1):
+        unbalanced = forces - self.lifted(lift) if isinstance(lift, np.ndarray) else forces
+        for _ in range(passes):
+            v = v + self.factor.solve(unbalanced)
             unbalanced = forces - self.add_up(self.stiffness @ self.own(v, lift))
-            if k < passes:
-                v += self.factor.solve(unbalanced)
         scale = np.linalg.norm(self._magnitude(v, lift) + np.abs(forces), axis=0)
         residual = float(np.max(np.linalg.norm(unbalanced, axis=0) / np.where(scale > 0, scale, 1.0)))
         if not residual <= LARGEST_RESIDUAL:

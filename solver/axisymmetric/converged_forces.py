@@ -10,6 +10,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
+from solver.axisymmetric.lower_order import graded_everywhere, order_errors
 from solver.axisymmetric.omitted_details import IN_PLANE, Change, omitted_changes
 from solver.axisymmetric.refinement import LEVELS, SampleErrors, refine
 from solver.axisymmetric.sample import MeshSample, sample
@@ -45,7 +46,7 @@ def converged_forces(scene: Scene, accuracy: float, moduli: Floats | None = None
 
     Raises:
         SolveError: the scene's equations cannot be solved in double precision.
-        LimitReached: not even two meshes are within the limits of memory and time.
+        LimitReached: not even the meshes that an error bound needs are within the limits of memory and time.
     """
     current().begin()
     plain = sections(scene)
@@ -66,7 +67,10 @@ def converged_forces(scene: Scene, accuracy: float, moduli: Floats | None = None
         return small and all(_sensitive_enough(one, accuracy) for one in numerical)
 
     mesh_sample, errors, why = refine(
-        lambda level: rough() if level == LEVELS[0] and chosen is plain else solve(level), accuracy, good
+        lambda level: rough() if level == LEVELS[0] and chosen is plain else solve(level),
+        accuracy,
+        good,
+        order_errors if moduli is None and graded_everywhere(chosen.section) else None,
     )
     films = _films(scene, mesh_sample, errors, missing)
     plan = tuple(change.decision(accuracy) for change in changes)

@@ -140,7 +140,7 @@ def _by_materials(model: MeridianModel, whole: Floats, chosen: Ints) -> tuple[Fl
         mine = chosen[model.mesh.body[chosen] == body]
         u, nu = whole[mine], material.poisson_ratio
         flat = u.reshape(-1, u.shape[-1])
-        shear, volume = (flat.T @ (part[mine] @ u).reshape(flat.shape) for part in (model.shear, model.volume))
+        shear, volume = (flat.T @ (part @ u).reshape(flat.shape) for part in model.parts(mine))
         two_mu, lam = lame(material.youngs_modulus, nu)
         moduli.append(two_mu * shear + lam * volume)
         lam_by_nu = two_mu * (1 + 2 * nu**2) / ((1 + nu) * (1 - 2 * nu) ** 2)

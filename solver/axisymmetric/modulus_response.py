@@ -100,11 +100,7 @@ class _BodyEnergy:
 
     def __init__(self, states: BaseStates, inside: Ints) -> None:
         self.states, self.inside, self.system = states, inside, states.model.system
-        size = self.system.stiffness.shape[1]
-        skeleton, s = states.model.shapes.skeleton, len(states.model.shapes.degrees)
-        self.local = states.own.reshape(-1, 2, s, 2)[:, :, :skeleton].reshape(-1, size, 2)[
-            inside
-        ]  # u_1, u_2, v_1 ... in the body
+        self.local = states.edge[inside]  # u_1, u_2, v_1 ... in the body
         self.last = self.system.stiffness[inside] @ self.local  # K_b of the newest of them
         self.energy = products(self.local, self.last)
         self.basis = KrylovBasis(self.system.matrix, self.system.factor.solve, len(states.v), NOTHING_NEW)

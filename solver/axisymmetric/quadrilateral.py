@@ -32,7 +32,7 @@ class Geometry:
     weight: Floats
     inverse: Floats
 
-    def of(self, chosen: Ints) -> Geometry:
+    def of(self, chosen: Ints | slice) -> Geometry:
         """Return the geometry of some of the elements."""
         return Geometry(self.radius[chosen], self.weight[chosen], self.inverse[chosen])
 
@@ -66,32 +66,51 @@ def matrices(at: Geometry, shapes: Shapes) -> tuple[Floats, Floats]:
     """Integrate eps:eps and (P div u)^2, P the projection, over each ring element.
 
     Returns two arrays of shape (n, 2, s, 2, s), the components r and z before the functions: the stiffness per unit 2 mu
-    and per unit lambda. Integrals are products of metric coefficients, (n, points), with tables of the functions'
-    products, so that they run at the speed of large matrix products.
+    and per unit lambda.
     """
-    n, s, table = len(at.weight), len(shapes.degrees), shapes.products
+    one, shape = np.ones(len(at.weight)), (len(at.weight), 2, len(shapes.degrees), 2, len(shapes.degrees))
+    return _shear(at, shapes, one).reshape(shape), _volume(at, shapes, one).reshape(shape)
+
+
+def stiffness(at: Geometry, shapes: Shapes, two_mu: Floats, lam: Floats) -> Floats:
+    """Return the elements' matrices with their moduli, shape (n,) both; shape (n, 2, s, 2, s)."""
+    whole = _shear(at, shapes, two_mu)
+    whole += _volume(at, shapes, lam)
+    return whole.reshape(len(whole), *(2, len(shapes.degrees)) * 2)
+
+
+def _shear(at: Geometry, shapes: Shapes, two_mu: Floats) -> Floats:
+    """Integrals of 2 mu eps:eps, shape (n, 2 s, 2 s)."""
+    n, table, size = len(at.weight), shapes.tables, 2 * len(shapes.degrees)
     (xr, xz), (yr, yz) = (at.inverse[..., k, :].transpose(2, 0, 1) for k in (0, 1))  # x, y: the unit square's; r, z
-    w, q = at.weight, at.weight.shape[1]
-    shear = np.empty((n, 2, s, 2, s))
-    rr = np.concatenate([w / at.radius**2, *(w * (a * b + c * d / 2) for a, b, c, d in _pairs(xr, yr, xz, yz))], axis=1)
-    zz = np.concatenate([w * (a * b + c * d / 2) for a, b, c, d in _pairs(xz, yz, xr, yr)], axis=1)
-    rz = np.concatenate([w / 2 * a * b for a in (xz, yz) for b in (xr, yr)], axis=1)
-    shear[:, 0, :, 0] = (rr @ table.even).reshape(n, s, s)
-    shear[:, 1, :, 1] = (zz @ table.even[q:]).reshape(n, s, s)
-    shear[:, 0, :, 1] = (rz @ table.odd).reshape(n, s, s)
-    shear[:, 1, :, 0] = shear[:, 0, :, 1].transpose(0, 2, 1)
-    moments = np.empty((n, shapes.pressure.shape[1], 2, s))
-    moments[:, :, 0] = (np.concatenate([w * xr, w * yr, w / at.radius], axis=1) @ table.dilation).reshape(n, -1, s)
-    moments[:, :, 1] = (np.concatenate([w * xz, w * yz], axis=1) @ table.dilation[: 2 * q]).reshape(n, -1, s)
-    flat = moments.reshape(n, -1, 2 * s)
-    mass = (w @ table.mass).reshape(n, flat.shape[1], -1)
-    volume = flat.transpose(0, 2, 1) @ (np.linalg.inv(mass) @ flat)
-    return shear, volume.reshape(shear.shape)
+    w = at.weight * two_mu[:, None]
+    half = w / 2
+    rr, zz, sheared = half * xr, half * xz, half * yr
+    by_r, by_z = (rr * xr, rr * yr, sheared * yr), (zz * xz, zz * yz, half * yz * yz)  # X X, X Y and Y Y
+    radial, axial = ([2 * a + b for a, b in zip(*pair, strict=True)] for pair in ((by_r, by_z), (by_z, by_r)))
+    sums = (
+        table.even([w / at.radius**2, *radial[:2], *radial[1:]]),
+        table.even([None, *axial[:2], *axial[1:]]),
+        table.odd([zz * xr, zz * yr, half * yz * xr, half * yz * yr]),
+    )
+    flat = np.stack(sums, axis=1).reshape(n, 3 * sums[0].shape[1] * sums[0].shape[2])
+    return flat.take(table.stiffness, axis=1).reshape(n, size, size)
 
 
-def _pairs(x: Floats, y: Floats, also_x: Floats, also_y: Floats) -> tuple[tuple[Floats, ...], ...]:
-    """Factors of X X, X Y + Y X and Y Y in a product of two slopes, and of the same by the other coordinate."""
-    return (x, x, also_x, also_x), (x, y, also_x, also_y), (y, y, also_y, also_y)
+def _volume(at: Geometry, shapes: Shapes, lam: Floats) -> Floats:
+    """Integrals of lambda (P div u)^2, shape (n, 2 s, 2 s)."""
+    moments, mass = volume_moments(at, shapes)
+    return moments.transpose(0, 2, 1) @ (lam[:, None, None] * (np.linalg.inv(mass) @ moments))
+
+
+def volume_moments(at: Geometry, shapes: Shapes) -> tuple[Floats, Floats]:
+    """Integrals of div u and of the pressures times the pressures, shapes (n, m, 2 s) and (n, m, m)."""
+    w, table, m = at.weight, shapes.tables, shapes.pressure.shape[1]
+    by_r, by_z = ([w * at.inverse[..., k, axis] for k in (0, 1)] for axis in (0, 1))
+    parts = [table.dilation([*one, more]) for one, more in ((by_r, w / at.radius), (by_z, None))]
+    flat = [part.reshape(len(w), part.shape[1] * part.shape[2]).take(table.moments, axis=1) for part in parts]
+    moments = np.concatenate([one.reshape(len(w), m, len(shapes.degrees)) for one in flat], axis=2)
+    return moments, (w @ shapes.mass).reshape(len(w), m, m)
 
 
 def dilations(at: Geometry, shapes: Shapes, m: int = 0) -> Floats:

@@ -26,6 +26,7 @@ LEVELS = (
     MeridianFineness(2, 6, 8),
 )
 COARSE_ENOUGH = (3e-3, 3e-4)  # accuracies below which the first, the second level is left out
+ROUGH = 0.05  # accuracies from which the coarser of the first two levels is tried alone, below them the finer
 UNSEEN_DROP = 1.5  # by which errors are trusted to fall from one level to the next before it is seen
 LEAST_SHARE = 1.5  # of the last change: the least that the error bound keeps
 GUARD = 0.3  # of the largest change that eq. AX.2 allows
@@ -41,34 +42,50 @@ class SampleErrors:
 
 
 def refine(
-    solve: Callable[[MeridianFineness], MeshSample], accuracy: float, good: Callable[[MeshSample, SampleErrors], bool]
+    solve: Callable[[MeridianFineness], MeshSample],
+    accuracy: float,
+    good: Callable[[MeshSample, SampleErrors], bool],
+    alone: Callable[[MeshSample], SampleErrors] | None = None,
 ) -> tuple[MeshSample, SampleErrors, str | None]:
     """Return the first sample that is good enough with its errors, or that of the finest mesh that could be solved.
 
     The last of the three says why a finer mesh was not used, if one was wanted: a note where a limit forbade it.
 
+    Args:
+        solve: solves on a mesh.
+        accuracy: relative.
+        good: whether a sample with its errors is good enough.
+        alone: the errors of a sample from its own mesh, where that can be told; a second mesh is then for those that need it.
+
     Raises:
-        SolveError: not even two meshes could be solved.
-        LimitReached: not even two meshes are within the limits.
+        SolveError: not even two meshes could be solved, or one where that is asked.
+        LimitReached: likewise, within the limits.
     """
     levels = LEVELS[sum(accuracy < limit for limit in COARSE_ENOUGH) :]
     history: list[MeshSample] = []
     best: tuple[MeshSample, SampleErrors] | None = None
-    for level in levels:
+    for number, single in _turns(len(levels), accuracy >= ROUGH, alone is not None):
         try:
-            history.append(solve(level))
+            history.insert(number, solve(levels[number]))
+            if len(history) == 1 and not single:
+                continue
+            latest = history[-1], alone(history[-1]) if single and alone is not None else errors(history)
         except (SolveError, LimitReached) as fault:
             if best is None:
                 raise
             return *best, Note("limit", str(fault)) if isinstance(fault, LimitReached) else str(fault)
-        if len(history) > 1:
-            latest = history[-1], errors(history)
-            if best is None or _worst(*latest) < _worst(*best):  # rounding may grow from mesh to mesh: the best is kept
-                best = latest
-            if good(*latest):
-                return *latest, None
+        if best is None or _worst(*latest) < _worst(*best):  # rounding may grow from mesh to mesh: the best is kept
+            best = latest
+        if good(*latest):
+            return *latest, None
     assert best is not None  # there are more than two levels
     return *best, "this is the finest"
+
+
+def _turns(count: int, rough: bool, alone: bool) -> list[tuple[int, bool]]:
+    """In which order levels are solved, and whether one is to do alone: if it does not, the other of the first two follows."""
+    first = [0, 1] if rough or not alone else [1, 0]
+    return [(first[0], alone), (first[1], False), *((number, False) for number in range(2, count))]
 
 
 def _worst(sample: MeshSample, bounds: SampleErrors) -> float:

@@ -12,24 +12,8 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from geometry.common.arrays import Floats, Ints
+from solver.axisymmetric.tensor_products import ElementTables
 from solver.linalg.workspace import kept
-
-
-@dataclass(frozen=True)
-class Products:
-    """Products of two functions i, j at the q points, with N a function, X and Y its slopes and P a pressure.
-
-    Attributes:
-        even: N N, X X, X Y + Y X and Y Y, shape (4 q, s^2).
-        odd: X X, X Y, Y X and Y Y, shape (4 q, s^2).
-        dilation: P X, P Y and P N, shape (3 q, m s).
-        mass: P P, shape (q, m^2).
-    """
-
-    even: Floats
-    odd: Floats
-    dilation: Floats
-    mass: Floats
 
 
 @dataclass(frozen=True)
@@ -44,7 +28,8 @@ class Shapes:
         pressure: polynomials of total degree below p at the points, shape (q, p (p+1) / 2).
         places: nodes (u, v) by whose positions an element's geometry is told, shape (s, 2).
         geometry, tangents: interpolation from these nodes to the points, shapes (q, s) and (2, q, s).
-        products: of the functions, from which elements' matrices are sums.
+        tables: of the functions' products, from which elements' matrices are sums.
+        mass: products of two pressures at the points, shape (q, m^2) with m of them.
     """
 
     order: int
@@ -57,7 +42,8 @@ class Shapes:
     places: Floats
     geometry: Floats
     tangents: Floats
-    products: Products
+    tables: ElementTables
+    mass: Floats
 
     @property
     def skeleton(self) -> int:
@@ -78,7 +64,9 @@ def shapes(order: int) -> Shapes:
     places = np.stack(np.meshgrid(lobatto, lobatto, indexing="ij"), axis=-1).reshape(-1, 2)
     inverse = np.linalg.inv(functions(places, degrees)[0])
     geometry, tangents, weights = value @ inverse, slope @ inverse, np.outer(w, w).ravel()
-    tables = _products(value, slope, pressure)
+    mass = (pressure[:, :, None] * pressure[:, None]).reshape(len(pressure), -1)
+    along = polynomials(x, order)
+    tables = ElementTables.of(edge_functions(x, along), along[:, :order], (degrees, pressure_degrees(order)))
     return Shapes(
         order,
         degrees,
@@ -90,20 +78,9 @@ def shapes(order: int) -> Shapes:
         places=places,
         geometry=geometry,
         tangents=tangents,
-        products=tables,
+        tables=tables,
+        mass=mass,
     )
-
-
-def _products(value: Floats, slope: Floats, pressure: Floats) -> Products:
-    def table(*pairs: tuple[Floats, Floats]) -> Floats:
-        return np.concatenate([(a[:, :, None] * b[:, None]).reshape(len(a), -1) for a, b in pairs])
-
-    x, y = slope
-    crossed = table((x, y))
-    mirrored = table((y, x))
-    even = np.concatenate([table((value, value), (x, x)), crossed + mirrored, table((y, y))])
-    odd = np.concatenate([table((x, x)), crossed, mirrored, table((y, y))])
-    return Products(even, odd, table((pressure, x), (pressure, y), (pressure, value)), table((pressure, pressure)))
 
 
 def polynomials(points: Floats, order: int) -> Floats:
@@ -117,8 +94,13 @@ def pressures(points: Floats, order: int, precomputed: Floats | None = None) -> 
     ``precomputed`` is ``polynomials`` of the same points, where that is known.
     """
     along = polynomials(points, order) if precomputed is None else precomputed
-    i, j = np.array([(i, j) for i in range(order) for j in range(order - i)]).T
+    i, j = pressure_degrees(order).T
     return np.asarray(along[:, 0, i] * along[:, 1, j])
+
+
+def pressure_degrees(order: int) -> Ints:
+    """Degrees along x and y of the pressures, shape (p (p+1) / 2, 2)."""
+    return np.array([(i, j) for i in range(order) for j in range(order - i)])
 
 
 def functions(points: Floats, degrees: Ints, precomputed: Floats | None = None) -> tuple[Floats, Floats]:

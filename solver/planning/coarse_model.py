@@ -57,7 +57,7 @@ class CoarseModel:
         Raises:
             Refusal: so extreme that its equations cannot be solved in double precision.
         """
-        bare = _bare(scene)
+        bare = without_tumours(scene)
         plain = sections(bare)
         try:
             coarse = sample(plain.section, plain, bare, LEVELS[0])
@@ -146,8 +146,8 @@ class CoarseModel:
         return float(np.maximum(-force, 0.0).sum() / np.abs(force).sum())
 
 
-def _bare(scene: Scene) -> Scene:
-    """The scene without inclusions, tilt and load, its contact tied."""
+def without_tumours(scene: Scene) -> Scene:
+    """Return the scene without inclusions, tilt and load, its contact tied."""
     contact = scene.contact
     if contact.interface == "unilateral":
         contact = Contact(interface="bonded" if contact.friction > 0 else "frictionless")

@@ -12,6 +12,7 @@ from geometry.common.errors import Refusal, Words
 from geometry.common.limits import most
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
+from solver.linalg.workspace import kept_table
 from solver.planning.loads import CLOSING, LARGEST_X, SENSITIVITY_GROWTH, LoadRule, least_closure
 from solver.planning.strains import RATIO_CHANGE
 from solver.results.film_forces import indented
@@ -36,9 +37,19 @@ def load_rule(scene: Scene) -> LoadRule:
     Raises:
         Refusal: so extreme that not even the coarsest mesh can be solved in double precision.
     """
-    from solver.planning.coarse_model import CoarseModel  # formulas start without finite elements
+    from solver.planning.coarse_model import without_tumours  # formulas start without finite elements
 
-    return CoarseModel.of(scene, details=False).rule(scene)
+    totals, closure = _alone(without_tumours(scene))
+    return LoadRule.of(scene, totals, closure)
+
+
+@kept_table
+def _alone(scene: Scene) -> tuple[Floats, float]:
+    """Film forces per indentation, N/m, shape (2,), and the force that closes the gap, N: kept, as many tumours may follow."""
+    from solver.planning.coarse_model import CoarseModel
+
+    coarse = CoarseModel.of(scene, details=False)
+    return coarse.forces.sum(axis=1), coarse.closure
 
 
 def largest(rule: LoadRule, accuracy: float, promise: bool) -> LargestLoad:

@@ -68,6 +68,7 @@ ALLOWED: dict[str, set[str]] = {
         "solver.contact",
         "solver.equivalent_inclusion",
         "solver.inclusions",
+        "solver.linalg",
         "solver.results",
         "solver.solid",
         "geometry.tetra",

@@ -1,0 +1,109 @@
+"""Whether one mesh tells its own error: bounds of eq. AX.11 against a mesh of order 8, on drawn scenes and on all references.
+
+Every drawn scene has one tumour on the axis (``inclusion_draws``) and no layers of tissue, for which one mesh is not asked. What
+order 8 itself is off counts against the bounds. One line for each bound that is smaller than the error, then a table by order.
+
+    python -m benchmarks.extremes.one_mesh --scenes 250 --seed 1 --seed 2 --seed 3 --seed 4
+    python -m benchmarks.extremes.one_mesh --scenes 0 --references
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from threadpoolctl import threadpool_limits
+
+from benchmarks.levels.inclusion_draws import draw
+from benchmarks.tables import MeasuredTable
+from geometry import InputError, Scene, read_scene
+from geometry.common.errors import Refusal, SolveError
+from solver.axisymmetric.level import Axisymmetric
+from solver.axisymmetric.lower_order import order_errors
+from solver.axisymmetric.refinement import LEVELS
+from solver.axisymmetric.sample import MeshSample, sample
+from solver.axisymmetric.sections import sections
+
+FOLDERS = ("axisymmetric", "extra", "extreme", "extremes", "half-space")
+REFERENCES = Path(__file__).parents[2] / "tests" / "reference"
+TRUE, ONE_MESH = LEVELS[4], LEVELS[:4]
+LEAST_SENSITIVITY = 1e-5  # absolute, that a log-sensitivity is promised to
+Shares = dict[int, tuple[float, float, float]]  # by order: error over bound of totals and sensitivity; bound on the ratio
+
+
+def drawn(seed: int, number: int) -> Scene | None:
+    """Return a scene, or None where its parts do not fit."""
+    try:
+        return draw(seed, number).scene()
+    except (InputError, ValueError):
+        return None
+
+
+def references() -> Iterator[tuple[str, Scene]]:
+    """Yield the references that the level takes."""
+    for path in (path for folder in FOLDERS for path in sorted((REFERENCES / folder).glob("*.toml"))):
+        scene = read_scene(path)
+        if Axisymmetric().refusal(scene) is None:
+            yield f"{path.parent.name}/{path.stem}", scene
+
+
+def shares(scene: Scene) -> Shares:
+    """Return errors over bounds of one scene, by order.
+
+    Raises:
+        SolveError: a mesh cannot be solved.
+    """
+    of = sections(scene)
+    true = sample(of.section, of, scene, TRUE)
+    return {level.order: _share(sample(of.section, of, scene, level), true) for level in ONE_MESH}
+
+
+def _share(found: MeshSample, true: MeshSample) -> tuple[float, float, float]:
+    bounds = order_errors(found)
+    off = np.abs(found.totals - true.totals) / (bounds.totals + true.rounding)
+    slope = np.abs(found.log_sensitivity - true.log_sensitivity)[0] / max(bounds.sensitivity[0], LEAST_SENSITIVITY)
+    return float(off.max()), float(slope), float((bounds.totals / np.abs(found.totals)).sum())
+
+
+def table(found: list[Shares]) -> MeasuredTable:
+    """Return the largest and usual shares by order."""
+    columns = ("order", "scenes", "error / bound, times", "99 of 100, times", "median, times", "of log-sensitivity, times")
+    printed = MeasuredTable("errors over their bounds from one mesh", (*columns, "median bound on the ratio, error"))
+    for order in (level.order for level in ONE_MESH):
+        totals, slopes, sizes = (np.array(column) for column in zip(*(one[order] for one in found), strict=True))
+        spread = (totals.max(), np.quantile(totals, 0.99), np.median(totals), slopes.max())
+        printed.add(str(order), str(len(found)), *map(float, spread), float(np.median(sizes)))
+    return printed
+
+
+def main() -> None:
+    """Draw, solve, compare."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scenes", type=int, default=250, help="drawn scenes of each seed (250)")
+    parser.add_argument("--first", type=int, default=0, help="number of the first drawn scene (0)")
+    parser.add_argument("--seed", type=int, action="append", help="of drawn scenes (1)")
+    parser.add_argument("--references", action="store_true", help="all references that the level takes, too")
+    asked, found = parser.parse_args(), []
+    numbers = range(asked.first, asked.first + asked.scenes)
+    named = [(f"seed {seed}, number {k}", drawn(seed, k)) for seed in asked.seed or [1] for k in numbers]
+    cases = [(name, scene) for name, scene in named if scene is not None]
+    with threadpool_limits(1), Console(stderr=True).status("one mesh") as status:
+        for name, scene in cases + list(references() if asked.references else ()):
+            status.update(name)
+            try:
+                one = shares(scene)
+            except (SolveError, Refusal) as fault:
+                print(f"{name}: {fault}")
+                continue
+            found.append(one)
+            for order, (totals, slopes, _) in one.items():
+                if max(totals, slopes) > 1:
+                    print(f"{name}: order {order}, totals {totals:.2f}, log_sensitivity {slopes:.2f} times the bound", flush=True)
+    table(found).print(Console(width=150))
+
+
+if __name__ == "__main__":
+    main()

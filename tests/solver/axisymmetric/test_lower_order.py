@@ -1,0 +1,75 @@
+"""Error bounds from one mesh, against independent codes and the laws of Galerkin's method."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from solver import evaluate
+from solver.axisymmetric import converged_forces
+from solver.axisymmetric.lower_order import lower_order, order_errors
+from solver.axisymmetric.refinement import LEVELS
+from solver.axisymmetric.sample import MeshSample, sample
+from solver.axisymmetric.sections import sections
+from tests.support.references import Expected, named
+from tests.support.slow import slow_unless
+
+HARD = (
+    ("extremes", "gap-5-mm-micro-probe"), ("extremes", "flat-soft-incompressible-blocks"), ("extremes", "corner-13"),
+    ("extremes", "inner-just-pulled"), ("extremes", "cover-10-um-contrast-1e6"),
+)  # fmt: skip
+
+
+def on(one: Expected, level: int) -> MeshSample:
+    of = sections(one.scene)
+    return sample(of.section, of, one.scene, LEVELS[level])
+
+
+@pytest.mark.parametrize(("folder", "name"), slow_unless(lambda case: case in HARD[:2], HARD))
+@pytest.mark.parametrize("level", range(4))
+def test_bounds_of_one_mesh_hold_where_references_are_hardest(folder: str, name: str, level: int) -> None:
+    """The films' shares of the force and the stiffness follow from the references' stresses."""
+    one = named(folder, name)
+    probe = one.scene.probe
+    forces = np.array([one.stress_inner * probe.inner_area, one.stress_outer * probe.outer_area])
+    true = one.stiffness * forces / forces.sum()
+    found = on(one, level)
+    bounds = order_errors(found)
+    assert np.all(np.abs(found.totals[0] - true) <= bounds.totals[0] + one.uncertainty * np.abs(true))
+    if one.log_sensitivity is not None:
+        assert abs(found.log_sensitivity[0] - one.log_sensitivity) <= bounds.sensitivity[0] + 1e-6
+
+
+@pytest.mark.parametrize("interface", ["published-materials", "published-materials-frictionless"])
+def test_a_smaller_space_has_more_energy(interface: str) -> None:
+    """Of the prescribed displacements the true state has the least energy: F_ii and the stiffness fall as the space grows."""
+    found = on(named("axisymmetric", interface), 1)
+    stiffness, smaller = found.states.model.system.stiffness, lower_order(found)
+    forces = np.einsum("nai,nab,nbj->ij", smaller, stiffness, smaller, optimize=True)
+    more = forces - found.forces[0]
+    assert np.all(np.linalg.eigvalsh(more) > 0)
+    change = smaller - found.states.edge
+    np.testing.assert_allclose(np.einsum("nai,nab,nbj->ij", change, stiffness, change, optimize=True), more, rtol=1e-6)
+
+
+def test_a_second_mesh_is_solved_only_where_one_does_not_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    meshes: list[int] = []
+
+    def counted(*args: Any, **named: Any) -> MeshSample:
+        meshes.append(args[3].order)
+        return sample(*args, **named)
+
+    monkeypatch.setattr(converged_forces, "sample", counted)
+    usual, hard = named("axisymmetric", "soft-cyst").scene, named("extremes", "gap-5-mm-micro-probe").scene
+    for scene, accuracy in ((usual, 0.005), (usual, 0.001), (hard, 0.005)):
+        meshes.append(0)
+        assert evaluate(scene, "axisymmetric", accuracy).error_estimate <= accuracy
+    assert meshes[:7] == [0, 4, 0, 5, 0, 4, 3]
+
+
+def test_layers_of_tissue_take_two_meshes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a stiff skin on soft tissue ends, the mesh has no layers of cells, and the last degree tells too little."""
+    monkeypatch.setattr(converged_forces, "order_errors", None)
+    assert evaluate(named("tissue-layers", "soft-skin").scene, "axisymmetric", 0.02).error_estimate <= 0.02
