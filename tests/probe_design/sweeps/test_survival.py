@@ -75,7 +75,13 @@ class TestSurvival:
     def test_pressed_designs_killed_midway_are_all_there_after_all(self, tmp_path: Path) -> None:
         """Level ``contact`` under loads beyond linear elasticity, one of which no step reaches."""
         loads = {"values": [0.02, 0.06, 40.0, 0.1]}
-        job = {"scene": str(SCENE), "evaluator": "contact", "accuracy": 0.05, "variables": {"load.force": loads}}
+        job = {
+            "scene": str(SCENE),
+            "evaluator": "contact",
+            "accuracy": 0.05,
+            "variables": {"load.force": loads},
+            "time_limit": 900.0,
+        }
         out, begin = tmp_path / "out", "from probe_design import sweep\nfrom probe_design.sweeps import run\nrun.SECONDS = 0.01\n"
         process = subprocess.Popen(
             [sys.executable, "-c", f"{begin}sweep({job!r}, {str(out)!r}, workers=1)"],
