@@ -151,6 +151,9 @@ def optimize(
 ) -> Optimum | PopulationOptimum:  # fmt: skip
     """Find a better probe, for a design file's tumours or for the one of a scene, and prove it by finite elements.
 
+    Of a scene the load is a limit: where linear elasticity does not answer for it, level ``contact`` judges designs under the
+    best of all loads up to it.
+
     Args:
         design: a ``Design`` or the tables of a design file, or the start as a ``Scene``, or the name of a file of either; left
             out: the built-in design file. A design file says itself what ``outer_radius`` to ``noise`` say for a scene.

@@ -65,9 +65,10 @@ def optimize(
       gap            0.1 mm to 0.5 mm
       height         1 mm to 20 mm, and 1.25 groove depths
       moduli         10 kPa to 1 MPa, of each block
-    The force is the least of what SCENE's load gives on the design, the force at which finite strain changes the ratio
-    by 1 %, and 1/25 of the force that closes the gap. The table says which limits are active and what sets the force.
-    Where SCENE's load is more, level contact tells beside it what start and best design bring under that.
+    SCENE's load is a limit: the search presses each design up to it, up to the force at which finite strain changes the ratio
+    by 1 %, and up to 1/25 of the force that closes the gap. Where SCENE's load is more than that, level contact judges
+    start and finalists under the best of all loads up to it (one tumour on the axis), with an open gap and up to half an
+    outer radius deep. The table says which limits are active, what sets the force, and what more load brings.
     """  # noqa: D301
     from probe_design.design_search.question import question
     from probe_design.populations.design_file import Design

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -13,6 +14,7 @@ from probe_design.optimisation.design_space import CLOSE, Limit
 from probe_design.populations.design_file import Design
 
 SURE = 2.0  # times the combined error of judge and sample: a gain beyond it counts
+LINEAR = ("linearity", "gap_closure")  # limits of the force that are linear elasticity's
 OF_FORCE = ("scene", "force", "linearity", "indentation", "tissue_strain", "gap_closure", "charge")
 
 
@@ -92,9 +94,22 @@ class PopulationOptimum:
         start, limit = self.design.scene.probe.tube_radius, self.room.space.outer_radius
         if start > limit * (1 + CLOSE):
             told[f"the start's outer radius of {start * 1e3:.4g} mm is above the limit of {limit * 1e3:.4g} mm"] = None
+        for text in self._force_unused():
+            told[text] = None
         if self.why_no_single:
             told[f"no design for one tumour to compare with: {self.why_no_single}"] = None
         return tuple(told)
+
+    def _force_unused(self) -> Iterator[str]:
+        """Say where linear elasticity ends before the force that is allowed: ``contact`` takes no tumours beside the axis."""
+        pressed = self.best.pressed
+        key = next(name for name in ("scene", "force") if name in pressed.allowed)
+        if pressed.by in LINEAR:
+            named = "limits.force" if key == "force" else "the scene's load"
+            yield (
+                f"{named} of {pressed.allowed[key]:.3g} N is more than linear elasticity answers for: searched and judged under "
+                f"{pressed.force:.3g} N (limited by {pressed.by}); contact, which knows more, takes no tumours beside the axis"
+            )
 
     @property
     def verdict(self) -> str:

@@ -21,6 +21,7 @@ from solver.results.evaluator import Answer, FilmLevel
 from solver.results.film_forces import FilmForces
 
 ACCURACY = 0.01  # of the judge
+SURE = 2.0  # times the combined error: a gain beyond linear elasticity counts beyond it
 FINER = 0.001  # of the judge where its errors at ``ACCURACY`` hide a gain
 
 
@@ -38,6 +39,7 @@ class Candidate:
         searched: the closed form's result, or None where it refuses the scene.
         refused: what it takes instead, or None.
         searched_objective: by the closed form, inf where it refuses.
+        linear: the same design under the largest load that linear elasticity answers for, where this is one beyond that.
     """
 
     scene: Scene
@@ -50,15 +52,36 @@ class Candidate:
     searched: Result | None = None
     refused: str | None = None
     searched_objective: float = math.inf
+    linear: Candidate | None = None
 
     @property
     def pressed(self) -> Scene:
         """The scene under the load that it is judged with."""
         return _under(self.scene, self.pressing)
 
+    @property
+    def less_pressed(self) -> Candidate | None:
+        """The same under the largest load that linear elasticity answers for, where this is under more; None elsewhere."""
+        return self.linear if self.linear is not None and self.linear.pressing.force < self.pressing.force else None
+
+    @property
+    def error(self) -> float:
+        """How far the objective can be off; inf where nothing bounds it."""
+        return max(self.most - self.judged_objective, self.judged_objective - self.least) if self.most < math.inf else math.inf
+
+    def gain_over(self, other: Candidate) -> tuple[float, float]:
+        """Return by which share the objective is less than the other's, and the combined error of that."""
+        if not math.isfinite(other.error) or not math.isfinite(self.error):
+            return 0.0 if math.isinf(self.judged_objective) else 1 - self.judged_objective / other.judged_objective, math.inf
+        share = self.judged_objective / other.judged_objective
+        return 1 - share, share * math.hypot(self.error / self.judged_objective, other.error / other.judged_objective)
+
     def beats(self, other: Candidate) -> bool:
-        """Whether it is better than the other, whatever the errors of both are."""
-        return self.most < other.least
+        """Whether it is better than the other, whatever the errors of both are; beyond linear elasticity by twice those."""
+        if self.linear is None and other.linear is None:
+            return self.most < other.least
+        gain, error = self.gain_over(other)
+        return self.most < other.least and gain > SURE * error
 
 
 def candidate(scene: Scene, noise: Noise, judge: str, accuracy: float = ACCURACY) -> Candidate:

@@ -25,9 +25,11 @@ def level_rows(optimum: Optimum) -> list[Row]:
         for (name, one, variable), (_, other, _) in zip(_design(start), _design(best), strict=True)
     ]
     rows += [(name, one, other, "") for (name, one), (_, other) in zip(_load(start), _load(best), strict=True)]
-    for level, pick in (("closed-form", _searched), (optimum.judge, _judged)):
-        for (name, one), (_, other) in zip(pick(start), pick(best), strict=True):
+    for level in ("closed-form", optimum.judge, *(name for name in optimum.evaluators if name != optimum.judge)):
+        for (name, one), (_, other) in zip(_told(start, level), _told(best, level), strict=True):
             rows.append((f"{name} by {level}", one, other, ""))
+    if start.linear is not None or best.linear is not None:
+        rows += [(name, one, other, "") for (name, one), (_, other) in zip(_more_load(start), _more_load(best), strict=True)]
     return rows
 
 
@@ -57,14 +59,14 @@ def candidates_csv(optimum: Optimum) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     names = [name for name, *_ in (*_design(optimum.baseline), *_load(optimum.baseline))]
-    objectives = [f"objective {optimum.judge}", "least", "most"]
-    writer.writerow(["design", *names, "objective closed-form", *objectives, "ratio", "log_sensitivity", "error_estimate"])
+    answers = ["ratio", "log_sensitivity", "error_estimate"]
+    writer.writerow(["design", *names, "evaluator", "objective closed-form", "objective", "least", "most", *answers])
     for name, one in [("start", optimum.baseline), *((f"{k + 1}", c) for k, c in enumerate(optimum.candidates))]:
         judged = one.judged
         results = (one.searched_objective, one.judged_objective, one.least, one.most)
-        answers = (judged.ratio, judged.log_sensitivity, judged.error_estimate)
-        numbers = [f"{v:.6g}" if v is not None and math.isfinite(v) else "" for v in (*results, *answers)]
-        writer.writerow([name, *(cells[1] for cells in (*_design(one), *_load(one))), *numbers])
+        values = (*results, judged.ratio, judged.log_sensitivity, judged.error_estimate)
+        numbers = [f"{v:.6g}" if v is not None and math.isfinite(v) else "" for v in values]
+        writer.writerow([name, *(cells[1] for cells in (*_design(one), *_load(one))), judged.evaluator, *numbers])
     return text.getvalue()
 
 
@@ -106,6 +108,25 @@ def _load(candidate: Candidate) -> list[tuple[str, str]]:
     ]
 
 
+def _more_load(candidate: Candidate) -> list[tuple[str, str]]:
+    """What more load than linear elasticity answers for brings."""
+    linear, empty = candidate.less_pressed, ("largest linear load, N", "gain of more load, %", "its error, %")
+    if linear is None:
+        return [(name, "-") for name in empty]
+    gain, error = candidate.gain_over(linear)
+    shown = (f"{linear.pressing.force:.3g}", f"{100 * gain:.3g}", number(100 * error))
+    return list(zip(empty, shown, strict=True))
+
+
+def _told(candidate: Candidate, level: str) -> list[tuple[str, str]]:
+    """What a level says of a design: where it has another load by contact, linear levels say it under theirs."""
+    linear = candidate.linear or candidate
+    if level == "closed-form":
+        return _searched(linear)
+    one = next((each for each in (candidate, linear) if each.judged.evaluator == level), None)
+    return _judged(candidate, shown=False) if one is None else _judged(one)
+
+
 def _searched(candidate: Candidate) -> list[tuple[str, str]]:
     return [
         ("log-sensitivity", number(candidate.searched.log_sensitivity if candidate.searched else None)),
@@ -113,16 +134,17 @@ def _searched(candidate: Candidate) -> list[tuple[str, str]]:
     ]
 
 
-def _judged(candidate: Candidate) -> list[tuple[str, str]]:
+def _judged(candidate: Candidate, *, shown: bool = True) -> list[tuple[str, str]]:
     result = candidate.judged
-    return [
-        ("ratio", number(result.ratio)),
-        ("error estimate", number(result.error_estimate)),
-        ("log-sensitivity", number(result.log_sensitivity)),
-        ("sd of ln E_object", number(candidate.judged_objective)),
-        ("least sd", number(candidate.least)),
-        ("most sd", number(candidate.most)),
+    rows = [
+        ("ratio", result.ratio),
+        ("error estimate", result.error_estimate),
+        ("log-sensitivity", result.log_sensitivity),
+        ("sd of ln E_object", candidate.judged_objective),
+        ("least sd", candidate.least),
+        ("most sd", candidate.most),
     ]
+    return [(name, number(value if shown else None)) for name, value in rows]
 
 
 def number(value: float | None) -> str:

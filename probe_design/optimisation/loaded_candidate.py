@@ -1,25 +1,36 @@
-"""Start and best design under loads that linear elasticity does not answer for: level ``contact`` judges them."""
+"""A design under loads that linear elasticity does not answer for: its load is a variable, and level ``contact`` judges it.
+
+What a design is worth under a limit is the best of what it is worth under any load up to that, the linear range included: a
+wider limit makes none worse. Loads are tried at ``STEPS``, which do not hang on the limit.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from time import perf_counter
 
+import numpy as np
+from threadpoolctl import threadpool_limits
+
 from geometry.common.errors import Refusal, SolveError
-from geometry.common.resources import timed
-from geometry.scenes.scene import Load
+from geometry.common.resources import LimitReached, timed
+from geometry.scenes.scene import Load, Scene
 from probe_design.optimisation.candidate import ACCURACY, Candidate, ends_of, objective_of
 from probe_design.optimisation.objective import Noise
-from probe_design.optimisation.pressing import GAP, SCENE, STRAIN, Pressing, asked
+from probe_design.optimisation.pressing import BEST, DEPTH, GAP, LAST, SCENE, TIME, Pressing, asked, rounded_down
 from solver.contact.level import ContactLevel
-from solver.contact.limits import closed, gap_closure_load
+from solver.contact.limits import TOUCHED, closed, gap_closure_load
 from solver.contact.loaded import LoadedScene
-from solver.contact.pressed import StoppedError
-from solver.results.film_forces import FilmForces
+from solver.contact.path import Path
+from solver.contact.pressed import Loaded, Pressed, StoppedError
+from solver.results.result import LargestLoad
 
-DEEPEST = 0.5  # outer radii by the linear stiffness, which level ``contact`` is held to reach
+STEPS = (0.1, 0.2, 0.3, 0.4, 0.5)  # outer radii deep: the last is what level ``contact`` is held to reach
 KEPT = 0.9  # of the load at which the gap closes, or beyond which no step converges: a workshop's gap is not exact
-TRIES = 2
+CONTACT = ContactLevel().name
 
 
 def asks_for_contact(one: Candidate) -> bool:
@@ -28,56 +39,163 @@ def asks_for_contact(one: Candidate) -> bool:
 
 
 def under_load(one: Candidate, noise: Noise) -> Candidate:
-    """Return a candidate judged by ``contact`` under the scene's load, or the largest that leaves its gap open if that is less.
+    """Return a candidate under the best of the loads up to the scene's, those beyond linear elasticity judged by ``contact``.
 
-    One that this does not press further than linear elasticity does stays as it is.
+    The gap is kept open. One that no load does better than the largest that linear elasticity answers for stays as it is.
     """
     if not asks_for_contact(one):
         return one
-    load, by = _aim(one)
-    for _ in range(TRIES):
-        scene, start = one.scene.model_copy(update={"load": load}), perf_counter()
+    start = perf_counter()
+    try:
+        with timed(), threadpool_limits(1, user_api="blas"):
+            found = list(_loaded(one, noise, start))
+    except (Refusal, SolveError):  # what cannot be pressed further is judged as far as linear elasticity goes
+        return one
+    return min((one, *found), key=lambda each: each.judged_objective)
+
+
+def by_contact(one: Candidate, noise: Noise) -> Candidate:
+    """Return a candidate judged by ``contact`` under the load that it has; as it is where that cannot be."""
+    start = perf_counter()
+    try:
+        with timed(), threadpool_limits(1, user_api="blas"):
+            on = ContactLevel().pressed(one.scene, ACCURACY)
+            found = _at(on, one.pressing.load)
+    except (Refusal, SolveError):
+        return one
+    return _judged(one, noise, on, found, replace(one.pressing, x=0.0, change=0.0), start=start)
+
+
+def _loaded(one: Candidate, noise: Noise, start: float) -> Iterator[Candidate]:
+    """Judge a candidate under the largest load that is allowed, and where less tells more under that."""
+    on = ContactLevel().pressed(one.scene, ACCURACY)
+    reach = _reach(on, one.scene)
+    loads = [(reach.load, reach.by)]
+    best = _interior(one, noise, reach)
+    if best is not None:
+        loads.append((best, BEST))
+    for wanted, why in loads:
         try:
-            with timed():
-                answer, on = ContactLevel().pressed_answer(scene, ACCURACY)
-                force = _closure(on)
-        except (Refusal, SolveError) as fault:
-            force, by = _last(fault), STRAIN
-        else:
-            if force is None:
-                result = answer.result(ContactLevel().name, scene, perf_counter() - start)
-                pressed = Pressing(load, float(asked(load, answer.films[0].totals.sum())), x=0.0, change=0.0, by=by)
-                return _judged(replace(one, judged=result, pressing=pressed), noise, answer.films[0])
-            by = GAP
-        load = Load(force=float(f"{KEPT * force:.3g}"))
-        if KEPT * force <= one.pressing.force:
+            found, load, by = _under(on, reach, wanted, why)
+        except (Refusal, SolveError):
+            continue
+        force = float(asked(load, found.films.totals.sum()))
+        if force > one.pressing.force:
+            yield _judged(one, noise, on, found, Pressing(load, force, x=0.0, change=0.0, by=by), start=start)
+
+
+def _under(on: LoadedScene, reach: Reach, load: Load, by: str) -> tuple[Loaded, Load, str]:
+    """What is found under a load; where the time does not do for that, under the last before it."""
+    try:
+        if by != TIME:
+            return _at(on, load), load, by
+    except LimitReached:
+        if not reach.inside:
+            raise
+    last = reach.inside[-1]
+    size = _size(last.point, by_force=reach.by_force)
+    return last, Load(force=size) if reach.by_force else Load(indentation=size), TIME
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How far a design can be pressed.
+
+    Attributes:
+        load: the largest that is allowed.
+        by: what sets it.
+        points: on the way there, at ``STEPS``.
+    """
+
+    load: Load
+    by: str
+    points: tuple[Loaded, ...]
+
+    @property
+    def by_force(self) -> bool:
+        """Whether the load is a force."""
+        return self.load.indentation is None
+
+    @property
+    def inside(self) -> list[Loaded]:
+        """The points that are allowed."""
+        most = (self.load.force if self.by_force else self.load.indentation) or 0.0
+        return [point for point in self.points if _size(point.point, by_force=self.by_force) <= most]
+
+
+def _reach(on: LoadedScene, scene: Scene) -> Reach:
+    """Press step by step until the scene's load is well inside what converges with open gaps, or to the end."""
+    by_force, points = scene.load.indentation is None, []
+    most = float((scene.load.force if by_force else scene.load.indentation) or 0.0)
+    end, by = math.inf, SCENE
+    for share in STEPS:
+        try:
+            point = on.at_indentation(share * on.paths[1].radius)
+        except SolveError as fault:
+            last = fault.last if isinstance(fault, StoppedError) else on.paths[1].last
+            end, by = KEPT * _size(last, by_force=by_force), LAST
+        except LimitReached:
+            by = TIME
             break
-    return one
+        else:
+            points.append(point)
+            end, by = _size(point.point, by_force=by_force), DEPTH
+        closure = _closure(on)
+        if closure is not None:
+            end, by = KEPT * _size(closure, by_force=by_force), GAP
+        if by != DEPTH or KEPT * end >= most:
+            break
+    if by == TIME and not points:
+        raise SolveError("not even the first step is within the time")
+    if end >= most:
+        return Reach(scene.load, SCENE, tuple(points))
+    size = rounded_down(end) if by != TIME else end
+    return Reach(Load(force=size) if by_force else Load(indentation=size), by, tuple(points))
 
 
-def _aim(one: Candidate) -> tuple[Load, str]:
-    """The load to begin with, and what sets it."""
-    stiffness = one.judged.stiffness or 0.0
-    deepest = DEEPEST * one.scene.probe.tube_radius * stiffness
-    if asked(one.scene.load, stiffness) <= deepest:
-        return one.scene.load, SCENE
-    return Load(force=float(f"{deepest:.3g}")), STRAIN
+def _size(of: Pressed | LargestLoad, *, by_force: bool) -> float:
+    return of.force if by_force else of.indentation
 
 
-def _last(fault: Exception) -> float:
-    """The last force that was reached, N; 0 where nothing was."""
-    stopped = fault.__cause__
-    return stopped.last.force if isinstance(stopped, StoppedError) else 0.0
+def _closure(on: LoadedScene) -> LargestLoad | None:
+    """The load that closes the gap, the least of those meshes on which it closes; None where it is open."""
+    found = [_closing(path) for path in on.paths if closed(path)]
+    return min(found, key=lambda one: one.force, default=None)
 
 
-def _closure(on: LoadedScene) -> float | None:
-    """The force that closes the gap, N, by the finest mesh on which it closes; None where it is open."""
-    path = next((path for path in reversed(on.paths) if closed(path)), None)
-    found = gap_closure_load(path) if path else None
-    return found.force if found else None
+def _closing(path: Path) -> LargestLoad:
+    """The load that closes a path's gap; the last open point where nothing between converges."""
+    with suppress(SolveError):
+        found = gap_closure_load(path)
+        if found is not None:
+            return found
+    last = [point for point in path.points if point.walls > TOUCHED * path.points[0].walls][-1]
+    return LargestLoad(last.force, last.indentation, GAP)
 
 
-def _judged(one: Candidate, noise: Noise, films: FilmForces) -> Candidate:
+def _interior(one: Candidate, noise: Noise, reach: Reach) -> Load | None:
+    """The load between others at which least is left unknown, by a parabola through three points; None where more tells more."""
+    by_force, points = reach.by_force, reach.inside
+    sizes = [_size(point.point, by_force=by_force) for point in points]
+    values = [objective_of(point.films, noise, point.point.force) for point in points]
+    k = int(np.argmin(values)) if values else 0
+    if k >= len(values) - 1 or not np.isfinite(values[max(0, k - 1) : k + 2]).all():
+        return None
+    size = sizes[k]
+    if k > 0:
+        a, b, _ = np.polyfit(np.log(sizes[k - 1 : k + 2]), np.log(values[k - 1 : k + 2]), 2)
+        size = math.exp(-b / (2 * a)) if a > 0 else size
+    return Load(force=rounded_down(size)) if by_force else Load(indentation=rounded_down(size))
+
+
+def _at(on: LoadedScene, load: Load) -> Loaded:
+    return replace(on, scene=on.scene.model_copy(update={"load": load})).at_scene_s_load()
+
+
+def _judged(one: Candidate, noise: Noise, on: LoadedScene, found: Loaded, pressed: Pressing, *, start: float) -> Candidate:
     """The candidate with the objective of what ``contact`` found under its load."""
-    least, most = ends_of(films, noise, one.pressing)
-    return replace(one, judged_objective=objective_of(films, noise, one.pressing.force), least=least, most=most)
+    scene = one.scene.model_copy(update={"load": pressed.load})
+    result = ContactLevel().answer_of(scene, ACCURACY, on, found).result(CONTACT, scene, perf_counter() - start)
+    least, most = ends_of(found.films, noise, pressed)
+    value = objective_of(found.films, noise, pressed.force)
+    return replace(one, judged=result, pressing=pressed, judged_objective=value, least=least, most=most, linear=one)

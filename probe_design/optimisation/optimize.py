@@ -1,4 +1,4 @@
-"""The design loop: search on the closed form, re-rank by finite elements, polish with their derivatives, export what won."""
+"""The design loop: search on the closed form, re-rank by finite elements, polish by their derivatives, press harder if asked."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from probe_design.data.noise import NOISE
 from probe_design.optimisation.candidate import FINER, Candidate, candidate, merged
 from probe_design.optimisation.design_space import Space, space
 from probe_design.optimisation.global_search import search
-from probe_design.optimisation.loaded_candidate import asks_for_contact, under_load
+from probe_design.optimisation.loaded_candidate import CONTACT, asks_for_contact, by_contact, under_load
+from probe_design.optimisation.loaded_search import limited, pressed, unlimited
 from probe_design.optimisation.local_search import polish
 from probe_design.optimisation.objective import Noise
 from probe_design.optimisation.optimum import Optimum
@@ -63,10 +64,19 @@ def optimize(
     progress("judging the start", 0, 1)
     baseline = candidate(scene, run.noise, run.judge)
     progress("judging the start", 1, 1)
-    designs = search(run.room, run.noise, starts, lambda done, total: progress("searching with the closed form", done, total))
+    candidates = _candidates(run, starts)
+    if any(map(asks_for_contact, (baseline, *candidates))):
+        candidates = merged((*candidates, *_loaded(run, scene, starts)))
+        baseline = _start_under_load(run, baseline, candidates)
+    return _decided(run, baseline, candidates)
+
+
+def _candidates(run: Judging, starts: int) -> tuple[Candidate, ...]:
+    """Search, judge and polish under loads that linear elasticity answers for; best first."""
+    stage = "searching with the closed form"
+    designs = search(run.room, run.noise, starts, lambda done, total: run.progress(stage, done, total))
     candidates = merged(_judged(run, _workshop_scenes(run.room, designs)))
-    candidates = merged((*candidates, *_polished(run, candidates[:POLISHED])))
-    return _under_load(run, _decided(run, baseline, candidates))
+    return merged((*candidates, *_polished(run, candidates[:POLISHED])))
 
 
 def _judge(scene: Scene, name: str | None) -> str:
@@ -108,29 +118,33 @@ def _polished(run: Judging, best: tuple[Candidate, ...]) -> Iterator[Candidate]:
     run.progress(stage, len(best), len(best))
 
 
-def _under_load(run: Judging, decided: Optimum) -> Optimum:
-    """Tell what ``contact`` says of start and best design under the scene's own load, where that is beyond linear elasticity.
+def _loaded(run: Judging, scene: Scene, starts: int) -> Iterator[Candidate]:
+    """Designs for which the load is a variable: found without a limit of it, judged under the best up to the scene's."""
+    every = _candidates(replace(run, room=replace(run.room, scene=unlimited(scene)), progress=_at_any_load(run.progress)), starts)
+    for one in every:
+        with suppress(Refusal):
+            yield limited(one, scene, run.noise, run.judge)
+    yield from pressed(scene, every, run.room, run.noise, judge=run.judge, progress=run.progress)
 
-    It ranks none: a search that does not know it would leave designs out which are the best under load, so that a wider limit
-    could give a worse optimum.
-    """
-    both = (decided.baseline, decided.found)
-    if not any(map(asks_for_contact, both)):
-        return decided
-    stage, loaded = "pressing start and best design by contact", []
-    for k, one in enumerate(both):
-        run.progress(stage, k, len(both))
-        loaded.append(under_load(one, run.noise))
-    run.progress(stage, len(both), len(both))
-    if loaded == list(both):
-        return decided
-    return replace(decided, loaded=(loaded[0], loaded[1]))
+
+def _at_any_load(progress: Progress) -> Progress:
+    return lambda stage, done, total: progress(f"{stage}, at any load", done, total)
+
+
+def _start_under_load(run: Judging, baseline: Candidate, candidates: tuple[Candidate, ...]) -> Candidate:
+    """The start likewise; by ``contact`` too where the best design is, so that one level judges both."""
+    run.progress("pressing the start by contact", 0, 1)
+    found = under_load(baseline, run.noise)
+    if found is baseline and candidates and candidates[0].judged.evaluator == CONTACT:
+        found = by_contact(baseline, run.noise)
+    run.progress("pressing the start by contact", 1, 1)
+    return found
 
 
 def _decided(run: Judging, baseline: Candidate, candidates: tuple[Candidate, ...]) -> Optimum:
     """Whether a gain is beyond what errors can feign: where they hide it, start and best are judged once more, more finely."""
     hidden = candidates and candidates[0].judged_objective < baseline.judged_objective and not candidates[0].beats(baseline)
-    if hidden:
+    if hidden and baseline.linear is None and candidates[0].linear is None:
         with suppress(Refusal):
             baseline, best = (candidate(one.scene, run.noise, run.judge, FINER) for one in (baseline, candidates[0]))
             candidates = merged((best, *candidates[1:]))

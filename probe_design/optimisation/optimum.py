@@ -19,13 +19,11 @@ class Optimum:
     """What an optimisation found.
 
     Attributes:
-        judge: the evaluator that ranked the designs.
+        judge: the evaluator that ranked the designs within linear elasticity; beyond it ``contact`` judged.
         room: the limits they were to keep.
         noise: of a reading.
         baseline: the start.
         candidates: the re-ranked designs, best first.
-        loaded: start and the design that was found as ``contact`` judges them under the scene's own load, where that is beyond
-            what the judge answers for; None elsewhere. It ranks no designs: see ``docs/contact.md``.
     """
 
     judge: str
@@ -33,7 +31,6 @@ class Optimum:
     noise: Noise
     baseline: Candidate
     candidates: tuple[Candidate, ...]
-    loaded: tuple[Candidate, Candidate] | None = None
 
     @property
     def winner(self) -> Candidate | None:
@@ -56,6 +53,11 @@ class Optimum:
         return self.winner or next(iter(self.candidates), self.baseline)
 
     @property
+    def evaluators(self) -> tuple[str, ...]:
+        """Who judged the design that was found and the start."""
+        return tuple(dict.fromkeys(one.judged.evaluator for one in (self.found, self.baseline)))
+
+    @property
     def limits(self) -> tuple[Limit, ...]:
         """All limits of the designs, and which of them the one that was found lies on."""
         return self.room.limits(self.found.scene)
@@ -63,7 +65,7 @@ class Optimum:
     @property
     def verdict(self) -> str:
         """What was found, and why it counts or does not, in one sentence."""
-        found, start, by = _told(self.found), f"the start's {_told(self.baseline)}", f"by {self.judge}"
+        found, start, by = _told(self.found), f"the start's {_told(self.baseline)}", f"by {' and '.join(self.evaluators)}"
         if self.winner is not None:
             return f"improved: standard deviation of ln E_object {found} in place of {start}, {by}"
         less = 1 - self.found.judged_objective / self.baseline.judged_objective
@@ -85,12 +87,9 @@ class Optimum:
     @property
     def remarks(self) -> Iterator[str]:
         """What else one has to know of the search."""
-        if self.loaded is not None:
-            before, after = self.loaded
-            yield (
-                f"under more load, by contact: standard deviation of ln E_object {_told(after)} at {after.pressing.force:.3g} N "
-                f"in place of the start's {_told(before)} at {before.pressing.force:.3g} N"
-            )
+        for name, one in (("the design", self.found), ("the start", self.baseline)):
+            if one.less_pressed is not None:
+                yield f"{name} {_under_more(one, one.less_pressed)}"
         refused = self.baseline.refused or self.best.refused
         if refused is not None:
             yield (
@@ -106,3 +105,13 @@ def _told(one: Candidate) -> str:
     """An objective with the ends that errors leave it."""
     ends = f"above {one.least:.3g}" if math.isinf(one.most) else f"{one.least:.3g} to {one.most:.3g}"
     return f"{one.judged_objective:.3g} ({ends} within its errors)"
+
+
+def _under_more(one: Candidate, linear: Candidate) -> str:
+    """What more load than linear elasticity answers for brings."""
+    gain, error = one.gain_over(linear)
+    return (
+        f"under {one.pressing.force:.3g} N (limited by {one.pressing.by}): {_told(one)} in place of {_told(linear)} under "
+        f"{linear.pressing.force:.3g} N, where linear elasticity ends ({linear.pressing.by}): a gain of {100 * gain:.2g} %, "
+        f"error {100 * error:.2g} %"
+    )

@@ -22,6 +22,7 @@ from solver.planning.strains import block_strain, cover_factor, slimness, tissue
 RATIO = 0.01  # relative change of the ratio by finite strain that is allowed
 DIGITS = 3  # of a load that the rule sets
 SCENE, STRAIN, GAP = "scene", "strain", "gap closure"  # what sets a load
+DEPTH, LAST, TIME, BEST = "depth", "last converged load", "time limit", "more tells less"  # likewise, beyond linear elasticity
 BY = {"ratio": STRAIN, "strain limit": STRAIN, "gap closure": GAP}
 
 
@@ -33,8 +34,9 @@ class Pressing:
         load: the scene's, or the lower one of the same kind that is allowed, of ``DIGITS`` digits.
         force: on the base under it, N.
         x: the strain that the rule counts with, see ``LoadRule``.
-        change: bound on what finite strain changes of the ratio there, relative.
-        by: what sets the load: ``SCENE``, ``STRAIN`` or ``GAP``.
+        change: bound on what finite strain changes of the ratio there, relative; 0 where it is modelled.
+        by: what sets the load: ``SCENE``, ``STRAIN`` or ``GAP``; beyond linear elasticity ``SCENE``, ``GAP``, ``DEPTH`` (half an
+            outer radius), ``LAST`` (0.9 of the last load at which a step converges), ``TIME`` or ``BEST``.
     """
 
     load: Load
@@ -56,13 +58,14 @@ def pressing(scene: Scene, totals: Floats, closure: float) -> Pressing:
     largest, load, by = rule.largest(RATIO, promise=False), scene.load, SCENE
     if largest.force < asked(scene.load, rule.stiffness):
         by = BY[largest.by]
-        load = Load(force=_down(largest.force)) if load.indentation is None else Load(indentation=_down(largest.indentation))
+        allowed = rounded_down(largest.force if load.indentation is None else largest.indentation)
+        load = Load(force=allowed) if load.indentation is None else Load(indentation=allowed)
     force = asked(load, rule.stiffness)
     return Pressing(load, force, rule.x(force), rule.ratio_change(force), by)
 
 
-def _down(value: float) -> float:
-    """Round down to ``DIGITS`` digits."""
+def rounded_down(value: float) -> float:
+    """Return a load rounded down to ``DIGITS`` digits."""
     unit = Decimal(1).scaleb(Decimal(value).adjusted() + 1 - DIGITS)
     return float(Decimal(value).quantize(unit, ROUND_FLOOR))
 

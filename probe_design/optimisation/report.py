@@ -6,7 +6,7 @@ import csv
 import io
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -78,7 +78,9 @@ def summary(optimum: Optimum, files: Sequence[Path]) -> dict[str, Any]:
         "design": scene_to_dict(best.pressed),
         "objective": _finite(best.judged_objective),
         "baseline_objective": _finite(start.judged_objective),
-        "evaluator": optimum.judge,
+        "evaluator": best.judged.evaluator,
+        "baseline_evaluator": start.judged.evaluator,
+        "linear_evaluator": optimum.judge,
         "status": optimum.status,
         "verdict": optimum.verdict,
         "remarks": list(optimum.remarks),
@@ -92,9 +94,9 @@ def summary(optimum: Optimum, files: Sequence[Path]) -> dict[str, Any]:
         "baseline_result": start.judged.as_dict(),
         "force": best.pressing.force,
         "force_limited_by": best.pressing.by,
+        "under_load": None if best.less_pressed is None else _under_load(best, best.less_pressed),
         "baseline": _summary(start),
         "candidates": [_summary(one) for one in optimum.candidates],
-        "under_load": None if optimum.loaded is None else [_summary(one) for one in optimum.loaded],
         "provenance": _origin(optimum),
     }
 
@@ -110,7 +112,22 @@ def _summary(one: Candidate) -> dict[str, Any]:
         "searched_objective": _finite(one.searched_objective),
         "force": one.pressing.force,
         "force_limited_by": one.pressing.by,
+        "evaluator": one.judged.evaluator,
+        "under_load": None if one.less_pressed is None else _under_load(one, one.less_pressed),
         "design": scene_to_dict(one.pressed),
+    }
+
+
+def _under_load(one: Candidate, linear: Candidate) -> dict[str, Any]:
+    """What more load than linear elasticity answers for brings: the share by which the objective is less, with its error."""
+    gain, error = one.gain_over(linear)
+    return {
+        "linear_force": linear.pressing.force,
+        "linear_force_limited_by": linear.pressing.by,
+        "linear_objective": _finite(linear.judged_objective),
+        "linear_objective_within": [linear.least, _finite(linear.most)],
+        "gain": _finite(gain),
+        "gain_error": _finite(error),
     }
 
 
@@ -123,7 +140,7 @@ def page(optimum: Optimum, files: Sequence[str], answer: dict[str, Any], drawing
         answer: what ``summary`` returns.
         drawing: the picture of the probe; none where it is not drawn.
     """
-    best = optimum.best.pressed
+    best, linear = optimum.best.pressed, (optimum.best.linear or optimum.best).pressed
     rows = list(csv.reader(io.StringIO(candidates_csv(optimum))))
     limits = [(one.name, f"{one.value:.6g}", "yes" if one.active else "no") for one in optimum.limits]
     drawn = () if drawing is None else (Picture.read(drawing, "section and view of the probe"),)
@@ -132,7 +149,7 @@ def page(optimum: Optimum, files: Sequence[str], answer: dict[str, Any], drawing
         Chapter("Start and optimum", (_table(headings(optimum), level_rows(optimum)), *map(Text, _notes(optimum)))),
         Chapter("Limits of the search", (_table(("limit", "value, SI", "active"), limits),)),
         Chapter("What to machine", (*drawn, Items(tuple(files), links=True), *FOR_THE_WORKSHOP)),
-        *scene_sections(best, optimum.noise.ratio),
+        *scene_sections(linear, optimum.noise.ratio),
         Chapter("All judged designs", (_table(rows[0], rows[1:]),)),
         Chapter("What to keep in mind", (Items((*optimum.remarks, *map(str, optimum.best.judged.warnings)) or ("nothing",)),)),
         asked(best, "The scene of the design"),
@@ -150,10 +167,21 @@ def _notes(optimum: Optimum) -> tuple[str, ...]:
         "the least of what the scene's load gives on each design, the force at which finite strain changes the ratio by 1 %, "
         "and 1/25 of the force that closes the gap in linear elasticity; design.toml has it as its load. Lengths are rounded "
         "to 0.01 mm and moduli to three digits before they are judged: this table is the probe as it is drawn.",
+        *_pressed_notes(optimum),
         "A standard deviation of ln E_object of 1 means that the stiffness is known to a factor of 2.7; well above 1 it "
         "cannot be told from one reading, however good the design (a tumour a hundred times stiffer than its tissue hardly "
         "feels different from a rigid one).",
     )
+
+
+def _pressed_notes(optimum: Optimum) -> Iterator[str]:
+    if any(one.linear is not None for one in (optimum.best, optimum.baseline)):
+        yield (
+            "The scene's load is more than linear elasticity answers for: contact judged the designs under the best of all loads "
+            "up to it, as far as half an outer radius deep, with nine tenths of the load that closes the gap at most; then a "
+            "gain counts beyond twice its error. Maps, sensitivities and stresses below are those of the largest load that "
+            "linear elasticity answers for."
+        )
 
 
 def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> PageTable:

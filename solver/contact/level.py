@@ -61,6 +61,10 @@ class ContactLevel(FilmLevel):
         with threadpool_limits(1, user_api="blas"), self._refusing(scene):
             return refined(self.pressed(scene, accuracy), lambda films: films.error_under(scene) <= accuracy)[1]
 
+    def answer_of(self, scene: Scene, accuracy: float, on: LoadedScene, found: Loaded) -> Answer:
+        """Return what was found of a pressed scene as an answer, its warnings beside it."""
+        return self._answer(scene, accuracy, on, [found], ())
+
     @contextmanager
     def _refusing(self, scene: Scene) -> Iterator[None]:
         """Say which load of a scene is too large, or that it is too extreme."""

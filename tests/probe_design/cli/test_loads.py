@@ -19,6 +19,7 @@ VERBS = {
     "estimate": ("--ratio", "0.563", "--noise", "0.01"),
     "read": ("--virtual", "--seconds", "4"),
     "calibrate": ("--virtual", "-o", "probe.toml"),
+    "check": ("--virtual", "--seconds", "4"),
     "tradeoff": ("-o", "out"),
 }
 
@@ -35,7 +36,8 @@ BY_CONTACT = ("evaluate", "curve", "estimate")  # which answers beyond linear el
 
 
 @pytest.mark.parametrize(
-    "verb", slow_unless(lambda verb: verb not in ("calibrate", "read"), [verb for verb in VERBS if verb not in BY_CONTACT])
+    "verb",
+    slow_unless(lambda verb: verb not in ("calibrate", "check", "read"), [verb for verb in VERBS if verb not in BY_CONTACT]),
 )
 def test_a_load_that_is_too_large_is_refused_with_what_is_allowed(
     verb: str, heavy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

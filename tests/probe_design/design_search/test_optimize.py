@@ -117,6 +117,11 @@ def _check(found: dict[str, object], asked: Path, out: Path) -> None:
     assert isinstance(limits, list)
     assert {"outer_radius", "wall", "height", "force", "gap_closure"} <= {one["name"] for one in limits}
     assert all(set(one) == {"name", "value", "active"} for one in limits)
+    pressing, warnings = found["pressing"], found["warnings"]
+    assert isinstance(pressing, dict)
+    assert isinstance(warnings, list)
+    unused = [one for one in warnings if "limits.force of 0.05 N is more than linear elasticity answers for" in one]
+    assert len(unused) == (pressing["optimum"]["limited_by"] in ("linearity", "gap_closure"))
     files = found["files"]
     assert isinstance(files, list)
     assert {Path(one).name for one in files} == {path.name for path in out.iterdir()}

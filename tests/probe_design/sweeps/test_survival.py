@@ -20,7 +20,7 @@ from probe_design.sweeps.local_workers import WorkerProcess
 from probe_design.sweeps.results import rows
 from probe_design.sweeps.rows import Job
 from probe_design.sweeps.workers import CrewError
-from tests.support.paths import ROOT
+from tests.support.paths import ROOT, SCENE
 from tests.support.sweeps import count, grid, run, stored, toml, wait_for_rows
 
 
@@ -69,6 +69,34 @@ class TestSurvival:
         assert found.answered < 3000
         sweep(path, tmp_path / "whole", workers=2)
         assert stored(out) == stored(tmp_path / "whole")
+
+    @pytest.mark.slow
+    @pytest.mark.timeout(1200)
+    def test_pressed_designs_killed_midway_are_all_there_after_all(self, tmp_path: Path) -> None:
+        """Level ``contact`` under loads beyond linear elasticity, one of which no step reaches."""
+        loads = {"values": [0.02, 0.06, 40.0, 0.1]}
+        job = {
+            "scene": str(SCENE),
+            "evaluator": "contact",
+            "accuracy": 0.05,
+            "variables": {"load.force": loads},
+            "time_limit": 900.0,
+        }
+        out, begin = tmp_path / "out", "from probe_design import sweep\nfrom probe_design.sweeps import run\nrun.SECONDS = 0.01\n"
+        process = subprocess.Popen(
+            [sys.executable, "-c", f"{begin}sweep({job!r}, {str(out)!r}, workers=1)"],
+            cwd=ROOT, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        wait_for_rows(out, 2, process)
+        os.killpg(process.pid, signal.SIGKILL)
+        assert process.wait() == -signal.SIGKILL
+        kept = count(out)
+        assert 2 <= kept < 4
+        found = sweep(job, out, workers=1)
+        assert (found.ok, found.refused, found.failed, found.answered) == (3, 1, 0, 4 - kept)
+        sweep(job, tmp_path / "whole", workers=1)
+        assert stored(out) == stored(tmp_path / "whole")
+        assert "for contact" in next(row["reason"] for row in rows(out) if row["status"] == "refused")
 
     def test_a_second_process_is_refused_and_ctrl_c_keeps_what_is_there(self, whole: Path, tmp_path: Path) -> None:
         path, out = toml(tmp_path), tmp_path / "out"
