@@ -42,7 +42,7 @@ class State:
 
 
 @dataclass(frozen=True)
-class Forces:
+class WorkingForces:
     """What works in a state.
 
     Attributes:
@@ -78,7 +78,7 @@ class Forces:
 
 
 @dataclass(frozen=True)
-class Linearised(Forces):
+class Linearised(WorkingForces):
     """The equations about a state.
 
     Attributes:
