@@ -21,7 +21,7 @@ from solver.contact.assembly import Assembly
 from solver.contact.elements import Balance, Elements, ElementValues
 from solver.contact.hyperelasticity import Hyperelastic
 from solver.contact.pairs import Pair
-from solver.contact.states import WorkingForces, Linearised, State
+from solver.contact.states import Linearised, State, WorkingForces
 from solver.contact.touch import SPRING, Touch, touch
 from solver.contact.touching_lines import contact_length, pairs_of
 from solver.linalg.cholesky import factorise, factorise_any
@@ -151,7 +151,7 @@ class ContactModel:
         return Linearised(**forces, elimination=elimination, stiffness=stiffness, contact_stiffness=contact)
 
     def balanced(self, state: State, near: Linearised) -> Linearised:
-        """WorkingForces alone in a state, with the tangent of one next to it; see ``linearised``."""
+        """Forces alone in a state, with the tangent of one next to it; see ``linearised``."""
         balance, touches = self.elements.balance(state.elements, near.elimination), self.touches(state)
         return replace(near, **vars(self._forces(state, balance, touches)))
 
@@ -211,7 +211,7 @@ class ContactModel:
             raise SolveError("the tissue reaches the base")
 
     def film_forces(self, at: Linearised) -> Floats:
-        """WorkingForces on the films, N, shape (2,): what the energy rises by per indentation of each block's base (CT.6)."""
+        """Forces on the films, N, shape (2,): what the energy rises by per indentation of each block's base (CT.6)."""
         return np.asarray(self.lift.reshape(-1, 2).T @ (at.balance.forces.ravel() + at.contact))
 
     def responses(self, state: State, at: Linearised, target: Bools | None = None) -> tuple[Floats, Floats]:
