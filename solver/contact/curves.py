@@ -123,7 +123,7 @@ def _curve(
     """Edges of chosen elements on a line of the mesh, by the labels of their corners, in rising order along it."""
     element, values, signs, place, along = [], [], [], [], []
     m = 4 * order
-    for n in np.flatnonzero(chosen):
+    for n in np.flatnonzero(chosen & (np.sum(at[..., axis] == line, axis=1) > 1)):
         for k, (a, b) in enumerate(ENDS):
             ends = at[n, [a, b]]
             low, high = sorted(ends[:, 1 - axis])
@@ -154,18 +154,19 @@ def gauss(order: int) -> tuple[Floats, Floats]:
 
 def functions(x: Floats, order: int) -> tuple[Floats, Floats, Floats]:
     """Functions of an edge, their first and second derivatives at x in 0 to 1, shape (..., p + 1) each."""
-    P = polynomials(x, order)
-    value, slope = edge_functions(x, P)
-    bend = np.zeros_like(value)
-    bend[..., 2:] = P[..., :-1] @ _rises(order)
-    return value, slope, bend
+    value, slope, bend = _powers(order)
+    powers = np.vander(x, order + 1, increasing=True)
+    return powers @ value, powers @ slope, powers @ bend
 
 
 @kept_table
-def _rises(order: int) -> Floats:
-    """Second derivatives of an edge's functions by Legendre polynomials, shape (p, p - 1)."""
-    slopes = 2 * legendre.legder(np.eye(order + 1))
-    return np.asarray(slopes[:, 1:-1] * np.sqrt(4 * np.arange(2, order + 1) - 2))
+def _powers(order: int) -> tuple[Floats, Floats, Floats]:
+    """Functions of an edge and their first and second derivatives by powers of x, (p + 1, p + 1) each, powers first."""
+    at = np.linspace(0, 1, order + 1)
+    told = edge_functions(at, polynomials(at, order))[0]
+    value = np.asarray(np.linalg.solve(np.vander(at, order + 1, increasing=True), told), dtype=float)
+    rise = np.diag(np.arange(1.0, order + 1), 1)
+    return value, rise @ value, rise @ rise @ value
 
 
 @dataclass(frozen=True)
@@ -186,25 +187,32 @@ def find(heights: Floats, wanted: Floats) -> tuple[Found, Bools]:
     Raises:
         SolveError: the line turns back, so that it has a height twice.
     """
-    size = heights.shape[-1]
-    knots = np.append(heights[:, 0], heights[-1, 1])
+    order, knots = heights.shape[-1] - 1, np.append(heights[:, 0], heights[-1, 1])
     highest = np.maximum.accumulate(knots)  # where a line sags, the first place counts that reaches a height
     inside = (wanted >= knots[0]) & (wanted < highest[-1])
     t = wanted[inside]
-    edge = np.searchsorted(highest, t, side="right") - 1
-    low, high, rises = np.zeros(len(t)), np.ones(len(t)), np.abs(np.diff(knots))[edge]
-    x = np.clip((t - knots[edge]) / np.diff(knots)[edge], 0.0, 1.0)
+    edge = highest.searchsorted(t, side="right") - 1
+    rises = np.diff(knots)[edge]
+    coefficients = (heights @ _powers(order)[0].T)[edge].T
+    x = _reached(coefficients, t, np.clip((t - knots[edge]) / rises, 0.0, 1.0), CLOSE * np.abs(rises))
+    value, slope, bend = functions(x, order)
+    if not np.all((slope * heights[edge]).sum(axis=1) > 0):
+        raise SolveError("a wall folds over")
+    return Found(edge, value, slope, bend), inside
+
+
+def _reached(coefficients: Floats, wanted: Floats, x: Floats, close: Floats) -> Floats:
+    """Where polynomials with coefficients of rising powers, (p + 1, j), are what is ``wanted``, by Newton's method from x."""
+    low, high = np.zeros_like(x), np.ones_like(x)
     for _ in range(PASSES):
-        value, slope, bend = functions(x, size - 1)
-        off = np.einsum("jp,jp->j", value, heights[edge]) - t
-        rise = np.einsum("jp,jp->j", slope, heights[edge])
-        low, high = np.where(off <= 0, x, low), np.where(off >= 0, x, high)
-        if np.all(np.abs(off) <= CLOSE * rises):
+        off, rise = coefficients[-1], np.zeros_like(x)
+        for c in coefficients[-2::-1]:
+            rise, off = rise * x + off, off * x + c
+        off = off - wanted
+        if np.all(np.abs(off) <= close):
             break
+        low, high = np.where(off <= 0, x, low), np.where(off >= 0, x, high)
         with np.errstate(divide="ignore", invalid="ignore"):
             step = x - off / rise
         x = np.where((step > low) & (step < high), step, (low + high) / 2)
-    value, slope, bend = functions(x, size - 1)
-    if np.any(np.einsum("jp,jp->j", slope, heights[edge]) <= 0):
-        raise SolveError("a wall folds over")
-    return Found(edge, value, slope, bend), inside
+    return x

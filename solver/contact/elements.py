@@ -8,13 +8,15 @@ takes three times the iterations at nu = 0.499 and fails at 0.4999).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from geometry.common.arrays import Bools, Floats, Ints
-from solver.axisymmetric.quadrilateral import Geometry, gradients
+from geometry.common.arrays import Bools, Floats
+from solver.axisymmetric.quadrilateral import Geometry
 from solver.axisymmetric.shape_functions import Shapes
-from solver.contact.hyperelasticity import Hyperelastic, change_of_volume
+from solver.axisymmetric.unit_square import UnitSquare
+from solver.contact.hyperelasticity import TT, Hyperelastic, Stress, change_of_volume
 
 
 @dataclass(frozen=True)
@@ -26,24 +28,35 @@ class ElementValues:
 
 
 @dataclass(frozen=True)
-class Tangent:
-    """Newton's equations of all elements with pressure and inside eliminated.
+class Elimination:
+    """What a tangent's pressures and inside do as corners and edges move; near that state it balances them, too.
 
     Attributes:
-        forces: on the values on corners and edges, shape (n, 8 p, k).
-        stiffness: of these, shape (n, 8 p, 8 p).
+        inner_by_edge: change of the inside with unit change of corners and edges, (n, i, 8 p).
+        pressure_by_u: likewise of the pressures, by all displacements, (n, m, 2 s).
+        inner_by_force, pressure_by_gap: with unit force on the inside and unit gap of volume, (n, i, i) and (n, m, m).
+    """
+
+    inner_by_edge: Floats
+    pressure_by_u: Floats
+    inner_by_force: Floats
+    pressure_by_gap: Floats
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Forces of all elements in a state, pressure and inside eliminated.
+
+    Attributes:
+        forces: on the values on corners and edges, shape (n, 8 p).
         internal: forces before the elimination, as which a state out of balance shows, shape (n, 2 s).
-        inner, inner_by_edge: change of the inside with no and with unit change of corners and edges, (n, i, k) and (n, i, 8 p).
-        pressure, pressure_by_u: likewise of the pressures, by all displacements, (n, m, k) and (n, m, 2 s).
+        inner, pressure: what balances inside and pressures while corners and edges stay, (n, i) and (n, m).
     """
 
     forces: Floats
-    stiffness: Floats
     internal: Floats
     inner: Floats
-    inner_by_edge: Floats
     pressure: Floats
-    pressure_by_u: Floats
 
 
 @dataclass(frozen=True)
@@ -53,100 +66,144 @@ class Elements:
     Attributes:
         shapes: their functions.
         material: theirs.
-        weight: of the Gauss points, 2 pi r dA, shape (n, q).
-        gradient: from values to displacement gradients, shape (n, q, 5, 2 s).
-        edge, inner: which values are those of corners and edges, and which of the inside.
+        square: the elements seen from the unit square.
     """
 
     shapes: Shapes
     material: Hyperelastic
-    weight: Floats
-    gradient: Floats
-    edge: Ints
-    inner: Ints
+    square: UnitSquare
 
     @classmethod
     def of(cls, at: Geometry, functions: Shapes, material: Hyperelastic) -> Elements:
-        """Tabulate the functions' gradients."""
-        n, q, s, m = *at.weight.shape, len(functions.degrees), functions.skeleton
-        unit = np.broadcast_to(np.eye(2 * s).reshape(1, 2, s, 2 * s), (n, 2, s, 2 * s))
-        slopes, hoop = gradients(at, functions, unit)
-        gradient = np.stack([*slopes, hoop], axis=2)
-        assert gradient.shape == (n, q, 5, 2 * s)
-        edge = np.concatenate([np.arange(m), s + np.arange(m)])
-        return cls(functions, material, at.weight, gradient, edge, np.setdiff1d(np.arange(2 * s), edge))
+        """Tabulate what does not change."""
+        return cls(functions, material, UnitSquare.of(at, functions))
 
     def at_rest(self) -> ElementValues:
         """Nothing deformed."""
-        n, size = len(self.weight), self.gradient.shape[-1]
-        return ElementValues(np.zeros((n, size)), np.zeros((n, self.shapes.pressure.shape[1])))
-
-    def gradients(self, u: Floats) -> Floats:
-        """Displacement gradients of values u (n, 2 s), shape (n, q, 5)."""
-        n, q, five, size = self.gradient.shape
-        return np.asarray((self.gradient.reshape(n, q * five, size) @ u[:, :, None]).reshape(n, q, five))
+        n = len(self.square.weight)
+        return ElementValues(np.zeros((n, 2 * len(self.shapes.degrees))), np.zeros((n, self.shapes.pressure.shape[1])))
 
     def least_volume(self, u: Floats) -> float:
         """The smallest J of all Gauss points."""
-        return 1 + float(change_of_volume(self.gradients(u)).min())
+        return 1 + float(change_of_volume(self.square.gradients(u)).min())
 
     def largest_stretch(self, u: Floats) -> float:
         """The largest |lambda - 1| of the principal stretches lambda at all Gauss points."""
-        h = self.gradients(u)
-        a, b, c, d = (h[..., k] + one for k, one in enumerate((1.0, 0.0, 0.0, 1.0)))
+        h = self.square.gradients(u)
+        a, b, c, d = (h[k] + one for k, one in enumerate((1.0, 0.0, 0.0, 1.0)))
         plus, minus = np.hypot(a + d, b - c) / 2, np.hypot(a - d, b + c) / 2  # singular values: plus + minus, plus - minus
-        return float(max(np.abs(plus + minus - 1).max(), np.abs(plus - minus - 1).max(), np.abs(h[..., 4]).max()))
+        return float(max(np.abs(plus + minus - 1).max(), np.abs(plus - minus - 1).max(), np.abs(h[TT]).max()))
 
     def energy(self, state: ElementValues) -> float:
         """Stored energy, J."""
-        return float((self.weight * self.material.stored(self.gradients(state.u), state.p @ self.shapes.pressure.T)).sum())
+        stored = self.material.stored(self.square.gradients(state.u), state.p @ self.shapes.pressure.T)
+        return float((self.square.weight * stored).sum())
 
-    def tangent(self, state: ElementValues, target: Bools | None = None) -> Tangent:
-        """Linearise about a state.
+    def tangent(self, state: ElementValues) -> tuple[Balance, Floats, Elimination]:
+        """Linearise about a state: forces, their stiffness on corners and edges, (n, 8 p, 8 p), and what is eliminated."""
+        stress, p = self.material.stress(self.square.gradients(state.u)), state.p @ self.shapes.pressure.T
+        dilation, compliance = self.material.dilation(p)
+        N, w, m = self.shapes.pressure, self.square.weight, self.shapes.pressure.shape[1]
+        across = self.square.moments(w * self.square.turned(stress.cofactor))
+        mass = ((w * compliance) @ self._pressures).reshape(-1, m, m)
+        by_gap = np.asarray(np.linalg.inv(mass), dtype=float)
+        by_u = by_gap @ across
+        K = self.square.stiffness(self._turned_tangent(stress, p)) + across.transpose(0, 2, 1) @ by_u
+        (ee, ei), (_, ii) = self._blocks(K)
+        by_force = np.asarray(-np.linalg.inv(ii), dtype=float)
+        by_edge = by_force @ ei.transpose(0, 2, 1)
+        out = Elimination(by_edge, by_u, by_force, by_gap)
+        balance = self._condensed(self._forces(stress, p), (w * (stress.change - dilation)) @ N, out)
+        return balance, ee + ei @ by_edge, out
 
-        A second column of ``forces`` is their derivative by ln E of the ``target`` elements, shape (n,): at one strain and one
-        pressure
+    def balance(self, state: ElementValues, near: Elimination) -> Balance:
+        """Forces alone, in a state near that of an elimination."""
+        stress, p = self.material.stress(self.square.gradients(state.u)), state.p @ self.shapes.pressure.T
+        gap = (self.square.weight * (stress.change - self.material.dilation(p)[0])) @ self.shapes.pressure
+        return self._condensed(self._forces(stress, p), gap, near)
+
+    def by_modulus(self, state: ElementValues, near: Elimination, target: Bools) -> Floats:
+        """The forces' derivative by ln E of the ``target`` elements, shape (n,), on corners and edges, (n, 8 p).
+
+        At one strain and one pressure
 
             d stress / d ln E = stress without the pressure's share,   d (dU*/dp) / d ln E = -p d2U*/dp2     (CT.3)
         """
-        n, q, five, size = self.gradient.shape
-        P, A, change, cof, second = self.material.stress(self.gradients(state.u))
-        N, w = self.shapes.pressure, self.weight
-        p = state.p @ N.T
-        dilation, compliance = self.material.dilation(p)
-        flat = self.gradient.reshape(n, q * five, size)
-        turned = flat.transpose(0, 2, 1)
-        forces = (turned @ (w[..., None] * (P + p[..., None] * cof)).reshape(n, -1, 1))[..., 0]
-        D = w[..., None, None] * (A + p[..., None, None] * second)
-        K = turned @ (D @ self.gradient).reshape(n, q * five, size)
-        across = turned @ ((w[..., None] * cof)[..., None] * N[:, None, :]).reshape(n, q * five, -1)
-        mass = (N.T * (w * compliance)[:, None, :]) @ N
-        gap, residual = ((w * (change - dilation)) @ N)[..., None], forces[..., None]
-        if target is not None:
-            by_modulus = (turned @ (w[..., None] * P).reshape(n, -1, 1)) * target[:, None, None]
-            residual = np.concatenate([residual, by_modulus], axis=2)
-            gap = np.concatenate([gap, ((w * p * compliance) @ N * target[:, None])[..., None]], axis=2)
-        k = gap.shape[-1]
-        both = np.linalg.solve(mass, np.concatenate([gap, across.transpose(0, 2, 1)], axis=2))
-        pressure, by_u = both[..., :k], both[..., k:]
-        residual = residual + across @ pressure
-        return self._inside_out(K + across @ by_u, residual, forces, pressure, by_u)
+        stress, p = self.material.stress(self.square.gradients(state.u)), state.p @ self.shapes.pressure.T
+        compliance = self.material.dilation(p)[1]
+        gap = (self.square.weight * p * compliance * target[:, None]) @ self.shapes.pressure
+        return self._condensed(self._forces(stress, np.zeros_like(p)) * target[:, None], gap, near).forces
 
-    def _inside_out(self, K: Floats, residual: Floats, internal: Floats, pressure: Floats, by_u: Floats) -> Tangent:
-        """Eliminate the values inside the elements."""
-        e, i = self.edge, self.inner
-        across = K[:, i][:, :, e]
-        both = -np.linalg.solve(K[:, i][:, :, i], np.concatenate([residual[:, i], across], axis=2))
-        k = residual.shape[-1]
-        inner, by_edge = both[..., :k], both[..., k:]
-        stiffness = K[:, e][:, :, e] + across.transpose(0, 2, 1) @ by_edge
-        forces = residual[:, e] + across.transpose(0, 2, 1) @ inner
-        return Tangent(forces, (stiffness + stiffness.transpose(0, 2, 1)) / 2, internal, inner, by_edge, pressure, by_u)
-
-    def moved(self, state: ElementValues, tangent: Tangent, edge: Floats, share: float = 1.0) -> ElementValues:
-        """Return a state after a ``share`` of Newton's step, whose part on corners and edges is ``edge``, (n, 8 p)."""
-        step = np.empty_like(state.u)
-        step[:, self.edge] = edge
-        step[:, self.inner] = tangent.inner[..., 0] + (tangent.inner_by_edge @ edge[..., None])[..., 0]
-        pressure = tangent.pressure[..., 0] + (tangent.pressure_by_u @ step[..., None])[..., 0]
+    def moved(
+        self, state: ElementValues, by: Elimination, edge: Floats, at: Balance | None = None, share: float = 1.0
+    ) -> ElementValues:
+        """Return a state whose corners and edges change by ``edge``, (n, 8 p), with ``at`` by a share of Newton's step."""
+        inner = (by.inner_by_edge @ edge[..., None])[..., 0]
+        if at is not None:
+            inner += at.inner
+        n, m = len(edge), self.shapes.skeleton
+        step = np.concatenate([edge.reshape(n, 2, m), inner.reshape(n, 2, -1)], axis=2).reshape(n, -1)
+        pressure = (by.pressure_by_u @ step[..., None])[..., 0]
+        if at is not None:
+            pressure += at.pressure
         return ElementValues(state.u + share * step, state.p + share * pressure)
+
+    @cached_property
+    def _pressures(self) -> Floats:
+        """Products of the pressures' functions, shape (q, m m)."""
+        N = self.shapes.pressure
+        return np.asarray((N[:, :, None] * N[:, None]).reshape(len(N), -1))
+
+    def _forces(self, stress: Stress, p: Floats) -> Floats:
+        """On all displacements, (n, 2 s)."""
+        return self.square.forces(self.square.turned(self.square.weight * (stress.first_piola + p * stress.cofactor)))
+
+    def _turned_tangent(self, stress: Stress, p: Floats) -> Floats:
+        """The stresses' derivative, p held, weights included, as ``UnitSquare.stiffness`` takes it."""
+        square, w = self.square, self.square.weight
+        c, h = square.turned(stress.cofactor), square.turned(w * stress.half)
+        D = np.empty((5, *c.shape))
+        for i in range(5):
+            for j in range(i, 5):
+                D[i, j] = c[i] * h[j]
+                D[i, j] += h[i] * c[j]
+        if stress.bend is not None:
+            x = square.turned(stress.distortion)
+            D += (w * stress.bend * x)[:, None] * x
+        unit = w * stress.unit * square.turned_unit()
+        D[0, 0] += unit[0]
+        D[2, 2] += unit[0]
+        D[0, 1] += unit[1]
+        D[2, 3] += unit[1]
+        D[1, 1] += unit[2]
+        D[3, 3] += unit[2]
+        D[4, 4] += unit[3]
+        # d2J/dh2: of r's and z's slopes the hoop's stretch, of these with the hoop's what the cofactor is per stretch
+        volume = w * (stress.volume + p)
+        flat = volume * stress.F[TT] * (square.xr * square.yz - square.xz * square.yr)
+        D[0, 3] += flat
+        D[1, 2] -= flat
+        D[:4, 4] += volume * square.over / stress.F[TT] * c[:4]
+        D[4, 2:4] = D[2:4, 4]
+        return D
+
+    def _blocks(self, K: Floats) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
+        """Blocks of corners and edges, e, and of the inside, i."""
+        n, m = len(K), self.shapes.skeleton
+        parts = K.reshape(n, 2, K.shape[1] // 2, 2, -1)
+        e, i = slice(0, m), slice(m, None)
+
+        def block(a: slice, b: slice) -> Floats:
+            part = parts[:, :, a, :, b]
+            return part.reshape(n, 2 * part.shape[2], -1)
+
+        return (block(e, e), block(e, i)), (block(i, e), block(i, i))
+
+    def _condensed(self, internal: Floats, gap: Floats, near: Elimination) -> Balance:
+        """Eliminate pressures and inside from forces, (n, 2 s), and gaps of volume, (n, m)."""
+        n, m = len(gap), self.shapes.skeleton
+        pressure = (near.pressure_by_gap @ gap[..., None])[..., 0]
+        parts = (internal + (gap[:, None] @ near.pressure_by_u)[:, 0]).reshape(n, 2, -1)
+        edge, inside = parts[:, :, :m].reshape(n, -1), parts[:, :, m:].reshape(n, -1)
+        inner = (near.inner_by_force @ inside[..., None])[..., 0]
+        return Balance(edge + (inside[:, None] @ near.inner_by_edge)[:, 0], internal, inner, pressure)

@@ -24,9 +24,54 @@ import numpy as np
 from geometry.common.arrays import Floats
 
 LEAST_LAM = 1e-3  # of mu: a material that is more compressible tells the rest of its bulk modulus without a pressure
-RR, RZ, ZR, ZZ, TT = range(5)  # components of the displacement gradient: u_r,r, u_r,z, u_z,r, u_z,z, u_r / r
-# second derivatives of J = (F_rr F_zz - F_rz F_zr) F_tt: pairs of components, the third that remains, the sign
-_CROSSED = ((RR, ZZ, TT, 1.0), (RR, TT, ZZ, 1.0), (ZZ, TT, RR, 1.0), (RZ, ZR, TT, -1.0), (RZ, TT, ZR, -1.0), (ZR, TT, RZ, -1.0))
+RR, RZ, ZR, ZZ, TT = range(5)  # components of the displacement gradient, first axis: u_r,r, u_r,z, u_z,r, u_z,z, u_r / r
+
+
+@dataclass(frozen=True)
+class Stress:
+    """What follows from displacement gradients h at q points of n elements, F = 1 + h: shape (n, q), components first.
+
+    The derivative of ``first_piola`` by h is the unit matrix times ``unit``, d2J/dh2 times ``volume``, ``distortion`` times
+    itself times ``bend``, and ``cofactor`` times ``half`` with its transpose.
+
+    Attributes:
+        first_piola: first Piola-Kirchhoff stress without the pressure's share, Pa.
+        change: J - 1.
+        cofactor: dJ/dh.
+        F: itself.
+        distortion: dI/dh.
+        weight: f' J^(-2/3), Pa.
+        bend: f'', Pa; None for neo-Hookean materials.
+        bulk: of the material, without the pressure's share, Pa, shape (n, 1).
+    """
+
+    first_piola: Floats
+    change: Floats
+    cofactor: Floats
+    F: Floats
+    distortion: Floats
+    weight: Floats
+    bend: Floats | None
+    bulk: Floats
+
+    @property
+    def unit(self) -> Floats:
+        """See above, Pa."""
+        return 2 * self.weight
+
+    @property
+    def half(self) -> Floats:
+        """See above, Pa: of products of dJ/dF with itself and with F, half, as they are added to their transposes."""
+        J = 1 + self.change
+        own = 5 * self.weight * (self.F**2).sum(axis=0) / (9 * J**2) + self.bulk / 4 * (1 + 1 / J**2)
+        return np.asarray(own * self.cofactor - (4 * self.weight / (3 * J)) * self.F)
+
+    @property
+    def volume(self) -> Floats:
+        """See above, Pa."""
+        J = 1 + self.change
+        pull = self.bulk / 2 * self.change * (1 + 1 / J)
+        return np.asarray(pull - 2 * self.weight * (self.F**2).sum(axis=0) / (3 * J))
 
 
 @dataclass(frozen=True)
@@ -60,7 +105,7 @@ class Hyperelastic:
         return x + x**2 / (1 + root), (1 + x / root) / self.lam[:, None]
 
     def stored(self, h: Floats, p: Floats) -> Floats:
-        """Energy per undeformed volume, Pa, (n, q), at displacement gradients (n, q, 5) and pressures p, Pa, (n, q).
+        """Energy per undeformed volume, Pa, (n, q), at displacement gradients (5, n, q) and pressures p, Pa, (n, q).
 
         The pressure's share is p (J - J*(p)) + U(J*(p)), which in equilibrium is what eq. CT.1 stores.
         """
@@ -74,61 +119,39 @@ class Hyperelastic:
         mu, (c2, c3) = self.shear[:, None], self.shear[:, None] * self.yeoh[:, :, None]
         return mu / 2 * x + c2 * x**2 + c3 * x**3, mu / 2 + 2 * c2 * x + 3 * c3 * x**2, 2 * c2 + 6 * c3 * x
 
-    def stress(self, h: Floats) -> tuple[Floats, Floats, Floats, Floats, Floats]:
-        """Return what follows from displacement gradients h, shape (n, q, 5).
-
-        Returns:
-            The first Piola-Kirchhoff stress without the pressure's share, Pa, (n, q, 5), its derivative by h, (n, q, 5, 5),
-            J - 1, (n, q), dJ/dh, (n, q, 5), and d2J/dh2, (n, q, 5, 5).
-        """
-        F = h + np.array([1.0, 0.0, 0.0, 1.0, 1.0])
-        cof, second = cofactor(F), cofactor_slope(F)
-        change = change_of_volume(h)
+    def stress(self, h: Floats) -> Stress:
+        """Return what follows from displacement gradients h, shape (5, n, q)."""
+        F = h.copy()
+        F[[RR, ZZ, TT]] += 1.0
+        cof, change, trace = cofactor(F), change_of_volume(h), _trace(h)
         J = 1 + change
-        power, I1 = J ** (-2 / 3), (F**2).sum(axis=-1)
-        # dI/dF and d2I/dF2 with I = J^(-2/3) I1; the first by what is small, or rounding of 1 would be stresses in large elements
-        excess = ((2 * _trace(h) / 3 - change) / J)[..., None]
-        first = 2 * power[..., None] * (h - _cofactor_change(h) - excess * cof)
-        _, slope, bend = self._f(power * I1 - 3)
-        pull, stiff = (self.bulk[:, None] / 2 * x for x in (change * (1 + 1 / J), 1 + 1 / J**2))
-        P = slope[..., None] * first + pull[..., None] * cof
-        weight = slope * power
-        # of products of dJ/dF with itself and with F, half: they are added to their transposes
-        half = (5 * weight * I1 / (9 * J**2) + stiff / 2)[..., None] * cof - (4 * weight / (3 * J))[..., None] * F
-        A = cof[..., :, None] * half[..., None, :]
-        A = A + np.swapaxes(A, -1, -2)
-        A += (pull - 2 * weight * I1 / (3 * J))[..., None, None] * second
-        A[..., range(5), range(5)] += 2 * weight[..., None]
-        if np.any(self.yeoh):
-            A += bend[..., None, None] * (first[..., :, None] * first[..., None, :])
-        return P, A, change, cof, second
+        power = J ** (-2 / 3)
+        # dI/dF with I = J^(-2/3) I1 by what is small, or rounding of 1 would be stresses in large elements
+        excess = (2 * trace / 3 - change) / J
+        distortion = 2 * power * (h - _cofactor_change(h) - excess * cof)
+        _, slope, bend = self._f((3 + 2 * trace) * power - 3)
+        bulk = self.bulk[:, None]
+        P = slope * distortion + bulk / 2 * change * (1 + 1 / J) * cof
+        return Stress(P, change, cof, F, distortion, slope * power, bend if np.any(self.yeoh) else None, bulk)
 
 
 def cofactor(F: Floats) -> Floats:
-    """dJ/dF of deformation gradients F, shape (..., 5) both."""
-    rr, rz, zr, zz, tt = np.moveaxis(F, -1, 0)
-    return np.stack([zz * tt, -zr * tt, -rz * tt, rr * tt, rr * zz - rz * zr], axis=-1)
-
-
-def cofactor_slope(F: Floats) -> Floats:
-    """d2J/dF2, shape (..., 5, 5)."""
-    out = np.zeros((*F.shape, 5))
-    for i, j, other, sign in _CROSSED:
-        out[..., i, j] = out[..., j, i] = sign * F[..., other]
-    return out
+    """dJ/dF of deformation gradients F, shape (5, ...) both."""
+    rr, rz, zr, zz, tt = F
+    return np.stack([zz * tt, -zr * tt, -rz * tt, rr * tt, rr * zz - rz * zr])
 
 
 def change_of_volume(h: Floats) -> Floats:
-    """J - 1 without the rounding of J, from displacement gradients h, shape (..., 5)."""
-    rr, rz, zr, zz, tt = np.moveaxis(h, -1, 0)
+    """J - 1 without the rounding of J, from displacement gradients h, shape (5, ...)."""
+    rr, rz, zr, zz, tt = h
     flat = rr + zz + rr * zz - rz * zr
     return np.asarray(flat + tt + flat * tt)
 
 
 def _cofactor_change(h: Floats) -> Floats:
     """dJ/dF less what it is at rest, without its rounding."""
-    rr, rz, zr, zz, tt = np.moveaxis(h, -1, 0)
-    return np.stack([zz + tt + zz * tt, -zr * (1 + tt), -rz * (1 + tt), rr + tt + rr * tt, rr + zz + rr * zz - rz * zr], axis=-1)
+    rr, rz, zr, zz, tt = h
+    return np.stack([zz + tt + zz * tt, -zr * (1 + tt), -rz * (1 + tt), rr + tt + rr * tt, rr + zz + rr * zz - rz * zr])
 
 
 def _volume(change: Floats) -> Floats:
@@ -138,4 +161,4 @@ def _volume(change: Floats) -> Floats:
 
 def _trace(h: Floats) -> Floats:
     """(tr F^T F - 3) / 2 without its rounding."""
-    return np.asarray(h[..., RR] + h[..., ZZ] + h[..., TT] + (h**2).sum(axis=-1) / 2)
+    return np.asarray(h[RR] + h[ZZ] + h[TT] + (h**2).sum(axis=0) / 2)

@@ -18,13 +18,13 @@ from solver.axisymmetric.dofs import Numbering, numbering
 from solver.axisymmetric.quadrilateral import geometry
 from solver.axisymmetric.shape_functions import shapes
 from solver.contact.assembly import Assembly
-from solver.contact.elements import Elements, ElementValues
+from solver.contact.elements import Balance, Elements, ElementValues
 from solver.contact.hyperelasticity import Hyperelastic
 from solver.contact.pairs import Pair
-from solver.contact.states import Linearised, State
+from solver.contact.states import Linearised, State, WorkingForces
 from solver.contact.touch import SPRING, Touch, touch
 from solver.contact.touching_lines import contact_length, pairs_of
-from solver.linalg.cholesky import Factor, factorise, factorise_any
+from solver.linalg.cholesky import factorise, factorise_any
 from solver.linalg.workspace import kept
 
 OPENING, ROUND = 0.02, 0.1  # of faces that may open: contact length in indentations; how much of the others' rounding they take
@@ -134,33 +134,62 @@ class ContactModel:
         each = zip(self.pairs, state.multipliers, blurs, state.grips, strict=True)
         return tuple(touch(pair, own, m, state.share, blur, grip=grip) for pair, m, blur, grip in each)
 
-    def linearised(self, state: State, target: Bools | None = None) -> Linearised:
-        """Linearise about a state; see ``Elements.tangent``.
+    def linearised(self, state: State, known: Linearised | None = None) -> Linearised:
+        """Linearise about a state, of which what elements do is ``known`` where only contact is another.
 
         Raises:
             SolveError: a line folds over.
         """
-        tangent, touches = self.elements.tangent(state.elements, target), self.touches(state)
-        gather = self.numbering.gather
+        if known is None:
+            balance, stiffness, elimination = self.elements.tangent(state.elements)
+        else:
+            balance, stiffness, elimination = known.balance, known.stiffness, known.elimination
+        touches = self.touches(state)
+        parts = [one.stiffness for one in touches if one.stiffness is not None]
+        contact = sum(parts[1:], parts[0]) if parts else None
+        forces = vars(self._forces(state, balance, touches))
+        return Linearised(**forces, elimination=elimination, stiffness=stiffness, contact_stiffness=contact)
+
+    def balanced(self, state: State, near: Linearised) -> Linearised:
+        """Forces alone in a state, with the tangent of one next to it; see ``linearised``."""
+        balance, touches = self.elements.balance(state.elements, near.elimination), self.touches(state)
+        return replace(near, **vars(self._forces(state, balance, touches)))
+
+    def _forces(self, state: State, balance: Balance, touches: tuple[Touch, ...]) -> WorkingForces:
+        """Elements and contact together."""
+        gather, m = self.numbering.gather, self.elements.shapes.skeleton
         contact = sum((one.forces for one in touches), np.zeros(gather.shape[0]))
-        residual = gather.T @ (tangent.forces[..., 0].ravel() + contact)
-        scale = float(np.linalg.norm(abs(gather).T @ (np.abs(tangent.internal[:, self.elements.edge]).ravel() + np.abs(contact))))
+        internal = np.abs(balance.internal).reshape(len(balance.internal), 2, -1)[:, :, :m].reshape(-1)
+        residual = gather.T @ (balance.forces.ravel() + contact)
+        scale = float(np.linalg.norm(abs(gather).T @ (internal + np.abs(contact))))
         lengths = self.contact_lengths(state.indentation)
         deepest = max((one.off / x for one, x in zip(touches, lengths, strict=True) if x > 0), default=0.0)
-        return Linearised(tangent, touches, contact, residual, scale, deepest)
+        return WorkingForces(balance, touches, contact, residual, scale, deepest)
 
-    def factor(self, at: Linearised) -> Factor:
-        """Factorise the tangent."""
-        matrix = self.assembly.tangent(at.tangent.stiffness, at.contact_stiffness)
-        return factorise_any(matrix) if self.sticky else factorise(matrix, self.assembly.pattern)
+    def factored(self, at: Linearised) -> Linearised:
+        """The same with its tangent factorised."""
+        if at.factor is not None:
+            return at
+        matrix = self.assembly.tangent(at.stiffness, at.contact_stiffness)
+        return replace(at, factor=factorise_any(matrix) if self.sticky else factorise(matrix, self.assembly.pattern))
+
+    def moved(self, state: State, at: Linearised, step: Floats, share: float = 1.0) -> State:
+        """Return a state after a share of Newton's step, whose part on the unknowns is given."""
+        edge = (self.numbering.gather @ step).reshape(self.lift.shape[:2])
+        elements = self.elements.moved(state.elements, at.elimination, edge, at.balance, share)
+        return replace(state, v=state.v + share * step, elements=elements)
 
     def shifted(self, state: State, at: Linearised, change: Floats, indentation: float) -> State:
         """Return a state with its unknowns changed and another indentation, insides and pressures following."""
         deeper = indentation - state.indentation
         own = self.numbering.gather @ change + deeper * self.numbering.lift.sum(axis=-1).ravel()
-        tangent = replace(at.tangent, inner=np.zeros_like(at.tangent.inner), pressure=np.zeros_like(at.tangent.pressure))
-        elements = self.elements.moved(state.elements, tangent, own.reshape(self.lift.shape[:2]))
+        elements = self.elements.moved(state.elements, at.elimination, own.reshape(self.lift.shape[:2]))
         return replace(state, indentation=indentation, v=state.v + change, elements=elements)
+
+    def rates(self, state: State, at: Linearised, change: Floats) -> State:
+        """What a state changes by per indentation, as its unknowns change by ``change``."""
+        none = replace(state, indentation=0.0, v=np.zeros_like(state.v), elements=self.elements.at_rest())
+        return self.shifted(none, at, change, 1.0)
 
     def contact_radius(self, at: Linearised, state: State) -> float:
         """Outer radius of what touches the tissue, m, deformed."""
@@ -183,19 +212,22 @@ class ContactModel:
 
     def film_forces(self, at: Linearised) -> Floats:
         """Forces on the films, N, shape (2,): what the energy rises by per indentation of each block's base (CT.6)."""
-        return np.asarray(self.lift.reshape(-1, 2).T @ (at.tangent.forces[..., 0].ravel() + at.contact))
+        return np.asarray(self.lift.reshape(-1, 2).T @ (at.balance.forces.ravel() + at.contact))
 
-    def responses(self, at: Linearised) -> tuple[Floats, Floats]:
+    def responses(self, state: State, at: Linearised, target: Bools | None = None) -> tuple[Floats, Floats]:
         """How unknowns, (unknowns, k), and film forces, (2, k), change with indentation and, if asked for, ln E of the target.
 
         Raises:
             SolveError: the residual of the solution is too large to be trusted.
         """
         gather, flat = self.numbering.gather, self.lift.reshape(-1, 2)
-        pushed = self._times(at, flat.sum(axis=1, keepdims=True))
-        modulus = at.tangent.forces[..., 1:].reshape(gather.shape[0], -1)
-        driven = np.concatenate([pushed, modulus], axis=1)
-        changes = -self.factor(at).solve(np.ascontiguousarray(gather.T @ driven))
+        driven = self._times(at, flat.sum(axis=1, keepdims=True))
+        if target is not None:
+            modulus = self.elements.by_modulus(state.elements, at.elimination, target)
+            driven = np.concatenate([driven, modulus.reshape(-1, 1)], axis=1)
+        factor = self.factored(at).factor
+        assert factor is not None
+        changes = -factor.solve(np.ascontiguousarray(gather.T @ driven))
         whole = driven + self._times(at, gather @ changes)
         unbalanced = np.linalg.norm(gather.T @ whole, axis=0)
         if not np.all(unbalanced <= LARGEST_RESIDUAL * np.linalg.norm(np.abs(driven) + np.abs(whole), axis=0)):
@@ -205,7 +237,7 @@ class ContactModel:
     def _times(self, at: Linearised, own: Floats) -> Floats:
         """The tangent's forces on the elements' own values for changes of these, (n (8 p), k) both."""
         n, width, _ = self.lift.shape
-        out = (at.tangent.stiffness @ own.reshape(n, width, -1)).reshape(n * width, -1)
+        out = (at.stiffness @ own.reshape(n, width, -1)).reshape(n * width, -1)
         return out if at.contact_stiffness is None else out + at.contact_stiffness @ own
 
 

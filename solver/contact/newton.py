@@ -11,17 +11,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from geometry.common.arrays import Bools, Floats
+from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
 from geometry.common.resources import check_time
 from solver.contact.model import ContactModel, check_volume
 from solver.contact.states import Linearised, State
 
 BALANCED = 1e-9  # residual over forces of a state in equilibrium
+NEARLY = (
+    1e-6  # likewise: the tangent there is that of equilibrium, one step with it leads there, and forces alone tell that it did
+)
 ROUNDED = 1e-7  # likewise, where rounding keeps it from falling further
+GUESSED = 1e-5  # likewise, of a round whose multipliers are the next one's guess
 MOST_STEPS, HALVINGS = 14, 6
 MORE_STEPS = 40  # where faces may open: which points touch and slide is found by trying
 ROUNDS = ((0.1, 0.02), *((1.0, 0.002),) * 8)  # shares of the penalty; rounding, in contact lengths
+SHARP_ROUNDS = ROUNDS[1:]  # likewise, where multipliers are known from the loads before
 SLOW_ROUNDS = ((0.05, 0.04), (0.2, 0.01), (0.5, 0.002), *((1.0, 0.002),) * 8)  # likewise where faces may open, or those fail
 PENETRATION = 1e-3  # contact lengths: deeper ones ask for another round
 
@@ -32,7 +37,7 @@ class Equilibrium:
 
     Attributes:
         state: it.
-        at: the equations about it.
+        at: the equations about it; its tangent may be that of a state within ``NEARLY`` of it.
         residuals: after each step of Newton's method, relative; rounds one after the other.
     """
 
@@ -41,32 +46,37 @@ class Equilibrium:
     residuals: tuple[float, ...]
 
 
-def solve(model: ContactModel, start: State, target: Bools | None = None) -> Equilibrium:
+def solve(model: ContactModel, start: State, *, known: bool = False) -> Equilibrium:
     """Find equilibrium at the indentation of a state.
 
     Args:
         model: of the section.
         start: what is near it.
-        target: see ``Elements.tangent``.
+        known: whether its multipliers are a guess of those there, as they follow from the loads before.
 
     Raises:
         SolveError: none was found: Newton's method does not converge, or an element folds over.
         LimitReached: the time is over.
     """
-    if not model.loose:
+    tries = [*([SHARP_ROUNDS] if known else []), *([] if model.loose else [ROUNDS]), SLOW_ROUNDS]
+    for rounds in tries[:-1]:
         try:
-            return _solved(model, start, target, ROUNDS)
+            return _solved(model, start, rounds)
         except SolveError:
             pass
-    return _solved(model, start, target, SLOW_ROUNDS)
+    return _solved(model, start, tries[-1])
 
 
-def _solved(model: ContactModel, start: State, target: Bools | None, rounds: Sequence[tuple[float, float]]) -> Equilibrium:
+def _solved(model: ContactModel, start: State, rounds: Sequence[tuple[float, float]]) -> Equilibrium:
     """Equilibrium by some rounds."""
-    state, residuals = start, []
+    state, at, residuals = start, None, list[float]()
     for share, blur in rounds:
-        state, at, some = _balanced(model, replace(state, share=share, blur=blur), target)
+        enough = GUESSED if share < 1 and not model.loose else BALANCED
+        state, at, some = _balanced(model, replace(state, share=share, blur=blur), at, enough)
         residuals += some
+        if not at.touched and at.unbalanced > BALANCED:
+            state, at, some = _balanced(model, state, at)
+            residuals += some
         if not at.touched or (share == 1 and at.deepest <= PENETRATION):
             return Equilibrium(_remembered(state, at), at, tuple(residuals))
         state = replace(state, multipliers=tuple(one.pressure for one in at.touches))
@@ -87,19 +97,28 @@ def _slid(state: State, at: Linearised) -> State:
     )
 
 
-def _balanced(model: ContactModel, state: State, target: Bools | None) -> tuple[State, Linearised, list[float]]:
-    """Newton's method with the multipliers held."""
+def _balanced(
+    model: ContactModel, state: State, known: Linearised | None, enough: float = BALANCED
+) -> tuple[State, Linearised, list[float]]:
+    """Newton's method with the multipliers held, from a state of which what elements do may be ``known``."""
     check_volume(model.elements, state.elements)
-    at = model.linearised(state, target)
+    at = model.linearised(state, known)
     residuals: list[float] = []
-    while at.torn or (at.unbalanced > BALANCED and not _stands_still(residuals)):
+    while at.torn or (at.unbalanced > enough and not _stands_still(residuals)):
         check_time("pressing")
         if len(residuals) == (MORE_STEPS if model.loose else MOST_STEPS):
             raise SolveError("Newton's method does not converge")
-        step = -model.factor(at).solve(np.ascontiguousarray(at.residual[:, None]))[:, 0]
+        at = model.factored(at)
+        assert at.factor is not None
+        step = -at.factor.solve(np.ascontiguousarray(at.residual[:, None]))[:, 0]
         if not np.all(np.isfinite(step)):
             raise SolveError("the equations cannot be solved")
-        state, at = _moved(model, state, at, step, target)
+        if at.unbalanced <= NEARLY and not model.loose:
+            there = model.moved(state, at, step)
+            last = model.balanced(there, at)
+            if last.unbalanced <= BALANCED:
+                return there, last, [*residuals, last.unbalanced]
+        state, at = _moved(model, state, at, step)
         state = _slid(state, at)
         residuals.append(at.unbalanced)
     return state, at, residuals
@@ -110,16 +129,14 @@ def _stands_still(residuals: Sequence[float]) -> bool:
     return len(residuals) > 1 and residuals[-1] <= ROUNDED and residuals[-1] > residuals[-2] / 2
 
 
-def _moved(model: ContactModel, state: State, at: Linearised, step: Floats, target: Bools | None) -> tuple[State, Linearised]:
+def _moved(model: ContactModel, state: State, at: Linearised, step: Floats) -> tuple[State, Linearised]:
     """The state after a step, halved until no element folds over and forces are nearer to balance, or halving helps no more."""
-    edge = (model.numbering.gather @ step).reshape(model.lift.shape[:2])
     best: tuple[State, Linearised] | None = None
     for share in 0.5 ** np.arange(HALVINGS):
-        elements = model.elements.moved(state.elements, at.tangent, edge, share)
-        if model.elements.least_volume(elements.u) <= 0:
+        moved = model.moved(state, at, step, share)
+        if model.elements.least_volume(moved.elements.u) <= 0:
             continue
-        moved = replace(state, v=state.v + share * step, elements=elements)
-        tried = moved, model.linearised(moved, target)
+        tried = moved, model.linearised(moved)
         if best is not None and tried[1].unbalanced >= best[1].unbalanced:
             break
         best = tried

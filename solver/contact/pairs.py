@@ -13,6 +13,7 @@ block's corner, one upwards and one outwards; over the diagonal t they are graph
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -94,13 +95,14 @@ class Pair:
         """The slave's points, deformed, (r, z), m, shape (points, 2)."""
         return np.asarray(np.einsum("kcp,gp->kgc", self.slave.positions(own), gauss(self.slave.order)[1]).reshape(-1, 2))
 
-    @property
+    @cached_property
     def along(self) -> Floats:
         """The slave's points on the undeformed line, m from its start, shape (points,)."""
         lengths = self.slave.lengths[:, None]
         starts = np.cumsum(lengths)[:, None] - lengths
         return np.asarray((starts + lengths * gauss(self.slave.order)[1][:, 1]).ravel())
 
+    @cached_property
     def weights(self) -> Floats:
         """2 pi r dL of the undeformed slave at its points, shape (points,)."""
         w, value = gauss(self.slave.order)

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import SolveError
-from solver.contact.elements import ElementValues
 from solver.contact.model import ContactModel
 from solver.contact.newton import Equilibrium, solve
 from solver.contact.pressed import Pressed, StoppedError
-from solver.contact.states import State
+from solver.contact.states import State, hermite, lagrange, weighted
 
 FIRST, LEAST, LONGEST = 0.02, 1e-3, 0.08  # steps: in units, the longest in outer radii
 TINY = 1e-6  # likewise: an indentation at which all is linear
@@ -54,14 +53,14 @@ class Path:
         if self.linear is not None:
             self._scale = self.linear / self._pressed(small).tangent
         self._begun, linear = small, self._pressed(small)
-        still = Equilibrium(rest, self.model.linearised(rest, self._target), ())
+        still = Equilibrium(rest, self.model.linearised(rest), ())
         gap, none = float(self.model.section.hole_radius - self.model.section.inner_radius), np.zeros(2)
         self.points.append(replace(linear, indentation=0.0, films=none, walls=gap, strain=0.0, residual=0.0, equilibrium=still))
 
     def seed(self, state: State) -> Pressed:
         """Begin at a state of the same mesh under other moduli; see ``steps``."""
         try:
-            point = self._pressed(solve(self.model, state, self._target))
+            point = self._pressed(solve(self.model, state))
         except SolveError as fault:
             raise StoppedError(self.last, f"no further step converges: {fault}") from fault
         self.points.append(point)
@@ -160,34 +159,41 @@ class Path:
 
     def _solved(self, indentation: float) -> Pressed:
         try:
-            return self._pressed(solve(self.model, self._ahead(indentation), self._target))
+            return self._pressed(solve(self.model, self._ahead(indentation), known=self._known(indentation)))
         except SolveError:
             if not self.model.loose:
                 raise
         # neighbours may differ in what touches and slides: one of them alone is sometimes the better guess
-        return self._pressed(solve(self.model, self._following(self._before(indentation), indentation), self._target))
+        return self._pressed(solve(self.model, self._following(self._before(indentation), indentation)))
 
     @property
     def _target(self) -> Bools | None:
         return self.model.target if self.sensitive else None
 
+    def _near(self, indentation: float) -> list[Pressed]:
+        """The nearest three points."""
+        return sorted(self.points, key=lambda point: abs(point.indentation - indentation))[:3]
+
     def _ahead(self, indentation: float) -> State:
-        """The state at an indentation extrapolated, or interpolated, from the nearest three."""
-        near = sorted(self.points, key=lambda point: abs(point.indentation - indentation))[:3]
+        """The state at an indentation extrapolated, or interpolated, from the nearest."""
+        near = self._near(indentation)
         states = [point.equilibrium.state for point in near]
         if len(states) < 2:
             return self._proportional(indentation) if self.model.loose else self._following(states[0], indentation)
-        weights = _lagrange([state.indentation for state in states], indentation)
+        places = [state.indentation for state in states]
+        guess = weighted(lagrange(places, indentation), states)
+        if not self.model.loose and not any(state.touching.any() for state in states):
+            # with slopes only where nothing touches: where something does they lead to other equilibria of a corner that folds
+            guess = weighted(hermite(places[:2], indentation), [*states[:2], *(point.rates for point in near[:2])])
+        if self.model.elements.least_volume(guess.elements.u) <= 0:
+            return self._following(states[0], indentation)
+        return replace(guess, indentation=indentation, grips=self._before(indentation).grips)
 
-        def mixed(parts: Sequence[Floats]) -> Floats:
-            return np.asarray(sum(w * part for w, part in zip(weights, parts, strict=True)))
-
-        elements = ElementValues(mixed([s.elements.u for s in states]), mixed([s.elements.p for s in states]))
-        guess = replace(states[0], indentation=indentation, v=mixed([s.v for s in states]), elements=elements)
-        if self.model.loose:
-            multipliers = tuple(mixed(each) for each in zip(*(s.multipliers for s in states), strict=True))
-            guess = replace(guess, multipliers=multipliers, grips=self._before(indentation).grips)
-        return guess if self.model.elements.least_volume(elements.u) > 0 else self._following(states[0], indentation)
+    def _known(self, indentation: float) -> bool:
+        """Whether the same points touch in the states nearest to an indentation, so that multipliers are extrapolated well."""
+        touching = [point.equilibrium.state.touching for point in self._near(indentation)]
+        alike = all(np.array_equal(touching[0], other) for other in touching[1:])
+        return not self.model.loose and len(touching) > 2 and bool(touching[0].any()) and alike
 
     def _before(self, indentation: float) -> State:
         """The last state on the way to an indentation: what friction remembers."""
@@ -198,9 +204,9 @@ class Path:
         """Under next to no load; what opens does so at any load."""
         state = self._following(rest, (LIGHT if self.model.loose else TINY) * self.unit)
         if not self.model.loose:
-            return Equilibrium(state, self.model.linearised(state, self._target), ())
+            return Equilibrium(state, self.model.linearised(state), ())
         closed = tuple(one.pressure for one in self.model.touches(state))
-        return solve(self.model, replace(state, multipliers=closed), self._target)
+        return solve(self.model, replace(state, multipliers=closed))
 
     def _proportional(self, indentation: float) -> State:
         """The state at a small indentation: all is proportional to it, what touches does not change."""
@@ -213,14 +219,14 @@ class Path:
     def _following(self, state: State, indentation: float) -> State:
         """The state at an indentation along the tangent of one."""
         at = self.model.linearised(state)
-        changes, _ = self.model.responses(at)
+        changes, _ = self.model.responses(state, at)
         return self.model.shifted(state, at, (indentation - state.indentation) * changes[:, 0], indentation)
 
     def _pressed(self, found: Equilibrium) -> Pressed:
         """What is told of a state: the base follows a stiffer target by -(dF/d ln E) / (dF/d indentation) (CT.7)."""
         model, at, state = self.model, found.at, found.state
         model.check_base(state)
-        _, slopes = model.responses(at)
+        changes, slopes = model.responses(state, at, self._target)
         films, slopes = self._scale * model.film_forces(at), self._scale[:, None] * slopes
         sensitivity = 0.0
         if self.sensitive:
@@ -235,10 +241,6 @@ class Path:
             contact_radius=model.contact_radius(at, state),
             strain=model.elements.largest_stretch(state.elements.u),
             residual=at.unbalanced,
-            equilibrium=found,
+            equilibrium=replace(found, at=replace(at, factor=None)),  # factors are large
+            rates=model.rates(state, at, changes[:, 0]),
         )
-
-
-def _lagrange(places: Sequence[float], wanted: float) -> list[float]:
-    """Weights of values at places in the polynomial through them."""
-    return [float(np.prod([(wanted - other) / (one - other) for other in places if other != one])) for one in places]

@@ -9,6 +9,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
 from solver.contact.newton import Equilibrium
+from solver.contact.states import State
 from solver.results.film_forces import FilmForces
 
 
@@ -26,6 +27,7 @@ class Pressed:
         strain: the largest stretch or shortening of any line element, |lambda - 1|.
         residual: relative.
         equilibrium: behind it.
+        rates: what its state changes by per indentation.
     """
 
     indentation: float
@@ -37,6 +39,7 @@ class Pressed:
     strain: float
     residual: float
     equilibrium: Equilibrium
+    rates: State
 
     @property
     def force(self) -> float:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
 
-from geometry.common.arrays import Floats
-from solver.contact.elements import ElementValues, Tangent
+from geometry.common.arrays import Bools, Floats
+from solver.contact.elements import Balance, ElementValues, Elimination
 from solver.contact.touch import Grip, Touch
+from solver.linalg.cholesky import Factor
 
 
 @dataclass(frozen=True)
@@ -34,13 +35,18 @@ class State:
     share: float = 1.0
     blur: float = 0.0
 
+    @property
+    def touching(self) -> Bools:
+        """Which points of all pairs touch, as multipliers say."""
+        return np.concatenate([multiplier > 0 for multiplier in self.multipliers])
+
 
 @dataclass(frozen=True)
-class Linearised:
-    """The equations about a state.
+class WorkingForces:
+    """What works in a state.
 
     Attributes:
-        tangent: of the elements.
+        balance: of the elements.
         touches: of the pairs.
         contact: forces of all pairs on the elements' own values, N, shape (n (8 p),).
         residual: forces out of balance, N, shape (unknowns,).
@@ -48,18 +54,12 @@ class Linearised:
         deepest: by how much lines penetrate each other at most, or part where they are tied, in contact lengths.
     """
 
-    tangent: Tangent
+    balance: Balance
     touches: tuple[Touch, ...]
     contact: Floats
     residual: Floats
     scale: float
     deepest: float
-
-    @cached_property
-    def contact_stiffness(self) -> sp.csr_array | None:
-        """Of ``contact``; None where nothing touches."""
-        parts = [one.stiffness for one in self.touches if one.stiffness.nnz]
-        return sum(parts[1:], parts[0]) if parts else None
 
     @property
     def touched(self) -> bool:
@@ -75,3 +75,42 @@ class Linearised:
     def unbalanced(self) -> float:
         """Residual relative to the forces."""
         return float(np.linalg.norm(self.residual)) / self.scale if self.scale > 0 else 0.0
+
+
+@dataclass(frozen=True)
+class Linearised(WorkingForces):
+    """The equations about a state.
+
+    Attributes:
+        elimination, stiffness: the elements' tangent, of this state or of one next to it, from which a last step led here.
+        contact_stiffness: likewise of the pairs, sparse; None where nothing touches.
+        factor: of the tangent, where it is known.
+    """
+
+    elimination: Elimination
+    stiffness: Floats
+    contact_stiffness: sp.csr_array | None
+    factor: Factor | None = None
+
+
+def weighted(weights: Sequence[float], states: Sequence[State]) -> State:
+    """Weighted sum of states, or of states and what they change by; all else is the first's."""
+    both = list(zip(weights, states, strict=True))
+    u, p = (np.asarray(sum(w * getattr(state.elements, key) for w, state in both)) for key in ("u", "p"))
+    each = zip(*(state.multipliers for state in states), strict=True)
+    multipliers = tuple(np.asarray(sum(w * m for w, m in zip(weights, one, strict=True))) for one in each)
+    v = np.asarray(sum(w * state.v for w, state in both))
+    return replace(states[0], v=v, elements=ElementValues(u, p), multipliers=multipliers)
+
+
+def lagrange(places: Sequence[float], wanted: float) -> list[float]:
+    """Weights of values at places in the polynomial through them."""
+    return [float(np.prod([(wanted - other) / (one - other) for other in places if other != one])) for one in places]
+
+
+def hermite(places: Sequence[float], wanted: float) -> list[float]:
+    """Weights of values at places, then of slopes there, in the polynomial through both."""
+    squared = [w**2 for w in lagrange(places, wanted)]
+    rises = [sum(1 / (one - other) for other in places if other != one) for one in places]
+    values = [w * (1 - 2 * rise * (wanted - one)) for one, w, rise in zip(places, squared, rises, strict=True)]
+    return [*values, *(w * (wanted - one) for one, w in zip(places, squared, strict=True))]

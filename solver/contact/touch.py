@@ -52,7 +52,7 @@ class Touch:
         gap: at the slave's points, m, infinite where the master does not reach, shape (points,).
         pressure: of eq. CT.5 there, Pa, per undeformed area and along g, shape (points,).
         forces: on the elements' own values, shape (n (8 p),).
-        stiffness: of these, sparse; not symmetric with friction.
+        stiffness: of these, sparse; not symmetric with friction; None where nothing touches.
         grip: what the points will remember of this state.
         normal: pressure normal to the master, Pa, per undeformed area, shape (points,).
         off: by how much lines penetrate each other at most, or part where they are tied, m.
@@ -62,7 +62,7 @@ class Touch:
     gap: Floats
     pressure: Floats
     forces: Floats
-    stiffness: sp.csr_array
+    stiffness: sp.csr_array | None
     grip: Grip
     normal: Floats
     off: float = 0.0
@@ -100,8 +100,8 @@ def touch(
     active, none = rising > 0, np.zeros(len(gap))
     place = feet.place if grip is None else np.where(inside, feet.place, grip.place)
     if not np.any(active):
-        return Touch(gap, pressure, np.zeros(size), sp.csr_array((size, size)), Grip(place, none, none.astype(int)), none, off)
-    at, weight = feet.chosen(active), pair.weights()[active]
+        return Touch(gap, pressure, np.zeros(size), None, Grip(place, none, none.astype(int)), none, off)
+    at, weight = feet.chosen(active), pair.weights[active]
     force, opening, normal, shear = pressure[active], at.opening, none.copy(), none.copy()
     sliding, torn = none.astype(int), False
     forces, soft = -force[:, None] * opening, (penalty * rising[active])[:, None]

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from geometry import Refusal, Scene, read_scene
-from geometry.common.arrays import Bools
 from geometry.common.errors import SolveError
 from geometry.scenes.scene import Contact, HalfSpaceTissue, Load
 from solver.contact import path
@@ -139,10 +138,10 @@ def test_a_load_that_no_step_reaches_is_refused_with_the_one_reached(monkeypatch
     """Where Newton's method fails depends on rounding deep down, so here it fails at a depth of our choice."""
     most = 0.3e-3
 
-    def stops(model: ContactModel, guess: State, target: Bools | None) -> Equilibrium:
+    def stops(model: ContactModel, guess: State, *, known: bool = False) -> Equilibrium:
         if guess.indentation > most:
             raise SolveError("the elements fold")
-        return solve(model, guess, target)
+        return solve(model, guess, known=known)
 
     monkeypatch.setattr(path, "solve", stops)
     reached = ContactLevel().pressed(EXAMPLE).at_indentation(most).point.force

@@ -1,0 +1,82 @@
+"""The log-sensitivity under load beside differences of whole paths: ours on one mesh and NGSolve's, on examples/scene.toml.
+
+    python -m benchmarks.contact.derivative
+
+Differences are those of ln ratio at one force between moduli ``SHARE`` below and above, over those of ln E; values are those
+of each code's mesh, nothing taken off at rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import log
+
+import ngsolve as ngs
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from benchmarks.contact.ngsolve_pressing import ContactSetting, PressedProbe
+from benchmarks.contact.peers import scene
+from geometry import Scene
+from geometry.common.arrays import Floats
+from geometry.meridian.frame import MeridianFineness
+from solver.axisymmetric.sections import sections
+from solver.contact.model import ContactModel
+from solver.contact.path import Path
+
+SHARE = 0.04
+DEPTHS = (*np.arange(0.2e-3, 1.9e-3, 0.2e-3).tolist(), 1.9e-3, 2.0e-3)
+FROM, SHOWN = 1.1e-3, (1.2e-3, 1.4e-3, 1.6e-3, 1.8e-3, 2.0e-3)  # m, between which and the last forces are interpolated
+Told = tuple[Floats, float]
+"""Film forces and log-sensitivity."""
+
+
+def ours(of: Scene) -> list[Told]:
+    """Return what one mesh of order 3 tells at ``DEPTHS``."""
+    cut = sections(of)
+    path = Path(ContactModel.of(cut.section, cut.materials, "bonded", MeridianFineness(1, 0, 3)), sensitive=True)
+    points = [path.at_indentation(depth) for depth in DEPTHS]
+    return [(point.films, point.log_sensitivity) for point in points]
+
+
+def by_ngsolve(of: Scene) -> list[Told]:
+    """Return what NGSolve tells there."""
+    problem, found = PressedProbe(of, ContactSetting(3, 1.5, layers=1, mixed=True, tolerance=1e-5)), list[Told]()
+    for depth in DEPTHS:
+        problem.press(depth / of.probe.inner_radius)
+        films = problem.films()
+        found.append((films, problem.log_sensitivity(films)))
+    return found
+
+
+def with_modulus(of: Scene, factor: float) -> Scene:
+    """Return a scene with another Young's modulus of the tumour."""
+    body = of.inclusion[0]
+    changed = body.model_copy(update={"youngs_modulus": factor * body.youngs_modulus})
+    return of.model_copy(update={"inclusion": (changed,)})
+
+
+def difference(press: Callable[[Scene], list[Told]], of: Scene, here: list[Told]) -> Floats:
+    """Return the differences at the forces that are reached ``here``, at ``SHOWN``."""
+    last = [k for k, depth in enumerate(DEPTHS) if depth > FROM]
+    wanted = [here[k][0].sum() for k in last if np.min(np.abs(np.subtract(SHOWN, DEPTHS[k]))) < 1e-9]
+    logs = []
+    for factor in (1 - SHARE, 1 + SHARE):
+        films = np.array([told[0] for told in press(with_modulus(of, factor))])[last]
+        logs.append(CubicSpline(films.sum(axis=1), np.log(films[:, 0] / films[:, 1]))(wanted))
+    return np.asarray((logs[1] - logs[0]) / log((1 + SHARE) / (1 - SHARE)))
+
+
+def main() -> None:
+    """Print a table."""
+    ngs.SetNumThreads(1)
+    print("| code | indentation, mm | log-sensitivity | by differences | off |\n|---|---|---|---|---|")
+    for name, press in (("ours, order 3", ours), ("NGSolve, P3/P1", by_ngsolve)):
+        here = press(scene())
+        told = [here[k][1] for k, depth in enumerate(DEPTHS) if np.min(np.abs(np.subtract(SHOWN, depth))) < 1e-9]
+        for depth, exact, other in zip(SHOWN, told, difference(press, scene(), here), strict=True):
+            print(f"| {name} | {1e3 * depth:g} | {exact:.5f} | {other:.5f} | {exact / other - 1:+.2%} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

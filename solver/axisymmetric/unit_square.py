@@ -1,0 +1,143 @@
+"""Elements' sums over Gauss points in the coordinates x, y of the unit square, where all elements share their functions.
+
+What works on slopes by r and z and on u / r is turned first, point by point, to what works on X, Y and N, slopes by x and y and
+the value; what remains is one large matrix product with tables of the functions, or of their products, for all elements.
+Components of a gradient of u_r, u_z are ordered rr, rz, zr, zz, tt, first axis; turned ones rX, rY, zX, zY, N.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.common.arrays import Floats
+from solver.axisymmetric.quadrilateral import Geometry
+from solver.axisymmetric.shape_functions import Shapes, shapes
+from solver.linalg.workspace import kept_table
+
+
+@dataclass(frozen=True)
+class Tables:
+    """Functions X, Y, N at the q points, (s, 3 q), and products of two of them, of one and a pressure, at all points.
+
+    Attributes:
+        flat: X, Y, N, shape (s, 3 q).
+        radial: X X, X Y + Y X, Y Y, X N + N X, Y N + N Y, N N, shape (6 q, s^2).
+        crossed: X X, X Y, Y X, Y Y, N X, N Y, shape (6 q, s^2).
+        vertical: X X, X Y + Y X, Y Y, shape (3 q, s^2).
+        pressed: P X, P Y, P N, shape (3 q, m s).
+    """
+
+    flat: Floats
+    radial: Floats
+    crossed: Floats
+    vertical: Floats
+    pressed: Floats
+
+
+@dataclass(frozen=True)
+class UnitSquare:
+    """Elements seen from the unit square.
+
+    Attributes:
+        functions: theirs.
+        tables: of these.
+        weight: 2 pi r dA at the Gauss points, shape (n, q).
+        xr, xz, yr, yz: of d(x, y) / d(r, z), shape (n, q) each.
+        over: 1 / r, shape (n, q).
+    """
+
+    functions: Shapes
+    tables: Tables
+    weight: Floats
+    xr: Floats
+    xz: Floats
+    yr: Floats
+    yz: Floats
+    over: Floats
+
+    @classmethod
+    def of(cls, at: Geometry, functions: Shapes) -> UnitSquare:
+        """Tabulate."""
+        xr, xz, yr, yz = (np.ascontiguousarray(at.inverse[..., k, c]) for k in (0, 1) for c in (0, 1))
+        return cls(functions, _tables(functions.order), at.weight, xr, xz, yr, yz, 1 / at.radius)
+
+    def gradients(self, u: Floats) -> Floats:
+        """Displacement gradients of values u, (n, 2 s), u_r before u_z, shape (5, n, q)."""
+        n, q = self.weight.shape
+        x, y, value = (u.reshape(2 * n, -1) @ self.tables.flat).reshape(n, 2, 3, q).transpose(2, 1, 0, 3)
+        out = np.empty((5, n, q))
+        for c in (0, 1):
+            out[2 * c] = self.xr * x[c] + self.yr * y[c]
+            out[2 * c + 1] = self.xz * x[c] + self.yz * y[c]
+        out[4] = self.over * value[0]
+        return out
+
+    def turned(self, stress: Floats) -> Floats:
+        """Turn what works on the gradient, (5, n, q), to what works on X, Y of u_r, on those of u_z, and on N."""
+        out = np.empty_like(stress)
+        for c in (0, 2):
+            out[c] = self.xr * stress[c] + self.xz * stress[c + 1]
+            out[c + 1] = self.yr * stress[c] + self.yz * stress[c + 1]
+        out[4] = self.over * stress[4]
+        return out
+
+    def turned_unit(self) -> Floats:
+        """Turn the unit matrix: entries rX rX (= zX zX), rX rY (= zX zY), rY rY (= zY zY) and N N, shape (4, n, q)."""
+        xr, xz, yr, yz = self.xr, self.xz, self.yr, self.yz
+        return np.stack([xr**2 + xz**2, xr * yr + xz * yz, yr**2 + yz**2, self.over**2])
+
+    def forces(self, turned: Floats) -> Floats:
+        """Sum what works on X, Y and N, weights included, (5, n, q), to that on the values, (n, 2 s)."""
+        n, q, s = *self.weight.shape, len(self.functions.degrees)
+        out = np.empty((n, 2, s))
+        out[:, 0] = _side_by_side(turned[[0, 1, 4]]) @ self.tables.flat.T
+        out[:, 1] = _side_by_side(turned[2:4]) @ self.tables.flat[:, : 2 * q].T
+        return out.reshape(n, -1)
+
+    def moments(self, turned: Floats) -> Floats:
+        """Likewise, times the pressures' functions, shape (n, m, 2 s)."""
+        n, q, s = *self.weight.shape, len(self.functions.degrees)
+        out = np.empty((n, self.functions.pressure.shape[1], 2, s))
+        out[:, :, 0] = (_side_by_side(turned[[0, 1, 4]]) @ self.tables.pressed).reshape(n, -1, s)
+        out[:, :, 1] = (_side_by_side(turned[2:4]) @ self.tables.pressed[: 2 * q]).reshape(n, -1, s)
+        return out.reshape(n, -1, 2 * s)
+
+    def stiffness(self, turned: Floats) -> Floats:
+        """Sum a symmetric matrix of turned components, weights included, (5, 5, n, q), to that of the values, (n, 2 s, 2 s).
+
+        Of its entries the upper triangle and those of rX, rY and N with zX, zY are used.
+        """
+        D, n, s = turned, len(self.weight), len(self.functions.degrees)
+        out = np.empty((n, 2, s, 2, s))
+        radial = np.stack([D[0, 0], D[0, 1], D[1, 1], D[0, 4], D[1, 4], D[4, 4]])
+        crossed = np.stack([D[0, 2], D[0, 3], D[1, 2], D[1, 3], D[4, 2], D[4, 3]])
+        out[:, 0, :, 0] = (_side_by_side(radial) @ self.tables.radial).reshape(n, s, s)
+        out[:, 1, :, 1] = (_side_by_side(np.stack([D[2, 2], D[2, 3], D[3, 3]])) @ self.tables.vertical).reshape(n, s, s)
+        out[:, 0, :, 1] = (_side_by_side(crossed) @ self.tables.crossed).reshape(n, s, s)
+        out[:, 1, :, 0] = out[:, 0, :, 1].transpose(0, 2, 1)
+        return out.reshape(n, 2 * s, 2 * s)
+
+
+def _side_by_side(parts: Floats) -> Floats:
+    """(k, n, q) to (n, k q)."""
+    return np.ascontiguousarray(parts.transpose(1, 0, 2)).reshape(parts.shape[1], -1)
+
+
+@kept_table
+def _tables(order: int) -> Tables:
+    functions = shapes(order)
+    x, y, value = *functions.slope, functions.value
+
+    def products(*pairs: tuple[Floats, Floats]) -> Floats:
+        return np.concatenate([(a[:, :, None] * b[:, None]).reshape(len(a), -1) for a, b in pairs])
+
+    def both(a: Floats, b: Floats) -> Floats:
+        return products((a, b)) + products((b, a))
+
+    vertical = np.concatenate([products((x, x)), both(x, y), products((y, y))])
+    radial = np.concatenate([vertical, both(x, value), both(y, value), products((value, value))])
+    crossed = products((x, x), (x, y), (y, x), (y, y), (value, x), (value, y))
+    pressed = products(*((functions.pressure, other) for other in (x, y, value)))
+    return Tables(np.concatenate([x, y, value]).T.copy(), radial, crossed, vertical, pressed)
