@@ -18,6 +18,7 @@ a population is no mean of 1/variance, which the few tumours that are told best 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -107,3 +108,19 @@ def informations(unknowns: Unknowns, J: Floats, covariance: Floats) -> Floats:
 def resolved(deviations: Floats) -> Floats:
     """Return 1 for tumours whose ln contrast is told to ``RESOLVED``, 0 for others, shape (n,)."""
     return np.asarray((deviations <= RESOLVED).astype(float))
+
+
+def undecided(deviations: Floats, share: Floats) -> Floats:
+    """Return 1 for tumours that would be told with slopes by this share steeper and not with as much flatter, shape (n,)."""
+    with np.errstate(divide="ignore"):
+        return resolved(deviations / (1 + share)) - resolved(deviations / (1 - share))
+
+
+def share_error(told: Floats) -> float:
+    """Return the standard error of a share from 0 or 1 of n tumours drawn at random, shape (n,).
+
+    With one more told and one more not, as by Laplace's rule of succession, it is above 0 even where all or none are told. 0 of
+    one tumour, which is a population of its own.
+    """
+    n, p = len(told), (float(told.sum()) + 1) / (len(told) + 2)
+    return math.sqrt(p * (1 - p) / n) if n > 1 else 0.0

@@ -77,6 +77,13 @@ class PopulationRanges(Frozen):
         default=0, description="of the draw, a whole number from 0: other tumours of the same kind"
     )
 
+    @property
+    def differ(self) -> bool:
+        """Whether its tumours do."""
+        given = [self.depth, self.diameter, self.object, self.tissue, self.x]
+        given += [one for layer in self.layer for one in (layer.thickness, layer.modulus)]
+        return any(one is not None and not one.single for one in given)
+
 
 def _positions(entry: Any, units_required: bool) -> Any:
     """Write ``[from, to, number]`` out."""

@@ -70,6 +70,7 @@ def test_builtin_design_starts_from_the_papers_probe_and_every_number_says_where
         (('charge = "0.002 pC"', 'charge = "2 mm"'), (), "noise.charge"),
         (('materials = ["dragon-skin-30"]', 'materials = ["dragon-skin-3"]'), (), "did you mean"),
         (("samples = 4", "samples = -4"), (), "population.samples"),
+        (("samples = 4", "samples = 1"), (), "population.samples"),
         (("samples = 4", "sample = 4"), (), "did you mean samples"),
         (('outer_radius = "7 mm"', 'outer_radius = "7"'), (), "limits.outer_radius"),
         (("[noise]", "[nois]"), (), "did you mean noise"),
