@@ -25,7 +25,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats, Ints
 from probe_design.data.noise import RESOLVED
-from probe_design.populations.population import ScenePopulation, TumourDraw
+from probe_design.populations.population import ScenePopulation, TumourDraw, host_modulus
 from probe_design.populations.readings import ScanReadings
 
 E_FOLD = 1.0  # prior standard deviation of ln E_object where the population has one value of it
@@ -50,7 +50,7 @@ class Unknowns:
         """Return what the ranges leave open."""
         open_ones = {key: one.deviation for key, one in population.ranges.items() if not one.single and key != "object"}
         names = ("object", *open_ones)
-        hosts = np.array([_host(draw, number) for number in range(len(draw))])
+        hosts = np.array([host_modulus(draw, number) for number in range(len(draw))])
         index = np.array([names.index(name) if name in names else -1 for name in hosts.tolist()])
         deviations = [population.ranges["object"].deviation or E_FOLD, *open_ones.values()]
         return cls(names, np.array(deviations), index)
@@ -63,12 +63,6 @@ class Unknowns:
             whole = readings.by[name] + readings.on_scan(without)[readings.tissue]
             columns.append(np.concatenate([whole, without[readings.tissue]], axis=1) if blank else whole)
         return np.stack(columns, axis=-1)
-
-
-def _host(draw: TumourDraw, number: int) -> str:
-    faces = draw.tissues[draw.tissue[number]].tissue.interfaces
-    above = sum(face <= draw.depth[number] for face in faces)
-    return "tissue" if above == len(faces) else f"layer_{above}_modulus"
 
 
 def contrast_deviations(unknowns: Unknowns, J: Floats, covariance: Floats, of_object: bool = False) -> Floats:
