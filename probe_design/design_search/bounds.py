@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import InputError
+from geometry.common.errors import InputError, Words
 from geometry.scenes.probe import LENGTH, MODULUS, mm
 from probe_design.design_search.heights import INNER, OUTER, heights_differ, names, stepped
 from probe_design.optimisation.design_space import Space, space
@@ -78,11 +78,12 @@ def limit_height(design: Design, k: int, low: Floats, high: Floats, *, grids: di
         high[k] = grids[k][-1]
 
 
-def limit_radius(low: Floats, high: Floats, outer_radius: float, wall: float) -> None:
+def limit_radius(design: Design, low: Floats, high: Floats, outer_radius: float, wall: float) -> None:
     """Take inner radii from the bounds that leave no room for gap and wall."""
     least = low[0] + low[2] + wall
     if least > outer_radius * (1 + 1e-9):
-        raise InputError("limits.outer_radius", mm(outer_radius), f"above {mm(least)}: inner block, gap and wall need as much")
+        given = Words(f"{mm(outer_radius)}{'' if design.limits.outer_radius else ', as it is left out'}")
+        raise InputError("limits.outer_radius", given, f"above {mm(least)}: inner block, gap and wall need as much")
     high[0] = max(low[0], min(high[0], outer_radius - low[2] - wall))
 
 

@@ -29,6 +29,7 @@ from probe_design.populations.population import ScenePopulation
 
 Progress = Callable[[str, int, int], None]
 FINALISTS = 2  # designs that are judged, beside start and single-tumour optimum
+MOST_TRIED = 100  # designs, the best first, of which these are taken
 SINGLE_STARTS = 4
 HAIR = 1e-6  # relative
 
@@ -94,9 +95,13 @@ def _finalists(steered: SteeredDesigns, design: Design, found: Room, chosen: Cho
     better = polish(steered, design, found, first, partial(tell, "polishing by equivalent-inclusion"))
     order = ([] if better is None else [better]) + list(chosen.choices)
     finalists: list[Finalist] = []
-    for one in order:
+    for one in order[:MOST_TRIED]:
         scene = found.scene_of(one.design, one.combination)
         if scene is None or not admitted(found, scene) or any(_same(scene, other.scene) for other in finalists):
+            continue
+        try:
+            steered.rule.pressed(scene)
+        except Refusal:  # finite elements see a film pulled on where the formulas do not, or cannot solve it
             continue
         finalists.append(Finalist(scene, one, robustness(steered, design, scene, one.combination.materials)))
         if len(finalists) == FINALISTS:

@@ -171,7 +171,7 @@ def room(design: Design) -> Room:
     wall = base.wall if limits.wall is None else limits.wall
     for k in (INNER, OUTER)[: 1 + apart]:
         limit_height(design, k, low, high, grids=grids)
-    limit_radius(low, high, base.outer_radius, wall)
+    limit_radius(design, low, high, base.outer_radius, wall)
     found = replace(base, low=low, high=high, wall=wall)
     poisson = scene.probe.inner.poisson_ratio, scene.probe.outer.poisson_ratio
     return Room(found, grids, shelf, poisson)

@@ -171,6 +171,13 @@ class DesignLimits(Frozen):
     )
 
     @model_validator(mode="after")
+    def _some_force(self) -> Self:
+        for key, given in (("force", self.force), ("indentation", self.indentation)):
+            if given == 0:
+                raise InputError(key, 0, f"a {key} above 0: at 0 the films give no charge to read")
+        return self
+
+    @model_validator(mode="after")
     def _charges_in_order(self) -> Self:
         if self.charge is not None and not self.charge[0] < self.charge[1]:
             texts = [CHARGE.text(one) for one in self.charge]
