@@ -90,7 +90,7 @@ def test_the_expected_interval_is_what_simulated_readings_give() -> None:
     print(f"expected width {best.width}, simulated {np.median(widths)}; told {best.identifiable}, simulated {told}")
     assert best.identifiable == pytest.approx(told, abs=0.15)  # 64 draws against 300: a standard deviation of 0.07 at most
     assert best.width is not None
-    assert np.log(best.width) == pytest.approx(np.log(np.median(widths)), rel=0.15)
+    assert np.log(best.width) == pytest.approx(np.log(np.median(widths)), rel=0.1)
     assert track.values(np.array([truth.min()]))[0] < 20e3
 
 
