@@ -8,8 +8,8 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
+from probe_design.design_search.heights import design_of
 from probe_design.design_search.steered_population import SteeredDesigns
-from probe_design.optimisation.design_space import variables
 from probe_design.populations.design_file import Design
 from probe_design.populations.population import COVER, ScenePopulation, TumourDraw
 from probe_design.populations.ranges import Range
@@ -52,7 +52,7 @@ def depth_map(design: Design, scene: Scene, force: float) -> DepthMap:
         fits &= np.abs(z - interface) >= d / 2
     found, told = np.full(len(z), np.nan), np.full(len(z), np.nan)
     shape, probe = (len(depth), len(diameter)), scene.probe
-    at = variables(scene), (probe.inner.poisson_ratio, probe.outer.poisson_ratio), force
+    at = design_of(scene), (probe.inner.poisson_ratio, probe.outer.poisson_ratio), force
     if fits.any():
         draw = _draw(population, z[fits], d[fits])
         found[fits] = _steered(design, population, draw, scene, "detection").each(*at)

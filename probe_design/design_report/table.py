@@ -43,7 +43,7 @@ def rows(optimum: PopulationOptimum, maps: dict[str, DepthMap]) -> Iterator[tupl
     yield row("inner radius, mm", lambda one: f"{one.scene.probe.inner_radius / MILLI:.4g}")
     yield row("outer radius, mm", lambda one: f"{one.scene.probe.tube_radius / MILLI:.4g}")
     yield row("gap, mm", lambda one: f"{one.scene.probe.gap / MILLI:.4g}")
-    yield row("height, mm", lambda one: f"{one.scene.probe.core_height / MILLI:.4g}")
+    yield row("height, mm", _heights)
     yield row("moduli, kPa", _moduli)
     if any(one.materials for one in designs.values()):
         yield row("materials", lambda one: " / ".join(one.materials) or "-")
@@ -75,6 +75,11 @@ def caption(optimum: PopulationOptimum) -> str:
 def _percent(one: JudgedDesign, kind: str) -> str:
     judgement = one.judgement
     return f"{100 * getattr(judgement, kind):.1f} +- {100 * getattr(judgement, f'{kind}_error'):.1f}"
+
+
+def _heights(one: JudgedDesign) -> str:
+    probe = one.scene.probe
+    return " / ".join(f"{height / MILLI:.4g}" for height in dict.fromkeys((probe.core_height, probe.tube_height)))
 
 
 def _moduli(one: JudgedDesign) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -131,7 +131,7 @@ def _beside(room: Room, best: Choice) -> Iterator[Combination]:
         at = values.index(held[k])
         for other in values[max(0, at - 1) : at + 2]:
             if other != held[k]:
-                yield Combination({**best.combination.pinned, k: other}, best.combination.poisson, best.combination.materials)
+                yield replace(best.combination, pinned={**best.combination.pinned, k: other})
     if room.shelf:
         names = best.combination.materials
         for one in room.every_material(held):

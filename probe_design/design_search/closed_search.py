@@ -28,7 +28,7 @@ TIGHT = 1e-9  # relative: bounds this near are one value
 
 @dataclass(frozen=True)
 class FoundDesigns:
-    """Designs of a search, best first: six variables each, shape (6, n), and their objectives by the closed form, shape (n,)."""
+    """Designs of a search, best first, shape (6 or 7, n), and their objectives by the closed form, shape (n,)."""
 
     designs: Floats
     values: Floats
@@ -46,7 +46,7 @@ class SteeredFunction(Differentiated):
 
     Args:
         steered: the objective.
-        start: all six variables.
+        start: all variables.
         which: those that vary.
         poisson: ratios of both blocks.
     """
@@ -81,7 +81,7 @@ def search(
     """
     designs = screen(space, screened)
     values = steered.real_values(designs, poisson)
-    free = [k for k in range(6) if space.low[k] < space.high[k] * (1 - TIGHT)]
+    free = [k for k in range(len(space.low)) if space.low[k] < space.high[k] * (1 - TIGHT)]
     if not free or not np.isfinite(values).any():
         return _sorted(designs, values)
     optima = [
@@ -101,7 +101,7 @@ def screen(space: Space, count: int = SCREENED) -> Floats:
         return low[:, None]
     least = low[0] + low[2] + space.wall
     first, last = (math.floor(SHELLS * math.log2(radius)) for radius in (least, max(space.outer_radius, least)))
-    sample = qmc.Sobol(6, seed=SEED).random(count)
+    sample = qmc.Sobol(len(low), seed=SEED).random(count)
     designs = np.concatenate([_shell(space, low, high, sample, k) for k in range(first, last + 1)], axis=1)
     inside = space.admits(designs) & np.all(
         (designs >= low[:, None] * (1 - 1e-9)) & (designs <= high[:, None] * (1 + 1e-9)), axis=0

@@ -16,6 +16,7 @@ from geometry.common.arrays import Floats
 from geometry.scenes.scene import Inclusion, Load, Scene
 from probe_design.optimisation.pressing import RATIO
 from probe_design.populations.design_file import Design
+from probe_design.populations.inclusion_scan import check_pressed
 from probe_design.populations.population import TumourDraw
 from solver.closed_form.bessel import Array
 from solver.planning.coarse_model import CoarseModel
@@ -116,12 +117,13 @@ class PressingRule:
         """Return the force on a scene's probe.
 
         Raises:
-            Refusal: a tissue is so extreme that it cannot be solved.
+            Refusal: a tissue is so extreme that it cannot be solved, or a film is pulled on.
         """
         found: list[tuple[dict[str, float], Floats]] = []
         for tissue in self.tissues:
             coarse = CoarseModel.of(tissue.model_copy(update={"probe": scene.probe}), details=False)
             totals = coarse.forces.sum(axis=1)
+            check_pressed(totals, tissue)
             found.append((self._allowed(scene, ProbeSizes.of(scene), totals, coarse.closure, tissue), totals))
         allowed = {key: float(min(one[key] for one, _ in found)) for key in found[0][0]}
         by = min(allowed, key=lambda key: allowed[key])

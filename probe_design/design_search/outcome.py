@@ -12,6 +12,7 @@ from probe_design.design_search.room import Room
 from probe_design.design_search.workshop import Robustness
 from probe_design.optimisation.design_space import CLOSE, Limit
 from probe_design.populations.design_file import Design
+from probe_design.populations.judge import Judgement
 
 SURE = 2.0  # times the combined error of judge and sample: a gain beyond it counts
 LINEAR = ("linearity", "gap_closure")  # limits of the force that are linear elasticity's
@@ -96,6 +97,8 @@ class PopulationOptimum:
             told[f"the start's outer radius of {start * 1e3:.4g} mm is above the limit of {limit * 1e3:.4g} mm"] = None
         for text in self._force_unused():
             told[text] = None
+        if (hardly := hardly_found(self.found.judgement)) is not None:
+            told[hardly] = None
         if self.why_no_single:
             told[f"no design for one tumour to compare with: {self.why_no_single}"] = None
         return tuple(told)
@@ -154,6 +157,16 @@ class PopulationOptimum:
             "warnings": list(self.warnings),
             "files": files,
         }
+
+
+def hardly_found(judgement: Judgement) -> str | None:
+    """Return what has to be said where hardly more tumours are found than by false alarms, or None."""
+    sure = judgement.detection - SURE * judgement.detection_error
+    if sure > judgement.false_alarm:
+        return None
+    told = f"{100 * judgement.detection:.3g} +- {100 * judgement.detection_error:.2g} of 100"
+    alarms = f"{100 * judgement.false_alarm:g} of 100 tumours"
+    return f"the design found finds {told}, no more than may be by false alarms alone, {alarms}; the levers say what would help"
 
 
 def _pressing(one: JudgedDesign) -> dict[str, Any]:

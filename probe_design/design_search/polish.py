@@ -51,7 +51,7 @@ class Corrected:
 def polish(steered: SteeredDesigns, design: Design, room: Room, start: Choice, progress: Progress) -> Choice | None:
     """Return a design near one that is better by the level, or None where none was found."""
     space = room.pinned(start.combination)
-    free = [k for k in range(6) if space.low[k] < space.high[k] * (1 - TIGHT)]
+    free = [k for k in range(len(space.low)) if space.low[k] < space.high[k] * (1 - TIGHT)]
     here = _value(steered, design, room, start, start.design)
     if not free or not np.isfinite(here):
         return None

@@ -10,22 +10,19 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
-from geometry.scenes.probe import LENGTH, MODULUS, mm
 from geometry.scenes.scene import Scene
 from probe_design.data.materials import CatalogueMaterial, material
-from probe_design.optimisation.design_space import VARIABLES, Space, space, variables
+from probe_design.design_search.bounds import MODULI, ends, limit_height, limit_radius, shown, usual_space
+from probe_design.design_search.heights import INNER, OUTER, design_of, names, with_heights
+from probe_design.optimisation.design_space import VARIABLES, Space
 from probe_design.populations.design_file import Design
 from probe_design.populations.variables import DesignVariable
-
-BLOCK_MODULI = VARIABLES[4:]
-MOST_STEPS = 10_000
 
 
 @dataclass(frozen=True)
@@ -33,19 +30,21 @@ class Combination:
     """One choice of everything that comes in steps or from a shelf.
 
     Attributes:
-        pinned: values of variables by their index in ``VARIABLES``, SI.
+        pinned: values of variables by their index, see ``heights``, SI.
         poisson: Poisson's ratios of the inner and the outer block; None: the start's.
         materials: names of both, empty where none were asked for.
+        names: of the variables.
     """
 
     pinned: Mapping[int, float]
     poisson: tuple[float, float]
     materials: tuple[str, ...] = ()
+    names: tuple[str, ...] = VARIABLES
 
     @property
     def told(self) -> str:
         """What was chosen, in words."""
-        values = [f"{VARIABLES[k]} {_shown(k, v)}" for k, v in self.pinned.items() if not (self.materials and k >= 4)]
+        values = [f"{self.names[k]} {shown(k, v)}" for k, v in self.pinned.items() if not (self.materials and k in MODULI)]
         return ", ".join([*values, *(["materials " + " / ".join(self.materials)] if self.materials else [])])
 
 
@@ -55,7 +54,7 @@ class Room:
 
     Attributes:
         space: bounds and constraints of the relaxed variables, every one continuous.
-        grids: the only values of what comes in steps or choices, increasing, by index in ``VARIABLES``.
+        grids: the only values of what comes in steps or choices, increasing, by index.
         shelf: the materials that a block may be of; empty: moduli by themselves.
         start_poisson: the start's Poisson's ratios.
     """
@@ -64,6 +63,11 @@ class Room:
     grids: Mapping[int, tuple[float, ...]]
     shelf: tuple[CatalogueMaterial, ...]
     start_poisson: tuple[float, float]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the variables: six, or seven where blocks have heights of their own."""
+        return names(len(self.space.low) > len(VARIABLES))
 
     @property
     def combinations(self) -> int:
@@ -85,9 +89,9 @@ class Room:
         return [poisson_of(one) for one in self.shelf]
 
     def near(self, design: Floats, least: int = 2) -> Iterator[Combination]:
-        """Yield those round a design (6,): of each grid and of the shelf, for each block, the nearest values."""
+        """Yield those round a design: of each grid and of the shelf, for each block, the nearest values."""
         grids = {k: _nearest(values, design[k], least) for k, values in self.grids.items()}
-        shelves = [self._nearest_materials(design[k], least) for k in (4, 5)]
+        shelves = [self._nearest_materials(design[k], least) for k in MODULI]
         for values in product(*grids.values()):
             yield from self._with_materials(dict(zip(grids, values, strict=True)), *shelves)
 
@@ -101,7 +105,7 @@ class Room:
     def free(self, combination: Combination | None = None) -> list[int]:
         """Return indices of the variables that a combination (None: the relaxed problem) leaves open."""
         held = {} if combination is None else combination.pinned
-        return [k for k in range(len(VARIABLES)) if k not in held and self.space.low[k] < self.space.high[k]]
+        return [k for k in range(len(self.names)) if k not in held and self.space.low[k] < self.space.high[k]]
 
     def scene_of(self, design: Floats, combination: Combination) -> Scene | None:
         """Return the scene with a design rounded as a workshop makes it; None where that breaks a rule."""
@@ -121,10 +125,11 @@ class Room:
         """Return the scene with a design as it is, not rounded; None where that breaks a rule."""
         probe = self.space.scene.probe.model_dump(exclude={"outer_radius", "inner_height", "outer_height"}, exclude_unset=True)
         probe |= dict(zip(VARIABLES[:4], design[:4].tolist(), strict=True))
-        for block, modulus, poisson in zip(("inner", "outer"), design[4:].tolist(), combination.poisson, strict=True):
+        for block, modulus, poisson in zip(("inner", "outer"), design[list(MODULI)].tolist(), combination.poisson, strict=True):
             probe[block] |= {"youngs_modulus": modulus, "poisson_ratio": poisson}
         try:
-            return Scene.model_validate(self.space.scene.model_dump(exclude_unset=True) | {"probe": probe})
+            made = Scene.model_validate(self.space.scene.model_dump(exclude_unset=True) | {"probe": probe})
+            return with_heights(made, *design[[INNER, OUTER]].tolist()) if len(design) > OUTER else made
         except ValueError:
             return None
 
@@ -132,11 +137,11 @@ class Room:
         self, held: dict[int, float], inner: tuple[CatalogueMaterial, ...], outer: tuple[CatalogueMaterial, ...]
     ) -> Iterator[Combination]:
         if not self.shelf:
-            yield Combination(held, self.start_poisson)
+            yield Combination(held, self.start_poisson, names=self.names)
             return
         for one, other in product(inner, outer):
             moduli = {4: one.youngs_modulus, 5: other.youngs_modulus}
-            yield Combination(held | moduli, (poisson_of(one), poisson_of(other)), (one.name, other.name))
+            yield Combination(held | moduli, (poisson_of(one), poisson_of(other)), (one.name, other.name), self.names)
 
     def _nearest_materials(self, modulus: float, least: int) -> tuple[CatalogueMaterial, ...]:
         return tuple(sorted(self.shelf, key=lambda one: abs(math.log(one.youngs_modulus / modulus)))[:least])
@@ -149,35 +154,27 @@ def room(design: Design) -> Room:
         InputError: a variable has no value within the limits, a material is not one for blocks, or there is no room for a probe.
     """
     scene, given, limits = design.scene, design.variables, design.limits
-    base = _usual(design)
-    if given.height.fixed and scene.probe.core_height != scene.probe.tube_height:
-        raise InputError("variables.height", "fixed", "bounds or choices: designs have blocks of one height, the start's differ")
+    base = usual_space(design)
+    apart, start = len(base.low) > len(VARIABLES), design_of(scene, len(base.low) > len(VARIABLES))
     low, high, grids = base.low.copy(), base.high.copy(), dict[int, tuple[float, ...]]()
     shelf = tuple(_of_blocks(name, k) for k, name in enumerate(dict.fromkeys(given.materials)))
-    for k, name in enumerate(VARIABLES):
+    for k, name in enumerate(names(apart)):
         variable: DesignVariable = getattr(given, name)
-        if shelf and name in BLOCK_MODULI:
+        if shelf and k in MODULI:
             _check_alone(name, variable)
             moduli = [one.youngs_modulus for one in shelf]
             low[k], high[k] = min(moduli), max(moduli)
             continue
-        low[k], high[k], values = _ends(k, variable, low[k], high[k], variables(scene)[k])
+        low[k], high[k], values = ends(name, variable, low[k], high[k], start[k])
         if values:
             grids[k] = values
     wall = base.wall if limits.wall is None else limits.wall
-    _limit_height(design, low, high, grids)
-    _limit_radius(low, high, base.outer_radius, wall)
+    for k in (INNER, OUTER)[: 1 + apart]:
+        limit_height(design, k, low, high, grids=grids)
+    limit_radius(design, low, high, base.outer_radius, wall)
     found = replace(base, low=low, high=high, wall=wall)
     poisson = scene.probe.inner.poisson_ratio, scene.probe.outer.poisson_ratio
     return Room(found, grids, shelf, poisson)
-
-
-def _usual(design: Design) -> Space:
-    """The space round the start that its limit of the outer radius leaves."""
-    try:
-        return space(design.scene, design.limits.outer_radius)
-    except InputError as fault:
-        raise InputError("limits.outer_radius", fault.value, fault.allowed) from None
 
 
 def poisson_of(one: CatalogueMaterial) -> float:
@@ -200,49 +197,6 @@ def _check_alone(name: str, variable: DesignVariable) -> None:
         raise InputError(f"variables.{name}", "given", "nothing beside materials, which pick the moduli")
 
 
-def _ends(k: int, variable: DesignVariable, low: float, high: float, start: float) -> tuple[float, float, tuple[float, ...]]:
-    """Bounds of a variable and its only values, if it has such."""
-    if variable.fixed:
-        return start, start, ()
-    if variable.choices:
-        return variable.choices[0], variable.choices[-1], variable.choices
-    low, high = (low if variable.low is None else variable.low), (high if variable.high is None else variable.high)
-    return low, high, () if variable.step is None else _steps(k, variable.step, low, high)
-
-
-def _steps(k: int, step: float, low: float, high: float) -> tuple[float, ...]:
-    """Multiples of a step between bounds."""
-    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-    if last - first >= MOST_STEPS or last < first:
-        few = "wide enough for at most 10000 values" if last >= first else "with a multiple between the bounds"
-        raise InputError(
-            f"variables.{VARIABLES[k]}.step", _shown(k, step), f"a step {few} of {_shown(k, low)} to {_shown(k, high)}"
-        )
-    return tuple(float(f"{n * step:.12g}") for n in range(first, last + 1))
-
-
-def _limit_height(design: Design, low: Floats, high: Floats, grids: dict[int, tuple[float, ...]]) -> None:
-    limit, k = design.limits.height, VARIABLES.index("height")
-    if limit is None:
-        return
-    if low[k] > limit:
-        if design.variables.height == DesignVariable() and design.scene.probe.groove is None:
-            low[k] = limit  # the start is higher: no bound that was asked for
-        else:
-            raise InputError("limits.height", mm(limit), f"at least {mm(low[k])}, the least height of the blocks")
-    high[k] = max(low[k], min(high[k], limit))
-    if k in grids:
-        grids[k] = tuple(value for value in grids[k] if value <= limit * (1 + 1e-9))
-    high[k] = grids[k][-1] if k in grids else high[k]
-
-
-def _limit_radius(low: Floats, high: Floats, outer_radius: float, wall: float) -> None:
-    least = low[0] + low[2] + wall
-    if least > outer_radius * (1 + 1e-9):
-        raise InputError("limits.outer_radius", mm(outer_radius), f"above {mm(least)}: inner block, gap and wall need as much")
-    high[0] = max(low[0], min(high[0], outer_radius - low[2] - wall))
-
-
 def _nearest(values: tuple[float, ...], value: float, least: int) -> tuple[float, ...]:
     return tuple(sorted(sorted(values, key=lambda one: abs(math.log(one / value)))[:least]))
 
@@ -250,14 +204,14 @@ def _nearest(values: tuple[float, ...], value: float, least: int) -> tuple[float
 def _rounded(space: Space, design: Floats, combination: Combination) -> Scene | None:
     """The scene of a design whose pinned values stay as they are, all others rounded; A2/A1 gives way to whole lengths."""
     made = space.scene_of(design)
-    if made is None or not set(combination.pinned) & {0, 2, 3, 4, 5}:
+    if made is None or not set(combination.pinned) - {1}:
         return made
     probe = made.probe.model_dump(exclude_unset=True)
     for k, value in combination.pinned.items():
-        if k in (0, 2, 3):
-            probe[VARIABLES[k]] = value
-        elif k >= 4:
-            probe["inner" if k == 4 else "outer"]["youngs_modulus"] = value
+        if k in MODULI:
+            probe["inner" if k == MODULI[0] else "outer"]["youngs_modulus"] = value
+        elif k != 1:
+            probe[combination.names[k]] = value
     if 1 in combination.pinned:
         del probe["outer_radius"]
         probe["area_ratio"] = combination.pinned[1]
@@ -269,14 +223,9 @@ def _rounded(space: Space, design: Floats, combination: Combination) -> Scene | 
 
 def admitted(found: Room, scene: Scene) -> bool:
     """Whether a scene's probe keeps limits of outer radius and wall, and bounds, within rounding."""
-    at = variables(scene)
+    at = design_of(scene, len(found.space.low) > OUTER)
     inside: NDArray[np.bool_] = (at >= 0.995 * found.space.low) & (at <= 1.005 * found.space.high)
     probe = scene.probe
     wall = probe.tube_radius - probe.hole_radius
     keeps = probe.tube_radius <= found.space.outer_radius * (1 + 1e-9) and wall >= found.space.wall * (1 - 1e-9) - 1e-9
     return bool(inside.all() and keeps)
-
-
-def _shown(k: int, value: float) -> Any:
-    quantity = LENGTH if VARIABLES[k] in ("inner_radius", "gap", "height") else MODULUS
-    return f"{value:g}" if VARIABLES[k] == "area_ratio" else quantity.text(value)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Floats
+from probe_design.design_search.heights import outer_height
 from probe_design.design_search.loads import PressingRule, ProbeSizes, lesser
 from probe_design.design_search.steering import ScanErrors, Steered
 from probe_design.populations.design_file import Design
@@ -25,7 +26,7 @@ STEP = 0.02  # of ln diameter, depth and modulus, for differences: less would sh
 
 @dataclass(frozen=True)
 class SteeredDesigns:
-    """The objective of designs x (6, n), variables in the order of ``design_space.VARIABLES``.
+    """The objective of designs x (6, n), variables in the order of ``design_space.VARIABLES``; or (7, n), see ``heights``.
 
     Attributes:
         steered: the objective.
@@ -73,8 +74,8 @@ class SteeredDesigns:
             poisson: Poisson's ratios of both blocks, floats or shape (2, n).
         """
         probes = _probes(x, poisson)
-        r2, gap, ro, height, _, inner, _, outer, _ = probes
-        sizes = ProbeSizes(r2, ro, gap, (height, height), (inner, outer))
+        r2, gap, ro, core, tube, inner, _, outer, _ = probes
+        sizes = ProbeSizes(r2, ro, gap, (core, tube), (inner, outer))
         charges: list[Array] = []
 
         def force(totals: Array) -> Array:
@@ -116,9 +117,9 @@ class SteeredDesigns:
 
 def _probes(x: Array, poisson: Any) -> Array:
     """The parameters ``closed_form.designs.PROBE`` of designs."""
-    r2, ratio, gap, height, inner, outer = x
+    r2, ratio, gap, height, inner, outer = x[:6]
     ro, one = ((r2 + gap) ** 2 + r2**2 / ratio) ** 0.5, np.ones(x.shape[1])
-    return np.array([r2, gap, ro, height, height, inner, poisson[0] * one, outer, poisson[1] * one])
+    return np.array([r2, gap, ro, height, outer_height(x), inner, poisson[0] * one, outer, poisson[1] * one])
 
 
 def draws_of(draw: TumourDraw) -> TumourDraws:

@@ -20,7 +20,7 @@ of the population.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -113,8 +113,9 @@ class Steered:
         return 0.5 * np.log(np.linalg.inv(information + np.diag(precisions))[..., 0, 0])
 
     def _errors(self, probes: Array, force: Any) -> tuple[Films, Array, Array, Array]:
-        """Films, white variances, nuisances and their priors."""
+        """Films, white variances, nuisances and their priors; NaN where a film is pulled on, whose ratio has no logarithm."""
         films = self.tumours.films(probes)
+        films = replace(films, without=_positive(films.without))
         variance = self._variance(films, force(films.without))
         return films, variance, *self._nuisances(probes, films, variance)
 
@@ -125,7 +126,7 @@ class Steered:
     def _signature(self, films: Films) -> Array:
         """By how much a tumour changes the readings, shape (n, m, readings)."""
         whole, alone = films.without[:, :, None] + films.change, films.without[:, :, None]
-        ratio = np.log(whole[..., 0] / alone[..., 0]) - np.log(whole[..., 1] / alone[..., 1])
+        ratio = np.log(_positive(whole[..., 0] / alone[..., 0])) - np.log(_positive(whole[..., 1] / alone[..., 1]))
         return self._kept(ratio, np.log(whole.sum(axis=3) / alone.sum(axis=3)))
 
     def _variance(self, films: Films, force: Array) -> Array:
@@ -161,6 +162,11 @@ class Steered:
     def _by(self, key: str, probes: Array, of: Any) -> Array:
         less, more = (of(tumours.films(probes)) for tumours in self.moved[key])
         return (more - less) / (2 * self.step)
+
+
+def _positive(values: Array) -> Array:
+    """Values above 0, of complex numbers by their real parts, and NaN for others."""
+    return np.where(values.real > 0, values, np.nan)
 
 
 def _alone(films: Films) -> tuple[Array, Array]:

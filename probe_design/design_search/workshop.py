@@ -11,8 +11,8 @@ from scipy.stats import norm, qmc
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
 from probe_design.data.materials import material
+from probe_design.design_search.heights import design_of, heights_differ
 from probe_design.design_search.steered_population import SteeredDesigns
-from probe_design.optimisation.design_space import variables
 from probe_design.populations.design_file import Design
 
 DRAWS, SEED = 64, 22
@@ -45,7 +45,7 @@ def robustness(steered: SteeredDesigns, design: Design, scene: Scene, materials:
     """Return what tolerances do to a scene's probe."""
     probe = scene.probe
     poisson = probe.inner.poisson_ratio, probe.outer.poisson_ratio
-    built = np.concatenate([variables(scene)[:, None], drawn(scene, materials)], axis=1)
+    built = np.concatenate([design_of(scene)[:, None], drawn(scene, materials)], axis=1)
     values = steered.real_values(built, poisson)
     told = values[1:][np.isfinite(values[1:])]
     if not len(told):
@@ -55,8 +55,8 @@ def robustness(steered: SteeredDesigns, design: Design, scene: Scene, materials:
 
 
 def drawn(scene: Scene, materials: tuple[str, ...]) -> Floats:
-    """Return what may be built of a scene's probe, shape (6, ``DRAWS``): lengths and ln of moduli are normal."""
-    probe, z = scene.probe, norm.ppf(qmc.Sobol(6, seed=SEED).random(DRAWS)).T
+    """Return what may be built of a scene's probe, shape (6 or 7, ``DRAWS``): lengths and ln of moduli are normal."""
+    probe, z = scene.probe, norm.ppf(qmc.Sobol(6 + heights_differ(scene), seed=SEED).random(DRAWS)).T
     sizes = {"inner_radius": probe.inner_radius, "outer_radius": probe.tube_radius, "gap": probe.gap, "height": probe.core_height}
     inner, outer, gap, height = (
         np.maximum(size + LENGTHS[key] * one, LEAST * size) for (key, size), one in zip(sizes.items(), z, strict=False)
@@ -65,6 +65,7 @@ def drawn(scene: Scene, materials: tuple[str, ...]) -> Floats:
     deviations = [material(name).log_sd for name in materials] or [LOG_MODULUS, LOG_MODULUS]
     moduli = [
         block.youngs_modulus * np.exp(deviation * one)
-        for block, deviation, one in zip((probe.inner, probe.outer), deviations, z[4:], strict=True)
+        for block, deviation, one in zip((probe.inner, probe.outer), deviations, z[4:6], strict=True)
     ]
-    return np.array([inner, inner**2 / (outer**2 - (inner + gap) ** 2), gap, height, *moduli])
+    heights = [np.maximum(probe.tube_height + LENGTHS["height"] * one, LEAST * probe.tube_height) for one in z[6:]]
+    return np.array([inner, inner**2 / (outer**2 - (inner + gap) ** 2), gap, height, *moduli, *heights])

@@ -44,6 +44,7 @@ LEVEL = 0.95
 QUANTILE = float(chi2.ppf(LEVEL, 1))
 TOLERATED = 1 / 3  # eq. ES.5 below which the model's error is left out of the interval
 STEPS = 6  # of Gauss and Newton
+ENDING = 6  # steps of the search for an interval's end
 
 
 @dataclass(frozen=True)
@@ -160,8 +161,10 @@ class Likelihood:
 def threshold(shift: Floats) -> Floats:
     """Return q of eq. ES.4 where the model's error is at most eq. ES.5."""
     t = np.asarray(shift, dtype=float)
-    c = np.where(t > 4, t + norm.ppf(LEVEL), np.sqrt(ncx2.ppf(LEVEL, 1, np.clip(t, TOLERATED / 10, 4) ** 2)))
-    return np.asarray(np.where(t > TOLERATED, c**2, QUANTILE))
+    out, far = np.full(t.shape, QUANTILE), t > 4
+    between = (t > TOLERATED) & ~far
+    out[far], out[between] = (t[far] + norm.ppf(LEVEL)) ** 2, ncx2.ppf(LEVEL, 1, t[between] ** 2)
+    return out
 
 
 def p_value(least: float, data: int, shift: float) -> float:
@@ -188,3 +191,47 @@ def _crossing(beyond: Callable[[Floats], Floats], outside: float, inside: float)
         return float(beyond(np.array([u]))[0])
 
     return float(brentq(scalar, outside, inside, xtol=1e-12)) if scalar(inside) < 0 else inside
+
+
+def hulls(fit: Likelihood, y: Floats) -> list[tuple[float | None, float | None]]:
+    """Return the hulls of eq. ES.4, SI, for s sets of data, shape (s, k); None: open, empty.
+
+    Points of the runs and the best fit say between which two an end lies; there it is sought for all sets at once. Between points
+    q is a straight line.
+    """
+    floor, best = fit.floor(y), fit.best(y)[0]
+    points, ends = np.concatenate(fit.track.runs), np.full((2, len(y), 2), np.nan)
+    q = threshold(fit.shift(points))
+    for k, (one, at) in enumerate(zip(y, best, strict=True)):
+        u = np.insert(points, np.searchsorted(points, at), at)
+        inside = np.flatnonzero(fit.chi_square(u, one) - floor[k] - np.interp(u, points, q) <= 0)
+        if len(inside) and inside[0] > 0:
+            ends[0, k] = u[inside[0]], u[inside[0] - 1]
+        if len(inside) and inside[-1] < len(u) - 1:
+            ends[1, k] = u[inside[-1]], u[inside[-1] + 1]
+    found = [_crossings(fit, y, lambda u: np.interp(u, points, q), floor, of) for of in ends]
+    return [tuple(None if np.isnan(end) else float(end) for end in pair) for pair in zip(*found, strict=True)]  # type: ignore[misc]
+
+
+def _crossings(fit: Likelihood, y: Floats, q: Callable[[Floats], Floats], floor: Floats, between: Floats) -> Floats:
+    """The unknown's values where sets of data (s, k) end, by the Illinois method between an inner and an outer point, (s, 2)."""
+    found = np.full(len(y), np.nan)
+    some = np.flatnonzero(np.isfinite(between[:, 0]))
+    if not len(some):
+        return found
+
+    def beyond(u: Floats) -> Floats:  # of roots, which a straight line follows better than a parabola
+        return np.asarray(np.sqrt(np.maximum(fit.chi_square(u, y[some]) - floor[some], 0.0)) - np.sqrt(q(u)))
+
+    a, b = between[some].T
+    at, low, high, side = a, np.minimum(beyond(a), -1e-300), np.maximum(beyond(b), 1e-300), np.zeros(len(a))
+    for _ in range(ENDING):
+        at = a + low / (low - high) * (b - a)
+        value = beyond(at)
+        now = np.where(value <= 0, -1, 1)
+        kept, side = np.where(now == side, 0.5, 1.0), now
+        low, high = np.where(now < 0, value, kept * low), np.where(now > 0, value, kept * high)
+        low, high = np.minimum(low, -1e-300), np.maximum(high, 1e-300)
+        a, b = np.where(now < 0, at, a), np.where(now > 0, at, b)
+    found[some] = fit.track.values(at)
+    return found

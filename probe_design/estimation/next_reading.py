@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy.stats import norm, qmc
@@ -24,16 +23,17 @@ from scipy.stats import norm, qmc
 from geometry.common.arrays import Floats, Ints
 from probe_design.estimation.answer import identifiable, widest
 from probe_design.estimation.candidates import ULTRASOUND, NextCandidate, candidates, joined
-from probe_design.estimation.intervals import Likelihood, threshold
+from probe_design.estimation.intervals import Likelihood, hulls
 from probe_design.estimation.model import TargetModel
 from probe_design.estimation.nuisances import Spread
 from probe_design.estimation.predicted import Predicted
-from probe_design.estimation.profile import Track
+from probe_design.estimation.profile import FINER, Track
 from probe_design.estimation.readings import Measurements
 from probe_design.estimation.shared_errors import SharedErrors
 from probe_design.estimation.strength import Interval
 
 DRAWS = 64
+COARSE = 10  # points from node to node between which the intervals' ends are sought
 LIKELY = 0.5  # probability from which a reading is expected to tell
 
 
@@ -167,14 +167,14 @@ def _beside(one: Floats, other: Floats) -> Floats:
     return np.concatenate([one, other], axis=1)
 
 
-def _some(track: Track, which: Ints) -> Likelihood:
-    """The likelihood of some of the data."""
+def _some(track: Track, which: Ints, finer: int = FINER) -> Likelihood:
+    """The likelihood of some of the data, at so many points from node to node."""
     told: Predicted = track.predicted
     parts = {key: getattr(told, key)[:, which] for key in ("value", "by_modulus", "by_diameter", "bound")}
     spread = track.spread
     if spread is not None:
         spread = Spread(spread.x, SharedErrors(spread.errors.line[:, which], spread.errors.bend[:, which]))
-    narrowed = replace(track, predicted=replace(told, **parts), slope=track.slope[:, which], spread=spread)
+    narrowed = replace(track, predicted=replace(told, **parts), slope=track.slope[:, which], spread=spread, finer=finer)
     return Likelihood(narrowed, track.model.data.noise[which])
 
 
@@ -217,8 +217,8 @@ class _Draws:
 
     def expected(self, one: NextCandidate, which: Ints, together: bool = False) -> ExpectedInterval:
         """What some of the data leave, on average over the draws."""
-        fit, unknown = _some(self.track, which), self.track.unknown
-        intervals = _intervals(fit, (self.apart if together else self.alike)[:, which])
+        fit, unknown = _some(self.track, which, COARSE), self.track.unknown
+        intervals = hulls(fit, (self.apart if together else self.alike)[:, which])
         truth, most = self.track.values(self.truth), widest(unknown)
         low, high = (np.array([interval[end] or none for interval in intervals]) for end, none in ((0, 0.0), (1, np.inf)))
         length = np.log(np.minimum(high, truth * most)) - np.log(np.maximum(low, truth / most))
@@ -248,26 +248,3 @@ def _nuisances(errors: SharedErrors, off: Floats, normal: Floats) -> Floats:
     M = np.linalg.inv(np.eye(A.shape[-1]) + A.swapaxes(1, 2) @ A)
     middle = (M @ (A.swapaxes(1, 2) @ off[..., None]))[..., 0]
     return np.asarray(middle + (np.linalg.cholesky(M) @ normal[..., None])[..., 0])
-
-
-def _intervals(fit: Likelihood, y: Floats) -> list[Interval]:
-    """The hulls of eq. ES.4 for s sets of data, shape (s, k), by straight lines between points of the runs; None: open, empty."""
-    floor, best = fit.floor(y), fit.best(y)[0]
-    points = np.concatenate(fit.track.runs)
-    found = []
-    for one, least, at in zip(y, floor, best, strict=True):
-        u = np.unique(np.append(points, at))
-        beyond = fit.chi_square(u, one) - least - threshold(fit.shift(u))
-        inside = np.flatnonzero(beyond <= 0)
-        found.append((None, None) if not len(inside) else _ends(fit.track, u, beyond, inside))
-    return found
-
-
-def _ends(track: Track, u: Floats, beyond: Floats, inside: Ints) -> Interval:
-    def crossing(within: Any, without: Any) -> float:
-        share = beyond[within] / (beyond[within] - beyond[without])
-        return float(track.values(u[within : within + 1] + share * (u[without] - u[within]))[0])
-
-    first, last = int(inside[0]), int(inside[-1])
-    low = None if first == 0 else crossing(first, first - 1)
-    return low, None if last == len(u) - 1 else crossing(last, last + 1)

@@ -50,6 +50,7 @@ class Track:
         spread: eq. ES.7; None without nuisances.
         level: that predicts.
         plan: what it models beyond ``model``.
+        finer: points of ``runs`` from node to node.
     """
 
     model: TargetModel
@@ -60,6 +61,7 @@ class Track:
     spread: Spread | None = None
     level: str = EquivalentInclusion.name
     plan: tuple[Decision, ...] = ()
+    finer: int = FINER
 
     @classmethod
     def of(cls, model: TargetModel, unknown: str) -> Track:
@@ -121,7 +123,7 @@ class Track:
     @cached_property
     def runs(self) -> list[Floats]:
         """Points between the nodes where the model can tell and has the sign of what was measured, in runs without a hole."""
-        share = np.arange(FINER) / FINER
+        share = np.arange(self.finer) / self.finer
         cells = self.x[:-1, None] + np.diff(self.x)[:, None] * share
         return [np.append(cells[run[:-1]].ravel(), self.x[run[-1]]) for run in _runs(self.predicted.usable) if len(run) > 1]
 

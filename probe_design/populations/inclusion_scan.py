@@ -2,25 +2,29 @@
 
 The probe is solved once on each tissue. All tumours are answered to first order at once, and those of which that is not good to a
 share of the readings' noise once more with reflections. Derivatives by the tissue's numbers are differences of the first order on
-one mesh that moves with them.
+one mesh that moves with them. Signals s do not change where all moduli grow alike, in either answer, so that what reflections
+add to all slopes by them is 0 together; blocks and other layers, which meet in the first order already, have hardly any of it:
+
+    ds/d ln E_host = first order - (ds/d ln E_object - first order of that)                           (PO.9)
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import dataclass, fields
 
 import numpy as np
 
 from geometry.common.arrays import Floats, Ints
-from geometry.common.errors import Refusal
+from geometry.common.errors import Refusal, Words
 from geometry.scenes.scene import Placement, Scene
 from geometry.scenes.variables import values
 from probe_design.maps.detectability import CHANGES
 from probe_design.maps.scan_line import ScanLine
 from probe_design.populations.noise import reading_deviations
-from probe_design.populations.population import ScenePopulation, TumourDraw, is_of_tumour, scene_key
+from probe_design.populations.population import ScenePopulation, TumourDraw, host_modulus, is_of_tumour, scene_key
 from probe_design.populations.readings import ScanReadings, logarithms
 from probe_design.populations.tables import NoiseModel, Protocol
 from solver.equivalent_inclusion.level import EquivalentInclusion
@@ -87,26 +91,28 @@ class InclusionScan:
     def _along(self) -> Floats:
         return np.asarray(self.draw.x[self.members, None] - self.protocol.places)
 
-    def answered(self, tumours: Tumours, tolerance: Floats) -> Readings:
-        """Return readings in which no reflection is left out that may change a signal by more than ``tolerance``, shape (c,).
+    def answered(self, tumours: Tumours, tolerance: Floats) -> tuple[Readings, Readings]:
+        """Return readings to first order, and those in which no reflection is left out that matters.
 
-        Beyond so many as there is time for, those that may change most are made; what is left out counts in ``errors``.
+        That is one that may change a signal by more than ``tolerance``, shape (c,). Beyond so many as there is time for, those
+        that may change most are made; what is left out counts in ``errors``.
         """
-        answers = readings(self.base, tumours, 0, True, reflect=False)
+        first = readings(self.base, tumours, 0, True, reflect=False)
+        answers = deepcopy(first)
         own = np.maximum(answers.bound - self.base.films.bound.totals, 0.0)
         left_out = np.stack([(own / np.abs(answers.totals)).sum(axis=1), own.sum(axis=1) / answers.stiffness], axis=1)
         worst = (left_out[:, : len(tolerance)] / tolerance).max(axis=1)
         most = (MOST_LAYERED if self.base.strata.interfaces else MOST) // len(self.draw.tissues)
         chosen = np.sort(np.array([k for k in np.argsort(-worst)[:most].tolist() if worst[k] > 1], dtype=int))
         if not len(chosen):
-            return answers
+            return first, first
         better = readings(self.base, tumours.of_index(chosen), 0, True, reflect=True)
         for one in fields(answers):
             if one.name not in ("areas", "by"):
                 getattr(answers, one.name)[chosen] = getattr(better, one.name)
         for key, slopes in answers.by.items():
             slopes[chosen] = better.by[key]
-        return answers
+        return first, answers
 
     def errors(self, answers: Readings) -> Floats:
         """Bounds on what the logarithms of both totals are off beyond what they are without the tumour, shape (u, 2)."""
@@ -180,7 +186,9 @@ def _fill(found: ScanReadings, scan: InclusionScan, noise: NoiseModel) -> None:
     which, offset, where = scan.distinct()
     tumours, rows, number = scan.tumours(which, offset), scan.members, scan.number
     films, scene = scan.base.films, scan.draw.tissues[number]
-    answers = scan.answered(tumours, SHARE * reading_deviations(noise, scan.protocol, scene, films.totals))
+    check_pressed(films.totals, scene)
+    first, answers = scan.answered(tumours, SHARE * reading_deviations(noise, scan.protocol, scene, films.totals))
+    check_pressed(answers.totals, scene)
     blank = scan._logs(films.totals[None])
     found.over[:] += np.log(answers.totals[where]).sum(axis=0)  # of the logarithms; ``inclusion_readings`` takes their mean
     found.signal[rows] = scan._logs(answers.totals[where]) - np.repeat(blank, len(scan.protocol.positions))
@@ -191,11 +199,28 @@ def _fill(found: ScanReadings, scan: InclusionScan, noise: NoiseModel) -> None:
     found.error[rows] += by_load * np.abs(found.signal[rows])
     found.blank[number] = films.totals
     found.blank_error[number] = [films.bound.log_ratio, films.relative_errors.max()][: found.channels]
+    added = scan.slopes(answers, where, "object") - scan.slopes(first, where, "object")
     for name in found.by:
         if is_of_tumour(name):
             found.by[name][rows] = scan.slopes(answers, where, name)
         else:
             found.by[name][rows], found.blank_by[name][number] = scan.by_tissue(tumours, where, name)
+            hosted = np.array([host_modulus(scan.draw, one) == name for one in rows.tolist()])
+            found.by[name][rows] -= hosted[:, None] * added
+
+
+def check_pressed(totals: Floats, scene: Scene) -> None:
+    """Refuse forces on films, shape (..., 2), of which one is pulled on: their ratio is negative and has no logarithm.
+
+    Raises:
+        Refusal: there is one, as under a stiff skin that bends beside the block which carries most.
+    """
+    if np.all(totals > 0):
+        return
+    film = "inner" if np.any(totals[..., 0] <= 0) else "outer"
+    moduli = " and ".join(f"{one.youngs_modulus / 1e3:.4g} kPa" for one in (scene.probe.inner, scene.probe.outer))
+    other = f"blocks of other areas, or of moduli, now {moduli}, that lie closer together"
+    raise Refusal("probe", Words(f"the {film} film is pulled on"), other)
 
 
 def _by_load(scene: Scene, answers: Readings) -> Floats:

@@ -24,7 +24,7 @@ from probe_design.populations.inclusion_scan import inclusion_readings
 from probe_design.populations.noise import covariance, covariance_of_all
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from probe_design.populations.readings import ScanReadings
-from probe_design.populations.resolved import Unknowns, contrast_deviations, informations, resolved
+from probe_design.populations.resolved import Unknowns, contrast_deviations, informations, resolved, share_error, undecided
 from probe_design.populations.tables import Objective
 
 Progress = Callable[[int, int], None]
@@ -134,12 +134,11 @@ class Examination:
         J, share = unknowns.derivatives(readings, protocol.blank), _share(readings, protocol.blank)
         contrast, modulus = (contrast_deviations(unknowns, J, own, of_object) for of_object in (False, True))
         gain, told = informations(unknowns, J, own), resolved(contrast)
-        flips = resolved(contrast * (1 - share)) - resolved(contrast * (1 + share))
-        levels = (unsure[1], float(flips.mean() / 2), float(np.minimum(share, gain).mean()))
+        levels = (unsure[1], float(undecided(contrast, share).mean() / 2), float(np.minimum(share, gain).mean()))
         return Judgement(
             detection=objective.over(found),
             detection_error=math.hypot(objective.error(found, draw.tissue), unsure[0]) + levels[0],
-            resolved=float(told.mean()), resolved_error=objective.error(told, draw.tissue) + levels[1],
+            resolved=float(told.mean()), resolved_error=max(objective.error(told, draw.tissue), share_error(told)) + levels[1],
             information=objective.over(gain), information_error=objective.error(gain, draw.tissue) + levels[2],
             probability=found, contrast_sd=contrast, modulus_sd=modulus, gain=gain,
             deflection=deflections(readings.signal, whole),

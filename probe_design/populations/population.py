@@ -158,7 +158,23 @@ class ScenePopulation:
             if sum(map(len, chosen)) == sum(shares):
                 return np.concatenate(chosen), misfits
         fit = Words(f"{sum(map(len, chosen))} of {TRIES * block * len(tissues)} tumours fit")
-        raise InputError("population", fit, "ranges of which more fit the tissue, its layers and the least cover")
+        why = self._misfit(tissues[0], _values([self.ranges[key] for key in OF_TUMOUR], sobol.random(block)))
+        raise InputError("population", fit, f"ranges of which more fit: most of these {why}")
+
+    def _misfit(self, tissue: Scene, bodies: Floats) -> str:
+        """What most tumours fail by, in words."""
+        depth, diameter = bodies.T[:2]
+        radius, shallow = diameter / 2, np.maximum(self.least_cover, COVER * diameter)
+        cover = np.mean(depth - radius < shallow)
+        faces = [np.abs(depth - face) - radius < COVER * diameter for face in tissue.tissue.interfaces]
+        across = np.mean(np.any(faces, axis=0)) if faces else 0.0
+        beyond = np.mean(~self.fits(tissue.model_copy(update={"tissue": _unlayered(tissue)}), bodies)) - cover
+        shares = {
+            "are not under the least cover: a depth less half the diameter of a tenth of the diameter and of least_cover": cover,
+            "are crossed by an interface of layers, or within a tenth of a diameter of one": across,
+            "reach beyond the tissue's side or floor": beyond,
+        }
+        return max(shares, key=lambda key: shares[key])
 
     def fits(self, tissue: Scene, bodies: Floats) -> Bools:
         """Whether tumours, as ``OF_TUMOUR``, (n, 4), lie in a scene's tissue, within one layer of it, under the least cover."""
@@ -240,3 +256,14 @@ def _values(ranges: Sequence[Range], shares: Floats) -> Floats:
 def _power(n: int) -> int:
     """The least power of two that is not below n: what a Sobol sequence is balanced for."""
     return 1 << max(n - 1, 0).bit_length()
+
+
+def _unlayered(scene: Scene) -> Any:
+    return scene.tissue.model_copy(update={"layer": ()})
+
+
+def host_modulus(draw: TumourDraw, number: int) -> str:
+    """Return the name, as of ``ScenePopulation.ranges``, of the modulus of the tissue or layer about a tumour."""
+    faces = draw.tissues[draw.tissue[number]].tissue.interfaces
+    above = sum(face <= draw.depth[number] for face in faces)
+    return "tissue" if above == len(faces) else f"layer_{above}_modulus"

@@ -18,13 +18,14 @@ a population is no mean of 1/variance, which the few tumours that are told best 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from geometry.common.arrays import Floats, Ints
 from probe_design.data.noise import RESOLVED
-from probe_design.populations.population import ScenePopulation, TumourDraw
+from probe_design.populations.population import ScenePopulation, TumourDraw, host_modulus
 from probe_design.populations.readings import ScanReadings
 
 E_FOLD = 1.0  # prior standard deviation of ln E_object where the population has one value of it
@@ -49,7 +50,7 @@ class Unknowns:
         """Return what the ranges leave open."""
         open_ones = {key: one.deviation for key, one in population.ranges.items() if not one.single and key != "object"}
         names = ("object", *open_ones)
-        hosts = np.array([_host(draw, number) for number in range(len(draw))])
+        hosts = np.array([host_modulus(draw, number) for number in range(len(draw))])
         index = np.array([names.index(name) if name in names else -1 for name in hosts.tolist()])
         deviations = [population.ranges["object"].deviation or E_FOLD, *open_ones.values()]
         return cls(names, np.array(deviations), index)
@@ -62,12 +63,6 @@ class Unknowns:
             whole = readings.by[name] + readings.on_scan(without)[readings.tissue]
             columns.append(np.concatenate([whole, without[readings.tissue]], axis=1) if blank else whole)
         return np.stack(columns, axis=-1)
-
-
-def _host(draw: TumourDraw, number: int) -> str:
-    faces = draw.tissues[draw.tissue[number]].tissue.interfaces
-    above = sum(face <= draw.depth[number] for face in faces)
-    return "tissue" if above == len(faces) else f"layer_{above}_modulus"
 
 
 def contrast_deviations(unknowns: Unknowns, J: Floats, covariance: Floats, of_object: bool = False) -> Floats:
@@ -107,3 +102,19 @@ def informations(unknowns: Unknowns, J: Floats, covariance: Floats) -> Floats:
 def resolved(deviations: Floats) -> Floats:
     """Return 1 for tumours whose ln contrast is told to ``RESOLVED``, 0 for others, shape (n,)."""
     return np.asarray((deviations <= RESOLVED).astype(float))
+
+
+def undecided(deviations: Floats, share: Floats) -> Floats:
+    """Return 1 for tumours that would be told with slopes by this share steeper and not with as much flatter, shape (n,)."""
+    with np.errstate(divide="ignore"):
+        return resolved(deviations / (1 + share)) - resolved(deviations / (1 - share))
+
+
+def share_error(told: Floats) -> float:
+    """Return the standard error of a share from 0 or 1 of n tumours drawn at random, shape (n,).
+
+    With one more told and one more not, as by Laplace's rule of succession, it is above 0 even where all or none are told. 0 of
+    one tumour, which is a population of its own.
+    """
+    n, p = len(told), (float(told.sum()) + 1) / (len(told) + 2)
+    return math.sqrt(p * (1 - p) / n) if n > 1 else 0.0

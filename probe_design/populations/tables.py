@@ -77,6 +77,13 @@ class PopulationRanges(Frozen):
         default=0, description="of the draw, a whole number from 0: other tumours of the same kind"
     )
 
+    @property
+    def differ(self) -> bool:
+        """Whether its tumours do."""
+        given = [self.depth, self.diameter, self.object, self.tissue, self.x]
+        given += [one for layer in self.layer for one in (layer.thickness, layer.modulus)]
+        return any(one is not None and not one.single for one in given)
+
 
 def _positions(entry: Any, units_required: bool) -> Any:
     """Write ``[from, to, number]`` out."""
@@ -162,6 +169,13 @@ class DesignLimits(Frozen):
         description="least and largest charge of each channel that the amplifiers take",
         examples=[["1 pC", "1000 pC"]],
     )
+
+    @model_validator(mode="after")
+    def _some_force(self) -> Self:
+        for key, given in (("force", self.force), ("indentation", self.indentation)):
+            if given == 0:
+                raise InputError(key, 0, f"a {key} above 0: at 0 the films give no charge to read")
+        return self
 
     @model_validator(mode="after")
     def _charges_in_order(self) -> Self:

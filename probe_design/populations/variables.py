@@ -115,6 +115,14 @@ class DesignVariables(Frozen):
         default=DesignVariable(), description="between the blocks", examples=[{"choices": ["0.1 mm", "0.2 mm", "0.3 mm"]}]
     )
     height: VariedLength = Field(default=DesignVariable(), description="of both blocks", examples=[["2 mm", "10 mm"]])
+    inner_height: VariedLength = Field(
+        default=DesignVariable(),
+        description="of the inner block, in place of height: with it or outer_height each block has its own, and the base a step",
+        examples=[["2 mm", "10 mm"]],
+    )
+    outer_height: VariedLength = Field(
+        default=DesignVariable(), description="of the outer block, likewise", examples=[["2 mm", "10 mm"]]
+    )
     inner_modulus: VariedModulus = Field(default=DesignVariable(), description="of the inner block", examples=["fixed"])
     outer_modulus: VariedModulus = Field(default=DesignVariable(), description="of the outer block", examples=["fixed"])
     materials: Materials = Field(
@@ -122,3 +130,8 @@ class DesignVariables(Frozen):
         description="names of `probe-design material list`: each block is of one of these, modulus and Poisson's ratio together",
         examples=[["dragon-skin-30", "ecoflex-00-30"]],
     )
+
+    @property
+    def of_heights(self) -> tuple[str, ...]:
+        """Which of inner_height and outer_height are given."""
+        return tuple(key for key in ("inner_height", "outer_height") if getattr(self, key) != DesignVariable())

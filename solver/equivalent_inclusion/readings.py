@@ -15,12 +15,14 @@ from solver.equivalent_inclusion.first_order_bound import first_order_error, fir
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.inclusions.tumours import Tumours
 from solver.linalg.threads import one_thread
-from solver.multiple_scattering.solve import solve_scattering
+from solver.multiple_scattering.lockstep import alone, together
+from solver.multiple_scattering.solve import Scattered, scattering_steps
 
 TOLERANCE = 0.1  # of the accuracy: what of a tumour's effect reflections may leave out
 SAFETY = 3.0  # on the estimate of that
 LAYERED = 2.0  # times that in layers: close under a stiff film the series hides up to 2.2 times its estimate
 SENSITIVE = 5.0  # times more than the effect do slopes feel the mesh
+TOGETHER = 8  # sets in layers side by side: there the matrix of an order is that of two faces, and takes longer than 40 sets
 FEW = 12  # sets with reflections for which it is not worth finding the matrix of each azimuthal order
 LEAST_REFLECTED, LEAST_LAYERED = 5e-4, 4e-3  # of a tumour's effect: in one material, in layers of tissue
 
@@ -152,19 +154,12 @@ def readings(
             insufficient |= first.with_bounds_of(base).sensitivity_error > allowed
         insufficient &= np.any(~left_out, axis=1) & (reflect is not False)
         chosen = np.flatnonzero(insufficient)
-        for k, number in enumerate(chosen):
+        at_once, often = (TOGETHER, False) if base.strata.interfaces else (1, len(chosen) > FEW)
+        for k in range(0, len(chosen), at_once):
             if progress is not None:
                 progress(k, len(chosen))
-            _reflect(
-                base,
-                inside.of_index(number),
-                left_out[number],
-                first,
-                number=int(number),
-                target=target,
-                sensitive=sensitive,
-                often=len(chosen) > FEW,
-            )
+            numbers = chosen[k : k + at_once].tolist()
+            _reflect(base, inside, left_out, first, numbers=numbers, target=target, sensitive=sensitive, often=often)
         if progress is not None:
             progress(len(chosen), len(chosen))
     return first.with_bounds_of(base)
@@ -225,26 +220,45 @@ def _reflect(
     left_out: Bools,
     into: Readings,
     *,
-    number: int,
+    numbers: list[int],
     target: int,
     sensitive: bool,
     often: bool,
 ) -> None:
-    """Put one set's answer with reflections in the place of that of first order."""
-    included = np.flatnonzero(~left_out)
-    mine = tumours.of_index(included)
+    """Put some sets' answers with reflections in the place of those of first order."""
+    mine = [tumours.of_index(number).of_index(np.flatnonzero(~left_out[number])) for number in numbers]
+    tolerance, places = TOLERANCE * base.accuracy, "depth" in into.by
     try:
-        tolerance, places = TOLERANCE * base.accuracy, "depth" in into.by
-        scattering = solve_scattering(
-            base.field, base.reflector(mine), base.strata, mine, tolerance, places=places, sensitive=sensitive, often=often
-        )
+        steps = [
+            scattering_steps(base.field, base.reflector(one), base.strata, one, tolerance, places=places, sensitive=sensitive)
+            for one in mine
+        ]
+        found = [alone(steps[0], often)] if len(steps) == 1 else together(steps)
     except SolveError as fault:
-        raise Refusal("inclusion", f"set {number}", f"tumours whose reflections can be computed ({fault})") from fault
+        sets = f"set {numbers[0]}" if len(numbers) == 1 else f"one of the sets {numbers[0]} to {numbers[-1]}"
+        raise Refusal("inclusion", sets, f"tumours whose reflections can be computed ({fault})") from fault
+    for number, one, scattering in zip(numbers, mine, found, strict=True):
+        _put(base, tumours.of_index(number), left_out[number], one, scattering, into=into, number=number, target=target)
+
+
+def _put(
+    base: Undisturbed,
+    tumours: Tumours,
+    left_out: Bools,
+    mine: Tumours,
+    scattering: Scattered,
+    *,
+    into: Readings,
+    number: int,
+    target: int,
+) -> None:
+    """Put one set's answer where it belongs."""
     into.forces[number] = base.films.forces + scattering.forces
     least, safety = (LEAST_LAYERED, SAFETY * LAYERED) if base.strata.interfaces else (LEAST_REFLECTED, SAFETY)
     share = float((base.field_error(mine) + base.reflection_error(mine)).max()) + least
     into.bound[number] = safety * scattering.error + first_order_error(np.full((1, 1), share), scattering.forces[None, None])[0]
     into.reflected[number] = True
+    included = np.flatnonzero(~left_out)
     if target in included:
         k = int(np.searchsorted(included, target))
         into.by["youngs_modulus"][number] = scattering.by_log_modulus[k]

@@ -27,6 +27,7 @@ from solver.multiple_scattering.boundary_edges import Boundary
 from solver.multiple_scattering.boundary_samples import AzimuthalGrid
 from solver.multiple_scattering.interior_solution import Interior
 from solver.multiple_scattering.layer_samples import LayerSamples
+from solver.multiple_scattering.lockstep import Steps
 from solver.multiple_scattering.near_exchange import CloseExchange
 from solver.multiple_scattering.panels import Panels
 from solver.multiple_scattering.spheres import ScatteringSphere
@@ -117,13 +118,12 @@ class Reflector:
         """Where fields are sampled on a layer's boundary."""
         return Panels.of(self.states.model.section, self.states.model.shapes.order, layer)
 
-    def exchange(self, spheres: Sequence[ScatteringSphere], rounds: AzimuthalGrid, often: bool) -> Exchange | CloseExchange:
+    def exchange(self, spheres: Sequence[ScatteringSphere], rounds: AzimuthalGrid) -> Exchange | CloseExchange:
         """Return what spheres and boundary send to each other; all that does not depend on the fields is found once.
 
         Args:
             spheres: anywhere in the tissue.
             rounds: angles at which their fields are sampled.
-            often: whether so many sets of spheres are asked for that the matrix of each order pays.
 
         Raises:
             LimitReached: so many spheres that what is found once takes more memory than is allowed.
@@ -133,7 +133,7 @@ class Reflector:
             return CloseExchange(interior, self._field, interface=self.interface, spheres=spheres, rounds=rounds)
         samples = LayerSamples.of(spheres, self.panels, rounds)
         samples.check_room()
-        return Exchange(self, spheres, samples, often)
+        return Exchange(self, spheres, samples)
 
 
 @dataclass(frozen=True)
@@ -144,16 +144,14 @@ class Exchange:
         reflector: the boundary.
         spheres: they.
         samples: their fields on the boundary.
-        often: see ``Reflector.exchange``.
     """
 
     reflector: Reflector
     spheres: Sequence[ScatteringSphere]
     samples: LayerSamples
-    often: bool
 
-    def reflect(self, scattered: Sequence[Floats], enough: float, most: int) -> tuple[list[Floats], int]:
-        """Return the regular coefficients of what comes back to each sphere, m, and how many azimuthal orders of it.
+    def reflecting(self, scattered: Sequence[Floats], enough: float, most: int) -> Steps[tuple[list[Floats], int]]:
+        """Ask order by order; return the regular coefficients of what comes back to each sphere, m, and how many orders of it.
 
         Args:
             scattered: outgoing coefficients about each, (modes, k), m.
@@ -167,7 +165,7 @@ class Exchange:
         answers, k, quiet = np.empty_like(data), scattered[0].shape[1], 0
         for m in range(min(most, len(data))):
             check_time("reflections")
-            answers[m] = self.reflector.response(m, self.samples.layers).to(data[m], self.often)
+            answers[m] = yield self.reflector.response(m, self.samples.layers), data[m]
             exchanged = (data[m].reshape(-1, k)).T @ answers[m].reshape(-1, k)
             quiet = quiet + 1 if np.abs(exchanged).max() < enough else 0
             if quiet == 2:

@@ -37,6 +37,7 @@ from solver.inclusions.vector_modes import Modes
 from solver.linalg.workspace import kept_table
 from solver.multiple_scattering.boundary_samples import AzimuthalGrid
 from solver.multiple_scattering.exchange import LESS, Exchange, Reflector
+from solver.multiple_scattering.lockstep import Steps, alone
 from solver.multiple_scattering.near_exchange import CloseExchange
 from solver.multiple_scattering.reflection_series import Reflections
 from solver.multiple_scattering.resolution import DEGREES, apart, degrees, unresolved
@@ -98,21 +99,35 @@ def solve_scattering(
         tolerance: relative.
         places: whether to find the derivatives by the spheres' places, sizes and Poisson's ratios.
         sensitive: whether to make slopes good to ``SENSITIVE`` times the tolerance too, which takes a reflection more.
-        often: whether many sets are asked for under this probe, see ``Reflector.exchange``.
+        often: whether so many sets are asked for under this probe that the matrix of each azimuthal order pays.
 
     Raises:
         SolveError: the reflections could not be solved.
         LimitReached: they would take more memory or time than is allowed.
     """
+    return alone(scattering_steps(field, reflector, strata, tumours, tolerance, places=places, sensitive=sensitive), often)
+
+
+def scattering_steps(
+    field: TissueField,
+    reflector: Reflector,
+    strata: Strata,
+    tumours: Tumours,
+    tolerance: float,
+    *,
+    places: bool = False,
+    sensitive: bool = False,
+) -> Steps[Scattered]:
+    """Do what ``solve_scattering`` does, as steps for ``lockstep``; arguments and errors as there."""
     section = reflector.states.model.section
     spheres, rounds = arranged(section, strata, tumours)
     sphere_set = SphereSet.of(spheres, tumours)
-    exchange, c = reflector.exchange(spheres, rounds, often), np.concatenate([incident(field, one) for one in spheres])
+    exchange, c = reflector.exchange(spheres, rounds), np.concatenate([incident(field, one) for one in spheres])
     series, orders, previous_energy = Reflections.first(c, sphere_set.work(c)), rounds.orders, np.inf
     enough = ENOUGH * tolerance * float(np.abs(series.moments[0]).max())
     slopes = sphere_set.slopes(c)
     for _ in range(STEPS):
-        c, orders = _reflected(exchange, sphere_set.scattered(series.fields[-1]), enough, orders)
+        c, orders = yield from _reflected(exchange, sphere_set.scattered(series.fields[-1]), enough, orders)
         series = series.followed(c, sphere_set.work(c))
         change = series.rho / (1 - series.rho) * series.correction
         previous_energy, decay = _decay(previous_energy, float(np.linalg.norm(series.correction)), series.rho)
@@ -202,10 +217,15 @@ def incident(field: TissueField, sphere: ScatteringSphere) -> Floats:
     return sphere.coefficients(np.concatenate([away[:, :, None] * u[:, :1], u[:, 1:]], axis=1), strains.dilation)
 
 
-def _reflected(exchange: Exchange | CloseExchange, outgoing: Sequence[Floats], enough: float, orders: int) -> tuple[Floats, int]:
+def _reflected(
+    exchange: Exchange | CloseExchange, outgoing: Sequence[Floats], enough: float, orders: int
+) -> Steps[tuple[Floats, int]]:
     """One more reflection: by the other spheres, and by the boundary, order by order until nothing more comes."""
     sent = _neighbours(exchange.spheres, outgoing)  # first: what time it takes shows at once
-    came, orders = exchange.reflect(outgoing, enough, orders)
+    if isinstance(exchange, CloseExchange):
+        came, orders = exchange.reflect(outgoing, enough, orders)
+    else:
+        came, orders = yield from exchange.reflecting(outgoing, enough, orders)
     return np.concatenate([a + b for a, b in zip(came, sent, strict=True)]), orders
 
 

@@ -8,10 +8,12 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from geometry import read_scene
+from probe_design.design_search.outcome import hardly_found
 from probe_design.design_search.question import builtin_design
 from probe_design.design_search.template import whole_template
 from probe_design.populations.design_file import Design, design_from_dict, read_design
@@ -70,6 +72,7 @@ def test_builtin_design_starts_from_the_papers_probe_and_every_number_says_where
         (('charge = "0.002 pC"', 'charge = "2 mm"'), (), "noise.charge"),
         (('materials = ["dragon-skin-30"]', 'materials = ["dragon-skin-3"]'), (), "did you mean"),
         (("samples = 4", "samples = -4"), (), "population.samples"),
+        (("samples = 4", "samples = 1"), (), "population.samples"),
         (("samples = 4", "sample = 4"), (), "did you mean 'samples'"),
         (('outer_radius = "7 mm"', 'outer_radius = "7"'), (), "limits.outer_radius"),
         (("[noise]", "[nois]"), (), "did you mean 'noise'"),
@@ -85,6 +88,13 @@ def test_careless_questions_are_one_line_and_exit_2(
     assert ended.returncode == 2
     assert named in ended.stderr
     assert ended.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(("detection", "error", "said"), [(0.05, 0.01, True), (0.09, 0.03, True), (0.12, 0.03, False)])
+def test_a_population_that_no_design_sees_is_told_so(detection: float, error: float, said: bool) -> None:
+    told = hardly_found(SimpleNamespace(detection=detection, detection_error=error, false_alarm=0.05))  # type: ignore[arg-type]
+    assert (told is not None) == said
+    assert told is None or "false alarms" in told
 
 
 @pytest.mark.slow

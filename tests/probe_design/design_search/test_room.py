@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,8 @@ from probe_design.data.builtin import typical_scenes
 from probe_design.data.materials import material
 from probe_design.design_search.room import admitted, room
 from probe_design.optimisation.design_space import VARIABLES, variables
+from probe_design.populations.design_file import read_design
+from tests.support.paths import EXAMPLES
 from tests.support.searches import design
 
 GAP = VARIABLES.index("gap")
@@ -53,6 +56,15 @@ def test_materials_pick_modulus_and_poissons_ratio_together() -> None:
             assert (block.youngs_modulus, block.poisson_ratio) == (material(name).youngs_modulus, material(name).poisson_ratio)
 
 
+def test_the_example_of_a_shelf_offers_nine_pairs() -> None:
+    found = room(read_design(EXAMPLES / "shelf.toml"))
+    assert found.combinations == 9
+    assert {one.materials for one in found.every()} == set(
+        product(("ecoflex-00-30", "dragon-skin-10", "dragon-skin-30"), repeat=2)
+    )
+    assert found.space.outer_radius == 8e-3
+
+
 def test_what_a_workshop_gets_keeps_grids_and_limits() -> None:
     found = room(design(variables={"inner_radius": {"choices": [3.137e-3]}}, limits={"outer_radius": 5e-3}))
     one = next(found.every())
@@ -78,7 +90,8 @@ CARELESS = [
     ({"limits": {"outer_radius": "-8 mm"}}, "limits.outer_radius"),
     ({"limits": {"height": "1 um"}, "variables": {"height": "fixed"}}, "limits.height"),
     ({"limits": {"force": "8 mm"}}, "limits.force"),
-    ({"limits": {"wall": "9 mm"}}, "outer_radius"),
+    ({"limits": {"wall": "9 mm"}}, "as it is left out"),
+    ({"limits": {"force": "0 N"}}, "limits.force"),
     ({"limits": {"gap_closure": 3}}, "limits.gap_closure"),
     ({"limits": {"tissue_strain": -0.1}}, "limits.tissue_strain"),
     ({"limits": {"charge": ["3 pC", "1 pC"]}}, "limits.charge"),

@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 
 from geometry.scenes.scene import Load
+from geometry.scenes.variables import changed
+from probe_design.data.builtin import typical_scenes
+from probe_design.data.materials import material
 from probe_design.design_search.choices import choose
 from probe_design.design_search.room import Room, room
 from probe_design.design_search.steered_population import SteeredDesigns
@@ -72,6 +75,36 @@ def test_all_of_few_combinations_are_tried_and_the_best_is_brute_forces() -> Non
     values[found.space.derived_radius(every) - every[0] - every[2] < found.space.wall] = -np.inf
     assert chosen.choices[0].value == pytest.approx(values.max(), rel=1e-9)
     np.testing.assert_allclose(chosen.choices[0].design, every[:, values.argmax()], rtol=1e-9)
+
+
+SHELF = ["ecoflex-00-30", "dragon-skin-10", "dragon-skin-30"]
+
+
+def cast_of(inner: str, outer: str) -> dict[str, Any]:
+    """The usual scene with blocks of two materials, written into it as numbers."""
+    scene, blocks = typical_scenes()["on-axis"], zip(("inner", "outer"), (material(inner), material(outer)), strict=True)
+    numbers = [(f"probe.{block}.", one) for block, one in blocks]
+    moduli = {f"{key}youngs_modulus": one.youngs_modulus for key, one in numbers}
+    return {"scene": changed(scene, moduli | {f"{key}poisson_ratio": one.poisson_ratio for key, one in numbers})}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("maximise", ["detection", "information"])
+def test_three_materials_are_answered_with_the_best_of_all_pairs(maximise: str) -> None:
+    """Each pair by a search of its own, in which moduli and Poisson's ratios stand in the scene and no shelf is named."""
+    free = {"inner_radius": [1.5e-3, 4e-3], "area_ratio": [0.3, 3.0], "gap": "fixed", "height": "fixed"}
+    rest = {"limits": {"outer_radius": 6e-3, "force": 5e-3}, "objective": {"maximise": maximise}, "noise": {"charge": 1e-15}}
+    rest |= {"population": {**POPULATION, "samples": 4}, "protocol": {**PROTOCOL, "positions": [-4e-3, 4e-3]}}
+    chosen = choose(*ready(asked(variables=free | {"materials": SHELF}, **rest)), none)
+    assert chosen.exhaustive
+    held = free | {"inner_modulus": "fixed", "outer_modulus": "fixed"}
+    pairs = list(product(SHELF, SHELF))
+    alone = [choose(*ready(asked(variables=held, **rest, **cast_of(*pair))), none).choices[0].value for pair in pairs]
+    best = chosen.choices[0]
+    assert best.combination.materials == pairs[int(np.argmax(alone))]
+    assert best.value == pytest.approx(max(alone), rel=1e-5)
+    assert max(alone) > (1 + 1e-4) * sorted(alone)[-2]  # or either of two might be the best
+    assert {one.split("materials ")[1] for one in chosen.best} == {" / ".join(pair) for pair in pairs}
 
 
 @pytest.mark.slow

@@ -9,7 +9,11 @@ import pytest
 
 from geometry.common.errors import Refusal
 from geometry.scenes.scene import Load
+from geometry.scenes.scene_file import scene_from_dict
 from geometry.scenes.variables import changed
+from probe_design.design_search.steered_population import SteeredDesigns
+from probe_design.optimisation.design_space import variables
+from probe_design.populations.design_file import design_from_dict
 from probe_design.populations.judge import judged, scored
 from probe_design.populations.tables import Objective
 from tests.support.designs import SUPERFICIAL, THREE, example_design
@@ -77,6 +81,24 @@ def test_tissues_that_differ_count_in_the_error() -> None:
     assert np.sqrt(np.mean(np.square(stated))) == pytest.approx(np.std(spread), rel=0.1)
     alike = rng.standard_normal(100)
     assert Objective().error(alike, group) >= Objective().error(alike)
+
+
+def test_a_film_that_is_pulled_on_is_refused_in_words_and_steers_no_search() -> None:
+    """A stiff skin on soft fat bends beside the outer block; once it was `force = 1e-4: allowed: a force above 0`."""
+    probe = {"inner_radius": "1.5 mm", "outer_radius": "2.6 mm", "gap": "0.3 mm", "height": "2 mm"}
+    probe |= {block: {"youngs_modulus": "1 MPa", "poisson_ratio": 0.495} for block in ("inner", "outer")}
+    skin = {"thickness": "0.8 mm", "youngs_modulus": "300 kPa", "poisson_ratio": 0.45}
+    tissue = {"shape": "half-space", "youngs_modulus": "2.5 kPa", "poisson_ratio": 0.45, "layer": [skin]}
+    body = {"diameter": "4 mm", "depth": "6 mm", "youngs_modulus": "30 kPa", "poisson_ratio": 0.45}
+    scene = scene_from_dict({"probe": probe, "tissue": tissue, "inclusion": [body], "load": {"force": "0.1 mN"}})
+    design = design_from_dict({"scene": scene, "protocol": {"positions": [0.0], "stiffness": False}})
+    with pytest.raises(Refusal, match="the inner film is pulled on") as refused:
+        judged(scene, design)
+    assert "\n" not in str(refused.value)
+    steered = SteeredDesigns.of(design, 4e-3)
+    with pytest.raises(Refusal, match="pulled"):
+        steered.rule.pressed(scene)
+    assert steered.real_values(variables(scene)[:, None], (0.495, 0.495))[0] == -np.inf
 
 
 def test_loads_of_which_nothing_is_known_are_refused() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -79,3 +81,19 @@ def test_tumours_stay_clear_of_layers() -> None:
 def test_ranges_in_which_nothing_fits_are_refused() -> None:
     with pytest.raises(InputError, match=r"population = 0 of \d+ tumours fit"):
         drawn(8, depth=["3 mm", "4 mm"], diameter=["9 mm", "15 mm"])
+
+
+@pytest.mark.parametrize(
+    ("ranges", "why"),
+    [
+        ({"depth": ["1 mm", "2 mm"], "diameter": "8 mm"}, "not under the least cover"),
+        ({"depth": "9 mm", "diameter": "8 mm", "least_cover": "20 mm"}, "not under the least cover"),
+        ({"depth": ["80 mm", "90 mm"], "diameter": "8 mm"}, "side or floor"),
+        ({"depth": "20 mm", "diameter": "8 mm", "x": ["80 mm", "90 mm"]}, "side or floor"),
+    ],
+)
+def test_tumours_that_do_not_fit_are_refused_with_the_reason(ranges: dict[str, Any], why: str) -> None:
+    design = example_design(population={"object": "20 kPa", **ranges})
+    with pytest.raises(InputError, match=why) as refused:
+        ScenePopulation.of(design.scene, design.population).drawn(8)
+    assert "\n" not in str(refused.value)

@@ -16,7 +16,7 @@ from probe_design.populations.inclusion_scan import inclusion_readings
 from probe_design.populations.judge import scored
 from probe_design.populations.noise import covariance_of_all
 from probe_design.populations.population import ScenePopulation
-from probe_design.populations.resolved import Unknowns, contrast_deviations, informations, resolved
+from probe_design.populations.resolved import Unknowns, contrast_deviations, informations, resolved, share_error, undecided
 from probe_design.populations.tables import NoiseModel, Protocol
 from solver import evaluate
 from tests.support.designs import SUPERFICIAL, THREE, example_design
@@ -151,3 +151,18 @@ def test_a_blank_never_tells_less() -> None:
         design = example_design(population={**SUPERFICIAL, "tissue": ["4 kPa", "9 kPa"]}, protocol={**THREE, "blank": blank})
         sds.append(scored(design.scene, design, samples=8).contrast_sd)
     assert np.all(sds[1] <= sds[0] * (1 + 1e-9))
+
+
+def test_what_the_level_is_unsure_of_moves_tumours_over_the_bound_and_no_others() -> None:
+    deviations, share = np.array([0.6, 0.6, 0.4, 0.4, 40.0, np.inf, 1e-3]), np.array([0.1, 0.3, 0.1, 0.3, 1.0, 1.0, 0.9])
+    assert undecided(deviations, share).tolist() == [0, 1, 0, 1, 0, 0, 0]
+
+
+@pytest.mark.parametrize("true", [0.0, 0.02, 0.3, 0.97, 1.0])
+def test_errors_of_shares_are_not_below_those_of_repeated_samples(true: float) -> None:
+    """None told of 40 is no proof that none is."""
+    samples = (np.random.default_rng(7).random((2000, 40)) < true).astype(float)
+    off = np.sqrt(np.mean((samples.mean(axis=1) - true) ** 2))
+    stated = np.sqrt(np.mean([share_error(one) ** 2 for one in samples]))
+    assert off <= stated * 1.03  # 2000 samples know it to 1.6 %
+    assert stated <= max(1.5 * off, 1 / 40)

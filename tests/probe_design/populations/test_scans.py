@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from geometry.common.arrays import Floats
-from geometry.scenes.scene import Inclusion, Placement, Scene
+from geometry.scenes.scene import Inclusion, Layer, Placement, Scene
+from geometry.scenes.variables import changed
 from probe_design.populations.closed_form_scan import ClosedFormScan
 from probe_design.populations.inclusion_scan import inclusion_readings
 from probe_design.populations.population import ScenePopulation, TumourDraw
@@ -104,6 +105,22 @@ def test_derivatives_by_the_probe_have_taylor_s_rate() -> None:
         value, slope = (scan.signals(probe)[0].real, scan.signals(probe + 1e-30j * direction)[0].imag / 1e-30)
         left = [np.abs(scan.signals(probe + h * direction)[0] - value - h * slope).max() for h in (0.2, 0.1)]
         assert 1.8 < np.log2(left[0] / left[1]) < 2.3, PROBE[row]
+
+
+@pytest.mark.parametrize("skin", [False, True])
+def test_where_all_moduli_grow_alike_no_signal_changes(skin: bool) -> None:
+    """Close to the surface the first order has a third of what the tissue's modulus does: 10 mm at 6 mm, rigid blocks."""
+    scene = changed(DESIGN.scene, {f"probe.{block}.youngs_modulus": 60e6 for block in ("inner", "outer")})
+    layer = ({"thickness": 0.5e-3, "youngs_modulus": 6e3, "poisson_ratio": 0.45},) if skin else ()
+    tissue = scene.tissue.model_copy(update={"layer": tuple(Layer(**one) for one in layer)})
+    scene = scene.model_copy(update={"inclusion": (), "tissue": tissue})
+    one = [np.array([value]) for value in (6e-3, 9.8e-3, 60e3, 0.0)]
+    draw = TumourDraw(scene, *one, poisson_ratio=0.45, tissue=np.zeros(1, dtype=int), tissues=(scene,))
+    names = ("object", "tissue", *(["layer_0_modulus"] if skin else []))
+    by = inclusion_readings(draw, DESIGN.protocol, names, noise=FINE).by
+    whole, own = sum(by.values()), np.abs(by["object"]).max()
+    assert np.abs(whole).max() < 0.02 * own
+    assert np.abs(by["tissue"]).max() > 0.9 * own
 
 
 def test_the_same_tumour_read_from_both_sides_is_the_same() -> None:
