@@ -62,6 +62,7 @@ class Measurement:
         lost: how many gaps the record has.
         overruns: of the device.
         warnings: what of the waveform is counted in the covariance, one line each.
+        force_doubt: relative, by which whatever makes the force channel lag may have changed ``force``.
     """
 
     fit: SineFit
@@ -74,6 +75,7 @@ class Measurement:
     lost: int
     overruns: int
     warnings: tuple[str, ...] = ()
+    force_doubt: float = 0.0
 
     @property
     def ratio(self) -> complex:

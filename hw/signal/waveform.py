@@ -14,7 +14,7 @@ import numpy as np
 from hw.common.errors import HardwareError
 from hw.common.samples import Floats
 from hw.signal.sine_fit import SineFit
-from hw.signal.spectrum import MAINS, WANDERS
+from hw.signal.spectrum import MAINS
 from hw.signal.steadiness import steadiness
 
 MOST_LOAD = 0.1  # by which the load's amplitude may change
@@ -24,6 +24,8 @@ MOST_BENT = 0.05  # of a channel's amplitude, by which its harmonics may have ch
 WEAK = 0.1  # of the other film's amplitude: a film below it shows cross-talk, whose share may change by more
 BENDS = 3.0  # d a_1 / d a_3 of a cubic; of cut peaks 1, of a dead zone 3; d a_1 / d a_2 of cut half-waves up to 2.4
 SEEN = 5.0  # standard deviations of a harmonic
+HELD = 0.2  # Hz, within which grids hold the mains but for minutes a year: beyond it the sample rate is looked at
+TOLD = 1e-4  # of an amplitude, from which a warning tells what is counted
 
 
 class Flawed(HardwareError):  # noqa: N818 - says what is wrong
@@ -111,12 +113,12 @@ def _warnings(fit: SineFit, channels: tuple[str, ...], common: float, own: Float
     warnings += [
         f"channel {name} changes, is bent or has stray rows, worth up to {100 * one:.2g} %: counted in the uncertainties"
         for name, one in zip(channels, own.tolist(), strict=True)
-        if one > 0
+        if one > TOLD
     ]
     if fit.left_out:
         warnings.append(f"{fit.left_out} samples between gaps of unknown length are too few cycles: left out")
     off = None if fit.mains is None else min((fit.mains - nominal for nominal in MAINS), key=abs)
-    if fit.mains is not None and off is not None and abs(off) > WANDERS:
+    if fit.mains is not None and off is not None and abs(off) > HELD:
         text = f"a line like the mains stands at {fit.mains:.4g} Hz"
         warnings.append(f"{text}: the sample rate may be off by {100 * off / (fit.mains - off):.2g} %")
     return warnings

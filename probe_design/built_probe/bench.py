@@ -28,6 +28,7 @@ Share = Annotated[float, Field(ge=0.0, le=1.0, description="a number from 0 to 1
 Skew = Annotated[float, Quantity("time", "s", "us", -1.0, 1.0)]
 SkewTolerance = Annotated[float, Quantity("time", "s", "us", 0.0, 1.0)]
 On = Literal["tissue", "inner", "outer"]
+LEAK = 0.002  # of a pin's or a ring's load on the other block
 
 
 class Shaker(Frozen):
@@ -87,10 +88,17 @@ class Sampling(Frozen):
 
 
 class ReferenceForce(Frozen):
-    """The force channel; ``tolerance`` is the relative standard deviation of its sensitivity."""
+    """The force channel.
+
+    Attributes:
+        sensitivity: V/N.
+        tolerance: its relative standard deviation.
+        delay: of the channel behind the inner film's by a digital filter, below 0 where it is sampled later than that; corrected.
+    """
 
     sensitivity: Sensitivity
     tolerance: Share = 0.005
+    delay: Skew = 0.0
 
 
 class Channels(Frozen):
@@ -123,18 +131,27 @@ class Reference(Frozen):
             touches the inner block alone; ``outer``, a ring that touches the outer block alone.
         youngs_modulus: of the tissue.
         tolerance: its relative standard deviation.
+        leak: of a pin or ring, the standard deviation of the share of its load that the other block takes; ``LEAK`` if not told.
     """
 
     on: On = "tissue"
     youngs_modulus: Modulus | None = None
     tolerance: Share = 0.01
+    leak: Share | None = None
 
     @model_validator(mode="after")
     def _modulus_of_tissue(self) -> Self:
         if (self.youngs_modulus is None) == (self.on == "tissue"):
             entry = Words("missing" if self.on == "tissue" else f"given beside on = '{self.on}'")
             raise InputError("youngs_modulus", entry, "given for on = 'tissue', and for nothing else")
+        if self.leak is not None and self.on == "tissue":
+            raise InputError("leak", self.leak, "given for a pin or a ring, and for nothing else")
         return self
+
+    @property
+    def strays(self) -> float:
+        """By how much of the load the inner film's share may be off, a standard deviation; 0 on tissue."""
+        return 0.0 if self.on == "tissue" else LEAK if self.leak is None else self.leak
 
     @property
     def name(self) -> str:

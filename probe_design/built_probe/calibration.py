@@ -93,8 +93,17 @@ def calibrated(
         offsets=offsets.mean(axis=0),
         offsets_sd=spread,
         readings=observations,
-        warnings=(*notes, *_warnings(measurements, gains)),
+        warnings=(*notes, *_warnings(measurements, gains), *waveform_warnings(measurements, bench.reference)),
     )
+
+
+def waveform_warnings(measurements: Sequence[Measurement], references: Sequence[Reference]) -> tuple[str, ...]:
+    """Return what each reading warns of, with the names of its references."""
+    found: dict[str, list[str]] = {}
+    for one, reference in zip(measurements, references, strict=True):
+        for text in one.warnings:
+            found.setdefault(text, []).append(reference.name)
+    return tuple(f"{', '.join(names)}: {text}" for text, names in found.items())
 
 
 def _check_count(readings: Sequence[Samples] | Sequence[Measurement], bench: Bench) -> None:

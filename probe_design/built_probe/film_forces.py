@@ -13,6 +13,7 @@ from hw.signal.measure import FILMS, Measurement, checked, measure, measured
 from hw.signal.running import RunningFit
 from hw.signal.waveform import Flawed
 from probe_design.built_probe.bench import Bench, Reference
+from probe_design.built_probe.force_lag import with_force_lag
 from probe_design.built_probe.gain_matrix import Observed
 from probe_design.built_probe.own_amplifiers import with_own_amplifiers
 from probe_design.built_probe.virtual_probe import charge_per_force
@@ -24,14 +25,14 @@ def reading(samples: Samples, bench: Bench, calibrated_at: float | None = None) 
     """Return a reading, gaps and saturation noted and left out. Raises ``HardwareError``."""
     sensitivity = None if bench.force is None else bench.force.sensitivity
     measurement = measure(samples, bench.amplifier.built(), bench.load.frequency, sensitivity, calibrated_at)
-    return with_own_amplifiers(measurement, bench.amplifier, calibrated_at)
+    return with_force_lag(with_own_amplifiers(measurement, bench.amplifier, calibrated_at), bench)
 
 
 def running_reading(running: RunningFit, bench: Bench, calibrated_at: float | None = None) -> Measurement:
     """Return a reading that was fitted as it came, likewise. Raises ``HardwareError``."""
     sensitivity = None if bench.force is None else bench.force.sensitivity
     measurement = measured(running.fit(), running.losses, bench.amplifier.built(), sensitivity, calibrated_at)
-    return with_own_amplifiers(measurement, bench.amplifier, calibrated_at)
+    return with_force_lag(with_own_amplifiers(measurement, bench.amplifier, calibrated_at), bench)
 
 
 def strict_reading(samples: Samples, bench: Bench, scene: Scene) -> Measurement:
@@ -55,7 +56,7 @@ def strict_reading(samples: Samples, bench: Bench, scene: Scene) -> Measurement:
 def observed(measurement: Measurement, reference: Reference, scene: Scene) -> Observed:
     """Return a reading on a reference in newtons of nominal gain."""
     films, covariance = newtons(measurement, scene)
-    return Observed(reference, films, covariance, measurement.force, measurement.force_sd)
+    return Observed(reference, films, covariance, measurement.force, measurement.force_sd, measurement.force_doubt)
 
 
 def newtons(measurement: Measurement, scene: Scene, tolerance: bool = False) -> tuple[Floats, Floats]:

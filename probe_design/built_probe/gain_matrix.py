@@ -1,9 +1,10 @@
 """The gain matrix of both channels: what it makes of readings, and its estimate from readings on references.
 
 A reading y = Q / c (N, c the nominal charge per force) of film forces f is y = M f (BP.1): M has the relative gains on its
-diagonal and beside it the cross-talk. On a reference k under the load F_k, f = F_k (s, 1 - s), ln(s / (1 - s)) = lambda_k: known
-exactly for a pin or a ring (s = 1, 0), predicted for a block of tissue with an error that the solver, the block's modulus and the
-workshop leave. M, F_k and lambda_k follow together from least squares (BP.2), each datum and each prediction with its covariance.
+diagonal and beside it the cross-talk. On a reference k under the load F_k, f = F_k (s, 1 - s): s is 1 or 0 for a pin or a ring,
+but for the share that leaks to the other block; ln(s / (1 - s)) = lambda_k is predicted for a block of tissue with an error that
+the solver, the block's modulus and the workshop leave. M, F_k, lambda_k and the leaks follow together from least squares (BP.2),
+each datum and each prediction with its covariance. A leak cannot be told from cross-talk but by what the blocks add.
 
 Without a reference force all F_k are free and M is told up to a common factor only.
 """
@@ -40,6 +41,7 @@ class Observed:
         covariance: of them by noise, N^2, shape (2, 2).
         force: amplitude of the load by the force channel, N, or None.
         force_sd: by noise, N.
+        force_doubt: relative, by which whatever makes the force channel lag may have changed it, in all readings alike.
     """
 
     reference: Reference
@@ -47,6 +49,7 @@ class Observed:
     covariance: Floats
     force: float | None = None
     force_sd: float | None = None
+    force_doubt: float = 0.0
 
     @property
     def load(self) -> float:
@@ -175,7 +178,7 @@ def _unresolved(spread: float) -> InputError:
 
 @dataclass(frozen=True)
 class _Problem:
-    """Residuals of eq. BP.2, each divided by its standard deviation. Unknowns: entries of M, ln F_k, lambda_k, force error."""
+    """Residuals of eq. BP.2, each over its standard deviation. Unknowns: entries of M, ln F_k, lambda_k, leaks, force error."""
 
     observed: tuple[Observed, ...]
     shares: Shares
@@ -197,7 +200,8 @@ class _Problem:
     def start(self) -> Floats:
         loads = [one.load for one in self.observed]
         entries = np.array([1.0, 0.0, 0.0, 1.0])[self.entries]
-        return np.concatenate([entries, np.log(loads), self.shares.log_ratios, [0.0] * self.absolute])
+        leaks = np.zeros(self._leaks.shape[1])
+        return np.concatenate([entries, np.log(loads), self.shares.log_ratios, leaks, [0.0] * self.absolute])
 
     def matrix(self, unknowns: Floats) -> Floats:
         entries = np.array([0.0, 0.0, 0.0, 1.0])
@@ -206,11 +210,13 @@ class _Problem:
 
     def residuals(self, unknowns: Floats) -> Floats:
         matrix, rest = self.matrix(unknowns), unknowns[len(self.entries) :]
-        loads, lambdas = np.exp(rest[: len(self.observed)]), rest[len(self.observed) :][: len(self.shares.blocks)]
-        shown = self._shares(lambdas) * loads[:, None] @ matrix.T
+        count, blocks = len(self.observed), len(self.shares.blocks)
+        loads, lambdas = np.exp(rest[:count]), rest[count : count + blocks]
+        leaks = rest[count + blocks :][: self._leaks.shape[1]]
+        shown = self._shares(lambdas, leaks) * loads[:, None] @ matrix.T
         films = [white @ (one.films - y) for white, one, y in zip(self._whitening, self.observed, shown, strict=True)]
         tight = max(self.bench.channels.cross_talk, 1e-9)
-        parts = [*films, self._predicted(lambdas - self.shares.log_ratios), np.array([matrix[0, 1], matrix[1, 0]]) / tight]
+        parts = [*films, self._predicted(lambdas - self.shares.log_ratios), leaks, np.array([matrix[0, 1], matrix[1, 0]]) / tight]
         if self.absolute:
             parts += [self._forces(loads, rest[-1]), rest[-1:]]
         return np.concatenate(parts)
@@ -223,17 +229,24 @@ class _Problem:
             out[before : before + len(slopes)] = np.linalg.solve(self._root, slopes)
         return out
 
-    def _shares(self, lambdas: Floats) -> Floats:
+    def _shares(self, lambdas: Floats, leaks: Floats) -> Floats:
         """Shares of the load on both films, shape (readings, 2)."""
-        shares = inner_shares(lambdas, [one.reference for one in self.observed])
+        shares = inner_shares(lambdas, [one.reference for one in self.observed]) + self._leaks @ leaks
         return np.stack([shares, 1 - shares], axis=1)
+
+    @cached_property
+    def _leaks(self) -> Floats:
+        """What pins and rings that leak by their standard deviation add to the inner film's shares, (readings, those)."""
+        added = [(-1.0 if one.reference.on == "inner" else 1.0) * one.reference.strays for one in self.observed]
+        return np.diag(added)[:, [one.reference.on != "tissue" for one in self.observed]]
 
     def _forces(self, loads: Floats, error: float) -> Floats:
         """The force channel's tolerance is one unknown, of unit variance."""
         assert self.bench.force is not None
+        tolerance = np.hypot(self.bench.force.tolerance, max(one.force_doubt for one in self.observed))
         read = np.array([one.force for one in self.observed], dtype=float)
         spread = np.array([one.force_sd for one in self.observed], dtype=float)
-        return np.asarray((read - loads * (1 + self.bench.force.tolerance * error)) / spread)
+        return np.asarray((read - loads * (1 + tolerance * error)) / spread)
 
     def _predicted(self, off: Floats) -> Floats:
         return np.asarray(np.linalg.solve(self._root, off), dtype=float) if len(off) else off

@@ -23,7 +23,9 @@ from solver.planning.load_check import check_load, exact, load_rule, with_load
 from solver.results.result import Result
 
 SHOWS = 3.0  # standard deviations, which a film's force on tissue exceeds
-CONTRADICTS = 5.0  # standard deviations between the films' sum and the force channel
+CONTRADICTS = 5.0  # standard deviations between the films' sum and the force channel, or between a ratio and its prediction
+DOUBTFUL = 3.0  # likewise, from which a warning tells it
+ANOTHER = 5.0  # times the scene's load, or a fifth of it: a load that may be told in a wrong unit
 
 
 @dataclass(frozen=True)
@@ -120,13 +122,15 @@ def read(measurement: Measurement, scene: Scene, bench: Bench, predicted: Result
     films, noise = newtons(measurement, scene, tolerance=True)
     forces, covariance = effective.forces(films), effective.forces_covariance(films, noise)
     _check_films(forces, covariance)
-    _check_force(float(forces.sum()), float(covariance.sum()), measurement, bench)
+    of_force = _check_force(float(forces.sum()), float(covariance.sum()), measurement, bench)
     areas = np.array([scene.probe.inner_area, scene.probe.outer_area])
     stress, spread = forces / areas, np.sqrt(np.diag(covariance)) / areas
     ratio, ratio_sd = _ratio(forces, covariance, float(areas[1] / areas[0]))
     relative = None if predicted.error_estimate is None else SPREAD * predicted.error_estimate
     at_load, at_load_sd = _at_load(measurement, scene, bench, predicted, relative)
     predicted_ratio_sd = None if predicted.ratio is None or relative is None else abs(predicted.ratio) * relative
+    z_ratio = _z(ratio, ratio_sd, predicted.ratio, predicted_ratio_sd)
+    surprising = [*of_force, *_other_load(measurement, scene), *_exchanged(films, effective, predicted.ratio, z_ratio, areas)]
     phase, phase_sd = ratio_phase(measurement, bench, effective)
     z_phase, of_phase = surprises(phase, phase_sd, predicted)
     return Read(
@@ -144,7 +148,7 @@ def read(measurement: Measurement, scene: Scene, bench: Bench, predicted: Result
         predicted_ratio_uncertainty=predicted_ratio_sd,
         predicted_stress_inner=at_load[0],
         predicted_stress_outer=at_load[1],
-        z_ratio=_z(ratio, ratio_sd, predicted.ratio, predicted_ratio_sd),
+        z_ratio=z_ratio,
         z_stress_inner=_z(float(stress[0]), float(spread[0]), at_load[0], at_load_sd[0]),
         z_stress_outer=_z(float(stress[1]), float(spread[1]), at_load[1], at_load_sd[1]),
         frequency=measurement.fit.frequency,
@@ -159,7 +163,7 @@ def read(measurement: Measurement, scene: Scene, bench: Bench, predicted: Result
         saturated=measurement.saturated,
         gaps=measurement.lost,
         overruns=measurement.overruns,
-        warnings=(*_warnings(measurement, bench, gains, ratio), *of_phase),
+        warnings=(*_warnings(measurement, bench, gains, ratio), *surprising, *of_phase),
     )
 
 
@@ -174,17 +178,41 @@ def _check_films(forces: Floats, covariance: Floats) -> None:
         raise Flawed(f"{shown}: is it dead, its cable off, or the load too small?")
 
 
-def _check_force(total: float, variance: float, measurement: Measurement, bench: Bench) -> None:
-    """What both films feel together is what the force channel shows: nothing else carries load."""
+def _check_force(total: float, variance: float, measurement: Measurement, bench: Bench) -> list[str]:
+    """What both films feel together is what the force channel shows: nothing else carries load. Doubtful is warned of."""
     if measurement.force is None or measurement.force_sd is None or bench.force is None:
-        return
-    spread = math.sqrt(variance + measurement.force_sd**2 + (bench.force.tolerance * measurement.force) ** 2)
-    if abs(total - measurement.force) > CONTRADICTS * spread:
-        apart = abs(total - measurement.force) / spread
-        raise Flawed(
-            f"both films show {total:.4g} N, the force channel {measurement.force:.4g} N, {apart:.2g} standard deviations "
-            "apart: a film, amplifier or force sensor is not what bench and calibration say"
-        )
+        return []
+    tolerance = math.hypot(bench.force.tolerance, measurement.force_doubt)
+    spread = math.sqrt(variance + measurement.force_sd**2 + (tolerance * measurement.force) ** 2)
+    apart = abs(total - measurement.force) / spread
+    words = (
+        f"both films show {total:.4g} N, the force channel {measurement.force:.4g} N, {apart:.2g} standard deviations "
+        "apart: a film, amplifier or force sensor is not what bench and calibration say"
+    )
+    if apart > CONTRADICTS:
+        raise Flawed(words)
+    return [words] if apart > DOUBTFUL else []
+
+
+def _other_load(measurement: Measurement, scene: Scene) -> list[str]:
+    """A force that is far from the scene's: prediction and reading still compare, but units may be wrong."""
+    known, read = scene.load.force, measurement.force
+    if not known or not read or 1 / ANOTHER <= read / known <= ANOTHER:
+        return []
+    return [f"the load is {read:.3g} N by the force channel, {known:.3g} N in the scene: are units and sensitivity right?"]
+
+
+def _exchanged(films: Floats, gains: Gains, predicted: float | None, z: float | None, areas: Floats) -> list[str]:
+    """A ratio far from its prediction that is much nearer with the films' channels exchanged."""
+    if predicted is None or z is None or predicted <= 0 or abs(z) <= CONTRADICTS:
+        return []
+    forces = [gains.forces(one) / areas for one in (films, films[::-1])]
+    off, turned = (abs(float(np.log(abs(one[0] / one[1] / predicted)))) for one in forces)
+    if turned > off / ANOTHER:
+        return []
+    return [
+        f"the ratio is {abs(z):.2g} standard deviations off what is predicted, and near it with the films' channels exchanged"
+    ]
 
 
 def _z(read: float | None, spread: float | None, predicted: float | None, predicted_spread: float | None) -> float | None:
@@ -202,7 +230,7 @@ def _at_load(
     stress = np.array([predicted.stress_inner, predicted.stress_outer])
     if measurement.force is not None and bench.force is not None:
         stress = stress * measurement.force / float(stress @ [scene.probe.inner_area, scene.probe.outer_area])
-        relative = math.hypot(relative, bench.force.tolerance)
+        relative = math.hypot(relative, bench.force.tolerance, measurement.force_doubt)
     return tuple(stress.tolist()), tuple((np.abs(stress) * relative).tolist())
 
 

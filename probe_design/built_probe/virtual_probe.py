@@ -73,14 +73,16 @@ def signals(
     """
     frequency = built.frequency * bench.load.frequency
     charges = charge_per_force(scene) * np.array(built.gains) @ forces
-    responses = np.array([one.response(frequency) for one in built.amplifiers(bench.amplifier.of_films())])
+    amplifiers = built.amplifiers(bench.amplifier.of_films())
     sensitivity = built.force * (0.0 if bench.force is None else bench.force.sensitivity)
-    amplitudes = np.append(charges * responses, sensitivity * forces.sum())
+    first, second = (
+        np.append(charges * [one.response(k * frequency) for one in amplifiers], sensitivity * forces.sum()) for k in (1, 2)
+    )
     random = np.random.default_rng(seed)
 
     def volts(times: Floats) -> Floats:
         turns = 2j * np.pi * frequency * times[:, None] + 0.7j
-        load = (amplitudes * np.exp(turns) + 0.01 * amplitudes * np.exp(2 * turns)).real  # with a second harmonic
+        load = (first * np.exp(turns) + 0.01 * second * np.exp(2 * turns)).real  # with a second harmonic
         hum = built.hum * np.array([1.0, 0.7, 0.1]) * np.cos(2 * np.pi * built.mains * times)[:, None]
         drift = built.drift * np.array([1.0, 0.6, 0.0]) * (1 - np.exp(-times / 60.0))[:, None]
         noise = built.noise * random.standard_normal((len(times), 3))

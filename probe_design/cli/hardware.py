@@ -184,6 +184,7 @@ def check(
     import json
 
     from geometry.common.files import check_writable_file, write_text
+    from probe_design.built_probe.calibration import waveform_warnings
     from probe_design.built_probe.calibration_record import check_free
     from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
     from probe_design.probe_check.check import checked
@@ -217,6 +218,7 @@ def check(
         if result.pairs:
             show(pairs_table(result))
         print("\n".join(sentences(result)))
+    warn(waveform_warnings(read, setting.bench.blocks))
     if record is None:
         warn(["not calibrated: nominal gains, with the bench's tolerances"])
     if not result.passed:

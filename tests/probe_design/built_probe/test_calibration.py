@@ -88,7 +88,7 @@ def test_true_gains_are_found() -> None:
     found = calibration()
     off = (found.gains.matrix - true_matrix()).ravel()
     assert np.all(np.abs(off) < 3.5 * np.sqrt(np.diag(found.gains.covariance)))
-    assert np.all(np.abs(off[[1, 2]]) < 1e-3)  # cross-talk, which pin and ring show directly
+    assert np.all(np.abs(off[[1, 2]]) < 0.003)  # cross-talk, which pin and ring show but for what they leak
     assert found.gains.absolute
     assert found.gains.cross_talk_resolved == (True, True)
     assert found.frequency == pytest.approx(BUILT.frequency * 5.0, abs=1e-3)
@@ -137,12 +137,14 @@ def _observed(matrix: Floats, references: tuple[Reference, ...], force: bool, ra
     logs = known.log_ratios + design + own * random.standard_normal(len(own))
     sensor = 1 + 0.005 * random.standard_normal()
     bench = BENCH.model_copy(update={"reference": references})
+    leaks = [0.002 * random.standard_normal() * (one.on != "tissue") for one in references]
+    pressed = [film + LOAD * leak * np.array([1, -1]) for leak, film in zip(leaks, films(logs, bench), strict=True)]
     return [
         Observed(
             reference, matrix @ film + noise * random.standard_normal(2), noise**2 * np.eye(2),
             LOAD * sensor + 1e-5 * random.standard_normal() if force else None, 1e-5 if force else None,
         )
-        for reference, film in zip(references, films(logs, bench), strict=True)
+        for reference, film in zip(references, pressed, strict=True)
     ]  # fmt: skip
 
 

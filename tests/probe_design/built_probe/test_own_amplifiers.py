@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from geometry.common.errors import InputError
+from hw.signal.measure import measure
 from hw.signal.running import RunningFit
+from hw.signal.waveform import Flawed
 from probe_design.built_probe.bench import bench_from_dict
 from probe_design.built_probe.film_forces import reading, running_reading, warming
 from probe_design.built_probe.virtual_probe import Built, charge_per_force, signals
@@ -20,7 +22,9 @@ FORCES = np.array([0.03, 0.07])
 def test_charges_behind_each_film_s_own_amplifier() -> None:
     own = bench_from_dict({"amplifier": OWN, "force": {"sensitivity": "0.1 V/N"}, "reference": [{"on": "inner"}]})
     samples = sampled(signals(EXACT, own, scene(), FORCES, 1))
-    found, common = reading(samples, own), reading(samples, BENCH)
+    found, common = reading(samples, own), measure(samples, BENCH.amplifier.built(), BENCH.load.frequency, 0.1)
+    with pytest.raises(Flawed, match="amplifiers that are not the bench's"):
+        reading(samples, BENCH)
     np.testing.assert_allclose(found.in_phase / abs(charge_per_force(scene())), FORCES, rtol=2e-3)
     # V = -Q / Cf * jwt / (1 + jwt): twice the capacitance is twice the charge; a tenth of the resistance ten times the corner
     turn = 2j * np.pi * found.fit.frequency

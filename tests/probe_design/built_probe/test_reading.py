@@ -15,7 +15,7 @@ from probe_design.built_probe.bench import Reference
 from probe_design.built_probe.block_predictions import Share
 from probe_design.built_probe.film_forces import reading, warming
 from probe_design.built_probe.gain_matrix import Gains
-from probe_design.built_probe.reading import prediction, read
+from probe_design.built_probe.reading import Read, prediction, read
 from probe_design.built_probe.virtual_probe import Built, signals
 from solver.results.result import Result
 from tests.support.hw.benches import BENCH, LOAD, films, sampled, scene, shares
@@ -140,3 +140,28 @@ def test_what_the_waveform_adds_is_told(forces: Floats) -> None:
     ramp.volts[:, 1] *= np.linspace(1.0, 1.02, len(ramp))
     found = read(reading(ramp, BENCH), scene(), BENCH, told(0.6))
     assert any("channel outer changes" in one for one in found.warnings)
+
+
+def test_what_nearly_contradicts_the_force_channel_is_told(forces: Floats) -> None:
+    """Uncalibrated, a gain 1.5 times too large makes a ratio 4 standard deviations off, the films' sum as many."""
+    louder = replace(EXACT, gains=((1.5, 0.0), (0.0, 1.0)))
+    found = read(measured(forces, louder), scene(), BENCH, told(0.6))
+    assert any("standard deviations apart" in one for one in found.warnings)
+
+
+def test_loads_in_a_wrong_unit_are_told(forces: Floats) -> None:
+    """Millivolts that are read as volts: films and force agree with each other, and not with the scene's load."""
+    assert not any("units" in one for one in _at_force(forces, 1.0).warnings)
+    assert any("units" in one for one in _at_force(forces, 1e3).warnings)
+
+
+def _at_force(forces: Floats, times: float) -> Read:
+    pressed = scene().model_copy(update={"load": scene().load.model_copy(update={"force": LOAD})})
+    return read(measured(times * forces), pressed, BENCH, told(0.6))
+
+
+def test_exchanged_channels_are_told_where_the_prediction_shows_them(forces: Floats) -> None:
+    ratio = float(forces[0] / AREAS[0] / (forces[1] / AREAS[1]))
+    right, turned = (read(measured(one), scene(), BENCH, told(ratio)) for one in (forces, forces[::-1]))
+    assert not any("exchanged" in one for one in right.warnings)
+    assert any("exchanged" in one for one in turned.warnings)

@@ -73,7 +73,7 @@ def test_calibrate_finds_the_true_gains_and_records_where_from(folder: Path) -> 
         truth, spread = built.gains[k][k] / built.capacitance[k], record["covariance"][3 * k][3 * k] ** 0.5
         assert abs(record["matrix"][k][k] - truth) < 3.5 * spread < 0.03
     crossed = built.gains[0][1] / built.capacitance[0]
-    assert abs(record["matrix"][0][1] - crossed) < 3.5 * record["covariance"][1][1] ** 0.5 < 5e-3
+    assert abs(record["matrix"][0][1] - crossed) < 3.5 * record["covariance"][1][1] ** 0.5 < 8e-3  # of 0.2 % that a ring leaks
     assert len(record["reading"]) == 7
     for k, reading in enumerate(record["reading"]):
         content = (folder / f"run-{k + 1}.probe").read_bytes()
@@ -114,7 +114,7 @@ def test_read_calibrated_agrees_with_the_prediction(folder: Path) -> None:
     found = told("read", SCENE, "--virtual", "--calibration", folder / "probe.toml", "--seed", "3")
     assert found.keys() >= KEYS
     assert abs(found["z_ratio"]) < 3.5
-    assert found["ratio_uncertainty"] < 1e-3 * found["ratio"] * 0.1 / found["force"]  # noise is so many newtons
+    assert found["ratio_uncertainty"] < 0.012 * found["ratio"]  # by noise, leaks, warming
     assert (found["gaps"], found["overruns"], found["calibrated"]) == (0, 0, True)
 
 
