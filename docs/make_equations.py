@@ -23,6 +23,7 @@ ROOMS = {
     "CF": "solver/closed_form",
     "TW": "solver/tumour_waves",
     "IN": "solver/inclusions",
+    "EL": "solver/elements",
     "AX": "solver/axisymmetric",
     "MS": "solver/multiple_scattering",
     "EI": "solver/equivalent_inclusion",

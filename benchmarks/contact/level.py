@@ -122,7 +122,7 @@ def section(picture: Path) -> None:
 def _outlines(model: ContactModel, v: np.ndarray, depth: float) -> np.ndarray:
     """The elements' edges as they are deformed, m, shape (n, points, 2)."""
     from geometry.meridian.mesh import nodes
-    from solver.axisymmetric.shape_functions import functions, shapes
+    from solver.elements.shape_functions import functions, shapes
 
     t = np.linspace(0, 1, 9)[:-1]
     zero, one = np.zeros_like(t), np.ones_like(t)

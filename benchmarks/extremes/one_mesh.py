@@ -1,4 +1,4 @@
-"""Whether one mesh tells its own error: bounds of eq. AX.11 against a mesh of order 8, on drawn scenes and on all references.
+"""Whether one mesh tells its own error: bounds of eq. AX.10 against a mesh of order 8, on drawn scenes and on all references.
 
 Every drawn scene has one tumour on the axis (``inclusion_draws``) and no layers of tissue, for which one mesh is not asked. What
 order 8 itself is off counts against the bounds. One line for each bound that is smaller than the error, then a table by order.

@@ -10,7 +10,7 @@ from geometry.common.arrays import Floats
 from geometry.meridian.mesh import nodes
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.base_states import BaseStates
-from solver.axisymmetric.quadrilateral import gradients, projected
+from solver.elements.quadrilateral import gradients, projected
 from solver.results.film_forces import indented
 
 if TYPE_CHECKING:

@@ -1,1 +1,1 @@
-"""Level 3, and the finite elements of the meridian plane that level 2 stands on."""
+"""Level 3, and the systems of the meridian plane that level 2 stands on."""

@@ -23,8 +23,8 @@ from geometry.meridian.section import Body, Section
 from geometry.scenes.probe import Material
 from solver.axisymmetric.condensed_system import System
 from solver.axisymmetric.dofs import Interface, numbering
-from solver.axisymmetric.quadrilateral import Geometry, geometry, lame, matrices, stiffness
-from solver.axisymmetric.shape_functions import Shapes, shapes
+from solver.elements.quadrilateral import Geometry, geometry, lame, matrices, stiffness
+from solver.elements.shape_functions import Shapes, shapes
 from solver.linalg.workspace import current, kept
 
 Materials = Mapping[Body, Material]

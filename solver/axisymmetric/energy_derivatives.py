@@ -20,8 +20,8 @@ from geometry.common.arrays import Bools, Floats, Ints
 from geometry.meridian.mesh import nodes
 from geometry.meridian.section import Body
 from solver.axisymmetric.base_states import MeridianModel
-from solver.axisymmetric.quadrilateral import Geometry, gradients, lame, projected
-from solver.axisymmetric.shape_functions import Shapes
+from solver.elements.quadrilateral import Geometry, gradients, lame, projected
+from solver.elements.shape_functions import Shapes
 
 BLOCK = 16  # elements worked on at once: few enough for the processor's cache
 STEP = 1e-30  # of the complex step, relative: nothing is subtracted, so that it can be this small

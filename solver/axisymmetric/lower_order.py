@@ -5,7 +5,7 @@ condensed again, and a factorisation of two thirds of the unknowns or less tells
 change of a state, F_ij changes by the energy a(w_i, w_j) exactly (Galerkin's orthogonality), element by element, so that changes
 cannot cancel unseen:
 
-    e_i = c (sum over elements |a(w_i, w_1 + w_2)| + 1/10 sqrt(a(w_i, w_i) a(w_1 + w_2, w_1 + w_2)))        (AX.11)
+    e_i = c (sum over elements |a(w_i, w_1 + w_2)| + 1/10 sqrt(a(w_i, w_i) a(w_1 + w_2, w_1 + w_2)))        (AX.10)
 
 bounds film i's total. Were all errors those of corners, where p^-2 is left at degree p, 4/5, 9/7, 16/9 and 25/11 of the change
 would be left at degrees 3 to 6; elsewhere a tenth and less is. c = 3/2, 3/2, 2 and 3 (``benchmarks/extremes/one_mesh.py``).
@@ -23,13 +23,13 @@ from solver.axisymmetric.dofs import numbering
 from solver.axisymmetric.refinement import SampleErrors
 from solver.axisymmetric.sample import MeshSample
 
-FACTORS = {3: 1.5, 4: 1.5, 5: 2.0, 6: 3.0}  # by order: c of eq. AX.11
-CANCELLING = 0.1  # of eq. AX.11
+FACTORS = {3: 1.5, 4: 1.5, 5: 2.0, 6: 3.0}  # by order: c of eq. AX.10
+CANCELLING = 0.1  # of eq. AX.10
 SLOPES = 2.0  # times: what the last degree changed of each film's log-sensitivity
 
 
 def graded_everywhere(section: Section) -> bool:
-    """Return whether the mesh has layers of cells at every singular point, which eq. AX.11 needs.
+    """Return whether the mesh has layers of cells at every singular point, which eq. AX.10 needs.
 
     Interfaces of the tissue meet its side and the sphere ungraded: under a skin 7000 times as stiff as what lies below, the error
     was 5 times the bound.

@@ -19,8 +19,8 @@ from geometry.meridian.frame import frame
 from geometry.meridian.mesh import SQUARE, nodes
 from geometry.meridian.section import TISSUES
 from solver.axisymmetric.base_states import BaseStates
-from solver.axisymmetric.quadrilateral import dilations
-from solver.axisymmetric.shape_functions import functions, polynomials, pressures
+from solver.elements.quadrilateral import dilations
+from solver.elements.shape_functions import functions, polynomials, pressures
 
 CHUNK = 20_000  # points evaluated at once, which bounds the memory
 NEWTON, CONVERGED = 12, 1e-13  # steps at most; a step in the unit square

@@ -11,7 +11,7 @@ from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import SolveError
 from geometry.meridian.mesh import Topology, labels, line_label
 from geometry.meridian.section import TISSUES, Body
-from solver.axisymmetric.shape_functions import edge_functions, polynomials
+from solver.elements.shape_functions import edge_functions, polynomials
 from solver.linalg.workspace import kept_table
 
 ENDS = ((0, 1), (1, 2), (3, 2), (0, 3))  # corners of an element's edges in the direction of its functions

@@ -1,6 +1,6 @@
 """Elements at finite strain: forces and tangents of all of them, pressure and inside eliminated.
 
-The pair is that of ``solver/axisymmetric/quadrilateral.py``, Qp displacements and P(p-1) pressures, the pressure an unknown of
+The pair is that of ``solver/elements/quadrilateral.py``, Qp displacements and P(p-1) pressures, the pressure an unknown of
 Newton's method: eliminated from the linear system element by element, never from the equations (mean dilatation, which does that,
 takes three times the iterations at nu = 0.499 and fails at 0.4999).
 """
@@ -13,10 +13,10 @@ from functools import cached_property
 import numpy as np
 
 from geometry.common.arrays import Bools, Floats
-from solver.axisymmetric.quadrilateral import Geometry
-from solver.axisymmetric.shape_functions import Shapes
-from solver.axisymmetric.unit_square import UnitSquare
 from solver.contact.hyperelasticity import TT, Hyperelastic, Stress, change_of_volume
+from solver.elements.quadrilateral import Geometry
+from solver.elements.shape_functions import Shapes
+from solver.elements.unit_square import UnitSquare
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ U = lam/4 (J^2 - 1 - 2 ln J) and its conjugate U*, U = max over p of p (J - 1) -
 
     dU*/dp = J*(p) - 1,   J*(p) = p/lam + sqrt(1 + (p/lam)^2)                                            (CT.2)
 
-so that nothing is divided by 1 - 2 nu, and the linear limit is the pair of ``solver/axisymmetric/quadrilateral.py``.
+so that nothing is divided by 1 - 2 nu, and the linear limit is the pair of ``solver/elements/quadrilateral.py``.
 """
 
 from __future__ import annotations

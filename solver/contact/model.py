@@ -15,8 +15,6 @@ from geometry.meridian.section import TISSUES, Body, Section
 from geometry.scenes.probe import Interface, Material
 from solver.axisymmetric.base_states import Materials
 from solver.axisymmetric.dofs import Numbering, numbering
-from solver.axisymmetric.quadrilateral import geometry
-from solver.axisymmetric.shape_functions import shapes
 from solver.contact.assembly import Assembly
 from solver.contact.elements import Balance, Elements, ElementValues
 from solver.contact.hyperelasticity import Hyperelastic
@@ -24,6 +22,8 @@ from solver.contact.pairs import Pair
 from solver.contact.states import Linearised, State, WorkingForces
 from solver.contact.touch import SPRING, Touch, touch
 from solver.contact.touching_lines import contact_length, pairs_of
+from solver.elements.quadrilateral import geometry
+from solver.elements.shape_functions import shapes
 from solver.linalg.cholesky import factorise, factorise_any
 from solver.linalg.workspace import kept
 

@@ -14,9 +14,9 @@ import numpy as np
 from geometry.common.arrays import Floats, Ints
 from geometry.meridian.mesh import SQUARE, bilinear, nodes
 from solver.axisymmetric.base_states import BaseStates
-from solver.axisymmetric.quadrilateral import Geometry, dilations
-from solver.axisymmetric.shape_functions import functions, pressures
 from solver.axisymmetric.tissue_field import TissueField, jacobian
+from solver.elements.quadrilateral import Geometry, dilations
+from solver.elements.shape_functions import functions, pressures
 from solver.equivalent_inclusion.first_order import POINTS, half_ball
 from solver.inclusions.tumours import Tumours
 

@@ -4,7 +4,7 @@
 
 and the same turned by a quarter of a wave, (sin, -cos, sin). For m > 0 the components are U + V, U - V and W: near the
 axis they behave as r^(m+1), r^(m-1) and r^m, so that each either vanishes there or is free. Elements are those of the base
-states, volumetric strain projected alike (``solver/axisymmetric/quadrilateral.py``).
+states, volumetric strain projected alike (``solver/elements/quadrilateral.py``).
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from geometry.common.errors import SolveError
 from solver.axisymmetric.base_states import MeridianModel, condensed
 from solver.axisymmetric.condensed_system import LARGEST_RESIDUAL, System
 from solver.axisymmetric.dofs import Interface, Numbering, numbering
-from solver.axisymmetric.quadrilateral import Geometry
-from solver.axisymmetric.shape_functions import Shapes
+from solver.elements.quadrilateral import Geometry
+from solver.elements.shape_functions import Shapes
 from solver.linalg.cholesky import Factor
 
 BATCH = 64  # elements at once, which bounds the memory of their strains

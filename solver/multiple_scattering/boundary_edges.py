@@ -10,7 +10,7 @@ from geometry.common.arrays import Floats, Ints
 from geometry.meridian.mesh import SQUARE, labels, line_label, nodes
 from geometry.meridian.section import LAYERS, Body, Section
 from solver.axisymmetric.base_states import MeridianModel
-from solver.axisymmetric.shape_functions import functions
+from solver.elements.shape_functions import functions
 
 ENDS = ((0, 1), (1, 2), (3, 2), (0, 3))  # corners of an element's sides, as its functions run along them
 EXTRA = 3  # Gauss-Lobatto points of an edge beyond those that its polynomials need

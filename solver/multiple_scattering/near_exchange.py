@@ -17,9 +17,9 @@ import numpy as np
 from geometry.common.arrays import Floats, Ints
 from geometry.common.resources import check_time
 from solver.axisymmetric.dofs import Interface
-from solver.axisymmetric.quadrilateral import dilations
-from solver.axisymmetric.shape_functions import functions, pressures
 from solver.axisymmetric.tissue_field import TissueField
+from solver.elements.quadrilateral import dilations
+from solver.elements.shape_functions import functions, pressures
 from solver.inclusions.mode_sums import Sampler, Table
 from solver.inclusions.vector_modes import DISPLACEMENT, stack
 from solver.multiple_scattering.boundary_edges import Edges

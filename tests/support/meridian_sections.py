@@ -14,9 +14,9 @@ from geometry.meridian.frame import MeridianFineness
 from geometry.meridian.frame import kind as kind_of
 from geometry.meridian.mesh import Topology, nodes, topology
 from geometry.meridian.section import Body, Section
-from solver.axisymmetric.quadrilateral import Geometry, geometry
 from solver.axisymmetric.sections import HALF_SPACE
-from solver.axisymmetric.shape_functions import shapes
+from solver.elements.quadrilateral import Geometry, geometry
+from solver.elements.shape_functions import shapes
 
 COARSE = MeridianFineness(1, 2, 4)
 few, many = (settings(derandomize=True, deadline=None, max_examples=count) for count in (100, 250))

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from geometry.meridian.mesh import nodes
-from solver.axisymmetric.quadrilateral import geometry, lame, matrices
 from solver.axisymmetric.sections import sections
-from solver.axisymmetric.shape_functions import shapes
 from solver.contact.elements import Elements, ElementValues
 from solver.contact.hyperelasticity import Hyperelastic
 from solver.contact.model import ContactModel
+from solver.elements.quadrilateral import geometry, lame, matrices
+from solver.elements.shape_functions import shapes
 from tests.support.load_paths import COARSE, scene_of
 
 STEP = 1e-6

@@ -2,7 +2,7 @@
 
 Functions are products of one-dimensional ones, N(x) M(y), and so are products of two of them. So a sum over points (x_a, y_b)
 
-    int c f_i g_j = sum_b F_y(b; i_2 j_2) sum_a F_x(a; i_1 j_1) c(a, b)        (AX.10)
+    int c f_i g_j = sum_b F_y(b; i_2 j_2) sum_a F_x(a; i_1 j_1) c(a, b)        (EL.1)
 
 takes (p + 2) / 2 times fewer operations than one over all points at once would (Orszag, J. Comput. Phys. 37, 1980, 70-92).
 """

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Floats
-from solver.axisymmetric.quadrilateral import Geometry
-from solver.axisymmetric.shape_functions import Shapes, shapes
+from solver.elements.quadrilateral import Geometry
+from solver.elements.shape_functions import Shapes, shapes
 from solver.linalg.workspace import kept_table
 
 

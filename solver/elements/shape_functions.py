@@ -12,7 +12,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from geometry.common.arrays import Floats, Ints
-from solver.axisymmetric.tensor_products import ElementTables
+from solver.elements.tensor_products import ElementTables
 from solver.linalg.workspace import kept
 
 

@@ -14,8 +14,8 @@ from geometry.meridian.frame import kind as kind_of
 from geometry.meridian.mesh import SQUARE, Topology, nodes
 from geometry.meridian.section import Body, Section
 from solver.axisymmetric.dofs import Numbering, numbering
-from solver.axisymmetric.quadrilateral import gradients, matrices, projected
-from solver.axisymmetric.shape_functions import functions, shapes
+from solver.elements.quadrilateral import gradients, matrices, projected
+from solver.elements.shape_functions import functions, shapes
 from tests.support.meridian_sections import COARSE, PAPER, geometry_of, mesh_of, of_probe, section, special
 
 

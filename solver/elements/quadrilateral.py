@@ -15,7 +15,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
-from solver.axisymmetric.shape_functions import Shapes
+from solver.elements.shape_functions import Shapes
 
 
 @dataclass(frozen=True)
