@@ -11,11 +11,15 @@ import pytest
 
 from geometry import Load, Scene
 from probe_design.optimisation.candidate import Candidate, candidate
+from probe_design.optimisation.comparison import level_rows
 from probe_design.optimisation.loaded_candidate import asks_for_contact, under_load
 from probe_design.optimisation.loaded_search import limited, unlimited
 from probe_design.optimisation.objective import Noise
+from probe_design.optimisation.optimize import optimize
+from probe_design.optimisation.report import summary
 from solver import evaluate
 from tests.support.load_paths import FOLDER, scene_of
+from tests.support.scenes import nodule
 
 NOISE = Noise()
 EXPECTED = json.loads((FOLDER / "expected.json").read_text())
@@ -126,6 +130,34 @@ def test_finalists_do_not_hang_on_the_limit_of_the_load() -> None:
         again = candidate(scene, NOISE, "axisymmetric")
         assert (own.scene.load, own.pressing, own.judged_objective) == (scene.load, again.pressing, again.judged_objective)
         assert unlimited(own.scene) == free.scene
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_a_tighter_limit_of_the_load_never_gives_a_better_optimum() -> None:
+    """The whole loop: within linear elasticity, where only some designs ask for more, and where all do."""
+    found = [optimize(pressed_nodule(force), lambda *_: None, starts=1, outer_radius=4.5e-3) for force in (1e-3, 0.03, 0.1)]
+    best = [one.candidates[0].judged_objective for one in found]
+    assert all(wider <= tighter for tighter, wider in pairwise(best)), best
+    assert found[0].candidates[0].judged.evaluator == "axisymmetric"
+    last = found[-1]
+    assert last.found.judged.evaluator == last.baseline.judged.evaluator == "contact"
+    assert last.found.linear is not None
+    assert last.found.judged_objective < last.found.linear.judged_objective
+    told = summary(last, [])
+    assert told["evaluator"] == told["baseline_evaluator"] == "contact"
+    gain, error = last.best.gain_over(last.best.linear or last.best)
+    assert (told["under_load"]["gain"], told["under_load"]["gain_error"]) == pytest.approx((gain, error))
+    assert told["force_limited_by"] == last.best.pressing.by
+    rows = {name: found for name, _, found, _ in level_rows(last)}
+    assert rows["force limited by"] == last.found.pressing.by
+    assert float(rows["gain of more load, %"]) == pytest.approx(100 * gain, rel=0.01)
+    assert any("where linear elasticity ends" in line for line in last.remarks)
+    assert all(candidate(one.pressed, NOISE, "axisymmetric").pressing.force <= one.pressing.force for one in last.candidates[:2])
+
+
+def pressed_nodule(force: float) -> Scene:
+    return nodule().model_copy(update={"load": Load(force=force)})
 
 
 def test_a_small_load_asks_for_no_contact() -> None:
