@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from geometry.common.arrays import Bools, Floats
+from geometry.common.arrays import Floats
 from solver.contact.hyperelasticity import TT, Hyperelastic, Stress, change_of_volume
 from solver.elements.quadrilateral import Geometry
 from solver.elements.shape_functions import Shapes
@@ -122,8 +122,10 @@ class Elements:
         gap = (self.square.weight * (stress.change - self.material.dilation(p)[0])) @ self.shapes.pressure
         return self._condensed(self._forces(stress, p), gap, near)
 
-    def by_modulus(self, state: ElementValues, near: Elimination, target: Bools) -> Floats:
-        """The forces' derivative by ln E of the ``target`` elements, shape (n,), on corners and edges, (n, 8 p).
+    def by_modulus(self, state: ElementValues, near: Elimination, target: Floats) -> Floats:
+        """The forces' derivative by ln E of the target, on corners and edges, (n, 8 p).
+
+        ``target`` is its share of each element, shape (n, 1), or of each Gauss point's circle about the axis, (n, q).
 
         At one strain and one pressure
 
@@ -131,8 +133,9 @@ class Elements:
         """
         stress, p = self.material.stress(self.square.gradients(state.u)), state.p @ self.shapes.pressure.T
         compliance = self.material.dilation(p)[1]
-        gap = (self.square.weight * p * compliance * target[:, None]) @ self.shapes.pressure
-        return self._condensed(self._forces(stress, np.zeros_like(p)) * target[:, None], gap, near).forces
+        weight = self.square.weight * target
+        gap = (weight * p * compliance) @ self.shapes.pressure
+        return self._condensed(self.square.forces(self.square.turned(weight * stress.first_piola)), gap, near).forces
 
     def moved(
         self, state: ElementValues, by: Elimination, edge: Floats, at: Balance | None = None, share: float = 1.0

@@ -114,9 +114,9 @@ class ContactModel:
         return [min(length, OPENING * indentation) if pair.smooth else length for pair in self.pairs]
 
     @property
-    def target(self) -> Bools:
-        """The elements of the sphere, shape (n,)."""
-        return np.asarray(self.mesh.body == Body.INCLUSION)
+    def target(self) -> Floats:
+        """The sphere's share of each element, 0 or 1, shape (n, 1)."""
+        return np.asarray(self.mesh.body == Body.INCLUSION, dtype=float)[:, None]
 
     def displaced(self, v: Floats, indentation: float) -> Floats:
         """The elements' own values, the blocks' shift included, m, shape (n, 8 p)."""
@@ -214,7 +214,7 @@ class ContactModel:
         """Forces on the films, N, shape (2,): what the energy rises by per indentation of each block's base (CT.6)."""
         return np.asarray(self.lift.reshape(-1, 2).T @ (at.balance.forces.ravel() + at.contact))
 
-    def responses(self, state: State, at: Linearised, target: Bools | None = None) -> tuple[Floats, Floats]:
+    def responses(self, state: State, at: Linearised, target: Floats | None = None) -> tuple[Floats, Floats]:
         """How unknowns, (unknowns, k), and film forces, (2, k), change with indentation and, if asked for, ln E of the target.
 
         Raises:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from geometry.common.arrays import Bools, Floats
+from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
 from solver.contact.model import ContactModel
 from solver.contact.newton import Equilibrium, solve
@@ -167,7 +167,7 @@ class Path:
         return self._pressed(solve(self.model, self._following(self._before(indentation), indentation)))
 
     @property
-    def _target(self) -> Bools | None:
+    def _target(self) -> Floats | None:
         return self.model.target if self.sensitive else None
 
     def _near(self, indentation: float) -> list[Pressed]:
