@@ -11,7 +11,7 @@ from probe_design.cli.arguments import FILE_NAME, completed, force_option, lengt
 from probe_design.cli.output import print_json, tell_assumed
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping, Sequence
 
     from geometry.scenes.scene import Scene
     from probe_design.populations.design_file import Design
@@ -132,8 +132,7 @@ def _optimize_population(
     from probe_design.design_report.table import table
     from probe_design.design_search.optimize import optimize
     from probe_design.design_search.pareto import front
-    from probe_design.reports.workshop import export_command
-    from probe_design.terminal.console import message, show, stages, warn
+    from probe_design.terminal.console import message, show, stages
 
     with stages() as progress:
         optimum = optimize(design, progress)
@@ -148,12 +147,8 @@ def _optimize_population(
     else:
         show(table(optimum, maps))
         message(f"search: {optimum.how}")
-        message(f"wrote {len(files)} files to {output}; begin with {output / 'report.html'}")
-        message(f"for the workshop: {export_command(output)}")
-    warn(optimum.warnings)
-    message(optimum.verdict)
-    if optimum.status == "no-gain":
-        raise SystemExit(1)
+        _tell_files(output, files)
+    _conclude(optimum.verdict, optimum.status, optimum.warnings)
 
 
 def _optimize_scene(
@@ -170,8 +165,7 @@ def _optimize_scene(
     from probe_design.optimisation.comparison import levels_table
     from probe_design.optimisation.optimize import optimize as run
     from probe_design.optimisation.report import summary, write_all
-    from probe_design.reports.workshop import export_command
-    from probe_design.terminal.console import message, show, stages, warn
+    from probe_design.terminal.console import show, stages
 
     asked = _question(start)
     _check(output, asked, force)
@@ -183,11 +177,25 @@ def _optimize_scene(
     else:
         show(levels_table(optimum))
         tell_assumed(optimum.best.scene.probe)
-        message(f"wrote {len(files)} files to {output}; begin with {output / 'report.html'}")
-        message(f"for the workshop: {export_command(output)}")
-    warn(optimum.remarks)
-    message(optimum.verdict)
-    if optimum.status == "no-gain":
+        _tell_files(output, files)
+    _conclude(optimum.verdict, optimum.status, optimum.remarks)
+
+
+def _tell_files(output: Path, files: Sequence[Path]) -> None:
+    from probe_design.reports.workshop import export_command
+    from probe_design.terminal.console import message
+
+    message(f"wrote {len(files)} files to {output}; begin with {output / 'report.html'}")
+    message(f"for the workshop: {export_command(output)}")
+
+
+def _conclude(verdict: str, status: str, warnings: Iterable[str]) -> None:
+    """End with the verdict; exit code 1 where nothing better was found."""
+    from probe_design.terminal.console import message, warn
+
+    warn(warnings)
+    message(verdict)
+    if status == "no-gain":
         raise SystemExit(1)
 
 
