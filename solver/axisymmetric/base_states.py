@@ -23,12 +23,12 @@ from geometry.meridian.section import Body, Section
 from geometry.scenes.probe import Material
 from solver.axisymmetric.condensed_system import System
 from solver.axisymmetric.dofs import Interface, numbering
-from solver.elements.quadrilateral import Geometry, geometry, lame, matrices, stiffness
+from solver.elements.quadrilateral import Blocks, Geometry, geometry, lame, matrices, stiffness
 from solver.elements.shape_functions import Shapes, shapes
 from solver.linalg.workspace import current, kept
 
 Materials = Mapping[Body, Material]
-BLOCK = 32  # elements worked on at once: few enough for the processor's cache
+BLOCK = 64  # elements worked on at once: few enough for the processor's cache
 WHOLE = 2.6  # times the bytes of all element matrices: what a process holds at most
 _mesh = kept(topology)
 
@@ -64,8 +64,8 @@ class MeridianModel:
         shear, volume = matrices(self.at.of(chosen), self.shapes)
         return shear.reshape(len(chosen), size, size), volume.reshape(len(chosen), size, size)
 
-    def stiffness(self, chosen: Ints) -> Floats:
-        """Matrices of some elements with their moduli, shape (e, 2, s, 2, s). They are not kept."""
+    def stiffness(self, chosen: Ints) -> Blocks:
+        """Matrices of some elements with their moduli. They are not kept."""
         return stiffness(self.at.of(chosen), self.shapes, self.two_mu[chosen], self.lam[chosen])
 
     def whole(self, edge: Floats) -> Floats:
@@ -129,7 +129,7 @@ def model(
     at = geometry(nodes(section, mesh, functions.places), functions)
     two_mu, lam = _moduli(mesh, materials)
     blocks = [slice(low, low + BLOCK) for low in range(0, len(mesh.body), BLOCK)]
-    parts = [condensed(stiffness(at.of(one), functions, two_mu[one], lam[one]), functions.skeleton) for one in blocks]
+    parts = [stiffness(at.of(one), functions, two_mu[one], lam[one]).condensed() for one in blocks]
     edge, recovery = (np.concatenate(part) for part in zip(*parts, strict=True))
     system = System.of(numbering(mesh, fineness.order, interface), edge)
     return MeridianModel(
@@ -176,18 +176,3 @@ def _moduli(mesh: Topology, materials: Materials) -> tuple[Floats, Floats]:
     for body, material in materials.items():
         moduli[body], ratios[body] = material.youngs_modulus, material.poisson_ratio
     return lame(moduli[mesh.body], ratios[mesh.body])
-
-
-def condensed(stiffness: Floats, skeleton: int) -> tuple[Floats, Floats]:
-    """Eliminate each element's inside, whose functions come after its ``skeleton``; stiffness (n, c, s, c, s), c components.
-
-    Returns the condensed matrices and what gives the inside from the edge: inside = recovery @ edge.
-    """
-    n, c, s = stiffness.shape[:3]
-    edge, inner = c * skeleton, c * (s - skeleton)
-    low, high = slice(None, skeleton), slice(skeleton, None)
-    outside = stiffness[:, :, low, :, low].reshape(n, edge, edge)
-    across = stiffness[:, :, high, :, low].reshape(n, inner, edge)
-    recovery = -np.linalg.solve(stiffness[:, :, high, :, high].reshape(n, inner, inner), across)
-    reduced = outside + across.transpose(0, 2, 1) @ recovery
-    return (reduced + reduced.transpose(0, 2, 1)) / 2, np.asarray(recovery)

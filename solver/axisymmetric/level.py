@@ -6,12 +6,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, SolveError
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.converged_forces import Converged, converged_forces
+from solver.linalg.memory import keep_freed
+from solver.linalg.threads import one_thread
 from solver.linalg.workspace import in_own_workspace
 from solver.results.evaluator import Answer, FilmLevel, Tell
 from solver.results.kinds import needs_solid
@@ -59,7 +60,8 @@ class Axisymmetric(FilmLevel):
         why = self.refusal(scene)
         if why is not None:
             raise Refusal("evaluator", self.name, why)
-        with threadpool_limits(1, user_api="blas"):  # many small products: more threads only wait for each other
+        keep_freed()
+        with one_thread():
             try:
                 return converged_forces(scene, accuracy, moduli)
             except SolveError as fault:

@@ -37,6 +37,40 @@ class Geometry:
         return Geometry(self.radius[chosen], self.weight[chosen], self.inverse[chosen])
 
 
+@dataclass(frozen=True)
+class Blocks:
+    """Element matrices as their insides are eliminated: the functions on corners and edges, all components, and those within.
+
+    Attributes:
+        outside: shape (n, c 4 p, c 4 p) for c components.
+        across: of the inside's forces by the outside's values, shape (n, c (p-1)^2, c 4 p).
+        inside: shape (n, c (p-1)^2, c (p-1)^2).
+    """
+
+    outside: Floats
+    across: Floats
+    inside: Floats
+
+    @classmethod
+    def of(cls, whole: Floats, skeleton: int) -> Blocks:
+        """Part matrices (n, c, s, c, s) whose first ``skeleton`` functions are on corners and edges."""
+        n, c, s = whole.shape[:3]
+        edge, inner = c * skeleton, c * (s - skeleton)
+        low, high = slice(None, skeleton), slice(skeleton, None)
+        outside = whole[:, :, low, :, low].reshape(n, edge, edge)
+        across = whole[:, :, high, :, low].reshape(n, inner, edge)
+        return cls(outside, across, whole[:, :, high, :, high].reshape(n, inner, inner))
+
+    def condensed(self) -> tuple[Floats, Floats]:
+        """Eliminate each element's inside.
+
+        Returns the condensed matrices and what gives the inside from the edge: inside = recovery @ edge.
+        """
+        recovery = -np.linalg.solve(self.inside, self.across)
+        reduced = self.outside + self.across.transpose(0, 2, 1) @ recovery
+        return (reduced + reduced.transpose(0, 2, 1)) / 2, np.asarray(recovery)
+
+
 def geometry(nodes: Floats, shapes: Shapes) -> Geometry:
     """Return the elements' geometry from their nodes, shape (n, s, 2).
 
@@ -68,20 +102,26 @@ def matrices(at: Geometry, shapes: Shapes) -> tuple[Floats, Floats]:
     Returns two arrays of shape (n, 2, s, 2, s), the components r and z before the functions: the stiffness per unit 2 mu
     and per unit lambda.
     """
-    one, shape = np.ones(len(at.weight)), (len(at.weight), 2, len(shapes.degrees), 2, len(shapes.degrees))
-    return _shear(at, shapes, one).reshape(shape), _volume(at, shapes, one).reshape(shape)
+    one, shape = np.ones(len(at.weight)), (len(at.weight), *(2, len(shapes.degrees)) * 2)
+    moments, mass = volume_moments(at, shapes)
+    volume = moments.transpose(0, 2, 1) @ (np.linalg.inv(mass) @ moments)
+    return _shear(at, shapes, one).take(shapes.tables.stiffness, axis=1).reshape(shape), volume.reshape(shape)
 
 
-def stiffness(at: Geometry, shapes: Shapes, two_mu: Floats, lam: Floats) -> Floats:
-    """Return the elements' matrices with their moduli, shape (n,) both; shape (n, 2, s, 2, s)."""
-    whole = _shear(at, shapes, two_mu)
-    whole += _volume(at, shapes, lam)
-    return whole.reshape(len(whole), *(2, len(shapes.degrees)) * 2)
+def stiffness(at: Geometry, shapes: Shapes, two_mu: Floats, lam: Floats) -> Blocks:
+    """Return the elements' matrices with their moduli, shape (n,) both: of corners and edges, and of their insides."""
+    s, m = len(shapes.degrees), shapes.skeleton
+    order = np.concatenate([np.arange(m), np.arange(s, s + m), np.arange(m, s), np.arange(s + m, 2 * s)])
+    moments, mass = volume_moments(at, shapes)
+    moments = moments[:, :, order]
+    whole = moments.transpose(0, 2, 1) @ (lam[:, None, None] * (np.linalg.inv(mass) @ moments))
+    whole += _shear(at, shapes, two_mu).take(shapes.tables.stiffness[np.ix_(order, order)], axis=1)
+    return Blocks(whole[:, : 2 * m, : 2 * m], whole[:, 2 * m :, : 2 * m], whole[:, 2 * m :, 2 * m :])
 
 
 def _shear(at: Geometry, shapes: Shapes, two_mu: Floats) -> Floats:
-    """Integrals of 2 mu eps:eps, shape (n, 2 s, 2 s)."""
-    n, table, size = len(at.weight), shapes.tables, 2 * len(shapes.degrees)
+    """Sums from which ``ElementTables.stiffness`` takes the integrals of 2 mu eps:eps, shape (n, sums)."""
+    table = shapes.tables
     (xr, xz), (yr, yz) = (at.inverse[..., k, :].transpose(2, 0, 1) for k in (0, 1))  # x, y: the unit square's; r, z
     w = at.weight * two_mu[:, None]
     half = w / 2
@@ -93,14 +133,7 @@ def _shear(at: Geometry, shapes: Shapes, two_mu: Floats) -> Floats:
         table.even([None, *axial[:2], *axial[1:]]),
         table.odd([zz * xr, zz * yr, half * yz * xr, half * yz * yr]),
     )
-    flat = np.stack(sums, axis=1).reshape(n, 3 * sums[0].shape[1] * sums[0].shape[2])
-    return flat.take(table.stiffness, axis=1).reshape(n, size, size)
-
-
-def _volume(at: Geometry, shapes: Shapes, lam: Floats) -> Floats:
-    """Integrals of lambda (P div u)^2, shape (n, 2 s, 2 s)."""
-    moments, mass = volume_moments(at, shapes)
-    return moments.transpose(0, 2, 1) @ (lam[:, None, None] * (np.linalg.inv(mass) @ moments))
+    return np.concatenate([one.reshape(len(w), one.shape[1] * one.shape[2]) for one in sums], axis=1)
 
 
 def volume_moments(at: Geometry, shapes: Shapes) -> tuple[Floats, Floats]:

@@ -119,7 +119,7 @@ def _solved(m: MeridianModel, elements: Any, loads: Floats) -> Floats:
     on_edges[elements] = loads[:, :, :edge].reshape(e, -1, k) + m.recovery[elements].transpose(0, 2, 1) @ inside
     v, _, _ = m.system.solve(m.system.add_up(on_edges), passes=2)
     whole = m.whole(m.system.own(v))
-    inner = m.stiffness(elements)[:, :, edge:, :, edge:].reshape(e, inside.shape[1], -1)
+    inner = m.stiffness(elements).inside
     shaped = whole.reshape(len(whole), 2, s, k)
     shaped[elements, :, edge:] += np.linalg.solve(inner, inside).reshape(e, 2, s - edge, k)
     return shaped.reshape(whole.shape)

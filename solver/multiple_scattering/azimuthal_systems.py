@@ -17,10 +17,10 @@ import numpy as np
 
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
-from solver.axisymmetric.base_states import MeridianModel, condensed
+from solver.axisymmetric.base_states import MeridianModel
 from solver.axisymmetric.condensed_system import LARGEST_RESIDUAL, System
 from solver.axisymmetric.dofs import Interface, Numbering, numbering
-from solver.elements.quadrilateral import Geometry
+from solver.elements.quadrilateral import Blocks, Geometry
 from solver.elements.shape_functions import Shapes
 from solver.linalg.cholesky import Factor
 
@@ -130,7 +130,7 @@ class AzimuthalSystems:
         if m == 0:
             return Harmonic.of(0, model, self.boundary, model.system)
         parts = (slice(low, low + BATCH) for low in range(0, len(model.two_mu), BATCH))
-        edges = [condensed(self._combined(m, part), model.shapes.skeleton)[0] for part in parts]
+        edges = [Blocks.of(self._combined(m, part), model.shapes.skeleton).condensed()[0] for part in parts]
         numbered = numbering(model.mesh, model.shapes.order, self.interface, min(m, 2))  # higher orders vanish on the axis alike
         system = System.of(numbered, np.concatenate(edges), shared=False)
         return Harmonic.of(m, model, self.boundary, system)
@@ -139,7 +139,7 @@ class AzimuthalSystems:
         """Return what gives the values inside some elements from those on corners and edges, (e, c (p-1)^2, 4 c p)."""
         if m == 0:
             return self.model.recovery[elements]
-        return condensed(self._combined(m, elements), self.model.shapes.skeleton)[1]
+        return Blocks.of(self._combined(m, elements), self.model.shapes.skeleton).condensed()[1]
 
     def _combined(self, m: int, part: slice | Ints) -> Floats:
         """Eq. MS.2 for some elements."""

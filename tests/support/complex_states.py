@@ -9,9 +9,10 @@ from scipy.sparse.linalg import splu
 from geometry import Scene
 from geometry.meridian.frame import MeridianFineness
 from geometry.meridian.section import Body
-from solver.axisymmetric.base_states import condensed, model
+from solver.axisymmetric.base_states import model
 from solver.axisymmetric.gradients import MATERIALS
 from solver.axisymmetric.sections import sections, with_details
+from solver.elements.quadrilateral import Blocks
 
 
 def complex_ratio(scene: Scene, fineness: MeridianFineness, frequency: float = 0.0, density: float = 0.0) -> complex:
@@ -32,7 +33,7 @@ def complex_ratio(scene: Scene, fineness: MeridianFineness, frequency: float = 0
     whole = (real.two_mu * turn)[:, None, None] * shear + (real.lam * turn)[:, None, None] * volume
     mass = density * np.einsum("nq,qs,qt->nst", real.at.weight, real.shapes.value, real.shapes.value)
     whole = whole - (2 * np.pi * frequency) ** 2 * np.einsum("cd,nst->ncsdt", np.eye(2), mass).reshape(whole.shape)
-    stiffness, _ = condensed(whole.reshape(n, 2, s, 2, s), real.shapes.skeleton)
+    stiffness, _ = Blocks.of(whole.reshape(n, 2, s, 2, s), real.shapes.skeleton).condensed()
     gather, lift = real.system.numbering.gather, real.system.numbering.lift
     size = stiffness.shape[1]
     blocks = sparse.bsr_matrix((stiffness, np.arange(n), np.arange(n + 1)), shape=(n * size, n * size))
