@@ -53,15 +53,15 @@ class Kind:
 
 @dataclass(frozen=True)
 class MeridianFineness:
-    """How fine a mesh is: a multiplier of the number of cells, geometric layers at each corner, polynomial order."""
+    """How fine a mesh is: a multiplier of the number of cells, 0.7 or more, geometric layers at each corner, polynomial order."""
 
     cells: float
     layers: int
     order: int
 
-    def count(self, cells: int) -> int:
-        """Number of cells where the coarsest mesh has ``cells``."""
-        return max(1, round(self.cells * cells))
+    def count(self, cells: int, least: int = 1) -> int:
+        """Number of cells where the mesh with a multiplier of 1 has ``cells``; never fewer than ``least`` of these."""
+        return max(min(cells, least), round(self.cells * cells))
 
 
 @dataclass(frozen=True)
@@ -115,8 +115,9 @@ class MeshTopology:
         self.split_gap = "box" in names and names.index("box") - 1 in gap
         # three columns below a gap become one; other numbers do not, but for a single one on each side of the box's edge
         self.merging = not kind.thin and fineness.cells < MANY
-        self.columns = tuple(cells if k in gap and self.merging else n(cells) for k, cells in enumerate(kind.columns))
-        self.rows, self.blocks, self.rings = (tuple(n(cells) for cells in part) for part in (kind.rows, kind.blocks, kind.rings))
+        self.columns = tuple(cells if k in gap and self.merging else n(cells, 3) for k, cells in enumerate(kind.columns))
+        self.rows, self.blocks = (tuple(n(cells) for cells in part) for part in (kind.rows, kind.blocks))
+        self.rings = n(kind.rings[0], 2), n(kind.rings[1])
         self.column = dict(zip(names, np.cumsum([0, *self.columns]).tolist(), strict=True))
         self.row = dict(zip(levels, np.cumsum([0, *self.rows]).tolist(), strict=True))
         self.interfaces = [self.row[f"interface {k}"] for k in range(sum(kind.layers))]

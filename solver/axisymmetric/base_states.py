@@ -28,7 +28,7 @@ from solver.elements.shape_functions import Shapes, shapes
 from solver.linalg.workspace import current, kept
 
 Materials = Mapping[Body, Material]
-BLOCK = 64  # elements worked on at once: few enough for the processor's cache
+BLOCK = 2e6  # bytes of the elements' matrices that are worked on at once: few enough for the processor's cache
 WHOLE = 2.6  # times the bytes of all element matrices: what a process holds at most
 _mesh = kept(topology)
 
@@ -128,7 +128,8 @@ def model(
     current().make_room(WHOLE * size)
     at = geometry(nodes(section, mesh, functions.places), functions)
     two_mu, lam = _moduli(mesh, materials)
-    blocks = [slice(low, low + BLOCK) for low in range(0, len(mesh.body), BLOCK)]
+    count = max(1, int(BLOCK / (8 * (2 * len(functions.degrees)) ** 2)))
+    blocks = [slice(low, low + count) for low in range(0, len(mesh.body), count)]
     parts = [stiffness(at.of(one), functions, two_mu[one], lam[one]).condensed() for one in blocks]
     edge, recovery = (np.concatenate(part) for part in zip(*parts, strict=True))
     system = System.of(numbering(mesh, fineness.order, interface), edge)

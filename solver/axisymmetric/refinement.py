@@ -26,7 +26,8 @@ LEVELS = (
     MeridianFineness(2, 6, 8),
 )
 COARSE_ENOUGH = (3e-3, 3e-4)  # accuracies below which the first, the second level is left out
-ROUGH = 0.05  # accuracies from which the coarser of the first two levels is tried alone, below them the finer
+LIGHT = MeridianFineness(0.7, 2, 4)  # tried first where none is left out and one mesh tells its own error
+ONE_MESH = (4, 5, 6)  # orders of meshes that do
 UNSEEN_DROP = 1.5  # by which errors are trusted to fall from one level to the next before it is seen
 LEAST_SHARE = 1.5  # of the last change: the least that the error bound keeps
 GUARD = 0.3  # of the largest change that eq. AX.2 allows
@@ -55,25 +56,27 @@ def refine(
         solve: solves on a mesh.
         accuracy: relative.
         good: whether a sample with its errors is good enough.
-        alone: the errors of a sample from its own mesh, where that can be told; a second mesh is then for those that need it.
+        alone: the errors of a sample from its own mesh of an order in ``ONE_MESH``, where that can be told.
 
     Raises:
         SolveError: not even two meshes could be solved, or one where that is asked.
         LimitReached: likewise, within the limits.
     """
-    levels = LEVELS[sum(accuracy < limit for limit in COARSE_ENOUGH) :]
     history: list[MeshSample] = []
     best: tuple[MeshSample, SampleErrors] | None = None
-    for number, single in _turns(len(levels), accuracy >= ROUGH, alone is not None):
+    for level in _ladder(accuracy, alone is not None):
         try:
-            history.insert(number, solve(levels[number]))
-            if len(history) == 1 and not single:
-                continue
-            latest = history[-1], alone(history[-1]) if single and alone is not None else errors(history)
+            found = solve(level)
+            history += [] if level == LIGHT else [found]
+            known = [alone(found)] if alone is not None and level.order in ONE_MESH else []
+            known += [errors(history)] if len(history) > 1 else []
         except (SolveError, LimitReached) as fault:
             if best is None:
                 raise
             return *best, Note("limit", str(fault)) if isinstance(fault, LimitReached) else str(fault)
+        if not known:
+            continue
+        latest = found, min(known, key=lambda one: _worst(found, one))
         if best is None or _worst(*latest) < _worst(*best):  # rounding may grow from mesh to mesh: the best is kept
             best = latest
         if good(*latest):
@@ -82,10 +85,12 @@ def refine(
     return *best, "this is the finest"
 
 
-def _turns(count: int, rough: bool, alone: bool) -> list[tuple[int, bool]]:
-    """In which order levels are solved, and whether one is to do alone: if it does not, the other of the first two follows."""
-    first = [0, 1] if rough or not alone else [1, 0]
-    return [(first[0], alone), (first[1], False), *((number, False) for number in range(2, count))]
+def _ladder(accuracy: float, alone: bool) -> Sequence[MeridianFineness]:
+    """The meshes that are solved in turn; where one tells its own error the first is as fine as the second would be."""
+    levels = LEVELS[sum(accuracy < limit for limit in COARSE_ENOUGH) :]
+    if not alone:
+        return levels
+    return (LIGHT, *levels[1:]) if levels == LEVELS else levels[1:]
 
 
 def _worst(sample: MeshSample, bounds: SampleErrors) -> float:

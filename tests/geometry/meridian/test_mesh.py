@@ -7,19 +7,19 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from geometry.common.errors import SolveError
 from geometry.meridian.frame import MeridianFineness
 from geometry.meridian.frame import kind as kind_of
-from geometry.meridian.mesh import SQUARE, Topology, nodes
-from geometry.meridian.section import Body, Section
+from geometry.meridian.mesh import SQUARE, Topology, labels, line_label, nodes
+from geometry.meridian.section import TISSUES, Body, Section
 from geometry.scenes.probe import Material
 from solver.axisymmetric.base_states import model
 from solver.axisymmetric.energy_derivatives import velocities
-from solver.axisymmetric.refinement import LEVELS
+from solver.axisymmetric.refinement import LEVELS, LIGHT
 from tests.support.meridian_sections import (
     COARSE,
     DEFAULTS,
@@ -60,9 +60,41 @@ def test_promised_sections_are_covered_once(case: dict[str, float]) -> None:
     assert_covered_once(section(**case), mesh_of(section(**case)))
 
 
+def assert_conforming(mesh: Topology) -> None:
+    """Of each body's side of the surface two elements share an edge, but on the axis, where bodies end, and around the gap."""
+    layout, corners = mesh.layout, labels(mesh)
+    block = ~np.isin(mesh.body, (*TISSUES, Body.INCLUSION))
+    ends = corners[:, [[0, 1], [1, 2], [3, 2], [0, 3]]]  # (n, edges, ends, 2)
+    ends = np.take_along_axis(ends, np.lexsort((ends[..., 1], ends[..., 0]))[..., None], axis=2)
+    edges = np.concatenate([ends.reshape(len(ends), 4, 4), np.broadcast_to(block[:, None, None], (len(ends), 4, 1))], axis=2)
+    single, times = np.unique(edges.reshape(-1, 5), axis=0, return_counts=True)
+    assert times.max() == 2
+    single = single[times == 1]
+    radii = [line_label(layout.column[name]) for name in ("axis", "inner", "hole", "tube", "side")]
+    levels = [line_label(number) for number in (layout.row["floor"], layout.row["surface"], layout.inner[-1], layout.outer[-1])]
+    upright = (single[:, 0] == single[:, 2]) & np.isin(single[:, 0], radii)
+    level = (single[:, 1] == single[:, 3]) & np.isin(single[:, 1], levels)
+    assert np.all(upright | level), single[~(upright | level)]
+
+
+@special
+@pytest.mark.parametrize("level", [LIGHT, *LEVELS[:3]])
+def test_elements_of_special_sections_meet_along_whole_edges(case: dict[str, float], level: MeridianFineness) -> None:
+    if not section(**case).has_details:
+        assert_conforming(mesh_of(section(**case), level))
+
+
 @pytest.mark.slow
 @many
-@given(numbers, st.sampled_from(LEVELS))
+@given(numbers)
+def test_elements_of_promised_sections_meet_along_whole_edges(case: dict[str, float]) -> None:
+    assume(not section(**case).has_details)
+    assert_conforming(mesh_of(section(**case), LIGHT))
+
+
+@pytest.mark.slow
+@many
+@given(numbers, st.sampled_from((LIGHT, *LEVELS)))
 def test_no_cell_is_turned_inside_out_on_any_level(case: dict[str, float], level: MeridianFineness) -> None:
     geometry_of(section(**case), mesh_of(section(**case), level), 4)
 
