@@ -51,11 +51,11 @@ class System:
         return self._local(v, lift)[:, np.argmax(self.numbering.vertical)]
 
     def _local(self, v: Floats, lift: Floats | float) -> Floats:
-        return np.asarray((self.numbering.gather @ v).reshape(*self.stiffness.shape[:2], -1) + lift)
+        return np.asarray((self.numbering.gather @ v).reshape(*self.stiffness.shape[:2], v.shape[1]) + lift)
 
     def add_up(self, forces: Floats) -> Floats:
         """Add the elements' forces, shape (n, 8 p, k), to those of the unknowns."""
-        return np.asarray(self.numbering.gather.T @ forces.reshape(-1, forces.shape[-1]))
+        return np.asarray(self.numbering.gather.T @ forces.reshape(self.numbering.gather.shape[0], forces.shape[-1]))
 
     def lifted(self, lift: Floats) -> Floats:
         """Forces of the lift alone, shape (unknowns, k); few elements have any."""

@@ -70,7 +70,7 @@ def converged_forces(scene: Scene, accuracy: float, moduli: Floats | None = None
         lambda level: rough() if level == LEVELS[0] and chosen is plain else solve(level),
         accuracy,
         good,
-        order_errors if moduli is None and graded_everywhere(chosen.section) else None,
+        order_errors if graded_everywhere(chosen.section) else None,
     )
     films = _films(scene, mesh_sample, errors, missing)
     plan = tuple(change.decision(accuracy) for change in changes)

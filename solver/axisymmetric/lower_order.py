@@ -6,30 +6,40 @@ still, what the one before it did. With w the change of a state and W = w_1 + w_
 (Galerkin's orthogonality), element by element, so that changes cannot cancel unseen:
 
     e_i = sum over elements c_e d_e,   d_e = |a_e(w_i, W)| + 1/10 sqrt(a_e(w_i, w_i) a_e(W, W))        (AX.10)
-    c_e = min(c, max(1/4, k q / (1 - q))),   q = d_e at degree p over d_e at degree p - 1        (AX.11)
+    c_e = min(c, max(1, k q / (1 - q))),   q = d_e at degree p over d_e at degree p - 1        (AX.11)
 
 bounds film i's total. Were all errors those of corners, where p^-2 is left at degree p, 16/9, 25/11 and 36/13 of the change
-would be left at degrees 4 to 6, twice q / (1 - q); where changes fall by q with each degree, q / (1 - q) is. c = 2, 5/2, 4 and
-k = 6 at degree 4; above it c_e = c, for elements that are much longer than wide there fall less than they did before
-(``benchmarks/extremes/one_mesh.py``).
+would be left at degrees 4 to 6, twice q / (1 - q); where changes fall by q with each degree, q / (1 - q) is, and never less than
+the change once a corner's own error is all there is. c = 5/2, 5/2, 4 and k = 6 at degree 4; above it c_e = c, for changes in
+elements that are much longer than wide fall less there than they did before (``benchmarks/extremes/one_mesh.py``).
+
+A curve's states at every modulus are sums of a few vectors (eq. AX.9), and so are those of the smaller space, the best of these
+vectors' projections on it. There may be better ones, so that their energies tell too much if anything:
+
+    e_i(t) = max over some t' of [e_i / sqrt(a(w_i, w_i) a(W, W))](t') times sqrt(a(w_i, w_i) a(W, W))(t)        (AX.12)
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.meridian.section import Body, Section
-from solver.axisymmetric.base_states import products
+from solver.axisymmetric.base_states import BaseStates, MeridianModel, products
 from solver.axisymmetric.condensed_system import System
 from solver.axisymmetric.dofs import numbering
 from solver.axisymmetric.refinement import SampleErrors
 from solver.axisymmetric.sample import MeshSample
+from solver.linalg.rational_response import RationalResponse
 
-MOST = {4: 2.0, 5: 2.5, 6: 4.0}  # by order: c of eq. AX.10
+MOST = {4: 2.5, 5: 2.5, 6: 4.0}  # by order: c of eq. AX.10
 RATES = {4: 6.0}  # by order: k of eq. AX.11
-LEAST = 0.25  # of eq. AX.11
+LEAST = 1.0  # of eq. AX.11
 CANCELLING = 0.1  # of eq. AX.10
+DEPENDENT = 1e-12  # share of the largest energy below which a vector of the smaller space is none
+SAMPLED = 5  # moduli of a curve at which eq. AX.12 looks at single elements
 SLOPES = 2.0  # times: what the last degree changed of each film's log-sensitivity
 
 
@@ -42,48 +52,149 @@ def graded_everywhere(section: Section) -> bool:
     return not (section.interfaces or section.has_details or np.any(section.edge_radius != 0))
 
 
+@dataclass(frozen=True)
+class _Curve:
+    """Both states at every modulus.
+
+    Attributes:
+        values: the elements', of both at the modulus that was solved for and of the vectors of eq. AX.9, shape (n, 8 p, 2 + m).
+        rational: what the states are on these; None where there is one modulus, and no vectors.
+    """
+
+    values: Floats
+    rational: RationalResponse | None
+
+    def at(self, times: Floats) -> Floats:
+        """What both states are on the vectors at some moduli, shape (k, 2 + m, 2)."""
+        out = np.zeros((len(times), self.values.shape[2], 2))
+        out[:, :2] = np.eye(2)
+        if self.rational is not None:
+            out[:, 2:] = self.rational.amplitudes(times)[0]
+        return out
+
+    def state(self, time: float) -> Floats:
+        """Both states at a modulus, shape (n, 8 p, 2)."""
+        return np.asarray(self.values @ self.at(np.array([time]))[0])
+
+
 def order_errors(sample: MeshSample) -> SampleErrors:
-    """Bounds on the errors of a sample of one modulus, from its own mesh.
+    """Bounds on the errors of a sample from its own mesh, of an order in ``MOST``.
 
     The log-sensitivity is the difference of both films' own: each of these is bounded by what the last degree changed of it and,
     should that vanish by chance, by as large a share of itself as its film's force. A smaller system that is solved badly adds to
     the bounds: its energy is the least.
     """
-    states = sample.states
-    model, stiffness = states.model, states.model.system.stiffness
-    order = model.shapes.order
-    low = lower_order(sample, order - 1)
-    energies = _energies(stiffness, low - states.edge)
-    last = _sizes(energies)
-    left = np.full_like(last, MOST[order])
-    if order in RATES:
-        before = _sizes(_energies(stiffness, lower_order(sample, order - 2) - low))
-        left = np.clip(RATES[order] * _share(last, np.maximum(before - last, 0.0), np.inf), LEAST, left)  # eq. AX.11
-    bound = (left * last).sum(axis=0)
-    totals, slope = sample.totals[0], sample.slope[0].sum(axis=1)
-    inside = np.flatnonzero(model.mesh.body == Body.INCLUSION)
-    lower_slope = products(low[inside], stiffness[inside] @ low[inside]).sum(axis=1)
-    lower_totals = totals + energies.sum(axis=(0, 2))
-    share = _share(slope, totals)
-    films = SLOPES * np.abs(_share(lower_slope, lower_totals) - share) + np.abs(share) * _share(bound, np.abs(totals))
-    return SampleErrors(_known(bound[None] + sample.rounding), _known(films.sum(keepdims=True)))
+    own, times = _own(sample), sample.times
+    low = _lower(sample, own, sample.states.model.shapes.order - 1)
+    energies = _energies(
+        sample, np.concatenate([low.values, own.values], axis=2), np.hstack([low.at(times), -own.at(times)]), times
+    )
+    bound = _largest_share(sample, own, low) * _cauchy(energies)
+    totals, slope = sample.totals, sample.slope.sum(axis=2)
+    share, lower_slope = (
+        _share(slope, totals),
+        times[:, None] * _inclusion_energies(sample, low.values, low.at(times)).sum(axis=2),
+    )
+    change = np.abs(_share(lower_slope, totals + energies.sum(axis=2)) - share)
+    part = _share(bound, np.maximum(np.abs(totals) - bound, 0.0), np.inf)  # of the force that the error may leave
+    films = SLOPES * change + np.abs(share) * part
+    return SampleErrors(_known(bound + sample.rounding), _known(films.sum(axis=1)))
 
 
-def lower_order(sample: MeshSample, degree: int) -> Floats:
-    """Values of the elements in both states with edge functions up to a degree at most, shape (n, 8 p, 2)."""
-    model = sample.states.model
+def lower_order(states: BaseStates, vectors: Floats, degree: int, stiffest: float = 1.0) -> Floats:
+    """What of the space with edge functions up to a degree at most is nearest in energy, elements' values, (n, 8 p, 2 + m + 2).
+
+    Args:
+        states: on the whole space; theirs come first.
+        vectors: of the elements' values without a lift, shape (n, 8 p, m).
+        degree: at least 1.
+        stiffest: a modulus of the inclusion, as a multiple of that of ``states``. Above 1 both states are solved for there, too,
+            and what they differ by from the first comes last: there what an inclusion that is nearly rigid is strained by counts.
+    """
+    model = states.model
     degrees = model.shapes.degrees[: model.shapes.skeleton].max(axis=1)
     kept = np.flatnonzero(np.tile(degrees, 2) <= degree)
     numbers = numbering(model.mesh, degree, model.interface)
     smaller = System.of(numbers, np.ascontiguousarray(model.system.stiffness[:, kept][:, :, kept]))
-    values = np.zeros_like(sample.states.edge)
-    values[:, kept] = smaller.own(-smaller.factor.solve(smaller.lifted(numbers.lift)), numbers.lift)
-    return values
+    forces = model.system.stiffness[:, kept] @ vectors
+    found = smaller.factor.solve(np.hstack([-smaller.lifted(numbers.lift), smaller.add_up(forces)]))
+    if stiffest > 1:
+        stiffer = System.of(numbers, smaller.stiffness * _in_inclusion(model, stiffest))
+        found = np.hstack([found, -stiffer.factor.solve(stiffer.lifted(numbers.lift)) - found[:, :2]])
+    out = np.zeros((*states.edge.shape[:2], found.shape[1]))
+    out[:, kept, :2], out[:, kept, 2:] = smaller.own(found[:, :2], numbers.lift), smaller.own(found[:, 2:])
+    return out
 
 
-def _energies(stiffness: Floats, change: Floats) -> Floats:
-    """a_e(w_i, w_j) of a change of both states, shape (n, 2, 2)."""
-    return np.asarray(change.transpose(0, 2, 1) @ (stiffness @ change))
+def _in_inclusion(model: MeridianModel, time: float) -> Floats:
+    """What multiplies the elements' stiffness where the inclusion's is multiplied, shape (n, 1, 1)."""
+    return np.where(model.mesh.body == Body.INCLUSION, time, 1.0)[:, None, None]
+
+
+def _own(sample: MeshSample) -> _Curve:
+    """The sample's own states."""
+    states, response = sample.states, sample.response
+    if response is None:
+        return _Curve(states.edge, None)
+    return _Curve(np.concatenate([states.edge, states.model.system.own(response.basis)], axis=2), response.rational)
+
+
+def _lower(sample: MeshSample, own: _Curve, degree: int) -> _Curve:
+    """The best of what the projections of its vectors can be."""
+    model = sample.states.model
+    values = lower_order(sample.states, own.values[..., 2:], degree, float(sample.times.max()))
+    if own.rational is None:
+        return _Curve(values, None)
+    states, vectors = values[..., :2], values[..., 2:]
+    size, turn = np.linalg.eigh(products(vectors, model.system.stiffness @ vectors))
+    some = size > DEPENDENT * size[-1]
+    vectors = vectors @ (turn[:, some] / np.sqrt(size[some]))
+    inside = np.flatnonzero(model.mesh.body == Body.INCLUSION)
+    part = model.system.stiffness[inside] @ vectors[inside]
+    nothing = np.zeros((2, 2))
+    rational = RationalResponse.of(products(vectors[inside], part), products(part, states[inside]), start=nothing, inside=nothing)
+    return _Curve(np.concatenate([states, vectors @ rational.turn], axis=2), rational)
+
+
+def _inclusion_energies(sample: MeshSample, values: Floats, at: Floats) -> Floats:
+    """Energies of both states within the inclusion at the modulus of ``sample.states``, shape (k, 2, 2)."""
+    inside = np.flatnonzero(sample.states.model.mesh.body == Body.INCLUSION)
+    part = values[inside]
+    return np.asarray(at.transpose(0, 2, 1) @ products(part, sample.states.model.system.stiffness[inside] @ part) @ at)
+
+
+def _energies(sample: MeshSample, values: Floats, at: Floats, times: Floats) -> Floats:
+    """Energies a(w_i, w_j) of sums ``at`` of elements' ``values`` at some moduli, shape (k, 2, 2)."""
+    whole = products(values, sample.states.model.system.stiffness @ values)
+    return np.asarray(at.transpose(0, 2, 1) @ whole @ at + (times[:, None, None] - 1) * _inclusion_energies(sample, values, at))
+
+
+def _largest_share(sample: MeshSample, own: _Curve, low: _Curve) -> Floats:
+    """What of eq. AX.12 does not change with the modulus, shape (2,)."""
+    model, order = sample.states.model, sample.states.model.shapes.order
+    times = np.ones(1) if sample.response is None else np.geomspace(sample.times.min(), sample.times.max(), SAMPLED)
+    lower, shares = _lower(sample, own, order - 2) if order in RATES else None, []
+    for time in times:
+        known, next_known = own.state(time), low.state(time)
+        stiffness = _in_inclusion(model, time)
+        energies = stiffness * _of_elements(model, next_known - known)
+        last = _sizes(energies)
+        left = np.full_like(last, MOST[order])
+        if lower is not None:
+            before = _sizes(stiffness * _of_elements(model, lower.state(time) - next_known))
+            left = np.clip(RATES[order] * _share(last, np.maximum(before - last, 0.0), np.inf), LEAST, left)  # eq. AX.11
+        shares.append(_share((left * last).sum(axis=0), _cauchy(energies.sum(axis=0)[None])[0]))
+    return np.asarray(np.max(shares, axis=0))
+
+
+def _of_elements(model: MeridianModel, change: Floats) -> Floats:
+    """a_e(w_i, w_j) at the model's moduli, shape (n, 2, 2)."""
+    return np.asarray(change.transpose(0, 2, 1) @ (model.system.stiffness @ change))
+
+
+def _cauchy(energies: Floats) -> Floats:
+    """sqrt(a(w_i, w_i) a(W, W)) from a(w_i, w_j), (k, 2, 2) to (k, 2)."""
+    return np.asarray(np.sqrt(np.abs(np.diagonal(energies, axis1=1, axis2=2) * energies.sum(axis=(1, 2))[:, None])))
 
 
 def _sizes(energies: Floats) -> Floats:

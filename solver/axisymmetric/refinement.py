@@ -27,6 +27,7 @@ LEVELS = (
 )
 COARSE_ENOUGH = (3e-3, 3e-4)  # accuracies below which the first, the second level is left out
 LIGHT = MeridianFineness(0.7, 2, 4)  # tried first where none is left out and one mesh tells its own error
+ROUGH = 0.05  # above it the light mesh's bounds are not believed, as changes there do not fall yet
 ONE_MESH = (4, 5, 6)  # orders of meshes that do
 UNSEEN_DROP = 1.5  # by which errors are trusted to fall from one level to the next before it is seen
 LEAST_SHARE = 1.5  # of the last change: the least that the error bound keeps
@@ -62,35 +63,49 @@ def refine(
         SolveError: not even two meshes could be solved, or one where that is asked.
         LimitReached: likewise, within the limits.
     """
-    history: list[MeshSample] = []
+    history: dict[MeridianFineness, MeshSample] = {}
     best: tuple[MeshSample, SampleErrors] | None = None
     for level in _ladder(accuracy, alone is not None):
         try:
             found = solve(level)
-            history += [] if level == LIGHT else [found]
-            known = [alone(found)] if alone is not None and level.order in ONE_MESH else []
-            known += [errors(history)] if len(history) > 1 else []
+            if level != LIGHT:
+                history[level] = found
+            known = _known(found, [history[one] for one in LEVELS if one in history], alone if level.order in ONE_MESH else None)
         except (SolveError, LimitReached) as fault:
             if best is None:
                 raise
             return *best, Note("limit", str(fault)) if isinstance(fault, LimitReached) else str(fault)
-        if not known:
+        if known is None:
             continue
-        latest = found, min(known, key=lambda one: _worst(found, one))
-        if best is None or _worst(*latest) < _worst(*best):  # rounding may grow from mesh to mesh: the best is kept
-            best = latest
-        if good(*latest):
-            return *latest, None
+        if good(*known):
+            return *known, None
+        if level != LIGHT and (best is None or _worst(*known) < _worst(*best)):  # rounding may grow from mesh to mesh
+            best = known
     assert best is not None  # there are more than two levels
     return *best, "this is the finest"
 
 
 def _ladder(accuracy: float, alone: bool) -> Sequence[MeridianFineness]:
-    """The meshes that are solved in turn; where one tells its own error the first is as fine as the second would be."""
+    """The meshes that are solved in turn.
+
+    Where one tells its own error the second comes first, and the coarser, which is cheap, bounds its error where it does not do.
+    """
     levels = LEVELS[sum(accuracy < limit for limit in COARSE_ENOUGH) :]
     if not alone:
         return levels
-    return (LIGHT, *levels[1:]) if levels == LEVELS else levels[1:]
+    first = (levels[1], levels[0])
+    return (*((LIGHT,) if levels == LEVELS and accuracy <= ROUGH else ()), *first, *levels[2:])
+
+
+def _known(
+    found: MeshSample, history: Sequence[MeshSample], alone: Callable[[MeshSample], SampleErrors] | None
+) -> tuple[MeshSample, SampleErrors] | None:
+    """The sample on the finest mesh and the smaller of the bounds on its errors, from its own mesh and from several, or None."""
+    light = all(found is not one for one in history)
+    finest = found if light else history[-1]
+    bounds = [alone(found)] if alone is not None and found is finest else []
+    bounds += [errors(history)] if len(history) > 1 and not light else []
+    return (finest, min(bounds, key=lambda one: _worst(finest, one))) if bounds else None
 
 
 def _worst(sample: MeshSample, bounds: SampleErrors) -> float:

@@ -22,6 +22,11 @@ HARD = (
     ("extremes", "inner-just-pulled"), ("extremes", "cover-10-um-contrast-1e6"),
 )  # fmt: skip
 
+CURVES = (
+    ("axisymmetric", "shallow"), ("extremes", "gap-5-mm-micro-probe"), ("extremes", "corner-13"),
+    ("extremes", "cover-10-um-contrast-1e6"),
+)  # fmt: skip
+
 
 def on(one: Expected, level: MeridianFineness) -> MeshSample:
     of = sections(one.scene)
@@ -43,11 +48,41 @@ def test_bounds_of_one_mesh_hold_where_references_are_hardest(folder: str, name:
         assert abs(found.log_sensitivity[0] - one.log_sensitivity) <= bounds.sensitivity[0] + 1e-6
 
 
+@pytest.mark.parametrize(("folder", "name"), slow_unless(lambda case: case == CURVES[0], CURVES))
+@pytest.mark.parametrize("level", [LIGHT, *LEVELS[1:4]], ids=["light", "4", "5", "6"])
+def test_bounds_of_a_curve_hold_at_a_modulus_that_references_know(folder: str, name: str, level: MeridianFineness) -> None:
+    """The modulus lies at either end of the curve, or within: none of them is the one that the states are solved for."""
+    one, of = named(folder, name), sections(named(folder, name).scene)
+    probe, own = one.scene.probe, one.scene.inclusion[0].youngs_modulus
+    forces = np.array([one.stress_inner * probe.inner_area, one.stress_outer * probe.outer_area])
+    true = one.stiffness * forces / forces.sum()
+    for times in ([1.0, 1e3], [1e-3, 0.1, 1.0], [0.01, 1.0, 30.0]):
+        found = sample(of.section, of, one.scene, level, moduli=own * np.array(times))
+        bounds, k = order_errors(found), times.index(1.0)
+        assert np.all(np.abs(found.totals[k] - true) <= bounds.totals[k] + one.uncertainty * np.abs(true))
+        if one.log_sensitivity is not None:
+            assert abs(found.log_sensitivity[k] - one.log_sensitivity) <= bounds.sensitivity[k] + 1e-6
+
+
+@pytest.mark.parametrize("level", [LIGHT, LEVELS[3]], ids=["light", "6"])
+def test_a_curves_bounds_are_little_wider_than_those_of_its_moduli(level: MeridianFineness) -> None:
+    """Sums of projected vectors are nearly the best states of the smaller space, also where the inclusion is all but rigid."""
+    one = named("axisymmetric", "shallow").scene
+    moduli = one.inclusion[0].youngs_modulus * np.geomspace(1e-3, 1e3, 4)
+    of = sections(one)
+    curve = order_errors(sample(of.section, of, one, level, moduli=moduli)).totals
+    for modulus, found in zip(moduli, curve, strict=True):
+        body = one.inclusion[0].model_copy(update={"youngs_modulus": float(modulus)})
+        scene = one.model_copy(update={"inclusion": (body,)})
+        alone = order_errors(sample(of.section, sections(scene), scene, level)).totals[0]
+        assert np.all((found > 0.9 * alone) & (found < 2.5 * alone))
+
+
 @pytest.mark.parametrize("interface", ["published-materials", "published-materials-frictionless"])
 def test_a_smaller_space_has_more_energy(interface: str) -> None:
     """Of the prescribed displacements the true state has the least energy: F_ii and the stiffness fall as the space grows."""
     found = on(named("axisymmetric", interface), LEVELS[1])
-    stiffness, smaller = found.states.model.system.stiffness, lower_order(found, 3)
+    stiffness, smaller = found.states.model.system.stiffness, lower_order(found.states, found.states.edge[..., :0], 3)
     forces = np.einsum("nai,nab,nbj->ij", smaller, stiffness, smaller, optimize=True)
     more = forces - found.forces[0]
     assert np.all(np.linalg.eigvalsh(more) > 0)
