@@ -30,6 +30,7 @@ from solver.axisymmetric.sections import sections
 FOLDERS = ("axisymmetric", "extra", "extreme", "extremes", "half-space")
 REFERENCES = Path(__file__).parents[2] / "tests" / "reference"
 TRUE, ONE_MESH = LEVELS[4], {"light": LIGHT, "4": LEVELS[1], "5": LEVELS[2], "6": LEVELS[3]}
+CURVE = (0.01, 1.0, 100.0)  # moduli of a curve, over the scene's own
 LEAST_SENSITIVITY = 1e-5  # absolute, that a log-sensitivity is promised to
 Shares = dict[str, tuple[float, float, float]]  # by mesh: error over bound of totals and sensitivity; bound on the ratio
 
@@ -58,14 +59,19 @@ def shares(scene: Scene) -> Shares:
     """
     of = sections(scene)
     true = sample(of.section, of, scene, TRUE)
-    return {name: _share(sample(of.section, of, scene, level), true) for name, level in ONE_MESH.items()}
+    found = {name: _share(sample(of.section, of, scene, level), true) for name, level in ONE_MESH.items()}
+    if scene.inclusion:
+        moduli = scene.inclusion[0].youngs_modulus * np.array(CURVE)
+        true = sample(of.section, of, scene, TRUE, moduli=moduli)
+        found["light, curve"] = _share(sample(of.section, of, scene, LIGHT, moduli=moduli), true)
+    return found
 
 
 def _share(found: MeshSample, true: MeshSample) -> tuple[float, float, float]:
     bounds = order_errors(found)
     off = np.abs(found.totals - true.totals) / (bounds.totals + true.rounding)
-    slope = np.abs(found.log_sensitivity - true.log_sensitivity)[0] / max(bounds.sensitivity[0], LEAST_SENSITIVITY)
-    return float(off.max()), float(slope), float((bounds.totals / np.abs(found.totals)).sum())
+    slope = np.abs(found.log_sensitivity - true.log_sensitivity) / np.maximum(bounds.sensitivity, LEAST_SENSITIVITY)
+    return float(off.max()), float(slope.max()), float((bounds.totals / np.abs(found.totals)).sum(axis=1).max())
 
 
 def table(found: list[Shares]) -> MeasuredTable:
@@ -79,10 +85,11 @@ def table(found: list[Shares]) -> MeasuredTable:
         "of log-sensitivity, times",
     )
     printed = MeasuredTable("errors over their bounds from one mesh", (*columns, "median bound on the ratio, error"))
-    for name in ONE_MESH:
-        totals, slopes, sizes = (np.array(column) for column in zip(*(one[name] for one in found), strict=True))
+    for name in (*ONE_MESH, "light, curve"):
+        rows = [one[name] for one in found if name in one]
+        totals, slopes, sizes = (np.array(column) for column in zip(*rows, strict=True))
         spread = (totals.max(), np.quantile(totals, 0.99), np.median(totals), slopes.max())
-        printed.add(name, str(len(found)), *map(float, spread), float(np.median(sizes)))
+        printed.add(name, str(len(rows)), *map(float, spread), float(np.median(sizes)))
     return printed
 
 
