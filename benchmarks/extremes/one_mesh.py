@@ -26,6 +26,7 @@ from solver.axisymmetric.lower_order import order_errors
 from solver.axisymmetric.refinement import LEVELS, LIGHT
 from solver.axisymmetric.sample import MeshSample, sample
 from solver.axisymmetric.sections import sections
+from solver.linalg.workspace import current
 
 FOLDERS = ("axisymmetric", "extra", "extreme", "extremes", "half-space")
 REFERENCES = Path(__file__).parents[2] / "tests" / "reference"
@@ -107,6 +108,7 @@ def main() -> None:
     with threadpool_limits(1), Console(stderr=True).status("one mesh") as status:
         for name, scene in cases + list(references() if asked.references else ()):
             status.update(name)
+            current().begin()  # what earlier scenes needed may go
             try:
                 one = shares(scene)
             except (SolveError, Refusal) as fault:

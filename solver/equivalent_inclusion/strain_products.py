@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.ndimage import map_coordinates, spline_filter
 
 from geometry.common.arrays import Bools, Floats
 from solver.axisymmetric.tissue_field import TissueField
@@ -48,6 +47,8 @@ class Energies:
 
     def quick(self, r: Floats, z: Floats) -> Floats:
         """Return what ``at`` does from the table: within about 1e-3 of itself, where ``covers`` says so."""
+        from scipy.ndimage import map_coordinates  # takes longer to import than a scene on the axis to answer
+
         scale, _, depth, _ = self._range
         along = np.stack([np.arcsinh(r / scale), np.arcsinh(-z / scale) - np.arcsinh(depth / scale)]) / STEP
         along[1] += SPARE
@@ -81,4 +82,6 @@ class Energies:
         depths = np.minimum(scale * np.sinh(np.arcsinh(low / scale) + STEP * np.arange(-SPARE, along)), s.tissue_depth)
         r, z = (part.ravel() for part in np.meshgrid(radii, -depths, indexing="ij"))
         values = self.at(r, z).reshape(6, across, along + SPARE)
+        from scipy.ndimage import spline_filter
+
         return [spline_filter(one, order=ORDER, mode="mirror") for one in values]
