@@ -16,7 +16,9 @@ elements that are much longer than wide fall less there than they did before (``
 A curve's states at every modulus are sums of a few vectors (eq. AX.9), and so are those of the smaller space, the best of these
 vectors' projections on it. There may be better ones, so that their energies tell too much if anything:
 
-    e_i(t) = max over some t' of [e_i / sqrt(a(w_i, w_i) a(W, W))](t') times sqrt(a(w_i, w_i) a(W, W))(t)        (AX.12)
+    e_i(t) = max over t' of [e_i / sqrt(a(w_i, w_i) a(W, W))](t') times sqrt(a(w_i, w_i) a(W, W))(t)        (AX.12)
+
+with t' the next of five moduli on either side of t.
 """
 
 from __future__ import annotations
@@ -89,7 +91,7 @@ def order_errors(sample: MeshSample) -> SampleErrors:
     energies = _energies(
         sample, np.concatenate([low.values, own.values], axis=2), np.hstack([low.at(times), -own.at(times)]), times
     )
-    bound = _largest_share(sample, own, low) * _cauchy(energies)
+    bound = _shares(sample, own, low) * _cauchy(energies)
     totals, slope = sample.totals, sample.slope.sum(axis=2)
     share, lower_slope = (
         _share(slope, totals),
@@ -169,8 +171,8 @@ def _energies(sample: MeshSample, values: Floats, at: Floats, times: Floats) -> 
     return np.asarray(at.transpose(0, 2, 1) @ whole @ at + (times[:, None, None] - 1) * _inclusion_energies(sample, values, at))
 
 
-def _largest_share(sample: MeshSample, own: _Curve, low: _Curve) -> Floats:
-    """What of eq. AX.12 does not change with the modulus, shape (2,)."""
+def _shares(sample: MeshSample, own: _Curve, low: _Curve) -> Floats:
+    """What of eq. AX.12 changes little with the modulus, shape (k, 2)."""
     model, order = sample.states.model, sample.states.model.shapes.order
     times = np.ones(1) if sample.response is None else np.geomspace(sample.times.min(), sample.times.max(), SAMPLED)
     lower, shares = _lower(sample, own, order - 2) if order in RATES else None, []
@@ -184,7 +186,8 @@ def _largest_share(sample: MeshSample, own: _Curve, low: _Curve) -> Floats:
             before = _sizes(stiffness * _of_elements(model, lower.state(time) - next_known))
             left = np.clip(RATES[order] * _share(last, np.maximum(before - last, 0.0), np.inf), LEAST, left)  # eq. AX.11
         shares.append(_share((left * last).sum(axis=0), _cauchy(energies.sum(axis=0)[None])[0]))
-    return np.asarray(np.max(shares, axis=0))
+    above = np.clip(np.searchsorted(times, sample.times), min(1, len(times) - 1), len(times) - 1)
+    return np.asarray(np.maximum(np.array(shares)[above], np.array(shares)[np.maximum(above - 1, 0)]))
 
 
 def _of_elements(model: MeridianModel, change: Floats) -> Floats:

@@ -27,7 +27,7 @@ LEVELS = (
 )
 COARSE_ENOUGH = (3e-3, 3e-4)  # accuracies below which the first, the second level is left out
 LIGHT = MeridianFineness(0.7, 2, 4)  # tried first where none is left out and one mesh tells its own error
-ROUGH = 0.05  # above it the light mesh's bounds are not believed, as changes there do not fall yet
+LIGHT_FOR = (3e-3, 0.05)  # accuracies it is tried for: it seldom does below, and above its changes do not fall yet
 ONE_MESH = (4, 5, 6)  # orders of meshes that do
 UNSEEN_DROP = 1.5  # by which errors are trusted to fall from one level to the next before it is seen
 LEAST_SHARE = 1.5  # of the last change: the least that the error bound keeps
@@ -93,8 +93,8 @@ def _ladder(accuracy: float, alone: bool) -> Sequence[MeridianFineness]:
     levels = LEVELS[sum(accuracy < limit for limit in COARSE_ENOUGH) :]
     if not alone:
         return levels
-    first = (levels[1], levels[0])
-    return (*((LIGHT,) if levels == LEVELS and accuracy <= ROUGH else ()), *first, *levels[2:])
+    worth = LIGHT_FOR[0] <= accuracy <= LIGHT_FOR[1]
+    return (*((LIGHT,) if worth else ()), levels[1], levels[0], *levels[2:])
 
 
 def _known(
