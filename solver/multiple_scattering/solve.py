@@ -99,7 +99,7 @@ def solve_scattering(
         tolerance: relative.
         places: whether to find the derivatives by the spheres' places, sizes and Poisson's ratios.
         sensitive: whether to make slopes good to ``SENSITIVE`` times the tolerance too, which takes a reflection more.
-        often: whether so many sets are asked for under this probe that the matrix of each azimuthal order pays.
+        often: whether so many sets are asked for under this probe that the matrix of each azimuthal order pays without PARDISO.
 
     Raises:
         SolveError: the reflections could not be solved.
