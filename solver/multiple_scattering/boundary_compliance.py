@@ -153,7 +153,7 @@ class BoundaryResponse:
         out = np.asarray(self.boundary.direct @ data)
         if not often and not loaded():
             return out + self._system.works(data)
-        out[self._felt] += self._matrix @ data[self._felt]
+        out[self._felt] += _product(self._matrix, data[self._felt])
         return out
 
     @cached_property
@@ -231,3 +231,8 @@ class _System:
         share = np.divide(np.cos(np.arange(len(size))), size, out=np.zeros(len(size)), where=size > 0)
         self.harmonic.solve(np.asarray(self.pressed @ share[:, None]))
         return self.harmonic.factor
+
+
+def _product(matrix: Floats, columns: Floats) -> Floats:
+    """Matrix times columns: for one or two, one by one is twice as fast as all at once."""
+    return matrix @ columns if columns.shape[1] > 2 else np.stack([matrix @ column for column in columns.T], axis=1)

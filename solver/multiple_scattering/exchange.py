@@ -25,12 +25,12 @@ from solver.linalg.workspace import current, size
 from solver.multiple_scattering.azimuthal_systems import AzimuthalSystems, Harmonic
 from solver.multiple_scattering.boundary_compliance import BoundaryData, BoundaryResponse
 from solver.multiple_scattering.boundary_edges import Boundary
-from solver.multiple_scattering.boundary_samples import AzimuthalGrid
 from solver.multiple_scattering.interior_solution import Interior
 from solver.multiple_scattering.layer_samples import LayerSamples
 from solver.multiple_scattering.lockstep import Steps
 from solver.multiple_scattering.near_exchange import CloseExchange
 from solver.multiple_scattering.panels import Panels
+from solver.multiple_scattering.rings import AzimuthalGrid
 from solver.multiple_scattering.spheres import ScatteringSphere
 
 LESS = "fewer, or further from surface, floor and interfaces, take less"
