@@ -18,11 +18,14 @@ import numpy as np
 
 from benchmarks.tables import MeasuredTable
 from geometry import Scene, read_scene
+from geometry.common.arrays import Floats
 from solver import Result, evaluate
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed, undisturbed
 from solver.equivalent_inclusion.readings import TOLERANCE, Readings, readings
 from solver.inclusions.tumours import Tumours
-from solver.multiple_scattering.solve import solve_scattering
+from solver.multiple_scattering.exchange import Exchange, Reflector
+from solver.multiple_scattering.near_exchange import CloseExchange
+from solver.multiple_scattering.solve import arranged, solve_scattering
 
 SCENE = Path(__file__).parents[2] / "tests" / "reference" / "off-axis" / "stiff-cover-0.25-offset-1.toml"
 ACCURACIES = (0.01, 0.003, 0.001)
@@ -63,6 +66,7 @@ def speed(repeats: int, tell: Callable[[str], None]) -> Iterator[MeasuredTable]:
     yield _orders(base, repeats, tell)
     yield _first_order(base, repeats, tell)
     yield _reflections(base, repeats, tell)
+    yield _limits(base, repeats, tell)
 
 
 def _setup(scene: Scene, repeats: int, tell: Callable[[str], None]) -> MeasuredTable:
@@ -84,17 +88,22 @@ def _solved(scene: Scene, accuracy: float) -> Undisturbed:
 
 
 def _orders(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -> MeasuredTable:
-    table = MeasuredTable("set-up of each azimuthal order, once per probe", ("m", "wall, ms", "process, ms"))
+    table = MeasuredTable("set-up of each azimuthal order, its matrix included, once per probe", ("m", "wall, ms", "process, ms"))
     spent: list[list[Time]] = [[] for _ in range(ORDERS)]
     for k in range(repeats):
         tell(f"speed: orders, run {k + 1} of {repeats}")
-        reflector = replace(base.reflector(Tumours.of(base.scene).flat()), _responses={})
+        reflector = replace(base.reflector(Tumours.of(base.scene).flat()), _responses={}, _complements={})
         for m, times in enumerate(spent):
-            times.append(timed(partial(reflector.response, m), 1))
+            times.append(timed(partial(_asked, reflector, m), 1))
     for m, times in enumerate(spent):
         table.add(str(m), median(one.wall for one in times), median(one.cpu for one in times))
     table.note("m = 1 includes what all orders above 0 share; m = 0 is that of the base states")
     return table
+
+
+def _asked(reflector: Reflector, m: int) -> None:
+    order = reflector.response(m)
+    order.to(np.ones((order.boundary.direct.shape[0], 2)), False)
 
 
 def many(scene: Scene, number: int, seed: int = 1) -> Tumours:
@@ -144,7 +153,7 @@ def _reflections(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -
     for cover in COVERS:
         for offset in OFFSETS:
             tell(f"speed: reflections, cover {cover:g}, offset {offset:g}")
-            one = Tumours(*np.reshape([offset * outer, 0, (cover + 0.5) * DIAMETER, DIAMETER, modulus, 0.47], (6, 1, 1)))
+            one = _stiff(base, cover, offset)
             alone = one.of_index(0)
             told = solve_scattering(base.field, base.reflector(alone), base.strata, alone, TOLERANCE * base.accuracy)
             bound = float(readings(base, one, reflect=True).error_estimate[0])
@@ -154,6 +163,49 @@ def _reflections(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -
             table.add(f"{cover:g}", f"{offset:g}", told.orders, told.steps, bound, single, many_ / BATCH)
     table.note(f"process time; accuracy {base.accuracy:g}; outer radius {1e3 * outer:g} mm")
     return table
+
+
+def _limits(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -> MeasuredTable:
+    title = "what a tumour alone cannot do without: the orders' matrices read, the modes summed at a large product's speed"
+    headings = ("cover / D", "offset, outer radii", "matrices, MB", "read, ms", "sums, Mflop", "at 500 x 500, ms", "alone, ms")
+    table = MeasuredTable(title, headings)
+    square = np.random.default_rng(1).random((500, 500))
+    rate = 2 * 500**3 / timed(lambda: square @ square, 9).cpu
+    for cover in COVERS:
+        for offset in OFFSETS[1:]:
+            tell(f"speed: limits, cover {cover:g}, offset {offset:g}")
+            one = _stiff(base, cover, offset)
+            mine = one.of_index(0)
+            reflector = base.reflector(mine)
+            told = solve_scattering(base.field, reflector, base.strata, mine, TOLERANCE * base.accuracy)
+            readings(base, one, reflect=True)
+            matrices = [np.array(reflector.response(m)._matrix) for m in range(told.orders)]
+            column = np.ones(len(matrices[-1]))
+            read = 2 * told.steps * timed(partial(_read, matrices, column), 9).cpu  # both base states
+            flops = told.steps * _sums(reflector.exchange(*arranged(reflector.states.model.section, base.strata, mine)))
+            alone = timed(partial(readings, base, one, reflect=True), repeats).cpu
+            size = told.steps * sum(one.nbytes for one in matrices) / 1e6
+            table.add(f"{cover:g}", f"{offset:g}", round(size), read, round(flops / 1e6), flops / rate, alone)
+    return table
+
+
+def _read(matrices: list[Floats], column: Floats) -> None:
+    for one in matrices:
+        _ = one @ column[: len(one)]
+
+
+def _sums(exchange: Exchange | CloseExchange) -> float:
+    """Flops of one reflection's sums of modes and their transpose, both base states; every row has harmonics of one family."""
+    assert isinstance(exchange, Exchange)
+    samplers = [sampler for part in exchange.samples.parts for own in part._samplers for sampler in own]
+    return float(
+        sum(2 * 2 * len(rows) * one.stack.harmonics.count * one.count for one in samplers for rows, _ in one._families(2))
+    )
+
+
+def _stiff(base: Undisturbed, cover: float, offset: float) -> Tumours:
+    modulus, outer = 10 * base.scene.tissue.youngs_modulus, base.scene.probe.tube_radius
+    return Tumours(*np.reshape([offset * outer, 0, (cover + 0.5) * DIAMETER, DIAMETER, modulus, 0.47], (6, 1, 1)))
 
 
 def one_map(points: int, sample: int, accuracy: float, tell: Callable[[str], None]) -> Iterator[MeasuredTable]:

@@ -35,10 +35,10 @@ class System:
     factor: Factor
 
     @classmethod
-    def of(cls, numbering: Numbering, stiffness: Floats, shared: bool = True) -> System:
-        """Assemble and factorise; systems of one numbering used in turn are not ``shared``, see ``solver/linalg/cholesky.py``."""
+    def of(cls, numbering: Numbering, stiffness: Floats) -> System:
+        """Assemble and factorise."""
         matrix = numbering.assemble(stiffness)
-        return cls(numbering, stiffness, matrix, factorise(matrix, numbering.pattern if shared else None))
+        return cls(numbering, stiffness, matrix, factorise(matrix, numbering.pattern))
 
     def own(self, v: Floats, lift: Floats | float = 0.0) -> Floats:
         """The elements' own values of displacements v (unknowns, k) and lift (n, 8 p, k), rigid shifts taken out; (n, 8 p, k)."""

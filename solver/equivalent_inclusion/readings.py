@@ -23,7 +23,7 @@ SAFETY = 3.0  # on the estimate of that
 LAYERED = 2.0  # times that in layers: close under a stiff film the series hides up to 2.2 times its estimate
 SENSITIVE = 5.0  # times more than the effect do slopes feel the mesh
 TOGETHER = 8  # sets in layers side by side: there the matrix of an order is that of two faces, and takes longer than 40 sets
-FEW = 12  # sets with reflections for which it is not worth finding the matrix of each azimuthal order
+FEW = 12  # sets with reflections for which, without PARDISO, it is not worth finding the matrix of each azimuthal order
 LEAST_REFLECTED, LEAST_LAYERED = 5e-4, 4e-3  # of a tumour's effect: in one material, in layers of tissue
 
 

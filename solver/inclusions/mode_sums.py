@@ -46,8 +46,17 @@ class Stack:
         """Number of components a."""
         return int(self.matrix.shape[0] // (2 * FACTORS * self.harmonics.count))
 
+    def sums(self, coefficients: Values) -> Values:
+        """Coefficients of the harmonics in h_aj of sums of modes with coefficients (modes, k), shape (a, FACTORS, 2 count, k)."""
+        found: Values = (self.matrix @ coefficients).reshape(self.components, FACTORS, -1, coefficients.shape[1])
+        return found
+
+    def adjoint(self, sums: Floats) -> Floats:
+        """The transpose of ``sums``: shape (modes, k)."""
+        return np.asarray(self._transposed @ sums.reshape(self.matrix.shape[0], -1))
+
     @cached_property
-    def transposed(self) -> Any:
+    def _transposed(self) -> Any:
         """The matrix's transpose by rows."""
         return self.matrix.T.tocsr()
 
@@ -110,11 +119,14 @@ class Sampler:
 
     def values(self, coefficients: Values) -> Values:
         """Components of sums of modes with coefficients (modes, k), shape (a, k, n)."""
-        a, size, k = self.stack.components, 2 * self.stack.harmonics.count, coefficients.shape[1]
-        sums = (self.stack.matrix @ coefficients).reshape(a, FACTORS, size, k)
+        return self.of(self.stack.sums(coefficients))
+
+    def of(self, sums: Values) -> Values:
+        """Components of sums of modes that ``Stack.sums`` tells, shape (a, k, n)."""
+        a, _, size, k = sums.shape
         if self.flat:
-            sums[:, ONE] += self._level * sums[:, Z]
-        narrow = sums[:, : self._used].transpose(0, 1, 3, 2).reshape(-1, size)
+            sums = np.concatenate([sums[:, :1] + self._level * sums[:, Z:], sums[:, 1:Z]], axis=1)
+        narrow = sums.transpose(0, 1, 3, 2).reshape(-1, size)
         out = np.empty((a, k, self.count), narrow.dtype)
         for part, table in self._blocks:
             columns = np.zeros((len(narrow), table.shape[1]), narrow.dtype)
@@ -125,6 +137,10 @@ class Sampler:
 
     def adjoint(self, weights: Floats) -> Floats:
         """The transpose of ``values``: sums over components and points, shape (modes, k), of weights (a, k, n)."""
+        return self.stack.adjoint(self.adjoint_of(weights))
+
+    def adjoint_of(self, weights: Floats) -> Floats:
+        """The transpose of ``of``, shape (a, FACTORS, 2 count, k)."""
         a, k, _ = weights.shape
         size = 2 * self.stack.harmonics.count
         narrow = np.zeros((a * self._used * k, size))
@@ -132,11 +148,8 @@ class Sampler:
             columns = (weights[:, None, :, part] * self._factors[:, None, part]).reshape(len(narrow), -1)
             for rows, family in self._families(k):
                 narrow[rows, family] += columns[rows] @ table[family].T
-        sums = np.zeros((a, FACTORS, size, k))
-        sums[:, : self._used] = narrow.reshape(a, self._used, k, size).transpose(0, 1, 3, 2)
-        if self.flat:
-            sums[:, Z] = self._level * sums[:, ONE]
-        return np.asarray(self.stack.transposed @ sums.reshape(-1, k))
+        sums = narrow.reshape(a, self._used, k, size).transpose(0, 1, 3, 2)
+        return np.concatenate([sums, self._level * sums[:, :1]], axis=1) if self.flat else sums
 
     @property
     def _used(self) -> int:

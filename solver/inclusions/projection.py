@@ -53,23 +53,28 @@ def projection(modes: Modes, oversample: int = OVERSAMPLE) -> Projection:
 
 def held_bytes(modes: Modes) -> int:
     """Return what their projection will hold."""
-    return 8 * 3 * len(modes) * len(quadrature(modes, OVERSAMPLE)[0])
+    latitudes, longitudes = _numbers(modes, OVERSAMPLE)
+    return 8 * 3 * len(modes) * latitudes * longitudes
 
 
 def quadrature(modes: Modes, oversample: int) -> tuple[Floats, Floats]:
     """Points and weights: Gauss's in cos theta, uniform in phi, between the mirror plane's ends where there is one."""
-    high = modes.degree + oversample
-    x, w = np.polynomial.legendre.leggauss((modes.degree + high) // 2 + 1)
-    if modes.order == 0 and modes.parity == "even":
-        phi = np.zeros(1)
-    elif modes.parity == "even":
-        half = (modes.order + high) // 2 + 1  # cos m phi sums to nothing on 2 half points unless m is their multiple
-        phi = np.pi * (np.arange(half) + 0.5) / half
+    latitudes, longitudes = _numbers(modes, oversample)
+    x, w = np.polynomial.legendre.leggauss(latitudes)
+    if modes.parity == "both":
+        phi = 2 * np.pi * np.arange(longitudes) / longitudes
     else:
-        phi = 2 * np.pi * np.arange(modes.order + high + 1) / (modes.order + high + 1)
+        phi = np.pi * (np.arange(longitudes) + 0.5) / longitudes * (modes.order > 0)
     s = np.sqrt(1 - x**2)[:, None]
     points = np.stack([s * np.cos(phi), s * np.sin(phi), x[:, None] + 0 * phi], axis=-1).reshape(-1, 3)
     return points, np.repeat(w, len(phi)) * 2 * np.pi / len(phi)
+
+
+def _numbers(modes: Modes, oversample: int) -> tuple[int, int]:
+    """Of latitudes and longitudes: cos m phi sums to nothing on 2 half points unless m is their multiple."""
+    high = modes.degree + oversample
+    longitudes = modes.order + high + 1 if modes.parity == "both" else (modes.order + high) // 2 + 1 if modes.order else 1
+    return (modes.degree + high) // 2 + 1, longitudes
 
 
 def _orthonormal(modes: Modes, points: Floats) -> Values:

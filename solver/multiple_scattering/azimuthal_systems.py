@@ -1,4 +1,4 @@
-"""Elasticity of the meridian plane for fields that vary as cos m theta round the axis: one factorised system for each order m.
+"""Elasticity of the meridian plane for fields that vary as cos m theta round the axis: one system for each order m.
 
     u_r = U cos m theta,  u_theta = V sin m theta,  u_z = W cos m theta                            (MS.1)
 
@@ -18,11 +18,11 @@ import numpy as np
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
 from solver.axisymmetric.base_states import MeridianModel
-from solver.axisymmetric.condensed_system import LARGEST_RESIDUAL, System
+from solver.axisymmetric.condensed_system import LARGEST_RESIDUAL
 from solver.axisymmetric.dofs import Interface, Numbering, numbering
 from solver.elements.quadrilateral import Blocks, Geometry
 from solver.elements.shape_functions import Shapes
-from solver.linalg.cholesky import Factor
+from solver.linalg.cholesky import Factor, factorise
 
 BATCH = 64  # elements at once, which bounds the memory of their strains
 # U, V and W from the components, for m = 0 and m > 0
@@ -34,7 +34,7 @@ COMPONENTS = {
 
 @dataclass(frozen=True)
 class Harmonic:
-    """The factorised system of one azimuthal order.
+    """The system of one azimuthal order.
 
     Attributes:
         m: the order.
@@ -43,7 +43,7 @@ class Harmonic:
         stiffness: theirs, on corners and edges, shape (e, 4 c p, 4 c p), c components.
         numbering: of the components on corners and edges.
         matrix: of the whole system, shape (unknowns, unknowns).
-        factor: of it.
+        known: a factor of it that is there already.
     """
 
     m: int
@@ -52,12 +52,12 @@ class Harmonic:
     stiffness: Floats
     numbering: Numbering
     matrix: Any
-    factor: Factor
+    known: Factor | None = None
 
-    @classmethod
-    def of(cls, m: int, model: MeridianModel, boundary: Ints, system: System) -> Harmonic:
-        """Take of a system what is asked for: all elements' matrices would be a third of what an order holds."""
-        return cls(m, model, boundary, system.stiffness[boundary], system.numbering, system.matrix, system.factor)
+    @cached_property
+    def factor(self) -> Factor:
+        """Of the matrix, made where it is asked for."""
+        return self.known or factorise(self.matrix, None)
 
     @property
     def amplitudes(self) -> Floats:
@@ -125,15 +125,15 @@ class AzimuthalSystems:
         return 4.0 * 8 * len(self.model.two_mu) * (3 * len(self.model.shapes.degrees)) ** 2
 
     def of_order(self, m: int) -> Harmonic:
-        """Combine, condense and factorise for one order; order 0 (no torsion) is the base states' own system."""
-        model = self.model
+        """Combine, condense and assemble for one order; order 0 (no torsion) is the base states' own system."""
+        model, own, boundary = self.model, self.model.system, self.boundary
         if m == 0:
-            return Harmonic.of(0, model, self.boundary, model.system)
+            return Harmonic(0, model, boundary, own.stiffness[boundary], own.numbering, own.matrix, own.factor)
         parts = (slice(low, low + BATCH) for low in range(0, len(model.two_mu), BATCH))
-        edges = [Blocks.of(self._combined(m, part), model.shapes.skeleton).condensed()[0] for part in parts]
+        skeleton = model.shapes.skeleton
+        edges = np.concatenate([Blocks.of(self._combined(m, part), skeleton).condensed()[0] for part in parts])
         numbered = numbering(model.mesh, model.shapes.order, self.interface, min(m, 2))  # higher orders vanish on the axis alike
-        system = System.of(numbered, np.concatenate(edges), shared=False)
-        return Harmonic.of(m, model, self.boundary, system)
+        return Harmonic(m, model, boundary, edges[boundary], numbered, numbered.assemble(edges))
 
     def recovery(self, m: int, elements: Ints) -> Floats:
         """Return what gives the values inside some elements from those on corners and edges, (e, c (p-1)^2, 4 c p)."""

@@ -36,6 +36,8 @@ import scipy.sparse as sp
 from geometry.common.arrays import Floats, Ints
 from solver.axisymmetric.base_states import MeridianModel
 from solver.axisymmetric.dofs import Interface
+from solver.linalg.cholesky import Factor, loaded
+from solver.linalg.schur_complements import SchurComplements
 from solver.multiple_scattering.azimuthal_systems import COMPONENTS, Harmonic
 from solver.multiple_scattering.boundary_edges import Boundary, Edges
 from solver.multiple_scattering.panels import PanelLine, Panels
@@ -133,28 +135,30 @@ class BoundaryResponse:
     """What one azimuthal order answers to data on the boundary: the symmetric matrix of eq. MS.6.
 
     Attributes:
-        factorised: makes the order's system.
+        assembled: makes the order's system.
         boundary: what data do to it.
+        complements: what finds the matrix as fast as a factor, if PARDISO is there.
     """
 
-    factorised: Callable[[], Harmonic]
+    assembled: Callable[[], Harmonic]
     boundary: BoundaryData
+    complements: SchurComplements
 
     def to(self, data: Floats, often: bool) -> Floats:
-        """Return the matrix times data, shape (6 n, k) both; the matrix itself is found only for those who ask ``often``.
+        """Return the matrix times data, shape (6 n, k) both; without PARDISO it is found only for those who ask ``often``.
 
         Raises:
             SolveError: see ``Harmonic.solve``.
         """
         out = np.asarray(self.boundary.direct @ data)
-        if not often:
+        if not often and not loaded():
             return out + self._system.works(data)
-        out[self._felt] += self._matrix @ data[self._felt]
+        out[self._felt] += _product(self._matrix, data[self._felt])
         return out
 
     @cached_property
     def _system(self) -> _System:
-        return _System(self.factorised(), self.boundary)
+        return _System.of(self.assembled(), self.boundary)
 
     @cached_property
     def _felt(self) -> Ints:
@@ -165,41 +169,70 @@ class BoundaryResponse:
     @cached_property
     def _matrix(self) -> Floats:
         """Eq. MS.6 without ``boundary.direct``, between the data that are felt; the system, ten times as large, may go."""
-        matrix = self._system.matrix(self._felt)
+        matrix = self._system.matrix(self._felt, self.complements)
         vars(self).pop("_system")
         return matrix
 
 
 @dataclass(frozen=True)
 class _System:
-    """A factorised system and what data on the boundary do to it."""
+    """A system and what data on the boundary do to it.
+
+    Attributes:
+        harmonic: the order's system.
+        pressed: forces F on the unknowns by data, eq. MS.5, sparse by rows (unknowns, 6 n).
+        lifting: the terms of eq. MS.6 with Y, sparse (6 n, 6 n), symmetric.
+    """
 
     harmonic: Harmonic
-    boundary: BoundaryData
+    pressed: Any
+    lifting: Any
+
+    @classmethod
+    def of(cls, harmonic: Harmonic, boundary: BoundaryData) -> _System:
+        """Add up what data do through the elements' stiffness, once."""
+        blocks, ends = harmonic.stiffness, np.arange(len(harmonic.stiffness) + 1)
+        strained = sp.bsr_array((blocks, ends[:-1], ends)).tocsr() @ boundary.values
+        half = boundary.values.T @ (strained / 2 + boundary.forces / 2)
+        pressed = harmonic.gathered(harmonic.boundary).T @ (boundary.forces + strained)
+        return cls(harmonic, pressed.tocsr(), (half + half.T).tocsr())
 
     def works(self, data: Floats) -> Floats:
-        """Eq. MS.6 without ``boundary.direct``, times data."""
-        lifted, pulled = self.boundary.values @ data, self.boundary.forces @ data
-        strained = self._strained(lifted)
-        w = self._gather @ self.harmonic.solve(-(self._gather.T @ (pulled + strained)))
-        works = self.boundary.forces.T @ (w + lifted / 2) + self.boundary.values.T @ (strained + self._strained(w) + pulled / 2)
-        return np.asarray(works)
+        """Eq. MS.6 without ``BoundaryData.direct``, times data.
 
-    def matrix(self, felt: Ints) -> Floats:
-        """The same as a matrix between some data."""
-        lifted, pulled = (some[:, felt].toarray() for some in (self.boundary.values, self.boundary.forces))
-        strained = self._strained(lifted)
-        forces = self._gather.T @ (pulled + strained)
-        pressed = np.flatnonzero(forces.any(axis=1))
-        half = lifted.T @ (strained / 2 + pulled / 2) - forces[pressed].T @ self.harmonic.solve(forces)[pressed] / 2
+        Raises:
+            SolveError: see ``Harmonic.solve``.
+        """
+        return np.asarray(self.lifting @ data - self._pressing @ self._factor.solve(self.pressed @ data))
+
+    def matrix(self, felt: Ints, complements: SchurComplements) -> Floats:
+        """The same as a matrix between some data.
+
+        Raises:
+            SolveError: see ``Harmonic.solve``.
+        """
+        pressed, lifting = self.pressed[:, felt], self.lifting[felt][:, felt].toarray()
+        works = complements.product(self.harmonic.matrix, pressed)
+        if works is not None:
+            return np.asarray(lifting - works)
+        forces, some = pressed.toarray(), np.flatnonzero(np.diff(pressed.indptr))
+        half = lifting / 2 - forces[some].T @ self.harmonic.solve(forces)[some] / 2
         return np.asarray(half + half.T)
 
-    def _strained(self, own: Floats) -> Floats:
-        """Forces of the boundary's elements on their own values, (4 c p e, k) both."""
-        blocks = self.harmonic.stiffness
-        return np.asarray(blocks @ own.reshape(*blocks.shape[:2], -1)).reshape(own.shape)
+    @cached_property
+    def _pressing(self) -> Any:
+        """The transpose of ``pressed`` by rows: it multiplies faster than columns do."""
+        return self.pressed.T.tocsr()
 
     @cached_property
-    def _gather(self) -> Any:
-        """From unknowns to the elements' own values."""
-        return self.harmonic.gathered(self.harmonic.boundary)
+    def _factor(self) -> Factor:
+        """The order's factor, once it has solved for a load with a share of all data, alike in size."""
+        size = np.sqrt((self.pressed**2).sum(axis=0))
+        share = np.divide(np.cos(np.arange(len(size))), size, out=np.zeros(len(size)), where=size > 0)
+        self.harmonic.solve(np.asarray(self.pressed @ share[:, None]))
+        return self.harmonic.factor
+
+
+def _product(matrix: Floats, columns: Floats) -> Floats:
+    """Matrix times columns: for one or two, one by one is twice as fast as all at once."""
+    return matrix @ columns if columns.shape[1] > 2 else np.stack([matrix @ column for column in columns.T], axis=1)

@@ -20,16 +20,17 @@ from geometry.common.resources import check_memory, check_time, has_room
 from solver.axisymmetric.base_states import BaseStates
 from solver.axisymmetric.dofs import Interface
 from solver.axisymmetric.tissue_field import TissueField
+from solver.linalg.schur_complements import SchurComplements
 from solver.linalg.workspace import current, size
 from solver.multiple_scattering.azimuthal_systems import AzimuthalSystems, Harmonic
 from solver.multiple_scattering.boundary_compliance import BoundaryData, BoundaryResponse
 from solver.multiple_scattering.boundary_edges import Boundary
-from solver.multiple_scattering.boundary_samples import AzimuthalGrid
 from solver.multiple_scattering.interior_solution import Interior
 from solver.multiple_scattering.layer_samples import LayerSamples
 from solver.multiple_scattering.lockstep import Steps
 from solver.multiple_scattering.near_exchange import CloseExchange
 from solver.multiple_scattering.panels import Panels
+from solver.multiple_scattering.rings import AzimuthalGrid
 from solver.multiple_scattering.spheres import ScatteringSphere
 
 LESS = "fewer, or further from surface, floor and interfaces, take less"
@@ -49,16 +50,18 @@ class Reflector:
     interface: Interface
     close: bool = False
     _responses: dict[tuple[int, tuple[int, ...]], BoundaryResponse] = field(default_factory=dict, repr=False)
+    _complements: dict[tuple[int, tuple[int, ...]], SchurComplements] = field(default_factory=dict, repr=False)
     _interiors: dict[tuple[int, int], Interior] = field(default_factory=dict, repr=False)
     _kept: dict[int, Harmonic] = field(default_factory=dict, repr=False)
     _data: dict[tuple[int, int], BoundaryData] = field(default_factory=dict, repr=False)
 
     def response(self, m: int, layers: tuple[int, ...] = (0,)) -> BoundaryResponse:
-        """Return what an order answers to fields in some layers, by number; its system is factorised when it is asked."""
+        """Return what an order answers to fields in some layers, by number; its system is made when it is asked."""
         if (m, layers) not in self._responses:
             current().make_room(self._harmonics.needed)
             data = BoundaryData.stacked([self._boundary_data(layer, min(m, 1)) for layer in layers])
-            self._responses[m, layers] = BoundaryResponse(partial(self._harmonics.of_order, m), data)
+            complements = self._complements.setdefault((min(m, 2), layers), SchurComplements())
+            self._responses[m, layers] = BoundaryResponse(partial(self._harmonics.of_order, m), data, complements)
         return self._responses[m, layers]
 
     def interior(self, m: int, layer: int = 0, beside: float = 0.0) -> Interior:

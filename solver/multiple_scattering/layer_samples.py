@@ -9,8 +9,9 @@ from itertools import pairwise
 import numpy as np
 
 from geometry.common.arrays import Floats
-from solver.multiple_scattering.boundary_samples import AzimuthalGrid, ModeSamples
+from solver.multiple_scattering.boundary_samples import ModeSamples
 from solver.multiple_scattering.panels import Panels
+from solver.multiple_scattering.rings import AzimuthalGrid
 from solver.multiple_scattering.spheres import ScatteringSphere
 
 

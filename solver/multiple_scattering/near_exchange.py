@@ -23,8 +23,8 @@ from solver.elements.shape_functions import functions, pressures
 from solver.inclusions.mode_sums import Sampler, Table
 from solver.inclusions.vector_modes import DISPLACEMENT, stack
 from solver.multiple_scattering.boundary_edges import Edges
-from solver.multiple_scattering.boundary_samples import PLANE, ROUND, AzimuthalGrid, turns
 from solver.multiple_scattering.interior_solution import LIFTED, BoundaryAmplitudes, Interior
+from solver.multiple_scattering.rings import PLANE, ROUND, AzimuthalGrid, turns
 from solver.multiple_scattering.spheres import ScatteringSphere
 
 NEARLY = 0.48  # Poisson's ratio from which the mode of degree 0 is taken from the dilation

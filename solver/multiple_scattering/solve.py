@@ -35,12 +35,12 @@ from solver.inclusions.strata import Strata
 from solver.inclusions.tumours import Tumours
 from solver.inclusions.vector_modes import Modes
 from solver.linalg.workspace import kept_table
-from solver.multiple_scattering.boundary_samples import AzimuthalGrid
 from solver.multiple_scattering.exchange import LESS, Exchange, Reflector
 from solver.multiple_scattering.lockstep import Steps, alone
 from solver.multiple_scattering.near_exchange import CloseExchange
 from solver.multiple_scattering.reflection_series import Reflections
 from solver.multiple_scattering.resolution import DEGREES, apart, degrees, unresolved
+from solver.multiple_scattering.rings import AzimuthalGrid
 from solver.multiple_scattering.shape_derivatives import Moved, moved
 from solver.multiple_scattering.spheres import ScatteringSphere, SphereSet
 
@@ -99,7 +99,7 @@ def solve_scattering(
         tolerance: relative.
         places: whether to find the derivatives by the spheres' places, sizes and Poisson's ratios.
         sensitive: whether to make slopes good to ``SENSITIVE`` times the tolerance too, which takes a reflection more.
-        often: whether so many sets are asked for under this probe that the matrix of each azimuthal order pays.
+        often: whether so many sets are asked for under this probe that the matrix of each azimuthal order pays without PARDISO.
 
     Raises:
         SolveError: the reflections could not be solved.

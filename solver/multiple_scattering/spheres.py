@@ -15,7 +15,7 @@ from solver.inclusions.projection import Projection
 from solver.inclusions.sphere_scattering import Scattering, scattering
 from solver.inclusions.tumours import Tumours
 from solver.inclusions.vector_modes import Modes
-from solver.multiple_scattering.boundary_samples import ModeSource
+from solver.multiple_scattering.rings import ModeSource
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import pytest
 from solver.closed_form import bessel
 from solver.inclusions.solid_harmonics import SolidHarmonics, _recursion, derivatives
 from solver.linalg.workspace import size
-from solver.multiple_scattering.boundary_samples import AzimuthalGrid, _waves, turns
+from solver.multiple_scattering.rings import AzimuthalGrid, _waves, turns
 from solver.multiple_scattering.solve import ANGLES, DEGREES, ORDERS
 from tests.support.imports import module, sources
 
@@ -37,8 +37,8 @@ BOUNDED = {  # the largest value, of which there are at most ``maxsize``
     "solver.closed_form.bessel._spherical": (bessel._spherical, (3,)),
     "solver.inclusions.solid_harmonics._recursion": (_recursion, (LARGEST.degree, LARGEST.order)),
     "solver.inclusions.solid_harmonics.derivatives": (derivatives, (LARGEST, "outgoing")),
-    "solver.multiple_scattering.boundary_samples._waves": (_waves, (ROUNDS,)),
-    "solver.multiple_scattering.boundary_samples.turns": (turns, (ROUNDS,)),
+    "solver.multiple_scattering.rings._waves": (_waves, (ROUNDS,)),
+    "solver.multiple_scattering.rings.turns": (turns, (ROUNDS,)),
 }
 MOST = 2e7  # bytes of one
 

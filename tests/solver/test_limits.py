@@ -127,8 +127,8 @@ def reflections(scene, limits=None):
 
 def test_reflections_of_many_tumours_are_refused_before_they_begin(monkeypatch):
     monkeypatch.setattr(boundary_samples, "Table", lambda *_: pytest.fail("they began"))
-    with pytest.raises(LimitReached, match=r"memory = 0\.4 GB: allowed: .* reflections of 64 tumours \(fewer .*--memory"):
-        reflections(lattice(4), Limits(memory=0.4e9))
+    with pytest.raises(LimitReached, match=r"memory = 0\.4 GB: allowed: .* reflections of 125 tumours \(fewer .*--memory"):
+        reflections(lattice(5), Limits(memory=0.4e9))
 
 
 def test_what_reflections_will_hold_is_known(monkeypatch):
@@ -138,7 +138,7 @@ def test_what_reflections_will_hold_is_known(monkeypatch):
 
     def seen(self, weights):
         done = works(self, weights)
-        kept.append(size([[sampler.table for sampler, _ in one] for one in self._samplers]))
+        kept.append(size([[sampler.table for sampler in one] for one in self._samplers]))
         return done
 
     monkeypatch.setattr(ModeSamples, "works", seen)

@@ -1,0 +1,95 @@
+"""Products B^T A^-1 B of sparse matrices, which PARDISO finds in the time of a factorisation: no solution for each column.
+
+Eliminating the unknowns of A from ((A, B), (B^T, 0)) leaves -B^T A^-1 B, the Schur complement.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from importlib import import_module
+from threading import Lock
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from geometry.common.arrays import Floats, Ints
+from solver.linalg.cholesky import METIS, POSITIVE_DEFINITE, loaded
+
+SCHUR, ELIMINATE = {35: 1}, 22  # PARDISO's: return the Schur complement of what is not marked; numerical factorisation
+LARGEST_ERROR = 1e-9  # of the column whose product is known, relative in energy; rounding leaves about 1e-15
+
+
+@dataclass
+class _Analysis:
+    """PARDISO's analysis of matrices with the entries of ``structure``, and where these stand in its upper triangle by rows."""
+
+    solver: Any
+    structure: tuple[Ints, ...]
+    lower: Any
+    order: Ints
+
+    @property
+    def foreign_bytes(self) -> int:
+        """What the library holds: kB for the analysis, kB for the factors, and twice the matrix, as given and permuted."""
+        return 1024 * int(self.solver.get_iparm_value(15) + self.solver.get_iparm_value(16)) + 2 * 12 * len(self.order)
+
+
+@dataclass
+class SchurComplements:
+    """What finds products of matrices one after the other; where entries stand alike, they are analysed once."""
+
+    _analysis: _Analysis | None = None
+    _lock: Any = field(default_factory=Lock, repr=False)
+
+    def product(self, A: Any, B: Any) -> Floats | None:
+        """Return B^T A^-1 B, shape (k, k); None without PARDISO, where A is not positive definite to rounding, or not solved.
+
+        One column more, A e, has a product that is known, B^T e: it shows whether A was solved.
+
+        Args:
+            A: symmetric positive definite, both triangles in compressed columns, rows sorted, shape (n, n).
+            B: sparse by rows, shape (n, k).
+        """
+        if not loaded():
+            return None
+        e = np.cos(np.arange(1, A.shape[0] + 1))
+        strained = A.T @ e  # symmetric; by rows it is read faster
+        with self._lock:
+            try:
+                found = self._found(A, sp.hstack([B, sp.csr_array(strained[:, None])], format="csr"))
+            except RuntimeError:
+                return None
+        scale = np.sqrt(np.maximum(np.diag(found)[:-1], 0.0) * (e @ strained))
+        if not np.all(np.abs(found[:-1, -1] - B.T @ e) <= LARGEST_ERROR * scale):
+            return None
+        return np.asarray(found[:-1, :-1])
+
+    def _found(self, A: Any, B: Any) -> Floats:
+        structure = (A.indptr, A.indices, B.indptr, B.indices)
+        if self._analysis is None or not all(map(np.array_equal, structure, self._analysis.structure)):
+            self._analysis = _analysed(A, B, structure)
+        one, (n, k) = self._analysis, B.shape
+        one.solver.set_values(np.concatenate([A.data[one.lower], B.data, np.zeros(k)])[one.order])
+        out = np.zeros((n + k, -(-(k**2) // (n + k))), order="F")  # as PARDISO's solutions are, and as large as the complement
+        one.solver.run_phase_into(ELIMINATE, np.zeros_like(out), out)
+        left = -out.ravel(order="F")[: k**2].reshape(k, k)
+        return np.asarray((left + left.T) / 2)
+
+
+def _analysed(A: Any, B: Any, structure: tuple[Ints, ...]) -> _Analysis:
+    """Order the entries of A's triangle, of B and of a diagonal below them, and let PARDISO analyse them."""
+    (n, k), columns = B.shape, np.repeat(np.arange(A.shape[1]), np.diff(A.indptr))
+    lower, last = A.indices >= columns, B.shape[0] + np.arange(B.shape[1])
+    rows = np.concatenate([columns[lower], np.repeat(np.arange(n), np.diff(B.indptr)), last])
+    columns = np.concatenate([A.indices[lower], n + B.indices, last])
+    order = np.lexsort((columns, rows))
+    solver = import_module("pymklpardiso._mkl_pardiso").PardisoSolver(POSITIVE_DEFINITE)
+    for key, value in (METIS | SCHUR).items():
+        solver.set_iparm(key, value)
+    starts = np.searchsorted(rows[order], np.arange(n + k + 1))
+    solver.set_pattern(ia=starts.astype(np.int64), ja=columns[order].astype(np.int64), n=n + k)
+    solver.set_perm((np.arange(n + k) >= n).astype(np.int64))
+    solver.set_values(np.zeros(len(order)))
+    solver.analyze()
+    return _Analysis(solver, structure, lower, order)

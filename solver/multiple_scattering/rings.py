@@ -1,0 +1,161 @@
+"""Points of the boundary's meridian carried round the probe's axis: the angles at which fields of all orders are sampled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+
+from geometry.common.arrays import Floats
+from solver.inclusions.vector_modes import EVERY, Modes
+from solver.multiple_scattering.panels import Panels
+
+STRESS = ((3, 8, 7), (8, 4, 6), (7, 6, 5))  # components of ``solver.inclusions.vector_modes.stack`` that are stresses xx .. zz
+PLANE = (7, 6, 5, 0, 1, 2)  # those asked for on planes across z: xz, yz, zz and displacements
+ROUND = (3, 8, 4, 7, 6, 0, 1, 2)  # and on the side: xx, xy, yy, xz, yz and displacements
+
+
+@dataclass(frozen=True)
+class AzimuthalGrid:
+    """Angles about the probe's axis at which fields are sampled: the half plane's y > 0 where they mirror, or all round.
+
+    Attributes:
+        count: number of angles.
+        mirrored: whether fields are even about y = 0.
+    """
+
+    count: int
+    mirrored: bool
+
+    @property
+    def orders(self) -> int:
+        """Number of azimuthal orders that the angles tell apart."""
+        return max(1, self.count - 1 if self.mirrored else self.count // 2)
+
+    @property
+    def families(self) -> int:
+        """Of waves: one where fields mirror, else two."""
+        return 1 if self.mirrored else 2
+
+    @property
+    def angles(self) -> Floats:
+        """Shape (count,)."""
+        return (np.arange(self.count) + 0.5) * (np.pi if self.mirrored else 2 * np.pi) / self.count
+
+    @property
+    def waves(self) -> Floats:
+        """What makes amplitudes of values at the angles: (3, orders families, count), components along r, theta and z.
+
+        Waves are (cos, sin, cos) of m theta and, unless mirrored, (sin, -cos, sin).
+        """
+        return _waves(self)
+
+
+@lru_cache(maxsize=64)
+def _waves(rounds: AzimuthalGrid) -> Floats:
+    m = np.arange(rounds.orders)
+    share = np.where(m == 0, 1, 2)[:, None] / rounds.count
+    cos, sin = share * np.cos(np.outer(m, rounds.angles)), share * np.sin(np.outer(m, rounds.angles))
+    families = np.array([[cos, sin, cos], [sin, -cos, sin]][: 1 if rounds.mirrored else 2])
+    return np.ascontiguousarray(families.transpose(1, 2, 0, 3)).reshape(3, -1, rounds.count)
+
+
+@dataclass(frozen=True)
+class ModeSource:
+    """A sphere's centre, m, shape (3,), and radius, m, and the outgoing modes about it."""
+
+    centre: Floats
+    radius: float
+    modes: Modes
+
+
+@dataclass(frozen=True)
+class Rings:
+    """Points of the boundary's meridian, carried round the axis: few angles where what is sampled has faded.
+
+    Attributes:
+        part: which of the panels' points.
+        rounds: the angles.
+        components: what is sampled, of ``solver.inclusions.vector_modes.stack``.
+        flat: whether all points have one z.
+        turned: some of the points, and what turns components to tractions and displacements there, (angles, 6, components).
+    """
+
+    part: slice
+    rounds: AzimuthalGrid
+    components: tuple[int, ...]
+    flat: bool
+    turned: tuple[tuple[slice, Floats], ...]
+
+    @property
+    def count(self) -> int:
+        """Number of places round the axis."""
+        return self.rounds.count * int(self.part.stop - self.part.start)
+
+    def points(self, panels: Panels) -> Floats:
+        """They, angle by angle, m, shape (count, 3)."""
+        r, z, angles = panels.r[self.part], panels.z[self.part], self.rounds.angles[:, None]
+        return np.stack([r * np.cos(angles), r * np.sin(angles), z + 0 * angles], axis=-1).reshape(-1, 3)
+
+
+def rings(panels: Panels, sources: Sequence[ModeSource], rounds: AzimuthalGrid) -> list[Rings]:
+    """Return those of surface, side and floor, or for a single angle, where there is little to save, all at once.
+
+    Args:
+        panels: the points of the meridian.
+        sources: whose outgoing modes are sampled.
+        rounds: the most angles.
+    """
+    parts = panels.parts
+    if rounds.count == 1:
+        return [Rings(slice(0, len(panels.r)), rounds, EVERY, False, tuple(zip(parts, turns(rounds), strict=True)))]
+    found: list[Rings] = []
+    for number, (part, components) in enumerate(zip(parts, (PLANE, ROUND, PLANE), strict=True)):
+        needed = np.max([_angles(one, panels.r[part], panels.z[part]) for one in sources], axis=0)
+        for run in _runs(needed):
+            count = min(rounds.count, int(np.ceil(needed[run].max())) * (1 if rounds.mirrored else 2))
+            grid = AzimuthalGrid(count, rounds.mirrored)
+            turned = ((slice(None), turns(grid)[number][..., components]),)
+            points = slice(part.start + run.start, part.start + run.stop)
+            found.append(Rings(points, grid, components, number != 1, turned))
+    return found
+
+
+def _angles(source: ModeSource, r: Floats, z: Floats) -> Floats:
+    """Angles of a half plane that tell a sphere's field on rings: those over which it fades from where it is nearest, and six.
+
+    What comes from a ring of radius d fades on another, of radius r and at a distance s, as exp(-m x) with order m, where
+    sinh(x / 2) = s / (2 sqrt(r d)).
+    A sphere's outgoing modes are as sharp as if they came from 0.8 radii beside its centre.
+    """
+    offset = float(np.hypot(*source.centre[:2]))
+    away = np.hypot(r - offset, z - source.centre[2]) - 0.8 * source.radius
+    return np.asarray(3 / (2 * np.arcsinh(away / (2 * np.sqrt(np.maximum(r * offset, 1e-12 * source.radius**2))))) + 6)
+
+
+def _runs(needed: Floats) -> list[slice]:
+    """Points that need more than half as many angles as the one that needs most, and what lies before and after them."""
+    near = np.flatnonzero(needed > needed.max() / 2)
+    ends = [0, int(near[0]), int(near[-1]) + 1, len(needed)]
+    return [slice(low, high) for low, high in pairwise(ends) if high > low]
+
+
+@lru_cache(maxsize=64)
+def turns(rounds: AzimuthalGrid) -> tuple[Floats, Floats, Floats]:
+    """From the components of ``vector_modes.stack`` to tractions and displacements along r, theta, z: (angles, 6, 9).
+
+    On surface, side and floor.
+    """
+    cos, sin, one = np.cos(rounds.angles), np.sin(rounds.angles), np.ones(rounds.count)
+    turn, across, up = np.zeros((rounds.count, 3, 3)), np.zeros((rounds.count, 3, 9)), np.zeros((rounds.count, 3, 9))
+    turn[:, 0, 0], turn[:, 0, 1], turn[:, 1, 0], turn[:, 1, 1], turn[:, 2, 2] = cos, sin, -sin, cos, one
+    for i in range(3):
+        for j, share in enumerate((cos, sin)):
+            across[:, i, STRESS[i][j]] = share
+        up[:, i, STRESS[i][2]] = one
+    moved = np.concatenate([turn, np.zeros((rounds.count, 3, 6))], axis=2)
+    surface, side, floor = (np.concatenate([turn @ pressed, moved], axis=1) for pressed in (up, across, -up))
+    return surface, side, floor
