@@ -1,7 +1,7 @@
 """What a change of a scene costs the evaluator ``solid``: answered alone, and after the scene that it is a change of.
 
 Usage: ``python -m benchmarks.solid.changes [SCENE.toml] [--accuracy 0.01] [--cache FOLDER]``; some minutes. Meshes are made where
-the folder, else an empty one, has none. Seconds are the processor's, of the processes that mesh, too.
+the folder, else an empty one for each answer, has none. Seconds are the processor's, of the processes that mesh, too.
 """
 
 from __future__ import annotations
@@ -34,6 +34,11 @@ def changes(scene: Scene) -> Iterator[tuple[str, Scene]]:
     yield "tumour 1.5 times as stiff", with_first(scene, youngs_modulus=1.5 * body.youngs_modulus)
     tissue = scene.tissue.model_copy(update={"youngs_modulus": 1.5 * scene.tissue.youngs_modulus})
     yield "tissue 1.5 times as stiff", scene.model_copy(update={"tissue": tissue})
+    yield "tumour 1 mm deeper", with_first(scene, depth=body.depth + 1e-3)
+    if body.diameter is not None:
+        yield "tumour 0.9 times as large", with_first(scene, diameter=0.9 * body.diameter)
+    at = scene.placement.model_copy(update={"x": scene.placement.x + 1e-3})
+    yield "probe 1 mm aside", scene.model_copy(update={"placement": at})
 
 
 def with_first(scene: Scene, **other: float) -> Scene:
@@ -46,9 +51,11 @@ def processor() -> float:
     return sum(one.ru_utime + one.ru_stime for one in used)
 
 
-def answered(level: SolidLevel, scene: Scene, accuracy: float) -> tuple[Result, float]:
-    start = processor()
-    with limited(Limits(seconds=3600.0)):
+def answered(level: SolidLevel, scene: Scene, accuracy: float, cache: Path | None) -> tuple[Result, float]:
+    with limited(Limits(seconds=3600.0)), tempfile.TemporaryDirectory() as empty:
+        if cache is None:
+            os.environ[FOLDER] = empty
+        start = processor()
         return level.evaluate(scene, accuracy), processor() - start
 
 
@@ -58,20 +65,20 @@ def main() -> None:
     parser.add_argument("--accuracy", type=float, default=0.01)
     parser.add_argument("--cache", type=Path)
     given = parser.parse_args()
-    with tempfile.TemporaryDirectory() as empty:
-        os.environ[FOLDER] = str(given.cache or empty)
-        measured(read_scene(given.scene), given.accuracy, given.scene.stem).print(Console(width=150))
+    if given.cache is not None:
+        os.environ[FOLDER] = str(given.cache)
+    measured(read_scene(given.scene), given.accuracy, given.scene.stem, given.cache).print(Console(width=150))
 
 
-def measured(scene: Scene, accuracy: float, name: str) -> MeasuredTable:
+def measured(scene: Scene, accuracy: float, name: str, cache: Path | None) -> MeasuredTable:
     shared = SolidLevel(workspace=Workspace())
     table = MeasuredTable(f"{name} at accuracy {accuracy:g}", COLUMNS)
-    first, seconds = answered(shared, scene, accuracy)
+    first, seconds = answered(shared, scene, accuracy, cache)
     table.add("the first scene", seconds, None, None, first.error_estimate, peak())
     for what, changed in changes(scene):
         print(f"{what} ...", file=sys.stderr, flush=True)
-        after, quick = answered(shared, changed, accuracy)
-        alone, slow = answered(SolidLevel(workspace=Workspace()), changed, accuracy)
+        after, quick = answered(shared, changed, accuracy, cache)
+        alone, slow = answered(SolidLevel(workspace=Workspace()), changed, accuracy, cache)
         apart = abs((after.ratio or 0.0) / (alone.ratio or 1.0) - 1)
         print(what, slow, quick, apart, after.error_estimate, peak(), file=sys.stderr, flush=True)
         table.add(what, slow, quick, apart, after.error_estimate, peak())

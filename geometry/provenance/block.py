@@ -24,7 +24,16 @@ if TYPE_CHECKING:
     from geometry.scenes.scene import Scene
 
 FORMAT, VERSION = "probe-design provenance", 1
-DEPENDENCIES = ("numpy", "scipy", "casadi", "pydantic", "pytetwild", "pyvista", "cadquery")  # that numbers and shapes depend on
+DEPENDENCIES = (
+    "numpy",
+    "scipy",
+    "casadi",
+    "pydantic",
+    "netgen-mesher",
+    "pytetwild",
+    "pyvista",
+    "cadquery",
+)  # for numbers, shapes
 Provenance = dict[str, Any]
 # a path from the root, as a word or behind "-o", "=", "," or a blank: what stands before its last name
 _FROM_ROOT = re.compile(r"(^-[a-zA-Z]|^|(?<=[=,\s]))(?:[A-Za-z]:)?[\\/](?:[^\\/,=]*[\\/])*")

@@ -2,7 +2,8 @@
 
 The folder is the user's cache, or the one that the environment variable ``PROBE_DESIGN_CACHE`` names. A file is written
 whole or not at all and carries its checksum: one that does not match is made again. Of processes that mesh the same at the same
-time the first to write it wins, and all use what it wrote: pytetwild makes two meshes of one question, and results would differ.
+time the first to write it wins, and all use what it wrote: pytetwild makes two meshes of one question, and results would differ
+(netgen makes one).
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from geometry import mesh_programs
 from geometry.common.files import written_whole
 from geometry.scenes.scene import Scene
 from geometry.tetra.layout import BodyLayout, body_layout, extent
@@ -28,6 +30,8 @@ from geometry.tetra.tet_mesh import TetMesh
 
 FOLDER = "PROBE_DESIGN_CACHE"  # the environment variable
 ROOM = Path(__file__).parent
+PROGRAMS = Path(mesh_programs.__file__).parent
+MESHERS = "netgen-mesher", "pytetwild"
 _CHECKSUM = hashlib.sha256().digest_size
 
 
@@ -80,7 +84,9 @@ def folder() -> Path:
 
 def key(layout: BodyLayout, fineness: TetraFineness) -> str:
     """A name by content: every number that the mesh follows from, a surface file's triangles, our sources and the versions."""
-    digest = hashlib.sha256(f"{sources()} {version('pytetwild')} {np.__version__} {fineness!r}".encode())
+    digest = hashlib.sha256(
+        f"{sources()} {version('netgen-mesher')} {version('pytetwild')} {np.__version__} {fineness!r}".encode()
+    )
     for part in fields(layout):
         _feed(digest, getattr(layout, part.name))
     return digest.hexdigest()
@@ -88,9 +94,9 @@ def key(layout: BodyLayout, fineness: TetraFineness) -> str:
 
 @cache
 def sources() -> str:
-    """Digest of this room's sources: our own part of what a mesh follows from, read once a process."""
+    """Digest of this room's sources and the meshers' programs: our own part of what a mesh follows from, read once a process."""
     digest = hashlib.sha256()
-    for path in sorted(ROOM.glob("*.py")):
+    for path in sorted(ROOM.glob("*.py")) + sorted(PROGRAMS.glob("*.py")):
         digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()
 

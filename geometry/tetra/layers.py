@@ -82,7 +82,7 @@ def layered(
         new[:, plane] = True
         member = np.vstack([member, new])
     layer = layers_at(layout, points[cells, 2].mean(axis=1))
-    faces, chosen = _faces(layout, surfaces, points, cells, body=body[parent], layer=layer)
+    faces, chosen = body_faces(layout, surfaces, points, cells, body=body[parent], layer=layer)
     member = memberships(len(points), faces, chosen, len(surfaces))
     return LayeredCells(_mended(surfaces, points, cells, member), cells, parent, layer, faces, chosen)
 
@@ -152,7 +152,7 @@ def _shortest(points: Points, ends: Indices) -> Points:
     return result
 
 
-def _faces(
+def body_faces(
     layout: BodyLayout, surfaces: list[Surface], points: Points, cells: Indices, *, body: Indices, layer: Indices
 ) -> tuple[Indices, Indices]:
     """Faces (f, 3) between bodies and between layers, and their surfaces (f,)."""
@@ -163,6 +163,8 @@ def _faces(
     if (chosen < 0).any():
         a, b = one[chosen < 0][0], other[chosen < 0][0]
         raise SolveError(f"volume mesh: bodies {a} and {b} touch, which they do not in the scene")
+    if not layout.interfaces:
+        return faces, chosen
     between, above, below = interfaces(cells, np.where(body >= 0, layer, AIR))
     between = between[(above >= 0) & (below >= 0) & (points[between, 2].max(axis=1) < 0)]
     first = len(surfaces) - len(layout.interfaces)

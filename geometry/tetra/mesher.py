@@ -1,4 +1,4 @@
-"""From a scene to a mesh of quadratic tetrahedra labelled by body: surfaces, pytetwild, exact surfaces, checks.
+"""From a scene to a mesh of quadratic tetrahedra labelled by body: by netgen, or surfaces, pytetwild, exact surfaces; checks.
 
 pytetwild is called once for all surfaces, in a space where the gap is wide and far tissue near
 (``geometry.tetra.stretched_space``). A mesh that fails the checks is made again, finer; one that fails still is refused,
@@ -8,8 +8,9 @@ never used.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,14 +18,16 @@ from numpy.typing import NDArray
 
 from geometry.cad.decimation import FEW, MANY
 from geometry.common.arrays import Points
-from geometry.common.child_process import Arrays, Failure, TooLong, run_program
+from geometry.common.child_process import Failure, TooLong
 from geometry.common.errors import SolveError
-from geometry.common.resources import check_time, limits, seconds_left
+from geometry.common.resources import check_time
+from geometry.mesh_programs.tetwild import tetrahedralize
 from geometry.tetra.check import check, largest_error
 from geometry.tetra.facets import halved
 from geometry.tetra.labels import labels
 from geometry.tetra.layers import layered
 from geometry.tetra.layout import BodyLayout
+from geometry.tetra.regular_mesh import is_regular, regular_elements, regular_mesh
 from geometry.tetra.sizing import COARSE, FINE, ROUGH, TetraFineness, background, squares
 from geometry.tetra.smoothing import remove_slivers, smooth, undo_inversions
 from geometry.tetra.snapping import curved_mesh, exact_surfaces, interfaces, memberships, snap, snap_to_permanent, surfaces_of
@@ -33,9 +36,8 @@ from geometry.tetra.surface_files import Sheet
 from geometry.tetra.surfaces import Corners, corners, surfaces
 from geometry.tetra.tet_mesh import TISSUE, TetMesh
 
-__all__ = ["COARSE", "FINE", "ROUGH", "TetraFineness", "Timing", "expected_elements", "mesh_layout", "tetrahedralize"]
+__all__ = ["COARSE", "FINE", "ROUGH", "TetraFineness", "Timing", "expected_elements", "mesh_layout"]
 
-_PROGRAM = Path(__file__).with_name("tetwild_program.py")
 _NEAR = 1.7  # far tissue begins at this many times the probe's largest length
 _ENVELOPE = 0.15  # of the smallest feature: how far pytetwild's surfaces may be from the given ones; never above half the gap
 _DRAWN = 0.25  # of the envelope: how far fewer triangles may be from a surface that they stand for
@@ -47,6 +49,7 @@ _LEAST_KEPT = 0.05  # those that stay below this are put back to where pytetwild
 _KEEP = 0.2  # of its quality an element keeps when its edges are curved, or they stay straight
 _TRIALS = 3
 _PATIENCE = 240.0, 600.0, 600.0  # s for pytetwild in each: no two runs are alike, and one in many never ends
+_QUICK, _SLOW = 30.0, 500.0  # s for netgen, and tetrahedra in a second beyond: it makes some 6000
 _TIGHTER = 0.7  # the envelope from trial to trial: pytetwild's time goes with its square
 _GOOD = 3e-3  # error of a block's or ellipsoid's volume above which another trial is made
 _ITERATIONS = 25  # of pytetwild: where these do not do, more hardly help
@@ -60,16 +63,23 @@ _PER_SQUARE = 11.0  # tetrahedra that a plane adds by cutting a square of their 
 
 @dataclass(frozen=True)
 class Timing:
-    """Seconds for the surfaces and sizes, in pytetwild, and for all that follows; and how many trials there were."""
+    """Which mesher made a mesh, in how many seconds and trials."""
 
-    surfaces: float
-    tetwild: float
-    after: float
+    mesher: str
+    seconds: float
     trials: int
 
 
+@dataclass(frozen=True)
+class Mesher:
+    """A library by name, and how it makes a mesh of a layout at the trial 0, 1 or 2."""
+
+    name: str
+    trial: Callable[[BodyLayout, TetraFineness, int], TetMesh]
+
+
 def mesh_layout(layout: BodyLayout, fineness: TetraFineness) -> tuple[TetMesh, Timing]:
-    """Mesh a layout; again, within a tighter envelope, where a mesh fails the checks or a volume is off by more than 0.3 %.
+    """Mesh regular layouts by netgen; others, and those of which it makes no mesh that passes the checks, by pytetwild.
 
     Returns:
         Of the meshes that passed the checks that with the least error of volume, and how long all trials took.
@@ -79,30 +89,37 @@ def mesh_layout(layout: BodyLayout, fineness: TetraFineness) -> tuple[TetMesh, T
         LimitReached: the time is over before there is a mesh.
         KeyboardInterrupt: Ctrl-C, at once.
     """
-    spent, fault, best, least = np.zeros(3), "", None, np.inf
-    trials = 0
+    if is_regular(layout):
+        with suppress(SolveError):
+            return _tried(layout, fineness, NETGEN)
+    return _tried(layout, fineness, TETWILD)
+
+
+def _tried(layout: BodyLayout, fineness: TetraFineness, mesher: Mesher) -> tuple[TetMesh, Timing]:
+    """Mesh a layout; again, finer, where a mesh fails the checks or a volume is off by more than 0.3 %; see ``mesh_layout``."""
+    fault, best, least = "", None, np.inf
+    trials, start = 0, time.perf_counter()
     while trials < _TRIALS and least > _GOOD:
         try:
-            mesh, seconds = _trial(layout, fineness, _ENVELOPE * _TIGHTER**trials, _PATIENCE[trials])
-            spent += seconds
+            mesh = mesher.trial(layout, fineness, trials)
             check(mesh, layout)
             if (off := largest_error(mesh, layout)) < least:
                 best, least = mesh, off
         except TooLong as failure:
             if best is None:
                 check_time(_work(layout))
-            fault = f"pytetwild: {failure}"
+            fault = f"{mesher.name}: {failure}"
             if trials > 0:
                 break
         except Failure as failure:
-            fault = f"pytetwild: {failure}"
+            fault = f"{mesher.name}: {failure}"
         except SolveError as failure:
             fault = str(failure).removeprefix("volume mesh: ")
         trials += 1
         fineness = replace(fineness, rim=0.9 * fineness.rim, sphere=0.9 * fineness.sphere, corners=fineness.corners + 4)
     if best is None:
         raise SolveError(f"volume mesh: none passed the checks, the last one as {fault}")
-    return best, Timing(float(spent[0]), float(spent[1]), float(spent[2]), trials)
+    return best, Timing(mesher.name, time.perf_counter() - start, trials)
 
 
 def _work(layout: BodyLayout) -> str:
@@ -116,9 +133,11 @@ def _work(layout: BodyLayout) -> str:
 def expected_elements(layout: BodyLayout, fineness: TetraFineness) -> float:
     """Return about how many tetrahedra a layout's mesh will have, from their sizes alone, in a moment.
 
-    Of meshes with 5000 to 250 000 tetrahedra these are 0.97 to 1.6 times as many, large ones nearer to 1; what planes between
-    layers add is 1 to 1.8 times as many.
+    See ``regular_elements`` for netgen's. Of pytetwild's meshes with 5000 to 250 000 tetrahedra these are 0.97 to 1.6 times as
+    many, large ones nearer to 1; what planes between layers add is 1 to 1.8 times as many.
     """
+    if is_regular(layout):
+        return regular_elements(layout, fineness, space_of(layout, fineness))
     space, _, soup, sizes = _prepared(layout, fineness)
     grid, cells, values = sizes[0], sizes[1], np.minimum(sizes[2], _LARGEST * float(np.linalg.norm(np.ptp(soup[0], axis=0))))
     corners = grid[cells]
@@ -141,15 +160,19 @@ def _prepared(
     return space, turns, (points, triangles), background(layout, fineness, space, box + np.array([[-margin], [margin]]))
 
 
-def _trial(layout: BodyLayout, fineness: TetraFineness, envelope: float, patience: float) -> tuple[TetMesh, Points]:
-    times = [time.perf_counter()]
+def _by_netgen(layout: BodyLayout, fineness: TetraFineness, trial: int) -> TetMesh:
+    """A trial like the others: what netgen makes of slightly smaller sizes is another mesh."""
+    return regular_mesh(layout, fineness, space_of(layout, fineness), _QUICK + expected_elements(layout, fineness) / _SLOW)
+
+
+def _by_tetwild(layout: BodyLayout, fineness: TetraFineness, trial: int) -> TetMesh:
+    """Within a tighter envelope each time."""
     space, turns, (points, triangles), sizes = _prepared(layout, fineness)
-    times.append(time.perf_counter())
-    cells = _tetrahedralize(points, triangles, envelope * _smallest(layout, space), sizes, patience)
-    times.append(time.perf_counter())
-    mesh = _finish(layout, space, turns, *cells)
-    times.append(time.perf_counter())
-    return mesh, np.diff(times)
+    envelope = _ENVELOPE * _TIGHTER**trial * _smallest(layout, space)
+    return _finish(layout, space, turns, *_tetrahedralize(points, triangles, envelope, sizes, _PATIENCE[trial]))
+
+
+NETGEN, TETWILD = Mesher("netgen", _by_netgen), Mesher("pytetwild", _by_tetwild)
 
 
 def space_of(layout: BodyLayout, fineness: TetraFineness) -> MeshSpace:
@@ -225,23 +248,6 @@ def _tetrahedralize(
     }
     nodes, tetrahedra = tetrahedralize(arguments, patience)
     return nodes / scale, tetrahedra
-
-
-def tetrahedralize(arrays: Arrays, patience: float) -> tuple[Points, NDArray[np.int64]]:
-    """Call ``pytetwild.tetrahedralize`` in a process of its own that takes one core; safe in several threads at a time.
-
-    Args:
-        arrays: its arguments by name, arrays or numbers.
-        patience: seconds after which it is ended, if not sooner by the limits of the answer.
-
-    Returns:
-        Points (n, 3) in the unit of the given ones, and tetrahedra (t, 4) in VTK's order.
-
-    Raises:
-        TooLong, Failure, KeyboardInterrupt: see ``geometry.common.child_process.run_program``.
-    """
-    mesh = run_program(_PROGRAM, arrays, min(patience, seconds_left()), limits().memory)
-    return mesh["points"], mesh["tetrahedra"].astype(np.int64)
 
 
 def _finish(layout: BodyLayout, space: MeshSpace, turns: Corners, nodes: Points, tetrahedra: NDArray[np.int64]) -> TetMesh:

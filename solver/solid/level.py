@@ -28,7 +28,7 @@ STEEP = math.radians(10)  # the largest tilt: beyond, its square is above 3 %
 
 @dataclass(frozen=True)
 class SolidLevel(FilmLevel):
-    """Quadratic tetrahedra on a pytetwild mesh: bonded or frictionless.
+    """Quadratic tetrahedra on meshes by netgen or pytetwild: bonded or frictionless.
 
     Attributes:
         tell: called with a line before each piece of work.

@@ -29,7 +29,8 @@ ALLOWED: dict[str, set[str]] = {
     "geometry.provenance": SCENES,
     "geometry.cad": PROVENANCE,
     "geometry.workshop": {"geometry.cad", *PROVENANCE},
-    "geometry.tetra": {"geometry.cad", *SCENES},
+    "geometry.mesh_programs": {"geometry.common"},
+    "geometry.tetra": {"geometry.cad", "geometry.mesh_programs", *SCENES},
     # hw stands alone: a measuring computer needs neither shapes nor solvers; sources of samples know the wire, the reader all
     "hw": {"hw.common", "hw.foreign", "hw.wire", "hw.recordings", "hw.usb", "hw.serial_port", "hw.simulation", "hw.oscilloscope"},
     "hw.common": set(),
@@ -282,7 +283,7 @@ ALLOWED: dict[str, set[str]] = {
     },
 }
 PACKAGES = sorted({room.split(".")[0] for room in ALLOWED})
-HEAVY = {"cadquery", "OCP", "matplotlib", "vtk", "vtkmodules", "pyvista", "pytetwild"}
+HEAVY = {"cadquery", "OCP", "matplotlib", "vtk", "vtkmodules", "pyvista", "pytetwild", "netgen"}
 
 
 def test_every_room_has_a_direction() -> None:

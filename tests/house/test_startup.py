@@ -14,8 +14,8 @@ BESIDE = EXAMPLES / "two-tumours.toml"
 OURS = {"geometry", "solver", "probe_design"}
 SCENES = OURS | {"click", "numpy", "pydantic", "pydantic_core", "annotated_types", "typing_extensions", "typing_inspection"}
 HEAVY = {
-    "OCP", "cadquery", "casadi", "dask", "distributed", "matplotlib", "pandas", "pint", "pytetwild", "pyvista", "usb", "vtk",
-    "xarray",
+    "OCP", "cadquery", "casadi", "dask", "distributed", "matplotlib", "netgen", "pandas", "pint", "pytetwild", "pyvista", "usb",
+    "vtk", "xarray",
 }  # fmt: skip
 PROGRAM = """
 import sys

@@ -79,7 +79,7 @@ def test_thinner_layers_are_expected_to_take_more_tetrahedra():
         expected_elements(body_layout(layered_scene(SKIN | {"thickness": thickness}), True, 0.1, None), ROUGH)
         for thickness in ("5 mm", "1 mm", "0.1 mm")
     ]
-    assert counts[0] > expected_elements(body_layout(scene(), True, 0.1, None), ROUGH)
+    assert counts[0] >= expected_elements(body_layout(scene(), True, 0.1, None), ROUGH)
     assert counts[1] > counts[0]
     assert counts[2] > 20 * counts[1]
 

@@ -72,49 +72,61 @@ def test_each_fineness_is_finer_everywhere():
         assert finer.corners > coarser.corners
 
 
-EMPTY = SimpleNamespace(inclusions=())
+EMPTY = SimpleNamespace(inclusions=(), inner=1.0, gap=1.0)
+IRREGULAR = SimpleNamespace(inclusions=("a body from a file",), inner=1.0, gap=1.0)
 
 
 class TestTrials:
     """What ``mesh_layout`` does with meshes that are made up."""
 
-    def meshes(self, monkeypatch, *outcomes):
+    def meshes(self, monkeypatch, *outcomes, name="TETWILD"):
         left, seen = list(outcomes), []
 
-        def trial(found, fineness, envelope, patience):
-            seen.append((fineness, envelope))
+        def trial(found, fineness, number):
+            seen.append((name, fineness.rim))
             if isinstance(left[0], Exception):
                 raise left.pop(0)
-            return left.pop(0), np.ones(3)
+            return left.pop(0)
 
-        monkeypatch.setattr(module, "_trial", trial)
+        monkeypatch.setattr(module, name, module.Mesher(name.lower(), trial))
         monkeypatch.setattr(module, "check", lambda mesh, found: None)
         monkeypatch.setattr(module, "largest_error", lambda mesh, found: mesh)
         return seen
 
     def test_the_best_of_three_is_kept(self, monkeypatch):
         seen = self.meshes(monkeypatch, 8e-3, 4e-3, 6e-3)
-        mesh, timing = mesh_layout(EMPTY, COARSE)
-        assert (mesh, timing.trials, timing.tetwild) == (4e-3, 3, 3.0)
+        mesh, timing = mesh_layout(IRREGULAR, COARSE)
+        assert (mesh, timing.trials, timing.mesher) == (4e-3, 3, "tetwild")
         assert seen[0][1] > seen[1][1] > seen[2][1]
 
     def test_a_good_one_is_taken_at_once(self, monkeypatch):
         self.meshes(monkeypatch, 2e-3)
-        assert mesh_layout(EMPTY, COARSE)[1].trials == 1
+        assert mesh_layout(IRREGULAR, COARSE)[1].trials == 1
 
     def test_a_crash_is_tried_again(self, monkeypatch):
         self.meshes(monkeypatch, Failure("SIGSEGV"), SolveError("folded"), 4e-3)
-        assert mesh_layout(EMPTY, COARSE)[0] == 4e-3
+        assert mesh_layout(IRREGULAR, COARSE)[0] == 4e-3
 
     def test_a_run_that_takes_too_long_is_tried_once_more(self, monkeypatch):
         self.meshes(monkeypatch, TooLong("it took longer than 240 s"), 2e-3)
-        assert mesh_layout(EMPTY, COARSE)[0] == 2e-3
+        assert mesh_layout(IRREGULAR, COARSE)[0] == 2e-3
 
     def test_two_runs_that_take_too_long_are_enough(self, monkeypatch):
         seen = self.meshes(monkeypatch, TooLong("it took longer than 240 s"), TooLong("it took longer than 600 s"))
         with pytest.raises(SolveError, match="longer than 600 s"):
-            mesh_layout(EMPTY, COARSE)
+            mesh_layout(IRREGULAR, COARSE)
         assert len(seen) == 2
+
+    def test_a_regular_scene_is_not_left_to_pytetwild(self, monkeypatch):
+        seen = self.meshes(monkeypatch, 8e-3, 2e-3, name="NETGEN")
+        assert mesh_layout(EMPTY, COARSE)[1].mesher == "netgen"
+        assert len(seen) == 2
+
+    def test_pytetwild_meshes_where_netgen_cannot(self, monkeypatch):
+        failed = self.meshes(monkeypatch, SolveError("folded"), Failure("SIGSEGV"), SolveError("lost"), name="NETGEN")
+        self.meshes(monkeypatch, 2e-3)
+        assert mesh_layout(EMPTY, COARSE)[1].mesher == "tetwild"
+        assert len(failed) == 3
 
 
 def test_half_of_a_scene_without_symmetry_is_refused():

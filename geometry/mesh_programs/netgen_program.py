@@ -1,0 +1,75 @@
+"""netgen as a program of ``geometry/common/child_process.py``: it brings an OpenCASCADE of its own, apart from cadquery's."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from netgen import occ
+from netgen.meshing import MeshingParameters
+
+MM = 1e3  # OpenCASCADE's margins are absolute, for lengths in mm; ours are in m
+_FAR = 4.0  # times the largest length: boxes that cut shapes
+_EVEN = 1e-9  # of its largest: an ellipsoid whose semi-axes differ by less is a sphere
+_BENT = 2.0  # radii of curvature over edges: with 1.3 some cannot be curved, and volumes are off by percents
+_SHORT = 0.1  # segments of the shortest edges: sizes say how many there are
+
+
+def run(arguments: dict[str, Any]) -> dict[str, Any]:
+    """Mesh what ``geometry.mesh_programs.glued_shapes.GluedShapes`` describes, its fields by name."""
+    given = {name: value if value.ndim else value.item() for name, value in arguments.items()}
+    parameters = MeshingParameters(
+        maxh=float(MM * given["sizes"][:, 3].max()),
+        grading=given["grading"],
+        optsteps3d=given["smoothing"],
+        curvaturesafety=_BENT,
+        segmentsperedge=_SHORT,
+        parallel_meshing=False,
+    )
+    for place in (MM * given["sizes"]).tolist():
+        parameters.RestrictH(*place)
+    mesh = occ.OCCGeometry(occ.Glue(_shapes(given))).GenerateMesh(mp=parameters)
+    elements = mesh.Elements3D().NumPy()
+    corners = elements["nodes"][:, :4].astype(np.int64) - 1
+    return {
+        "points": np.array(mesh.Coordinates()) / MM,
+        "tetrahedra": corners[:, [0, 2, 1, 3]],  # turned as VTK turns them
+        "piece": elements["index"].astype(np.int64) - 1,
+    }
+
+
+def _shapes(given: dict[str, Any]) -> list[Any]:
+    """All shapes, or their halves: what overlaps becomes pieces when they are glued."""
+    tubes = [
+        _cylinder(x, y, low, high, tube) - _cylinder(x, y, low, high, hole)
+        for x, y, low, high, hole, tube in _rows(given["tubes"])
+    ]
+    tissue = [_cylinder(*row) for row in _rows(given["cylinders"])] + [_box(*row) for row in _rows(given["boxes"])]
+    far = _FAR * MM * float(np.abs(given["sizes"][:, :3]).max())
+    layers = [tissue[-1] * _box(-far, -far, -depth, far, far, far) for depth in (MM * given["cuts"]).tolist()]
+    grooves = [tubes[0] * _box(*row) for row in _rows(given["grooves"])]
+    bodies = [_ellipsoid(MM * row[:3], MM * row[3:].reshape(3, 3)) for row in given["ellipsoids"]]
+    whole = [*tubes, *grooves, *tissue, *layers, *bodies]
+    return [shape * _box(-far, 0.0, -far, far, far, far) for shape in whole] if given["half"] else whole
+
+
+def _rows(lengths: Any) -> Any:
+    return (MM * lengths).tolist()
+
+
+def _cylinder(x: float, y: float, low: float, high: float, radius: float) -> Any:
+    return occ.Cylinder(occ.Pnt(x, y, low), occ.Z, radius, high - low)
+
+
+def _box(*corners: float) -> Any:
+    return occ.Box(occ.Pnt(*corners[:3]), occ.Pnt(*corners[3:]))
+
+
+def _ellipsoid(centre: Any, axes: Any) -> Any:
+    """A sphere, or an ellipsoid of three semi-axes along the columns of ``axes``."""
+    lengths = np.linalg.norm(axes, axis=0)
+    middle = occ.Pnt(*centre.tolist())
+    if np.ptp(lengths) <= _EVEN * lengths.max():
+        return occ.Sphere(middle, float(lengths[0]))
+    x, _, z = (axes / lengths).T.tolist()
+    return occ.Ellipsoid(occ.Axes(p=middle, n=occ.Dir(*z), h=occ.Dir(*x)), *lengths[[2, 0, 1]].tolist())  # its z comes first

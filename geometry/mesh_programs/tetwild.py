@@ -1,0 +1,31 @@
+"""pytetwild (Hu et al., 2020) fills surfaces that need not fit together; no two runs are alike."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.common.arrays import Points
+from geometry.common.child_process import Arrays, run_program
+from geometry.common.resources import limits, seconds_left
+
+_PROGRAM = Path(__file__).with_name("tetwild_program.py")
+
+
+def tetrahedralize(arrays: Arrays, patience: float) -> tuple[Points, NDArray[np.int64]]:
+    """Call ``pytetwild.tetrahedralize`` in a process of its own that takes one core; safe in several threads at a time.
+
+    Args:
+        arrays: its arguments by name, arrays or numbers.
+        patience: seconds after which it is ended, if not sooner by the limits of the answer.
+
+    Returns:
+        Points (n, 3) in the unit of the given ones, and tetrahedra (t, 4) in VTK's order.
+
+    Raises:
+        TooLong, Failure, KeyboardInterrupt: see ``geometry.common.child_process.run_program``.
+    """
+    mesh = run_program(_PROGRAM, arrays, min(patience, seconds_left()), limits().memory)
+    return mesh["points"], mesh["tetrahedra"].astype(np.int64)
