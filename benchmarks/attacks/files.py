@@ -41,7 +41,7 @@ class Readable:
     def dumped(self, tables: Any) -> bytes:
         """Return other tables as such a file; integers of more digits than Python writes are left to the bytes."""
         try:
-            text = json.dumps(tables) if self.suffix == ".json" else tomli_w.dumps(tables)
+            text = json.dumps(tables, default=str) if self.suffix == ".json" else tomli_w.dumps(tables)
         except ValueError:
             return b"a = " + b"9" * 5000
         return text.encode("utf-8", "surrogatepass")

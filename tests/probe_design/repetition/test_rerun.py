@@ -104,7 +104,16 @@ def test_a_command_that_cannot_be_repeated_is_refused(words: list[str], folder: 
     assert "file = " in refused("rerun", "odd.json")
 
 
-@pytest.mark.parametrize("damage", [{"inputs": ["a"]}, {"inputs": {"a": 1}}, {"dependencies": "numpy"}, {"command": {"a": 1}}])
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"inputs": ["a"]},
+        {"inputs": {"a": 1}},
+        {"dependencies": "numpy"},
+        {"command": {"a": 1}},
+        {"command": ["tissue", ["list"]]},
+    ],
+)
 def test_a_damaged_block_is_refused(damage: dict[str, Any], folder: Path) -> None:
     block = json.loads((folder / "made.json").read_text())["provenance"] | damage
     (folder / "odd.json").write_text(json.dumps({"ratio": 1.0, "provenance": block}))
