@@ -21,6 +21,7 @@ from pathlib import Path
 from benchmarks.attacks.attempt import asked, failures, prepare
 from benchmarks.attacks.kinds import KINDS
 from benchmarks.attacks.ordeals import LOST, ORDEALS, Ordeal
+from benchmarks.attacks.samples import remove
 
 WRONG = ("signal", "hang", "traceback", "defect", "exit code", "stray lines", "JSON", LOST)
 COLUMNS = ("tries", "answered", "refused", *WRONG, "slowest, s")
@@ -74,6 +75,7 @@ def main() -> int:
         print(f"| {kind} | {' | '.join(str(counts[column]) for column in COLUMNS)} |", flush=True)
         total.update(counts)
     shutil.rmtree(os.environ["PROBE_DESIGN_CACHE"], ignore_errors=True)
+    remove()
     print(f"\n{time.perf_counter() - start:.0f} s", file=sys.stderr)
     return int(any(total[column] for column in WRONG))
 

@@ -21,12 +21,14 @@ from pathlib import Path
 from probe_design.cli.main import main
 
 NEEDED = (
-    "hw.reader", "matplotlib.figure", "probe_design.probe_check.check", "probe_design.estimation.estimate",
-    "probe_design.maps.scan", "probe_design.sweeps.run", "probe_design.terminal.console", "solver.closed_form.level",
+    "h5py", "hw.reader", "matplotlib.figure", "probe_design.design_search.optimize", "probe_design.doctor.self_test",
+    "probe_design.estimation.estimate", "probe_design.maps.scan", "probe_design.probe_check.check", "probe_design.sweeps.run",
+    "probe_design.terminal.console", "probe_design.tolerances.budget", "solver.closed_form.level", "solver.contact.level",
     "solver.equivalent_inclusion.level", "solver.planning.plan",
 )  # fmt: skip
 GOOD = (0, 2, 130)  # answered, refused, interrupted
-FEW = 1  # of read alone: data that are whole and say too little, such as a part of a cycle
+FEW = 1  # of some verbs: data that are whole and say too little, such as a part of a cycle, or an answer that is no
+SAYING_NO = ("read", "estimate", "calibrate", "check", "doctor", "rerun", "optimize")
 USUAL = 20.0  # s that an answer may take, --time
 START = 40.0  # s that are no answer's: reading, planning and drawing, on a machine that is busy
 
@@ -118,7 +120,7 @@ def failures(attempt: Attempt, ended: Ended) -> Iterator[str]:
         yield "hang"
     elif ended.code < 0:
         yield "signal"
-    elif ended.code not in GOOD and (ended.code, attempt.words[0]) != (FEW, "read"):
+    elif ended.code not in GOOD and not (ended.code == FEW and attempt.words[0] in SAYING_NO):
         yield "exit code"
     if "Traceback" in ended.errors or "stack backtrace" in ended.errors:
         yield "traceback"
@@ -133,7 +135,7 @@ def failures(attempt: Attempt, ended: Ended) -> Iterator[str]:
 
 def _whole(ended: Ended) -> bool:
     """Whether an answer is one JSON object without NaN or infinity, and everything else prints none."""
-    if ended.code != 0:
+    if ended.code != 0 and not (ended.code == FEW and ended.output):
         return not ended.output
     try:
         return isinstance(json.loads(ended.output, parse_constant=_refused), dict)

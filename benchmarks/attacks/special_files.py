@@ -9,7 +9,8 @@ from pathlib import Path
 
 from benchmarks.attacks.attempt import Attempt
 from benchmarks.attacks.damage import Random
-from benchmarks.attacks.files import FILE, readables, scene_with
+from benchmarks.attacks.files import FILE, scene_with
+from benchmarks.attacks.readables import readables
 
 SPARSE = 10 * 2**30  # bytes, none of them on the disk
 

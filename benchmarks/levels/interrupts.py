@@ -32,6 +32,13 @@ VERBS = {
     "sweep": ("sweep", SWEEP, "--workers", "1", "-o", "OUT"),
     "read": ("read", SCENE, "--virtual", "--seconds", "3"),
     "calibrate": ("calibrate", SCENE, "--virtual", "-o", "OUT/probe.toml"),
+    "load": ("load", SCENE, "--to", "10 mN", "--points", "2", "--plot", "OUT/load.png"),
+    "tolerances": ("tolerances", SCENE, "--plot", "OUT/budget.png"),
+    "next reading": ("estimate", SCENE, "--ratio", "0.563", "--noise", "0.01", "--next"),
+    "check": ("check", SCENE, "--virtual", "--seconds", "5", "-o", "OUT/check.json", "--report", "OUT/check.html"),
+    "doctor": ("doctor", "--virtual", "--seconds", "2"),
+    "a recording": ("read", SCENE, "--virtual", "--seconds", "3", "--record", "OUT/run.h5"),
+    "optimize a design": ("optimize", "-o", "OUT", "--json"),
     "solid": ("evaluate", GROOVE, "--evaluator", "solid", "--accuracy", "0.05"),
 }
 

@@ -11,6 +11,7 @@ from typing import Any
 from geometry.scenes.scene import Scene
 
 DIGITS = 9  # of a number; what differs less is the same
+LARGEST_FILE = 4_000_000_000  # bytes: what takes some seconds; of larger ones no answer is made
 
 
 def digest(content: Mapping[str, Any]) -> str:
@@ -28,9 +29,9 @@ def scene_digest(scene: Scene) -> str:
 
 
 def file_digest(path: Path) -> str | None:
-    """Return the SHA-256 of a file's content; None of what is none, such as a pipe or a folder, or cannot be read."""
+    """Return the SHA-256 of a file's content; None of what is none, such as a pipe or a folder, too large or cannot be read."""
     try:
-        if not path.is_file():
+        if not path.is_file() or path.stat().st_size > LARGEST_FILE:
             return None
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()

@@ -63,7 +63,17 @@ def block_of(path: Path) -> tuple[Provenance, dict[str, Any]]:
         raise InputError("file", str(path), f"{_ALLOWED}, with its block of provenance")
     if block.get("version") != VERSION:
         raise InputError("file", str(path), f"a block of provenance of version {VERSION}")
+    if not _texts(block.get("command"), list) or not all(_texts(block.get(key), dict) for key in ("inputs", "dependencies")):
+        raise InputError("file", str(path), "a block of provenance as it was written")
     return block, content
+
+
+def _texts(some: Any, kind: type) -> bool:
+    """Whether it is nothing, or a list of texts, or a table of them, of which a version may be missing."""
+    values = some.values() if isinstance(some, dict) else some or []
+    return some is None or (
+        isinstance(some, kind) and all(isinstance(one, str) or (one is None and kind is dict) for one in values)
+    )
 
 
 def _content(text: str) -> dict[str, Any]:

@@ -13,6 +13,7 @@ number with a unit. A TOML file says the same,
 
 from __future__ import annotations
 
+import os
 import re
 import tomllib
 from collections.abc import Sequence
@@ -26,7 +27,7 @@ from hw.foreign.volts import CHANNELS
 
 KEYS = (*CHANNELS, "time")
 TOP = ("rate", "range")
-LARGEST_MAP = 100_000  # bytes
+LARGEST_MAP = 10_000  # bytes: what tomllib takes for a dotted key grows with the square of its length
 EXAMPLE = "'inner=CH1 mV': a column's name or number and the unit or worth of its numbers"
 _ENTRY = re.compile(rf"(?P<name>.+?)(?:\s+(?P<number>{NUMBER}))?\s+(?P<unit>\S+)")
 
@@ -86,11 +87,14 @@ class ColumnMap:
     def with_file(self, path: Path) -> ColumnMap:
         """Return it with what a TOML file says."""
         try:
-            if path.stat().st_size > LARGEST_MAP:
-                raise refusal("column", path, f"a TOML file of at most {LARGEST_MAP} bytes")
+            if not os.path.isfile(path) or path.stat().st_size > LARGEST_MAP:  # a pipe would wait, a device never end
+                raise refusal("column", path, f"a TOML file of at most {LARGEST_MAP} bytes that is there")
             told = tomllib.loads(path.read_text(encoding="utf-8"))
+            repr(told)  # as messages may: nested too deeply for that it is refused here
         except OSError as fault:
             raise refusal("column", path, f"a TOML file that can be read ({fault.strerror})") from fault
+        except RecursionError as fault:
+            raise refusal("column", path, "a TOML file without deep nesting") from fault
         except ValueError as fault:
             raise refusal("column", path, f"a TOML file ({fault})") from fault
         unknown = [key for key in told if key not in (*KEYS, *TOP)]

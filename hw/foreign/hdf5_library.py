@@ -12,6 +12,8 @@ from typing import Any
 
 from hw.common.errors import InvalidSource
 
+DAMAGE = (KeyError, ValueError, TypeError, AttributeError, OSError, RuntimeError, IndexError, MemoryError, OverflowError)
+
 
 def library() -> Any:
     """Return h5py, which who reads no HDF5 need not wait for.
@@ -27,13 +29,18 @@ def library() -> Any:
 
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
-    """Open a file for reading. Raises ``InvalidSource``."""
+    """Open a file for reading. Raises ``InvalidSource``, also of what is damaged inside and found while it is open."""
     try:
         file = library().File(path, "r")
     except (OSError, RuntimeError, ValueError) as fault:
         raise InvalidSource(f"{path} is no HDF5 file that can be read: is it whole, is it HDF5?") from fault
     with file:
-        yield file
+        try:
+            yield file
+        except InvalidSource:
+            raise
+        except DAMAGE as fault:
+            raise InvalidSource(f"{path} is damaged: parts of it are missing or cannot be read") from fault
 
 
 class UnfailingFile(FileIO):

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from hw.common.errors import InvalidSource
 from hw.common.samples import Floats
 from hw.foreign.hdf5_library import opened
 from hw.foreign.table import ColumnTable
@@ -16,6 +15,7 @@ from hw.foreign.units import refusal
 UNITS = ("units", "unit", "Units", "Unit")
 RATES = ("rate", "sample_rate", "sampling_rate", "SampleRate", "fs")
 MOST_COLUMNS = 200
+MOST_VALUES = 100_000_000
 
 
 def read_hdf5(path: Path) -> ColumnTable:
@@ -32,10 +32,9 @@ def read_hdf5(path: Path) -> ColumnTable:
 
     def read(wanted: list[int]) -> Floats:
         with opened(path) as file:
-            try:
-                found = [_values(file[columns[k][1]], columns[k][2]) for k in wanted]
-            except (OSError, RuntimeError) as fault:
-                raise InvalidSource(f"{path.name} is damaged: its samples cannot be read") from fault
+            if sum(file[columns[k][1]].shape[0] for k in wanted) > MOST_VALUES:  # a few bytes may claim any number
+                raise refusal(path.name, "columns of too many samples", f"{MOST_VALUES} together, a gigabyte")
+            found = [_values(file[columns[k][1]], columns[k][2]) for k in wanted]
         lengths = {columns[k][0]: len(values) for k, values in zip(wanted, found, strict=True)}
         if len(set(lengths.values())) > 1:
             raise refusal(path.name, f"columns of {lengths}", "the same number of samples in each")

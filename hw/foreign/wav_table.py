@@ -14,6 +14,7 @@ from hw.foreign.units import refusal
 # scipy gives 24 bits in the upper part of 32
 _BITS = {np.dtype(np.uint8): (0.0, 255.0, 128.0), np.dtype(np.int16): (-32768.0, 32767.0, 0.0),
          np.dtype(np.int32): (-(2.0**31), 2.0**31 - 256, 0.0)}  # fmt: skip
+LARGEST_FILE = 400_000_000  # bytes, which take four times as much
 
 
 def read_wav(path: Path) -> ColumnTable:
@@ -24,6 +25,8 @@ def read_wav(path: Path) -> ColumnTable:
     """
     from scipy.io import wavfile  # only who reads sound waits for it
 
+    if path.stat().st_size > LARGEST_FILE:
+        raise refusal(path.name, f"{path.stat().st_size} bytes", f"up to {LARGEST_FILE} bytes of sound: longer ones as HDF5")
     try:
         with warnings.catch_warnings():
             warnings.filterwarnings("error", message="Reached EOF")

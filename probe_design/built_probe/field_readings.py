@@ -16,7 +16,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from probe_design.built_probe.reading import Read, read
 from solver.results.result import Result
 
 PHASE = ("ratio_phase", "ratio_phase_uncertainty")
+LARGEST, FARTHEST, VAGUEST = 1e150, 10.0, 1e3  # a number; from the tissue's middle, m; a relative standard deviation
 LARGEST_FILE = 1_000_000  # bytes of what `read --json` prints
 WRITTEN = "what `probe-design read --json` has printed"
 
@@ -103,8 +104,10 @@ def field_reading(told: dict[str, Any], name: str) -> FieldReading:
     if "ratio" in told and told["ratio"] is None:
         raise InputError(f"{name}: ratio", Words("null"), "a reading whose outer stress stands out: press harder, or read longer")
     ratio, spread, force = (_number(told, key, name) for key in ("ratio", "ratio_uncertainty", "force"))
-    if ratio == 0 or spread <= 0:
-        raise InputError(f"{name}: ratio", ratio, "a ratio other than 0, with an uncertainty above 0")
+    if ratio == 0 or not 0 < spread <= VAGUEST * abs(ratio):
+        raise InputError(f"{name}: ratio", ratio, f"a ratio other than 0, its uncertainty above 0, up to {VAGUEST:g} of it")
+    if not isinstance(told.get("calibration_sha256"), str | None):
+        raise InputError(f"{name}: calibration_sha256", told["calibration_sha256"], f"a text, as {WRITTEN}")
     whole = spread / abs(ratio)
     own = min(_number(told, "ratio_noise", name), whole) if told.get("ratio_noise") is not None else 0.0
     place = told.get("placement")
@@ -135,7 +138,7 @@ def read_result(path: Path) -> dict[str, Any] | None:
         return None
     try:
         told = json.loads(data)
-    except ValueError:
+    except (ValueError, RecursionError):
         if named:
             raise InputError("reading", str(path), WRITTEN) from None
         return None
@@ -152,13 +155,18 @@ def spreads(readings: Sequence[FieldReading]) -> tuple[float, ...]:
 
 def _number(told: dict[str, Any], key: str, name: str) -> float:
     value = told.get(key)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if not _is_number(value):
         raise InputError(f"{name}: {key}", Words("missing") if key not in told else value, f"a number, as {WRITTEN}")
     return float(value)
 
 
+def _is_number(value: Any) -> TypeGuard[float]:
+    """Whether it is one, and of a size whose square is one: no reading's is larger."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < LARGEST
+
+
 def _place(place: Any, name: str) -> tuple[float, float]:
     values = place if isinstance(place, list) else []
-    if len(values) != 2 or not all(isinstance(one, int | float) and math.isfinite(one) for one in values):
-        raise InputError(f"{name}: placement", place, f"x and y in m, as {WRITTEN}")
+    if len(values) != 2 or not all(_is_number(one) and abs(one) <= FARTHEST for one in values):
+        raise InputError(f"{name}: placement", place, f"x and y in m, up to {FARTHEST:g} m, as {WRITTEN}")
     return float(values[0]), float(values[1])

@@ -202,13 +202,16 @@ def check(
     gains, variables = (None, ()) if record is None else (record.gains(), record.variables)
     with saying("checking") as tell:
         result = checked(setting.scene, setting.bench, read, gains, variables=variables, linear=linear, tell=tell)
-    if output is not None:
-        write_text(output, json.dumps(with_provenance(result.as_dict()), allow_nan=False, indent=1) + "\n")
+    told, page = with_provenance(result.as_dict()), ""
     if report is not None:
         from probe_design.terminal.check_report import check_report
 
         with saying("the report") as tell:
-            write_text(report, check_report(result, setting.scene, with_provenance(result.as_dict()), tell))
+            page = check_report(result, setting.scene, told, tell)
+    if output is not None:  # both once both are there: the page takes seconds, in which a signal may come
+        write_text(output, json.dumps(told, allow_nan=False, indent=1) + "\n")
+    if report is not None:
+        write_text(report, page)
     if as_json:
         print_json(result.as_dict())
     else:

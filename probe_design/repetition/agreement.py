@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -78,14 +79,14 @@ def _entry(error: Any, k: int, count: int) -> Any:
 
 
 def _allowed(place: str, errors: Errors) -> tuple[float, float]:
-    both = sum(float(one) for one in errors if isinstance(one, int | float) and not isinstance(one, bool))
+    both = sum(one for one in errors if _is_number(one) and one > 0)
     return (5 * both, SMALLEST) if "log_sensitivity" in place else (both, 0.0)
 
 
 def _agree(one: Any, other: Any, allowed: tuple[float, float]) -> bool:
     if isinstance(one, str) and isinstance(other, str):
         return one == other or _quantities_agree(one, other)
-    if any(isinstance(value, bool) or not isinstance(value, int | float) for value in (one, other)):
+    if not (_is_number(one) and _is_number(other)):
         return bool(one == other)
     return math.isclose(one, other, rel_tol=allowed[0] + ROUNDING, abs_tol=allowed[1])
 
@@ -100,3 +101,8 @@ def _quantities_agree(one: str, other: str) -> bool:
 
 def _short(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else repr(value)[:60]
+
+
+def _is_number(value: Any) -> bool:
+    """Whether it is a finite number; integers of a damaged file may be larger than any."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max

@@ -11,7 +11,7 @@ import click
 from geometry.common.errors import InputError, Words
 from geometry.provenance.digest import file_digest
 
-PICTURES = ("plot", "vtu")  # options whose files are not compared
+LEFT = ("plot", "vtu", "report", "force", "scheduler")  # options for files that are not compared, and for who computes
 OUTPUT = "output"
 LIVE = ("device", "scope", "record")  # of what is read from a device, which no command repeats
 
@@ -53,15 +53,19 @@ def _verb(cli: click.Group, words: list[str]) -> tuple[click.Command, list[str]]
     while isinstance(command, click.Group):
         name = words.pop(0) if words else ""
         found = command.commands.get(name)
-        if found is None:
-            raise InputError("file", Words(f"made by {name!r}"), f"made by one of {', '.join(command.commands)}")
+        if found is None or name == "rerun":  # of itself there would be no end
+            raise InputError(
+                "file",
+                Words(f"made by {name!r}"),
+                f"made by one of {', '.join(one for one in command.commands if one != 'rerun')}",
+            )
         command = found
     return command, words
 
 
 def _words(option: click.Option, value: Any, places: Mapping[str, str], output: Path) -> list[str]:
     name = max(option.opts, key=len)
-    if option.name in (*PICTURES, "force"):
+    if option.name in LEFT:
         return []
     if option.is_flag:
         return [name] if value else []

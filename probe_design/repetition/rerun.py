@@ -104,9 +104,12 @@ def _told(file: Path) -> tuple[Provenance, dict[str, Any]]:
 
 def _rows(path: Path) -> Iterator[dict[str, Any]]:
     """The rows of a table by their headings without units, numbers where there are any."""
-    with path.open(encoding="utf-8", newline="") as file:
-        for row in csv.DictReader(file):
-            yield {name.partition(",")[0]: _number(text) for name, text in row.items() if name != "key"}
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            for row in csv.DictReader(file, restkey=""):
+                yield {name.partition(",")[0]: _number(text) for name, text in row.items() if name not in ("", "key")}
+    except (UnicodeDecodeError, csv.Error):
+        raise InputError("file", str(path), "a table as it was written") from None
 
 
 def _number(text: str) -> float | str | None:
@@ -131,7 +134,7 @@ def _printed(words: list[str]) -> dict[str, Any]:
 def _counterpart(file: Path, folder: Path) -> Path | None:
     """The file of that name, or the only one of that kind, that was made again; None where the printed object is all there is."""
     if file.is_dir():
-        return folder
+        return folder if any(folder.iterdir()) else None
     if (folder / file.name).is_file():
         return folder / file.name
     alike = [path for path in folder.iterdir() if path.suffix == file.suffix]

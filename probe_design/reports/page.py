@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import io
 import json
+import re
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from geometry.common.errors import printable
 from geometry.provenance.texts import html_script
 
 if TYPE_CHECKING:
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+_CONTROLS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")  # a name's, which a terminal obeys where a page is shown there
 SENTENCE = 24  # characters of a table's cell: what is longer breaks into lines
 
 
@@ -131,13 +134,14 @@ def page(title: str, headline: str, sections: Sequence[Chapter], answer: dict[st
         answer: the JSON object that the verb prints, with its ``provenance``, which closes the page as a table.
     """
     block = answer["provenance"]
-    return _template().render(
+    text: str = _template().render(
         title=title,
         headline=headline,
         sections=[*sections, Chapter("Where this comes from", (_origin(block),))],
         answer=html_script("answer", answer),
         script=resources.files("probe_design.data").joinpath("report.js").read_text(encoding="utf-8"),
     )
+    return _CONTROLS.sub(lambda code: printable(code[0]), text)
 
 
 def _origin(block: dict[str, Any]) -> PageTable:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from geometry.common.errors import InputError, Words
 from geometry.common.resources import LimitReached, limited, limits
+from geometry.provenance.digest import file_digest
 from geometry.scenes.scene import Scene
 from probe_design.sweeps.file import Sweep, scene_of
 from probe_design.sweeps.keys import Key, Value, changed, key
@@ -205,12 +206,10 @@ def _with_content(body: Mapping[str, Any]) -> dict[str, Any]:
     path = Path(str(body["surface"]))
     try:
         stamp = path.stat()
-        return {**body, "surface": _content(path, stamp.st_mtime_ns, stamp.st_size)}
+        content = _content(path, stamp.st_mtime_ns, stamp.st_size)
     except (OSError, ValueError):
-        return {**body, "surface": f"{path}, which cannot be read"}
+        content = None
+    return {**body, "surface": content or f"{path}, which cannot be read"}
 
 
-@lru_cache(maxsize=64)
-def _content(path: Path, *_: int) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+_content = lru_cache(maxsize=64)(lambda path, *_: file_digest(path))  # by when it was changed, and its size

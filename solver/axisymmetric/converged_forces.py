@@ -102,11 +102,12 @@ def _notes(
             size = f"changes the ratio by at most about {change.effect:.2g}"
             yield Note("left_out", f"left out: {change.feature}, {size}, counted in error_estimate")
     reached = max(one.error_under(scene) for one in films)
+    worst = max((one.sensitivity_error / max(abs(one.log_sensitivity or 0.0), 2e-6 / accuracy) for one in films), default=0.0)
+    insensitive = scene.target is not None and worst > 5 * accuracy
+    if isinstance(why, Note) and (reached > accuracy or insensitive):
+        yield why
     if reached > accuracy:
-        if isinstance(why, Note):
-            yield why
         obstacle = f"; no finer mesh helped: {why}" if why else ": what stands in the way is listed"
         yield Note("accuracy", above(reached, accuracy) + obstacle)
-    worst = max((one.sensitivity_error / max(abs(one.log_sensitivity or 0.0), 2e-6 / accuracy) for one in films), default=0.0)
-    if scene.target is not None and worst > 5 * accuracy:
+    if insensitive:
         yield Note("sensitivity", f"log_sensitivity is good to about {worst:.1g} of itself only")

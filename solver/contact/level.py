@@ -21,7 +21,7 @@ from solver.linalg.workspace import in_own_workspace
 from solver.results.evaluator import Answer, FilmLevel, Tell
 from solver.results.film_forces import FilmForces, shortfalls
 from solver.results.result import Decision
-from solver.results.warnings import Note
+from solver.results.warnings import Note, of_kind
 
 FEATURE = "finite strain and contact"
 
@@ -80,9 +80,10 @@ class ContactLevel(FilmLevel):
         worst = max(films, key=lambda one: one.error_under(scene))
         change = float(np.exp(np.abs(_log_ratio(worst) - _log_ratio(on.linear.films[0]))) - 1)
         decision = Decision(FEATURE, True, change, accuracy, "what they change of the ratio at this load")
-        notes = shortfalls(worst, worst.error_under(scene), accuracy)
+        stopped = (*of_kind(on.linear.notes, "limit"), *limits)
+        notes = shortfalls(worst, worst.error_under(scene), accuracy, stopped)
         residual = max(on.linear.sample.states.residual, *(one.point.residual for one in answers))
-        return Answer(films, residual, (*on.linear.plan, decision), (*limits, *notes))
+        return Answer(films, residual, (*on.linear.plan, decision), tuple(notes))
 
     def stopped(self, asked: tuple[str, object], fault: StoppedError) -> Refusal:
         """Say how far a scene can be pressed, of which a key and its value ask more."""

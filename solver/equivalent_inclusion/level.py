@@ -50,7 +50,7 @@ class EquivalentInclusion(FilmLevel):
         films = tuple(film_forces(read, k, scene.target is not None) for k in range(len(read.forces)))
         worst = int(np.argmax(read.worst))
         reached = films[0].error_under(scene) if moduli is None else float(read.worst[worst])
-        notes = (*base.notes, *shortfalls(films[worst], reached, accuracy))
+        notes = (*base.notes, *shortfalls(films[worst], reached, accuracy, base.stopped))
         return Answer(films, base.residual, (*base.plan, *_decisions(base, read, worst)), notes)
 
     @in_own_workspace

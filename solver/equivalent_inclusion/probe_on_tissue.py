@@ -24,7 +24,7 @@ from solver.axisymmetric.tissue_field import TissueField
 from solver.equivalent_inclusion.strain_products import Energies
 from solver.inclusions.strata import Strata
 from solver.inclusions.tumours import Tumours
-from solver.linalg.workspace import current, kept
+from solver.linalg.workspace import current, kept_within_limits
 from solver.multiple_scattering.exchange import Reflector
 from solver.results.film_forces import FilmForces
 from solver.results.result import Decision
@@ -54,6 +54,7 @@ class ProbeAlone:
         films: film forces without tumours.
         plan: what is left out or modelled beyond blocks and tissue.
         notes: what is left out and matters.
+        stopped: what limits of memory and time forbade.
         section, materials: what is modelled.
         residual: relative, of the linear solutions behind it, the larger.
     """
@@ -63,6 +64,7 @@ class ProbeAlone:
     films: FilmForces
     plan: tuple[Decision, ...]
     notes: tuple[Note, ...]
+    stopped: tuple[Note, ...]
     section: Section
     materials: Materials
     residual: float
@@ -70,9 +72,9 @@ class ProbeAlone:
     @classmethod
     def of(cls, scene: Scene, accuracy: float, converged: Converged) -> ProbeAlone:
         """Take what is asked for of film forces, whose mesh would be most of what is held."""
-        states, notes = converged.sample.states, of_kind(converged.notes, "left_out")
+        states, notes, stopped = converged.sample.states, *(of_kind(converged.notes, kind) for kind in ("left_out", "limit"))
         plan, of = tuple(replace(decision, tolerance=accuracy) for decision in converged.plan), states.model
-        return cls(scene, accuracy, converged.films[0], plan, notes, of.section, of.materials, states.residual)
+        return cls(scene, accuracy, converged.films[0], plan, notes, stopped, of.section, of.materials, states.residual)
 
     def with_bounds(self, bound: Floats, forces: Floats) -> tuple[Floats, Floats]:
         """Return bounds on each film's total, (n, 2), and on ln(ratio), (n,), from those of what tumours change, (n, 2).
@@ -224,7 +226,7 @@ def in_other_tissue(base: Undisturbed, scene: Scene) -> Undisturbed:
     return replace(base, scene=_bare(scene), films=films, section=section, materials=materials, energies=energies)
 
 
-@kept
+@kept_within_limits
 def _undisturbed(scene: Scene, accuracy: float, shallow: bool) -> Undisturbed:
     fine, films = int(accuracy < FINE or shallow), _alone(scene, accuracy)
     interface = scene.contact.interface
@@ -236,7 +238,7 @@ def _undisturbed(scene: Scene, accuracy: float, shallow: bool) -> Undisturbed:
     return Undisturbed.on(films, states, FIELD_ERRORS[fine])
 
 
-@kept
+@kept_within_limits
 def _alone(scene: Scene, accuracy: float) -> ProbeAlone:
     with _solving():
         return ProbeAlone.of(scene, accuracy, converged_forces(scene, SHARE * accuracy))

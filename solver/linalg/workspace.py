@@ -22,6 +22,7 @@ from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 import numpy as np
 
 from geometry.common.errors import InputError
+from geometry.common.resources import limits
 from solver.linalg.memory import give_back
 
 LIMIT = "PROBE_DESIGN_MEMORY"  # the environment variable: GB that the process's workspace may hold
@@ -187,6 +188,17 @@ def of_process() -> Workspace:
 def kept(function: Callable[P, T]) -> Callable[P, T]:
     """Keep what a function returns in the current workspace, by its arguments, which are hashable."""
     return _kept(function, fixed=False)
+
+
+def kept_within_limits(function: Callable[P, T]) -> Callable[P, T]:
+    """Do so for the limits of memory and time that hold: what one of them stopped may be better within others."""
+
+    @wraps(function)
+    def looked_up(*args: P.args, **named: P.kwargs) -> T:
+        key = (function, limits(), args, tuple(named.items()))
+        return current().keep(key, lambda: function(*args, **named))
+
+    return looked_up
 
 
 def kept_table(function: Callable[P, T]) -> Callable[P, T]:

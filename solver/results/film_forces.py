@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -180,15 +181,15 @@ def checked_moduli(scene: Scene, moduli: Floats) -> Floats:
     return values
 
 
-def shortfalls(films: FilmForces, reached: float, accuracy: float) -> list[Note]:
-    """Say what is not as accurate as was asked for, where ``reached`` is the largest of the bounds."""
+def shortfalls(films: FilmForces, reached: float, accuracy: float, stopped: Iterable[Note] = ()) -> list[Note]:
+    """Say what is not as accurate as was asked for, ``reached`` being the largest of the bounds, behind what was ``stopped``."""
     notes = [] if reached <= accuracy else [Note("accuracy", f"{above(reached, accuracy)}: this level's best")]
     size = abs(films.log_sensitivity or 0.0)
     if films.slope is not None and films.sensitivity_error > max(5 * accuracy * size, 1e-5):
         share = films.sensitivity_error / size if size > 0 else np.inf
         good = f"good to about {share:.1g} of itself only" if share < 10 else "smaller than its own error"
         notes.append(Note("sensitivity", f"log_sensitivity is {good}"))
-    return notes
+    return [*stopped, *notes] if notes else []
 
 
 def above(reached: float, accuracy: float) -> str:

@@ -27,10 +27,10 @@ from geometry.tetra.layout import body_layout
 from geometry.tetra.sizing import COARSE, FINE, ROUGH, TetraFineness
 from geometry.tetra.tet_mesh import TetMesh
 from solver.axisymmetric.converged_forces import converged_forces
-from solver.linalg.workspace import current, kept
+from solver.linalg.workspace import current, kept_within_limits
 from solver.results.film_forces import Bound, FilmForces
 from solver.results.result import Decision
-from solver.results.warnings import Note, of_kind
+from solver.results.warnings import Note
 from solver.solid.base_states import SolidStates
 from solver.solid.cost import UNKNOWNS, check_mesh, check_unknowns
 from solver.solid.difference import SceneDifference, difference
@@ -84,7 +84,7 @@ class _Exact:
     notes: tuple[Note, ...]
 
 
-@kept
+@kept_within_limits
 def _exact(scene: Scene, accuracy: float) -> _Exact:
     found = converged_forces(scene, accuracy)
     return _Exact(found.films[0], found.plan, found.notes)
@@ -137,7 +137,7 @@ def solid_forces(scene: Scene, accuracy: float, moduli: Floats | None = None, te
     symmetric = _symmetric(scene, accuracy)
     current().begin()  # what that took may go
     films, differences, states, stopped = _agreed(scene, symmetric, accuracy, moduli, tell)
-    notes = (*of_kind(symmetric.whole.notes, "left_out"), *stopped)
+    notes = (*symmetric.whole.notes, *stopped)
     tilt = _tilted(symmetric, differences[-1])
     before = _tilted(symmetric, differences[-2])
     error = SAFETY * np.abs(tilt[0] - before[0]).max(axis=0) + FLOOR * np.abs(tilt[0]).max(axis=0)

@@ -17,7 +17,7 @@ from solver.results.evaluator import Answer, FilmLevel, Tell, silent
 from solver.results.film_forces import Bound, FilmForces, shortfalls
 from solver.results.kinds import is_round, unsupported
 from solver.results.result import Result
-from solver.results.warnings import Note
+from solver.results.warnings import Note, of_kind
 from solver.solid.domain import coaxial
 from solver.solid.film_forces import SolidForces, solid_forces
 
@@ -72,8 +72,8 @@ class SolidLevel(FilmLevel):
         every = [tilted(scene, solution, k) for k in range(len(solution.films))]
         films = tuple(one for one, _ in every)
         worst = max(films, key=lambda one: one.error_under(scene))
-        short = shortfalls(worst, worst.error_under(scene), accuracy)
-        notes = (*_tilt_notes(scene, worst), *solution.notes, *short)
+        short = shortfalls(worst, worst.error_under(scene), accuracy, of_kind(solution.notes, "limit"))
+        notes = (*_tilt_notes(scene, worst), *of_kind(solution.notes, "left_out"), *short)
         return Answer(films, solution.difference.residual, solution.plan, notes, every[0][1])
 
     @in_own_workspace

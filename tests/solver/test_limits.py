@@ -10,12 +10,16 @@ from geometry import InputError, read_scene, scene_to_toml
 from geometry.common.resources import LimitReached, Limits, limited, timed
 from geometry.tetra import mesher
 from solver import evaluate, levels
+from solver.axisymmetric import converged_forces
+from solver.axisymmetric.level import Axisymmetric
+from solver.axisymmetric.refinement import SampleErrors
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.equivalent_inclusion.readings import readings
 from solver.inclusions.tumours import Tumours
-from solver.linalg.workspace import size
+from solver.linalg.workspace import Workspace, size
 from solver.multiple_scattering import boundary_samples, solve
 from solver.multiple_scattering.boundary_samples import ModeSamples
+from solver.results.warnings import Note, of_kind
 from solver.solid import film_forces
 from tests.support.paths import REFERENCE, SCENE
 from tests.support.program import run
@@ -151,3 +155,32 @@ def test_the_time_that_tumours_answer_each_other_is_known_from_the_first_few(mon
     monkeypatch.setattr(solve, "perf_counter", lambda: next(clock))
     with pytest.raises(LimitReached, match=r"time = 120 s: .* reflections of 27 tumours \(fewer .* takes 2[0-9]* s more"):
         reflections(lattice(3), Limits())
+
+
+def test_what_a_limit_stopped_says_so_and_is_answered_anew_within_another():
+    scene = read_scene(SCENE).model_copy(update={"inclusion": ()})
+    level = EquivalentInclusion(workspace=Workspace(1e9))
+    with limited(Limits(memory=0.5e9)):
+        rough = level.evaluate(scene, 2e-5)
+    assert rough.error_estimate > 2e-5
+    assert [note.kind for note in rough.warnings if note.kind != "sensitivity"] == ["limit", "accuracy"]
+    fine = level.evaluate(scene, 2e-5)  # in the same workspace, which keeps the rough answer's probe
+    assert fine.error_estimate < 2e-5
+    assert abs(fine.ratio / rough.ratio - 1) <= fine.error_estimate + rough.error_estimate
+    assert not of_kind(fine.warnings, "limit")
+
+
+def test_a_rough_log_sensitivity_names_the_limit_too(monkeypatch):
+    scene = read_scene(SCENE)
+    fine = evaluate(scene, "axisymmetric", 1e-2)
+    rough = np.array([5e-3 * abs(fine.log_sensitivity) * 20])
+    stopped = Note("limit", "memory = 0.5 GB")
+
+    def refined(solve, *_):
+        sample = solve(converged_forces.LEVELS[1])
+        return sample, SampleErrors(1e-6 * np.abs(sample.totals), rough), stopped
+
+    monkeypatch.setattr(converged_forces, "refine", refined)
+    result = Axisymmetric(workspace=Workspace(1e9)).evaluate(scene, 1e-2)
+    assert result.error_estimate < 1e-2
+    assert [note.kind for note in result.warnings][:2] == ["limit", "sensitivity"]

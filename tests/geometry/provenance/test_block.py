@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import tomllib
 from importlib.metadata import version
 from pathlib import Path
@@ -14,7 +15,7 @@ from PIL import Image
 from geometry import InputError, read_scene, scene_from_toml
 from geometry.cad.drawing import draw
 from geometry.provenance.block import command, provenance
-from geometry.provenance.digest import scene_digest
+from geometry.provenance.digest import file_digest, scene_digest
 from geometry.provenance.texts import block_of, html_script, toml_comment
 from tests.support.paths import SCENE
 
@@ -109,3 +110,13 @@ def test_pictures_tell_it_too(tmp_path: Path) -> None:
         draw(read_scene(SCENE).probe, tmp_path / "drawing.png")
     with Image.open(tmp_path / "drawing.png") as picture:
         assert json.loads(picture.info["Description"])["command"] == ["export", "scene.toml"]
+
+
+def test_files_without_an_end_have_no_digest(tmp_path: Path) -> None:
+    (tmp_path / "small").write_bytes(b"a")
+    assert file_digest(tmp_path / "small") == hashlib.sha256(b"a").hexdigest()
+    with (tmp_path / "large").open("wb") as file:
+        file.truncate(10**12)
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path / "large", tmp_path / "pipe", tmp_path, Path("/dev/zero"), tmp_path / "none", Path("\0")):
+        assert file_digest(path) is None

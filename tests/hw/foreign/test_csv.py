@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import os
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -222,3 +224,17 @@ def test_an_interval_of_an_unknown_unit_is_refused(tmp_path: Path) -> None:
     path = text(tmp_path / "a.csv", "Sample Interval,1.0,ticks\ninner (V),outer (V),x\n", np.column_stack([VOLTS[:, :2], TIMES]))
     with pytest.raises(InvalidSource, match="sample interval = 'ticks': allowed: a unit of time"):
         got(path)
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, Path.mkdir, lambda path: path.symlink_to("/dev/zero")])
+def test_a_map_that_is_a_pipe_a_folder_or_a_device_is_refused(tmp_path: Path, make: Callable[[Path], None]) -> None:
+    make(tmp_path / "map.toml")
+    with pytest.raises(InvalidSource, match=r"map.toml: allowed: a TOML file of at most 10000 bytes that is there"):
+        ColumnMap.of([str(tmp_path / "map.toml")])
+
+
+@pytest.mark.parametrize("text", ["a = " + "[" * 9000, "a" + ".a" * 4900 + " = 1"])
+def test_a_map_that_is_nested_too_deeply_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "map.toml").write_text(text)
+    with pytest.raises(InvalidSource, match=r"map.toml: allowed: a TOML file without deep nesting"):
+        ColumnMap.of([str(tmp_path / "map.toml")])

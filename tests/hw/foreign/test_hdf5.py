@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -215,6 +216,31 @@ def test_a_flipped_bit_among_the_samples_is_refused(name: str, tmp_path: Path) -
     (tmp_path / "a.h5").write_bytes(data)
     with pytest.raises(InvalidSource, match="damaged"):
         got(tmp_path / "a.h5")
+
+
+@pytest.mark.parametrize("sign", [b"TREE", b"HEAP", b"SNOD", b"FADB"])
+def test_damage_among_names_and_groups_is_refused(sign: bytes, tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["inner"], file["outer"] = VOLTS[:, 0], VOLTS[:, 1]
+    (tmp_path / "a.h5").write_bytes((tmp_path / "a.h5").read_bytes().replace(sign, b"\xff\xff\xff\xff"))
+    with suppress(InvalidSource):
+        np.testing.assert_array_equal(got(tmp_path / "a.h5", "inner=inner V", "outer=outer V", rate="1 kHz").volts, VOLTS[:, :2])
+
+
+def test_a_few_bytes_that_claim_a_terabyte_are_refused(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for name in ("inner", "outer"):
+            file.create_dataset(name, shape=(2**37,), dtype="f8", chunks=(1000,))
+    with pytest.raises(InvalidSource, match="too many samples"):
+        got(tmp_path / "a.h5", "inner=inner V", "outer=outer V", rate="1 kHz")
+    with Reader.open(probe()) as reader:
+        reader.collect(0.01, record=tmp_path / "b.h5")
+    with h5py.File(tmp_path / "b.h5", "a") as file:
+        for name in ("inner", "outer", "index", "time"):
+            file[name].resize(2**37, axis=0)
+        file["saturated"].resize(2**37, axis=0)
+    with pytest.raises(InvalidSource, match="damaged"):
+        got(tmp_path / "b.h5")
 
 
 def test_what_holds_no_samples_is_refused(tmp_path: Path) -> None:

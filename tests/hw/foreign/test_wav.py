@@ -12,6 +12,7 @@ from scipy.io import wavfile
 from hw.common.errors import InvalidSource
 from hw.common.samples import Samples
 from hw.foreign.columns import ColumnMap
+from hw.foreign.wav_table import read_wav
 from hw.reader import Reader
 
 RATE = 44_100
@@ -78,6 +79,13 @@ def test_cut_files_are_refused(cut: int, tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:cut])
     with pytest.raises(InvalidSource):
         got(path, *BOTH)
+
+
+def test_sound_without_an_end_is_refused(tmp_path: Path) -> None:
+    with (tmp_path / "a.wav").open("wb") as file:
+        file.truncate(10**12)
+    with pytest.raises(InvalidSource, match="1000000000000 bytes: allowed: up to 400000000 bytes of sound"):
+        read_wav(tmp_path / "a.wav")
 
 
 def test_mono_is_refused(tmp_path: Path) -> None:

@@ -66,6 +66,8 @@ def test_json_of_read() -> None:
         ("ratio", None, "ratio = null"), ("ratio", "0.5", "ratio = '0.5'"), ("ratio", 0.0, "other than 0"),
         ("ratio", True, "ratio = true"), ("ratio_uncertainty", -1.0, "above 0"), ("ratio_uncertainty", float("nan"), "nan"),
         ("placement", [1.0], "placement"), ("placement", ["a", 2], "placement"), ("force", None, "force"),
+        ("placement", [-1e308, 0.0], "placement"), ("placement", [10**400, 0.0], "placement"), ("force", 10**400, "force"),
+        ("ratio_uncertainty", 1e200, "uncertainty"), ("calibration_sha256", ["a"], "calibration_sha256"),
     ],
 )  # fmt: skip
 def test_what_read_never_prints_is_refused(key: str, value: object, words: str) -> None:
@@ -73,7 +75,7 @@ def test_what_read_never_prints_is_refused(key: str, value: object, words: str) 
         field_reading(TOLD | {key: value}, "a.json")
 
 
-@pytest.mark.parametrize("text", ["", "{", "[1]", '{"gain": 1}', "nonsense"])
+@pytest.mark.parametrize("text", ["", "{", "[1]", '{"gain": 1}', "nonsense", '{"a":' * 100_000])
 def test_json_that_is_none_is_refused(text: str, tmp_path: Path) -> None:
     (tmp_path / "a.json").write_text(text)
     with pytest.raises(InputError, match="read --json"):

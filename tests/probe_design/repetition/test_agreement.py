@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import pytest
@@ -31,6 +32,10 @@ from probe_design.repetition.agreement import compared, differences
             ["ratio[1]"],
         ),
         ({"ratio": None}, {"ratio": 0.5}, ["ratio"]),
+        # errors and numbers that no answer states
+        ({"ratio": 0.5, "error_estimate": math.inf}, {"ratio": 0.6}, ["ratio"]),
+        ({"ratio": 0.5, "error_estimate": -1.0}, {"ratio": 0.5}, []),
+        ({"ratio": 0.5, "error_estimate": 10**400}, {"ratio": 10**400}, ["ratio"]),
         ({"ratio": 0.5}, {}, ["ratio"]),
         ({"seconds": 1.0, "files": ["a"], "warnings": ["b"]}, {"seconds": 2.0, "files": [], "warnings": []}, []),
         ({"a": [1.0, 2.0]}, {"a": [1.0, 2.1]}, ["a[1]"]),

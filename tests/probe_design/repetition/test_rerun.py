@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from geometry import read_scene
 from geometry.provenance.block import provenance
 from probe_design import evaluate
+from probe_design.cli.main import cli
+from probe_design.repetition.command_line import rerun_words
 from tests.support.paths import EXAMPLES, ROOT, SCENE
 from tests.support.program import Ended, refused, run
 
@@ -99,6 +102,48 @@ def test_a_command_that_cannot_be_repeated_is_refused(words: list[str], folder: 
     block = provenance(read_scene(SCENE)) | {"command": words}
     (folder / "odd.json").write_text(json.dumps({"ratio": 1.0, "provenance": block}))
     assert "file = " in refused("rerun", "odd.json")
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"inputs": ["a"]},
+        {"inputs": {"a": 1}},
+        {"dependencies": "numpy"},
+        {"command": {"a": 1}},
+        {"command": ["tissue", ["list"]]},
+    ],
+)
+def test_a_damaged_block_is_refused(damage: dict[str, Any], folder: Path) -> None:
+    block = json.loads((folder / "made.json").read_text())["provenance"] | damage
+    (folder / "odd.json").write_text(json.dumps({"ratio": 1.0, "provenance": block}))
+    assert "allowed: a block of provenance as it was written" in refused("rerun", "odd.json")
+
+
+def test_a_file_that_says_that_rerun_made_it_would_have_no_end(folder: Path) -> None:
+    block = provenance(read_scene(SCENE)) | {"command": ["rerun", "odd.json"], "inputs": {}}
+    (folder / "odd.json").write_text(json.dumps({"ratio": 1.0, "provenance": block}))
+    assert "file = made by 'rerun'" in refused("rerun", "odd.json")
+
+
+def test_no_file_beside_is_written_and_no_cluster_asked(tmp_path: Path) -> None:
+    words = ["check", "--virtual", "--report", "page.html"]
+    assert rerun_words(cli, words, {}, tmp_path, tmp_path) == ["check", "--virtual", "--json", "--"]
+    words = ["sweep", "sweep.toml", "--scheduler", "tcp://host:8786", "-o", "out"]
+    assert rerun_words(cli, words, {}, tmp_path, tmp_path) == ["sweep", "--output", str(tmp_path), "--json", "--", "sweep.toml"]
+
+
+@pytest.mark.parametrize("content", [b"ratio\n\xff\n", b'ratio\n"' + 200_000 * b"9"])
+def test_a_damaged_table_is_refused(content: bytes, folder: Path) -> None:
+    (folder / "parts.json").write_bytes((folder / "made.json").read_bytes())
+    (folder / "results.csv").write_bytes(content)
+    assert "results.csv': allowed: a table as it was written" in refused("rerun", str(folder))
+
+
+def test_cells_without_a_heading_are_passed_over(folder: Path) -> None:
+    (folder / "parts.json").write_bytes((folder / "made.json").read_bytes())
+    (folder / "results.csv").write_text("ratio\n0.5,0.6\n")
+    assert "rows: " in again(".").stdout
 
 
 @pytest.mark.slow

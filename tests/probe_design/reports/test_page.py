@@ -43,6 +43,11 @@ def test_texts_are_texts_and_nothing_is_fetched(report: Path) -> None:
     assert "http" not in text
 
 
+def test_control_codes_are_shown_and_not_obeyed(tmp_path: Path) -> None:
+    text = written(tmp_path, Text("a\x1b[31m\x9b\x07b\n\tc")).read_text(encoding="utf-8")
+    assert "a\\x1b[31m\\x9b\\x07b\n\tc" in text
+
+
 def test_the_answer_is_inside(report: Path) -> None:
     block, answer = block_of(report)
     assert answer == {"ratio": 0.5, "note": ODD}

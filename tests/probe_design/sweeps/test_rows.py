@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -136,3 +137,15 @@ class TestRows:
     def test_designs_that_are_the_same_are_answered_once(self, tmp_path: Path) -> None:
         found = sweep({"scene": SCENE, "evaluator": "closed-form", "variables": {"probe.gap": [1e-4, 1e-4, 2e-4]}}, tmp_path)
         assert (found.answered, found.ok) == (2, 3)
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("/dev/zero")])
+def test_a_surface_that_is_a_pipe_or_a_device_is_a_refused_row(tmp_path: Path, make: Callable[[Path], None]) -> None:
+    make(tmp_path / "it.stl")
+    scene = read_scene(SCENE)
+    body = scene.inclusion[0].model_copy(update={"diameter": None, "surface": str(tmp_path / "it.stl")})
+    asked = grid(1, 1) | {"scene": scene.model_copy(update={"inclusion": (body,)}), "variables": {"probe.gap": [1e-4]}}
+    job = Job.of(sweep_from_dict(asked))
+    assert job.digest(job.keys, (1e-4,)) != job.digest(job.keys, (2e-4,))
+    ((row,),) = job.pieces([(1e-4,)])
+    assert row["status"] == "refused"

@@ -1,0 +1,38 @@
+"""What the program itself writes and reads again: answers, pages and designs with their provenance, of which ``rerun`` asks."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from functools import cache
+from typing import Any
+
+from benchmarks.attacks.files import FILE, LIMITS, ROOT, SCENE, VIRTUAL, Readable
+from geometry.provenance.texts import html_script, toml_comment
+
+NAME = str(ROOT / "examples" / "scene.toml")
+AGAIN = ("rerun", FILE, "--json")
+
+
+def answers() -> dict[str, Readable]:
+    """Return every kind of them by its name."""
+    made = printed("evaluate", NAME, "--evaluator", "closed-form", "--json")
+    page = "<!doctype html><title>Answer</title>" + html_script("answer", made)
+    design = toml_comment(made["provenance"]) + Readable(".toml", (), SCENE).content.decode()
+    reading = printed("read", NAME, *VIRTUAL, "--json")
+    return {
+        "an answer": Readable(".json", AGAIN, made),
+        "its block": Readable(".json", AGAIN, {key: made[key] for key in ("ratio", "error_estimate", "provenance")}),
+        "a page": Readable(".html", AGAIN, page.encode()),
+        "a design with its block": Readable(".toml", AGAIN, design.encode()),
+        "a reading": Readable(".json", ("estimate", NAME, "--reading", FILE, *LIMITS, "--json"), reading),
+    }
+
+
+@cache
+def printed(*words: str) -> dict[str, Any]:
+    """Return the object that the program prints for these words."""
+    ended = subprocess.run([sys.executable, "-m", "probe_design", *words], capture_output=True, check=True, cwd=ROOT)
+    found: dict[str, Any] = json.loads(ended.stdout)
+    return found
