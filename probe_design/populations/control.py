@@ -24,7 +24,7 @@ from probe_design.populations.detection import Detector
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from probe_design.populations.tables import Objective, Protocol
 
-MANY, TISSUES, FEW_SCANS = 512, 32, 64  # tumours of which the formulas are asked beside a judge, their tissues, scans over each
+MANY, TISSUES, FEW_SCANS = 256, 32, 64  # tumours of which the formulas are asked beside a judge, their tissues, scans over each
 
 
 @dataclass(frozen=True)

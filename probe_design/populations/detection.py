@@ -132,9 +132,11 @@ def log_likelihood_ratio(templates: Floats, z: Floats) -> Floats:
     for low in range(0, len(z), ROWS):
         exponents = z[low : low + ROWS] @ templates.T - (templates**2).sum(axis=1) / 2
         most = exponents.max(axis=1)
-        tiny = np.abs(exponents).max(axis=1) < SMALL
-        whole = most + np.log(np.exp(exponents - most[:, None]).mean(axis=1))
-        out[low : low + ROWS] = np.where(tiny, np.log1p(np.expm1(np.clip(exponents, -SMALL, SMALL)).mean(axis=1)), whole)
+        tiny = (most < SMALL) & (exponents.min(axis=1) > -SMALL)
+        whole = np.empty(len(most))
+        whole[tiny] = np.log1p(np.expm1(exponents[tiny]).mean(axis=1))
+        whole[~tiny] = most[~tiny] + np.log(np.exp(exponents[~tiny] - most[~tiny, None]).mean(axis=1))
+        out[low : low + ROWS] = whole
     return out
 
 

@@ -212,7 +212,8 @@ def scored(scene: Scene, design: Design, *, samples: int | None = None, seed: in
 def _found(detector: Detector, readings: ScanReadings, design: Design, seed: int) -> tuple[Floats, tuple[float, float]]:
     """P of each tumour; what the threshold and, of one tumour alone, the draws leave open of their mean; what the level does."""
     off = _errors(readings, design.protocol.blank) * np.sign(detector.slopes(readings.signal))  # eq. PO.11
-    less, found, more = (detector.probabilities(readings.signal + one, seed=seed) for one in (-off, 0.0, off))
+    found = detector.probabilities(readings.signal, seed=seed)
+    less, more = (detector.probabilities(readings.signal + one, seed=seed) if off.any() else found for one in (-off, off))
     threshold = float(np.mean(detector.probabilities(readings.signal, seed=seed, shift=-1) - found))
     known = len(found) > 1 or len(detector.templates) == 1  # whose draws scatter with the tumours, or which need none
     draws = 0.0 if known else math.sqrt(float(found[0] * (1 - found[0])) / SCANS)

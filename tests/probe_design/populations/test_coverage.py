@@ -24,7 +24,8 @@ from probe_design.populations.resolved import Unknowns, contrast_deviations
 from tests.support.designs import SUPERFICIAL, THREE, example_design
 
 NARROW: dict[str, Any] = {
-    "depth": ["8.7 mm", "9.3 mm"], "diameter": ["7.7 mm", "8.3 mm"], "object": ["29 kPa", "31 kPa"], "tissue": ["5.8 kPa", "6.2 kPa"],
+    "depth": ["8.7 mm", "9.3 mm"], "diameter": ["7.7 mm", "8.3 mm"], "object": ["29 kPa", "31 kPa"],
+    "tissue": ["5.8 kPa", "6.2 kPa"],
 }  # fmt: skip
 NOISE: dict[str, Any] = {"white": 2e-4, "gain": 0.01, "stiffness_white": 2e-4, "stiffness_gain": 0.002, "charge": "0 pC"}
 SCANS = 2000
