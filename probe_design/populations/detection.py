@@ -11,6 +11,11 @@ u_k are alike it does where u . z does, and the probability to find a tumour v_i
     P_i = Phi(d' - z_a) with d' = u . v_i / |u|, and z_a the normal quantile of 1 - false_alarm                (PO.5)
 
 which for v_i = u is d' = |u|, the deflection: no detector finds a known tumour more often, so it bounds P_i of all others.
+Where signals s_j may be off by e_j, what finds most or fewest are, to first order,
+
+    s_j +- e_j sign(d ln Lambda / d y_j),   d ln Lambda / d y = L^-T sum_k w_k u_k,   w_k ~ exp(u_k . z - |u_k|^2 / 2)   (PO.11)
+
+at the readings y = s without noise, sum_k w_k = 1.
 Otherwise threshold and P_i are found by drawing z, always the same numbers, so that two designs differ by less than the draws do.
 """
 
@@ -21,7 +26,7 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.special import ndtr, ndtri
+from scipy.special import ndtr, ndtri, softmax
 
 from geometry.common.arrays import Floats
 
@@ -102,6 +107,12 @@ class Detector:
             found[low : low + each] = (statistic > threshold).mean(axis=1) + self.tie * (statistic == threshold).mean(axis=1)
         return found
 
+    def slopes(self, signals: Floats) -> Floats:
+        """Return the derivatives of eq. PO.4's logarithm by the readings at signals without noise, eq. PO.11, shape (n, m)."""
+        exponents = whitened(self.factor, signals) @ self.templates.T - (self.templates**2).sum(axis=1) / 2
+        weights = softmax(exponents, axis=1) @ self.templates
+        return np.asarray(solve_triangular(self.factor, weights.T, lower=True, trans="T").T)
+
     def _known(self, v: Floats) -> Floats:
         u = self.templates[0]
         size = float(np.linalg.norm(u))
@@ -121,9 +132,11 @@ def log_likelihood_ratio(templates: Floats, z: Floats) -> Floats:
     for low in range(0, len(z), ROWS):
         exponents = z[low : low + ROWS] @ templates.T - (templates**2).sum(axis=1) / 2
         most = exponents.max(axis=1)
-        tiny = np.abs(exponents).max(axis=1) < SMALL
-        whole = most + np.log(np.exp(exponents - most[:, None]).mean(axis=1))
-        out[low : low + ROWS] = np.where(tiny, np.log1p(np.expm1(np.clip(exponents, -SMALL, SMALL)).mean(axis=1)), whole)
+        tiny = (most < SMALL) & (exponents.min(axis=1) > -SMALL)
+        whole = np.empty(len(most))
+        whole[tiny] = np.log1p(np.expm1(exponents[tiny]).mean(axis=1))
+        whole[~tiny] = most[~tiny] + np.log(np.exp(exponents[~tiny] - most[~tiny, None]).mean(axis=1))
+        out[low : low + ROWS] = whole
     return out
 
 

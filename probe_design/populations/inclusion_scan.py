@@ -35,7 +35,7 @@ from solver.planning.load_check import LoadChanges, check_load, load_rule
 
 Progress = Callable[[int, int], None]
 ACCURACY = 0.01  # of the probe without tumours: it cancels in what tumours change, but for its share of that
-SHARE = 0.3  # of a reading's noise: bounds on what reflections change that are left out, and counted in the errors
+SHARE = 0.15  # of a reading's noise: bounds on what reflections change that are left out, and counted in the errors
 MOST, MOST_LAYERED = 400, 80  # readings with reflections, of one material and of layers, where each takes half a second
 STEP = 0.002  # of logarithms of the tissue's numbers
 LARGEST_CHANGE = 0.5  # of the ratio by the load: what is far beyond it is refused anyway

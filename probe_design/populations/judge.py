@@ -18,6 +18,7 @@ import numpy as np
 from geometry.common.arrays import Floats, Ints
 from geometry.scenes.scene import Scene
 from probe_design.populations.closed_form_scan import ClosedFormScan
+from probe_design.populations.control import ControlSignals, ControlVariate, sample_mean
 from probe_design.populations.design_file import Design
 from probe_design.populations.detection import SCANS, Detector, deflections
 from probe_design.populations.inclusion_scan import inclusion_readings
@@ -47,6 +48,7 @@ class Judgement:
         depth, diameter, x, youngs_modulus: of the tumours, m and Pa, shape (n,).
         tissue: number of each one's tissue, shape (n,).
         level_errors: what the level may be off in each of ``KINDS``.
+        control: probabilities by the formulas, of these tumours and of more, see ``control``; None by the formulas themselves.
         statistic: as in the design file.
         false_alarm: share of tumour-free scans in which a tumour is found.
         evaluator: the level.
@@ -75,6 +77,7 @@ class Judgement:
     false_alarm: float
     evaluator: str
     seconds: float
+    control: ControlVariate | None = None
     warnings: tuple[str, ...] = ()
 
     def values(self, kind: str) -> Floats:
@@ -90,7 +93,9 @@ class Judgement:
         mine, others = self.values(kind), other.values(kind)
         level = math.hypot(self.level_errors[KINDS.index(kind)], other.level_errors[KINDS.index(kind)])
         if objective.statistic == "mean":
-            return float(np.mean(mine - others)), objective.error(mine - others, self.tissue) + level
+            both = self.control.less(other.control) if kind == "detection" and self.control and other.control else None
+            gain, error = sample_mean(mine - others, self.tissue, objective, both)
+            return gain, error + level
         return objective.over(mine) - objective.over(others), math.hypot(
             *(objective.error(one, self.tissue) for one in (mine, others))
         ) + level
@@ -110,6 +115,7 @@ class Examination:
         draw: the tumours.
         readings: over them.
         reference: signals of the tumours that the detector knows, by the formulas, shape (K, m).
+        control: signals by the formulas beside another level's, of the draw's tumours and of more.
         evaluator: the level of the readings.
         seconds: what it took.
     """
@@ -120,6 +126,7 @@ class Examination:
     reference: Floats
     evaluator: str
     seconds: float
+    control: ControlSignals | None = None
 
     def judgement(self, design: Design, seed: int = 0) -> Judgement:
         """Judge it under a design file's noise, false alarms and statistic; ``seed``: of the noise's draws."""
@@ -131,20 +138,21 @@ class Examination:
         own = covariance_of_all(*known, readings.over)
         detector = Detector.trained(self.reference, whole, protocol.false_alarm, seed=seed)
         found, unsure = _found(detector, readings, design, seed)
+        control = None if self.control is None else self.control.found(detector, seed)
+        detection, sampled = sample_mean(found, draw.tissue, objective, control)
         J, share = unknowns.derivatives(readings, protocol.blank), _share(readings, protocol.blank)
         contrast, modulus = (contrast_deviations(unknowns, J, own, of_object) for of_object in (False, True))
         gain, told = informations(unknowns, J, own), resolved(contrast)
         levels = (unsure[1], float(undecided(contrast, share).mean() / 2), float(np.minimum(share, gain).mean()))
         return Judgement(
-            detection=objective.over(found),
-            detection_error=math.hypot(objective.error(found, draw.tissue), unsure[0]) + levels[0],
+            detection=detection, detection_error=math.hypot(sampled, unsure[0]) + levels[0],
             resolved=float(told.mean()), resolved_error=max(objective.error(told, draw.tissue), share_error(told)) + levels[1],
             information=objective.over(gain), information_error=objective.error(gain, draw.tissue) + levels[2],
             probability=found, contrast_sd=contrast, modulus_sd=modulus, gain=gain,
             deflection=deflections(readings.signal, whole),
             depth=draw.depth, diameter=draw.diameter, x=draw.x, youngs_modulus=draw.youngs_modulus, tissue=draw.tissue,
             level_errors=levels, statistic=objective.statistic, false_alarm=protocol.false_alarm, evaluator=self.evaluator,
-            seconds=self.seconds + perf_counter() - start, warnings=(draw.note,) if draw.note else (),
+            seconds=self.seconds + perf_counter() - start, control=control, warnings=(draw.note,) if draw.note else (),
         )  # fmt: skip
 
 
@@ -173,7 +181,8 @@ def examined(
         readings = ClosedFormScan.of(draw, design.protocol).readings(scene, names)
     known = replace(population, seed=population.seed + 1).drawn(REFERENCE)
     reference = ClosedFormScan.of(known, design.protocol).readings(scene).signal
-    return Examination(population, draw, readings, reference, LEVELS[unseen], perf_counter() - start)
+    control = ControlSignals.of(scene, design.protocol, population, draw) if unseen and len(draw) > 1 else None
+    return Examination(population, draw, readings, reference, LEVELS[unseen], perf_counter() - start, control)
 
 
 def judged(
@@ -202,8 +211,9 @@ def scored(scene: Scene, design: Design, *, samples: int | None = None, seed: in
 
 def _found(detector: Detector, readings: ScanReadings, design: Design, seed: int) -> tuple[Floats, tuple[float, float]]:
     """P of each tumour; what the threshold and, of one tumour alone, the draws leave open of their mean; what the level does."""
-    share = _share(readings, design.protocol.blank)[:, None]
-    less, found, more = (detector.probabilities(readings.signal * scale, seed=seed) for scale in (1 - share, 1.0, 1 + share))
+    off = _errors(readings, design.protocol.blank) * np.sign(detector.slopes(readings.signal))  # eq. PO.11
+    found = detector.probabilities(readings.signal, seed=seed)
+    less, more = (detector.probabilities(readings.signal + one, seed=seed) if off.any() else found for one in (-off, off))
     threshold = float(np.mean(detector.probabilities(readings.signal, seed=seed, shift=-1) - found))
     known = len(found) > 1 or len(detector.templates) == 1  # whose draws scatter with the tumours, or which need none
     draws = 0.0 if known else math.sqrt(float(found[0] * (1 - found[0])) / SCANS)
@@ -221,9 +231,15 @@ def _tissue(unknowns: Unknowns, readings: ScanReadings) -> Floats | None:
 
 
 def _share(readings: ScanReadings, blank: bool) -> Floats:
-    """By what share each tumour's signals may be off as the level says, at most 1, shape (n,).
+    """By what share each tumour's signals may be off as the level says, at most 1, shape (n,)."""
+    largest = np.maximum(np.abs(readings.signal).max(axis=1), 1e-300)
+    return np.asarray(_errors(readings, blank).max(axis=1) / largest)
+
+
+def _errors(readings: ScanReadings, blank: bool) -> Floats:
+    """By how much each signal may be off as the level says, at most the tumour's largest, shape (n, m).
 
     Without a blank readings are counted from what the level predicts, whose own error counts too.
     """
     error = readings.error if blank else readings.error + readings.on_scan(readings.blank_error)[readings.tissue]
-    return np.asarray(np.minimum(error.max(axis=1) / np.maximum(np.abs(readings.signal).max(axis=1), 1e-300), 1.0))
+    return np.asarray(np.minimum(error, np.abs(readings.signal).max(axis=1, keepdims=True)))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from geometry.scenes.scene import Scene
 from probe_design.populations.design_file import Design
-from probe_design.populations.judge import Judgement, Progress, examined
+from probe_design.populations.judge import Examination, Judgement, Progress, examined
 from probe_design.populations.tables import MOST_POSITIONS
 
 NOISES = ("white", "gain", "stiffness_white", "stiffness_gain", "charge", "tilt")
@@ -46,18 +46,35 @@ def levers(scene: Scene, design: Design, *, unseen: bool = False, progress: Prog
         Refusal: likewise.
     """
     asked = list(_changed(design))
-    scan = examined(scene, design, unseen=unseen)
-    start = scan.judgement(design)
+    whole = design if unseen else _widest(design, [other for _, other in asked])
+    scan = examined(scene, whole, unseen=unseen)
+    start = _under(scan, whole, design).judgement(design)
     found = [Lever("as it is", _value(start, design), 0.0, 0.0)]
     for number, (name, other) in enumerate(asked):
         if progress is not None:
             progress(number, len(asked))
-        again = scan if other.protocol == design.protocol else examined(scene, other, unseen=unseen)
-        better = again.judgement(other)
+        again = examined(scene, other, unseen=True) if unseen and other.protocol != design.protocol else scan
+        better = (again if unseen else _under(scan, whole, other)).judgement(other)
         found.append(Lever(name, _value(better, design), *better.gain_over(start, design.objective)))
     if progress is not None:
         progress(len(asked), len(asked))
     return tuple(found)
+
+
+def _widest(design: Design, asked: list[Design]) -> Design:
+    """The design file with every position that is asked for, and the stiffness: the formulas answer all levers at once."""
+    positions = max((one.protocol.positions for one in (design, *asked)), key=len)
+    return _with(design, "protocol", positions=positions, stiffness=True)
+
+
+def _under(scan: Examination, whole: Design, design: Design) -> Examination:
+    """What of a scan is read under another protocol."""
+    if design.protocol == whole.protocol:
+        return scan
+    apart = np.abs(design.protocol.places[:, None] - whole.protocol.places)
+    kept, channels = apart.argmin(axis=1), design.protocol.channels
+    every = (np.arange(channels)[:, None] * len(whole.protocol.positions) + kept).ravel()
+    return replace(scan, readings=scan.readings.part(kept, channels), reference=scan.reference[:, every])
 
 
 def _value(judgement: Judgement, design: Design) -> float:

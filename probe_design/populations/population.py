@@ -120,12 +120,13 @@ class ScenePopulation:
         """Names of what is the tissue's."""
         return tuple(key for key in self.ranges if key not in OF_TUMOUR)
 
-    def drawn(self, samples: int | None = None, *, unseen: bool = False) -> TumourDraw:
+    def drawn(self, samples: int | None = None, *, unseen: bool = False, tissues: int | None = None) -> TumourDraw:
         """Draw tumours; the same ones each time.
 
         Args:
             samples: how many; left out: as many as the design file says.
             unseen: whether to draw others, that no search has seen.
+            tissues: how many, at most, where they differ; left out: so few as a probe is soon solved on.
 
         Raises:
             InputError: hardly any tumour of the ranges fits the tissue.
@@ -133,12 +134,12 @@ class ScenePopulation:
         n, seed = samples or self.samples, self.seed + UNSEEN * unseen
         if all(one.single for one in self.ranges.values()):
             n = 1
-        tissues = self._tissues(n, seed + 1)
-        shares = [len(part) for part in np.array_split(np.arange(n), len(tissues))]
-        bodies, misfits = self._bodies(tissues, shares, seed)
+        every = self._tissues(n, seed + 1, tissues or (MOST_LAYERED if self.scene.tissue.layer else MOST_TISSUES))
+        shares = [len(part) for part in np.array_split(np.arange(n), len(every))]
+        bodies, misfits = self._bodies(every, shares, seed)
         depth, diameter, modulus, x = bodies.T
-        numbers, nu = np.repeat(np.arange(len(tissues)), shares), self._poisson_ratio
-        return TumourDraw(self.scene, depth, diameter, modulus, x, nu, numbers, tissues, misfits)
+        numbers, nu = np.repeat(np.arange(len(every)), shares), self._poisson_ratio
+        return TumourDraw(self.scene, depth, diameter, modulus, x, nu, numbers, every, misfits)
 
     def _bodies(self, tissues: tuple[Scene, ...], shares: list[int], seed: int) -> tuple[Floats, int]:
         """So many tumours as fit each tissue, as ``OF_TUMOUR``, (n, 4), and how many before the last of them did not.
@@ -200,14 +201,13 @@ class ScenePopulation:
     def _poisson_ratio(self) -> float:
         return self.scene.inclusion[0].poisson_ratio if self.scene.inclusion else self.scene.tissue.poisson_ratio
 
-    def _tissues(self, n: int, seed: int) -> tuple[Scene, ...]:
+    def _tissues(self, n: int, seed: int, most: int) -> tuple[Scene, ...]:
         """The scene without tumours in tissues of the population, one where nothing of it differs.
 
         Raises:
             InputError: a tissue is none, such as one with layers thicker than it is deep.
         """
         keys = self.of_tissue
-        most = MOST_LAYERED if self.scene.tissue.layer else MOST_TISSUES
         count = 1 if all(self.ranges[key].single for key in keys) else min(n, most)
         rows = _values([self.ranges[key] for key in keys], qmc.Sobol(len(keys), seed=seed).random(_power(count))[:count])
         return tuple(self.in_tissue(dict(zip(keys, row.tolist(), strict=True))) for row in rows)

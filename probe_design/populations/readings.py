@@ -10,7 +10,7 @@ and the signal of a tumour is by how much they are more than in its own tissue w
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -52,6 +52,19 @@ class ScanReadings:
     def channels(self) -> int:
         """How many readings at each."""
         return int(self.blank_error.shape[1])
+
+    def part(self, positions: Ints, channels: int) -> ScanReadings:
+        """Return those at some positions, by number, shape (p,), of the first channels."""
+        kept = (np.arange(channels)[:, None] * self.positions + positions).ravel()
+        return replace(
+            self,
+            signal=self.signal[:, kept],
+            error=self.error[:, kept],
+            over=self.over[positions],
+            blank_error=self.blank_error[:, :channels],
+            by={name: slopes[:, kept] for name, slopes in self.by.items()},
+            blank_by={name: slopes[:, :channels] for name, slopes in self.blank_by.items()},
+        )
 
     def on_scan(self, values: Floats) -> Floats:
         """Return numbers of each channel, shape (..., c), for all readings, shape (..., m)."""

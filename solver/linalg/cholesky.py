@@ -70,7 +70,7 @@ def loaded() -> bool:
 @cache
 def _pardiso() -> Any:
     try:
-        return import_module("pymklpardiso")
+        return import_module("pymklpardiso._mkl_pardiso")  # its face checks every row in Python, half as long as it factorises
     except ImportError:
         return None
 
@@ -101,7 +101,7 @@ class _Analysed:
     def foreign_bytes(self) -> int:
         """What the library holds: kB for the analysis, kB for the factors, and twice the matrix, as given and permuted."""
         factors = 1024 * int(self.solver.get_iparm_value(15) + self.solver.get_iparm_value(16))
-        return factors + 2 * 12 * int(self.solver.nnz)
+        return factors + 2 * 12 * int(self.solver.nnz())
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class _Pardiso:
         if analysed is None:
             lower = matrix.indices >= np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
             # its upper triangle by rows is the lower one by columns
-            solver = library.PardisoSolver(sp.tril(matrix, format="csc").T, mtype=POSITIVE_DEFINITE, iparms=METIS)
+            solver = _analysis(library, sp.tril(matrix, format="csc").T)
             if pattern is None:  # never another matrix's: its values need not be known again
                 lower, values = np.empty(0, dtype=bool), np.empty(0)
             else:
@@ -136,5 +136,15 @@ class _Pardiso:
 
     def _refresh(self) -> None:
         if self.analysed.values is not self.values:
-            self.analysed.solver.refactor(self.values)
+            self.analysed.solver.refactor_values(self.values)
             self.analysed.values = self.values
+
+
+def _analysis(library: Any, upper: Any) -> Any:
+    """Analyse and factorise the upper triangle of a matrix in compressed rows."""
+    solver = library.PardisoSolver(POSITIVE_DEFINITE, 0)
+    for key, value in METIS.items():
+        solver.set_iparm(key, value)
+    solver.set_pattern(ia=upper.indptr.astype(np.int64), ja=upper.indices.astype(np.int64), n=upper.shape[0])
+    solver.factor(upper.data)
+    return solver

@@ -1,0 +1,90 @@
+"""Control variates: the mean stays right, the stated error is that of repeated samples, and what the level bounds do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.special import ndtr
+from scipy.stats import norm
+
+from geometry.common.arrays import Floats
+from probe_design.populations.control import ControlVariate, sample_mean
+from probe_design.populations.detection import Detector, log_likelihood_ratio, whitened
+from probe_design.populations.population import ScenePopulation
+from probe_design.populations.tables import Objective
+from tests.support.designs import SUPERFICIAL, example_design
+
+JUDGED, MANY, REPEATS = 40, 512, 2000
+TRUE = 0.6  # of the deflections' sensitivity, in the judge's level; the formulas' is another
+
+
+def probabilities(sizes: Floats, slope: float, rng: np.random.Generator, scans: int) -> Floats:
+    """Shares of scans in which tumours of some sizes are found: P = Phi(slope size - 1), drawn."""
+    return np.asarray(rng.binomial(scans, ndtr(slope * sizes - 1)) / scans)
+
+
+def repeated(slope: float) -> tuple[Floats, Floats, Floats]:
+    """Means, their stated errors, and plain means of repeated samples, the sizes normal."""
+    rng, found = np.random.default_rng(0), []
+    for _ in range(REPEATS):
+        sizes, others = rng.standard_normal(JUDGED), rng.standard_normal(MANY)
+        seed = rng.integers(2**31)
+        judged, own = (probabilities(sizes, one, np.random.default_rng(seed), 256) for one in (TRUE, slope))
+        control = ControlVariate(own, probabilities(others, slope, rng, 64), np.zeros(MANY, dtype=int))
+        found.append((*sample_mean(judged, np.zeros(JUDGED, dtype=int), Objective(), control), judged.mean()))
+    mean, error, plain = np.array(found).T
+    return mean, error, plain
+
+
+@pytest.mark.parametrize("slope", [TRUE, 0.66, 0.5])
+def test_intervals_of_controlled_means_cover_the_truth_though_the_formulas_are_wrong(slope: float) -> None:
+    mean, error, plain = repeated(slope)
+    truth = ndtr(-1 / np.hypot(1, TRUE))  # of Phi(slope x - 1) over normal x, in closed form
+    covered = np.mean(np.abs(mean - truth) < norm.ppf(0.975) * error)
+    assert 0.93 < covered < 0.97
+    assert abs(mean.mean() - truth) < 4 * plain.std() / np.sqrt(REPEATS)
+    assert mean.std() < 0.45 * plain.std()
+    assert error.mean() == pytest.approx(mean.std(), rel=0.1)
+
+
+def test_formulas_that_know_nothing_do_not_count() -> None:
+    rng = np.random.default_rng(1)
+    values, group = rng.uniform(size=JUDGED), np.zeros(JUDGED, dtype=int)
+    control = ControlVariate(rng.uniform(size=JUDGED), rng.uniform(size=MANY), np.zeros(MANY, dtype=int))
+    assert sample_mean(values, group, Objective(), control) == sample_mean(values, group, Objective(), None)
+    quantile = Objective(statistic=0.2)
+    assert sample_mean(values, group, quantile, control) == (quantile.over(values), quantile.error(values, group))
+
+
+def test_slopes_of_the_detector_are_those_of_its_statistic() -> None:
+    rng = np.random.default_rng(2)
+    A = rng.standard_normal((5, 5))
+    detector = Detector.trained(rng.standard_normal((7, 5)), A @ A.T + np.eye(5), 0.05, blanks=256)
+    signals, step = rng.standard_normal((3, 5)), 1e-6
+    found = detector.slopes(signals)
+    for j in range(5):
+        sides = [
+            log_likelihood_ratio(detector.templates, whitened(detector.factor, signals + one * np.eye(5)[j]))
+            for one in (step, -step)
+        ]
+        assert (sides[0] - sides[1]) / (2 * step) == pytest.approx(found[:, j], rel=1e-5, abs=1e-7)
+
+
+def test_no_errors_within_their_bounds_lose_more_than_those_that_bound_the_level() -> None:
+    rng = np.random.default_rng(3)
+    detector = Detector.trained(0.7 * rng.standard_normal((64, 6)), np.eye(6) + 1, 0.05)
+    signals, bound = 0.7 * rng.standard_normal((200, 6)), 0.15 * rng.uniform(size=(200, 6))
+    off = bound * np.sign(detector.slopes(signals))
+    low, mean, high = (float(detector.probabilities(signals + one).mean()) for one in (-off, 0.0, off))
+    assert low < mean - 0.01
+    for _ in range(8):
+        other = bound * rng.choice([-1.0, 1.0], size=bound.shape)
+        assert low < detector.probabilities(signals + other).mean() < high
+
+
+def test_more_tissues_may_be_drawn_than_a_judge_has_time_for() -> None:
+    design = example_design(population={**SUPERFICIAL, "tissue": ["4 kPa", "9 kPa"]})
+    population = ScenePopulation.of(design.scene, design.population)
+    few, many = population.drawn(64), population.drawn(64, tissues=32)
+    assert (len(few.tissues), len(many.tissues)) == (4, 32)
+    assert len({one.tissue.youngs_modulus for one in many.tissues}) == 32
