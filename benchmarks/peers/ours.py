@@ -69,18 +69,18 @@ def gradients(scene: Scene, moduli: Floats, accuracy: float) -> dict[str, Floats
 @contextmanager
 def using(library: str) -> Iterator[None]:
     """Factorise with SuperLU even where PARDISO is installed, or with what is installed."""
-    usual = factor._pardiso
+    usual = factor.pardiso
     if library == "SuperLU":
-        factor._pardiso = lambda: None  # type: ignore[assignment]
+        factor.pardiso = lambda: None  # type: ignore[assignment]
     try:
         yield
     finally:
-        factor._pardiso = usual
+        factor.pardiso = usual
 
 
 def libraries() -> tuple[str, ...]:
     """Names of the libraries that ``using`` can choose."""
-    return ("SuperLU",) if factor._pardiso() is None else ("SuperLU", "PARDISO")
+    return ("SuperLU",) if factor.pardiso() is None else ("SuperLU", "PARDISO")
 
 
 def bare_factorisation(scene: Scene, accuracy: float) -> float:

@@ -14,7 +14,6 @@ from solver.equivalent_inclusion.first_order import Effects, effects
 from solver.equivalent_inclusion.first_order_bound import first_order_error, first_order_share
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.inclusions.tumours import Tumours
-from solver.linalg.cholesky import loaded
 from solver.linalg.threads import one_thread
 from solver.multiple_scattering.lockstep import alone, together
 from solver.multiple_scattering.solve import Scattered, scattering_steps
@@ -23,8 +22,8 @@ TOLERANCE = 0.1  # of the accuracy: what of a tumour's effect reflections may le
 SAFETY = 3.0  # on the estimate of that
 LAYERED = 2.0  # times that in layers: close under a stiff film the series hides up to 2.2 times its estimate
 SENSITIVE = 5.0  # times more than the effect do slopes feel the mesh
-TOGETHER = 8  # sets with reflections side by side where the matrix of each azimuthal order does not pay:
-FEW = 400  # without PARDISO up to so many sets, and in layers, where the matrix is that of two faces, always
+TOGETHER = 8  # sets with reflections side by side
+FEW = 400  # such sets up to which, without PARDISO, the matrix of each azimuthal order does not pay; in layers it never does
 LEAST_REFLECTED, LEAST_LAYERED = 5e-4, 4e-3  # of a tumour's effect: in one material, in layers of tissue
 
 
@@ -156,7 +155,7 @@ def readings(
         insufficient &= np.any(~left_out, axis=1) & (reflect is not False)
         chosen = np.flatnonzero(insufficient)
         often = len(chosen) > FEW and not base.strata.interfaces
-        at_once = 1 if often or (loaded() and not base.strata.interfaces) else TOGETHER
+        at_once = 1 if often else TOGETHER
         for k in range(0, len(chosen), at_once):
             if progress is not None:
                 progress(k, len(chosen))

@@ -45,7 +45,7 @@ def factorise(matrix: Any, pattern: Pattern | None) -> Factor:
         matrix: both triangles, rows sorted.
         pattern: that all matrices of one pattern share, or None for a matrix whose factors are kept.
     """
-    library = _pardiso()
+    library = pardiso()
     if library is not None:
         try:
             return _Pardiso.of(library, matrix, pattern)
@@ -64,13 +64,14 @@ def factorise_any(matrix: Any) -> Factor:
 
 def loaded() -> bool:
     """Whether PARDISO is there; afterwards its library is loaded."""
-    return _pardiso() is not None
+    return pardiso() is not None
 
 
 @cache
-def _pardiso() -> Any:
+def pardiso() -> Any:
+    """PARDISO's compiled module, or None; its public face first looks at every row, half as long as it factorises."""
     try:
-        return import_module("pymklpardiso._mkl_pardiso")  # its face checks every row in Python, half as long as it factorises
+        return import_module("pymklpardiso._mkl_pardiso")
     except ImportError:
         return None
 

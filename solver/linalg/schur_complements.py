@@ -6,7 +6,6 @@ Eliminating the unknowns of A from ((A, B), (B^T, 0)) leaves -B^T A^-1 B, the Sc
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from importlib import import_module
 from threading import Lock
 from typing import Any
 
@@ -14,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from geometry.common.arrays import Floats, Ints
-from solver.linalg.cholesky import METIS, POSITIVE_DEFINITE, loaded
+from solver.linalg.cholesky import METIS, POSITIVE_DEFINITE, loaded, pardiso
 
 SCHUR, ELIMINATE = {35: 1}, 22  # PARDISO's: return the Schur complement of what is not marked; numerical factorisation
 LARGEST_ERROR = 1e-9  # of the column whose product is known, relative in energy; rounding leaves about 1e-15
@@ -84,7 +83,7 @@ def _analysed(A: Any, B: Any, structure: tuple[Ints, ...]) -> _Analysis:
     rows = np.concatenate([columns[lower], np.repeat(np.arange(n), np.diff(B.indptr)), last])
     columns = np.concatenate([A.indices[lower], n + B.indices, last])
     order = np.lexsort((columns, rows))
-    solver = import_module("pymklpardiso._mkl_pardiso").PardisoSolver(POSITIVE_DEFINITE)
+    solver = pardiso().PardisoSolver(POSITIVE_DEFINITE, 0)
     for key, value in (METIS | SCHUR).items():
         solver.set_iparm(key, value)
     starts = np.searchsorted(rows[order], np.arange(n + k + 1))

@@ -22,7 +22,7 @@ CONSTANT = {  # one value, or one for each of a few numbers of points
     "solver.closed_form.error_bound.weights": "the stored weights",
     "solver.equivalent_inclusion.first_order._sphere": "at most 8 rules",
     "solver.equivalent_inclusion.first_order.half_ball": "at most 8 rules",
-    "solver.linalg.cholesky._pardiso": "a module",
+    "solver.linalg.cholesky.pardiso": "a module",
     "solver.linalg.conjugate_gradients._rslab": "a module",
     "solver.linalg.memory.keep_freed": "nothing",
     "solver.linalg.threads._controller": "the libraries' names",

@@ -22,7 +22,7 @@ def matrix(seed: int) -> sp.csc_array:
 @pytest.mark.parametrize("library", ["SuperLU", "PARDISO"])
 def test_every_factor_solves_its_own_matrix(library: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if library == "SuperLU":
-        monkeypatch.setattr(factor, "_pardiso", lambda: None)
+        monkeypatch.setattr(factor, "pardiso", lambda: None)
     else:
         pytest.importorskip("pymklpardiso", reason="py-mkl-pardiso is not installed: it has no wheel for this machine")
     pattern, forces = factor.Pattern(), np.random.default_rng(0).normal(size=(900, 3))
@@ -39,3 +39,9 @@ def test_what_is_not_positive_definite_goes_to_superlu() -> None:
     forces = np.ones((900, 1))
     found = factor.factorise(sp.csc_array(indefinite), factor.Pattern()).solve(forces)
     assert indefinite @ found == pytest.approx(forces, abs=1e-9)
+
+
+def test_pardiso_is_used_where_it_is_installed() -> None:
+    """Its compiled module is no promise of the wrapper's: were it renamed, everything would take SuperLU without a word."""
+    pytest.importorskip("pymklpardiso", reason="py-mkl-pardiso is not installed: it has no wheel for this machine")
+    assert factor.loaded()

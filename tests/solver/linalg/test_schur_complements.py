@@ -26,7 +26,7 @@ def exact(A: sp.csc_array, B: sp.csr_array) -> np.ndarray:
 
 
 @pytest.fixture(autouse=True)
-def _pardiso() -> None:
+def pardiso() -> None:
     pytest.importorskip("pymklpardiso", reason="py-mkl-pardiso is not installed: it has no wheel for this machine")
 
 
@@ -63,5 +63,5 @@ def test_a_product_that_is_off_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_without_pardiso_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cholesky, "_pardiso", lambda: None)
+    monkeypatch.setattr(cholesky, "pardiso", lambda: None)
     assert SchurComplements().product(*pair(0)) is None
