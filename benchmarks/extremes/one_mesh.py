@@ -1,7 +1,8 @@
 """Whether one mesh tells its own error: bounds of eqs. AX.10, AX.11 against order 8, on drawn scenes and on all references.
 
 Every drawn scene has one tumour on the axis (``inclusion_draws``) and no layers of tissue, for which one mesh is not asked. What
-order 8 itself is off counts against the bounds. One line for each bound that is smaller than the error, then a table by mesh.
+order 8 itself is off counts against the bounds; bounds of the light mesh above 5 % are not believed, and left out. One line for
+each bound that is smaller than the error, then a table by mesh.
 
     python -m benchmarks.extremes.one_mesh --scenes 250 --seed 1 --seed 2 --seed 3 --seed 4
     python -m benchmarks.extremes.one_mesh --scenes 0 --references
@@ -23,7 +24,7 @@ from geometry import InputError, Scene, read_scene
 from geometry.common.errors import Refusal, SolveError
 from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.lower_order import order_errors
-from solver.axisymmetric.refinement import LEVELS, LIGHT
+from solver.axisymmetric.refinement import LEVELS, LIGHT, LIGHT_FOR
 from solver.axisymmetric.sample import MeshSample, sample
 from solver.axisymmetric.sections import sections
 from solver.linalg.workspace import current
@@ -65,7 +66,7 @@ def shares(scene: Scene) -> Shares:
         moduli = scene.inclusion[0].youngs_modulus * np.array(CURVE)
         true = sample(of.section, of, scene, TRUE, moduli=moduli)
         found["light, curve"] = _share(sample(of.section, of, scene, LIGHT, moduli=moduli), true)
-    return found
+    return {name: one for name, one in found.items() if not name.startswith("light") or one[2] <= LIGHT_FOR[1]}
 
 
 def _share(found: MeshSample, true: MeshSample) -> tuple[float, float, float]:
