@@ -88,15 +88,12 @@ def order_errors(sample: MeshSample) -> SampleErrors:
     """
     own, times = _own(sample), sample.times
     low = _lower(sample, own, sample.states.model.shapes.order - 1)
-    energies = _energies(
-        sample, np.concatenate([low.values, own.values], axis=2), np.hstack([low.at(times), -own.at(times)]), times
-    )
+    values, at = np.concatenate([low.values, own.values], axis=2), np.hstack([low.at(times), -own.at(times)])
+    energies = _energies(sample, values, at, times)
     bound = _shares(sample, own, low) * _cauchy(energies)
     totals, slope = sample.totals, sample.slope.sum(axis=2)
-    share, lower_slope = (
-        _share(slope, totals),
-        times[:, None] * _inclusion_energies(sample, low.values, low.at(times)).sum(axis=2),
-    )
+    share = _share(slope, totals)
+    lower_slope = times[:, None] * _inclusion_energies(sample, low.values, low.at(times)).sum(axis=2)
     change = np.abs(_share(lower_slope, totals + energies.sum(axis=2)) - share)
     part = _share(bound, np.maximum(np.abs(totals) - bound, 0.0), np.inf)  # of the force that the error may leave
     films = SLOPES * change + np.abs(share) * part

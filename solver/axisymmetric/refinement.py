@@ -79,7 +79,8 @@ def refine(
             continue
         if good(*known):
             return *known, None
-        if level != LIGHT and (best is None or _worst(*known) < _worst(*best)):  # rounding may grow from mesh to mesh
+        believed = level != LIGHT or _worst(*known) <= LIGHT_FOR[1]
+        if believed and (best is None or _worst(*known) < _worst(*best)):  # rounding may grow from mesh to mesh
             best = known
     assert best is not None  # there are more than two levels
     return *best, "this is the finest"
