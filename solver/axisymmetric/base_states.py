@@ -120,7 +120,7 @@ def model(
         SolveError: the mesh has a cell without area.
         LimitReached: it has too many cells for the limit of memory, or the time is over.
     """
-    mesh = _mesh(kind or kind_of(section), fineness)
+    mesh = _mesh(kind or kind_of(section, fineness.lean), fineness)
     functions = shapes(fineness.order)
     size = 16 * len(mesh.body) * (2 * len(functions.degrees)) ** 2
     check_memory("a finer mesh", WHOLE * size)

@@ -55,7 +55,7 @@ class System:
 
     def add_up(self, forces: Floats) -> Floats:
         """Add the elements' forces, shape (n, 8 p, k), to those of the unknowns."""
-        return np.asarray(self.numbering.gather.T @ forces.reshape(self.numbering.gather.shape[0], forces.shape[-1]))
+        return np.asarray(self.numbering.spread @ forces.reshape(self.numbering.gather.shape[0], forces.shape[-1]))
 
     def lifted(self, lift: Floats) -> Floats:
         """Forces of the lift alone, shape (unknowns, k); few elements have any."""
@@ -86,4 +86,4 @@ class System:
     def _magnitude(self, v: Floats, lift: Floats | float) -> Floats:
         """|K| |u|, to which rounding errors are proportional."""
         local = np.abs((self.numbering.gather @ v).reshape(*self.stiffness.shape[:2], -1)) + np.abs(lift)
-        return np.asarray(abs(self.numbering.gather).T @ (np.abs(self.stiffness) @ local).reshape(-1, v.shape[-1]))
+        return np.asarray(self.numbering.reach @ (np.abs(self.stiffness) @ local).reshape(-1, v.shape[-1]))

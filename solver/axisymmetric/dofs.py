@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -55,8 +57,23 @@ class Numbering:
     def assemble(self, stiffness: Floats) -> sp.csc_array:
         """Add up the elements' matrices, shape (n, 8 p, 8 p)."""
         signed = self.signs[:, :, None] * stiffness * self.signs[:, None]
-        data = np.bincount(self.slots, weights=signed.ravel(), minlength=len(self.rows) + 1)[:-1]
-        return sp.csc_array((data, self.rows, self.starts), shape=(self.unknowns,) * 2)
+        matrix = copy(self._empty)  # its rows are looked at once
+        matrix.data = np.bincount(self.slots, weights=signed.ravel(), minlength=len(self.rows) + 1)[:-1]
+        return matrix
+
+    @cached_property
+    def spread(self) -> sp.csr_array:
+        """``gather`` the other way: from the elements' forces to those of the unknowns."""
+        return self.gather.T.tocsr()
+
+    @cached_property
+    def reach(self) -> sp.csr_array:
+        """``spread`` without signs."""
+        return abs(self.spread)
+
+    @cached_property
+    def _empty(self) -> sp.csc_array:
+        return sp.csc_array((np.zeros(len(self.rows)), self.rows, self.starts), shape=(self.unknowns,) * 2)
 
 
 @kept

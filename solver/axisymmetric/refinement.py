@@ -18,15 +18,15 @@ from solver.results.warnings import Note
 # order, layers at corners and at last the number of cells rise together: errors fall by 3 to 10 from one to the next
 LEVELS = (
     MeridianFineness(1, 2, 3),
-    MeridianFineness(1, 2, 4),
-    MeridianFineness(1, 3, 5),
-    MeridianFineness(1, 3, 6),
+    MeridianFineness(1, 2, 4, lean=True),
+    MeridianFineness(1, 3, 5, lean=True),
+    MeridianFineness(1, 3, 6, lean=True),
     MeridianFineness(1, 4, 8),
     MeridianFineness(1.5, 5, 8),
     MeridianFineness(2, 6, 8),
 )
 COARSE_ENOUGH = (3e-3, 3e-4)  # accuracies below which the first, the second level is left out
-LIGHT = MeridianFineness(0.7, 2, 4)  # tried first where none is left out and one mesh tells its own error
+LIGHT = MeridianFineness(0.7, 1, 4, lean=True)  # tried first where none is left out and one mesh tells its own error
 LIGHT_FOR = (3e-3, 0.05)  # accuracies it is tried for: it seldom does below, and above its changes do not fall yet
 ONE_MESH = (4, 5, 6)  # orders of meshes that do
 UNSEEN_DROP = 1.5  # by which errors are trusted to fall from one level to the next before it is seen
