@@ -33,8 +33,8 @@ class Kind:
         rings: rings of cells between sphere and box, and between core and sphere.
         box: how many of the section's ``block_radii`` the box round the sphere reaches beyond; None without a sphere.
         edges: whether the blocks' edges are round.
-        lean: whether cells are few where a scan of single counts found that they change nothing: under the tube's wall, across the
-            box and below it, round the core; rows under the surface as many as their growth asks for.
+        lean: whether cells are few where a scan of single counts found that they change nothing: under the tube's wall, across
+            the box and below it, round the core; rows under the surface as many as their growth asks for.
         layers: interfaces of the tissue above the sphere, across it and below it.
         thin: whether the tissue above sphere or floor is thin.
         films: layers between block and base: 0, 1 (film) or 2 (film and adhesive).

@@ -34,7 +34,7 @@ class Numbering:
         lift: the elements' own values of each state's rigid shift of a block, for the tissue's elements alone, shape
             (n, 8 p, 2); blocks, whose shift strains nothing, are told without it.
         rows, starts: of the system's matrix in compressed columns.
-        slots: for each entry of the elements' matrices its place in the data, or one beyond the last; shape (n (8 p)^2,).
+        sums: of the entries of the elements' matrices, with their signs, to those of the system's; shape (entries, n (8 p)^2).
         signs: of the elements' own values, shape (n, 8 p).
         vertical: the elements' own values that a shift along z sets to 1, shape (8 p,); none where m > 0.
         pattern: of the matrices of systems that are used one after the other.
@@ -44,7 +44,7 @@ class Numbering:
     lift: Floats
     rows: Ints
     starts: Ints
-    slots: Ints
+    sums: sp.csr_array
     signs: Floats
     vertical: Floats
     pattern: Pattern = field(default_factory=Pattern)
@@ -56,9 +56,8 @@ class Numbering:
 
     def assemble(self, stiffness: Floats) -> sp.csc_array:
         """Add up the elements' matrices, shape (n, 8 p, 8 p)."""
-        signed = self.signs[:, :, None] * stiffness * self.signs[:, None]
         matrix = copy(self._empty)  # its rows are looked at once
-        matrix.data = np.bincount(self.slots, weights=signed.ravel(), minlength=len(self.rows) + 1)[:-1]
+        matrix.data = self.sums @ stiffness.ravel()
         return matrix
 
     @cached_property
@@ -93,9 +92,8 @@ def numbering(mesh: Topology, order: int, interface: Interface, m: int = 0) -> N
         lift[:, 1] = np.where(probe[:, None, None], 0.0, -under[functions])
         vertical[1, :4] = 1.0
     every = np.tile(signs, components)
-    return Numbering(
-        _gather(dofs, every, len(free)), lift.reshape(len(functions), -1, 2), *_pattern(dofs, len(free)), every, vertical.ravel()
-    )
+    pattern = _pattern(dofs, every, len(free))
+    return Numbering(_gather(dofs, every, len(free)), lift.reshape(len(functions), -1, 2), *pattern, every, vertical.ravel())
 
 
 def _functions(corners: Floats, probe: Bools, order: int) -> tuple[Ints, Floats, Floats]:
@@ -154,11 +152,12 @@ def _gather(dofs: Ints, signs: Floats, unknowns: int) -> sp.csr_array:
     return sp.csr_array((signs.ravel()[free], (free, dofs.ravel()[free])), shape=(dofs.size, unknowns))
 
 
-def _pattern(dofs: Ints, unknowns: int) -> tuple[Ints, Ints, Ints]:
-    """Rows and column starts of the matrix, and the place of every entry of the elements' matrices in it."""
+def _pattern(dofs: Ints, signs: Floats, unknowns: int) -> tuple[Ints, Ints, sp.csr_array]:
+    """Rows and column starts of the matrix, and the sums of its entries."""
     row, column = dofs[:, :, None], dofs[:, None, :]
-    key = np.where((row >= 0) & (column >= 0), column * unknowns + row, unknowns**2).ravel()
-    keys, slots = np.unique(key, return_inverse=True)
-    keys = keys[keys < unknowns**2]
+    some = np.flatnonzero((row >= 0) & (column >= 0))
+    keys, slots = np.unique((column * unknowns + row).ravel()[some], return_inverse=True)
+    both = (signs[:, :, None] * signs[:, None]).ravel()[some]
+    sums = sp.csr_array((both, (slots.astype(np.int32), some.astype(np.int32))), shape=(len(keys), row.size * dofs.shape[1]))
     starts = np.searchsorted(keys, np.arange(unknowns + 1) * unknowns)
-    return (keys % unknowns).astype(np.int32), starts.astype(np.int32), slots.astype(np.int32)
+    return (keys % unknowns).astype(np.int32), starts.astype(np.int32), sums
