@@ -13,7 +13,7 @@ import scipy.sparse as sp
 from geometry.common.arrays import Bools, Floats, Ints
 from geometry.meridian.mesh import Topology, labels, line_label
 from geometry.meridian.section import TISSUES, Body
-from solver.linalg.cholesky import Pattern
+from solver.linalg.cholesky import Factor, Pattern, factorise
 from solver.linalg.workspace import kept
 
 Interface = Literal["bonded", "frictionless", "apart"]  # apart: no ties, what touches is told elsewhere (solver/contact)
@@ -36,6 +36,7 @@ class Numbering:
         rows, starts: of the system's matrix in compressed columns.
         sums: of the entries of the elements' matrices, with their signs, to those of the system's; shape (entries, n (8 p)^2).
         signs: of the elements' own values, shape (n, 8 p).
+        degrees: of the unknowns' functions, 1 at corners, shape (unknowns,).
         vertical: the elements' own values that a shift along z sets to 1, shape (8 p,); none where m > 0.
         pattern: of the matrices of systems that are used one after the other.
     """
@@ -46,6 +47,7 @@ class Numbering:
     starts: Ints
     sums: sp.csr_array
     signs: Floats
+    degrees: Ints
     vertical: Floats
     pattern: Pattern = field(default_factory=Pattern)
 
@@ -92,8 +94,45 @@ def numbering(mesh: Topology, order: int, interface: Interface, m: int = 0) -> N
         lift[:, 1] = np.where(probe[:, None, None], 0.0, -under[functions])
         vertical[1, :4] = 1.0
     every = np.tile(signs, components)
+    degrees = np.repeat(ends[:, 5], components).astype(int)[free]  # ties are between functions of one degree
     pattern = _pattern(dofs, every, len(free))
-    return Numbering(_gather(dofs, every, len(free)), lift.reshape(len(functions), -1, 2), *pattern, every, vertical.ravel())
+    return Numbering(
+        _gather(dofs, every, len(free)), lift.reshape(len(functions), -1, 2), *pattern, every, degrees, vertical.ravel()
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Subspace:
+    """The unknowns of functions up to a degree.
+
+    Attributes:
+        unknowns: their numbers.
+        entries: of the matrix's data, those between them.
+        rows, starts: of their matrix in compressed columns.
+        pattern: of their matrices.
+    """
+
+    unknowns: Ints
+    entries: Ints
+    rows: Ints
+    starts: Ints
+    pattern: Pattern = field(default_factory=Pattern)
+
+    def factor(self, matrix: sp.csc_array) -> Factor:
+        """Factorise a matrix of all unknowns restricted to these."""
+        restricted = (matrix.data[self.entries], self.rows, self.starts)
+        return factorise(sp.csc_array(restricted, shape=(len(self.unknowns),) * 2), self.pattern)
+
+
+@kept
+def subspace(numbering: Numbering, degree: int) -> Subspace:
+    """The functions of degree ``degree`` at most."""
+    inside = numbering.degrees <= degree
+    number = np.cumsum(inside, dtype=np.int32) - 1
+    columns = np.repeat(np.arange(numbering.unknowns), np.diff(numbering.starts))
+    entries = np.flatnonzero(inside[numbering.rows] & inside[columns])
+    starts = np.concatenate([[0], np.cumsum(np.bincount(number[columns[entries]]))]).astype(np.int32)
+    return Subspace(np.flatnonzero(inside), entries, number[numbering.rows[entries]], starts)
 
 
 def _functions(corners: Floats, probe: Bools, order: int) -> tuple[Ints, Floats, Floats]:

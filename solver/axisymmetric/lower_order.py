@@ -34,8 +34,7 @@ import numpy as np
 from geometry.common.arrays import Floats, Ints
 from geometry.meridian.section import Body, Section
 from solver.axisymmetric.base_states import BaseStates, MeridianModel, products
-from solver.axisymmetric.condensed_system import System
-from solver.axisymmetric.dofs import numbering
+from solver.axisymmetric.dofs import subspace
 from solver.axisymmetric.refinement import SampleErrors
 from solver.axisymmetric.sample import MeshSample
 from solver.linalg.rational_response import RationalResponse
@@ -132,18 +131,17 @@ def lower_order(states: BaseStates, vectors: Floats, degree: int, stiffest: floa
         stiffest: a modulus of the inclusion, as a multiple of that of ``states``. Above 1 both states are solved for there, too,
             and what they differ by from the first comes last: there what an inclusion that is nearly rigid is strained by counts.
     """
-    model = states.model
-    kept = np.flatnonzero(np.tile(_degrees(model), 2) <= degree)
-    numbers = numbering(model.mesh, degree, model.interface)
-    smaller = System.of(numbers, np.ascontiguousarray(model.system.stiffness[:, kept[:, None], kept]))
-    forces = model.system.stiffness[:, kept] @ vectors
-    found = smaller.factor.solve(np.hstack([-smaller.lifted(numbers.lift), smaller.add_up(forces)]))
+    system, lift = states.model.system, states.model.system.numbering.lift
+    space = subspace(system.numbering, degree)
+    pushed = -system.lifted(lift)[space.unknowns]
+    forces = system.add_up(system.stiffness @ vectors)[space.unknowns]
+    found = space.factor(system.matrix).solve(np.hstack([pushed, forces]))
     if stiffest > 1:
-        stiffer = System.of(numbers, smaller.stiffness * _in_inclusion(model, stiffest))
-        found = np.hstack([found, -stiffer.factor.solve(stiffer.lifted(numbers.lift)) - found[:, :2]])
-    out = np.zeros((*states.edge.shape[:2], found.shape[1]))
-    out[:, kept, :2], out[:, kept, 2:] = smaller.own(found[:, :2], numbers.lift), smaller.own(found[:, 2:])
-    return out
+        matrix = system.numbering.assemble(system.stiffness * _in_inclusion(states.model, stiffest))
+        found = np.hstack([found, space.factor(matrix).solve(pushed) - found[:, :2]])
+    v = np.zeros((system.numbering.unknowns, found.shape[1]))
+    v[space.unknowns] = found
+    return np.concatenate([system.own(v[:, :2], lift), system.own(v[:, 2:])], axis=2)
 
 
 def _in_inclusion(model: MeridianModel, time: float) -> Floats:
