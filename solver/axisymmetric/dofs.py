@@ -5,7 +5,7 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import scipy.sparse as sp
@@ -128,10 +128,10 @@ class Subspace:
 def subspace(numbering: Numbering, degree: int) -> Subspace:
     """The functions of degree ``degree`` at most."""
     inside = numbering.degrees <= degree
-    number = np.cumsum(inside, dtype=np.int32) - 1
+    number: Any = np.cumsum(inside, dtype=np.int32) - 1
     columns = np.repeat(np.arange(numbering.unknowns), np.diff(numbering.starts))
     entries = np.flatnonzero(inside[numbering.rows] & inside[columns])
-    starts = np.concatenate([[0], np.cumsum(np.bincount(number[columns[entries]]))]).astype(np.int32)
+    starts: Any = np.concatenate([[0], np.cumsum(np.bincount(number[columns[entries]]))]).astype(np.int32)
     return Subspace(np.flatnonzero(inside), entries, number[numbering.rows[entries]], starts)
 
 
