@@ -10,6 +10,8 @@ import pytest
 from geometry.meridian.frame import MeridianFineness
 from solver import evaluate
 from solver.axisymmetric import converged_forces
+from solver.axisymmetric.condensed_system import System
+from solver.axisymmetric.dofs import Interface, numbering
 from solver.axisymmetric.lower_order import lower_order, order_errors, own_errors
 from solver.axisymmetric.refinement import LEVELS, LIGHT
 from solver.axisymmetric.sample import MeshSample, sample
@@ -89,6 +91,35 @@ def test_a_smaller_space_has_more_energy(interface: str) -> None:
     assert np.all(np.linalg.eigvalsh(more) > 0)
     change = smaller - found.states.edge
     np.testing.assert_allclose(np.einsum("nai,nab,nbj->ij", change, stiffness, change, optimize=True), more, rtol=1e-6)
+
+
+@pytest.mark.parametrize("interface", ["bonded", "frictionless"])
+def test_a_smaller_space_is_that_of_a_mesh_of_lower_order(interface: Interface) -> None:
+    """Numbered and added up anew, from the same condensed matrices without the rows of the last degree."""
+    name = "published-materials" + ("-frictionless" if interface == "frictionless" else "")
+    states = on(named("axisymmetric", name), LEVELS[1]).states
+    model, degrees = states.model, states.model.shapes.degrees[: states.model.shapes.skeleton].max(axis=1)
+    kept = np.flatnonzero(np.tile(degrees, 2) <= 3)
+    numbers = numbering(model.mesh, 3, interface)
+    smaller = System.of(numbers, np.ascontiguousarray(model.system.stiffness[:, kept][:, :, kept]))
+    expected = smaller.solve(np.zeros((numbers.unknowns, 2)), numbers.lift).own
+    found = lower_order(states, states.edge[..., :0], 3)
+    np.testing.assert_allclose(found[:, kept], expected, atol=1e-9)
+    assert not np.any(np.delete(found, kept, axis=1))
+
+
+@pytest.mark.parametrize("name", ["published-materials", "shallow", "soft-cyst"])
+def test_the_smaller_spaces_state_is_nearer_than_the_own_one_without_its_last_degree(name: str) -> None:
+    """Galerkin: it is the best of all in that space."""
+    found = on(named("axisymmetric", name), LEVELS[2])
+    model, own = found.states.model, found.states.edge
+    cut = own.copy()
+    cut[:, np.tile(model.shapes.degrees[: model.shapes.skeleton].max(axis=1), 2) == 5] = 0.0
+    sizes = [
+        np.einsum("nai,nab,nbi->i", change, model.system.stiffness, change, optimize=True)
+        for change in (lower_order(found.states, own[..., :0], 4) - own, cut - own)
+    ]
+    assert np.all(sizes[0] < sizes[1])
 
 
 def test_a_second_mesh_is_solved_only_where_one_does_not_do(monkeypatch: pytest.MonkeyPatch) -> None:
