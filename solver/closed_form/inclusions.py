@@ -32,13 +32,12 @@ from solver.closed_form.surface_images import (
     MOMENTS,
     NEAR,
     TO_MOMENTS,
-    TURNS,
     BallQuadrature,
+    Nearby,
     SphereArray,
-    fields,
     image,
     nearby,
-    wavelets,
+    tissue_strain,
 )
 from solver.inclusions.eshelby import strengths
 from solver.layers.stack import Matrix
@@ -51,18 +50,20 @@ class LoadedSpheres:
     Attributes:
         sphere: where and what.
         points: of the quadrature.
-        fields: strains at the points under waves of pressure and of shear, shapes (n, 4 points, q).
+        near: the waves at the sphere.
+        beside: distances of the points from the probe's axis, shape (n, points); None on it.
         loads: the loads' transforms by those, times k dk / 2 mu, shapes (n, q, .).
         sides: strains at the points that near sides add to each load's, (n, 4 points, m), or None.
         moments: under each load, shape (n, moments, m).
         image: G of eq. CF.15 less V S of eq. CF.18, shape (n, moments, moments).
         strength, strength_by_log: (k_v, k_d) of eq. CF.13 and their derivatives by ln E.
-        arriving: what of the loads arrives at the top of the sphere's layer, eq. LY.3, by which fields are; None on half-spaces.
+        arriving: what of the loads arrives at the top of the sphere's layer, eq. LY.3, by which ``near`` is; None on half-spaces.
     """
 
     sphere: SphereArray
     points: BallQuadrature
-    fields: tuple[Array, Array]
+    near: Nearby
+    beside: Array | None
     loads: tuple[Array, Array]
     sides: Array | None
     moments: Array
@@ -100,11 +101,14 @@ class LoadedSpheres:
         """What eq. CF.13 has beyond the moments under tractions t (n, m, 2), with the derivative by ln E; both (n, 2, 2)."""
         moments = self.moments @ tractions
         pressures = self.loads[0].shape[2]
-        pressed, sheared = self.loads[0] @ tractions[:, :pressures], self.loads[1] @ tractions[:, pressures:]
+        t = np.swapaxes(tractions, 1, 2)
+        pressed, sheared = (
+            rows @ np.swapaxes(load, 1, 2) for rows, load in zip((t[:, :, :pressures], t[:, :, pressures:]), self.loads, strict=True)
+        )
         if self.arriving is not None:
-            pp, pq, qp, qq = (np.broadcast_to(part, pressed.shape[:2])[:, :, None] for part in self.arriving)
+            pp, pq, qp, qq = (np.broadcast_to(part, self.near.waves.k.shape)[:, None] for part in self.arriving)
             pressed, sheared = pp * pressed + pq * sheared, qp * pressed + qq * sheared
-        strain = self.fields[0] @ pressed + self.fields[1] @ sheared
+        strain = tissue_strain(self.near, self.sphere.radius, (pressed, sheared), self.beside)
         if self.sides is not None:
             strain = strain + self.sides @ tractions
         weight = self.points.weight[:, None]
@@ -149,34 +153,32 @@ def polarised(
     near = nearby(sphere, waves) if inside is None else inside.near
     scaled = (weights * ((1 + nu) / E)[:, None])[:, :, None]
     weighed = loads[0] * scaled, loads[1] * scaled
-    points, strain, moments = NEAR, near.strain, near.moments
-    across, beside = sphere.radius[:, None] * NEAR.x, sphere.radius[:, None] * 0
+    points, moments, beside = NEAR, near.moments, None
+    across, aside = sphere.radius[:, None] * NEAR.x, sphere.radius[:, None] * 0
     if not sphere.on_axis:
         points, share = ASIDE, shifted_waves(waves.k, sphere.offset)
-        across, beside = sphere.offset[:, None] + sphere.radius[:, None] * ASIDE.x, sphere.radius[:, None] * ASIDE.y
-        moments = moments[0] * share, moments[1] * share
-        around = tuple(np.concatenate([part] * TURNS, axis=2) for part in near.parts)
-        strain = fields(around, wavelets(waves.k, np.sqrt(across**2 + beside**2)))  # type: ignore[arg-type]
+        across, aside = sphere.offset[:, None] + sphere.radius[:, None] * ASIDE.x, sphere.radius[:, None] * ASIDE.y
+        moments, beside = (moments[0] * share, moments[1] * share), np.sqrt(across**2 + aside**2)
     dipoles = np.concatenate([moments[0] @ weighed[0], moments[1] @ weighed[1]], axis=2)
     added = None
     if sides is not None:
-        added = sides.strain(np.sqrt(across**2 + beside**2), sphere.depth[:, None] - sphere.radius[:, None] * points.z)
+        added = sides.strain(across if beside is None else beside, sphere.depth[:, None] - sphere.radius[:, None] * points.z)
         added = added if inside is None else added * (sides.tissue.E / E)[:, None, None]  # of the column's stress
-        dipoles = dipoles + (TO_MOMENTS @ added if sphere.on_axis else _moments(added, across, beside))
+        dipoles = dipoles + (TO_MOMENTS @ added if sphere.on_axis else _moments(added, across, aside))
     mu = E / (2 * (1 + nu))
     G = image(sphere, waves, near, weights, mu=mu, nu=nu) if inside is None else inside.image
     if disc is not None:
         volume = (4 * np.pi / 3 * sphere.radius**3)[:, None, None]
         G = G - volume * off_axis_response(sphere, near, waves.k, weights, disc=disc, mu=mu, bonded=loads[1].shape[2] > 0)
     whole = strengths(E, nu, sphere.E, sphere.nu)
-    return LoadedSpheres(sphere, points, strain, weighed, added, dipoles, G, *whole, None if inside is None else inside.arriving)
+    return LoadedSpheres(sphere, points, near, beside, weighed, added, dipoles, G, *whole, None if inside is None else inside.arriving)
 
 
-def _moments(strain: Array, across: Array, beside: Array) -> Array:
-    """All moments of strains (n, 4 points, m) at the points ``ASIDE``, which lie at (across, beside) from the probe's axis."""
+def _moments(strain: Array, across: Array, aside: Array) -> Array:
+    """All moments of strains (n, 4 points, m) at the points ``ASIDE``, which lie at (across, aside) from the probe's axis."""
     parts = strain.reshape(len(strain), 4, across.shape[1], -1)
-    r = np.sqrt(across**2 + beside**2)
-    c, s = (across / r)[:, :, None], (beside / r)[:, :, None]
+    r = np.sqrt(across**2 + aside**2)
+    c, s = (across / r)[:, :, None], (aside / r)[:, :, None]
     both, zz, along = parts[:, 0], parts[:, 2], parts[:, 3] * c
     crossed, turned = parts[:, 1] * (c**2 - s**2), parts[:, 1] * 2 * c * s
     x, y, z, w = (part[:, None] for part in (ASIDE.x, ASIDE.y, ASIDE.z, ASIDE.weight))

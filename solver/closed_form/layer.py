@@ -13,12 +13,15 @@ pressure p and shear q give, as in eq. CF.1 where e^-2x is gone,
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from solver.closed_form.bessel import Array
 from solver.layers.stack import Echo, TissueLayer
+
+Pair = tuple[Array, Array]
 
 
 @dataclass(frozen=True)
@@ -89,23 +92,28 @@ def amplitudes(waves: Waves, z: Array) -> tuple[Array, Array]:
     t = k * z[:, :, None]
     down = k * np.exp(-t)
     up = None if waves.depth is None else k * np.exp(t - 2 * k * waves.depth[:, :, None])
-    return _amplitudes(waves.by_pressure, t, down, up, even), _amplitudes(waves.by_shear, t, down, up, even)
+    ways = (down, t * down), None if up is None else (up, t * up)
+    pressed, sheared = (
+        np.stack(strain_amplitudes([part[:, None, :] for part in load], *ways, even), axis=1)
+        for load in (waves.by_pressure, waves.by_shear)
+    )
+    return pressed, sheared
 
 
-def _amplitudes(load: tuple[Array, ...], t: Array, down: Array, up: Array | None, even: Array) -> Array:
-    c = [part[:, None, :] for part in load]
-    b = c[1] * down
-    a = c[0] * down + b * t
-    amplitudes_of = np.empty((len(t), 3, *t.shape[1:]), dtype=a.dtype)
+def strain_amplitudes(load: Sequence[Array], down: Pair, up: Pair | None, even: Array) -> tuple[Array, Array, Array]:
+    """Return what ``amplitudes`` does of anything that is linear in e^-t and t e^-t, ``down``, e^(t-2x) and t e^(t-2x), ``up``.
+
+    ``load`` are the coefficients of eq. CF.6, ``even`` is 2 nu - 1; arrays of any shapes that fit.
+    """
+    b = load[1] * down[0]
+    a = load[0] * down[0] + load[1] * down[1]
     if up is None:
-        amplitudes_of[:, 0], amplitudes_of[:, 1], amplitudes_of[:, 2] = a, 2 * even * b - a, even * b - a
-        return amplitudes_of
-    other = c[3] * up
-    raised = c[2] * up - other * t
-    np.add(a, raised, out=amplitudes_of[:, 0])
-    np.subtract(2 * even * (b + other), amplitudes_of[:, 0], out=amplitudes_of[:, 1])
-    np.add(even * (b - other), raised - a, out=amplitudes_of[:, 2])
-    return amplitudes_of
+        bent = even * b
+        return a, 2 * bent - a, bent - a
+    other = load[3] * up[0]
+    raised = load[2] * up[0] - load[3] * up[1]
+    whole = a + raised
+    return whole, 2 * even * (b + other) - whole, even * (b - other) + raised - a
 
 
 def lowering(waves: Waves, z: Array) -> tuple[Array, Array]:

@@ -24,10 +24,8 @@ from solver.closed_form.layer import waves_inside
 from solver.closed_form.surface_images import (
     ALL,
     MOMENTS,
-    NEAR,
     Nearby,
     SphereArray,
-    Wavelets,
     crossed_image,
     half_space_moments,
     nearby,
@@ -74,7 +72,7 @@ def inside(sphere: SphereArray, k: Array, weights: Array, layers: Sequence[Tissu
     a, own = arriving(below, sphere.layer), below[sphere.layer]
     local = replace(sphere, depth=sphere.depth - sum(one.thickness for one in above))
     down = nearby(local, waves_inside(k, layer, own))
-    up, turned_up = (None, None) if own.far is None else _from_below(local, layer, k, down.at)
+    up, turned_up = (None, None) if own.far is None else _from_below(local, layer, down)
     top = _thrown_back(k, layers[: sphere.layer + 1])
     scale = weights * k * ((4 * np.pi / 3 * sphere.radius**3) / (16 * np.pi * (1 - layer.nu) * layer.mu[:, 0]))[:, None]
     G, turned = _image(down.moments, up, own, top, scale), None
@@ -82,15 +80,15 @@ def inside(sphere: SphereArray, k: Array, weights: Array, layers: Sequence[Tissu
         shear = shear_echoes(k, layers, sphere.layer, rigid)
         turned = down.turned if turned_up is None else down.turned + turned_up * (shear.far * shear.fade)[:, None, :]
         G = G + _turned_image(turned, turned_up, shear, (1 - layer.nu)[:, None] * scale)
-        G[:, -1, -1] += crossed_image(sphere, layer.mu[:, 0], layer.nu) - _crossed_waves(sphere, layer, down.at, k, scale)
+        G[:, -1, -1] += crossed_image(sphere, layer.mu[:, 0], layer.nu) - _crossed_waves(sphere, layer, down, scale)
         turned = turned * shear.arriving[:, None, :]
     return Inside(replace(down, moments=_by_loads(down.moments, a), turned=turned), a, G)
 
 
-def _from_below(local: SphereArray, layer: TissueLayer, k: Array, at: Wavelets) -> tuple[tuple[Array, Array], Array | None]:
+def _from_below(local: SphereArray, layer: TissueLayer, down: Nearby) -> tuple[tuple[Array, Array], Array | None]:
     """Moments under unit waves that run up from the layer's bottom: those of the mirrored sphere under mirrored loads."""
-    mirrored = replace(local, depth=layer.thickness - local.depth)
-    (pressed, sheared), turned = half_space_moments(mirrored, k, layer.nu, at)
+    way = down.waves.k * (layer.thickness - local.depth)[:, None]
+    (pressed, sheared), turned = half_space_moments(down.ball, way, layer.nu, local.on_axis)
     signs = MIRRORED[: pressed.shape[1], None]
     return (signs * pressed, -signs * sheared), None if turned is None else -signs * turned
 
@@ -151,13 +149,12 @@ def _turned_image(down: Array, up: Array | None, shear: ShearEchoes, scale: Arra
     return _apart(block, down)
 
 
-def _crossed_waves(sphere: SphereArray, layer: TissueLayer, at: Wavelets, k: Array, scale: Array) -> Array:
+def _crossed_waves(sphere: SphereArray, layer: TissueLayer, down: Nearby, scale: Array) -> Array:
     """Eq. CF.16 as the sum over the waves, for the layer's material alone: what the sum is off by is no matter of layers."""
-    nu = layer.nu[:, None, None]
-    t = k[:, None, :] * (sphere.depth[:, None] - sphere.radius[:, None] * NEAR.z)[:, :, None]
-    fade = np.exp(-t) * at.zero
-    pressed, sheared, turned = (NEAR.weight @ (part * fade) for part in ((t + 2 * nu - 1) / 2, (2 - 2 * nu - t) / 2, 1.0))
-    return 2 * (scale * (pressed**2 + sheared**2 + (1 - layer.nu)[:, None] * turned**2)).sum(axis=1)
+    nu = layer.nu[:, None]
+    plain, times = (part[:, 0] for part in down.ball.down(down.waves.k * sphere.depth[:, None]))
+    pressed, sheared = (times + (2 * nu - 1) * plain) / 2, ((2 - 2 * nu) * plain - times) / 2
+    return 2 * (scale * (pressed**2 + sheared**2 + (1 - nu) * plain**2)).sum(axis=1)
 
 
 def _by_loads(moments: tuple[Array, Array], a: Matrix) -> tuple[Array, Array]:

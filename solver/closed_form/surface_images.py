@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from solver.closed_form.bessel import Array, bessel
-from solver.closed_form.layer import Waves, amplitudes
+from solver.closed_form.layer import Waves, strain_amplitudes
 
 MOMENTS, ALL = 5, 11  # about the sphere's vertical axis: a, z, a zeta, z zeta, rz rho; and xz, xz zeta, a x, z x, tau; xx - yy
 
@@ -57,44 +57,27 @@ class BallQuadrature:
 
 
 def points(turns: Any) -> BallQuadrature:
-    """Gauss in the cube of the radius and the cosine of the polar angle, midpoints in the azimuth."""
+    """Gauss in the cube of the radius and the cosine of the polar angle, midpoints in the azimuth.
+
+    In order: the pairs of ``ACROSS`` and ``RISE``, above before below the centre, the azimuths.
+    """
+    x, z, weight = (one[:, None, None] for one in (ACROSS, RISE, WEIGHT))
+    sign, turn = np.array([1.0, -1.0])[:, None], np.asarray(turns)
+    kinds = np.broadcast_arrays(x * np.cos(turn) + 0 * sign, x * np.sin(turn) + 0 * sign, z * sign, weight / len(turns))
+    return BallQuadrature(*(kind.ravel() for kind in kinds))
+
+
+def _pairs() -> tuple[Any, Any, Any]:
+    """Distances from the vertical axis, heights above and below the centre, and weights of points in such pairs, shape (4,)."""
     cubes, cube_weights = np.polynomial.legendre.leggauss(2)
-    cosines, cosine_weights = np.polynomial.legendre.leggauss(4)
-    turn, rho, c = np.meshgrid(turns, np.cbrt((cubes + 1) / 2), cosines, indexing="ij")
-    weight = cube_weights[:, None] * cosine_weights / 4 / len(turns) + 0 * rho
-    across = rho * np.sqrt(1 - c**2)
-    return BallQuadrature((across * np.cos(turn)).ravel(), (across * np.sin(turn)).ravel(), (rho * c).ravel(), weight.ravel())
+    cosines, cosine_weights = (part[2:] for part in np.polynomial.legendre.leggauss(4))
+    rho, c = np.meshgrid(np.cbrt((cubes + 1) / 2), cosines, indexing="ij")
+    return (rho * np.sqrt(1 - c**2)).ravel(), (rho * c).ravel(), np.outer(cube_weights, cosine_weights).ravel() / 4
 
 
 TURNS = 3
+ACROSS, RISE, WEIGHT = _pairs()
 NEAR, ASIDE = points(np.zeros(1)), points((np.arange(TURNS) + 0.5) * np.pi / TURNS)
-
-
-@dataclass(frozen=True)
-class Wavelets:
-    """J0, J0 - 2 J1/x and J1 at some points, shape (n, points, q)."""
-
-    zero: Array
-    turn: Array
-    one: Array
-
-
-def wavelets(k: Array, r: Array, which: Any = slice(None)) -> Wavelets:
-    """Return them at x = k r for distances r (n, p) from the waves' axis, some of them repeated."""
-    x = k[:, None, :] * r[:, :, None]
-    zero, one = bessel(x)
-    return Wavelets(zero[:, which], (zero - 2 * one / x)[:, which], one[:, which])
-
-
-def fields(parts: tuple[Array, Array], at: Wavelets) -> tuple[Array, Array]:
-    """Strains rr + hoop, rr - hoop, zz, rz at all points under waves of pressure and of shear, times 2 mu; (n, 4 points, q)."""
-    strains = []
-    for part in parts:
-        strain = np.empty((len(part), 4, *at.zero.shape[1:]), dtype=part.dtype)
-        for row, (which, wave) in enumerate(((0, at.zero), (0, at.turn), (1, at.zero), (2, at.one))):
-            np.multiply(part[:, which], wave, out=strain[:, row])
-        strains.append(strain.reshape(len(part), -1, part.shape[-1]))
-    return strains[0], strains[1]
 
 
 def _moment_weights() -> Any:
@@ -105,69 +88,166 @@ def _moment_weights() -> Any:
 
 
 TO_MOMENTS = _moment_weights()
-RHO, WHICH = np.unique(np.round(NEAR.x, 12), return_inverse=True)
+
+
+def _average_weights() -> Any:
+    """The matrix from even and odd parts times J0, and times J1, at the pairs of points to ``BallWaves.even`` and ``odd``."""
+    w, x, z, none = WEIGHT, ACROSS, RISE, 0 * WEIGHT
+    even = [(w, none, none, none), (none, 5 * w * z, none, none), (none, none, 2.5 * w * x, none)]
+    odd = [(none, w * z, none, none), (none * z, none, none, none), (none, none, none, 2.5 * w * x * z)]
+    odd[1] = (5 * w * z * z, none, none, none)
+    return np.array([np.concatenate(row) for row in even + odd])
+
+
+_AVERAGES = _average_weights()
+
+
+@dataclass(frozen=True)
+class BallWaves:
+    """Waves about the vertical axis of spheres, in whatever depth: with s = k R, e^-s times
+
+    Attributes:
+        zero, one: J0 and J1 at ``ACROSS``, shape (n, 4, q), without that factor.
+        raised, sunk: e^s z and e^-s z at the heights z of ``RISE``, shape (n, 4, q).
+        even: mean and vertical moment of J0 e^s z, and the radial one of J1 e^s z, shape (n, 3, q).
+        odd: the same of J0 and J1 times s z e^s z.
+        size: s, shape (n, q).
+    """
+
+    zero: Array
+    one: Array
+    raised: Array
+    sunk: Array
+    even: Array
+    odd: Array
+    size: Array
+
+    def down(self, way: Array) -> tuple[Array, Array]:
+        """The averages of e^-t and of t e^-t where t is ``way`` (n, q) at the centre and falls upwards; two (n, 3, q)."""
+        fade, way = np.exp(self.size - way)[:, None], way[:, None]
+        plain = fade * self.even
+        return plain, way * plain - fade * self.odd
+
+    def up(self, way: Array, across: Array) -> tuple[Array, Array]:
+        """Those of e^(t - 2x) and t e^(t - 2x), x the way ``across`` the layer, (n, q)."""
+        fade, way = MIRROR * np.exp(self.size + way - 2 * across)[:, None], way[:, None]
+        plain = fade * self.even
+        return plain, way * plain + fade * self.odd
+
+
+MIRROR = np.array([1.0, -1.0, 1.0])[:, None]
+
+
+def ball_waves(sphere: SphereArray, k: Array) -> BallWaves:
+    """Return them for waves k (n, q)."""
+    s = k * sphere.radius[:, None]
+    zero, one = bessel(s[:, None] * ACROSS[:, None])
+    raised, sunk = np.exp(s[:, None] * (RISE - 1)[:, None]), np.exp(s[:, None] * (-RISE - 1)[:, None])
+    even, odd = raised + sunk, raised - sunk
+    averages = _AVERAGES @ np.concatenate([even * zero, odd * zero, even * one, odd * one], axis=1)
+    return BallWaves(zero, one, raised, sunk, averages[:, :3], s[:, None] * averages[:, 3:], s)
 
 
 @dataclass(frozen=True)
 class Nearby:
-    """What waves do to a sphere: strains at the points of ``NEAR`` and moments, under waves of pressure and of shear, times 2 mu.
+    """What waves do to a sphere: its moments under waves of pressure and of shear, times 2 mu.
 
     Attributes:
-        at: the waves at the points.
-        parts: ``layer.amplitudes`` at the points' depths, under waves of pressure and of shear.
-        strain: under waves about the sphere's vertical axis, two arrays (n, 4 points, q).
-        moments: the first five under the same; the next five under waves that go as cos about that axis, and the last as cos of
-            twice the angle, from half-spaces or layers; two arrays (n, moments, q).
+        ball: the waves at the sphere.
+        waves: as they fade in its layer.
+        depth: of its centre below its layer's top, shape (n,).
+        moments: the first five under waves about the sphere's vertical axis; the next five under waves that go as cos about
+            that axis, and the last as cos of twice the angle, from half-spaces or layers; two arrays (n, moments, q).
         turned: all under waves of shear about the vertical, sin and sin of twice the angle, on a half-space, (n, moments, q), the
             first five zero; None on the probe's axis.
     """
 
-    at: Wavelets
-    parts: tuple[Array, Array]
-    strain: tuple[Array, Array]
+    ball: BallWaves
+    waves: Waves
+    depth: Array
     moments: tuple[Array, Array]
     turned: Array | None
 
 
 def nearby(sphere: SphereArray, waves: Waves) -> Nearby:
-    """Return strains and moments of spheres under waves of the tissue."""
-    parts = amplitudes(waves, sphere.depth[:, None] - sphere.radius[:, None] * NEAR.z)
-    near = wavelets(waves.k, sphere.radius[:, None] * RHO, WHICH)
-    strain = fields(parts, near)
-    first = tuple(TO_MOMENTS @ field for field in strain)
-    if sphere.on_axis:
-        return Nearby(near, parts, strain, first, None)
-    moments = (np.concatenate([one, _sideways(part, near)], axis=1) for one, part in zip(first, parts, strict=True))
-    return Nearby(near, parts, strain, tuple(moments), _turned(waves, sphere, near))  # type: ignore[arg-type]
+    """Return the moments of spheres under waves of the tissue."""
+    k, ball = waves.k, ball_waves(sphere, waves.k)
+    way = k * sphere.depth[:, None]
+    down, up = ball.down(way), None if waves.depth is None else ball.up(way, k * waves.depth)
+    even, moments = (2 * waves.nu - 1)[:, :, None], []
+    for load in (waves.by_pressure, waves.by_shear):
+        rows = strain_amplitudes([(k * part)[:, None] for part in load], down, up, even)
+        moments.append(_moments(rows, sphere.on_axis))
+    return Nearby(ball, waves, sphere.depth, (moments[0], moments[1]), None if sphere.on_axis else _turned(down[0]))
 
 
-def half_space_moments(sphere: SphereArray, k: Array, nu: Array, near: Wavelets) -> tuple[tuple[Array, Array], Array | None]:
-    """Return the moments and what is ``turned`` of ``Nearby`` on half-spaces, where all strains are e^-t and t e^-t."""
-    t = k[:, None, :] * (sphere.depth[:, None] - sphere.radius[:, None] * NEAR.z)[:, :, None]
-    fade, even = np.exp(-t), (1 - 2 * nu)[:, None]
-    plain, times = _averages(fade, near), _averages(t * fade, near)
-    pressed = _combined(plain, times, ((-even, 1), (-even, -1), (0, -1)), sphere.on_axis)
-    sheared = _combined(plain, times, ((1 + even, -1), (even - 1, 1), (-1, 1)), sphere.on_axis)
-    if sphere.on_axis:
-        return (pressed, sheared), None
-    none, (mean, along, slide) = 0 * k, plain
-    return (pressed, sheared), np.stack([none] * MOMENTS + [mean / 2, along / 2, none, none, slide / 2, -mean], axis=1)
+def half_space_moments(ball: BallWaves, way: Array, nu: Array, on_axis: bool) -> tuple[tuple[Array, Array], Array | None]:
+    """Return the moments and what is ``turned`` of ``Nearby`` on half-spaces, k times depth ``way``; strains are e^-t and t e^-t."""
+    down, even, one = ball.down(way), (1 - 2 * nu)[:, None, None], np.ones(1)
+    loads = ((-even, one), (1 + even, -one))
+    pressed, sheared = (_moments(strain_amplitudes(load, down, None, -even), on_axis) for load in loads)
+    return (pressed, sheared), None if on_axis else _turned(down[0])
 
 
-def _averages(amplitude: Array, near: Wavelets) -> tuple[Array, Array, Array]:
-    """Mean and moment along the vertical of what goes with J0, radial moment of what goes with J1; shapes (n, q)."""
-    w, z, x = NEAR.weight, NEAR.z, NEAR.x
-    even = np.stack([w, 5 * w * z]) @ (amplitude * near.zero)
-    return even[:, 0], even[:, 1], (2.5 * w * x) @ (amplitude * near.one)
-
-
-def _combined(plain: tuple[Array, ...], times: tuple[Array, ...], strains: Any, on_axis: bool) -> Array:
-    """Moments where a, zz and rz, ``strains``, are so many e^-t and t e^-t, whose averages are given."""
-    a, zz, rz = ([e * one + t * other for one, other in zip(plain, times, strict=True)] for e, t in strains)
-    rows = [a[0], zz[0], a[1], zz[1], rz[2]]
+def _moments(strain: tuple[Array, Array, Array], on_axis: bool) -> Array:
+    """Moments where the averages (n, 3, q) of rr + hoop, zz and rz are so many, shape (n, moments, q)."""
+    a, zz, rz = strain
+    rows = np.empty((len(a), MOMENTS if on_axis else ALL, a.shape[2]), dtype=a.dtype)
+    rows[:, 0:4:2], rows[:, 1:4:2], rows[:, 4] = a[:, :2], zz[:, :2], rz[:, 2]
     if not on_axis:
-        rows += [-rz[0] / 2, -rz[1] / 2, a[2], zz[2], a[2] / 4, -a[0] / 2]
-    return np.stack(rows, axis=1)
+        np.multiply(rz[:, :2], -0.5, out=rows[:, 5:7])
+        rows[:, 7], rows[:, 8] = a[:, 2], zz[:, 2]
+        np.multiply(a[:, 2], 0.25, out=rows[:, 9])
+        np.multiply(a[:, 0], -0.5, out=rows[:, 10])
+    return rows
+
+
+def _turned(plain: Array) -> Array:
+    """All moments under waves of shear about the vertical on a half-space, J1 sin and, the last, J2 sin 2, times 2 mu."""
+    rows = np.zeros((len(plain), ALL, plain.shape[2]), dtype=plain.dtype)
+    rows[:, 5:7], rows[:, 9], rows[:, 10] = plain[:, :2] / 2, plain[:, 2] / 2, -plain[:, 0]
+    return rows
+
+
+def tissue_strain(near: Nearby, radius: Array, loads: tuple[Array, Array], beside: Array | None) -> Array:
+    """Return the strains rr + hoop, rr - hoop, zz, rz at all points under loads of pressure and of shear; (n, 4 points, l).
+
+    Args:
+        near: the waves.
+        radius: of the spheres, shape (n,).
+        loads: so much of each wave, two arrays (n, l, q); in ``waves`` inside layers, of what runs down at the top of its layer.
+        beside: distances of the points ``ASIDE`` from the waves' axis, shape (n, points); None where that is the sphere's.
+    """
+    waves, ball, k = near.waves, near.ball, near.waves.k[:, None, None, None]
+    fade = np.stack([ball.raised, ball.sunk], axis=2)[:, :, :, None]
+    rise = np.stack([RISE, -RISE], axis=1)[:, :, None, None]
+    way = waves.k * near.depth[:, None]
+    t = k * (near.depth[:, None, None, None, None] - radius[:, None, None, None, None] * rise)
+    plain = np.exp(ball.size - way)[:, None, None, None] * fade
+    up = None
+    if waves.depth is not None:
+        back = np.exp(ball.size + way - 2 * waves.k * waves.depth)[:, None, None, None] * fade[:, :, ::-1]
+        up = back, t * back
+    p, q = loads
+    sums = [((waves.k * a)[:, None] * p + (waves.k * b)[:, None] * q)[:, None, None] for a, b in zip(waves.by_pressure, waves.by_shear, strict=True)]
+    kinds = strain_amplitudes(sums, (plain, t * plain), up, (2 * waves.nu - 1)[:, :, None, None, None])
+    amplitudes = np.stack(kinds, axis=3)
+    n, pairs, signs, three, count, nodes = amplitudes.shape
+    across = _circles(near, beside)
+    strain = (amplitudes.reshape(n, pairs, -1, nodes) @ across).reshape(n, pairs, signs, three, count, 3, -1)
+    strain = np.stack([strain[:, :, :, row, :, kind] for row, kind in ((0, 0), (0, 1), (1, 0), (2, 2))], axis=1)
+    return np.swapaxes(strain, 4, 5).reshape(n, -1, count)
+
+
+def _circles(near: Nearby, beside: Array | None) -> Array:
+    """J0, J0 - 2 J1/x and J1 at the points' distances from the waves' axis, for each of the pairs; shape (n, 4, q, 3 turns)."""
+    if beside is None:
+        zero, one, x = (part[..., None] for part in (near.ball.zero, near.ball.one, near.ball.size[:, None] * ACROSS[:, None]))
+    else:
+        r = beside.reshape(len(beside), len(ACROSS), 2, -1)[:, :, 0]  # the same above and below
+        x = near.waves.k[:, None, :, None] * r[:, :, None, :]
+        zero, one = bessel(x)
+    return np.concatenate([zero, zero - 2 * one / x, one], axis=3)
 
 
 def image(sphere: SphereArray, waves: Waves, near: Nearby, weights: Array, *, mu: Array, nu: Array) -> Array:
@@ -198,20 +278,3 @@ def crossed_image(sphere: SphereArray, mu: Array, nu: Array) -> Array:
 
 def _gram(g: Array, weight: Array) -> Array:
     return (g * weight[:, None, :]) @ np.swapaxes(g, 1, 2)
-
-
-def _sideways(part: Array, near: Wavelets) -> Array:
-    """Moments (xz, xz zeta, a x, z x, tau) under J1 cos of pressure or shear, xx - yy under J2 cos 2, times 2 mu; (n, 6, q)."""
-    w, z, x = NEAR.weight, NEAR.z, NEAR.x
-    level, along, across = -part[:, 2] * near.zero / 2, part[:, 0] * near.one, part[:, 1] * near.one
-    rows = (w @ level, (5 * w * z) @ level, (2.5 * w * x) @ along, (2.5 * w * x) @ across, (0.625 * w * x) @ along)
-    return np.stack((*rows, -w @ (part[:, 0] * near.zero) / 2), axis=1)
-
-
-def _turned(waves: Waves, sphere: SphereArray, near: Wavelets) -> Array:
-    """All moments under waves of shear about the vertical on a half-space, J1 sin and, the last, J2 sin 2, times 2 mu."""
-    w, z, x = NEAR.weight, NEAR.z, NEAR.x
-    down = np.exp(-waves.k[:, None, :] * (sphere.depth[:, None] - sphere.radius[:, None] * z)[:, :, None])
-    level, none = down * near.zero, 0 * waves.k
-    rows = (w @ level / 2, (2.5 * w * z) @ level, none, none, (1.25 * w * x) @ (down * near.one), -w @ level)
-    return np.stack([none] * MOMENTS + list(rows), axis=1)
