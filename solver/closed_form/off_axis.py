@@ -22,11 +22,13 @@ have m = n + 1, both added m = n - 1. Each counts half, and the compliance is th
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from solver.closed_form.bessel import Array, bessel, spherical
-from solver.closed_form.surface_images import MOMENTS, Nearby, SphereArray
+from solver.closed_form.surface_images import ALL, MOMENTS, Nearby, SphereArray
 
 ORDERS, DEGREE = 6, 8  # the largest n and l: fewer by two change the log-sensitivity of a sphere under the rim by up to 8 %
 
@@ -81,24 +83,99 @@ def off_axis_response(
     """
     J = bessel(k * sphere.offset[:, None], orders + 3)
     j = spherical(k * disc.radius[:, None], degree + 1) * (weights / (2 * mu)[:, None])  # the moments are times 2 mu
-    j = np.moveaxis(j, 0, 2) * np.sqrt((2 * np.arange(degree + 1) + 1) / np.pi**2)
-    columns = []
-    for n in range(1, orders + 1):
-        less = -J[1] if n == 1 else J[n - 2]  # J_-1 = -J_1
-        along = _rows(J[n], J[n - 1] - J[n + 1], less + J[n + 2])
-        pressed = along * near.moments[0]
-        columns.append((pressed @ j[:, :, n::2]) * np.sqrt(_share(2 * disc.radius, disc.pressed, n)))
-        if bonded:
-            sunk, turned = along * near.moments[1], _rows(0 * J[n], J[n - 1] + J[n + 1], less - J[n + 2]) * near.turned
-            for wave, m in ((sunk - turned, n + 1), (sunk + turned, n - 1)):
-                columns.append((wave @ j[:, :, m::2]) * np.sqrt(_share(disc.radius, disc.sheared, m)))
-    v = np.concatenate(columns, axis=2)
-    return v @ np.swapaxes(v, 1, 2)
+    j *= np.sqrt((2 * np.arange(degree + 1) + 1) / np.pi**2)[:, None, None]
+    pairs = _pairs(orders, degree)
+    p, (less, more) = near.moments[0], _sheared(near)
+    even = np.concatenate([p[:, :MOMENTS], p[:, -1:], less[:, MOMENTS:-1], more[:, MOMENTS:-1]], axis=1)
+    odd = np.concatenate([near.moments[1][:, :MOMENTS], p[:, MOMENTS:-1], less[:, -1:], more[:, -1:]], axis=1)
+    v = _answered(pairs, *(rows @ np.moveaxis(pairs.products(J, j, at), 0, 2) for at, rows in enumerate((even, odd))))
+    share = np.concatenate([(2 * disc.radius)[:, None] / _of_degree(disc.pressed, pairs.pressed),
+                            disc.radius[:, None] / _of_degree(disc.sheared, pairs.sheared)], axis=1)
+    if not bonded:
+        v, share = v[:, :, : len(pairs.pressed)], share[:, : len(pairs.pressed)]
+    return (v * share[:, None]) @ np.swapaxes(v, 1, 2)
 
 
-def _share(radius: Array, compliance: Array, least: int) -> Array:
-    """Radius over compliance for degrees ``least``, ``least`` + 2, ..., or one for all; shape (n, 1, degrees or 1)."""
-    return (radius[:, None] / (compliance[:, None] if compliance.ndim == 1 else compliance[:, least::2]))[:, None]
+def _sheared(near: Nearby) -> tuple[Array, Array]:
+    """Moments under waves of shear in the plane less, and plus, those about the vertical."""
+    turned = near.turned
+    return near.moments[1] - turned, near.moments[1] + turned
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Which products J_m(kd) j_l(ka) the columns of v are sums of: those with m + l even, and odd, each in their order.
+
+    Attributes:
+        degrees: for each parity and m, the first l, and where its products are.
+        pressed, sheared: l of each column of v, under pressure, and under shear with n + 1 before n - 1, shapes (columns,).
+        at: for each column, where J_n j_l is, J_n-1, J_n+1, J_n-2 and J_n+2, of whatever parity, shape (5, columns).
+        sign: of J_n-2, shape (columns,).
+        added: of the columns of shear, those with n - 1, shape (columns,).
+    """
+
+    degrees: tuple[tuple[tuple[int, slice], ...], ...]
+    pressed: Any
+    sheared: Any
+    at: Any
+    sign: Any
+    added: Any
+
+    def products(self, J: Array, j: Array, parity: int) -> Array:
+        """The products of one parity, shape (products, n, q)."""
+        degrees = self.degrees[parity]
+        table = np.empty((degrees[-1][1].stop, *J.shape[1:]), dtype=np.result_type(J, j))
+        for wave, (first, place) in zip(J, degrees, strict=True):
+            np.multiply(wave, j[first::2], out=table[place])
+        return table
+
+
+@lru_cache(maxsize=4)
+def _pairs(orders: int, degree: int) -> Pairs:
+    places: dict[tuple[int, int], int] = {}
+    degrees = []
+    for parity in (0, 1):
+        start, found = 0, []
+        for m in range(orders + 3):
+            first = max(m - 3, 0)
+            first += (first + m + parity) % 2
+            for count, degree_ in enumerate(range(first, degree + 1, 2)):
+                places[m, degree_] = start + count
+            size = len(range(first, degree + 1, 2))
+            found.append((first, slice(start, start + size)))
+            start += size
+        degrees.append(tuple(found))
+    pressed = [(n, lo) for n in range(1, orders + 1) for lo in range(n, degree + 1, 2)]
+    kinds = [[(n, lo) for n in range(1, orders + 1) for lo in range(n + step, degree + 1, 2)] for step in (1, -1)]
+    sheared = kinds[0] + kinds[1]
+    columns = pressed + sheared
+    at = [[places[abs(n + step), lo] for n, lo in columns] for step in (0, -1, 1, -2, 2)]
+    sign = np.where([n == 1 for n, _ in columns], -1.0, 1.0)  # J_-1 = -J_1
+    added = np.arange(len(sheared)) >= len(kinds[0])
+    return Pairs(tuple(degrees), np.array([lo for _, lo in pressed]), np.array([lo for _, lo in sheared]), np.array(at), sign, added)
+
+
+def _answered(pairs: Pairs, even: Array, odd: Array) -> Array:
+    """v of eq. CF.18 from the integrals with the products of both parities, shape (n, moments, columns)."""
+    count, minus = len(pairs.pressed), len(pairs.pressed) + int(np.sum(~pairs.added))
+    p, s, sub, add = slice(0, count), slice(count, None), slice(count, minus), slice(minus, None)
+    same, before, after, second, beyond = pairs.at
+    sym, once = slice(0, MOMENTS), slice(MOMENTS, 2 * MOMENTS)
+    less, more = even[:, MOMENTS + 1 : 2 * MOMENTS + 1], even[:, 2 * MOMENTS + 1 :]
+    v = np.empty((len(even), ALL, len(same)), dtype=even.dtype)
+    v[:, sym, p], v[:, sym, s] = even[:, sym].take(same[p], axis=2), odd[:, sym].take(same[s], axis=2)
+    v[:, once, p] = odd[:, once].take(before[p], axis=2) - odd[:, once].take(after[p], axis=2)
+    v[:, once, sub] = less.take(before[sub], axis=2) - more.take(after[sub], axis=2)
+    v[:, once, add] = more.take(before[add], axis=2) - less.take(after[add], axis=2)
+    twice = (p, even[:, MOMENTS], even[:, MOMENTS]), (sub, odd[:, -2], odd[:, -1]), (add, odd[:, -1], odd[:, -2])
+    for columns, one, other in twice:
+        v[:, -1, columns] = pairs.sign[columns] * one.take(second[columns], axis=1) + other.take(beyond[columns], axis=1)
+    return v
+
+
+def _of_degree(compliance: Array, degrees: Any) -> Array:
+    """The compliance at degrees, or one for all, shape (n, degrees)."""
+    return np.repeat(compliance[:, None], len(degrees), axis=1) if compliance.ndim == 1 else compliance[:, degrees]
 
 
 def _rows(symmetrical: Array, once: Array, twice: Array) -> Array:
