@@ -155,7 +155,7 @@ def _fluxes(block: ElasticBlocks, table: _Radial) -> Array:
 def _on_rings(block: ElasticBlocks, loads: Loads) -> tuple[Array, Array]:
     """Work of the pressures on the P_i and of the shears on the U_i / r, shapes (n, loads, functions)."""
     y, weight, table = _table(block.hole is None, block.radial, tuple(loads.cuts), 4)
-    rings = np.kron(np.eye(len(loads.cuts) - 1), np.ones((4, 1))) * weight[:, None]
+    rings = np.repeat(np.eye(len(loads.cuts) - 1), 4, axis=0) * weight[:, None]
     ring = 2 * np.pi * block.width[:, None] * block.radii(y)
     w = batched_matmul(ring[:, None, :] * table.P, rings @ loads.pressure)
     u = batched_matmul((ring / block.radius[:, None])[:, None, :] * _fluxes(block, table), rings @ loads.shear)

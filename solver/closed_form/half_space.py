@@ -19,6 +19,7 @@ coefficients that ``python -m benchmarks.closed_form.tables`` fits.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -56,7 +57,7 @@ def ring_work(circles: Array, radius: Array, mu: Array, nu: Array) -> tuple[Arra
         three arrays of shape (n, k, k).
     """
     size = circles.shape[1]
-    low, high = np.triu_indices(size)
+    low, high = _upper(size)
     rows, reach = circles.T.copy(), radius.T.copy()  # designs last: whole rows are picked and placed
     a, b = rows[low], rows[high]
     rest = (b - a) * (b + a) / (b * b)  # 1 - m without cancellation
@@ -72,9 +73,14 @@ def ring_work(circles: Array, radius: Array, mu: Array, nu: Array) -> tuple[Arra
     return _symmetric(pressure, size), _symmetric(shear, size), np.moveaxis(cross, 2, 0)
 
 
+@lru_cache(maxsize=4)
+def _upper(size: int) -> tuple[Any, Any]:
+    return np.triu_indices(size)
+
+
 def _symmetric(values: Array, size: int) -> Array:
     """Matrices from their upper triangles, shape (n, size, size)."""
-    low, high = np.triu_indices(size)
+    low, high = _upper(size)
     full = np.empty((size, size, values.shape[1]), dtype=values.dtype)
     full[low, high] = full[high, low] = values
     return np.moveaxis(full, 2, 0)

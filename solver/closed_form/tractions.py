@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -42,7 +42,7 @@ class Loads:
     shear: Any
     solid: bool
 
-    @property
+    @cached_property
     def radii(self) -> Any:
         """Shares of the width at which the loads are concentrated for the integrals over wave numbers.
 
