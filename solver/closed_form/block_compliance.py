@@ -18,9 +18,9 @@ The stiffness K of these functions and the work B of tractions on them give the 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -90,10 +90,10 @@ def end_compliance(block: ElasticBlocks, loads: Loads, bonded: bool) -> tuple[Ar
     K = _stiffness(block, _softened(block, bonded), _across(block), along)
     w, u = _on_rings(block, loads)
     n, p, s = len(w), w.shape[1], u.shape[1]
-    size = block.radial * along.end.shape[1]
+    size, end = block.radial * len(along.end), np.moveaxis(along.end, 1, 0)[:, None, None]
     B = np.zeros((n, p + s, K.shape[1]), dtype=K.dtype)
-    B[:, :p, :size] = (w[:, :, :, None] * along.end[:, None, None, :]).reshape(n, p, -1)
-    B[:, p:, size:] = np.repeat(u, along.end.shape[1] - 1, axis=2)  # every g_j is 1 at the tissue's end
+    B[:, :p, :size] = (w[:, :, :, None] * end).reshape(n, p, -1)
+    B[:, p:, size:] = np.repeat(u, len(along.end) - 1, axis=2)  # every g_j is 1 at the tissue's end
     work = B @ np.linalg.solve(K, np.swapaxes(B, 1, 2))
     return work[:, :p, :p], work[:, p:, p:], work[:, :p, p:]
 
@@ -153,18 +153,39 @@ def _fluxes(block: ElasticBlocks, table: _Radial) -> Array:
 
 
 def _on_rings(block: ElasticBlocks, loads: Loads) -> tuple[Array, Array]:
-    """Work of the pressures on the P_i and of the shears on the U_i / r, shapes (n, loads, functions)."""
+    """Work of the pressures on the P_i and of the shears on the U_i / r, shapes (n, loads, functions).
+
+    All are polynomials of start and width times numbers, 2 pi width Int (start + width y) .. dy over the rings.
+    """
     y, weight, table = _table(block.hole is None, block.radial, tuple(loads.cuts), 4)
     rings = np.repeat(np.eye(len(loads.cuts) - 1), 4, axis=0) * weight[:, None]
-    ring = 2 * np.pi * block.width[:, None] * block.radii(y)
-    w = batched_matmul(ring[:, None, :] * table.P, rings @ loads.pressure)
-    u = batched_matmul((ring / block.radius[:, None])[:, None, :] * _fluxes(block, table), rings @ loads.shear)
-    return np.swapaxes(w, 1, 2), np.swapaxes(u, 1, 2)
+    pressed, sheared = (rings @ values for values in (loads.pressure, loads.shear))
+    start, width = block.start, block.width
+    ring = 2 * np.pi * width
+    w = _sum_of(((ring * start, table.P), (ring * width, y * table.P)), pressed)
+    over = ring * width / block.radius
+    parts = (
+        (over * start * start, table.plain),
+        (over * start * width, y * table.plain + table.moment),
+        (over * width * width, y * table.moment),
+    )
+    u = _sum_of(parts, sheared)
+    if block.hole is not None:
+        one = 1 + 0 * y[None]
+        u = np.concatenate([_sum_of(((ring * start * block.radius, one), (ring * width * block.radius, y * one)), sheared), u], axis=2)
+    return w, u
+
+
+def _sum_of(parts: Sequence[tuple[Array, Any]], loads: Any) -> Array:
+    """Sum of factors (n,) times integrals of functions (functions, points) under loads (points, loads); (n, loads, functions)."""
+    factors = np.stack([factor for factor, _ in parts], axis=1)
+    numbers = np.stack([(functions @ loads).T for _, functions in parts])
+    return (factors @ numbers.reshape(len(parts), -1)).reshape(len(factors), *numbers.shape[1:])
 
 
 @dataclass(frozen=True)
 class _Across:
-    """Integrals over the end's area of products of the radial functions."""
+    """Integrals over the end's area of products of the radial functions; blocks last."""
 
     strain: Array  # e_rr e_rr + e_hoop e_hoop of two u
     spread: Array  # (e_rr + e_hoop) of two u
@@ -176,25 +197,51 @@ class _Across:
 
 
 def _across(block: ElasticBlocks) -> _Across:
+    """A disc's are numbers times powers of its radius."""
+    if block.hole is not None:
+        return _across_tubes(block)
+    one, square = np.ones(1), block.radius * block.radius
+    unit = _across_tubes(ElasticBlocks(None, one, one, one, one, block.fine))
+    return _Across(
+        unit.strain * square,
+        unit.spread * square,
+        slide=unit.slide * (square * square),
+        mixed=unit.mixed * square,
+        turn=unit.turn * square,
+        tilt=unit.tilt + 0 * square,
+        lift=unit.lift * square,
+    )
+
+
+def _across_tubes(block: ElasticBlocks) -> _Across:
     y, weight, table = _table(block.hole is None, block.radial, (0.0, 1.0), FINE_POINTS if block.fine else POINTS)
     r = block.radii(y)[:, None, :]
     U = _fluxes(block, table)
     both = table.P if block.hole is None else np.concatenate([0 * table.P[:1], table.P])
-    hoop, u, slope = U / r**2, U / r, table.slope / block.width[:, None, None]
-    ring = 2 * np.pi * block.width[:, None, None] * weight * r
-    kinds = (both - hoop, hoop, 0 * r + both, u, slope, 0 * r + table.P)
-    rows = np.concatenate(kinds, axis=1)
-    pairs = (rows * ring) @ np.swapaxes(rows, 1, 2)
-    ends = np.cumsum([0, *(kind.shape[1] for kind in kinds)])
-    at_rr, at_hoop, at_both, at_u, at_slope, at_w = (slice(*at) for at in pairwise(ends))
+    u = U / r
+    hoop = u / r
+    width = block.width
+    ring = 2 * np.pi * width[:, None, None] * weight * r
+    rr = both - hoop
+    strain = (rr * ring) @ np.swapaxes(rr, 1, 2) + (hoop * ring) @ np.swapaxes(hoop, 1, 2)
+    inner, outer = 2 * np.pi * block.start, 2 * np.pi * width
+    plain, moment = (table.P * (weight * part) @ table.P.T for part in (1.0, y))
+    lift = width * (plain[:, :, None] * inner + moment[:, :, None] * outer)
+    plain, moment = (table.slope * (weight * part) @ table.slope.T for part in (1.0, y))
+    tilt = (plain[:, :, None] * inner + moment[:, :, None] * outer) / width
+    spread = mixed = lift
+    if block.hole is not None:  # the constant U has no e_rr + e_hoop
+        mixed = np.concatenate([0 * lift[:1], lift])
+        spread = np.concatenate([0 * mixed[:, :1], mixed], axis=1)
+    turn = batched_matmul(U, 2 * np.pi * weight[:, None] * table.slope.T)
     return _Across(
-        pairs[:, at_rr, at_rr] + pairs[:, at_hoop, at_hoop],
-        pairs[:, at_both, at_both],
-        slide=pairs[:, at_u, at_u],
-        mixed=pairs[:, at_both, at_w],
-        turn=pairs[:, at_u, at_slope],
-        tilt=pairs[:, at_slope, at_slope],
-        lift=pairs[:, at_w, at_w],
+        np.moveaxis(strain, 0, 2),
+        spread,
+        slide=np.moveaxis((u * ring) @ np.swapaxes(u, 1, 2), 0, 2),
+        mixed=mixed,
+        turn=np.moveaxis(turn, 0, 2),
+        tilt=tilt,
+        lift=lift,
     )
 
 
@@ -230,12 +277,9 @@ def _stiffness(block: ElasticBlocks, E: Array, wall: _Across, along: Along) -> A
     """K of eq. CF.8's functions, W first."""
     mu = E / (2 * (1 + block.nu))
     lam = 2 * mu * (block.nu / (1 - 2 * block.nu))
-    strain, spread, slide, mixed, turn, tilt, lift = (
-        part.transpose(1, 2, 0) for part in (wall.strain, wall.spread, wall.slide, wall.mixed, wall.turn, wall.tilt, wall.lift)
-    )  # blocks last: numpy multiplies long rows faster than many short ones
-    ww = _kron((lam + 2 * mu) * lift, along.df_df) + _kron(mu * tilt, along.ff)
-    uu = _kron(lam * spread + 2 * mu * strain, along.gg) + _kron(mu * slide, along.dg_dg)
-    uw = -_kron(lam * mixed, along.g_df) - _kron(mu * turn, along.dg_f)
+    ww = _kron((lam + 2 * mu) * wall.lift, along.df_df) + _kron(mu * wall.tilt, along.ff)
+    uu = _kron(lam * wall.spread + 2 * mu * wall.strain, along.gg) + _kron(mu * wall.slide, along.dg_dg)
+    uw = -_kron(lam * wall.mixed, along.g_df) - _kron(mu * wall.turn, along.dg_f)
     size = len(ww)
     K = np.empty((size + len(uu), size + len(uu), len(mu)), dtype=uw.dtype)
     K[:size, :size], K[size:, size:], K[size:, :size], K[:size, size:] = ww, uu, uw, np.swapaxes(uw, 0, 1)
@@ -243,6 +287,5 @@ def _stiffness(block: ElasticBlocks, E: Array, wall: _Across, along: Along) -> A
 
 
 def _kron(a: Array, b: Array) -> Array:
-    b = np.ascontiguousarray(b.transpose(1, 2, 0))
     product = a[:, None, :, None] * b[None, :, None]
     return product.reshape(a.shape[0] * b.shape[0], a.shape[1] * b.shape[1], -1)

@@ -17,7 +17,10 @@ HEIGHTS = 10  # nodes of quadrature
 
 @dataclass(frozen=True)
 class Along:
-    """Integrals over the height of products of f_j and g_j and their derivatives; f_j at the tissue end; all at Gauss's zeta."""
+    """Integrals over the height of products of f_j and g_j and their derivatives, f_j at the tissue end, all at Gauss's zeta.
+
+    Blocks are last: shapes (functions, functions, n), (functions, n), (nodes, n) and (functions, nodes, n).
+    """
 
     gg: Array
     dg_dg: Array
@@ -36,49 +39,57 @@ class Along:
 
     def at(self, share: Array) -> tuple[Array, ...]:
         """g, dg, f and df at shares (n, k) of the height, shapes (n, functions, k)."""
-        y = np.arctanh((2 * share - 1) * np.tanh(self.steep)) / self.steep
+        steep = self.steep[:, None]
+        y = np.arctanh((2 * share - 1) * np.tanh(steep)) / steep
         between = np.swapaxes(legendre.legvander(y, HEIGHTS - 1) @ _SERIES, 1, 2)
-        return tuple(values @ between for values in (self.g, self.dg, self.f, self.df))
+        return tuple(np.moveaxis(values, 2, 0) @ between for values in (self.g, self.dg, self.f, self.df))
 
 
 def along_height(height: Array, decay: Array, axial: int) -> Along:
     """Return the integrals of ``axial`` functions g_j for blocks of heights and decays (n,)."""
-    y, weight = _GAUSS
-    h = height[:, None]
-    decay = decay[:, None]
-    bh = decay * h
+    y, weight = (one[:, None] for one in _GAUSS)
+    h, bh = height, decay * height
     steep = 0.5 * np.log(1 + 0.5 * bh) + 1e-3  # nodes as dense at both ends as the functions need
-    turn = np.tanh(steep * y)
-    share = (1 + turn / np.tanh(steep)) / 2
-    dz = h * steep / (2 * np.tanh(steep)) * (1 - turn * turn)
-    zeta = h * share
-    loss = 1 - np.exp(-bh)
-    far, near = np.exp(-decay * (h - zeta)), np.exp(-decay * zeta)
-    top, fade = (1 - far) / loss, (near - np.exp(-bh)) / loss
+    turn, whole = np.tanh(steep * y), np.tanh(steep)
+    share = (1 + turn / whole) / 2
+    dz = (h * steep / (2 * whole)) * (1 - turn * turn)
+    zeta, last = h * share, np.exp(-bh)
+    loss = 1 - last
+    near = np.exp(-decay * zeta)
+    far = np.exp(decay * zeta - bh)
+    top, fade = (1 - far) / loss, (near - last) / loss
     dtop, dfade = -decay / loss * far, -decay / loss * near
-    powers = [1 + 0 * top, *accumulate([fade] * (axial - 1), np.multiply)]
-    g = np.stack([top * power for power in powers], axis=1)
-    slopes = [dtop, *(dtop * powers[j] + j * top * powers[j - 1] * dfade for j in range(1, axial))]
-    dg = np.stack(slopes, axis=1)
     scale = loss / decay  # of the length over which g_j decays
-    below = _REMAINING * dz[:, None, :]  # weights of Int_zeta^h
-    f = np.concatenate([(1 - share)[:, None, :], (g @ np.swapaxes(below, 1, 2)) / scale[:, None]], axis=1)
-    df = np.concatenate([0 * share[:, None, :] - 1 / h[:, None], -g / scale[:, None]], axis=1)
-    w = (weight * dz)[:, None, :]
-    rows = np.concatenate([g, dg, f, df], axis=1)
-    pairs = (rows * w) @ np.swapaxes(rows, 1, 2)
-    at_g, at_dg, at_f, at_df = (slice(*at) for at in pairwise((0, axial, 2 * axial, 3 * axial + 1, 4 * axial + 2)))
-    end = np.concatenate([0 * h + 1, (g @ (weight * dz)[:, :, None])[:, :, 0] / scale], axis=1)
+    rows = np.empty((4 * axial + 2, *zeta.shape), dtype=zeta.dtype)
+    parts = [slice(*at) for at in pairwise((0, axial, 2 * axial, 3 * axial + 1, 4 * axial + 2))]
+    g, dg, f, df = (rows[part] for part in parts)
+    powers = [1 + 0 * top, *accumulate([fade] * (axial - 1), np.multiply)]
+    for j, power in enumerate(powers):
+        np.multiply(top, power, out=g[j])
+        np.multiply(dtop, power, out=dg[j])
+        if j:
+            dg[j] += j * top * powers[j - 1] * dfade
+    weighted = g * dz
+    f[0], df[0] = 1 - share, -1 / h
+    f[1:] = (_REMAINING @ weighted) / scale  # Int_zeta^h
+    np.divide(g, -scale, out=df[1:])
+    w = weight * dz
+    heavy = rows * w
+
+    def products(one: int, other: int) -> Array:
+        return (heavy[parts[one], None] * rows[None, parts[other]]).sum(axis=2)
+
+    end = np.concatenate([1 + 0 * h[None], (weight * weighted).sum(axis=1) / scale])
     return Along(
-        pairs[:, at_g, at_g],
-        pairs[:, at_dg, at_dg],
-        g_df=pairs[:, at_g, at_df],
-        dg_f=pairs[:, at_dg, at_f],
-        df_df=pairs[:, at_df, at_df],
-        ff=pairs[:, at_f, at_f],
+        products(0, 0),
+        products(1, 1),
+        g_df=products(0, 3),
+        dg_f=products(1, 2),
+        df_df=products(3, 3),
+        ff=products(2, 2),
         end=end,
         zeta=zeta,
-        weight=w[:, 0],
+        weight=w,
         steep=steep,
         g=g,
         dg=dg,

@@ -93,14 +93,14 @@ def free_sides(field: Waves, loads: tuple[Array, Array], weights: Array, tissue:
         tissue: the cylinder, as a disc.
     """
     K, along = column(tissue)
-    R, dz = tissue.radius[:, None, None], along.weight[:, :, None]
-    push, drag, out, sink = _at_cut(field, loads, weights, tissue, along.zeta)
+    R, dz = tissue.radius[:, None, None], along.weight.T[:, :, None]
+    push, drag, out, sink = _at_cut(field, loads, weights, tissue, along.zeta.T)
     ring = 2 * np.pi * R * dz
     lost = -(np.swapaxes(push, 1, 2) @ (ring * out) + np.swapaxes(drag, 1, 2) @ (ring * sink))
     b = np.zeros((len(push), K.shape[1], push.shape[2]), dtype=K.dtype)
     size = RADIAL * (AXIAL + 1)
-    b[:, :size] = np.tile(along.f @ (ring * drag), (1, RADIAL, 1))  # every P_i is 1 at the side
-    b[:, size : size + AXIAL] = -R / 2 * (along.g @ (ring * push))  # of the U_i the first alone is not 0 there
+    b[:, :size] = np.tile(np.moveaxis(along.f, 2, 0) @ (ring * drag), (1, RADIAL, 1))  # every P_i is 1 at the side
+    b[:, size : size + AXIAL] = -R / 2 * (np.moveaxis(along.g, 2, 0) @ (ring * push))  # of the U_i the first alone is not 0 there
     share = np.linalg.solve(K, b)
     return Sides((lost + np.swapaxes(lost, 1, 2)) / 2 + np.swapaxes(b, 1, 2) @ share, tissue, along, share)
 
