@@ -162,7 +162,7 @@ def polarised(
     dipoles = np.concatenate([moments[0] @ weighed[0], moments[1] @ weighed[1]], axis=2)
     added = None
     if sides is not None:
-        added = sides.strain(across if beside is None else beside, sphere.depth[:, None] - sphere.radius[:, None] * points.z)
+        added = sides.strain(across if beside is None else beside, sphere.depth[:, None] - sphere.radius[:, None] * NEAR.z)
         added = added if inside is None else added * (sides.tissue.E / E)[:, None, None]  # of the column's stress
         dipoles = dipoles + (TO_MOMENTS @ added if sphere.on_axis else _moments(added, across, aside))
     mu = E / (2 * (1 + nu))

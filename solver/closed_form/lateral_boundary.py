@@ -14,8 +14,8 @@ waves serve. A block of tissue is taken as the cylinder of equal cross-section a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -24,7 +24,7 @@ from geometry.scenes.scene import BlockTissue, CylinderTissue
 from solver.closed_form.bessel import Array, bessel
 from solver.closed_form.block_compliance import RADIAL, ElasticBlocks, column, radial
 from solver.closed_form.block_functions import AXIAL, Along
-from solver.closed_form.layer import Waves, amplitudes, lowering
+from solver.closed_form.layer import Waves, fields
 
 BLUR = 0.35  # of the way from the probe to the cut
 LEAST_BLUR = 0.08  # of the cut's radius
@@ -69,9 +69,10 @@ class Sides:
     share: Array
 
     def strain(self, r: Array, z: Array) -> Array:
-        """Strains rr + hoop, rr - hoop, zz, rz at places (n, k), under each load; shape (n, 4 k, m)."""
+        """Strains rr + hoop, rr - hoop, zz, rz at places r (n, k), as many at each depth z, under each load; shape (n, 4 k, m)."""
         P, slope, over = radial(self.tissue.radius, r)
-        g, dg, f, df = self.along.at(z / self.tissue.height[:, None])
+        each = r.shape[1] // z.shape[1]
+        g, dg, f, df = (np.repeat(values, each, axis=2) for values in self.along.at(z / self.tissue.height[:, None]))
         U, W = self.share[:, -RADIAL * AXIAL :], self.share[:, : -RADIAL * AXIAL]
         widening, turn = (_products(across, g) @ U for across in (P, P - 2 * over / r[:, None]))
         sinking, slide = -_products(P, df) @ W, (_products(over, dg) @ U - _products(slope, f) @ W) / 2
@@ -97,26 +98,32 @@ def free_sides(field: Waves, loads: tuple[Array, Array], weights: Array, tissue:
     push, drag, out, sink = _at_cut(field, loads, weights, tissue, along.zeta.T)
     ring = 2 * np.pi * R * dz
     lost = -(np.swapaxes(push, 1, 2) @ (ring * out) + np.swapaxes(drag, 1, 2) @ (ring * sink))
-    b = np.zeros((len(push), K.shape[1], push.shape[2]), dtype=K.dtype)
-    size = RADIAL * (AXIAL + 1)
-    b[:, :size] = np.tile(np.moveaxis(along.f, 2, 0) @ (ring * drag), (1, RADIAL, 1))  # every P_i is 1 at the side
-    b[:, size : size + AXIAL] = -R / 2 * (np.moveaxis(along.g, 2, 0) @ (ring * push))  # of the U_i the first alone is not 0 there
-    share = np.linalg.solve(K, b)
-    return Sides((lost + np.swapaxes(lost, 1, 2)) / 2 + np.swapaxes(b, 1, 2) @ share, tissue, along, share)
+    taken = np.concatenate([np.moveaxis(along.f, 2, 0) @ (ring * drag), -R / 2 * (np.moveaxis(along.g, 2, 0) @ (ring * push))], axis=1)
+    answer = np.linalg.solve(K, np.broadcast_to(ON_SIDE, (len(K), *ON_SIDE.shape)))
+    share = answer @ taken
+    return Sides((lost + np.swapaxes(lost, 1, 2)) / 2 + np.swapaxes(taken, 1, 2) @ (ON_SIDE.T @ share), tissue, along, share)
 
 
-def _at_cut(field: Waves, loads: tuple[Array, Array], weights: Array, tissue: ElasticBlocks, z: Array) -> Iterator[Array]:
-    """Yield the stresses rr and rz and the displacements outwards and downwards at the cut, at depths z; shapes (n, k, m)."""
-    nu, mu, R = (part[:, None, None] for part in (tissue.nu, tissue.E / (2 * (1 + tissue.nu)), tissue.radius))
-    zero, one = (part[:, None, :] for part in bessel(field.k * tissue.radius[:, None]))
-    over = one / (field.k[:, None, :] * R)
-    parts, lowered = amplitudes(field, z), lowering(field, z)
-    weighed = [load * (weights / (2 * mu[:, :, 0]))[:, :, None] for load in loads]
+def _on_side() -> Any:
+    """Which of a disc's functions are how much at its side: every P_i is 1 there, of the U_i the first alone is not 0."""
+    rows = np.zeros((RADIAL * (2 * AXIAL + 1), 2 * AXIAL + 1))
+    rows[: RADIAL * (AXIAL + 1), : AXIAL + 1] = np.tile(np.eye(AXIAL + 1), (RADIAL, 1))
+    rows[RADIAL * (AXIAL + 1) :][:AXIAL, AXIAL + 1 :] = np.eye(AXIAL)
+    return rows
 
-    def fields(of: Callable[[Array, Array], Array]) -> Array:
-        return np.concatenate([of(*pair) @ load for *pair, load in zip(parts, lowered, weighed, strict=True)], axis=2)
 
-    yield fields(lambda a, _: 2 * mu * (a[:, 0] * (zero - over) + nu / (1 - 2 * nu) * (a[:, 0] + a[:, 1]) * zero))
-    yield fields(lambda a, _: 2 * mu * a[:, 2] * one)
-    yield fields(lambda a, _: a[:, 0] * over * R)
-    yield fields(lambda _, w: w * zero)
+ON_SIDE = _on_side()
+
+
+def _at_cut(field: Waves, loads: tuple[Array, Array], weights: Array, tissue: ElasticBlocks, z: Array) -> tuple[Array, ...]:
+    """The stresses rr and rz and the displacements outwards and downwards at the cut, at depths z; shapes (n, k, m)."""
+    nu, mu, R = (part[:, None] for part in (tissue.nu, tissue.E / (2 * (1 + tissue.nu)), tissue.radius))
+    zero, one = bessel(field.k * R)
+    over, wide = one / (field.k * R), nu / (1 - 2 * nu) * zero
+    shares = (zero - over + wide, wide, one, over * R / (2 * mu), zero / (2 * mu))
+    parts = [weights * share for share in shares]
+    kinds = []
+    for load, (a, zz, rz, w) in zip(loads, fields(field, z, mirrored=True), strict=True):
+        pushed, widened, dragged, out, sunk = (part[:, :, None] * load for part in parts)
+        kinds.append((a @ pushed + zz @ widened, rz @ dragged, a @ out, w @ sunk))
+    return tuple(np.concatenate(both, axis=2) for both in zip(*kinds, strict=True))

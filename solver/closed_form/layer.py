@@ -75,33 +75,40 @@ def floor_compliance(waves: Waves) -> tuple[Array, Array, Array]:
     return w_by_p, u_by_q, w_by_q
 
 
-def amplitudes(waves: Waves, z: Array) -> tuple[Array, Array]:
-    """Return k U, dW/dz and (dU/dz - k W)/2 at depths z, under unit pressure and under unit shear, times 2 mu.
+def fields(waves: Waves, z: Array, *, mirrored: bool = False) -> list[tuple[Array, ...]]:
+    """Return k U, dW/dz, (dU/dz - k W)/2 and W at depths z, under unit pressure and under unit shear, times 2 mu.
 
-    With a = (c1 + c2 t) e^-t, b = c2 e^-t and a' = (c3 - c4 t) e^(t-2x), b' = c4 e^(t-2x) they are k times a + a',
+    With a = (c1 + c2 t) e^-t, b = c2 e^-t and a' = (c3 - c4 t) e^(t-2x), b' = c4 e^(t-2x) the first three are k times a + a',
     2 (2nu-1) (b + b') - a - a' and (2nu-1) (b - b') - a + a'.
 
     Args:
         waves: of q wave numbers.
         z: depths, shape (n, p).
+        mirrored: whether the depths are their own mirror image in the layer's middle: half the exponentials serve.
 
     Returns:
-        two arrays of shape (n, 3, p, q).
+        four arrays of shape (n, p, q) by pressure, and by shear.
     """
-    k, even = waves.k[:, None, :], (2 * waves.nu - 1)[:, :, None]
+    k, even, m = waves.k[:, None], (2 * waves.nu - 1)[:, :, None], (3 - 4 * waves.nu)[:, :, None]
     t = k * z[:, :, None]
-    down = k * np.exp(-t)
-    up = None if waves.depth is None else k * np.exp(t - 2 * k * waves.depth[:, :, None])
-    ways = (down, t * down), None if up is None else (up, t * up)
-    pressed, sheared = (
-        np.stack(strain_amplitudes([part[:, None, :] for part in load], *ways, even), axis=1)
-        for load in (waves.by_pressure, waves.by_shear)
-    )
-    return pressed, sheared
+    fade, up = np.exp(-t), None
+    down = fade, t * fade
+    if waves.depth is not None:
+        x = k * waves.depth[:, None]
+        back = np.exp(-x) * fade[:, ::-1] if mirrored else np.exp(t - 2 * x)
+        up = back, t * back
+    found = []
+    for load in (waves.by_pressure, waves.by_shear):
+        c = [part[:, None] for part in load]
+        W = (c[0] + m * c[1]) * down[0] + c[1] * down[1]
+        if up is not None:
+            W += c[3] * up[1] - (c[2] + m * c[3]) * up[0]
+        found.append((*strain_amplitudes([k * part for part in c], down, up, even), W))
+    return found
 
 
 def strain_amplitudes(load: Sequence[Array], down: Pair, up: Pair | None, even: Array) -> tuple[Array, Array, Array]:
-    """Return what ``amplitudes`` does of anything that is linear in e^-t and t e^-t, ``down``, e^(t-2x) and t e^(t-2x), ``up``.
+    """Return what ``fields`` does but for W, of anything that is linear in e^-t and t e^-t, ``down``, e^(t-2x) and t e^(t-2x), ``up``.
 
     ``load`` are the coefficients of eq. CF.6, ``even`` is 2 nu - 1; arrays of any shapes that fit.
     """
@@ -114,19 +121,6 @@ def strain_amplitudes(load: Sequence[Array], down: Pair, up: Pair | None, even: 
     raised = load[2] * up[0] - load[3] * up[1]
     whole = a + raised
     return whole, 2 * even * (b + other) - whole, even * (b - other) + raised - a
-
-
-def lowering(waves: Waves, z: Array) -> tuple[Array, Array]:
-    """Return W of eq. CF.6 at depths z (n, p), under unit pressure and under unit shear, times 2 mu; shapes (n, p, q)."""
-    t, m = waves.k[:, None, :] * z[:, :, None], (3 - 4 * waves.nu)[:, :, None]
-    lowerings = []
-    for load in (waves.by_pressure, waves.by_shear):
-        c = [part[:, None, :] for part in load]
-        W = (c[0] + c[1] * (t + m)) * np.exp(-t)
-        if waves.depth is not None:
-            W = W + (-c[2] + c[3] * (t - m)) * np.exp(t - 2 * waves.k[:, None, :] * waves.depth[:, :, None])
-        lowerings.append(W)
-    return lowerings[0], lowerings[1]
 
 
 def waves_inside(k: Array, layer: TissueLayer, echo: Echo) -> Waves:

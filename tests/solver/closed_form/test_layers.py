@@ -18,7 +18,7 @@ from solver.casadi_functions.closed_form import ClosedFormFunction
 from solver.closed_form.block_compliance import ElasticBlocks
 from solver.closed_form.contact import Tissue, solve_contact
 from solver.closed_form.designs import BALL, LAYER, PROBE, TISSUE, answers, forces, gradients, parameters
-from solver.closed_form.layer import amplitudes, lowering, waves, waves_inside
+from solver.closed_form.layer import fields, waves, waves_inside
 from solver.closed_form.layered_spheres import inside
 from solver.closed_form.layered_works import layer_nodes
 from solver.closed_form.level import ClosedForm
@@ -79,13 +79,12 @@ def test_waves_are_those_of_naviers_equation(layers: tuple[tuple[float, float, f
     assert sunk == pytest.approx(expected_at_surface, rel=1e-6, abs=1e-9 * abs(exact[0][0, 1]))
     a, field = arriving(below, place), waves_inside(waves_of, tissue[place], below[place])
     z = (depth - tops[place]) * np.ones((1, 1))
-    parts, lowered = amplitudes(field, z), lowering(field, z)
+    pressed, sheared = (np.ravel(strains) for strains in fields(field, z))
     E, nu = layers[place][1:]
     mu = E / (2 * (1 + nu))
     for column, state in zip((a[::2], a[1::2]), exact, strict=True):
         p, q = (np.asarray(part).item() for part in column)
-        along, _, across = (p * parts[0][0, :, 0, 0] + q * parts[1][0, :, 0, 0]) / (2 * mu)
-        w = (p * lowered[0] + q * lowered[1]).item() / (2 * mu)
+        along, _, across, w = (p * pressed + q * sheared) / (2 * mu)
         U, W, drag, _ = state[1]
         size = abs(U) + abs(W)
         assert [along / k, w] == pytest.approx([U, W], rel=1e-5, abs=1e-6 * size)
