@@ -32,6 +32,7 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.linalg.blas import dsymv
 
 from geometry.common.arrays import Floats, Ints
 from solver.axisymmetric.base_states import MeridianModel
@@ -234,5 +235,7 @@ class _System:
 
 
 def _product(matrix: Floats, columns: Floats) -> Floats:
-    """Matrix times columns: for one or two, one by one is twice as fast as all at once."""
-    return matrix @ columns if columns.shape[1] > 2 else np.stack([matrix @ column for column in columns.T], axis=1)
+    """Symmetric matrix times columns: for one or two, half of the matrix is read for each, twice as fast as all of it at once."""
+    if columns.shape[1] > 2:
+        return matrix @ columns
+    return np.stack([dsymv(1.0, matrix.T, column) for column in columns.T], axis=1)

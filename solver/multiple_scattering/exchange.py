@@ -54,6 +54,7 @@ class Reflector:
     _interiors: dict[tuple[int, int], Interior] = field(default_factory=dict, repr=False)
     _kept: dict[int, Harmonic] = field(default_factory=dict, repr=False)
     _data: dict[tuple[int, int], BoundaryData] = field(default_factory=dict, repr=False)
+    _panels: dict[int, Panels] = field(default_factory=dict, repr=False)
 
     def response(self, m: int, layers: tuple[int, ...] = (0,)) -> BoundaryResponse:
         """Return what an order answers to fields in some layers, by number; its system is made when it is asked."""
@@ -119,7 +120,9 @@ class Reflector:
 
     def panels(self, layer: int = 0) -> Panels:
         """Where fields are sampled on a layer's boundary."""
-        return Panels.of(self.states.model.section, self.states.model.shapes.order, layer)
+        if layer not in self._panels:
+            self._panels[layer] = Panels.of(self.states.model.section, self.states.model.shapes.order, layer)
+        return self._panels[layer]
 
     def exchange(self, spheres: Sequence[ScatteringSphere], rounds: AzimuthalGrid) -> Exchange | CloseExchange:
         """Return what spheres and boundary send to each other; all that does not depend on the fields is found once.
