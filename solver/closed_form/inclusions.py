@@ -53,7 +53,8 @@ class LoadedSpheres:
         near: the waves at the sphere.
         beside: distances of the points from the probe's axis, shape (n, points); None on it.
         loads: the loads' transforms by those, times k dk / 2 mu, shapes (n, q, .).
-        sides: strains at the points that near sides add to each load's, (n, 4 points, m), or None.
+        sides: strains at the points that near sides add under unit works, (n, 4 points, works), and these under each load,
+            (n, works, m); None where sides are far.
         moments: under each load, shape (n, moments, m).
         image: G of eq. CF.15 less V S of eq. CF.18, shape (n, moments, moments).
         strength, strength_by_log: (k_v, k_d) of eq. CF.13 and their derivatives by ln E.
@@ -65,7 +66,7 @@ class LoadedSpheres:
     near: Nearby
     beside: Array | None
     loads: tuple[Array, Array]
-    sides: Array | None
+    sides: tuple[Array, Array] | None
     moments: Array
     image: Array
     strength: tuple[Array, Array]
@@ -77,25 +78,31 @@ class LoadedSpheres:
         """4/3 pi R^3, shape (n, 1, 1)."""
         return (4 * np.pi / 3 * self.sphere.radius**3)[:, None, None]
 
-    def form(self, strength: tuple[Array, Array]) -> Array:
+    @cached_property
+    def form(self) -> Array:
         """V K of eq. CF.14: eq. CF.13 on the moments."""
-        return self.volume * moment_form(*strength, self.moments.shape[1])
+        return self.volume * moment_form(*self.strength, self.moments.shape[1])
+
+    @cached_property
+    def form_by_log(self) -> Array:
+        """Its derivative by ln E."""
+        return self.volume * moment_form(*self.strength_by_log, self.moments.shape[1])
 
     @cached_property
     def answered(self) -> Array:
         """D^-1 M of eq. CF.14, shape (n, moments, m)."""
-        D = np.eye(self.moments.shape[1]) + (self.image / self.volume) @ self.form(self.strength)
+        D = np.eye(self.moments.shape[1]) + (self.image / self.volume) @ self.form
         return np.linalg.solve(D, self.moments)
 
     @property
     def works(self) -> Array:
         """By how much the sphere lets unit loads work on each other: M^T V K D^-1 M of eq. CF.14, shape (n, m, m)."""
-        return np.swapaxes(self.moments, 1, 2) @ (self.form(self.strength) @ self.answered)
+        return np.swapaxes(self.moments, 1, 2) @ (self.form @ self.answered)
 
     def slope(self, tractions: Array) -> Array:
         """The forces' derivative by ln E of eq. CF.14 under tractions t' (n, m, 2), shape (n, 2, 2)."""
         y = self.answered @ tractions
-        return np.swapaxes(y, 1, 2) @ self.form(self.strength_by_log) @ y
+        return np.swapaxes(y, 1, 2) @ self.form_by_log @ y
 
     def rest(self, tractions: Array) -> tuple[Array, Array]:
         """What eq. CF.13 has beyond the moments under tractions t (n, m, 2), with the derivative by ln E; both (n, 2, 2)."""
@@ -110,7 +117,7 @@ class LoadedSpheres:
             pressed, sheared = pp * pressed + pq * sheared, qp * pressed + qq * sheared
         strain = tissue_strain(self.near, self.sphere.radius, (pressed, sheared), self.beside)
         if self.sides is not None:
-            strain = strain + self.sides @ tractions
+            strain = strain + self.sides[0] @ (self.sides[1] @ tractions)
         weight = self.points.weight[:, None]
         trace = strain[:, : len(weight)] + strain[:, 2 * len(weight) : 3 * len(weight)]
         traces = np.swapaxes(trace, 1, 2) @ (weight * trace)
@@ -118,11 +125,11 @@ class LoadedSpheres:
         squares = np.swapaxes(strain, 1, 2) @ (counts * strain)
         turned = np.swapaxes(moments, 1, 2)
 
-        def beyond(k_v: Array, k_d: Array) -> Array:
-            whole = (k_v - k_d / 3)[:, None, None] * traces + k_d[:, None, None] * squares
-            return self.volume * whole - turned @ self.form((k_v, k_d)) @ moments
+        def beyond(strength: tuple[Array, Array], form: Array) -> Array:
+            k_v, k_d = (part[:, None, None] for part in strength)
+            return self.volume * ((k_v - k_d / 3) * traces + k_d * squares) - turned @ form @ moments
 
-        return beyond(*self.strength), beyond(*self.strength_by_log)
+        return beyond(self.strength, self.form), beyond(self.strength_by_log, self.form_by_log)
 
 
 def polarised(
@@ -160,33 +167,32 @@ def polarised(
         across, aside = sphere.offset[:, None] + sphere.radius[:, None] * ASIDE.x, sphere.radius[:, None] * ASIDE.y
         moments, beside = (moments[0] * share, moments[1] * share), np.sqrt(across**2 + aside**2)
     dipoles = np.concatenate([moments[0] @ weighed[0], moments[1] @ weighed[1]], axis=2)
-    added = None
+    walls = None
     if sides is not None:
         added = sides.strain(across if beside is None else beside, sphere.depth[:, None] - sphere.radius[:, None] * NEAR.z)
         added = added if inside is None else added * (sides.tissue.E / E)[:, None, None]  # of the column's stress
-        dipoles = dipoles + (TO_MOMENTS @ added if sphere.on_axis else _moments(added, across, aside))
+        walls = added, sides.taken
+        dipoles = dipoles + (TO_MOMENTS @ added if sphere.on_axis else _moments(added, across, aside)) @ sides.taken
     mu = E / (2 * (1 + nu))
     G = image(sphere, waves, near, weights, mu=mu, nu=nu) if inside is None else inside.image
     if disc is not None:
         volume = (4 * np.pi / 3 * sphere.radius**3)[:, None, None]
         G = G - volume * off_axis_response(sphere, near, waves.k, weights, disc=disc, mu=mu, bonded=loads[1].shape[2] > 0)
     whole = strengths(E, nu, sphere.E, sphere.nu)
-    return LoadedSpheres(sphere, points, near, beside, weighed, added, dipoles, G, *whole, None if inside is None else inside.arriving)
+    return LoadedSpheres(sphere, points, near, beside, weighed, walls, dipoles, G, *whole, None if inside is None else inside.arriving)
 
 
 def _moments(strain: Array, across: Array, aside: Array) -> Array:
-    """All moments of strains (n, 4 points, m) at the points ``ASIDE``, which lie at (across, aside) from the probe's axis."""
+    """All moments of strains (n, 4 points, l) at the points ``ASIDE``, which lie at (across, aside) from the probe's axis."""
     parts = strain.reshape(len(strain), 4, across.shape[1], -1)
-    r = np.sqrt(across**2 + aside**2)
-    c, s = (across / r)[:, :, None], (aside / r)[:, :, None]
-    both, zz, along = parts[:, 0], parts[:, 2], parts[:, 3] * c
-    crossed, turned = parts[:, 1] * (c**2 - s**2), parts[:, 1] * 2 * c * s
-    x, y, z, w = (part[:, None] for part in (ASIDE.x, ASIDE.y, ASIDE.z, ASIDE.weight))
-    pairs = (
-        (both, 1), (zz, 1), (both, 5 * z), (zz, 5 * z), (parts[:, 3] * (c * x + s * y), 2.5),
-        (along, 1), (along, 5 * z), (both, 5 * x), (zz, 5 * x), (crossed * x + turned * y, 1.25), (crossed, 1),
-    )  # fmt: skip
-    return np.stack([(w * times * part).sum(axis=1) for part, times in pairs], axis=1)
+    r, x, y, z, w = np.sqrt(across**2 + aside**2), ASIDE.x, ASIDE.y, ASIDE.z, ASIDE.weight
+    c, s = across / r, aside / r
+    fixed, even, odd = np.stack([w, 5 * w * z, 5 * w * x]), c * c - s * s, 2 * c * s
+    both, zz = fixed @ parts[:, 0], fixed @ parts[:, 2]
+    slides = np.stack([2.5 * w * (c * x + s * y), w * c, 5 * w * z * c], axis=1) @ parts[:, 3]
+    crossed = np.stack([1.25 * w * (even * x + odd * y), w * even], axis=1) @ parts[:, 1]
+    centre = np.stack([both[:, :2], zz[:, :2]], axis=2).reshape(len(both), 4, -1)
+    return np.concatenate([centre, slides, both[:, 2:], zz[:, 2:], crossed], axis=1)
 
 
 def moment_form(k_v: Array, k_d: Array, size: int) -> Array:

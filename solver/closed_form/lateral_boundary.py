@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -49,9 +50,17 @@ def cut_waves(radius: Array, outer: Array, nodes: int) -> tuple[Array, Array]:
     """Wave numbers and the weights k dk with the smoothing, shapes (n, nodes)."""
     way, least = BLUR * (radius - outer), LEAST_BLUR * radius
     width = np.where(way.real > least.real, way, least)[:, None]
+    share, weight = _shares(nodes)
+    reach = REACH / width
+    k = reach * share
+    return k, k * (reach * weight)
+
+
+@lru_cache(maxsize=16)
+def _shares(nodes: int) -> tuple[Any, Any]:
+    """Shares of the reach of wave numbers and their weights, the smoothing included."""
     s, weight = legendre.leggauss(nodes)
-    k = REACH / width * (s + 1) / 2
-    return k, k * REACH / width * weight / 2 * np.exp(-((REACH * (s + 1) / 4) ** 2))
+    return (s + 1) / 2, weight / 2 * np.exp(-((REACH * (s + 1) / 4) ** 2))
 
 
 @dataclass(frozen=True)
@@ -60,20 +69,23 @@ class Sides:
 
     Attributes:
         work: to the works of the loads, eq. CF.11, shape (n, m, m).
-        tissue, along, share: the cylinder, its functions along the height and their amounts under each load, (n, functions, m).
+        tissue, along: the cylinder and its functions along the height.
+        answer: their amounts under unit works on the functions ``ON_SIDE``, shape (n, functions, works).
+        taken: those works under each load, shape (n, works, m).
     """
 
     work: Array
     tissue: ElasticBlocks
     along: Along
-    share: Array
+    answer: Array
+    taken: Array
 
     def strain(self, r: Array, z: Array) -> Array:
-        """Strains rr + hoop, rr - hoop, zz, rz at places r (n, k), as many at each depth z, under each load; shape (n, 4 k, m)."""
+        """Strains rr + hoop, rr - hoop, zz, rz at places r (n, k), as many at each depth z, under unit works; shape (n, 4 k, works)."""
         P, slope, over = radial(self.tissue.radius, r)
         each = r.shape[1] // z.shape[1]
         g, dg, f, df = (np.repeat(values, each, axis=2) for values in self.along.at(z / self.tissue.height[:, None]))
-        U, W = self.share[:, -RADIAL * AXIAL :], self.share[:, : -RADIAL * AXIAL]
+        U, W = self.answer[:, -RADIAL * AXIAL :], self.answer[:, : -RADIAL * AXIAL]
         widening, turn = (_products(across, g) @ U for across in (P, P - 2 * over / r[:, None]))
         sinking, slide = -_products(P, df) @ W, (_products(over, dg) @ U - _products(slope, f) @ W) / 2
         return np.concatenate([widening, turn, sinking, slide], axis=1)
@@ -100,8 +112,8 @@ def free_sides(field: Waves, loads: tuple[Array, Array], weights: Array, tissue:
     lost = -(np.swapaxes(push, 1, 2) @ (ring * out) + np.swapaxes(drag, 1, 2) @ (ring * sink))
     taken = np.concatenate([np.moveaxis(along.f, 2, 0) @ (ring * drag), -R / 2 * (np.moveaxis(along.g, 2, 0) @ (ring * push))], axis=1)
     answer = np.linalg.solve(K, np.broadcast_to(ON_SIDE, (len(K), *ON_SIDE.shape)))
-    share = answer @ taken
-    return Sides((lost + np.swapaxes(lost, 1, 2)) / 2 + np.swapaxes(taken, 1, 2) @ (ON_SIDE.T @ share), tissue, along, share)
+    added = np.swapaxes(taken, 1, 2) @ ((ON_SIDE.T @ answer) @ taken)
+    return Sides((lost + np.swapaxes(lost, 1, 2)) / 2 + added, tissue, along, answer, taken)
 
 
 def _on_side() -> Any:

@@ -18,6 +18,9 @@ KEEPERS = {"cache", "lru_cache"}
 CONSTANT = {  # one value, or one for each of a few numbers of points
     "solver.closed_form.bessel._stored": "the stored table",
     "solver.closed_form.block_compliance._table": "at most 8 tables of 100 points",
+    "solver.closed_form.half_space._upper": "at most 4 lists of pairs",
+    "solver.closed_form.lateral_boundary._shares": "at most 16 rules of Gauss",
+    "solver.closed_form.off_axis._pairs": "at most 4 lists of pairs",
     "solver.closed_form.tractions.between_waves": "at most 64 rules of Gauss",
     "solver.closed_form.error_bound.weights": "the stored weights",
     "solver.equivalent_inclusion.first_order._sphere": "at most 8 rules",
