@@ -172,7 +172,9 @@ def _on_rings(block: ElasticBlocks, loads: Loads) -> tuple[Array, Array]:
     u = _sum_of(parts, sheared)
     if block.hole is not None:
         one = 1 + 0 * y[None]
-        u = np.concatenate([_sum_of(((ring * start * block.radius, one), (ring * width * block.radius, y * one)), sheared), u], axis=2)
+        u = np.concatenate(
+            [_sum_of(((ring * start * block.radius, one), (ring * width * block.radius, y * one)), sheared), u], axis=2
+        )
     return w, u
 
 

@@ -110,7 +110,8 @@ class LoadedSpheres:
         pressures = self.loads[0].shape[2]
         t = np.swapaxes(tractions, 1, 2)
         pressed, sheared = (
-            rows @ np.swapaxes(load, 1, 2) for rows, load in zip((t[:, :, :pressures], t[:, :, pressures:]), self.loads, strict=True)
+            rows @ np.swapaxes(load, 1, 2)
+            for rows, load in zip((t[:, :, :pressures], t[:, :, pressures:]), self.loads, strict=True)
         )
         if self.arriving is not None:
             pp, pq, qp, qq = (np.broadcast_to(part, self.near.waves.k.shape)[:, None] for part in self.arriving)
@@ -179,7 +180,9 @@ def polarised(
         volume = (4 * np.pi / 3 * sphere.radius**3)[:, None, None]
         G = G - volume * off_axis_response(sphere, near, waves.k, weights, disc=disc, mu=mu, bonded=loads[1].shape[2] > 0)
     whole = strengths(E, nu, sphere.E, sphere.nu)
-    return LoadedSpheres(sphere, points, near, beside, weighed, walls, dipoles, G, *whole, None if inside is None else inside.arriving)
+    return LoadedSpheres(
+        sphere, points, near, beside, weighed, walls, dipoles, G, *whole, None if inside is None else inside.arriving
+    )
 
 
 def _moments(strain: Array, across: Array, aside: Array) -> Array:

@@ -81,7 +81,7 @@ class Sides:
     taken: Array
 
     def strain(self, r: Array, z: Array) -> Array:
-        """Strains rr + hoop, rr - hoop, zz, rz at places r (n, k), as many at each depth z, under unit works; shape (n, 4 k, works)."""
+        """Strains rr + hoop, rr - hoop, zz, rz under unit works at places r (n, k), as many at each depth z; (n, 4 k, works)."""
         P, slope, over = radial(self.tissue.radius, r)
         each = r.shape[1] // z.shape[1]
         g, dg, f, df = (np.repeat(values, each, axis=2) for values in self.along.at(z / self.tissue.height[:, None]))
@@ -110,7 +110,9 @@ def free_sides(field: Waves, loads: tuple[Array, Array], weights: Array, tissue:
     push, drag, out, sink = _at_cut(field, loads, weights, tissue, along.zeta.T)
     ring = 2 * np.pi * R * dz
     lost = -(np.swapaxes(push, 1, 2) @ (ring * out) + np.swapaxes(drag, 1, 2) @ (ring * sink))
-    taken = np.concatenate([np.moveaxis(along.f, 2, 0) @ (ring * drag), -R / 2 * (np.moveaxis(along.g, 2, 0) @ (ring * push))], axis=1)
+    taken = np.concatenate(
+        [np.moveaxis(along.f, 2, 0) @ (ring * drag), -R / 2 * (np.moveaxis(along.g, 2, 0) @ (ring * push))], axis=1
+    )
     answer = np.linalg.solve(K, np.broadcast_to(ON_SIDE, (len(K), *ON_SIDE.shape)))
     added = np.swapaxes(taken, 1, 2) @ ((ON_SIDE.T @ answer) @ taken)
     return Sides((lost + np.swapaxes(lost, 1, 2)) / 2 + added, tissue, along, answer, taken)

@@ -21,7 +21,7 @@ import numpy as np
 from solver.closed_form.bessel import Array
 from solver.layers.stack import Echo, TissueLayer
 
-Pair = tuple[Array, Array]
+Ways = tuple[Array, Array]
 
 
 @dataclass(frozen=True)
@@ -107,8 +107,8 @@ def fields(waves: Waves, z: Array, *, mirrored: bool = False) -> list[tuple[Arra
     return found
 
 
-def strain_amplitudes(load: Sequence[Array], down: Pair, up: Pair | None, even: Array) -> tuple[Array, Array, Array]:
-    """Return what ``fields`` does but for W, of anything that is linear in e^-t and t e^-t, ``down``, e^(t-2x) and t e^(t-2x), ``up``.
+def strain_amplitudes(load: Sequence[Array], down: Ways, up: Ways | None, even: Array) -> tuple[Array, Array, Array]:
+    """Return what ``fields`` does but for W, of anything linear in e^-t and t e^-t, ``down``, e^(t-2x) and t e^(t-2x), ``up``.
 
     ``load`` are the coefficients of eq. CF.6, ``even`` is 2 nu - 1; arrays of any shapes that fit.
     """

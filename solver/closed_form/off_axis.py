@@ -21,6 +21,7 @@ have m = n + 1, both added m = n - 1. Each counts half, and the compliance is th
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -89,8 +90,13 @@ def off_axis_response(
     even = np.concatenate([p[:, :MOMENTS], p[:, -1:], less[:, MOMENTS:-1], more[:, MOMENTS:-1]], axis=1)
     odd = np.concatenate([near.moments[1][:, :MOMENTS], p[:, MOMENTS:-1], less[:, -1:], more[:, -1:]], axis=1)
     v = _answered(pairs, *(rows @ np.moveaxis(pairs.products(J, j, at), 0, 2) for at, rows in enumerate((even, odd))))
-    share = np.concatenate([(2 * disc.radius)[:, None] / _of_degree(disc.pressed, pairs.pressed),
-                            disc.radius[:, None] / _of_degree(disc.sheared, pairs.sheared)], axis=1)
+    share = np.concatenate(
+        [
+            (2 * disc.radius)[:, None] / _of_degree(disc.pressed, pairs.pressed),
+            disc.radius[:, None] / _of_degree(disc.sheared, pairs.sheared),
+        ],
+        axis=1,
+    )
     if not bonded:
         v, share = v[:, :, : len(pairs.pressed)], share[:, : len(pairs.pressed)]
     return (v * share[:, None]) @ np.swapaxes(v, 1, 2)
@@ -132,31 +138,42 @@ class Pairs:
 
 @lru_cache(maxsize=4)
 def _pairs(orders: int, degree: int) -> Pairs:
-    places: dict[tuple[int, int], int] = {}
-    degrees = []
-    for parity in (0, 1):
-        start, found = 0, []
-        for m in range(orders + 3):
-            first = max(m - 3, 0)
-            first += (first + m + parity) % 2
-            for count, degree_ in enumerate(range(first, degree + 1, 2)):
-                places[m, degree_] = start + count
-            size = len(range(first, degree + 1, 2))
-            found.append((first, slice(start, start + size)))
-            start += size
-        degrees.append(tuple(found))
-    pressed = [(n, lo) for n in range(1, orders + 1) for lo in range(n, degree + 1, 2)]
-    kinds = [[(n, lo) for n in range(1, orders + 1) for lo in range(n + step, degree + 1, 2)] for step in (1, -1)]
-    sheared = kinds[0] + kinds[1]
-    columns = pressed + sheared
-    at = [[places[abs(n + step), lo] for n, lo in columns] for step in (0, -1, 1, -2, 2)]
-    sign = np.where([n == 1 for n, _ in columns], -1.0, 1.0)  # J_-1 = -J_1
-    added = np.arange(len(sheared)) >= len(kinds[0])
-    return Pairs(tuple(degrees), np.array([lo for _, lo in pressed]), np.array([lo for _, lo in sheared]), np.array(at), sign, added)
+    degrees = tuple(tuple(_degrees(orders, degree, parity)) for parity in (0, 1))
+    places = {
+        (m, first + 2 * at): place.start + at
+        for found in degrees
+        for m, (first, place) in enumerate(found)
+        for at in range(place.stop - place.start)
+    }
+
+    def columns(step: int) -> list[tuple[int, int]]:
+        return [(n, ell) for n in range(1, orders + 1) for ell in range(n + step, degree + 1, 2)]
+
+    pressed, less, more = columns(0), columns(1), columns(-1)
+    every = pressed + less + more
+    return Pairs(
+        degrees,
+        np.array([ell for _, ell in pressed]),
+        np.array([ell for _, ell in less + more]),
+        at=np.array([[places[abs(n + step), ell] for n, ell in every] for step in (0, -1, 1, -2, 2)]),
+        sign=np.where([n == 1 for n, _ in every], -1.0, 1.0),  # J_-1 = -J_1
+        added=np.arange(len(less + more)) >= len(less),
+    )
+
+
+def _degrees(orders: int, degree: int, parity: int) -> Iterator[tuple[int, slice]]:
+    """For each m the first l of the parity that a column needs, and where its products stand."""
+    start = 0
+    for m in range(orders + 3):
+        first = max(m - 3, 0)
+        first += (first + m + parity) % 2
+        count = len(range(first, degree + 1, 2))
+        yield first, slice(start, start + count)
+        start += count
 
 
 def _answered(pairs: Pairs, even: Array, odd: Array) -> Array:
-    """v of eq. CF.18 from the integrals with the products of both parities, shape (n, moments, columns)."""
+    """Return v of eq. CF.18 from the integrals with the products of both parities, shape (n, moments, columns)."""
     count, minus = len(pairs.pressed), len(pairs.pressed) + int(np.sum(~pairs.added))
     p, s, sub, add = slice(0, count), slice(count, None), slice(count, minus), slice(minus, None)
     same, before, after, second, beyond = pairs.at

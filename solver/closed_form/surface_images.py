@@ -94,8 +94,7 @@ def _average_weights() -> Any:
     """The matrix from even and odd parts times J0, and times J1, at the pairs of points to ``BallWaves.even`` and ``odd``."""
     w, x, z, none = WEIGHT, ACROSS, RISE, 0 * WEIGHT
     even = [(w, none, none, none), (none, 5 * w * z, none, none), (none, none, 2.5 * w * x, none)]
-    odd = [(none, w * z, none, none), (none * z, none, none, none), (none, none, none, 2.5 * w * x * z)]
-    odd[1] = (5 * w * z * z, none, none, none)
+    odd = [(none, w * z, none, none), (5 * w * z * z, none, none, none), (none, none, none, 2.5 * w * x * z)]
     return np.array([np.concatenate(row) for row in even + odd])
 
 
@@ -104,10 +103,10 @@ _AVERAGES = _average_weights()
 
 @dataclass(frozen=True)
 class BallWaves:
-    """Waves about the vertical axis of spheres, in whatever depth: with s = k R, e^-s times
+    """Waves about the vertical axis of spheres, in whatever depth; with s = k R, all but J0 and J1 times e^-s.
 
     Attributes:
-        zero, one: J0 and J1 at ``ACROSS``, shape (n, 4, q), without that factor.
+        zero, one: J0 and J1 at ``ACROSS``, shape (n, 4, q).
         raised, sunk: e^s z and e^-s z at the heights z of ``RISE``, shape (n, 4, q).
         even: mean and vertical moment of J0 e^s z, and the radial one of J1 e^s z, shape (n, 3, q).
         odd: the same of J0 and J1 times s z e^s z.
@@ -182,7 +181,7 @@ def nearby(sphere: SphereArray, waves: Waves) -> Nearby:
 
 
 def half_space_moments(ball: BallWaves, way: Array, nu: Array, on_axis: bool) -> tuple[tuple[Array, Array], Array | None]:
-    """Return the moments and what is ``turned`` of ``Nearby`` on half-spaces, k times depth ``way``; strains are e^-t and t e^-t."""
+    """Return the moments and what is ``turned`` of ``Nearby`` on half-spaces, ``way`` k times depth."""
     down, even, one = ball.down(way), (1 - 2 * nu)[:, None, None], np.ones(1)
     loads = ((-even, one), (1 + even, -one))
     pressed, sheared = (_moments(strain_amplitudes(load, down, None, -even), on_axis) for load in loads)
@@ -218,25 +217,29 @@ def tissue_strain(near: Nearby, radius: Array, loads: tuple[Array, Array], besid
         loads: so much of each wave, two arrays (n, l, q); in ``waves`` inside layers, of what runs down at the top of its layer.
         beside: distances of the points ``ASIDE`` from the waves' axis, shape (n, points); None where that is the sphere's.
     """
-    waves, ball, k = near.waves, near.ball, near.waves.k[:, None, None, None]
+    count = loads[0].shape[1]
+    amplitudes = np.stack(_amplitudes(near, radius, loads), axis=3)
+    sums = amplitudes.reshape(len(radius), len(RISE), -1, amplitudes.shape[-1]) @ _circles(near, beside)
+    sums = sums.reshape(len(radius), len(RISE), 2, 3, count, 3, -1)
+    strain = np.stack([sums[:, :, :, row, :, kind] for row, kind in ((0, 0), (0, 1), (1, 0), (2, 2))], axis=1)
+    return np.swapaxes(strain, 4, 5).reshape(len(radius), -1, count)
+
+
+def _amplitudes(near: Nearby, radius: Array, loads: tuple[Array, Array]) -> tuple[Array, Array, Array]:
+    """How rr + hoop, zz and rz go with each wave above and below the centre, shape (n, 4 pairs, 2, l, q)."""
+    waves, ball = near.waves, near.ball
+    way, high = waves.k * near.depth[:, None], (slice(None), None, None, None)
     fade = np.stack([ball.raised, ball.sunk], axis=2)[:, :, :, None]
     rise = np.stack([RISE, -RISE], axis=1)[:, :, None, None]
-    way = waves.k * near.depth[:, None]
-    t = k * (near.depth[:, None, None, None, None] - radius[:, None, None, None, None] * rise)
-    plain = np.exp(ball.size - way)[:, None, None, None] * fade
-    up = None
+    t = way[high] - (waves.k * radius[:, None])[high] * rise
+    down, up = np.exp(ball.size - way)[high] * fade, None
     if waves.depth is not None:
-        back = np.exp(ball.size + way - 2 * waves.k * waves.depth)[:, None, None, None] * fade[:, :, ::-1]
+        back = np.exp(ball.size + way - 2 * waves.k * waves.depth)[high] * fade[:, :, ::-1]
         up = back, t * back
+    kinds = zip(waves.by_pressure, waves.by_shear, strict=True)
     p, q = loads
-    sums = [((waves.k * a)[:, None] * p + (waves.k * b)[:, None] * q)[:, None, None] for a, b in zip(waves.by_pressure, waves.by_shear, strict=True)]
-    kinds = strain_amplitudes(sums, (plain, t * plain), up, (2 * waves.nu - 1)[:, :, None, None, None])
-    amplitudes = np.stack(kinds, axis=3)
-    n, pairs, signs, three, count, nodes = amplitudes.shape
-    across = _circles(near, beside)
-    strain = (amplitudes.reshape(n, pairs, -1, nodes) @ across).reshape(n, pairs, signs, three, count, 3, -1)
-    strain = np.stack([strain[:, :, :, row, :, kind] for row, kind in ((0, 0), (0, 1), (1, 0), (2, 2))], axis=1)
-    return np.swapaxes(strain, 4, 5).reshape(n, -1, count)
+    sums = [((waves.k * a)[:, None] * p + (waves.k * b)[:, None] * q)[:, None, None] for a, b in kinds]
+    return strain_amplitudes(sums, (down, t * down), up, (2 * waves.nu - 1)[high])
 
 
 def _circles(near: Nearby, beside: Array | None) -> Array:

@@ -188,6 +188,21 @@ def test_image_is_mindlins() -> None:
     assert [found[at] for at in exact] == pytest.approx(list(exact.values()), rel=3e-3)
 
 
+def test_moments_are_means_of_a_harmonic_field_and_its_slopes() -> None:
+    # half-space, pressure: rr + hoop is (k z - 1 + 2 nu) e^-kz J0; means and vertical moments by quadrature over the ball
+    nu, R, d, k = 0.3, 0.5, 1.0, np.array([[0.5, 2.0]])
+    sphere = SphereArray(np.array([R]), np.array([d]), np.zeros(1), np.ones(1), np.array([0.3]))
+    found = nearby(sphere, waves(k, None, np.array([nu]))).moments[0][0]
+    x, weight = np.polynomial.legendre.leggauss(40)
+    rho, c = np.meshgrid((x + 1) / 2, x, indexing="ij")
+    w = np.outer(weight / 2 * 3 * ((x + 1) / 2) ** 2, weight / 2)
+    for i, one in enumerate(k[0]):
+        t = one * (d - R * rho * c)
+        strain = (2 * nu - 1 + t) * np.exp(-t) * jv(0, one * R * rho * np.sqrt(1 - c**2))
+        assert (w * strain).sum() == pytest.approx(found[0, i], abs=2e-4)
+        assert (w * strain * 5 * rho * c).sum() == pytest.approx(found[2, i], abs=2e-3)
+
+
 def test_a_wide_disc_turns_the_image_round() -> None:
     # where the whole surface is held, at nu = 0, the image is that of the free surface with the other sign: V S = 2 G
     x, weight = np.polynomial.legendre.leggauss(160)
