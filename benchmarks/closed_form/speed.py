@@ -1,0 +1,148 @@
+"""How many designs a second the closed form answers, what they cannot do without, and where the time goes.
+
+``python -m benchmarks.closed_form.speed`` prints designs a second with their derivatives by E_object, and with those by all
+parameters, on one thread and on two (halves of the designs); all is processor time. Beside them what one design needs of Bessel
+functions and of systems of equations, at the speed of these alone; then the shares of the parts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import cProfile
+import pstats
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+import numpy as np
+
+from benchmarks.closed_form.accuracy import REFERENCE, designs_near
+from geometry import Scene, read_scene
+from geometry.common.arrays import Floats
+from solver.closed_form import bessel
+from solver.closed_form.designs import Shape, forces, gradients
+from solver.linalg.memory import keep_freed
+
+NEAR = 2.0  # outer radii to the near sides
+DESIGNS = 4096
+REPEATS = 7
+BESSEL, SOLVE = "values of Bessel functions", "flops of systems"
+PARTS = {
+    "_ends": "blocks' ends", "_works": "half-space under rings", "_waves": "transforms of loads", "_sides": "sides",
+    "inside": "sphere's waves, image in floor and surface", "off_axis_response": "answer of the blocks beside the axis",
+    "rest": "sphere beyond its moments", "_between": "of all: Bessel functions", "solve": "of all: systems of equations",
+}  # fmt: skip
+
+
+def main() -> None:
+    argparse.ArgumentParser(description=__doc__).parse_args()
+    keep_freed()
+    rates = {BESSEL: _bessel_rate(), SOLVE: _solve_rate()}
+    print(
+        f"{1e9 * rates[BESSEL]:.1f} ns a value of Bessel functions, {1e-9 / rates[SOLVE]:.1f} Gflop/s in systems of 15 unknowns"
+    )
+    print("| scene | a second | us | Bessel values | us | systems, flop | us | all slopes, one alone, us | on two threads, us |")
+    print("|---|---|---|---|---|---|---|---|---|")
+    shares = []
+    for name, scene in scenes():
+        shape, values = designs_near(scene, DESIGNS)
+        spent = best(partial(forces, shape, values)) / DESIGNS
+        needs = _needed(shape, values[:, :512])
+        limits = " | ".join(f"{needs[kind]:.0f} | {1e6 * needs[kind] * rates[kind]:.1f}" for kind in (BESSEL, SOLVE))
+        every = best(partial(gradients, shape, values[:, 0], np.flatnonzero(values[:, 0]).tolist()))
+        both = _two_threads(shape, values)
+        print(f"| {name} | {1 / spent:.0f} | {1e6 * spent:.0f} | {limits} | {1e6 * every:.0f} | {1e6 * both:.0f} |")
+        shares.append((name, _shares(shape, values)))
+    print("\n| part, % | " + " | ".join(name for name, _ in shares) + " |\n|---" + "|---" * len(shares) + "|")
+    for part, text in PARTS.items():
+        print(f"| {text} | " + " | ".join(f"{100 * share.get(part, 0.0):.0f}" for _, share in shares) + " |")
+
+
+def scenes() -> Iterator[tuple[str, Scene]]:
+    """Yield scenes on the axis, beside it, and both between near sides."""
+    for folder, name, text in (("axisymmetric", "shallow", "on the axis"), ("solid", "flank", "beside the axis")):
+        scene = read_scene(REFERENCE / folder / f"{name}.toml")
+        yield text, scene
+        tissue, far = scene.tissue, NEAR * scene.probe.tube_radius
+        sizes = {"radius": far} if tissue.shape == "cylinder" else {"length": 2 * far, "breadth": 2 * far}
+        yield f"{text}, near sides", scene.model_copy(update={"tissue": tissue.model_copy(update=sizes)})
+
+
+def best(run: Callable[[], object]) -> float:
+    """Return the least of several runs, s."""
+    run()
+    spent = []
+    for _ in range(REPEATS):
+        start = process_time()
+        run()
+        spent.append(process_time() - start)
+    return min(spent)
+
+
+def _two_threads(shape: Shape, values: Floats) -> float:
+    """Processor seconds of a design on two threads."""
+    halves = [values[:, k::2] for k in range(2)]
+    with ThreadPoolExecutor(2) as pool:
+        return best(lambda: list(pool.map(lambda half: forces(shape, half), halves))) / DESIGNS
+
+
+@contextmanager
+def _counting(of: Any, name: str, count: Callable[..., float], total: list[float]) -> Iterator[None]:
+    """Add up what every call of a function counts."""
+    own = getattr(of, name)
+
+    def counted(*arguments: Any) -> Any:
+        total.append(count(*arguments))
+        return own(*arguments)
+
+    setattr(of, name, counted)
+    try:
+        yield
+    finally:
+        setattr(of, name, own)
+
+
+def _needed(shape: Shape, values: Floats) -> dict[str, float]:
+    """Values of Bessel functions, and flops of systems of equations, of one design."""
+    looked: list[float] = []
+    solved: list[float] = []
+    with (
+        _counting(bessel, "_between", lambda x, tables: x.size * len(tables), looked),
+        _counting(np.linalg, "solve", lambda a, b: len(a) * _flops(a.shape[-1], b.shape[-1]), solved),
+    ):
+        forces(shape, values)
+    return {BESSEL: sum(looked) / values.shape[1], SOLVE: sum(solved) / values.shape[1]}
+
+
+def _flops(size: int, sides: int) -> float:
+    return 2 / 3 * size**3 + 2 * size**2 * sides
+
+
+def _bessel_rate() -> float:
+    x = np.random.default_rng(1).uniform(0, 12, (512, 18))
+    return best(lambda: [bessel.bessel(x, 9) for _ in range(10)]) / (10 * 9 * x.size)
+
+
+def _solve_rate() -> float:
+    K = np.random.default_rng(1).uniform(0, 1, (512, 15, 15)) + 15 * np.eye(15)
+    return best(lambda: [np.linalg.solve(K, K[:, :, :5]) for _ in range(10)]) / (10 * 512 * _flops(15, 5))
+
+
+def _shares(shape: Shape, values: Floats) -> dict[str, float]:
+    """Share of the parts in all time."""
+    profile = cProfile.Profile(process_time)
+    profile.runcall(forces, shape, values)
+    found: dict[str, float] = {}
+    stats: Any = pstats.Stats(profile)
+    for (path, _, name), (_, _, _, spent, _) in stats.stats.items():
+        if name in PARTS and ("closed_form" in path or Path(path).stem == "_linalg"):
+            found[name] = spent / stats.total_tt
+    return found
+
+
+if __name__ == "__main__":
+    main()
