@@ -59,9 +59,15 @@ class ModulusResponse:
         both[0, :, 2:], both[1, :, 2:] = self.rational.amplitudes(t)
         return both[0], both[1]
 
-    def whole(self) -> Floats:
-        """The elements' values of u_1, u_2, v_1 ... v_m, shape (n, 2 s, 2 + m)."""
-        return np.concatenate([self.states.own, self.states.model.whole(self.edge)], axis=-1)
+    @property
+    def edges(self) -> Floats:
+        """The elements' values of u_1, u_2, v_1 ... v_m on corners and edges, shape (n, 8 p, 2 + m)."""
+        return np.concatenate([self.states.edge, self.edge], axis=-1)
+
+    @property
+    def sizes(self) -> Floats:
+        """Roots of the energies of u_1, u_2, v_1 ... v_m, shape (2 + m,)."""
+        return np.concatenate([np.sqrt(np.abs(np.diag(self.states.forces))), np.ones(self.edge.shape[-1])])
 
 
 def response(states: BaseStates, low: float, high: float, body: Body = Body.INCLUSION) -> ModulusResponse:
