@@ -92,7 +92,8 @@ def _of_pairs(points: EnergyPoints, motions: Floats, values: Floats) -> tuple[Fl
     for pair, tensor, part in zip(values, tensors, volume, strict=True):
         part[:] = points.tensors(pair, tensor)
     energy = (tensors[:, :, :3] @ np.ones(tensors.shape[-1])).sum(axis=2)
-    return tensors.reshape(len(values), 2, -1) @ motions.T, energy, volume
+    lengths = tensors.reshape(2 * len(values), -1) @ motions.T  # in one product: that of each pair reads all motions again
+    return lengths.reshape(len(values), 2, -1), energy, volume
 
 
 def _by_materials(model: MeridianModel, chosen: Ints, energy: Floats, volume: Floats) -> tuple[Floats, Floats]:
@@ -100,12 +101,9 @@ def _by_materials(model: MeridianModel, chosen: Ints, energy: Floats, volume: Fl
 
     ``energy`` and ``volume`` are the chosen elements' energies and int w P^2, shape (..., e).
     """
-    moduli, ratios = [], []
-    for body, material in model.materials.items():
-        mine, nu = model.mesh.body[chosen] == body, material.poisson_ratio
-        whole, volumetric = (part[..., mine].sum(axis=-1) for part in (energy, volume))
-        two_mu, lam = lame(material.youngs_modulus, nu)
-        moduli.append(whole)
-        lam_by_nu = two_mu * (1 + 2 * nu**2) / ((1 + nu) * (1 - 2 * nu) ** 2)
-        ratios.append((lam * volumetric - whole) / (1 + nu) + lam_by_nu * volumetric)
-    return np.stack(moduli, axis=-1), np.stack(ratios, axis=-1)
+    mine = (model.mesh.body[chosen][:, None] == np.array(list(model.materials))).astype(float)
+    E, nu = np.array([[material.youngs_modulus, material.poisson_ratio] for material in model.materials.values()]).T
+    whole, volumetric = energy @ mine, volume @ mine
+    two_mu, lam = lame(E, nu)
+    lam_by_nu = two_mu * (1 + 2 * nu**2) / ((1 + nu) * (1 - 2 * nu) ** 2)
+    return whole, (lam * volumetric - whole) / (1 + nu) + lam_by_nu * volumetric
