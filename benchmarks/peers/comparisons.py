@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import product
+from time import process_time
 from typing import TypeVar
 
 import numpy as np
@@ -159,23 +160,30 @@ def _apart(found: Floats, true: Floats) -> float:
 
 def factorisations(cases: list[KnownScene], points: int, repeats: int, tell: Tell) -> Iterator[MeasuredTable]:
     """Express our times in factorisations of our own matrix, with each library that is installed."""
-    columns = ("scene", "library", "factorisation, ms", "evaluate, times", "curve, times", "curve and gradients, times")
+    columns = (
+        "scene",
+        "library",
+        "evaluate's, ms",
+        "evaluate, times",
+        "curve's, ms",
+        "curve, times",
+        "curve and gradients, times",
+    )
     table = MeasuredTable(f"d. ours at {COARSE * 100:g} % in bare factorisations of its own matrix", columns)
     for case, library in product(cases, ours.libraries()):
         tell(f"factorisations of {case.name} by {library}")
         with ours.using(library):
             table.add(case.name, library, *_in_factorisations(case, case.moduli(points), repeats))
-    table.note("all with their error estimates: two or three meshes; the factorisation is that of the last, its pattern known")
+    table.note("processor time, all with their error estimates: one mesh or more; the factorisation is that of the matrix of the")
+    table.note("last mesh of an evaluation and of a curve, its pattern known")
     yield table
 
 
 def _in_factorisations(case: KnownScene, moduli: Floats, repeats: int) -> list[float]:
-    bare = ours.bare_factorisation(case.scene, COARSE)
-    runs = (
-        partial(ours.evaluate, case.scene, COARSE),
-        *(partial(f, case.scene, moduli, COARSE) for f in (ours.curve, ours.gradients)),
-    )
-    return [bare, *(timed(run, repeats)[1] / bare for run in runs)]
+    single, bare = ours.bare_factorisation(case.scene, COARSE), ours.bare_factorisation(case.scene, COARSE, moduli)
+    evaluation = timed(partial(ours.evaluate, case.scene, COARSE), repeats, process_time)[1]
+    runs = (partial(f, case.scene, moduli, COARSE) for f in (ours.curve, ours.gradients))
+    return [single, evaluation / single, bare, *(timed(run, repeats, process_time)[1] / bare for run in runs)]
 
 
 def growth(cases: list[KnownScene], tell: Tell) -> Iterator[MeasuredTable]:

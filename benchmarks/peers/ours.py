@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from statistics import median
-from time import perf_counter
+from time import perf_counter, process_time
 
 import numpy as np
 
-from benchmarks.peers.measured import PeerAnswer, RatioCurve, Stopwatch
+from benchmarks.peers.measured import PeerAnswer, RatioCurve, Stopwatch, timed
 from geometry import Scene
 from geometry.common.arrays import Floats
 from geometry.meridian.frame import MeridianFineness
@@ -18,7 +17,7 @@ from solver.axisymmetric.base_states import base_states, model
 from solver.axisymmetric.energy_derivatives import variables
 from solver.axisymmetric.gradients import areas, by_section
 from solver.axisymmetric.level import Axisymmetric
-from solver.axisymmetric.sample import MeshSample, sample
+from solver.axisymmetric.sample import sample
 from solver.axisymmetric.sections import sections
 from solver.linalg import cholesky as factor
 
@@ -83,20 +82,10 @@ def libraries() -> tuple[str, ...]:
     return ("SuperLU",) if factor.pardiso() is None else ("SuperLU", "PARDISO")
 
 
-def bare_factorisation(scene: Scene, accuracy: float) -> float:
-    """Return the seconds of factorising, and nothing else, the matrix that ``evaluate`` ends with; its pattern is known."""
-    system = last(scene, accuracy).states.model.system
-    seconds = []
-    for _ in range(15):
-        start = perf_counter()
-        factor.factorise(system.matrix, system.numbering.pattern)
-        seconds.append(perf_counter() - start)
-    return median(seconds)
-
-
-def last(scene: Scene, accuracy: float) -> MeshSample:
-    """Return what ``evaluate`` ends with."""
-    return Axisymmetric().converged(scene, accuracy).sample
+def bare_factorisation(scene: Scene, accuracy: float, moduli: Floats | None = None) -> float:
+    """Return the processor seconds of factorising the matrix that an evaluation or a curve ends with; its pattern is known."""
+    system = Axisymmetric().converged(scene, accuracy, moduli).sample.states.model.system
+    return timed(lambda: factor.factorise(system.matrix, system.numbering.pattern), 15, process_time)[1]
 
 
 def growth(scene: Scene) -> Iterator[PeerAnswer]:

@@ -42,10 +42,10 @@ class System:
 
     def own(self, v: Floats, lift: Floats | float = 0.0) -> Floats:
         """The elements' own values of displacements v (unknowns, k) and lift (n, 8 p, k), rigid shifts taken out; (n, 8 p, k)."""
-        return self._unshifted(self._local(v, lift))[0]
+        return self.unshifted(self._local(v, lift))[0]
 
-    def _unshifted(self, local: Floats) -> tuple[Floats, Floats]:
-        """Elements' values without their rigid shifts along z, and these, (n, k)."""
+    def unshifted(self, local: Floats) -> tuple[Floats, Floats]:
+        """Any elements' values (e, 8 p, k) without their rigid shifts along z, and these, (e, k)."""
         up = self.numbering.vertical
         shift = local[:, np.argmax(up)]
         return local - shift[:, None] * up[:, None], shift
@@ -61,7 +61,7 @@ class System:
         """Forces of the lift alone, shape (unknowns, k); few elements have any."""
         some = np.flatnonzero(np.any(lift != 0, axis=(1, 2)))
         forces = np.zeros((*self.stiffness.shape[:2], lift.shape[-1]))
-        forces[some] = self.stiffness[some] @ self._unshifted(lift[some])[0]
+        forces[some] = self.stiffness[some] @ self.unshifted(lift[some])[0]
         return self.add_up(forces)
 
     def solve(self, forces: Floats, lift: Floats | float = 0.0, passes: int = 1) -> Solution:
@@ -75,7 +75,7 @@ class System:
         for _ in range(passes):
             v = v + self.factor.solve(unbalanced)
             local = self._local(v, lift)
-            own, shift = self._unshifted(local)
+            own, shift = self.unshifted(local)
             loads = self.stiffness @ own
             unbalanced = forces - self.add_up(loads)
         magnitude = self.numbering.reach @ (np.abs(self.stiffness) @ np.abs(local)).reshape(-1, v.shape[-1])

@@ -8,6 +8,9 @@ L = grad V and tau = div V + V_r / r an energy a(u, v) = int w (2 mu eps:eps + l
 
 Base states minimise the energy, so that nothing else changes their forces: no adjoint solve is needed. Node
 velocities are derivatives by complex steps of the map from lengths to nodes.
+
+Changes are linear in V: six numbers at each point, the energy-momentum tensor (``energy_momentum.py``), are found once for all
+lengths, and a matrix product with all their velocities does the rest.
 """
 
 from __future__ import annotations
@@ -16,14 +19,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from geometry.common.arrays import Bools, Floats, Ints
+from geometry.common.arrays import Floats, Ints
 from geometry.meridian.mesh import nodes
 from geometry.meridian.section import Body
 from solver.axisymmetric.base_states import MeridianModel
-from solver.elements.quadrilateral import Geometry, gradients, lame, projected
-from solver.elements.shape_functions import Shapes
+from solver.axisymmetric.energy_momentum import EnergyPoints
+from solver.elements.quadrilateral import lame
 
-BLOCK = 16  # elements worked on at once: few enough for the processor's cache
+AT_ONCE = 2e7  # bytes: the tensors that are kept at once
 STEP = 1e-30  # of the complex step, relative: nothing is subtracted, so that it can be this small
 
 
@@ -37,15 +40,13 @@ def variables(model: MeridianModel) -> tuple[str, ...]:
     )
 
 
-def energy_derivatives(model: MeridianModel, whole: Floats, inside: Body) -> tuple[Floats, Floats]:
-    """Return d(u_i^T K u_j) for all columns u_i of ``whole``, shape (n, 2 s, m), by all ``variables``.
+def total_derivatives(model: MeridianModel, whole: Floats, inside: Body) -> tuple[Floats, Floats]:
+    """Return d(u_i^T K (u_1 + u_2)) for k pairs u_1, u_2 of states, ``whole`` of shape (n, 2 s, 2, k), by all ``variables``.
 
-    Two arrays of shape (variables, m, m): the part of all bodies but ``inside``, and its part.
+    Two arrays of shape (variables, 2, k): the part of all bodies but ``inside``, and its part.
     """
-    mask = model.mesh.body == inside
-    lengths = _by_lengths(model, whole, mask)
-    materials = (_by_materials(model, whole, np.flatnonzero(part)) for part in (~mask, mask))
-    rest, within = (np.concatenate([one, *other]) for one, other in zip(lengths, materials, strict=True))
+    moved, mask = velocities(model), model.mesh.body == inside
+    rest, within = (_of_elements(model, whole, np.flatnonzero(part), moved) for part in (~mask, mask))
     return rest, within
 
 
@@ -64,85 +65,45 @@ def velocities(model: MeridianModel) -> tuple[Floats, Floats]:
     return by_lengths, free.corner_size.imag / STEP / section.corner_size
 
 
-def _by_lengths(model: MeridianModel, whole: Floats, inside: Bools) -> tuple[Floats, Floats]:
-    """Derivatives by ln of every length of the energies outside and inside a body, shape (lengths, m, m) each."""
-    every, shares = velocities(model)
-    fields, stresses = _fields(model, whole)
-    out: list[list[Floats]] = []
-    for velocity in every:
-        motion = _motion(model.at, model.shapes, velocity)
-        moving = np.any(velocity != 0, axis=(1, 2))
-        halves = [_work(motion, fields, stresses, np.flatnonzero(moving & part)) for part in (~inside, inside)]
-        out.append([half + half.T for half in halves])
-    rest, within = (np.array(part[:-1]) + shares[:, None, None] * part[-1] for part in zip(*out, strict=True))
-    return rest, within
+def _of_elements(model: MeridianModel, whole: Floats, chosen: Ints, moved: tuple[Floats, Floats]) -> Floats:
+    """Derivatives of some elements' totals, shape (variables, 2, k)."""
+    if not chosen.size:
+        return np.zeros((len(variables(model)), *whole.shape[2:]))
+    every, shares = moved
+    points = EnergyPoints.of(model, chosen)
+    motions = points.motions(every[:, chosen]).reshape(len(every), -1)
+    own = whole[chosen].reshape(len(chosen), 2, -1, *whole.shape[2:]).transpose(3, 4, 1, 0, 2)
+    values = np.empty((own.shape[1], 2, *own.shape[2:]))
+    np.add(own[0], own[1], out=values[:, 0])
+    np.subtract(own[0], own[1], out=values[:, 1])
+    at_once = max(1, int(AT_ONCE / (16 * motions.shape[1])))
+    parts = [_of_pairs(points, motions, values[low : low + at_once]) for low in range(0, len(values), at_once)]
+    lengths, energy, volume = (np.concatenate(part) for part in zip(*parts, strict=True))  # (k, 2, ...)
+    lengths = lengths[..., :-1] + lengths[..., -1:] * shares
+    both = np.concatenate([lengths, *_by_materials(model, chosen, energy, volume)], axis=-1).transpose(2, 1, 0)
+    total, apart = both[:, 0] / 2, both[:, 1] / 4
+    return np.stack([total + apart, total - apart], axis=1)
 
 
-def _fields(model: MeridianModel, whole: Floats) -> tuple[Floats, Floats]:
-    """Displacement gradients of m fields at the q Gauss points, and what works on them, each of shape (n, 6, m, q).
+def _of_pairs(points: EnergyPoints, motions: Floats, values: Floats) -> tuple[Floats, Floats, Floats]:
+    """What ``motions``, (lengths, 6 e q), change of pairs' energies, (k, 2, lengths), and what ``_by_materials`` asks for."""
+    tensors = np.empty((len(values), 2, 6, *points.weight.shape))
+    volume = np.empty((len(values), 2, len(points.weight)))
+    for pair, tensor, part in zip(values, tensors, volume, strict=True):
+        part[:] = points.tensors(pair, tensor)
+    energy = (tensors[:, :, :3] @ np.ones(tensors.shape[-1])).sum(axis=2)
+    lengths = tensors.reshape(2 * len(values), -1) @ motions.T  # in one product: that of each pair reads all motions again
+    return lengths.reshape(len(values), 2, -1), energy, volume
 
-    The former are u_r,r, u_r,z, u_z,r, u_z,z, u_r / r and D - P; the latter the stresses times w conjugate to the first five,
-    with lambda P in place of lambda D, and lambda P w.
+
+def _by_materials(model: MeridianModel, chosen: Ints, energy: Floats, volume: Floats) -> tuple[Floats, Floats]:
+    """Derivatives by ln E and by nu of every body, (..., bodies) each; 2 mu = E / (1 + nu), lambda = 2 mu nu / (1 - 2 nu).
+
+    ``energy`` and ``volume`` are the chosen elements' energies and int w P^2, shape (..., e).
     """
-    at, shapes, m = model.at, model.shapes, whole.shape[-1]
-    slopes, hoop = gradients(at, shapes, whole.reshape(len(whole), 2, -1, m))
-    dilation = slopes[0] + slopes[3] + hoop
-    pressure = projected(at, shapes, dilation)
-    two_mu, lam = ((at.weight * modulus[:, None])[:, None] for modulus in (model.two_mu, model.lam))
-    fields = np.stack([array.transpose(0, 2, 1) for array in (*slopes, hoop, dilation - pressure)], axis=1)
-    rr, rz, zr, zz, turn, _ = fields.transpose(1, 0, 2, 3)
-    pushed, shear = lam * pressure.transpose(0, 2, 1), two_mu / 2 * (rz + zr)
-    stresses = two_mu * rr + pushed, shear, shear, two_mu * zz + pushed, two_mu * turn + pushed, pushed
-    return fields, np.stack(stresses, axis=1)
-
-
-def _motion(at: Geometry, shapes: Shapes, velocity: Floats) -> Floats:
-    """V_r,r, V_r,z, V_z,r, V_z,z and V_r / r at all points, shape (n, 5, q)."""
-    along = [velocity[..., k] @ slope.T for k in (0, 1) for slope in shapes.tangents]  # dV_k / du, dV_k / dv
-    slopes = [at.inverse[..., 0, j] * u + at.inverse[..., 1, j] * v for u, v in (along[:2], along[2:]) for j in (0, 1)]
-    return np.stack([*slopes, (velocity[..., 0] @ shapes.geometry.T) / at.radius], axis=1)
-
-
-def _work(motion: Floats, fields: Floats, stresses: Floats, chosen: Ints) -> Floats:
-    """Half of the change of the chosen elements' energies when the points move, eqs. AX.5, AX.6: shape (m, m).
-
-    lambda P works on tau (D - P / 2) in all; of this the five stresses give it tau D / 2, and the sixth the rest.
-    """
-    m = fields.shape[2]
-    out = np.zeros((m, m))
-    for low in range(0, len(chosen), BLOCK):
-        block = chosen[low : low + BLOCK]
-        moved = _moved(motion[block], fields[block])
-        out += (stresses[block] @ moved.swapaxes(2, 3)).sum(axis=(0, 1))
-    return out
-
-
-def _moved(motion: Floats, fields: Floats) -> Floats:
-    """What the stresses work on, of the shape of ``fields``."""
-    rr, rz, zr, zz, turn = motion.transpose(1, 0, 2)[:, :, None]
-    half = (rr + zz + turn) / 2  # tau / 2
-    moved = np.empty_like(fields)
-    for first in (0, 2):  # the slopes of u_r and of u_z
-        by_r, by_z = fields[:, first], fields[:, first + 1]
-        np.multiply(half - rr, by_r, out=moved[:, first])
-        moved[:, first] -= zr * by_z
-        np.multiply(half - zz, by_z, out=moved[:, first + 1])
-        moved[:, first + 1] -= rz * by_r
-    np.multiply(half - turn, fields[:, 4], out=moved[:, 4])
-    np.multiply(half, fields[:, 5], out=moved[:, 5])
-    return moved
-
-
-def _by_materials(model: MeridianModel, whole: Floats, chosen: Ints) -> tuple[Floats, Floats]:
-    """Derivatives by ln E and by nu of every body, (bodies, m, m) each; 2 mu = E / (1 + nu), lambda = 2 mu nu / (1 - 2 nu)."""
-    moduli, ratios = [], []
-    for body, material in model.materials.items():
-        mine = chosen[model.mesh.body[chosen] == body]
-        u, nu = whole[mine], material.poisson_ratio
-        flat = u.reshape(-1, u.shape[-1])
-        shear, volume = (flat.T @ (part @ u).reshape(flat.shape) for part in model.parts(mine))
-        two_mu, lam = lame(material.youngs_modulus, nu)
-        moduli.append(two_mu * shear + lam * volume)
-        lam_by_nu = two_mu * (1 + 2 * nu**2) / ((1 + nu) * (1 - 2 * nu) ** 2)
-        ratios.append(-two_mu / (1 + nu) * shear + lam_by_nu * volume)
-    return np.array(moduli), np.array(ratios)
+    mine = (model.mesh.body[chosen][:, None] == np.array(list(model.materials))).astype(float)
+    E, nu = np.array([[material.youngs_modulus, material.poisson_ratio] for material in model.materials.values()]).T
+    whole, volumetric = energy @ mine, volume @ mine
+    two_mu, lam = lame(E, nu)
+    lam_by_nu = two_mu * (1 + 2 * nu**2) / ((1 + nu) * (1 - 2 * nu) ** 2)
+    return whole, (lam * volumetric - whole) / (1 + nu) + lam_by_nu * volumetric

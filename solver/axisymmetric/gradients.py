@@ -12,11 +12,11 @@ from geometry.meridian.section import LAYERS, Body
 from geometry.scenes.scene import Scene
 from geometry.scenes.variables import length_derivatives, values
 from solver.axisymmetric.base_states import MeridianModel
-from solver.axisymmetric.energy_derivatives import energy_derivatives, variables
+from solver.axisymmetric.energy_derivatives import total_derivatives, variables
 from solver.axisymmetric.modulus_response import tangent
 from solver.axisymmetric.sample import MeshSample
+from solver.axisymmetric.state_forms import StateForms
 
-NEGLIGIBLE = 1e-8
 OUTPUTS = ("ratio", "stress_inner", "stress_outer", "stiffness", "log_sensitivity")
 MATERIALS = {
     "tissue": Body.TISSUE, "probe.inner": Body.INNER, "probe.outer": Body.OUTER, "inclusion": Body.INCLUSION,
@@ -92,33 +92,22 @@ def by_section(sample: MeshSample) -> SectionDerivatives:
 
     F' = dF / d ln E = t u^T K_b u:  dF' = 2 u'^T dK u + t u^T dK_b u,  u' = du / d ln E (AX.7).
     """
-    model, t = sample.states.model, sample.times
-    whole, u, du = sample.states.own, np.broadcast_to(np.eye(2), (len(t), 2, 2)), None
-    if Body.INCLUSION in model.materials:
-        spanned = sample.response or tangent(sample.states)
-        whole, u, du = _narrowed(spanned.whole(), *spanned.states_at(t))
-    rest, inside = energy_derivatives(model, whole, Body.INCLUSION)
-    dK = rest + t[:, None, None, None] * inside
-    forces = np.einsum("kai,kvab,kbj->kvij", u, dK, u, optimize=True)
+    states, t = sample.states, sample.times[:, None, None]
+    spanned = sample.response
+    if spanned is None and Body.INCLUSION in states.model.materials:
+        spanned = tangent(states)
+    edge, size = (states.edge, np.ones(2)) if spanned is None else (spanned.edges, spanned.sizes)
+    u, du = (np.eye(2)[None], np.zeros((1, 2, 2))) if spanned is None else spanned.states_at(sample.times)
+    forms = StateForms.of(u, du, size)
+    pairs = edge.reshape(-1, len(size)) @ forms.states.reshape(len(size), -1)
+    whole = states.model.whole(pairs.reshape(*edge.shape[:2], -1))
+    rest, inside = total_derivatives(states.model, whole.reshape(*whole.shape[:2], *forms.states.shape[1:]), Body.INCLUSION)
+    (rest, rest_changes), (inside, inside_changes) = forms.sums(rest), forms.sums(inside)
     totals = sample.totals[:, None]
-    logs = forces.sum(axis=-1) / totals
-    if du is None:
-        return SectionDerivatives(logs, np.zeros(logs.shape[:2]))
-    slope = np.einsum("kai,kvab,kbj->kvij", du, dK, u, optimize=True)
-    slope = slope + slope.swapaxes(-1, -2)
-    slope += t[:, None, None, None] * np.einsum("kai,vab,kbj->kvij", u, inside, u, optimize=True)
-    change = slope.sum(axis=-1) / totals - sample.slope.sum(axis=-1)[:, None] / totals * logs
+    logs = (rest + t * inside) / totals
+    slope = rest_changes + t * (inside_changes + inside)
+    change = slope / totals - sample.slope.sum(axis=-1)[:, None] / totals * logs
     return SectionDerivatives(logs, change[..., 0] - change[..., 1])
-
-
-def _narrowed(whole: Floats, u: Floats, du: Floats) -> tuple[Floats, Floats, Floats]:
-    """Leave out of a basis what no state has more than NEGLIGIBLE of; shapes (n, s, m), (k, m, 2), (k, m, 2)."""
-    both = np.concatenate([u, du]).transpose(1, 0, 2).reshape(u.shape[1], -1)
-    scale = np.sqrt(np.einsum("esm,esm->m", whole, whole))
-    turn, size, _ = np.linalg.svd(scale[:, None] * both, full_matrices=False)
-    turn = turn[:, size > NEGLIGIBLE * size[0]]
-    down = scale[:, None] * turn
-    return whole @ (turn / scale[:, None]), down.T @ u, down.T @ du
 
 
 def _stiffness(totals: Floats, logs: Floats) -> Floats:

@@ -35,12 +35,14 @@ class ModulusResponse:
         body: whose modulus varies.
         states: at t = 1.
         basis: v_k, unknowns without a lift, shape (unknowns, m).
+        edge: the elements' values of v_k on corners and edges, rigid shifts taken out, shape (n, 8 p, m).
         rational: eq. AX.8, l_k, G and c.
     """
 
     body: Body
     states: BaseStates
     basis: Floats
+    edge: Floats
     rational: RationalResponse
 
     def forces(self, t: Floats) -> tuple[Floats, Floats]:
@@ -57,10 +59,15 @@ class ModulusResponse:
         both[0, :, 2:], both[1, :, 2:] = self.rational.amplitudes(t)
         return both[0], both[1]
 
-    def whole(self) -> Floats:
-        """The elements' values of u_1, u_2, v_1 ... v_m, shape (n, 2 s, 2 + m)."""
-        model = self.states.model
-        return np.concatenate([self.states.own, model.whole(model.system.own(self.basis))], axis=-1)
+    @property
+    def edges(self) -> Floats:
+        """The elements' values of u_1, u_2, v_1 ... v_m on corners and edges, shape (n, 8 p, 2 + m)."""
+        return np.concatenate([self.states.edge, self.edge], axis=-1)
+
+    @property
+    def sizes(self) -> Floats:
+        """Roots of the energies of u_1, u_2, v_1 ... v_m, shape (2 + m,)."""
+        return np.concatenate([np.sqrt(np.abs(np.diag(self.states.forces))), np.ones(self.edge.shape[-1])])
 
 
 def response(states: BaseStates, low: float, high: float, body: Body = Body.INCLUSION) -> ModulusResponse:
@@ -69,22 +76,18 @@ def response(states: BaseStates, low: float, high: float, body: Body = Body.INCL
     Raises:
         SolveError: the body has no elements, or the range is too wide for the tolerance.
     """
-    model = states.model
-    inside = np.flatnonzero(model.mesh.body == body)
+    inside = np.flatnonzero(states.model.mesh.body == body)
     if not inside.size:
         raise SolveError(f"the section has no {body.name.lower()}")
-    space = _BodyEnergy(states, inside)
-    ends = np.array([low, high])
+    space, ends = _BodyEnergy(states, inside), np.array([low, high])
     tolerance = max(TOLERANCE, float(np.max(states.rounding) / np.max(np.abs(states.forces))))
-    curve = space.response(body)
+    forces = space.forces(ends)
     for _ in range(MOST_STEPS):
-        before = curve.forces(ends)[0]
         grown = space.grow()
-        curve = space.response(body)
-        after = curve.forces(ends)[0]
-        change = np.abs(after - before).max(axis=(1, 2)) / np.abs(after).max(axis=(1, 2))
+        before, forces = forces, space.forces(ends)
+        change = np.abs(forces - before).max(axis=(1, 2)) / np.abs(forces).max(axis=(1, 2))
         if not grown or np.all(change < tolerance):
-            return curve
+            return space.response(body)
     raise SolveError(f"the curve from {low:g} to {high:g} times the modulus was not found to {tolerance:.0e}")
 
 
@@ -99,28 +102,39 @@ class _BodyEnergy:
     """A body's energies on a growing basis: summed over its own elements."""
 
     def __init__(self, states: BaseStates, inside: Ints) -> None:
-        self.states, self.inside, self.system = states, inside, states.model.system
+        system = states.model.system
+        size = system.stiffness.shape[1]
+        self.states, self.stiffness = states, system.stiffness[inside]
+        self.gather = system.numbering.gather[(inside[:, None] * size + np.arange(size)).ravel()]
         self.local = states.edge[inside]  # u_1, u_2, v_1 ... in the body
-        self.last = self.system.stiffness[inside] @ self.local  # K_b of the newest of them
+        self.last = self.stiffness @ self.local  # K_b of the newest of them
         self.energy = products(self.local, self.last)
-        self.basis = KrylovBasis(self.system.matrix, self.system.factor.solve, len(states.v), NOTHING_NEW)
+        self.basis = KrylovBasis(system.matrix, system.factor.solve, len(states.v), NOTHING_NEW)
 
     def grow(self) -> bool:
         """Add K^-1 K_b of the newest vectors; return whether anything new came."""
-        whole = np.zeros((*self.system.stiffness.shape[:2], self.last.shape[-1]))
-        whole[self.inside] = self.last
-        new = self.basis.grow(self.system.add_up(whole))
+        new = self.basis.grow(np.asarray(self.gather.T @ self.last.reshape(-1, self.last.shape[2])))
         if not new.shape[1]:
             return False
-        local = self.system.own(new)[self.inside]
-        self.last = self.system.stiffness[self.inside] @ local
+        local = self.states.model.system.unshifted((self.gather @ new).reshape(*self.local.shape[:2], -1))[0]
+        self.last = self.stiffness @ local
         across, corner = products(self.local, self.last), products(local, self.last)
         self.local = np.concatenate([self.local, local], axis=2)
-        self.energy = np.block([[self.energy, across], [across.T, corner]])
+        self.energy = np.concatenate([np.hstack([self.energy, across]), np.hstack([across.T, corner])])
         return True
+
+    def forces(self, t: Floats) -> Floats:
+        """Film forces as far as the basis goes, which is taken for orthonormal, shape (n, 2, 2)."""
+        x, energy = np.asarray(t)[:, None, None] - 1, self.energy
+        share, coupling = energy[2:, 2:], energy[2:, :2]
+        across = coupling.T @ np.linalg.solve(
+            np.eye(len(share)) + x * share, np.broadcast_to(coupling, (len(x), *coupling.shape))
+        )
+        return np.asarray(self.states.forces + x * energy[:2, :2] - x**2 * across)
 
     def response(self, body: Body) -> ModulusResponse:
         """The film forces as far as the basis goes."""
-        energy, forces = self.energy, self.states.forces
-        rational = RationalResponse.of(energy[2:, 2:], energy[2:, :2], start=forces, inside=energy[:2, :2])
-        return ModulusResponse(body, self.states, self.basis.vectors @ rational.turn, rational)
+        energy, vectors = self.energy, self.basis.vectors
+        edge = self.states.model.system.own(vectors)
+        rational = RationalResponse.of(energy[2:, 2:], energy[2:, :2], start=self.states.forces, inside=energy[:2, :2])
+        return ModulusResponse(body, self.states, vectors @ rational.turn, edge @ rational.turn, rational)

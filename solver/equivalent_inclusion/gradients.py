@@ -26,9 +26,10 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.variables import values
 from solver.axisymmetric.base_states import BaseStates, MeridianModel, base_states
 from solver.axisymmetric.base_states import model as solved_model
-from solver.axisymmetric.energy_derivatives import STEP, energy_derivatives, variables
+from solver.axisymmetric.energy_derivatives import STEP, total_derivatives, variables
 from solver.axisymmetric.gradients import OUTPUTS, Gradients, areas, by_scene
 from solver.axisymmetric.sections import Sections
+from solver.axisymmetric.state_forms import StateForms
 from solver.equivalent_inclusion.gradient_points import METRIC, QuadraturePoints
 from solver.equivalent_inclusion.probe_on_tissue import FIELDS
 from solver.inclusions.eshelby import strengths
@@ -154,21 +155,24 @@ def tumour_gradients(scene: Scene, solution: FirstOrder, names: tuple[str, ...])
     values_now[0] += solution.states.forces
     model = solution.states.model
     chain = np.array([by_scene(scene, model, name) for name in names]).reshape(len(names), len(variables(model)))
-    changes = np.einsum("nv,vkij->nkij", chain, _by_section(solution))
+    changes = np.einsum("nv,vki->nki", chain, _by_section(solution))
     for k, name in enumerate(names):
         if name.startswith("inclusion."):
-            changes[k] = _by_tumour(solution, name.removeprefix("inclusion."))
+            changes[k] = _by_tumour(solution, name.removeprefix("inclusion.")).sum(axis=2)
     return _outputs(scene, solution, names, now=values_now, changes=changes, chain=chain)
 
 
 def _by_section(solution: FirstOrder) -> Floats:
-    """Derivatives of the forces and of their slopes by the section's variables, eq. EI.4, shape (v, 2, 2, 2)."""
-    m = solution.states.model
-    whole = np.concatenate([solution.states.own, *(solution.adjoint(k) for k in solution.strengths())], axis=-1)
-    dK = energy_derivatives(m, whole, Body.INCLUSION)[0]
-    out: Floats = np.array([_explicit(solution, name) for name in variables(m)])
-    out[:, 0] += dK[:, :2, :2] - dK[:, 2:4, :2] - dK[:, :2, 2:4]
-    out[:, 1] -= dK[:, 4:, :2] + dK[:, :2, 4:]
+    """Derivatives of the films' totals and of their slopes by the section's variables, eq. EI.4, shape (v, 2, 2)."""
+    m, own = solution.states.model, solution.states.own
+    whole = np.concatenate([own, *(solution.adjoint(k) for k in solution.strengths())], axis=-1)
+    every = np.eye(6).reshape(3, 2, 6).transpose(0, 2, 1)  # the states, and two pairs of adjoint ones
+    forms = StateForms.of(every[[0, 0]], every[1:], np.sqrt(np.einsum("esm,esm->m", whole, whole)))
+    pairs = whole @ forms.states.reshape(6, -1)
+    rest = total_derivatives(m, pairs.reshape(*own.shape[:2], *forms.states.shape[1:]), Body.INCLUSION)[0]
+    dK, by_adjoint = forms.sums(rest)
+    out: Floats = np.array([_explicit(solution, name) for name in variables(m)]).sum(axis=3) - by_adjoint.transpose(1, 0, 2)
+    out[:, 0] += dK[0]
     return out
 
 
@@ -206,14 +210,14 @@ def _imaginary(values: Any) -> Floats:
 def _outputs(
     scene: Scene, solution: FirstOrder, names: tuple[str, ...], *, now: Floats, changes: Floats, chain: Floats
 ) -> Gradients:
-    """From forces and slopes, (2, 2, 2), and their derivatives, (n, 2, 2, 2), to the outputs and theirs."""
-    (totals, slopes), d_totals = now.sum(axis=2), changes.sum(axis=3)
-    logs, stiffness = d_totals[:, 0] / totals, d_totals[:, 0].sum(axis=1) / totals.sum()
+    """From forces and slopes, (2, 2, 2), and their totals' derivatives, (n, 2, 2), to the outputs and theirs."""
+    totals, slopes = now.sum(axis=2)
+    logs, stiffness = changes[:, 0] / totals, changes[:, 0].sum(axis=1) / totals.sum()
     stress = logs - chain @ areas(scene, solution.states.model)
     if scene.load.indentation is None:
         stress = stress - stiffness[:, None]
     sensitivity = slopes / totals
-    d_sensitivity = d_totals[:, 1] / totals - sensitivity * logs
+    d_sensitivity = changes[:, 1] / totals - sensitivity * logs
     ends = np.array([scene.probe.inner_area, scene.probe.outer_area])
     moved = scene.load.indentation
     indentation = (scene.load.force or 0.0) / totals.sum() if moved is None else moved

@@ -35,16 +35,16 @@ class KrylovBasis:
 
     def grow(self, loads: Floats) -> Floats:
         """Add K^-1 loads, shape (n, k), and return what came new to the basis, shape (n, 0) to (n, k)."""
-        new, images = self._orthonormal(self._solve(loads))
+        new, images = self._orthonormal(self._solve(loads), loads)
         self.vectors, self.images = np.hstack([self.vectors, new]), np.hstack([self.images, images])
         return new
 
-    def _orthonormal(self, new: Floats) -> tuple[Floats, Floats]:
+    def _orthonormal(self, new: Floats, loads: Floats) -> tuple[Floats, Floats]:
         """Make vectors orthonormal in K to the basis and each other; drop what is nothing new. Returns them and K times them.
 
         K times them is computed afresh: near incompressibility it is not the loads that they were solved for.
         """
-        new = new / np.sqrt(np.maximum(np.einsum("ik,ik->k", new, self._matrix @ new), 1e-300))
+        new = new / np.sqrt(np.maximum(np.abs(np.einsum("ik,ik->k", new, loads)), 1e-300))
         for _ in range(2):
             new = new - self.vectors @ (self.images.T @ new)
         images = self._matrix @ new

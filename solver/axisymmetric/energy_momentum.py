@@ -1,0 +1,136 @@
+"""What moving points change in a state's energy: its energy-momentum tensor at the Gauss points.
+
+By eqs. AX.5, AX.6 the energy u^T K u of one state changes by what is linear in the velocity V,
+
+    d(u^T K u) = int w [tau (s : grad u + s_t u_r / r + lambda P (D - P)) - 2 s : (grad u L) - 2 s_t u_r V_r / r^2]   (AX.13)
+
+with stresses s = 2 mu eps + lambda P, and s_t round the axis. Where moduli change instead, so do the energy's two parts:
+int w s : eps is the energy itself, int w P^2 what lambda multiplies in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.common.arrays import Floats, Ints
+from solver.axisymmetric.base_states import MeridianModel
+from solver.elements.shape_functions import Shapes
+
+
+@dataclass(frozen=True)
+class EnergyPoints:
+    """The q Gauss points of n elements, whose arrays have the shape (n, q).
+
+    Attributes:
+        shapes: the elements' functions.
+        slopes: d(x, y) / d(r, z) in the order x by r, x by z, y by r, y by z; x and y are the unit square's.
+        curvature: 1 / r.
+        weight: w.
+        two_mu, lam: times w.
+        inverse_mass: of the pressures, shape (n, pressures, pressures).
+    """
+
+    shapes: Shapes
+    slopes: tuple[Floats, ...]
+    curvature: Floats
+    weight: Floats
+    two_mu: Floats
+    lam: Floats
+    inverse_mass: Floats
+
+    @classmethod
+    def of(cls, model: MeridianModel, chosen: Ints) -> EnergyPoints:
+        """The points of some elements of a model."""
+        at, shapes = model.at.of(chosen), model.shapes
+        pressures = shapes.pressure.shape[1]
+        return cls(
+            shapes,
+            tuple(np.ascontiguousarray(at.inverse[..., k, axis]) for k in (0, 1) for axis in (0, 1)),
+            curvature=1 / at.radius,
+            weight=at.weight,
+            two_mu=at.weight * model.two_mu[chosen, None],
+            lam=at.weight * model.lam[chosen, None],
+            inverse_mass=np.asarray(np.linalg.inv((at.weight @ shapes.mass).reshape(-1, pressures, pressures)), dtype=float),
+        )
+
+    def tensors(self, values: Floats, out: Floats) -> Floats:
+        """Find what ``motions`` multiplies, and return each element's int w P_u P_v, shape (2, n), of states u, v (2, 2, n, s).
+
+        Of u alone, and of u and v, twice. The six of ``out``, (2, 6, n, q), are s_rr u_r,r + s_rz u_z,r, s_rz u_r,z + s_zz u_z,z,
+        s_t u_r / r, s_rz u_r,r + s_zz u_z,r, s_rr u_r,z + s_rz u_z,z and lambda P (D - P), all times w; of the first three the
+        energy is the sum.
+        """
+        fields = self._fields(values)
+        stresses, u, v = self._stresses(fields), fields[:, 0], fields[:, 1]
+        _work(stresses[:, 0], u, out[0])
+        _work(stresses[:, 0], v, out[1])
+        out[1] += _work(stresses[:, 1], u, np.empty_like(out[1]))
+        pressed = self.weight * u[6]
+        return np.stack([np.einsum("nq,nq->n", pressed, u[6]), 2 * np.einsum("nq,nq->n", pressed, v[6])])
+
+    def _fields(self, values: Floats) -> Floats:
+        """u_r,r, u_r,z, u_z,r, u_z,z, u_r / r, D - P and P of states (k, 2, n, s), shape (7, k, n, q)."""
+        slopes, value = self.shapes.slope, self.shapes.value
+        out = np.empty((7, len(values), *self.weight.shape))
+        for k in (0, 1):
+            self._by_space([values[:, k] @ slope.T for slope in slopes], (out[2 * k], out[2 * k + 1]))
+        np.multiply(values[:, 0] @ value.T, self.curvature, out=out[4])
+        np.add(out[0], out[3], out=out[5])
+        out[5] += out[4]
+        out[6] = self._projected(out[5])
+        out[5] -= out[6]
+        return out
+
+    def _stresses(self, fields: Floats) -> Floats:
+        """s_rr, s_zz, s_t, s_rz and lambda P, times w, of fields (7, k, n, q), shape (5, k, n, q)."""
+        out = np.empty((5, *fields.shape[1:]))
+        np.multiply(self.lam, fields[6], out=out[4])
+        for target, strain in zip(out[:3], (fields[0], fields[3], fields[4]), strict=True):
+            np.multiply(self.two_mu, strain, out=target)
+            target += out[4]
+        np.add(fields[1], fields[2], out=out[3])
+        out[3] *= self.two_mu / 2
+        return out
+
+    def motions(self, velocity: Floats) -> Floats:
+        """Return what ``tensors`` are multiplied by as nodes move with velocities (k, n, s, 2), shape (k, 6, n, q)."""
+        tangents, (along_r, along_z) = self.shapes.tangents, np.ascontiguousarray(np.moveaxis(velocity, -1, 0))
+        out = np.empty((len(velocity), 6, *self.weight.shape))
+        rr, zz, turn, rz, zr, tau = out.swapaxes(0, 1)
+        self._by_space([along_r @ slope.T for slope in tangents], (rr, rz))
+        self._by_space([along_z @ slope.T for slope in tangents], (zr, zz))
+        np.multiply(along_r @ self.shapes.geometry.T, self.curvature, out=turn)
+        np.add(rr, zz, out=tau)
+        tau += turn
+        out[:, :5] *= -2
+        out[:, :3] += tau[:, None]
+        return out
+
+    def _by_space(self, slopes: Sequence[Floats], out: Sequence[Floats]) -> None:
+        """Derivatives by r and z of what has these by x and y."""
+        by_x, by_y = slopes
+        for along, across, target in zip(self.slopes[:2], self.slopes[2:], out, strict=True):
+            np.multiply(along, by_x, out=target)
+            target += across * by_y
+
+    def _projected(self, dilation: Floats) -> Floats:
+        """Project dilations, (k, n, q), onto the pressures."""
+        moments = (self.weight * dilation) @ self.shapes.pressure
+        coefficients = (moments.transpose(1, 0, 2) @ self.inverse_mass).transpose(1, 0, 2)
+        return np.asarray(np.ascontiguousarray(coefficients) @ self.shapes.pressure.T)
+
+
+def _work(stresses: Floats, fields: Floats, out: Floats) -> Floats:
+    """The six of ``EnergyPoints.tensors`` of one state's stresses and another's fields, into ``out``, shape (6, n, q)."""
+    (radial, axial, hoop, shear, pushed), (rr, rz, zr, zz, turn, rest, _) = stresses, fields
+    for k, (a, b, c, d) in {
+        0: (radial, rr, shear, zr), 1: (axial, zz, shear, rz), 3: (axial, zr, shear, rr), 4: (radial, rz, shear, zz)
+    }.items():  # fmt: skip
+        np.multiply(a, b, out=out[k])
+        out[k] += c * d
+    np.multiply(hoop, turn, out=out[2])
+    np.multiply(pushed, rest, out=out[5])
+    return out
