@@ -2,7 +2,8 @@
 
 Usage: ``pip install -e '.[bench]'`` and ``apt-get install calculix-ccx``, then ``python -m benchmarks.peers.axisymmetric``. All
 of it takes about ten minutes on a quiet core; ``--part`` and ``--scene`` (both may be repeated) restrict it. Everything
-runs on one thread, or on ``--threads``, of which NGSolve's task manager uses what it can. Times are wall-clock medians of ``--repeats`` runs; of long runs (CalculiX, differences, growth), one.
+runs on one thread, or on ``--threads``, of which NGSolve's task manager uses what it can. Times are wall-clock medians of
+``--repeats`` runs; of long runs (CalculiX, differences, growth), one.
 
 True values are those of ``tests/reference/axisymmetric``: NGSolve of order up to 12 (``benchmarks/references/axisymmetric.py``).
 The peers are used as their best users would, see ``ngsolve_meridian.py``, ``ngsolve_settings.py``, ``calculix_meridian.py``.
