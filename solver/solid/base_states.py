@@ -11,7 +11,7 @@ from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
 from geometry.tetra.tet_mesh import TISSUE
 from solver.linalg.cholesky import Factor
-from solver.linalg.conjugate_gradients import factorised, residual, rounded, solve
+from solver.linalg.conjugate_gradients import TARGET_RESIDUAL, factorised, residual, rounded, solve
 from solver.solid.body_stiffness import Elastic, Isotropic, lame
 from solver.solid.problem import BLOCKS, STATES, Problem
 from solver.solid.regions import Region
@@ -48,7 +48,7 @@ class SolidStates:
     @property
     def residual(self) -> float:
         """What is left of the loads, relative to them, in the worst of the three states."""
-        return residual(self.problem.matrix, self.problem.loads(), self.v)
+        return residual(self.problem.matrix, self.problem.loads, self.v)
 
     @property
     def tilt(self) -> Floats:
@@ -77,7 +77,12 @@ class FactorisedStates(SolidStates):
 
 
 def solid_states(
-    problem: Problem, near: FactorisedStates | None = None, *, factor: Factor | None = None, start: Floats | None = None
+    problem: Problem,
+    near: FactorisedStates | None = None,
+    *,
+    factor: Factor | None = None,
+    start: Floats | None = None,
+    target: float = TARGET_RESIDUAL,
 ) -> FactorisedStates:
     """Solve all states.
 
@@ -86,18 +91,19 @@ def solid_states(
         near: states of other materials of the same bodies. Their factor serves again, and they are where the solution starts.
         factor: of a matrix near the problem's, where there is no such state.
         start: where the solution starts then.
+        target: relative residual that it ends with.
 
     Raises:
         SolveError: the residual is too large.
     """
     if near is not None and near.problem.supports is problem.supports:
         factor, start = near.factor, near.v
-    factor, loads = factor or factor_of(problem), problem.loads()
+    factor, loads = factor or factor_of(problem), problem.loads
     try:
-        v = solve(problem.matrix, loads, factor, start)
+        v = solve(problem.matrix, loads, factor, start, target)
     except SolveError:  # too far away, or too rough
         factor = problem.matrix.factor(single=False)
-        v = solve(problem.matrix, loads, factor)
+        v = solve(problem.matrix, loads, factor, target=target)
     return FactorisedStates(problem, v, energies(problem, v), factor)
 
 

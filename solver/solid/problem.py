@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 from geometry.common.arrays import Floats, Ints
 from geometry.tetra.tet_mesh import GROOVE, INNER, OUTER, TetMesh
 from solver.linalg.conjugate_gradients import Stiffness
-from solver.solid.body_stiffness import Elastic, Part, assembled, parts
+from solver.solid.body_stiffness import Elastic, Part, assembled, assembled_changes, parts
 from solver.solid.regions import numbers
 
 STATES = ("inner", "outer", "tilt")
@@ -151,6 +152,14 @@ class Problem:
         supports = supports or Supports.of(solid, materials)
         return cls(solid, materials, supports, Stiffness(assembled(solid.parts, materials, supports.number)))
 
+    def like(self, materials: Mapping[int, Elastic]) -> Problem:
+        """Return the problem of other materials of the same bodies: what changes is added to the stiffness that is there."""
+        changed = {body: (self.materials[body], stuff) for body, stuff in materials.items() if stuff != self.materials[body]}
+        if not changed:
+            return Problem(self.solid, materials, self.supports, self.matrix)
+        more = assembled_changes(self.solid.parts, changed, self.supports.number)
+        return Problem(self.solid, materials, self.supports, Stiffness(sp.csc_array(self.matrix.lower + more)))
+
     @property
     def share(self) -> float:
         """What the forces on the mesh are multiplied with for those on the whole."""
@@ -161,6 +170,7 @@ class Problem:
         out = self.spread(v)
         return out if body in BLOCKS else out + self.supports.lift.reshape(out.shape)
 
+    @cached_property
     def loads(self) -> Floats:
         """The right-hand sides of the states, -K_tissue lift, shape (unknowns, 3)."""
         lift = self.supports.lift.reshape(-1, len(STATES))

@@ -220,7 +220,7 @@ class TestFields:
 class TestSolver:
     def test_single_precision_gives_the_same(self) -> None:
         problem = states(6e6, ratio=0.49).problem
-        v = solve(problem.matrix, problem.loads(), problem.matrix.factor(single=True))
+        v = solve(problem.matrix, problem.loads, problem.matrix.factor(single=True))
         assert v == pytest.approx(states(6e6, ratio=0.49).v, abs=1e-7)
 
     def test_where_single_precision_fails_double_serves(self, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -246,4 +246,4 @@ class TestSolver:
                 return forces
 
         with pytest.raises(SolveError, match="relative residual"):
-            solve(states().problem.matrix, states().problem.loads(), Wrong())
+            solve(states().problem.matrix, states().problem.loads, Wrong())
