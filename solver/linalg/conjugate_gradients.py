@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from threading import TIMEOUT_MAX, Timer
@@ -17,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError, Words
@@ -58,14 +60,14 @@ class Stiffness:
         """|K| |v|, to which rounding errors are proportional, shape (n, k)."""
         return Stiffness(abs(self.lower)) @ np.abs(v)
 
-    def factor(self, single: bool = False) -> Factor:
-        """Factorise, in double or in single precision.
+    def factor(self, single: bool = False, like: MatrixAnalysis | None = None) -> Factor:
+        """Factorise, in double or in single precision; ``like`` as in ``factorised``.
 
         Raises:
             SolveError: the matrix is singular.
             LimitReached: the factors would take more memory than is allowed, or take too long.
         """
-        return factorised(rounded(self.lower) if single else self.lower)
+        return factorised(rounded(self.lower) if single else self.lower, like)
 
 
 def rounded(lower: sp.csc_array) -> sp.csc_array:
@@ -75,8 +77,36 @@ def rounded(lower: sp.csc_array) -> sp.csc_array:
     return sp.csc_array((lower.data.astype(np.float32), lower.indices, lower.indptr), shape=lower.shape)
 
 
-def factorised(lower: sp.csc_array) -> Factor:
-    """Factorise a symmetric matrix in the precision of its lower triangle.
+@dataclass(frozen=True)
+class MatrixAnalysis:
+    """Where a matrix has entries, as rslab has analysed it.
+
+    Attributes:
+        symbolic: the library's.
+        starts, rows: of the columns of the lower triangle.
+    """
+
+    symbolic: Any
+    starts: NDArray[np.int32]
+    rows: NDArray[np.int32]
+
+    @property
+    def foreign_bytes(self) -> int:
+        """What the library holds."""
+        return int(self.symbolic.heap_bytes)
+
+    def fits(self, lower: sp.csc_array) -> bool:
+        """Whether a matrix has entries at the same places."""
+        return np.array_equal(self.starts, lower.indptr) and np.array_equal(self.rows, lower.indices)
+
+
+def pattern_of(factor: Factor) -> MatrixAnalysis | None:
+    """Return the analysis behind a factor, if it is rslab's."""
+    return factor.pattern if isinstance(factor, _Ldlt) else None
+
+
+def factorised(lower: sp.csc_array, like: MatrixAnalysis | None = None) -> Factor:
+    """Factorise a symmetric matrix in the precision of its lower triangle; the analysis ``like`` serves again if it fits.
 
     Raises:
         SolveError: the matrix is singular.
@@ -87,7 +117,7 @@ def factorised(lower: sp.csc_array) -> Factor:
     give_back()
     if library is not None:
         try:
-            return _Ldlt.of(library, lower)
+            return _Ldlt.of(library, lower, like)
         except BaseException as fault:  # a panic in Rust is no Exception
             if type(fault).__module__ != PANIC:
                 raise
@@ -105,8 +135,8 @@ def _other_bytes(unknowns: int) -> float:
 class _Ldlt:
     """A factor by rslab, in the matrix's precision."""
 
-    def __init__(self, handle: Any, single: bool) -> None:
-        self.handle, self.single = handle, single
+    def __init__(self, handle: Any, single: bool, pattern: MatrixAnalysis) -> None:
+        self.handle, self.single, self.pattern = handle, single, pattern
 
     @property
     def foreign_bytes(self) -> int:
@@ -114,11 +144,10 @@ class _Ldlt:
         return int(self.handle.heap_bytes)
 
     @classmethod
-    def of(cls, library: Any, lower: sp.csc_array) -> _Ldlt:
+    def of(cls, library: Any, lower: sp.csc_array, like: MatrixAnalysis | None = None) -> _Ldlt:
         n = lower.shape[0]
-        _reserve(ANALYSED * n)
-        symbolic = library.analyze(lower, path="ldlt")
-        give_back()  # what the analysis has freed: without it hundreds of MB more at the peak
+        pattern = like if like is not None and like.fits(lower) else _analysed(library, lower)
+        symbolic = pattern.symbolic
         plan = symbolic.memory_plan(dtype=lower.dtype.name, nrhs=3)["peak_bytes"]
         check_memory(f"factors of {n} unknowns", held_bytes(n, plan))
         single, flops = lower.dtype == np.float32, symbolic.estimate_memory(lower.dtype.name)["factor_flops"]
@@ -129,7 +158,7 @@ class _Ldlt:
         watch.daemon = True
         watch.start()
         try:
-            return cls(symbolic.factor(lower, interrupt=stop), single)
+            return cls(symbolic.factor(lower, interrupt=stop), single, pattern)
         except RuntimeError as error:
             if stop.is_set:
                 check_time(f"factorising {n} unknowns")
@@ -150,6 +179,13 @@ class _Ldlt:
             return np.asarray(self.handle.solve_many(np.ascontiguousarray(forces)))
         scale = np.maximum(np.abs(forces).max(axis=0), np.finfo(float).tiny)
         return np.asarray(self.handle.solve_many((forces / scale).astype(np.float32)).astype(float) * scale)
+
+
+def _analysed(library: Any, lower: sp.csc_array) -> MatrixAnalysis:
+    _reserve(ANALYSED * lower.shape[0])
+    symbolic = library.analyze(lower, path="ldlt")
+    give_back()  # what the analysis has freed: without it hundreds of MB more at the peak
+    return MatrixAnalysis(symbolic, lower.indptr, lower.indices)
 
 
 def held_bytes(unknowns: float, factor: float) -> float:

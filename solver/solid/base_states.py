@@ -11,7 +11,7 @@ from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
 from geometry.tetra.tet_mesh import TISSUE
 from solver.linalg.cholesky import Factor
-from solver.linalg.conjugate_gradients import TARGET_RESIDUAL, factorised, residual, rounded, solve
+from solver.linalg.conjugate_gradients import TARGET_RESIDUAL, MatrixAnalysis, factorised, residual, rounded, solve
 from solver.solid.body_stiffness import Elastic, Isotropic, lame
 from solver.solid.problem import BLOCKS, STATES, Problem
 from solver.solid.regions import Region
@@ -107,10 +107,15 @@ def solid_states(
     return FactorisedStates(problem, v, energies(problem, v), factor)
 
 
-def factor_of(problem: Problem) -> Factor:
-    """Factorise: large systems in single precision, tamed where its errors in stiff bodies would outweigh the softest layer."""
+def factor_of(problem: Problem, like: MatrixAnalysis | None = None) -> Factor:
+    """Factorise: large systems in single precision, tamed where its errors in stiff bodies would outweigh the softest layer.
+
+    Args:
+        problem: whose matrix.
+        like: the analysis of a matrix that has its entries at the same places, if there was one.
+    """
     if problem.supports.unknowns <= DOUBLE:
-        return problem.matrix.factor()
+        return problem.matrix.factor(like=like)
     tamed = dict(problem.materials)
     tissue = min(stuff.youngs_modulus for body, stuff in tamed.items() if Region.of(body).body == TISSUE)
     for body, stuff in problem.materials.items():
@@ -119,8 +124,8 @@ def factor_of(problem: Problem) -> Factor:
             if modulus != stuff.youngs_modulus:
                 tamed[body] = Isotropic(modulus, stuff.poisson_ratio)
     if tamed == problem.materials:
-        return problem.matrix.factor(single=True)
-    return factorised(rounded(Problem.of(problem.solid, tamed, problem.supports).matrix.lower))  # which lets the matrix go
+        return problem.matrix.factor(single=True, like=like)
+    return factorised(rounded(Problem.of(problem.solid, tamed, problem.supports).matrix.lower), like)  # which lets the matrix go
 
 
 def energies(problem: Problem, v: Floats) -> Mapping[int, Floats]:

@@ -148,6 +148,10 @@ def _entries(part: Part, blocks: Floats, number: Ints) -> tuple[Floats, Ints, In
     return values, np.maximum(row, column), np.minimum(row, column)
 
 
-def parts(nodes: Floats, elements: Ints, body: Ints, averaged: bool = False) -> Mapping[int, Part]:
-    """Integrate every body."""
-    return {int(b): part(nodes, elements[body == b], averaged) for b in np.unique(body)}
+def parts(
+    nodes: Floats, elements: Ints, body: Ints, averaged: bool = False, known: Mapping[int, Part] | None = None
+) -> Mapping[int, Part]:
+    """Integrate every body that is not ``known``."""
+    known = known or {}
+    every = [int(b) for b in np.unique(body)]
+    return {b: known[b] if b in known else part(nodes, elements[body == b], averaged) for b in every}

@@ -26,10 +26,11 @@ import numpy as np
 from geometry.common.arrays import Floats, Ints
 from geometry.tetra.tet_mesh import INCLUSION, TetMesh
 from solver.linalg.cholesky import Factor
-from solver.linalg.conjugate_gradients import MOST, TARGET_RESIDUAL
+from solver.linalg.conjugate_gradients import MOST, TARGET_RESIDUAL, pattern_of
 from solver.linalg.workspace import current
 from solver.solid.base_states import FactorisedStates, SolidStates, factor_of, solid_states
 from solver.solid.body_stiffness import Elastic, Isotropic, lame
+from solver.solid.moved_mesh import stretches
 from solver.solid.problem import Problem, Solid, Supports
 from solver.solid.regions import Region
 
@@ -85,20 +86,23 @@ class KeptFactor:
 
     Attributes:
         regions: what was factorised, or None yet.
+        solid: the mesh integrated last.
         latest: the unknowns found last of each kind of states: where others start.
         lock: held while states are solved.
     """
 
     regions: FactorisedRegions | None = None
+    solid: Solid | None = None
     latest: dict[str, Floats] = field(default_factory=dict)
     lock: RLock = field(default_factory=RLock)
 
     def near(self, problem: Problem, base: Materials) -> Factor:
         """Return a factor near a problem's matrix, made anew where that one would be too far away."""
         if self.regions is None or not self._serves(problem, base, self.regions):
+            like = None if self.regions is None else pattern_of(self.regions.factor)
             self.regions = None  # before there is another
             whole = problem if problem.materials == base else Problem.of(problem.solid, base)
-            self.regions = FactorisedRegions(base, problem.solid.nodes, whole.supports, factor_of(whole))
+            self.regions = FactorisedRegions(base, problem.solid.nodes, whole.supports, factor_of(whole, like))
         return RestrictedFactor.of(self.regions.factor, self.regions.supports, problem.supports)
 
     @staticmethod
@@ -177,7 +181,12 @@ def kept_mesh(mesh: TetMesh, frictionless: bool) -> KeptMesh:
     elements = _digest(f"{frictionless} {mesh.half}", mesh.elements, mesh.body, mesh.beyond, mesh.layer)
     shared = current().keep((KeptFactor, elements), KeptFactor)
     nodes = _digest(elements, mesh.nodes)
-    return current().keep((KeptMesh, nodes), lambda: KeptMesh(Solid.of(mesh, frictionless), shared))
+
+    def made() -> KeptMesh:
+        shared.solid = Solid.of(mesh, frictionless, like=shared.solid)
+        return KeptMesh(shared.solid, shared)
+
+    return current().keep((KeptMesh, nodes), made)
 
 
 def _digest(head: str, *arrays: np.ndarray) -> str:
@@ -202,12 +211,6 @@ def spread(one: Materials, other: Materials) -> float:
     """How far the moduli of all regions moved against each other: the largest change over the least."""
     changes = [np.divide(_moduli(other[body]), _moduli(one[body])) for body in one]
     return float(np.max(changes) / np.min(changes))
-
-
-def stretches(elements: Ints, before: Floats, after: Floats) -> Floats:
-    """Principal stretches of elements (t, 4 or more) by their corners, for nodes (n, 3) before and after; (t, 3)."""
-    edges = [nodes[elements[:, 1:4]] - nodes[elements[:, :1]] for nodes in (before, after)]
-    return np.asarray(np.linalg.svd(np.linalg.solve(edges[0], edges[1]), compute_uv=False))
 
 
 def _lost(new: Elastic, old: Elastic) -> bool:

@@ -50,15 +50,24 @@ class Solid:
     parts: Mapping[int, Part]
 
     @classmethod
-    def of(cls, mesh: TetMesh, frictionless: bool = False, averaged: bool = True) -> Solid:
+    def of(cls, mesh: TetMesh, frictionless: bool = False, averaged: bool = True, like: Solid | None = None) -> Solid:
         """Integrate; ``averaged``: every element's dilation is its mean, which does not lock near nu = 1/2.
+
+        ``like``: of the same elements and kind; bodies whose nodes are where they were there are not integrated again.
 
         Raises:
             SolveError: an element is turned inside out.
         """
         nodes, elements, twin = _sliding(mesh) if frictionless else (mesh.nodes, mesh.elements, np.arange(len(mesh.nodes)))
         body = numbers(mesh)
-        return cls(mesh, nodes, elements=elements, body=body, twin=twin, parts=parts(nodes, elements, body, averaged))
+        known = {} if like is None else like.unmoved(nodes)
+        found = parts(nodes, elements, body, averaged, known)
+        return cls(mesh, nodes, elements=elements, body=body, twin=twin, parts=found)
+
+    def unmoved(self, nodes: Floats) -> dict[int, Part]:
+        """The parts of which no node is elsewhere in another solid of the same elements, whose nodes are given."""
+        moved = (nodes != self.nodes).any(axis=1)
+        return {body: part for body, part in self.parts.items() if not moved[self.elements[self.body == body]].any()}
 
     def on(self, bodies: Iterable[int]) -> NDArray[np.bool_]:
         """Which nodes belong to some bodies, shape (n,)."""
