@@ -18,6 +18,8 @@ MANY = 2.0  # times the coarsest mesh's cells: beyond it no lines end, for the t
 # columns from each radius to the next: in all, and on either side of a box's edge between them
 LEAST = {"axis": (3, (3, 2)), "inner edge": (2, (1, 1)), "inner": (3, (1, 1)), "hole": (3, (2, 2)), "tube": (4, (3, 3))}
 LEAST |= {"hole edge": (3, (2, 2)), "tube edge": (2, (1, 1))}
+LEAN = 0.3  # of a cell: columns under the tube's wall on a lean mesh may be short of the usual growth by so much
+SURFACE = 1.15  # cells more than the usual growth asks for in the rows under the surface of a lean mesh, but no more than 4
 THIN = 12.0  # features of the blocks: under thinner tissue no lines end, for the corners are felt below it
 
 
@@ -31,6 +33,8 @@ class Kind:
         rings: rings of cells between sphere and box, and between core and sphere.
         box: how many of the section's ``block_radii`` the box round the sphere reaches beyond; None without a sphere.
         edges: whether the blocks' edges are round.
+        lean: whether cells are few where a scan of single counts found that they change nothing: under the tube's wall, across
+            the box and below it, round the core; rows under the surface as many as their growth asks for.
         layers: interfaces of the tissue above the sphere, across it and below it.
         thin: whether the tissue above sphere or floor is thin.
         films: layers between block and base: 0, 1 (film) or 2 (film and adhesive).
@@ -49,15 +53,20 @@ class Kind:
     base: int | None
     flange: bool
     edges: bool = False
+    lean: bool = False
 
 
 @dataclass(frozen=True)
 class MeridianFineness:
-    """How fine a mesh is: a multiplier of the number of cells, 0.7 or more, geometric layers at each corner, polynomial order."""
+    """How fine a mesh is: a multiplier of the number of cells, 0.7 or more, geometric layers at each corner, polynomial order.
+
+    ``lean`` is of ``Kind``.
+    """
 
     cells: float
     layers: int
     order: int
+    lean: bool = False
 
     def count(self, cells: int, least: int = 1) -> int:
         """Number of cells where the mesh with a multiplier of 1 has ``cells``; never fewer than ``least`` of these."""
@@ -116,8 +125,10 @@ class MeshTopology:
         # three columns below a gap become one; other numbers do not, but for a single one on each side of the box's edge
         self.merging = not kind.thin and fineness.cells < MANY
         self.columns = tuple(cells if k in gap and self.merging else n(cells, 3) for k, cells in enumerate(kind.columns))
-        self.rows, self.blocks = (tuple(n(cells) for cells in part) for part in (kind.rows, kind.blocks))
-        self.rings = n(kind.rings[0], 2), n(kind.rings[1])
+        self.rows, self.blocks = tuple(n(cells, 2) if kind.lean else n(cells) for cells in kind.rows), tuple(map(n, kind.blocks))
+        if kind.lean:
+            self.rows = (*self.rows[:-1], n(kind.rows[-1], 4))
+        self.rings = n(kind.rings[0], 2), n(kind.rings[1], 1 + kind.lean)
         self.column = dict(zip(names, np.cumsum([0, *self.columns]).tolist(), strict=True))
         self.row = dict(zip(levels, np.cumsum([0, *self.rows]).tolist(), strict=True))
         self.interfaces = [self.row[f"interface {k}"] for k in range(sum(kind.layers))]
@@ -184,8 +195,8 @@ def _level_names(layers: tuple[int, int, int], sphere: bool) -> list[str]:
     return names[::-1]
 
 
-def kind(section: Section) -> Kind:
-    """Return the kind of a section, whose lengths are floats."""
+def kind(section: Section, lean: bool = False) -> Kind:
+    """Return the kind of a section, whose lengths are floats; where there is no sphere or edges are round no mesh is lean."""
     s, sphere = section, SphereBox.of(section)
     box = None if sphere is None else sphere.widest_place(s)
     films, base = int(s.film > 0) + int(s.adhesive > 0), None
@@ -195,7 +206,12 @@ def kind(section: Section) -> Kind:
     rings = (0, 0) if sphere is None else tuple(_cells(ring)[0] for ring in sphere.rings())
     thin = bool(s.under_blocks < THIN * s.block_size)
     above, across = s.interfaces_apart
-    columns, rows = _cells(_radii(s, box, sphere)), _cells(_tissue_levels(s, sphere, thin))
+    radii, levels = _radii(s, box, sphere), _tissue_levels(s, sphere, thin)
+    columns, rows = _cells(radii), _cells(levels)
+    lean = lean and not s.edge_radius
+    if lean and sphere is not None:
+        columns, rings = _lean_columns(columns, radii, box), (rings[0], ceil(_folds(sphere.rings()[1])[0]))
+        rows = _lean_rows(levels, thin, wide=columns[1 + (box == 0)] != 3 or box == 1)
     return Kind(
         columns,
         rows,
@@ -208,6 +224,7 @@ def kind(section: Section) -> Kind:
         base=base,
         flange=bool(s.flange_radius > 0),
         edges=bool(s.edge_radius > 0),
+        lean=lean and sphere is not None,
     )
 
 
@@ -244,8 +261,27 @@ def _joined(breaks: Breaks, cells: tuple[int, ...]) -> Any:
 
 def _cells(breaks: Breaks) -> tuple[int, ...]:
     """Numbers of cells between the breaks on the coarsest mesh."""
-    ends = zip(pairwise(breaks.places), pairwise(breaks.sizes), breaks.least, strict=True)
-    return tuple(max(least, ceil(folds(low, high, a, b) / FOLDS)) for (low, high), (a, b), least in ends)
+    return tuple(max(least, ceil(grown)) for grown, least in zip(_folds(breaks), breaks.least, strict=True))
+
+
+def _folds(breaks: Breaks) -> list[float]:
+    """Cells between the breaks as their growth alone asks for."""
+    ends = zip(pairwise(breaks.places), pairwise(breaks.sizes), strict=True)
+    return [folds(*places, *sizes) / FOLDS for places, sizes in ends]
+
+
+def _lean_columns(columns: tuple[int, ...], breaks: Breaks, box: int | None) -> tuple[int, ...]:
+    """Two columns under the tube's wall where they nearly do, and the box's edge does not part them."""
+    wall = 2 + (box in (0, 1))
+    few = box != 2 and _folds(breaks)[wall] < 2 + LEAN
+    return *columns[:wall], 2 if few else columns[wall], *columns[wall + 1 :]
+
+
+def _lean_rows(breaks: Breaks, thin: bool, wide: bool) -> tuple[int, ...]:
+    """Fewer rows across the box and below it, and under the surface where cells need not grow much below a narrow gap."""
+    *below, under = _folds(breaks)
+    least = 2 if thin else 4 if wide else max(3, min(4, ceil(under + SURFACE)))
+    return *(max(2, ceil(one)) for one in below), max(least, ceil(under))
 
 
 def _radii(s: Section, box: int | None, sphere: SphereBox | None) -> Breaks:

@@ -6,6 +6,7 @@ All functions take and return floats or complex numbers (for derivatives by comp
 
 from __future__ import annotations
 
+from math import log1p
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ def smooth_max(a: Lengths, b: Lengths, blur: Lengths) -> Any:
 
 def folds(low: float, high: float, low_size: float | None = None, high_size: float | None = None) -> float:
     """How many times cells grow e-fold between two ends: the integral of which ``graded`` gives each cell its share."""
-    return float(sum(np.log1p((high - low) / size) for size in (low_size, high_size) if size is not None))
+    return float(sum(log1p((high - low) / size) for size in (low_size, high_size) if size is not None))
 
 
 def graded(low: Lengths, high: Lengths, cells: int, low_size: Lengths | None = None, high_size: Lengths | None = None) -> Any:

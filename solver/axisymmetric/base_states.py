@@ -23,7 +23,7 @@ from geometry.meridian.section import Body, Section
 from geometry.scenes.probe import Material
 from solver.axisymmetric.condensed_system import System
 from solver.axisymmetric.dofs import Interface, numbering
-from solver.elements.quadrilateral import Blocks, Geometry, geometry, lame, matrices, stiffness
+from solver.elements.quadrilateral import Blocks, Condensed, Geometry, geometry, lame, matrices, stiffness
 from solver.elements.shape_functions import Shapes, shapes
 from solver.linalg.workspace import current, kept
 
@@ -43,7 +43,7 @@ class MeridianModel:
         shapes: their functions.
         at: their geometry.
         two_mu, lam: of each element, shape (n,).
-        recovery: what gives the values inside an element from those on corners and edges, shape (n, 2 (p-1)^2, 8 p).
+        condensed: the elements' matrices without their insides.
         system: of the unknowns on corners and edges.
     """
 
@@ -55,8 +55,13 @@ class MeridianModel:
     at: Geometry
     two_mu: Floats
     lam: Floats
-    recovery: Floats
+    condensed: Condensed
     system: System
+
+    @cached_property
+    def recovery(self) -> Floats:
+        """What gives the values inside an element from those on corners and edges, shape (n, 2 (p-1)^2, 8 p)."""
+        return self.condensed.recovery()
 
     def parts(self, chosen: Ints) -> tuple[Floats, Floats]:
         """Matrices of some elements per unit 2 mu and lambda, shape (e, 2 s, 2 s) both; u_r before u_z. They are not kept."""
@@ -120,7 +125,7 @@ def model(
         SolveError: the mesh has a cell without area.
         LimitReached: it has too many cells for the limit of memory, or the time is over.
     """
-    mesh = _mesh(kind or kind_of(section), fineness)
+    mesh = _mesh(kind or kind_of(section, fineness.lean), fineness)
     functions = shapes(fineness.order)
     size = 16 * len(mesh.body) * (2 * len(functions.degrees)) ** 2
     check_memory("a finer mesh", WHOLE * size)
@@ -131,8 +136,8 @@ def model(
     count = max(1, int(BLOCK / (8 * (2 * len(functions.degrees)) ** 2)))
     blocks = [slice(low, low + count) for low in range(0, len(mesh.body), count)]
     parts = [stiffness(at.of(one), functions, two_mu[one], lam[one]).condensed() for one in blocks]
-    edge, recovery = (np.concatenate(part) for part in zip(*parts, strict=True))
-    system = System.of(numbering(mesh, fineness.order, interface), edge)
+    whole = Condensed.joined(parts)
+    system = System.of(numbering(mesh, fineness.order, interface), whole.stiffness)
     return MeridianModel(
         section,
         materials,
@@ -142,7 +147,7 @@ def model(
         at=at,
         two_mu=two_mu,
         lam=lam,
-        recovery=recovery,
+        condensed=whole,
         system=system,
     )
 
@@ -154,17 +159,15 @@ def base_states(model: MeridianModel) -> BaseStates:
         SolveError: the residual of the solution is too large to be trusted.
     """
     system = model.system
-    lift = system.numbering.lift
-    v, unbalanced, residual = system.solve(np.zeros((system.numbering.unknowns, 2)), lift, passes=2)
-    own, shift = system.own(v, lift), system.shifts(v, lift)
-    forces = products(own, system.stiffness @ own)
-    hidden = np.abs(
-        unbalanced.T @ system.factor.solve(unbalanced)
-    )  # what the forces would change if the equations were met exactly
+    found = system.solve(np.zeros((system.numbering.unknowns, 2)), system.numbering.lift, passes=2)
+    own, unbalanced = found.own, found.unbalanced
+    forces = products(own, found.loads)
+    # what the forces would change if the equations were met exactly
+    hidden = np.abs(unbalanced.T @ system.factor.solve(unbalanced))
     # ten standard deviations of the energy when every entry of the matrices carries an independent rounding error
     variance = products(own**2, system.stiffness**2 @ own**2)
     rounding = 10 * np.finfo(float).eps * np.sqrt(variance) + hidden
-    return BaseStates(model, v, edge=own, shift=shift, forces=forces, rounding=rounding, residual=residual)
+    return BaseStates(model, found.v, edge=own, shift=found.shift, forces=forces, rounding=rounding, residual=found.residual)
 
 
 def products(a: Floats, b: Floats) -> Floats:

@@ -42,31 +42,30 @@ class System:
 
     def own(self, v: Floats, lift: Floats | float = 0.0) -> Floats:
         """The elements' own values of displacements v (unknowns, k) and lift (n, 8 p, k), rigid shifts taken out; (n, 8 p, k)."""
-        local = self._local(v, lift)
-        up = self.numbering.vertical
-        return np.asarray(local - local[:, None, np.argmax(up)] * up[:, None])
+        return self._unshifted(self._local(v, lift))[0]
 
-    def shifts(self, v: Floats, lift: Floats | float = 0.0) -> Floats:
-        """The rigid shifts along z that ``own`` takes out, shape (n, k)."""
-        return self._local(v, lift)[:, np.argmax(self.numbering.vertical)]
+    def _unshifted(self, local: Floats) -> tuple[Floats, Floats]:
+        """Elements' values without their rigid shifts along z, and these, (n, k)."""
+        up = self.numbering.vertical
+        shift = local[:, np.argmax(up)]
+        return local - shift[:, None] * up[:, None], shift
 
     def _local(self, v: Floats, lift: Floats | float) -> Floats:
         return np.asarray((self.numbering.gather @ v).reshape(*self.stiffness.shape[:2], v.shape[1]) + lift)
 
     def add_up(self, forces: Floats) -> Floats:
         """Add the elements' forces, shape (n, 8 p, k), to those of the unknowns."""
-        return np.asarray(self.numbering.gather.T @ forces.reshape(self.numbering.gather.shape[0], forces.shape[-1]))
+        return np.asarray(self.numbering.spread @ forces.reshape(self.numbering.gather.shape[0], forces.shape[-1]))
 
     def lifted(self, lift: Floats) -> Floats:
         """Forces of the lift alone, shape (unknowns, k); few elements have any."""
         some = np.flatnonzero(np.any(lift != 0, axis=(1, 2)))
-        local, up = lift[some], self.numbering.vertical
         forces = np.zeros((*self.stiffness.shape[:2], lift.shape[-1]))
-        forces[some] = self.stiffness[some] @ (local - local[:, None, np.argmax(up)] * up[:, None])
+        forces[some] = self.stiffness[some] @ self._unshifted(lift[some])[0]
         return self.add_up(forces)
 
-    def solve(self, forces: Floats, lift: Floats | float = 0.0, passes: int = 1) -> tuple[Floats, Floats, float]:
-        """Return displacements v with K (v + lift) = forces, what is left of the forces, (unknowns, k) both, and its share.
+    def solve(self, forces: Floats, lift: Floats | float = 0.0, passes: int = 1) -> Solution:
+        """Solve K (v + lift) = forces, and again for what is left in as many ``passes`` as asked.
 
         Raises:
             SolveError: what is left is too large for the solution to be trusted.
@@ -75,15 +74,35 @@ class System:
         unbalanced = forces - self.lifted(lift) if isinstance(lift, np.ndarray) else forces
         for _ in range(passes):
             v = v + self.factor.solve(unbalanced)
-            unbalanced = forces - self.add_up(self.stiffness @ self.own(v, lift))
-        scale = np.linalg.norm(self._magnitude(v, lift) + np.abs(forces), axis=0)
+            local = self._local(v, lift)
+            own, shift = self._unshifted(local)
+            loads = self.stiffness @ own
+            unbalanced = forces - self.add_up(loads)
+        magnitude = self.numbering.reach @ (np.abs(self.stiffness) @ np.abs(local)).reshape(-1, v.shape[-1])
+        scale = np.linalg.norm(magnitude + np.abs(forces), axis=0)
         residual = float(np.max(np.linalg.norm(unbalanced, axis=0) / np.where(scale > 0, scale, 1.0)))
         if not residual <= LARGEST_RESIDUAL:
             allowed = f"relative residual {residual:.1e}, allowed {LARGEST_RESIDUAL:.0e}"
             raise SolveError(f"the linear system was not solved: {allowed}")
-        return v, unbalanced, residual
+        return Solution(v, own, shift, loads=loads, unbalanced=unbalanced, residual=residual)
 
-    def _magnitude(self, v: Floats, lift: Floats | float) -> Floats:
-        """|K| |u|, to which rounding errors are proportional."""
-        local = np.abs((self.numbering.gather @ v).reshape(*self.stiffness.shape[:2], -1)) + np.abs(lift)
-        return np.asarray(abs(self.numbering.gather).T @ (np.abs(self.stiffness) @ local).reshape(-1, v.shape[-1]))
+
+@dataclass(frozen=True)
+class Solution:
+    """Displacements under k sets of forces.
+
+    Attributes:
+        v: the unknowns, shape (unknowns, k).
+        own: the elements' own values, rigid shifts taken out, shape (n, 8 p, k).
+        shift: these shifts along z, shape (n, k).
+        loads: the elements' forces, shape (n, 8 p, k).
+        unbalanced: what is left of the forces, shape (unknowns, k).
+        residual: its share of |K| |u|, to which rounding errors are proportional, the largest.
+    """
+
+    v: Floats
+    own: Floats
+    shift: Floats
+    loads: Floats
+    unbalanced: Floats
+    residual: float

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, field
-from typing import Literal
+from functools import cached_property
+from typing import Any, Literal
 
 import numpy as np
 import scipy.sparse as sp
@@ -11,7 +13,7 @@ import scipy.sparse as sp
 from geometry.common.arrays import Bools, Floats, Ints
 from geometry.meridian.mesh import Topology, labels, line_label
 from geometry.meridian.section import TISSUES, Body
-from solver.linalg.cholesky import Pattern
+from solver.linalg.cholesky import Factor, Pattern, factorise
 from solver.linalg.workspace import kept
 
 Interface = Literal["bonded", "frictionless", "apart"]  # apart: no ties, what touches is told elsewhere (solver/contact)
@@ -32,8 +34,9 @@ class Numbering:
         lift: the elements' own values of each state's rigid shift of a block, for the tissue's elements alone, shape
             (n, 8 p, 2); blocks, whose shift strains nothing, are told without it.
         rows, starts: of the system's matrix in compressed columns.
-        slots: for each entry of the elements' matrices its place in the data, or one beyond the last; shape (n (8 p)^2,).
+        sums: of the entries of the elements' matrices, with their signs, to those of the system's; shape (entries, n (8 p)^2).
         signs: of the elements' own values, shape (n, 8 p).
+        degrees: of the unknowns' functions, 1 at corners, shape (unknowns,).
         vertical: the elements' own values that a shift along z sets to 1, shape (8 p,); none where m > 0.
         pattern: of the matrices of systems that are used one after the other.
     """
@@ -42,8 +45,9 @@ class Numbering:
     lift: Floats
     rows: Ints
     starts: Ints
-    slots: Ints
+    sums: sp.csr_array
     signs: Floats
+    degrees: Ints
     vertical: Floats
     pattern: Pattern = field(default_factory=Pattern)
 
@@ -54,9 +58,23 @@ class Numbering:
 
     def assemble(self, stiffness: Floats) -> sp.csc_array:
         """Add up the elements' matrices, shape (n, 8 p, 8 p)."""
-        signed = self.signs[:, :, None] * stiffness * self.signs[:, None]
-        data = np.bincount(self.slots, weights=signed.ravel(), minlength=len(self.rows) + 1)[:-1]
-        return sp.csc_array((data, self.rows, self.starts), shape=(self.unknowns,) * 2)
+        matrix = copy(self._empty)  # its rows are looked at once
+        matrix.data = self.sums @ stiffness.ravel()
+        return matrix
+
+    @cached_property
+    def spread(self) -> sp.csr_array:
+        """``gather`` the other way: from the elements' forces to those of the unknowns."""
+        return self.gather.T.tocsr()
+
+    @cached_property
+    def reach(self) -> sp.csr_array:
+        """``spread`` without signs."""
+        return abs(self.spread)
+
+    @cached_property
+    def _empty(self) -> sp.csc_array:
+        return sp.csc_array((np.zeros(len(self.rows)), self.rows, self.starts), shape=(self.unknowns,) * 2)
 
 
 @kept
@@ -76,9 +94,45 @@ def numbering(mesh: Topology, order: int, interface: Interface, m: int = 0) -> N
         lift[:, 1] = np.where(probe[:, None, None], 0.0, -under[functions])
         vertical[1, :4] = 1.0
     every = np.tile(signs, components)
+    degrees = np.repeat(ends[:, 5], components).astype(int)[free]  # ties are between functions of one degree
+    pattern = _pattern(dofs, every, len(free))
     return Numbering(
-        _gather(dofs, every, len(free)), lift.reshape(len(functions), -1, 2), *_pattern(dofs, len(free)), every, vertical.ravel()
+        _gather(dofs, every, len(free)), lift.reshape(len(functions), -1, 2), *pattern, every, degrees, vertical.ravel()
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Subspace:
+    """The unknowns of functions up to a degree.
+
+    Attributes:
+        unknowns: their numbers.
+        entries: of the matrix's data, those between them.
+        rows, starts: of their matrix in compressed columns.
+        pattern: of their matrices.
+    """
+
+    unknowns: Ints
+    entries: Ints
+    rows: Ints
+    starts: Ints
+    pattern: Pattern = field(default_factory=Pattern)
+
+    def factor(self, matrix: sp.csc_array) -> Factor:
+        """Factorise a matrix of all unknowns restricted to these."""
+        restricted = (matrix.data[self.entries], self.rows, self.starts)
+        return factorise(sp.csc_array(restricted, shape=(len(self.unknowns),) * 2), self.pattern)
+
+
+@kept
+def subspace(numbering: Numbering, degree: int) -> Subspace:
+    """The functions of degree ``degree`` at most."""
+    inside = numbering.degrees <= degree
+    number: Any = np.cumsum(inside, dtype=np.int32) - 1
+    columns = np.repeat(np.arange(numbering.unknowns), np.diff(numbering.starts))
+    entries = np.flatnonzero(inside[numbering.rows] & inside[columns])
+    starts: Any = np.concatenate([[0], np.cumsum(np.bincount(number[columns[entries]]))]).astype(np.int32)
+    return Subspace(np.flatnonzero(inside), entries, number[numbering.rows[entries]], starts)
 
 
 def _functions(corners: Floats, probe: Bools, order: int) -> tuple[Ints, Floats, Floats]:
@@ -137,11 +191,12 @@ def _gather(dofs: Ints, signs: Floats, unknowns: int) -> sp.csr_array:
     return sp.csr_array((signs.ravel()[free], (free, dofs.ravel()[free])), shape=(dofs.size, unknowns))
 
 
-def _pattern(dofs: Ints, unknowns: int) -> tuple[Ints, Ints, Ints]:
-    """Rows and column starts of the matrix, and the place of every entry of the elements' matrices in it."""
+def _pattern(dofs: Ints, signs: Floats, unknowns: int) -> tuple[Ints, Ints, sp.csr_array]:
+    """Rows and column starts of the matrix, and the sums of its entries."""
     row, column = dofs[:, :, None], dofs[:, None, :]
-    key = np.where((row >= 0) & (column >= 0), column * unknowns + row, unknowns**2).ravel()
-    keys, slots = np.unique(key, return_inverse=True)
-    keys = keys[keys < unknowns**2]
+    some = np.flatnonzero((row >= 0) & (column >= 0))
+    keys, slots = np.unique((column * unknowns + row).ravel()[some], return_inverse=True)
+    both = (signs[:, :, None] * signs[:, None]).ravel()[some]
+    sums = sp.csr_array((both, (slots.astype(np.int32), some.astype(np.int32))), shape=(len(keys), row.size * dofs.shape[1]))
     starts = np.searchsorted(keys, np.arange(unknowns + 1) * unknowns)
-    return (keys % unknowns).astype(np.int32), starts.astype(np.int32), slots.astype(np.int32)
+    return (keys % unknowns).astype(np.int32), starts.astype(np.int32), sums

@@ -1,17 +1,21 @@
 """Error bounds from one mesh: its answer against those of lower orders on its corners and edges.
 
 Functions of degree p on edges left out, the same element matrices are those of a smaller space: nothing is integrated or
-condensed again, and a factorisation of two thirds of the unknowns or less tells what the last degree changed; another, of fewer
-still, what the one before it did. With w the change of a state and W = w_1 + w_2, F_ij changes by the energy a(w_i, w_j) exactly
+condensed again, and a factorisation of two thirds of the unknowns or less tells what the last degree changed. What the one before
+it did is no more than the energy of that state's own part of degree p - 1, which no other state of its space without it can be
+farther from. With w the change of a state and W = w_1 + w_2, F_ij changes by the energy a(w_i, w_j) exactly
 (Galerkin's orthogonality), element by element, so that changes cannot cancel unseen:
 
     e_i = sum over elements c_e d_e,   d_e = |a_e(w_i, W)| + 1/10 sqrt(a_e(w_i, w_i) a_e(W, W))        (AX.10)
-    c_e = min(c, max(1, k q / (1 - q))),   q = d_e at degree p over d_e at degree p - 1        (AX.11)
+    c_e = min(c, max(1, k q / (1 - q))),   q = d_e over that of the smaller state's part of degree p - 1        (AX.11)
 
 bounds film i's total. Were all errors those of corners, where p^-2 is left at degree p, 16/9, 25/11 and 36/13 of the change
 would be left at degrees 4 to 6, twice q / (1 - q); where changes fall by q with each degree, q / (1 - q) is, and never less than
-the change once a corner's own error is all there is. c = 5/2, 5/2, 4 and k = 6 at degree 4; above it c_e = c, for changes in
+the change once a corner's own error is all there is. c = 5/2, 5/2, 4 and k = 12 at degree 4; above it c_e = c, for changes in
 elements that are much longer than wide fall less there than they did before (``benchmarks/extremes/one_mesh.py``).
+
+From degree 5 on the state's own part of degree p tells nearly as much, and nothing is factorised: its energy is no less than
+that of w, for the smaller state is the best of all without that part. c_e = 11/5 then.
 
 A curve's states at every modulus are sums of a few vectors (eq. AX.9), and so are those of the smaller space, the best of these
 vectors' projections on it. There may be better ones, so that their energies tell too much if anything:
@@ -27,17 +31,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.common.arrays import Floats
+from geometry.common.arrays import Floats, Ints
 from geometry.meridian.section import Body, Section
 from solver.axisymmetric.base_states import BaseStates, MeridianModel, products
-from solver.axisymmetric.condensed_system import System
-from solver.axisymmetric.dofs import numbering
+from solver.axisymmetric.dofs import subspace
 from solver.axisymmetric.refinement import SampleErrors
 from solver.axisymmetric.sample import MeshSample
 from solver.linalg.rational_response import RationalResponse
 
 MOST = {4: 2.5, 5: 2.5, 6: 4.0}  # by order: c of eq. AX.10
-RATES = {4: 6.0}  # by order: k of eq. AX.11
+MOST_OF_OWN = {5: 2.2, 6: 2.2}  # likewise, of the state's own part of degree p
+RATES = {4: 12.0}  # by order: k of eq. AX.11
 LEAST = 1.0  # of eq. AX.11
 CANCELLING = 0.1  # of eq. AX.10
 DEPENDENT = 1e-12  # share of the largest energy below which a vector of the smaller space is none
@@ -80,23 +84,37 @@ class _Curve:
 
 
 def order_errors(sample: MeshSample) -> SampleErrors:
-    """Bounds on the errors of a sample from its own mesh, of an order in ``MOST``.
+    """Bounds on the errors of a sample from its own mesh, of an order in ``MOST``, and what it is on the next smaller space."""
+    own, order = _own(sample), sample.states.model.shapes.order
+    low = _lower(sample, own, order - 1)
+    return _errors(sample, own, low, _shares(sample, own, low, MOST[order], RATES.get(order)))
+
+
+def own_errors(sample: MeshSample) -> SampleErrors | None:
+    """Likewise without a smaller space, from an order in ``MOST_OF_OWN``, else None; wider, and for a tenth of the time."""
+    own, order = _own(sample), sample.states.model.shapes.order
+    if order not in MOST_OF_OWN:
+        return None
+    values = own.values.copy()
+    values[:, _of_degree(sample.states.model, order)] = 0.0
+    low = _Curve(values, own.rational)
+    return _errors(sample, own, low, _shares(sample, own, low, MOST_OF_OWN[order]))
+
+
+def _errors(sample: MeshSample, own: _Curve, low: _Curve, shares: Floats) -> SampleErrors:
+    """Bounds from states of a smaller space and the shares of eq. AX.12.
 
     The log-sensitivity is the difference of both films' own: each of these is bounded by what the last degree changed of it and,
     should that vanish by chance, by as large a share of itself as its film's force. A smaller system that is solved badly adds to
     the bounds: its energy is the least.
     """
-    own, times = _own(sample), sample.times
-    low = _lower(sample, own, sample.states.model.shapes.order - 1)
-    energies = _energies(
-        sample, np.concatenate([low.values, own.values], axis=2), np.hstack([low.at(times), -own.at(times)]), times
-    )
-    bound = _shares(sample, own, low) * _cauchy(energies)
+    times = sample.times
+    values, at = np.concatenate([low.values, own.values], axis=2), np.hstack([low.at(times), -own.at(times)])
+    energies = _energies(sample, values, at, times)
+    bound = shares * _cauchy(energies)
     totals, slope = sample.totals, sample.slope.sum(axis=2)
-    share, lower_slope = (
-        _share(slope, totals),
-        times[:, None] * _inclusion_energies(sample, low.values, low.at(times)).sum(axis=2),
-    )
+    share = _share(slope, totals)
+    lower_slope = times[:, None] * _inclusion_energies(sample, low.values, low.at(times)).sum(axis=2)
     change = np.abs(_share(lower_slope, totals + energies.sum(axis=2)) - share)
     part = _share(bound, np.maximum(np.abs(totals) - bound, 0.0), np.inf)  # of the force that the error may leave
     films = SLOPES * change + np.abs(share) * part
@@ -113,19 +131,17 @@ def lower_order(states: BaseStates, vectors: Floats, degree: int, stiffest: floa
         stiffest: a modulus of the inclusion, as a multiple of that of ``states``. Above 1 both states are solved for there, too,
             and what they differ by from the first comes last: there what an inclusion that is nearly rigid is strained by counts.
     """
-    model = states.model
-    degrees = model.shapes.degrees[: model.shapes.skeleton].max(axis=1)
-    kept = np.flatnonzero(np.tile(degrees, 2) <= degree)
-    numbers = numbering(model.mesh, degree, model.interface)
-    smaller = System.of(numbers, np.ascontiguousarray(model.system.stiffness[:, kept][:, :, kept]))
-    forces = model.system.stiffness[:, kept] @ vectors
-    found = smaller.factor.solve(np.hstack([-smaller.lifted(numbers.lift), smaller.add_up(forces)]))
+    system, lift = states.model.system, states.model.system.numbering.lift
+    space = subspace(system.numbering, degree)
+    pushed = -system.lifted(lift)[space.unknowns]
+    forces = system.add_up(system.stiffness @ vectors)[space.unknowns]
+    found = space.factor(system.matrix).solve(np.hstack([pushed, forces]))
     if stiffest > 1:
-        stiffer = System.of(numbers, smaller.stiffness * _in_inclusion(model, stiffest))
-        found = np.hstack([found, -stiffer.factor.solve(stiffer.lifted(numbers.lift)) - found[:, :2]])
-    out = np.zeros((*states.edge.shape[:2], found.shape[1]))
-    out[:, kept, :2], out[:, kept, 2:] = smaller.own(found[:, :2], numbers.lift), smaller.own(found[:, 2:])
-    return out
+        matrix = system.numbering.assemble(system.stiffness * _in_inclusion(states.model, stiffest))
+        found = np.hstack([found, space.factor(matrix).solve(pushed) - found[:, :2]])
+    v = np.zeros((system.numbering.unknowns, found.shape[1]))
+    v[space.unknowns] = found
+    return np.concatenate([system.own(v[:, :2], lift), system.own(v[:, 2:])], axis=2)
 
 
 def _in_inclusion(model: MeridianModel, time: float) -> Floats:
@@ -171,28 +187,39 @@ def _energies(sample: MeshSample, values: Floats, at: Floats, times: Floats) -> 
     return np.asarray(at.transpose(0, 2, 1) @ whole @ at + (times[:, None, None] - 1) * _inclusion_energies(sample, values, at))
 
 
-def _shares(sample: MeshSample, own: _Curve, low: _Curve) -> Floats:
+def _shares(sample: MeshSample, own: _Curve, low: _Curve, most: float, rate: float | None = None) -> Floats:
     """What of eq. AX.12 changes little with the modulus, shape (k, 2)."""
     model, order = sample.states.model, sample.states.model.shapes.order
     times = np.ones(1) if sample.response is None else np.geomspace(sample.times.min(), sample.times.max(), SAMPLED)
-    lower, shares = _lower(sample, own, order - 2) if order in RATES else None, []
+    before_last, shares = _of_degree(model, order - 1), []
     for time in times:
-        known, next_known = own.state(time), low.state(time)
-        stiffness = _in_inclusion(model, time)
-        energies = stiffness * _of_elements(model, next_known - known)
+        smaller, stiffness = low.state(time), _in_inclusion(model, time)
+        energies = stiffness * _of_elements(model, smaller - own.state(time))
         last = _sizes(energies)
-        left = np.full_like(last, MOST[order])
-        if lower is not None:
-            before = _sizes(stiffness * _of_elements(model, lower.state(time) - next_known))
-            left = np.clip(RATES[order] * _share(last, np.maximum(before - last, 0.0), np.inf), LEAST, left)  # eq. AX.11
+        left = np.full_like(last, most)
+        if rate is not None:
+            before = _sizes(stiffness * _of_elements(model, smaller, before_last))
+            left = np.clip(rate * _share(last, np.maximum(before - last, 0.0), np.inf), LEAST, left)  # eq. AX.11
         shares.append(_share((left * last).sum(axis=0), _cauchy(energies.sum(axis=0)[None])[0]))
     above = np.clip(np.searchsorted(times, sample.times), min(1, len(times) - 1), len(times) - 1)
     return np.asarray(np.maximum(np.array(shares)[above], np.array(shares)[np.maximum(above - 1, 0)]))
 
 
-def _of_elements(model: MeridianModel, change: Floats) -> Floats:
-    """a_e(w_i, w_j) at the model's moduli, shape (n, 2, 2)."""
-    return np.asarray(change.transpose(0, 2, 1) @ (model.system.stiffness @ change))
+def _of_degree(model: MeridianModel, degree: int) -> Ints:
+    """The elements' values that are of one degree on edges."""
+    return np.flatnonzero(np.tile(_degrees(model), 2) == degree)
+
+
+def _degrees(model: MeridianModel) -> Ints:
+    return np.asarray(model.shapes.degrees[: model.shapes.skeleton].max(axis=1))
+
+
+def _of_elements(model: MeridianModel, change: Floats, some: Ints | None = None) -> Floats:
+    """a_e(w_i, w_j) at the model's moduli, of all or of some of the elements' values, shape (n, 2, 2)."""
+    stiffness = model.system.stiffness
+    if some is not None:
+        change, stiffness = change[:, some], stiffness[:, some[:, None], some]
+    return np.asarray(change.transpose(0, 2, 1) @ (stiffness @ change))
 
 
 def _cauchy(energies: Floats) -> Floats:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -18,16 +18,17 @@ from solver.results.warnings import Note
 # order, layers at corners and at last the number of cells rise together: errors fall by 3 to 10 from one to the next
 LEVELS = (
     MeridianFineness(1, 2, 3),
-    MeridianFineness(1, 2, 4),
-    MeridianFineness(1, 3, 5),
-    MeridianFineness(1, 3, 6),
+    MeridianFineness(1, 2, 4, lean=True),
+    MeridianFineness(1, 3, 5, lean=True),
+    MeridianFineness(1, 3, 6, lean=True),
     MeridianFineness(1, 4, 8),
     MeridianFineness(1.5, 5, 8),
     MeridianFineness(2, 6, 8),
 )
 COARSE_ENOUGH = (3e-3, 3e-4)  # accuracies below which the first, the second level is left out
-LIGHT = MeridianFineness(0.7, 2, 4)  # tried first where none is left out and one mesh tells its own error
-LIGHT_FOR = (3e-3, 0.05)  # accuracies it is tried for: it seldom does below, and above its changes do not fall yet
+LIGHT = MeridianFineness(0.7, 1, 4, lean=True)  # tried first where none is left out and one mesh tells its own error
+LIGHT_FOR = 3e-3  # accuracies it is tried for, or above: it seldom does below
+BELIEVED = 0.02  # bounds of its that are believed: where they are wider its changes need not fall yet
 ONE_MESH = (4, 5, 6)  # orders of meshes that do
 UNSEEN_DROP = 1.5  # by which errors are trusted to fall from one level to the next before it is seen
 LEAST_SHARE = 1.5  # of the last change: the least that the error bound keeps
@@ -47,7 +48,7 @@ def refine(
     solve: Callable[[MeridianFineness], MeshSample],
     accuracy: float,
     good: Callable[[MeshSample, SampleErrors], bool],
-    alone: Callable[[MeshSample], SampleErrors] | None = None,
+    alone: Sequence[Callable[[MeshSample], SampleErrors | None]] = (),
 ) -> tuple[MeshSample, SampleErrors, str | None]:
     """Return the first sample that is good enough with its errors, or that of the finest mesh that could be solved.
 
@@ -57,7 +58,7 @@ def refine(
         solve: solves on a mesh.
         accuracy: relative.
         good: whether a sample with its errors is good enough.
-        alone: the errors of a sample from its own mesh of an order in ``ONE_MESH``, where that can be told.
+        alone: what may tell the errors of a sample from its own mesh, of an order in ``ONE_MESH``, the cheapest first.
 
     Raises:
         SolveError: not even two meshes could be solved, or one where that is asked.
@@ -65,22 +66,24 @@ def refine(
     """
     history: dict[MeridianFineness, MeshSample] = {}
     best: tuple[MeshSample, SampleErrors] | None = None
-    for level in _ladder(accuracy, alone is not None):
+    for level in _ladder(accuracy, bool(alone)):
         try:
             found = solve(level)
             if level != LIGHT:
                 history[level] = found
-            known = _known(found, [history[one] for one in LEVELS if one in history], alone if level.order in ONE_MESH else None)
+            solved = [history[one] for one in LEVELS if one in history]
+            for bounds in _known(found, solved, alone if level.order in ONE_MESH else ()):
+                finest = found if level == LIGHT else solved[-1]
+                if level == LIGHT and _worst(finest, bounds) > BELIEVED:
+                    continue
+                if good(finest, bounds):
+                    return finest, bounds, None
+                if best is None or _worst(finest, bounds) < _worst(*best):  # rounding may grow from mesh to mesh
+                    best = finest, bounds
         except (SolveError, LimitReached) as fault:
             if best is None:
                 raise
             return *best, Note("limit", str(fault)) if isinstance(fault, LimitReached) else str(fault)
-        if known is None:
-            continue
-        if good(*known):
-            return *known, None
-        if level != LIGHT and (best is None or _worst(*known) < _worst(*best)):  # rounding may grow from mesh to mesh
-            best = known
     assert best is not None  # there are more than two levels
     return *best, "this is the finest"
 
@@ -93,19 +96,18 @@ def _ladder(accuracy: float, alone: bool) -> Sequence[MeridianFineness]:
     levels = LEVELS[sum(accuracy < limit for limit in COARSE_ENOUGH) :]
     if not alone:
         return levels
-    worth = LIGHT_FOR[0] <= accuracy <= LIGHT_FOR[1]
-    return (*((LIGHT,) if worth else ()), levels[1], levels[0], *levels[2:])
+    return (*((LIGHT,) if accuracy >= LIGHT_FOR else ()), levels[1], levels[0], *levels[2:])
 
 
 def _known(
-    found: MeshSample, history: Sequence[MeshSample], alone: Callable[[MeshSample], SampleErrors] | None
-) -> tuple[MeshSample, SampleErrors] | None:
-    """The sample on the finest mesh and the smaller of the bounds on its errors, from its own mesh and from several, or None."""
-    light = all(found is not one for one in history)
-    finest = found if light else history[-1]
-    bounds = [alone(found)] if alone is not None and found is finest else []
-    bounds += [errors(history)] if len(history) > 1 and not light else []
-    return (finest, min(bounds, key=lambda one: _worst(finest, one))) if bounds else None
+    found: MeshSample, solved: Sequence[MeshSample], alone: Iterable[Callable[[MeshSample], SampleErrors | None]]
+) -> Iterator[SampleErrors]:
+    """Bounds on the errors of the sample on the finest mesh: from several meshes, and from its own."""
+    light = all(found is not one for one in solved)
+    if len(solved) > 1 and not light:
+        yield errors(solved)
+    if light or found is solved[-1]:
+        yield from (bounds for one in alone if (bounds := one(found)) is not None)
 
 
 def _worst(sample: MeshSample, bounds: SampleErrors) -> float:

@@ -10,7 +10,6 @@ from threadpoolctl import threadpool_limits
 from geometry.common.arrays import Floats
 from geometry.common.errors import ProbeError
 from geometry.meridian.frame import Kind, MeshTopology
-from geometry.meridian.frame import kind as kind_of
 from geometry.scenes.base_sizes import base_sizes
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import SI
@@ -64,7 +63,7 @@ class FilmCallback(Differentiated):
         Raises:
             ProbeError: the design cannot be solved on that mesh.
         """
-        mesh_sample = sample(of.section, of, scene, self.fineness, kind=kind or kind_of(of.section))
+        mesh_sample = sample(of.section, of, scene, self.fineness, kind=kind)
         return gradients(scene, mesh_sample, self.variables)
 
     def values(self, x: Floats) -> tuple[Floats, Floats]:

@@ -116,8 +116,8 @@ def _solved(m: MeridianModel, elements: Any, loads: Floats) -> Floats:
     edge = m.shapes.skeleton
     inside = loads[:, :, edge:].reshape(e, -1, k)
     on_edges = np.zeros((len(m.two_mu), 2 * edge, k))
-    on_edges[elements] = loads[:, :, :edge].reshape(e, -1, k) + m.recovery[elements].transpose(0, 2, 1) @ inside
-    v, _, _ = m.system.solve(m.system.add_up(on_edges), passes=2)
+    on_edges[elements] = loads[:, :, :edge].reshape(e, -1, k) + m.condensed.recovery(elements).transpose(0, 2, 1) @ inside
+    v = m.system.solve(m.system.add_up(on_edges), passes=2).v
     whole = m.whole(m.system.own(v))
     inner = m.stiffness(elements).inside
     shaped = whole.reshape(len(whole), 2, s, k)

@@ -27,6 +27,7 @@ from solver.linalg.memory import give_back
 
 LIMIT = "PROBE_DESIGN_MEMORY"  # the environment variable: GB that the process's workspace may hold
 USUAL = 1.0  # GB
+GROWN = 4.0  # times: what values may have grown since they were measured, at most: patterns to which factors were added
 WORTH_GIVING_BACK = 1e8  # bytes: until then the C library keeps what is freed, as new pages cost time
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -86,6 +87,8 @@ class Workspace:
     def make_room(self, wanted: float = 0.0) -> None:
         """Let go, oldest first, of what this evaluation has not used, until ``wanted`` bytes more are within the limit."""
         with self._lock:
+            if GROWN * sum(one.bytes for one in self._entries.values()) + wanted <= self.limit:
+                return  # measuring takes as long as adding up a small mesh
             held = self._measure()
             for key in [key for key, one in self._entries.items() if one.used != self._evaluation]:
                 if held + wanted <= self.limit:

@@ -131,15 +131,15 @@ class AzimuthalSystems:
             return Harmonic(0, model, boundary, own.stiffness[boundary], own.numbering, own.matrix, own.factor)
         parts = (slice(low, low + BATCH) for low in range(0, len(model.two_mu), BATCH))
         skeleton = model.shapes.skeleton
-        edges = np.concatenate([Blocks.of(self._combined(m, part), skeleton).condensed()[0] for part in parts])
+        edges = np.concatenate([Blocks.of(self._combined(m, part), skeleton).condensed().stiffness for part in parts])
         numbered = numbering(model.mesh, model.shapes.order, self.interface, min(m, 2))  # higher orders vanish on the axis alike
         return Harmonic(m, model, boundary, edges[boundary], numbered, numbered.assemble(edges))
 
     def recovery(self, m: int, elements: Ints) -> Floats:
         """Return what gives the values inside some elements from those on corners and edges, (e, c (p-1)^2, 4 c p)."""
         if m == 0:
-            return self.model.recovery[elements]
-        return Blocks.of(self._combined(m, elements), self.model.shapes.skeleton).condensed()[1]
+            return self.model.condensed.recovery(elements)
+        return Blocks.of(self._combined(m, elements), self.model.shapes.skeleton).condensed().recovery()
 
     def _combined(self, m: int, part: slice | Ints) -> Floats:
         """Eq. MS.2 for some elements."""

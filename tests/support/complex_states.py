@@ -33,7 +33,8 @@ def complex_ratio(scene: Scene, fineness: MeridianFineness, frequency: float = 0
     whole = (real.two_mu * turn)[:, None, None] * shear + (real.lam * turn)[:, None, None] * volume
     mass = density * np.einsum("nq,qs,qt->nst", real.at.weight, real.shapes.value, real.shapes.value)
     whole = whole - (2 * np.pi * frequency) ** 2 * np.einsum("cd,nst->ncsdt", np.eye(2), mass).reshape(whole.shape)
-    stiffness, _ = Blocks.of(whole.reshape(n, 2, s, 2, s), real.shapes.skeleton).condensed()
+    parts = Blocks.of(whole.reshape(n, 2, s, 2, s), real.shapes.skeleton)
+    stiffness = parts.outside - parts.across.transpose(0, 2, 1) @ np.linalg.solve(parts.inside, parts.across)
     gather, lift = real.system.numbering.gather, real.system.numbering.lift
     size = stiffness.shape[1]
     blocks = sparse.bsr_matrix((stiffness, np.arange(n), np.arange(n + 1)), shape=(n * size, n * size))

@@ -103,7 +103,7 @@ special = pytest.mark.parametrize("case", [pytest.param(case, id=name) for name,
 
 
 def mesh_of(s: Section, fineness: MeridianFineness = COARSE) -> Topology:
-    return topology(kind_of(s), fineness)
+    return topology(kind_of(s, fineness.lean), fineness)
 
 
 def geometry_of(s: Section, mesh: Topology, order: int) -> Geometry:

@@ -49,8 +49,17 @@ def assert_covered_once(s: Section, mesh: Topology) -> None:
 
 
 @special
-def test_special_sections_are_covered_once(case: dict[str, float]) -> None:
-    assert_covered_once(section(**case), mesh_of(section(**case)))
+@pytest.mark.parametrize("level", [COARSE, LEVELS[1]], ids=["usual", "lean"])
+def test_special_sections_are_covered_once(case: dict[str, float], level: MeridianFineness) -> None:
+    assert_covered_once(section(**case), mesh_of(section(**case), level))
+
+
+def test_a_lean_mesh_has_fewer_cells_where_a_sphere_is() -> None:
+    """And as many where there is none, or edges are round."""
+    for case, fewer in ((PAPER, True), ({"below": 1.0}, False)):
+        usual, lean = (len(mesh_of(section(**case), replace(COARSE, lean=one)).body) for one in (False, True))
+        assert (lean < 0.85 * usual) == fewer
+        assert lean <= usual
 
 
 @pytest.mark.slow
