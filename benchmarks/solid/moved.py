@@ -58,7 +58,7 @@ def starts(scene: Scene, by: float) -> Iterator[tuple[str, Scene]]:
     ):
         try:
             yield what, Scene.model_validate(with_first(scene, **place).model_dump())
-        except (InputError, Refusal):
+        except (InputError, Refusal, ValueError):  # no room for it there
             continue
 
 
