@@ -1,7 +1,7 @@
 """Whether one mesh tells its own error: bounds of eqs. AX.10, AX.11 against order 8, on drawn scenes and on all references.
 
 Every drawn scene has one tumour on the axis (``inclusion_draws``) and no layers of tissue, for which one mesh is not asked. What
-order 8 itself is off counts against the bounds; bounds of the light mesh above 2 % are not believed, and left out. One line for
+order 8 itself is off counts against the bounds; bounds of the light mesh above 1 % are not believed, and left out. One line for
 each bound that is smaller than the error, then a table by mesh.
 
     python -m benchmarks.extremes.one_mesh --scenes 250 --seed 1 --seed 2 --seed 3 --seed 4 --truths truths.jsonl

@@ -2,7 +2,7 @@
 
 Usage: ``pip install -e '.[bench]'`` and ``apt-get install calculix-ccx``, then ``python -m benchmarks.peers.axisymmetric``. All
 of it takes about ten minutes on a quiet core; ``--part`` and ``--scene`` (both may be repeated) restrict it. Everything
-runs on one thread. Times are wall-clock medians of ``--repeats`` runs; of long runs (CalculiX, differences, growth), one.
+runs on one thread, or on ``--threads``, of which NGSolve's task manager uses what it can. Times are wall-clock medians of ``--repeats`` runs; of long runs (CalculiX, differences, growth), one.
 
 True values are those of ``tests/reference/axisymmetric``: NGSolve of order up to 12 (``benchmarks/references/axisymmetric.py``).
 The peers are used as their best users would, see ``ngsolve_meridian.py``, ``ngsolve_settings.py``, ``calculix_meridian.py``.
@@ -16,6 +16,7 @@ import os
 import platform
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,8 @@ from benchmarks.peers import comparisons
 from benchmarks.peers.measured import NAMES, cases
 from benchmarks.tables import MeasuredTable
 
-ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+ONE_THREAD = dict.fromkeys(THREADS, "1")
 PARTS = ("evaluate", "calculix", "curve", "gradients", "factorisations", "growth")
 
 
@@ -36,6 +38,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--part", action="append", choices=PARTS, help="only this part")
     parser.add_argument("--scene", action="append", choices=NAMES, help="only this scene")
     parser.add_argument("--repeats", type=int, default=7, help="of an evaluation (7); curves are repeated three times at most")
+    parser.add_argument("--threads", type=int, default=1, help="of linear algebra and of NGSolve (1)")
     parser.add_argument("--points", type=int, default=50, help="moduli on a curve (50)")
     parser.add_argument("--json", type=Path, help="write the raw values to this file, times in seconds")
     return parser.parse_args()
@@ -59,12 +62,13 @@ def measure(chosen: argparse.Namespace, tell: Callable[[str], None]) -> Iterator
 def main() -> None:
     """Run the chosen parts, print their tables, write the file."""
     chosen, console, progress = arguments(), Console(width=165), Console(stderr=True)
-    ngs.SetNumThreads(1)
+    ngs.SetNumThreads(chosen.threads)
+    tasks = ngs.TaskManager() if chosen.threads > 1 else nullcontext()
     codes = {name: version(name) for name in ("probe-design", "ngsolve", "numpy", "scipy")} | {
         "python": platform.python_version()
     }
     found: dict[str, Any] = {"codes": codes, "tables": []}
-    with progress.status("starting") as status:
+    with progress.status("starting") as status, tasks:
         for table in measure(chosen, lambda line: status.update(line)):
             table.print(console)
             found["tables"].append(table.as_json())
@@ -73,6 +77,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    if any(os.environ.get(key) != value for key, value in ONE_THREAD.items()):  # they count when libraries are loaded
-        os.execve(sys.executable, [sys.executable, "-m", "benchmarks.peers.axisymmetric", *sys.argv[1:]], os.environ | ONE_THREAD)
+    wanted = dict.fromkeys(THREADS, str(arguments().threads))
+    if any(os.environ.get(key) != value for key, value in wanted.items()):  # they count when libraries are loaded
+        os.execve(sys.executable, [sys.executable, "-m", "benchmarks.peers.axisymmetric", *sys.argv[1:]], os.environ | wanted)
     main()

@@ -28,7 +28,7 @@ LEVELS = (
 COARSE_ENOUGH = (3e-3, 3e-4)  # accuracies below which the first, the second level is left out
 LIGHT = MeridianFineness(0.7, 1, 4, lean=True)  # tried first where none is left out and one mesh tells its own error
 LIGHT_FOR = 3e-3  # accuracies it is tried for, or above: it seldom does below
-BELIEVED = 0.02  # bounds of its that are believed: where they are wider its changes need not fall yet
+BELIEVED = 0.01  # bounds of its that are believed: where they are wider its changes need not fall yet
 ONE_MESH = (4, 5, 6)  # orders of meshes that do
 UNSEEN_DROP = 1.5  # by which errors are trusted to fall from one level to the next before it is seen
 LEAST_SHARE = 1.5  # of the last change: the least that the error bound keeps

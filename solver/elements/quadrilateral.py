@@ -97,9 +97,8 @@ class Condensed:
                 raise np.linalg.LinAlgError("an element's inside is not positive definite")
             across = dtrsm(1.0, factor, across.T, side=1, lower=1, trans_a=1)
             reduced[e], upper[e], half[e] = dsyrk(-1.0, across, beta=1.0, c=outside.T, lower=1).T, factor.T, across.T
-        low = np.tril_indices(reduced.shape[1], -1)
-        reduced[:, low[0], low[1]] = reduced[:, low[1], low[0]]
-        return cls(reduced, upper, half)
+        above = np.tri(reduced.shape[1], dtype=bool).T
+        return cls(np.where(above, reduced, reduced.swapaxes(1, 2)), upper, half)
 
     @classmethod
     def joined(cls, parts: Sequence[Condensed]) -> Condensed:
