@@ -98,7 +98,7 @@ def ratio(scene: Scene, forces: Any) -> float:
 
 def solver(states: SolidStates) -> MeasuredTable:
     """Factors and solutions of three states by the libraries that are there."""
-    matrix, loads = states.problem.matrix, states.problem.loads()
+    matrix, loads = states.problem.matrix, states.problem.loads
     full = sp.csc_array(matrix.lower + sp.tril(matrix.lower, -1).T)
     table = MeasuredTable(f"{len(loads)} unknowns, three states", ("library", "factor or set-up, s", "three solutions, s"))
     candidates: dict[str, Callable[[], Any]] = {

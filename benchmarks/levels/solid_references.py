@@ -47,7 +47,7 @@ def main() -> None:
         print(f"{name} ...", file=sys.stderr, flush=True)
         table.add(name, *row(scene, known, given.accuracy))
     table.note("stiffness and log-sensitivity: true errors; a dash where the reference says nothing")
-    table.print(Console())
+    table.print(Console(width=150))
 
 
 def scenes(folders: list[str], names: list[str] | None) -> Iterator[tuple[str, Scene, dict[str, float]]]:

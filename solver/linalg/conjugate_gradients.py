@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from threading import TIMEOUT_MAX, Timer
@@ -17,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError, Words
@@ -26,7 +28,7 @@ from solver.linalg.memory import give_back
 from solver.linalg.workspace import current
 
 TARGET_RESIDUAL = 1e-9  # relative residual
-LARGEST_RESIDUAL = 1e-8
+MOST = 10.0  # times the target: the largest residual that is taken
 ROUNDING = 1e-14  # of |K| |v|: what no solver can avoid
 MOST_STEPS = 300
 BYTES = 120.0  # of a factor in single precision while it is made: times the unknowns to the power of 4/3
@@ -58,14 +60,14 @@ class Stiffness:
         """|K| |v|, to which rounding errors are proportional, shape (n, k)."""
         return Stiffness(abs(self.lower)) @ np.abs(v)
 
-    def factor(self, single: bool = False) -> Factor:
-        """Factorise, in double or in single precision.
+    def factor(self, single: bool = False, like: MatrixAnalysis | None = None) -> Factor:
+        """Factorise, in double or in single precision; ``like`` as in ``factorised``.
 
         Raises:
             SolveError: the matrix is singular.
             LimitReached: the factors would take more memory than is allowed, or take too long.
         """
-        return factorised(rounded(self.lower) if single else self.lower)
+        return factorised(rounded(self.lower) if single else self.lower, like)
 
 
 def rounded(lower: sp.csc_array) -> sp.csc_array:
@@ -75,8 +77,36 @@ def rounded(lower: sp.csc_array) -> sp.csc_array:
     return sp.csc_array((lower.data.astype(np.float32), lower.indices, lower.indptr), shape=lower.shape)
 
 
-def factorised(lower: sp.csc_array) -> Factor:
-    """Factorise a symmetric matrix in the precision of its lower triangle.
+@dataclass(frozen=True)
+class MatrixAnalysis:
+    """Where a matrix has entries, as rslab has analysed it.
+
+    Attributes:
+        symbolic: the library's.
+        starts, rows: of the columns of the lower triangle.
+    """
+
+    symbolic: Any
+    starts: NDArray[np.int32]
+    rows: NDArray[np.int32]
+
+    @property
+    def foreign_bytes(self) -> int:
+        """What the library holds."""
+        return int(self.symbolic.heap_bytes)
+
+    def fits(self, lower: sp.csc_array) -> bool:
+        """Whether a matrix has entries at the same places."""
+        return np.array_equal(self.starts, lower.indptr) and np.array_equal(self.rows, lower.indices)
+
+
+def pattern_of(factor: Factor) -> MatrixAnalysis | None:
+    """Return the analysis behind a factor, if it is rslab's."""
+    return factor.pattern if isinstance(factor, _Ldlt) else None
+
+
+def factorised(lower: sp.csc_array, like: MatrixAnalysis | None = None) -> Factor:
+    """Factorise a symmetric matrix in the precision of its lower triangle; the analysis ``like`` serves again if it fits.
 
     Raises:
         SolveError: the matrix is singular.
@@ -87,7 +117,7 @@ def factorised(lower: sp.csc_array) -> Factor:
     give_back()
     if library is not None:
         try:
-            return _Ldlt.of(library, lower)
+            return _Ldlt.of(library, lower, like)
         except BaseException as fault:  # a panic in Rust is no Exception
             if type(fault).__module__ != PANIC:
                 raise
@@ -105,8 +135,8 @@ def _other_bytes(unknowns: int) -> float:
 class _Ldlt:
     """A factor by rslab, in the matrix's precision."""
 
-    def __init__(self, handle: Any, single: bool) -> None:
-        self.handle, self.single = handle, single
+    def __init__(self, handle: Any, single: bool, pattern: MatrixAnalysis) -> None:
+        self.handle, self.single, self.pattern = handle, single, pattern
 
     @property
     def foreign_bytes(self) -> int:
@@ -114,11 +144,10 @@ class _Ldlt:
         return int(self.handle.heap_bytes)
 
     @classmethod
-    def of(cls, library: Any, lower: sp.csc_array) -> _Ldlt:
+    def of(cls, library: Any, lower: sp.csc_array, like: MatrixAnalysis | None = None) -> _Ldlt:
         n = lower.shape[0]
-        _reserve(ANALYSED * n)
-        symbolic = library.analyze(lower, path="ldlt")
-        give_back()  # what the analysis has freed: without it hundreds of MB more at the peak
+        pattern = like if like is not None and like.fits(lower) else _analysed(library, lower)
+        symbolic = pattern.symbolic
         plan = symbolic.memory_plan(dtype=lower.dtype.name, nrhs=3)["peak_bytes"]
         check_memory(f"factors of {n} unknowns", held_bytes(n, plan))
         single, flops = lower.dtype == np.float32, symbolic.estimate_memory(lower.dtype.name)["factor_flops"]
@@ -129,7 +158,7 @@ class _Ldlt:
         watch.daemon = True
         watch.start()
         try:
-            return cls(symbolic.factor(lower, interrupt=stop), single)
+            return cls(symbolic.factor(lower, interrupt=stop), single, pattern)
         except RuntimeError as error:
             if stop.is_set:
                 check_time(f"factorising {n} unknowns")
@@ -150,6 +179,13 @@ class _Ldlt:
             return np.asarray(self.handle.solve_many(np.ascontiguousarray(forces)))
         scale = np.maximum(np.abs(forces).max(axis=0), np.finfo(float).tiny)
         return np.asarray(self.handle.solve_many((forces / scale).astype(np.float32)).astype(float) * scale)
+
+
+def _analysed(library: Any, lower: sp.csc_array) -> MatrixAnalysis:
+    _reserve(ANALYSED * lower.shape[0])
+    symbolic = library.analyze(lower, path="ldlt")
+    give_back()  # what the analysis has freed: without it hundreds of MB more at the peak
+    return MatrixAnalysis(symbolic, lower.indptr, lower.indices)
 
 
 def held_bytes(unknowns: float, factor: float) -> float:
@@ -206,8 +242,12 @@ def _environment(more: Mapping[str, str]) -> Iterator[None]:
             del os.environ[key]
 
 
-def solve(matrix: Stiffness, forces: Floats, near: Factor, start: Floats | None = None) -> Floats:
+def solve(
+    matrix: Stiffness, forces: Floats, near: Factor, start: Floats | None = None, target: float = TARGET_RESIDUAL
+) -> Floats:
     """Return K^-1 forces, shape (n, k), by conjugate gradients with the factor of a matrix near K; all columns in step.
+
+    They end at the relative residual ``target``; ten times that is the largest that is taken.
 
     Raises:
         SolveError: what is left of the forces is too large for the solution to be trusted.
@@ -223,7 +263,7 @@ def solve(matrix: Stiffness, forces: Floats, near: Factor, start: Floats | None 
         since = 0 if now < best / 2 else since + 1
         if now < best:
             best, best_v = now, v
-        if best <= TARGET_RESIDUAL or since > STUCK:
+        if best <= target or since > STUCK:
             break
         z = near.solve(remainder)
         gain = _columns(remainder - was, z)  # Polak and Ribiere: the factor may be no symmetric operator to rounding
@@ -231,7 +271,7 @@ def solve(matrix: Stiffness, forces: Floats, near: Factor, start: Floats | None 
         image = matrix @ direction
         step = _ratio(product, _columns(direction, image))
         v, remainder, was = v + step * direction, remainder - step * image, remainder
-    _check(matrix, forces, best_v)
+    _check(matrix, forces, best_v, MOST * target)
     return best_v
 
 
@@ -249,10 +289,10 @@ def _ratio(a: Floats, b: Floats) -> Floats:
     return np.divide(a, b, out=np.zeros_like(a), where=b > 0)
 
 
-def _check(matrix: Stiffness, forces: Floats, v: Floats) -> None:
+def _check(matrix: Stiffness, forces: Floats, v: Floats, largest: float) -> None:
     remainder, size = (np.linalg.norm(x, axis=0) for x in (forces - matrix @ v, forces))
-    if np.all(remainder <= LARGEST_RESIDUAL * size):
+    if np.all(remainder <= largest * size):
         return
-    if not np.all(remainder <= np.maximum(LARGEST_RESIDUAL * size, ROUNDING * np.linalg.norm(matrix.magnitude(v), axis=0))):
-        allowed = f"relative residual {residual(matrix, forces, v):.1e}, allowed {LARGEST_RESIDUAL:.0e}"
+    if not np.all(remainder <= np.maximum(largest * size, ROUNDING * np.linalg.norm(matrix.magnitude(v), axis=0))):
+        allowed = f"relative residual {residual(matrix, forces, v):.1e}, allowed {largest:.0e}"
         raise SolveError(f"the linear system was not solved: {allowed}")

@@ -11,7 +11,7 @@ from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
 from geometry.tetra.tet_mesh import TISSUE
 from solver.linalg.cholesky import Factor
-from solver.linalg.conjugate_gradients import factorised, residual, rounded, solve
+from solver.linalg.conjugate_gradients import TARGET_RESIDUAL, MatrixAnalysis, factorised, residual, rounded, solve
 from solver.solid.body_stiffness import Elastic, Isotropic, lame
 from solver.solid.problem import BLOCKS, STATES, Problem
 from solver.solid.regions import Region
@@ -48,7 +48,7 @@ class SolidStates:
     @property
     def residual(self) -> float:
         """What is left of the loads, relative to them, in the worst of the three states."""
-        return residual(self.problem.matrix, self.problem.loads(), self.v)
+        return residual(self.problem.matrix, self.problem.loads, self.v)
 
     @property
     def tilt(self) -> Floats:
@@ -77,7 +77,12 @@ class FactorisedStates(SolidStates):
 
 
 def solid_states(
-    problem: Problem, near: FactorisedStates | None = None, *, factor: Factor | None = None, start: Floats | None = None
+    problem: Problem,
+    near: FactorisedStates | None = None,
+    *,
+    factor: Factor | None = None,
+    start: Floats | None = None,
+    target: float = TARGET_RESIDUAL,
 ) -> FactorisedStates:
     """Solve all states.
 
@@ -86,25 +91,31 @@ def solid_states(
         near: states of other materials of the same bodies. Their factor serves again, and they are where the solution starts.
         factor: of a matrix near the problem's, where there is no such state.
         start: where the solution starts then.
+        target: relative residual that it ends with.
 
     Raises:
         SolveError: the residual is too large.
     """
     if near is not None and near.problem.supports is problem.supports:
         factor, start = near.factor, near.v
-    factor, loads = factor or factor_of(problem), problem.loads()
+    factor, loads = factor or factor_of(problem), problem.loads
     try:
-        v = solve(problem.matrix, loads, factor, start)
+        v = solve(problem.matrix, loads, factor, start, target)
     except SolveError:  # too far away, or too rough
         factor = problem.matrix.factor(single=False)
-        v = solve(problem.matrix, loads, factor)
+        v = solve(problem.matrix, loads, factor, target=target)
     return FactorisedStates(problem, v, energies(problem, v), factor)
 
 
-def factor_of(problem: Problem) -> Factor:
-    """Factorise: large systems in single precision, tamed where its errors in stiff bodies would outweigh the softest layer."""
+def factor_of(problem: Problem, like: MatrixAnalysis | None = None) -> Factor:
+    """Factorise: large systems in single precision, tamed where its errors in stiff bodies would outweigh the softest layer.
+
+    Args:
+        problem: whose matrix.
+        like: the analysis of a matrix that has its entries at the same places, if there was one.
+    """
     if problem.supports.unknowns <= DOUBLE:
-        return problem.matrix.factor()
+        return problem.matrix.factor(like=like)
     tamed = dict(problem.materials)
     tissue = min(stuff.youngs_modulus for body, stuff in tamed.items() if Region.of(body).body == TISSUE)
     for body, stuff in problem.materials.items():
@@ -113,8 +124,8 @@ def factor_of(problem: Problem) -> Factor:
             if modulus != stuff.youngs_modulus:
                 tamed[body] = Isotropic(modulus, stuff.poisson_ratio)
     if tamed == problem.materials:
-        return problem.matrix.factor(single=True)
-    return factorised(rounded(Problem.of(problem.solid, tamed, problem.supports).matrix.lower))  # which lets the matrix go
+        return problem.matrix.factor(single=True, like=like)
+    return factorised(rounded(Problem.of(problem.solid, tamed, problem.supports).matrix.lower), like)  # which lets the matrix go
 
 
 def energies(problem: Problem, v: Floats) -> Mapping[int, Floats]:

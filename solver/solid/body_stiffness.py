@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -116,9 +116,19 @@ def assembled(some: Mapping[int, Part], materials: Mapping[int, Elastic], number
         materials: of those that are there.
         number: unknown of each displacement, shape (nodes, 3); < 0 is none.
     """
-    size, present = int(number.max()) + 1, [b for b in some if b in materials]
-    number = number.astype(np.int32)
-    pieces = [_entries(some[b], some[b].blocks(*lame(materials[b])), number) for b in present]
+    return _added(((some[b], lame(materials[b])) for b in some if b in materials), number)
+
+
+def assembled_changes(some: Mapping[int, Part], changes: Mapping[int, tuple[Elastic, Elastic]], number: Ints) -> sp.csc_array:
+    """What the stiffness changes by where bodies get other materials, each from and to: see ``assembled``."""
+    pieces = ((some[b], np.subtract(lame(new), lame(old))) for b, (old, new) in changes.items() if b in some)
+    return _added(pieces, number)
+
+
+def _added(bodies: Iterable[tuple[Part, Sequence[float] | Floats]], number: Ints) -> sp.csc_array:
+    """The lower triangle of the stiffness of some bodies with Lame's constants."""
+    size, number = int(number.max()) + 1, number.astype(np.int32)
+    pieces = [_entries(part, part.blocks(*constants), number) for part, constants in bodies]
     values, high, low = (np.concatenate(kind) for kind in zip(*pieces, strict=True))
     del pieces  # as large as what they became, and so is what comes
     rows = sp.coo_array((values, (low, high)), shape=(size, size)).tocsr()  # the upper triangle by rows is the lower by columns
@@ -138,6 +148,10 @@ def _entries(part: Part, blocks: Floats, number: Ints) -> tuple[Floats, Ints, In
     return values, np.maximum(row, column), np.minimum(row, column)
 
 
-def parts(nodes: Floats, elements: Ints, body: Ints, averaged: bool = False) -> Mapping[int, Part]:
-    """Integrate every body."""
-    return {int(b): part(nodes, elements[body == b], averaged) for b in np.unique(body)}
+def parts(
+    nodes: Floats, elements: Ints, body: Ints, averaged: bool = False, known: Mapping[int, Part] | None = None
+) -> Mapping[int, Part]:
+    """Integrate every body that is not ``known``."""
+    known = known or {}
+    every = [int(b) for b in np.unique(body)]
+    return {b: known[b] if b in known else part(nodes, elements[body == b], averaged) for b in every}

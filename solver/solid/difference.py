@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
 from geometry.tetra.check import files_error
 from geometry.tetra.layout import body_layout, extent
 from geometry.tetra.tet_mesh import INCLUSION, TetMesh
+from solver.linalg.conjugate_gradients import TARGET_RESIDUAL
 from solver.solid.base_states import FactorisedStates, SolidStates
 from solver.solid.body_stiffness import Elastic
 from solver.solid.domain import Domain
@@ -27,6 +27,7 @@ from solver.solid.modulus_response import solid_response
 from solver.solid.problem import Solid
 from solver.solid.regions import Region, own_material, reference_material, tissue_about, without_inclusions
 
+ENOUGH = 1e-6  # relative residual: forces are off by about its square, their slopes by itself; curves take more
 TAMED = 30.0  # times the tissue's modulus, either way, from which curves begin
 
 
@@ -69,9 +70,10 @@ def difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> t
     kept = kept_mesh(mesh, scene.contact.interface == "frictionless")
     plain, own = (_materials(scene, kept.solid, of) for of in (reference_material, own_material))
     base = _materials(scene, kept.solid, without_inclusions)
-    reference = kept.states("reference", plain, base)
+    enough = ENOUGH if moduli is None else TARGET_RESIDUAL
+    reference = kept.states("reference", plain, base, enough)
     less, residual = reference.reactions, reference.residual
-    states = kept.states("scene", own, base)
+    states = kept.states("scene", own, base, enough)
     reactions, slope = _reactions(states, scene, target, moduli)
     found = SceneDifference(
         reactions[:, :2, :2] - less[:2, :2],
@@ -112,7 +114,7 @@ def _reactions(states: FactorisedStates, scene: Scene, target: int | None, modul
     return solid_response(states, bodies, float(times.min()), float(times.max())).reactions(times)
 
 
-def _materials(scene: Scene, solid: Solid, of: Callable[[Scene, int], Material | None]) -> Mapping[int, Elastic]:
+def _materials(scene: Scene, solid: Solid, of: Callable[[Scene, int], Elastic | None]) -> Mapping[int, Elastic]:
     """Of the regions that are there."""
     found = {number: of(scene, number) for number in solid.parts}
     return {number: material for number, material in found.items() if material is not None}

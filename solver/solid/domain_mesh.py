@@ -1,12 +1,30 @@
-"""Meshes of domains, and whether they are there."""
+"""Meshes of domains, and whether they are there: from the cache, carried along with tumours that moved a little, or made."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import partial
+
 from geometry.tetra.cache import cached_mesh, folder, key
-from geometry.tetra.layout import body_layout, extent
+from geometry.tetra.layout import BodyLayout, body_layout, extent
 from geometry.tetra.sizing import TetraFineness
 from geometry.tetra.tet_mesh import TetMesh
+from solver.linalg.workspace import current
 from solver.solid.domain import Domain
+from solver.solid.moved_mesh import may_move, moved_mesh
+
+
+@dataclass
+class LatestMesh:
+    """The mesh that was made last of those that differ in their tumours alone; of it others are moved, never of moved ones.
+
+    Attributes:
+        layout, mesh: None before there is one.
+    """
+
+    layout: BodyLayout | None = None
+    mesh: TetMesh | None = None
 
 
 def mesh_domain(domain: Domain, fineness: TetraFineness) -> TetMesh:
@@ -15,10 +33,35 @@ def mesh_domain(domain: Domain, fineness: TetraFineness) -> TetMesh:
     Raises:
         InputError, Refusal, SolveError: see ``geometry.tetra.cache.cached_mesh``.
     """
-    return cached_mesh(domain.scene, fineness, domain.half, None, domain.radius)
+    layout = _layout(domain)
+    mesh = cached_mesh(domain.scene, fineness, domain.half, None, domain.radius)
+    latest = _latest(layout, fineness)
+    latest.layout, latest.mesh = layout, mesh
+    return mesh
+
+
+def moved_meshes(domain: Domain, finenesses: Iterable[TetraFineness]) -> list[TetMesh] | None:
+    """Return meshes moved from those of nearly the same domain; None where one of all cannot be, or the cache has them."""
+    layout, found = _layout(domain), list[TetMesh]()
+    for fineness in finenesses:
+        latest = _latest(layout, fineness)
+        if latest.mesh is None or latest.layout is None or is_meshed(domain, fineness) or not may_move(latest.layout, layout):
+            return None
+        mesh = current().keep((TetMesh, key(layout, fineness)), partial(moved_mesh, latest.mesh, latest.layout, layout, fineness))
+        if mesh is None:
+            return None
+        found.append(mesh)
+    return found
+
+
+def _latest(layout: BodyLayout, fineness: TetraFineness) -> LatestMesh:
+    return current().keep((LatestMesh, key(replace(layout, inclusions=()), fineness)), LatestMesh)
 
 
 def is_meshed(domain: Domain, fineness: TetraFineness) -> bool:
     """Whether the cache has a mesh of the domain."""
-    layout = body_layout(domain.scene, domain.half, extent(domain.scene, None), domain.radius)
-    return (folder() / f"{key(layout, fineness)}.mesh").exists()
+    return (folder() / f"{key(_layout(domain), fineness)}.mesh").exists()
+
+
+def _layout(domain: Domain) -> BodyLayout:
+    return body_layout(domain.scene, domain.half, extent(domain.scene, None), domain.radius)

@@ -24,15 +24,18 @@ from threading import RLock
 import numpy as np
 
 from geometry.common.arrays import Floats, Ints
-from geometry.tetra.tet_mesh import TetMesh
+from geometry.tetra.tet_mesh import INCLUSION, TetMesh
 from solver.linalg.cholesky import Factor
-from solver.linalg.conjugate_gradients import TARGET_RESIDUAL
+from solver.linalg.conjugate_gradients import MOST, TARGET_RESIDUAL, pattern_of
 from solver.linalg.workspace import current
 from solver.solid.base_states import FactorisedStates, SolidStates, factor_of, solid_states
 from solver.solid.body_stiffness import Elastic, Isotropic, lame
+from solver.solid.moved_mesh import stretches
 from solver.solid.problem import Problem, Solid, Supports
+from solver.solid.regions import Region
 
 WORTH = 0.03  # steps that take as long as a factor, over the unknowns to the power of 2/3: so operations and bytes are
+BESIDE = 1e-4  # of a modulus: smaller ones are assembled, not found as a difference from it
 SOLVED = 2  # times that a factor serves: for the reference and for the scene
 Materials = Mapping[int, Elastic]
 
@@ -83,20 +86,23 @@ class KeptFactor:
 
     Attributes:
         regions: what was factorised, or None yet.
+        solid: the mesh integrated last.
         latest: the unknowns found last of each kind of states: where others start.
         lock: held while states are solved.
     """
 
     regions: FactorisedRegions | None = None
+    solid: Solid | None = None
     latest: dict[str, Floats] = field(default_factory=dict)
     lock: RLock = field(default_factory=RLock)
 
     def near(self, problem: Problem, base: Materials) -> Factor:
         """Return a factor near a problem's matrix, made anew where that one would be too far away."""
         if self.regions is None or not self._serves(problem, base, self.regions):
+            like = None if self.regions is None else pattern_of(self.regions.factor)
             self.regions = None  # before there is another
             whole = problem if problem.materials == base else Problem.of(problem.solid, base)
-            self.regions = FactorisedRegions(base, problem.solid.nodes, whole.supports, factor_of(whole))
+            self.regions = FactorisedRegions(base, problem.solid.nodes, whole.supports, factor_of(whole, like))
         return RestrictedFactor.of(self.regions.factor, self.regions.supports, problem.supports)
 
     @staticmethod
@@ -130,13 +136,14 @@ class KeptMesh:
     _states: dict[str, SolidStates] = field(default_factory=dict)
     _own_factors: dict[str, Factor] = field(default_factory=dict)  # of states that the shared one was not near enough for
 
-    def states(self, kind: str, materials: Materials, base: Materials) -> FactorisedStates:
+    def states(self, kind: str, materials: Materials, base: Materials, target: float = TARGET_RESIDUAL) -> FactorisedStates:
         """Return the states of a scene's materials: those found last, or solved from there.
 
         Args:
             kind: whose states they begin with, and replace.
             materials: of the regions that are there.
             base: of all regions; a factor made of others serves as long as they are near.
+            target: relative residual that they are solved to.
 
         Raises:
             SolveError: the equations could not be solved.
@@ -145,19 +152,24 @@ class KeptMesh:
         own, whole = constants(materials), constants(base)
         with self.shared.lock:
             before = self._states.get(kind)
-            if before is not None and before.problem.materials == own:
+            if before is not None and before.problem.materials == own and before.residual <= MOST * target:
                 factor = self._own_factors.get(kind) or self.shared.near(before.problem, whole)
                 return FactorisedStates(before.problem, before.v, before.energies, factor)
-            problem = Problem.of(self.solid, own, self._supports(own))
+            problem = self._problem(own)
             near, start = self.shared.near(problem, whole), self.shared.start(kind, problem.supports.unknowns)
-            found = solid_states(problem, factor=near, start=start)
+            found = solid_states(problem, factor=near, start=start, target=target)
             self._states[kind], self.shared.latest[kind] = found.bare, found.v
             self._own_factors = {kind: found.factor} if found.factor is not near else {}
             return found
 
-    def _supports(self, materials: Materials) -> Supports | None:
-        """Those of earlier states with the same regions."""
-        return next((one.problem.supports for one in self._states.values() if set(one.problem.materials) == set(materials)), None)
+    def _problem(self, materials: Materials) -> Problem:
+        """Assemble; only what differs from earlier states of the same regions, where that is little and not lost in what was."""
+        alike = [one.problem for one in self._states.values() if set(one.problem.materials) == set(materials)]
+        for other in alike:
+            changed = [body for body in materials if materials[body] != other.materials[body]]
+            if all(Region.of(body).body >= INCLUSION and not _lost(materials[body], other.materials[body]) for body in changed):
+                return other.like(materials)
+        return Problem.of(self.solid, materials, alike[0].supports if alike else None)
 
 
 def kept_mesh(mesh: TetMesh, frictionless: bool) -> KeptMesh:
@@ -169,7 +181,12 @@ def kept_mesh(mesh: TetMesh, frictionless: bool) -> KeptMesh:
     elements = _digest(f"{frictionless} {mesh.half}", mesh.elements, mesh.body, mesh.beyond, mesh.layer)
     shared = current().keep((KeptFactor, elements), KeptFactor)
     nodes = _digest(elements, mesh.nodes)
-    return current().keep((KeptMesh, nodes), lambda: KeptMesh(Solid.of(mesh, frictionless), shared))
+
+    def made() -> KeptMesh:
+        shared.solid = Solid.of(mesh, frictionless, like=shared.solid)
+        return KeptMesh(shared.solid, shared)
+
+    return current().keep((KeptMesh, nodes), made)
 
 
 def _digest(head: str, *arrays: np.ndarray) -> str:
@@ -196,10 +213,9 @@ def spread(one: Materials, other: Materials) -> float:
     return float(np.max(changes) / np.min(changes))
 
 
-def stretches(elements: Ints, before: Floats, after: Floats) -> Floats:
-    """Principal stretches of elements (t, 4 or more) by their corners, for nodes (n, 3) before and after; (t, 3)."""
-    edges = [nodes[elements[:, 1:4]] - nodes[elements[:, :1]] for nodes in (before, after)]
-    return np.asarray(np.linalg.svd(np.linalg.solve(edges[0], edges[1]), compute_uv=False))
+def _lost(new: Elastic, old: Elastic) -> bool:
+    """Whether moduli are so much smaller than others that they would be rounded away beside them."""
+    return bool(np.min(np.divide(_moduli(new), _moduli(old))) < BESIDE)
 
 
 def _moduli(stuff: Elastic) -> tuple[float, float]:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 from geometry.common.arrays import Floats, Ints
 from geometry.tetra.tet_mesh import GROOVE, INNER, OUTER, TetMesh
 from solver.linalg.conjugate_gradients import Stiffness
-from solver.solid.body_stiffness import Elastic, Part, assembled, parts
+from solver.solid.body_stiffness import Elastic, Part, assembled, assembled_changes, parts
 from solver.solid.regions import numbers
 
 STATES = ("inner", "outer", "tilt")
@@ -49,15 +50,24 @@ class Solid:
     parts: Mapping[int, Part]
 
     @classmethod
-    def of(cls, mesh: TetMesh, frictionless: bool = False, averaged: bool = True) -> Solid:
+    def of(cls, mesh: TetMesh, frictionless: bool = False, averaged: bool = True, like: Solid | None = None) -> Solid:
         """Integrate; ``averaged``: every element's dilation is its mean, which does not lock near nu = 1/2.
+
+        ``like``: of the same elements and kind; bodies whose nodes are where they were there are not integrated again.
 
         Raises:
             SolveError: an element is turned inside out.
         """
         nodes, elements, twin = _sliding(mesh) if frictionless else (mesh.nodes, mesh.elements, np.arange(len(mesh.nodes)))
         body = numbers(mesh)
-        return cls(mesh, nodes, elements=elements, body=body, twin=twin, parts=parts(nodes, elements, body, averaged))
+        known = {} if like is None else like.unmoved(nodes)
+        found = parts(nodes, elements, body, averaged, known)
+        return cls(mesh, nodes, elements=elements, body=body, twin=twin, parts=found)
+
+    def unmoved(self, nodes: Floats) -> dict[int, Part]:
+        """The parts of which no node is elsewhere in another solid of the same elements, whose nodes are given."""
+        moved = (nodes != self.nodes).any(axis=1)
+        return {body: part for body, part in self.parts.items() if not moved[self.elements[self.body == body]].any()}
 
     def on(self, bodies: Iterable[int]) -> NDArray[np.bool_]:
         """Which nodes belong to some bodies, shape (n,)."""
@@ -151,6 +161,14 @@ class Problem:
         supports = supports or Supports.of(solid, materials)
         return cls(solid, materials, supports, Stiffness(assembled(solid.parts, materials, supports.number)))
 
+    def like(self, materials: Mapping[int, Elastic]) -> Problem:
+        """Return the problem of other materials of the same bodies: what changes is added to the stiffness that is there."""
+        changed = {body: (self.materials[body], stuff) for body, stuff in materials.items() if stuff != self.materials[body]}
+        if not changed:
+            return Problem(self.solid, materials, self.supports, self.matrix)
+        more = assembled_changes(self.solid.parts, changed, self.supports.number)
+        return Problem(self.solid, materials, self.supports, Stiffness(sp.csc_array(self.matrix.lower + more)))
+
     @property
     def share(self) -> float:
         """What the forces on the mesh are multiplied with for those on the whole."""
@@ -161,6 +179,7 @@ class Problem:
         out = self.spread(v)
         return out if body in BLOCKS else out + self.supports.lift.reshape(out.shape)
 
+    @cached_property
     def loads(self) -> Floats:
         """The right-hand sides of the states, -K_tissue lift, shape (unknowns, 3)."""
         lift = self.supports.lift.reshape(-1, len(STATES))

@@ -11,7 +11,9 @@ from geometry.common.arrays import Ints
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import MOST_INCLUSIONS, Scene
 from geometry.tetra.tet_mesh import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE, TetMesh
+from solver.solid.body_stiffness import Elastic, Isotropic
 
+GROOVED = 0.05  # of the tube's modulus: 30 steps on groove-over-tumour, where 1, 0.1, 0.03 and 0.01 take 45, 32, 30 and 31
 SPAN = INCLUSION + MOST_INCLUSIONS  # numbers of one layer
 
 
@@ -75,9 +77,14 @@ def reference_material(scene: Scene, number: int) -> Material | None:
     return probe.inner if region.body == INNER else probe.outer
 
 
-def without_inclusions(scene: Scene, number: int) -> Material:
-    """A region's material where scene and reference are one: tissue in and beyond the cylinder, the tube in the groove."""
+def without_inclusions(scene: Scene, number: int) -> Elastic:
+    """A region's material in what is factorised: tissue in and beyond the cylinder, something between tube and air in the groove.
+
+    Steps of both solutions grow with the contrast: air's for the reference, the tube's for the scene.
+    """
     region, probe = Region.of(number), scene.probe
+    if region.body == GROOVE:
+        return Isotropic(GROOVED * probe.outer.youngs_modulus, probe.outer.poisson_ratio)
     if region.body >= TISSUE:
         return tissue_at(scene, region.layer)
     return probe.inner if region.body == INNER else probe.outer

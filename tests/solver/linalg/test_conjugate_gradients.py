@@ -5,7 +5,7 @@ import scipy.sparse as sp
 from geometry.common.errors import SolveError
 from geometry.common.resources import LimitReached, Limits, limited, timed
 from solver.linalg import conjugate_gradients as module
-from solver.linalg.conjugate_gradients import Stiffness, held_bytes, solve
+from solver.linalg.conjugate_gradients import Stiffness, held_bytes, pattern_of, residual, solve
 
 
 @pytest.fixture
@@ -66,6 +66,26 @@ def test_iterations_end_with_the_time(matrix):
     factor, forces = matrix.factor(), np.ones((matrix.lower.shape[0], 1))
     with limited(Limits(seconds=-1.0)), timed(), pytest.raises(LimitReached, match="time"):
         solve(matrix, forces, factor)
+
+
+def test_an_analysis_serves_other_matrices_that_have_its_entries_alone(matrix):
+    pytest.importorskip("rslab")
+    first = pattern_of(matrix.factor())
+    stiffer = Stiffness(matrix.lower * 2.0)
+    again = stiffer.factor(like=first)
+    assert pattern_of(again) is first
+    assert solves(again, stiffer)
+    smaller = Stiffness(sp.csc_array(matrix.lower[:-1, :-1]))
+    other = smaller.factor(like=first)
+    assert pattern_of(other) is not first
+    assert solves(other, smaller)
+
+
+def test_iterations_end_at_the_residual_that_is_asked_for(matrix):
+    near, forces = Stiffness(matrix.lower + 0.5 * sp.eye_array(matrix.lower.shape[0], format="csc")).factor(), np.ones((1728, 1))
+    coarse, fine = (residual(matrix, forces, solve(matrix, forces, near, target=target)) for target in (1e-3, 1e-9))
+    assert 1e-9 < coarse <= 1e-3
+    assert fine <= 1e-9
 
 
 def test_a_singular_matrix_is_a_solve_error(matrix):

@@ -166,6 +166,25 @@ class TestStates:
         assert near.forces == pytest.approx(states(sphere).forces, rel=1e-8)
         assert near.tilt == pytest.approx(states(sphere).tilt, rel=1e-6)
 
+    @pytest.mark.parametrize("sphere", [6e6, 6.0])
+    def test_a_change_added_is_the_sum_anew(self, sphere: float) -> None:
+        added, anew = (
+            problem.matrix.lower
+            for problem in (
+                states().problem.like(materials(sphere)),
+                Problem.of(solid(), materials(sphere), states().problem.supports),
+            )
+        )
+        assert abs(added - anew).max() <= 1e-12 * abs(anew).max()
+
+    def test_forces_are_exact_long_before_states(self) -> None:
+        """They are off by about the square of the residual; their slopes by about itself."""
+        early = solid_states(Problem.of(solid(), materials(6e6), states().problem.supports), states(), target=1e-6)
+        late = solid_states(early.problem, states(), target=1e-11)
+        assert early.residual > 1e-8
+        assert early.forces == pytest.approx(late.forces, rel=1e-9)
+        assert early.slope([INCLUSION]) == pytest.approx(late.slope([INCLUSION]), rel=1e-4, abs=1e-5 * late.forces.max())
+
     def test_absent_bodies(self) -> None:
         """A groove takes stiffness away, tissue beyond adds some; another choice of bodies is another system."""
         cut = solid_states(Problem.of(solid(), {k: v for k, v in materials(6e4).items() if k != GROOVE}), states())
@@ -220,7 +239,7 @@ class TestFields:
 class TestSolver:
     def test_single_precision_gives_the_same(self) -> None:
         problem = states(6e6, ratio=0.49).problem
-        v = solve(problem.matrix, problem.loads(), problem.matrix.factor(single=True))
+        v = solve(problem.matrix, problem.loads, problem.matrix.factor(single=True))
         assert v == pytest.approx(states(6e6, ratio=0.49).v, abs=1e-7)
 
     def test_where_single_precision_fails_double_serves(self, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -246,4 +265,4 @@ class TestSolver:
                 return forces
 
         with pytest.raises(SolveError, match="relative residual"):
-            solve(states().problem.matrix, states().problem.loads(), Wrong())
+            solve(states().problem.matrix, states().problem.loads, Wrong())

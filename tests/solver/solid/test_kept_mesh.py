@@ -14,7 +14,8 @@ from solver.linalg.conjugate_gradients import TARGET_RESIDUAL
 from solver.linalg.workspace import Workspace, using
 from solver.solid import kept_mesh as kept_mesh_module
 from solver.solid.base_states import solid_states
-from solver.solid.kept_mesh import KeptMesh, kept_mesh, spread, steps, stretches
+from solver.solid.kept_mesh import KeptMesh, kept_mesh, spread, steps
+from solver.solid.moved_mesh import stretches
 from solver.solid.problem import Problem, Solid
 from tests.support.meshes import stored_mesh
 
@@ -44,7 +45,7 @@ def factors(monkeypatch: pytest.MonkeyPatch) -> list[Problem]:
     """Every problem that is factorised for a kept mesh."""
     made: list[Problem] = []
     whole = kept_mesh_module.factor_of
-    monkeypatch.setattr(kept_mesh_module, "factor_of", lambda problem: made.append(problem) or whole(problem))
+    monkeypatch.setattr(kept_mesh_module, "factor_of", lambda problem, like=None: made.append(problem) or whole(problem, like))
     return made
 
 

@@ -69,7 +69,7 @@ def test_the_frictionless_interface() -> None:
     assert result.ratio is not None
     assert abs(result.ratio / one.ratio - 1) <= min(0.01, result.error_estimate or 0.0)
     assert result.residual is not None
-    assert 0 < result.residual < 1e-8  # of the loads: conjugate gradients stop there
+    assert 0 < result.residual < 1e-5  # of the loads: conjugate gradients stop there
 
 
 @pytest.mark.slow
