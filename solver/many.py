@@ -85,12 +85,19 @@ def answered(
     scenes: Sequence[Scene], evaluator: str, accuracy: float, tell: Tell | None = None, *, linear: bool = False
 ) -> list[Answered]:
     """Return what ``evaluate_many`` does, those that were answered together without their provenance."""
+    alone = _Question(evaluator, accuracy, tell, linear).alone
+    found = together(scenes, evaluator, accuracy, tell, linear=linear)
+    return [alone(scene) if one is None else one for one, scene in zip(found, scenes, strict=True)]
+
+
+def together(
+    scenes: Sequence[Scene], evaluator: str, accuracy: float, tell: Tell | None = None, *, linear: bool = False
+) -> list[Answered | None]:
+    """Return what can be answered together, without its provenance, and None for each scene that is to be answered alone."""
     asked = _Question(evaluator, accuracy, tell, linear)
-    if len(scenes) < 2:
-        return [asked.alone(scene) for scene in scenes]
-    if evaluator == levels.AUTO:
-        return _automatic(scenes, asked)
-    return _named(scenes, asked) if evaluator in TOGETHER else [asked.alone(scene) for scene in scenes]
+    if len(scenes) > 1 and evaluator in TOGETHER:
+        return [*_named(scenes, asked)]
+    return _automatic(scenes, asked) if evaluator == levels.AUTO else [None] * len(scenes)
 
 
 def _checked(scene: Scene | Path | str) -> Scene:
@@ -121,20 +128,19 @@ def _named(scenes: Sequence[Scene], asked: _Question) -> list[Answered]:
     return [_caught(partial(warned, one, scene)) if isinstance(one, Result) else one for one, scene in pairs]
 
 
-def _automatic(scenes: Sequence[Scene], asked: _Question) -> list[Answered]:
-    """Those that share a design together where the plan names ``axisymmetric``; what is not found so is asked for alone."""
+def _automatic(scenes: Sequence[Scene], asked: _Question) -> list[Answered | None]:
+    """Answers to those that share a design where the plan names ``axisymmetric``."""
     from solver.axisymmetric.shared_designs import design
 
     groups: dict[Scene, list[int]] = defaultdict(list)
     for place, scene in enumerate(scenes):
         if is_round(scene):
             groups[design(scene)].append(place)
-    found: dict[int, Answered] = {}
+    found: dict[int, Answered | None] = {}
     for places in groups.values():
         if len(places) > 1:
-            together = _of_one_design([scenes[place] for place in places], asked)
-            found |= {place: one for place, one in zip(places, together, strict=True) if one is not None}
-    return [found[place] if place in found else asked.alone(scene) for place, scene in enumerate(scenes)]
+            found |= zip(places, _of_one_design([scenes[place] for place in places], asked), strict=True)
+    return [found.get(place) for place in range(len(scenes))]
 
 
 def _of_one_design(scenes: Sequence[Scene], asked: _Question) -> Iterator[Answered | None]:

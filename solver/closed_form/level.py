@@ -16,6 +16,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal
+from geometry.common.resources import LimitReached, limited, limits, timed
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Inclusion, Scene
 from solver.closed_form.designs import PROBE, TISSUE, Shape, answers, parameters, split
@@ -92,7 +93,12 @@ class ClosedForm(FilmLevel):
     @in_own_workspace
     def answers(self, scenes: Sequence[Scene], accuracies: Sequence[float]) -> list[Answer | InputError]:
         """Return what ``answer`` finds of each scene at its accuracy, or its refusal: those of one structure at once."""
-        pairs = zip(self.films(scenes), accuracies, strict=True)
+        try:
+            with limited(replace(limits(), seconds=len(scenes) * limits().seconds)), timed():
+                found = self.films(scenes)
+        except LimitReached:
+            return super().answers(scenes, accuracies)
+        pairs = zip(found, accuracies, strict=True)
         return [one if isinstance(one, InputError) else _answer(one, accuracy) for one, accuracy in pairs]
 
     @in_own_workspace

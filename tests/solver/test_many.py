@@ -124,8 +124,9 @@ def test_moduli_that_no_curve_takes_are_answered_alone() -> None:
     assert all(isinstance(one, Result) for one in found[: len(MODULI)])
 
 
-def test_limits_are_for_each_answer() -> None:
-    found = evaluate_many([with_modulus(modulus) for modulus in MODULI], "axisymmetric", limits=Limits(seconds=1e-9))
+@pytest.mark.parametrize("evaluator", ["axisymmetric", "closed-form", "auto"])
+def test_limits_are_for_each_answer(evaluator: str) -> None:
+    found = evaluate_many([with_modulus(modulus) for modulus in MODULI], evaluator, limits=Limits(seconds=1e-9))
     assert all(isinstance(one, LimitReached) for one in found)
 
 
