@@ -16,6 +16,7 @@ from geometry.provenance.block import provenance
 from geometry.scenes.scene import Scene
 from geometry.scenes.surface_names import check_surface_names
 from solver import levels
+from solver.families import families
 from solver.results.evaluator import Answer, FilmLevel, Tell
 from solver.results.kinds import is_round
 from solver.results.result import Result
@@ -52,8 +53,9 @@ def evaluate_many(
     """Evaluate many scenes of any kinds: what ``evaluate`` returns for each, in order, or the error that it raises.
 
     ``closed-form`` answers those of one structure on arrays, bit for bit as alone. ``axisymmetric``, also where ``auto`` chooses
-    it, answers those that differ in the target's modulus and the load alone by one curve, which agrees with single answers
-    within the ``error_estimate`` of both. Other levels answer one by one. What is found together shares ``seconds`` evenly.
+    it, answers those that differ in the target's modulus and the load alone by one curve; asked by name it finds a few of 18 or
+    more that differ in one other number and interpolates the rest where that adds next to nothing to their errors. Both agree
+    with single answers within the ``error_estimate`` of both. What is found together shares ``seconds`` evenly.
 
     Args:
         scenes: what is pressed on what, or names of scene files.
@@ -118,14 +120,45 @@ def _named(scenes: Sequence[Scene], asked: _Question) -> list[Answered]:
 
     level = levels.evaluator(asked.evaluator, asked.tell)
     assert isinstance(level, FilmLevel)
-    results = level.evaluate_many(scenes, asked.accuracy)
+    found = _smooth(scenes, asked, level) if asked.evaluator == AXISYMMETRIC else {}
+    rest = [place for place in range(len(scenes)) if place not in found]
+    results = level.evaluate_many([scenes[place] for place in rest], asked.accuracy)
 
     def warned(result: Result, scene: Scene) -> Result:
         with timed():
             return with_warning(result, scene, asked.accuracy)
 
-    pairs = zip(results, scenes, strict=True)
-    return [_caught(partial(warned, one, scene)) if isinstance(one, Result) else one for one, scene in pairs]
+    for place, one in zip(rest, results, strict=True):
+        found[place] = _caught(partial(warned, one, scenes[place])) if isinstance(one, Result) else one
+    return [found[place] for place in range(len(scenes))]
+
+
+def _smooth(scenes: Sequence[Scene], asked: _Question, level: FilmLevel) -> dict[int, Answered]:
+    """Answers to scenes that differ in one number, by their places: some found, the others interpolated where that is allowed."""
+    from solver.interpolation import interpolated
+    from solver.planning.load_check import with_warning
+
+    found: dict[int, Answered] = {}
+    for family in families(scenes, _kinds):
+        start, members = perf_counter(), [scenes[place] for place in family.places]
+        pairs = interpolated(family, members, level, asked.accuracy)
+        share = (perf_counter() - start) / max(sum(pair is not None for pair in pairs), 1)
+        for place, scene, pair in zip(family.places.tolist(), members, pairs, strict=True):
+            if pair is not None:
+                with timed():
+                    result = _caught(partial(pair[0].result, AXISYMMETRIC, scene, share))
+                    if isinstance(result, Result):
+                        result = with_warning(result, scene, asked.accuracy, pair[1])
+                    found[place] = result
+    return found
+
+
+def _kinds(scene: Scene) -> object:
+    """What scenes share whose forces and whose rule for loads are smooth functions of their numbers."""
+    from solver.axisymmetric.shared_designs import smooth_kind
+    from solver.planning.coarse_model import without_tumours
+
+    return smooth_kind(scene), smooth_kind(without_tumours(scene))
 
 
 def _automatic(scenes: Sequence[Scene], asked: _Question) -> list[Answered | None]:

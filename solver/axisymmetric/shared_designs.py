@@ -16,8 +16,11 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from geometry.common.resources import limited, limits, timed
+from geometry.meridian.frame import Kind
+from geometry.meridian.frame import kind as kind_of
 from geometry.scenes.scene import Load, Scene
 from solver.axisymmetric.converged_forces import Converged
+from solver.axisymmetric.sections import sections
 from solver.results.evaluator import Answer
 from solver.results.film_forces import shortfalls
 from solver.results.warnings import Note, of_kind
@@ -32,6 +35,14 @@ def design(scene: Scene) -> Scene:
     load = Load(indentation=0.0) if scene.load.indentation is not None else Load(force=0.0)
     bodies = tuple(body.model_copy(update={"youngs_modulus": 1.0}) for body in scene.inclusion)
     return scene.model_copy(update={"load": load, "inclusion": bodies})
+
+
+def smooth_kind(scene: Scene) -> Kind | None:
+    """Return what scenes share whose results are smooth functions of their numbers; None of one that is refused."""
+    try:
+        return kind_of(sections(scene).section)
+    except InputError:
+        return None
 
 
 def answers(
