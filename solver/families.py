@@ -76,9 +76,10 @@ class Family:
         return whole, MARGIN * missed + np.abs(whole - part)
 
     def beside(self, values: Floats) -> Floats:
-        """Return for all members the larger of the values of ``found``, (f, k), on either side."""
+        """Return for all members the larger of the values of ``found``, (f, k), on either side, and by how much it is larger."""
         after = np.clip(np.searchsorted(self.found, np.arange(len(self.x))), 0, len(self.found) - 1)
-        return np.asarray(np.maximum(values[after], values[np.maximum(after - 1, 0)]))
+        high, low = values[after], values[np.maximum(after - 1, 0)]
+        return np.asarray(np.maximum(high, low) + np.abs(high - low))
 
     def _weights(self, nodes: Ints) -> Floats:
         """Lagrange's polynomials of some nodes at all members, shape (n, nodes)."""

@@ -17,7 +17,6 @@ from solver.results.evaluator import Answer, FilmLevel
 from solver.results.film_forces import Bound, FilmForces, shortfalls
 
 SHARE = 0.01  # of what is promised that interpolation may take
-SLACK = 1.1  # on the larger of the neighbours' bounds: the largest share of a bound that an audit found was 0.79
 RULE = 1e-3  # relative, of the forces without tumours: those of the coarsest mesh are good to a twentieth
 Pair = tuple[Answer, LoadRule | None]
 
@@ -72,7 +71,7 @@ def _films(family: Family, found: Sequence[FilmForces], accuracy: float) -> list
     off = errors[:, 8:10] / np.abs(totals)
     most = SHARE * np.maximum(5 * accuracy * np.abs(size), 1e-5)
     good = np.all(off <= SHARE * accuracy, axis=1) & np.all(errors[:, 10:] <= most, axis=1)
-    bounds = SLACK * family.beside(
+    bounds = family.beside(
         np.array([[*one.relative_errors, one.bound.log_ratio, one.sensitivity_error] for one in found])
     )
     bounds += np.column_stack([off, off.sum(axis=1), errors[:, 10]])
