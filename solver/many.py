@@ -53,7 +53,7 @@ def evaluate_many(
     """Evaluate many scenes of any kinds: what ``evaluate`` returns for each, in order, or the error that it raises.
 
     ``closed-form`` answers those of one structure on arrays, bit for bit as alone. ``axisymmetric``, also where ``auto`` chooses
-    it, answers those that differ in the target's modulus and the load alone by one curve; asked by name it finds a few of 18 or
+    it, answers those that differ in the target's modulus and the load alone by one curve; asked by name it finds a few of 10 or
     more that differ in one other number and interpolates the rest where that adds next to nothing to their errors. Both agree
     with single answers within the ``error_estimate`` of both. What is found together shares ``seconds`` evenly.
 

@@ -37,10 +37,11 @@ def design(scene: Scene) -> Scene:
     return scene.model_copy(update={"load": load, "inclusion": bodies})
 
 
-def smooth_kind(scene: Scene) -> Kind | None:
+def smooth_kind(scene: Scene) -> tuple[Kind, Kind] | None:
     """Return what scenes share whose results are smooth functions of their numbers; None of one that is refused."""
     try:
-        return kind_of(sections(scene).section)
+        section = sections(scene).section
+        return kind_of(section), kind_of(section, lean=True)
     except InputError:
         return None
 

@@ -17,14 +17,14 @@ from solver.families import Family, families
 from tests.support.references import named
 
 OURS = named("axisymmetric", "shallow").scene
-GAPS = OURS.probe.gap * np.geomspace(1 / 1.3, 1.3, 20)
+GAPS = OURS.probe.gap * np.geomspace(1.0, 1.4, 20)
 
 
 def with_gap(gap: float, force: float = 1e-3) -> Scene:
     return OURS.model_copy(update={"probe": OURS.probe.model_copy(update={"gap": gap}), "load": Load(force=force)})
 
 
-@pytest.mark.parametrize("count", [7, 13])
+@pytest.mark.parametrize("count", [4, 7, 13])
 @pytest.mark.parametrize("pole", [0.3, 1.0, 3.0])
 def test_the_error_that_is_told_is_no_less_than_the_error(pole: float, count: int) -> None:
     """Of rational functions with poles near the range, and of a kink."""
@@ -43,9 +43,9 @@ def test_families_differ_in_one_number_and_share_a_kind() -> None:
     for family in found:
         gaps = [scenes[place].probe.gap for place in family.places]
         assert np.allclose(np.log(gaps), family.x)
-        assert len(family.found) == 9
-    assert [*families(scenes[:30], lambda _: 0)] == []
-    assert [*families(scenes, lambda scene: scene.probe.gap > GAPS[10])] == []  # ten of either kind
+        assert len(family.found) == 6
+    assert [*families(scenes[:18], lambda _: 0)] == []  # nine of either load
+    assert next(iter(families(scenes, lambda scene: scene.probe.gap > GAPS[8]))).places.size == 11
 
 
 def test_gaps_are_interpolated_within_their_errors(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -59,7 +59,7 @@ def test_gaps_are_interpolated_within_their_errors(monkeypatch: pytest.MonkeyPat
     scenes = [with_gap(gap) for gap in GAPS.tolist()]
     shuffled = [scenes[k] for k in np.random.default_rng(1).permutation(len(scenes))]
     together = evaluate_many(shuffled, "axisymmetric", 0.02)
-    assert len(solved) == 9
+    assert len(solved) == 6
     for scene, one in list(zip(shuffled, together, strict=True))[::3]:
         alone = evaluate(scene, "axisymmetric", 0.02)
         assert isinstance(one, Result)
