@@ -71,9 +71,7 @@ def _films(family: Family, found: Sequence[FilmForces], accuracy: float) -> list
     off = errors[:, 8:10] / np.abs(totals)
     most = SHARE * np.maximum(5 * accuracy * np.abs(size), 1e-5)
     good = np.all(off <= SHARE * accuracy, axis=1) & np.all(errors[:, 10:] <= most, axis=1)
-    bounds = family.beside(
-        np.array([[*one.relative_errors, one.bound.log_ratio, one.sensitivity_error] for one in found])
-    )
+    bounds = family.beside(np.array([[*one.relative_errors, one.bound.log_ratio, one.sensitivity_error] for one in found]))
     bounds += np.column_stack([off, off.sum(axis=1), errors[:, 10]])
     return [
         _film(forces[k], slopes[k] if sensitive else None, bounds[k], totals[k]) if good[k] else None for k in range(len(forces))
