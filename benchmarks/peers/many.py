@@ -1,4 +1,4 @@
-"""Answers a second of a loop and of ``evaluate_many``, in one run: ``python -m benchmarks.levels.many [--count 50]``.
+"""Answers a second of a loop and of ``evaluate_many``, in one run: ``python -m benchmarks.peers.many [--count 50]``.
 
 Of each evaluator and set of designs: answers a second of processor time by ``evaluate`` one by one and by ``evaluate_many``, each
 from a workspace that knows the topology and nothing of the designs, in turn ``--repeats`` times, medians; their ratio; and the
