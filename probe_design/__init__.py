@@ -4,6 +4,7 @@ A scene says which probe is pressed on which tissue: ``geometry.Scene``, or a TO
 units. What a user calls:
 
     evaluate       what both films feel, and how well their ratio tells E_object
+    evaluate_many  the same of many scenes, in order: designs that differ in moduli or loads come from one curve
     plan           which model answers a scene at which accuracy, and what it leaves out
     curve          ratio and log-sensitivity over the target's Young's modulus
     load           the same, and the gap's walls, under rising loads
@@ -28,11 +29,24 @@ if TYPE_CHECKING:
     from probe_design.functions import detectability, estimate, export, optimize, scan
     from probe_design.sweeps.run import sweep
     from solver.levels import curve, evaluate, load, plan
+    from solver.many import evaluate_many
 
-__all__ = ["curve", "detectability", "estimate", "evaluate", "export", "load", "optimize", "plan", "scan", "sweep"]
+__all__ = [
+    "curve",
+    "detectability",
+    "estimate",
+    "evaluate",
+    "evaluate_many",
+    "export",
+    "load",
+    "optimize",
+    "plan",
+    "scan",
+    "sweep",
+]
 
-_ROOMS = {"curve": "solver.levels", "evaluate": "solver.levels", "load": "solver.levels", "plan": "solver.levels",
-          "sweep": "probe_design.sweeps.run"}  # fmt: skip
+_ROOMS = dict.fromkeys(("curve", "evaluate", "load", "plan"), "solver.levels")
+_ROOMS |= {"evaluate_many": "solver.many", "sweep": "probe_design.sweeps.run"}
 
 
 def __getattr__(name: str) -> object:

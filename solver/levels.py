@@ -26,6 +26,7 @@ from solver.results.result import Curve, Result
 from solver.results.warnings import Note
 
 if TYPE_CHECKING:
+    from solver.planning.coarse_model import CoarseModel
     from solver.planning.plan import Plan
     from solver.results.load_curve import LoadCurve
 
@@ -88,7 +89,7 @@ def evaluate(
     """
     from solver.phase.inertia import check_frequency
 
-    scene = _read(scene)
+    scene = read(scene)
     check_accuracy(accuracy)
     start = perf_counter()
     with limited(limits), timed():
@@ -108,8 +109,8 @@ def evaluate(
             raise Refusal("accuracy", accuracy, _reachable(fault, accuracy / fault.accuracy, tell)) from None
 
 
-def _read(scene: Scene | Path | str) -> Scene:
-    """A scene, or that of a file."""
+def read(scene: Scene | Path | str) -> Scene:
+    """Return a scene, or that of a file. Raises ``InputError``."""
     if isinstance(scene, Scene):
         return scene
     if not isinstance(scene, Path | str):
@@ -164,10 +165,7 @@ def _automatic(scene: Scene, accuracy: float, linear: bool, tell: Tell | None) -
     from solver.planning.load_check import REMEDY
     from solver.planning.plan import second_try  # what it takes to import is not the answer's cost
 
-    planned = _planned(scene, accuracy, linear)
-    if not linear:
-        planned.check_load(scene, accuracy)
-    planned.check_reach(accuracy)
+    planned = allowed_plan(scene, accuracy, linear)
     try:
         result = _level(planned.evaluator, tell).evaluate_within(planned.scene, planned.accuracy)
     except LimitReached:
@@ -223,7 +221,7 @@ def plan(scene: Scene | Path | str, accuracy: float = 0.01, solid: bool = False,
     """
     from solver.planning.plan import plan as run
 
-    scene = _read(scene)
+    scene = read(scene)
     check_accuracy(accuracy)
     with timed():
         check_surface_names(scene)
@@ -260,7 +258,7 @@ def load(
     from solver.contact.load_curve import load_curve
     from solver.results.evaluator import silent
 
-    scene = _read(scene)
+    scene = read(scene)
     check_accuracy(accuracy)
     most = force if indentation is None else indentation
     if (force is None) == (indentation is None) or most is None or not 0 < most < float("inf") or points < 1:
@@ -275,7 +273,26 @@ def load(
     return replace(pressed, provenance=provenance(scene, evaluator=CONTACT, accuracy=accuracy))
 
 
-def _planned(scene: Scene, accuracy: float, linear: bool) -> Plan:
+def allowed_plan(scene: Scene, accuracy: float, linear: bool, rough: CoarseModel | None = None) -> Plan:
+    """Return the plan by which ``auto`` answers a scene.
+
+    Args:
+        scene: any.
+        accuracy: as in ``evaluate``.
+        linear: likewise.
+        rough: the scene's coarse model, where it is known.
+
+    Raises:
+        Refusal: no level built yet takes the scene, or its load or the accuracy is out of reach before anything is solved.
+    """
+    planned = _planned(scene, accuracy, linear, rough)
+    if not linear:
+        planned.check_load(scene, accuracy)
+    planned.check_reach(accuracy)
+    return planned
+
+
+def _planned(scene: Scene, accuracy: float, linear: bool, rough: CoarseModel | None = None) -> Plan:
     """The plan for a scene that some level takes.
 
     Raises:
@@ -284,7 +301,7 @@ def _planned(scene: Scene, accuracy: float, linear: bool) -> Plan:
     from solver.planning.plan import plan as run
 
     check_surface_names(scene)
-    planned = run(scene, accuracy, linear=linear)
+    planned = run(scene, accuracy, linear=linear, rough=rough)
     if planned.evaluator is None:
         raise Refusal("evaluator", AUTO, str(unsupported(scene)))
     return planned
@@ -319,7 +336,7 @@ def curve(
         Refusal: the scene is of a kind that no level built yet can take, or its load is beyond what linear elasticity allows.
         LimitReached: see ``evaluate``.
     """
-    scene = _read(scene)
+    scene = read(scene)
     check_accuracy(accuracy)
     checked_moduli(scene, moduli)
     start = perf_counter()

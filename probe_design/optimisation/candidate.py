@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
 
-from geometry.common.errors import Refusal
+from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
 from probe_design.optimisation.design_space import alike
 from probe_design.optimisation.objective import Noise, objective
@@ -84,8 +84,17 @@ class Candidate:
         return self.most < other.least and gain > SURE * error
 
 
-def candidate(scene: Scene, noise: Noise, judge: str, accuracy: float = ACCURACY) -> Candidate:
+def candidate(
+    scene: Scene, noise: Noise, judge: str, accuracy: float = ACCURACY, formula: Answer | InputError | None = None
+) -> Candidate:
     """Judge a scene's probe.
+
+    Args:
+        scene: with the probe.
+        noise: of a reading.
+        judge: the level's name.
+        accuracy: of the judge.
+        formula: what the closed form finds, or its refusal, where that is known, see ``by_formulas``.
 
     Raises:
         Refusal: the judge cannot take the scene.
@@ -104,13 +113,12 @@ def candidate(scene: Scene, noise: Noise, judge: str, accuracy: float = ACCURACY
         least=least,
         most=most,
     )
-    try:
-        answer = answered(scene, "closed-form", accuracy)
-    except Refusal as fault:
-        return replace(candidate, refused=fault.allowed)
-    films = answer.films[0]
+    (found,) = by_formulas([scene], accuracy) if formula is None else (formula,)
+    if isinstance(found, InputError):
+        return replace(candidate, refused=found.allowed)
+    films = found.films[0]
     pressed = pressing(scene, films.totals, rough.closure)
-    searched = answer.result("closed-form", _under(scene, pressed), 0.0)
+    searched = found.result("closed-form", _under(scene, pressed), 0.0)
     return replace(candidate, searched=searched, searched_objective=objective_of(films, noise, pressed.force))
 
 
@@ -123,6 +131,13 @@ def answered(scene: Scene, level: str, accuracy: float = ACCURACY) -> Answer:
     made = evaluator(level)
     assert isinstance(made, FilmLevel)
     return made.answer(scene, accuracy)
+
+
+def by_formulas(scenes: Sequence[Scene], accuracy: float = ACCURACY) -> list[Answer | InputError]:
+    """Return what the closed form finds of each scene, or its refusal: of ten in twice the time of one."""
+    made = evaluator("closed-form")
+    assert isinstance(made, FilmLevel)
+    return made.answers(scenes, [accuracy] * len(scenes))
 
 
 def _under(scene: Scene, pressed: Pressing) -> Scene:

@@ -10,7 +10,7 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal, SolveError, one_of
 from geometry.scenes.scene import Scene
 from probe_design.data.noise import NOISE
-from probe_design.optimisation.candidate import FINER, Candidate, candidate, merged
+from probe_design.optimisation.candidate import FINER, Candidate, by_formulas, candidate, merged
 from probe_design.optimisation.design_space import Space, space
 from probe_design.optimisation.global_search import search
 from probe_design.optimisation.loaded_candidate import CONTACT, asks_for_contact, by_contact, under_load
@@ -100,10 +100,10 @@ def _workshop_scenes(room: Space, designs: Floats) -> list[Scene]:
 
 def _judged(run: Judging, scenes: list[Scene]) -> Iterator[Candidate]:
     stage = f"judging candidates by {run.judge}"
-    for k, scene in enumerate(scenes):
+    for k, (scene, formula) in enumerate(zip(scenes, by_formulas(scenes), strict=True)):
         run.progress(stage, k, len(scenes))
         with suppress(Refusal):  # a design that cannot be judged is no candidate
-            yield candidate(scene, run.noise, run.judge)
+            yield candidate(scene, run.noise, run.judge, formula=formula)
     run.progress(stage, len(scenes), len(scenes))
 
 

@@ -12,9 +12,11 @@ import signal
 import subprocess
 import sys
 import threading
+from bisect import bisect
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
+from itertools import accumulate
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import IO, Any
@@ -107,7 +109,7 @@ class WorkerProcess:
             limits: of each design.
             errors: file for what libraries write to standard error; without it, where this process writes its own.
         """
-        self._job, self._piece = json.dumps([asdict(job), asdict(limits)]), job.piece
+        self._job, self._parts = json.dumps([asdict(job), asdict(limits)]), job.parts
         self._seconds, self._errors = limits.seconds, errors
         self._process: subprocess.Popen[bytes] | None = None
         self._folder: TemporaryDirectory[str] | None = None  # for its temporary files: what is killed removes none
@@ -120,10 +122,14 @@ class WorkerProcess:
         if self._closed:
             return Outcome()
         rows: list[Row] = []
+        ends, expected = [*accumulate(self._parts(designs))], 0
         try:
             self._send(json.dumps(designs))
             while len(rows) < len(designs):
-                reply = json.loads(self._line(min(self._piece, len(designs) - len(rows))))
+                end = ends[bisect(ends, len(rows))]
+                whole = len(rows) in (0, *ends)  # else the rest of a part is answered one by one
+                expected = end - len(rows) if whole else 1
+                reply = json.loads(self._line(expected))
                 if "refused" in reply:
                     return Outcome(refused=reply["refused"])
                 rows += reply["rows"]
@@ -131,8 +137,7 @@ class WorkerProcess:
                     break
         except (OSError, ValueError):  # a broken pipe, half a line
             late, self._late = self._late, False
-            held = min(self._piece, len(designs) - len(rows))
-            return Outcome(tuple(rows), held, self._ended(), late)
+            return Outcome(tuple(rows), expected, self._ended(), late)
         return Outcome(tuple(rows))
 
     def kill(self) -> None:

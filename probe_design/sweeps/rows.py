@@ -5,16 +5,17 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from functools import cache, lru_cache, partial
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cache, lru_cache
 from importlib import metadata
+from itertools import groupby
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from geometry.common.errors import InputError, Words
-from geometry.common.resources import LimitReached, limited, limits
+from geometry.common.resources import LimitReached, limits
 from geometry.provenance.digest import file_digest
 from geometry.scenes.scene import Scene
 from probe_design.sweeps.file import Sweep, scene_of
@@ -34,6 +35,9 @@ ROOT = Path(__file__).parents[2]
 SOURCES = {".py", ".npy", ".json"}  # that results depend on
 LIBRARIES = ("numpy", "scipy", "rslab", "py-mkl-pardiso", "netgen-mesher", "pytetwild")  # likewise, to the last bit
 PIECE = 128  # closed-form designs at once: more are no faster
+MODULI = 64  # moduli and loads of a design at once: more are hardly faster, and a kill may cost them
+CURVE = {("inclusion", 0, "youngs_modulus"), ("load", "force"), ("load", "indentation")}  # keys that one curve answers
+AUTO = "auto"
 Row = dict[str, Any]
 T = TypeVar("T")
 
@@ -77,10 +81,25 @@ class Job:
         bodies = [_with_content(body) if body.get("surface") else body for body in scene.get("inclusion", ())]
         return _digest([scene | {"inclusion": bodies}, self.evaluator, self.accuracy, self.linear, self.version])
 
-    @property
-    def piece(self) -> int:
-        """How many designs are answered at once: formulas take arrays of them."""
-        return PIECE if self.evaluator == "closed-form" else 1
+    def alike(self, designs: Sequence[tuple[Value, ...]]) -> list[Hashable]:
+        """Return for each design what those that are answered at once share; nothing where each is answered by itself.
+
+        Formulas take arrays of any designs; finite elements answer all moduli of the one inclusion, and all loads, of a probe on
+        its tissue by one curve.
+        """
+        if self.evaluator == "closed-form":
+            return [()] * len(designs)
+        if self.evaluator not in ("axisymmetric", AUTO) or len(self.base.get("inclusion", ())) > 1:
+            return [*range(len(designs))]
+        own = [k for k, one in enumerate(self.keys) if one.path not in CURVE]
+        every = [tuple(values[k] for k in own) for values in designs]
+        return [*every] if len(own) < len(self.names) else [*range(len(designs))]
+
+    def parts(self, designs: Sequence[tuple[Value, ...]]) -> list[int]:
+        """Return how many designs, one after the other, are answered at once each time."""
+        most = PIECE if self.evaluator == "closed-form" else MODULI
+        runs = [len(list(run)) for _, run in groupby(self.alike(designs))]
+        return [min(most, run - first) for run in runs for first in range(0, run, most)]
 
     def load(self) -> None:
         """Import what answers and build the scene once, so that it is no part of the first row's cost."""
@@ -95,9 +114,10 @@ class Job:
             levels.evaluator(self.evaluator)
 
     def pieces(self, designs: Sequence[tuple[Value, ...]]) -> Iterator[list[Row]]:
-        """Answer designs, ``piece`` at a time, with one thread for linear algebra, so that the bits are the same everywhere.
+        """Answer designs, ``parts`` at a time, with one thread for linear algebra, so that the bits are the same everywhere.
 
-        Each may take what ``geometry.common.resources.limits`` says; those that are answered together have their number of times.
+        A part of which not all can be answered together is answered one by one. Each design may take what
+        ``geometry.common.resources.limits`` says; those that are answered together have their number of times.
 
         Raises:
             InputError: this software is not that of the job.
@@ -108,31 +128,39 @@ class Job:
             raise InputError("version", Words(version()), f"{self.version}, on every worker as where the sweep was started")
         keys = self.keys
         with one_thread():
-            for first in range(0, len(designs), self.piece):
-                yield self._answered(keys, designs[first : first + self.piece])
+            first = 0
+            for count in self.parts(designs):
+                yield from self._answered(keys, designs[first : first + count])
+                first += count
 
-    def _answered(self, keys: tuple[Key, ...], designs: Sequence[tuple[Value, ...]]) -> list[Row]:
+    def _answered(self, keys: tuple[Key, ...], designs: Sequence[tuple[Value, ...]]) -> Iterator[list[Row]]:
         start = perf_counter()
         built = [_caught(lambda values=values: scene_of(self.base, keys, values)) for values in designs]  # type: ignore[misc]
-        results = iter(self._evaluated([one for one in built if isinstance(one, Scene)]))
-        answers = [next(results) if isinstance(one, Scene) else one for one in built]
-        seconds = (perf_counter() - start) / len(designs)
-        return [_row(one, seconds) for one in answers]
+        together = self._together([one for one in built if isinstance(one, Scene)])
+        if together is not None:
+            results = iter(together)
+            answers = [next(results) if isinstance(one, Scene) else one for one in built]
+            seconds = (perf_counter() - start) / len(designs)
+            yield [_row(one, seconds) for one in answers]
+            return
+        for one in built:
+            answer = self._alone(one) if isinstance(one, Scene) else one
+            yield [_row(answer, perf_counter() - start)]
+            start = perf_counter()
 
-    def _evaluated(self, scenes: Sequence[Scene]) -> list[Result | Exception]:
+    def _together(self, scenes: Sequence[Scene]) -> list[Result | Exception] | None:
+        """Answers to several scenes at once; None where that is not possible for all of them."""
+        from solver.many import together
+
+        if len(scenes) < 2:
+            return None
+        found = _caught(lambda: together(scenes, self.evaluator, self.accuracy, linear=self.linear))
+        return None if isinstance(found, Exception) or None in found else [one for one in found if one is not None]
+
+    def _alone(self, scene: Scene) -> Result | Exception:
         from solver import evaluate
-        from solver.planning.load_check import with_warning
 
-        if self.evaluator == "closed-form":
-            from solver.closed_form.level import ClosedForm
-
-            with limited(replace(limits(), seconds=len(scenes) * limits().seconds)):
-                together = _caught(lambda: ClosedForm().evaluate_many(scenes, self.accuracy))
-            if not isinstance(together, Exception):
-                pairs = zip(together, scenes, strict=True)
-                return [one if isinstance(one, Exception) else with_warning(one, scene, self.accuracy) for one, scene in pairs]
-        answer = partial(evaluate, evaluator=self.evaluator, accuracy=self.accuracy, linear=self.linear)
-        return [_caught(partial(answer, scene)) for scene in scenes]
+        return _caught(lambda: evaluate(scene, evaluator=self.evaluator, accuracy=self.accuracy, linear=self.linear))
 
 
 def _caught(made: Callable[[], T]) -> T | Exception:

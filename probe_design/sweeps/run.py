@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import defaultdict, deque
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -22,7 +22,7 @@ from geometry.scenes.units import SI
 from probe_design.sweeps.file import Sweep, read_sweep, sweep_from_dict
 from probe_design.sweeps.local_workers import LocalCrew
 from probe_design.sweeps.progress import Progress, Tell, logged
-from probe_design.sweeps.rows import Job, Row, blank
+from probe_design.sweeps.rows import MODULI, Job, Row, blank
 from probe_design.sweeps.store import Store, StoreError, writing
 from probe_design.sweeps.variables import whole
 from probe_design.sweeps.workers import Batch, Crew, CrewError, FinishedBatch, Outcome, Task
@@ -36,6 +36,7 @@ SECONDS = 0.5  # of work in a batch: some hundred times the cost of handing it o
 LARGEST = 2000  # designs in a batch
 Log = Callable[[str], None]
 ORIGIN = "provenance.json"
+FORMULAS = "closed-form"
 TRIES = 2  # workers that may die with a design on its own before it counts as failed
 
 
@@ -127,7 +128,7 @@ def sweep(
             log(f"forgets {stopped} rows that smaller limits stopped, or kept from a finer answer")
         if retry_failed:
             log(f"forgets {store.forget('failed')} failed rows")
-        tasks = [Task(key, values, count) for count, values, key in store.missing()]
+        tasks = _in_order(job, [Task(key, values, count) for count, values, key in store.missing()])
         log(f"begins: {total} designs, {len(tasks)} to be answered, version {job.version}")
         if tasks:
             processes = min(workers or _processors(), len(tasks))
@@ -185,10 +186,13 @@ class _Run:
             self._report()
 
     def _batch(self, waiting: deque[Task]) -> Batch:
-        """The next designs: half a second of work, less towards the end so that all workers end together."""
+        """The next designs: half a second of work, less towards the end so that all workers end together, none by halves."""
         share = len(waiting) / (2 * max(1, self._crew.size()))
         count = max(1, min(int(SECONDS / self._cost), LARGEST, int(share)))
-        return tuple(waiting.popleft() for _ in range(min(count, len(waiting))))
+        batch = [waiting.popleft() for _ in range(min(count, len(waiting)))]
+        while waiting and waiting[0].group is not None and waiting[0].group == batch[-1].group:
+            batch.append(waiting.popleft())
+        return tuple(batch)
 
     def _taken(self, answer: FinishedBatch) -> tuple[list[Task], list[Task]]:
         """Commit rows; return the designs that nobody worked on yet, and those that another worker must try, each alone."""
@@ -199,8 +203,10 @@ class _Run:
             self._commit(answer.batch[:count], outcome.rows)
             cost = sum(row["seconds"] for row in outcome.rows) / count
             self._cost = max(0.5 * (self._cost + cost), 1e-6)
-        held = answer.batch[count : count + outcome.held]
-        return list(answer.batch[count + outcome.held :]), self._again(held, outcome) if held else []
+        begun, rest = answer.batch[: count + outcome.held], answer.batch[count + outcome.held :]
+        again = self._again(begun[count:], outcome) if outcome.held else []
+        broken = [task for task in rest if begun and None is not task.group == begun[-1].group]  # others of it were alone
+        return list(rest[len(broken) :]), [*again, *broken]
 
     def _again(self, held: Batch, outcome: Outcome) -> list[Task]:
         """Of designs with which a worker ended those that are tried again, each alone; that which ended it becomes a row."""
@@ -228,6 +234,17 @@ class _Run:
         rate = (done - self._before) / max(monotonic() - self._begun, 1e-9)
         counts = (self._counts["refused"], self._counts["failed"])
         self._tell(Progress(self._total, done, *counts, rate, self._crew.size()))
+
+
+def _in_order(job: Job, tasks: list[Task]) -> list[Task]:
+    """Tasks by their numbers, but behind the first of those that are answered at once the others; formulas take any."""
+    if job.evaluator == FORMULAS:
+        return tasks
+    groups: dict[Hashable, list[Task]] = defaultdict(list)
+    for task, shared in zip(tasks, job.alike([task.values for task in tasks]), strict=True):
+        groups[shared].append(task)
+    parts = [group[first : first + MODULI] for group in groups.values() for first in range(0, len(group), MODULI)]
+    return [replace(task, group=number) for number, part in enumerate(parts) for task in part]
 
 
 def _checked(specification: Mapping[str, Any] | Path | str) -> Sweep:

@@ -19,12 +19,14 @@ class Task:
         values: of the variables.
         count: of designs that are the same.
         deaths: how many workers died with it.
+        group: number that those share which are answered at once, and belong in one batch; None where any may be.
     """
 
     key: bytes
     values: tuple[Value, ...]
     count: int = 1
     deaths: int = 0
+    group: int | None = None
 
 
 class CrewError(ProbeError):

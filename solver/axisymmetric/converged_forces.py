@@ -33,12 +33,14 @@ class Converged:
         sample: where they come from; its states are those of one of the moduli, or of one between them.
         plan: what is modelled or left out, beyond blocks and tissue.
         notes: what stands in the way of a better answer, one line each.
+        stopped: why no finer mesh was used where one was wanted; None where none was.
     """
 
     films: tuple[FilmForces, ...]
     sample: MeshSample
     plan: tuple[Decision, ...]
     notes: tuple[Note, ...]
+    stopped: str | None = None
 
 
 def converged_forces(scene: Scene, accuracy: float, moduli: Floats | None = None) -> Converged:
@@ -74,7 +76,7 @@ def converged_forces(scene: Scene, accuracy: float, moduli: Floats | None = None
     )
     films = _films(scene, mesh_sample, errors, missing)
     plan = tuple(change.decision(accuracy) for change in changes)
-    return Converged(films, mesh_sample, plan, tuple(_notes(scene, films, missing, accuracy, why)))
+    return Converged(films, mesh_sample, plan, tuple(_notes(scene, films, missing, accuracy, why)), why)
 
 
 def _films(scene: Scene, sample: MeshSample, errors: SampleErrors, changes: Iterable[Change] = ()) -> tuple[FilmForces, ...]:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import Refusal, SolveError
+from geometry.common.errors import InputError, Refusal, SolveError
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.converged_forces import Converged, converged_forces
+from solver.axisymmetric.shared_designs import answers
 from solver.linalg.memory import keep_freed
 from solver.linalg.threads import one_thread
 from solver.linalg.workspace import in_own_workspace
@@ -49,6 +51,11 @@ class Axisymmetric(FilmLevel):
         """
         converged = self.converged(scene, accuracy, moduli)
         return Answer(converged.films, converged.sample.states.residual, converged.plan, converged.notes)
+
+    @in_own_workspace
+    def answers(self, scenes: Sequence[Scene], accuracies: Sequence[float]) -> list[Answer | InputError]:
+        """Return what ``answer`` finds of each scene at its accuracy, or its refusal: a design's moduli and loads at once."""
+        return answers(self.converged, self._alone, scenes, accuracies)
 
     @in_own_workspace
     def converged(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Converged:

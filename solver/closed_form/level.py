@@ -11,12 +11,12 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
-from time import perf_counter
 
 import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal
+from geometry.common.resources import LimitReached, limited, limits, timed
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Inclusion, Scene
 from solver.closed_form.designs import PROBE, TISSUE, Shape, answers, parameters, split
@@ -29,7 +29,6 @@ from solver.linalg.workspace import in_own_workspace
 from solver.results.evaluator import Answer, FilmLevel, Tell
 from solver.results.film_forces import FilmForces, shortfalls
 from solver.results.kinds import needs_solid
-from solver.results.result import Result
 
 LEAST_COVER = 0.1  # of an inclusion, in its diameters
 LARGEST_ERROR = 2.9  # of ln(ratio): beyond it the formulas say nothing
@@ -91,12 +90,16 @@ class ClosedForm(FilmLevel):
         notes = tuple(shortfalls(worst.films, worst.errors.largest, accuracy))
         return Answer(tuple(one.films for one in every), max(one.residual for one in every), notes=notes)
 
-    def evaluate_many(self, scenes: Sequence[Scene], accuracy: float = 0.01) -> list[Result | InputError]:
-        """Return for each scene what ``evaluate`` returns, or the refusal it raises; ``seconds`` are shared out evenly."""
-        start = perf_counter()
-        answers = [self._result(*pair, accuracy) for pair in zip(scenes, self.films(scenes), strict=True)]
-        share = (perf_counter() - start) / max(len(scenes), 1)
-        return [replace(one, seconds=share) if isinstance(one, Result) else one for one in answers]
+    @in_own_workspace
+    def answers(self, scenes: Sequence[Scene], accuracies: Sequence[float]) -> list[Answer | InputError]:
+        """Return what ``answer`` finds of each scene at its accuracy, or its refusal: those of one structure at once."""
+        try:
+            with limited(replace(limits(), seconds=len(scenes) * limits().seconds)), timed():
+                found = self.films(scenes)
+        except LimitReached:
+            return super().answers(scenes, accuracies)
+        pairs = zip(found, accuracies, strict=True)
+        return [one if isinstance(one, InputError) else _answer(one, accuracy) for one, accuracy in pairs]
 
     @in_own_workspace
     def films(self, scenes: Sequence[Scene]) -> list[ClosedFormForces | InputError]:
@@ -127,11 +130,9 @@ class ClosedForm(FilmLevel):
         films = FilmForces(forces[0], error.bound(forces[0].sum(axis=1)), slope, error.sensitivity)
         return ClosedFormForces(films, error, float(residuals[0]))
 
-    def _result(self, scene: Scene, forces: ClosedFormForces | InputError, accuracy: float) -> Result | InputError:
-        if isinstance(forces, InputError):
-            return forces
-        notes = tuple(shortfalls(forces.films, forces.errors.largest, accuracy))
-        return Answer((forces.films,), forces.residual, notes=notes).result(self.name, scene, 0.0)
+
+def _answer(forces: ClosedFormForces, accuracy: float) -> Answer:
+    return Answer((forces.films,), forces.residual, notes=tuple(shortfalls(forces.films, forces.errors.largest, accuracy)))
 
 
 def _at_an_interface(body: Inclusion, scene: Scene) -> bool:

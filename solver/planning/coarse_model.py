@@ -78,7 +78,7 @@ class CoarseModel:
         alone = ProbeAlone.of(self.scene, 1.0, Converged((films,), self.sample, (), ()))
         return Undisturbed.on(alone, self.sample.states, OFF)
 
-    @property
+    @cached_property
     def edges(self) -> Effect | None:
         """What the tissue's sides and floor change against a half-space; None where it is one, or cannot be solved."""
         tissue = self.scene.tissue
@@ -96,7 +96,7 @@ class CoarseModel:
             ratio = float(abs(np.log(np.abs(totals / free)) @ [1.0, -1.0]))
         return Effect(ratio, float(changes.max()), float(abs(totals.sum() / free.sum() - 1)))
 
-    @property
+    @cached_property
     def closing(self) -> tuple[Floats, Floats]:
         """Heights on the walls that face each other, m, and by how much they near each other there per unit indentation."""
         section = self.sample.states.model.section
@@ -130,7 +130,7 @@ class CoarseModel:
         heights, first = np.unique(z[on], return_index=True)
         return heights, moved[on][first]
 
-    @property
+    @cached_property
     def pulled(self) -> float:
         """Share of the contact's forces that pull, were both surfaces tied to each other: what would open."""
         section, tissue = self.sample.states.model.section, (*self.scene.tissue.layer, self.scene.tissue)[0]

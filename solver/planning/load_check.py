@@ -37,10 +37,19 @@ def load_rule(scene: Scene) -> LoadRule:
     Raises:
         Refusal: so extreme that not even the coarsest mesh can be solved in double precision.
     """
+    totals, closure = rule_numbers(scene)
+    return LoadRule.of(scene, totals, closure)
+
+
+def rule_numbers(scene: Scene) -> tuple[Floats, float]:
+    """Return film forces per indentation without tumours, N/m, shape (2,), and the force that closes the gap, N.
+
+    Raises:
+        Refusal: see ``load_rule``.
+    """
     from solver.planning.coarse_model import without_tumours  # formulas start without finite elements
 
-    totals, closure = _alone(without_tumours(scene))
-    return LoadRule.of(scene, totals, closure)
+    return _alone(without_tumours(scene))
 
 
 @kept_table
@@ -126,12 +135,19 @@ def load_notes(scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> 
     return (Note("linear", f"answered linearly beyond {_most(scene, limit)}: {effect(rule, force, promise)}{null}"),)
 
 
-def with_warning(result: Result, scene: Scene, accuracy: float) -> Result:
-    """Return the answer of an evaluator that was named: its error refers to linear elasticity; beyond the limit it warns."""
+def with_warning(result: Result, scene: Scene, accuracy: float, rule: LoadRule | None = None) -> Result:
+    """Return the answer of an evaluator that was named: its error refers to linear elasticity; beyond the limit it warns.
+
+    Args:
+        result: the answer.
+        scene: what it answers.
+        accuracy: see ``largest``.
+        rule: of the scene, where it is known.
+    """
     if result.stiffness is None:
         return result
     try:
-        rule = _of_formulas(scene, result) if result.evaluator == FORMULAS else exact(load_rule(scene), result)
+        rule = _of_formulas(scene, result) if result.evaluator == FORMULAS else exact(rule or load_rule(scene), result)
     except Refusal as fault:
         return replace(result, warnings=(*result.warnings, Note("linear", f"linear_limit_load is null: {fault}")))
     promise = scene.target is not None

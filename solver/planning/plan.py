@@ -134,7 +134,15 @@ class Plan(Notebook):
         return (*(one for one in self.decisions if one.feature not in own), *decisions)
 
 
-def plan(scene: Scene, accuracy: float, solid: bool = False, skin: bool = False, linear: bool = False) -> Plan:
+def plan(
+    scene: Scene,
+    accuracy: float,
+    solid: bool = False,
+    skin: bool = False,
+    linear: bool = False,
+    *,
+    rough: CoarseModel | None = None,
+) -> Plan:
     """Plan how to answer a scene; see ``solver.levels.plan``.
 
     Args:
@@ -143,12 +151,13 @@ def plan(scene: Scene, accuracy: float, solid: bool = False, skin: bool = False,
         solid: as there.
         skin: whether to say what a skin would change of soft tissue without layers.
         linear: whether to answer linearly at any load.
+        rough: the scene's coarse model, where it is known: scenes without their tumours and loads may share it.
 
     Raises:
         InputError: a surface file that cannot be used.
         Refusal: so extreme that not even the coarsest mesh can be solved in double precision.
     """
-    rough = CoarseModel.of(scene)
+    rough = CoarseModel.of(scene) if rough is None else rough
     fewer = reduced(scene, rough, accuracy)
     rule, promise = rough.rule(scene), scene.target is not None
     rest = budget(rule, rule.force(scene), accuracy, promise)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any, Protocol
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import Refusal
+from geometry.common.errors import InputError, Refusal
 from geometry.common.limits import least
 from geometry.common.resources import timed
 from geometry.scenes.scene import Scene
@@ -125,6 +125,36 @@ class FilmLevel:
         with timed():
             answer = self.answer(scene, accuracy)
         return answer.result(self.name, scene, perf_counter() - start)
+
+    def answers(self, scenes: Sequence[Scene], accuracies: Sequence[float]) -> list[Answer | InputError]:
+        """Return what ``answer`` finds of each scene at its accuracy, or its refusal; levels that gain by it answer together."""
+        return [self._alone(scene, accuracy) for scene, accuracy in zip(scenes, accuracies, strict=True)]
+
+    def _alone(self, scene: Scene, accuracy: float) -> Answer | InputError:
+        try:
+            with timed():
+                return self.answer(scene, accuracy)
+        except InputError as fault:
+            return fault
+
+    @in_own_workspace
+    def evaluate_many(self, scenes: Sequence[Scene], accuracy: float | Sequence[float] = 0.01) -> list[Result | InputError]:
+        """Return for each scene what ``evaluate`` returns, or the refusal it raises; ``seconds`` are shared out evenly.
+
+        Args:
+            scenes: any.
+            accuracy: of all, or of each.
+        """
+        start = perf_counter()
+        every = self.answers(scenes, accuracy if isinstance(accuracy, Sequence) else [accuracy] * len(scenes))
+        share = (perf_counter() - start) / max(len(scenes), 1)
+        return [self._result(answer, scene, share) for answer, scene in zip(every, scenes, strict=True)]
+
+    def _result(self, answer: Answer | InputError, scene: Scene, seconds: float) -> Result | InputError:
+        try:
+            return answer if isinstance(answer, InputError) else answer.result(self.name, scene, seconds)
+        except InputError as fault:
+            return fault
 
     @in_own_workspace
     def evaluate_within(self, scene: Scene, accuracy: float) -> Result:

@@ -1,0 +1,99 @@
+"""Answers to many scenes of which some differ in nothing but the inclusion's Young's modulus and the load.
+
+The film forces of such scenes per unit indentation are one curve: a load scales them, and all moduli come from one
+factorisation (``modulus_response.py``), each with its own error bound. Where a curve does not do, each modulus is answered alone,
+and a load costs nothing in either case.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from geometry.common.arrays import Floats
+from geometry.common.errors import InputError
+from geometry.common.resources import limited, limits, timed
+from geometry.meridian.frame import Kind
+from geometry.meridian.frame import kind as kind_of
+from geometry.scenes.scene import Load, Scene
+from solver.axisymmetric.converged_forces import Converged
+from solver.axisymmetric.sections import sections
+from solver.results.evaluator import Answer
+from solver.results.film_forces import shortfalls
+from solver.results.warnings import Note, of_kind
+
+FEWEST = 6  # moduli from which a curve costs less than each alone; a curve takes three to seven times as long as one
+Converge = Callable[[Scene, float, Floats | None], Converged]
+Found = Answer | InputError
+
+
+def design(scene: Scene) -> Scene:
+    """Return the scene without what a curve answers: the inclusion's modulus and the size of the load, but not its kind."""
+    load = Load(indentation=0.0) if scene.load.indentation is not None else Load(force=0.0)
+    bodies = tuple(body.model_copy(update={"youngs_modulus": 1.0}) for body in scene.inclusion)
+    return scene.model_copy(update={"load": load, "inclusion": bodies})
+
+
+def smooth_kind(scene: Scene) -> tuple[Kind, Kind] | None:
+    """Return what scenes share whose results are smooth functions of their numbers; None of one that is refused."""
+    try:
+        section = sections(scene).section
+        return kind_of(section), kind_of(section, lean=True)
+    except InputError:
+        return None
+
+
+def answers(
+    converge: Converge, alone: Callable[[Scene, float], Found], scenes: Sequence[Scene], accuracies: Sequence[float]
+) -> list[Found]:
+    """Return what is found of each scene at its accuracy, or its refusal.
+
+    Args:
+        converge: finds film forces at moduli, Pa, shape (k,); scenes with one inclusion alone are asked for that.
+        alone: answers one scene.
+        scenes: that the level takes or not.
+        accuracies: one for each; of those that share a design the finest counts.
+    """
+    groups: dict[Scene, list[int]] = defaultdict(list)
+    for place, scene in enumerate(scenes):
+        groups[design(scene)].append(place)
+    every: dict[int, Found] = {}
+    for places in groups.values():
+        finest = min(accuracies[place] for place in places)
+        by_modulus: dict[float, list[int]] = defaultdict(list)
+        for place in places:
+            by_modulus[_modulus(scenes[place])].append(place)
+        firsts = {modulus: scenes[some[0]] for modulus, some in by_modulus.items()}
+        curve = _curve(converge, firsts, finest, len(places)) if len(firsts) >= FEWEST else {}
+        for modulus, some in by_modulus.items():
+            found = curve.get(modulus) or alone(firsts[modulus], finest)
+            every |= dict.fromkeys(some, found)
+    return [every[place] for place in range(len(scenes))]
+
+
+def _modulus(scene: Scene) -> float:
+    return scene.inclusion[0].youngs_modulus if len(scene.inclusion) == 1 else 0.0
+
+
+def _curve(converge: Converge, scenes: Mapping[float, Scene], accuracy: float, count: int) -> dict[float, Answer]:
+    """Answers to scenes by their moduli, within ``count`` times, but for those of which a mesh of their own may tell more."""
+    moduli = np.array(sorted(scenes))
+    try:
+        with limited(replace(limits(), seconds=count * limits().seconds)), timed():
+            found = converge(scenes[moduli[0]], accuracy, moduli)
+    except InputError:
+        return {}
+    return dict(_by_modulus(found, scenes, moduli, accuracy))
+
+
+def _by_modulus(
+    found: Converged, scenes: Mapping[float, Scene], moduli: Floats, accuracy: float
+) -> Iterator[tuple[float, Answer]]:
+    residual, details = found.sample.states.residual, of_kind(found.notes, "left_out")
+    for modulus, films in zip(moduli.tolist(), found.films, strict=True):
+        short: list[Note] = shortfalls(films, films.error_under(scenes[modulus]), accuracy)
+        if not (short and found.stopped):
+            yield modulus, Answer((films,), residual, found.plan, (*details, *short))

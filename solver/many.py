@@ -1,0 +1,214 @@
+"""Many scenes at once: what they share is found once, and one that is refused leaves the others alone."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from time import perf_counter
+from typing import TypeVar
+
+from geometry.common.errors import ProbeError
+from geometry.common.resources import Limits, limited, limits, timed
+from geometry.provenance.block import provenance
+from geometry.scenes.scene import Scene
+from geometry.scenes.surface_names import check_surface_names
+from solver import levels
+from solver.families import families
+from solver.results.evaluator import Answer, FilmLevel, Tell
+from solver.results.kinds import is_round
+from solver.results.result import Result
+
+TOGETHER = ("closed-form", "axisymmetric")  # levels that answer many scenes faster than one by one
+AXISYMMETRIC = "axisymmetric"
+T = TypeVar("T")
+Answered = Result | ProbeError
+
+
+@dataclass(frozen=True)
+class _Question:
+    """What is asked of every scene, see ``evaluate_many``."""
+
+    evaluator: str
+    accuracy: float
+    tell: Tell | None
+    linear: bool
+
+    def alone(self, scene: Scene) -> Answered:
+        """What ``evaluate`` says, or its refusal."""
+        return _caught(lambda: levels.evaluate(scene, self.evaluator, self.accuracy, self.tell, linear=self.linear))
+
+
+def evaluate_many(
+    scenes: Sequence[Scene | Path | str],
+    evaluator: str = levels.AUTO,
+    accuracy: float = 0.01,
+    tell: Tell | None = None,
+    *,
+    linear: bool = False,
+    limits: Limits | None = None,
+) -> list[Result | ProbeError]:
+    """Evaluate many scenes of any kinds: what ``evaluate`` returns for each, in order, or the error that it raises.
+
+    ``closed-form`` answers those of one structure on arrays, bit for bit as alone. ``axisymmetric``, also where ``auto`` chooses
+    it, answers those that differ in the target's modulus and the load alone by one curve; asked by name it finds a few of 10 or
+    more that differ in one other number and interpolates the rest where that adds next to nothing to their errors. Both agree
+    with single answers within the ``error_estimate`` of both. What is found together shares ``seconds`` evenly.
+
+    Args:
+        scenes: what is pressed on what, or names of scene files.
+        evaluator: see ``evaluate``.
+        accuracy: likewise.
+        tell: likewise.
+        linear: likewise.
+        limits: for each answer, see ``evaluate``; those that are found together have their number of times.
+
+    Raises:
+        InputError: no such evaluator or accuracy; of a scene it stands in its place among the results.
+
+    Example:
+        >>> from solver import evaluate_many
+        >>> [one.ratio for one in evaluate_many(["examples/scene.toml"] * 2)]  # doctest: +SKIP
+    """
+    levels.check_accuracy(accuracy)
+    if evaluator != levels.AUTO:
+        levels.evaluator(evaluator)
+    asked = _Question(evaluator, accuracy, tell, linear)
+    with limited(limits):
+        every = [_caught(partial(_checked, scene)) for scene in scenes]
+        known = [one for one in every if isinstance(one, Scene)]
+        found = iter(zip(known, answered(known, asked.evaluator, accuracy, tell, linear=linear), strict=True))
+        return [_told(*next(found), asked) if isinstance(one, Scene) else one for one in every]
+
+
+def answered(
+    scenes: Sequence[Scene], evaluator: str, accuracy: float, tell: Tell | None = None, *, linear: bool = False
+) -> list[Answered]:
+    """Return what ``evaluate_many`` does, those that were answered together without their provenance."""
+    alone = _Question(evaluator, accuracy, tell, linear).alone
+    found = together(scenes, evaluator, accuracy, tell, linear=linear)
+    return [alone(scene) if one is None else one for one, scene in zip(found, scenes, strict=True)]
+
+
+def together(
+    scenes: Sequence[Scene], evaluator: str, accuracy: float, tell: Tell | None = None, *, linear: bool = False
+) -> list[Answered | None]:
+    """Return what can be answered together, without its provenance, and None for each scene that is to be answered alone."""
+    asked = _Question(evaluator, accuracy, tell, linear)
+    if len(scenes) > 1 and evaluator in TOGETHER:
+        return [*_named(scenes, asked)]
+    return _automatic(scenes, asked) if evaluator == levels.AUTO else [None] * len(scenes)
+
+
+def _checked(scene: Scene | Path | str) -> Scene:
+    known = levels.read(scene)
+    check_surface_names(known)
+    return known
+
+
+def _told(scene: Scene, answer: Answered, asked: _Question) -> Answered:
+    if isinstance(answer, Result) and answer.provenance is None:
+        return replace(answer, provenance=provenance(scene, evaluator=asked.evaluator, accuracy=asked.accuracy))
+    return answer
+
+
+def _named(scenes: Sequence[Scene], asked: _Question) -> list[Answered]:
+    """Answers of a level that answers together, with warnings of loads beyond linear elasticity."""
+    from solver.planning.load_check import with_warning
+
+    level = levels.evaluator(asked.evaluator, asked.tell)
+    assert isinstance(level, FilmLevel)
+    found = _smooth(scenes, asked, level) if asked.evaluator == AXISYMMETRIC else {}
+    rest = [place for place in range(len(scenes)) if place not in found]
+    results = level.evaluate_many([scenes[place] for place in rest], asked.accuracy)
+
+    def warned(result: Result, scene: Scene) -> Result:
+        with timed():
+            return with_warning(result, scene, asked.accuracy)
+
+    for place, one in zip(rest, results, strict=True):
+        found[place] = _caught(partial(warned, one, scenes[place])) if isinstance(one, Result) else one
+    return [found[place] for place in range(len(scenes))]
+
+
+def _smooth(scenes: Sequence[Scene], asked: _Question, level: FilmLevel) -> dict[int, Answered]:
+    """Answers to scenes that differ in one number, by their places: some found, the others interpolated where that is allowed."""
+    from solver.interpolation import interpolated
+    from solver.planning.load_check import with_warning
+
+    found: dict[int, Answered] = {}
+    for family in families(scenes, _kinds):
+        start, members = perf_counter(), [scenes[place] for place in family.places]
+        pairs = interpolated(family, members, level, asked.accuracy)
+        share = (perf_counter() - start) / max(sum(pair is not None for pair in pairs), 1)
+        for place, scene, pair in zip(family.places.tolist(), members, pairs, strict=True):
+            if pair is not None:
+                with timed():
+                    result = _caught(partial(pair[0].result, AXISYMMETRIC, scene, share))
+                    if isinstance(result, Result):
+                        result = with_warning(result, scene, asked.accuracy, pair[1])
+                    found[place] = result
+    return found
+
+
+def _kinds(scene: Scene) -> object:
+    """What scenes share whose forces and whose rule for loads are smooth functions of their numbers."""
+    from solver.axisymmetric.shared_designs import smooth_kind
+    from solver.planning.coarse_model import without_tumours
+
+    return smooth_kind(scene), smooth_kind(without_tumours(scene))
+
+
+def _automatic(scenes: Sequence[Scene], asked: _Question) -> list[Answered | None]:
+    """Answers to those that share a design where the plan names ``axisymmetric``."""
+    from solver.axisymmetric.shared_designs import design
+
+    groups: dict[Scene, list[int]] = defaultdict(list)
+    for place, scene in enumerate(scenes):
+        if is_round(scene):
+            groups[design(scene)].append(place)
+    found: dict[int, Answered | None] = {}
+    for places in groups.values():
+        if len(places) > 1:
+            found |= zip(places, _of_one_design([scenes[place] for place in places], asked), strict=True)
+    return [found.get(place) for place in range(len(scenes))]
+
+
+def _of_one_design(scenes: Sequence[Scene], asked: _Question) -> Iterator[Answered | None]:
+    """Answers to scenes that share a design, by the order of scenes; None where one alone may be answered otherwise."""
+    from solver.planning.coarse_model import CoarseModel
+
+    start = perf_counter()
+    with limited(replace(limits(), seconds=len(scenes) * limits().seconds)), timed():
+        rough = _caught(lambda: CoarseModel.of(scenes[0]))
+        if isinstance(rough, ProbeError):
+            return (None for _ in scenes)
+        plans = [_caught(partial(levels.allowed_plan, one, asked.accuracy, asked.linear, rough)) for one in scenes]
+    shared = {k: plan for k, plan in enumerate(plans) if not isinstance(plan, ProbeError) and plan.evaluator == AXISYMMETRIC}
+    level = levels.evaluator(AXISYMMETRIC, asked.tell)
+    assert isinstance(level, FilmLevel)
+    every = level.answers([plan.scene for plan in shared.values()], [plan.accuracy for plan in shared.values()])
+    answers = dict(zip(shared, every, strict=True))
+    share = (perf_counter() - start) / len(scenes)
+
+    def completed(k: int) -> Answered | None:
+        plan, answer = plans[k], answers.get(k)
+        if isinstance(plan, ProbeError):
+            return plan
+        if not isinstance(answer, Answer) or answer.films[0].error_under(plan.scene) > plan.accuracy:
+            return None
+        return _caught(
+            lambda: plan.completed(answer.result(AXISYMMETRIC, plan.scene, share), scenes[k], asked.accuracy, asked.linear)
+        )
+
+    return (completed(k) for k in range(len(scenes)))
+
+
+def _caught(made: Callable[[], T]) -> T | ProbeError:
+    """What is made, or the error that the toolkit raises on purpose."""
+    try:
+        return made()
+    except ProbeError as fault:
+        return fault
