@@ -7,7 +7,7 @@ farther from. With w the change of a state and W = w_1 + w_2, F_ij changes by th
 (Galerkin's orthogonality), element by element, so that changes cannot cancel unseen:
 
     e_i = sum over elements c_e d_e,   d_e = |a_e(w_i, W)| + 1/10 sqrt(a_e(w_i, w_i) a_e(W, W))        (AX.10)
-    c_e = min(c, max(1, k q / (1 - q))),   q = d_e over that of the smaller state's part of degree p - 1        (AX.11)
+    c_e = min(c, max(6/5, k q / (1 - q))),   q = d_e over that of the smaller state's part of degree p - 1        (AX.11)
 
 bounds film i's total. Were all errors those of corners, where p^-2 is left at degree p, 16/9, 25/11 and 36/13 of the change
 would be left at degrees 4 to 6, twice q / (1 - q); where changes fall by q with each degree, q / (1 - q) is, and never less than
@@ -42,7 +42,7 @@ from solver.linalg.rational_response import RationalResponse
 MOST = {4: 2.5, 5: 2.5, 6: 4.0}  # by order: c of eq. AX.10
 MOST_OF_OWN = {5: 2.2, 6: 2.2}  # likewise, of the state's own part of degree p
 RATES = {4: 12.0}  # by order: k of eq. AX.11
-LEAST = 1.0  # of eq. AX.11
+LEAST = 1.2  # of eq. AX.11
 CANCELLING = 0.1  # of eq. AX.10
 DEPENDENT = 1e-12  # share of the largest energy below which a vector of the smaller space is none
 SAMPLED = 5  # moduli of a curve at which eq. AX.12 looks at single elements
