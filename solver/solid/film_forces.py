@@ -40,6 +40,7 @@ from solver.solid.domain_mesh import is_meshed, mesh_domain, moved_meshes
 MESHES = ROUGH, COARSE, FINE
 SHARE = 0.1  # of the accuracy that the symmetric part may take
 SAFETY = 2.0  # times what two meshes differ by
+SLOPES = 2.5  # likewise of log_sensitivity: on two meshes a stiff tumour's was 1.2 times outside 2.0
 FLOOR = 0.02  # of what inclusions, groove and edges change: what two meshes may both have wrong; halved by a third mesh
 RAW = 0.04  # of what the mesh gets wrong of the reference: what may not cancel
 EDGES = 0.3  # of the product of what far tissue changes and what inclusions, groove and edges change
@@ -258,7 +259,7 @@ def _films(
         moved = abs(logs[0] - logs[2])
         log_ratio = SAFETY * abs(logs[0] - logs[1]) + doubt * moved + RAW * float(raw.max()) * moved + whole.bound.log_ratio
         one, other = _log_sensitivity(slope[k], now), _log_sensitivity(slope_before[k], before[k])
-        sensitivity_bound = SAFETY * abs(one - other) + (FLOOR + fine.lost) * abs(one)
+        sensitivity_bound = SLOPES * abs(one - other) + (FLOOR + fine.lost) * abs(one)
         bound = Bound(error, log_ratio if np.all(error < np.abs(totals)) else np.inf)
         films.append(FilmForces(now, bound, slope[k] if scene.target is not None else None, sensitivity_bound))
     return tuple(films)
