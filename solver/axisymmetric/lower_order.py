@@ -117,7 +117,7 @@ def _errors(sample: MeshSample, own: _Curve, low: _Curve, shares: Floats) -> Sam
     lower_slope = times[:, None] * _inclusion_energies(sample, low.values, low.at(times)).sum(axis=2)
     change = np.abs(_share(lower_slope, totals + energies.sum(axis=2)) - share)
     part = _share(bound, np.maximum(np.abs(totals) - bound, 0.0), np.inf)  # of the force that the error may leave
-    films = SLOPES * change + np.abs(share) * part
+    films = SLOPES * change + np.multiply(np.abs(share), part, out=np.zeros_like(part), where=share != 0)  # where nothing varies
     return SampleErrors(_known(bound + sample.rounding), _known(films.sum(axis=1)))
 
 

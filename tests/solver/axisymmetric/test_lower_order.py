@@ -122,6 +122,17 @@ def test_the_smaller_spaces_state_is_nearer_than_the_own_one_without_its_last_de
     assert np.all(sizes[0] < sizes[1])
 
 
+@pytest.mark.parametrize("tell", [own_errors, order_errors])
+def test_bounds_wider_than_a_total_are_numbers_where_nothing_varies(tell: Any) -> None:
+    """Of a probe on tissue without a tumour whose inner block is hardly pressed."""
+    one = named("extremes", "corner-13").scene.model_copy(update={"inclusion": ()})
+    of = sections(one)
+    found = sample(of.section, of, one, LEVELS[2])
+    with np.errstate(all="raise"):
+        bounds = tell(found)
+    assert np.all(bounds.sensitivity < 1e-6)
+
+
 def test_a_second_mesh_is_solved_only_where_one_does_not_do(monkeypatch: pytest.MonkeyPatch) -> None:
     meshes: list[int] = []
 
