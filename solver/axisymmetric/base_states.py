@@ -135,8 +135,8 @@ def model(
     two_mu, lam = _moduli(mesh, materials)
     count = max(1, int(BLOCK / (8 * (2 * len(functions.degrees)) ** 2)))
     blocks = [slice(low, low + count) for low in range(0, len(mesh.body), count)]
-    parts = [stiffness(at.of(one), functions, two_mu[one], lam[one]).condensed() for one in blocks]
-    whole = Condensed.joined(parts)
+    parts = (stiffness(at.of(one), functions, two_mu[one], lam[one]) for one in blocks)
+    whole = Condensed.of(parts, len(mesh.body))
     system = System.of(numbering(mesh, fineness.order, interface), whole.stiffness)
     return MeridianModel(
         section,

@@ -8,7 +8,7 @@ which keeps the matrix symmetric positive definite and does not lock as Poisson'
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -66,7 +66,7 @@ class Blocks:
 
     def condensed(self) -> Condensed:
         """Eliminate each element's inside."""
-        return Condensed.of(self)
+        return Condensed.of([self], len(self.outside))
 
 
 @dataclass(frozen=True)
@@ -84,13 +84,31 @@ class Condensed:
     half: Floats
 
     @classmethod
-    def of(cls, blocks: Blocks) -> Condensed:
+    def of(cls, parts: Iterable[Blocks], count: int) -> Condensed:
         """Eliminate by Cholesky's method, half of the operations of Gauss's and of the products.
+
+        Args:
+            parts: matrices of the elements, some at a time, so that they need not be held together.
+            count: of all elements.
 
         Raises:
             LinAlgError: an inside is not positive definite to rounding.
         """
-        reduced, upper, half = np.empty_like(blocks.outside), np.empty_like(blocks.inside), np.empty_like(blocks.across)
+        whole: Condensed | None = None
+        done = 0
+        for blocks in parts:
+            if whole is None:
+                shapes = (one.shape[1:] for one in (blocks.outside, blocks.inside, blocks.across))
+                whole = cls(*(np.empty((count, *shape)) for shape in shapes))
+            end = done + len(blocks.outside)
+            whole._eliminate(blocks, slice(done, end))
+            done = end
+        assert whole is not None
+        return whole
+
+    def _eliminate(self, blocks: Blocks, where: slice) -> None:
+        """Fill some elements' places."""
+        reduced, upper, half = self.stiffness[where], self.upper[where], self.half[where]
         for e, (outside, across, inside) in enumerate(zip(blocks.outside, blocks.across, blocks.inside, strict=True)):
             factor, info = dpotrf(inside.T, lower=1, clean=0)  # rows are LAPACK's columns, so that nothing is copied twice
             if info:
@@ -98,13 +116,7 @@ class Condensed:
             across = dtrsm(1.0, factor, across.T, side=1, lower=1, trans_a=1)
             reduced[e], upper[e], half[e] = dsyrk(-1.0, across, beta=1.0, c=outside.T, lower=1).T, factor.T, across.T
         above = np.tri(reduced.shape[1], dtype=bool).T
-        return cls(np.where(above, reduced, reduced.swapaxes(1, 2)), upper, half)
-
-    @classmethod
-    def joined(cls, parts: Sequence[Condensed]) -> Condensed:
-        """Put the elements of several one after the other."""
-        stiffness, upper, half = ([getattr(part, name) for part in parts] for name in ("stiffness", "upper", "half"))
-        return cls(np.concatenate(stiffness), np.concatenate(upper), np.concatenate(half))
+        self.stiffness[where] = np.where(above, reduced, reduced.swapaxes(1, 2))
 
     def recovery(self, chosen: Ints | slice = slice(None)) -> Floats:
         """What gives the insides from corners and edges: inside = recovery @ edge."""
