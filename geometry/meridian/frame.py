@@ -4,23 +4,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from math import ceil, isclose
+from math import isclose
 from typing import Any
 
 import numpy as np
 
-from geometry.meridian.grading import folds, graded, smooth_min
+from geometry.meridian.breaks import (
+    THIN,
+    block_breaks,
+    cell_counts,
+    lean_columns,
+    lean_rings,
+    lean_rows,
+    radial_breaks,
+    tissue_breaks,
+)
+from geometry.meridian.grading import graded, smooth_min
 from geometry.meridian.section import Section
-from geometry.meridian.sphere_box import SPHERE_CELL, Breaks, SphereBox
+from geometry.meridian.sphere_box import Breaks, SphereBox
 
-FOLDS = 1.8  # e-folds by which cells may grow from one to the next on the coarsest mesh
 MANY = 2.0  # times the coarsest mesh's cells: beyond it no lines end, for the three columns under a gap were too few
-# columns from each radius to the next: in all, and on either side of a box's edge between them
-LEAST = {"axis": (3, (3, 2)), "inner edge": (2, (1, 1)), "inner": (3, (1, 1)), "hole": (3, (2, 2)), "tube": (4, (3, 3))}
-LEAST |= {"hole edge": (3, (2, 2)), "tube edge": (2, (1, 1))}
-LEAN = 0.3  # of a cell: columns under the tube's wall on a lean mesh may be short of the usual growth by so much
-SURFACE = 1.15  # cells more than the usual growth asks for in the rows under the surface of a lean mesh, but no more than 4
-THIN = 12.0  # features of the blocks: under thinner tissue no lines end, for the corners are felt below it
 
 
 @dataclass(frozen=True)
@@ -202,16 +205,16 @@ def kind(section: Section, lean: bool = False) -> Kind:
     films, base = int(s.film > 0) + int(s.adhesive > 0), None
     if s.flange_thickness > 0:
         base = 0 if isclose(s.inner_height, s.outer_height) else 1 if s.inner_height > s.outer_height else -1
-    blocks = tuple(_cells(_block(s, height))[0] for height in (s.inner_height, s.outer_height))
-    rings = (0, 0) if sphere is None else tuple(_cells(ring)[0] for ring in sphere.rings())
+    blocks = tuple(cell_counts(block_breaks(s, height))[0] for height in (s.inner_height, s.outer_height))
+    rings = (0, 0) if sphere is None else tuple(cell_counts(ring)[0] for ring in sphere.rings())
     thin = bool(s.under_blocks < THIN * s.block_size)
     above, across = s.interfaces_apart
-    radii, levels = _radii(s, box, sphere), _tissue_levels(s, sphere, thin)
-    columns, rows = _cells(radii), _cells(levels)
+    radii, levels = radial_breaks(s, box, sphere), tissue_breaks(s, sphere, thin)
+    columns, rows = cell_counts(radii), cell_counts(levels)
     lean = lean and not s.edge_radius
     if lean and sphere is not None:
-        columns, rings = _lean_columns(columns, radii, box), (rings[0], ceil(_folds(sphere.rings()[1])[0]))
-        rows = _lean_rows(levels, thin, wide=columns[1 + (box == 0)] != 3 or box == 1)
+        columns, rings = lean_columns(columns, radii, box), lean_rings(rings, sphere.rings()[1])
+        rows = lean_rows(levels, thin, wide=columns[1 + (box == 0)] != 3 or box == 1)
     return Kind(
         columns,
         rows,
@@ -231,11 +234,11 @@ def kind(section: Section, lean: bool = False) -> Kind:
 def frame(section: Section, layout: MeshTopology) -> MeshLines:
     """Place the lines of a layout for one section, or for an array of sections of its kind."""
     s, sphere, box = section, SphereBox.of(section), layout.kind.box
-    levels = [_joined(_tissue_levels(s, sphere), layout.rows)]
+    levels = [_joined(tissue_breaks(s, sphere), layout.rows)]
     for height, cells in zip((s.inner_height, s.outer_height), layout.blocks, strict=True):
-        levels.append(_joined(_block(s, height), (cells,))[..., 1:])
+        levels.append(_joined(block_breaks(s, height), (cells,))[..., 1:])
         levels += _film_levels(s, layout, height)
-    radii = [_joined(_radii(s, box, sphere), layout.columns)]
+    radii = [_joined(radial_breaks(s, box, sphere), layout.columns)]
     if layout.kind.base is not None:
         levels += _base_levels(s, layout)
         radii.append(_bridge(s, layout))
@@ -259,61 +262,6 @@ def _joined(breaks: Breaks, cells: tuple[int, ...]) -> Any:
     return np.concatenate([pieces[0], *(piece[..., 1:] for piece in pieces[1:])], axis=-1)
 
 
-def _cells(breaks: Breaks) -> tuple[int, ...]:
-    """Numbers of cells between the breaks on the coarsest mesh."""
-    return tuple(max(least, ceil(grown)) for grown, least in zip(_folds(breaks), breaks.least, strict=True))
-
-
-def _folds(breaks: Breaks) -> list[float]:
-    """Cells between the breaks as their growth alone asks for."""
-    ends = zip(pairwise(breaks.places), pairwise(breaks.sizes), strict=True)
-    return [folds(*places, *sizes) / FOLDS for places, sizes in ends]
-
-
-def _lean_columns(columns: tuple[int, ...], breaks: Breaks, box: int | None) -> tuple[int, ...]:
-    """Two columns under the tube's wall where they nearly do, and the box's edge does not part them."""
-    wall = 2 + (box in (0, 1))
-    few = box != 2 and _folds(breaks)[wall] < 2 + LEAN
-    return *columns[:wall], 2 if few else columns[wall], *columns[wall + 1 :]
-
-
-def _lean_rows(breaks: Breaks, thin: bool, wide: bool) -> tuple[int, ...]:
-    """Fewer rows across the box and below it, and under the surface where cells need not grow much below a narrow gap."""
-    *below, under = _folds(breaks)
-    least = 2 if thin else 4 if wide else max(3, min(4, ceil(under + SURFACE)))
-    return *(max(2, ceil(one)) for one in below), max(least, ceil(under))
-
-
-def _radii(s: Section, box: int | None, sphere: SphereBox | None) -> Breaks:
-    """Radii of the tissue's lines, graded to the blocks' corners, to a pole near the surface and to the tissue's side."""
-    corner, side = s.corner_size, smooth_min(s.tissue_radius - s.tube_radius, s.tissue_depth)
-    places = [0 * s.inner_radius, *s.block_radii.values(), s.tissue_radius]
-    least = [LEAST[name][0] for name in ("axis", *s.block_radii)]
-    sizes = [None, *[corner] * (len(places) - 2), side]
-    if sphere is not None and box is not None:
-        sizes[0] = sphere.pole
-        places.insert(box + 1, sphere.edge(s, box, places))
-        sizes.insert(box + 1, SPHERE_CELL * sphere.radius)
-        least[box : box + 1] = LEAST[["axis", *s.block_radii][box]][1]
-    return Breaks(places, sizes, least)
-
-
-def _tissue_levels(s: Section, sphere: SphereBox | None, thin: bool = False) -> Breaks:
-    """Heights of the tissue's lines: floor, interfaces, box and surface, from below; cells grow away from the surface."""
-    floor = smooth_min(s.tissue_radius - s.tube_radius, s.tissue_depth)
-    zero, (above, across) = 0 * s.tissue_depth, s.interfaces_apart
-    planes = [(-depth, depth + s.corner_size, 2) for depth in s.interfaces]
-    places = [(zero, s.corner_size, 0), *planes, (-s.tissue_depth, floor, 3)]
-    if sphere is not None:
-        places.insert(1 + above, (sphere.high, sphere.above, 2))
-        places.insert(2 + above + across, (sphere.low, sphere.below, 4 if not across else 2))
-    elif not planes:
-        places[-1] = (-s.tissue_depth, floor, 6)
-    heights, sizes, least = (list(column) for column in zip(*places[::-1], strict=True))
-    least[-2] = max(least[-2], 2 if thin else 4)  # the interval under the surface
-    return Breaks(heights, sizes, least[:-1])
-
-
 def _turns(sphere: SphereBox, layout: MeshTopology, radii: Any, levels: Any) -> Any:
     """``MeshLines.turn``: 0 but in the box."""
     above, across, _ = layout.kind.layers
@@ -329,10 +277,6 @@ def _middles(levels: Any, layout: MeshTopology) -> Any:
     """The levels within rows in which lines end."""
     tops = list(layout.merged)
     return (levels[..., tops] + levels[..., [top - 1 for top in tops]]) / 2
-
-
-def _block(s: Section, height: Any) -> Breaks:
-    return Breaks([0 * height, height], [s.corner_size, s.corner_size], [5])
 
 
 def _bridge(s: Section, layout: MeshTopology) -> Any:

@@ -1,0 +1,84 @@
+"""Breaks of a meridian mesh, the places that its lines must meet, and how many cells lie between them on the coarsest mesh."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import ceil
+from typing import Any
+
+from geometry.meridian.grading import folds, smooth_min
+from geometry.meridian.section import Section
+from geometry.meridian.sphere_box import SPHERE_CELL, Breaks, SphereBox
+
+FOLDS = 1.8  # e-folds by which cells may grow from one to the next on the coarsest mesh
+# columns from each radius to the next: in all, and on either side of a box's edge between them
+LEAST = {"axis": (3, (3, 2)), "inner edge": (2, (1, 1)), "inner": (3, (1, 1)), "hole": (3, (2, 2)), "tube": (4, (3, 3))}
+LEAST |= {"hole edge": (3, (2, 2)), "tube edge": (2, (1, 1))}
+LEAN = 0.3  # of a cell: columns under the tube's wall on a lean mesh may be short of the usual growth by so much
+SURFACE = 1.15  # cells more than the usual growth asks for in the rows under the surface of a lean mesh, but no more than 4
+THIN = 12.0  # features of the blocks: under thinner tissue no lines end, for the corners are felt below it
+
+
+def radial_breaks(s: Section, box: int | None, sphere: SphereBox | None) -> Breaks:
+    """Radii of the tissue's lines, graded to the blocks' corners, to a pole near the surface and to the tissue's side."""
+    corner, side = s.corner_size, smooth_min(s.tissue_radius - s.tube_radius, s.tissue_depth)
+    places = [0 * s.inner_radius, *s.block_radii.values(), s.tissue_radius]
+    least = [LEAST[name][0] for name in ("axis", *s.block_radii)]
+    sizes = [None, *[corner] * (len(places) - 2), side]
+    if sphere is not None and box is not None:
+        sizes[0] = sphere.pole
+        places.insert(box + 1, sphere.edge(s, box, places))
+        sizes.insert(box + 1, SPHERE_CELL * sphere.radius)
+        least[box : box + 1] = LEAST[["axis", *s.block_radii][box]][1]
+    return Breaks(places, sizes, least)
+
+
+def tissue_breaks(s: Section, sphere: SphereBox | None, thin: bool = False) -> Breaks:
+    """Heights of the tissue's lines: floor, interfaces, box and surface, from below; cells grow away from the surface."""
+    floor = smooth_min(s.tissue_radius - s.tube_radius, s.tissue_depth)
+    zero, (above, across) = 0 * s.tissue_depth, s.interfaces_apart
+    planes = [(-depth, depth + s.corner_size, 2) for depth in s.interfaces]
+    places = [(zero, s.corner_size, 0), *planes, (-s.tissue_depth, floor, 3)]
+    if sphere is not None:
+        places.insert(1 + above, (sphere.high, sphere.above, 2))
+        places.insert(2 + above + across, (sphere.low, sphere.below, 4 if not across else 2))
+    elif not planes:
+        places[-1] = (-s.tissue_depth, floor, 6)
+    heights, sizes, least = (list(column) for column in zip(*places[::-1], strict=True))
+    least[-2] = max(least[-2], 2 if thin else 4)  # the interval under the surface
+    return Breaks(heights, sizes, least[:-1])
+
+
+def block_breaks(s: Section, height: Any) -> Breaks:
+    """Heights of a block's lines, graded to both its ends."""
+    return Breaks([0 * height, height], [s.corner_size, s.corner_size], [5])
+
+
+def cell_counts(breaks: Breaks) -> tuple[int, ...]:
+    """Numbers of cells between the breaks on the coarsest mesh."""
+    return tuple(max(least, ceil(grown)) for grown, least in zip(_folds(breaks), breaks.least, strict=True))
+
+
+def _folds(breaks: Breaks) -> list[float]:
+    """Cells between the breaks as their growth alone asks for."""
+    ends = zip(pairwise(breaks.places), pairwise(breaks.sizes), strict=True)
+    return [folds(*places, *sizes) / FOLDS for places, sizes in ends]
+
+
+def lean_columns(columns: tuple[int, ...], breaks: Breaks, box: int | None) -> tuple[int, ...]:
+    """Two columns under the tube's wall where they nearly do, and the box's edge does not part them."""
+    wall = 2 + (box in (0, 1))
+    few = box != 2 and _folds(breaks)[wall] < 2 + LEAN
+    return *columns[:wall], 2 if few else columns[wall], *columns[wall + 1 :]
+
+
+def lean_rows(breaks: Breaks, thin: bool, wide: bool) -> tuple[int, ...]:
+    """Fewer rows across the box and below it, and under the surface where cells need not grow much below a narrow gap."""
+    *below, under = _folds(breaks)
+    least = 2 if thin else 4 if wide else max(3, min(4, ceil(under + SURFACE)))
+    return *(max(2, ceil(one)) for one in below), max(least, ceil(under))
+
+
+def lean_rings(rings: tuple[int, ...], core: Breaks) -> tuple[int, int]:
+    """As many rings between core and sphere as their growth asks for."""
+    return rings[0], ceil(_folds(core)[0])
