@@ -26,6 +26,7 @@ from geometry.common.arrays import Floats
 from solver.closed_form import bessel
 from solver.closed_form.designs import Shape, forces, gradients
 from solver.linalg.memory import keep_freed
+from solver.linalg.threads import one_thread
 
 NEAR = 2.0  # outer radii to the near sides
 DESIGNS = 4096
@@ -40,6 +41,12 @@ PARTS = {
 
 def main() -> None:
     argparse.ArgumentParser(description=__doc__).parse_args()
+    with one_thread():  # two of BLAS would count twice
+        measure()
+
+
+def measure() -> None:
+    """Print the tables."""
     keep_freed()
     rates = {BESSEL: _bessel_rate(), SOLVE: _solve_rate()}
     print(
