@@ -1,0 +1,108 @@
+"""Where one evaluation by ``axisymmetric`` spends its time: the stages on the light mesh and on that of order 6.
+
+``python -m benchmarks.extremes.stages`` prints the least processor time of 25 runs of each, on one thread, on the peers' first
+scene; operations in millions where they are counted, and how fast products of many matrices of 48 x 48 are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from time import process_time
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from benchmarks.peers.measured import NAMES, cases
+from benchmarks.tables import MeasuredTable
+from geometry.meridian.frame import MeridianFineness
+from geometry.meridian.mesh import nodes
+from solver.axisymmetric.base_states import BLOCK, MeridianModel, base_states, model
+from solver.axisymmetric.lower_order import MOST_OF_OWN, order_errors, own_errors
+from solver.axisymmetric.refinement import LEVELS, LIGHT
+from solver.axisymmetric.sample import sample
+from solver.axisymmetric.sections import sections
+from solver.elements.quadrilateral import geometry, stiffness
+from solver.elements.tensor_products import TensorSums
+from solver.linalg.cholesky import factorise
+from solver.linalg.memory import keep_freed
+from solver.linalg.threads import one_thread
+
+RUNS = 25
+
+
+def least(run: Callable[[], Any]) -> float:
+    """Return the least processor time of some runs, s."""
+    found = []
+    for _ in range(RUNS):
+        start = process_time()
+        run()
+        found.append(process_time() - start)
+    return min(found)
+
+
+def stages(one: MeridianModel) -> dict[str, Callable[[], Any]]:
+    """Return what makes a model, by name."""
+    shapes, count = one.shapes, int(BLOCK / (8 * (2 * len(one.shapes.degrees)) ** 2))
+    blocks = [slice(low, low + count) for low in range(0, len(one.two_mu), count)]
+    integrate = [partial(stiffness, one.at.of(part), shapes, one.two_mu[part], one.lam[part]) for part in blocks]
+    matrices, pattern = [part() for part in integrate], one.system.numbering.pattern
+    return {
+        "nodes and geometry": lambda: geometry(nodes(one.section, one.mesh, shapes.places), shapes),
+        "integrals": lambda: [part() for part in integrate],
+        "insides eliminated": lambda: [part.condensed() for part in matrices],
+        "added up": lambda: one.system.numbering.assemble(one.system.stiffness),
+        "factorised": lambda: factorise(one.system.matrix, pattern),
+        "states": lambda: base_states(one),
+    }
+
+
+def operations(one: MeridianModel) -> dict[str, float]:
+    """Return how many multiplications and additions stages need, by name."""
+    shapes, tables, n = one.shapes, one.shapes.tables, len(one.two_mu)
+    edge, pressures = 2 * shapes.skeleton, shapes.pressure.shape[1]
+    inside = 2 * len(shapes.degrees) - edge
+    entries = edge * edge + inside * edge + inside * inside
+    volume = 2 * pressures * (pressures * (edge + inside) + entries + pressures**2)
+
+    def sums(table: TensorSums, terms: int) -> int:
+        points, pairs = table.first[0].shape
+        return 2 * pairs * (points * points * terms + table.then.size)
+
+    shear = sums(tables.even, 5) + sums(tables.even, 4) + sums(tables.odd, 4)
+    shear += sums(tables.dilation, 3) + sums(tables.dilation, 2)
+    eliminated = inside**3 / 3 + inside * inside * edge + inside * edge * edge
+    return {"integrals": n * (shear + volume), "insides eliminated": n * eliminated}
+
+
+def measure(fineness: MeridianFineness) -> MeasuredTable:
+    """Return the stages of one mesh."""
+    scene = cases(NAMES[:1])[0].scene
+    of = sections(scene)
+    found = sample(of.section, of, scene, fineness)
+    one = found.states.model
+    every = stages(one) | {"error, smaller space": lambda: order_errors(found)}
+    if fineness.order in MOST_OF_OWN:
+        every["error, own part"] = lambda: own_errors(found)
+    counted = operations(one)
+    cells, unknowns = len(one.two_mu), one.system.numbering.unknowns
+    table = MeasuredTable(f"order {fineness.order}, {cells} cells, {unknowns} unknowns", ("stage", "least, ms", "operations"))
+    for name, run in every.items():
+        table.add(name, least(run), f"{counted[name] / 1e6:.0f} M" if name in counted else "")
+    table.add("model, all of it", least(partial(model, of.section, of.materials, "bonded", fineness)), "")
+    return table
+
+
+def main() -> None:
+    """Print both meshes' tables."""
+    keep_freed()
+    many = np.random.default_rng(0).random((200, 48, 48))
+    with one_thread():
+        print(f"products of 48 x 48: {200 * 2 * 48**3 / least(lambda: many @ many) / 1e9:.0f} Gflop/s")
+        for fineness in (LIGHT, LEVELS[3]):
+            measure(fineness).print(Console(width=100))
+
+
+if __name__ == "__main__":
+    main()
