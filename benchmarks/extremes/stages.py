@@ -68,7 +68,7 @@ def operations(one: MeridianModel) -> dict[str, float]:
 
     def sums(table: TensorSums, terms: int) -> int:
         points, pairs = table.first[0].shape
-        return 2 * pairs * (points * points * terms + table.then.size)
+        return int(2 * pairs * (points * points * terms + table.then.size))
 
     shear = sums(tables.even, 5) + sums(tables.even, 4) + sums(tables.odd, 4)
     shear += sums(tables.dilation, 3) + sums(tables.dilation, 2)
