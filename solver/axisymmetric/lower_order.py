@@ -154,7 +154,7 @@ def _own(sample: MeshSample) -> _Curve:
     states, response = sample.states, sample.response
     if response is None:
         return _Curve(states.edge, None)
-    return _Curve(np.concatenate([states.edge, states.model.system.own(response.basis)], axis=2), response.rational)
+    return _Curve(response.edges, response.rational)
 
 
 def _lower(sample: MeshSample, own: _Curve, degree: int) -> _Curve:

@@ -34,14 +34,12 @@ class ModulusResponse:
     Attributes:
         body: whose modulus varies.
         states: at t = 1.
-        basis: v_k, unknowns without a lift, shape (unknowns, m).
-        edge: the elements' values of v_k on corners and edges, rigid shifts taken out, shape (n, 8 p, m).
+        edge: the elements' values of the basis v_k on corners and edges, rigid shifts taken out, shape (n, 8 p, m).
         rational: eq. AX.8, l_k, G and c.
     """
 
     body: Body
     states: BaseStates
-    basis: Floats
     edge: Floats
     rational: RationalResponse
 
@@ -134,7 +132,6 @@ class _BodyEnergy:
 
     def response(self, body: Body) -> ModulusResponse:
         """The film forces as far as the basis goes."""
-        energy, vectors = self.energy, self.basis.vectors
-        edge = self.states.model.system.own(vectors)
+        energy, edge = self.energy, self.states.model.system.own(self.basis.vectors)
         rational = RationalResponse.of(energy[2:, 2:], energy[2:, :2], start=self.states.forces, inside=energy[:2, :2])
-        return ModulusResponse(body, self.states, vectors @ rational.turn, edge @ rational.turn, rational)
+        return ModulusResponse(body, self.states, edge @ rational.turn, rational)
