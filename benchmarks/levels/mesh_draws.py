@@ -22,7 +22,7 @@ from geometry.common.errors import InputError
 from geometry.tetra.layout import body_layout, extent
 from geometry.tetra.mesher import COARSE, ROUGH, mesh_layout
 from solver.solid.domain import domain, reach
-from solver.solid.film_forces import BESIDE, _wall
+from solver.solid.symmetric_part import BESIDE, reference_wall
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "scene.toml"
 
@@ -94,7 +94,7 @@ def outcome(scene: Scene) -> tuple[bool, str]:
     """Whether both meshes passed the checks, and what they are."""
     said, start = [], time.perf_counter()
     try:
-        chosen = domain(scene, reach(scene), _wall(scene))
+        chosen = domain(scene, reach(scene), reference_wall(scene))
         layout = body_layout(chosen.scene, chosen.half, extent(chosen.scene, None), chosen.radius)
         for fineness in (ROUGH, COARSE):
             mesh, timing = mesh_layout(layout, fineness)

@@ -1,6 +1,7 @@
-"""NGSolve as its best user would use it on the scenes of ``solid.py``: curved elements, graded by hand, one thread.
+"""NGSolve as its best user would use it on the scenes of ``solid.py``: curved elements, graded by hand.
 
-Run as a program it takes a scene's file and a ``SolidSetting`` as JSON, and prints ratio, unknowns and seconds as JSON.
+Run as a program it takes a scene's file and a ``SolidSetting`` as JSON, and prints ratio, unknowns and seconds as JSON. Its task
+manager has ``OMP_NUM_THREADS`` threads, one if that is not set.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+from contextlib import nullcontext
 from typing import Any
 
 import ngsolve as ngs
@@ -85,6 +87,9 @@ def evaluate(scene: Scene, setting: SolidSetting) -> SolidAnswer:
 
 
 if __name__ == "__main__":
-    ngs.SetNumThreads(1)
-    print(json.dumps(vars(evaluate(read_scene(sys.argv[1]), SolidSetting(**json.loads(sys.argv[2]))))), flush=True)
+    threads = int(os.environ.get("OMP_NUM_THREADS", "1"))
+    ngs.SetNumThreads(threads)
+    with ngs.TaskManager() if threads > 1 else nullcontext():
+        found = evaluate(read_scene(sys.argv[1]), SolidSetting(**json.loads(sys.argv[2])))
+    print(json.dumps(vars(found)), flush=True)
     os._exit(0)

@@ -2,9 +2,9 @@
 
 Usage: ``apt-get install calculix-ccx``, ``pip install -e '.[bench]'``, then ``python -m benchmarks.peers.solid``. ``--skip``
 leaves out a code; ``--peers PYTHON`` runs both peers by another interpreter (one with ngsolve, whose netgen makes CalculiX's
-meshes too), ``--ours PYTHON`` likewise. Each run is a process of its own, on one thread; seconds are medians of ``--repeats``
-runs, by the clock and of the processor, without the interpreter's start and imports. Peak memory is that of the process and of
-those it starts. True values: ``tests/reference/solid``, else the folder ``SOLID_REFERENCE`` names.
+meshes too), ``--ours PYTHON`` likewise. Each run is a process of its own, on ``--threads`` (1); seconds are medians of
+``--repeats`` runs, by the clock and of the processor, without the interpreter's start and imports. Peak memory is that of the
+process and of those it starts. True values: ``tests/reference/solid``, else the folder ``SOLID_REFERENCE`` names.
 
 The peers' settings are the cheapest ones that reach the error and keep it when refined (``solid_settings.py``), the ratio
 alone, without an error estimate. Ours is asked for the accuracy and answers with its own error estimate; its meshing is
@@ -38,7 +38,7 @@ ALL = " all"  # marks settings that reach the error in both stresses, and so in 
 PEERS = {"ngsolve": "benchmarks.peers.ngsolve_solid", "calculix": "benchmarks.peers.calculix_solid"}
 TITLES = {"ours": "ours", "ngsolve": "NGSolve", "calculix": "CalculiX"}
 CODES = ("ours", "ngsolve", "calculix", "ngsolve" + ALL, "calculix" + ALL)
-ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+LIBRARIES = "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "RAYON_NUM_THREADS"
 OURS = """
 import json, resource, sys, time
 from geometry import read_scene
@@ -66,6 +66,7 @@ COLUMNS = (
     "all, processor, s",
     "peak, MB",
     "over ours, times",
+    "of processor, times",
 )
 
 
@@ -81,9 +82,9 @@ class FailedError(RuntimeError):
     """A process ended badly; the text is the end of what it wrote."""
 
 
-def run(command: Sequence[str], cache: str | None = None) -> Run:
-    """Run a process on one thread; its last line is JSON."""
-    environment = os.environ | ONE_THREAD | {"PYTHONPATH": str(HERE.parents[1])}
+def run(command: Sequence[str], threads: int, cache: str | None = None) -> Run:
+    """Run a process; its last line is JSON."""
+    environment = os.environ | dict.fromkeys(LIBRARIES, str(threads)) | {"PYTHONPATH": str(HERE.parents[1])}
     if cache is not None:
         environment["PROBE_DESIGN_CACHE"] = cache
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
@@ -104,8 +105,8 @@ def ours(name: str, accuracy: float, chosen: argparse.Namespace) -> dict[str, An
     cold, warm = list[Run](), list[Run]()
     for _ in range(chosen.repeats):
         with tempfile.TemporaryDirectory() as cache:
-            cold.append(run(command, cache))
-            warm.append(run(command, cache))
+            cold.append(run(command, chosen.threads, cache))
+            warm.append(run(command, chosen.threads, cache))
     first = {key: median(one.found[key] for one in cold) for key in ("wall", "process")}
     later = median(one.found["wall"] for one in warm)
     return cold[0].found | {
@@ -129,7 +130,7 @@ def stored(code: str, name: str, accuracy: float) -> dict[str, Any] | None:
 def peer(code: str, name: str, setting: dict[str, Any], chosen: argparse.Namespace) -> dict[str, Any]:
     """Run a peer."""
     command = [chosen.peers, "-m", PEERS[code], str(scene_file(name)), json.dumps(setting)]
-    runs = [run(command) for _ in range(chosen.repeats)]
+    runs = [run(command, chosen.threads) for _ in range(chosen.repeats)]
     mesh = median(one.found["wall"]["mesh"] for one in runs)
     whole = median(sum(one.found["wall"].values()) for one in runs)
     return runs[0].found | {
@@ -154,7 +155,7 @@ def worst(name: str, ratio: float, stiffness: float) -> float:
 
 def measure(accuracy: float, chosen: argparse.Namespace, tell: Callable[[str], None]) -> MeasuredTable:
     """Return the table of one accuracy."""
-    table = MeasuredTable(f"one evaluation at {accuracy * 100:g} %", COLUMNS)
+    table = MeasuredTable(f"one evaluation at {accuracy * 100:g} %, threads: {chosen.threads}", COLUMNS)
     for name in chosen.scene or SCENES:
         true, mine = expected(name), None
         for code in CODES:
@@ -168,7 +169,7 @@ def measure(accuracy: float, chosen: argparse.Namespace, tell: Callable[[str], N
             except (FailedError, OSError) as why:
                 table.note(f"{title} on {name}: not measured: {why}")
                 continue
-            mine = found["all"] if code == "ours" else mine
+            mine = found if code == "ours" else mine
             error = abs(found["ratio"] / true["ratio"] - 1)
             table.add(
                 name,
@@ -179,7 +180,7 @@ def measure(accuracy: float, chosen: argparse.Namespace, tell: Callable[[str], N
                 worst(name, found["ratio"], found["stiffness"] * found["unit"]),
                 *(found[key] for key in ("mesh", "solve", "all", "process")),
                 round(found["peak"]),
-                None if mine is None or code == "ours" else found["all"] / mine,
+                *(None if mine is None or code == "ours" else found[key] / mine[key] for key in ("all", "process")),
             )
             if error > accuracy:
                 table.note(f"{title} on {name} misses the accuracy: with another release, run solid_settings.py again")
@@ -196,6 +197,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--scene", action="append", choices=SCENES, help="only this scene")
     parser.add_argument("--accuracy", action="append", type=float, choices=ACCURACIES, help="only this accuracy")
     parser.add_argument("--repeats", type=int, default=3, help="of each run (3)")
+    parser.add_argument("--threads", type=int, default=1, help="of each process: ours and NGSolve's task manager (1)")
     parser.add_argument("--ours", default=sys.executable, help="the interpreter that runs ours (this one)")
     parser.add_argument("--peers", default=sys.executable, help="the interpreter that has ngsolve (this one)")
     parser.add_argument("--json", type=Path, help="write the raw values to this file, times in seconds")

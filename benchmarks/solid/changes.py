@@ -11,7 +11,7 @@ import os
 import resource
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from rich.console import Console
@@ -19,12 +19,14 @@ from rich.console import Console
 from benchmarks.tables import MeasuredTable
 from geometry import Scene, read_scene
 from geometry.common.resources import Limits, limited
+from geometry.scenes.scene import Layer
 from geometry.tetra.cache import FOLDER
 from solver.linalg.workspace import Workspace
 from solver.results.result import Result
 from solver.solid.level import SolidLevel
 
 SCENE = Path(__file__).parents[2] / "tests" / "reference" / "solid" / "flank.toml"
+SKIN = Layer(thickness=1.5e-3, youngs_modulus=3e4, poisson_ratio=0.45)
 COLUMNS = ("scene", "alone, processor, s", "after the first, processor, s", "apart, error", "stated, error", "peak, MB")
 
 
@@ -39,6 +41,22 @@ def changes(scene: Scene) -> Iterator[tuple[str, Scene]]:
         yield "tumour 0.9 times as large", with_first(scene, diameter=0.9 * body.diameter)
     at = scene.placement.model_copy(update={"x": scene.placement.x + 1e-3})
     yield "probe 1 mm aside", scene.model_copy(update={"placement": at})
+    if not scene.tissue.layer:
+        yield "a skin added", with_skin(scene)
+
+
+def changed_skins(scene: Scene) -> Iterator[tuple[str, Scene]]:
+    """Changes of a scene that has the skin of ``with_skin``."""
+    yield "skin 1.5 times as stiff", with_skin(scene, modulus=1.5 * SKIN.youngs_modulus)
+    yield "skin 0.2 mm thicker", with_skin(scene, thickness=SKIN.thickness + 2e-4)
+    skinned = with_skin(scene)
+    yield "tumour 1 mm deeper under the skin", with_first(skinned, depth=scene.inclusion[0].depth + 1e-3)
+
+
+def with_skin(scene: Scene, thickness: float = SKIN.thickness, modulus: float = SKIN.youngs_modulus) -> Scene:
+    """The scene with a layer on top of its tissue."""
+    skin = SKIN.model_copy(update={"thickness": thickness, "youngs_modulus": modulus})
+    return scene.model_copy(update={"tissue": scene.tissue.model_copy(update={"layer": (skin,)})})
 
 
 def with_first(scene: Scene, **other: float) -> Scene:
@@ -67,15 +85,18 @@ def main() -> None:
     given = parser.parse_args()
     if given.cache is not None:
         os.environ[FOLDER] = str(given.cache)
-    measured(read_scene(given.scene), given.accuracy, given.scene.stem, given.cache).print(Console(width=150))
+    scene, name, console = read_scene(given.scene), given.scene.stem, Console(width=150)
+    measured(scene, changes(scene), given.accuracy, name, given.cache).print(console)
+    if not scene.tissue.layer:
+        measured(with_skin(scene), changed_skins(scene), given.accuracy, f"{name} with a skin", given.cache).print(console)
 
 
-def measured(scene: Scene, accuracy: float, name: str, cache: Path | None) -> MeasuredTable:
+def measured(scene: Scene, others: Iterable[tuple[str, Scene]], accuracy: float, name: str, cache: Path | None) -> MeasuredTable:
     shared = SolidLevel(workspace=Workspace())
     table = MeasuredTable(f"{name} at accuracy {accuracy:g}", COLUMNS)
     first, seconds = answered(shared, scene, accuracy, cache)
     table.add("the first scene", seconds, None, None, first.error_estimate, peak())
-    for what, changed in changes(scene):
+    for what, changed in others:
         print(f"{what} ...", file=sys.stderr, flush=True)
         after, quick = answered(shared, changed, accuracy, cache)
         alone, slow = answered(SolidLevel(workspace=Workspace()), changed, accuracy, cache)

@@ -49,6 +49,7 @@ class TetraFineness:
     corners: int
 
 
+ROUGHEST = TetraFineness(groove=1.3, rim=0.19, block=0.6, wall=1.7, sphere=0.6, layer=1.2, growth=0.55, corners=20)
 ROUGH = TetraFineness(groove=1.0, rim=0.14, block=0.45, wall=1.3, sphere=0.45, layer=0.9, growth=0.42, corners=24)
 COARSE = TetraFineness(groove=0.65, rim=0.1, block=0.33, wall=0.95, sphere=0.333, layer=0.65, growth=0.32, corners=32)
 FINE = TetraFineness(groove=0.4, rim=0.072, block=0.24, wall=0.65, sphere=0.222, layer=0.45, growth=0.235, corners=48)

@@ -15,8 +15,8 @@ from geometry.scenes.scene import CylinderTissue, Inclusion, Load, Placement, Sc
 from geometry.tetra.layout import mirror_symmetric
 
 SPAN = 8.0  # outer radii that tissue is modelled of at least
+AROUND = 5.0  # outer radii of tissue about the probe's axis, from where on a cylinder about it stands for tissue that is not
 REACH = 1.7  # times the distance of the farthest point of an inclusion
-WORTH = 0.8  # of its size: tissue is shortened if it becomes at least so much smaller
 SLICE = 0.9  # of the depth at which tissue is cut off: what begins below is left out
 EVEN = 1e-9
 
@@ -57,10 +57,10 @@ def room(scene: Scene) -> float:
     return min(tissue.length / 2 - abs(at.x), tissue.breadth / 2 - abs(at.y))
 
 
-def reach(scene: Scene) -> float:
-    """How far inclusions and probe reach from the probe's place on the surface, m."""
+def reach(scene: Scene, span: float = SPAN) -> float:
+    """How far inclusions and probe, by ``span`` of its radii, reach from the probe's place on the surface, m."""
     at, probe = scene.placement, scene.probe
-    sizes = [max(probe.tube_radius, probe.core_height, probe.tube_height) * SPAN]
+    sizes = [max(probe.tube_radius, probe.core_height, probe.tube_height) * span]
     for body in scene.inclusion:
         size = body.diameter or max(body.diameters or (0.0,))
         sizes.append(REACH * (math.hypot(body.x - at.x, body.y - at.y, body.depth) + size / 2))
@@ -76,12 +76,11 @@ def domain(scene: Scene, span: float, wall: float | None) -> Domain:
         wall: radius of the reference cylinder where tissue is not round about the probe and cannot be cut, or None.
     """
     whole = math.inf if scene.tissue.shape == "half-space" else scene.tissue.depth
-    radius = min(span, room(scene))
-    cut = span < WORTH * room(scene) or (coaxial(scene) and span < WORTH * whole)
-    if cut or coaxial(scene):
-        depth = min(whole, span)
+    if coaxial(scene) or (math.isfinite(span) and room(scene) >= min(span, reach(scene, AROUND))):
+        radius, depth = min(span, room(scene)), min(whole, span)
         tissue = _cylinder(scene, radius, depth)
         own = _about_the_axis(scene, tissue)
+        cut = not coaxial(scene) or radius < room(scene) or depth < whole
         return Domain(own, _reference(own, tissue), None, mirror_symmetric(own), cut)
     assert wall is not None
     assert scene.tissue.shape != "half-space"
@@ -147,5 +146,7 @@ def _turned(body: Inclusion, angle: float) -> Inclusion:
         math.sin(angle) * body.x + math.cos(angle) * body.y,
     )
     y = 0.0 if abs(y) < EVEN * max(abs(x), body.depth) else y
+    if body.diameter is not None:
+        return body.model_copy(update={"x": x, "y": y})
     rz, ry, rx = body.orientation
     return body.model_copy(update={"x": x, "y": y, "orientation": (math.remainder(rz + math.degrees(angle), 360.0), ry, rx)})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 from geometry.tetra.cache import cached_mesh, folder, key
@@ -12,12 +12,12 @@ from geometry.tetra.sizing import TetraFineness
 from geometry.tetra.tet_mesh import TetMesh
 from solver.linalg.workspace import current
 from solver.solid.domain import Domain
-from solver.solid.moved_mesh import may_move, moved_mesh
+from solver.solid.moved_mesh import may_move, moved_mesh, unmoved
 
 
 @dataclass
 class LatestMesh:
-    """The mesh that was made last of those that differ in their tumours alone; of it others are moved, never of moved ones.
+    """The mesh made last of those that differ in tumours and sizes of tissue alone; of it, never of moved ones, others are moved.
 
     Attributes:
         layout, mesh: None before there is one.
@@ -55,7 +55,7 @@ def moved_meshes(domain: Domain, finenesses: Iterable[TetraFineness]) -> list[Te
 
 
 def _latest(layout: BodyLayout, fineness: TetraFineness) -> LatestMesh:
-    return current().keep((LatestMesh, key(replace(layout, inclusions=()), fineness)), LatestMesh)
+    return current().keep((LatestMesh, f"{key(unmoved(layout), fineness)} {len(layout.inclusions)}"), LatestMesh)
 
 
 def is_meshed(domain: Domain, fineness: TetraFineness) -> bool:

@@ -1,18 +1,19 @@
-"""A mesh carried along with tumours that moved or changed size a little: nodes move, elements hang together as before.
+"""A mesh carried along with tumours that moved or changed size a little, with planes between layers and tissue that became wider.
 
-Tumours take their nodes along affinely. Corners in the tissue follow as heat would spread through it, small elements being the
-better conductors, so that they are stretched least; blocks, the tissue's top, floor and sides, planes between layers and the
-reference cylinder stay:
+Nodes move, elements hang together as before. Tumours take their nodes along affinely; blocks stay; the tissue's top, its floor
+and planes between layers are as high as they are afterwards, round tissue's side as wide, and the reference cylinder stays.
+Where nothing is said of it, each coordinate of the tissue's corners follows as heat would spread, small elements being the better
+conductors, so that they are stretched least:
 
     sum_e (1 / V_e) Int grad w_a . grad u dV = 0 at free corners a,  u = A' A^-1 (x - c) + c' - x in tumours     (SO.9)
 
-Middles of edges then go to the exact surfaces. What comes out passes the checks of every mesh, none of its tetrahedra is much
-larger than wanted or much flatter than before; else there is none, and another mesh is made.
+Corners and middles of edges then go to the exact surfaces. What comes out passes the checks of every mesh, none of its
+tetrahedra is much larger than wanted or much flatter than before; else there is none, and another mesh is made.
 """
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -26,7 +27,7 @@ from geometry.tetra.layers import body_faces
 from geometry.tetra.layout import BodyLayout, Ellipsoid
 from geometry.tetra.mesher import space_of
 from geometry.tetra.sizing import TetraFineness, sizes
-from geometry.tetra.snapping import curved_mesh, exact_surfaces, memberships
+from geometry.tetra.snapping import curved_mesh, exact_surfaces, memberships, snap
 from geometry.tetra.tet_mesh import BEYOND, INCLUSION, TISSUE, TetMesh, element_volumes, scaled_jacobians
 
 KEEP = 0.2  # of its quality an element keeps when its edges are curved, as in ``geometry.tetra.regular_mesh``
@@ -34,17 +35,27 @@ LARGER = 1.2  # times the size wanted, over what it was before: the most that la
 FLATTER = 0.4  # of its scaled Jacobian, or of the mesh's tenth worst: the least that an element keeps
 LARGE = 0.98  # share of tetrahedra below which the others count as large
 FAR = 1.0  # of its least semi-axis: the farthest that a tumour moves
+THICKER = 1.3  # times a layer's thickness, or the tissue's size: the most that they change
+MOVABLE = "inclusions", "tissue_radius", "depth", "interfaces"  # of a layout
 STRETCHED = 3.0  # principal stretches of an element, the largest in the mesh over the least: the most that is allowed
+TOP, FLOOR, GROOVES = 5, 6, 3  # among ``exact_surfaces``: the tissue's, and how many a groove has behind them
 PER_EDGE = 6 * 2**0.5  # volumes of a regular tetrahedron in the cube of its edge
 
 
+def unmoved(layout: BodyLayout) -> BodyLayout:
+    """The layout without what meshes may be carried along with."""
+    sides = None if layout.tissue_radius is None else 0.0
+    return replace(layout, inclusions=(), tissue_radius=sides, depth=0.0, interfaces=(0.0,) * len(layout.interfaces))
+
+
 def may_move(before: BodyLayout, after: BodyLayout) -> bool:
-    """Whether two layouts differ by the places and forms of their tumours alone, all ellipsoids, and by little."""
-    if any(getattr(before, f.name) != getattr(after, f.name) for f in fields(BodyLayout) if f.name != "inclusions"):
+    """Whether two layouts differ by their tumours' places and forms, all ellipsoids, and by the tissue's sizes, all by little."""
+    alike = all(getattr(before, f.name) == getattr(after, f.name) for f in fields(BodyLayout) if f.name not in MOVABLE)
+    if not alike or len(before.inclusions) != len(after.inclusions) or len(before.interfaces) != len(after.interfaces):
         return False
-    if len(before.inclusions) != len(after.inclusions):
-        return False
-    return all(_near(one, other) for one, other in zip(before.inclusions, after.inclusions, strict=True))
+    near = all(_near(one, other) for one, other in zip(before.inclusions, after.inclusions, strict=True))
+    sizes = [np.array([one.tissue_radius or 1.0, *np.diff([0.0, *one.interfaces, one.depth])]) for one in (before, after)]
+    return near and bool(np.all(np.abs(np.log(sizes[1] / sizes[0])) <= np.log(THICKER)))
 
 
 def _near(one: object, other: object) -> bool:
@@ -59,7 +70,7 @@ def moved_mesh(mesh: TetMesh, before: BodyLayout, after: BodyLayout, fineness: T
     points, cells, surfaces = mesh.nodes[:count], mesh.elements[:, :4], exact_surfaces(before)
     faces, chosen = body_faces(before, surfaces, points, cells, body=mesh.body, layer=mesh.layer)
     member = memberships(count, faces, chosen, len(surfaces))
-    moved = points + _displacement(mesh, points, member, before, after)
+    moved = snap(exact_surfaces(after), points + _displacement(mesh, points, member, before, after), member)
     nodes, elements = curved_mesh(moved, cells, exact_surfaces(after), faces=faces, chosen=chosen, keep=KEEP)
     found = TetMesh(nodes, elements, mesh.body, mesh.beyond, mesh.layer, mesh.half)
     try:
@@ -79,26 +90,50 @@ def stretches(elements: Ints, before: Floats, after: Floats) -> Floats:
 
 def _displacement(mesh: TetMesh, points: Floats, member: NDArray[np.bool_], before: BodyLayout, after: BodyLayout) -> Floats:
     """How far corners (n, 3) move, eq. SO.9."""
-    u, cells, given = np.zeros_like(points), mesh.elements[:, :4], np.ones(len(points), dtype=bool)
-    free = np.isin(mesh.body, [TISSUE, BEYOND])
-    given[cells[free]] = False
-    plane = member.shape[1] - len(before.interfaces) - 1  # of symmetry: behind those of the bodies
-    first = plane - len(before.inclusions)
-    held = np.asarray(member[:, :first].any(axis=1) | member[:, plane + 1 :].any(axis=1))
-    given |= held
-    for k, (one, other) in enumerate(zip(before.inclusions, after.inclusions, strict=True)):
-        if not (isinstance(one, Ellipsoid) and isinstance(other, Ellipsoid)):
-            continue
-        own = np.unique(cells[mesh.body == INCLUSION + k])
-        u[own] = other.centre + (points[own] - one.centre) @ np.linalg.solve(one.axes.T, other.axes.T) - points[own]
-        given[own] = True
-        u[own[held[own]]] = 0.0  # where a tumour is cut by what stays: the checks say whether that will do
+    cells, free = mesh.elements[:, :4], np.isin(mesh.body, [TISSUE, BEYOND])
+    u, given = _tumours(mesh, points, before, after)
+    _set_by_surfaces(u, given, points, member, (before, after))
+    given[np.unique(cells[mesh.body < TISSUE])] = True
+    given[np.setdiff1d(np.arange(len(points)), cells[free])] = True
     matrix = _conductance(points, cells[free])
-    for given_here, columns in ((given, slice(0, 3, 2)), (given | member[:, plane], slice(1, 2))):
-        inside = np.flatnonzero(~given_here)
-        loads = -(matrix[inside][:, given_here] @ u[given_here][:, columns])
-        u[inside, columns] = splu(matrix[inside][:, inside].tocsc()).solve(loads)
+    for k in range(3):
+        inside, known = np.flatnonzero(~given[:, k]), np.flatnonzero(given[:, k])
+        if len(inside) and u[known, k].any():
+            loads = -(matrix[inside][:, known] @ u[known, k])
+            u[inside, k] = splu(matrix[inside][:, inside].tocsc()).solve(loads)
     return u
+
+
+def _tumours(mesh: TetMesh, points: Floats, before: BodyLayout, after: BodyLayout) -> tuple[Floats, NDArray[np.bool_]]:
+    """How far tumours take their corners along, (n, 3), and which these are, likewise."""
+    u, given = np.zeros_like(points), np.zeros(points.shape, dtype=bool)
+    for k, (one, other) in enumerate(zip(before.inclusions, after.inclusions, strict=True)):
+        if isinstance(one, Ellipsoid) and isinstance(other, Ellipsoid):
+            own = np.unique(mesh.elements[mesh.body == INCLUSION + k, :4])
+            u[own] = other.centre + (points[own] - one.centre) @ np.linalg.solve(one.axes.T, other.axes.T) - points[own]
+            given[own] = True
+    return u, given
+
+
+def _set_by_surfaces(
+    u: Floats, given: NDArray[np.bool_], points: Floats, member: NDArray[np.bool_], layouts: tuple[BodyLayout, BodyLayout]
+) -> None:
+    """Set what planes, the tissue's sides and the reference cylinder say of displacements (n, 3), and mark it as given."""
+    before, after = layouts
+    mirror = member.shape[1] - len(before.interfaces) - 1  # behind the bodies' surfaces
+    heights = {TOP: 0.0, FLOOR: before.depth - after.depth}
+    heights |= {mirror + 1 + k: a - b for k, (a, b) in enumerate(zip(before.interfaces, after.interfaces, strict=True))}
+    for plane, up in heights.items():
+        on = member[:, plane]
+        u[on, 2], given[on, 2] = up, True
+    on = member[:, mirror]
+    u[on, 1], given[on, 1] = 0.0, True
+    first = FLOOR + 1 + (GROOVES if before.groove is not None else 0)
+    for side in range(first, mirror - len(before.inclusions)):
+        beside = np.flatnonzero(member[:, side])
+        wider = (after.tissue_radius or 1.0) / (before.tissue_radius or 1.0) if side == first else 1.0
+        u[beside, :2] = (wider - 1.0) * (points[beside, :2] - before.centre)
+        given[beside, :2] = True
 
 
 def _conductance(points: Floats, cells: Ints) -> sp.csr_array:

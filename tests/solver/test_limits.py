@@ -75,12 +75,12 @@ def test_the_command_line_raises_and_lowers_the_limits(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_third_mesh_that_the_limits_forbid_leaves_the_answer_of_two(monkeypatch):
+def test_a_finer_mesh_that_the_limits_forbid_leaves_the_answer_of_two(monkeypatch):
     scene = read_scene(REFERENCE / "solid" / "groove-on-axis.toml")
     said = []
 
     def forbidden(domain, fineness):
-        if fineness is film_forces.MESHES[2]:
+        if fineness is film_forces.FINE:
             raise LimitReached("memory", "2 GB", "more")
 
     monkeypatch.setattr(film_forces, "is_meshed", lambda *_: False)
@@ -88,7 +88,7 @@ def test_a_third_mesh_that_the_limits_forbid_leaves_the_answer_of_two(monkeypatc
     monkeypatch.setattr(film_forces, "_may_improve", lambda *_: True)
     two = evaluate(scene, "solid", 0.01, said.append)
     assert two.error_estimate < 0.02
-    assert any("no third mesh: memory = " in note for note in two.warnings)
+    assert any("no finer mesh: memory = " in note for note in two.warnings)
     assert "meshing more finely" not in said
 
 

@@ -15,7 +15,7 @@ from geometry.scenes.scene_file import read_scene
 from geometry.tetra.check import check
 from geometry.tetra.layout import BodyLayout, body_layout, extent
 from geometry.tetra.mesher import mesh_layout
-from geometry.tetra.sizing import COARSE, ROUGH, TetraFineness
+from geometry.tetra.sizing import COARSE, ROUGH, ROUGHEST, TetraFineness
 from geometry.tetra.tet_mesh import BEYOND, TetMesh, element_volumes
 from solver.solid.domain import Domain, domain, reach
 from tests.support.paths import MESHES, REFERENCE
@@ -23,7 +23,7 @@ from tests.support.paths import MESHES, REFERENCE
 SCENE = "flank"  # of tests/reference/solid: half of it is meshed
 LAYERED = "across"  # of tests/reference/tissue-layers-off-axis, likewise
 FOLDERS = {SCENE: "solid", LAYERED: "tissue-layers-off-axis"}
-FINENESS = {ROUGH: "rough", COARSE: "coarse"}
+FINENESS = {ROUGHEST: "roughest", ROUGH: "rough", COARSE: "coarse"}
 
 
 @cache

@@ -1,0 +1,118 @@
+"""Drawn scenes with one tumour on or beside the axis against levels that answer them exactly: true over stated errors.
+
+Usage: ``python -m benchmarks.solid.drawn [--scenes 30] [--seed 4] [--accuracy 0.02 --accuracy 0.01]``; ten seconds a scene and
+accuracy. On the axis ``axisymmetric`` says what is true, with layers in every third scene; beside it, in every other third,
+``equivalent-inclusion``. Scenes that these refuse, that are refused for their size, or whose probes and tumours nobody would
+build are passed over. A share above 1 would be a bound below the truth.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from benchmarks.levels.inclusion_draws import DrawnScene, draw, draw_layered
+from benchmarks.solid.changes import processor
+from benchmarks.tables import MeasuredTable
+from geometry import Refusal, Scene, SolveError
+from geometry.common.resources import Limits, LimitReached, limited
+from solver import evaluate
+from solver.results.result import Result
+from solver.solid.level import SolidLevel
+
+COLUMNS = ("scene", "accuracy", "true, error", "stated, error", "worst share", "log-sensitivity, share", "meshes", "processor, s")
+QUANTITIES = "ratio", "stress_inner", "stress_outer", "stiffness"
+TRUE = {"axisymmetric": 1e-3, "equivalent-inclusion": 3e-3}  # their accuracies
+WALL, HEIGHT, LAYER = 0.06, 0.3, 0.15  # of the outer or the solid cylinder's radius: the least that is drawn
+TUMOUR = 0.3, 2.5  # of the outer radius
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scenes", type=int, default=30)
+    parser.add_argument("--seed", type=int, default=4)
+    parser.add_argument("--accuracy", action="append", type=float)
+    given = parser.parse_args()
+    table, count = MeasuredTable("drawn scenes", COLUMNS), 0
+    for name, scene, judge in draws(given.seed):
+        for found in rows(scene, judge, given.accuracy or [0.02, 0.01]):
+            print(name, *found, file=sys.stderr, flush=True)
+            table.add(name, *found)
+            count += 1
+        if count >= given.scenes * len(given.accuracy or [0.02, 0.01]):
+            break
+    table.note("share: true error over stated, where the judge's own error is counted with the latter")
+    table.print(Console(width=150))
+
+
+def draws(seed: int) -> Iterator[tuple[str, Scene, str]]:
+    """Scenes that fit, without an end, and the level that judges them."""
+    number = -1
+    while True:
+        number, kind = number + 1, ("layers", "axis", "beside")[(number + 1) % 3]
+        drawn = _usual((draw_layered if kind == "layers" else draw)(seed, number))
+        outer = float(np.hypot(drawn.inner_radius + drawn.gap, drawn.area_ratio**0.5 * drawn.inner_radius))
+        wall, size = (outer - drawn.inner_radius - drawn.gap) / outer, drawn.diameter / outer
+        thin = any(height < LAYER * drawn.inner_radius for height, _, _ in drawn.layers)
+        if wall < WALL or thin or not TUMOUR[0] < size < TUMOUR[1]:
+            continue
+        try:
+            scene = drawn.scene()
+            if kind == "beside":
+                x = 1e-3 * outer * float(np.random.default_rng([seed, number, 7]).uniform(0.2, 1.5))
+                body = scene.inclusion[0].model_copy(update={"x": x})
+                scene = Scene.model_validate(scene.model_copy(update={"inclusion": (body,)}).model_dump())
+        except ValueError:  # what is drawn does not fit
+            continue
+        yield f"{kind} {number}", scene, "equivalent-inclusion" if kind == "beside" else "axisymmetric"
+
+
+def _usual(drawn: DrawnScene) -> DrawnScene:
+    """The drawn scene within the range of probes that are built."""
+    least = HEIGHT * drawn.inner_radius
+    return replace(
+        drawn,
+        cover=max(drawn.cover, 0.08),
+        gap=max(drawn.gap, 0.02 * drawn.inner_radius),
+        area_ratio=float(np.clip(drawn.area_ratio, 0.3, 4.0)),
+        inner_height=max(drawn.inner_height, least),
+        outer_height=max(drawn.outer_height, least),
+    )
+
+
+def rows(scene: Scene, judge: str, accuracies: list[float]) -> Iterator[tuple[Any, ...]]:
+    try:
+        with limited(Limits(seconds=60.0)):
+            true = evaluate(scene, judge, TRUE[judge])
+        if true.error_estimate is None or true.error_estimate > 2 * TRUE[judge]:
+            return
+        for accuracy in accuracies:
+            meshes, start = list[str](), processor()
+            with limited(Limits(seconds=90.0)):
+                level = SolidLevel(tell=meshes.append)
+                forces = level.solved(scene, accuracy)
+                found = level.answer_of(scene, forces, accuracy).result(level.name, scene, 0.0)
+            seconds = processor() - start
+            every = shares(found, true, forces.films[0].sensitivity_error)
+            yield (accuracy, *every, sum(text.startswith("solving") for text in meshes), seconds)
+    except (Refusal, SolveError, LimitReached) as fault:
+        print(f"passed over: {fault}", file=sys.stderr)
+
+
+def shares(found: Result, true: Result, bound: float) -> tuple[float, float, float, float | None]:
+    """The largest true error of all quantities, what is stated, the one over the other, and the same of log_sensitivity."""
+    errors = [abs(getattr(found, name) / getattr(true, name) - 1) for name in QUANTITIES]
+    stated, own = found.error_estimate or 0.0, true.error_estimate or 0.0
+    one, other = found.log_sensitivity, true.log_sensitivity
+    share = None if one is None or other is None else abs(one - other) / (bound + own * abs(other))
+    return max(errors), stated, max(errors) / (stated + own), share
+
+
+if __name__ == "__main__":
+    main()

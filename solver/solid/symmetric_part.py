@@ -1,0 +1,120 @@
+"""The rotationally symmetric part of film forces, which the meridian plane knows, and what is meshed beside it.
+
+With A the exact forces of the reference (``domain.py``), D the difference that a mesh finds (``difference.py``) and
+C the compliance by which the whole probe on the whole tissue, films, base and far tissue included, exceeds the reference,
+
+    F = ((A + D)^-1 + C)^-1,    C = F_whole^-1 - A^-1                                              (SO.5)
+
+both A and F_whole by ``solver/axisymmetric/converged_forces.py``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.common.arrays import Floats
+from geometry.common.errors import Refusal, Words
+from geometry.common.limits import least_mm, reaches
+from geometry.scenes.probe import mm
+from geometry.scenes.scene import Scene
+from geometry.tetra.layout import body_layout
+from solver.axisymmetric.converged_forces import converged_forces
+from solver.linalg.workspace import kept_within_limits
+from solver.results.film_forces import FilmForces
+from solver.results.result import Decision
+from solver.results.warnings import Note
+from solver.solid.domain import Domain, coaxial, domain, plain, reach, room
+
+SHARE = 0.1  # of the accuracy that the symmetric part may take
+EDGES = 0.3  # of the product of what far tissue changes and what inclusions, groove and edges change
+BESIDE = 0.11  # outer radii: the least tissue beside the probe
+STEP = 1.6  # by which the tissue modelled grows where its edges matter
+
+
+@dataclass(frozen=True)
+class Exact:
+    """Film forces of a rotationally symmetric scene; see ``Converged``, whose finite elements are not kept here."""
+
+    films: FilmForces
+    plan: tuple[Decision, ...]
+    notes: tuple[Note, ...]
+
+
+@kept_within_limits
+def _exact(scene: Scene, accuracy: float) -> Exact:
+    found = converged_forces(scene, accuracy)
+    return Exact(found.films[0], found.plan, found.notes)
+
+
+@dataclass(frozen=True)
+class SymmetricPart:
+    """The rotationally symmetric part of eq. SO.5.
+
+    Attributes:
+        domain: what is to be meshed.
+        exact: A, N/m, shape (2, 2).
+        compliance: C, m/N, shape (2, 2).
+        whole: the whole probe on the whole tissue, without inclusions and groove.
+        edges: what C changes of the totals that is not known exactly, relative; of the far tissue alone.
+    """
+
+    domain: Domain
+    exact: Floats
+    compliance: Floats
+    whole: Exact
+    edges: float
+
+    def corrected(self, change: Floats) -> Floats:
+        """Eq. SO.5, for D of shape (k, 2, 2)."""
+        return np.asarray(np.linalg.inv(np.linalg.inv(self.exact + change) + self.compliance))
+
+    def carried(self, change: Floats, small: Floats) -> Floats:
+        """What a small change of D, (k, 2, 2) or columns (k, 2, 1), becomes in F: rows and columns for the former."""
+        inner = np.linalg.inv(self.exact + change)
+        left = self.corrected(change) @ inner
+        return np.asarray(left @ small @ (left.transpose(0, 2, 1) if small.shape[-1] == 2 else np.eye(1)))
+
+
+def symmetric_part(scene: Scene, accuracy: float) -> SymmetricPart:
+    """Cut far tissue off where that changes what inclusions do by little enough."""
+    alone = plain(scene)
+    whole = _exact(alone, SHARE * accuracy)
+    unsure = not coaxial(scene) and whole.films.error_under(alone) > accuracy / 4
+    span = np.inf if unsure else reach(scene)  # the tissue's sides are known better where they are meshed
+    while True:
+        chosen = domain(scene, span, reference_wall(scene))
+        exact = _exact(chosen.reference, SHARE * accuracy).films.forces
+        symmetric = SymmetricPart(chosen, exact, *_compliance(alone, chosen, exact, whole, accuracy))
+        if not chosen.shortened or EDGES * symmetric.edges <= accuracy:
+            return symmetric
+        span = STEP * span if coaxial(scene) or span < room(scene) else np.inf
+
+
+def reference_wall(scene: Scene) -> float | None:
+    """Radius of the reference cylinder in tissue that is not round about the probe, or None."""
+    if coaxial(scene):
+        return None
+    tube = scene.probe.tube_radius
+    if not reaches(room(scene) - tube, BESIDE * tube):
+        near = Words(f"the probe {mm(room(scene) - tube)} from the tissue's edge")
+        raise Refusal("placement", near, f"{least_mm(BESIDE * tube)} or more for solid: the reference cylinder needs room")
+    return body_layout(scene, False, np.inf, None).wall
+
+
+def _compliance(alone: Scene, chosen: Domain, exact: Floats, whole: Exact, accuracy: float) -> tuple[Floats, Exact, float]:
+    """C of eq. SO.5, the converged whole, and what of it far tissue makes."""
+    if chosen.radius is not None:  # edges are meshed: only films and base are left for C
+        probe = alone.probe
+        whole = _exact(chosen.reference.model_copy(update={"probe": probe}), SHARE * accuracy)
+    forces = whole.films.forces
+    compliance = np.linalg.inv(forces) - np.linalg.inv(exact)
+    return compliance, whole, _edges(alone, chosen, exact, accuracy) if chosen.shortened else 0.0
+
+
+def _edges(alone: Scene, chosen: Domain, exact: Floats, accuracy: float) -> float:
+    """What far tissue changes of the totals of blocks on a rigid base, relative."""
+    bare = alone.model_copy(update={"probe": chosen.reference.probe})
+    with_it = _exact(bare, SHARE * accuracy).films.forces.sum(axis=1)
+    return float(np.abs(with_it / exact.sum(axis=1) - 1).max())
