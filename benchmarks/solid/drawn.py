@@ -21,7 +21,7 @@ from benchmarks.levels.inclusion_draws import DrawnScene, draw, draw_layered
 from benchmarks.solid.changes import processor
 from benchmarks.tables import MeasuredTable
 from geometry import Refusal, Scene, SolveError
-from geometry.common.resources import Limits, LimitReached, limited
+from geometry.common.resources import LimitReached, Limits, limited
 from solver import evaluate
 from solver.results.result import Result
 from solver.solid.level import SolidLevel

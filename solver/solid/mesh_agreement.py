@@ -51,7 +51,7 @@ def films_of(
         moved = abs(logs[-1] - _log_ratio(plainly))
         log_ratio = float(apart(logs, SAFETY) + (doubt + RAW * raw.max()) * moved + share.sum()) + whole.bound.log_ratio
         bound = Bound(error, log_ratio if np.all(error < np.abs(totals[-1])) else np.inf)
-        told = np.array([_sensitivities(slope[k], one[k]) for slope, one in zip(slopes, forces, strict=True)])
+        told: Floats = np.array([_sensitivities(slope[k], one[k]) for slope, one in zip(slopes, forces, strict=True)])
         sensitive = (
             apart(told @ [1.0, -1.0], SLOPES) + (FLOOR + fine.lost) * abs(told[-1] @ [1.0, -1.0]) + np.abs(told[-1]) @ share
         )
@@ -59,7 +59,7 @@ def films_of(
     return tuple(films)
 
 
-def apart(found: Sequence[Floats | float], times: float) -> Floats:
+def apart(found: Sequence[Floats | float] | Floats, times: float) -> Floats:
     """Bound the error of the last of values on finer and finer meshes, each of shape (n,) or a number."""
     steps = np.abs(np.diff(np.array(found), axis=0))
     ample = times * steps[-1]
