@@ -169,6 +169,17 @@ def test_what_is_meshed() -> None:
     assert short.reference.inclusion == ()
 
 
+def test_a_probe_that_stands_a_little_aside_has_tissue_round_its_axis() -> None:
+    """So its mesh is that of a probe in the middle, carried along with the tumour; far aside the tissue's own side is meshed."""
+    scene = named("solid", "flank").scene
+    aside, far = (scene.model_copy(update={"placement": Placement(x=x)}) for x in (1e-3, 3e-2))
+    here, there = (domain(one, reach(one), 0.02) for one in (scene, aside))
+    assert there.scene.tissue == here.scene.tissue
+    assert there.radius is None
+    assert there.shortened
+    assert domain(far, reach(far), 0.02).radius == 0.02
+
+
 def test_mirror_images_share_a_mesh() -> None:
     scene = named("solid", "two-tumours-on-large-tumour").scene
     bodies = tuple(body.model_copy(update={"x": -body.x}) for body in scene.inclusion)

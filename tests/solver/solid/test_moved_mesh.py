@@ -82,6 +82,35 @@ def test_a_tumour_across_a_plane_that_stays_is_meshed_anew() -> None:
     assert moved(ACROSS, "across-rough", depth=body.depth + 5e-4) is None
 
 
+def test_tissue_becomes_wider_and_blocks_stay() -> None:
+    mesh, here = stored_mesh("flank-rough"), layout(FLANK)
+    assert here.tissue_radius is not None
+    wider = replace(here, tissue_radius=1.05 * here.tissue_radius, depth=1.02 * here.depth)
+    found = moved_mesh(mesh, here, wider, ROUGH)
+    assert found is not None
+    assert np.hypot(*found.nodes[:, :2].T).max() == pytest.approx(1.05 * here.tissue_radius)
+    assert found.nodes[:, 2].min() == pytest.approx(-1.02 * here.depth)
+    blocks = np.unique(mesh.elements[mesh.body < TISSUE])
+    assert found.nodes[blocks] == pytest.approx(mesh.nodes[blocks], abs=1e-12)
+
+
+def test_a_layer_becomes_thicker() -> None:
+    """The skin above the tumour, by the volume of a half cylinder."""
+    mesh, here = stored_mesh("across-rough"), layout(ACROSS)
+    skin, *others = here.interfaces
+    found = moved_mesh(mesh, here, replace(here, interfaces=(1.1 * skin, *others)), ROUGH)
+    assert found is not None
+    assert here.tissue_radius is not None
+    own = found.elements[found.layer == 1]
+    assert element_volumes(found.nodes, own).sum() == pytest.approx(np.pi / 2 * here.tissue_radius**2 * 1.1 * skin, rel=2e-3)
+
+
+def test_much_thicker_layers_need_another_mesh() -> None:
+    here = layout(ACROSS)
+    skin, *others = here.interfaces
+    assert not may_move(here, replace(here, interfaces=(1.5 * skin, *others)))
+
+
 def test_bodies_that_stay_are_not_integrated_again() -> None:
     mesh, found = stored_mesh("flank-rough"), moved(FLANK, "flank-rough", depth=8e-3)
     assert found is not None

@@ -1,0 +1,33 @@
+"""What meshes differ by, as a bound: values that converge at a known order, and two that agree by chance."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from geometry.tetra.sizing import COARSE, FINE, ROUGH, ROUGHEST
+from solver.solid.mesh_agreement import SAFETY, apart
+
+MESHES = ROUGHEST, ROUGH, COARSE, FINE
+
+
+@pytest.mark.parametrize("order", [2.0, 3.0, 4.0])
+@pytest.mark.parametrize("size", ["rim", "sphere", "growth"])
+@pytest.mark.parametrize("count", [2, 3])
+@pytest.mark.parametrize("first", [0, 1])
+def test_errors_that_fall_with_a_power_of_the_sizes_are_bounded(first: int, count: int, size: str, order: float) -> None:
+    """Of second order or higher, on the sizes that the meshes have."""
+    errors = np.array([getattr(fineness, size) ** order for fineness in MESHES[first : first + count]])
+    assert errors[-1] <= apart(3.0 + errors, SAFETY)
+
+
+def test_two_meshes_count_amply_and_a_third_bounds_by_its_own_step() -> None:
+    assert apart([1.0, 1.1], 2.0) == pytest.approx(0.2)
+    assert apart([1.05, 1.0, 1.1], 2.0) == pytest.approx(0.12)
+    assert apart([1.2, 1.0, 1.1], 2.0) == pytest.approx(0.17)
+
+
+def test_a_third_mesh_never_widens_a_bound() -> None:
+    values = np.random.default_rng(0).normal(size=(50, 3))
+    for one in values:
+        assert apart(one, 2.0) <= apart(one[1:], 2.0)
