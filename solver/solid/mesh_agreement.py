@@ -1,8 +1,8 @@
 """Bounds on film forces from what meshes differ by: from two amply, from three as far as steps between them say.
 
-What two meshes differ by is at times nothing by chance. So it counts ample times by itself; from three meshes, whose
-errors fall with the sizes' square or faster, no more than the larger of the last step and most of the step before, the former
-with a margin.
+What two meshes differ by is at times nothing by chance. So it counts ample times by itself; from three meshes, whose errors fall
+with the sizes' square or faster, no more than the larger of the last step and most of the step before, but at least a third of
+the latter.
 
 A flaw of the rims weighs less where inclusions are so soft that little force is left, but what is taken off in eq. SO.4 is the
 reference's. Of a soft tumour that nearly filled its tissue 8 % of the ratio were wrong so, 2.5 % of the reference.
@@ -22,8 +22,8 @@ from solver.solid.symmetric_part import EDGES, SymmetricPart
 
 SAFETY = 2.0  # times what two meshes differ by
 SLOPES = 2.5  # likewise of log_sensitivity: on two meshes a stiff tumour's was 1.2 times outside 2.0
-LAST = 1.2  # times the last step of three meshes
-EARLIER = 0.85  # times the step before: of second order, 0.66 of it is left after the last as rims become finer, 0.81 as growth does
+EARLIER = 0.85  # times the step before: of second order, 0.66 of it is left after the last as rims become finer, 0.81 as growth
+LEAST = 0.3  # times the step before: what is left of it at third order
 FLOOR = 0.02  # of what inclusions, groove and edges change: what all meshes may have wrong; halved by the finest
 RAW = 0.04  # of what the mesh gets wrong of the reference: what may not cancel
 SOFTENED = 2.0  # likewise, times the share of their forces that films lose
@@ -62,8 +62,10 @@ def films_of(
 def apart(found: Sequence[Floats | float] | Floats, times: float) -> Floats:
     """Bound the error of the last of values on finer and finer meshes, each of shape (n,) or a number."""
     steps = np.abs(np.diff(np.array(found), axis=0))
-    ample = times * steps[-1]
-    return np.asarray(ample if len(steps) == 1 else np.minimum(ample, np.maximum(EARLIER * steps[-2], LAST * steps[-1])))
+    last = times * steps[-1]
+    if len(steps) > 1:
+        last = np.maximum(np.minimum(last, np.maximum(EARLIER * steps[-2], steps[-1])), LEAST * steps[-2])
+    return np.asarray(last)
 
 
 def _log_ratio(totals: Floats) -> float:

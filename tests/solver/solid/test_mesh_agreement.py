@@ -23,11 +23,9 @@ def test_errors_that_fall_with_a_power_of_the_sizes_are_bounded(first: int, coun
 
 def test_two_meshes_count_amply_and_a_third_bounds_by_its_own_step() -> None:
     assert apart([1.0, 1.1], 2.0) == pytest.approx(0.2)
-    assert apart([1.05, 1.0, 1.1], 2.0) == pytest.approx(0.12)
+    assert apart([1.05, 1.0, 1.1], 2.0) == pytest.approx(0.1)
     assert apart([1.2, 1.0, 1.1], 2.0) == pytest.approx(0.17)
 
 
-def test_a_third_mesh_never_widens_a_bound() -> None:
-    values = np.random.default_rng(0).normal(size=(50, 3))
-    for one in values:
-        assert apart(one, 2.0) <= apart(one[1:], 2.0)
+def test_of_two_meshes_that_agree_by_chance_a_third_says_so() -> None:
+    assert apart([1.3, 1.0, 1.0], 2.0) == pytest.approx(0.09)
