@@ -1,7 +1,7 @@
 """NGSolve as its best user would use it on the scenes of ``solid.py``: curved elements, graded by hand.
 
 Run as a program it takes a scene's file and a ``SolidSetting`` as JSON, and prints ratio, unknowns and seconds as JSON. Its task
-manager has ``OMP_NUM_THREADS`` threads, one if that is not set.
+manager has ``OMP_NUM_THREADS`` threads, one if that is not set; meshing has one, which is faster.
 """
 
 from __future__ import annotations
@@ -9,7 +9,8 @@ from __future__ import annotations
 import json
 import os
 import sys
-from contextlib import nullcontext
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 import ngsolve as ngs
@@ -55,11 +56,16 @@ def system(scene: Scene, mesh: ngs.Mesh, setting: SolidSetting) -> tuple[Any, An
     return space, form, condition
 
 
-def evaluate(scene: Scene, setting: SolidSetting) -> SolidAnswer:
-    """Find the ratio: one mesh, one system, one solve."""
+def evaluate(scene: Scene, setting: SolidSetting, tasks: Callable[[], AbstractContextManager[Any]] = nullcontext) -> SolidAnswer:
+    """Find the ratio: one mesh on one thread, one system and one solve on those of ``tasks``."""
     laps = Laps()
     mesh = make_mesh(scene, setting)
     laps.lap("mesh")
+    with tasks():
+        return solved(scene, setting, mesh, laps)
+
+
+def solved(scene: Scene, setting: SolidSetting, mesh: ngs.Mesh, laps: Laps) -> SolidAnswer:
     space, form, condition = system(scene, mesh, setting)
     laps.lap("assemble")
     lifts = []
@@ -89,7 +95,6 @@ def evaluate(scene: Scene, setting: SolidSetting) -> SolidAnswer:
 if __name__ == "__main__":
     threads = int(os.environ.get("OMP_NUM_THREADS", "1"))
     ngs.SetNumThreads(threads)
-    with ngs.TaskManager() if threads > 1 else nullcontext():
-        found = evaluate(read_scene(sys.argv[1]), SolidSetting(**json.loads(sys.argv[2])))
-    print(json.dumps(vars(found)), flush=True)
+    told = read_scene(sys.argv[1]), SolidSetting(**json.loads(sys.argv[2]))
+    print(json.dumps(vars(evaluate(*told, ngs.TaskManager if threads > 1 else nullcontext))), flush=True)
     os._exit(0)
