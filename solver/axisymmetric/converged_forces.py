@@ -10,7 +10,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
-from solver.axisymmetric.lower_order import graded_everywhere, order_errors, own_errors
+from solver.axisymmetric.lower_order import graded_everywhere, near_errors, order_errors, own_errors
 from solver.axisymmetric.omitted_details import IN_PLANE, Change, omitted_changes
 from solver.axisymmetric.refinement import LEVELS, SampleErrors, refine
 from solver.axisymmetric.sample import MeshSample, sample
@@ -72,7 +72,7 @@ def converged_forces(scene: Scene, accuracy: float, moduli: Floats | None = None
         lambda level: rough() if level == LEVELS[0] and chosen is plain else solve(level),
         accuracy,
         good,
-        (own_errors, order_errors) if graded_everywhere(chosen.section) else (),
+        (own_errors, near_errors, order_errors) if graded_everywhere(chosen.section) else (),
     )
     films = _films(scene, mesh_sample, errors, missing)
     plan = tuple(change.decision(accuracy) for change in changes)
