@@ -30,7 +30,7 @@ from solver.linalg.workspace import current, kept
 Materials = Mapping[Body, Material]
 HIDDEN = 1e-12  # share of a force that rounding may change before the solution is refined
 DEPENDENT = 1e-12  # share of the largest below which a way in energy is none
-BLOCK = 2e6  # bytes of the elements' matrices that are worked on at once: few enough for the processor's cache
+BLOCK = 4e6  # bytes of the elements' matrices that are worked on at once: few enough for the processor's cache
 WHOLE = 2.6  # times the bytes of all element matrices: what a process holds at most
 _mesh = kept(topology)
 

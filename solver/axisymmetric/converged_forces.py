@@ -63,7 +63,8 @@ def converged_forces(scene: Scene, accuracy: float, moduli: Floats | None = None
     solve = partial(sample, chosen.section, chosen, scene, moduli=moduli)
 
     def good(mesh_sample: MeshSample, errors: SampleErrors) -> bool:
-        numerical, films = _films(scene, mesh_sample, errors), _films(scene, mesh_sample, errors, missing)
+        numerical = _films(scene, mesh_sample, errors)
+        films = _films(scene, mesh_sample, errors, missing) if missing else numerical
         reached, least = (max(one.error_under(scene) for one in some) for some in (films, numerical))
         small = reached <= accuracy or (reached - least > accuracy and least <= accuracy / 2)
         return small and all(_sensitive_enough(one, accuracy) for one in numerical)
@@ -80,9 +81,8 @@ def converged_forces(scene: Scene, accuracy: float, moduli: Floats | None = None
 
 
 def _films(scene: Scene, sample: MeshSample, errors: SampleErrors, changes: Iterable[Change] = ()) -> tuple[FilmForces, ...]:
-    films = []
+    films, margin = [], DETAILED if sample.states.model.section.has_details else 1.0
     for k, forces in enumerate(sample.forces):
-        margin = DETAILED if sample.states.model.section.has_details else 1.0
         bound = Bound.independent(margin * errors.totals[k], forces)
         sensitivity_bound = margin * float(errors.sensitivity[k])
         for change in changes:
