@@ -15,7 +15,8 @@ the change once a corner's own error is all there is. c = 5/2, 5/2, 4 and k = 12
 elements that are much longer than wide fall less there than they did before (``benchmarks/extremes/one_mesh.py``).
 
 From degree 5 on the state's own part of degree p tells nearly as much, and nothing is factorised: its energy is no less than
-that of w, for the smaller state is the best of all without that part. c_e = 11/5 and 12/5 then.
+that of w, for the smaller state is the best of all without that part. c_e = 11/5 and 12/5 then. One step of descent from it
+(``base_states.near_lower_order``) tells nearly what the best does: more energy widens bounds.
 
 A curve's states at every modulus are sums of a few vectors (eq. AX.9), and so are those of the smaller space, the best of these
 vectors' projections on it. There may be better ones, so that their energies tell too much if anything:
