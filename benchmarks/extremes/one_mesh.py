@@ -29,7 +29,7 @@ from geometry import InputError, Scene, read_scene
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, SolveError
 from solver.axisymmetric.level import Axisymmetric
-from solver.axisymmetric.lower_order import order_errors, own_errors
+from solver.axisymmetric.lower_order import near_errors, order_errors, own_errors
 from solver.axisymmetric.refinement import BELIEVED, LEVELS, LIGHT, SampleErrors
 from solver.axisymmetric.sample import MeshSample, sample
 from solver.axisymmetric.sections import sections
@@ -38,7 +38,7 @@ from solver.linalg.workspace import current
 FOLDERS = ("axisymmetric", "extra", "extreme", "extremes", "half-space")
 REFERENCES = Path(__file__).parents[2] / "tests" / "reference"
 TRUE, ONE_MESH = LEVELS[4], {"light": LIGHT, "4": LEVELS[1], "5": LEVELS[2], "6": LEVELS[3]}
-OWN, CURVE_OF = ", of its own", ", curve"  # what is told without a smaller space; of all moduli
+OWN, NEAR, CURVE_OF = ", of its own", ", near", ", curve"  # what is told without a smaller space, by one step; of all moduli
 CURVES = {"light": LIGHT, "6": LEVELS[3]}
 CURVE = (0.01, 1.0, 100.0)  # moduli of a curve, over the scene's own
 LEAST_SENSITIVITY = 1e-5  # absolute, that a log-sensitivity is promised to
@@ -101,7 +101,8 @@ def shares(scene: Scene, true: Truths) -> Shares:
     of = sections(scene)
     solved = {name: sample(of.section, of, scene, level) for name, level in ONE_MESH.items()}
     found = {name: _share(one, order_errors(one), true["lone"]) for name, one in solved.items()}
-    found |= {f"{name}{OWN}": _share(one, bounds, true["lone"]) for name, one in solved.items() if (bounds := own_errors(one))}
+    for kind, tell in ((OWN, own_errors), (NEAR, near_errors)):
+        found |= {f"{name}{kind}": _share(one, bounds, true["lone"]) for name, one in solved.items() if (bounds := tell(one))}
     if scene.inclusion:
         for name, level in CURVES.items():
             one = sample(of.section, of, scene, level, moduli=_moduli(scene))

@@ -19,7 +19,7 @@ from benchmarks.tables import MeasuredTable
 from geometry.meridian.frame import MeridianFineness
 from geometry.meridian.mesh import nodes
 from solver.axisymmetric.base_states import BLOCK, MeridianModel, base_states, model
-from solver.axisymmetric.lower_order import MOST_OF_OWN, order_errors, own_errors
+from solver.axisymmetric.lower_order import MOST_OF_OWN, near_errors, order_errors, own_errors
 from solver.axisymmetric.refinement import LEVELS, LIGHT
 from solver.axisymmetric.sample import sample
 from solver.axisymmetric.sections import sections
@@ -82,7 +82,7 @@ def measure(fineness: MeridianFineness) -> MeasuredTable:
     of = sections(scene)
     found = sample(of.section, of, scene, fineness)
     one = found.states.model
-    every = stages(one) | {"error, smaller space": lambda: order_errors(found)}
+    every = stages(one) | {"error, smaller space": lambda: order_errors(found), "error, one step": lambda: near_errors(found)}
     if fineness.order in MOST_OF_OWN:
         every["error, own part"] = lambda: own_errors(found)
     counted = operations(one)

@@ -21,14 +21,16 @@ from geometry.meridian.frame import kind as kind_of
 from geometry.meridian.mesh import Topology, nodes, topology
 from geometry.meridian.section import Body, Section
 from geometry.scenes.probe import Material
-from solver.axisymmetric.condensed_system import System
-from solver.axisymmetric.dofs import Interface, numbering
+from solver.axisymmetric.condensed_system import LARGEST_RESIDUAL, System
+from solver.axisymmetric.dofs import Interface, numbering, subspace
 from solver.elements.quadrilateral import Blocks, Condensed, Geometry, geometry, lame, matrices, stiffness
 from solver.elements.shape_functions import Shapes, shapes
 from solver.linalg.workspace import current, kept
 
 Materials = Mapping[Body, Material]
-BLOCK = 2e6  # bytes of the elements' matrices that are worked on at once: few enough for the processor's cache
+HIDDEN = 1e-12  # share of a force that rounding may change before the solution is refined
+DEPENDENT = 1e-12  # share of the largest below which a way in energy is none
+BLOCK = 4e6  # bytes of the elements' matrices that are worked on at once: few enough for the processor's cache
 WHOLE = 2.6  # times the bytes of all element matrices: what a process holds at most
 _mesh = kept(topology)
 
@@ -159,15 +161,75 @@ def base_states(model: MeridianModel) -> BaseStates:
         SolveError: the residual of the solution is too large to be trusted.
     """
     system = model.system
-    found = system.solve(np.zeros((system.numbering.unknowns, 2)), system.numbering.lift, passes=2)
-    own, unbalanced = found.own, found.unbalanced
-    forces = products(own, found.loads)
-    # what the forces would change if the equations were met exactly
-    hidden = np.abs(unbalanced.T @ system.factor.solve(unbalanced))
+    for passes, largest in ((1, np.inf), (2, LARGEST_RESIDUAL)):
+        found = system.solve(np.zeros((system.numbering.unknowns, 2)), system.numbering.lift, passes, largest)
+        own, unbalanced = found.own, found.unbalanced
+        forces = products(own, found.loads)
+        # what the forces would change if the equations were met exactly
+        hidden = np.abs(unbalanced.T @ system.factor.solve(unbalanced))
+        if found.residual <= LARGEST_RESIDUAL and np.all(hidden <= HIDDEN * np.abs(forces)):
+            break
     # ten standard deviations of the energy when every entry of the matrices carries an independent rounding error
     variance = products(own**2, system.stiffness**2 @ own**2)
     rounding = 10 * np.finfo(float).eps * np.sqrt(variance) + hidden
     return BaseStates(model, found.v, edge=own, shift=found.shift, forces=forces, rounding=rounding, residual=found.residual)
+
+
+def lower_order(states: BaseStates, vectors: Floats, degree: int, stiffest: float = 1.0) -> Floats:
+    """What of the space with edge functions up to a degree at most is nearest in energy, elements' values, (n, 8 p, 2 + m + 2).
+
+    Args:
+        states: on the whole space; theirs come first.
+        vectors: of the elements' values without a lift, shape (n, 8 p, m).
+        degree: at least 1.
+        stiffest: a modulus of the inclusion, as a multiple of that of ``states``. Above 1 both states are solved for there, too,
+            and what they differ by from the first comes last: there what an inclusion that is nearly rigid is strained by counts.
+    """
+    system, lift = states.model.system, states.model.system.numbering.lift
+    space = subspace(system.numbering, degree)
+    pushed = -system.lifted(lift)[space.unknowns]
+    forces = system.add_up(system.stiffness @ vectors)[space.unknowns]
+    found = space.factor(system.matrix).solve(np.hstack([pushed, forces]))
+    if stiffest > 1:
+        matrix = system.numbering.assemble(system.stiffness * in_inclusion(states.model, stiffest))
+        found = np.hstack([found, space.factor(matrix).solve(pushed) - found[:, :2]])
+    v = np.zeros((system.numbering.unknowns, found.shape[1]))
+    v[space.unknowns] = found
+    return np.concatenate([system.own(v[:, :2], lift), system.own(v[:, 2:])], axis=2)
+
+
+def near_lower_order(states: BaseStates, degree: int) -> Floats:
+    """What is nearly as near as ``lower_order`` of both states, without another factorisation; elements' values, (n, 8 p, 2).
+
+    From the states without their functions of the last degree, ``degree`` + 1, one step of steepest descent of the distance in
+    energy, of both at once. The whole's factor says where to: it differs from the smaller space's own by how much the last
+    degree's functions strain what the others do, little but where Poisson's ratio is near 1/2.
+    """
+    system, outside = states.model.system, states.model.system.numbering.degrees > degree
+    cut = states.edge.copy()
+    cut[:, of_degree(states.model, degree + 1)] = 0.0
+    forces = system.stiffness @ (cut - states.edge)
+    left = system.add_up(forces)
+    left[outside] = 0.0
+    v = system.factor.solve(left)
+    v[outside] = 0.0
+    way = system.own(v)
+    loads = system.stiffness @ way
+    return cut - way @ np.linalg.lstsq(products(way, loads), products(way, forces), rcond=DEPENDENT)[0]
+
+
+def in_inclusion(model: MeridianModel, time: float) -> Floats:
+    """What multiplies the elements' stiffness where the inclusion's is multiplied, shape (n, 1, 1)."""
+    return np.where(model.mesh.body == Body.INCLUSION, time, 1.0)[:, None, None]
+
+
+def of_degree(model: MeridianModel, degree: int) -> Ints:
+    """The elements' values that are of one degree on edges."""
+    return np.flatnonzero(np.tile(_degrees(model), 2) == degree)
+
+
+def _degrees(model: MeridianModel) -> Ints:
+    return np.asarray(model.shapes.degrees[: model.shapes.skeleton].max(axis=1))
 
 
 def products(a: Floats, b: Floats) -> Floats:

@@ -64,11 +64,11 @@ class System:
         forces[some] = self.stiffness[some] @ self.unshifted(lift[some])[0]
         return self.add_up(forces)
 
-    def solve(self, forces: Floats, lift: Floats | float = 0.0, passes: int = 1) -> Solution:
+    def solve(self, forces: Floats, lift: Floats | float = 0.0, passes: int = 1, largest: float = LARGEST_RESIDUAL) -> Solution:
         """Solve K (v + lift) = forces, and again for what is left in as many ``passes`` as asked.
 
         Raises:
-            SolveError: what is left is too large for the solution to be trusted.
+            SolveError: what is left is too large for the solution to be trusted, a residual above ``largest``.
         """
         v = np.zeros_like(forces)
         unbalanced = forces - self.lifted(lift) if isinstance(lift, np.ndarray) else forces
@@ -81,8 +81,8 @@ class System:
         magnitude = self.numbering.reach @ (np.abs(self.stiffness) @ np.abs(local)).reshape(-1, v.shape[-1])
         scale = np.linalg.norm(magnitude + np.abs(forces), axis=0)
         residual = float(np.max(np.linalg.norm(unbalanced, axis=0) / np.where(scale > 0, scale, 1.0)))
-        if not residual <= LARGEST_RESIDUAL:
-            allowed = f"relative residual {residual:.1e}, allowed {LARGEST_RESIDUAL:.0e}"
+        if not residual <= largest:
+            allowed = f"relative residual {residual:.1e}, allowed {largest:.0e}"
             raise SolveError(f"the linear system was not solved: {allowed}")
         return Solution(v, own, shift, loads=loads, unbalanced=unbalanced, residual=residual)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
-from solver.axisymmetric.lower_order import graded_everywhere, order_errors, own_errors
+from solver.axisymmetric.lower_order import graded_everywhere, near_errors, order_errors, own_errors
 from solver.axisymmetric.omitted_details import IN_PLANE, Change, omitted_changes
 from solver.axisymmetric.refinement import LEVELS, SampleErrors, refine
 from solver.axisymmetric.sample import MeshSample, sample
@@ -63,7 +63,8 @@ def converged_forces(scene: Scene, accuracy: float, moduli: Floats | None = None
     solve = partial(sample, chosen.section, chosen, scene, moduli=moduli)
 
     def good(mesh_sample: MeshSample, errors: SampleErrors) -> bool:
-        numerical, films = _films(scene, mesh_sample, errors), _films(scene, mesh_sample, errors, missing)
+        numerical = _films(scene, mesh_sample, errors)
+        films = _films(scene, mesh_sample, errors, missing) if missing else numerical
         reached, least = (max(one.error_under(scene) for one in some) for some in (films, numerical))
         small = reached <= accuracy or (reached - least > accuracy and least <= accuracy / 2)
         return small and all(_sensitive_enough(one, accuracy) for one in numerical)
@@ -72,7 +73,7 @@ def converged_forces(scene: Scene, accuracy: float, moduli: Floats | None = None
         lambda level: rough() if level == LEVELS[0] and chosen is plain else solve(level),
         accuracy,
         good,
-        (own_errors, order_errors) if graded_everywhere(chosen.section) else (),
+        (own_errors, near_errors, order_errors) if graded_everywhere(chosen.section) else (),
     )
     films = _films(scene, mesh_sample, errors, missing)
     plan = tuple(change.decision(accuracy) for change in changes)
@@ -80,9 +81,8 @@ def converged_forces(scene: Scene, accuracy: float, moduli: Floats | None = None
 
 
 def _films(scene: Scene, sample: MeshSample, errors: SampleErrors, changes: Iterable[Change] = ()) -> tuple[FilmForces, ...]:
-    films = []
+    films, margin = [], DETAILED if sample.states.model.section.has_details else 1.0
     for k, forces in enumerate(sample.forces):
-        margin = DETAILED if sample.states.model.section.has_details else 1.0
         bound = Bound.independent(margin * errors.totals[k], forces)
         sensitivity_bound = margin * float(errors.sensitivity[k])
         for change in changes:

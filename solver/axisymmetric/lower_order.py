@@ -15,7 +15,8 @@ the change once a corner's own error is all there is. c = 5/2, 5/2, 4 and k = 12
 elements that are much longer than wide fall less there than they did before (``benchmarks/extremes/one_mesh.py``).
 
 From degree 5 on the state's own part of degree p tells nearly as much, and nothing is factorised: its energy is no less than
-that of w, for the smaller state is the best of all without that part. c_e = 11/5 and 12/5 then.
+that of w, for the smaller state is the best of all without that part. c_e = 11/5 and 12/5 then. One step of descent from it
+(``base_states.near_lower_order``) tells nearly what the best does: more energy widens bounds.
 
 A curve's states at every modulus are sums of a few vectors (eq. AX.9), and so are those of the smaller space, the best of these
 vectors' projections on it. There may be better ones, so that their energies tell too much if anything:
@@ -33,8 +34,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats, Ints
 from geometry.meridian.section import Body, Section
-from solver.axisymmetric.base_states import BaseStates, MeridianModel, products
-from solver.axisymmetric.dofs import subspace
+from solver.axisymmetric.base_states import MeridianModel, in_inclusion, lower_order, near_lower_order, of_degree, products
 from solver.axisymmetric.refinement import SampleErrors
 from solver.axisymmetric.sample import MeshSample
 from solver.linalg.rational_response import RationalResponse
@@ -43,6 +43,7 @@ MOST = {4: 2.5, 5: 2.5, 6: 4.0}  # by order: c of eq. AX.10
 MOST_OF_OWN = {5: 2.2, 6: 2.4}  # likewise, of the state's own part of degree p
 RATES = {4: 12.0}  # by order: k of eq. AX.11
 LEAST = 1.2  # of eq. AX.11
+NEAR = 12.0  # lambda over 2 mu above which one step leaves too much: half of the energy and more
 CANCELLING = 0.1  # of eq. AX.10
 DEPENDENT = 1e-12  # share of the largest energy below which a vector of the smaller space is none
 SAMPLED = 5  # moduli of a curve at which eq. AX.12 looks at single elements
@@ -80,7 +81,7 @@ class _Curve:
 
     def state(self, time: float) -> Floats:
         """Both states at a modulus, shape (n, 8 p, 2)."""
-        return np.asarray(self.values @ self.at(np.array([time]))[0])
+        return self.values if self.rational is None else np.asarray(self.values @ self.at(np.array([time]))[0])
 
 
 def order_errors(sample: MeshSample) -> SampleErrors:
@@ -90,13 +91,22 @@ def order_errors(sample: MeshSample) -> SampleErrors:
     return _errors(sample, own, low, _shares(sample, own, low, MOST[order], RATES.get(order)))
 
 
+def near_errors(sample: MeshSample) -> SampleErrors | None:
+    """Likewise from what is nearly on that space, for half of the time or less: at one modulus, ratios up to 0.48, else None."""
+    own, order = _own(sample), sample.states.model.shapes.order
+    if own.rational is not None or np.any(sample.states.model.lam > NEAR * sample.states.model.two_mu):
+        return None
+    low = _Curve(near_lower_order(sample.states, order - 1), None)
+    return _errors(sample, own, low, _shares(sample, own, low, MOST[order], RATES.get(order)))
+
+
 def own_errors(sample: MeshSample) -> SampleErrors | None:
     """Likewise without a smaller space, from an order in ``MOST_OF_OWN``, else None; wider, and for a tenth of the time."""
     own, order = _own(sample), sample.states.model.shapes.order
     if order not in MOST_OF_OWN:
         return None
     values = own.values.copy()
-    values[:, _of_degree(sample.states.model, order)] = 0.0
+    values[:, of_degree(sample.states.model, order)] = 0.0
     low = _Curve(values, own.rational)
     return _errors(sample, own, low, _shares(sample, own, low, MOST_OF_OWN[order]))
 
@@ -109,8 +119,7 @@ def _errors(sample: MeshSample, own: _Curve, low: _Curve, shares: Floats) -> Sam
     the bounds: its energy is the least.
     """
     times = sample.times
-    values, at = np.concatenate([low.values, own.values], axis=2), np.hstack([low.at(times), -own.at(times)])
-    energies = _energies(sample, values, at, times)
+    energies = _energies(sample, low, own)
     bound = shares * _cauchy(energies)
     totals, slope = sample.totals, sample.slope.sum(axis=2)
     share = _share(slope, totals)
@@ -119,34 +128,6 @@ def _errors(sample: MeshSample, own: _Curve, low: _Curve, shares: Floats) -> Sam
     part = _share(bound, np.maximum(np.abs(totals) - bound, 0.0), np.inf)  # of the force that the error may leave
     films = SLOPES * change + np.multiply(np.abs(share), part, out=np.zeros_like(part), where=share != 0)  # where nothing varies
     return SampleErrors(_known(bound + sample.rounding), _known(films.sum(axis=1)))
-
-
-def lower_order(states: BaseStates, vectors: Floats, degree: int, stiffest: float = 1.0) -> Floats:
-    """What of the space with edge functions up to a degree at most is nearest in energy, elements' values, (n, 8 p, 2 + m + 2).
-
-    Args:
-        states: on the whole space; theirs come first.
-        vectors: of the elements' values without a lift, shape (n, 8 p, m).
-        degree: at least 1.
-        stiffest: a modulus of the inclusion, as a multiple of that of ``states``. Above 1 both states are solved for there, too,
-            and what they differ by from the first comes last: there what an inclusion that is nearly rigid is strained by counts.
-    """
-    system, lift = states.model.system, states.model.system.numbering.lift
-    space = subspace(system.numbering, degree)
-    pushed = -system.lifted(lift)[space.unknowns]
-    forces = system.add_up(system.stiffness @ vectors)[space.unknowns]
-    found = space.factor(system.matrix).solve(np.hstack([pushed, forces]))
-    if stiffest > 1:
-        matrix = system.numbering.assemble(system.stiffness * _in_inclusion(states.model, stiffest))
-        found = np.hstack([found, space.factor(matrix).solve(pushed) - found[:, :2]])
-    v = np.zeros((system.numbering.unknowns, found.shape[1]))
-    v[space.unknowns] = found
-    return np.concatenate([system.own(v[:, :2], lift), system.own(v[:, 2:])], axis=2)
-
-
-def _in_inclusion(model: MeridianModel, time: float) -> Floats:
-    """What multiplies the elements' stiffness where the inclusion's is multiplied, shape (n, 1, 1)."""
-    return np.where(model.mesh.body == Body.INCLUSION, time, 1.0)[:, None, None]
 
 
 def _own(sample: MeshSample) -> _Curve:
@@ -181,8 +162,13 @@ def _inclusion_energies(sample: MeshSample, values: Floats, at: Floats) -> Float
     return np.asarray(at.transpose(0, 2, 1) @ products(part, sample.states.model.system.stiffness[inside] @ part) @ at)
 
 
-def _energies(sample: MeshSample, values: Floats, at: Floats, times: Floats) -> Floats:
-    """Energies a(w_i, w_j) of sums ``at`` of elements' ``values`` at some moduli, shape (k, 2, 2)."""
+def _energies(sample: MeshSample, low: _Curve, own: _Curve) -> Floats:
+    """Energies a(w_i, w_j) at all moduli, shape (k, 2, 2)."""
+    times, at = sample.times, own.at(sample.times)
+    if own.rational is None:
+        values = low.values - own.values
+    else:  # vectors have no counterpart in the other space
+        values, at = np.concatenate([low.values, own.values], axis=2), np.hstack([low.at(times), -at])
     whole = products(values, sample.states.model.system.stiffness @ values)
     return np.asarray(at.transpose(0, 2, 1) @ whole @ at + (times[:, None, None] - 1) * _inclusion_energies(sample, values, at))
 
@@ -191,9 +177,9 @@ def _shares(sample: MeshSample, own: _Curve, low: _Curve, most: float, rate: flo
     """What of eq. AX.12 changes little with the modulus, shape (k, 2)."""
     model, order = sample.states.model, sample.states.model.shapes.order
     times = np.ones(1) if sample.response is None else np.geomspace(sample.times.min(), sample.times.max(), SAMPLED)
-    before_last, shares = _of_degree(model, order - 1), []
+    before_last, shares = of_degree(model, order - 1), []
     for time in times:
-        smaller, stiffness = low.state(time), _in_inclusion(model, time)
+        smaller, stiffness = low.state(time), in_inclusion(model, time)
         energies = stiffness * _of_elements(model, smaller - own.state(time))
         last = _sizes(energies)
         left = np.full_like(last, most)
@@ -203,15 +189,6 @@ def _shares(sample: MeshSample, own: _Curve, low: _Curve, most: float, rate: flo
         shares.append(_share((left * last).sum(axis=0), _cauchy(energies.sum(axis=0)[None])[0]))
     above = np.clip(np.searchsorted(times, sample.times), min(1, len(times) - 1), len(times) - 1)
     return np.asarray(np.maximum(np.array(shares)[above], np.array(shares)[np.maximum(above - 1, 0)]))
-
-
-def _of_degree(model: MeridianModel, degree: int) -> Ints:
-    """The elements' values that are of one degree on edges."""
-    return np.flatnonzero(np.tile(_degrees(model), 2) == degree)
-
-
-def _degrees(model: MeridianModel) -> Ints:
-    return np.asarray(model.shapes.degrees[: model.shapes.skeleton].max(axis=1))
 
 
 def _of_elements(model: MeridianModel, change: Floats, some: Ints | None = None) -> Floats:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg.blas import dsyrk, dtrsm
+from scipy.linalg.blas import dtrsm
 from scipy.linalg.lapack import dpotrf
 
 from geometry.common.arrays import Floats, Ints
@@ -85,7 +85,7 @@ class Condensed:
 
     @classmethod
     def of(cls, parts: Iterable[Blocks], count: int) -> Condensed:
-        """Eliminate by Cholesky's method, half of the operations of Gauss's and of the products.
+        """Eliminate by Cholesky's method, half of the operations of Gauss's.
 
         Args:
             parts: matrices of the elements, some at a time, so that they need not be held together.
@@ -107,16 +107,15 @@ class Condensed:
         return whole
 
     def _eliminate(self, blocks: Blocks, where: slice) -> None:
-        """Fill some elements' places."""
+        """Fill some elements' places, each where it is: rows are LAPACK's columns, so that nothing is copied twice."""
         reduced, upper, half = self.stiffness[where], self.upper[where], self.half[where]
-        for e, (outside, across, inside) in enumerate(zip(blocks.outside, blocks.across, blocks.inside, strict=True)):
-            factor, info = dpotrf(inside.T, lower=1, clean=0)  # rows are LAPACK's columns, so that nothing is copied twice
+        upper[:], half[:] = blocks.inside, blocks.across
+        for inside, across in zip(upper, half, strict=True):
+            _, info = dpotrf(inside.T, lower=1, clean=0, overwrite_a=1)
             if info:
                 raise np.linalg.LinAlgError("an element's inside is not positive definite")
-            across = dtrsm(1.0, factor, across.T, side=1, lower=1, trans_a=1)
-            reduced[e], upper[e], half[e] = dsyrk(-1.0, across, beta=1.0, c=outside.T, lower=1).T, factor.T, across.T
-        above = np.tri(reduced.shape[1], dtype=bool).T
-        self.stiffness[where] = np.where(above, reduced, reduced.swapaxes(1, 2))
+            dtrsm(1.0, inside.T, across.T, side=1, lower=1, trans_a=1, overwrite_b=1)
+        np.subtract(blocks.outside, half.transpose(0, 2, 1) @ half, out=reduced)
 
     def recovery(self, chosen: Ints | slice = slice(None)) -> Floats:
         """What gives the insides from corners and edges: inside = recovery @ edge."""
@@ -156,27 +155,29 @@ def matrices(at: Geometry, shapes: Shapes) -> tuple[Floats, Floats]:
     and per unit lambda.
     """
     one, shape = np.ones(len(at.weight)), (len(at.weight), *(2, len(shapes.degrees)) * 2)
-    moments, mass = volume_moments(at, shapes)
-    volume = moments.transpose(0, 2, 1) @ (np.linalg.inv(mass) @ moments)
+    dilations, inverse = _dilations(at, shapes)
+    moments = dilations.take(shapes.tables.moments, axis=1)
+    volume = moments.transpose(0, 2, 1) @ (inverse @ moments)
     return _shear(at, shapes, one).take(shapes.tables.stiffness, axis=1).reshape(shape), volume.reshape(shape)
 
 
 def stiffness(at: Geometry, shapes: Shapes, two_mu: Floats, lam: Floats) -> Blocks:
     """Return the elements' matrices with their moduli, shape (n,) both: of corners and edges, and of their insides."""
-    s, m = len(shapes.degrees), shapes.skeleton
-    moments, mass = volume_moments(at, shapes)
-    pressures, sums = lam[:, None, None] * np.linalg.inv(mass), _shear(at, shapes, two_mu)
-    edge, inner = np.r_[:m, s : s + m], np.r_[m:s, s + m : 2 * s]
-    on_edge, within = moments[:, :, edge], moments[:, :, inner]
+    places = shapes.places_in_sums
+    dilations, inverse = _dilations(at, shapes)
+    sums, pressures = _shear(at, shapes, two_mu), lam[:, None, None] * inverse
+    on_edge, within = (dilations.take(some, axis=1) for some in (places.edge, places.within))
     push_edge, push_within = pressures @ on_edge, pressures @ within
 
-    def part(rows: Ints, columns: Ints, moments: Floats, pushed: Floats) -> Floats:
-        whole = sums.take(shapes.tables.stiffness[np.ix_(rows, columns)], axis=1)
+    def part(chosen: Ints, moments: Floats, pushed: Floats) -> Floats:
+        whole = sums.take(chosen, axis=1)
         whole += moments.transpose(0, 2, 1) @ pushed
         return whole
 
     return Blocks(
-        part(edge, edge, on_edge, push_edge), part(inner, edge, within, push_edge), part(inner, inner, within, push_within)
+        part(places.outside, on_edge, push_edge),
+        part(places.across, within, push_edge),
+        part(places.inside, within, push_within),
     )
 
 
@@ -197,14 +198,16 @@ def _shear(at: Geometry, shapes: Shapes, two_mu: Floats) -> Floats:
     return np.concatenate([one.reshape(len(w), one.shape[1] * one.shape[2]) for one in sums], axis=1)
 
 
-def volume_moments(at: Geometry, shapes: Shapes) -> tuple[Floats, Floats]:
-    """Integrals of div u and of the pressures times the pressures, shapes (n, m, 2 s) and (n, m, m)."""
-    w, table, m = at.weight, shapes.tables, shapes.pressure.shape[1]
+def _dilations(at: Geometry, shapes: Shapes) -> tuple[Floats, Floats]:
+    """Sums from which ``ElementTables.moments`` takes integrals of m pressures times div u; the inverse of the pressures' own.
+
+    Shapes (n, sums) and (n, m, m).
+    """
+    w, table, n = at.weight, shapes.tables, len(at.weight)
     by_r, by_z = ([w * at.inverse[..., k, axis] for k in (0, 1)] for axis in (0, 1))
-    parts = [table.dilation([*one, more]) for one, more in ((by_r, w / at.radius), (by_z, None))]
-    flat = [part.reshape(len(w), part.shape[1] * part.shape[2]).take(table.moments, axis=1) for part in parts]
-    moments = np.concatenate([one.reshape(len(w), m, len(shapes.degrees)) for one in flat], axis=2)
-    return moments, (w @ shapes.mass).reshape(len(w), m, m)
+    parts = [table.dilation([*one, more]).reshape(n, -1) for one, more in ((by_r, w / at.radius), (by_z, None))]
+    m = shapes.pressure.shape[1]
+    return np.concatenate(parts, axis=1), np.asarray(np.linalg.inv((w @ shapes.mass).reshape(n, m, m)))
 
 
 def dilations(at: Geometry, shapes: Shapes, m: int = 0) -> Floats:

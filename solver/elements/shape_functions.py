@@ -7,6 +7,7 @@ ends (Szabo & Babuska, Finite Element Analysis, 1991, section 6.1). An element o
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -49,6 +50,26 @@ class Shapes:
     def skeleton(self) -> int:
         """Number of functions on corners and edges."""
         return 4 * self.order
+
+    @cached_property
+    def places_in_sums(self) -> BlockPlaces:
+        """``tables``' two, of corners and edges, u_r before u_z, and of the inside."""
+        s, m = len(self.degrees), self.skeleton
+        edge, inner = np.r_[:m, s : s + m], np.r_[m:s, s + m : 2 * s]
+        stiffness, moments = self.tables.stiffness, self.tables.moments
+        outside, across, inside = (stiffness[np.ix_(*both)] for both in ((edge, edge), (inner, edge), (inner, inner)))
+        return BlockPlaces(outside, across, inside, moments[:, edge], moments[:, inner])
+
+
+@dataclass(frozen=True)
+class BlockPlaces:
+    """Where blocks of an element's matrix and of its moments lie in the sums of ``ElementTables``."""
+
+    outside: Ints
+    across: Ints
+    inside: Ints
+    edge: Ints
+    within: Ints
 
 
 @kept

@@ -64,7 +64,7 @@ class ElementTables:
         odd: of X X, X Y, Y X and Y Y.
         dilation: of P X, P Y and P N, P a pressure.
         stiffness: where the entries of an element's matrix lie in the sums for r r, z z and r z, one after the other; (2 s, 2 s).
-        moments: where the moments, pressures times s, lie in theirs.
+        moments: where the moments lie in the sums of P times div u, those by u_r before those by u_z; (pressures, 2 s).
     """
 
     even: TensorSums
@@ -94,7 +94,9 @@ class ElementTables:
         stiffness = _places(degrees[0], (low, high), size)
         k, i = degrees[1][:, None], degrees[0][None]
         by_x, by_y = (k * size + i).transpose(2, 0, 1)
-        return cls(even, odd, dilation, stiffness=stiffness, moments=(by_y * order * size + by_x).ravel().astype(np.intp))
+        moments = by_y * order * size + by_x
+        both = np.hstack([moments, moments + (order * size) ** 2]).astype(np.intp)
+        return cls(even, odd, dilation, stiffness=stiffness, moments=both)
 
 
 def _places(degrees: Ints, half: tuple[Ints, Ints], size: int) -> Ints:

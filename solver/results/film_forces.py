@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -59,12 +60,12 @@ class FilmForces:
     slope: Floats | None = None
     sensitivity_error: float = 0.0
 
-    @property
+    @cached_property
     def totals(self) -> Floats:
         """Force on each film per unit indentation of the whole base, N/m: F_i = sum_j F_ij (RE.2)."""
         return np.asarray(self.forces.sum(axis=1))
 
-    @property
+    @cached_property
     def relative_errors(self) -> Floats:
         """Bounds on the relative errors of both stresses at a given indentation; inf where a total is zero."""
         with np.errstate(divide="ignore"):
@@ -85,7 +86,7 @@ class FilmForces:
         inner, outer = self.film_log_sensitivities or (0.0, 0.0)
         return inner - outer
 
-    @property
+    @cached_property
     def film_log_sensitivities(self) -> tuple[float, float] | None:
         """Those of both film forces at a given indentation, inner and outer: d ln F_i / d ln E_object."""
         if self.slope is None:

@@ -10,9 +10,10 @@ import pytest
 from geometry.meridian.frame import MeridianFineness
 from solver import evaluate
 from solver.axisymmetric import converged_forces
+from solver.axisymmetric.base_states import lower_order, near_lower_order
 from solver.axisymmetric.condensed_system import System
 from solver.axisymmetric.dofs import Interface, numbering
-from solver.axisymmetric.lower_order import lower_order, order_errors, own_errors
+from solver.axisymmetric.lower_order import near_errors, order_errors, own_errors
 from solver.axisymmetric.refinement import LEVELS, LIGHT
 from solver.axisymmetric.sample import MeshSample, sample
 from solver.axisymmetric.sections import sections
@@ -44,7 +45,7 @@ def test_bounds_of_one_mesh_hold_where_references_are_hardest(folder: str, name:
     forces = np.array([one.stress_inner * probe.inner_area, one.stress_outer * probe.outer_area])
     true = one.stiffness * forces / forces.sum()
     found = on(one, level)
-    for bounds in (order_errors(found), own_errors(found)):
+    for bounds in (order_errors(found), near_errors(found), own_errors(found)):
         if bounds is not None:
             assert np.all(np.abs(found.totals[0] - true) <= bounds.totals[0] + one.uncertainty * np.abs(true))
             if one.log_sensitivity is not None:
@@ -120,6 +121,19 @@ def test_the_smaller_spaces_state_is_nearer_than_the_own_one_without_its_last_de
         for change in (lower_order(found.states, own[..., :0], 4) - own, cut - own)
     ]
     assert np.all(sizes[0] < sizes[1])
+
+
+@pytest.mark.parametrize("name", ["published-materials", "shallow", "soft-cyst", "published-materials-frictionless"])
+@pytest.mark.parametrize("level", [LIGHT, LEVELS[3]], ids=["light", "6"])
+def test_one_step_without_a_factorisation_is_nearly_the_best_of_the_smaller_space(name: str, level: MeridianFineness) -> None:
+    """Never nearer than it is (Galerkin), and not by a fifth farther: by so much the bound may be wider."""
+    states = on(named("axisymmetric", name), level).states
+    own, stiffness = states.edge, states.model.system.stiffness
+    best, near = lower_order(states, own[..., :0], level.order - 1), near_lower_order(states, level.order - 1)
+    sizes = [np.einsum("nai,nab,nbi->i", one - own, stiffness, one - own, optimize=True) for one in (best, near)]
+    assert np.all((sizes[0] < sizes[1]) & (sizes[1] < 1.2 * sizes[0]))
+    last = np.tile(states.model.shapes.degrees[: states.model.shapes.skeleton].max(axis=1), 2) == level.order
+    assert not np.any(near[:, last])
 
 
 @pytest.mark.parametrize("tell", [own_errors, order_errors])
