@@ -25,6 +25,7 @@ SLOPES = 2.5  # likewise of log_sensitivity: on two meshes a stiff tumour's was 
 EARLIER = 0.85  # times the step before: of second order, 0.66 of it is left after the last as rims become finer, 0.81 as growth
 LEAST = 0.3  # times the step before: what is left of it at third order
 FLOOR = 0.02  # of what inclusions, groove and edges change: what all meshes may have wrong; halved by the finest
+ALIKE = 0.25  # of what films' forces change: counts of their ratio where its own change is less, as changes cancel
 RAW = 0.04  # of what the mesh gets wrong of the reference: what may not cancel
 SOFTENED = 2.0  # likewise, times the share of their forces that films lose
 
@@ -43,12 +44,13 @@ def films_of(
     for k, now in enumerate(forces[-1]):
         totals = [one[k].sum(axis=1) for one in forces]
         change = np.abs(totals[-1] - plainly)
+        logs = [_log_ratio(one) for one in totals]
         rims = SOFTENED * raw * change * np.clip(1 - totals[-1] / plainly, 0.0, None)
         error = apart(totals, SAFETY) + (doubt + RAW * raw) * change + rims + whole.bound.totals
         with np.errstate(divide="ignore", invalid="ignore"):
             share = np.nan_to_num(rims / np.abs(totals[-1]))
-        logs = [_log_ratio(one) for one in totals]
-        moved = abs(logs[-1] - _log_ratio(plainly))
+            every = np.abs(np.log(np.abs(totals[-1] / plainly)))
+        moved = max(abs(logs[-1] - _log_ratio(plainly)), ALIKE * float(np.nan_to_num(every).max()))
         log_ratio = float(apart(logs, SAFETY) + (doubt + RAW * raw.max()) * moved + share.sum()) + whole.bound.log_ratio
         bound = Bound(error, log_ratio if np.all(error < np.abs(totals[-1])) else np.inf)
         told: Floats = np.array([_sensitivities(slope[k], one[k]) for slope, one in zip(slopes, forces, strict=True)])
