@@ -111,7 +111,7 @@ def shares(found: Result, true: Result, bound: float) -> tuple[float, float, flo
     stated, own = found.error_estimate or 0.0, true.error_estimate or 0.0
     one, other = found.log_sensitivity, true.log_sensitivity
     share = None if one is None or other is None else abs(one - other) / (bound + own * abs(other))
-    return max(errors), stated, max(errors) / (stated + own), share
+    return max(errors), stated, round(max(errors) / (stated + own), 2), None if share is None else round(share, 2)
 
 
 if __name__ == "__main__":
