@@ -139,7 +139,7 @@ def _smooth(scenes: Sequence[Scene], asked: _Question, level: FilmLevel) -> dict
     from solver.planning.load_check import with_warning
 
     found: dict[int, Answered] = {}
-    for family in families(scenes, _kinds):
+    for family in families(scenes, smooth_kinds):
         start, members = perf_counter(), [scenes[place] for place in family.places]
         pairs = interpolated(family, members, level, asked.accuracy)
         share = (perf_counter() - start) / max(sum(pair is not None for pair in pairs), 1)
@@ -153,7 +153,7 @@ def _smooth(scenes: Sequence[Scene], asked: _Question, level: FilmLevel) -> dict
     return found
 
 
-def _kinds(scene: Scene) -> object:
+def smooth_kinds(scene: Scene) -> object:
     """What scenes share whose forces and whose rule for loads are smooth functions of their numbers."""
     from solver.axisymmetric.shared_designs import smooth_kind
     from solver.planning.coarse_model import without_tumours
