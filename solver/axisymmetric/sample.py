@@ -25,7 +25,9 @@ from solver.elements.shape_functions import functions
 from solver.linalg.threads import one_thread
 from solver.linalg.workspace import kept
 
-ALONG = np.linspace(0.0, 1.0, 9)  # places along an element's side at which the gap is looked at
+ALONG = np.linspace(
+    0.0, 1.0, 33
+)  # places along an element's side at which the gap is looked at, so that the largest of it is smooth in the lengths
 CHEAP = 4  # order up to which another factorisation costs less than a coarse mesh without the inclusion
 ROUGH = 0.05  # of the energy: held by the last degree, more says that a mesh is too coarse
 CENTRE = np.array([[0.5, 0.5]])
