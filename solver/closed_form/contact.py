@@ -31,7 +31,7 @@ from solver.closed_form.layered_spheres import inside
 from solver.closed_form.layered_works import disc_compliances, layered_works, stiffest
 from solver.closed_form.off_axis import Disc
 from solver.closed_form.surface_images import SphereArray
-from solver.closed_form.tractions import areas, between_waves, circles, diagonal, joined, long_waves, of_rings, pair_loads
+from solver.closed_form.tractions import areas, between_waves, circles, joined, long_waves, of_rings, pair_loads
 from solver.layers.stack import TissueLayer
 
 if TYPE_CHECKING:
@@ -121,9 +121,8 @@ def solve_contact(
         layer_nodes: of those for its layers.
     """
     works = _works(blocks, tissue, layer_nodes, bonded)
-    for work, own in zip(works, zip(*_ends(blocks, bonded), strict=True), strict=True):
-        work += diagonal(own)
     C = joined(works) if bonded else works[0]
+    _add_ends(C, blocks, bonded)
     A = areas(blocks, C)
     if tissue.depth is not None or spheres:
         firm = stiffest(tissue.stack) if tissue.layers else tissue
@@ -149,8 +148,19 @@ def solve_contact(
     return ContactSolution(forces, slope, softer, A, tractions)
 
 
-def _ends(blocks: Pair, bonded: bool) -> list[tuple[Array, Array, Array]]:
-    return [end_compliance(block, loads, bonded) for block, loads in zip(blocks, pair_loads(blocks).loads, strict=True)]
+def _add_ends(C: Array, blocks: Pair, bonded: bool) -> None:
+    """Add what the blocks' ends give way to the works of the loads, pressures of both blocks before shears of both."""
+    kinds = [[loads.pressure.shape[1] for loads in pair_loads(blocks).loads], [loads.shear.shape[1] for loads in pair_loads(blocks).loads]]
+    for index, block in enumerate(blocks):
+        own = end_compliance(block, bonded)
+        split = kinds[0][index]
+        first, second = sum(kinds[0][:index]), sum(kinds[0]) + sum(kinds[1][:index])
+        p, s = slice(first, first + split), slice(second, second + kinds[1][index])
+        C[:, p, p] += own[:, :split, :split]
+        if bonded:
+            C[:, p, s] += own[:, :split, split:]
+            C[:, s, p] += own[:, split:, :split]
+            C[:, s, s] += own[:, split:, split:]
 
 
 def _works(blocks: Pair, tissue: Tissue, layer_nodes: int, bonded: bool) -> list[Array]:

@@ -37,7 +37,7 @@ BALL = ("radius", "depth", "offset", "modulus", "poisson")
 LAYER = ("layer_thickness", "layer_modulus", "layer_poisson")
 MOST = 256  # nodes over wave numbers
 LEAST_ROOM = 0.05  # of a sphere's points, in its diameters: nearer ones are refused by ``level``
-CHUNK = 512  # designs at once: what they need then stays in the processor's cache
+CHUNK = 520  # designs at once: what they need then stays in the processor's cache; not a power of two, whose rows share its lines
 
 
 @dataclass(frozen=True)

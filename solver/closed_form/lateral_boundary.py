@@ -23,8 +23,8 @@ from numpy.polynomial import legendre
 
 from geometry.scenes.scene import BlockTissue, CylinderTissue
 from solver.closed_form.bessel import Array, bessel
-from solver.closed_form.block_compliance import RADIAL, ElasticBlocks, column, radial
-from solver.closed_form.block_functions import AXIAL, Along
+from solver.closed_form.block_compliance import ElasticBlocks, radial, reduced
+from solver.closed_form.block_functions import AXIAL, RADIAL, Along, along_height, axial_integrals, radial_integrals
 from solver.closed_form.layer import Waves, fields
 
 BLUR = 0.35  # of the way from the probe to the cut
@@ -70,14 +70,15 @@ class Sides:
     Attributes:
         work: to the works of the loads, eq. CF.11, shape (n, m, m).
         tissue, along: the cylinder and its functions along the height.
-        answer: their amounts under unit works on the functions ``ON_SIDE``, shape (n, functions, works).
+        sink, widen: amounts of the P_i f_j and of the U_i g_j under unit works at the side, ``Column``.
         taken: those works under each load, shape (n, works, m).
     """
 
     work: Array
     tissue: ElasticBlocks
     along: Along
-    answer: Array
+    sink: Array
+    widen: Array
     taken: Array
 
     def strain(self, r: Array, z: Array) -> Array:
@@ -85,9 +86,10 @@ class Sides:
         P, slope, over = radial(self.tissue.radius, r)
         each = r.shape[1] // z.shape[1]
         g, dg, f, df = (np.repeat(values, each, axis=2) for values in self.along.at(z / self.tissue.height[:, None]))
-        U, W = self.answer[:, -RADIAL * AXIAL :], self.answer[:, : -RADIAL * AXIAL]
-        widening, turn = (_products(across, g) @ U for across in (P, P - 2 * over / r[:, None]))
-        sinking, slide = -_products(P, df) @ W, (_products(over, dg) @ U - _products(slope, f) @ W) / 2
+        h = self.tissue.height[:, None, None]
+        widening, turn = (_products(across, g) @ self.widen for across in (P, P - 2 * over / r[:, None]))
+        sinking = -_products(P, df / h) @ self.sink
+        slide = (_products(over, dg / h) @ self.widen - _products(slope, f) @ self.sink) / 2
         return np.concatenate([widening, turn, sinking, slide], axis=1)
 
 
@@ -105,7 +107,7 @@ def free_sides(field: Waves, loads: tuple[Array, Array], weights: Array, tissue:
         weights: k dk of the waves, the smoothing included, shape (n, q).
         tissue: the cylinder, as a disc.
     """
-    K, along = column(tissue)
+    column, along = _column(tissue), along_height(tissue.height, tissue.steepness, AXIAL)
     R, dz = tissue.radius[:, None, None], along.weight.T[:, :, None]
     push, drag, out, sink = _at_cut(field, loads, weights, tissue, along.zeta.T)
     ring = 2 * np.pi * R * dz
@@ -113,20 +115,43 @@ def free_sides(field: Waves, loads: tuple[Array, Array], weights: Array, tissue:
     taken = np.concatenate(
         [np.moveaxis(along.f, 2, 0) @ (ring * drag), -R / 2 * (np.moveaxis(along.g, 2, 0) @ (ring * push))], axis=1
     )
-    answer = np.linalg.solve(K, np.broadcast_to(ON_SIDE, (len(K), *ON_SIDE.shape)))
-    added = np.swapaxes(taken, 1, 2) @ ((ON_SIDE.T @ answer) @ taken)
-    return Sides((lost + np.swapaxes(lost, 1, 2)) / 2 + added, tissue, along, answer, taken)
+    added = np.swapaxes(taken, 1, 2) @ (column.work @ taken)
+    return Sides((lost + np.swapaxes(lost, 1, 2)) / 2 + added, tissue, along, column.sink, column.widen, taken)
 
 
-def _on_side() -> Any:
-    """Which of a disc's functions are how much at its side: every P_i is 1 there, of the U_i the first alone is not 0."""
-    rows = np.zeros((RADIAL * (2 * AXIAL + 1), 2 * AXIAL + 1))
-    rows[: RADIAL * (AXIAL + 1), : AXIAL + 1] = np.tile(np.eye(AXIAL + 1), (RADIAL, 1))
-    rows[RADIAL * (AXIAL + 1) :][:AXIAL, AXIAL + 1 :] = np.eye(AXIAL)
-    return rows
+@dataclass(frozen=True)
+class Column:
+    """What a cylinder of tissue does under unit works at its side, on the f_j and, divided by half the radius, on the g_j.
+
+    Every P_i is 1 at the side, and of the U_i the first alone is not 0.
+
+    Attributes:
+        work: of these on each other, shape (n, works, works).
+        sink, widen: amounts of the P_i f_j and of the U_i g_j of eq. CF.8, shapes (n, functions, works).
+    """
+
+    work: Array
+    sink: Array
+    widen: Array
 
 
-ON_SIDE = _on_side()
+def _column(tissue: ElasticBlocks) -> Column:
+    across, along, slender = radial_integrals(None, False), axial_integrals(tissue.steepness, AXIAL), tissue.height / tissue.radius
+    n, works = len(slender), 2 * AXIAL + 1
+    on_u = np.zeros((works, RADIAL, AXIAL, n), dtype=slender.dtype)
+    on_modes = np.zeros((works, RADIAL, AXIAL + 1, n), dtype=slender.dtype)
+    for j in range(AXIAL):
+        on_u[j + 1, :, j], on_u[AXIAL + 1 + j, 0, j] = slender, 1.0
+    on_modes[: AXIAL + 1] = across.modes.sum(axis=0)[:, None] * along.modes[:, None]
+    system = reduced(tissue.nu, slender, (across, along), (on_u, on_modes))
+    size = tissue.radius[:, None, None]
+    unit = np.concatenate([1 + 0 * size] * (AXIAL + 1) + [1 / size] * AXIAL, axis=2)
+    answer, scale = system.answer, unit / (size * (tissue.E / (2 * (1 + tissue.nu)))[:, None, None])
+    modes = system.modes(answer).reshape(n, RADIAL, AXIAL + 1, works)
+    sink = np.einsum("ik,jln,nklw->nijw", across.modes[:, :, 0], along.modes, modes, optimize=True)
+    sink[:, :, 1:] += answer.reshape(n, RADIAL, AXIAL, works) * slender[:, None, None, None]
+    work = (system.E @ answer + system.C @ np.swapaxes(system.C, 1, 2)) * scale * np.swapaxes(unit, 1, 2)
+    return Column(work, sink.reshape(n, -1, works) * scale, answer * (scale / size))
 
 
 def _at_cut(field: Waves, loads: tuple[Array, Array], weights: Array, tissue: ElasticBlocks, z: Array) -> tuple[Array, ...]:
