@@ -109,11 +109,11 @@ def free_sides(field: Waves, loads: tuple[Array, Array], weights: Array, tissue:
     """
     column, along = _column(tissue), along_height(tissue.height, tissue.steepness, AXIAL)
     R, dz = tissue.radius[:, None, None], along.weight.T[:, :, None]
-    push, drag, out, sink = _at_cut(field, loads, weights, tissue, along.zeta.T)
-    ring = 2 * np.pi * R * dz
-    lost = -(np.swapaxes(push, 1, 2) @ (ring * out) + np.swapaxes(drag, 1, 2) @ (ring * sink))
+    at_cut, heights = _at_cut(field, loads, weights, tissue, along.zeta.T), along.zeta.shape[0]
+    ringed = at_cut[:, : 2 * heights] * np.concatenate([2 * np.pi * R * dz] * 2, axis=1)
+    lost = -(np.swapaxes(ringed, 1, 2) @ at_cut[:, 2 * heights :])
     taken = np.concatenate(
-        [np.moveaxis(along.f, 2, 0) @ (ring * drag), -R / 2 * (np.moveaxis(along.g, 2, 0) @ (ring * push))], axis=1
+        [np.moveaxis(along.f, 2, 0) @ ringed[:, heights:], -R / 2 * (np.moveaxis(along.g, 2, 0) @ ringed[:, :heights])], axis=1
     )
     added = np.swapaxes(taken, 1, 2) @ (column.work @ taken)
     return Sides((lost + np.swapaxes(lost, 1, 2)) / 2 + added, tissue, along, column.sink, column.widen, taken)
@@ -154,15 +154,19 @@ def _column(tissue: ElasticBlocks) -> Column:
     return Column(work, sink.reshape(n, -1, works) * scale, answer * (scale / size))
 
 
-def _at_cut(field: Waves, loads: tuple[Array, Array], weights: Array, tissue: ElasticBlocks, z: Array) -> tuple[Array, ...]:
-    """The stresses rr and rz and the displacements outwards and downwards at the cut, at depths z; shapes (n, k, m)."""
-    nu, mu, R = (part[:, None] for part in (tissue.nu, tissue.E / (2 * (1 + tissue.nu)), tissue.radius))
-    zero, one = bessel(field.k * R)
-    over, wide = one / (field.k * R), nu / (1 - 2 * nu) * zero
-    shares = (zero - over + wide, wide, one, over * R / (2 * mu), zero / (2 * mu))
-    parts = [weights * share for share in shares]
+def _at_cut(field: Waves, loads: tuple[Array, Array], weights: Array, tissue: ElasticBlocks, z: Array) -> Array:
+    """The stresses rr and rz and the displacements outwards and downwards at the cut, at depths z (n, p); shape (n, 4 p, m)."""
+    nu, mu, R, k, weight = tissue.nu, tissue.E / (2 * (1 + tissue.nu)), tissue.radius, field.k.T.copy(), weights.T.copy()
+    zero, one = bessel(k * R) * weight
+    over = one / (k * R)
+    shares = zero - over, -2 * nu * zero, over * (R / (2 * mu)), zero / (2 * mu * k)
     kinds = []
-    for load, (a, zz, rz, w) in zip(loads, fields(field, z, mirrored=True), strict=True):
-        pushed, widened, dragged, out, sunk = (part[:, :, None] * load for part in parts)
-        kinds.append((a @ pushed + zz @ widened, rz @ dragged, a @ out, w @ sunk))
-    return tuple(np.concatenate(both, axis=2) for both in zip(*kinds, strict=True))
+    for load, (outwards, both, across, downwards) in zip(loads, fields(field, z, mirrored=True), strict=True):
+        rows = np.empty((4, *across.shape), dtype=across.dtype)
+        np.multiply(outwards, shares[0], out=rows[0])
+        rows[0] += both * shares[1]
+        for row, part, share in zip(rows[1:], (across, outwards, downwards), (one, *shares[2:]), strict=True):
+            np.multiply(part, share, out=row)
+        rows = rows.reshape(-1, *across.shape[1:])
+        kinds.append(np.ascontiguousarray(np.moveaxis(rows, 2, 0)) @ load)
+    return np.concatenate(kinds, axis=2)
