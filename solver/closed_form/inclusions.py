@@ -116,14 +116,15 @@ class LoadedSpheres:
         if self.arriving is not None:
             pp, pq, qp, qq = (np.broadcast_to(part, self.near.waves.k.shape)[:, None] for part in self.arriving)
             pressed, sheared = pp * pressed + pq * sheared, qp * pressed + qq * sheared
-        strain = tissue_strain(self.near, self.sphere.radius, (pressed, sheared), self.beside)
+        strain = tissue_strain(self.near, (pressed, sheared), self.beside)
         if self.sides is not None:
-            strain = strain + self.sides[0] @ (self.sides[1] @ tractions)
-        weight = self.points.weight[:, None]
-        trace = strain[:, : len(weight)] + strain[:, 2 * len(weight) : 3 * len(weight)]
-        traces = np.swapaxes(trace, 1, 2) @ (weight * trace)
+            strain += (np.swapaxes(self.sides[1] @ tractions, 1, 2) @ np.swapaxes(self.sides[0], 1, 2)).reshape(strain.shape)
+        weight = self.points.weight
+        trace = strain[:, :, 0] + strain[:, :, 2]
+        traces = (weight * trace) @ np.swapaxes(trace, 1, 2)
         counts = np.concatenate([times * weight for times in (0.5, 0.5, 1.0, 2.0)])
-        squares = np.swapaxes(strain, 1, 2) @ (counts * strain)
+        flat = strain.reshape(*strain.shape[:2], -1)
+        squares = (counts * flat) @ np.swapaxes(flat, 1, 2)
         turned = np.swapaxes(moments, 1, 2)
 
         def beyond(strength: tuple[Array, Array], form: Array) -> Array:
