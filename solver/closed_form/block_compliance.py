@@ -25,7 +25,6 @@ with the work A of tractions on the u, and C on the modes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -109,7 +108,7 @@ def end_compliance(block: ElasticBlocks, bonded: bool) -> Array:
     on_modes[:pressures] = across.pressed_modes[:, :, None] * along.end
     system = reduced(block.nu, slender, (across, along), (on_u, on_modes))
     mu = _softened(block, bonded) / (2 * (1 + block.nu))
-    return system.compliance * (block.width * block.width * block.radius / mu)[:, None, None]
+    return system.compliance(system.answer) * (block.width * block.width * block.radius / mu)[:, None, None]
 
 
 def radial(radius: Array, r: Array) -> tuple[Array, Array, Array]:
@@ -126,29 +125,28 @@ class RitzSystem:
     Attributes:
         S: shape (n, u, u).
         E: shape (n, loads, u).
-        X, C: times D^(-1/2), shapes (n, u, modes) and (n, loads, modes).
-        scale: D^(-1/2), shape (n, modes).
+        C: shape (n, loads, modes).
+        X_over_D, C_over_D: X D^-1 and C D^-1, shapes (n, u, modes) and (n, loads, modes).
     """
 
     S: Array
     E: Array
-    X: Array
     C: Array
-    scale: Array
+    X_over_D: Array
+    C_over_D: Array
 
     @property
     def answer(self) -> Array:
         """The amounts a under unit loads, shape (n, u, loads)."""
         return np.linalg.solve(self.S, np.swapaxes(self.E, 1, 2))
 
-    @property
-    def compliance(self) -> Array:
+    def compliance(self, answer: Array) -> Array:
         """B K^-1 B^T, shape (n, loads, loads)."""
-        return self.E @ self.answer + self.C @ np.swapaxes(self.C, 1, 2)
+        return self.E @ answer + self.C @ np.swapaxes(self.C_over_D, 1, 2)
 
     def modes(self, answer: Array) -> Array:
         """The amounts of the modes that go with the a, shape (n, modes, loads)."""
-        return self.scale[:, :, None] * (np.swapaxes(self.C, 1, 2) - np.swapaxes(self.X, 1, 2) @ answer)
+        return np.swapaxes(self.C_over_D, 1, 2) - np.swapaxes(self.X_over_D, 1, 2) @ answer
 
 
 def reduced(
@@ -163,17 +161,21 @@ def reduced(
         loads: work of l loads on each u and mode, shapes (l, U_i, g_j, n) and (l, P_i, f_j, n).
     """
     across, along = integrals
-    scale = 1 / np.sqrt(2 / (1 - 2 * nu) * (1 - nu) / slender * along.slope + (across.slope * slender)[:, None])
+    share = 1 - 2 * nu
+    soft = share / ((2 - 2 * nu) / slender * along.slope + (across.slope * (share * slender))[:, None])  # D^-1
     mixed = _mixed(across, along, slender)
     u, modes = mixed.shape[0] * mixed.shape[1], mixed.shape[2] * mixed.shape[3]
-    rows = np.empty((u + len(loads[0]), u + modes, len(nu)), dtype=scale.dtype)
+    rows = np.empty((u + len(loads[0]), u + 2 * modes, len(nu)), dtype=soft.dtype)
     _own(across, along, slender, rows[:u, :u].reshape(*mixed.shape[:2], *mixed.shape[:2], -1))
-    np.multiply(mixed, scale, out=rows[:u, u:].reshape(mixed.shape))
-    rows[u:, :u], rows[u:, u:] = (part.reshape(len(part), -1, len(nu)) for part in (loads[0], loads[1] * scale))
+    for at, on_u, on_modes in ((slice(None, u), None, mixed), (slice(u, None), *loads)):
+        if on_u is not None:
+            rows[at, :u] = on_u.reshape(len(on_u), u, -1)
+        rows[at, u : u + modes] = on_modes.reshape(-1, modes, len(nu))
+        rows[at, u + modes :] = (on_modes * soft).reshape(-1, modes, len(nu))
     full = np.ascontiguousarray(np.moveaxis(rows, 2, 0))  # blocks were last, which is fast for all but products
-    every = full[:, :, u:]
-    left = full[:, :, :u] - every @ np.swapaxes(every[:, :u], 1, 2)
-    return RitzSystem(left[:, :u], left[:, u:], every[:, :u], every[:, u:], scale.reshape(modes, -1).T)
+    on_modes, over = full[:, :, u : u + modes], full[:, :, u + modes :]
+    left = full[:, :, :u] - on_modes @ np.swapaxes(over[:, :u], 1, 2)
+    return RitzSystem(left[:, :u], left[:, u:], on_modes[:, u:], over[:, :u], over[:, u:])
 
 
 def _own(across: RadialIntegrals, along: AxialIntegrals, slender: Array, K: Array) -> None:

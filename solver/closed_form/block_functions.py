@@ -195,7 +195,9 @@ def _disc(fine: bool) -> RadialIntegrals:
 @cache
 def _wall_table(fine: bool) -> PiecewisePolynomials:
     start = np.log(ABOVE - 1)
-    return PiecewisePolynomials(lambda x: made_across(ABOVE - np.exp(x), False, fine), start, (np.log(ABOVE) - start) / 10, 10, DEGREE)
+    return PiecewisePolynomials(
+        lambda x: made_across(ABOVE - np.exp(x), False, fine), start, (np.log(ABOVE) - start) / 10, 10, DEGREE
+    )
 
 
 def made_across(wall: Any, solid: bool, fine: bool) -> list[Any]:

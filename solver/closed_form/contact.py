@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 REACH = 10.0  # exponents of what is left out of the integrals
 FLOOR_REACH = 6.0
 LEAST_WAY = 0.1  # in radii: of a sphere that an interface cuts, which ``level`` refuses
-NODES_PER_WAVE = 0.35  # times wave number and the outermost radius, beyond eight
+NODES_PER_WAVE, LONG = 0.33, 6  # times wave number and the outermost radius, beyond so many for long waves
 
 
 @dataclass(frozen=True)
@@ -149,18 +149,13 @@ def solve_contact(
 
 
 def _add_ends(C: Array, blocks: Pair, bonded: bool) -> None:
-    """Add what the blocks' ends give way to the works of the loads, pressures of both blocks before shears of both."""
-    kinds = [[loads.pressure.shape[1] for loads in pair_loads(blocks).loads], [loads.shear.shape[1] for loads in pair_loads(blocks).loads]]
-    for index, block in enumerate(blocks):
-        own = end_compliance(block, bonded)
-        split = kinds[0][index]
-        first, second = sum(kinds[0][:index]), sum(kinds[0]) + sum(kinds[1][:index])
-        p, s = slice(first, first + split), slice(second, second + kinds[1][index])
-        C[:, p, p] += own[:, :split, :split]
-        if bonded:
-            C[:, p, s] += own[:, :split, split:]
-            C[:, s, p] += own[:, split:, :split]
-            C[:, s, s] += own[:, split:, split:]
+    """Add what the blocks' ends give way to the works of the loads: pressures of both blocks come before shears of both."""
+    loads = pair_loads(blocks).loads
+    counts = [loads[0].pressure.shape[1], loads[1].pressure.shape[1], *(one.shear.shape[1] for one in loads if bonded)]
+    places = np.split(np.arange(sum(counts)), np.cumsum(counts)[:-1])
+    for block, own in zip(blocks, (places[::2], places[1::2]), strict=True):
+        at = np.concatenate(own)
+        C[:, at[:, None], at] += end_compliance(block, bonded)[:, : len(at), : len(at)]
 
 
 def _works(blocks: Pair, tissue: Tissue, layer_nodes: int, bonded: bool) -> list[Array]:
@@ -177,7 +172,7 @@ def _waves(
     reaches = [REACH / _way(sphere, tissue) for sphere in spheres]
     reach = reduce(_larger, reaches) if reaches else FLOOR_REACH / tissue.depth
     across = blocks[1].radius + reduce(_larger, [sphere.offset for sphere in spheres], 0 * blocks[1].radius)
-    resolved = (nodes - 8) / (NODES_PER_WAVE * across)  # of a sphere tiny beside the probe no more matters
+    resolved = (nodes - LONG) / (NODES_PER_WAVE * across)  # of a sphere tiny beside the probe no more matters
     reach = np.where(reach.real < resolved.real, reach, resolved)
     share, weight = between_waves(nodes)
     k = reach[:, None] * share

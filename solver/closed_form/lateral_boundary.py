@@ -30,7 +30,7 @@ from solver.closed_form.layer import Waves, fields
 BLUR = 0.35  # of the way from the probe to the cut
 LEAST_BLUR = 0.08  # of the cut's radius
 REACH = 5.0  # wave numbers times blur
-NODES_PER_WAVE = 0.4  # times wave number and the cut's radius, beyond eight
+NODES_PER_WAVE = 0.4  # times wave number and the cut's radius, beyond six
 NEAR, SLENDER = 4.0, 0.2  # sides farther than so many outer radii matter where depth x outer radius / radius^2 is larger
 
 
@@ -43,7 +43,7 @@ def side_nodes(outer: float, depth: float, radius: float) -> int:
     """Waves that serve, in steps so that few functions are built; none where sides change the totals by less than about 6 %."""
     if radius > NEAR * outer and depth * outer < SLENDER * radius**2:
         return 0
-    return 4 * math.ceil((8 + NODES_PER_WAVE * REACH / max(BLUR * (1 - outer / radius), LEAST_BLUR)) / 4)
+    return 2 * math.ceil((6 + NODES_PER_WAVE * REACH / max(BLUR * (1 - outer / radius), LEAST_BLUR)) / 2)
 
 
 def cut_waves(radius: Array, outer: Array, nodes: int) -> tuple[Array, Array]:
@@ -136,7 +136,11 @@ class Column:
 
 
 def _column(tissue: ElasticBlocks) -> Column:
-    across, along, slender = radial_integrals(None, False), axial_integrals(tissue.steepness, AXIAL), tissue.height / tissue.radius
+    across, along, slender = (
+        radial_integrals(None, False),
+        axial_integrals(tissue.steepness, AXIAL),
+        tissue.height / tissue.radius,
+    )
     n, works = len(slender), 2 * AXIAL + 1
     on_u = np.zeros((works, RADIAL, AXIAL, n), dtype=slender.dtype)
     on_modes = np.zeros((works, RADIAL, AXIAL + 1, n), dtype=slender.dtype)
@@ -150,7 +154,7 @@ def _column(tissue: ElasticBlocks) -> Column:
     modes = system.modes(answer).reshape(n, RADIAL, AXIAL + 1, works)
     sink = np.einsum("ik,jln,nklw->nijw", across.modes[:, :, 0], along.modes, modes, optimize=True)
     sink[:, :, 1:] += answer.reshape(n, RADIAL, AXIAL, works) * slender[:, None, None, None]
-    work = (system.E @ answer + system.C @ np.swapaxes(system.C, 1, 2)) * scale * np.swapaxes(unit, 1, 2)
+    work = system.compliance(answer) * scale * np.swapaxes(unit, 1, 2)
     return Column(work, sink.reshape(n, -1, works) * scale, answer * (scale / size))
 
 

@@ -219,7 +219,7 @@ def tissue_strain(near: Nearby, loads: tuple[Array, Array], beside: Array | None
         loads: so much of each wave, two arrays (n, l, q); in ``waves`` inside layers, of what runs down at the top of its layer.
         beside: distances of the points ``ASIDE`` from the waves' axis, shape (n, points); None where that is the sphere's.
     """
-    even = 2 * near.waves.nu[:, :, None]  - 1
+    even = 2 * near.waves.nu[:, :, None] - 1
     (a, slope, b), up = _running(near, loads)
     kinds = [[a, slope, b], [a, slope], [even * b - a, -slope]]
     if up is not None:

@@ -181,11 +181,12 @@ def _combined(work: Array, left: Any, right: Any) -> Array:
 
 
 @lru_cache(maxsize=64)
-def between_waves(nodes: int) -> tuple[Any, Any]:
-    """Shares of the reach of wave numbers and their weights: Gauss's, denser among the long waves."""
+def between_waves(nodes: int, powers: tuple[float, float, float] = (0.3, 0.4, 0.3)) -> tuple[Any, Any]:
+    """Shares of the reach of wave numbers, sums of powers of Gauss's nodes, denser among the long waves; and their weights."""
     s, weight = legendre.leggauss(nodes)
     s = (s + 1) / 2
-    return 0.8 * s**2 + 0.2 * s, (1.6 * s + 0.2) * weight / 2
+    one, two, three = powers
+    return s * (one + s * (two + s * three)), (one + s * (2 * two + s * 3 * three)) * weight / 2
 
 
 def long_waves(blocks: Pair, k: Array, bonded: bool) -> tuple[Array, Array]:
