@@ -138,15 +138,15 @@ class RitzSystem:
     @property
     def answer(self) -> Array:
         """The amounts a under unit loads, shape (n, u, loads)."""
-        return np.linalg.solve(self.S, np.swapaxes(self.E, 1, 2))
+        return np.linalg.solve(self.S, self.E.swapaxes(1, 2))
 
     def compliance(self, answer: Array) -> Array:
         """B K^-1 B^T, shape (n, loads, loads)."""
-        return self.E @ answer + self.C @ np.swapaxes(self.C_over_D, 1, 2)
+        return self.E @ answer + self.C @ self.C_over_D.swapaxes(1, 2)
 
     def modes(self, answer: Array) -> Array:
         """The amounts of the modes that go with the a, shape (n, modes, loads)."""
-        return np.swapaxes(self.C_over_D, 1, 2) - np.swapaxes(self.X_over_D, 1, 2) @ answer
+        return self.C_over_D.swapaxes(1, 2) - self.X_over_D.swapaxes(1, 2) @ answer
 
 
 def reduced(
@@ -172,9 +172,9 @@ def reduced(
             rows[at, :u] = on_u.reshape(len(on_u), u, -1)
         rows[at, u : u + modes] = on_modes.reshape(-1, modes, len(nu))
         rows[at, u + modes :] = (on_modes * soft).reshape(-1, modes, len(nu))
-    full = np.ascontiguousarray(np.moveaxis(rows, 2, 0))  # blocks were last, which is fast for all but products
+    full = np.ascontiguousarray(rows.transpose(2, 0, 1))  # blocks were last, which is fast for all but products
     on_modes, over = full[:, :, u : u + modes], full[:, :, u + modes :]
-    left = full[:, :, :u] - on_modes @ np.swapaxes(over[:, :u], 1, 2)
+    left = full[:, :, :u] - on_modes @ over[:, :u].swapaxes(1, 2)
     return RitzSystem(left[:, :u], left[:, u:], on_modes[:, u:], over[:, :u], over[:, u:])
 
 

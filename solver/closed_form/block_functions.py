@@ -52,8 +52,8 @@ class Along:
         """g, dg, f and df at shares (n, k) of the height, shapes (n, functions, k)."""
         steep = self.steep[:, None]
         y = np.arctanh((2 * share - 1) * np.tanh(steep)) / steep
-        between = np.swapaxes(legendre.legvander(y, HEIGHTS - 1) @ _SERIES, 1, 2)
-        return tuple(np.moveaxis(values, 2, 0) @ between for values in (self.g, self.dg, self.f, self.df))
+        between = (legendre.legvander(y, HEIGHTS - 1) @ _SERIES).swapaxes(1, 2)
+        return tuple(values.transpose(2, 0, 1) @ between for values in (self.g, self.dg, self.f, self.df))
 
 
 def along_height(height: Array, steepness: Array, axial: int) -> Along:
@@ -147,8 +147,8 @@ def made_along(steepness: Any, axial: int) -> list[Any]:
 def _modes(squares: Any, slopes: Any, end: Any) -> tuple[Any, Any]:
     """The slopes' integrals of the modes and the modes, columns, whose squares' integrals are one; positive at an end."""
     low = np.linalg.inv(np.linalg.cholesky(squares))
-    slope, turn = np.linalg.eigh(low @ slopes @ np.swapaxes(low, 1, 2))
-    modes = np.swapaxes(low, 1, 2) @ turn
+    slope, turn = np.linalg.eigh(low @ slopes @ low.swapaxes(1, 2))
+    modes = low.swapaxes(1, 2) @ turn
     return slope, modes * np.sign(end[:, None] @ modes)
 
 
@@ -211,7 +211,7 @@ def made_across(wall: Any, solid: bool, fine: bool) -> list[Any]:
     volume = np.concatenate([P[:, :0] if solid else 0 * P[:, :1], P], axis=1)  # d(r u)/dr / r
 
     def products(one: Any, other: Any) -> Any:
-        return (one * ring[:, None]) @ np.swapaxes(other, 1, 2)
+        return (one * ring[:, None]) @ other.swapaxes(1, 2)
 
     squares, slopes = products(P, P), products(slope, slope)
     across, modes = _modes(squares, slopes, np.ones((1, radial)))
@@ -229,7 +229,7 @@ def _loaded(hole: Any, wall: Any, loads: Loads, radial: int) -> tuple[Any, Any]:
     P, _, r, u = _functions(y, hole, radial, loads.solid)
     ring = 2 * np.pi * wall[:, None] * r * weight
     pressure, shear = (np.repeat(values, RING_POINTS, axis=0).T for values in (loads.pressure, loads.shear))
-    return (pressure * ring[:, None]) @ np.swapaxes(P, 1, 2), (shear * (ring * r * wall[:, None])[:, None]) @ np.swapaxes(u, 1, 2)
+    return (pressure * ring[:, None]) @ P.swapaxes(1, 2), (shear * (ring * r * wall[:, None])[:, None]) @ u.swapaxes(1, 2)
 
 
 def _gauss(cuts: tuple[float, ...], points: int) -> tuple[Any, Any]:

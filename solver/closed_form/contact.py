@@ -143,7 +143,7 @@ def solve_contact(
         if index == target:
             marked, slope = body, by_log
     tractions = np.linalg.solve(softer, A) if spheres else before
-    forces = np.swapaxes(A, 1, 2) @ tractions + rest
+    forces = A.swapaxes(1, 2) @ tractions + rest
     slope = slope if marked is None else slope + marked.slope(tractions)
     return ContactSolution(forces, slope, softer, A, tractions)
 
@@ -231,5 +231,5 @@ def _floor(field: Waves, loads: tuple[Array, Array], weights: Array, mu: Array) 
     scale = (np.pi / mu)[:, None, None]
     parts = [weights[:, :, None] * part[:, :, None] for part in floor_compliance(field)]
     p, q = loads
-    pt, qt = np.swapaxes(p, 1, 2), np.swapaxes(q, 1, 2)
+    pt, qt = p.swapaxes(1, 2), q.swapaxes(1, 2)
     return scale * joined((pt @ (parts[0] * p), qt @ (parts[1] * q), pt @ (parts[2] * q)))

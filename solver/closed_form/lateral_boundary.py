@@ -70,7 +70,7 @@ class Sides:
     Attributes:
         work: to the works of the loads, eq. CF.11, shape (n, m, m).
         tissue, along: the cylinder and its functions along the height.
-        sink, widen: amounts of the P_i f_j and of the U_i g_j under unit works at the side, ``Column``.
+        sink, widen: amounts of the P_i f_j and of the U_i g_j under unit works at the side, ``TissueColumn``.
         taken: those works under each load, shape (n, works, m).
     """
 
@@ -95,7 +95,7 @@ class Sides:
 
 def _products(across: Array, along: Array) -> Array:
     """Products of all functions of the radius with all of the height, shape (n, k, functions)."""
-    return np.swapaxes((across[:, :, None] * along[:, None]).reshape(len(across), -1, across.shape[2]), 1, 2)
+    return (across[:, :, None] * along[:, None]).reshape(len(across), -1, across.shape[2]).swapaxes(1, 2)
 
 
 def free_sides(field: Waves, loads: tuple[Array, Array], weights: Array, tissue: ElasticBlocks) -> Sides:
@@ -111,16 +111,16 @@ def free_sides(field: Waves, loads: tuple[Array, Array], weights: Array, tissue:
     R, dz = tissue.radius[:, None, None], along.weight.T[:, :, None]
     at_cut, heights = _at_cut(field, loads, weights, tissue, along.zeta.T), along.zeta.shape[0]
     ringed = at_cut[:, : 2 * heights] * np.concatenate([2 * np.pi * R * dz] * 2, axis=1)
-    lost = -(np.swapaxes(ringed, 1, 2) @ at_cut[:, 2 * heights :])
+    lost = -(ringed.swapaxes(1, 2) @ at_cut[:, 2 * heights :])
     taken = np.concatenate(
-        [np.moveaxis(along.f, 2, 0) @ ringed[:, heights:], -R / 2 * (np.moveaxis(along.g, 2, 0) @ ringed[:, :heights])], axis=1
+        [along.f.transpose(2, 0, 1) @ ringed[:, heights:], -R / 2 * (along.g.transpose(2, 0, 1) @ ringed[:, :heights])], axis=1
     )
-    added = np.swapaxes(taken, 1, 2) @ (column.work @ taken)
-    return Sides((lost + np.swapaxes(lost, 1, 2)) / 2 + added, tissue, along, column.sink, column.widen, taken)
+    added = taken.swapaxes(1, 2) @ (column.work @ taken)
+    return Sides((lost + lost.swapaxes(1, 2)) / 2 + added, tissue, along, column.sink, column.widen, taken)
 
 
 @dataclass(frozen=True)
-class Column:
+class TissueColumn:
     """What a cylinder of tissue does under unit works at its side, on the f_j and, divided by half the radius, on the g_j.
 
     Every P_i is 1 at the side, and of the U_i the first alone is not 0.
@@ -135,7 +135,7 @@ class Column:
     widen: Array
 
 
-def _column(tissue: ElasticBlocks) -> Column:
+def _column(tissue: ElasticBlocks) -> TissueColumn:
     across, along, slender = (
         radial_integrals(None, False),
         axial_integrals(tissue.steepness, AXIAL),
@@ -152,10 +152,11 @@ def _column(tissue: ElasticBlocks) -> Column:
     unit = np.concatenate([1 + 0 * size] * (AXIAL + 1) + [1 / size] * AXIAL, axis=2)
     answer, scale = system.answer, unit / (size * (tissue.E / (2 * (1 + tissue.nu)))[:, None, None])
     modes = system.modes(answer).reshape(n, RADIAL, AXIAL + 1, works)
-    sink = np.einsum("ik,jln,nklw->nijw", across.modes[:, :, 0], along.modes, modes, optimize=True)
+    by_height = along.modes.transpose(2, 0, 1)[:, None] @ modes
+    sink = (across.modes[:, :, 0] @ by_height.reshape(n, RADIAL, -1)).reshape(modes.shape)
     sink[:, :, 1:] += answer.reshape(n, RADIAL, AXIAL, works) * slender[:, None, None, None]
-    work = system.compliance(answer) * scale * np.swapaxes(unit, 1, 2)
-    return Column(work, sink.reshape(n, -1, works) * scale, answer * (scale / size))
+    work = system.compliance(answer) * scale * unit.swapaxes(1, 2)
+    return TissueColumn(work, sink.reshape(n, -1, works) * scale, answer * (scale / size))
 
 
 def _at_cut(field: Waves, loads: tuple[Array, Array], weights: Array, tissue: ElasticBlocks, z: Array) -> Array:
@@ -172,5 +173,5 @@ def _at_cut(field: Waves, loads: tuple[Array, Array], weights: Array, tissue: El
         for row, part, share in zip(rows[1:], (across, outwards, downwards), (one, *shares[2:]), strict=True):
             np.multiply(part, share, out=row)
         rows = rows.reshape(-1, *across.shape[1:])
-        kinds.append(np.ascontiguousarray(np.moveaxis(rows, 2, 0)) @ load)
+        kinds.append(np.ascontiguousarray(rows.transpose(2, 0, 1)) @ load)
     return np.concatenate(kinds, axis=2)

@@ -228,7 +228,7 @@ def tissue_strain(near: Nearby, loads: tuple[Array, Array], beside: Array | None
     n, count, _ = a.shape
     parts = []
     for waves, kind in zip(_circles(near, beside), kinds, strict=True):
-        sums = np.concatenate(kind, axis=1) @ np.swapaxes(waves, 1, 2)
+        sums = np.concatenate(kind, axis=1) @ waves.swapaxes(1, 2)
         parts.append(np.moveaxis(sums.reshape(n, len(kind), count, 2, -1), 1, 0))
     z = (NEAR.z if beside is None else ASIDE.z).reshape(2, -1)
     strain = np.empty((n, count, 4, 2, z.shape[1]), dtype=a.dtype)
@@ -305,4 +305,4 @@ def crossed_image(sphere: SphereArray, mu: Array, nu: Array) -> Array:
 
 
 def _gram(g: Array, weight: Array) -> Array:
-    return (g * weight[:, None, :]) @ np.swapaxes(g, 1, 2)
+    return (g * weight[:, None, :]) @ g.swapaxes(1, 2)

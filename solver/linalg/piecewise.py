@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -26,21 +27,25 @@ class PiecewisePolynomials:
         parts = function(grid.ravel())
         values = np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
         self.start, self.step = start, step
-        self.shapes = [part.shape[1:] for part in parts]
-        self.ends = np.cumsum([part[0].size for part in parts])[:-1].tolist()
+        ends = np.cumsum([0, *(part[0].size for part in parts)]).tolist()
+        self.parts = [(slice(*at), part.shape[1:]) for at, part in zip(pairwise(ends), parts, strict=True)]
         self.coefficients = np.linalg.inv(np.vander(places, increasing=True)) @ values.reshape(steps, degree + 1, -1)
 
     def __call__(self, x: Array) -> list[Array]:
         """The arrays at x (n,), shapes (..., n); NaN outside the steps."""
         steps, powers, count = self.coefficients.shape
         way = (x - self.start) / self.step
-        outside = ~((way.real >= 0) & (way.real <= steps))
-        if outside.any():
-            way = np.where(outside, np.nan, way)
-        at = np.nan_to_num(way.real).astype(np.intp).clip(max=steps - 1)
-        rest = np.vander(2 * (way - at) - 1, powers, increasing=True)[:, None]
+        inside = (way.real >= 0) & (way.real <= steps)
+        whole = inside.all()
+        at = np.minimum((way if whole else np.where(inside, way, 0)).real.astype(np.intp), steps - 1)
+        rest = np.empty((len(x), 1, powers), dtype=way.dtype)
+        rest[:, 0, 0] = 1
+        rest[:, 0, 1:] = (2 * (way - at) - 1)[:, None]
+        np.multiply.accumulate(rest, axis=2, out=rest)
         values = np.empty((count, len(x)), dtype=rest.dtype)
         for k in range(0, len(x), SLAB):
             part = slice(k, k + SLAB)
             values[:, part] = np.matmul(rest[part], self.coefficients.take(at[part], axis=0))[:, 0].T
-        return [part.reshape(*shape, len(x)) for part, shape in zip(np.split(values, self.ends), self.shapes, strict=True)]
+        if not whole:
+            values[:, ~inside] = np.nan
+        return [values[place].reshape(*shape, len(x)) for place, shape in self.parts]
