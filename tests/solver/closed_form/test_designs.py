@@ -17,7 +17,7 @@ from solver.casadi_functions.closed_form import ClosedFormFunction
 from solver.closed_form.bessel import bessel, spherical
 from solver.closed_form.block_compliance import ElasticBlocks
 from solver.closed_form.contact import Tissue, solve_contact
-from solver.closed_form.designs import PROBE, Shape, forces, gradients, parameters
+from solver.closed_form.designs import PROBE, forces, gradients, parameters
 from solver.closed_form.half_space import ring_work
 from solver.closed_form.layer import Waves, floor_compliance, waves
 from solver.closed_form.level import ClosedForm
