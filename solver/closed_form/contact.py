@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 REACH = 10.0  # exponents of what is left out of the integrals
 FLOOR_REACH = 6.0
 LEAST_WAY = 0.1  # in radii: of a sphere that an interface cuts, which ``level`` refuses
-NODES_PER_WAVE, LONG = 0.33, 6  # times wave number and the outermost radius, beyond so many for long waves
+NODES_PER_WAVE, LONG = 0.35, 8  # times wave number and the outermost radius, beyond so many for long waves
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from solver.closed_form.layer import Waves, fields
 BLUR = 0.35  # of the way from the probe to the cut
 LEAST_BLUR = 0.08  # of the cut's radius
 REACH = 5.0  # wave numbers times blur
-NODES_PER_WAVE = 0.4  # times wave number and the cut's radius, beyond six
+NODES_PER_WAVE = 0.4  # times wave number and the cut's radius, beyond eight
 NEAR, SLENDER = 4.0, 0.2  # sides farther than so many outer radii matter where depth x outer radius / radius^2 is larger
 
 
@@ -43,7 +43,7 @@ def side_nodes(outer: float, depth: float, radius: float) -> int:
     """Waves that serve, in steps so that few functions are built; none where sides change the totals by less than about 6 %."""
     if radius > NEAR * outer and depth * outer < SLENDER * radius**2:
         return 0
-    return 2 * math.ceil((6 + NODES_PER_WAVE * REACH / max(BLUR * (1 - outer / radius), LEAST_BLUR)) / 2)
+    return 4 * math.ceil((8 + NODES_PER_WAVE * REACH / max(BLUR * (1 - outer / radius), LEAST_BLUR)) / 4)
 
 
 def cut_waves(radius: Array, outer: Array, nodes: int) -> tuple[Array, Array]:

@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from solver.closed_form.tractions import Pair
 
 NODES_PER_WAVE = 0.35  # times wave number and the outermost radius, beyond eight
-POWERS = (0.2, 0.8, 0.0)  # see ``between_waves``: films have much to say among short waves
 NEAR = 0.9  # waves as many times as long as the shortest tell the slope B
 
 
@@ -52,7 +51,7 @@ def layered_works(blocks: Pair, layers: tuple[TissueLayer, ...], depth: Array | 
         bonded: whether there are shears.
     """
     K = _last_wave(blocks[1].radius, layers[0], nodes)
-    share, weight = between_waves(nodes, POWERS)
+    share, weight = between_waves(nodes)
     waves = K * share
     C = _surface(np.concatenate([waves, K, K * NEAR], axis=1), layers, depth)
     firm, springs = _short_waves(C, K, layers[0], cut=(K[:, 0] * layers[0].thickness).real < 0.999 * PASSING)
@@ -114,7 +113,7 @@ def disc_compliances(radius: Array, layers: tuple[TissueLayer, ...], nodes: int)
         nodes: of the integral over wave numbers.
     """
     K = _last_wave(radius, layers[0], nodes)
-    share, weight = between_waves(nodes, POWERS)
+    share, weight = between_waves(nodes)
     k, first = K * share, layers[0]
     near = echoes(k, layers, False)[0].near
     assert near is not None

@@ -181,7 +181,7 @@ def _combined(work: Array, left: Any, right: Any) -> Array:
 
 
 @lru_cache(maxsize=64)
-def between_waves(nodes: int, powers: tuple[float, float, float] = (0.3, 0.4, 0.3)) -> tuple[Any, Any]:
+def between_waves(nodes: int, powers: tuple[float, float, float] = (0.2, 0.8, 0.0)) -> tuple[Any, Any]:
     """Shares of the reach of wave numbers, sums of powers of Gauss's nodes, denser among the long waves; and their weights."""
     s, weight = legendre.leggauss(nodes)
     s = (s + 1) / 2

@@ -239,7 +239,7 @@ def test_against_an_independent_code(one: Expected) -> None:
     assert result["ratio"] == pytest.approx(one.ratio, rel=0.1)
     if one.log_sensitivity:
         assert abs(result["log_sensitivity"] - one.log_sensitivity) <= error.sensitivity
-        assert result["log_sensitivity"] == pytest.approx(one.log_sensitivity, rel=0.21)  # with all nodes, 0.198 at most
+        assert result["log_sensitivity"] == pytest.approx(one.log_sensitivity, rel=0.2)
 
 
 TRIAL = {(0.5, 12e3): 0.5417, (0.5, 56.3e3): 0.5149, (1.0, 56.3e3): 0.4121, (1.5, 56.3e3): 0.3816, (2.0, 2e5): 0.5236}
