@@ -97,7 +97,7 @@ def families(scenes: Sequence[Scene], kind: Callable[[Scene], Any]) -> Iterator[
         scenes: any.
         kind: what all of a family have to share.
     """
-    tables = [dict(_leaves(scene.model_dump())) for scene in scenes] if len(scenes) >= LEAST else []
+    tables = [dict(leaves(scene.model_dump())) for scene in scenes] if len(scenes) >= LEAST else []
     names = {name for table in tables for name in table}
     differing = {name for name in names if len({table.get(name) for table in tables}) > 1}
     several = [group for name in sorted(differing - NO_FAMILY, key=str) for group in _groups(tables, name, differing)]
@@ -126,12 +126,13 @@ def _groups(tables: Sequence[Mapping[Any, Any]], name: Any, differing: set[Any])
             yield [*group.values()], np.log(np.array([*group]))
 
 
-def _leaves(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, ...], Any]]:
+def leaves(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, ...], Any]]:
+    """Yield paths and values of all numbers and words of nested mappings and sequences."""
     if isinstance(value, Mapping):
         for key, one in value.items():
-            yield from _leaves(one, (*path, key))
+            yield from leaves(one, (*path, key))
     elif isinstance(value, list | tuple):
         for k, one in enumerate(value):
-            yield from _leaves(one, (*path, k))
+            yield from leaves(one, (*path, k))
     else:
         yield path, value

@@ -33,7 +33,7 @@ DESIGNS = 4096
 REPEATS = 7
 BESSEL, SOLVE = "values of Bessel functions", "flops of systems"
 PARTS = {
-    "_ends": "blocks' ends", "_works": "half-space under rings", "_waves": "transforms of loads", "_sides": "sides",
+    "_add_ends": "blocks' ends", "_works": "half-space under rings", "_waves": "transforms of loads", "_sides": "sides",
     "inside": "sphere's waves, image in floor and surface", "off_axis_response": "answer of the blocks beside the axis",
     "rest": "sphere beyond its moments", "_between": "of all: Bessel functions", "solve": "of all: systems of equations",
 }  # fmt: skip

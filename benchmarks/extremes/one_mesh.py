@@ -1,10 +1,11 @@
 """Whether one mesh tells its own error: bounds of eqs. AX.10, AX.11 against order 8, on drawn scenes and on all references.
 
-Every drawn scene has one tumour on the axis (``inclusion_draws``) and no layers of tissue, for which one mesh is not asked. What
+Every drawn scene has one tumour on the axis (``inclusion_draws``) and, where that is asked, one to three layers of tissue. What
 order 8 itself is off counts against the bounds; bounds of the light mesh above 1 % are not believed, and left out. One line for
 each bound that is smaller than the error, then a table by mesh.
 
     python -m benchmarks.extremes.one_mesh --scenes 250 --seed 1 --seed 2 --seed 3 --seed 4 --truths truths.jsonl
+    python -m benchmarks.extremes.one_mesh --scenes 110 --seed 41 --seed 42 --layers --no-curves --truths truths.jsonl
     python -m benchmarks.extremes.one_mesh --scenes 0 --references
 
 Order 8, which takes most of the time, is read from a file of an earlier run where one is named: bounds may change, what is
@@ -23,19 +24,19 @@ import numpy as np
 from rich.console import Console
 from threadpoolctl import threadpool_limits
 
-from benchmarks.levels.inclusion_draws import draw
+from benchmarks.levels.inclusion_draws import draw, draw_skins
 from benchmarks.tables import MeasuredTable
 from geometry import InputError, Scene, read_scene
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, SolveError
 from solver.axisymmetric.level import Axisymmetric
-from solver.axisymmetric.lower_order import near_errors, order_errors, own_errors
+from solver.axisymmetric.lower_order import graded_everywhere, near_errors, order_errors, own_errors
 from solver.axisymmetric.refinement import BELIEVED, LEVELS, LIGHT, SampleErrors
 from solver.axisymmetric.sample import MeshSample, sample
 from solver.axisymmetric.sections import sections
 from solver.linalg.workspace import current
 
-FOLDERS = ("axisymmetric", "extra", "extreme", "extremes", "half-space")
+FOLDERS = ("axisymmetric", "extra", "extreme", "extremes", "half-space", "tissue-layers")
 REFERENCES = Path(__file__).parents[2] / "tests" / "reference"
 TRUE, ONE_MESH = LEVELS[4], {"light": LIGHT, "4": LEVELS[1], "5": LEVELS[2], "6": LEVELS[3]}
 OWN, NEAR, CURVE_OF = ", of its own", ", near", ", curve"  # what is told without a smaller space, by one step; of all moduli
@@ -63,10 +64,10 @@ class TrueForces:
 Truths = dict[str, TrueForces]  # by "lone" and "curve"
 
 
-def drawn(seed: int, number: int) -> Scene | None:
+def drawn(seed: int, number: int, layers: bool) -> Scene | None:
     """Return a scene, or None where its parts do not fit."""
     try:
-        return draw(seed, number).scene()
+        return (draw_skins if layers else draw)(seed, number).scene()
     except (InputError, ValueError):
         return None
 
@@ -75,19 +76,19 @@ def references() -> Iterator[tuple[str, Scene]]:
     """Yield the references that the level takes."""
     for path in (path for folder in FOLDERS for path in sorted((REFERENCES / folder).glob("*.toml"))):
         scene = read_scene(path)
-        if Axisymmetric().refusal(scene) is None:
+        if Axisymmetric().refusal(scene) is None and graded_everywhere(sections(scene).section):
             yield f"{path.parent.name}/{path.stem}", scene
 
 
-def truths(scene: Scene) -> Truths:
-    """Solve on the finest mesh, at the scene's own modulus and on a curve.
+def truths(scene: Scene, curve: bool) -> Truths:
+    """Solve on the finest mesh, at the scene's own modulus and, if that is asked, on a curve.
 
     Raises:
         SolveError: the mesh cannot be solved.
     """
     of = sections(scene)
     found = {"lone": TrueForces.of(sample(of.section, of, scene, TRUE))}
-    if scene.inclusion:
+    if curve and scene.inclusion:
         found["curve"] = TrueForces.of(sample(of.section, of, scene, TRUE, moduli=_moduli(scene)))
     return found
 
@@ -103,7 +104,7 @@ def shares(scene: Scene, true: Truths) -> Shares:
     found = {name: _share(one, order_errors(one), true["lone"]) for name, one in solved.items()}
     for kind, tell in ((OWN, own_errors), (NEAR, near_errors)):
         found |= {f"{name}{kind}": _share(one, bounds, true["lone"]) for name, one in solved.items() if (bounds := tell(one))}
-    if scene.inclusion:
+    if "curve" in true:
         for name, level in CURVES.items():
             one = sample(of.section, of, scene, level, moduli=_moduli(scene))
             found[f"{name}{CURVE_OF}"] = _share(one, own_errors(one) or order_errors(one), true["curve"])
@@ -152,13 +153,16 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=250, help="drawn scenes of each seed (250)")
     parser.add_argument("--first", type=int, default=0, help="number of the first drawn scene (0)")
     parser.add_argument("--seed", type=int, action="append", help="of drawn scenes (1)")
+    parser.add_argument("--layers", action="store_true", help="drawn scenes have layers of tissue")
+    parser.add_argument("--no-curves", action="store_true", help="leave those out, which take half of the time")
     parser.add_argument("--references", action="store_true", help="all references that the level takes, too")
     parser.add_argument("--truths", type=Path, help="file of what order 8 says, read and added to")
     parser.add_argument("--truths-only", action="store_true", help="add to it alone")
     asked, found = parser.parse_args(), []
     known = read(asked.truths)
     numbers = range(asked.first, asked.first + asked.scenes)
-    named = [(f"seed {seed}, number {k}", drawn(seed, k)) for seed in asked.seed or [1] for k in numbers]
+    kind = "layers, " * asked.layers
+    named = [(f"{kind}seed {seed}, number {k}", drawn(seed, k, asked.layers)) for seed in asked.seed or [1] for k in numbers]
     cases = [(name, scene) for name, scene in named if scene is not None]
     with threadpool_limits(1), Console(stderr=True).status("one mesh") as status:
         for name, scene in cases + list(references() if asked.references else ()):
@@ -166,7 +170,7 @@ def main() -> None:
             current().begin()  # what earlier scenes needed may go
             try:
                 if name not in known:
-                    known[name] = truths(scene)
+                    known[name] = truths(scene, not asked.no_curves)
                     if asked.truths:
                         with asked.truths.open("a") as kept:
                             kept.write(json.dumps([name, {kind: asdict(one) for kind, one in known[name].items()}]) + "\n")

@@ -12,6 +12,8 @@ from geometry.scenes.scene import Layer
 COVERS = (0.02, 2.0)  # diameters
 GAPS = (0.02, 1.0)  # diameters: between the sphere and the interfaces of its layer
 CONTRASTS = (10.0, 1e3)  # of layers: the largest of every other scene each
+STIFFEST = (10.0, 1e2, 1e4)  # likewise of scenes that may have skins: of every third scene each
+SKIN = 0.5  # mm: the thinnest
 RATIOS = (0.3, 0.45, 0.49, 0.4999)  # Poisson's, of layers
 CONTACTS = ("bonded", "frictionless")
 
@@ -127,6 +129,26 @@ def draw_layered(seed: int, number: int) -> DrawnScene:
     first, last = top - min(gap(), 0.9 * top), low + min(gap(), 0.9 * (plain.tissue_depth - low))
     depths = [first * rng.uniform(0.1, 0.9)] * (above == 2) + [first] * (above > 0) + [last] * below
     most = CONTRASTS[number % 2]
+    materials = ((float(np.exp(rng.uniform(-1, 1) * np.log(most))), float(rng.choice(RATIOS))) for _ in depths)
+    layers = tuple((float(h), *one) for h, one in zip(np.diff([0.0, *depths]), materials, strict=True))
+    return replace(plain, layers=layers)
+
+
+def draw_skins(seed: int, number: int) -> DrawnScene:
+    """Return the same scene with one to three layers of wider contrasts, often a thin skin; no interface crosses the sphere."""
+    rng, plain = np.random.default_rng([seed, number, 2]), draw(seed, number)
+
+    def gap(most: float) -> float:
+        return min(float(np.exp(rng.uniform(*np.log(GAPS)))) * plain.diameter, 0.9 * most)
+
+    top, low = plain.cover * plain.diameter, (plain.cover + 1) * plain.diameter
+    above, below = [(1, 0), (0, 1), (1, 1), (2, 0), (2, 1), (1, 2)][int(rng.integers(6))]
+    first, last = top - gap(top), low + gap(plain.tissue_depth - low)
+    skin = rng.random() < 0.6 and 0.9 * top > SKIN
+    thin = float(np.exp(rng.uniform(*np.log([SKIN, 0.9 * top])))) if skin else first * float(rng.uniform(0.1, 0.9))
+    upper = sorted([thin, first])[:above] if skin or above == 2 else [first] * above
+    depths = [*upper, last, last + (plain.tissue_depth - last) * float(rng.uniform(0.1, 0.9))][: len(upper) + below]
+    most = STIFFEST[number % 3]
     materials = ((float(np.exp(rng.uniform(-1, 1) * np.log(most))), float(rng.choice(RATIOS))) for _ in depths)
     layers = tuple((float(h), *one) for h, one in zip(np.diff([0.0, *depths]), materials, strict=True))
     return replace(plain, layers=layers)

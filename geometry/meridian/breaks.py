@@ -16,6 +16,7 @@ LEAST = {"axis": (3, (3, 2)), "inner edge": (2, (1, 1)), "inner": (3, (1, 1)), "
 LEAST |= {"hole edge": (3, (2, 2)), "tube edge": (2, (1, 1))}
 LEAN = 0.3  # of a cell: columns under the tube's wall on a lean mesh may be short of the usual growth by so much
 SURFACE = 1.15  # cells more than the usual growth asks for in the rows under the surface of a lean mesh, but no more than 4
+SLENDER = 50.0  # tissue beside the blocks over an interval of heights: cells so long are not cut towards an interface's end
 THIN = 12.0  # features of the blocks: under thinner tissue no lines end, for the corners are felt below it
 
 
@@ -63,6 +64,14 @@ def _folds(breaks: Breaks) -> list[float]:
     """Cells between the breaks as their growth alone asks for."""
     ends = zip(pairwise(breaks.places), pairwise(breaks.sizes), strict=True)
     return [folds(*places, *sizes) / FOLDS for places, sizes in ends]
+
+
+def cut_ends(s: Section, levels: Breaks, names: list[str]) -> tuple[bool, ...]:
+    """Whether cells are cut towards each interface's end at the tissue's side, from the surface downwards."""
+    heights = [high - low for low, high in pairwise(levels.places)]
+    beside = s.tissue_radius - s.tube_radius
+    planes = (k for k, name in enumerate(names) if name.startswith("interface"))
+    return tuple(bool(beside < SLENDER * min(heights[k - 1 : k + 1])) for k in planes)[::-1]
 
 
 def lean_columns(columns: tuple[int, ...], breaks: Breaks, box: int | None) -> tuple[int, ...]:

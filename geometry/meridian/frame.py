@@ -13,6 +13,7 @@ from geometry.meridian.breaks import (
     THIN,
     block_breaks,
     cell_counts,
+    cut_ends,
     lean_columns,
     lean_rings,
     lean_rows,
@@ -39,6 +40,7 @@ class Kind:
         lean: whether cells are few where a scan of single counts found that they change nothing: under the tube's wall, across
             the box and below it, round the core; rows under the surface as many as their growth asks for.
         layers: interfaces of the tissue above the sphere, across it and below it.
+        ends: whether cells are cut towards each interface's end at the tissue's side, from the surface downwards.
         thin: whether the tissue above sphere or floor is thin.
         films: layers between block and base: 0, 1 (film) or 2 (film and adhesive).
         base: None for a rigid one, else the sign of inner less outer height.
@@ -57,6 +59,7 @@ class Kind:
     flange: bool
     edges: bool = False
     lean: bool = False
+    ends: tuple[bool, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -128,7 +131,8 @@ class MeshTopology:
         # three columns below a gap become one; other numbers do not, but for a single one on each side of the box's edge
         self.merging = not kind.thin and fineness.cells < MANY
         self.columns = tuple(cells if k in gap and self.merging else n(cells, 3) for k, cells in enumerate(kind.columns))
-        self.rows, self.blocks = tuple(n(cells, 2) if kind.lean else n(cells) for cells in kind.rows), tuple(map(n, kind.blocks))
+        fewest = 2 if kind.lean or any(kind.layers) else 1  # two cells at least lie between any two singular corners
+        self.rows, self.blocks = tuple(n(cells, fewest) for cells in kind.rows), tuple(map(n, kind.blocks))
         if kind.lean:
             self.rows = (*self.rows[:-1], n(kind.rows[-1], 4))
         self.rings = n(kind.rings[0], 2), n(kind.rings[1], 1 + kind.lean)
@@ -209,6 +213,7 @@ def kind(section: Section, lean: bool = False) -> Kind:
     rings = (0, 0) if sphere is None else tuple(cell_counts(ring)[0] for ring in sphere.rings())
     thin = bool(s.under_blocks < THIN * s.block_size)
     above, across = s.interfaces_apart
+    layers = above, across, len(s.interfaces) - above - across
     radii, levels = radial_breaks(s, box, sphere), tissue_breaks(s, sphere, thin)
     columns, rows = cell_counts(radii), cell_counts(levels)
     lean = lean and not s.edge_radius
@@ -221,13 +226,14 @@ def kind(section: Section, lean: bool = False) -> Kind:
         blocks=blocks,  # type: ignore[arg-type]
         rings=rings,  # type: ignore[arg-type]
         box=box,
-        layers=(above, across, len(s.interfaces) - above - across),
+        layers=layers,
         thin=thin,
         films=films,
         base=base,
         flange=bool(s.flange_radius > 0),
         edges=bool(s.edge_radius > 0),
         lean=lean and sphere is not None,
+        ends=cut_ends(s, levels, _level_names(layers, sphere is not None)),
     )
 
 

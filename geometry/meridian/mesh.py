@@ -227,14 +227,23 @@ def _base(layout: MeshTopology) -> Iterator[Cell]:
         yield from _grid(Body.BASE, layout.flange, layout.base[layout.step :])
 
 
+def interface_ends(mesh: Topology) -> Ints:
+    """Return the elements of the cells at interfaces' ends at the tissue's side, shape (m,)."""
+    at = (mesh.vertices[..., 0] == mesh.layout.column["side"]) & np.isin(mesh.vertices[..., 1], mesh.layout.interfaces)
+    return np.flatnonzero(np.any(at, axis=1))
+
+
 def _singular(layout: MeshTopology) -> Iterator[tuple[int, int]]:
-    """Yield the corners (radius, level) with singular stresses: the blocks', and where the tissue's side meets the floor."""
+    """Yield the corners (radius, level) with singular stresses: the blocks', and where the side meets floor and interfaces."""
     column, surface = layout.column, layout.row["surface"]
     tops = layout.inner[layout.blocks[0]], layout.outer[layout.blocks[1]]
     for radius, top in zip(("inner", "hole", "tube"), (tops[0], tops[1], tops[1]), strict=True):
         yield column.get(f"{radius} edge", column[radius]), surface
         yield column[radius], top
     yield column["side"], layout.row["floor"]
+    for level, cut in zip(layout.interfaces, layout.kind.ends, strict=True):
+        if cut:
+            yield column["side"], level
     if layout.kind.flange:
         yield column["tube"], layout.base[layout.step]
     if layout.kind.base:

@@ -187,17 +187,22 @@ def _ties(mesh: Topology, ends: Floats, interface: Interface, axis: tuple[bool, 
 
 
 def _gather(dofs: Ints, signs: Floats, unknowns: int) -> sp.csr_array:
-    free = np.flatnonzero(dofs.ravel() >= 0)
-    return sp.csr_array((signs.ravel()[free], (free, dofs.ravel()[free])), shape=(dofs.size, unknowns))
+    free = dofs.ravel() >= 0
+    starts = np.concatenate([[0], np.cumsum(free)])
+    return sp.csr_array((signs.ravel()[free], dofs.ravel()[free], starts), shape=(dofs.size, unknowns))
 
 
 def _pattern(dofs: Ints, signs: Floats, unknowns: int) -> tuple[Ints, Ints, sp.csr_array]:
     """Rows and column starts of the matrix, and the sums of its entries."""
     row, column = dofs[:, :, None], dofs[:, None, :]
     some = np.flatnonzero((row >= 0) & (column >= 0))
-    # the index makes numpy sort stably: faster, for elements' entries are nearly in order
-    keys, _, slots = np.unique((column * unknowns + row).ravel()[some], return_index=True, return_inverse=True)
+    places = (column * unknowns + row).ravel()[some]
+    order = np.argsort(places, kind="stable")  # faster than other ways, for elements' entries are nearly in order
+    places, some = places[order], some[order].astype(np.int32)
+    ends = np.append(np.flatnonzero(np.diff(places)), len(places) - 1) + 1
+    keys = places[ends - 1]
     both = (signs[:, :, None] * signs[:, None]).ravel()[some]
-    sums = sp.csr_array((both, (slots.astype(np.int32), some.astype(np.int32))), shape=(len(keys), row.size * dofs.shape[1]))
+    begins = np.concatenate([[0], ends]).astype(np.int32)
+    sums = sp.csr_array((both, some, begins), shape=(len(keys), row.size * dofs.shape[1]))
     starts = np.searchsorted(keys, np.arange(unknowns + 1) * unknowns)
     return (keys % unknowns).astype(np.int32), starts.astype(np.int32), sums

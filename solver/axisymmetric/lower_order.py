@@ -13,6 +13,8 @@ bounds film i's total. Were all errors those of corners, where p^-2 is left at d
 would be left at degrees 4 to 6, twice q / (1 - q); where changes fall by q with each degree, q / (1 - q) is, and never less than
 the change once a corner's own error is all there is. c = 5/2, 5/2, 4 and k = 12 at degree 4; above it c_e = c, for changes in
 elements that are much longer than wide fall less there than they did before (``benchmarks/extremes/one_mesh.py``).
+Cells at an interface's end at the tissue's side, where a soft film squeezed under a stiff skin lets go, are long and change
+little from degree to degree: c_e = 16 there.
 
 From degree 5 on the state's own part of degree p tells nearly as much, and nothing is factorised: its energy is no less than
 that of w, for the smaller state is the best of all without that part. c_e = 11/5 and 12/5 then. One step of descent from it
@@ -33,6 +35,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Floats, Ints
+from geometry.meridian.mesh import interface_ends
 from geometry.meridian.section import Body, Section
 from solver.axisymmetric.base_states import MeridianModel, in_inclusion, lower_order, near_lower_order, of_degree, products
 from solver.axisymmetric.refinement import SampleErrors
@@ -41,6 +44,7 @@ from solver.linalg.rational_response import RationalResponse
 
 MOST = {4: 2.5, 5: 2.5, 6: 4.0}  # by order: c of eq. AX.10
 MOST_OF_OWN = {5: 2.2, 6: 2.4}  # likewise, of the state's own part of degree p
+AT_ENDS = 16.0  # c_e at interfaces' ends at the tissue's side
 RATES = {4: 12.0}  # by order: k of eq. AX.11
 LEAST = 1.2  # of eq. AX.11
 NEAR = 12.0  # lambda over 2 mu above which one step leaves too much: half of the energy and more
@@ -53,10 +57,10 @@ SLOPES = 2.0  # times: what the last degree changed of each film's log-sensitivi
 def graded_everywhere(section: Section) -> bool:
     """Return whether the mesh has layers of cells at every singular point, which eq. AX.10 needs.
 
-    Interfaces of the tissue meet its side and the sphere ungraded: under a skin 7000 times as stiff as what lies below, the error
-    was 5 times the bound.
+    Interfaces of the tissue may cross the sphere's surface, where none lie.
     """
-    return not (section.interfaces or section.has_details or np.any(section.edge_radius != 0))
+    across = section.interfaces_apart[1]
+    return not (across or section.has_details or np.any(section.edge_radius != 0))
 
 
 @dataclass(frozen=True)
@@ -177,7 +181,7 @@ def _shares(sample: MeshSample, own: _Curve, low: _Curve, most: float, rate: flo
     """What of eq. AX.12 changes little with the modulus, shape (k, 2)."""
     model, order = sample.states.model, sample.states.model.shapes.order
     times = np.ones(1) if sample.response is None else np.geomspace(sample.times.min(), sample.times.max(), SAMPLED)
-    before_last, shares = of_degree(model, order - 1), []
+    before_last, ends, shares = of_degree(model, order - 1), interface_ends(model.mesh), []
     for time in times:
         smaller, stiffness = low.state(time), in_inclusion(model, time)
         energies = stiffness * _of_elements(model, smaller - own.state(time))
@@ -186,6 +190,7 @@ def _shares(sample: MeshSample, own: _Curve, low: _Curve, most: float, rate: flo
         if rate is not None:
             before = _sizes(stiffness * _of_elements(model, smaller, before_last))
             left = np.clip(rate * _share(last, np.maximum(before - last, 0.0), np.inf), LEAST, left)  # eq. AX.11
+        left[ends] = AT_ENDS
         shares.append(_share((left * last).sum(axis=0), _cauchy(energies.sum(axis=0)[None])[0]))
     above = np.clip(np.searchsorted(times, sample.times), min(1, len(times) - 1), len(times) - 1)
     return np.asarray(np.maximum(np.array(shares)[above], np.array(shares)[np.maximum(above - 1, 0)]))

@@ -49,6 +49,8 @@ def refine(
     accuracy: float,
     good: Callable[[MeshSample, SampleErrors], bool],
     alone: Sequence[Callable[[MeshSample], SampleErrors | None]] = (),
+    *,
+    margin: float = 1.0,
 ) -> tuple[MeshSample, SampleErrors, str | None]:
     """Return the first sample that is good enough with its errors, or that of the finest mesh that could be solved.
 
@@ -59,6 +61,7 @@ def refine(
         accuracy: relative.
         good: whether a sample with its errors is good enough.
         alone: what may tell the errors of a sample from its own mesh, of an order in ``ONE_MESH``, the cheapest first.
+        margin: times what several meshes tell of their errors; above 1 that counts where none tells its own alone.
 
     Raises:
         SolveError: not even two meshes could be solved, or one where that is asked.
@@ -66,13 +69,14 @@ def refine(
     """
     history: dict[MeridianFineness, MeshSample] = {}
     best: tuple[MeshSample, SampleErrors] | None = None
-    for level in _ladder(accuracy, bool(alone)):
+    for level in _ladder(accuracy, bool(alone), margin == 1):
         try:
             found = solve(level)
             if level != LIGHT:
                 history[level] = found
             solved = [history[one] for one in LEVELS if one in history]
-            for bounds in _known(found, solved, alone if level.order in ONE_MESH else ()):
+            own = alone if level.order in ONE_MESH else ()
+            for bounds in _known(found, solved if margin == 1 or not own else [found], own, margin):
                 finest = found if level == LIGHT else solved[-1]
                 if level == LIGHT and _worst(finest, bounds) > BELIEVED:
                     continue
@@ -88,24 +92,29 @@ def refine(
     return *best, "this is the finest"
 
 
-def _ladder(accuracy: float, alone: bool) -> Sequence[MeridianFineness]:
+def _ladder(accuracy: float, alone: bool, several: bool) -> Sequence[MeridianFineness]:
     """The meshes that are solved in turn.
 
-    Where one tells its own error the second comes first, and the coarser, which is cheap, bounds its error where it does not do.
+    Where one tells its own error the second comes first, and the coarser, which is cheap, bounds its error where it does not do
+    and several are believed.
     """
     levels = LEVELS[sum(accuracy < limit for limit in COARSE_ENOUGH) :]
     if not alone:
         return levels
-    return (*((LIGHT,) if accuracy >= LIGHT_FOR else ()), levels[1], levels[0], *levels[2:])
+    return (*((LIGHT,) if accuracy >= LIGHT_FOR else ()), levels[1], *levels[:several], *levels[2:])
 
 
 def _known(
-    found: MeshSample, solved: Sequence[MeshSample], alone: Iterable[Callable[[MeshSample], SampleErrors | None]]
+    found: MeshSample,
+    solved: Sequence[MeshSample],
+    alone: Iterable[Callable[[MeshSample], SampleErrors | None]],
+    margin: float,
 ) -> Iterator[SampleErrors]:
     """Bounds on the errors of the sample on the finest mesh: from several meshes, and from its own."""
     light = all(found is not one for one in solved)
     if len(solved) > 1 and not light:
-        yield errors(solved)
+        told = errors(solved)
+        yield SampleErrors(margin * told.totals, margin * told.sensitivity)
     if light or found is solved[-1]:
         yield from (bounds for one in alone if (bounds := one(found)) is not None)
 

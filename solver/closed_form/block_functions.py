@@ -1,34 +1,45 @@
-"""The functions of eqs. CF.8 and CF.9 along a block's height, and the integrals of their products."""
+"""The functions of a block's displacements, eqs. CF.8 and CF.9, and the integrals of their products, by tables.
+
+Along the height all integrals are numbers of the decay times the height alone, times powers of the height; across a tube's wall
+of the wall over the outer radius, times powers of the wall; a disc's are numbers. Each is found once by quadrature, and read off
+polynomials that are off by less than 1e-10 of it (``tests/solver/closed_form/test_blocks.py``).
+
+Of displacements w alone, products of modes are taken, sums of the P_i and of the f_j of which both the integrals of squares and
+those of squares of slopes are diagonal.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import accumulate, pairwise
+from functools import cache
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
 
 from solver.closed_form.bessel import Array
+from solver.closed_form.tractions import COARSE, FINE, Loads
+from solver.linalg.piecewise import PiecewisePolynomials
 
+RADIAL, FINE_RADIAL = 3, 5  # functions P_i
 AXIAL, FINE_AXIAL = 2, 3  # functions g_j
-HEIGHTS = 10  # nodes of quadrature
+HEIGHTS = 10  # nodes of quadrature along the height
+POINTS, FINE_POINTS = 6, 10  # across the wall
+RING_POINTS = 4  # on each ring of a load
+DEGREE = 10  # of the tables' polynomials
+LAYER = 2.0  # decay times height about which the first table begins to take logarithms
+LONGEST = 16.0  # of ln(1 + decay x height / LAYER): blocks ten million times as tall as wide
+ABOVE = 1.01  # tubes' numbers are smooth in the logarithm of this less wall / radius
 
 
 @dataclass(frozen=True)
 class Along:
-    """Integrals over the height of products of f_j and g_j and their derivatives, f_j at the tissue end, all at Gauss's zeta.
+    """The g_j and f_j, and their derivatives by zeta / h, at Gauss's zeta; blocks last.
 
-    Blocks are last: shapes (functions, functions, n), (functions, n), (nodes, n) and (functions, nodes, n).
+    Shapes (nodes, n) of zeta and the weights, (n,) of ``steep``, and (functions, nodes, n).
     """
 
-    gg: Array
-    dg_dg: Array
-    g_df: Array
-    dg_f: Array
-    df_df: Array
-    ff: Array
-    end: Array
     zeta: Array
     weight: Array
     steep: Array
@@ -41,61 +52,29 @@ class Along:
         """g, dg, f and df at shares (n, k) of the height, shapes (n, functions, k)."""
         steep = self.steep[:, None]
         y = np.arctanh((2 * share - 1) * np.tanh(steep)) / steep
-        between = np.swapaxes(legendre.legvander(y, HEIGHTS - 1) @ _SERIES, 1, 2)
-        return tuple(np.moveaxis(values, 2, 0) @ between for values in (self.g, self.dg, self.f, self.df))
+        between = (legendre.legvander(y, HEIGHTS - 1) @ _SERIES).swapaxes(1, 2)
+        return tuple(values.transpose(2, 0, 1) @ between for values in (self.g, self.dg, self.f, self.df))
 
 
-def along_height(height: Array, decay: Array, axial: int) -> Along:
-    """Return the integrals of ``axial`` functions g_j for blocks of heights and decays (n,)."""
+def along_height(height: Array, steepness: Array, axial: int) -> Along:
+    """Return ``axial`` functions g_j and one f_j more for blocks of heights (n,), ``steepness`` their decays times these."""
     y, weight = (one[:, None] for one in _GAUSS)
-    h, bh = height, decay * height
-    steep = 0.5 * np.log(1 + 0.5 * bh) + 1e-3  # nodes as dense at both ends as the functions need
+    steep = 0.5 * np.log(1 + 0.5 * steepness) + 1e-3  # nodes as dense at both ends as the functions need
     turn, whole = np.tanh(steep * y), np.tanh(steep)
     share = (1 + turn / whole) / 2
-    dz = (h * steep / (2 * whole)) * (1 - turn * turn)
-    zeta, last = h * share, np.exp(-bh)
+    dz = (steep / (2 * whole)) * (1 - turn * turn)
+    last = np.exp(-steepness)
     loss = 1 - last
-    near = np.exp(-decay * zeta)
-    far = np.exp(decay * zeta - bh)
+    near, far = np.exp(-steepness * share), np.exp(steepness * (share - 1))
     top, fade = (1 - far) / loss, (near - last) / loss
-    dtop, dfade = -decay / loss * far, -decay / loss * near
-    scale = loss / decay  # of the length over which g_j decays
-    rows = np.empty((4 * axial + 2, *zeta.shape), dtype=zeta.dtype)
-    parts = [slice(*at) for at in pairwise((0, axial, 2 * axial, 3 * axial + 1, 4 * axial + 2))]
-    g, dg, f, df = (rows[part] for part in parts)
+    dtop, dfade = -steepness / loss * far, -steepness / loss * near
     powers = [1 + 0 * top, *accumulate([fade] * (axial - 1), np.multiply)]
-    for j, power in enumerate(powers):
-        np.multiply(top, power, out=g[j])
-        np.multiply(dtop, power, out=dg[j])
-        if j:
-            dg[j] += j * top * powers[j - 1] * dfade
-    weighted = g * dz
-    f[0], df[0] = 1 - share, -1 / h
-    f[1:] = (_REMAINING @ weighted) / scale  # Int_zeta^h
-    np.divide(g, -scale, out=df[1:])
-    w = weight * dz
-    heavy = rows * w
-
-    def products(one: int, other: int) -> Array:
-        return (heavy[parts[one], None] * rows[None, parts[other]]).sum(axis=2)
-
-    end = np.concatenate([1 + 0 * h[None], (weight * weighted).sum(axis=1) / scale])
-    return Along(
-        products(0, 0),
-        products(1, 1),
-        g_df=products(0, 3),
-        dg_f=products(1, 2),
-        df_df=products(3, 3),
-        ff=products(2, 2),
-        end=end,
-        zeta=zeta,
-        weight=w,
-        steep=steep,
-        g=g,
-        dg=dg,
-        f=f,
-        df=df,
-    )
+    g = np.stack([top * power for power in powers])
+    dg = np.stack([dtop * power for power in powers])
+    for j in range(1, axial):
+        dg[j] += j * top * powers[j - 1] * dfade
+    f = np.concatenate([(1 - share)[None], -(_REMAINING @ (g * dz))])
+    return Along(height * share, weight * (height * dz), steep, g, dg, f, np.concatenate([0 * share[None] - 1, g]))
 
 
 def _remaining() -> Any:
@@ -109,3 +88,169 @@ def _remaining() -> Any:
 _GAUSS = legendre.leggauss(HEIGHTS)
 _SERIES = (np.arange(HEIGHTS)[:, None] + 0.5) * legendre.legvander(_GAUSS[0], HEIGHTS - 1).T * _GAUSS[1]
 _REMAINING = _remaining()
+
+
+@dataclass(frozen=True)
+class AxialIntegrals:
+    """Integrals along a block of height 1 of products of the functions (rows first), of f_j but the first; blocks last.
+
+    Attributes:
+        gg, dg_dg, dg_f, ff: of two functions.
+        g_df, f_f, dg_g: of g, f and dg with the modes' slope, the modes, and the modes.
+        slope: of the squares of the modes' slopes; of the modes' own they are one, shape (modes, n).
+        end, f_end: modes and f_j at the tissue's end, shapes (modes, n) and (functions, n).
+        modes: how much of each f_j, the first among them, is in each mode, shape (f_j, modes, n).
+    """
+
+    gg: Array
+    dg_dg: Array
+    dg_f: Array
+    ff: Array
+    g_dmode: Array
+    f_mode: Array
+    dg_mode: Array
+    slope: Array
+    end: Array
+    f_end: Array
+    modes: Array
+
+
+def axial_integrals(steepness: Array, axial: int) -> AxialIntegrals:
+    """Return the integrals for decays times heights (n,), NaN where blocks are far taller than wide."""
+    return AxialIntegrals(*_axial_table(axial)(np.log1p(steepness / LAYER)))
+
+
+@cache
+def _axial_table(axial: int) -> PiecewisePolynomials:
+    return PiecewisePolynomials(lambda x: made_along(LAYER * np.expm1(x), axial), 0.0, 0.25, int(LONGEST / 0.25), DEGREE)
+
+
+def made_along(steepness: Any, axial: int) -> list[Any]:
+    """Return the parts of ``AxialIntegrals`` by quadrature, blocks first."""
+    along = along_height(np.ones_like(steepness), steepness, axial)
+    g, dg, f, df = along.g, along.dg, along.f, along.df
+
+    def products(one: Any, other: Any) -> Any:
+        return np.einsum("iqn,jqn,qn->nij", one, other, along.weight)
+
+    f_end = np.concatenate([np.ones((1, len(steepness))), -(along.weight * g).sum(axis=1)]).T
+    apart = np.eye(axial + 1)  # in a tall block the first two differ little
+    apart[0, 1] = 1.0
+    squares, slopes = (apart.T @ products(one, one) @ apart for one in (f, df))
+    slope, modes = _modes(squares, slopes, f_end @ apart)
+    modes = apart @ modes
+    of_modes = [products(one, other) @ modes for one, other in ((g, df), (f[1:], f), (dg, f))]
+    own = [products(one, other) for one, other in ((g, g), (dg, dg), (dg, f[1:]), (f[1:], f[1:]))]
+    return [*own, *of_modes, slope, (f_end[:, None] @ modes)[:, 0], f_end[:, 1:], modes]
+
+
+def _modes(squares: Any, slopes: Any, end: Any) -> tuple[Any, Any]:
+    """The slopes' integrals of the modes and the modes, columns, whose squares' integrals are one; positive at an end."""
+    low = np.linalg.inv(np.linalg.cholesky(squares))
+    slope, turn = np.linalg.eigh(low @ slopes @ low.swapaxes(1, 2))
+    modes = low.swapaxes(1, 2) @ turn
+    return slope, modes * np.sign(end[:, None] @ modes)
+
+
+@dataclass(frozen=True)
+class RadialIntegrals:
+    """Integrals over the end of a block of width 1, divided by its outer radius; rows first, blocks last.
+
+    Of a tube the U_i begin with a constant, which is the outer radius, and whose volume does not change.
+
+    Attributes:
+        strain: twice (e_rr e_rr + e_hoop e_hoop + e_zz e_zz) of two u, each with the w that keeps its volume.
+        slide, turn: u u, and u dP/dr, shapes (U_i, U_i, n) and (U_i, P_i, n).
+        tilt: dP/dr dP/dr, shape (P_i, P_i, n).
+        lift, turned: P_i and u with the modes and with their slopes, shapes (P_i, modes, n) and (U_i, modes, n).
+        slope: of the squares of the modes' slopes; of the modes' own they are one, shape (modes, n).
+        pressed, sheared: loads on the P_i and on the u, the shears' functions meant times r / radius, shapes (loads, ., n).
+        pressed_modes: loads on the modes.
+        modes: how much of each P_i is in each mode, shape (P_i, modes, n).
+    """
+
+    strain: Array
+    slide: Array
+    turn: Array
+    tilt: Array
+    lift: Array
+    turned: Array
+    slope: Array
+    pressed: Array
+    pressed_modes: Array
+    sheared: Array
+    modes: Array
+
+
+def radial_integrals(wall: Array | None, fine: bool) -> RadialIntegrals:
+    """Return them for tubes of a wall over the outer radius (n,), for a disc (None) with one for n."""
+    return _disc(fine) if wall is None else RadialIntegrals(*_wall_table(fine)(np.log(ABOVE - wall)))
+
+
+@cache
+def _disc(fine: bool) -> RadialIntegrals:
+    return RadialIntegrals(*(np.moveaxis(part, 0, -1) for part in made_across(np.ones(1), True, fine)))
+
+
+@cache
+def _wall_table(fine: bool) -> PiecewisePolynomials:
+    start = np.log(ABOVE - 1)
+    return PiecewisePolynomials(
+        lambda x: made_across(ABOVE - np.exp(x), False, fine), start, (np.log(ABOVE) - start) / 10, 10, DEGREE
+    )
+
+
+def made_across(wall: Any, solid: bool, fine: bool) -> list[Any]:
+    """Return the parts of ``RadialIntegrals`` by quadrature, blocks first."""
+    radial, points, loads = (FINE_RADIAL, FINE_POINTS, FINE.loads) if fine else (RADIAL, POINTS, COARSE.loads)
+    hole = 1 / wall - 1
+    y, weight = _gauss((0.0, 1.0), points)
+    P, slope, r, u = _functions(y, hole, radial, solid)
+    ring = 2 * np.pi * wall[:, None] * r * weight
+    hoop = u / r[:, None]
+    volume = np.concatenate([P[:, :0] if solid else 0 * P[:, :1], P], axis=1)  # d(r u)/dr / r
+
+    def products(one: Any, other: Any) -> Any:
+        return (one * ring[:, None]) @ other.swapaxes(1, 2)
+
+    squares, slopes = products(P, P), products(slope, slope)
+    across, modes = _modes(squares, slopes, np.ones((1, radial)))
+    rr = volume - hoop
+    strain = 2 * (products(rr, rr) + products(hoop, hoop) + products(volume, volume))
+    turn = products(u, slope)
+    pressed, sheared = _loaded(hole, wall, loads[0 if solid else 1], radial)
+    parts = [strain, products(u, u), turn, slopes, squares @ modes, turn @ modes, across]
+    return [*parts, pressed, pressed @ modes, sheared, modes]
+
+
+def _loaded(hole: Any, wall: Any, loads: Loads, radial: int) -> tuple[Any, Any]:
+    """Work of the pressures on the P_i and of the shears on the u, shapes (m, loads, functions)."""
+    y, weight = _gauss(tuple(loads.cuts), RING_POINTS)
+    P, _, r, u = _functions(y, hole, radial, loads.solid)
+    ring = 2 * np.pi * wall[:, None] * r * weight
+    pressure, shear = (np.repeat(values, RING_POINTS, axis=0).T for values in (loads.pressure, loads.shear))
+    return (pressure * ring[:, None]) @ P.swapaxes(1, 2), (shear * (ring * r * wall[:, None])[:, None]) @ u.swapaxes(1, 2)
+
+
+def _gauss(cuts: tuple[float, ...], points: int) -> tuple[Any, Any]:
+    """Gauss's nodes and weights between the cuts, with so many points there."""
+    x, weight = legendre.leggauss(points)
+    parts, low = np.diff(cuts)[:, None], np.array(cuts)[:-1, None]
+    return (low + parts * (x + 1) / 2).ravel(), (parts * weight / 2).ravel()
+
+
+def _functions(y: Any, hole: Any, radial: int, solid: bool) -> tuple[Any, Any, Any, Any]:
+    """P_i, dP_i/dr, r and u = U_i / r at shares y of walls of width 1, shapes (m, functions, points) and (m, points)."""
+    x, weight = legendre.leggauss(6)
+    x, weight = (x + 1) / 2, weight / 2
+    polynomials = [legendre.Legendre(row, domain=[0, 1]) for row in np.eye(radial)]
+    inside = np.multiply.outer(y, x)
+    values = np.array([p(inside**2 if solid else inside) for p in polynomials]) * weight
+    at, scale = (y**2, 2 * y) if solid else (y, 1 + 0 * y)
+    P, slope = np.array([p(at) for p in polynomials]), np.array([p.deriv()(at) * scale for p in polynomials])
+    r, hole = hole[:, None] + y, hole[:, None, None]
+    u = y * (hole * values.sum(axis=2) + (values * inside).sum(axis=2)) / r[:, None]  # Int_0^y P r dy
+    if not solid:
+        u = np.concatenate([(hole + 1) / r[:, None], u], axis=1)
+    every = np.broadcast_to(P, (len(r), *P.shape)), np.broadcast_to(slope, (len(r), *slope.shape))
+    return *every, r, u

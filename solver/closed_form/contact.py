@@ -31,7 +31,7 @@ from solver.closed_form.layered_spheres import inside
 from solver.closed_form.layered_works import disc_compliances, layered_works, stiffest
 from solver.closed_form.off_axis import Disc
 from solver.closed_form.surface_images import SphereArray
-from solver.closed_form.tractions import areas, between_waves, circles, diagonal, joined, long_waves, of_rings, pair_loads
+from solver.closed_form.tractions import areas, between_waves, circles, joined, long_waves, of_rings, pair_loads
 from solver.layers.stack import TissueLayer
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 REACH = 10.0  # exponents of what is left out of the integrals
 FLOOR_REACH = 6.0
 LEAST_WAY = 0.1  # in radii: of a sphere that an interface cuts, which ``level`` refuses
-NODES_PER_WAVE = 0.35  # times wave number and the outermost radius, beyond eight
+NODES_PER_WAVE, LONG = 0.35, 8  # times wave number and the outermost radius, beyond so many for long waves
 
 
 @dataclass(frozen=True)
@@ -121,9 +121,8 @@ def solve_contact(
         layer_nodes: of those for its layers.
     """
     works = _works(blocks, tissue, layer_nodes, bonded)
-    for work, own in zip(works, zip(*_ends(blocks, bonded), strict=True), strict=True):
-        work += diagonal(own)
     C = joined(works) if bonded else works[0]
+    _add_ends(C, blocks, bonded)
     A = areas(blocks, C)
     if tissue.depth is not None or spheres:
         firm = stiffest(tissue.stack) if tissue.layers else tissue
@@ -144,13 +143,19 @@ def solve_contact(
         if index == target:
             marked, slope = body, by_log
     tractions = np.linalg.solve(softer, A) if spheres else before
-    forces = np.swapaxes(A, 1, 2) @ tractions + rest
+    forces = A.swapaxes(1, 2) @ tractions + rest
     slope = slope if marked is None else slope + marked.slope(tractions)
     return ContactSolution(forces, slope, softer, A, tractions)
 
 
-def _ends(blocks: Pair, bonded: bool) -> list[tuple[Array, Array, Array]]:
-    return [end_compliance(block, loads, bonded) for block, loads in zip(blocks, pair_loads(blocks).loads, strict=True)]
+def _add_ends(C: Array, blocks: Pair, bonded: bool) -> None:
+    """Add what the blocks' ends give way to the works of the loads: pressures of both blocks come before shears of both."""
+    loads = pair_loads(blocks).loads
+    counts = [loads[0].pressure.shape[1], loads[1].pressure.shape[1], *(one.shear.shape[1] for one in loads if bonded)]
+    places = np.split(np.arange(sum(counts)), np.cumsum(counts)[:-1])
+    for block, own in zip(blocks, (places[::2], places[1::2]), strict=True):
+        at = np.concatenate(own)
+        C[:, at[:, None], at] += end_compliance(block, bonded)[:, : len(at), : len(at)]
 
 
 def _works(blocks: Pair, tissue: Tissue, layer_nodes: int, bonded: bool) -> list[Array]:
@@ -167,7 +172,7 @@ def _waves(
     reaches = [REACH / _way(sphere, tissue) for sphere in spheres]
     reach = reduce(_larger, reaches) if reaches else FLOOR_REACH / tissue.depth
     across = blocks[1].radius + reduce(_larger, [sphere.offset for sphere in spheres], 0 * blocks[1].radius)
-    resolved = (nodes - 8) / (NODES_PER_WAVE * across)  # of a sphere tiny beside the probe no more matters
+    resolved = (nodes - LONG) / (NODES_PER_WAVE * across)  # of a sphere tiny beside the probe no more matters
     reach = np.where(reach.real < resolved.real, reach, resolved)
     share, weight = between_waves(nodes)
     k = reach[:, None] * share
@@ -226,5 +231,5 @@ def _floor(field: Waves, loads: tuple[Array, Array], weights: Array, mu: Array) 
     scale = (np.pi / mu)[:, None, None]
     parts = [weights[:, :, None] * part[:, :, None] for part in floor_compliance(field)]
     p, q = loads
-    pt, qt = np.swapaxes(p, 1, 2), np.swapaxes(q, 1, 2)
+    pt, qt = p.swapaxes(1, 2), q.swapaxes(1, 2)
     return scale * joined((pt @ (parts[0] * p), qt @ (parts[1] * q), pt @ (parts[2] * q)))

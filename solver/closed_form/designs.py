@@ -19,7 +19,7 @@ from geometry.common.arrays import Floats
 from geometry.scenes.scene import Inclusion, Scene
 from solver.closed_form.bessel import Array
 from solver.closed_form.block_compliance import ElasticBlocks
-from solver.closed_form.contact import FLOOR_REACH, NODES_PER_WAVE, REACH, ContactSolution, solve_contact
+from solver.closed_form.contact import FLOOR_REACH, LONG, NODES_PER_WAVE, REACH, ContactSolution, solve_contact
 from solver.closed_form.contact import Tissue as TissueArray
 from solver.closed_form.lateral_boundary import side_nodes, side_radius
 from solver.closed_form.layered_works import layer_nodes
@@ -37,7 +37,7 @@ BALL = ("radius", "depth", "offset", "modulus", "poisson")
 LAYER = ("layer_thickness", "layer_modulus", "layer_poisson")
 MOST = 256  # nodes over wave numbers
 LEAST_ROOM = 0.05  # of a sphere's points, in its diameters: nearer ones are refused by ``level``
-CHUNK = 512  # designs at once: what they need then stays in the processor's cache
+CHUNK = 520  # designs at once: what they need then stays in the processor's cache; not a power of two, whose rows share its lines
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def split(shape: Shape, values: Array) -> tuple[Array, Array]:
 
 
 def forces(shape: Shape, values: Array) -> tuple[Floats, Floats]:
-    """Evaluate many designs at once, about 20 000 a second on one core with one inclusion on the axis.
+    """Evaluate many designs at once, about 25 000 a second on one core with one inclusion on the axis.
 
     Args:
         shape: see ``Shape``; ``parameters`` makes it from a scene.
@@ -189,7 +189,7 @@ def _nodes(scene: Scene, faces: list[float]) -> int:
     if scene.tissue.shape != "half-space":
         reach.append(FLOOR_REACH / scene.tissue.depth)
     across = scene.probe.tube_radius + max((_offset(scene, body) for body in scene.inclusion), default=0.0)
-    needed = 8 + NODES_PER_WAVE * max(reach, default=0.0) * across
+    needed = LONG + NODES_PER_WAVE * max(reach, default=0.0) * across
     return min(MOST, 2 * math.ceil(needed / 2))
 
 

@@ -70,7 +70,7 @@ def ring_work(circles: Array, radius: Array, mu: Array, nu: Array) -> tuple[Arra
     cross = np.empty((size, size, len(mu)), dtype=rest.dtype)
     cross[low, high] = mixed / 8 * square * b * b / reach[high] * (1 + rest)
     cross[high, low] = mixed / 8 * square * square / reach[low]
-    return _symmetric(pressure, size), _symmetric(shear, size), np.moveaxis(cross, 2, 0)
+    return _symmetric(pressure, size), _symmetric(shear, size), cross.transpose(2, 0, 1)
 
 
 @lru_cache(maxsize=4)
@@ -83,7 +83,7 @@ def _symmetric(values: Array, size: int) -> Array:
     low, high = _upper(size)
     full = np.empty((size, size, values.shape[1]), dtype=values.dtype)
     full[low, high] = full[high, low] = values
-    return np.moveaxis(full, 2, 0)
+    return full.transpose(2, 0, 1)
 
 
 def _power_series(x: Array, coefficients: Any) -> Array:

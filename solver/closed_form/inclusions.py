@@ -97,34 +97,34 @@ class LoadedSpheres:
     @property
     def works(self) -> Array:
         """By how much the sphere lets unit loads work on each other: M^T V K D^-1 M of eq. CF.14, shape (n, m, m)."""
-        return np.swapaxes(self.moments, 1, 2) @ (self.form @ self.answered)
+        return self.moments.swapaxes(1, 2) @ (self.form @ self.answered)
 
     def slope(self, tractions: Array) -> Array:
         """The forces' derivative by ln E of eq. CF.14 under tractions t' (n, m, 2), shape (n, 2, 2)."""
         y = self.answered @ tractions
-        return np.swapaxes(y, 1, 2) @ self.form_by_log @ y
+        return y.swapaxes(1, 2) @ self.form_by_log @ y
 
     def rest(self, tractions: Array) -> tuple[Array, Array]:
         """What eq. CF.13 has beyond the moments under tractions t (n, m, 2), with the derivative by ln E; both (n, 2, 2)."""
         moments = self.moments @ tractions
         pressures = self.loads[0].shape[2]
-        t = np.swapaxes(tractions, 1, 2)
+        t = tractions.swapaxes(1, 2)
         pressed, sheared = (
-            rows @ np.swapaxes(load, 1, 2)
-            for rows, load in zip((t[:, :, :pressures], t[:, :, pressures:]), self.loads, strict=True)
+            rows @ load.swapaxes(1, 2) for rows, load in zip((t[:, :, :pressures], t[:, :, pressures:]), self.loads, strict=True)
         )
         if self.arriving is not None:
             pp, pq, qp, qq = (np.broadcast_to(part, self.near.waves.k.shape)[:, None] for part in self.arriving)
             pressed, sheared = pp * pressed + pq * sheared, qp * pressed + qq * sheared
-        strain = tissue_strain(self.near, self.sphere.radius, (pressed, sheared), self.beside)
+        strain = tissue_strain(self.near, (pressed, sheared), self.beside)
         if self.sides is not None:
-            strain = strain + self.sides[0] @ (self.sides[1] @ tractions)
-        weight = self.points.weight[:, None]
-        trace = strain[:, : len(weight)] + strain[:, 2 * len(weight) : 3 * len(weight)]
-        traces = np.swapaxes(trace, 1, 2) @ (weight * trace)
+            strain += ((self.sides[1] @ tractions).swapaxes(1, 2) @ self.sides[0].swapaxes(1, 2)).reshape(strain.shape)
+        weight = self.points.weight
+        trace = strain[:, :, 0] + strain[:, :, 2]
+        traces = (weight * trace) @ trace.swapaxes(1, 2)
         counts = np.concatenate([times * weight for times in (0.5, 0.5, 1.0, 2.0)])
-        squares = np.swapaxes(strain, 1, 2) @ (counts * strain)
-        turned = np.swapaxes(moments, 1, 2)
+        flat = strain.reshape(*strain.shape[:2], -1)
+        squares = (counts * flat) @ flat.swapaxes(1, 2)
+        turned = moments.swapaxes(1, 2)
 
         def beyond(strength: tuple[Array, Array], form: Array) -> Array:
             k_v, k_d = (part[:, None, None] for part in strength)

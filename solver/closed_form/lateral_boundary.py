@@ -23,8 +23,8 @@ from numpy.polynomial import legendre
 
 from geometry.scenes.scene import BlockTissue, CylinderTissue
 from solver.closed_form.bessel import Array, bessel
-from solver.closed_form.block_compliance import RADIAL, ElasticBlocks, column, radial
-from solver.closed_form.block_functions import AXIAL, Along
+from solver.closed_form.block_compliance import ElasticBlocks, radial, reduced
+from solver.closed_form.block_functions import AXIAL, RADIAL, Along, along_height, axial_integrals, radial_integrals
 from solver.closed_form.layer import Waves, fields
 
 BLUR = 0.35  # of the way from the probe to the cut
@@ -70,14 +70,15 @@ class Sides:
     Attributes:
         work: to the works of the loads, eq. CF.11, shape (n, m, m).
         tissue, along: the cylinder and its functions along the height.
-        answer: their amounts under unit works on the functions ``ON_SIDE``, shape (n, functions, works).
+        sink, widen: amounts of the P_i f_j and of the U_i g_j under unit works at the side, ``TissueColumn``.
         taken: those works under each load, shape (n, works, m).
     """
 
     work: Array
     tissue: ElasticBlocks
     along: Along
-    answer: Array
+    sink: Array
+    widen: Array
     taken: Array
 
     def strain(self, r: Array, z: Array) -> Array:
@@ -85,15 +86,16 @@ class Sides:
         P, slope, over = radial(self.tissue.radius, r)
         each = r.shape[1] // z.shape[1]
         g, dg, f, df = (np.repeat(values, each, axis=2) for values in self.along.at(z / self.tissue.height[:, None]))
-        U, W = self.answer[:, -RADIAL * AXIAL :], self.answer[:, : -RADIAL * AXIAL]
-        widening, turn = (_products(across, g) @ U for across in (P, P - 2 * over / r[:, None]))
-        sinking, slide = -_products(P, df) @ W, (_products(over, dg) @ U - _products(slope, f) @ W) / 2
+        h = self.tissue.height[:, None, None]
+        widening, turn = (_products(across, g) @ self.widen for across in (P, P - 2 * over / r[:, None]))
+        sinking = -_products(P, df / h) @ self.sink
+        slide = (_products(over, dg / h) @ self.widen - _products(slope, f) @ self.sink) / 2
         return np.concatenate([widening, turn, sinking, slide], axis=1)
 
 
 def _products(across: Array, along: Array) -> Array:
     """Products of all functions of the radius with all of the height, shape (n, k, functions)."""
-    return np.swapaxes((across[:, :, None] * along[:, None]).reshape(len(across), -1, across.shape[2]), 1, 2)
+    return (across[:, :, None] * along[:, None]).reshape(len(across), -1, across.shape[2]).swapaxes(1, 2)
 
 
 def free_sides(field: Waves, loads: tuple[Array, Array], weights: Array, tissue: ElasticBlocks) -> Sides:
@@ -105,39 +107,71 @@ def free_sides(field: Waves, loads: tuple[Array, Array], weights: Array, tissue:
         weights: k dk of the waves, the smoothing included, shape (n, q).
         tissue: the cylinder, as a disc.
     """
-    K, along = column(tissue)
+    column, along = _column(tissue), along_height(tissue.height, tissue.steepness, AXIAL)
     R, dz = tissue.radius[:, None, None], along.weight.T[:, :, None]
-    push, drag, out, sink = _at_cut(field, loads, weights, tissue, along.zeta.T)
-    ring = 2 * np.pi * R * dz
-    lost = -(np.swapaxes(push, 1, 2) @ (ring * out) + np.swapaxes(drag, 1, 2) @ (ring * sink))
+    at_cut, heights = _at_cut(field, loads, weights, tissue, along.zeta.T), along.zeta.shape[0]
+    ringed = at_cut[:, : 2 * heights] * np.concatenate([2 * np.pi * R * dz] * 2, axis=1)
+    lost = -(ringed.swapaxes(1, 2) @ at_cut[:, 2 * heights :])
     taken = np.concatenate(
-        [np.moveaxis(along.f, 2, 0) @ (ring * drag), -R / 2 * (np.moveaxis(along.g, 2, 0) @ (ring * push))], axis=1
+        [along.f.transpose(2, 0, 1) @ ringed[:, heights:], -R / 2 * (along.g.transpose(2, 0, 1) @ ringed[:, :heights])], axis=1
     )
-    answer = np.linalg.solve(K, np.broadcast_to(ON_SIDE, (len(K), *ON_SIDE.shape)))
-    added = np.swapaxes(taken, 1, 2) @ ((ON_SIDE.T @ answer) @ taken)
-    return Sides((lost + np.swapaxes(lost, 1, 2)) / 2 + added, tissue, along, answer, taken)
+    added = taken.swapaxes(1, 2) @ (column.work @ taken)
+    return Sides((lost + lost.swapaxes(1, 2)) / 2 + added, tissue, along, column.sink, column.widen, taken)
 
 
-def _on_side() -> Any:
-    """Which of a disc's functions are how much at its side: every P_i is 1 there, of the U_i the first alone is not 0."""
-    rows = np.zeros((RADIAL * (2 * AXIAL + 1), 2 * AXIAL + 1))
-    rows[: RADIAL * (AXIAL + 1), : AXIAL + 1] = np.tile(np.eye(AXIAL + 1), (RADIAL, 1))
-    rows[RADIAL * (AXIAL + 1) :][:AXIAL, AXIAL + 1 :] = np.eye(AXIAL)
-    return rows
+@dataclass(frozen=True)
+class TissueColumn:
+    """What a cylinder of tissue does under unit works at its side, on the f_j and, divided by half the radius, on the g_j.
+
+    Every P_i is 1 at the side, and of the U_i the first alone is not 0.
+
+    Attributes:
+        work: of these on each other, shape (n, works, works).
+        sink, widen: amounts of the P_i f_j and of the U_i g_j of eq. CF.8, shapes (n, functions, works).
+    """
+
+    work: Array
+    sink: Array
+    widen: Array
 
 
-ON_SIDE = _on_side()
+def _column(tissue: ElasticBlocks) -> TissueColumn:
+    across, along, slender = (
+        radial_integrals(None, False),
+        axial_integrals(tissue.steepness, AXIAL),
+        tissue.height / tissue.radius,
+    )
+    n, works = len(slender), 2 * AXIAL + 1
+    on_u = np.zeros((works, RADIAL, AXIAL, n), dtype=slender.dtype)
+    on_modes = np.zeros((works, RADIAL, AXIAL + 1, n), dtype=slender.dtype)
+    for j in range(AXIAL):
+        on_u[j + 1, :, j], on_u[AXIAL + 1 + j, 0, j] = slender, 1.0
+    on_modes[: AXIAL + 1] = across.modes.sum(axis=0)[:, None] * along.modes[:, None]
+    system = reduced(tissue.nu, slender, (across, along), (on_u, on_modes))
+    size = tissue.radius[:, None, None]
+    unit = np.concatenate([1 + 0 * size] * (AXIAL + 1) + [1 / size] * AXIAL, axis=2)
+    answer, scale = system.answer, unit / (size * (tissue.E / (2 * (1 + tissue.nu)))[:, None, None])
+    modes = system.modes(answer).reshape(n, RADIAL, AXIAL + 1, works)
+    by_height = along.modes.transpose(2, 0, 1)[:, None] @ modes
+    sink = (across.modes[:, :, 0] @ by_height.reshape(n, RADIAL, -1)).reshape(modes.shape)
+    sink[:, :, 1:] += answer.reshape(n, RADIAL, AXIAL, works) * slender[:, None, None, None]
+    work = system.compliance(answer) * scale * unit.swapaxes(1, 2)
+    return TissueColumn(work, sink.reshape(n, -1, works) * scale, answer * (scale / size))
 
 
-def _at_cut(field: Waves, loads: tuple[Array, Array], weights: Array, tissue: ElasticBlocks, z: Array) -> tuple[Array, ...]:
-    """The stresses rr and rz and the displacements outwards and downwards at the cut, at depths z; shapes (n, k, m)."""
-    nu, mu, R = (part[:, None] for part in (tissue.nu, tissue.E / (2 * (1 + tissue.nu)), tissue.radius))
-    zero, one = bessel(field.k * R)
-    over, wide = one / (field.k * R), nu / (1 - 2 * nu) * zero
-    shares = (zero - over + wide, wide, one, over * R / (2 * mu), zero / (2 * mu))
-    parts = [weights * share for share in shares]
+def _at_cut(field: Waves, loads: tuple[Array, Array], weights: Array, tissue: ElasticBlocks, z: Array) -> Array:
+    """The stresses rr and rz and the displacements outwards and downwards at the cut, at depths z (n, p); shape (n, 4 p, m)."""
+    nu, mu, R, k, weight = tissue.nu, tissue.E / (2 * (1 + tissue.nu)), tissue.radius, field.k.T.copy(), weights.T.copy()
+    zero, one = bessel(k * R) * weight
+    over = one / (k * R)
+    shares = zero - over, -2 * nu * zero, over * (R / (2 * mu)), zero / (2 * mu * k)
     kinds = []
-    for load, (a, zz, rz, w) in zip(loads, fields(field, z, mirrored=True), strict=True):
-        pushed, widened, dragged, out, sunk = (part[:, :, None] * load for part in parts)
-        kinds.append((a @ pushed + zz @ widened, rz @ dragged, a @ out, w @ sunk))
-    return tuple(np.concatenate(both, axis=2) for both in zip(*kinds, strict=True))
+    for load, (outwards, both, across, downwards) in zip(loads, fields(field, z, mirrored=True), strict=True):
+        rows = np.empty((4, *across.shape), dtype=across.dtype)
+        np.multiply(outwards, shares[0], out=rows[0])
+        rows[0] += both * shares[1]
+        for row, part, share in zip(rows[1:], (across, outwards, downwards), (one, *shares[2:]), strict=True):
+            np.multiply(part, share, out=row)
+        rows = rows.reshape(-1, *across.shape[1:])
+        kinds.append(np.ascontiguousarray(rows.transpose(2, 0, 1)) @ load)
+    return np.concatenate(kinds, axis=2)

@@ -76,10 +76,10 @@ def floor_compliance(waves: Waves) -> tuple[Array, Array, Array]:
 
 
 def fields(waves: Waves, z: Array, *, mirrored: bool = False) -> list[tuple[Array, ...]]:
-    """Return k U, dW/dz, (dU/dz - k W)/2 and W at depths z, under unit pressure and under unit shear, times 2 mu.
+    """Return k U, b + b', (dU/dz - k W)/2 and k W at depths z, under unit pressure and under unit shear, times 2 mu.
 
-    With a = (c1 + c2 t) e^-t, b = c2 e^-t and a' = (c3 - c4 t) e^(t-2x), b' = c4 e^(t-2x) the first three are k times a + a',
-    2 (2nu-1) (b + b') - a - a' and (2nu-1) (b - b') - a + a'.
+    With a = (c1 + c2 t) e^-t, b = c2 e^-t and a' = (c3 - c4 t) e^(t-2x), b' = c4 e^(t-2x) they are k times a + a', b + b',
+    (2nu-1) (b - b') - a + a' and (3-4nu) (b - b') + a - a'; dW/dz is 2 (2nu-1) (b + b') less the first.
 
     Args:
         waves: of q wave numbers.
@@ -87,28 +87,34 @@ def fields(waves: Waves, z: Array, *, mirrored: bool = False) -> list[tuple[Arra
         mirrored: whether the depths are their own mirror image in the layer's middle: half the exponentials serve.
 
     Returns:
-        four arrays of shape (n, p, q) by pressure, and by shear.
+        four arrays of shape (p, q, n) by pressure, and by shear: designs last, where waves and depths are broadcast fast.
     """
-    k, even, m = waves.k[:, None], (2 * waves.nu - 1)[:, :, None], (3 - 4 * waves.nu)[:, :, None]
-    t = k * z[:, :, None]
-    fade, up = np.exp(-t), None
-    down = fade, t * fade
+    k, nu = waves.k.T.copy(), waves.nu[:, 0]
+    t = k * z.T[:, None]
+    fade = np.exp(-t)
+    down, up = (fade, t * fade), None
     if waves.depth is not None:
-        x = k * waves.depth[:, None]
-        back = np.exp(-x) * fade[:, ::-1] if mirrored else np.exp(t - 2 * x)
+        x = k * waves.depth[:, 0]
+        back = np.exp(-x) * fade[::-1] if mirrored else np.exp(t - 2 * x)
         up = back, t * back
     found = []
     for load in (waves.by_pressure, waves.by_shear):
-        c = [part[:, None] for part in load]
-        W = (c[0] + m * c[1]) * down[0] + c[1] * down[1]
+        c = [k * part.T for part in load]
+        b, a = c[1] * down[0], c[0] * down[0]
+        a += c[1] * down[1]
+        whole, both, apart, lower = a, b, b, a
         if up is not None:
-            W += c[3] * up[1] - (c[2] + m * c[3]) * up[0]
-        found.append((*strain_amplitudes([k * part for part in c], down, up, even), W))
+            other, raised = c[3] * up[0], c[2] * up[0]
+            raised -= c[3] * up[1]
+            whole, both, apart, lower = a + raised, b + other, b - other, a - raised
+        found.append((whole, both, (2 * nu - 1) * apart - lower, (3 - 4 * nu) * apart + lower))
     return found
 
 
 def strain_amplitudes(load: Sequence[Array], down: Ways, up: Ways | None, even: Array) -> tuple[Array, Array, Array]:
-    """Return what ``fields`` does but for W, of anything linear in e^-t and t e^-t, ``down``, e^(t-2x) and t e^(t-2x), ``up``.
+    """Return k U, dW/dz and (dU/dz - k W)/2, as in ``fields``, of anything linear in e^-t and t e^-t, ``down``, and in ``up``.
+
+    ``up`` are e^(t-2x) and t e^(t-2x).
 
     ``load`` are the coefficients of eq. CF.6, ``even`` is 2 nu - 1; arrays of any shapes that fit.
     """

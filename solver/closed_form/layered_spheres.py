@@ -122,7 +122,7 @@ def _quadratic(moments: tuple[Array, Array], form: Symmetric, scale: Array) -> A
     pp, qq, pq = (np.broadcast_to(scale * part, scale.shape)[:, None, :] for part in form)
     p, q = moments
     left = p * pp + q * pq, p * pq + q * qq
-    return _apart(lambda rows: sum(a[:, rows] @ np.swapaxes(b[:, rows], 1, 2) for a, b in zip(left, moments, strict=True)), p)
+    return _apart(lambda rows: sum(a[:, rows] @ b[:, rows].swapaxes(1, 2) for a, b in zip(left, moments, strict=True)), p)
 
 
 def _apart(block: Callable[[slice], Array], like: Array) -> Array:
@@ -141,10 +141,10 @@ def _turned_image(down: Array, up: Array | None, shear: ShearEchoes, scale: Arra
     """Eq. CF.21 for shear about the vertical."""
 
     def block(rows: slice) -> Array:
-        image = (down[:, rows] * (scale * shear.returning)[:, None, :]) @ np.swapaxes(down[:, rows], 1, 2)
+        image = (down[:, rows] * (scale * shear.returning)[:, None, :]) @ down[:, rows].swapaxes(1, 2)
         if up is None:
             return image
-        return image - (up[:, rows] * (scale * shear.far)[:, None, :]) @ np.swapaxes(up[:, rows], 1, 2)
+        return image - (up[:, rows] * (scale * shear.far)[:, None, :]) @ up[:, rows].swapaxes(1, 2)
 
     return _apart(block, down)
 

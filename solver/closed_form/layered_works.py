@@ -151,4 +151,4 @@ def _echo_of(k: Array, alone: TissueLayer) -> Symmetric:
 
 
 def _summed(left: Array, weights: Array, right: Array) -> Array:
-    return np.swapaxes(left, 1, 2) @ (weights[:, :, None] * right)
+    return left.swapaxes(1, 2) @ (weights[:, :, None] * right)

@@ -22,7 +22,6 @@ from geometry.scenes.scene import Inclusion, Scene
 from solver.closed_form.designs import PROBE, TISSUE, Shape, answers, parameters, split
 from solver.closed_form.error_bound import StatedErrors, errors
 from solver.closed_form.error_features import CHANGED, STEP
-from solver.closed_form.lateral_boundary import NEAR, side_nodes
 from solver.layers.materials import material_layers
 from solver.layers.measures import squeezed
 from solver.linalg.workspace import in_own_workspace
@@ -37,7 +36,7 @@ LEAST_DEPTH = 0.1  # of the tissue, in outer radii
 # Poisson's ratios up to which rounding, in differences of terms that go with 1 / (1 - 2 nu), stays below a seventh of the stated
 # errors; in tissue with a tumour it grows with the third power, and is beyond them from 0.4999999 on. ``tests`` hold both.
 LARGEST_RATIO = {"tissue": 0.499999, "block": 0.499999999999}
-FAR_SIDE_NODES = side_nodes(1.0, 0.0, NEAR)  # as for the nearest sides that are left out
+FAR_SIDE_NODES = 16  # for sides as near as none that are left out
 LARGEST_SQUEEZE = 50.0  # see ``solver.layers.measures``: beyond it totals are up to nine times too small
 BROKEN = "axisymmetric, as the formulas break down for this scene"
 
@@ -91,7 +90,7 @@ class ClosedForm(FilmLevel):
         return Answer(tuple(one.films for one in every), max(one.residual for one in every), notes=notes)
 
     @in_own_workspace
-    def answers(self, scenes: Sequence[Scene], accuracies: Sequence[float]) -> list[Answer | InputError]:
+    def answers(self, scenes: Sequence[Scene], accuracies: Sequence[float], *, loads: bool = False) -> list[Answer | InputError]:
         """Return what ``answer`` finds of each scene at its accuracy, or its refusal: those of one structure at once."""
         try:
             with limited(replace(limits(), seconds=len(scenes) * limits().seconds)), timed():

@@ -89,7 +89,7 @@ def off_axis_response(
     p, (less, more) = near.moments[0], _sheared(near)
     even = np.concatenate([p[:, :MOMENTS], p[:, -1:], less[:, MOMENTS:-1], more[:, MOMENTS:-1]], axis=1)
     odd = np.concatenate([near.moments[1][:, :MOMENTS], p[:, MOMENTS:-1], less[:, -1:], more[:, -1:]], axis=1)
-    v = _answered(pairs, *(rows @ np.moveaxis(pairs.products(J, j, at), 0, 2) for at, rows in enumerate((even, odd))))
+    v = _answered(pairs, *(rows @ pairs.products(J, j, at).transpose(1, 2, 0) for at, rows in enumerate((even, odd))))
     share = np.concatenate(
         [
             (2 * disc.radius)[:, None] / _of_degree(disc.pressed, pairs.pressed),
@@ -99,7 +99,7 @@ def off_axis_response(
     )
     if not bonded:
         v, share = v[:, :, : len(pairs.pressed)], share[:, : len(pairs.pressed)]
-    return (v * share[:, None]) @ np.swapaxes(v, 1, 2)
+    return (v * share[:, None]) @ v.swapaxes(1, 2)
 
 
 def _sheared(near: Nearby) -> tuple[Array, Array]:

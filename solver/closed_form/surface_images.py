@@ -19,6 +19,7 @@ which is Mindlin's solution (Physics 7 (1936) 195), differentiated twice and ave
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -59,10 +60,10 @@ class BallQuadrature:
 def points(turns: Any) -> BallQuadrature:
     """Gauss in the cube of the radius and the cosine of the polar angle, midpoints in the azimuth.
 
-    In order: the pairs of ``ACROSS`` and ``RISE``, above before below the centre, the azimuths.
+    In order: above before below the centre, the pairs of ``ACROSS`` and ``RISE``, the azimuths.
     """
-    x, z, weight = (one[:, None, None] for one in (ACROSS, RISE, WEIGHT))
-    sign, turn = np.array([1.0, -1.0])[:, None], np.asarray(turns)
+    x, z, weight = (one[:, None] for one in (ACROSS, RISE, WEIGHT))
+    sign, turn = np.array([1.0, -1.0])[:, None, None], np.asarray(turns)
     kinds = np.broadcast_arrays(x * np.cos(turn) + 0 * sign, x * np.sin(turn) + 0 * sign, z * sign, weight / len(turns))
     return BallQuadrature(*(kind.ravel() for kind in kinds))
 
@@ -208,49 +209,73 @@ def _turned(plain: Array) -> Array:
     return rows
 
 
-def tissue_strain(near: Nearby, radius: Array, loads: tuple[Array, Array], beside: Array | None) -> Array:
-    """Return the strains rr + hoop, rr - hoop, zz, rz at all points under loads of pressure and of shear; (n, 4 points, l).
+def tissue_strain(near: Nearby, loads: tuple[Array, Array], beside: Array | None) -> Array:
+    """Return the strains rr + hoop, rr - hoop, zz, rz at all points under l loads of pressure and of shear; (n, l, 4, points).
+
+    At a height z above the centre, in radii, a wave has (A + A' z) e^sz of what runs down and (R + R' z) e^-sz of what runs up.
 
     Args:
         near: the waves.
-        radius: of the spheres, shape (n,).
         loads: so much of each wave, two arrays (n, l, q); in ``waves`` inside layers, of what runs down at the top of its layer.
         beside: distances of the points ``ASIDE`` from the waves' axis, shape (n, points); None where that is the sphere's.
     """
-    count = loads[0].shape[1]
-    amplitudes = np.stack(_amplitudes(near, radius, loads), axis=3)
-    sums = amplitudes.reshape(len(radius), len(RISE), -1, amplitudes.shape[-1]) @ _circles(near, beside)
-    sums = sums.reshape(len(radius), len(RISE), 2, 3, count, 3, -1)
-    strain = np.stack([sums[:, :, :, row, :, kind] for row, kind in ((0, 0), (0, 1), (1, 0), (2, 2))], axis=1)
-    return np.swapaxes(strain, 4, 5).reshape(len(radius), -1, count)
+    even = 2 * near.waves.nu[:, :, None] - 1
+    (a, slope, b), up = _running(near, loads)
+    kinds = [[a, slope, b], [a, slope], [even * b - a, -slope]]
+    if up is not None:
+        raised, rise, other = up
+        kinds = [[*kinds[0], *up], [*kinds[1], raised, rise], [*kinds[2], raised - even * other, rise]]
+    n, count, _ = a.shape
+    parts = []
+    for waves, kind in zip(_circles(near, beside), kinds, strict=True):
+        sums = np.concatenate(kind, axis=1) @ waves.swapaxes(1, 2)
+        parts.append(np.moveaxis(sums.reshape(n, len(kind), count, 2, -1), 1, 0))
+    z = (NEAR.z if beside is None else ASIDE.z).reshape(2, -1)
+    strain = np.empty((n, count, 4, 2, z.shape[1]), dtype=a.dtype)
+    for place, part in ((0, parts[0]), (1, parts[1]), (3, parts[2])):
+        strain[:, :, place] = part[0] + z * part[1]
+    strain[:, :, 2] = 2 * even[:, :, None] * parts[0][2] - strain[:, :, 0]
+    if up is not None:
+        for place, part, at in ((0, parts[0], 3), (1, parts[1], 2), (3, parts[2], 2)):
+            risen = part[at, :, :, ::-1] + z * part[at + 1, :, :, ::-1]
+            strain[:, :, place] += risen
+            if place == 0:
+                strain[:, :, 2] += 2 * even[:, :, None] * parts[0][5][:, :, ::-1] - risen
+    return strain.reshape(n, count, 4, -1)
 
 
-def _amplitudes(near: Nearby, radius: Array, loads: tuple[Array, Array]) -> tuple[Array, Array, Array]:
-    """How rr + hoop, zz and rz go with each wave above and below the centre, shape (n, 4 pairs, 2, l, q)."""
-    waves, ball = near.waves, near.ball
-    way, high = waves.k * near.depth[:, None], (slice(None), None, None, None)
-    fade = np.stack([ball.raised, ball.sunk], axis=2)[:, :, :, None]
-    rise = np.stack([RISE, -RISE], axis=1)[:, :, None, None]
-    t = way[high] - (waves.k * radius[:, None])[high] * rise
-    down, up = np.exp(ball.size - way)[high] * fade, None
-    if waves.depth is not None:
-        back = np.exp(ball.size + way - 2 * waves.k * waves.depth)[high] * fade[:, :, ::-1]
-        up = back, t * back
-    kinds = zip(waves.by_pressure, waves.by_shear, strict=True)
-    p, q = loads
-    sums = [((waves.k * a)[:, None] * p + (waves.k * b)[:, None] * q)[:, None, None] for a, b in kinds]
-    return strain_amplitudes(sums, (down, t * down), up, (2 * waves.nu - 1)[high])
+def _running(near: Nearby, loads: tuple[Array, Array]) -> tuple[tuple[Array, ...], tuple[Array, ...] | None]:
+    """A, A' and, of c2 e^-t alone, B of the waves that run down, R, R' and those of c4 of what runs up, shapes (n, l, q)."""
+    waves, size = near.waves, near.ball.size
+    way = waves.k * near.depth[:, None]
+    sums = [
+        (waves.k * p)[:, None] * loads[0] + (waves.k * q)[:, None] * loads[1]
+        for p, q in zip(waves.by_pressure, waves.by_shear, strict=True)
+    ]
+    fade, way = np.exp(size - way)[:, None], way[:, None]
+    b, size = fade * sums[1], size[:, None]
+    down = fade * sums[0] + way * b, -size * b, b
+    if waves.depth is None:
+        return down, None
+    back = np.exp(near.ball.size - waves.k * (2 * waves.depth - near.depth[:, None]))[:, None]
+    other = back * sums[3]
+    return down, (back * sums[2] - way * other, size * other, other)
 
 
-def _circles(near: Nearby, beside: Array | None) -> Array:
-    """J0, J0 - 2 J1/x and J1 at the points' distances from the waves' axis, for each of the pairs; shape (n, 4, q, 3 turns)."""
+def _circles(near: Nearby, beside: Array | None) -> Iterator[Array]:
+    """Yield J0, J0 - 2 J1/x and J1 at the points' distances from the waves' axis, times e^sz less e^s, shapes (n, points, q)."""
+    ball = near.ball
     if beside is None:
-        zero, one, x = (part[..., None] for part in (near.ball.zero, near.ball.one, near.ball.size[:, None] * ACROSS[:, None]))
+        zero, one, x = ball.zero[:, :, None], ball.one[:, :, None], (ball.size[:, None] * ACROSS[:, None])[:, :, None]
     else:
-        r = beside.reshape(len(beside), len(ACROSS), 2, -1)[:, :, 0]  # the same above and below
-        x = near.waves.k[:, None, :, None] * r[:, :, None, :]
-        zero, one = bessel(x)
-    return np.concatenate([zero, zero - 2 * one / x, one], axis=3)
+        r = beside[:, : beside.shape[1] // 2]  # the same above and below
+        x = near.waves.k[:, None] * r[:, :, None]
+        zero, one, x = (part.reshape(len(r), len(ACROSS), -1, x.shape[2]) for part in (*bessel(x), x))
+    for kind in (zero, zero - 2 * one / x, one):
+        found = np.empty((len(x), 2, *x.shape[1:]), dtype=x.dtype)
+        np.multiply(kind, ball.raised[:, :, None], out=found[:, 0])
+        np.multiply(kind, ball.sunk[:, :, None], out=found[:, 1])
+        yield found.reshape(len(x), -1, x.shape[3])
 
 
 def image(sphere: SphereArray, waves: Waves, near: Nearby, weights: Array, *, mu: Array, nu: Array) -> Array:
@@ -280,4 +305,4 @@ def crossed_image(sphere: SphereArray, mu: Array, nu: Array) -> Array:
 
 
 def _gram(g: Array, weight: Array) -> Array:
-    return (g * weight[:, None, :]) @ np.swapaxes(g, 1, 2)
+    return (g * weight[:, None, :]) @ g.swapaxes(1, 2)

@@ -146,7 +146,7 @@ def joined(works: Sequence[Array]) -> Array:
     """One symmetric matrix of the works of pressures, shears and pressures on shears."""
     pressure, shear, cross = works
     above = np.concatenate([pressure, cross], axis=2)
-    return np.concatenate([above, np.concatenate([np.swapaxes(cross, 1, 2), shear], axis=2)], axis=1)
+    return np.concatenate([above, np.concatenate([cross.swapaxes(1, 2), shear], axis=2)], axis=1)
 
 
 def diagonal(parts: tuple[Array, Array]) -> Array:
@@ -175,17 +175,18 @@ def of_rings(blocks: Pair, works: Sequence[Array]) -> list[Array]:
 
 def _combined(work: Array, left: Any, right: Any) -> Array:
     """left^T work right for matrices (n, i, j) whose n is last in memory."""
-    rows = np.moveaxis(work, 0, 2)
+    rows = work.transpose(1, 2, 0)
     halves = (left.T @ rows.reshape(len(left), -1)).reshape(-1, *rows.shape[1:])
-    return np.moveaxis(right.T @ halves, 2, 0).copy()
+    return (right.T @ halves).transpose(2, 0, 1).copy()
 
 
 @lru_cache(maxsize=64)
-def between_waves(nodes: int) -> tuple[Any, Any]:
-    """Shares of the reach of wave numbers and their weights: Gauss's, denser among the long waves."""
+def between_waves(nodes: int, powers: tuple[float, float, float] = (0.2, 0.8, 0.0)) -> tuple[Any, Any]:
+    """Shares of the reach of wave numbers, sums of powers of Gauss's nodes, denser among the long waves; and their weights."""
     s, weight = legendre.leggauss(nodes)
     s = (s + 1) / 2
-    return 0.8 * s**2 + 0.2 * s, (1.6 * s + 0.2) * weight / 2
+    one, two, three = powers
+    return s * (one + s * (two + s * three)), (one + s * (2 * two + s * 3 * three)) * weight / 2
 
 
 def long_waves(blocks: Pair, k: Array, bonded: bool) -> tuple[Array, Array]:

@@ -11,10 +11,11 @@ from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import Refusal, Words
 from geometry.common.limits import most
 from geometry.scenes.probe import mm
-from geometry.scenes.scene import Scene
-from solver.linalg.workspace import kept_table
+from geometry.scenes.scene import Load, Scene
+from solver.linalg.workspace import current, kept_table
 from solver.planning.loads import CLOSING, LARGEST_X, SENSITIVITY_GROWTH, LoadRule, least_closure
 from solver.planning.strains import RATIO_CHANGE
+from solver.results.evaluator import Answer
 from solver.results.film_forces import indented
 from solver.results.result import LargestLoad, Result
 from solver.results.warnings import Note
@@ -50,6 +51,19 @@ def rule_numbers(scene: Scene) -> tuple[Floats, float]:
     from solver.planning.coarse_model import without_tumours  # formulas start without finite elements
 
     return _alone(without_tumours(scene))
+
+
+def own_rule(scene: Scene, answer: Answer) -> LoadRule | None:
+    """Return the rule for loads from the mesh that an answer comes from; None where ``load_rule`` has to find it.
+
+    Kept for the same tumour on the same mesh alone: what else was answered before changes nothing.
+    """
+    if answer.alone is None:
+        return None
+    still = scene.model_copy(update={"load": Load(indentation=0.0)})
+    key = (own_rule, still, *answer.films[0].totals.tolist())
+    numbers = current().keep(key, answer.alone, fixed=True)
+    return None if numbers is None else LoadRule.of(scene, *numbers)
 
 
 @kept_table

@@ -17,7 +17,9 @@ from tests.support.imports import module, sources
 KEEPERS = {"cache", "lru_cache"}
 CONSTANT = {  # one value, or one for each of a few numbers of points
     "solver.closed_form.bessel._stored": "the stored table",
-    "solver.closed_form.block_compliance._table": "at most 8 tables of 100 points",
+    "solver.closed_form.block_functions._axial_table": "two tables of 1 MB at most",
+    "solver.closed_form.block_functions._disc": "two sets of some hundred numbers",
+    "solver.closed_form.block_functions._wall_table": "two tables of 0.3 MB at most",
     "solver.closed_form.half_space._upper": "at most 4 lists of pairs",
     "solver.closed_form.lateral_boundary._shares": "at most 16 rules of Gauss",
     "solver.closed_form.off_axis._pairs": "at most 4 lists of pairs",

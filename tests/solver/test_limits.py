@@ -176,7 +176,7 @@ def test_a_rough_log_sensitivity_names_the_limit_too(monkeypatch):
     rough = np.array([5e-3 * abs(fine.log_sensitivity) * 20])
     stopped = Note("limit", "memory = 0.5 GB")
 
-    def refined(solve, *_):
+    def refined(solve, *_, **__):
         sample = solve(converged_forces.LEVELS[1])
         return sample, SampleErrors(1e-6 * np.abs(sample.totals), rough), stopped
 

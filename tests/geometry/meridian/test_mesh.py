@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 from geometry.common.errors import SolveError
 from geometry.meridian.frame import MeridianFineness
 from geometry.meridian.frame import kind as kind_of
-from geometry.meridian.mesh import SQUARE, Topology, labels, line_label, nodes
+from geometry.meridian.mesh import SQUARE, Topology, interface_ends, labels, line_label, nodes
 from geometry.meridian.section import TISSUES, Body, Section
 from geometry.scenes.probe import Material
 from solver.axisymmetric.base_states import model
@@ -60,6 +60,24 @@ def test_a_lean_mesh_has_fewer_cells_where_a_sphere_is() -> None:
         usual, lean = (len(mesh_of(section(**case), replace(COARSE, lean=one)).body) for one in (False, True))
         assert (lean < 0.85 * usual) == fewer
         assert lean <= usual
+
+
+@pytest.mark.parametrize("level", [LIGHT, *LEVELS[1:4]])
+def test_cells_are_cut_towards_interfaces_ends_unless_they_are_slender(level: MeridianFineness) -> None:
+    """The cells above and below such an end become one and two for each layer; the volume stays."""
+    s = section(**PAPER)
+    thin = s.tissue_depth / 1000
+    counts = []
+    for thicknesses in ((s.tissue_depth / 6, s.tissue_depth / 2), (thin, s.tissue_depth / 2), (thin, thin)):
+        layered = replace(s, layer_0=thicknesses[0], layer_1=thicknesses[1])
+        mesh = mesh_of(layered, level)
+        at = geometry_of(layered, mesh, 4)
+        assert at.weight.sum() == pytest.approx(sum(volumes(s).values()) - volumes(s)[Body.INCLUSION], rel=1e-4)
+        touching = mesh.vertices[..., 0] == mesh.layout.column["side"]
+        counts.append([np.sum(np.any(touching & (mesh.vertices[..., 1] == end), axis=1)) for end in mesh.layout.interfaces])
+        assert len(interface_ends(mesh)) == sum(counts[-1])
+    cut = 2 * (1 + 2 * level.layers)
+    assert counts[:2] == [[cut, cut], [2, cut]]
 
 
 @pytest.mark.slow

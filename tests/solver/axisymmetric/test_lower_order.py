@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from geometry import Contact, CylinderTissue, Inclusion, Load, Material, Probe, Scene
 from geometry.meridian.frame import MeridianFineness
+from geometry.scenes.scene import Layer
 from solver import evaluate
 from solver.axisymmetric import converged_forces
 from solver.axisymmetric.base_states import lower_order, near_lower_order
@@ -23,11 +25,12 @@ from tests.support.slow import slow_unless
 HARD = (
     ("extremes", "gap-5-mm-micro-probe"), ("extremes", "flat-soft-incompressible-blocks"), ("extremes", "corner-13"),
     ("extremes", "inner-just-pulled"), ("extremes", "cover-10-um-contrast-1e6"),
+    ("tissue-layers", "bone-below"), ("tissue-layers", "plate-on-gel"), ("tissue-layers", "film-of-a-tenth-millimetre"),
 )  # fmt: skip
 
 CURVES = (
     ("axisymmetric", "shallow"), ("extremes", "gap-5-mm-micro-probe"), ("extremes", "corner-13"),
-    ("extremes", "cover-10-um-contrast-1e6"),
+    ("extremes", "cover-10-um-contrast-1e6"), ("tissue-layers", "plate-on-gel"),
 )  # fmt: skip
 
 
@@ -36,7 +39,7 @@ def on(one: Expected, level: MeridianFineness) -> MeshSample:
     return sample(of.section, of, one.scene, level)
 
 
-@pytest.mark.parametrize(("folder", "name"), slow_unless(lambda case: case in HARD[:2], HARD))
+@pytest.mark.parametrize(("folder", "name"), slow_unless(lambda case: case in (*HARD[:2], HARD[-2]), HARD))
 @pytest.mark.parametrize("level", [LIGHT, *LEVELS[1:4]], ids=["light", "4", "5", "6"])
 def test_bounds_of_one_mesh_hold_where_references_are_hardest(folder: str, name: str, level: MeridianFineness) -> None:
     """The films' shares of the force and the stiffness follow from the references' stresses."""
@@ -162,8 +165,36 @@ def test_a_second_mesh_is_solved_only_where_one_does_not_do(monkeypatch: pytest.
     assert meshes[:7] == [0, 4, 0, 5, 0, 4, 4]
 
 
-def test_layers_of_tissue_take_two_meshes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where a stiff skin on soft tissue ends, the mesh has no layers of cells, and the last degree tells too little."""
-    for name in ("own_errors", "order_errors"):
-        monkeypatch.setattr(converged_forces, name, None)
-    assert evaluate(named("tissue-layers", "soft-skin").scene, "axisymmetric", 0.02).error_estimate <= 0.02
+@pytest.mark.parametrize("level", [LIGHT, LEVELS[3]], ids=["light", "6"])
+def test_bounds_hold_where_a_stiff_layer_ends_nearby(level: MeridianFineness) -> None:
+    """Against a finer mesh: where cells were not cut there the usual factors were too small at order 6."""
+    layer = Layer(thickness=4.1e-3, youngs_modulus=1.9464e6, poisson_ratio=0.45)
+    probe = Probe(
+        inner_radius=0.508e-3, outer_radius=0.714e-3, gap=0.148e-3, inner_height=0.693e-3, outer_height=0.827e-3,
+        inner=Material(youngs_modulus=102e3, poisson_ratio=0.307), outer=Material(youngs_modulus=2e3, poisson_ratio=0.307),
+    )  # fmt: skip
+    tissue = CylinderTissue(
+        shape="cylinder", radius=6.2e-3, depth=4.87e-3, youngs_modulus=6e3, poisson_ratio=0.45, layer=(layer,)
+    )
+    body = Inclusion(diameter=3.12e-3, depth=2.34e-3, youngs_modulus=126e3, poisson_ratio=0.366)
+    scene = Scene(probe=probe, tissue=tissue, inclusion=(body,), contact=Contact(interface="frictionless"), load=Load(force=1e-6))
+    of = sections(scene)
+    found, true = (sample(of.section, of, scene, one) for one in (level, LEVELS[4]))
+    for tell in (own_errors, near_errors, order_errors):
+        bounds = tell(found)
+        assert bounds is None or np.all(np.abs(found.totals - true.totals) <= bounds.totals)
+
+
+@pytest.mark.parametrize(("name", "one_mesh"), [("soft-skin", True), ("sphere-across", False)])
+def test_layers_take_one_mesh_where_none_crosses_the_sphere(name: str, one_mesh: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Interfaces meet the sphere's surface where no layers of cells lie, and the last degree may tell too little."""
+    asked: list[MeshSample] = []
+
+    def counted(found: MeshSample) -> Any:
+        asked.append(found)
+        return near_errors(found)
+
+    monkeypatch.setattr(converged_forces, "near_errors", counted)
+    scene = named("tissue-layers", name).scene
+    evaluate(scene, "axisymmetric", 0.02)
+    assert len(asked) == one_mesh

@@ -87,7 +87,7 @@ def test_waves_are_those_of_naviers_equation(layers: tuple[tuple[float, float, f
         along, _, across, w = (p * pressed + q * sheared) / (2 * mu)
         U, W, drag, _ = state[1]
         size = abs(U) + abs(W)
-        assert [along / k, w] == pytest.approx([U, W], rel=1e-5, abs=1e-6 * size)
+        assert [along / k, w / k] == pytest.approx([U, W], rel=1e-5, abs=1e-6 * size)
         assert 2 * mu * across == pytest.approx(drag, rel=1e-5, abs=1e-6 * mu * k * size)
 
 
@@ -159,7 +159,8 @@ def test_a_stiff_layer_below_is_the_rigid_floor(name: str) -> None:
     assert tissue.shape == "cylinder"
     rock = tissue.model_copy(update={"depth": 1.1 * tissue.depth, "youngs_modulus": 1e6 * tissue.youngs_modulus})
     layer = (1e3 * tissue.depth, tissue.youngs_modulus, tissue.poisson_ratio)
-    for found, whole in zip(raw(on(layer, scene=scene.model_copy(update={"tissue": rock}))), raw(scene), strict=True):
+    on_rock = raw(on(layer, scene=scene.model_copy(update={"tissue": rock})), nodes=40)
+    for found, whole in zip(on_rock, raw(scene, nodes=40), strict=True):
         assert found == pytest.approx(whole, abs=2e-4 * np.abs(whole).max())
 
 

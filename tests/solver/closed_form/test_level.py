@@ -16,6 +16,7 @@ from geometry.common.arrays import Floats
 from solver import Result
 from solver.closed_form.designs import forces, parameters
 from solver.closed_form.level import ClosedForm, ClosedFormForces, _variants
+from solver.results.evaluator import Answer
 from tests.support.paths import SCENE
 from tests.support.random_scenes import in_a_block, scenes
 
@@ -29,8 +30,8 @@ def alone(scene: Scene) -> Result | str:
         return str(refusal)
 
 
-def told(found: Result | InputError) -> Result | str:
-    return replace(found, seconds=0.0) if isinstance(found, Result) else str(found)
+def told(found: tuple[Result, Answer] | InputError) -> Result | str:
+    return str(found) if isinstance(found, InputError) else replace(found[0], seconds=0.0)
 
 
 @settings(max_examples=15)
@@ -38,7 +39,7 @@ def told(found: Result | InputError) -> Result | str:
 def test_each_is_answered_as_on_its_own(drawn: list[Scene], seed: int) -> None:
     every = [*drawn, *map(in_a_block, drawn), *drawn[:2]]
     random.Random(seed).shuffle(every)
-    assert [told(one) for one in ClosedForm().evaluate_many(every)] == [alone(scene) for scene in every]
+    assert [told(one) for one in ClosedForm().answered_many(every)] == [alone(scene) for scene in every]
 
 
 @pytest.mark.slow
@@ -67,7 +68,7 @@ def test_there_are_groups_and_refusals() -> None:
     draw()
     shapes = Counter(parameters(scene)[0] for scene in drawn)
     assert max(shapes.values()) > 1
-    assert 0 < sum(isinstance(one, InputError) for one in ClosedForm().evaluate_many(drawn)) < len(drawn)
+    assert 0 < sum(isinstance(one, InputError) for one in ClosedForm().answered_many(drawn)) < len(drawn)
 
 
 NEAR = (1e-4, 1e-5)  # of 0.5: where rounding does not matter, and two points tell how answers go on

@@ -1,0 +1,187 @@
+"""Whether interpolated answers keep their errors: drawn sweeps of one number, as ``evaluate_many`` answers them and one by one.
+
+A sweep takes a drawn scene (``inclusion_draws``, every third with layers of tissue), one of its lengths, moduli or Poisson's
+ratios, a width from 2 % to two decades and 12 to 40 values, even or at random. Of every interpolated member the ratio, both film
+forces and the log-sensitivity are compared with the single answer's, in shares of both bounds together, and the rule for loads;
+of a few with an answer at a twentieth of the accuracy. One line for each that is above 1, then a table.
+
+    python -m benchmarks.extremes.families --sweeps 200 --seed 1
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from threadpoolctl import threadpool_limits
+
+from benchmarks.levels.inclusion_draws import draw, draw_layered
+from benchmarks.tables import MeasuredTable
+from geometry import InputError, Scene
+from geometry.common.errors import ProbeError
+from solver.axisymmetric.level import Axisymmetric
+from solver.families import NO_FAMILY, families, leaves
+from solver.interpolation import interpolated
+from solver.linalg.workspace import current
+from solver.many import smooth_kinds
+from solver.planning.load_check import load_rule
+from solver.planning.loads import LoadRule
+from solver.results.evaluator import Answer
+from solver.results.film_forces import FilmForces
+
+ACCURACIES = (0.02, 0.005, 0.001)
+WIDTHS, COUNTS = (1.02, 100.0), (12, 40)
+BODIES = ("probe", "tissue", "inclusion")  # whose numbers are swept
+FINER, TRUE_OF = 20.0, 3  # times the accuracy, and of how many members
+LEAST_SENSITIVITY = 1e-5  # absolute, that a log-sensitivity is promised to
+RULE = 0.002  # relative, that rules for loads may differ by: a twentieth of it tells nothing of what is allowed
+QUANTITIES = ("ratio", "inner", "outer", "log-sensitivity")
+
+
+@dataclass(frozen=True)
+class DrawnSweep:
+    """Scenes that differ in one number, with what it is called."""
+
+    name: str
+    scenes: list[Scene]
+    accuracy: float
+
+
+@dataclass
+class ComparedAnswers:
+    """Shares of interpolated members, by what they are shares of: largest of each of ``QUANTITIES``, with how many members."""
+
+    alone: list[Sequence[float]] = field(default_factory=list)
+    finer: list[Sequence[float]] = field(default_factory=list)
+    rules: list[float] = field(default_factory=list)
+
+
+def sweep(seed: int, number: int) -> DrawnSweep | None:
+    """Return a sweep, the same for the same seed and number; None where its scene's parts do not fit."""
+    rng = np.random.default_rng([seed, number, 5])
+    try:
+        base = (draw_layered if number % 3 == 2 else draw)(seed, number).scene()
+    except (InputError, ValueError):
+        return None
+    numbers = {path: value for path, value in leaves(base.model_dump()) if path[0] in BODIES and path not in NO_FAMILY}
+    paths = sorted((path for path, value in numbers.items() if isinstance(value, float) and value > 0), key=str)
+    path = paths[int(rng.integers(len(paths)))]
+    width, count = np.exp(rng.uniform(*np.log(WIDTHS))), int(rng.integers(*COUNTS, endpoint=True))
+    low = numbers[path] * width ** -rng.uniform()
+    shares = np.linspace(0.0, 1.0, count) if rng.random() < 0.5 else rng.random(count)
+    values = low * width**shares if rng.random() < 0.7 else low * (1 + (width - 1) * shares)
+    made = (varied(base, path, value) for value in values.tolist())
+    name = f"seed {seed}, number {number}, {'.'.join(map(str, path))} x {width:.3g}"
+    return DrawnSweep(name, [one for one in made if one is not None], float(rng.choice(ACCURACIES)))
+
+
+def varied(scene: Scene, path: tuple[Any, ...], value: float) -> Scene | None:
+    """Return the scene with another number; None where that is not allowed."""
+    if path[-1] == "poisson_ratio" and value >= 0.5:
+        return None
+    changed = replaced(scene, path, value)
+    try:
+        return Scene(**{name: getattr(changed, name) for name in Scene.model_fields})
+    except (InputError, ValueError):
+        return None
+
+
+def replaced(part: Any, path: tuple[Any, ...], value: float) -> Any:
+    """Return a model or a tuple of them with one number replaced."""
+    if not path:
+        return value
+    first, *rest = path
+    if isinstance(part, tuple):
+        return (*part[:first], replaced(part[first], tuple(rest), value), *part[first + 1 :])
+    return part.model_copy(update={first: replaced(getattr(part, first), tuple(rest), value)})
+
+
+def shares(one: FilmForces, other: FilmForces) -> tuple[float, ...]:
+    """Return differences of ``QUANTITIES`` over both bounds together."""
+    bounds = one.bound + other.bound
+    apart = np.abs(one.totals - other.totals) / np.maximum(bounds.totals, 1e-300)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratios = np.abs(np.log(np.abs(one.totals / other.totals)) @ [1.0, -1.0]) / bounds.log_ratio
+    slopes = abs((one.log_sensitivity or 0.0) - (other.log_sensitivity or 0.0))
+    sensitivity = slopes / max(one.sensitivity_error + other.sensitivity_error, LEAST_SENSITIVITY)
+    return float(np.nan_to_num(ratios)), *map(float, apart), float(sensitivity)
+
+
+def compare(asked: DrawnSweep, compared: ComparedAnswers) -> None:
+    """Compare a sweep's interpolated members, and say which are off."""
+    current().begin()
+    level, found = Axisymmetric(), []
+    for family in families(asked.scenes, smooth_kinds):
+        some = [asked.scenes[place] for place in family.places]
+        pairs = interpolated(family, some, level, asked.accuracy)
+        found += [(scene, pair) for scene, pair in zip(some, pairs, strict=True) if pair is not None]
+    others = []
+    for scene, (answer, rule) in found:
+        (alone,) = level.answers([scene], [asked.accuracy])
+        if not isinstance(alone, Answer) or (alone.notes, alone.plan) != (answer.notes, answer.plan):
+            print(f"{asked.name}: alone it is {alone}", flush=True)
+        elif not np.array_equal(alone.films[0].forces, answer.films[0].forces):
+            others.append((scene, answer.films[0]))
+            compared.alone.append(shares(answer.films[0], alone.films[0]))
+            tell(asked, "alone", compared.alone[-1])
+            if rule is not None:
+                compared.rules.append(apart(scene, rule))
+                tell(asked, "rule", [compared.rules[-1] / RULE])
+    chosen = np.random.default_rng(len(others)).permutation(len(others))[:TRUE_OF]
+    for scene, film in (others[k] for k in chosen):
+        (true,) = level.answers([scene], [asked.accuracy / FINER])
+        if isinstance(true, Answer):
+            compared.finer.append(shares(film, true.films[0]))
+            tell(asked, "finer", compared.finer[-1])
+
+
+def apart(scene: Scene, rule: LoadRule) -> float:
+    """Relative difference of a rule's largest load and stiffness from those of the scene's own."""
+    own = load_rule(scene)
+    return float(
+        max(abs(rule.stiffness / own.stiffness - 1), abs(rule.strain / own.strain - 1), abs(rule.closure / own.closure - 1))
+    )
+
+
+def tell(asked: DrawnSweep, against: str, found: Sequence[float]) -> None:
+    """Print a line where a share is above 1."""
+    if max(found) > 1:
+        print(f"{asked.name}, accuracy {asked.accuracy}: {against}, {', '.join(f'{one:.2g}' for one in found)}", flush=True)
+
+
+def main() -> None:
+    """Draw, answer twice, compare."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sweeps", type=int, default=200, help="drawn sweeps of each seed (200)")
+    parser.add_argument("--first", type=int, default=0, help="number of the first (0)")
+    parser.add_argument("--seed", type=int, action="append", help="of drawn sweeps (1)")
+    asked, compared, used, drawn, members = parser.parse_args(), ComparedAnswers(), 0, 0, 0
+    numbers = range(asked.first, asked.first + asked.sweeps)
+    with threadpool_limits(1), Console(stderr=True).status("families") as status:
+        for one in (sweep(seed, k) for seed in asked.seed or [1] for k in numbers):
+            if one is None:
+                continue
+            status.update(one.name)
+            before = len(compared.alone)
+            try:
+                compare(one, compared)
+            except ProbeError as fault:
+                print(f"{one.name}: {fault}")
+            drawn, used, members = drawn + 1, used + (len(compared.alone) > before), members + len(one.scenes)
+    print(f"{drawn} sweeps of {members} scenes, {used} of them with {len(compared.alone)} interpolated members")
+    table = MeasuredTable(
+        "difference over both bounds, largest", ("against", "members", *(f"{name}, times" for name in QUANTITIES))
+    )
+    for name, rows in (("single answers", compared.alone), ("a twentieth of the accuracy", compared.finer)):
+        if rows:
+            table.add(name, str(len(rows)), *map(float, np.max(rows, axis=0)))
+    table.note(f"rules for loads apart: {max(compared.rules, default=0.0):.1e}")
+    table.print(Console(width=120))
+
+
+if __name__ == "__main__":
+    main()

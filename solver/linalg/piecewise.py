@@ -1,0 +1,51 @@
+"""Functions of one number with many values, found once on a grid and read off polynomials between equal steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+SLAB = 64  # numbers at once: their polynomials then stay in the processor's cache
+Array = Any  # numpy array of floats, or of complex numbers on the way to a derivative
+
+
+class PiecewisePolynomials:
+    """Polynomials that meet a function at Chebyshev's points of every step; what a complex step differentiates is what is read.
+
+    Args:
+        function: takes numbers (m,), returns arrays of shapes (m, ...).
+        start, step, steps: where the first step begins, how long each is, and how many there are.
+        degree: of the polynomials.
+    """
+
+    def __init__(self, function: Callable[[Any], Sequence[Any]], start: float, step: float, steps: int, degree: int) -> None:
+        places = np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))
+        grid = start + step * (np.arange(steps)[:, None] + (places + 1) / 2)
+        parts = function(grid.ravel())
+        values = np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
+        self.start, self.step = start, step
+        ends = np.cumsum([0, *(part[0].size for part in parts)]).tolist()
+        self.parts = [(slice(*at), part.shape[1:]) for at, part in zip(pairwise(ends), parts, strict=True)]
+        self.coefficients = np.linalg.inv(np.vander(places, increasing=True)) @ values.reshape(steps, degree + 1, -1)
+
+    def __call__(self, x: Array) -> list[Array]:
+        """The arrays at x (n,), shapes (..., n); NaN outside the steps."""
+        steps, powers, count = self.coefficients.shape
+        way = (x - self.start) / self.step
+        inside = (way.real >= 0) & (way.real <= steps)
+        whole = inside.all()
+        at = np.minimum((way if whole else np.where(inside, way, 0)).real.astype(np.intp), steps - 1)
+        rest = np.empty((len(x), 1, powers), dtype=way.dtype)
+        rest[:, 0, 0] = 1
+        rest[:, 0, 1:] = (2 * (way - at) - 1)[:, None]
+        np.multiply.accumulate(rest, axis=2, out=rest)
+        values = np.empty((count, len(x)), dtype=rest.dtype)
+        for k in range(0, len(x), SLAB):
+            part = slice(k, k + SLAB)
+            values[:, part] = np.matmul(rest[part], self.coefficients.take(at[part], axis=0))[:, 0].T
+        if not whole:
+            values[:, ~inside] = np.nan
+        return [values[place].reshape(*shape, len(x)) for place, shape in self.parts]

@@ -1,0 +1,86 @@
+"""How blocks give way: the reduced system with its tables against all functions at once, with integrals by quadrature."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from geometry.common.arrays import Floats
+from solver.closed_form.block_compliance import ElasticBlocks, _softened, end_compliance
+from solver.closed_form.block_functions import along_height, made_across, made_along
+from solver.linalg.piecewise import PiecewisePolynomials
+
+
+def whole(block: ElasticBlocks, bonded: bool) -> Floats:
+    """B K^-1 B^T of one block, K of all products P_i f_j and U_i g_j of eq. CF.8, lambda in every term that it is in."""
+    axial, slender = 3 if block.fine else 2, float(block.height[0] / block.width[0])
+    wall = block.width / block.radius
+    strain, slide, turn, tilt, _, _, _, pressed, _, sheared, modes = (
+        one[0] for one in made_across(wall, block.hole is None, block.fine)
+    )
+    inverse = np.linalg.inv(modes)
+    lift = inverse.T @ inverse
+    kept = len(strain) - len(lift)
+    spread = np.zeros_like(strain)
+    spread[kept:, kept:] = lift
+    mixed = spread[:, kept:]
+    along = along_height(np.ones(1), block.steepness, axial)
+    g, dg, f, df = (part[:, :, 0] for part in (along.g, along.dg, along.f, along.df))
+    weight = along.weight[:, 0]
+
+    def products(across: Floats, one: Floats, other: Floats, power: int) -> Floats:
+        return np.kron(across, slender**power * (one * weight) @ other.T)
+
+    nu = float(block.nu[0])
+    k = 2 * nu / (1 - 2 * nu)
+    ww = (k + 2) * products(lift, df, df, -1) + products(tilt, f, f, 1)
+    uu = k * products(spread, g, g, 1) + products(strain - 2 * spread, g, g, 1) + products(slide, dg, dg, -1)
+    uw = -k * products(mixed, g, df, 0) - products(turn, dg, f, 0)
+    K = np.block([[ww, uw.T], [uw, uu]])
+    end = np.append(1.0, -(weight * g).sum(axis=1))
+    B = np.zeros((len(pressed) + len(sheared), len(K)))
+    B[: len(pressed), : len(ww)] = np.kron(pressed, end)
+    B[len(pressed) :, len(ww) :] = np.kron(sheared, np.ones(axial))
+    size = block.width[0] ** 2 * block.radius[0] * 2 * (1 + nu) / _softened(block, bonded)[0]
+    return np.asarray(size * B @ np.linalg.solve(K, B.T))
+
+
+@pytest.mark.parametrize("fine", [False, True])
+@pytest.mark.parametrize("bonded", [True, False])
+@pytest.mark.parametrize("nu", [0.0, 0.3, 0.4999])
+@pytest.mark.parametrize(
+    ("hole", "height"), [(None, 0.05), (None, 1.0), (None, 30.0), (0.02, 1.0), (0.5, 0.1), (0.5, 5.0), (0.97, 1.0)]
+)
+def test_few_unknowns_are_all_of_them(hole: float | None, height: float, nu: float, bonded: bool, fine: bool) -> None:
+    """To a billionth of what each load gives way under itself, whatever the shape."""
+    one = np.ones(1)
+    block = ElasticBlocks(None if hole is None else hole * one, one, height * one, 2 * one, nu * one, fine)
+    expected = whole(block, bonded)
+    own = np.sqrt(np.diag(expected))
+    assert end_compliance(block, bonded)[0] / np.outer(own, own) == pytest.approx(expected / np.outer(own, own), abs=1e-9)
+
+
+def test_beyond_the_tables_it_says_so() -> None:
+    one = np.ones(1)
+    assert np.all(np.isnan(end_compliance(ElasticBlocks(None, one, 1e8 * one, one, 0.3 * one), True)))
+
+
+def test_modes_are_normal() -> None:
+    """The integrals of their squares are one, those of two of them none: along a block and across it."""
+    *_, slope, end, f_end, modes = (part[0] for part in made_along(np.array([3.0]), 2))
+    along = along_height(np.ones(1), np.array([3.0]), 2)
+    f, df = (modes.T @ part[:, :, 0] for part in (along.f, along.df))
+    weight = along.weight[:, 0]
+    assert (f * weight) @ f.T == pytest.approx(np.eye(3), abs=1e-12)
+    assert (df * weight) @ df.T == pytest.approx(np.diag(slope), abs=1e-11)
+    assert modes.T @ np.append(1.0, f_end) == pytest.approx(end, rel=1e-12)
+
+
+def test_polynomials_between_steps_meet_a_function_and_its_slope() -> None:
+    table = PiecewisePolynomials(lambda x: [np.sin(x), np.stack([np.cos(x), np.exp(x)], axis=1)], 1.0, 0.25, 8, 10)
+    x = np.linspace(1.0, 3.0, 200)
+    sine, others = table(x + 1e-30j)
+    assert sine.real == pytest.approx(np.sin(x), abs=1e-13)
+    assert others.real == pytest.approx(np.array([np.cos(x), np.exp(x)]), rel=1e-12, abs=1e-12)
+    assert sine.imag / 1e-30 == pytest.approx(np.cos(x), abs=1e-11)
+    assert np.isnan(table(np.array([0.99, 3.01]))[0]).all()
