@@ -53,13 +53,16 @@ def assert_as_expected(result: Result, one: Expected) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["published-materials", "nearly-incompressible", "soft-cyst"])
 def test_on_the_axis(name: str) -> None:
-    """The meshes know nothing of the symmetry: a tumour on the axis must come out as in the meridian plane."""
-    one = named("axisymmetric", name)
-    result = solved(one.scene, 0.02)
+    """The meshes know nothing of the symmetry: a tumour on the axis must come out as in the meridian plane.
+
+    DESIGN: log_sensitivity is promised within 5 times the accuracy.
+    """
+    one, accuracy = named("axisymmetric", name), 0.02
+    result = solved(one.scene, accuracy)
     assert result.ratio is not None
     assert result.error_estimate is not None
     assert abs(result.ratio / one.ratio - 1) <= min(0.007, result.error_estimate)
-    assert result.log_sensitivity == pytest.approx(one.log_sensitivity, rel=0.05, abs=1e-5)
+    assert result.log_sensitivity == pytest.approx(one.log_sensitivity, rel=5 * accuracy, abs=1e-5)
 
 
 @pytest.mark.slow
