@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -23,11 +23,9 @@ from solver.axisymmetric.sections import Sections
 from solver.elements.quadrilateral import lame, stiffness
 from solver.elements.shape_functions import functions
 from solver.linalg.threads import one_thread
-from solver.linalg.workspace import kept
+from solver.linalg.workspace import current, kept
 
-ALONG = np.linspace(
-    0.0, 1.0, 33
-)  # places along an element's side at which the gap is looked at, so that the largest of it is smooth in the lengths
+ALONG = np.linspace(0.0, 1.0, 33)  # where along an element's side the gap is looked at: its least is then smooth in the lengths
 CHEAP = 4  # order up to which another factorisation costs less than a coarse mesh without the inclusion
 ROUGH = 0.05  # of the energy: held by the last degree, more says that a mesh is too coarse
 CENTRE = np.array([[0.5, 0.5]])
@@ -145,8 +143,16 @@ class PressedBlocks:
 def pressed_alone(states: BaseStates) -> tuple[Floats, float] | None:
     """Return film forces per indentation, N/m, shape (2,), and the force that closes the gap, N, without the inclusion.
 
-    None where that is not cheap, or cannot be solved.
+    None where that is not cheap, or cannot be solved. Kept for the mesh and all materials but the inclusion's, on which nothing
+    here depends: no answer hangs on what was answered before.
     """
+    one, layout = states.model, states.model.mesh.layout
+    others = tuple((body, material) for body, material in one.materials.items() if body != Body.INCLUSION)
+    key = (pressed_alone, one.section, others, one.interface, layout.kind, layout.fineness)
+    return current().keep(key, partial(_pressed_alone, states), fixed=True)
+
+
+def _pressed_alone(states: BaseStates) -> tuple[Floats, float] | None:
     try:
         with one_thread():
             pressed = PressedBlocks.without_inclusion(states)
@@ -157,16 +163,14 @@ def pressed_alone(states: BaseStates) -> tuple[Floats, float] | None:
 
 def _as_tissue(one: MeridianModel, inside: Ints) -> Floats:
     """Matrices of the inclusion's elements, were they of the tissue at their depth."""
-    section, own = one.section, one.materials[Body.INCLUSION]
-    bodies = [*LAYERS[: len(section.interfaces)], Body.TISSUE]
-    if len(bodies) > 1:
+    section, bodies = one.section, [Body.TISSUE]
+    if section.interfaces:
+        layers = [*LAYERS[: len(section.interfaces)], Body.TISSUE]
         depth = -nodes(section, one.mesh, CENTRE, inside)[:, 0, 1]
-        bodies = [bodies[k] for k in np.searchsorted(section.interfaces, depth)]
+        bodies = [layers[k] for k in np.searchsorted(section.interfaces, depth)]
     materials = [one.materials[body] for body in bodies]
     ratios = np.array([each.poisson_ratio for each in materials])
     moduli = np.array([each.youngs_modulus for each in materials])
-    if np.all(ratios == own.poisson_ratio):
-        return (moduli / own.youngs_modulus)[:, None, None] * one.system.stiffness[inside]
     two_mu, lam = (np.broadcast_to(each, inside.shape) for each in lame(moduli, ratios))
     return stiffness(one.at.of(inside), one.shapes, two_mu, lam).condensed().stiffness
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 
 import numpy as np
 
@@ -101,7 +101,7 @@ def _by_modulus(
     found: Converged, scenes: Mapping[float, Scene], moduli: Floats, accuracy: float
 ) -> Iterator[tuple[float, Answer]]:
     residual, details = found.sample.states.residual, of_kind(found.notes, "left_out")
-    alone = cache(partial(pressed_alone, found.sample.states))
+    alone = partial(pressed_alone, found.sample.states)
     for modulus, films in zip(moduli.tolist(), found.films, strict=True):
         short: list[Note] = shortfalls(films, films.error_under(scenes[modulus]), accuracy)
         if not (short and found.stopped):

@@ -11,8 +11,8 @@ from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import Refusal, Words
 from geometry.common.limits import most
 from geometry.scenes.probe import mm
-from geometry.scenes.scene import Load, Scene
-from solver.linalg.workspace import current, kept_table
+from geometry.scenes.scene import Scene
+from solver.linalg.workspace import kept_table
 from solver.planning.loads import CLOSING, LARGEST_X, SENSITIVITY_GROWTH, LoadRule, least_closure
 from solver.planning.strains import RATIO_CHANGE
 from solver.results.evaluator import Answer
@@ -54,15 +54,8 @@ def rule_numbers(scene: Scene) -> tuple[Floats, float]:
 
 
 def own_rule(scene: Scene, answer: Answer) -> LoadRule | None:
-    """Return the rule for loads from the mesh that an answer comes from; None where ``load_rule`` has to find it.
-
-    Kept for the same tumour on the same mesh alone: what else was answered before changes nothing.
-    """
-    if answer.alone is None:
-        return None
-    still = scene.model_copy(update={"load": Load(indentation=0.0)})
-    key = (own_rule, still, *answer.films[0].totals.tolist())
-    numbers = current().keep(key, answer.alone, fixed=True)
+    """Return the rule for loads from the mesh that an answer comes from; None where ``load_rule`` has to find it."""
+    numbers = None if answer.alone is None else answer.alone()
     return None if numbers is None else LoadRule.of(scene, *numbers)
 
 

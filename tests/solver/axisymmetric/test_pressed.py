@@ -14,6 +14,7 @@ from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.refinement import LEVELS
 from solver.axisymmetric.sample import PressedBlocks, pressed_alone, sample
 from solver.axisymmetric.sections import sections
+from solver.linalg.workspace import Workspace, using
 from solver.planning.coarse_model import CoarseModel, without_tumours
 from tests.support.paths import REFERENCE
 from tests.support.references import named
@@ -82,3 +83,17 @@ def test_loads_of_a_new_design_are_judged_without_another_mesh(monkeypatch: pyte
     (together,) = evaluate_many([scene], "axisymmetric", 0.005)
     assert alone is not None
     assert together.linear_limit_load == alone  # type: ignore[union-attr]
+
+
+def test_moduli_of_one_tumour_share_a_rule_and_no_answer_depends_on_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bit for bit the same, whichever was asked first."""
+    scenes = [body(named("axisymmetric", "shallow").scene, youngs_modulus=modulus) for modulus in (3e4, 4e5)]
+    solved: list[object] = []
+    found = PressedBlocks.without_inclusion
+    monkeypatch.setattr(PressedBlocks, "without_inclusion", lambda states: solved.append(states) or found(states))
+    limits = []
+    for order in (scenes, scenes[::-1]):
+        with using(Workspace()):
+            limits.append({one: evaluate(one, "axisymmetric", 0.005).linear_limit_load for one in order})
+    assert limits[0] == limits[1]
+    assert len(solved) == 2
