@@ -36,7 +36,7 @@ def interpolated(family: Family, scenes: Sequence[Scene], level: FilmLevel, accu
     pairs: list[Pair | None] = [None] * len(scenes)
     while True:
         wanted = [k for k in family.found.tolist() if k not in exact]
-        found = level.answers([scenes[k] for k in wanted], [accuracy] * len(wanted), loads=True)
+        found = level.answers([scenes[k] for k in wanted], [accuracy] * len(wanted))
         exact |= {k: one for k, one in zip(wanted, found, strict=True) if isinstance(one, Answer)}
         if len(exact) < len(family.found) or any(one.plan or one.notes for one in exact.values()):
             break
@@ -49,7 +49,7 @@ def interpolated(family: Family, scenes: Sequence[Scene], level: FilmLevel, accu
 
 def _between(family: Family, scenes: Sequence[Scene], found: Sequence[Answer], accuracy: float) -> list[Pair | None]:
     """Interpolate all members from those that were found; None where that is not good enough."""
-    rules = _rules(family, scenes, found)
+    rules = _rules(family, scenes)
     films = _films(family, [one.films[0] for one in found], accuracy)
     residual = max(one.residual or 0.0 for one in found)
     pairs: list[Pair | None] = [None] * len(scenes)
@@ -83,13 +83,13 @@ def _film(forces: Floats, slope: Floats | None, bounds: Floats, totals: Floats) 
     return FilmForces(forces.reshape(2, 2), bound, None if slope is None else slope.reshape(2, 2), float(bounds[3]))
 
 
-def _rules(family: Family, scenes: Sequence[Scene], found: Sequence[Answer]) -> list[LoadRule] | None:
+def _rules(family: Family, scenes: Sequence[Scene]) -> list[LoadRule] | None:
     """The rule for loads of each member; None where they are not smooth enough, or one is refused."""
     numbers = []
     try:
-        for k, answer in zip(family.found, found, strict=True):
+        for k in family.found:
             with timed():
-                totals, closure = (answer.alone and answer.alone()) or rule_numbers(scenes[k])
+                totals, closure = rule_numbers(scenes[k])
             numbers.append([*totals, closure])
     except ProbeError:
         return None

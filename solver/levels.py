@@ -19,7 +19,7 @@ from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
 from geometry.scenes.surface_names import check_surface_names
 from solver.linalg.workspace import Workspace, current, using
-from solver.results.evaluator import Evaluator, FilmLevel, OutOfReach, Tell
+from solver.results.evaluator import Evaluator, OutOfReach, Tell
 from solver.results.film_forces import checked_moduli
 from solver.results.kinds import unsupported
 from solver.results.result import Curve, Result
@@ -122,14 +122,10 @@ def read(scene: Scene | Path | str) -> Scene:
 
 def _named(scene: Scene, name: str, accuracy: float, tell: Tell | None) -> Result:
     """The answer of one level; of a linear one with a warning where the load is beyond linear elasticity."""
-    from solver.planning.load_check import own_rule, with_warning
+    from solver.planning.load_check import with_warning
 
-    level = evaluator(name, tell)
-    if name == CONTACT or not isinstance(level, FilmLevel):
-        result = level.evaluate(scene, accuracy)
-        return result if name == CONTACT else with_warning(result, scene, accuracy)
-    result, answer = level.answered(scene, accuracy)
-    return with_warning(result, scene, accuracy, own_rule(scene, answer))
+    result = evaluator(name, tell).evaluate(scene, accuracy)
+    return result if name == CONTACT else with_warning(result, scene, accuracy)
 
 
 P = TypeVar("P", "Result", "Plan")

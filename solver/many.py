@@ -116,31 +116,30 @@ def _told(scene: Scene, answer: Answered, asked: _Question) -> Answered:
 
 def _named(scenes: Sequence[Scene], asked: _Question) -> list[Answered]:
     """Answers of a level that answers together, with warnings of loads beyond linear elasticity."""
-    from solver.planning.load_check import own_rule, with_warning
+    from solver.planning.load_check import with_warning
 
     level = levels.evaluator(asked.evaluator, asked.tell)
     assert isinstance(level, FilmLevel)
     found = _smooth(scenes, asked, level) if asked.evaluator == AXISYMMETRIC else {}
     rest = [place for place in range(len(scenes)) if place not in found]
-    results = level.answered_many([scenes[place] for place in rest], asked.accuracy)
+    results = level.evaluate_many([scenes[place] for place in rest], asked.accuracy)
 
-    def warned(result: Result, answer: Answer, scene: Scene) -> Result:
+    def warned(result: Result, scene: Scene) -> Result:
         with timed():
-            return with_warning(result, scene, asked.accuracy, own_rule(scene, answer))
+            return with_warning(result, scene, asked.accuracy)
 
     for place, one in zip(rest, results, strict=True):
-        found[place] = one if isinstance(one, ProbeError) else _caught(partial(warned, *one, scenes[place]))
+        found[place] = _caught(partial(warned, one, scenes[place])) if isinstance(one, Result) else one
     return [found[place] for place in range(len(scenes))]
 
 
 def _smooth(scenes: Sequence[Scene], asked: _Question, level: FilmLevel) -> dict[int, Answered]:
     """Answers to scenes that differ in one number, by their places: some found, the others interpolated where that is allowed."""
-    from solver.axisymmetric.shared_designs import smooth_kind
     from solver.interpolation import interpolated
     from solver.planning.load_check import with_warning
 
     found: dict[int, Answered] = {}
-    for family in families(scenes, smooth_kind):
+    for family in families(scenes, smooth_kinds):
         start, members = perf_counter(), [scenes[place] for place in family.places]
         pairs = interpolated(family, members, level, asked.accuracy)
         share = (perf_counter() - start) / max(sum(pair is not None for pair in pairs), 1)
@@ -152,6 +151,14 @@ def _smooth(scenes: Sequence[Scene], asked: _Question, level: FilmLevel) -> dict
                         result = with_warning(result, scene, asked.accuracy, pair[1])
                     found[place] = result
     return found
+
+
+def smooth_kinds(scene: Scene) -> object:
+    """What scenes share whose forces and whose rule for loads are smooth functions of their numbers."""
+    from solver.axisymmetric.shared_designs import smooth_kind
+    from solver.planning.coarse_model import without_tumours
+
+    return smooth_kind(scene), smooth_kind(without_tumours(scene))
 
 
 def _automatic(scenes: Sequence[Scene], asked: _Question) -> list[Answered | None]:

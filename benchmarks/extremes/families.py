@@ -24,10 +24,10 @@ from benchmarks.tables import MeasuredTable
 from geometry import InputError, Scene
 from geometry.common.errors import ProbeError
 from solver.axisymmetric.level import Axisymmetric
-from solver.axisymmetric.shared_designs import smooth_kind
 from solver.families import NO_FAMILY, families, leaves
 from solver.interpolation import interpolated
 from solver.linalg.workspace import current
+from solver.many import smooth_kinds
 from solver.planning.load_check import load_rule
 from solver.planning.loads import LoadRule
 from solver.results.evaluator import Answer
@@ -115,7 +115,7 @@ def compare(asked: DrawnSweep, compared: ComparedAnswers) -> None:
     """Compare a sweep's interpolated members, and say which are off."""
     current().begin()
     level, found = Axisymmetric(), []
-    for family in families(asked.scenes, smooth_kind):
+    for family in families(asked.scenes, smooth_kinds):
         some = [asked.scenes[place] for place in family.places]
         pairs = interpolated(family, some, level, asked.accuracy)
         found += [(scene, pair) for scene, pair in zip(some, pairs, strict=True) if pair is not None]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -13,7 +12,6 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal, SolveError
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.converged_forces import Converged, converged_forces
-from solver.axisymmetric.sample import pressed_alone
 from solver.axisymmetric.shared_designs import answers
 from solver.linalg.memory import keep_freed
 from solver.linalg.threads import one_thread
@@ -52,14 +50,12 @@ class Axisymmetric(FilmLevel):
             Refusal: the scene is of another kind, or so extreme that its equations cannot be solved in double precision.
         """
         converged = self.converged(scene, accuracy, moduli)
-        states = converged.sample.states
-        alone = partial(pressed_alone, states)
-        return Answer(converged.films, states.residual, converged.plan, converged.notes, alone=alone)
+        return Answer(converged.films, converged.sample.states.residual, converged.plan, converged.notes)
 
     @in_own_workspace
-    def answers(self, scenes: Sequence[Scene], accuracies: Sequence[float], *, loads: bool = False) -> list[Answer | InputError]:
+    def answers(self, scenes: Sequence[Scene], accuracies: Sequence[float]) -> list[Answer | InputError]:
         """Return what ``answer`` finds of each scene at its accuracy, or its refusal: a design's moduli and loads at once."""
-        return answers(self.converged, self._alone, scenes, accuracies, loads=loads)
+        return answers(self.converged, self._alone, scenes, accuracies)
 
     @in_own_workspace
     def converged(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Converged:

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -21,7 +20,6 @@ from geometry.meridian.frame import Kind
 from geometry.meridian.frame import kind as kind_of
 from geometry.scenes.scene import Load, Scene
 from solver.axisymmetric.converged_forces import Converged
-from solver.axisymmetric.sample import pressed_alone
 from solver.axisymmetric.sections import sections
 from solver.results.evaluator import Answer
 from solver.results.film_forces import shortfalls
@@ -49,12 +47,7 @@ def smooth_kind(scene: Scene) -> tuple[Kind, Kind] | None:
 
 
 def answers(
-    converge: Converge,
-    alone: Callable[[Scene, float], Found],
-    scenes: Sequence[Scene],
-    accuracies: Sequence[float],
-    *,
-    loads: bool = False,
+    converge: Converge, alone: Callable[[Scene, float], Found], scenes: Sequence[Scene], accuracies: Sequence[float]
 ) -> list[Found]:
     """Return what is found of each scene at its accuracy, or its refusal.
 
@@ -63,7 +56,6 @@ def answers(
         alone: answers one scene.
         scenes: that the level takes or not.
         accuracies: one for each; of those that share a design the finest counts.
-        loads: whether ``Answer.alone`` is asked for.
     """
     groups: dict[Scene, list[int]] = defaultdict(list)
     for place, scene in enumerate(scenes):
@@ -78,7 +70,7 @@ def answers(
         curve = _curve(converge, firsts, finest, len(places)) if len(firsts) >= FEWEST else {}
         for modulus, some in by_modulus.items():
             found = curve.get(modulus) or alone(firsts[modulus], finest)
-            every |= dict.fromkeys(some, found.settled(loads) if isinstance(found, Answer) else found)
+            every |= dict.fromkeys(some, found)
     return [every[place] for place in range(len(scenes))]
 
 
@@ -101,8 +93,7 @@ def _by_modulus(
     found: Converged, scenes: Mapping[float, Scene], moduli: Floats, accuracy: float
 ) -> Iterator[tuple[float, Answer]]:
     residual, details = found.sample.states.residual, of_kind(found.notes, "left_out")
-    alone = partial(pressed_alone, found.sample.states)
     for modulus, films in zip(moduli.tolist(), found.films, strict=True):
         short: list[Note] = shortfalls(films, films.error_under(scenes[modulus]), accuracy)
         if not (short and found.stopped):
-            yield modulus, Answer((films,), residual, found.plan, (*details, *short), alone=alone)
+            yield modulus, Answer((films,), residual, found.plan, (*details, *short))

@@ -15,7 +15,6 @@ from geometry.scenes.scene import Scene
 from solver.linalg.workspace import kept_table
 from solver.planning.loads import CLOSING, LARGEST_X, SENSITIVITY_GROWTH, LoadRule, least_closure
 from solver.planning.strains import RATIO_CHANGE
-from solver.results.evaluator import Answer
 from solver.results.film_forces import indented
 from solver.results.result import LargestLoad, Result
 from solver.results.warnings import Note
@@ -51,12 +50,6 @@ def rule_numbers(scene: Scene) -> tuple[Floats, float]:
     from solver.planning.coarse_model import without_tumours  # formulas start without finite elements
 
     return _alone(without_tumours(scene))
-
-
-def own_rule(scene: Scene, answer: Answer) -> LoadRule | None:
-    """Return the rule for loads from the mesh that an answer comes from; None where ``load_rule`` has to find it."""
-    numbers = None if answer.alone is None else answer.alone()
-    return None if numbers is None else LoadRule.of(scene, *numbers)
 
 
 @kept_table

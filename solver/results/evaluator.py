@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any, Protocol
 
@@ -79,7 +79,6 @@ class Answer:
         plan: what was modelled and what was left out.
         notes: warnings of the level's own.
         stiffness: N/m, where it is not the sum of the film forces.
-        alone: finds what ``rule_numbers`` of ``solver.planning.load_check`` does, on the level's own mesh, where that is cheap.
     """
 
     films: tuple[FilmForces, ...]
@@ -87,12 +86,6 @@ class Answer:
     plan: tuple[Decision, ...] = ()
     notes: tuple[Note, ...] = ()
     stiffness: float | None = None
-    alone: Callable[[], tuple[Floats, float] | None] | None = field(default=None, compare=False, repr=False)
-
-    def settled(self, loads: bool) -> Answer:
-        """Return the same with ``alone`` found or, where nobody asks for it, dropped: it no longer leads to a mesh."""
-        found = self.alone() if loads and self.alone is not None else None
-        return replace(self, alone=None if found is None else lambda: found)
 
     def result(self, name: str, scene: Scene, seconds: float) -> Result:
         """Return the level's result for the scene's own target."""
@@ -125,23 +118,16 @@ class FilmLevel:
         """Return what is found at the target's modulus, or at all ``moduli`` (Pa); see ``Evaluator`` for what it raises."""
         raise NotImplementedError
 
+    @in_own_workspace
     def evaluate(self, scene: Scene, accuracy: float = 0.01) -> Result:
         """See ``Evaluator``."""
-        return self.answered(scene, accuracy)[0]
-
-    @in_own_workspace
-    def answered(self, scene: Scene, accuracy: float) -> tuple[Result, Answer]:
-        """Return what ``evaluate`` does, and what it comes from."""
         start = perf_counter()
         with timed():
             answer = self.answer(scene, accuracy)
-        return answer.result(self.name, scene, perf_counter() - start), answer
+        return answer.result(self.name, scene, perf_counter() - start)
 
-    def answers(self, scenes: Sequence[Scene], accuracies: Sequence[float], *, loads: bool = False) -> list[Answer | InputError]:
-        """Return what ``answer`` finds of each scene at its accuracy, or its refusal; levels that gain by it answer together.
-
-        ``loads``: whether ``Answer.alone`` is asked for: it is found at once, and else dropped, as meshes are not kept.
-        """
+    def answers(self, scenes: Sequence[Scene], accuracies: Sequence[float]) -> list[Answer | InputError]:
+        """Return what ``answer`` finds of each scene at its accuracy, or its refusal; levels that gain by it answer together."""
         return [self._alone(scene, accuracy) for scene, accuracy in zip(scenes, accuracies, strict=True)]
 
     def _alone(self, scene: Scene, accuracy: float) -> Answer | InputError:
@@ -152,16 +138,21 @@ class FilmLevel:
             return fault
 
     @in_own_workspace
-    def answered_many(self, scenes: Sequence[Scene], accuracy: float = 0.01) -> list[tuple[Result, Answer] | InputError]:
-        """Return for each scene what ``answered`` returns, or the refusal it raises; ``seconds`` are shared out evenly."""
+    def evaluate_many(self, scenes: Sequence[Scene], accuracy: float | Sequence[float] = 0.01) -> list[Result | InputError]:
+        """Return for each scene what ``evaluate`` returns, or the refusal it raises; ``seconds`` are shared out evenly.
+
+        Args:
+            scenes: any.
+            accuracy: of all, or of each.
+        """
         start = perf_counter()
-        every = self.answers(scenes, [accuracy] * len(scenes), loads=True)
+        every = self.answers(scenes, accuracy if isinstance(accuracy, Sequence) else [accuracy] * len(scenes))
         share = (perf_counter() - start) / max(len(scenes), 1)
         return [self._result(answer, scene, share) for answer, scene in zip(every, scenes, strict=True)]
 
-    def _result(self, answer: Answer | InputError, scene: Scene, seconds: float) -> tuple[Result, Answer] | InputError:
+    def _result(self, answer: Answer | InputError, scene: Scene, seconds: float) -> Result | InputError:
         try:
-            return answer if isinstance(answer, InputError) else (answer.result(self.name, scene, seconds), answer)
+            return answer if isinstance(answer, InputError) else answer.result(self.name, scene, seconds)
         except InputError as fault:
             return fault
 

@@ -76,8 +76,8 @@ def test_the_rule_holds_for_every_row_below_the_closure_limit(one: ContactRefere
             assert abs(values[key] / one.small[key] - 1) <= limit + values[f"{key}_unc"] / one.small[key], (key, x)
 
 
-def test_a_row_is_below_it() -> None:
-    assert any(one.rule.knows(row["force"]) for one in contact_references() for row in one.rows)
+def test_some_rows_are_below_it() -> None:
+    assert sum(one.rule.knows(row["force"]) for one in contact_references() for row in one.rows) >= 2
 
 
 @EVERY

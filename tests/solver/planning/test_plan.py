@@ -190,7 +190,7 @@ class TestBeyondLinearElasticity:
         scene = with_probe(SCENE, inner=inner, outer=outer, **sizes)
         rough, probe = CoarseModel.of(scene), scene.probe
         strains = rough.forces.sum(axis=1) / [probe.inner_area * 1e4, probe.outer_area * 1e5]
-        z, closing = rough.pressed.closing
+        z, closing = rough.closing
         widened = 0.4 * strains[0] * probe.inner_radius - 0.3 * strains[1] * probe.hole_radius
         assert np.interp(30e-3, z, closing) == pytest.approx(widened, rel=0.03)
         assert rough.approach >= closing.max()
