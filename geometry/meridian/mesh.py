@@ -229,7 +229,10 @@ def _base(layout: MeshTopology) -> Iterator[Cell]:
 
 def interface_ends(mesh: Topology) -> Ints:
     """Return the elements of the cells at interfaces' ends at the tissue's side, shape (m,)."""
-    at = (mesh.vertices[..., 0] == mesh.layout.column["side"]) & np.isin(mesh.vertices[..., 1], mesh.layout.interfaces)
+    interfaces = mesh.layout.interfaces
+    if not interfaces:
+        return np.empty(0, dtype=np.intp)
+    at = (mesh.vertices[..., 0] == mesh.layout.column["side"]) & np.isin(mesh.vertices[..., 1], interfaces)
     return np.flatnonzero(np.any(at, axis=1))
 
 
