@@ -28,7 +28,7 @@ TYPE_CHECKING = False  # typing's, which takes longer to import than all that th
 if TYPE_CHECKING:
     from probe_design.functions import detectability, estimate, export, optimize, scan
     from probe_design.sweeps.run import sweep
-    from solver.levels import curve, evaluate, load, plan
+    from solver.answers import curve, evaluate, load, plan
     from solver.many import evaluate_many
 
 __all__ = [
@@ -45,7 +45,7 @@ __all__ = [
     "sweep",
 ]
 
-_ROOMS = dict.fromkeys(("curve", "evaluate", "load", "plan"), "solver.levels")
+_ROOMS = dict.fromkeys(("curve", "evaluate", "load", "plan"), "solver.answers")
 _ROOMS |= {"evaluate_many": "solver.many", "sweep": "probe_design.sweeps.run"}
 
 

@@ -14,7 +14,8 @@ What a user calls, with a ``geometry.Scene`` or the name of a scene file:
     Workspace      keeps factors from one answer to the next
 """
 
-from solver.levels import curve, evaluate, evaluator, load, plan
+from solver.answers import curve, evaluate, load, plan
+from solver.levels import evaluator
 from solver.linalg.workspace import Workspace
 from solver.many import evaluate_many
 from solver.results.evaluator import Evaluator

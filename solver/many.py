@@ -16,6 +16,8 @@ from geometry.provenance.block import provenance
 from geometry.scenes.scene import Scene
 from geometry.scenes.surface_names import check_surface_names
 from solver import levels
+from solver.answers import evaluate
+from solver.automatic import allowed_plan
 from solver.families import families
 from solver.results.evaluator import Answer, FilmLevel, Tell
 from solver.results.kinds import is_round
@@ -38,7 +40,7 @@ class _Question:
 
     def alone(self, scene: Scene) -> Answered:
         """What ``evaluate`` says, or its refusal."""
-        return _caught(lambda: levels.evaluate(scene, self.evaluator, self.accuracy, self.tell, linear=self.linear))
+        return _caught(lambda: evaluate(scene, self.evaluator, self.accuracy, self.tell, linear=self.linear))
 
 
 def evaluate_many(
@@ -185,7 +187,7 @@ def _of_one_design(scenes: Sequence[Scene], asked: _Question) -> Iterator[Answer
         rough = _caught(lambda: CoarseModel.of(scenes[0]))
         if isinstance(rough, ProbeError):
             return (None for _ in scenes)
-        plans = [_caught(partial(levels.allowed_plan, one, asked.accuracy, asked.linear, rough)) for one in scenes]
+        plans = [_caught(partial(allowed_plan, one, asked.accuracy, asked.linear, rough)) for one in scenes]
     shared = {k: plan for k, plan in enumerate(plans) if not isinstance(plan, ProbeError) and plan.evaluator == AXISYMMETRIC}
     level = levels.evaluator(AXISYMMETRIC, asked.tell)
     assert isinstance(level, FilmLevel)

@@ -24,7 +24,7 @@ from hw.signal.amplifier import of_parts
 from hw.signal.measure import Measurement, carried
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.gain_matrix import Gains
-from solver.levels import with_phase
+from solver.answers import with_phase
 from solver.phase.inertia import with_inertia
 from solver.results.result import Result
 from solver.results.warnings import Note

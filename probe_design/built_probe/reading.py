@@ -16,9 +16,10 @@ from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.film_forces import newtons
 from probe_design.built_probe.gain_matrix import Gains
 from probe_design.built_probe.ratio_phase import SPREAD, phased, ratio_phase, surprises
+from solver.answers import evaluate
 from solver.axisymmetric.level import Axisymmetric
 from solver.equivalent_inclusion.level import EquivalentInclusion
-from solver.levels import AUTO, evaluate
+from solver.levels import AUTO
 from solver.planning.load_check import check_load, exact, load_rule, with_load
 from solver.results.result import Result
 

@@ -67,7 +67,7 @@ def evaluate(
     with saying(f"evaluating {scene}") as tell:
         if vtu is not None or picture is not None:
             from probe_design.solid_output.evaluate_with_files import evaluated
-            from solver.levels import with_phase
+            from solver.answers import with_phase
 
             read = read_scene(scene)
             result = evaluated(read, evaluator, relative, vtu=vtu, picture=picture, tell=tell)

@@ -29,7 +29,7 @@ def load(scene: Path, most: str, points: int, accuracy: str, picture: Path | Non
     from probe_design.maps.load_plot import plot
     from probe_design.terminal.console import saying
     from probe_design.terminal.load_table import load_lines, load_table
-    from solver.levels import load as run
+    from solver.answers import load as run
 
     force, indentation = _load(most)
     read = read_scene(scene)

@@ -26,7 +26,7 @@ from solver.results.warnings import Note, null_sensitivity
 
 
 def load_curve(scene: Scene, loads: Floats, accuracy: float, *, by_force: bool, tell: Tell = silent) -> LoadCurve:
-    """Press a scene to each of several loads; see ``solver.levels.load``.
+    """Press a scene to each of several loads; see ``solver.answers.load``.
 
     Args:
         scene: that level ``contact`` takes; its own load does not matter.

@@ -143,7 +143,7 @@ def plan(
     *,
     rough: CoarseModel | None = None,
 ) -> Plan:
-    """Plan how to answer a scene; see ``solver.levels.plan``.
+    """Plan how to answer a scene; see ``solver.answers.plan``.
 
     Args:
         scene: as there.

@@ -9,7 +9,7 @@ import pytest
 from geometry import InputError, read_scene, scene_to_toml
 from geometry.common.resources import LimitReached, Limits, limited, timed
 from geometry.tetra import mesher
-from solver import evaluate, levels
+from solver import automatic, evaluate, levels
 from solver.axisymmetric import converged_forces
 from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.refinement import SampleErrors
@@ -57,8 +57,8 @@ def test_a_mesh_too_large_is_refused_before_it_is_made(scene, monkeypatch):
 def test_a_missing_surface_is_noticed_before_anything_is_computed(monkeypatch):
     scene = read_scene(SCENE)
     body = scene.inclusion[0].model_copy(update={"diameter": None, "surface": "none.stl"})
-    for name in ("plan", "evaluator"):
-        monkeypatch.setattr(levels, name, lambda *_: pytest.fail("work began"))
+    for module, name in ((levels, "evaluator"), (automatic, "evaluator"), (automatic, "supported_plan")):
+        monkeypatch.setattr(module, name, lambda *_: pytest.fail("work began"))
     for name in ("auto", "solid"):
         with pytest.raises(InputError, match=r"inclusion\[0\].surface.*exists"):
             evaluate(scene.model_copy(update={"inclusion": (body,)}), name)

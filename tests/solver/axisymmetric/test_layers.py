@@ -12,12 +12,12 @@ from geometry.scenes.scene import Load
 from geometry.scenes.scene_file import scene_from_toml
 from geometry.scenes.units import SI
 from geometry.scenes.variables import changed, values
+from solver.answers import evaluate, plan
 from solver.axisymmetric.gradients import gradients
 from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.refinement import LEVELS
 from solver.axisymmetric.sample import sample
 from solver.axisymmetric.sections import sections
-from solver.levels import evaluate, plan
 from tests.support.paths import EXAMPLES, REFERENCE, SCENE
 
 FOLDER = REFERENCE / "tissue-layers"

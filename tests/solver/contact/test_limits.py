@@ -11,12 +11,12 @@ from geometry import Refusal, Scene, read_scene
 from geometry.common.errors import InputError
 from geometry.common.resources import Limits
 from geometry.meridian.frame import MeridianFineness
+from solver.answers import load
 from solver.axisymmetric.sections import sections
 from solver.contact.limits import gap_closure_load
 from solver.contact.load_curve import ends_of
 from solver.contact.model import ContactModel
 from solver.contact.path import Path
-from solver.levels import load
 from tests.support.paths import REFERENCE
 
 FOLDER = REFERENCE / "contact"

@@ -9,6 +9,7 @@ from geometry import Refusal, Scene, read_scene
 from geometry.scenes.variables import changed, values
 from probe_design.maps.detectability import detectability
 from probe_design.maps.scan import scan
+from solver.answers import plan
 from solver.axisymmetric.gradients import OUTPUTS, gradients
 from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.sections import sections
@@ -17,7 +18,6 @@ from solver.equivalent_inclusion.gradients import first_order, tumour_gradients
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.equivalent_inclusion.readings import Readings, readings
 from solver.inclusions.tumours import Tumours
-from solver.levels import plan
 from solver.multiple_scattering.exchange import Reflector
 from solver.multiple_scattering.solve import solve_scattering
 from solver.results.kinds import crossed

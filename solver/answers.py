@@ -1,0 +1,229 @@
+"""What a user asks of a scene: an answer, a plan, a curve, rising loads."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from geometry.common.arrays import Floats
+from geometry.common.errors import InputError, Refusal, Words
+from geometry.common.resources import Limits, limited, timed
+from geometry.provenance.block import provenance
+from geometry.scenes.probe import mm
+from geometry.scenes.scene import Scene
+from geometry.scenes.surface_names import check_surface_names
+from solver import levels
+from solver.automatic import automatic, level_of, reachable, supported_plan
+from solver.levels import AUTO, CONTACT, check_accuracy, read
+from solver.results.evaluator import OutOfReach, Tell
+from solver.results.film_forces import checked_moduli
+from solver.results.result import Curve, Result
+from solver.results.warnings import Note
+
+if TYPE_CHECKING:
+    from solver.planning.plan import Plan
+    from solver.results.load_curve import LoadCurve
+
+
+def evaluate(
+    scene: Scene | Path | str,
+    evaluator: str = AUTO,
+    accuracy: float = 0.01,
+    tell: Tell | None = None,
+    *,
+    linear: bool = False,
+    loads: bool = False,
+    frequency: float | None = None,
+    limits: Limits | None = None,
+) -> Result:
+    """Evaluate a scene.
+
+    An evaluator that is named answers linearly, but for ``contact``: its ``error_estimate`` refers to linear elasticity, and
+    beyond ``linear_limit_load`` it warns. ``auto`` counts what finite strain may change, has ``contact`` answer larger loads, and
+    refuses those that it cannot take.
+
+    Args:
+        scene: what is pressed on what, or the name of a scene file.
+        evaluator: its name, or ``auto``: what ``plan`` says, the cheapest level that takes the scene and reaches the accuracy,
+            of ``axisymmetric``, ``equivalent-inclusion``, ``contact`` and ``solid``; it refuses to answer worse than asked.
+        accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
+        tell: called with a line before each long piece of work.
+        linear: whether ``auto`` answers linearly at any load; ``error_estimate`` counts the effect, None where nothing is known.
+        loads: whether level ``contact`` tells ``gap_closure_load`` and ``linear_limit_load``, which takes some seconds more.
+        frequency: of a sinusoidal load, Hz, at which the loss factors hold: ``ratio_phase`` is told; a second or so.
+        limits: of memory and time, 2 GB and 120 s unless ``geometry.common.resources.limited`` says otherwise.
+
+    Raises:
+        InputError: no such evaluator, accuracy or frequency, or a surface file that is missing.
+        Refusal: the scene is of a kind that the evaluator cannot take, or ``auto`` cannot reach the accuracy, or its load is
+            beyond what linear elasticity allows.
+        LimitReached: the answer would take more memory or time than is allowed.
+    """
+    from solver.phase.inertia import check_frequency
+
+    scene = read(scene)
+    check_accuracy(accuracy)
+    start = perf_counter()
+    with limited(limits), timed():
+        check_surface_names(scene)
+        if frequency is not None:
+            check_frequency(scene, frequency)
+        try:
+            named = evaluator != AUTO
+            result = _named(scene, evaluator, accuracy, tell) if named else automatic(scene, accuracy, linear, tell)
+            result = _with_loads(result, scene, accuracy) if loads else result
+            result = result if frequency is None else with_phase(result, scene, accuracy, frequency)
+            told = provenance(scene, evaluator=evaluator, accuracy=accuracy)
+            return replace(result, provenance=told, seconds=result.seconds if named else perf_counter() - start)
+        except OutOfReach as fault:
+            if fault.stopped or named:
+                raise
+            raise Refusal("accuracy", accuracy, reachable(fault, accuracy / fault.accuracy, tell)) from None
+
+
+def _named(scene: Scene, name: str, accuracy: float, tell: Tell | None) -> Result:
+    """The answer of one level; of a linear one with a warning where the load is beyond linear elasticity."""
+    from solver.planning.load_check import with_warning
+
+    result = levels.evaluator(name, tell).evaluate(scene, accuracy)
+    return result if name == CONTACT else with_warning(result, scene, accuracy)
+
+
+P = TypeVar("P", "Result", "Plan")
+
+
+def _with_loads(result: P, scene: Scene, accuracy: float) -> P:
+    """An answer or a plan with the loads that level ``contact`` tells, or with why it does not."""
+    from solver.contact.level import ContactLevel
+    from solver.contact.load_curve import Ends, ends_of
+
+    why = ContactLevel().refusal(scene)
+    if why is not None:
+        text = f"gap_closure_load is null, linear_limit_load told by the cautious rule: contact cannot take the scene ({why})"
+        return replace(result, warnings=(*result.warnings, Note("linear", text)))
+    ends: Ends = ends_of(scene, accuracy)
+    limit, warnings = ends.linear_limit_load or result.linear_limit_load, (*result.warnings, *ends.notes)
+    return replace(result, gap_closure_load=ends.gap_closure_load, linear_limit_load=limit, warnings=warnings)
+
+
+def with_phase(result: Result, scene: Scene, accuracy: float, frequency: float) -> Result:
+    """Return an answer with the phase of its ratio at a frequency (Hz), or with why that is null; see ``solver.phase.phase``."""
+    from solver.phase.inertia import with_inertia
+    from solver.phase.phase import NotTold, ratio_phase
+
+    still = result
+    result = replace(result, frequency=frequency, error_estimate=with_inertia(result.error_estimate, scene, frequency))
+    try:
+        phase = ratio_phase(scene, still, accuracy, frequency)
+    except NotTold as why:
+        return replace(result, warnings=(*result.warnings, Note("null", f"ratio_phase is null: {why}")))
+    told: dict[str, Any] = {f"ratio_phase{key}": value for key, value in phase.parts.items()}
+    return replace(result, **told, warnings=(*result.warnings, *phase.notes))
+
+
+def plan(scene: Scene | Path | str, accuracy: float = 0.01, solid: bool = False, *, loads: bool = False) -> Plan:
+    """Say how ``auto`` would answer a scene, what it would leave out, and what that may change; see ``solver.planning.plan``.
+
+    Args:
+        scene: any, or the name of a scene file.
+        accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
+        solid: whether to plan for the level ``solid``, whatever the scene asks for.
+        loads: see ``evaluate``.
+
+    Raises:
+        InputError: no such accuracy, or a surface file that cannot be used.
+        Refusal: so extreme that not even the coarsest mesh can be solved in double precision.
+    """
+    from solver.planning.plan import plan as run
+
+    scene = read(scene)
+    check_accuracy(accuracy)
+    with timed():
+        check_surface_names(scene)
+        planned = run(scene, accuracy, solid, skin=True)
+        return _with_loads(planned, scene, accuracy) if loads else planned
+
+
+def load(
+    scene: Scene | Path | str,
+    *,
+    force: float | None = None,
+    indentation: float | None = None,
+    points: int = 20,
+    accuracy: float = 0.01,
+    tell: Tell | None = None,
+    limits: Limits | None = None,
+) -> LoadCurve:
+    """Press a scene ever harder, at finite strain and with contact; see ``solver.results.load_curve.LoadCurve``.
+
+    Args:
+        scene: that level ``contact`` takes, or the name of a scene file; its own load does not matter.
+        force: the largest load, N; or
+        indentation: the largest, m. One of the two.
+        points: number of loads, evenly spaced above 0.
+        accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
+        tell: called with a line before each load.
+        limits: see ``evaluate``; the time is for each load that is asked for.
+
+    Raises:
+        InputError: no such load or accuracy.
+        Refusal: the scene is of a kind that level ``contact`` cannot take, or not even the first load converges.
+        LimitReached: see ``evaluate``.
+    """
+    from solver.contact.load_curve import load_curve
+    from solver.results.evaluator import silent
+
+    scene = read(scene)
+    check_accuracy(accuracy)
+    most = force if indentation is None else indentation
+    if (force is None) == (indentation is None) or most is None or not 0 < most < float("inf") or points < 1:
+        raise InputError(
+            "load", Words(f"force = {force}, indentation = {indentation}"), "one of them, above 0, and points from 1"
+        )
+    if indentation is not None and scene.tissue.shape != "half-space" and indentation >= scene.tissue.depth:
+        raise InputError("indentation", mm(indentation), f"less than the tissue's depth of {mm(scene.tissue.depth)}")
+    loads = most * np.arange(1, points + 1) / points
+    with limited(limits):
+        pressed = load_curve(scene, loads, accuracy, by_force=indentation is None, tell=tell or silent)
+    return replace(pressed, provenance=provenance(scene, evaluator=CONTACT, accuracy=accuracy))
+
+
+def curve(
+    scene: Scene | Path | str,
+    moduli: Floats,
+    accuracy: float = 0.01,
+    tell: Tell | None = None,
+    *,
+    linear: bool = False,
+    limits: Limits | None = None,
+) -> Curve:
+    """Return ratio and log-sensitivity of a scene for every Young's modulus (Pa) of its target, by the level of ``auto``.
+
+    Args:
+        scene: with one inclusion or a target among several, or the name of a scene file.
+        moduli: shape (k,).
+        accuracy: relative, on every ratio; above 0, below 1.
+        tell: called with a line before each long piece of work.
+        linear: see ``evaluate``.
+        limits: see ``evaluate``.
+
+    Raises:
+        InputError: no such accuracy or moduli; no target.
+        Refusal: the scene is of a kind that no level built yet can take, or its load is beyond what linear elasticity allows.
+        LimitReached: see ``evaluate``.
+    """
+    scene = read(scene)
+    check_accuracy(accuracy)
+    checked_moduli(scene, moduli)
+    start = perf_counter()
+    with limited(limits), timed():
+        planned = supported_plan(scene, accuracy, linear)
+        if not linear:
+            planned.check_load(scene, accuracy)
+        result = level_of(planned.curve_evaluator, tell).curve(planned.scene, moduli, planned.accuracy)
+    told = provenance(scene, evaluator=AUTO, accuracy=accuracy)
+    return replace(planned.completed_curve(result, scene, accuracy, linear), seconds=perf_counter() - start, provenance=told)
