@@ -2,8 +2,8 @@
 
 What two meshes differ by is at times nothing by chance. So it counts ample times by itself; from three meshes, whose errors fall
 with the sizes' square or faster, no more than the larger of the last step and most of the step before, but at least a third of
-the latter. Where steps grow, nothing falls yet, and the last counts ample times again: nearly incompressible tissue's meshes agreed
-by chance first, and the log-sensitivity was 1.3 times outside.
+the latter. Where steps grow, nothing falls yet, and the last counts ample times again: in nearly incompressible tissue the first
+two agreed by chance, and the log-sensitivity was 1.3 times outside.
 
 A flaw of the rims weighs less where inclusions are so soft that little force is left, but what is taken off in eq. SO.4 is the
 reference's. Of a soft tumour that nearly filled its tissue 8 % of the ratio were wrong so, 2.5 % of the reference.
