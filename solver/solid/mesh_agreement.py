@@ -2,8 +2,8 @@
 
 What two meshes differ by is at times nothing by chance. So it counts ample times by itself; from three meshes, whose errors fall
 with the sizes' square or faster, no more than the larger of the last step and most of the step before, but at least a third of
-the latter. Where steps grow, nothing falls yet, and the last counts ample times again: in nearly incompressible tissue the first
-two agreed by chance, and the log-sensitivity was 1.3 times outside.
+the latter. Where steps grow, the last counts as many times as they do, up to ample again: in nearly incompressible tissue the
+first two agreed by chance, and the log-sensitivity was 1.3 times outside.
 
 A flaw of the rims weighs less where inclusions are so soft that little force is left, but what is taken off in eq. SO.4 is the
 reference's. Of a soft tumour that nearly filled its tissue 8 % of the ratio were wrong so, 2.5 % of the reference.
@@ -67,8 +67,9 @@ def apart(found: Sequence[Floats | float] | Floats, times: float) -> Floats:
     steps = np.abs(np.diff(np.array(found), axis=0))
     last = times * steps[-1]
     if len(steps) > 1:
-        falling = np.maximum(np.minimum(last, np.maximum(EARLIER * steps[-2], steps[-1])), LEAST * steps[-2])
-        last = np.where(steps[-1] <= steps[-2], falling, last)
+        known = times * steps[-2] > steps[-1]
+        growth = np.maximum(np.divide(steps[-1], steps[-2], out=np.full_like(steps[-1], times), where=known), 1.0)
+        last = np.maximum(np.minimum(last, np.maximum(EARLIER * steps[-2], growth * steps[-1])), LEAST * steps[-2])
     return np.asarray(last)
 
 

@@ -26,7 +26,9 @@ def test_errors_that_fall_with_a_power_of_the_sizes_are_bounded(first: int, coun
 def test_two_meshes_count_amply_and_a_third_where_steps_fall_by_what_they_fall() -> None:
     assert apart([1.0, 1.1], 2.0) == pytest.approx(0.2)
     assert apart([1.2, 1.0, 1.1], 2.0) == pytest.approx(0.17)
-    assert apart([1.05, 1.0, 1.1], 2.0) == pytest.approx(0.2)  # they grow
+    assert apart([1.08, 1.0, 1.1], 2.0) == pytest.approx(0.125)  # they grow
+    assert apart([1.02, 1.0, 1.1], 2.0) == pytest.approx(0.2)
+    assert apart([1.0, 1.0, 1.1], 2.0) == pytest.approx(0.2)
 
 
 @pytest.mark.slow
