@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from time import process_time
+from timeit import repeat
 from typing import Any
 
 import numpy as np
@@ -82,12 +83,7 @@ def scenes() -> Iterator[tuple[str, Scene]]:
 def best(run: Callable[[], object]) -> float:
     """Return the least of several runs, s."""
     run()
-    spent = []
-    for _ in range(REPEATS):
-        start = process_time()
-        run()
-        spent.append(process_time() - start)
-    return min(spent)
+    return min(repeat(run, timer=process_time, number=1, repeat=REPEATS))
 
 
 def _two_threads(shape: Shape, values: Floats) -> float:

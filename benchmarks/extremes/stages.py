@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from time import process_time
+from timeit import repeat
 from typing import Any
 
 import numpy as np
@@ -34,12 +35,7 @@ RUNS = 25
 
 def least(run: Callable[[], Any]) -> float:
     """Return the least processor time of some runs, s."""
-    found = []
-    for _ in range(RUNS):
-        start = process_time()
-        run()
-        found.append(process_time() - start)
-    return min(found)
+    return min(repeat(run, timer=process_time, number=1, repeat=RUNS))
 
 
 def stages(one: MeridianModel) -> dict[str, Callable[[], Any]]:

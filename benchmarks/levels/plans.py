@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from statistics import median
 from time import process_time
+from timeit import repeat
 
 from geometry import Scene, read_scene
 from solver import Decision, evaluate, plan
@@ -80,12 +81,7 @@ def cost(scene: Scene, accuracy: float) -> tuple[float, float]:
 
 def seconds(run: Callable[[], object]) -> float:
     """The median of several runs."""
-    times = []
-    for _ in range(REPEATS):
-        start = process_time()
-        run()
-        times.append(process_time() - start)
-    return median(times)
+    return median(repeat(run, timer=process_time, number=1, repeat=REPEATS))
 
 
 if __name__ == "__main__":

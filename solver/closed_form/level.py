@@ -90,7 +90,7 @@ class ClosedForm(FilmLevel):
         return Answer(tuple(one.films for one in every), max(one.residual for one in every), notes=notes)
 
     @in_own_workspace
-    def answers(self, scenes: Sequence[Scene], accuracies: Sequence[float], *, loads: bool = False) -> list[Answer | InputError]:
+    def answers(self, scenes: Sequence[Scene], accuracies: Sequence[float]) -> list[Answer | InputError]:
         """Return what ``answer`` finds of each scene at its accuracy, or its refusal: those of one structure at once."""
         try:
             with limited(replace(limits(), seconds=len(scenes) * limits().seconds)), timed():
