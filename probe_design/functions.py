@@ -97,8 +97,8 @@ def detectability(
         InputError: no target, or sizes or thresholds that are none.
         Refusal: the scene is of a kind that the level cannot take; its load is beyond what linear elasticity allows.
     """
-    from probe_design.maps.detectability import Thresholds
     from probe_design.maps.detectability import detectability as run
+    from probe_design.maps.sphere_effects import Thresholds
     from probe_design.maps.target_grid import chosen_sizes
 
     asked = read(scene)

@@ -110,9 +110,9 @@ def detectability(
     probe-design detectability scene.toml --noise 0.002 --depth-to "30 mm" --diameter-to "12 mm" --json
     """  # noqa: D301
     from geometry.scenes.scene_file import read_scene
-    from probe_design.maps.detectability import Thresholds
     from probe_design.maps.detectability import detectability as run
     from probe_design.maps.detectability_plot import plot
+    from probe_design.maps.sphere_effects import Thresholds
     from probe_design.maps.target_grid import chosen_sizes
     from probe_design.terminal.console import counting, threshold_table
 

@@ -1,15 +1,5 @@
 """Which tumours a probe sees, and of which it tells the stiffness: maps over depth and diameter.
 
-With R the ratio over a tumour, R_0 the ratio without it, S the log-sensitivity to its Young's modulus and g the noise,
-
-    change = R / R_0 - 1                                        seen where |change| >= seen g           (MA.1)
-    sd     = g / |S|, the standard deviation of ln E_object     resolved where sd <= resolved           (MA.2)
-
-For one reading, R_0 and everything else in the scene being known. seen = 3 with a threshold half-way, at 1.5 g, calls a tumour
-missed, or a healthy place a tumour, in 6.7 % of all cases each: P(z > 1.5); 3.29 makes it 5 % (Currie, Anal. Chem. 40 (1968)
-586, the limit of detection for a well-known blank). Eq. MA.2 is the Cramér-Rao bound, a linearisation: near a saturated ratio
-the interval on the stiff side is wider than it says; `estimate` does without.
-
 A verdict holds whatever the model's error within its bound is: where the bound leaves it open, the tumour is answered once
 more with reflections, and where it stays open there is no verdict (None).
 """
@@ -17,22 +7,21 @@ more with reflections, and where it stays open there is no verdict (None).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from geometry.common.arrays import Bools, Floats, Ints
-from geometry.common.errors import InputError
+from geometry.common.arrays import Bools, Floats
 from geometry.provenance.block import Provenance, provenance
 from geometry.scenes.scene import Scene
-from probe_design.data.noise import NOISE, RESOLVED, checked_noise
 from probe_design.maps.scan import Progress, check_accuracy, drawn, without_scene
+from probe_design.maps.sphere_effects import SphereEffects, Thresholds, effects_of
 from probe_design.maps.target_grid import Spheres, check_spheres, target_of
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
-from solver.equivalent_inclusion.readings import Readings, readings
+from solver.equivalent_inclusion.readings import readings
 from solver.planning.load_check import DOUBT, LoadChanges, budget, check_load, load_notes, load_rule
 from solver.results.notebook import Notebook
 from solver.results.result import Decision
@@ -41,39 +30,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FINEST, COARSEST = 5e-4, 0.01  # accuracies chosen by the noise
-MOST = 1e6  # of thresholds: beyond it they are none
-CHANGES = 2.0  # times the base states' relative error in a tumour's effect: dF grows by twice, F_0 by once what the strains do
 
 Map = tuple[tuple[float | None, ...], ...]
 Verdicts = tuple[tuple[bool | None, ...], ...]
-
-
-@dataclass(frozen=True)
-class Thresholds:
-    """What counts as seen and resolved.
-
-    Attributes:
-        noise: relative standard deviation g of one reading of the ratio.
-        seen: change of the ratio, times the noise.
-        resolved: standard deviation of ln E_object.
-    """
-
-    noise: float = NOISE
-    seen: float = 3.0
-    resolved: float = RESOLVED
-
-    @property
-    def change(self) -> float:
-        """Of the ratio that is seen, relative."""
-        return self.seen * self.noise
-
-    def __post_init__(self) -> None:
-        """Raise ``InputError`` for numbers that are no thresholds."""
-        checked_noise(self.noise)
-        for name in ("seen", "resolved"):
-            value = getattr(self, name)
-            if not 0 < value < MOST:
-                raise InputError(name, value, f"a number above 0 and below {MOST:g}")
 
 
 @dataclass(frozen=True)
@@ -160,11 +119,11 @@ def detectability(
     base = EquivalentInclusion().prepared(scene, budget(rule, rule.force(scene), accuracy, True))
     spheres = Spheres(scene, depths, diameters, base.field.states.model.section.tissue_radius)
     tumours, index, alone = spheres.tumours, scene.target or 0, readings(base, spheres.without)
-    effects = _effects(base, readings(base, tumours, index, reflect=False), alone)
+    effects = effects_of(base, readings(base, tumours, index, reflect=False), alone)
     unsure = np.flatnonzero(effects.open(limits))
     if len(unsure):
         again = readings(base, tumours.of_index(unsure), index, progress=progress, reflect=True)
-        effects = effects.replaced(unsure, _effects(base, again, alone))
+        effects = effects.replaced(unsure, effects_of(base, again, alone))
     load = LoadChanges.of(scene, rule, np.append(effects.stiffness, alone.stiffness))
     if not linear:
         check_load(scene, load.weakest, accuracy, True)
@@ -187,88 +146,7 @@ def detectability(
     )
 
 
-@dataclass(frozen=True)
-class _Effects:
-    """What n spheres change, shape (n,) each.
-
-    Attributes:
-        has_ratio: whether there is a ratio.
-        change, error: eq. MA.1 and a bound on its error; inf where there is no ratio.
-        sensitivity, sensitivity_error: S and a bound on its error.
-        stiffness: N/m.
-    """
-
-    has_ratio: Bools
-    change: Floats
-    error: Floats
-    sensitivity: Floats
-    sensitivity_error: Floats
-    stiffness: Floats
-
-    def loaded(self, load: LoadChanges) -> _Effects:
-        """Return these with what the load changes in their errors: of R and R_0 each, and of S."""
-        ratio, slope = load.ratio[:-1], load.log_sensitivity[:-1]
-        factor = (1 + ratio) * (1 + load.ratio[-1])
-        error = self.error * factor + np.abs(1 + self.change) * (factor - 1)
-        sensitivity_error = self.sensitivity_error * (1 + slope) + np.abs(self.sensitivity) * slope
-        return replace(self, error=error, sensitivity_error=sensitivity_error)
-
-    def replaced(self, which: Ints, others: _Effects) -> _Effects:
-        """Return these with some of them exchanged."""
-        table = {field.name: getattr(self, field.name).copy() for field in fields(self)}
-        for key, values in table.items():
-            values[which] = getattr(others, key)
-        return _Effects(**table)
-
-    @property
-    def above_error(self) -> Bools:
-        """Whether the change is above its error bound."""
-        return np.asarray(self.error < np.abs(self.change))
-
-    def seen(self, limits: Thresholds) -> Floats:
-        """Verdicts: 1, 0, or NaN where the error leaves it open."""
-        return _verdict(np.abs(self.change), self.error, limits.change)
-
-    def resolved(self, limits: Thresholds) -> Floats:
-        """Verdicts likewise: sd <= resolved is |S| >= noise / resolved."""
-        return _verdict(np.abs(self.sensitivity), self.sensitivity_error, limits.noise / limits.resolved)
-
-    def open(self, limits: Thresholds) -> Bools:
-        """Whether a verdict is open."""
-        return np.asarray(np.isnan(self.seen(limits)) | np.isnan(self.resolved(limits)))
-
-
-def _verdict(value: Floats, error: Floats, threshold: float) -> Floats:
-    return np.where(value - error >= threshold, 1.0, np.where(value + error < threshold, 0.0, np.nan))
-
-
-def _effects(base: Undisturbed, together: Readings, alone: Readings) -> _Effects:
-    has_ratio = np.asarray(together.resolved & alone.resolved)
-    change = np.where(has_ratio, together.ratio / np.where(alone.resolved, alone.ratio, 1.0) - 1, 0.0)
-    error = np.where(has_ratio, np.abs(1 + change) * np.expm1(np.minimum(_log_error(base, together, alone), 700.0)), np.inf)
-    return _Effects(
-        has_ratio,
-        change,
-        error,
-        together.log_sensitivity,
-        np.where(has_ratio, together.sensitivity_error, np.inf),
-        together.stiffness,
-    )
-
-
-def _log_error(base: Undisturbed, together: Readings, alone: Readings) -> Floats:
-    """Bound on the error of ln(R / R_0), shape (n,).
-
-    The tumours' own errors, and what those of the base states do to dF / F_0: for the rest they cancel in R / R_0.
-    """
-    films = base.films
-    own = sum(np.abs((one.bound - films.bound.totals) / one.totals) for one in (together, alone))
-    effect = np.abs((together.totals - alone.totals) / together.totals)
-    share = np.minimum(own + CHANGES * films.relative_errors * effect, 0.999999)
-    return np.asarray(-np.log1p(-share).sum(axis=1))
-
-
-def _maps(fits: Bools, effects: _Effects, limits: Thresholds) -> dict[str, Any]:
+def _maps(fits: Bools, effects: SphereEffects, limits: Thresholds) -> dict[str, Any]:
     """Return the rows of each map, with None where there is nothing to say."""
 
     def rows(values: Floats, good: Bools) -> Map:
@@ -297,7 +175,7 @@ def _reflections(base: Undisturbed, count: int, n: int) -> Decision:
     return Decision(feature, count > 0, 0.0, base.accuracy, reason)
 
 
-def _warnings(effects: _Effects, limits: Thresholds) -> Iterator[str]:
+def _warnings(effects: SphereEffects, limits: Thresholds) -> Iterator[str]:
     n = len(effects.change)
     if not n:
         yield "no sphere of these diameters fits at these depths"

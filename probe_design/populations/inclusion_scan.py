@@ -21,8 +21,8 @@ from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import Refusal, Words
 from geometry.scenes.scene import Placement, Scene
 from geometry.scenes.variables import values
-from probe_design.maps.detectability import CHANGES
 from probe_design.maps.scan_line import ScanLine
+from probe_design.maps.sphere_effects import CHANGES
 from probe_design.populations.noise import reading_deviations
 from probe_design.populations.population import ScenePopulation, TumourDraw, host_modulus, is_of_tumour, scene_key
 from probe_design.populations.readings import ScanReadings, logarithms

@@ -98,7 +98,8 @@ def _curve(scene: Scene) -> Iterator[Part]:
 
 
 def _map(scene: Scene, noise: float) -> Iterator[Part]:
-    from probe_design.maps.detectability import Thresholds, detectability
+    from probe_design.maps.detectability import detectability
+    from probe_design.maps.sphere_effects import Thresholds
     from probe_design.maps.target_grid import chosen_sizes
 
     depths, diameters = chosen_sizes(scene, MAP_POINTS)

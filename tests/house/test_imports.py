@@ -114,7 +114,7 @@ ALLOWED: dict[str, set[str]] = {
     "probe_design.populations": {
         "probe_design.built_probe.calibration_record",  # gains that were calibrated
         "probe_design.data",
-        "probe_design.maps.detectability",
+        "probe_design.maps.sphere_effects",
         "probe_design.maps.scan_line",
         "probe_design.pictures",
         "solver.closed_form",

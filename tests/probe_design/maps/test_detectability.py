@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from geometry import Load, Scene, read_scene
-from probe_design.maps.detectability import Thresholds, detectability
+from probe_design.maps.detectability import detectability
+from probe_design.maps.sphere_effects import Thresholds
 from probe_design.maps.target_grid import chosen_sizes
 from solver import evaluate
 from tests.support.paths import REFERENCE, SCENE

@@ -13,7 +13,7 @@ import pytest
 from geometry import Film, InputError, Load, read_scene
 from probe_design.data.builtin import builtin_scene
 from probe_design.data.noise import NOISE, RESOLVED, of_channel
-from probe_design.maps.detectability import Thresholds
+from probe_design.maps.sphere_effects import Thresholds
 from probe_design.optimisation.candidate import answered, candidate
 from probe_design.optimisation.design_space import variables
 from probe_design.optimisation.objective import Noise, objective
