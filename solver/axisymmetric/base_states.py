@@ -29,6 +29,7 @@ from solver.linalg.workspace import current, kept
 
 Materials = Mapping[Body, Material]
 HIDDEN = 1e-12  # share of a force that rounding may change before the solution is refined
+LITTLE = 1e-9  # share of a force that rounding may change before its bound is made a close one
 DEPENDENT = 1e-12  # share of the largest below which a way in energy is none
 BLOCK = 4e6  # bytes of the elements' matrices that are worked on at once: few enough for the processor's cache
 WHOLE = 2.6  # times the bytes of all element matrices: what a process holds at most
@@ -169,10 +170,21 @@ def base_states(model: MeridianModel) -> BaseStates:
         hidden = np.abs(unbalanced.T @ system.factor.solve(unbalanced))
         if found.residual <= LARGEST_RESIDUAL and np.all(hidden <= HIDDEN * np.abs(forces)):
             break
-    # ten standard deviations of the energy when every entry of the matrices carries an independent rounding error
-    variance = products(own**2, system.stiffness**2 @ own**2)
-    rounding = 10 * np.finfo(float).eps * np.sqrt(variance) + hidden
+    rounding = _rounding(system.stiffness, own, forces) + hidden
     return BaseStates(model, found.v, edge=own, shift=found.shift, forces=forces, rounding=rounding, residual=found.residual)
+
+
+def _rounding(stiffness: Floats, own: Floats, forces: Floats) -> Floats:
+    """Ten standard deviations of the forces when every entry of the matrices carries an independent rounding error.
+
+    No entry of a positive definite matrix is above the roots of both its diagonal ones, which is enough where little follows.
+    """
+    ten = 10 * np.finfo(float).eps
+    diagonal = np.einsum("ek,eki->ei", np.diagonal(stiffness, axis1=1, axis2=2), own**2)
+    most = ten * np.sqrt(diagonal.T @ diagonal)
+    if np.all(most <= LITTLE * np.abs(forces)):
+        return np.asarray(most)
+    return np.asarray(ten * np.sqrt(products(own**2, stiffness**2 @ own**2)))
 
 
 def lower_order(states: BaseStates, vectors: Floats, degree: int, stiffest: float = 1.0) -> Floats:
@@ -198,8 +210,10 @@ def lower_order(states: BaseStates, vectors: Floats, degree: int, stiffest: floa
     return np.concatenate([system.own(v[:, :2], lift), system.own(v[:, 2:])], axis=2)
 
 
-def near_lower_order(states: BaseStates, degree: int) -> Floats:
-    """What is nearly as near as ``lower_order`` of both states, without another factorisation; elements' values, (n, 8 p, 2).
+def near_lower_order(states: BaseStates, degree: int) -> tuple[Floats, Floats]:
+    """What is nearly as near as ``lower_order`` of both states, without another factorisation.
+
+    Returns the elements' values and the forces of what they differ by from ``states``, (n, 8 p, 2) both.
 
     From the states without their functions of the last degree, ``degree`` + 1, one step of steepest descent of the distance in
     energy, of both at once. The whole's factor says where to: it differs from the smaller space's own by how much the last
@@ -215,7 +229,8 @@ def near_lower_order(states: BaseStates, degree: int) -> Floats:
     v[outside] = 0.0
     way = system.own(v)
     loads = system.stiffness @ way
-    return cut - way @ np.linalg.lstsq(products(way, loads), products(way, forces), rcond=DEPENDENT)[0]
+    far = np.linalg.lstsq(products(way, loads), products(way, forces), rcond=DEPENDENT)[0]
+    return cut - way @ far, forces - loads @ far
 
 
 def in_inclusion(model: MeridianModel, time: float) -> Floats:
