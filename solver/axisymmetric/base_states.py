@@ -8,9 +8,10 @@ are their own adjoints).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from geometry.scenes.probe import Material
 from solver.axisymmetric.condensed_system import LARGEST_RESIDUAL, System
 from solver.axisymmetric.dofs import Interface, numbering, subspace
 from solver.elements.quadrilateral import Blocks, Condensed, Geometry, geometry, lame, matrices, stiffness
+from solver.elements.rectangles import rectangles
 from solver.elements.shape_functions import Shapes, shapes
 from solver.linalg.workspace import current, kept
 
@@ -136,10 +138,7 @@ def model(
     current().make_room(WHOLE * size)
     at = geometry(nodes(section, mesh, functions.places), functions)
     two_mu, lam = _moduli(mesh, materials)
-    count = max(1, int(BLOCK / (8 * (2 * len(functions.degrees)) ** 2)))
-    blocks = [slice(low, low + count) for low in range(0, len(mesh.body), count)]
-    parts = (stiffness(at.of(one), functions, two_mu[one], lam[one]) for one in blocks)
-    whole = Condensed.of(parts, len(mesh.body))
+    whole = Condensed.of(_parts(mesh, at, functions, two_mu, lam), len(mesh.body))
     system = System.of(numbering(mesh, fineness.order, interface), whole.stiffness)
     return MeridianModel(
         section,
@@ -153,6 +152,21 @@ def model(
         condensed=whole,
         system=system,
     )
+
+
+def _parts(mesh: Topology, at: Geometry, functions: Shapes, two_mu: Floats, lam: Floats) -> Iterator[Blocks]:
+    """Yield the elements' matrices in order, few enough at a time for the processor's cache."""
+    count, columns = max(1, int(BLOCK / (8 * (2 * len(functions.degrees)) ** 2))), mesh.columns
+    starts = [columns[0]]
+    while starts[-1] < columns[-1]:  # whole columns, one at least
+        fit = columns[columns <= starts[-1] + count][-1]
+        starts.append(fit if fit > starts[-1] else columns[columns > starts[-1]][0])
+    for low, high in pairwise(starts):
+        some, one = columns[(columns >= low) & (columns <= high)] - low, slice(low, high)
+        yield rectangles(at.of(one), functions, two_mu[one], lam[one], some)
+    for low in range(columns[-1], len(mesh.body), count):
+        one = slice(low, low + count)
+        yield stiffness(at.of(one), functions, two_mu[one], lam[one])
 
 
 def base_states(model: MeridianModel) -> BaseStates:

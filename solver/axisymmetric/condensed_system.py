@@ -13,7 +13,7 @@ from solver.axisymmetric.dofs import Numbering
 from solver.linalg.cholesky import Factor, factorise
 
 LARGEST_RESIDUAL = 1e-9  # relative, in the 2-norm; direct solves leave about 1e-16
-SMALL = 1e-10  # residual relative to the elements' forces, below which |K| |u|, which is more, need not be known
+SMALL = 1e-12  # residual relative to the diagonal's part of |K| |u|, up to which the rest need not be known
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,8 @@ class System:
             own, shift = self.unshifted(local)
             loads = self.stiffness @ own
             unbalanced = forces - self.add_up(loads)
-        residual = self._share(unbalanced, np.abs(loads), forces)
+        diagonal = np.diagonal(self.stiffness, axis1=1, axis2=2)[..., None]
+        residual = self._share(unbalanced, diagonal * np.abs(local), forces)
         if not residual <= SMALL:
             residual = self._share(unbalanced, np.abs(self.stiffness) @ np.abs(local), forces)
         if not residual <= largest:
@@ -103,8 +104,8 @@ class Solution:
         shift: these shifts along z, shape (n, k).
         loads: the elements' forces, shape (n, 8 p, k).
         unbalanced: what is left of the forces, shape (unknowns, k).
-        residual: its share of |K| |u|, to which rounding errors are proportional, or more, where it is small: of the elements'
-            forces; the largest.
+        residual: its share of |K| |u|, to which rounding errors are proportional, the largest; of the diagonal's part of that,
+            which is somewhat more, where it is small.
     """
 
     v: Floats

@@ -14,7 +14,6 @@ from threading import Lock
 from typing import Any, Protocol
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
@@ -116,13 +115,10 @@ class _Pardiso:
         analysed = None if pattern is None else pattern.analysed
         if analysed is None:
             lower = matrix.indices >= np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
-            # its upper triangle by rows is the lower one by columns
-            ordering = METIS if pattern is None else LEAST_DEGREE
-            solver = _analysis(library, sp.tril(matrix, format="csc").T, ordering)
+            values = matrix.data[lower]
+            solver = _analysis(library, matrix, (lower, values), METIS if pattern is None else LEAST_DEGREE)
             if pattern is None:  # never another matrix's: its values need not be known again
                 lower, values = np.empty(0, dtype=bool), np.empty(0)
-            else:
-                values = matrix.data[lower]
             analysed = _Analysed(solver, lower, values)
             if pattern is not None:
                 pattern.analysed = analysed
@@ -143,11 +139,13 @@ class _Pardiso:
             self.analysed.values = self.values
 
 
-def _analysis(library: Any, upper: Any, ordering: dict[int, int]) -> Any:
-    """Analyse and factorise the upper triangle of a matrix in compressed rows."""
+def _analysis(library: Any, matrix: Any, triangle: tuple[NDArray[np.bool_], Floats], ordering: dict[int, int]) -> Any:
+    """Analyse and factorise by the lower triangle, which of the entries and their values; by rows it is the upper one."""
+    lower, values = triangle
     solver = library.PardisoSolver(POSITIVE_DEFINITE, 0)
     for key, value in ordering.items():
         solver.set_iparm(key, value)
-    solver.set_pattern(ia=upper.indptr.astype(np.int64), ja=upper.indices.astype(np.int64), n=upper.shape[0])
-    solver.factor(upper.data)
+    starts = np.append(0, np.cumsum(lower))[matrix.indptr]
+    solver.set_pattern(ia=starts.astype(np.int64), ja=matrix.indices[lower].astype(np.int64), n=matrix.shape[0])
+    solver.factor(values)
     return solver
