@@ -138,7 +138,7 @@ def model(
     current().make_room(WHOLE * size)
     at = geometry(nodes(section, mesh, functions.places), functions)
     two_mu, lam = _moduli(mesh, materials)
-    whole = Condensed.of(_parts(mesh, at, functions, two_mu, lam), len(mesh.body))
+    whole = Condensed.of(integrated(mesh, at, functions, two_mu, lam), len(mesh.body))
     system = System.of(numbering(mesh, fineness.order, interface), whole.stiffness)
     return MeridianModel(
         section,
@@ -154,8 +154,8 @@ def model(
     )
 
 
-def _parts(mesh: Topology, at: Geometry, functions: Shapes, two_mu: Floats, lam: Floats) -> Iterator[Blocks]:
-    """Yield the elements' matrices in order, few enough at a time for the processor's cache."""
+def integrated(mesh: Topology, at: Geometry, functions: Shapes, two_mu: Floats, lam: Floats) -> Iterator[Blocks]:
+    """Yield the elements' matrices in order, rectangles first, few enough at a time for the processor's cache."""
     count, columns = max(1, int(BLOCK / (8 * (2 * len(functions.degrees)) ** 2))), mesh.columns
     starts = [columns[0]]
     while starts[-1] < columns[-1]:  # whole columns, one at least
