@@ -28,7 +28,7 @@ import ngsolve as ngs
 from rich.console import Console
 
 from benchmarks.peers import comparisons
-from benchmarks.peers.measured import NAMES, Clock, cases
+from benchmarks.peers.measured import NAMES, PeerClock, cases
 from benchmarks.tables import MeasuredTable
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -67,7 +67,7 @@ def main() -> None:
     """Run the chosen parts, print their tables, write the file."""
     chosen, console, progress = arguments(), Console(width=165), Console(stderr=True)
     if chosen.processor:
-        Clock.now = process_time
+        PeerClock.now = process_time
     ngs.SetNumThreads(chosen.threads)
     tasks = ngs.TaskManager() if chosen.threads > 1 else nullcontext()
     codes = {name: version(name) for name in ("probe-design", "ngsolve", "numpy", "scipy")} | {

@@ -70,7 +70,7 @@ class PeerAnswer:
         return sum(self.stages.values())
 
 
-class Clock:
+class PeerClock:
     """By which all is measured: wall time, or what a program puts in its place, the processor's on a machine that others use."""
 
     now: ClassVar[Callable[[], float]] = perf_counter
@@ -81,11 +81,11 @@ class Stopwatch:
 
     def __init__(self) -> None:
         self.stages: dict[str, float] = {}
-        self._last = Clock.now()
+        self._last = PeerClock.now()
 
     def lap(self, stage: str) -> None:
         """Book the time since the last lap to a stage."""
-        now = Clock.now()
+        now = PeerClock.now()
         self.stages[stage] = self.stages.get(stage, 0.0) + now - self._last
         self._last = now
 
@@ -112,7 +112,7 @@ def typical(run: Callable[[], S], repeats: int) -> S:
 
 def timed(run: Callable[[], T], repeats: int, clock: Callable[[], float] | None = None) -> tuple[T, float]:
     """Run several times; return the last result and the median of the seconds by a clock, or that of all measurements."""
-    seconds, clock = [], clock or Clock.now
+    seconds, clock = [], clock or PeerClock.now
     for _ in range(repeats):
         start = clock()
         result = run()
