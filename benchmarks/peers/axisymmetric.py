@@ -3,7 +3,8 @@
 Usage: ``pip install -e '.[bench]'`` and ``apt-get install calculix-ccx``, then ``python -m benchmarks.peers.axisymmetric``. All
 of it takes about ten minutes on a quiet core; ``--part`` and ``--scene`` (both may be repeated) restrict it. Everything
 runs on one thread, or on ``--threads``, of which NGSolve's task manager uses what it can. Times are wall-clock medians of
-``--repeats`` runs; of long runs (CalculiX, differences, growth), one.
+``--repeats`` runs; of long runs (CalculiX, differences, growth), one. ``--processor`` measures
+the time of the processor instead, on a machine that others use; CalculiX, a process of its own, is not in it.
 
 True values are those of ``tests/reference/axisymmetric``: NGSolve of order up to 12 (``benchmarks/references/axisymmetric.py``).
 The peers are used as their best users would, see ``ngsolve_meridian.py``, ``ngsolve_settings.py``, ``calculix_meridian.py``.
@@ -20,13 +21,14 @@ from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from importlib.metadata import version
 from pathlib import Path
+from time import process_time
 from typing import Any
 
 import ngsolve as ngs
 from rich.console import Console
 
 from benchmarks.peers import comparisons
-from benchmarks.peers.measured import NAMES, cases
+from benchmarks.peers.measured import NAMES, PeerClock, cases
 from benchmarks.tables import MeasuredTable
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -40,6 +42,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--scene", action="append", choices=NAMES, help="only this scene")
     parser.add_argument("--repeats", type=int, default=7, help="of an evaluation (7); curves are repeated three times at most")
     parser.add_argument("--threads", type=int, default=1, help="of linear algebra and of NGSolve (1)")
+    parser.add_argument("--processor", action="store_true", help="tell the processor's time, not the wall clock's")
     parser.add_argument("--points", type=int, default=50, help="moduli on a curve (50)")
     parser.add_argument("--json", type=Path, help="write the raw values to this file, times in seconds")
     return parser.parse_args()
@@ -63,6 +66,8 @@ def measure(chosen: argparse.Namespace, tell: Callable[[str], None]) -> Iterator
 def main() -> None:
     """Run the chosen parts, print their tables, write the file."""
     chosen, console, progress = arguments(), Console(width=165), Console(stderr=True)
+    if chosen.processor:
+        PeerClock.now = process_time
     ngs.SetNumThreads(chosen.threads)
     tasks = ngs.TaskManager() if chosen.threads > 1 else nullcontext()
     codes = {name: version(name) for name in ("probe-design", "ngsolve", "numpy", "scipy")} | {

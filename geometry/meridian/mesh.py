@@ -17,7 +17,7 @@ geometric layers, which their neighbours do not see:
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise, product
 from typing import Any
 
@@ -47,6 +47,8 @@ class Topology:
         circles: the two circles of the cell in a ring, shape (n, 2).
         corners: the element's in the cell's unit square, counter-clockwise, shape (n, 4, 2).
         body: of ``Body``, shape (n,).
+        columns: rectangles come first, those between the same two radii one after the other: numbers of the first of each such
+            run, and how many rectangles there are.
     """
 
     layout: MeshTopology
@@ -55,6 +57,7 @@ class Topology:
     circles: Ints
     corners: Floats
     body: Ints
+    columns: Ints
 
 
 def topology(kind: Kind, fineness: MeridianFineness) -> Topology:
@@ -66,16 +69,28 @@ def topology(kind: Kind, fineness: MeridianFineness) -> Topology:
     repeat = np.array([len(quads) for _, quads in cut])
     corners = np.concatenate([quads for _, quads in cut])
     shape, body, vertices, circles = (np.repeat(x, repeat, axis=0) for x in (shape, body, vertices, circles))
-    return Topology(layout, shape, vertices=vertices, circles=circles, corners=corners, body=body)
+    order, columns = _columns((TENSOR,) if kind.layers[1] else (TENSOR, CORE), shape, vertices, corners)
+    shape, body, vertices, circles, corners = (x[order] for x in (shape, body, vertices, circles, corners))
+    return Topology(layout, shape, vertices=vertices, circles=circles, corners=corners, body=body, columns=columns)
+
+
+def _columns(straight: tuple[int, ...], shape: Ints, vertices: Ints, corners: Floats) -> tuple[Ints, Ints]:
+    """The order in which rectangles come first, column by column, and ``Topology.columns``; of ``straight`` shapes some are."""
+    sides = ((0, 3, 0), (1, 2, 0), (0, 1, 1), (3, 2, 1))  # two corners that share a radius or a level
+    upright = np.all([x[:, a, axis] == x[:, b, axis] for x in (vertices, corners) for a, b, axis in sides], axis=0)
+    flat = np.flatnonzero(upright & np.isin(shape, straight))
+    between = np.column_stack([shape[flat], *(x[flat, k, 0] for x in (vertices, corners) for k in (0, 1))])
+    _, column, count = np.unique(between, axis=0, return_inverse=True, return_counts=True)
+    others = np.setdiff1d(np.arange(len(shape)), flat)
+    return np.concatenate([flat[np.argsort(column.ravel(), kind="stable")], others]), np.concatenate([[0], np.cumsum(count)])
 
 
 def nodes(section: Section, mesh: Topology, places: Floats, chosen: Ints | None = None) -> Any:
     """Return points (r, z) of all or some elements at ``places`` of the unit square, (places, 2); (..., n, places, 2)."""
     if chosen is not None:
         shape, vertices, circles = mesh.shape[chosen], mesh.vertices[chosen], mesh.circles[chosen]
-        mesh = Topology(
-            mesh.layout, shape, vertices=vertices, circles=circles, corners=mesh.corners[chosen], body=mesh.body[chosen]
-        )
+        corners, body = mesh.corners[chosen], mesh.body[chosen]
+        mesh = replace(mesh, shape=shape, vertices=vertices, circles=circles, corners=corners, body=body)
     return _mapped(frame(section, mesh.layout), mesh, places)
 
 

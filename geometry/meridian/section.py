@@ -80,13 +80,13 @@ class Section:
     def lengths(self) -> tuple[str, ...]:
         """Names of the lengths that are not zero: those by which outputs can be differentiated."""
         names = (field.name for field in fields(self) if field.name != "mesh_size")
-        return tuple(name for name in names if np.all(getattr(self, name) != 0))
+        return tuple(name for name in names if _some(getattr(self, name)))
 
     @cached_property
     def block_radii(self) -> dict[str, Any]:
         """Where the blocks' walls stand and, if their edges are round, their faces end: rising, by name."""
         inner, hole, tube, edge = self.inner_radius, self.hole_radius, self.tube_radius, self.edge_radius
-        if not np.all(edge != 0):
+        if not _some(edge):
             return {"inner": inner, "hole": hole, "tube": tube}
         inside = {"inner edge": inner - edge, "inner": inner, "hole": hole, "hole edge": hole + edge}
         return inside | {"tube edge": tube - edge, "tube": tube}
@@ -94,13 +94,13 @@ class Section:
     @property
     def has_details(self) -> bool:
         """Whether there is a film or an elastic base."""
-        return bool(np.all(self.film != 0) or np.all(self.flange_thickness != 0))
+        return _some(self.film) or _some(self.flange_thickness)
 
     @cached_property
     def interfaces(self) -> list[Any]:
         """Depths of the tissue's interfaces, from the surface downwards."""
         thicknesses = (getattr(self, body.name.lower()) for body in LAYERS)
-        return list(accumulate(one for one in thicknesses if np.all(one != 0)))
+        return list(accumulate(one for one in thicknesses if _some(one)))
 
     @cached_property
     def interfaces_apart(self) -> tuple[int, int]:
@@ -133,7 +133,7 @@ class Section:
             self.tissue_radius - self.tube_radius,
             self.inner_height,
             self.outer_height,
-            *([self.edge_radius] if np.all(self.edge_radius != 0) else []),
+            *([self.edge_radius] if _some(self.edge_radius) else []),
         )
 
     @cached_property
@@ -146,7 +146,7 @@ class Section:
     @cached_property
     def corner_size(self) -> Any:
         """The size to which the mesh is graded at the blocks' corners."""
-        if np.all(self.mesh_size != 0):
+        if _some(self.mesh_size):
             return self.mesh_size
         return smooth_min(self.block_size, self.under_blocks / 4)
 
@@ -156,3 +156,8 @@ class Section:
         step = smooth_min((NEAREST_BOX - 1) * s, beside / 3)
         reach = smooth_min((WIDEST_BOX - 1) * s, 2 * beside / 3)
         return s + step, s + reach
+
+
+def _some(length: Lengths) -> bool:
+    """Whether there is such a length, or each of an array; plain comparison of a number takes a hundredth of numpy's."""
+    return length != 0 if isinstance(length, float | int) else bool(np.all(length != 0))

@@ -8,9 +8,10 @@ are their own adjoints).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -24,11 +25,13 @@ from geometry.scenes.probe import Material
 from solver.axisymmetric.condensed_system import LARGEST_RESIDUAL, System
 from solver.axisymmetric.dofs import Interface, numbering, subspace
 from solver.elements.quadrilateral import Blocks, Condensed, Geometry, geometry, lame, matrices, stiffness
+from solver.elements.rectangles import rectangles
 from solver.elements.shape_functions import Shapes, shapes
 from solver.linalg.workspace import current, kept
 
 Materials = Mapping[Body, Material]
 HIDDEN = 1e-12  # share of a force that rounding may change before the solution is refined
+LITTLE = 1e-9  # share of a force that rounding may change before its bound is made a close one
 DEPENDENT = 1e-12  # share of the largest below which a way in energy is none
 BLOCK = 4e6  # bytes of the elements' matrices that are worked on at once: few enough for the processor's cache
 WHOLE = 2.6  # times the bytes of all element matrices: what a process holds at most
@@ -135,10 +138,7 @@ def model(
     current().make_room(WHOLE * size)
     at = geometry(nodes(section, mesh, functions.places), functions)
     two_mu, lam = _moduli(mesh, materials)
-    count = max(1, int(BLOCK / (8 * (2 * len(functions.degrees)) ** 2)))
-    blocks = [slice(low, low + count) for low in range(0, len(mesh.body), count)]
-    parts = (stiffness(at.of(one), functions, two_mu[one], lam[one]) for one in blocks)
-    whole = Condensed.of(parts, len(mesh.body))
+    whole = Condensed.of(integrated(mesh, at, functions, two_mu, lam), len(mesh.body))
     system = System.of(numbering(mesh, fineness.order, interface), whole.stiffness)
     return MeridianModel(
         section,
@@ -152,6 +152,21 @@ def model(
         condensed=whole,
         system=system,
     )
+
+
+def integrated(mesh: Topology, at: Geometry, functions: Shapes, two_mu: Floats, lam: Floats) -> Iterator[Blocks]:
+    """Yield the elements' matrices in order, rectangles first, few enough at a time for the processor's cache."""
+    count, columns = max(1, int(BLOCK / (8 * (2 * len(functions.degrees)) ** 2))), mesh.columns
+    starts = [columns[0]]
+    while starts[-1] < columns[-1]:  # whole columns, one at least
+        fit = columns[columns <= starts[-1] + count][-1]
+        starts.append(fit if fit > starts[-1] else columns[columns > starts[-1]][0])
+    for low, high in pairwise(starts):
+        some, one = columns[(columns >= low) & (columns <= high)] - low, slice(low, high)
+        yield rectangles(at.of(one), functions, two_mu[one], lam[one], some)
+    for low in range(columns[-1], len(mesh.body), count):
+        one = slice(low, low + count)
+        yield stiffness(at.of(one), functions, two_mu[one], lam[one])
 
 
 def base_states(model: MeridianModel) -> BaseStates:
@@ -169,10 +184,21 @@ def base_states(model: MeridianModel) -> BaseStates:
         hidden = np.abs(unbalanced.T @ system.factor.solve(unbalanced))
         if found.residual <= LARGEST_RESIDUAL and np.all(hidden <= HIDDEN * np.abs(forces)):
             break
-    # ten standard deviations of the energy when every entry of the matrices carries an independent rounding error
-    variance = products(own**2, system.stiffness**2 @ own**2)
-    rounding = 10 * np.finfo(float).eps * np.sqrt(variance) + hidden
+    rounding = _rounding(system.stiffness, own, forces) + hidden
     return BaseStates(model, found.v, edge=own, shift=found.shift, forces=forces, rounding=rounding, residual=found.residual)
+
+
+def _rounding(stiffness: Floats, own: Floats, forces: Floats) -> Floats:
+    """Ten standard deviations of the forces when every entry of the matrices carries an independent rounding error.
+
+    No entry of a positive definite matrix is above the roots of both its diagonal ones, which is enough where little follows.
+    """
+    ten = 10 * np.finfo(float).eps
+    diagonal = np.einsum("ek,eki->ei", np.diagonal(stiffness, axis1=1, axis2=2), own**2)
+    most = ten * np.sqrt(diagonal.T @ diagonal)
+    if np.all(most <= LITTLE * np.abs(forces)):
+        return np.asarray(most)
+    return np.asarray(ten * np.sqrt(products(own**2, stiffness**2 @ own**2)))
 
 
 def lower_order(states: BaseStates, vectors: Floats, degree: int, stiffest: float = 1.0) -> Floats:
@@ -198,8 +224,10 @@ def lower_order(states: BaseStates, vectors: Floats, degree: int, stiffest: floa
     return np.concatenate([system.own(v[:, :2], lift), system.own(v[:, 2:])], axis=2)
 
 
-def near_lower_order(states: BaseStates, degree: int) -> Floats:
-    """What is nearly as near as ``lower_order`` of both states, without another factorisation; elements' values, (n, 8 p, 2).
+def near_lower_order(states: BaseStates, degree: int) -> tuple[Floats, Floats]:
+    """What is nearly as near as ``lower_order`` of both states, without another factorisation.
+
+    Returns the elements' values and the forces of what they differ by from ``states``, (n, 8 p, 2) both.
 
     From the states without their functions of the last degree, ``degree`` + 1, one step of steepest descent of the distance in
     energy, of both at once. The whole's factor says where to: it differs from the smaller space's own by how much the last
@@ -215,7 +243,8 @@ def near_lower_order(states: BaseStates, degree: int) -> Floats:
     v[outside] = 0.0
     way = system.own(v)
     loads = system.stiffness @ way
-    return cut - way @ np.linalg.lstsq(products(way, loads), products(way, forces), rcond=DEPENDENT)[0]
+    far = np.linalg.lstsq(products(way, loads), products(way, forces), rcond=DEPENDENT)[0]
+    return cut - way @ far, forces - loads @ far
 
 
 def in_inclusion(model: MeridianModel, time: float) -> Floats:

@@ -66,8 +66,9 @@ def converged_forces(scene: Scene, accuracy: float, moduli: Floats | None = None
 
     def good(mesh_sample: MeshSample, errors: SampleErrors) -> bool:
         numerical = _films(scene, mesh_sample, errors)
-        films = _films(scene, mesh_sample, errors, missing) if missing else numerical
-        reached, least = (max(one.error_under(scene) for one in some) for some in (films, numerical))
+        least = reached = max(one.error_under(scene) for one in numerical)
+        if missing:
+            reached = max(one.error_under(scene) for one in _films(scene, mesh_sample, errors, missing))
         small = reached <= accuracy or (reached - least > accuracy and least <= accuracy / 2)
         return small and all(_sensitive_enough(one, accuracy) for one in numerical)
 

@@ -34,7 +34,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.common.arrays import Floats, Ints
+from geometry.common.arrays import Floats
 from geometry.meridian.mesh import interface_ends
 from geometry.meridian.section import Body, Section
 from solver.axisymmetric.base_states import MeridianModel, in_inclusion, lower_order, near_lower_order, of_degree, products
@@ -83,16 +83,43 @@ class _Curve:
             out[:, 2:] = self.rational.amplitudes(times)[0]
         return out
 
-    def state(self, time: float) -> Floats:
-        """Both states at a modulus, shape (n, 8 p, 2)."""
-        return self.values if self.rational is None else np.asarray(self.values @ self.at(np.array([time]))[0])
+
+@dataclass(frozen=True)
+class _Change:
+    """What states of a smaller space differ by from the whole's, at every modulus.
+
+    Attributes:
+        values: vectors that all of it is made of, the elements' values, shape (n, 8 p, m).
+        loads: their forces, likewise.
+        low, own: both spaces' states; that of a curve's values come one after the other in ``values``.
+    """
+
+    values: Floats
+    loads: Floats
+    low: _Curve
+    own: _Curve
+
+    @classmethod
+    def of(cls, model: MeridianModel, low: _Curve, own: _Curve) -> _Change:
+        """Multiply by the elements' matrices; a curve's vectors have no counterpart in the other space."""
+        values = low.values - own.values if own.rational is None else np.concatenate([low.values, own.values], axis=2)
+        return cls(values, model.system.stiffness @ values, low, own)
+
+    def at(self, times: Floats) -> Floats:
+        """What both states' change is on the vectors at some moduli, shape (k, m, 2)."""
+        return self.low.at(times) if self.own.rational is None else np.hstack([self.low.at(times), -self.own.at(times)])
+
+    def of_elements(self, times: Floats) -> Floats:
+        """a_e(w_i, w_j) with the model's moduli of the change at others, shape (k, n, 2, 2)."""
+        turn = self.at(times)
+        return _pairs(_turned(self.values, turn), _turned(self.loads, turn))
 
 
 def order_errors(sample: MeshSample) -> SampleErrors:
     """Bounds on the errors of a sample from its own mesh, of an order in ``MOST``, and what it is on the next smaller space."""
     own, order = _own(sample), sample.states.model.shapes.order
     low = _lower(sample, own, order - 1)
-    return _errors(sample, own, low, _shares(sample, own, low, MOST[order], RATES.get(order)))
+    return _errors(sample, _Change.of(sample.states.model, low, own), MOST[order], RATES.get(order))
 
 
 def near_errors(sample: MeshSample) -> SampleErrors | None:
@@ -100,8 +127,9 @@ def near_errors(sample: MeshSample) -> SampleErrors | None:
     own, order = _own(sample), sample.states.model.shapes.order
     if own.rational is not None or np.any(sample.states.model.lam > NEAR * sample.states.model.two_mu):
         return None
-    low = _Curve(near_lower_order(sample.states, order - 1), None)
-    return _errors(sample, own, low, _shares(sample, own, low, MOST[order], RATES.get(order)))
+    values, loads = near_lower_order(sample.states, order - 1)
+    change = _Change(values - own.values, loads, _Curve(values, None), own)
+    return _errors(sample, change, MOST[order], RATES.get(order))
 
 
 def own_errors(sample: MeshSample) -> SampleErrors | None:
@@ -112,25 +140,25 @@ def own_errors(sample: MeshSample) -> SampleErrors | None:
     values = own.values.copy()
     values[:, of_degree(sample.states.model, order)] = 0.0
     low = _Curve(values, own.rational)
-    return _errors(sample, own, low, _shares(sample, own, low, MOST_OF_OWN[order]))
+    return _errors(sample, _Change.of(sample.states.model, low, own), MOST_OF_OWN[order])
 
 
-def _errors(sample: MeshSample, own: _Curve, low: _Curve, shares: Floats) -> SampleErrors:
-    """Bounds from states of a smaller space and the shares of eq. AX.12.
+def _errors(sample: MeshSample, change: _Change, most: float, rate: float | None = None) -> SampleErrors:
+    """Bounds from a smaller space, by c of eq. AX.10 and, where changes may fall faster, k of eq. AX.11.
 
     The log-sensitivity is the difference of both films' own: each of these is bounded by what the last degree changed of it and,
     should that vanish by chance, by as large a share of itself as its film's force. A smaller system that is solved badly adds to
     the bounds: its energy is the least.
     """
-    times = sample.times
-    energies = _energies(sample, low, own)
-    bound = shares * _cauchy(energies)
+    times, low = sample.times, change.low
+    energies = _energies(sample, change)
+    bound = _shares(sample, change, most, rate) * _cauchy(energies)
     totals, slope = sample.totals, sample.slope.sum(axis=2)
     share = _share(slope, totals)
     lower_slope = times[:, None] * _inclusion_energies(sample, low.values, low.at(times)).sum(axis=2)
-    change = np.abs(_share(lower_slope, totals + energies.sum(axis=2)) - share)
+    moved = np.abs(_share(lower_slope, totals + energies.sum(axis=2)) - share)
     part = _share(bound, np.maximum(np.abs(totals) - bound, 0.0), np.inf)  # of the force that the error may leave
-    films = SLOPES * change + np.multiply(np.abs(share), part, out=np.zeros_like(part), where=share != 0)  # where nothing varies
+    films = SLOPES * moved + np.multiply(np.abs(share), part, out=np.zeros_like(part), where=share != 0)  # where nothing varies
     return SampleErrors(_known(bound + sample.rounding), _known(films.sum(axis=1)))
 
 
@@ -166,42 +194,49 @@ def _inclusion_energies(sample: MeshSample, values: Floats, at: Floats) -> Float
     return np.asarray(at.transpose(0, 2, 1) @ products(part, sample.states.model.system.stiffness[inside] @ part) @ at)
 
 
-def _energies(sample: MeshSample, low: _Curve, own: _Curve) -> Floats:
+def _energies(sample: MeshSample, change: _Change) -> Floats:
     """Energies a(w_i, w_j) at all moduli, shape (k, 2, 2)."""
-    times, at = sample.times, own.at(sample.times)
-    if own.rational is None:
-        values = low.values - own.values
-    else:  # vectors have no counterpart in the other space
-        values, at = np.concatenate([low.values, own.values], axis=2), np.hstack([low.at(times), -at])
-    whole = products(values, sample.states.model.system.stiffness @ values)
-    return np.asarray(at.transpose(0, 2, 1) @ whole @ at + (times[:, None, None] - 1) * _inclusion_energies(sample, values, at))
+    times, at = sample.times, change.at(sample.times)
+    whole = np.asarray(at.transpose(0, 2, 1) @ products(change.values, change.loads) @ at)
+    if change.own.rational is None:
+        return whole
+    return np.asarray(whole + (times[:, None, None] - 1) * _inclusion_energies(sample, change.values, at))
 
 
-def _shares(sample: MeshSample, own: _Curve, low: _Curve, most: float, rate: float | None = None) -> Floats:
+def _shares(sample: MeshSample, change: _Change, most: float, rate: float | None = None) -> Floats:
     """What of eq. AX.12 changes little with the modulus, shape (k, 2)."""
     model, order = sample.states.model, sample.states.model.shapes.order
     times = np.ones(1) if sample.response is None else np.geomspace(sample.times.min(), sample.times.max(), SAMPLED)
-    before_last, ends, shares = of_degree(model, order - 1), interface_ends(model.mesh), []
-    for time in times:
-        smaller, stiffness = low.state(time), in_inclusion(model, time)
-        energies = stiffness * _of_elements(model, smaller - own.state(time))
-        last = _sizes(energies)
-        left = np.full_like(last, most)
-        if rate is not None:
-            before = _sizes(stiffness * _of_elements(model, smaller, before_last))
-            left = np.clip(rate * _share(last, np.maximum(before - last, 0.0), np.inf), LEAST, left)  # eq. AX.11
-        left[ends] = AT_ENDS
-        shares.append(_share((left * last).sum(axis=0), _cauchy(energies.sum(axis=0)[None])[0]))
+    stiffness = np.stack([in_inclusion(model, time) for time in times])
+    energies = stiffness * change.of_elements(times)
+    last = _sizes(energies)
+    left = np.full_like(last, most)
+    if rate is not None:
+        before = _sizes(stiffness * _of_degree(model, change.low, order - 1, times))
+        left = np.clip(rate * _share(last, np.maximum(before - last, 0.0), np.inf), LEAST, left)  # eq. AX.11
+    left[:, interface_ends(model.mesh)] = AT_ENDS
+    shares = _share((left * last).sum(axis=1), _cauchy(energies.sum(axis=1)))
     above = np.clip(np.searchsorted(times, sample.times), min(1, len(times) - 1), len(times) - 1)
-    return np.asarray(np.maximum(np.array(shares)[above], np.array(shares)[np.maximum(above - 1, 0)]))
+    return np.asarray(np.maximum(shares[above], shares[np.maximum(above - 1, 0)]))
 
 
-def _of_elements(model: MeridianModel, change: Floats, some: Ints | None = None) -> Floats:
-    """a_e(w_i, w_j) at the model's moduli, of all or of some of the elements' values, shape (n, 2, 2)."""
-    stiffness = model.system.stiffness
-    if some is not None:
-        change, stiffness = change[:, some], stiffness[:, some[:, None], some]
-    return np.asarray(change.transpose(0, 2, 1) @ (stiffness @ change))
+def _of_degree(model: MeridianModel, states: _Curve, degree: int, times: Floats) -> Floats:
+    """a_e of both states' parts of one degree with the model's moduli, at some others, shape (k, n, 2, 2)."""
+    some = of_degree(model, degree)
+    part = _turned(states.values[:, some], states.at(times))
+    return _pairs(part, model.system.stiffness[:, some[:, None], some] @ part)
+
+
+def _turned(values: Floats, turn: Floats) -> Floats:
+    """Sums of vectors (n, s, m) by k times two shares of each, (k, m, 2), shape (n, s, 2 k)."""
+    return np.asarray(values @ turn.transpose(1, 0, 2).reshape(turn.shape[1], -1))
+
+
+def _pairs(values: Floats, loads: Floats) -> Floats:
+    """Products of two values and two loads, element by element, (n, s, 2 k) both to (k, n, 2, 2)."""
+    n, s, _ = values.shape
+    a, b = (one.reshape(n, s, -1, 2).transpose(2, 0, 1, 3) for one in (values, loads))
+    return np.asarray(a.transpose(0, 1, 3, 2) @ b)
 
 
 def _cauchy(energies: Floats) -> Floats:
@@ -210,9 +245,9 @@ def _cauchy(energies: Floats) -> Floats:
 
 
 def _sizes(energies: Floats) -> Floats:
-    """d_e of eq. AX.10, shape (n, 2)."""
-    whole, single = energies.sum(axis=(1, 2)), np.diagonal(energies, axis1=1, axis2=2)
-    return np.asarray(np.abs(energies.sum(axis=2)) + CANCELLING * np.sqrt(np.abs(single * whole[:, None])))
+    """d_e of eq. AX.10, (..., 2, 2) to (..., 2)."""
+    whole, single = energies.sum(axis=(-2, -1)), np.diagonal(energies, axis1=-2, axis2=-1)
+    return np.asarray(np.abs(energies.sum(axis=-1)) + CANCELLING * np.sqrt(np.abs(single * whole[..., None])))
 
 
 def _known(bounds: Floats) -> Floats:

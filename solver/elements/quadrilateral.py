@@ -154,11 +154,16 @@ def matrices(at: Geometry, shapes: Shapes) -> tuple[Floats, Floats]:
     Returns two arrays of shape (n, 2, s, 2, s), the components r and z before the functions: the stiffness per unit 2 mu
     and per unit lambda.
     """
-    one, shape = np.ones(len(at.weight)), (len(at.weight), *(2, len(shapes.degrees)) * 2)
+    one, volume = np.ones(len(at.weight)), volumetric(at, shapes)
+    return _shear(at, shapes, one).take(shapes.tables.stiffness, axis=1).reshape(volume.shape), volume
+
+
+def volumetric(at: Geometry, shapes: Shapes) -> Floats:
+    """Return the latter of ``matrices`` alone."""
     dilations, inverse = _dilations(at, shapes)
     moments = dilations.take(shapes.tables.moments, axis=1)
     volume = moments.transpose(0, 2, 1) @ (inverse @ moments)
-    return _shear(at, shapes, one).take(shapes.tables.stiffness, axis=1).reshape(shape), volume.reshape(shape)
+    return np.asarray(volume.reshape(len(volume), *(2, len(shapes.degrees)) * 2))
 
 
 def stiffness(at: Geometry, shapes: Shapes, two_mu: Floats, lam: Floats) -> Blocks:

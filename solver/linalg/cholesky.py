@@ -14,13 +14,13 @@ from threading import Lock
 from typing import Any, Protocol
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
 from geometry.common.arrays import Floats
 
 METIS = {1: 2}  # PARDISO's ordering by nested dissection
+LEAST_DEGREE = {1: 0}  # of the meridian's meshes it leaves a tenth less to factorise, and is found in half of the time
 POSITIVE_DEFINITE = 2
 
 
@@ -43,7 +43,7 @@ def factorise(matrix: Any, pattern: Pattern | None) -> Factor:
 
     Args:
         matrix: both triangles, rows sorted.
-        pattern: that all matrices of one pattern share, or None for a matrix whose factors are kept.
+        pattern: that all matrices of one pattern share, a plane mesh's, or None for any matrix, whose factors are kept.
     """
     library = pardiso()
     if library is not None:
@@ -115,12 +115,10 @@ class _Pardiso:
         analysed = None if pattern is None else pattern.analysed
         if analysed is None:
             lower = matrix.indices >= np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
-            # its upper triangle by rows is the lower one by columns
-            solver = _analysis(library, sp.tril(matrix, format="csc").T)
+            values = matrix.data[lower]
+            solver = _analysis(library, matrix, (lower, values), METIS if pattern is None else LEAST_DEGREE)
             if pattern is None:  # never another matrix's: its values need not be known again
                 lower, values = np.empty(0, dtype=bool), np.empty(0)
-            else:
-                values = matrix.data[lower]
             analysed = _Analysed(solver, lower, values)
             if pattern is not None:
                 pattern.analysed = analysed
@@ -141,11 +139,13 @@ class _Pardiso:
             self.analysed.values = self.values
 
 
-def _analysis(library: Any, upper: Any) -> Any:
-    """Analyse and factorise the upper triangle of a matrix in compressed rows."""
+def _analysis(library: Any, matrix: Any, triangle: tuple[NDArray[np.bool_], Floats], ordering: dict[int, int]) -> Any:
+    """Analyse and factorise by the lower triangle, which of the entries and their values; by rows it is the upper one."""
+    lower, values = triangle
     solver = library.PardisoSolver(POSITIVE_DEFINITE, 0)
-    for key, value in METIS.items():
+    for key, value in ordering.items():
         solver.set_iparm(key, value)
-    solver.set_pattern(ia=upper.indptr.astype(np.int64), ja=upper.indices.astype(np.int64), n=upper.shape[0])
-    solver.factor(upper.data)
+    starts = np.append(0, np.cumsum(lower))[matrix.indptr]
+    solver.set_pattern(ia=starts.astype(np.int64), ja=matrix.indices[lower].astype(np.int64), n=matrix.shape[0])
+    solver.factor(values)
     return solver

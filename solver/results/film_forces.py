@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
@@ -35,9 +36,8 @@ class Bound:
         With e_i their relative errors that of ln(ratio) is at most -ln(1 - e_0) - ln(1 - e_1) (RE.1).
         """
         with np.errstate(divide="ignore"):
-            inner, outer = totals / np.abs(forces.sum(axis=1))
-        worst = max(inner, outer)
-        return cls(totals, float(-np.log1p(-inner) - np.log1p(-outer)) if worst < 1 else np.inf)
+            inner, outer = (totals / np.abs(forces.sum(axis=1))).tolist()
+        return cls(totals, -math.log1p(-inner) - math.log1p(-outer) if max(inner, outer) < 1 else math.inf)
 
     def __add__(self, other: Bound) -> Bound:
         """Return the bound on both errors together."""
@@ -97,9 +97,9 @@ class FilmForces:
     @property
     def ratio_error(self) -> float:
         """Bound on the relative error of the ratio."""
-        return float(np.expm1(min(self.bound.log_ratio, 700.0)))
+        return math.expm1(min(self.bound.log_ratio, 700.0))
 
-    @property
+    @cached_property
     def stiffness_error(self) -> float:
         """Bound on the relative error of the total force per indentation."""
         return float(self.bound.totals.sum() / abs(self.totals.sum()))

@@ -132,11 +132,12 @@ def test_one_step_without_a_factorisation_is_nearly_the_best_of_the_smaller_spac
     """Never nearer than it is (Galerkin), and not by a fifth farther: by so much the bound may be wider."""
     states = on(named("axisymmetric", name), level).states
     own, stiffness = states.edge, states.model.system.stiffness
-    best, near = lower_order(states, own[..., :0], level.order - 1), near_lower_order(states, level.order - 1)
+    best, (near, loads) = lower_order(states, own[..., :0], level.order - 1), near_lower_order(states, level.order - 1)
     sizes = [np.einsum("nai,nab,nbi->i", one - own, stiffness, one - own, optimize=True) for one in (best, near)]
     assert np.all((sizes[0] < sizes[1]) & (sizes[1] < 1.2 * sizes[0]))
     last = np.tile(states.model.shapes.degrees[: states.model.shapes.skeleton].max(axis=1), 2) == level.order
     assert not np.any(near[:, last])
+    np.testing.assert_allclose(loads, stiffness @ (near - own), rtol=0, atol=1e-10 * np.abs(loads).max())
 
 
 @pytest.mark.parametrize("tell", [own_errors, order_errors])

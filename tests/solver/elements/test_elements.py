@@ -14,7 +14,8 @@ from geometry.meridian.frame import kind as kind_of
 from geometry.meridian.mesh import SQUARE, Topology, nodes
 from geometry.meridian.section import Body, Section
 from solver.axisymmetric.dofs import Numbering, numbering
-from solver.elements.quadrilateral import gradients, matrices, projected
+from solver.elements.quadrilateral import gradients, matrices, projected, stiffness
+from solver.elements.rectangles import rectangles
 from solver.elements.shape_functions import functions, shapes
 from tests.support.meridian_sections import COARSE, PAPER, geometry_of, mesh_of, of_probe, section, special
 
@@ -57,9 +58,36 @@ def test_matrices_integrate_the_strains_at_the_gauss_points(order: int) -> None:
     slopes, hoop = gradients(at, table, u[..., None])
     rr, rz, zr, zz = slopes
     squares = rr**2 + zz**2 + hoop**2 + (rz + zr) ** 2 / 2, projected(at, table, rr + zz + hoop) ** 2
-    for stiffness, square in zip(matrices(at, table), squares, strict=True):
-        np.testing.assert_allclose(energies(stiffness, u), (at.weight * square[..., 0]).sum(axis=1), rtol=1e-9)
-        np.testing.assert_allclose(stiffness, stiffness.transpose(0, 3, 4, 1, 2), atol=1e-10 * np.abs(stiffness).max())
+    for whole, square in zip(matrices(at, table), squares, strict=True):
+        np.testing.assert_allclose(energies(whole, u), (at.weight * square[..., 0]).sum(axis=1), rtol=1e-9)
+        np.testing.assert_allclose(whole, whole.transpose(0, 3, 4, 1, 2), atol=1e-10 * np.abs(whole).max())
+
+
+@special
+def test_rectangles_come_first_column_by_column(case: dict[str, float]) -> None:
+    s = section(**case)
+    mesh = mesh_of(s)
+    corners, count = nodes(s, mesh, SQUARE), mesh.columns[-1]
+    (left, right), (low, high) = (corners[..., [0, 1], 0].T, corners[..., [0, 3], 1].T)
+    square = np.stack([left, low, right, low, right, high, left, high], axis=-1).reshape(-1, 4, 2)
+    few = 8 * np.finfo(float).eps
+    alike = np.all(np.abs(corners - square) <= few * np.abs(corners), axis=(1, 2))
+    assert alike[:count].all()
+    assert alike.sum() == count > len(alike) / 3
+    for some in np.split(corners[:count], mesh.columns[1:-1]):
+        assert np.all(np.ptp(some[..., 0], axis=0) <= few * some[0, :, 0])
+
+
+@pytest.mark.parametrize("order", [2, 4, 6])
+def test_rectangles_have_the_matrices_of_any_quadrilateral(order: int) -> None:
+    s, table = section(**PAPER), shapes(order)
+    mesh = mesh_of(s)
+    at = geometry_of(s, mesh, order).of(slice(0, mesh.columns[-1]))
+    two_mu, lam = np.random.default_rng(2).uniform(0.5, 2.0, (2, mesh.columns[-1]))
+    found, usual = rectangles(at, table, two_mu, lam, mesh.columns), stiffness(at, table, two_mu, lam)
+    largest = np.abs(usual.outside).max(axis=(1, 2), keepdims=True)
+    for name in ("outside", "across", "inside"):
+        np.testing.assert_allclose(getattr(found, name) / largest, getattr(usual, name) / largest, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("order", [2, 5, 8])
@@ -189,8 +217,8 @@ def test_a_rigid_shift_strains_nothing() -> None:
     np.testing.assert_array_equal((bonded.gather @ unknowns)[free], shift[free])
     up = np.zeros((len(mesh.body), 2, len(shapes(order).degrees)))
     up[:, 1, :4] = 1.0
-    for stiffness in matrices(geometry_of(s, mesh, order), shapes(order)):
-        assert np.abs(np.einsum("nisjt,njt->nis", stiffness, up)).max() < 1e-12 * np.abs(stiffness).max()
+    for whole in matrices(geometry_of(s, mesh, order), shapes(order)):
+        assert np.abs(np.einsum("nisjt,njt->nis", whole, up)).max() < 1e-12 * np.abs(whole).max()
 
 
 def test_assembled_matrix_adds_the_elements_up() -> None:

@@ -1,0 +1,121 @@
+"""Element matrices of rectangles r_0 < r < r_0 + h, l high: products of one-dimensional integrals, the same for all.
+
+With M, M_1 the integrals of N_i N_j and x N_i N_j over the unit interval, S and S_1 those of slopes, C and C_1 of N_i with the
+slope of N_j, x along r before y along z, per unit 2 mu and 2 pi:
+
+    K_rr = l / h (r_0 S + h S_1) M + h / l (r_0 M + h M_1) S / 2 + h l sum_a w_a / r_a N_i(x_a) N_j(x_a) M
+    K_zz = h / l (r_0 M + h M_1) S + l / h (r_0 S + h S_1) M / 2                                              (EL.2)
+    K_rz = (r_0 C + h C_1) C^T / 2
+
+The part by lambda depends on r_0 and h but for factors l, 1 and 1 / l of its blocks r r, r z and z z: rectangles between the same
+two radii share it. All is what ``quadrilateral`` sums over Gauss points, to rounding, for a third of the time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.linalg.blas import dger
+
+from geometry.common.arrays import Floats, Ints
+from solver.elements.quadrilateral import Blocks, Geometry, volumetric
+from solver.elements.shape_functions import Shapes, edge_functions, polynomials
+from solver.elements.shape_functions import shapes as shapes_of
+from solver.linalg.workspace import kept_table
+
+
+@dataclass(frozen=True)
+class RectangleTables:
+    """Integrals of eq. EL.2 for pairs of functions.
+
+    Attributes:
+        rr: factors of l r_0 / h, l, h r_0 / l, h^2 / l and h l / r_a, for pairs on corners and edges, of the inside with these,
+            and within; shape (4 + points, pairs).
+        zz: of the first four, likewise.
+        rz: of r_0 and h, for all pairs, shape (2, s^2).
+        pairs: the numbers of the pairs' functions, shape (2, pairs).
+    """
+
+    rr: Floats
+    zz: Floats
+    rz: Floats
+    pairs: Ints
+
+
+@kept_table
+def _tables(order: int) -> RectangleTables:
+    shapes = shapes_of(order)
+    s, m, points = len(shapes.degrees), shapes.skeleton, shapes.order + 2
+    x, w = shapes.points.reshape(points, points, 2)[:, 0, 0], shapes.weights.reshape(points, points).sum(axis=1)
+    N, S = edge_functions(x, polynomials(x, shapes.order))
+    edge, inner = np.arange(m), np.arange(m, s)
+    groups = [
+        np.stack(np.meshgrid(*both, indexing="ij")).reshape(2, -1) for both in ((edge, edge), (inner, edge), (inner, inner))
+    ]
+    pairs, every = np.hstack(groups), np.indices((s, s)).reshape(2, -1)
+    values, slopes = (np.einsum("a,ai,aj->aij", w, one, one) for one in (N, S))
+    crossed = np.einsum("a,ai,aj->aij", w, N, S)
+    M, C = values.sum(axis=0), crossed.sum(axis=0)
+
+    def moments(products: Floats) -> Floats:
+        return np.stack([products.sum(axis=0), np.einsum("a,aij->ij", x, products)])
+
+    def table(by_x: Floats, by_y: Floats, some: Ints) -> Floats:
+        (x_one, y_one), (x_other, y_other) = (shapes.degrees[one].T for one in some)
+        return np.asarray(by_x[:, x_one, x_other] * by_y[y_one, y_other])
+
+    stretched, sheared = table(moments(slopes), M, pairs), table(moments(values), slopes.sum(axis=0), pairs)
+    rr = np.concatenate([stretched, sheared / 2, table(values, M, pairs)])
+    return RectangleTables(rr, np.concatenate([stretched / 2, sheared]), table(moments(crossed), C.T, every) / 2, pairs)
+
+
+def rectangles(at: Geometry, shapes: Shapes, two_mu: Floats, lam: Floats, columns: Ints) -> Blocks:
+    """Return what ``quadrilateral.stiffness`` does, of rectangles.
+
+    Args:
+        at: their geometry.
+        shapes: their functions.
+        two_mu: of each, shape (n,).
+        lam: likewise.
+        columns: the numbers of the first of each run of them that lie between the same two radii, and n; rising.
+    """
+    table, s, (first, count) = _tables(shapes.order), len(shapes.degrees), (columns[:-1], np.diff(columns))
+    rr, zz, rz = _sheared(at, shapes, two_mu)
+    volume, (i, j), high = volumetric(at.of(first), shapes), table.pairs, 1 / at.inverse[:, 0, 1, 1]
+    tall = high / np.repeat(high[first], count)
+    _add(rr, lam * tall, volume[:, 0, :, 0][:, i, j], columns)
+    _add(zz, lam / tall, volume[:, 1, :, 1][:, i, j], columns)
+    _add(rz, lam, volume[:, 0, :, 1].reshape(len(first), s * s), columns)
+    return _blocks(rr, zz, rz.reshape(-1, s, s), shapes.skeleton)
+
+
+def _sheared(at: Geometry, shapes: Shapes, two_mu: Floats) -> tuple[Floats, Floats, Floats]:
+    """Eq. EL.2 for the pairs of ``RectangleTables``, times 2 mu and 2 pi."""
+    table, wide, high = _tables(shapes.order), 1 / at.inverse[:, 0, 0, 0], 1 / at.inverse[:, 0, 1, 1]
+    along = at.radius[:, :: shapes.order + 2]
+    inner, factor = along[:, 0] - shapes.points[0, 0] * wide, 2 * np.pi * two_mu
+    flat, steep = factor * wide / high, factor * high / wide
+    four = np.column_stack([steep * inner, steep * wide, flat * inner, flat * wide])
+    rr = np.hstack([four, (factor * wide * high)[:, None] / along]) @ table.rr
+    return rr, four @ table.zz, np.column_stack([factor * inner, factor * wide]) @ table.rz
+
+
+def _add(sums: Floats, shares: Floats, parts: Floats, columns: Ints) -> None:
+    """Add what all of a column share, (columns, pairs), times each one's share, to the sums, (n, pairs), in place."""
+    for part, (start, end) in zip(parts, pairwise(columns), strict=True):
+        dger(1.0, part, shares[start:end], a=sums[start:end].T, overwrite_a=1)
+
+
+def _blocks(rr: Floats, zz: Floats, rz: Floats, m: int) -> Blocks:
+    """Put the parts of matrices side by side, u_r before u_z."""
+    n, parts, start, (edge, inner) = len(rz), [], 0, (slice(None, m), slice(m, None))
+    for rows, cols in ((edge, edge), (inner, edge), (inner, inner)):
+        across = rz[:, rows, cols]
+        a, b = across.shape[1:]
+        out, some = np.empty((n, 2, a, 2, b)), slice(start, start := start + a * b)
+        out[:, 0, :, 0], out[:, 1, :, 1] = (one[:, some].reshape(n, a, b) for one in (rr, zz))
+        out[:, 0, :, 1], out[:, 1, :, 0] = across, rz[:, cols, rows].transpose(0, 2, 1)
+        parts.append(out.reshape(n, 2 * a, 2 * b))
+    return Blocks(*parts)
