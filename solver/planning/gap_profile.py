@@ -18,7 +18,7 @@ from solver.axisymmetric.base_states import BaseStates
 from solver.elements.shape_functions import edge_functions, polynomials
 from solver.linalg.workspace import kept
 
-PLACES = 17  # in each polynomial: the largest by parabolas is within 1e-4 of that of 1025
+PLACES = 65  # in each polynomial: the largest by parabolas is within 1e-5 of that of 1025
 _walls = kept(GapWalls.of)
 
 

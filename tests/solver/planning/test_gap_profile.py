@@ -45,7 +45,7 @@ def test_walls_bulge_between_the_ends_of_elements(name: str, least: float) -> No
 @pytest.mark.parametrize("name", WALLS)
 def test_the_largest_does_not_depend_on_the_places(name: str) -> None:
     states = CoarseModel.of(read_scene(REFERENCE / f"{name}.toml"), details=False).sample.states
-    assert GapProfile.of(states).most == pytest.approx(GapProfile.of(states, 1025).most, rel=1e-4)
+    assert GapProfile.of(states).most == pytest.approx(GapProfile.of(states, 1025).most, rel=1e-5)
 
 
 def test_the_top_of_a_parabola_is_found_between_places() -> None:

@@ -5,7 +5,7 @@ pressed alike. The radial displacements of both walls are taken at ``HEIGHTS`` e
 block's upper end, and again where the largest is. The value is that of the finer of two meshes, ``uncertainty`` its change from
 the other; ``tests/reference/gap-walls.json`` is what it writes.
 
-    python -m benchmarks.references.gap_walls
+    python -m benchmarks.contact.gap_walls
 """
 
 from __future__ import annotations
