@@ -1,11 +1,13 @@
 """Whether the plan's cheap bounds on loads hold: scenes drawn on the axis, pressed by level contact as far as the rule knows.
 
-    python -m benchmarks.extremes.load_bounds --scenes 60 --seed 0 [--light]
+    python -m benchmarks.extremes.load_bounds --scenes 60 --seed 0 [--light] [--narrow]
 
 For each scene: the largest load of which the rule says anything; the largest share of the bounds that ratio, stresses, stiffness
 and log-sensitivity take up to there (1 is all of it; what two meshes differ by is taken off); the load at which the gap closes
 over that up to which the plan, and the bound for formulas (PL.4), say that it stays open (1 or more is right). With --light
 0.15 of the largest load has to do, where the shares are about as large, and no gap is closed: some 4 s a scene in place of 15.
+With --narrow gaps are up to a hundred times narrower, blocks up to ten times stiffer and half the tumours softer than tissue,
+where walls may hardly near each other without a tumour; scenes of which little is known, by x or the gap, are passed over.
 """
 
 from __future__ import annotations
@@ -25,10 +27,11 @@ from geometry.scenes.scene_file import scene_from_dict
 from solver.contact.level import ContactLevel
 from solver.contact.limits import gap_closure_load
 from solver.contact.loaded import LoadedScene
-from solver.planning.load_check import load_rule
+from solver.planning.load_check import load_rule, rule_numbers
 from solver.planning.loads import LoadRule, least_closure, log_sensitivity_change, ratio_change, sensitivity_size
 
 SHARES, LIGHT = (0.1, 0.3, 1.0), (0.15,)  # of the largest load of which the rule says anything
+NEAR_CLOSURE = 0.4  # of the force by eq. PL.4
 SMALL = 1e-5  # log-sensitivities that differ by less are alike: what every level promises
 
 
@@ -91,6 +94,28 @@ def draws(seed: int) -> Iterator[Scene]:
             yield scene_from_dict(scene)
         except (ProbeError, ValueError):
             continue
+
+
+def narrowed(seed: int) -> Iterator[Scene]:
+    """The same with narrow gaps, stiff blocks and soft tumours, where what is known ends before the gap by eq. PL.4 does."""
+    random = np.random.default_rng(seed + 2000)
+    for scene in draws(seed):
+        times, stiffer, softer = np.exp(random.uniform([math.log(0.01), 0.0, math.log(0.01)], [0.0, math.log(10), math.log(0.5)]))
+        probe, (body,) = scene.probe, scene.inclusion
+        inner, outer = (
+            one.model_copy(update={"youngs_modulus": stiffer * one.youngs_modulus}) for one in (probe.inner, probe.outer)
+        )
+        probe = probe.model_copy(update={"gap": probe.gap * times, "inner": inner, "outer": outer})
+        if random.random() < 0.5:
+            body = body.model_copy(update={"youngs_modulus": softer * scene.tissue.youngs_modulus})
+        made = scene.model_copy(update={"probe": probe, "inclusion": (body,)})
+        try:
+            with timed():
+                rule, (totals, _) = load_rule(made), rule_numbers(made)
+        except ProbeError:
+            continue
+        if rule.known > NEAR_CLOSURE * least_closure(made, totals):
+            yield made
 
 
 def audit(scene: Scene, light: bool = False) -> Audit:
@@ -161,11 +186,14 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="the number of the first that is pressed")
     parser.add_argument("--light", action="store_true", help="small loads only")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--narrow", action="store_true", help="narrow gaps, stiff blocks, soft tumours")
     options = parser.parse_args()
     print("| scene | force, N | x | ratio | stresses | stiffness | log-sensitivity | closure / plan's | / formulas' |")
     print("|---|---|---|---|---|---|---|---|---|")
     audits: list[Audit] = []
-    for number, scene in zip(range(options.first + options.scenes), draws(options.seed), strict=False):
+    for number, scene in zip(
+        range(options.first + options.scenes), (narrowed if options.narrow else draws)(options.seed), strict=False
+    ):
         if number < options.first:
             continue
         try:

@@ -31,6 +31,7 @@ TENSOR, OUTSIDE, INSIDE, CORE = range(4)
 GOLDEN = (5**0.5 - 1) / 2
 LAYER = 0.15  # ratio of sizes from one layer at a corner to the next
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+SIDES = ((0, 1), (1, 2), (3, 2), (0, 3))  # corners of an element's sides, bottom, right, top and left, as its functions run
 Vertex = tuple[int, int]  # number of the radius, number of the level
 Cell = tuple[int, Body, tuple[Vertex, ...], tuple[int, int]]  # shape, body, vertices, circles
 

@@ -66,7 +66,7 @@ def optimize(
       height         1 mm to 20 mm, and 1.25 groove depths
       moduli         10 kPa to 1 MPa, of each block
     SCENE's load is a limit: the search presses each design up to it, up to the force at which finite strain changes the ratio
-    by 1 %, and up to 1/25 of the force that closes the gap. Where SCENE's load is more than that, level contact judges
+    by 1 %, and up to 1/20 of the force that closes the gap. Where SCENE's load is more than that, level contact judges
     start and finalists under the best of all loads up to it (one tumour on the axis), with an open gap and up to half an
     outer radius deep. The table says which limits are active, what sets the force, and what more load brings.
     """  # noqa: D301

@@ -1,7 +1,7 @@
 """How hard a design is pressed over a population: as far as the file, the scene and linear elasticity allow.
 
 One force holds for all tumours and tissues, as nobody knows beforehand which is there: the least of the scene's, of what limits
-of force, indentation, tissue strain and charge allow, of 1/25 of what closes the gap, and of what keeps the ratio within
+of force, indentation, tissue strain and charge allow, of 1/20 of what closes the gap, and of what keeps the ratio within
 ``RATIO`` of linear elasticity over the tumour with the widest, thinnest cover (``solver.planning.loads``, PL.7).
 """
 
@@ -20,8 +20,8 @@ from probe_design.populations.inclusion_scan import check_pressed
 from probe_design.populations.population import TumourDraw
 from solver.closed_form.bessel import Array
 from solver.planning.coarse_model import CoarseModel
-from solver.planning.loads import CLOSING, NEARING, largest_x
-from solver.planning.strains import block_strain, cover_factor, slimness, tissue_strain
+from solver.planning.loads import CLOSING, largest_x
+from solver.planning.strains import block_strain, cover_factor, most_nearing, slimness, tissue_strain
 
 USUAL_CHARGE = 20e-12  # C/N, of films that a scene does not have
 DIGITS = 3  # of a force
@@ -191,11 +191,6 @@ def lesser(a: Any, b: Any) -> Any:
 
 def _nearing(scene: Scene, sizes: ProbeSizes, totals: Any) -> Any:
     """Eq. PL.4 of designs: by how much the walls near each other per indentation at most."""
-    tissue, hole = scene.tissue, sizes.inner_radius + sizes.gap
-    wall = sizes.outer_radius - hole
-    thin = wall / hole
     inner, outer = (total / (area * E) for total, area, E in zip(totals, sizes.areas, sizes.moduli, strict=True))
-    dragged = tissue.youngs_modulus / (tissue.youngs_modulus + sizes.moduli[1] * thin * (1 + 5 * thin))
-    by_inner, by_outer, compressible, rest = NEARING
-    nearing = by_inner * inner * sizes.inner_radius + by_outer * outer * wall
-    return nearing + (compressible * (1 - 2 * tissue.poisson_ratio) + rest) * dragged
+    radii = (sizes.inner_radius, sizes.inner_radius + sizes.gap, sizes.outer_radius)
+    return most_nearing(scene.tissue, radii, (inner, outer), sizes.moduli[1])

@@ -165,7 +165,7 @@ def _notes(optimum: Optimum) -> tuple[str, ...]:
         f"the closed form; {optimum.judge} judged. A gain counts only where it is beyond the errors of both designs: those of "
         f"the log-sensitivity and the ratio by {optimum.judge}, and what finite strain changes of both at the force. That is "
         "the least of what the scene's load gives on each design, the force at which finite strain changes the ratio by 1 %, "
-        "and 1/25 of the force that closes the gap in linear elasticity; design.toml has it as its load. Lengths are rounded "
+        "and 1/20 of the force that closes the gap in linear elasticity; design.toml has it as its load. Lengths are rounded "
         "to 0.01 mm and moduli to three digits before they are judged: this table is the probe as it is drawn.",
         *_pressed_notes(optimum),
         "A standard deviation of ln E_object of 1 means that the stiffness is known to a factor of 2.7; well above 1 it "

@@ -9,12 +9,11 @@ from numpy.polynomial import legendre
 
 from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import SolveError
-from geometry.meridian.mesh import Topology, labels, line_label
+from geometry.meridian.mesh import SIDES, Topology, labels, line_label
 from geometry.meridian.section import TISSUES, Body
 from solver.elements.shape_functions import edge_functions, polynomials
 from solver.linalg.workspace import kept_table
 
-ENDS = ((0, 1), (1, 2), (3, 2), (0, 3))  # corners of an element's edges in the direction of its functions
 PASSES, CLOSE = 30, 1e-13  # of Newton's search for a place on a line, in lengths of its edge
 
 
@@ -124,7 +123,7 @@ def _curve(
     element, values, signs, place, along = [], [], [], [], []
     m = 4 * order
     for n in np.flatnonzero(chosen & (np.sum(at[..., axis] == line, axis=1) > 1)):
-        for k, (a, b) in enumerate(ENDS):
+        for k, (a, b) in enumerate(SIDES):
             ends = at[n, [a, b]]
             low, high = sorted(ends[:, 1 - axis])
             if not np.all(ends[:, axis] == line) or low < start or high > end:

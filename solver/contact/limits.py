@@ -91,9 +91,9 @@ def _first(path: Path, ended: Callable[[Pressed], bool], left: Callable[[Pressed
 def _share(open_points: list[Pressed], after: Pressed, left: Callable[[Pressed], float]) -> float:
     """Where between the last point and the one after it nothing is left, by a parabola through the last; well inside."""
     last, width = open_points[-1], after.indentation - open_points[-1].indentation
-    if len(open_points) < 3:
-        return 0.5
     places = [(point.indentation - last.indentation) / width for point in open_points]
+    if len(set(places)) < 3:  # where the force jumps a search for one leaves points at one place
+        return 0.5
     a, b, c = np.polyfit(places, [left(point) for point in open_points], 2)
     root = b * b - 4 * a * c
     candidates = [(-b + sign * math.sqrt(root)) / (2 * a) for sign in (1, -1)] if root >= 0 and a else []

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Floats, Ints
-from geometry.meridian.mesh import SQUARE, labels, line_label, nodes
+from geometry.meridian.mesh import SIDES, SQUARE, labels, line_label, nodes
 from geometry.meridian.section import LAYERS, Body, Section
 from solver.axisymmetric.base_states import MeridianModel
 from solver.elements.shape_functions import functions
 
-ENDS = ((0, 1), (1, 2), (3, 2), (0, 3))  # corners of an element's sides, as its functions run along them
 EXTRA = 3  # Gauss-Lobatto points of an edge beyond those that its polynomials need
 
 
@@ -91,7 +90,7 @@ def _edges(model: MeridianModel, axis: int, line: float, which: Floats) -> Edges
     label, order = labels(model.mesh), model.shapes.order
     x, weight = _lobatto(order + EXTRA)
     elements, locals_, starts = [], [], []
-    for number, (a, b) in enumerate(ENDS):
+    for number, (a, b) in enumerate(SIDES):
         matching = np.flatnonzero(which & (label[:, a, axis] == line) & (label[:, b, axis] == line))
         elements.append(matching)
         own = np.array([a, b, *range(4 + number * (order - 1), 4 + (number + 1) * (order - 1))])

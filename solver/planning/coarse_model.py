@@ -5,7 +5,6 @@ One factorisation and no refinement: some 20 ms, film forces within a few per ce
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -14,8 +13,6 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, SolveError
-from geometry.meridian.mesh import SQUARE, nodes
-from geometry.meridian.section import Body
 from geometry.scenes.scene import Contact, HalfSpaceTissue, Load, Scene
 from solver.axisymmetric.converged_forces import Converged
 from solver.axisymmetric.omitted_details import Change, omitted_changes
@@ -23,7 +20,8 @@ from solver.axisymmetric.refinement import LEVELS
 from solver.axisymmetric.sample import MeshSample, sample
 from solver.axisymmetric.sections import sections
 from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
-from solver.planning.loads import LoadRule
+from solver.planning.gap_profile import GapProfile
+from solver.planning.loads import CANCELLING_WALLS, LoadRule, nearing_at_most
 from solver.results.film_forces import Bound, FilmForces
 from solver.results.result import Effect
 
@@ -97,38 +95,28 @@ class CoarseModel:
         return Effect(ratio, float(changes.max()), float(abs(totals.sum() / free.sum() - 1)))
 
     @cached_property
-    def closing(self) -> tuple[Floats, Floats]:
-        """Heights on the walls that face each other, m, and by how much they near each other there per unit indentation."""
-        section = self.sample.states.model.section
-        inner, outer = self._wall(Body.INNER, section.inner_radius), self._wall(Body.OUTER, section.hole_radius)
-        z = np.union1d(inner[0], outer[0])
-        z = z[z <= min(section.inner_height, section.outer_height)]
-        return z, np.interp(z, *inner) - np.interp(z, *outer)
+    def gap(self) -> GapProfile:
+        """The walls that face each other."""
+        return GapProfile.of(self.sample.states)
 
     @property
     def approach(self) -> float:
-        """The most that the walls near each other per unit indentation; 0 where they do so nowhere."""
-        return float(np.max(self.closing[1], initial=0.0))
+        """By how much the walls near each other per unit indentation.
+
+        Where what nears them cancels, inclusions and finite strain leave more of it than there is without; so it counts as
+
+            max(nearing, PL.4 / 12)      (PL.9)
+        """
+        return max(self.gap.most, CANCELLING_WALLS * nearing_at_most(self.scene, self.forces.sum(axis=1)))
 
     @property
     def closure(self) -> float:
-        """Force that closes the gap in linear elasticity, N, several times what really closes it; infinite where none does."""
-        approach = self.approach
-        return float(self.forces.sum()) * self.scene.probe.gap / approach if approach > 0 else math.inf
+        """Force that closes the gap in linear elasticity, N, several times what really closes it."""
+        return float(self.forces.sum()) * self.scene.probe.gap / self.approach
 
     def rule(self, scene: Scene) -> LoadRule:
         """Return the rule for loads on the scene that this was made of; its stiffness is that without tumours."""
         return LoadRule.of(scene, self.forces.sum(axis=1), self.closure)
-
-    def _wall(self, body: Body, radius: float) -> tuple[Floats, Floats]:
-        """Rising heights of the elements' corners on a block's wall, and how far each moves outwards per unit indentation."""
-        states = self.sample.states
-        model, mesh = states.model, states.model.mesh
-        r, z = np.moveaxis(nodes(model.section, mesh, SQUARE), -1, 0)
-        moved = states.own.reshape(len(mesh.body), 2, -1, 2)[:, 0, :4].sum(axis=-1)
-        on = (mesh.body == body)[:, None] & (np.abs(r - radius) <= 1e-9 * radius)
-        heights, first = np.unique(z[on], return_index=True)
-        return heights, moved[on][first]
 
     @cached_property
     def pulled(self) -> float:

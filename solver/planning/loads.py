@@ -2,11 +2,11 @@
 
 With x the indentation over the outer radius, finite strain changes ratio, stresses and stiffness by at most 0.1 x and the
 log-sensitivity by at most exp(0.8 x) - 1, relative (PL.2). The rule is read off solutions with finite strain and contact, which
-tests hold it against (``tests/reference/contact``); nothing is known beyond x = 0.3, nor beyond 1/25 of the force that closes
-the gap in linear elasticity: the true closure was found at 1/22 of it. Those solutions have stiff blocks on deep tissue, so
-that what else is strained counts as the indentation that would be as bad: shallow tissue by PL.5, soft blocks by PL.3. Large
-inclusions near the surface change ratio, stresses and stiffness more: PL.7. Where a log-sensitivity nearly vanishes as those of
-both films cancel, it counts as larger: PL.8.
+tests hold it against (``tests/reference/contact``); nothing is known beyond x = 0.3, nor beyond 1/20 of the force that closes
+the gap in linear elasticity, see eq. PL.9: the true closure was found at 1/14 of it in the worst of 235 scenes. Those solutions
+have stiff blocks on deep tissue, so that what else is strained counts as the indentation that would be as bad: shallow tissue by
+PL.5, soft blocks by PL.3. Large inclusions near the surface change ratio, stresses and stiffness more: PL.7. Where a
+log-sensitivity nearly vanishes as those of both films cancel, it counts as larger: PL.8.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
-from solver.planning.strains import RATIO_CHANGE, block_strain, cover_factor, slimness, tissue_strain
+from solver.planning.strains import RATIO_CHANGE, block_strain, cover_factor, most_nearing, slimness, tissue_strain
 from solver.results.result import LargestLoad
 
 SENSITIVITY_GROWTH = 0.8  # of ln(log-sensitivity) per x
 LARGEST_X = 0.3
-CLOSING = 1 / 25  # of the linear closure force
-NEARING = (1.45, 0.17, 1.6, 0.1)  # of eq. PL.4: 1.2 times what 2062 scenes need; 8 times too much for half of them
+CLOSING = 1 / 20  # of the linear closure force
+CANCELLING_WALLS = 1 / 12  # of eq. PL.9
 CANCELLING = 0.2  # of eq. PL.8: the worst of 240 scenes needs 0.065
 LEAST_SENSITIVITY = 1e-5  # absolute, that a log-sensitivity is promised to
 
@@ -74,29 +74,20 @@ def largest_x(accuracy: float, promise: float | None, covered: float = 1.0) -> t
 def least_closure(scene: Scene, totals: Floats) -> float:
     """Bound from below on the force that closes the gap in linear elasticity, N, for levels that do not know the blocks' walls.
 
-    Per indentation the walls near each other by at most
-
-        1.45 e_i r_i + 0.17 e_o w + (1.6 (1 - 2 nu) + 0.1) E / (E + E_o t (1 + 5 t)),   t = w / r_h      (PL.4)
-
-    with the blocks' mean strains e per indentation, the tube's wall w and hole radius r_h, and the tissue's E and nu: both blocks
-    widen, and the tissue drags the tube's end inwards, the thinner and softer the more.
-
     Args:
         scene: its load does not matter.
         totals: force on each film, inner and outer, per indentation, N/m, shape (2,).
     """
-    probe, tissue = scene.probe, scene.tissue
-    inner, outer = np.abs(totals) / (
-        probe.inner_area * probe.inner.youngs_modulus,
-        probe.outer_area * probe.outer.youngs_modulus,
-    )
-    wall = probe.tube_radius - probe.hole_radius
-    thin = wall / probe.hole_radius
-    dragged = tissue.youngs_modulus / (tissue.youngs_modulus + probe.outer.youngs_modulus * thin * (1 + 5 * thin))
-    by_inner, by_outer, compressible, rest = NEARING
-    nearing = by_inner * inner * probe.inner_radius + by_outer * outer * wall
-    nearing += (compressible * (1 - 2 * tissue.poisson_ratio) + rest) * dragged
-    return float(totals.sum() * probe.gap / nearing)
+    return float(totals.sum()) * scene.probe.gap / nearing_at_most(scene, totals)
+
+
+def nearing_at_most(scene: Scene, totals: Floats) -> float:
+    """Return by how much a scene's walls near each other per indentation at most, eq. PL.4; arguments as above."""
+    probe = scene.probe
+    areas, moduli = (probe.inner_area, probe.outer_area), (probe.inner.youngs_modulus, probe.outer.youngs_modulus)
+    inner, outer = np.abs(totals) / areas / moduli
+    radii = (probe.inner_radius, probe.hole_radius, probe.tube_radius)
+    return float(most_nearing(scene.tissue, radii, (inner, outer), moduli[1]))
 
 
 @dataclass(frozen=True)
@@ -106,7 +97,7 @@ class LoadRule:
     Attributes:
         strain: x per indentation, 1/m: ``tissue_strain`` and what the blocks' own strain adds.
         stiffness: linear, force per indentation, N/m.
-        closure: force that closes the gap in linear elasticity, N; infinite where the blocks' walls do not near each other.
+        closure: force that closes the gap in linear elasticity, N; see ``CoarseModel.closure``.
         tilted: by how much a tilt lowers one side of the probe, m, which counts as indentation.
         covered: eq. PL.7.
         films: log-sensitivities of both film forces, where an answer has told them, see ``sensitivity_size``.

@@ -13,6 +13,7 @@ from geometry.scenes.scene import Inclusion, Tissue
 RATIO_CHANGE = 0.1  # of ratio, stresses and stiffness per x
 COVERED = (0.55, 0.05, 0.5, 1.3)  # of eq. PL.7: the worst of 150 scenes needs 86 % of what it says, half of them an eighth
 SHALLOW = 25.0  # of eq. PL.5: the worst row needs 97 % of it, at 9 outer radii; at 3 the worst needs 92 %, at one 40 %
+NEARING = (1.45, 0.3, 1.6, 0.12)  # of eq. PL.4: 1.2 times what 2263 scenes need; 7 times too much for half of them
 SLIM = 0.15  # of eq. PL.3: the worst of 360 scenes needs 0.9 of what it says then, and 1.35 times that with 0 and no sum
 
 
@@ -77,3 +78,30 @@ def block_strain(height: Any, strain: Any) -> Any:
 def slimness(radius: Any, wall: Any) -> Any:
     """How many times as much a tube of an outer radius and a wall, m, adds: eq. PL.3."""
     return 1 + SLIM * radius / wall
+
+
+def most_nearing(tissue: Tissue, radii: tuple[Any, Any, Any], strains: tuple[Any, Any], modulus: Any) -> Any:
+    """By how much the walls at the gap near each other per indentation at most.
+
+    Per indentation that is
+
+        1.45 e_i r_i + 0.3 e_o w + (1.6 (1 - 2 nu) + 0.12) E / (E + E_o t (1 + 5 t)),   t = w / r_h      (PL.4)
+
+    with the blocks' mean strains e per indentation, the tube's wall w and hole radius r_h, and the tissue's E and nu, the largest
+    and the least of its layers: both blocks widen, and the tissue drags the tube's end inwards, the thinner and softer the more.
+
+    Args:
+        tissue: of any shape.
+        radii: of the inner block, of the hole and of the tube, m; floats, arrays or casadi.
+        strains: e of both blocks, 1/m.
+        modulus: E_o of the tube, Pa.
+    """
+    inner_radius, hole, tube_radius = radii
+    wall = tube_radius - hole
+    thin = wall / hole
+    materials = (tissue, *tissue.layer)
+    hardest, least = max(one.youngs_modulus for one in materials), min(one.poisson_ratio for one in materials)
+    dragged = hardest / (hardest + modulus * thin * (1 + 5 * thin))
+    by_inner, by_outer, compressible, rest = NEARING
+    widened = by_inner * strains[0] * inner_radius + by_outer * strains[1] * wall
+    return widened + (compressible * (1 - 2 * least) + rest) * dragged

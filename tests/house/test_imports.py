@@ -69,6 +69,7 @@ ALLOWED: dict[str, set[str]] = {
     "solver.planning": {
         "solver.axisymmetric",
         "solver.contact",
+        "solver.elements",
         "solver.equivalent_inclusion",
         "solver.inclusions",
         "solver.linalg",

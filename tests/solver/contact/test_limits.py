@@ -49,6 +49,18 @@ def test_the_gap_closes_there_to_two_percent(name: str, order: int) -> None:
     assert found.force == pytest.approx(expected["gap_closure_force"], abs=off)
 
 
+def test_points_at_one_place_are_no_curve() -> None:
+    """Where the force jumps, as both sides of a fold are in balance, a search for one leaves several points at one place."""
+    path = coarse(read_scene(FOLDER / "paper.toml"))
+    found = gap_closure_load(path)
+    del path.points[3:-1]
+    path.points[3:3] = [path.points[2]] * 3
+    again = gap_closure_load(path)
+    assert found is not None
+    assert again is not None
+    assert again.force == pytest.approx(found.force, rel=0.02)
+
+
 def test_a_wide_gap_closes_nowhere() -> None:
     probe = EXAMPLE.probe.model_copy(update={"gap": 2e-3})
     path = coarse(EXAMPLE.model_copy(update={"probe": probe}))

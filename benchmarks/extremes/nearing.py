@@ -1,0 +1,78 @@
+"""How well it is known by how much the walls at the gap near each other, in linear elasticity and without tumours.
+
+    python -m benchmarks.extremes.nearing --scenes 250 --seed 0 --seed 1 --seed 2
+
+All reference scenes, then drawn ones of ``load_bounds`` and of ``benchmarks.levels.inclusion_draws``, with layers and without.
+Of each the largest nearing by the coarsest mesh, which the rule for loads takes: over that by a fine one, and over eq. PL.4.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from itertools import islice
+
+import numpy as np
+
+from benchmarks.extremes.load_bounds import draws
+from benchmarks.levels.inclusion_draws import draw, draw_layered
+from geometry import ProbeError, Scene, read_scene
+from geometry.common.errors import InputError, SolveError
+from geometry.common.resources import timed
+from solver.axisymmetric.refinement import LEVELS
+from solver.axisymmetric.sample import sample
+from solver.axisymmetric.sections import sections
+from solver.linalg.workspace import current
+from solver.planning.coarse_model import CoarseModel
+from solver.planning.gap_profile import GapProfile
+from solver.planning.loads import nearing_at_most
+from tests.support.paths import REFERENCE
+
+FINE, SMALL = LEVELS[3], 0.05  # where the nearing is less than this share of eq. PL.4 the floor of eq. PL.9 counts
+FOLDERS = ("axisymmetric", "contact", "extra", "extremes", "half-space", "solid")
+
+
+def scenes(seeds: list[int], count: int) -> Iterator[Scene]:
+    """Reference scenes, then drawn ones."""
+    for path in (path for folder in FOLDERS for path in sorted((REFERENCE / folder).glob("*.toml"))):
+        yield read_scene(path)
+    for seed in seeds:
+        yield from islice(draws(seed), count)
+        for drawn in (one(seed, k) for k in range(count) for one in (draw, draw_layered)):
+            try:
+                yield drawn.scene()
+            except (InputError, ValueError):
+                continue
+
+
+def shares(scene: Scene) -> tuple[float, float]:
+    """Return the coarsest mesh's nearing over a fine one's, and over eq. PL.4."""
+    current().begin()
+    with timed():
+        rough = CoarseModel.of(scene, details=False)
+        plain = sections(rough.scene)
+        fine = GapProfile.of(sample(plain.section, plain, rough.scene, FINE).states)
+    by_formula = rough.gap.most / nearing_at_most(rough.scene, rough.forces.sum(axis=1))
+    return rough.gap.most / fine.most if by_formula > SMALL else 1.0, by_formula
+
+
+def main() -> None:
+    """Compare all."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scenes", type=int, default=250)
+    parser.add_argument("--seed", type=int, action="append")
+    asked = parser.parse_args()
+    found, refused = [], 0
+    for scene in scenes(asked.seed or [0], asked.scenes):
+        try:
+            found.append(shares(scene))
+        except (ProbeError, SolveError):
+            refused += 1
+    meshes, formula = np.array(found).T
+    print(f"{len(found)} scenes, {refused} refused")
+    print("coarsest over fine mesh, smallest, 1 %, 99 %, largest:", np.round(np.quantile(meshes, [0, 0.01, 0.99, 1]), 3).tolist())
+    print(f"of eq. PL.4, largest and median: {formula.max():.2f}, {np.median(formula):.2f}")
+
+
+if __name__ == "__main__":
+    main()

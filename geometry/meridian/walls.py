@@ -1,0 +1,56 @@
+"""The walls of both blocks that face each other across the gap, as sides of elements."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.common.arrays import Floats, Ints
+from geometry.meridian.mesh import SIDES, SQUARE, Topology, labels, line_label, nodes
+from geometry.meridian.section import Body, Section
+
+
+@dataclass(frozen=True, eq=False)
+class GapWalls:
+    """Sides of elements on the walls at the gap, from their lower ends upwards; the same for all sections of a kind.
+
+    Attributes:
+        elements: one for each side, the inner block's, then those of the tube's hole, shape (m,).
+        sides: which of the element's it is, by ``SIDES``, shape (m,).
+        inner: how many are the inner block's.
+    """
+
+    elements: Ints
+    sides: Ints
+    inner: int
+
+    @classmethod
+    def of(cls, mesh: Topology) -> GapWalls:
+        """Find them."""
+        (elements, sides), others = _upwards(mesh, Body.INNER, "inner"), _upwards(mesh, Body.OUTER, "hole")
+        return cls(np.concatenate([elements, others[0]]), np.concatenate([sides, others[1]]), len(elements))
+
+    @property
+    def both(self) -> tuple[slice, slice]:
+        """The sides of the inner block's wall, and of the hole's."""
+        return slice(self.inner), slice(self.inner, None)
+
+    def functions(self, order: int) -> Ints:
+        """Return which of the elements' functions live on the sides: both ends', then by degree; shape (m, order + 1)."""
+        first = 4 + (order - 1) * self.sides[:, None]
+        return np.hstack([np.array(SIDES)[self.sides], first + np.arange(order - 1)])
+
+    def ends(self, section: Section, mesh: Topology) -> Floats:
+        """Return heights z of the sides' ends as their functions run, upwards or downwards, m, shape (m, 2)."""
+        corners = nodes(section, mesh, SQUARE, self.elements)[..., 1]
+        return np.take_along_axis(corners, np.array(SIDES)[self.sides], axis=1)
+
+
+def _upwards(mesh: Topology, body: Body, column: str) -> tuple[Ints, Ints]:
+    """Elements and sides of a body on a column of the mesh, rising."""
+    at, sides = labels(mesh), np.array(SIDES)
+    on = (at[..., 0] == line_label(mesh.layout.column[column])) & (mesh.body == body)[:, None]
+    elements, which = np.nonzero(on[:, sides].all(axis=2))
+    rising = np.argsort(at[elements[:, None], sides[which], 1].min(axis=1))
+    return elements[rising], which[rising]

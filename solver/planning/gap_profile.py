@@ -1,0 +1,65 @@
+"""By how much the walls at the gap near each other along their heights, both blocks pressed by the same indentation.
+
+Walls bulge between the elements' corners, by a third more than at any of them, so that the finite elements' polynomials are
+followed all along. Between the ends of either wall's sides the gap is one polynomial: it is looked at in even places, and at the
+top of the parabola through the largest of them and both beside it, which moves smoothly with every length and modulus.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from geometry.common.arrays import Floats
+from geometry.meridian.walls import GapWalls
+from solver.axisymmetric.base_states import BaseStates
+from solver.elements.shape_functions import edge_functions, polynomials
+from solver.linalg.workspace import kept
+
+PLACES = 65  # in each polynomial: the largest by parabolas is within 1e-5 of that of 1025
+_walls = kept(GapWalls.of)
+
+
+@dataclass(frozen=True)
+class GapProfile:
+    """The walls where they face each other.
+
+    Attributes:
+        heights: at the gap, m, rising; each row is one polynomial's, shape (k, PLACES).
+        nearing: by how much the walls near each other there per unit indentation, likewise.
+    """
+
+    heights: Floats
+    nearing: Floats
+
+    @classmethod
+    def of(cls, states: BaseStates, places: int = PLACES) -> GapProfile:
+        """Follow both walls, from the tissue up to where the lower block ends."""
+        model, walls = states.model, _walls(states.model.mesh)
+        section, sides = model.section, walls.ends(model.section, model.mesh)
+        moved = states.edge[walls.elements].reshape(len(sides), 2, -1, 2)[:, 0].sum(axis=-1)
+        moved = np.take_along_axis(moved, walls.functions(model.shapes.order), axis=1)
+        ends = np.unique(np.minimum(sides, min(section.inner_height, section.outer_height)))
+        heights = ends[:-1, None] + np.linspace(0.0, 1.0, places) * np.diff(ends)[:, None]
+        inner, outer = (_outwards(sides[wall], moved[wall], heights) for wall in walls.both)
+        return cls(heights, inner - outer)
+
+    @cached_property
+    def most(self) -> float:
+        """The most that the walls near each other per unit indentation; 0 where they do so nowhere."""
+        below, here, above = (self.nearing[:, k : k - 2 or None] for k in range(3))
+        bend, lean = 2 * here - below - above, above - below
+        top = (bend > 0) & (np.abs(lean) <= bend)
+        rise = np.divide(lean**2, 8 * bend, out=np.zeros_like(here), where=top)
+        return float(max(np.max(self.nearing, initial=0.0), np.max(here + rise, initial=0.0)))
+
+
+def _outwards(ends: Floats, moved: Floats, heights: Floats) -> Floats:
+    """How far a wall moves at heights on it, likewise shaped, by its sides' ends, (m, 2), and functions' shares, (m, p + 1)."""
+    on = np.searchsorted(ends.max(axis=1), heights.mean(axis=1))
+    start, end = ends[on].T[..., None]
+    along = (heights - start) / (end - start)
+    values = edge_functions(along, polynomials(along, moved.shape[1] - 1))[0]
+    return np.asarray((values @ moved[on, :, None])[..., 0])
