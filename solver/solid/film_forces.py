@@ -121,8 +121,8 @@ def _agreed(
 
 
 def _may_do(scene: Scene, symmetric: SymmetricPart, differences: list[SceneDifference], accuracy: float) -> bool:
-    """Whether two meshes will do once a rougher one agrees with the rougher of both."""
-    films = films_of(scene, symmetric, [differences[0], *differences], FLOOR)
+    """Whether two meshes will do if a rougher one shows even steps: then the last counts once, the least that it may."""
+    films = films_of(scene, symmetric, differences, FLOOR, times=(1.0, 1.0))
     return not any(_may_improve(film, scene, accuracy) for film in films)
 
 

@@ -32,9 +32,22 @@ SOFTENED = 2.0  # likewise, times the share of their forces that films lose
 
 
 def films_of(
-    scene: Scene, symmetric: SymmetricPart, differences: Sequence[SceneDifference], floor: float
+    scene: Scene,
+    symmetric: SymmetricPart,
+    differences: Sequence[SceneDifference],
+    floor: float,
+    *,
+    times: tuple[float, float] = (SAFETY, SLOPES),
 ) -> tuple[FilmForces, ...]:
-    """Film forces of the finest mesh, the last of two or more, with bounds from all."""
+    """Film forces of the finest mesh, the last of two or more, with bounds from all.
+
+    Args:
+        scene: what was asked.
+        symmetric: its rotationally symmetric part.
+        differences: what was found, on coarser meshes first.
+        floor: see ``FLOOR``.
+        times: what the last step counts where nothing else bounds it, of forces and of log_sensitivity.
+    """
     fine, whole = differences[-1], symmetric.whole.films
     forces = [symmetric.corrected(one.forces) for one in differences]
     slopes = [symmetric.carried(one.forces, one.slope) for one in differences]
@@ -47,16 +60,16 @@ def films_of(
         change = np.abs(totals[-1] - plainly)
         logs = [_log_ratio(one) for one in totals]
         rims = SOFTENED * raw * change * np.clip(1 - totals[-1] / plainly, 0.0, None)
-        error = apart(totals, SAFETY) + (doubt + RAW * raw) * change + rims + whole.bound.totals
+        error = apart(totals, times[0]) + (doubt + RAW * raw) * change + rims + whole.bound.totals
         with np.errstate(divide="ignore", invalid="ignore"):
             share = np.nan_to_num(rims / np.abs(totals[-1]))
             every = np.abs(np.log(np.abs(totals[-1] / plainly)))
         moved = max(abs(logs[-1] - _log_ratio(plainly)), ALIKE * float(np.nan_to_num(every).max()))
-        log_ratio = float(apart(logs, SAFETY) + (doubt + RAW * raw.max()) * moved + share.sum()) + whole.bound.log_ratio
+        log_ratio = float(apart(logs, times[0]) + (doubt + RAW * raw.max()) * moved + share.sum()) + whole.bound.log_ratio
         bound = Bound(error, log_ratio if np.all(error < np.abs(totals[-1])) else np.inf)
         told: Floats = np.array([_sensitivities(slope[k], one[k]) for slope, one in zip(slopes, forces, strict=True)])
         sensitive = (
-            apart(told @ [1.0, -1.0], SLOPES) + (FLOOR + fine.lost) * abs(told[-1] @ [1.0, -1.0]) + np.abs(told[-1]) @ share
+            apart(told @ [1.0, -1.0], times[1]) + (FLOOR + fine.lost) * abs(told[-1] @ [1.0, -1.0]) + np.abs(told[-1]) @ share
         )
         films.append(FilmForces(now, bound, slopes[-1][k] if scene.target is not None else None, float(sensitive)))
     return tuple(films)
