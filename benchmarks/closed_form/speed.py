@@ -1,8 +1,9 @@
 """How many designs a second the closed form answers, what they cannot do without, and where the time goes.
 
 ``python -m benchmarks.closed_form.speed`` prints designs a second with their derivatives by E_object, and with those by all
-parameters, on one thread and on two (halves of the designs); all is processor time. Beside them what one design needs of Bessel
-functions and of systems of equations, at the speed of these alone; then the shares of the parts.
+parameters, on one thread and on two (halves of the designs); all is processor time; also designs that differ in
+their inclusion alone. Beside them what one design needs of Bessel functions and of systems of equations, at the speed of these
+alone; then the shares of the parts.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from benchmarks.closed_form.accuracy import REFERENCE, designs_near
 from geometry import Scene, read_scene
 from geometry.common.arrays import Floats
 from solver.closed_form import bessel
-from solver.closed_form.designs import Shape, forces, gradients
+from solver.closed_form.designs import PROBE, TISSUE, Shape, forces, gradients
 from solver.linalg.memory import keep_freed
 from solver.linalg.threads import one_thread
 
@@ -53,8 +54,11 @@ def measure() -> None:
     print(
         f"{1e9 * rates[BESSEL]:.1f} ns a value of Bessel functions, {1e-9 / rates[SOLVE]:.1f} Gflop/s in systems of 15 unknowns"
     )
-    print("| scene | a second | us | Bessel values | us | systems, flop | us | all slopes, one alone, us | on two threads, us |")
-    print("|---|---|---|---|---|---|---|---|---|")
+    print(
+        "| scene | a second | us | Bessel values | us | systems, flop | us | all slopes, one alone, us | on two threads, us |"
+        " one probe and tissue, a second |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|---|")
     shares = []
     for name, scene in scenes():
         shape, values = designs_near(scene, DESIGNS)
@@ -63,7 +67,8 @@ def measure() -> None:
         limits = " | ".join(f"{needs[kind]:.0f} | {1e6 * needs[kind] * rates[kind]:.1f}" for kind in (BESSEL, SOLVE))
         every = best(partial(gradients, shape, values[:, 0], np.flatnonzero(values[:, 0]).tolist()))
         both = _two_threads(shape, values)
-        print(f"| {name} | {1 / spent:.0f} | {1e6 * spent:.0f} | {limits} | {1e6 * every:.0f} | {1e6 * both:.0f} |")
+        last = f"{1e6 * every:.0f} | {1e6 * both:.0f} | {_held(shape, values):.0f}"
+        print(f"| {name} | {1 / spent:.0f} | {1e6 * spent:.0f} | {limits} | {last} |")
         shares.append((name, _shares(shape, values)))
     print("\n| part, % | " + " | ".join(name for name, _ in shares) + " |\n|---" + "|---" * len(shares) + "|")
     for part, text in PARTS.items():
@@ -84,6 +89,13 @@ def best(run: Callable[[], object]) -> float:
     """Return the least of several runs, s."""
     run()
     return min(repeat(run, timer=process_time, number=1, repeat=REPEATS))
+
+
+def _held(shape: Shape, values: Floats) -> float:
+    """Designs a second that differ in their inclusion alone."""
+    same = values.copy()
+    same[: len(PROBE) + len(TISSUE)] = values[: len(PROBE) + len(TISSUE), :1]
+    return DESIGNS / best(partial(forces, shape, same))
 
 
 def _two_threads(shape: Shape, values: Floats) -> float:

@@ -6,30 +6,34 @@ A block is a disc, y = r / radius, or a tube, y = (r - hole) / wall, of height h
     w = sum W_ij P_i f_j(zeta),     u = (1/r) sum a_ij U_i g_j(zeta)                              (CF.8)
 
 with Legendre's polynomials P_i on (0, 1), of y^2 in a disc, of y in a tube, and U_i = Int P_i r dr, in a tube a constant too.
-The trace of the strain is d(r u)/dr / r - dw/dzeta; every dU/dr / r g is also a dw/dzeta, as f_0 = 1 - zeta/h and
-f_j = -Int_zeta^h g / h. So volume can be kept wherever shape changes and nothing locks as nu nears 1/2. With v = 1 - zeta/h and a
-decay b of the block's width,
+The trace of the strain is d(r u)/dr / r - dw/dzeta; every dU/dr / r g is also a dw/dzeta, as f_0 = 1 - zeta/h,
+f_1 = Int_zeta^h (1 - g_0) / h and f_j+1 = -Int_zeta^h g_j / h. So volume can be kept wherever shape changes and nothing locks as
+nu nears 1/2. With v = 1 - zeta/h and a decay b of the block's width,
 
     g_j = (1 - exp(-b h v)) / (1 - exp(-b h)) ((exp(-b zeta) - exp(-b h)) / (1 - exp(-b h)))^j      (CF.9)
 
 which are v, v^2, v^3 in a flat block and, in a tall one, a column clamped at the base with what decays from its loaded end.
 The stiffness K of these functions and the work B of tractions on them give the compliance B K^-1 B^T of the end.
 
-With each u goes the w that keeps its volume, -h f_j+1 P_i, so that lambda is in the stiffness of w alone; of these, of modes that
-diagonalise the integrals, D is diagonal. What is left to solve for are the amounts a,
+Of w, modes are taken that diagonalise the integrals: with k = 2 nu / (1-2nu), slopes' integrals a_m along the height and b_m
+across, D = (k+2) a / h + b h is diagonal. With V the integrals of d(r u)/dr / r and df/dzeta with the modes, T those of u and dg
+with their slopes and themselves, what is left to solve for are the amounts a of the u alone,
 
-    K = [S + X D^-1 X^T, X; X^T, D],   B K^-1 B^T = E S^-1 E^T + C D^-1 C^T,   E = A - C D^-1 X^T     (CF.23)
+    B K^-1 B^T = E S^-1 E^T + C D^-1 C^T,     E = A + C D^-1 (kV + T)^T                           (CF.23)
+    S = U + V (k/D) [(2 + b h^2/a) V - T]^T - T D^-1 (kV + T)^T
 
-with the work A of tractions on the u, and C on the modes.
+with U the stiffness of the u without lambda, whose k Int g g h is among the modes: that, less k^2 V V / D, is the sum with k/D
+above, which neither nu near 1/2 nor tall blocks rob of digits. A and C are the work of tractions on the u and on the modes.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
-from numpy.polynomial import legendre
+from numpy.polynomial import Polynomial, legendre
 
 from solver.closed_form.bessel import Array
 from solver.closed_form.block_functions import (
@@ -44,8 +48,12 @@ from solver.closed_form.block_functions import (
 
 
 def _polynomials() -> Any:
+    """Coefficients by powers of s of P_i, of their slopes, and of their integrals over s; shape (3 functions, powers)."""
     P = [legendre.Legendre(row, domain=[0, 1]) for row in np.eye(RADIAL)]
-    return P, [p.deriv() for p in P], [p.integ(lbnd=0) for p in P]
+    kinds = [P, [p.deriv() for p in P], [p.integ(lbnd=0) for p in P]]
+    rows = [[p.convert(kind=Polynomial).coef for p in kind] for kind in kinds]
+    rows[2] = [row[1:] for row in rows[2]]
+    return np.array([np.pad(row, (0, RADIAL - len(row))) for kind in rows for row in kind])
 
 
 _POLYNOMIALS = _polynomials()
@@ -64,6 +72,11 @@ class ElasticBlocks:
     E: Array
     nu: Array
     fine: bool = False
+
+    def take(self, which: Any) -> ElasticBlocks:
+        """The blocks at places ``which``."""
+        hole = None if self.hole is None else self.hole[which]
+        return ElasticBlocks(hole, self.radius[which], self.height[which], self.E[which], self.nu[which], self.fine)
 
     @property
     def start(self) -> Array:
@@ -100,12 +113,10 @@ def end_compliance(block: ElasticBlocks, bonded: bool) -> Array:
     along = axial_integrals(block.steepness, FINE_AXIAL if block.fine else AXIAL)
     slender = block.height / block.width
     pressures, shears = len(across.pressed), len(across.sheared)
-    kept, rows = len(across.sheared[0]) - len(across.tilt), pressures + shears
-    on_u = np.zeros((rows, kept + len(across.tilt), len(along.f_end), len(slender)), dtype=slender.dtype)
-    on_u[:pressures, kept:] = across.pressed[:, :, None] * (along.f_end * slender)
+    on_u = np.zeros((pressures + shears, len(across.strain), len(along.gg), len(slender)), dtype=slender.dtype)
     on_u[pressures:] = across.sheared[:, :, None]
-    on_modes = np.zeros((rows, len(across.slope), len(along.end), len(slender)), dtype=slender.dtype)
-    on_modes[:pressures] = across.pressed_modes[:, :, None] * along.end
+    on_modes = np.zeros((pressures + shears, len(across.slope), len(along.end), len(slender)), dtype=slender.dtype)
+    on_modes[:pressures] = across.pressed[:, :, None] * along.end
     system = reduced(block.nu, slender, (across, along), (on_u, on_modes))
     mu = _softened(block, bonded) / (2 * (1 + block.nu))
     return system.compliance(system.answer) * (block.width * block.width * block.radius / mu)[:, None, None]
@@ -114,8 +125,9 @@ def end_compliance(block: ElasticBlocks, bonded: bool) -> Array:
 def radial(radius: Array, r: Array) -> tuple[Array, Array, Array]:
     """P_i, dP_i/dr and U_i / r of discs at distances r (n, k) > 0 from the axis, shapes (n, functions, k)."""
     s = (r / radius[:, None]) ** 2
-    P, slope, U = (np.stack([p(s) for p in kind], axis=1) for kind in _POLYNOMIALS)
-    return P, slope * (2 * s / r)[:, None], U * (r / (2 * s))[:, None]
+    powers = np.stack([1 + 0 * s, *accumulate([s] * (RADIAL - 1), np.multiply)], axis=1)
+    P, slope, U = np.split(_POLYNOMIALS @ powers, 3, axis=1)
+    return P, slope * (2 * s / r)[:, None], U * (r / 2)[:, None]
 
 
 @dataclass(frozen=True)
@@ -126,13 +138,14 @@ class RitzSystem:
         S: shape (n, u, u).
         E: shape (n, loads, u).
         C: shape (n, loads, modes).
-        X_over_D, C_over_D: X D^-1 and C D^-1, shapes (n, u, modes) and (n, loads, modes).
+        felt: D^-1 (kV + T), shape (n, u, modes).
+        C_over_D: C D^-1, shape (n, loads, modes).
     """
 
     S: Array
     E: Array
     C: Array
-    X_over_D: Array
+    felt: Array
     C_over_D: Array
 
     @property
@@ -146,7 +159,7 @@ class RitzSystem:
 
     def modes(self, answer: Array) -> Array:
         """The amounts of the modes that go with the a, shape (n, modes, loads)."""
-        return self.C_over_D.swapaxes(1, 2) - self.X_over_D.swapaxes(1, 2) @ answer
+        return self.C_over_D.swapaxes(1, 2) + self.felt.swapaxes(1, 2) @ answer
 
 
 def reduced(
@@ -161,40 +174,30 @@ def reduced(
         loads: work of l loads on each u and mode, shapes (l, U_i, g_j, n) and (l, P_i, f_j, n).
     """
     across, along = integrals
-    share = 1 - 2 * nu
-    soft = share / ((2 - 2 * nu) / slender * along.slope + (across.slope * (share * slender))[:, None])  # D^-1
-    mixed = _mixed(across, along, slender)
-    u, modes = mixed.shape[0] * mixed.shape[1], mixed.shape[2] * mixed.shape[3]
-    rows = np.empty((u + len(loads[0]), u + 2 * modes, len(nu)), dtype=soft.dtype)
-    _own(across, along, slender, rows[:u, :u].reshape(*mixed.shape[:2], *mixed.shape[:2], -1))
-    for at, on_u, on_modes in ((slice(None, u), None, mixed), (slice(u, None), *loads)):
-        if on_u is not None:
-            rows[at, :u] = on_u.reshape(len(on_u), u, -1)
-        rows[at, u : u + modes] = on_modes.reshape(-1, modes, len(nu))
-        rows[at, u + modes :] = (on_modes * soft).reshape(-1, modes, len(nu))
-    full = np.ascontiguousarray(rows.transpose(2, 0, 1))  # blocks were last, which is fast for all but products
-    on_modes, over = full[:, :, u : u + modes], full[:, :, u + modes :]
-    left = full[:, :, :u] - on_modes @ over[:, :u].swapaxes(1, 2)
-    return RitzSystem(left[:, :u], left[:, u:], on_modes[:, u:], over[:, :u], over[:, u:])
+    share, bent = 1 - 2 * nu, (across.slope * (slender * slender))[:, None]
+    soft = slender / ((2 - 2 * nu) * along.slope + share * bent)  # D^-1 over the share
+    on_u, on_modes = (part.reshape(len(part), -1, len(nu)) for part in loads)
+    u, modes = len(across.strain) * len(along.gg), on_modes.shape[1]
+    rows = np.empty((u, u + 4 * modes, len(nu)), dtype=soft.dtype)  # blocks last, which is fast for all but products
+    _own(across, along, slender, rows[:, :u].reshape(len(across.strain), len(along.gg), len(across.strain), len(along.gg), -1))
+    V, T, raised, felt = (
+        part.reshape(len(across.strain), len(along.gg), *soft.shape) for part in np.split(rows[:, u:], 4, axis=1)
+    )
+    np.multiply(across.widened[:, None, :, None], along.g_dmode[None, :, None], out=V)
+    np.multiply(across.turned[:, None, :, None], -along.dg_mode[None, :, None], out=T)
+    np.multiply((2 + bent / along.slope) * V + T, 2 * nu * soft, out=raised)
+    np.multiply(2 * nu * V - share * T, soft, out=felt)
+    full = np.ascontiguousarray(rows.transpose(2, 0, 1))
+    worked = np.concatenate([on_u, on_modes, on_modes * (soft * share).reshape(modes, -1)], axis=1).transpose(2, 0, 1).copy()
+    products, felt, C = full[:, :, u : u + 2 * modes], full[:, :, u + 3 * modes :], worked[:, :, u : u + modes]
+    S = full[:, :, :u] + products @ full[:, :, u + 2 * modes :].swapaxes(1, 2)
+    return RitzSystem(S, worked[:, :, :u] + C @ felt.swapaxes(1, 2), C, felt, worked[:, :, u + modes :])
 
 
-def _own(across: RadialIntegrals, along: AxialIntegrals, slender: Array, K: Array) -> None:
-    """Write the stiffness of the u and of the w that goes with each into K, shape (U_i, g_j, U_i, g_j, n)."""
-    np.multiply(across.strain[:, None, :, None], (along.gg * slender)[None, :, None], out=K)
-    K += across.slide[:, None, :, None] * (along.dg_dg / slender)[None, :, None]
-    beside = K[:, :, -len(across.tilt) :]
-    turn = across.turn[:, None, :, None] * (along.dg_f * slender)[None, :, None]
-    beside -= turn
-    K[-len(across.tilt) :] -= np.moveaxis(turn, (0, 1), (2, 3))
-    beside[-len(across.tilt) :] += across.tilt[:, None, :, None] * (along.ff * slender**3)[None, :, None]
-
-
-def _mixed(across: RadialIntegrals, along: AxialIntegrals, slender: Array) -> Array:
-    """X of eq. CF.23, shape (U_i, g_j, P_i, f_j, n)."""
-    X = across.turned[:, None, :, None] * -along.dg_mode[None, :, None]
-    bent = (across.slope * slender * slender)[:, None] * along.f_mode[:, None]
-    X[-len(across.lift) :] += across.lift[:, None, :, None] * (2 * along.g_dmode[:, None] + bent)
-    return X
+def _own(across: RadialIntegrals, along: AxialIntegrals, slender: Array, U: Array) -> None:
+    """Write the stiffness of the u without lambda into U, shape (U_i, g_j, U_i, g_j, n)."""
+    np.multiply(across.strain[:, None, :, None], (along.gg * slender)[None, :, None], out=U)
+    U += across.slide[:, None, :, None] * (along.dg_dg / slender)[None, :, None]
 
 
 # by which share the functions are too stiff, with w the width:

@@ -10,7 +10,7 @@ those of squares of slopes are diagonal.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache
 from itertools import accumulate
 from typing import Any
@@ -24,7 +24,7 @@ from solver.linalg.piecewise import PiecewisePolynomials
 
 RADIAL, FINE_RADIAL = 3, 5  # functions P_i
 AXIAL, FINE_AXIAL = 2, 3  # functions g_j
-HEIGHTS = 10  # nodes of quadrature along the height
+HEIGHTS, TABLE_HEIGHTS = 10, 48  # nodes of quadrature along the height: of fields, and of the tables, tall blocks among them
 POINTS, FINE_POINTS = 6, 10  # across the wall
 RING_POINTS = 4  # on each ring of a load
 DEGREE = 10  # of the tables' polynomials
@@ -48,17 +48,23 @@ class Along:
     f: Array
     df: Array
 
+    def take(self, which: Any) -> Along:
+        """The blocks at places ``which``."""
+        return Along(*(getattr(self, part.name)[..., which] for part in fields(self)))
+
     def at(self, share: Array) -> tuple[Array, ...]:
         """g, dg, f and df at shares (n, k) of the height, shapes (n, functions, k)."""
         steep = self.steep[:, None]
         y = np.arctanh((2 * share - 1) * np.tanh(steep)) / steep
-        between = (legendre.legvander(y, HEIGHTS - 1) @ _SERIES).swapaxes(1, 2)
+        nodes = len(self.zeta)
+        between = (legendre.legvander(y, nodes - 1) @ _RULES[nodes].series).swapaxes(1, 2)
         return tuple(values.transpose(2, 0, 1) @ between for values in (self.g, self.dg, self.f, self.df))
 
 
-def along_height(height: Array, steepness: Array, axial: int) -> Along:
+def along_height(height: Array, steepness: Array, axial: int, nodes: int = HEIGHTS) -> Along:
     """Return ``axial`` functions g_j and one f_j more for blocks of heights (n,), ``steepness`` their decays times these."""
-    y, weight = (one[:, None] for one in _GAUSS)
+    rule = _RULES[nodes]
+    y, weight = rule.y[:, None], rule.weight[:, None]
     steep = 0.5 * np.log(1 + 0.5 * steepness) + 1e-3  # nodes as dense at both ends as the functions need
     turn, whole = np.tanh(steep * y), np.tanh(steep)
     share = (1 + turn / whole) / 2
@@ -73,45 +79,56 @@ def along_height(height: Array, steepness: Array, axial: int) -> Along:
     dg = np.stack([dtop * power for power in powers])
     for j in range(1, axial):
         dg[j] += j * top * powers[j - 1] * dfade
-    f = np.concatenate([(1 - share)[None], -(_REMAINING @ (g * dz))])
-    return Along(height * share, weight * (height * dz), steep, g, dg, f, np.concatenate([0 * share[None] - 1, g]))
+    df = np.stack([0 * share - 1, (last - far) / loss, *g[1:]])  # -1, g_0 - 1 and the other g_j
+    f = np.concatenate([(1 - share)[None], -(rule.remaining @ (df[1:] * dz))])
+    return Along(height * share, weight * (height * dz), steep, g, dg, f, df)
 
 
-def _remaining() -> Any:
-    """Integrals from each Gauss node to 1, as weights of the values at the nodes, shape (nodes, nodes)."""
-    y, orders = _GAUSS[0], np.arange(HEIGHTS)
-    integrals = np.array([legendre.legint(np.eye(HEIGHTS)[n]) for n in orders])
-    values = np.array([legendre.legval(1.0, c) - legendre.legval(y, c) for c in integrals])
-    return values.T @ _SERIES
+@dataclass(frozen=True)
+class HeightRule:
+    """Gauss's rule on (-1, 1).
+
+    Attributes:
+        y, weight: nodes and weights, shape (nodes,).
+        series: from values at the nodes to the coefficients of Legendre's polynomials, shape (nodes, nodes).
+        remaining: from these values to the integrals from each node to 1, shape (nodes, nodes).
+    """
+
+    y: Any
+    weight: Any
+    series: Any
+    remaining: Any
 
 
-_GAUSS = legendre.leggauss(HEIGHTS)
-_SERIES = (np.arange(HEIGHTS)[:, None] + 0.5) * legendre.legvander(_GAUSS[0], HEIGHTS - 1).T * _GAUSS[1]
-_REMAINING = _remaining()
+def _rule(nodes: int) -> HeightRule:
+    y, weight = legendre.leggauss(nodes)
+    P, n = legendre.legvander(y, nodes), np.arange(1, nodes)
+    series = (np.arange(nodes)[:, None] + 0.5) * P[:, :-1].T * weight
+    ahead = np.column_stack([1 - y, (P[:, :-2] - P[:, 2:]) / (2 * n + 1)])  # Int_y^1 P_n
+    return HeightRule(y, weight, series, ahead @ series)
+
+
+_RULES = {nodes: _rule(nodes) for nodes in (HEIGHTS, TABLE_HEIGHTS)}
 
 
 @dataclass(frozen=True)
 class AxialIntegrals:
-    """Integrals along a block of height 1 of products of the functions (rows first), of f_j but the first; blocks last.
+    """Integrals along a block of height 1 of products of the functions (rows first); blocks last.
 
     Attributes:
-        gg, dg_dg, dg_f, ff: of two functions.
-        g_df, f_f, dg_g: of g, f and dg with the modes' slope, the modes, and the modes.
+        gg, dg_dg: of two functions.
+        g_dmode, dg_mode: of g with the modes' slopes, and of dg with the modes.
         slope: of the squares of the modes' slopes; of the modes' own they are one, shape (modes, n).
-        end, f_end: modes and f_j at the tissue's end, shapes (modes, n) and (functions, n).
+        end: modes at the tissue's end, shape (modes, n).
         modes: how much of each f_j, the first among them, is in each mode, shape (f_j, modes, n).
     """
 
     gg: Array
     dg_dg: Array
-    dg_f: Array
-    ff: Array
     g_dmode: Array
-    f_mode: Array
     dg_mode: Array
     slope: Array
     end: Array
-    f_end: Array
     modes: Array
 
 
@@ -127,21 +144,16 @@ def _axial_table(axial: int) -> PiecewisePolynomials:
 
 def made_along(steepness: Any, axial: int) -> list[Any]:
     """Return the parts of ``AxialIntegrals`` by quadrature, blocks first."""
-    along = along_height(np.ones_like(steepness), steepness, axial)
+    along = along_height(np.ones_like(steepness), steepness, axial, TABLE_HEIGHTS)
     g, dg, f, df = along.g, along.dg, along.f, along.df
 
     def products(one: Any, other: Any) -> Any:
         return np.einsum("iqn,jqn,qn->nij", one, other, along.weight)
 
-    f_end = np.concatenate([np.ones((1, len(steepness))), -(along.weight * g).sum(axis=1)]).T
-    apart = np.eye(axial + 1)  # in a tall block the first two differ little
-    apart[0, 1] = 1.0
-    squares, slopes = (apart.T @ products(one, one) @ apart for one in (f, df))
-    slope, modes = _modes(squares, slopes, f_end @ apart)
-    modes = apart @ modes
-    of_modes = [products(one, other) @ modes for one, other in ((g, df), (f[1:], f), (dg, f))]
-    own = [products(one, other) for one, other in ((g, g), (dg, dg), (dg, f[1:]), (f[1:], f[1:]))]
-    return [*own, *of_modes, slope, (f_end[:, None] @ modes)[:, 0], f_end[:, 1:], modes]
+    f_end = -(along.weight * df).sum(axis=1).T
+    slope, modes = _modes(products(f, f), products(df, df), f_end)
+    of_modes = [products(one, other) @ modes for one, other in ((g, df), (dg, f))]
+    return [products(g, g), products(dg, dg), *of_modes, slope, (f_end[:, None] @ modes)[:, 0], modes]
 
 
 def _modes(squares: Any, slopes: Any, end: Any) -> tuple[Any, Any]:
@@ -159,25 +171,20 @@ class RadialIntegrals:
     Of a tube the U_i begin with a constant, which is the outer radius, and whose volume does not change.
 
     Attributes:
-        strain: twice (e_rr e_rr + e_hoop e_hoop + e_zz e_zz) of two u, each with the w that keeps its volume.
-        slide, turn: u u, and u dP/dr, shapes (U_i, U_i, n) and (U_i, P_i, n).
-        tilt: dP/dr dP/dr, shape (P_i, P_i, n).
-        lift, turned: P_i and u with the modes and with their slopes, shapes (P_i, modes, n) and (U_i, modes, n).
+        strain: twice (e_rr e_rr + e_hoop e_hoop) of two u.
+        slide: u u, shape (U_i, U_i, n).
+        widened, turned: d(r u)/dr / r with the modes, and u with their slopes, shapes (U_i, modes, n).
         slope: of the squares of the modes' slopes; of the modes' own they are one, shape (modes, n).
-        pressed, sheared: loads on the P_i and on the u, the shears' functions meant times r / radius, shapes (loads, ., n).
-        pressed_modes: loads on the modes.
+        pressed, sheared: loads on the modes and on the u, the shears' functions meant times r / radius, shapes (loads, ., n).
         modes: how much of each P_i is in each mode, shape (P_i, modes, n).
     """
 
     strain: Array
     slide: Array
-    turn: Array
-    tilt: Array
-    lift: Array
+    widened: Array
     turned: Array
     slope: Array
     pressed: Array
-    pressed_modes: Array
     sheared: Array
     modes: Array
 
@@ -216,11 +223,10 @@ def made_across(wall: Any, solid: bool, fine: bool) -> list[Any]:
     squares, slopes = products(P, P), products(slope, slope)
     across, modes = _modes(squares, slopes, np.ones((1, radial)))
     rr = volume - hoop
-    strain = 2 * (products(rr, rr) + products(hoop, hoop) + products(volume, volume))
-    turn = products(u, slope)
+    strain = 2 * (products(rr, rr) + products(hoop, hoop))
     pressed, sheared = _loaded(hole, wall, loads[0 if solid else 1], radial)
-    parts = [strain, products(u, u), turn, slopes, squares @ modes, turn @ modes, across]
-    return [*parts, pressed, pressed @ modes, sheared, modes]
+    of_modes = [products(one, other) @ modes for one, other in ((volume, P), (u, slope))]
+    return [strain, products(u, u), *of_modes, across, pressed @ modes, sheared, modes]
 
 
 def _loaded(hole: Any, wall: Any, loads: Loads, radial: int) -> tuple[Any, Any]:

@@ -56,6 +56,12 @@ class Tissue:
     radius: Any = None
     layers: tuple[TissueLayer, ...] = ()
 
+    def take(self, which: Any) -> Tissue:
+        """That of the designs at places ``which``."""
+        depth, radius = (None if part is None else part[which] for part in (self.depth, self.radius))
+        layers = tuple(TissueLayer(layer.thickness[which], layer.E[which], layer.nu[which]) for layer in self.layers)
+        return Tissue(depth, self.E[which], self.nu[which], radius, layers)
+
     @property
     def mu(self) -> Array:
         """Shear modulus."""
@@ -107,6 +113,7 @@ def solve_contact(
     nodes: int,
     side_nodes: int = 0,
     layer_nodes: int = 0,
+    shared: Shared | None = None,
 ) -> ContactSolution:
     """Solve eq. CF.12.
 
@@ -119,19 +126,15 @@ def solve_contact(
         nodes: of the integrals over wave numbers.
         side_nodes: of those for the tissue's sides, 0 where they are far.
         layer_nodes: of those for its layers.
+        shared: which designs have the same blocks and tissue.
     """
-    works = _works(blocks, tissue, layer_nodes, bonded)
-    C = joined(works) if bonded else works[0]
-    _add_ends(C, blocks, bonded)
-    A = areas(blocks, C)
+    C, A, sides = _without_spheres(blocks, tissue, (side_nodes, layer_nodes), bonded, shared)
     if tissue.depth is not None or spheres:
         firm = stiffest(tissue.stack) if tissue.layers else tissue
         k, loads, weights = _waves(blocks, tissue, spheres, nodes, bonded)
         field = waves(k, tissue.depth, firm.nu)
         if tissue.depth is not None:
             C = C + _floor(field, loads, weights, firm.E / (2 * (1 + firm.nu)))
-        sides = _sides(blocks, tissue, side_nodes, bonded) if side_nodes else None
-        C = C if sides is None else C + sides.work
     before, rest, slope, softer, marked = np.linalg.solve(C, A), 0.0, np.zeros_like(A[:, :2]), C, None
     for index, sphere in enumerate(spheres):
         check_time("inclusions")
@@ -146,6 +149,29 @@ def solve_contact(
     forces = A.swapaxes(1, 2) @ tractions + rest
     slope = slope if marked is None else slope + marked.slope(tractions)
     return ContactSolution(forces, slope, softer, A, tractions)
+
+
+@dataclass(frozen=True)
+class Shared:
+    """Designs that have the same blocks and tissue as others: the first of each kind, and which kind each is."""
+
+    first: Any
+    which: Any
+
+
+def _without_spheres(
+    blocks: Pair, tissue: Tissue, nodes: tuple[int, int], bonded: bool, shared: Shared | None
+) -> tuple[Array, Array, Sides | None]:
+    """C but for the floor, A, and the sides, of each kind of blocks and tissue once."""
+    if shared is not None:
+        inner, outer = (block.take(shared.first) for block in blocks)
+        C, A, sides = _without_spheres((inner, outer), tissue.take(shared.first), nodes, bonded, None)
+        return C[shared.which], A[shared.which], None if sides is None else sides.take(shared.which)
+    works = _works(blocks, tissue, nodes[1], bonded)
+    C = joined(works) if bonded else works[0]
+    _add_ends(C, blocks, bonded)
+    sides = _sides(blocks, tissue, nodes[0], bonded) if nodes[0] else None
+    return C if sides is None else C + sides.work, areas(blocks, C), sides
 
 
 def _add_ends(C: Array, blocks: Pair, bonded: bool) -> None:

@@ -19,7 +19,7 @@ from geometry.common.arrays import Floats
 from geometry.scenes.scene import Inclusion, Scene
 from solver.closed_form.bessel import Array
 from solver.closed_form.block_compliance import ElasticBlocks
-from solver.closed_form.contact import FLOOR_REACH, LONG, NODES_PER_WAVE, REACH, ContactSolution, solve_contact
+from solver.closed_form.contact import FLOOR_REACH, LONG, NODES_PER_WAVE, REACH, ContactSolution, Shared, solve_contact
 from solver.closed_form.contact import Tissue as TissueArray
 from solver.closed_form.lateral_boundary import side_nodes, side_radius
 from solver.closed_form.layered_works import layer_nodes
@@ -38,6 +38,9 @@ LAYER = ("layer_thickness", "layer_modulus", "layer_poisson")
 MOST = 256  # nodes over wave numbers
 LEAST_ROOM = 0.05  # of a sphere's points, in its diameters: nearer ones are refused by ``level``
 CHUNK = 520  # designs at once: what they need then stays in the processor's cache; not a power of two, whose rows share its lines
+
+
+_ODD = np.sqrt(np.arange(2.0, 64.0))  # times the numbers of a probe and its tissue
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,7 @@ class Shape:
         return self.places or (0,) * len(self.on_axis)
 
 
-def _answer(shape: Shape, p: Array) -> ContactSolution:
+def _answer(shape: Shape, p: Array, share: bool) -> ContactSolution:
     """The answer for parameters p, shape (parameters, n)."""
     r2, gap, ro, hi, ho, ei, ni, eo, no, depth, side, et, nt = p[: len(PROBE) + len(TISSUE)]
     bodies, layers = split(shape, p)
@@ -85,7 +88,17 @@ def _answer(shape: Shape, p: Array) -> ContactSolution:
         for b, on_axis, place in zip(bodies, shape.on_axis, shape.homes, strict=True)
     ]
     nodes = {"nodes": shape.nodes, "side_nodes": shape.side_nodes, "layer_nodes": shape.layer_nodes}
-    return solve_contact(blocks, tissue, spheres, target=shape.target, bonded=shape.bonded, **nodes)
+    shared = _shared(np.concatenate([p[: len(PROBE) + len(TISSUE)], layers.reshape(-1, p.shape[1])])) if share else None
+    return solve_contact(blocks, tissue, spheres, target=shape.target, bonded=shape.bonded, shared=shared, **nodes)
+
+
+def _shared(rows: Array) -> Shared | None:
+    """Which columns are the same, None where less than half are: they are told by one sum of their numbers, and compared."""
+    with np.errstate(invalid="ignore"):
+        _, first, which = np.unique(_ODD[: len(rows)] @ rows, return_index=True, return_inverse=True)
+    if 2 * len(first) > rows.shape[1] or not (rows[:, first[which]] == rows).all():
+        return None
+    return Shared(first, which)
 
 
 def split(shape: Shape, values: Array) -> tuple[Array, Array]:
@@ -109,19 +122,22 @@ def forces(shape: Shape, values: Array) -> tuple[Floats, Floats]:
         Young's modulus (zero without a target), both of shape (n, 2, 2). Designs outside the formulas' range are not refused;
         where the equations are singular the values are NaN.
     """
-    parts = list(answers(shape, values))
+    parts = list(answers(shape, values, share=True))
     return np.concatenate([part.forces for part in parts]), np.concatenate([part.slope for part in parts])
 
 
-def answers(shape: Shape, values: Array) -> Iterator[ContactSolution]:
-    """Yield what stands behind ``forces``, for some designs at a time."""
+def answers(shape: Shape, values: Array, *, share: bool = False) -> Iterator[ContactSolution]:
+    """Yield what stands behind ``forces``, for some designs at a time.
+
+    What designs of one probe on one tissue ``share`` is found once, and rounded otherwise than alone.
+    """
     values = np.asarray(values)
     chunk = CHUNK // 2 if shape.layers else CHUNK  # layers take more waves
     if values.shape[1] >= chunk:
         keep_freed()
     for k in range(0, values.shape[1], chunk):
         try:
-            yield _answer(shape, values[:, k : k + chunk])
+            yield _answer(shape, values[:, k : k + chunk], share)
         except np.linalg.LinAlgError:
             yield from (_alone(shape, column) for column in values[:, k : k + chunk].T)
 
@@ -129,7 +145,7 @@ def answers(shape: Shape, values: Array) -> Iterator[ContactSolution]:
 def _alone(shape: Shape, column: Array) -> ContactSolution:
     """One design's answer, NaN if its equations are singular."""
     try:
-        return _answer(shape, column[:, None])
+        return _answer(shape, column[:, None], share=False)
     except np.linalg.LinAlgError:
         none, no_loads = np.full((1, 2, 2), np.nan, dtype=column.dtype), np.full((1, 1, 2), np.nan)
         return ContactSolution(none, none, np.full((1, 1, 1), np.nan), no_loads, no_loads)

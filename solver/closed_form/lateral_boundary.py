@@ -81,6 +81,11 @@ class Sides:
     widen: Array
     taken: Array
 
+    def take(self, which: Any) -> Sides:
+        """Those of the designs at places ``which``."""
+        tissue, along = self.tissue.take(which), self.along.take(which)
+        return Sides(self.work[which], tissue, along, self.sink[which], self.widen[which], self.taken[which])
+
     def strain(self, r: Array, z: Array) -> Array:
         """Strains rr + hoop, rr - hoop, zz, rz under unit works at places r (n, k), as many at each depth z; (n, 4 k, works)."""
         P, slope, over = radial(self.tissue.radius, r)
@@ -145,7 +150,7 @@ def _column(tissue: ElasticBlocks) -> TissueColumn:
     on_u = np.zeros((works, RADIAL, AXIAL, n), dtype=slender.dtype)
     on_modes = np.zeros((works, RADIAL, AXIAL + 1, n), dtype=slender.dtype)
     for j in range(AXIAL):
-        on_u[j + 1, :, j], on_u[AXIAL + 1 + j, 0, j] = slender, 1.0
+        on_u[AXIAL + 1 + j, 0, j] = 1.0
     on_modes[: AXIAL + 1] = across.modes.sum(axis=0)[:, None] * along.modes[:, None]
     system = reduced(tissue.nu, slender, (across, along), (on_u, on_modes))
     size = tissue.radius[:, None, None]
@@ -154,7 +159,6 @@ def _column(tissue: ElasticBlocks) -> TissueColumn:
     modes = system.modes(answer).reshape(n, RADIAL, AXIAL + 1, works)
     by_height = along.modes.transpose(2, 0, 1)[:, None] @ modes
     sink = (across.modes[:, :, 0] @ by_height.reshape(n, RADIAL, -1)).reshape(modes.shape)
-    sink[:, :, 1:] += answer.reshape(n, RADIAL, AXIAL, works) * slender[:, None, None, None]
     work = system.compliance(answer) * scale * unit.swapaxes(1, 2)
     return TissueColumn(work, sink.reshape(n, -1, works) * scale, answer * (scale / size))
 

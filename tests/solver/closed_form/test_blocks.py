@@ -7,24 +7,37 @@ import pytest
 
 from geometry.common.arrays import Floats
 from solver.closed_form.block_compliance import ElasticBlocks, _softened, end_compliance
-from solver.closed_form.block_functions import along_height, made_across, made_along
+from solver.closed_form.block_functions import (
+    FINE_POINTS,
+    HEIGHTS,
+    POINTS,
+    TABLE_HEIGHTS,
+    _functions,
+    _gauss,
+    _loaded,
+    along_height,
+    made_along,
+)
+from solver.closed_form.tractions import COARSE, FINE
 from solver.linalg.piecewise import PiecewisePolynomials
 
 
-def whole(block: ElasticBlocks, bonded: bool) -> Floats:
+def whole(block: ElasticBlocks, bonded: bool, nodes: int = TABLE_HEIGHTS) -> Floats:
     """B K^-1 B^T of one block, K of all products P_i f_j and U_i g_j of eq. CF.8, lambda in every term that it is in."""
     axial, slender = 3 if block.fine else 2, float(block.height[0] / block.width[0])
-    wall = block.width / block.radius
-    strain, slide, turn, tilt, _, _, _, pressed, _, sheared, modes = (
-        one[0] for one in made_across(wall, block.hole is None, block.fine)
+    wall, solid = block.width / block.radius, block.hole is None
+    radial, points, loads = (5, FINE_POINTS, FINE.loads) if block.fine else (3, POINTS, COARSE.loads)
+    y, weight = _gauss((0.0, 1.0), points)
+    P, slope, r, u = (part[0] for part in _functions(y, 1 / wall - 1, radial, solid))
+    ring = 2 * np.pi * wall * r * weight
+    spreading, hoop = np.concatenate([P[:0] if solid else 0 * P[:1], P]), u / r
+    lift, tilt, spread, mixed = (
+        (ring * one) @ other.T for one, other in ((P, P), (slope, slope), (spreading, spreading), (spreading, P))
     )
-    inverse = np.linalg.inv(modes)
-    lift = inverse.T @ inverse
-    kept = len(strain) - len(lift)
-    spread = np.zeros_like(strain)
-    spread[kept:, kept:] = lift
-    mixed = spread[:, kept:]
-    along = along_height(np.ones(1), block.steepness, axial)
+    turn, slide = (ring * u) @ slope.T, (ring * u) @ u.T
+    pure = 2 * (ring * (spreading - hoop)) @ (spreading - hoop).T + 2 * (ring * hoop) @ hoop.T
+    pressed, sheared = (part[0] for part in _loaded(1 / wall - 1, wall, loads[0 if solid else 1], radial))
+    along = along_height(np.ones(1), block.steepness, axial, nodes)
     g, dg, f, df = (part[:, :, 0] for part in (along.g, along.dg, along.f, along.df))
     weight = along.weight[:, 0]
 
@@ -34,10 +47,10 @@ def whole(block: ElasticBlocks, bonded: bool) -> Floats:
     nu = float(block.nu[0])
     k = 2 * nu / (1 - 2 * nu)
     ww = (k + 2) * products(lift, df, df, -1) + products(tilt, f, f, 1)
-    uu = k * products(spread, g, g, 1) + products(strain - 2 * spread, g, g, 1) + products(slide, dg, dg, -1)
+    uu = k * products(spread, g, g, 1) + products(pure, g, g, 1) + products(slide, dg, dg, -1)
     uw = -k * products(mixed, g, df, 0) - products(turn, dg, f, 0)
     K = np.block([[ww, uw.T], [uw, uu]])
-    end = np.append(1.0, -(weight * g).sum(axis=1))
+    end = -(weight * df).sum(axis=1)
     B = np.zeros((len(pressed) + len(sheared), len(K)))
     B[: len(pressed), : len(ww)] = np.kron(pressed, end)
     B[len(pressed) :, len(ww) :] = np.kron(sheared, np.ones(axial))
@@ -49,7 +62,7 @@ def whole(block: ElasticBlocks, bonded: bool) -> Floats:
 @pytest.mark.parametrize("bonded", [True, False])
 @pytest.mark.parametrize("nu", [0.0, 0.3, 0.4999])
 @pytest.mark.parametrize(
-    ("hole", "height"), [(None, 0.05), (None, 1.0), (None, 30.0), (0.02, 1.0), (0.5, 0.1), (0.5, 5.0), (0.97, 1.0)]
+    ("hole", "height"), [(None, 0.05), (None, 1.0), (None, 30.0), (0.02, 1.0), (0.5, 0.1), (0.5, 5.0), (0.97, 1.0), (0.999, 20.0)]
 )
 def test_few_unknowns_are_all_of_them(hole: float | None, height: float, nu: float, bonded: bool, fine: bool) -> None:
     """To a billionth of what each load gives way under itself, whatever the shape."""
@@ -60,6 +73,28 @@ def test_few_unknowns_are_all_of_them(hole: float | None, height: float, nu: flo
     assert end_compliance(block, bonded)[0] / np.outer(own, own) == pytest.approx(expected / np.outer(own, own), abs=1e-9)
 
 
+@pytest.mark.parametrize(("steepness", "places"), [(2.0, 8), (200.0, 6), (2e4, 5)])
+def test_integrals_along_tall_blocks_need_the_nodes_that_they_have(steepness: float, places: int) -> None:
+    """Against what the functions' exponentials integrate to in closed form."""
+    along = along_height(np.ones(1), np.array([steepness]), 2, TABLE_HEIGHTS)
+    g, weight, b = along.g[:, :, 0], along.weight[:, 0], steepness
+    loss = -np.expm1(-b)
+    column = 1 / loss - 1 / b  # Int g_0
+    square = (1 - 2 * loss / b + (1 - np.exp(-2 * b)) / (2 * b)) / loss**2
+    assert weight @ g[0] == pytest.approx(column, rel=10.0**-places)
+    assert weight @ g[0] ** 2 == pytest.approx(square, rel=10.0**-places)
+    inner = ((1 - np.exp(-b)) / b - np.exp(-b)) / loss  # Int of the fading part
+    both = (np.exp(-b) - np.exp(-b) * (1 - np.exp(-b)) / b) / loss  # and of the base's times it
+    assert weight @ g[1] == pytest.approx((inner - both) / loss, rel=10.0**-places)
+
+
+def test_ten_heights_would_not_do_in_a_tube_ninety_times_as_tall_as_its_wall() -> None:
+    one = np.ones(1)
+    tube = ElasticBlocks(0.99 * one, one, 0.9 * one, 2 * one, 0.49 * one)
+    few, many = (np.diag(whole(tube, True, nodes)) for nodes in (HEIGHTS, TABLE_HEIGHTS))
+    assert np.abs(few / many - 1).max() > 5e-3
+
+
 def test_beyond_the_tables_it_says_so() -> None:
     one = np.ones(1)
     assert np.all(np.isnan(end_compliance(ElasticBlocks(None, one, 1e8 * one, one, 0.3 * one), True)))
@@ -67,13 +102,13 @@ def test_beyond_the_tables_it_says_so() -> None:
 
 def test_modes_are_normal() -> None:
     """The integrals of their squares are one, those of two of them none: along a block and across it."""
-    *_, slope, end, f_end, modes = (part[0] for part in made_along(np.array([3.0]), 2))
-    along = along_height(np.ones(1), np.array([3.0]), 2)
+    *_, slope, end, modes = (part[0] for part in made_along(np.array([3.0]), 2))
+    along = along_height(np.ones(1), np.array([3.0]), 2, TABLE_HEIGHTS)
     f, df = (modes.T @ part[:, :, 0] for part in (along.f, along.df))
     weight = along.weight[:, 0]
+    assert -(df @ weight) == pytest.approx(end, rel=1e-12)
     assert (f * weight) @ f.T == pytest.approx(np.eye(3), abs=1e-12)
     assert (df * weight) @ df.T == pytest.approx(np.diag(slope), abs=1e-11)
-    assert modes.T @ np.append(1.0, f_end) == pytest.approx(end, rel=1e-12)
 
 
 def test_polynomials_between_steps_meet_a_function_and_its_slope() -> None:

@@ -17,7 +17,7 @@ from solver.casadi_functions.closed_form import ClosedFormFunction
 from solver.closed_form.bessel import bessel, spherical
 from solver.closed_form.block_compliance import ElasticBlocks
 from solver.closed_form.contact import Tissue, solve_contact
-from solver.closed_form.designs import PROBE, forces, gradients, parameters
+from solver.closed_form.designs import PROBE, TISSUE, forces, gradients, parameters
 from solver.closed_form.half_space import ring_work
 from solver.closed_form.layer import Waves, floor_compliance, waves
 from solver.closed_form.level import ClosedForm
@@ -326,3 +326,19 @@ def test_target_of_none() -> None:
     result = evaluate(scene, "closed-form")
     assert result.log_sensitivity is None
     assert any("log_sensitivity is null" in warning for warning in result.warnings)
+
+
+@pytest.mark.parametrize(("folder", "name"), [("axisymmetric", "shallow"), ("solid", "flank"), ("tissue-layers", "breast")])
+def test_designs_of_one_probe_on_one_tissue_are_what_each_is_alone(folder: str, name: str) -> None:
+    """Between near sides; of such designs what does without spheres is found once."""
+    scene = named(folder, name).scene
+    shape, values = parameters(scene)
+    shape = replace(shape, side_nodes=20)
+    designs = np.repeat(values[:, None], 12, axis=1)
+    designs[PROBE.index("gap"), 6:] *= 1.1
+    designs[len(PROBE) + len(TISSUE)] *= np.linspace(0.8, 1.0, 12)
+    alone = [forces(shape, one[:, None]) for one in designs.T]
+    for found, each in zip(forces(shape, designs), zip(*alone, strict=True), strict=True):
+        assert found == pytest.approx(np.concatenate(each), rel=1e-11, abs=1e-11 * np.abs(found).max())
+    steps = designs + 1e-30j * np.abs(values)[:, None] * np.eye(len(values))[:, :12]
+    assert np.unique(forces(shape, steps)[0].imag[:, 0, 0]).size == 12
