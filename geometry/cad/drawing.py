@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from geometry.cad import cutaway, solids
-from geometry.cad.materials import elastic
+from geometry.cad.materials import part_materials
 from geometry.common.files import written_whole
 from geometry.provenance.texts import picture_metadata
 from geometry.scenes.base_sizes import assumed_sizes, base_sizes, has_flange
@@ -213,12 +213,14 @@ def _notes(probe: Probe, edge_radius: float) -> list[tuple[str, Any]]:
     """Return lines of text, those of the parts with their colour."""
     thick = f"{_marked(probe, 'film.thickness', solids.film_thickness(probe) * solids.MM)} thick"
     cut, step = probe.groove_footprint, DIAMETER + number(2 * probe.tube_radius * solids.MM)
+    materials = part_materials(probe)
     texts = {
-        "inner": f"inner block: {elastic(probe.inner.youngs_modulus, probe.inner.poisson_ratio)}",
-        "outer": f"outer block: {elastic(probe.outer.youngs_modulus, probe.outer.poisson_ratio)}",
+        "inner": f"inner block: {materials['inner'].text}",
+        "outer": f"outer block: {materials['outer'].text}",
         "film-inner": f"inner film, {thick}",
         "film-outer": f"outer film, {thick}" + (", open above the groove" if cut else ""),
-        "base": f"base, step {step}" if has_flange(probe) else f"base, {step}",
+        "base": ("base" if probe.base.material is None else f"base of {probe.base.material}")
+        + (f", step {step}" if has_flange(probe) else f", {step}"),
     }
     drawn = outlines(probe)
     lines: list[tuple[str, Any]] = [(text, solids.COLOURS[name]) for name, text in texts.items() if name in drawn]

@@ -1,4 +1,4 @@
-"""What each part is made of, in the words of a drawing and of a STEP file; a scene gives moduli, no products."""
+"""What each part is made of, in the words of a drawing and of a STEP file: a name of the catalogue where the scene has one."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ class PartMaterial:
     """A part's material.
 
     Attributes:
-        name: of the kind of material.
+        name: in the catalogue, or of the kind of material.
         properties: what it must have, with units.
-        density: in kg/m^3; None where the scene does not tell the product.
+        density: in kg/m^3; None where it is not known.
     """
 
     name: str
@@ -34,9 +34,9 @@ def part_materials(probe: Probe) -> dict[str, PartMaterial]:
     """Return the materials of a probe's parts by their names, as ``geometry.cad.solids.parts`` has them."""
     base = probe.base
     if base.youngs_modulus is None or base.poisson_ratio is None:
-        stiff = PartMaterial("rigid material", "metal or glass-filled polymer, far stiffer than the blocks")
+        stiff = PartMaterial(base.material or "rigid material", "metal or glass-filled polymer, far stiffer than the blocks")
     else:
-        stiff = PartMaterial("elastic material", elastic(base.youngs_modulus, base.poisson_ratio))
+        stiff = PartMaterial(base.material or "elastic material", elastic(base.youngs_modulus, base.poisson_ratio))
     films = {}
     if probe.film is not None:
         film = PartMaterial("piezoelectric PVDF film", f"E = {modulus(probe.film.youngs_modulus)}", PVDF_DENSITY)
@@ -57,4 +57,4 @@ def modulus(value: float) -> str:
 
 def _elastomer(material: Material) -> PartMaterial:
     loss = f", tan delta {material.loss_factor:g}" if material.loss_factor else ""
-    return PartMaterial("elastomer", elastic(material.youngs_modulus, material.poisson_ratio) + loss)
+    return PartMaterial(material.material or "elastomer", elastic(material.youngs_modulus, material.poisson_ratio) + loss)

@@ -58,10 +58,16 @@ def part_files(probe: Probe) -> tuple[str, ...]:
 
 
 def design_of(probe: Probe, edge_radius: float = 0.0) -> str:
-    """Return the digest of every number that the parts are made from, however the scene has given it; see ``solids.parts``."""
+    """Return the digest of all numbers and materials of the parts, however the scene has given them."""
     sizes = probe.inner_radius, probe.hole_radius, probe.tube_radius, probe.core_height, probe.tube_height
     bodies = probe.model_dump(
-        include={"inner": True, "outer": True, "groove": True, "film": True, "base": {"youngs_modulus", "poisson_ratio"}}
+        include={
+            "inner": True,
+            "outer": True,
+            "groove": True,
+            "film": True,
+            "base": {"youngs_modulus", "poisson_ratio", "material"},
+        }
     )
     edges = {"edge_radius": edge_radius} if edge_radius else {}  # sharp designs keep the digest from before edges could be round
     return digest({"sizes": sizes, "base": astuple(base_sizes(probe)), "bodies": bodies, **edges})

@@ -3,26 +3,29 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from geometry.common.errors import InputError, Words
 from geometry.common.limits import least_mm, most_mm, reaches
-from geometry.scenes.units import Quantity
+from geometry.scenes.catalogue import CatalogueMaterial, fill_in, find_material
+from geometry.scenes.units import MODULUS, Quantity
 
 LENGTH = Quantity("length", "m", "mm", 1e-9, 10.0, bare=1.0)
 Length = Annotated[float, LENGTH]
 PartLength = Annotated[float, replace(LENGTH, bare=0.2)]
 Thickness = Annotated[float, Quantity("length", "m", "mm", 0.0, 10.0, bare=0.2)]
 Position = Annotated[float, Quantity("position", "m", "mm", -10.0, 10.0, bare=1.0)]
-MODULUS = Quantity("modulus", "Pa", "Pa", 1e-3, 1e13)
 Modulus = Annotated[float, MODULUS]
 ChargePerForce = Annotated[float, Quantity("charge per force", "C/N", "pC/N", -1e-8, 1e-8)]
 PoissonRatio = Annotated[float, Field(ge=0.0, lt=0.5, description="a number from 0 to below 0.5")]
 LossFactor = Annotated[float, Field(ge=0.0, le=1.0, description="tan delta, a number from 0 to 1")]
 Number = Annotated[float, Field(ge=-100.0, le=100.0, description="a number from -100 to 100")]
+MaterialName = Annotated[str, Field(min_length=1, max_length=100)]
+NAME = Field(default=None, description="a name that `probe-design material list` shows", exclude_if=lambda name: name is None)
 AreaRatio = Annotated[float, Field(ge=1e-4, le=1e4)]
 Interface = Literal["bonded", "frictionless", "unilateral"]
 
@@ -34,17 +37,29 @@ class Frozen(BaseModel):
 
 
 class Material(Frozen):
-    """An isotropic linear elastic material.
+    """An isotropic linear elastic material, by its numbers or by its name in the catalogue.
 
     Attributes:
-        youngs_modulus: of the material; the storage modulus E' where it is lossy.
-        poisson_ratio: of the material.
+        youngs_modulus: of the material; the storage modulus E' where it is lossy; left out: the named material's.
+        poisson_ratio: likewise.
         loss_factor: tan delta = E''/E' at the load's frequency: E = E' (1 + j tan delta), Poisson's ratio being real.
+        material: a name of the catalogue; a number beside it is a measured one, see ``geometry.scenes.catalogue.fill_in``.
     """
 
     youngs_modulus: Modulus
     poisson_ratio: PoissonRatio
     loss_factor: LossFactor = 0.0
+    material: MaterialName | None = NAME
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_catalogue(cls, table: Any) -> Any:
+        return fill_in(table)
+
+    @property
+    def tabulated(self) -> CatalogueMaterial | None:
+        """The catalogue's entry that the material is named after, None where it has numbers alone."""
+        return None if self.material is None else find_material(self.material)
 
 
 class Base(Frozen):
@@ -57,6 +72,7 @@ class Base(Frozen):
         rigid: whether the base does not give way.
         youngs_modulus: of an elastic base.
         poisson_ratio: of an elastic base.
+        material: a name of the catalogue; it gives an elastic base its numbers, and of a rigid one says what it is made of.
         flange_radius: at least the probe's outer radius.
         thickness: of the flange.
         step_height: from the upper face of the higher of the two films to the flange's lower face.
@@ -65,9 +81,15 @@ class Base(Frozen):
     rigid: bool = False
     youngs_modulus: Modulus | None = None
     poisson_ratio: PoissonRatio | None = None
+    material: MaterialName | None = NAME
     flange_radius: PartLength | None = None
     thickness: PartLength | None = None
     step_height: PartLength | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_catalogue(cls, table: Any) -> Any:
+        return fill_in(table, numbers=not (isinstance(table, Mapping) and table.get("rigid")))
 
     @model_validator(mode="after")
     def _rigid_or_elastic(self) -> Self:

@@ -134,6 +134,8 @@ class Quantity:
         return core_schema.with_info_plain_validator_function(self._validate, serialization=write)
 
 
+MODULUS = Quantity("modulus", "Pa", "Pa", 1e-3, 1e13)
+"""Young's modulus."""
 SI = {"units_required": False}
 """Context of pydantic for numbers that are known to be in SI units, as those of a scene that was read already."""
 FREQUENCY = Quantity("frequency", "Hz", "Hz", 1e-3, 1e5)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from geometry.common.errors import InputError, one_of
+from geometry.scenes.catalogue import set_number
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import SI
 
@@ -50,7 +51,7 @@ def loss_factors(scene: Scene) -> dict[str, float]:
 
 
 def changed(scene: Scene, new: Mapping[str, float]) -> Scene:
-    """Return a scene with other values under keys of ``values`` and ``loss_factors``.
+    """Return a scene with other values under keys of ``values`` and ``loss_factors``; a varied material loses its name.
 
     Raises:
         InputError: the scene has no such value.
@@ -67,7 +68,7 @@ def changed(scene: Scene, new: Mapping[str, float]) -> Scene:
             place = place[int(name) if name.isdigit() else name]
             if name == "inclusion" and key.startswith("inclusion."):
                 place = place[0]
-        place[last] = float(value)
+        set_number(place, last, float(value))
     return Scene.model_validate(data, context=SI)
 
 

@@ -143,6 +143,6 @@ def position(key: str, text: str) -> float:
 
 def modulus(key: str, text: str) -> float:
     """Read a modulus such as ``"1 kPa"``, in Pa."""
-    from geometry.scenes.probe import MODULUS
+    from geometry.scenes.units import MODULUS
 
     return MODULUS.read(key, text)

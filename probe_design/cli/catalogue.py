@@ -63,7 +63,7 @@ def material() -> None:
 @json_option
 def materials_listed(as_json: bool) -> None:
     """List the built-in materials: Young's modulus, the standard deviation of its logarithm, what it is."""
-    from probe_design.data.materials import materials, modulus_text
+    from geometry.scenes.catalogue import materials, modulus_text
 
     found = materials()
     if as_json:
@@ -80,8 +80,8 @@ def materials_listed(as_json: bool) -> None:
 @json_option
 def material_shown(name: str, thinner: str | None, ratio: str | None, as_json: bool) -> None:
     """Print a table for a scene file of NAME: each number below its tolerance, sources, test methods and licences."""
+    from geometry.scenes.catalogue import find_material as find
     from probe_design.cli.arguments import number
-    from probe_design.data.materials import material as find
 
     share = None if thinner is None else number("thinner", thinner, "a share of thinner, such as 0.3")
     parts = None if ratio is None else number("ratio", ratio, "parts of base to one of agent, such as 20")

@@ -14,9 +14,10 @@ import numpy as np
 
 from geometry.common.errors import InputError, Words, one_of
 from geometry.common.files import check_writable_file
-from geometry.scenes.probe import LENGTH, MODULUS
+from geometry.scenes.probe import LENGTH
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import read_scene
+from geometry.scenes.units import MODULUS
 from geometry.scenes.variables import changed, values
 from hw.common.samples import Floats, Samples
 from hw.foreign.columns import ColumnMap

@@ -9,7 +9,7 @@ from importlib.resources import files
 from typing import Any
 
 from geometry.common.errors import InputError, one_of
-from probe_design.data.numbers import Number, toml_lines
+from geometry.scenes.sourced_numbers import Number, toml_lines
 
 
 @dataclass(frozen=True)

@@ -45,8 +45,8 @@ def rows(optimum: PopulationOptimum, maps: dict[str, DepthMap]) -> Iterator[tupl
     yield row("gap, mm", lambda one: f"{one.scene.probe.gap / MILLI:.4g}")
     yield row("height, mm", _heights)
     yield row("moduli, kPa", _moduli)
-    if any(one.materials for one in designs.values()):
-        yield row("materials", lambda one: " / ".join(one.materials) or "-")
+    if any(_materials(one) for one in designs.values()):
+        yield row("materials", lambda one: _materials(one) or "-")
 
 
 def table(optimum: PopulationOptimum, maps: dict[str, DepthMap]) -> Any:
@@ -85,6 +85,12 @@ def _heights(one: JudgedDesign) -> str:
 def _moduli(one: JudgedDesign) -> str:
     probe = one.scene.probe
     return f"{probe.inner.youngs_modulus / KILO:.4g} / {probe.outer.youngs_modulus / KILO:.4g}"
+
+
+def _materials(one: JudgedDesign) -> str:
+    """The names of the blocks' materials, nothing where neither has one."""
+    names = one.scene.probe.inner.material, one.scene.probe.outer.material
+    return " / ".join(name or "-" for name in names) if any(names) else ""
 
 
 def _largest_diameter(optimum: PopulationOptimum) -> float:

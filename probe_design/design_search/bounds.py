@@ -7,7 +7,8 @@ from typing import Any
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
-from geometry.scenes.probe import LENGTH, MODULUS, mm
+from geometry.scenes.probe import LENGTH, mm
+from geometry.scenes.units import MODULUS
 from probe_design.design_search.heights import INNER, OUTER, heights_differ, names, stepped
 from probe_design.optimisation.design_space import Space, space
 from probe_design.populations.design_file import Design

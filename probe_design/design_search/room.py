@@ -10,14 +10,16 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
+from geometry.scenes.catalogue import CatalogueMaterial, find_material, set_number
 from geometry.scenes.scene import Scene
-from probe_design.data.materials import CatalogueMaterial, material
+from geometry.scenes.variables import BLOCKS
 from probe_design.design_search.bounds import MODULI, ends, limit_height, limit_radius, shown, usual_space
 from probe_design.design_search.heights import INNER, OUTER, design_of, names, with_heights
 from probe_design.optimisation.design_space import VARIABLES, Space
@@ -46,6 +48,11 @@ class Combination:
         """What was chosen, in words."""
         values = [f"{self.names[k]} {shown(k, v)}" for k, v in self.pinned.items() if not (self.materials and k in MODULI)]
         return ", ".join([*values, *(["materials " + " / ".join(self.materials)] if self.materials else [])])
+
+    def name_blocks(self, probe: dict[str, Any]) -> None:
+        """Write the materials' names into a probe's tables, which have their numbers."""
+        for block, name in zip(BLOCKS, self.materials, strict=False):
+            probe[block]["material"] = name
 
 
 @dataclass(frozen=True)
@@ -114,8 +121,9 @@ class Room:
         if made is None:
             return None
         probe = made.probe.model_dump(exclude_unset=True)
-        for block, poisson in zip(("inner", "outer"), combination.poisson, strict=True):
-            probe[block]["poisson_ratio"] = poisson
+        for block, poisson in zip(BLOCKS, combination.poisson, strict=True):
+            set_number(probe[block], "poisson_ratio", poisson)
+        combination.name_blocks(probe)
         try:
             return Scene.model_validate(made.model_dump(exclude_unset=True) | {"probe": probe})
         except ValueError:
@@ -125,8 +133,10 @@ class Room:
         """Return the scene with a design as it is, not rounded; None where that breaks a rule."""
         probe = self.space.scene.probe.model_dump(exclude={"outer_radius", "inner_height", "outer_height"}, exclude_unset=True)
         probe |= dict(zip(VARIABLES[:4], design[:4].tolist(), strict=True))
-        for block, modulus, poisson in zip(("inner", "outer"), design[list(MODULI)].tolist(), combination.poisson, strict=True):
-            probe[block] |= {"youngs_modulus": modulus, "poisson_ratio": poisson}
+        for block, modulus, poisson in zip(BLOCKS, design[list(MODULI)].tolist(), combination.poisson, strict=True):
+            set_number(probe[block], "youngs_modulus", modulus)
+            set_number(probe[block], "poisson_ratio", poisson)
+        combination.name_blocks(probe)
         try:
             made = Scene.model_validate(self.space.scene.model_dump(exclude_unset=True) | {"probe": probe})
             return with_heights(made, *design[[INNER, OUTER]].tolist()) if len(design) > OUTER else made
@@ -184,7 +194,7 @@ def poisson_of(one: CatalogueMaterial) -> float:
 
 def _of_blocks(name: str, k: int) -> CatalogueMaterial:
     try:
-        found = material(name)
+        found = find_material(name)
     except InputError as fault:
         raise InputError(f"variables.materials[{k}]", name, fault.allowed) from None
     if "poisson_ratio" not in found.numbers or found.kind != "elastomer":
@@ -209,7 +219,7 @@ def _rounded(space: Space, design: Floats, combination: Combination) -> Scene | 
     probe = made.probe.model_dump(exclude_unset=True)
     for k, value in combination.pinned.items():
         if k in MODULI:
-            probe["inner" if k == MODULI[0] else "outer"]["youngs_modulus"] = value
+            set_number(probe[BLOCKS[k == MODULI[1]]], "youngs_modulus", value)
         elif k != 1:
             probe[combination.names[k]] = value
     if 1 in combination.pinned:

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.stats import norm, qmc
 
 from geometry.common.arrays import Floats
+from geometry.scenes.catalogue import find_material
 from geometry.scenes.scene import Scene
-from probe_design.data.materials import material
 from probe_design.design_search.heights import design_of, heights_differ
 from probe_design.design_search.steered_population import SteeredDesigns
 from probe_design.populations.design_file import Design
@@ -62,7 +62,7 @@ def drawn(scene: Scene, materials: tuple[str, ...]) -> Floats:
         np.maximum(size + LENGTHS[key] * one, LEAST * size) for (key, size), one in zip(sizes.items(), z, strict=False)
     )
     outer = np.maximum(outer, inner + gap + LEAST * (probe.tube_radius - probe.hole_radius))
-    deviations = [material(name).log_sd for name in materials] or [LOG_MODULUS, LOG_MODULUS]
+    deviations = [find_material(name).log_sd for name in materials] or [LOG_MODULUS, LOG_MODULUS]
     moduli = [
         block.youngs_modulus * np.exp(deviation * one)
         for block, deviation, one in zip((probe.inner, probe.outer), deviations, z[4:6], strict=True)

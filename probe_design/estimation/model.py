@@ -10,8 +10,9 @@ import numpy as np
 
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import InputError, Refusal, Words
-from geometry.scenes.probe import MODULUS, Material, mm
+from geometry.scenes.probe import Material, mm
 from geometry.scenes.scene import Inclusion, Placement, Scene
+from geometry.scenes.units import MODULUS
 from geometry.scenes.variables import changed, values
 from probe_design.estimation.phases import turned, turned_bodies, with_phases
 from probe_design.estimation.predicted import Predicted

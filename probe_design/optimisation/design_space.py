@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
+from geometry.scenes.catalogue import set_number
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import SI
@@ -77,11 +78,12 @@ class Space:
         inner = min(
             round(float(x[0]), 5), _floor(outer - gap - self.wall)
         )  # or rounding would thin a wall of the least thickness
-        moduli = [float(f"{v:.{DIGITS}g}") for v in x[4:]]
+        moduli = [_round_figures(v) for v in x[4:]]
         probe = self.scene.probe.model_dump(exclude={"area_ratio", "inner_height", "outer_height"}, exclude_unset=True)
         probe |= {"inner_radius": inner, "gap": gap, "height": height, "outer_radius": outer}
         for block, modulus in zip(("inner", "outer"), moduli, strict=True):
-            probe[block]["youngs_modulus"] = modulus
+            if modulus != _round_figures(probe[block]["youngs_modulus"]):  # the start's own stays as it is, and so does its name
+                set_number(probe[block], "youngs_modulus", modulus)
         try:
             return Scene.model_validate(self.scene.model_dump(exclude_unset=True) | {"probe": probe}, context=SI)
         except ValueError:
@@ -98,6 +100,11 @@ class Space:
         for k, name in list(enumerate(VARIABLES))[1:]:
             rows += [(f"least {name}", self.low[k], at[k]), (f"largest {name}", self.high[k], at[k])]
         return tuple(Limit(name, float(limit), bool(abs(value - limit) <= CLOSE * limit)) for name, limit, value in rows)
+
+
+def _round_figures(modulus: float) -> float:
+    """The modulus to ``DIGITS`` figures."""
+    return float(f"{modulus:.{DIGITS}g}")
 
 
 def _floor(length: float) -> float:

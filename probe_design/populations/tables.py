@@ -11,9 +11,9 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import InputError
-from geometry.scenes.probe import LENGTH, MODULUS, Frozen, Length
+from geometry.scenes.probe import LENGTH, Frozen, Length
 from geometry.scenes.scene import MOST_LAYERS, Force, Indentation
-from geometry.scenes.units import Quantity
+from geometry.scenes.units import MODULUS, Quantity
 from probe_design.populations.ranges import Range, Ranged
 
 POSITION = Quantity("position", "m", "mm", -10.0, 10.0)

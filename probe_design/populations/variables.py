@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
 
-from geometry.scenes.probe import LENGTH, MODULUS, Frozen
-from geometry.scenes.units import Quantity
+from geometry.scenes.probe import LENGTH, Frozen
+from geometry.scenes.units import MODULUS, Quantity
 from probe_design.populations.ranges import FileEntry
 
 if TYPE_CHECKING:

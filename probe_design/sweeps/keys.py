@@ -12,18 +12,20 @@ from typing import Any, Union, get_args, get_origin
 from pydantic import BaseModel
 
 from geometry.common.errors import InputError, Words, one_of
+from geometry.scenes.catalogue import NUMBERS
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import Quantity
 
 Path = tuple[str | int, ...]
 Value = float | str | bool
 _PART = re.compile(r"([a-z][a-z0-9_]*)((?:\[[0-9]{1,4}\])*)")
-# of each group a scene file has one line: a new value takes the others away
+# of each pair, in one table, a scene file has one line: a new value takes the other away
 _EITHER = (
-    ("probe.area_ratio", "probe.outer_radius"),
-    ("probe.height", "probe.inner_height"),
-    ("probe.height", "probe.outer_height"),
-    ("load.force", "load.indentation"),
+    ("area_ratio", "outer_radius"),
+    ("height", "inner_height"),
+    ("height", "outer_height"),
+    ("force", "indentation"),
+    *(("material", number) for number in NUMBERS),  # a named material has the catalogue's; a varied one is none of it
 )
 
 
@@ -98,10 +100,10 @@ def changed(base: Mapping[str, Any], keys: tuple[Key, ...], values: tuple[Value,
     """Return the tables of a scene with other values under ``keys``; ``base`` stays as it is."""
     data = dict(base)
     for one in keys:
-        for group in _EITHER:
-            if one.name in group:
-                (other,) = {*group} - {one.name}
-                data = _without(data, other)
+        for pair in _EITHER:
+            if one.path[-1] in pair:
+                (other,) = {*pair} - {one.path[-1]}
+                data = _without(data, (*one.path[:-1], other))
     for one, value in zip(keys, values, strict=True):
         data = _with(data, one.path, value)
     return data
@@ -131,10 +133,14 @@ def _with(place: Any, path: Path, value: Value) -> Any:
     return copy
 
 
-def _without(data: dict[str, Any], name: str) -> dict[str, Any]:
-    table, last = name.split(".")
-    rest = {key: value for key, value in data.get(table, {}).items() if key != last}
-    return {**data, table: rest}
+def _without(place: Any, path: Path) -> Any:
+    """A copy without what stands under a path, if anything does; only what is on the way is copied."""
+    first, *others = path
+    if isinstance(place, list | tuple):
+        return [_without(one, tuple(others)) if k == first else one for k, one in enumerate(place)]
+    if not others:
+        return {key: value for key, value in place.items() if key != first}
+    return {**place, first: _without(place[first], tuple(others))} if first in place else place
 
 
 def _quantity(name: str, path: Path, base: Mapping[str, Any]) -> Quantity | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from probe_design.data.materials import modulus_text
+from geometry.scenes.catalogue import modulus_text
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -15,12 +15,12 @@ from typing import Any, Literal
 import numpy as np
 
 from geometry.common.errors import InputError, one_of
+from geometry.scenes.catalogue import find_material
 from geometry.scenes.probe import LENGTH
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import number
 from geometry.scenes.variables import values
 from probe_design.built_probe.bench import Bench, Channels, Workshop
-from probe_design.data.materials import material
 
 Kind = Literal["length", "modulus", "poisson_ratio", "gain"]
 GAINS = ("film.inner.gain", "film.outer.gain")
@@ -101,7 +101,7 @@ def _of_material(found: Mapping[str, Toleranced], block: str, what: str) -> dict
     name = f"probe.{block}.youngs_modulus"
     if name not in found:
         raise InputError("material", f"{block}={what}", "inner=NAME or outer=NAME, of a block")
-    one = material(what)
+    one = find_material(what)
     off = abs(math.log(found[name].value / one.youngs_modulus))
     if one.kind != "elastomer" or off > 2 * one.log_sd:
         near = f"a material of about {found[name].value:.4g} Pa, as the block; {one.name} has {one.youngs_modulus:.4g} Pa"

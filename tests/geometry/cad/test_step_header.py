@@ -12,6 +12,7 @@ from steputils import p21
 
 from geometry.cad import export as step
 from geometry.cad.record import design_of
+from geometry.scenes.probe import Base, Material
 from tests.support.parts import make
 
 PROGRAM = f"probe-design {version('probe-design')}"
@@ -50,6 +51,16 @@ def test_each_part_tells_its_material(exported: Path, name: str) -> None:
     rubber = ("elastomer", "E = 1 MPa, Poisson's ratio 0.4")
     file = p21.readfile(str(exported / f"{name}.step"))
     assert [(kind, text) for kind, text in entities(file, "DESCRIPTIVE_REPRESENTATION_ITEM")] == [wanted.get(name, rubber)]
+
+
+def test_a_named_material_is_told_by_its_name(tmp_path: Path) -> None:
+    cast, plate = Material.model_validate({"material": "dragon-skin-30"}), Base(rigid=True, material="pmma")
+    step.export(make(outer=cast, base=plate), tmp_path)
+    file = p21.readfile(str(tmp_path / "outer.step"))
+    assert [*entities(file, "DESCRIPTIVE_REPRESENTATION_ITEM")] == [("dragon-skin-30", "E = 668 kPa, Poisson's ratio 0.495")]
+    kinds = {params[0] for params in entities(p21.readfile(str(tmp_path / "assembly.step")), "DESCRIPTIVE_REPRESENTATION_ITEM")}
+    assert kinds == {"elastomer", "dragon-skin-30", "piezoelectric PVDF film", "pmma"}
+    assert design_of(make(outer=cast)) != design_of(make(outer=Material(youngs_modulus=668e3, poisson_ratio=0.495)))
 
 
 def test_the_assembly_names_its_parts_and_their_materials(exported: Path) -> None:

@@ -7,8 +7,9 @@ import math
 from pathlib import Path
 
 import pytest
+from pypdf import PdfReader
 
-from geometry.scenes.probe import Film
+from geometry.scenes.probe import Base, Film, Material
 from geometry.workshop.package import Casting, writers
 from geometry.workshop.tolerance import tolerance, written
 from tests.support.parts import make
@@ -48,6 +49,19 @@ def test_bill_of_materials(package: Path) -> None:
     assert {name for name in bill if "mould" in name} == {
         f"mould-{b}-{h}" for b in ("inner", "outer") for h in ("lower", "upper")
     }
+
+
+def test_a_named_material_is_on_the_bill_and_in_the_drawings(tmp_path: Path) -> None:
+    named = make(outer=Material.model_validate({"material": "dragon-skin-30"}), base=Base(rigid=True, material="pmma"))
+    made = writers(named)
+    for name in ("bill-of-materials.csv", "outer.pdf", "assembly.pdf"):
+        made[name](tmp_path / name)
+    bill = rows(tmp_path / "bill-of-materials.csv", "part")
+    assert [bill[part]["material"] for part in ("inner", "outer", "base")] == ["elastomer", "dragon-skin-30", "pmma"]
+    assert bill["outer"]["properties"] == "E = 668 kPa, Poisson's ratio 0.495"
+    assert bill["casting-outer"]["material"] == "mixed dragon-skin-30"
+    for name in ("outer.pdf", "assembly.pdf"):
+        assert "dragon-skin-30, E = 668 kPa" in PdfReader(tmp_path / name).pages[0].extract_text()
 
 
 def test_adhesive_is_counted(tmp_path: Path) -> None:

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from geometry.common.errors import InputError
+from geometry.scenes.catalogue import find_material
+from geometry.scenes.scene import Scene
 from probe_design.data.builtin import typical_scenes
-from probe_design.data.materials import material
 from probe_design.design_search.room import admitted, room
 from probe_design.optimisation.design_space import VARIABLES, variables
-from probe_design.populations.design_file import read_design
+from probe_design.populations.design_file import design_from_dict, read_design
 from tests.support.paths import EXAMPLES
 from tests.support.searches import design
 
@@ -50,10 +51,24 @@ def test_materials_pick_modulus_and_poissons_ratio_together() -> None:
     assert found.combinations == 4
     at = variables(typical_scenes()["on-axis"])
     for one in found.every():
-        made = found.scene_of(np.array([*at[:4], *(material(name).youngs_modulus for name in one.materials)]), one)
+        made = found.scene_of(np.array([*at[:4], *(find_material(name).youngs_modulus for name in one.materials)]), one)
         assert made is not None
         for name, block in zip(one.materials, (made.probe.inner, made.probe.outer), strict=True):
-            assert (block.youngs_modulus, block.poisson_ratio) == (material(name).youngs_modulus, material(name).poisson_ratio)
+            cast = find_material(name)
+            assert (block.youngs_modulus, block.poisson_ratio) == (cast.youngs_modulus, cast.poisson_ratio)
+            assert block.material == name
+
+
+def test_a_modulus_that_is_searched_takes_the_starts_material_away() -> None:
+    start = typical_scenes()["on-axis"].model_dump(exclude_unset=True)
+    start["probe"]["outer"] = {"material": "ecoflex-00-50"}
+    found = room(design_from_dict({"scene": Scene.model_validate(start)}))
+    at = variables(found.space.scene)
+    one = next(found.every())
+    same, stiffer = (found.scene_of(at * np.array([1, 1, 1, 1, 1, factor]), one) for factor in (1.0, 1.2))
+    assert same is not None
+    assert stiffer is not None
+    assert (same.probe.outer.material, stiffer.probe.outer.material) == ("ecoflex-00-50", None)
 
 
 def test_the_example_of_a_shelf_offers_nine_pairs() -> None:

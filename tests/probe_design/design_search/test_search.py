@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from geometry.scenes.catalogue import find_material
 from geometry.scenes.scene import Load
 from geometry.scenes.variables import changed
 from probe_design.data.builtin import typical_scenes
-from probe_design.data.materials import material
 from probe_design.design_search.choices import choose
 from probe_design.design_search.room import Room, room
 from probe_design.design_search.steered_population import SteeredDesigns
@@ -82,7 +82,8 @@ SHELF = ["ecoflex-00-30", "dragon-skin-10", "dragon-skin-30"]
 
 def cast_of(inner: str, outer: str) -> dict[str, Any]:
     """The usual scene with blocks of two materials, written into it as numbers."""
-    scene, blocks = typical_scenes()["on-axis"], zip(("inner", "outer"), (material(inner), material(outer)), strict=True)
+    scene = typical_scenes()["on-axis"]
+    blocks = zip(("inner", "outer"), (find_material(inner), find_material(outer)), strict=True)
     numbers = [(f"probe.{block}.", one) for block, one in blocks]
     moduli = {f"{key}youngs_modulus": one.youngs_modulus for key, one in numbers}
     return {"scene": changed(scene, moduli | {f"{key}poisson_ratio": one.poisson_ratio for key, one in numbers})}

@@ -30,6 +30,18 @@ class TestFile:
         assert (scene.inclusion[0].depth, scene.probe.outer_radius, scene.probe.area_ratio) == (0.011, 0.008, None)
         assert (scene.contact.interface, scene.load.force, scene.load.indentation) == ("frictionless", None, 3e-6)
 
+    def test_a_material_is_varied_by_name_and_a_varied_modulus_has_none(self) -> None:
+        base = read_scene(SCENE).model_dump(exclude_unset=True)
+        base["probe"]["inner"] = {"material": "dragon-skin-30"}
+        names = ["ecoflex-00-10", "dragon-skin-20"]
+        asked = sweep_from_dict({"scene": Scene.model_validate(base), "variables": {"probe.inner.material": names}})
+        blocks = [scene_of(asked.base, asked.keys, values).probe.inner for _, values in asked.designs()]
+        assert [(block.material, block.youngs_modulus) for block in blocks] == [(names[0], 36070.0), (names[1], 478e3)]
+        moduli = {"probe.inner.youngs_modulus": ["100 kPa", "600 kPa", "1 MPa"]}
+        asked = sweep_from_dict({"scene": Scene.model_validate(base), "variables": moduli})
+        blocks = [scene_of(asked.base, asked.keys, values).probe.inner for _, values in asked.designs()]
+        assert [(block.material, block.youngs_modulus) for block in blocks] == [(None, 1e5), (None, 6e5), (None, 1e6)]
+
     @pytest.mark.parametrize("kind", ["sobol", "latin-hypercube", "saltelli"])
     def test_samples_are_in_range_and_the_same_every_time(self, kind: str) -> None:
         variables = {

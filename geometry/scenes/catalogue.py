@@ -15,21 +15,24 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from typing import Any, Literal
 
 from geometry.common.errors import InputError, one_of
-from geometry.scenes.probe import MODULUS
-from probe_design.data.numbers import Number, comment, toml_lines
-from probe_design.data.recipes import MixingRatio, Thinned, parsed
+from geometry.scenes.recipes import MixingRatio, Thinned, parsed
+from geometry.scenes.sourced_numbers import Number, comment, toml_lines
+from geometry.scenes.units import MODULUS
 
 Kind = Literal["elastomer", "base", "film"]
 TABLES: dict[str, str] = {"elastomer": "probe.inner", "base": "probe.base", "film": "probe.film"}
 FILM_KEYS = ("thickness", "d31", "d33")
 UNITS = ((1e9, "GPa"), (1e6, "MPa"), (1e3, "kPa"), (1.0, "Pa"))
+NUMBERS = ("youngs_modulus", "poisson_ratio")  # that a name in the catalogue stands for
+WIDE = 2.0  # standard deviations of ln E: what measures further off is another material, or another recipe
+FAR_POISSON = 0.05  # the catalogue's own are assumed, or differ between data sheets by less
 DIGITS = 4  # of a modulus: enough for what is known to some per cent at best
 
 
@@ -94,6 +97,29 @@ class CatalogueMaterial:
             raise InputError("material", self.name, "an elastomer or a base material, which have a Poisson's ratio")
         return float(self.numbers["poisson_ratio"].value)
 
+    def admits(self, youngs_modulus: float) -> bool:
+        """Return whether a modulus, Pa, may be one of this material: within ``WIDE`` standard deviations of ln E."""
+        return abs(math.log(youngs_modulus / self.youngs_modulus)) <= WIDE * self.log_sd
+
+    def is_tabulated(self, youngs_modulus: float) -> bool:
+        """Return whether a modulus, Pa, is the catalogue's, so that nobody has measured it of the part itself."""
+        return math.isclose(youngs_modulus, self.youngs_modulus, rel_tol=0.5 * 10.0 ** (1 - DIGITS))
+
+    def check_numbers(self, table: Mapping[str, Any]) -> None:
+        """Raise ``InputError`` unless a table's numbers may be ones of this material; what is no number is left to others."""
+        given, poisson = table["youngs_modulus"], table["poisson_ratio"]
+        try:
+            modulus = MODULUS.value(given, units_required=False)
+        except (ValueError, OverflowError):
+            return
+        if not self.admits(modulus):
+            ends = (modulus_text(self.youngs_modulus * math.exp(sign * WIDE * self.log_sd)) for sign in (-1, 1))
+            remedy = "leave youngs_modulus out for the catalogue's, or material for another"
+            raise InputError("youngs_modulus", given, f"{' to '.join(ends)}, what {self.name} may measure; {remedy}")
+        if isinstance(poisson, int | float) and not abs(poisson - self.poisson_ratio) <= FAR_POISSON:
+            remedy = f"within {FAR_POISSON:g} of {self.poisson_ratio:g}, that of {self.name}; leave out material for another"
+            raise InputError("poisson_ratio", poisson, remedy)
+
     @property
     def source(self) -> str:
         """Where the modulus and its tolerance come from, in one line."""
@@ -104,9 +130,15 @@ class CatalogueMaterial:
         """Young's modulus as a scene file has it."""
         return Number(modulus_text(self.youngs_modulus), f"standard deviation of ln E {self.log_sd:.2g}: {self.tolerance}")
 
+    @property
+    def _named(self) -> dict[str, Number]:
+        """The key that names it in a scene's table; films have none."""
+        meant = "the name alone does: both numbers below are the catalogue's, in whose place one may write measured ones"
+        return {} if self.kind == "film" else {"material": Number(self.name, meant)}
+
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design material show``: SI numbers, a scene's table, where each number comes from."""
-        keys = {"youngs_modulus": self.modulus} | self.numbers
+        keys = self._named | {"youngs_modulus": self.modulus} | self.numbers
         values = [vars(one) for one in self.published]
         told = {"name": self.name, "kind": self.kind, "about": self.about, "youngs_modulus": self.youngs_modulus}
         told |= {"poisson_ratio": None if self.kind == "film" else self.poisson_ratio, "log_sd": self.log_sd}
@@ -120,11 +152,11 @@ class CatalogueMaterial:
         for one in self.published:
             lines += comment(f"- {one.told}")
         also = "  # as well [probe.outer]; of a phantom [tissue] and [[inclusion]]" if self.kind == "elastomer" else ""
-        numbers = {"youngs_modulus": self.modulus} | self.numbers
+        numbers = self._named | {"youngs_modulus": self.modulus} | self.numbers
         return "\n".join([*lines, f"[{TABLES[self.kind]}]{also}", *toml_lines(numbers), ""])
 
 
-def material(name: str, *, thinner: float | None = None, ratio: float | None = None) -> CatalogueMaterial:
+def find_material(name: str, *, thinner: float | None = None, ratio: float | None = None) -> CatalogueMaterial:
     """Return a built-in material.
 
     Args:
@@ -144,7 +176,7 @@ def material(name: str, *, thinner: float | None = None, ratio: float | None = N
 
 def materials() -> dict[str, CatalogueMaterial]:
     """Return all built-in materials by name, each by its usual recipe."""
-    return {name: material(name) for name in catalogue()}
+    return {name: find_material(name) for name in catalogue()}
 
 
 @cache
@@ -153,6 +185,42 @@ def catalogue() -> dict[str, dict[str, Any]]:
     entries = _read("materials.toml")
     shared = entries.pop("elastomer")
     return {name: (shared if entry["kind"] == "elastomer" else {}) | entry for name, entry in entries.items()}
+
+
+def fill_in(table: Any, numbers: bool = True) -> Any:
+    """Return a material's table with what the catalogue says of the name under its key ``material``.
+
+    The name takes the catalogue's spelling. Numbers that the table has stay: they were measured of what was cast or bought. A
+    modulus may lie up to ``WIDE`` standard deviations of ln E from the catalogue's, a Poisson's ratio up to ``FAR_POISSON``.
+
+    Args:
+        table: of a scene file; what is no table, or names no material, is returned as it is.
+        numbers: whether the table takes numbers, as that of a rigid base does not.
+
+    Raises:
+        InputError: there is no such material, it has no Poisson's ratio, or a number beside the name is not one of it.
+    """
+    if not isinstance(table, Mapping) or not isinstance(table.get("material"), str):
+        return table
+    found = find_material(table["material"])
+    if not numbers:
+        return {**table, "material": found.name}
+    filled = {"youngs_modulus": MODULUS.text(found.youngs_modulus), "poisson_ratio": found.poisson_ratio, **table}
+    found.check_numbers(filled)
+    return {**filled, "material": found.name}
+
+
+def set_number(table: dict[str, Any], key: str, value: float) -> None:
+    """Set a number of a part's table; a name that the number is another's than goes, so that no varied material keeps it.
+
+    Args:
+        table: of a block, tissue, layer, inclusion or base, or any other.
+        key: in it.
+        value: SI.
+    """
+    if key in NUMBERS and table.get(key) != value:
+        table.pop("material", None)
+    table[key] = value
 
 
 def modulus_text(value: float) -> str:
@@ -260,4 +328,4 @@ def _origin(file: str) -> dict[str, str]:
 
 @cache
 def _read(name: str) -> dict[str, Any]:
-    return tomllib.loads(files("probe_design.data").joinpath(name).read_text(encoding="utf-8"))
+    return tomllib.loads(files("geometry.scenes").joinpath(name).read_text(encoding="utf-8"))

@@ -8,8 +8,8 @@ from importlib.resources import files
 import pytest
 
 from geometry.common.errors import InputError
+from geometry.scenes.catalogue import CatalogueMaterial, find_material, materials
 from geometry.scenes.probe import Material
-from probe_design.data.materials import CatalogueMaterial, material, materials
 
 BOTH = {  # product: kPa by compression (Dawood et al., CC BY 4.0) and by tension (Marechal et al., ODbL)
     "ecoflex-00-10": (54.2, 24.0),
@@ -22,7 +22,7 @@ BOTH = {  # product: kPa by compression (Dawood et al., CC BY 4.0) and by tensio
 def test_a_product_of_both_databases_is_between_them_and_its_tolerance_reaches_both(
     name: str, measured: tuple[float, float]
 ) -> None:
-    found = material(name)
+    found = find_material(name)
     assert found.youngs_modulus == pytest.approx(1e3 * math.sqrt(math.prod(measured)), rel=5e-4)  # four digits
     for value in measured:
         assert abs(math.log(1e3 * value / found.youngs_modulus)) == pytest.approx(found.log_sd, abs=5e-4)
@@ -30,7 +30,7 @@ def test_a_product_of_both_databases_is_between_them_and_its_tolerance_reaches_b
 
 
 def test_the_databases_differ_by_2_to_2_3() -> None:
-    ratios = [math.exp(2 * material(name).log_sd) for name in BOTH]
+    ratios = [math.exp(2 * find_material(name).log_sd) for name in BOTH]
     assert min(ratios) == pytest.approx(2.0, abs=0.05)
     assert max(ratios) == pytest.approx(2.3, abs=0.05)
 
@@ -38,32 +38,32 @@ def test_the_databases_differ_by_2_to_2_3() -> None:
 def test_what_one_method_tells_is_as_uncertain_as_methods_differ() -> None:
     """By simulation: values by either method scatter alike about the true one; their gaps are those of the three products."""
     gap = math.sqrt(sum(math.log(one / other) ** 2 for one, other in BOTH.values()) / len(BOTH))
-    found = material("dragon-skin-30")
+    found = find_material("dragon-skin-30")
     assert found.youngs_modulus == 668e3
     assert found.log_sd == pytest.approx(gap / math.sqrt(2), rel=1e-6)
-    assert found.log_sd > max(material(name).log_sd for name in BOTH)
+    assert found.log_sd > max(find_material(name).log_sd for name in BOTH)
 
 
 def test_a_recipe_is_what_was_measured_where_it_was() -> None:
     """37.3 of 54.2 kPa with 12.5 % thinner; 5.4 with 100 %."""
-    plain = material("ecoflex-00-10").youngs_modulus
+    plain = find_material("ecoflex-00-10").youngs_modulus
     for share, kpa in ((0.125, 37.3), (0.5, 15.5), (1.0, 5.4)):
-        softer = material("ecoflex-00-10", thinner=share).youngs_modulus
+        softer = find_material("ecoflex-00-10", thinner=share).youngs_modulus
         assert softer / plain == pytest.approx(kpa / 54.2, rel=1e-3)  # two moduli of four digits
 
 
 def test_a_recipe_between_is_between_and_no_more_certain() -> None:
-    less, found, more = (material("ecoflex-00-10", thinner=share) for share in (0.25, 0.3, 0.375))
+    less, found, more = (find_material("ecoflex-00-10", thinner=share) for share in (0.25, 0.3, 0.375))
     assert less.youngs_modulus > found.youngs_modulus > more.youngs_modulus
-    assert found.log_sd > material("ecoflex-00-10").log_sd
+    assert found.log_sd > find_material("ecoflex-00-10").log_sd
 
 
 def test_sylgard_is_softer_with_less_agent() -> None:
     """Measured: 3.7 MPa at 5:1, 0.57 MPa at 33:1 (J. Appl. Polym. Sci. 2014, 131, 41050)."""
     for ratio, measured in ((5.0, 3.7e6), (33.0, 0.57e6)):
-        found = material("sylgard-184", ratio=ratio)
+        found = find_material("sylgard-184", ratio=ratio)
         assert abs(math.log(found.youngs_modulus / measured)) < found.log_sd
-    assert material("sylgard-184").name == "sylgard-184 10:1"
+    assert find_material("sylgard-184").name == "sylgard-184 10:1"
 
 
 @pytest.mark.parametrize(
@@ -77,8 +77,8 @@ def test_sylgard_is_softer_with_less_agent() -> None:
 )
 def test_a_recipe_may_stand_in_the_name(words: str, recipe: dict[str, float]) -> None:
     plain = "sylgard-184" if "ratio" in recipe else "ecoflex-00-10"
-    assert material(words) == material(plain, **recipe)
-    assert material(material(words).name) == material(words)
+    assert find_material(words) == find_material(plain, **recipe)
+    assert find_material(find_material(words).name) == find_material(words)
 
 
 @pytest.mark.parametrize(
@@ -98,7 +98,7 @@ def test_a_recipe_may_stand_in_the_name(words: str, recipe: dict[str, float]) ->
 )
 def test_nothing_is_extrapolated_or_guessed(words: str, recipe: dict[str, float], allowed: str) -> None:
     with pytest.raises(InputError) as refusal:
-        material(words, **recipe)
+        find_material(words, **recipe)
     assert allowed in str(refusal.value)
 
 
@@ -112,7 +112,7 @@ def test_a_scene_takes_every_block_and_base(one: CatalogueMaterial) -> None:
 
 def test_a_film_has_no_poisson_ratio() -> None:
     with pytest.raises(InputError):
-        material("pvdf-28um").poisson_ratio  # noqa: B018
+        find_material("pvdf-28um").poisson_ratio  # noqa: B018
 
 
 @pytest.mark.parametrize(
@@ -123,6 +123,6 @@ def test_a_film_has_no_poisson_ratio() -> None:
     ],
 )
 def test_rows_of_a_licence_lie_in_a_file_with_its_notice(file: str, licence: str, link: str) -> None:
-    head = files("probe_design.data").joinpath(file).read_text(encoding="utf-8").partition("\n\n")[0]
+    head = files("geometry.scenes").joinpath(file).read_text(encoding="utf-8").partition("\n\n")[0]
     assert licence in " ".join(head.replace("#", " ").split())
     assert link in head
