@@ -31,7 +31,6 @@ ROOMS = {
     "SO": "solver/solid",
     "PH": "solver/phase",
     "PL": "solver/planning",
-    "DA": "probe_design/data",
     "OP": "probe_design/optimisation",
     "PO": "probe_design/populations",
     "DS": "probe_design/design_search",

@@ -3,12 +3,12 @@
 Open databases differ by a factor of 2.0 to 2.3 about the same product, for one compresses and the other pulls. A material is
 given the middle of what was published, and a standard deviation of ln E that reaches both ends:
 
-    E = (E_low E_high)^(1/2),   s = ln(E_high / E_low) / 2.   (DA.1)
+    E = (E_low E_high)^(1/2),   s = ln(E_high / E_low) / 2.   (SC.2)
 
 What one method alone tells of an elastomer may be off both from that middle and by what the middle itself is: with ln E by either
 method about the true one with the same standard deviation, the products that both have measured give it as
 
-    s = <(ln E_compression - ln E_tension)^2 / 2>^(1/2).   (DA.2)
+    s = <(ln E_compression - ln E_tension)^2 / 2>^(1/2).   (SC.3)
 """
 
 from __future__ import annotations
@@ -274,7 +274,7 @@ def _made(
 
 
 def _middle(entry: dict[str, Any], published: tuple[PublishedModulus, ...]) -> tuple[float, float, str]:
-    """Young's modulus, the standard deviation of its logarithm and where that comes from, eqs. DA.1 and DA.2."""
+    """Young's modulus, the standard deviation of its logarithm and where that comes from, eqs. SC.2 and SC.3."""
     low, high = (pick(one.youngs_modulus for one in published) for pick in (min, max))
     if len(published) > 1:
         told = f"the published values differ by a factor of {high / low:.3g}, and it reaches both ends from their geometric mean"
@@ -288,7 +288,7 @@ def _middle(entry: dict[str, Any], published: tuple[PublishedModulus, ...]) -> t
 
 @cache
 def _gaps() -> tuple[float, ...]:
-    """The differences of eq. DA.2, for the products without thinner that both databases have."""
+    """The differences of eq. SC.3, for the products without thinner that both databases have."""
     pulled = _read("materials-odbl.toml")["value"]
     return tuple(
         math.log(compressed()[name].youngs_modulus[0] / MODULUS.read(name, text))

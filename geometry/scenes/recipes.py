@@ -34,7 +34,7 @@ class Thinned:
         ln E runs through the measured shares by a monotone cubic (scipy's PCHIP); what it differs from straight lines counts, as
         does the largest relative scatter of a sample:
 
-            sd = (sd_sample^2 + (ln E_cubic - ln E_line)^2)^(1/2).   (DA.3)
+            sd = (sd_sample^2 + (ln E_cubic - ln E_line)^2)^(1/2).   (SC.4)
 
         Raises:
             InputError: the share was not measured, and lies between none that were.
