@@ -88,6 +88,8 @@ class ContactLevel(FilmLevel):
     def stopped(self, asked: tuple[str, object], fault: StoppedError) -> Refusal:
         """Say how far a scene can be pressed, of which a key and its value ask more."""
         key, value = asked
+        if fault.last.indentation == 0:
+            return Refusal(key, value, f"no load but 0 for {self.name}: {fault.why}")
         most = mm(fault.last.indentation) if "indentation" in key else Words(f"{fault.last.force:.3g} N")
         return Refusal(key, value, f"up to {most} for {self.name}: {fault.why}")
 

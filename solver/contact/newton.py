@@ -22,6 +22,7 @@ NEARLY = (
     1e-6  # likewise: the tangent there is that of equilibrium, one step with it leads there, and forces alone tell that it did
 )
 ROUNDED = 1e-7  # likewise, where rounding keeps it from falling further
+ROUNDED_LIGHT = 1e-11  # likewise, over the indentation in outer radii: of light loads distances are rounded to a larger share
 GUESSED = 1e-5  # likewise, of a round whose multipliers are the next one's guess
 MOST_STEPS, HALVINGS = 14, 6
 MORE_STEPS = 40  # where faces may open: which points touch and slide is found by trying
@@ -104,7 +105,8 @@ def _balanced(
     check_volume(model.elements, state.elements)
     at = model.linearised(state, known)
     residuals: list[float] = []
-    while at.torn or (at.unbalanced > enough and not _stands_still(residuals)):
+    rounded = max(ROUNDED, ROUNDED_LIGHT * model.section.tube_radius / state.indentation) if state.indentation > 0 else ROUNDED
+    while at.torn or (at.unbalanced > enough and not _stands_still(residuals, rounded)):
         check_time("pressing")
         if len(residuals) == (MORE_STEPS if model.loose else MOST_STEPS):
             raise SolveError("Newton's method does not converge")
@@ -124,9 +126,9 @@ def _balanced(
     return state, at, residuals
 
 
-def _stands_still(residuals: Sequence[float]) -> bool:
-    """Whether only rounding is left."""
-    return len(residuals) > 1 and residuals[-1] <= ROUNDED and residuals[-1] > residuals[-2] / 2
+def _stands_still(residuals: Sequence[float], rounded: float) -> bool:
+    """Whether only rounding is left, which may be that much."""
+    return len(residuals) > 1 and residuals[-1] <= rounded and residuals[-1] > residuals[-2] / 2
 
 
 def _moved(model: ContactModel, state: State, at: Linearised, step: Floats) -> tuple[State, Linearised]:

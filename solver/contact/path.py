@@ -22,6 +22,7 @@ EASY_FACES, LONGEST_FACES = 30, 0.02  # likewise where faces may open, whose poi
 DEEPEST = 1.0  # outer radii: nothing is known of how exact deeper states are
 NEARLY = 1e-4  # relative, of a force that is asked for: the rest is linear
 TRIES = 12
+CLOSE = 0.1  # of their distance from what is extrapolated: points that are nearer to each other say little more than one
 
 
 @dataclass
@@ -102,9 +103,8 @@ class Path:
 
     def at_force(self, force: float) -> Pressed:
         """Press to a force, N; see ``steps``."""
-        while self.last.force < force:
-            wanted = self.last.indentation + self._further(force)
-            self._step(min(self.last.indentation + self.length, max(wanted, self.last.indentation + LEAST * self.unit)))
+        while self.last.force < force * (1 - NEARLY):
+            self._step(self.last.indentation + min(self.length, self._further(force)))
         for _ in range(TRIES):
             near = min(self.points, key=lambda point: abs(point.force - force))
             rest = self._further(force)
@@ -125,25 +125,25 @@ class Path:
         return 2 * missing / (stiffness + within**0.5) if within > 0 else missing / stiffness
 
     def _step(self, indentation: float) -> Pressed:
-        """One converged step to an indentation, or less far."""
-        why, most = "", DEEPEST * self.radius
-        if self.last.indentation >= most * (1 - 1e-9):
+        """One converged step to an indentation, or less far: halved until it converges, however short it was asked to be."""
+        start, most = self.last.indentation, DEEPEST * self.radius
+        if start >= most * (1 - 1e-9):
             raise StoppedError(self.last, "it is as deep as the probe is wide, and nobody has compared deeper solutions")
-        indentation = min(indentation, most)
-        while indentation - self.last.indentation > 0.5 * LEAST * self.unit:
+        step = min(indentation, most) - start
+        while True:
             try:
-                point = self._solved(indentation)
+                point = self._solved(start + step)
+                break
             except SolveError as fault:
-                why = str(fault)
-                indentation = (indentation + self.last.indentation) / 2
-                self.length = indentation - self.last.indentation
-                continue
-            easy, longest = (EASY_FACES, LONGEST_FACES) if self.model.loose else (EASY, LONGEST)
-            if len(point.equilibrium.residuals) <= easy:
-                self.length = min(GROWTH * self.length, longest * self.radius)
-            self.points.append(point)
-            return point
-        raise StoppedError(self.last, f"no further step converges: {why}")
+                step /= 2
+                self.length = step
+                if step <= 0.5 * LEAST * self.unit:
+                    raise StoppedError(self.last, f"no further step converges: {fault}") from fault
+        easy, longest = (EASY_FACES, LONGEST_FACES) if self.model.loose else (EASY, LONGEST)
+        if len(point.equilibrium.residuals) <= easy:
+            self.length = min(GROWTH * self.length, longest * self.radius)
+        self.points.append(point)
+        return point
 
     def insert(self, indentation: float) -> Pressed:
         """Return a point between others, which the path then has.
@@ -171,8 +171,13 @@ class Path:
         return self.model.target if self.sensitive else None
 
     def _near(self, indentation: float) -> list[Pressed]:
-        """The nearest three points."""
-        return sorted(self.points, key=lambda point: abs(point.indentation - indentation))[:3]
+        """The nearest three points that lie apart: through neighbours far off, rounding would be extrapolated."""
+        near: list[Pressed] = []
+        for point in sorted(self.points, key=lambda point: abs(point.indentation - indentation)):
+            apart = CLOSE * abs(point.indentation - indentation)
+            if len(near) < 3 and all(abs(point.indentation - other.indentation) > apart for other in near):
+                near.append(point)
+        return near
 
     def _ahead(self, indentation: float) -> State:
         """The state at an indentation extrapolated, or interpolated, from the nearest."""

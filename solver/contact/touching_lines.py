@@ -123,5 +123,5 @@ def _loose(pair: Pair, tissue: Side, block: Side, radius: float, *, faces: Inter
     """Faces that may open or slide; a sharp edge is a little round."""
     sharp = SHARP * float(min(pair.slave.lengths.min(), pair.master.lengths.min()))
     face = (block if pair.slave is block.watched else tissue).corners[0]
-    tied = pair.along < face if faces == "frictionless" else pair.tied
+    tied = pair.along < face - radius if faces == "frictionless" else pair.tied  # what rises to a round edge is free
     return replace(_rounded(pair, block, radius or sharp), loose=True, friction=friction, tied=tied)

@@ -52,6 +52,16 @@ def test_edges_close_under_load_and_store_the_work_that_is_done() -> None:
     assert 0 < float(at.max()) < 1e-3  # tissue lies on a part of the arc, not on the wall above it
 
 
+def test_frictionless_faces_end_where_round_edges_begin() -> None:
+    """Less of the faces is held: the probe is softer than with sharp edges, and stiffens as the edges close."""
+    sharp, rounded = (SHARP.model_copy(update={"contact": Contact(interface="frictionless", edge_radius=r)}) for r in (0.0, 2e-4))
+    rest, lying, deeper = (
+        float(ContactLevel().pressed(scene).at_indentation(depth).films.totals.sum())
+        for scene, depth in ((sharp, 0.0), (rounded, 0.0), (rounded, 1e-4))
+    )
+    assert 0.9 * rest < lying < deeper < 1.05 * rest
+
+
 def test_only_contact_takes_them() -> None:
     scene = round_scene(1e-4)
     for name in ("closed-form", "equivalent-inclusion", "axisymmetric", "solid"):

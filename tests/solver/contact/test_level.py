@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from geometry import Refusal, Scene, read_scene
 from geometry.common.errors import SolveError
 from geometry.scenes.scene import Contact, HalfSpaceTissue, Load
 from solver.answers import curve, evaluate, plan
+from solver.axisymmetric.level import Axisymmetric
 from solver.contact import path
 from solver.contact.level import ContactLevel
 from solver.contact.model import ContactModel
@@ -52,6 +54,31 @@ def test_another_code_s_answer_is_within_the_bound() -> None:
 @pytest.mark.parametrize("name", EXPECTED)
 def test_all_of_them_are(name: str) -> None:
     check(name, slice(None))
+
+
+@pytest.mark.parametrize("interface", ["bonded", "frictionless"])
+def test_small_loads_are_answered_as_linear_elements_do(interface: Literal["bonded", "frictionless"]) -> None:
+    """However small, and whether the force or the indentation is given."""
+    scene = EXAMPLE.model_copy(update={"contact": Contact(interface=interface)})
+    linear = Axisymmetric().evaluate(scene, 1e-3)
+    assert linear.stiffness is not None
+    assert linear.error_estimate is not None
+    for depth in (1e-9, 3.1e-8, 5e-7, 1e-6):
+        for load in (Load(indentation=depth), Load(force=depth * linear.stiffness)):
+            found = ContactLevel().evaluate(scene.model_copy(update={"load": load}))
+            assert found.error_estimate is not None
+            assert found.error_estimate < 2e-3
+            assert found.ratio == pytest.approx(linear.ratio, rel=found.error_estimate + linear.error_estimate)
+            assert found.stiffness == pytest.approx(linear.stiffness, rel=1e-3)
+            assert found.log_sensitivity == pytest.approx(linear.log_sensitivity, rel=5e-3)
+
+
+def test_a_path_goes_on_from_points_that_lie_close_together() -> None:
+    alone, on = (ContactLevel().pressed(EXAMPLE) for _ in range(2))
+    for depth in (1e-7, 1.1e-7, 1.2e-7):
+        on.at_indentation(depth)
+    expected, found = (one.at_indentation(8e-4).films for one in (alone, on))
+    np.testing.assert_allclose(found.totals, expected.totals, rtol=1e-5)
 
 
 @pytest.mark.slow
