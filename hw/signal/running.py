@@ -6,6 +6,8 @@ from dataclasses import replace
 
 from hw.common.errors import HardwareError
 from hw.common.samples import Samples, joined
+from hw.signal.fingerprint import ROWS as FIRST
+from hw.signal.fingerprint import Fingerprint
 from hw.signal.measure import Losses, film_channels
 from hw.signal.sine_fit import NoSine, SineFit, TooShort, fit_stretch
 from hw.signal.stretches import combined, stretches
@@ -28,6 +30,7 @@ class RunningFit:
     def __init__(self, frequency: float, force: bool, rows: int = ROWS) -> None:
         self._frequency, self._force, self._rows = frequency, force, rows
         self._waiting: list[Samples] = []
+        self._begin: list[Samples] = []  # as many rows as a fingerprint looks at
         self._count, self._piece = 0, rows
         self._fits: list[SineFit] = []
         self._left_out = 0
@@ -37,6 +40,8 @@ class RunningFit:
     def add(self, block: Samples) -> None:
         """Take the next samples; what is wrong with them is said by ``fit``, so that the reading goes on."""
         used = block.of(film_channels(block, self._force)) if self._fault is None else block
+        if sum(map(len, self._begin)) < FIRST:
+            self._begin.append(used)
         self.losses += Losses.of(used)
         if self._fault is not None:
             return
@@ -45,6 +50,11 @@ class RunningFit:
         self._piece = max(self._rows, round(CYCLES / self._frequency * block.rate))
         while self._count >= 2 * self._piece:
             self._fit_first(self._piece)
+
+    @property
+    def fingerprint(self) -> Fingerprint:
+        """Return what tells this reading from others; there must have been samples."""
+        return Fingerprint.from_samples(joined(self._begin))
 
     def fit(self) -> SineFit:
         """Return the fit of all that came.

@@ -22,10 +22,12 @@ import numpy as np
 
 from geometry.common.errors import InputError, Words
 from geometry.scenes.scene import Scene
+from hw.signal.fingerprint import Fingerprint
 from hw.signal.measure import Measurement
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.film_forces import newtons
 from probe_design.built_probe.gain_matrix import Gains
+from probe_design.built_probe.probe_identity import probe_difference, probe_numbers
 from probe_design.built_probe.reading import Read, read
 from solver.results.result import Result
 
@@ -33,6 +35,8 @@ PHASE = ("ratio_phase", "ratio_phase_uncertainty")
 LARGEST, FARTHEST, VAGUEST = 1e150, 10.0, 1e3  # a number; from the tissue's middle, m; a relative standard deviation
 LARGEST_FILE = 1_000_000  # bytes of what `read --json` prints
 WRITTEN = "what `probe-design read --json` has printed"
+NO_SAMPLES = Fingerprint("", (0.0, 0.0))
+AGAIN = f"as {WRITTEN}; read the recording again, with `probe-design read SCENE --replay FILE --json`"
 
 
 @dataclass(frozen=True)
@@ -47,6 +51,7 @@ class FieldReading:
         force: of the load, N.
         placement: x and y of the probe's axis in m where the reading tells them.
         phase: by which stress_inner leads stress_outer, rad, and its standard deviation, where the reading tells it.
+        fingerprint: of its samples.
     """
 
     ratio: float
@@ -56,6 +61,7 @@ class FieldReading:
     force: float
     placement: tuple[float, float] | None
     phase: tuple[float, float] | None = None
+    fingerprint: Fingerprint = NO_SAMPLES
 
 
 def noise_of(measurement: Measurement, scene: Scene, bench: Bench, gains: Gains | None) -> float:
@@ -66,18 +72,26 @@ def noise_of(measurement: Measurement, scene: Scene, bench: Bench, gains: Gains 
     return float(np.sqrt(slopes @ effective.forces_covariance(films, noise) @ slopes))
 
 
-def read_told(result: Read, noise: float, origin: dict[str, Any]) -> dict[str, Any]:
-    """Return the JSON object of `read`: with what an estimate needs besides, the reading's noise and where it comes from."""
+def read_told(result: Read, noise: float, origin: dict[str, Any], scene: Scene, fingerprint: Fingerprint) -> dict[str, Any]:
+    """Return the JSON object of `read`: with what an estimate needs besides.
+
+    Args:
+        result: the reading.
+        noise: of its ratio, relative.
+        origin: its placement, scene and calibration.
+        scene: for the probe that was read.
+        fingerprint: of the samples.
+    """
     beside = {key: origin.get(key) for key in ("placement", "scene_sha256", "calibration_sha256")}
-    return result.as_dict() | {"ratio_noise": noise} | beside
+    return result.as_dict() | {"ratio_noise": noise} | beside | {"probe": probe_numbers(scene), "samples": fingerprint.as_dict()}
 
 
 def without_prediction(
-    measurement: Measurement, scene: Scene, bench: Bench, gains: Gains | None, origin: dict[str, Any]
+    measurement: Measurement, scene: Scene, bench: Bench, gains: Gains | None, origin: dict[str, Any], fingerprint: Fingerprint
 ) -> dict[str, Any]:
     """Return the JSON object of `read` for a reading that nothing is compared with."""
     result = read(measurement, scene, bench, Result("none", 0.0), gains)
-    return read_told(result, noise_of(measurement, scene, bench, gains), origin)
+    return read_told(result, noise_of(measurement, scene, bench, gains), origin, scene, fingerprint)
 
 
 def placement_of(source: dict[str, Any]) -> Any:
@@ -91,16 +105,21 @@ def placement_of(source: dict[str, Any]) -> Any:
         return place
 
 
-def field_reading(told: dict[str, Any], name: str) -> FieldReading:
+def field_reading(told: dict[str, Any], name: str, scene: Scene) -> FieldReading:
     """Return a reading from the JSON object of `read`.
 
     Args:
         told: the object.
         name: of its file, for messages.
+        scene: with the probe that must have been read.
 
     Raises:
-        InputError: it is none, or its ratio is null.
+        InputError: it is none, its ratio is null, or it was read with another probe.
     """
+    _check_probe(told, name, scene)
+    fingerprint = Fingerprint.from_dict(told.get("samples"))
+    if fingerprint is None:
+        raise InputError(f"{name}: samples", Words("missing" if "samples" not in told else "no fingerprint"), AGAIN)
     if "ratio" in told and told["ratio"] is None:
         raise InputError(f"{name}: ratio", Words("null"), "a reading whose outer stress stands out: press harder, or read longer")
     ratio, spread, force = (_number(told, key, name) for key in ("ratio", "ratio_uncertainty", "force"))
@@ -119,6 +138,7 @@ def field_reading(told: dict[str, Any], name: str) -> FieldReading:
         force=force if told.get("reference_force") is None else _number(told, "reference_force", name),
         placement=None if place is None else _place(place, name),
         phase=None if told.get(PHASE[0]) is None else (_number(told, PHASE[0], name), _number(told, PHASE[1], name)),
+        fingerprint=fingerprint,
     )
 
 
@@ -145,6 +165,31 @@ def read_result(path: Path) -> dict[str, Any] | None:
     if not isinstance(told, dict) or "ratio" not in told:
         raise InputError("reading", str(path), WRITTEN)
     return told
+
+
+def check_different(key: str, readings: Sequence[tuple[str, Fingerprint]]) -> None:
+    """Refuse one press given as two readings, whatever the files' names and formats: its noise would count for less than it is.
+
+    Args:
+        key: of what is refused.
+        readings: file and fingerprint of each.
+
+    Raises:
+        InputError: two are of the same samples.
+    """
+    for k, (name, fingerprint) in enumerate(readings):
+        for other, before in readings[:k]:
+            if fingerprint.is_same(before):
+                raise InputError(key, name, f"another reading than {other}, which holds the same samples: give each reading once")
+
+
+def _check_probe(told: dict[str, Any], name: str, scene: Scene) -> None:
+    numbers = told.get("probe")
+    if not isinstance(numbers, dict):
+        raise InputError(f"{name}: probe", Words("missing" if "probe" not in told else "no table"), AGAIN)
+    difference = probe_difference({key: float(value) for key, value in numbers.items() if _is_number(value)}, scene)
+    if difference is not None:
+        raise InputError("reading", name, f"one of the scene's probe: {difference}")
 
 
 def spreads(readings: Sequence[FieldReading]) -> tuple[float, ...]:

@@ -129,7 +129,8 @@ class VirtualBench:
         probe = self.scene.probe
         inner = result.stress_inner * np.exp(1j * (result.ratio_phase or 0.0))
         forces = np.array([inner * probe.inner_area, result.stress_outer * probe.outer_area])
-        return self._signals(forces, 0)
+        x, y = self.scene.placement.x, self.scene.placement.y
+        return self._signals(forces, 0, *np.array([x, y], dtype=np.float32).view(np.uint32).tolist())  # other noise elsewhere
 
     def on_references(self, load: float, run: int = 0) -> tuple[Callable[[Floats], Floats], ...]:
         """Signals on each of the bench's references under a load of that amplitude, N; noise differs from run to run."""
@@ -139,8 +140,8 @@ class VirtualBench:
         forces = load * np.stack([shares, 1 - shares], axis=1)
         return tuple(self._signals(one, 1 + run * len(forces) + k) for k, one in enumerate(forces))
 
-    def _signals(self, forces: Floats | Complexes, run: int) -> Callable[[Floats], Floats]:
-        return signals(self.built, self.bench, self.drawn, forces, [self.seed, run])
+    def _signals(self, forces: Floats | Complexes, *run: int) -> Callable[[Floats], Floats]:
+        return signals(self.built, self.bench, self.drawn, forces, [self.seed, *run])
 
 
 def load_of(scene: Scene, stiffness: float | None) -> float:

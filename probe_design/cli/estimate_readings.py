@@ -13,8 +13,10 @@ from geometry.scenes.scene import Load, Scene
 from hw.foreign.columns import ColumnMap
 from hw.foreign.units import read_rate
 from hw.reader import Reader
+from hw.signal.fingerprint import Fingerprint
 from probe_design.built_probe.field_readings import (
     FieldReading,
+    check_different,
     field_reading,
     placement_of,
     read_result,
@@ -24,7 +26,6 @@ from probe_design.built_probe.field_readings import (
 from probe_design.built_probe.film_forces import reading as measured
 from probe_design.cli.arguments import position
 from probe_design.cli.hardware_sources import HardwareSetup
-from probe_design.cli.reference_readings import check_twice
 from probe_design.data.noise import LEAST
 from probe_design.estimation.readings import Reading, one_reading
 
@@ -52,7 +53,7 @@ def field_readings(scene: Path, texts: tuple[str, ...], sources: Sources) -> tup
         sources: how recordings are read.
 
     Raises:
-        InputError: a file or place is not what it should be, or a file is given twice.
+        InputError: a file or place is not what it should be, or a reading is of another probe, or given twice.
         HardwareError: a recording from which no ratio can be told.
     """
     setting = HardwareSetup.of(scene, sources.bench, sources.calibration)
@@ -63,8 +64,9 @@ def field_readings(scene: Path, texts: tuple[str, ...], sources: Sources) -> tup
         told = read_result(path)
         if told is None:
             told = _recorded(path, setting, sources)
-        found.append(field_reading(told, path.name))
+        found.append(field_reading(told, path.name, setting.scene))
         warnings += [f"{path.name}: {text}" for text in told.get("warnings", []) if isinstance(text, str)]
+    check_different("reading", [(str(path), one.fingerprint) for (path, _), one in zip(split, found, strict=True)])
     pairs = zip(found, spreads(found), split, strict=True)
     readings = tuple(_reading(setting.scene, one, spread, place) for one, spread, (_, place) in pairs)
     return _loaded(setting.scene, found, warnings), readings, warnings
@@ -84,11 +86,10 @@ def _split(text: str) -> tuple[Path, dict[str, str]]:
 
 
 def _check_there(paths: list[Path]) -> None:
-    """Refuse what is no file, and one file given as two readings."""
+    """Refuse what is no file."""
     for path in paths:
         if not os.path.isfile(path):
             raise InputError("reading", str(path), f"a file that is there; {FORM}")
-    check_twice("reading", paths)
 
 
 def _recorded(path: Path, setting: HardwareSetup, sources: Sources) -> dict[str, Any]:
@@ -99,7 +100,8 @@ def _recorded(path: Path, setting: HardwareSetup, sources: Sources) -> dict[str,
     with Reader.open(f"replay:{path}", rate, ColumnMap.of(sources.columns)) as reader:
         samples = reader.collect()
     origin = setting.origin | {"placement": placement_of(samples.source)}
-    return without_prediction(measured(samples, setting.bench, at), setting.scene, setting.bench, gains, origin)
+    measurement = measured(samples, setting.bench, at)
+    return without_prediction(measurement, setting.scene, setting.bench, gains, origin, Fingerprint.from_samples(samples))
 
 
 def _reading(scene: Scene, found: FieldReading, spread: float, place: dict[str, str]) -> Reading:

@@ -116,7 +116,8 @@ def read(
     result = judge(measurement)
     if as_json:
         known = setting.origin | {"placement": placement_of(reader.header.source)}
-        print_json(read_told(result, noise_of(measurement, setting.scene, setting.bench, gains), known))
+        noise = noise_of(measurement, setting.scene, setting.bench, gains)
+        print_json(read_told(result, noise, known, setting.scene, running.fingerprint))
     else:
         show(read_table(result))
     warn(result.warnings + tuple(note for note in predicted.warnings if note.kind in ("linear", "null")))

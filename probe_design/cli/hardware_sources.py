@@ -10,8 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from geometry.common.errors import InputError, Words, one_of
 from geometry.common.files import check_writable_file
 from geometry.scenes.probe import LENGTH
@@ -29,6 +27,7 @@ from hw.simulation.virtual import virtual
 from probe_design.built_probe.bench import Bench, builtin_bench, read_bench
 from probe_design.built_probe.block_predictions import by_outer_radius
 from probe_design.built_probe.calibration_record import CalibrationRecord, Raw, read_record
+from probe_design.built_probe.probe_identity import probe_difference, probe_numbers
 from probe_design.built_probe.virtual_probe import RATE, SCALE, VirtualBench
 from probe_design.cli.arguments import number
 from probe_design.data.builtin import builtin_reading
@@ -37,7 +36,6 @@ SECONDS = 10.0  # of a live reading
 CHANNELS = 3
 SOURCES = "one of --virtual, --replay and --device"
 ATTEMPTS = 3  # at one reading, of a live device
-SAME = 1e-9  # relative, within which two probes are the same
 
 Opener = Callable[[], Reader]
 
@@ -198,8 +196,9 @@ class HardwareSetup:
             record,
             {f"{key}_sha256": sha256(path) for key, path in (("scene", scene), ("calibration", calibration)) if path is not None},
         )
-        if known_scene is not None and not _same_probe(known_scene, setting.scene):
-            raise InputError("calibration", str(calibration), "one of this probe: dimensions, moduli or films differ")
+        difference = None if known_scene is None else probe_difference(probe_numbers(known_scene), setting.scene)
+        if difference is not None:
+            raise InputError("calibration", str(calibration), f"one of this probe: {difference}")
         if known_bench is not None and known_bench.amplifier != setting.bench.amplifier:
             raise InputError("calibration", str(calibration), "one with this bench's amplifier")
         return setting
@@ -238,15 +237,6 @@ def described(samples: Samples) -> str:
 
 def _virtual(signals: Callable[[Floats], Floats], pace: bool) -> Reader:
     return Reader.open(virtual(signals, RATE, channels=CHANNELS, scale=SCALE, pace=pace))
-
-
-def _same_probe(one: Scene, other: Scene) -> bool:
-    first, second = (
-        {k: v for k, v in values(by_outer_radius(scene)).items() if k.startswith("probe.")} for scene in (one, other)
-    )
-    charges = [None if scene.probe.film is None else scene.probe.film.charge_per_force for scene in (one, other)]
-    alike = first.keys() == second.keys() and all(np.isclose(first[key], second[key], rtol=SAME, atol=0) for key in first)
-    return bool(alike) and charges[0] == charges[1]
 
 
 def _change(scene: Scene, text: str) -> tuple[str, float]:

@@ -30,6 +30,9 @@ def readings(
     setting: HardwareSetup, source: SampleSource, references: Sequence[Reference], run: int
 ) -> tuple[ReferenceReading, ...]:
     """One reading on each reference, judged at once."""
+    from hw.signal.fingerprint import Fingerprint
+    from probe_design.built_probe.field_readings import check_different
+
     count = len(references)
     recorded = source.recorded(count)
     source.recordings(count)
@@ -38,7 +41,8 @@ def readings(
         _reading(setting, source, reference, which=(k, count), opener=opener, recorded=path)
         for k, (reference, opener, path) in enumerate(zip(references, openers, recorded, strict=True))
     )
-    check_twice("replay", [path for path in recorded if path is not None])
+    replayed = [(str(path), one.samples) for path, one in zip(recorded, found, strict=True) if path is not None]
+    check_different("replay", [(name, Fingerprint.from_samples(samples)) for name, samples in replayed])
     return found
 
 
@@ -81,18 +85,6 @@ def _reading(
             continue
         return ReferenceReading(samples, measurement, file)
     raise Flawed(f"{reference.name}: {ATTEMPTS} attempts are recorded, none of which can be used: record under another name")
-
-
-def check_twice(key: str, paths: Sequence[Path]) -> None:
-    """Refuse one content given as two readings: its noise would count for less than it is. Raises ``InputError``."""
-    from geometry.common.errors import InputError
-    from hw.recordings.recording import sha256
-
-    seen: dict[str, Path] = {}
-    for path in paths:
-        first = seen.setdefault(sha256(path), path)
-        if first is not path:
-            raise InputError(key, str(path), f"another file than {first}, whose content is the same")
 
 
 def _ask_for(reference: Reference, which: str, source: SampleSource) -> None:

@@ -13,12 +13,15 @@ from geometry.common.errors import InputError
 from hw.signal.measure import Measurement
 from probe_design.built_probe.field_readings import FieldReading, field_reading, noise_of, read_result, spreads
 from probe_design.built_probe.film_forces import reading
+from probe_design.built_probe.probe_identity import probe_numbers
 from probe_design.built_probe.virtual_probe import Built, signals
 from tests.support.hw.benches import BENCH, films, sampled, scene, shares
 
 TOLD = {"ratio": 0.5, "ratio_uncertainty": 0.01, "ratio_noise": 0.012, "force": 0.01, "reference_force": 0.0101,
         "placement": [0.001, -0.002], "calibration_sha256": "ab",
-        "ratio_phase": 0.01, "ratio_phase_uncertainty": 0.002}  # fmt: skip
+        "ratio_phase": 0.01, "ratio_phase_uncertainty": 0.002,
+        "probe": probe_numbers(scene()), "samples": {"noise": "ab" * 16, "volts": [0.1, 0.2]}}  # fmt: skip
+NARROW = probe_numbers(scene()) | {"probe.gap": 5e-5}
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -54,10 +57,10 @@ def test_noise_is_what_seeds_scatter_by() -> None:
 
 
 def test_json_of_read() -> None:
-    found = field_reading(TOLD, "a.json")
+    found = field_reading(TOLD, "a.json", scene())
     assert (found.noise, found.shared) == pytest.approx((0.012, 0.016))  # 0.02 in all
     assert (found.force, found.placement, found.calibration, found.phase) == (0.0101, (0.001, -0.002), "ab", (0.01, 0.002))
-    assert field_reading({k: v for k, v in TOLD.items() if k != "ratio_noise"}, "a.json").shared == pytest.approx(0.02)
+    assert field_reading({k: v for k, v in TOLD.items() if k != "ratio_noise"}, "a.json", scene()).shared == pytest.approx(0.02)
 
 
 @pytest.mark.parametrize(
@@ -68,11 +71,13 @@ def test_json_of_read() -> None:
         ("placement", [1.0], "placement"), ("placement", ["a", 2], "placement"), ("force", None, "force"),
         ("placement", [-1e308, 0.0], "placement"), ("placement", [10**400, 0.0], "placement"), ("force", 10**400, "force"),
         ("ratio_uncertainty", 1e200, "uncertainty"), ("calibration_sha256", ["a"], "calibration_sha256"),
+        ("samples", None, "samples"), ("samples", {"noise": "xy", "volts": [1, 1]}, "samples"), ("probe", [1], "probe"),
+        ("probe", {"probe.gap": 10**400}, "not told"), ("probe", NARROW, "probe.gap is 5e-05 there"),
     ],
 )  # fmt: skip
 def test_what_read_never_prints_is_refused(key: str, value: object, words: str) -> None:
     with pytest.raises(InputError, match=f"a.json.*{words}"):
-        field_reading(TOLD | {key: value}, "a.json")
+        field_reading(TOLD | {key: value}, "a.json", scene())
 
 
 @pytest.mark.parametrize("text", ["", "{", "[1]", '{"gain": 1}', "nonsense", '{"a":' * 100_000])

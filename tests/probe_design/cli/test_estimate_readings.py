@@ -7,6 +7,8 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import h5py
+import numpy as np
 import pytest
 
 from tests.support import program
@@ -26,7 +28,24 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ended = program.run(*words, cwd=place)
         assert ended.returncode == 0, ended.stderr
     (place / "b.json").write_text(ended.stdout)
+    _of_another_probe(place)
+    shutil.copy(place / "a.probe", place / "copy.probe")
+    (place / "link.probe").symlink_to(place / "a.probe")
+    nameless = {key: value for key, value in json.loads(ended.stdout).items() if key != "probe"}
+    (place / "nameless.json").write_text(json.dumps(nameless))
+    with h5py.File(place / "b.h5") as file:  # as a spreadsheet would save it, with fewer digits
+        table = np.column_stack([1e3 * file[name][:] for name in ("time", "inner", "outer")])
+    head = "time (ms),inner (mV),outer (mV)"
+    np.savetxt(place / "b.csv", table, fmt=("%.3f", "%.4f", "%.4f"), delimiter=",", header=head, comments="")
     return place
+
+
+def _of_another_probe(place: Path) -> None:
+    """Write other.json, read with a probe whose gap is twice as wide."""
+    (place / "other.toml").write_text((place / "scene.toml").read_text().replace('gap = "0.1 mm"', 'gap = "0.2 mm"'))
+    ended = program.run("read", "other.toml", "--virtual", "--seed", "3", "--json", cwd=place)
+    assert ended.returncode == 0, ended.stderr
+    (place / "other.json").write_text(ended.stdout)
 
 
 def told(folder: Path, *words: str) -> dict[str, Any]:
@@ -53,11 +72,25 @@ def test_json_is_the_same_as_its_recording(folder: Path) -> None:
         assert first[key] == second[key], key
 
 
+def test_two_readings_with_equal_values_are_two(folder: Path) -> None:
+    ended = program.run("read", "scene.toml", "--replay", "a.probe", "--calibration", "probe.toml", "--json", cwd=folder)
+    equal = json.loads((folder / "b.json").read_text()) | {"samples": json.loads(ended.stdout)["samples"]}
+    (folder / "equal.json").write_text(json.dumps(equal))
+    assert len(told(folder, "--reading", "b.json", "equal.json")["noise"]) == 2
+
+
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (("--reading", "a.probe", "a.probe"), "another file"),
-        (("--reading", "copy.probe", "--reading", "a.probe"), "content is the same"),
+        (("--reading", "a.probe", "a.probe"), "the same samples"),
+        (("--reading", "a.probe", "a.probe, x=-8 mm"), "the same samples"),
+        (("--reading", "copy.probe", "--reading", "a.probe"), "the same samples"),
+        (("--reading", "link.probe", "a.probe"), "the same samples"),
+        (("--reading", "b.json", "b.h5"), "the same samples"),
+        (("--reading", "b.json", "b.json, x=-8 mm"), "the same samples"),
+        (("--reading", "b.json", "b.csv"), "the same samples"),
+        (("--reading", "other.json"), "one of the scene's probe: probe.outer_radius"),
+        (("--reading", "nameless.json"), "probe = missing"),
         (("--reading", "b.json, z=3"), "x=-8 mm"),
         (("--reading", "b.json, x=8"), "unit is missing"),
         (("--reading", "b.json, x=3 km"), "x = "),
@@ -73,7 +106,6 @@ def test_json_is_the_same_as_its_recording(folder: Path) -> None:
     ],
 )
 def test_refusals_are_one_line(words: tuple[str, ...], expected: str, folder: Path) -> None:
-    shutil.copy(folder / "a.probe", folder / "copy.probe")
     ended = program.run("estimate", "scene.toml", *words, cwd=folder)
     assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (2, "", 1), ended.stderr
     assert expected in ended.stderr

@@ -1,0 +1,71 @@
+"""Fingerprints: the same samples are known in other units, digits and lengths; other noise is not taken for them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hw.common.samples import Samples
+from hw.signal.fingerprint import BITS, ROWS, Fingerprint
+from probe_design.built_probe.virtual_probe import Built, signals
+from tests.support.hw.benches import BENCH, films, sampled, scene, shares
+
+
+def virtual(seed: int, rows: int = 10_000, **built: float) -> Samples:
+    forces = films(shares().log_ratios)[4]
+    return sampled(signals(Built(**built), BENCH, scene(), forces, seed), rows)  # type: ignore[arg-type]
+
+
+def differing(one: Fingerprint, other: Fingerprint) -> int:
+    return (int(one.noise, 16) ^ int(other.noise, 16)).bit_count()
+
+
+FIRST = virtual(1)
+
+
+@pytest.mark.parametrize("digits", [9, 6, 5])
+def test_rounded_samples_are_the_same(digits: int) -> None:
+    rounded = replace(FIRST, volts=np.round(FIRST.volts, digits))
+    assert Fingerprint.from_samples(rounded).is_same(Fingerprint.from_samples(FIRST))
+
+
+def test_a_copy_that_ends_earlier_is_the_same() -> None:
+    assert Fingerprint.from_samples(FIRST.before(ROWS)) == Fingerprint.from_samples(FIRST)
+
+
+@pytest.mark.parametrize("seed", range(2, 12))
+def test_other_presses_are_others(seed: int) -> None:
+    """The load, its phase, hum, drift and offsets are the same: only the noise differs."""
+    assert not Fingerprint.from_samples(virtual(seed)).is_same(Fingerprint.from_samples(FIRST))
+
+
+def test_equal_noise_on_another_load_is_another_press() -> None:
+    louder = replace(FIRST, volts=1.01 * FIRST.volts)
+    assert not Fingerprint.from_samples(louder).is_same(Fingerprint.from_samples(FIRST))
+
+
+@pytest.mark.parametrize("angle", [0.2, 0.5, 1.0, np.pi / 2])
+def test_share_of_signs_that_differ(angle: float) -> None:
+    """Charikar's theorem: a / pi, with the binomial's scatter over 40 pairs of 128 signs."""
+    random = np.random.default_rng(3)
+    shares = []
+    for _ in range(40):
+        one, two = random.normal(size=(2, ROWS, 3))
+        pair = (replace(FIRST, volts=volts) for volts in (one, np.cos(angle) * one + np.sin(angle) * two))
+        shares.append(differing(*(Fingerprint.from_samples(each) for each in pair)) / BITS)
+    expected = angle / np.pi
+    assert np.mean(shares) == pytest.approx(expected, abs=5 * np.sqrt(expected * (1 - expected) / BITS / 40))
+
+
+def test_json_and_back() -> None:
+    found = Fingerprint.from_samples(FIRST)
+    assert Fingerprint.from_dict(found.as_dict()) == found
+    for wrong in (None, [], {"noise": "ab", "volts": [1, 2]}, {"noise": 3, "volts": [1, 2]}, {"noise": "ab" * 16, "volts": [1]}):
+        assert Fingerprint.from_dict(wrong) is None
+
+
+def test_silence_is_like_nothing() -> None:
+    silent = Fingerprint.from_samples(replace(FIRST, volts=np.zeros_like(FIRST.volts)))
+    assert not silent.is_same(silent)
