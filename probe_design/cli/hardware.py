@@ -174,9 +174,10 @@ def check(
     scene: Path | None, bench: Path | None, calibration: Path | None, output: Path | None, report: Path | None, linear: bool,
     as_json: bool, **source: Any,
 ) -> None:  # fmt: skip
-    """Say whether the probe is within the workshop's tolerances, by the bench's blocks of tissue, and what is out of it if not.
+    """Check a built probe against its drawing, by the bench's blocks of tissue; what is out of tolerance is named.
 
-    Exit code 1 if the readings contradict that. Without --calibration gains are nominal, with the bench's tolerances.
+    Says which variables were tested, which were not, and why. Exit code 1 if the readings contradict that the probe is within the
+    workshop's tolerances. Without --calibration gains are nominal, with the bench's tolerances, and hardly anything is tested.
 
     \b
     probe-design check --virtual --calibration probe.toml
@@ -190,7 +191,7 @@ def check(
     from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
     from probe_design.probe_check.check import checked
     from probe_design.terminal.console import saying, show, warn
-    from probe_design.terminal.hardware_tables import check_table, explanations_table, pairs_table, sentences
+    from probe_design.terminal.hardware_tables import check_table, coverage_table, explanations_table, pairs_table, sentences
 
     origin, setting = SampleSource(**source), HardwareSetup.of(scene, bench, calibration)
     if output is not None:
@@ -221,11 +222,12 @@ def check(
             show(explanations_table(result))
         if result.pairs:
             show(pairs_table(result))
+        show(coverage_table(result))
         print("\n".join(sentences(result)))
     warn(waveform_warnings(read, setting.bench.blocks))
     if record is None:
         warn(["not calibrated: nominal gains, with the bench's tolerances"])
-    if not result.passed:
+    if result.failed:
         raise SystemExit(1)
 
 

@@ -23,9 +23,10 @@ from probe_design.built_probe.block_predictions import Shares, inner_shares, pre
 from probe_design.built_probe.exchanges import Misplacement, check_films, explaining, share_doubt
 from probe_design.built_probe.film_forces import newtons, observed, strict_reading
 from probe_design.built_probe.gain_matrix import Gains
-from probe_design.probe_check.deviation import LEVEL, CancellingPair, Deviation, cancelling, unseen
+from probe_design.probe_check.coverage import VariableCoverage, coverage
+from probe_design.probe_check.deviation import LEVEL, CancellingPair, Deviation, cancelling
 from probe_design.probe_check.explanations import Explanation, VariablePair
-from probe_design.probe_check.verdicts import Verdict, judged
+from probe_design.probe_check.verdicts import WITHIN, Verdict, judged
 from solver.results.evaluator import Tell, silent
 
 Films = Sequence[tuple[Floats, Floats]]  # both films' readings of each block, N, (2,), and their covariance, (2, 2)
@@ -48,18 +49,21 @@ class Check:
     """What a check found.
 
     Attributes:
-        verdict: "within workshop tolerance", "out of it" or "cannot tell".
+        verdict: "within workshop tolerance as far as tested", "out of workshop tolerance", "cannot tell" or "nothing could be
+            tested".
         reason: what is out of it, or why nothing can be told; empty within.
         blocks: one line for each.
         chi_square, degrees_of_freedom, p_value: of a probe within the workshop's tolerances, eq. PC.1.
         level: the p-value below which it is not, as often as which a probe within them fails.
-        passed: whether nothing contradicts that it is within.
+        passed: whether something was tested and all of that is within.
+        failed: whether the readings contradict that the probe is within.
         calibrated: whether gains come from a calibration.
         explanations: the variables that the readings tell, best first.
         alike: the best and those that the readings do not tell apart from it; empty if nothing deviates.
         pairs: of variables, best first, where no single one explains the deviation.
         unresolved: variables of which the readings tell nothing, or that the calibration has absorbed.
-        unseen: variables that this check would probably not find off by five tolerances.
+        tested: the variables that this check would find off by five tolerances, each with how far off it is found.
+        untested: those that it would not, each with the reason.
         cancelling: pairs that it would not find off together, though it would each.
     """
 
@@ -71,12 +75,14 @@ class Check:
     p_value: float
     level: float
     passed: bool
+    failed: bool
     calibrated: bool
     explanations: tuple[Explanation, ...]
     alike: tuple[str, ...]
     pairs: tuple[VariablePair, ...]
     unresolved: tuple[str, ...]
-    unseen: tuple[str, ...]
+    tested: tuple[VariableCoverage, ...]
+    untested: tuple[VariableCoverage, ...]
     cancelling: tuple[CancellingPair, ...]
 
     def as_dict(self) -> dict[str, Any]:
@@ -135,8 +141,10 @@ def checked(
     films = [newtons(one, scene, tolerance=gains is None) for one in measurements]
     known = Comparison(bench, effective, tuple(variables), predictions)
     deviation, exchanges = known.deviation(films), known.exchanges(films)
-    verdict = judged(scene, bench, deviation, predictions, [one.told(bench.blocks) for one in exchanges], tell=tell)
-    return _told(verdict, deviation, _blocks(scene, bench, deviation), gains is not None)
+    tolerances = dict(zip(predictions.variables, predictions.tolerances(bench.workshop).tolist(), strict=True))
+    tested, names = coverage(deviation, tolerances), [one.told(bench.blocks) for one in exchanges]
+    verdict = judged(scene, bench, deviation, predictions, names, tested=tested, tell=tell)
+    return _told(verdict, deviation, _blocks(scene, bench, deviation), tested, calibrated=gains is not None)
 
 
 def _check_count(readings: Sequence[Samples] | Sequence[Measurement], bench: Bench) -> None:
@@ -146,7 +154,10 @@ def _check_count(readings: Sequence[Samples] | Sequence[Measurement], bench: Ben
         )
 
 
-def _told(verdict: Verdict, deviation: Deviation, blocks: tuple[BlockDeviation, ...], calibrated: bool) -> Check:
+def _told(
+    verdict: Verdict, deviation: Deviation, blocks: tuple[BlockDeviation, ...], tested: Sequence[VariableCoverage],
+    *, calibrated: bool,
+) -> Check:  # fmt: skip
     return Check(
         verdict=verdict.verdict,
         reason=verdict.reason,
@@ -155,13 +166,15 @@ def _told(verdict: Verdict, deviation: Deviation, blocks: tuple[BlockDeviation, 
         degrees_of_freedom=len(blocks),
         p_value=deviation.p_value,
         level=LEVEL,
-        passed=deviation.p_value >= LEVEL,
+        passed=verdict.verdict == WITHIN,
+        failed=deviation.p_value < LEVEL,
         calibrated=calibrated,
         explanations=verdict.explanations,
         alike=verdict.alike,
         pairs=verdict.pairs,
         unresolved=verdict.unresolved,
-        unseen=unseen(deviation),
+        tested=tuple(one for one in tested if one.tested),
+        untested=tuple(one for one in tested if not one.tested),
         cancelling=cancelling(deviation),
     )
 

@@ -1,4 +1,4 @@
-"""The verdict of a check: within the workshop's tolerances, out of them and by what, or not to be told and why.
+"""The verdict of a check: within the workshop's tolerances as far as tested, out of them and by what, or not known and why.
 
 What explains a deviation is looked for in the order of what a careless hand does most easily: exchanged cables or blocks, one
 variable of the design, one wrong reading, two variables.
@@ -13,11 +13,13 @@ from geometry.scenes.scene import Scene
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import MODULI, Shares
 from probe_design.probe_check.changed_designs import GAIN
-from probe_design.probe_check.deviation import LEVEL, Deviation, unseen
+from probe_design.probe_check.coverage import VariableCoverage
+from probe_design.probe_check.deviation import LEVEL, Deviation
 from probe_design.probe_check.explanations import ALIKE, Explanation, VariablePair, alike, explanations, paired, refined, told
 from solver.results.evaluator import Tell, silent
 
-WITHIN, OUT, UNKNOWN = "within workshop tolerance", "out of it", "cannot tell"
+WITHIN, OUT = "within workshop tolerance as far as tested", "out of workshop tolerance"
+UNKNOWN, UNTESTED = "cannot tell", "nothing could be tested"
 BENCH_S = {GAIN: "one film's gain (its cable, its amplifier, its temperature since calibration)", MODULI: "the blocks' moduli"}
 
 
@@ -34,8 +36,9 @@ class Verdict:
 
 
 def judged(
-    scene: Scene, bench: Bench, deviation: Deviation, shares: Shares, exchanged: Sequence[str], *, tell: Tell = silent
-) -> Verdict:
+    scene: Scene, bench: Bench, deviation: Deviation, shares: Shares, exchanged: Sequence[str],
+    *, tested: Sequence[VariableCoverage], tell: Tell = silent,
+) -> Verdict:  # fmt: skip
     """Say what a deviation comes to.
 
     Args:
@@ -44,11 +47,12 @@ def judged(
         deviation: of all blocks.
         shares: predictions for the probe as drawn.
         exchanged: names of exchanges each of which would explain it.
+        tested: how well each variable is.
         tell: is told what is tried.
     """
     linear, unresolved = explanations(deviation, shares)
     if deviation.p_value >= LEVEL:
-        return Verdict(*_within(deviation), linear, unresolved)
+        return Verdict(*_within(tested), linear, unresolved)
     if exchanged:
         return Verdict(UNKNOWN, f"exchanged are: {', or '.join(exchanged)}; put it right, and read again", linear, unresolved)
     fits = refined(scene, bench, deviation, shares, [*(one.variable for one in linear), *unresolved], tell=tell)
@@ -60,11 +64,10 @@ def judged(
     return Verdict(*_by_more(pairs, odd), explained, (), (), pairs)
 
 
-def _within(deviation: Deviation) -> tuple[str, str]:
-    movable = [name for name, column in deviation.workshop.items() if column.any()]
-    if movable and set(unseen(deviation)) >= set(movable):
-        return UNKNOWN, "these readings are too uncertain to see any variable off by five tolerances"
-    return WITHIN, ""
+def _within(tested: Sequence[VariableCoverage]) -> tuple[str, str]:
+    if any(one.tested for one in tested):
+        return WITHIN, ""
+    return UNTESTED, "no variable would be found off by five tolerances, so that readings that agree say nothing of the probe"
 
 
 def _by_one(names: Sequence[str]) -> tuple[str, str]:

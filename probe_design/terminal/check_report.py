@@ -10,7 +10,7 @@ from probe_design.data.noise import NOISE
 from probe_design.probe_check.check import Check
 from probe_design.reports.page import Chapter, Items, PageTable, Text, page
 from probe_design.reports.scene_sections import asked, scene_sections
-from probe_design.terminal.hardware_tables import check_table, explanations_table, pairs_table, sentences
+from probe_design.terminal.hardware_tables import check_table, coverage_table, explanations_table, pairs_table, sentences
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable
@@ -32,6 +32,7 @@ def check_report(check: Check, scene: Scene, answer: dict[str, Any], tell: Calla
         Chapter(
             "What would explain a deviation", (*below_its_title(explanations_table(check)), *below_its_title(pairs_table(check)))
         ),
+        Chapter("What was tested", below_its_title(coverage_table(check))),
         Chapter("What it comes to", (Items(tuple(said)),)),
         *scene_sections(scene, NOISE, tell),
     ]

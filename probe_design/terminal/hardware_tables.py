@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from rich.table import Table
 
+from geometry.scenes.catalogue import modulus_text
 from probe_design.built_probe.calibration_record import CalibrationRecord
 from probe_design.built_probe.gain_matrix import ENTRIES
 from probe_design.built_probe.reading import Read
@@ -67,7 +68,7 @@ def explanations_table(check: Check) -> Table:
     table = Table(title="which one variable would explain it")
     _columns(table, "variable", "drawn", "would be", "sd", "chi2 left")
     for one in check.explanations[:MOST]:
-        table.add_row(one.variable.removeprefix("probe."), *_in_units(one), f"{one.chi_square:.3g}")
+        table.add_row(_short(one.variable), *_in_units(one), f"{one.chi_square:.3g}")
     return table
 
 
@@ -77,23 +78,52 @@ def pairs_table(check: Check) -> Table:
     _columns(table, "variables", "drawn", "would be", "sd", "chi2 left")
     for pair in check.pairs[:MOST_PAIRS]:
         for one, left in ((pair.first, f"{pair.chi_square:.3g}"), (pair.second, "")):
-            table.add_row(one.variable.removeprefix("probe."), *_in_units(one), left)
+            table.add_row(_short(one.variable), *_in_units(one), left)
+    return table
+
+
+def coverage_table(check: Check) -> Table:
+    """Return which variables the check has tested, and how far off each would be found."""
+    table = Table(title="what was tested: a variable that would be found off by five tolerances in 1 of 2 cases or more")
+    _columns(table, "variable", "tolerance, 1 sd", "five change a ratio by", "then found", "found 1 in 2 from", "tested")
+    for one in (*check.tested, *check.untested):
+        found = "nowhere" if one.found_from is None else _sized(one.variable, one.found_from)
+        effect, often = f"{100 * one.effect:.2g} %", f"{100 * one.power:.0f} %"
+        table.add_row(
+            _short(one.variable), _sized(one.variable, one.tolerance), effect, often, found, "yes" if one.tested else "no"
+        )
     return table
 
 
 def sentences(check: Check) -> list[str]:
-    """Say what a check comes to, and what it could not have seen."""
-    lines = [f"{check.verdict}: {check.reason}" if check.reason else f"the probe is {check.verdict}"]
-    if check.unseen:
-        lines.append(f"not seen even where off by five tolerances: {', '.join(check.unseen)}")
+    """Say what a check comes to, what it has tested, and what it could not test and why."""
+    lines = [f"{check.verdict}: {check.reason}"] if check.reason else []
+    if check.tested:
+        names = ", ".join(_short(one.variable) for one in check.tested)
+        count = f"{len(check.tested)} of {len(check.tested) + len(check.untested)} variables"
+        lines.append(f"the probe is {check.verdict}: {names} ({count})" if check.passed else f"tested: {names} ({count})")
+    for reason in dict.fromkeys(one.reason for one in check.untested):
+        names = ", ".join(_short(one.variable) for one in check.untested if one.reason == reason)
+        lines.append(f"not tested: {names}: {reason}")
     if check.cancelling:
         pairs = (_together(one) for one in check.cancelling[:MOST_PAIRS])
-        lines.append(f"not seen together, in tolerances, likewise with both signs changed: {'; '.join(pairs)}")
+        lines.append(f"not seen where off together, in tolerances, likewise with both signs changed: {'; '.join(pairs)}")
     return lines
 
 
 def _together(one: CancellingPair) -> str:
-    return " with ".join(f"{name} {size:+.2g}" for name, size in zip(one.variables, one.tolerances, strict=True))
+    return " with ".join(f"{_short(name)} {size:+.2g}" for name, size in zip(one.variables, one.tolerances, strict=True))
+
+
+def _short(variable: str) -> str:
+    return variable.removeprefix("probe.")
+
+
+def _sized(variable: str, size: float) -> str:
+    """A deviation of a variable, SI, in the unit in which it is shown."""
+    if variable.endswith("poisson_ratio"):
+        return f"{size:.2g}"
+    return modulus_text(float(f"{size:.2g}")) if variable.endswith("modulus") else f"{1e3 * size:.2g} mm"
 
 
 def _in_units(one: Explanation) -> tuple[str, str, str]:

@@ -54,7 +54,13 @@ def documented(command: str) -> list[float]:
 
 def numbers(table: str) -> list[float]:
     rows = [line for line in table.splitlines() if line.startswith("│")]
-    return [float(word) for row in rows for word in row.split("│")[2:] for word in word.split()[:1] if word not in ("-", "")]
+    return [
+        float(word)
+        for row in rows
+        for word in row.split("│")[2:]
+        for word in word.split()[:1]
+        if word not in ("-", "", "yes", "no", "nowhere")
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -141,8 +147,18 @@ def test_replay_reads_what_was_read(tmp_path: Path) -> None:
 
 def test_check_passes_a_probe_as_drawn(folder: Path) -> None:
     found = told("check", "--virtual", "--calibration", folder / "probe.toml", "-o", folder / "check.json")
-    assert found["passed"]
+    assert (found["passed"], found["failed"]) == (True, False)
+    assert {one["variable"] for one in found["tested"]} >= {"probe.inner_radius"}
+    assert all(one["reason"] for one in found["untested"])
     assert json.loads((folder / "check.json").read_text()) == found
+
+
+@pytest.mark.slow
+def test_a_check_that_can_test_nothing_has_not_passed_and_does_not_fail() -> None:
+    ended = run("check", SCENE, "--virtual", "--seconds", "5")
+    assert "nothing could be tested" in ended.stdout
+    assert "not tested: " in ended.stdout
+    assert "within workshop tolerance" not in ended.stdout
 
 
 @pytest.mark.slow
@@ -150,12 +166,12 @@ def test_check_fails_a_probe_off_its_drawing_and_says_why(folder: Path) -> None:
     words = ("--virtual", "--calibration", folder / "probe.toml", "--built", "probe.outer.youngs_modulus=92 kPa")
     ended = run("check", *words, "-o", folder / "failed.json", code=1)
     assert "outer.youngs_modulus" in ended.stdout
-    assert "out of it: probe.outer.youngs_modulus, or reference.youngs_modulus, or " in ended.stdout
+    assert "out of workshop tolerance: probe.outer.youngs_modulus, or reference.youngs_modulus, or " in ended.stdout
     assert numbers(ended.stdout) == pytest.approx(
         documented("check --virtual --calibration probe.toml --built"), rel=0.05, abs=0.01
     )
     found = json.loads((folder / "failed.json").read_text())
-    assert not found["passed"]
+    assert (found["passed"], found["failed"]) == (False, True)
     best = next(one for one in found["explanations"] if one["variable"] == "probe.outer.youngs_modulus")
     assert best["variable"] in found["alike"]
     assert abs(best["change"] - 12e3) < 3 * best["uncertainty"]

@@ -19,6 +19,7 @@ from probe_design.built_probe.virtual_probe import Built, as_delivered, signals
 from probe_design.probe_check.check import Check, check
 from probe_design.probe_check.deviation import Deviation
 from probe_design.probe_check.explanations import Explanation, explanations, refined, told
+from probe_design.probe_check.verdicts import OUT, UNTESTED
 from tests.support.hw.benches import BENCH, films, sampled, scene, shares
 
 BUILT = Built()
@@ -65,7 +66,7 @@ def test_a_probe_as_drawn_passes() -> None:
 def test_a_probe_off_its_drawing_is_found(name: str, turn: float) -> None:
     """15 % in a modulus, 1 % in a radius, a double gap: the variable is among those that explain it, at its true size."""
     found = built(name, turn)
-    assert found.verdict == "out of it"
+    assert found.verdict == OUT
     assert name in found.alike
     one = next(one for one in found.explanations if one.variable == name)
     assert one.explains
@@ -169,6 +170,8 @@ def test_uncalibrated_gains_leave_a_wide_check() -> None:
     found = check(scene(), BENCH, samples, shares=shares())
     assert not found.calibrated
     assert found.blocks[0].ratio_uncertainty / found.blocks[0].ratio > 0.05
-    assert (found.verdict, found.passed) == ("cannot tell", True)  # nothing contradicts the drawing, as little as it says
+    assert found.verdict == UNTESTED
+    assert (found.passed, found.failed, found.tested) == (False, False, ())  # nothing contradicts the drawing: it says nothing
+    assert all(one.reason for one in found.untested)
     with pytest.raises(InputError, match="one for each"):
         check(scene(), BENCH, samples[:2], shares=shares())

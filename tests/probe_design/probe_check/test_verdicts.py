@@ -19,8 +19,9 @@ from probe_design.built_probe.gain_matrix import Gains
 from probe_design.built_probe.virtual_probe import Built, signals
 from probe_design.probe_check.changed_designs import GAIN
 from probe_design.probe_check.check import Check, check
-from probe_design.probe_check.deviation import FAR, LEVEL, Deviation, cancelling, power, unseen
-from probe_design.probe_check.verdicts import OUT, UNKNOWN, WITHIN, Verdict, judged
+from probe_design.probe_check.coverage import VariableCoverage, coverage
+from probe_design.probe_check.deviation import FAR, LEVEL, POWER, Deviation, cancelling, power, unseen
+from probe_design.probe_check.verdicts import OUT, UNKNOWN, UNTESTED, WITHIN, Verdict, judged
 from tests.support.hw.benches import BENCH, films, sampled, scene, shares
 
 EXACT = Built(gains=((1.0, 0.0), (0.0, 1.0)), resistance=(1.0, 1.0), capacitance=(1.0, 1.0))
@@ -50,8 +51,12 @@ def built(**factors: float) -> tuple[float, ...]:
     return tuple(predicted(changed(scene(), {name: at[name] * turn for name, turn in new.items()}), BENCH.reference).log_ratios)
 
 
+def coverage_of(at: Deviation) -> tuple[VariableCoverage, ...]:
+    return coverage(at, dict(zip(shares().variables, shares().tolerances(BENCH.workshop).tolist(), strict=True)))
+
+
 def verdict(logs: tuple[float, ...]) -> Verdict:
-    return judged(scene(), BENCH, deviation(logs), shares(), ())
+    return judged(scene(), BENCH, deviation(logs), shares(), (), tested=coverage_of(deviation(logs)))
 
 
 def readings(logs: Floats) -> list[Samples]:
@@ -79,8 +84,9 @@ def test_a_probe_within_tolerance_is_within() -> None:
     """Wall and modulus two tolerances off."""
     at = deviation()
     found = checked(readings(at.drawn + 2 * at.workshop["probe.outer_radius"] - 2 * at.workshop["probe.outer.youngs_modulus"]))
-    assert (found.verdict, found.reason, found.passed) == (WITHIN, "", True)
-    assert "probe.inner.poisson_ratio" in found.unseen
+    assert (found.verdict, found.reason, found.passed, found.failed) == (WITHIN, "", True, False)
+    assert "probe.inner.poisson_ratio" in {one.variable for one in found.untested}
+    assert "probe.inner_radius" in {one.variable for one in found.tested}
     assert found.cancelling[0].variables == ("probe.inner_radius", "probe.outer_radius")
 
 
@@ -91,7 +97,7 @@ def test_exchanged_channels_and_blocks_are_named() -> None:
     assert cables.verdict == blocks.verdict == UNKNOWN
     assert cables.reason.startswith("exchanged are: the films' channels (cables);")
     assert blocks.reason.startswith("exchanged are: the block of 6 kPa and the block of 24 kPa;")
-    assert not cables.passed
+    assert (cables.passed, cables.failed) == (False, True)
 
 
 @pytest.mark.parametrize(("factors", "words"), [((1e-4, 1.0, 1.0), "inner"), ((1.0, 1e-4, 1.0), "outer")])
@@ -151,9 +157,43 @@ def test_what_cancels_is_what_cannot_be_seen() -> None:
 
 
 def test_readings_too_poor_for_any_verdict_say_so() -> None:
-    found = judged(scene(), BENCH, deviation(noise=1.0), shares(), ())
-    assert found.verdict == UNKNOWN
-    assert "too uncertain" in found.reason
+    at = deviation(noise=1.0)
+    found = judged(scene(), BENCH, at, shares(), (), tested=coverage_of(at))
+    assert found.verdict == UNTESTED
+    assert "say nothing of the probe" in found.reason
+    assert all("not observable at this noise" in one.reason or "hide it together" in one.reason for one in coverage_of(at)[:4])
+
+
+def test_what_is_tested_is_what_would_be_found() -> None:
+    """By simulation of the check's own chi-square, 2000 probes each: off by ``found_from``, every second one fails."""
+    random, at = np.random.default_rng(5), deviation()
+    for one in coverage_of(at):
+        assert one.tested == (one.found_from is not None and one.found_from <= FAR * one.tolerance) == (one.power >= POWER)
+        if one.found_from is None:
+            continue
+        others = np.array([column for name, column in at.workshop.items() if name != one.variable])
+        off = random.standard_normal((2000, len(others))) @ others + one.found_from / one.tolerance * at.workshop[one.variable]
+        off += np.sqrt(at.model + NOISE**2) * random.standard_normal((2000, len(at.drawn)))
+        found = np.mean(chi2.sf(np.einsum("ni,ij,nj->n", off, at.weight(), off), len(at.drawn)) < LEVEL)
+        assert found == pytest.approx(POWER, abs=0.05)
+
+
+def test_the_reason_is_what_would_have_to_be_better() -> None:
+    """Without the named source of doubt the variable would be found; a variable that moves nothing says so."""
+    at = deviation(noise=2e-2)
+    surer = {
+        "not observable at this noise": deviation(noise=1e-9),
+        "the blocks' moduli": replace(at, model=1e-12 * at.model),
+    }
+    said = {one.variable: one.reason for one in coverage_of(at) if not one.tested}
+    assert any(reason.startswith("not observable at this noise") for reason in said.values())
+    for name, reason in said.items():
+        for start, better in surer.items():
+            if reason.startswith(start):
+                assert power(better, {name: FAR}) >= POWER
+    still = replace(at, workshop={**at.workshop, "probe.gap": np.zeros(len(at.drawn))})
+    (gap,) = (one for one in coverage_of(still) if one.variable == "probe.gap")
+    assert (gap.power, gap.found_from, gap.reason) == (0.0, None, "it hardly changes these ratios")
 
 
 def test_gains_drift_with_temperature() -> None:

@@ -1,0 +1,111 @@
+"""What a check can test: each variable with a tolerance, how far off it would be found, and why not where that is too far.
+
+A variable counts as tested where it is found at least every second time (eq. PC.4) if it is off by ``FAR`` tolerances. What hides
+it otherwise is found by asking again without one source of doubt after the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from geometry.common.arrays import Floats
+from probe_design.probe_check.deviation import FAR, POWER, Deviation, power
+
+FARTHEST = 1e6  # tolerances: what is not found there is not found at all
+BISECTIONS = 40
+MAX_POISSON_RATIO = 0.5  # a Poisson's ratio cannot be off by more
+EXACT = 1e-6  # factor on standard deviations that stands for none
+
+
+@dataclass(frozen=True)
+class VariableCoverage:
+    """How well a check tests one variable.
+
+    Attributes:
+        variable: key of the scene file.
+        tolerance: of the workshop, a standard deviation, SI.
+        found_from: deviation that is found every second time, SI; None where none is.
+        effect: largest relative change of a block's ratio where it is off by ``FAR`` tolerances.
+        power: how likely the check is to find it then.
+        reason: why that is too seldom; empty where it is tested.
+    """
+
+    variable: str
+    tolerance: float
+    found_from: float | None
+    effect: float
+    power: float
+    reason: str
+
+    @property
+    def tested(self) -> bool:
+        """Whether being off by ``FAR`` tolerances would be found at least every second time."""
+        return not self.reason
+
+
+def coverage(deviation: Deviation, tolerances: Mapping[str, float]) -> tuple[VariableCoverage, ...]:
+    """Return what a check tests, the best tested first.
+
+    Args:
+        deviation: for its covariances.
+        tolerances: standard deviations, SI, by variable; those of 0 are left out.
+    """
+    found = [_tested(deviation, name, sd) for name, sd in tolerances.items() if sd > 0]
+    return tuple(sorted(found, key=lambda one: -one.power))
+
+
+def _tested(deviation: Deviation, name: str, tolerance: float) -> VariableCoverage:
+    column = deviation.workshop[name]
+    probability = power(deviation, {name: FAR}) if np.any(column != 0) else 0.0
+    reason = "" if probability >= POWER else _hidden_by(deviation, name, tolerance)
+    effect = float(np.abs(np.expm1(FAR * column)).max())
+    return VariableCoverage(name, tolerance, _found_from(deviation, name, tolerance), effect, probability, reason)
+
+
+def _found_from(deviation: Deviation, name: str, tolerance: float) -> float | None:
+    """The deviation that is found with probability ``POWER``, by bisection of its logarithm: the power rises with it."""
+    if not np.any(deviation.workshop[name] != 0) or power(deviation, {name: FARTHEST}) < POWER:
+        return None
+    low, high = 0.0, np.log(FARTHEST)
+    for _ in range(BISECTIONS):
+        middle = (low + high) / 2
+        low, high = (low, middle) if power(deviation, {name: float(np.exp(middle))}) >= POWER else (middle, high)
+    found = float(np.exp(high)) * tolerance
+    return None if name.endswith("poisson_ratio") and found > MAX_POISSON_RATIO else found
+
+
+def _hidden_by(deviation: Deviation, name: str, tolerance: float) -> str:
+    """What hides a variable: the one source of doubt without which it would be found, or that no single one does."""
+    drawn = deviation.workshop[name] + deviation.bias(name) * tolerance  # as if the calibration had not depended on it
+    if np.any(deviation.bias(name) != 0) and _found(replace(deviation, workshop={**deviation.workshop, name: drawn}), name):
+        return "the calibration took it as drawn and has absorbed what it does"
+    for reason, surer in _surer(deviation, name):
+        if _found(surer, name):
+            return reason
+    bare = replace(_alone(deviation, name), read=EXACT**2 * deviation.read, model=EXACT**2 * deviation.model)
+    if _found(bare, name):
+        return f"the {_percent(deviation.read)} of noise and gains, the blocks' moduli and other tolerances hide it together"
+    return "it hardly changes these ratios"
+
+
+def _surer(deviation: Deviation, name: str) -> Iterator[tuple[str, Deviation]]:
+    noise = f"not observable at this noise: noise and gains make {_percent(deviation.read)} of a ratio"
+    yield noise, replace(deviation, read=EXACT**2 * deviation.read)
+    yield "the tolerances of other variables hide it, which do the same to the ratios", _alone(deviation, name)
+    yield "the blocks' moduli are not known well enough", replace(deviation, model=EXACT**2 * deviation.model)
+
+
+def _alone(deviation: Deviation, name: str) -> Deviation:
+    return replace(deviation, workshop={name: deviation.workshop[name]})
+
+
+def _found(deviation: Deviation, name: str) -> bool:
+    return bool(np.any(deviation.workshop[name] != 0)) and power(deviation, {name: FAR}) >= POWER
+
+
+def _percent(covariance: Floats) -> str:
+    """The largest standard deviation of a ratio by a covariance of logarithms, in percent."""
+    return f"{100 * float(np.sqrt(np.diag(covariance).max())):.2g} %"
