@@ -143,7 +143,7 @@ class Study:
         """Return whether the check's explanation names the variable that is off."""
         first, second = drawn.readings(logs)
         deviation = self._deviation(self._gains(first, drawn.sensor), second)
-        verdict = judged(self.scene, self.bench, deviation, self.shares, ())
+        verdict = judged(self.scene, self.bench, deviation, self.shares, (), tested=())
         return drawn.off in {*verdict.alike, *(name for pair in verdict.pairs if pair.explains for name in pair.variables)}
 
 
