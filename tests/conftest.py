@@ -30,6 +30,15 @@ def mesh_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
 
 
 @pytest.fixture(autouse=True)
+def empty_working_directory(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Run each test in an empty folder, and fail one that leaves a file there: results must not depend on where tests start."""
+    folder = tmp_path_factory.mktemp("working-directory")
+    monkeypatch.chdir(folder)
+    yield
+    assert not list(folder.iterdir()), "a test left files in the working directory"
+
+
+@pytest.fixture(autouse=True)
 def unhurried() -> Iterator[None]:
     """Time for every answer, however busy the machine is."""
     from geometry.common.resources import Limits, limited

@@ -15,6 +15,7 @@ from geometry.workshop.tolerance import UNBOUND
 from probe_design.cli.export import export
 from probe_design.optimisation import report
 from probe_design.workshop import package  # before anything is replaced, or what is replaced would stay in it
+from tests.support.paths import SCENE
 
 EDGE = 0.1e-3
 Handed = list[tuple[str, float]]
@@ -22,7 +23,7 @@ Handed = list[tuple[str, float]]
 
 @pytest.fixture
 def scene() -> Scene:
-    sharp = read_scene(Path("examples/scene.toml"))
+    sharp = read_scene(SCENE)
     return sharp.model_copy(update={"contact": Contact(edge_radius=EDGE)})
 
 

@@ -18,7 +18,7 @@ import pytest
 
 from probe_design.built_probe.virtual_probe import Built
 from tests.support import program
-from tests.support.paths import DOCS, SCENE
+from tests.support.paths import DOCS, EXAMPLES, SCENE
 
 PAGE = (DOCS / "hardware.md").read_text(encoding="utf-8")
 KEYS = {
@@ -220,7 +220,7 @@ def test_too_short_a_record_is_one_line(tmp_path: Path) -> None:
 
 
 def test_a_calibration_of_another_probe_is_refused(folder: Path) -> None:
-    assert "of this probe" in refused("read", "examples/paper-study.toml", "--virtual", "--calibration", folder / "probe.toml")
+    assert "of this probe" in refused("read", EXAMPLES / "paper-study.toml", "--virtual", "--calibration", folder / "probe.toml")
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows sends no SIGINT to one process")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import pytest
 
@@ -12,8 +11,9 @@ from geometry.scenes.scene_file import read_scene
 from geometry.workshop.tolerance import Budget
 from probe_design.workshop.budget import ratio_budget
 from solver import evaluate
+from tests.support import paths
 
-SCENE = read_scene(Path("examples/scene.toml"))
+SCENE = read_scene(paths.SCENE)
 RADII = {"inner_radius": 4.0, "hole_radius": 4.1, "outer_radius": math.sqrt(4.1**2 + 16 / 1.2)}
 SIZES = {**RADII, "inner_height": 3.0, "outer_height": 3.0}  # mm
 

@@ -17,8 +17,9 @@ from geometry.scenes.scene_file import read_scene, scene_from_toml, scene_to_tom
 from probe_design.cli.export import export
 from probe_design.workshop.rounding import costed, rounded
 from solver import evaluate
+from tests.support.paths import SCENE
 
-EXAMPLE = read_scene(Path("examples/scene.toml"))
+EXAMPLE = read_scene(SCENE)
 STEP = 1e-4
 
 
@@ -122,7 +123,7 @@ def test_the_cost_is_what_the_evaluator_says_of_both() -> None:
 
 
 def test_a_step_that_is_refused_leaves_no_files(tmp_path: Path) -> None:
-    ended = CliRunner().invoke(export, ["examples/scene.toml", "-o", str(tmp_path), "--step", "2 mm"])
+    ended = CliRunner().invoke(export, [str(SCENE), "-o", str(tmp_path), "--step", "2 mm"])
     assert isinstance(ended.exception, InputError)
     assert str(ended.exception) == "step = 2 mm: allowed: at most 0.2 mm: probe.gap is 0.1 mm"
     assert list(tmp_path.iterdir()) == []
