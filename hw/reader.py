@@ -12,6 +12,7 @@ from typing import Any, Self
 from hw.common.clock import Clock
 from hw.common.drain import Drain
 from hw.common.errors import InvalidSource, Timeout
+from hw.common.limits import ReadLimits
 from hw.common.samples import Samples, joined
 from hw.common.transport import Chunk, Decoder, Header, Transport
 from hw.foreign.columns import ColumnMap, channel_numbers
@@ -28,6 +29,7 @@ from hw.wire.decoder import Format, FrameDecoder
 CLOCKED = ("usb", "serial")  # transports whose samples come as they are taken
 SOURCES = "usb, usb:SERIAL, serial:PORT, visa:RESOURCE, replay:FILE"
 AS_IT_IS = ColumnMap()
+DEFAULT_LIMITS = ReadLimits()
 
 
 class Reader:
@@ -43,7 +45,13 @@ class Reader:
         self._drain: Drain | None = None
 
     @classmethod
-    def open(cls, source: str | Virtual, rate: float | None = None, columns: ColumnMap = AS_IT_IS) -> Reader:
+    def open(
+        cls,
+        source: str | Virtual,
+        rate: float | None = None,
+        columns: ColumnMap = AS_IT_IS,
+        limits: ReadLimits = DEFAULT_LIMITS,
+    ) -> Reader:
         """Open a source; a device starts when it is read.
 
         Args:
@@ -51,12 +59,13 @@ class Reader:
                 ``hw.simulation.virtual.virtual`` probe.
             rate: Hz per channel that a device is asked for; by default the rate it has.
             columns: which columns of a file of another program are meant, what they are worth and at which rate.
+            limits: memory and time that reading an HDF5 file may take.
 
         Raises:
             HardwareError: one of its family, saying what to do.
             OSError: a recording that cannot be read.
         """
-        return cls(_transport(source, rate, columns))
+        return cls(_transport(source, rate, columns, limits))
 
     @property
     def header(self) -> Header:
@@ -172,15 +181,15 @@ def decoder_of(header: Header) -> Decoder:
     raise InvalidSource(f"a recording of kind {header.kind!r}: allowed: frames, waveforms, volts")
 
 
-def _replay(path: Path, columns: ColumnMap) -> Transport:
+def _replay(path: Path, columns: ColumnMap, limits: ReadLimits) -> Transport:
     if is_foreign(path):
-        return replayed(path, columns)
+        return replayed(path, columns, limits)
     if columns != AS_IT_IS:
         raise InvalidSource(f"{path} tells its columns and its rate itself: allowed: no --column and no --rate")
     return Replay(path)
 
 
-def _transport(source: str | Virtual, rate: float | None, columns: ColumnMap) -> Transport:
+def _transport(source: str | Virtual, rate: float | None, columns: ColumnMap, limits: ReadLimits) -> Transport:
     if isinstance(source, Virtual):
         return UsbTransport(source.serial, rate, backend=source)
     kind, _, name = source.partition(":")
@@ -191,5 +200,5 @@ def _transport(source: str | Virtual, rate: float | None, columns: ColumnMap) ->
     if kind == "visa" and name:
         return ScopeTransport.open(name, channel_numbers(columns), rate)
     if kind == "replay" and name:
-        return _replay(Path(name), columns if rate is None else replace(columns, rate=rate))
+        return _replay(Path(name), columns if rate is None else replace(columns, rate=rate), limits)
     raise InvalidSource(f"source {source!r}: allowed: {SOURCES}")

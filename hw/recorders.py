@@ -70,8 +70,8 @@ class GuardedHdf5:
         except FileExistsError:
             self._samples.discard()
             raise
-        except OSError:  # a disk that is full from the beginning
-            self._path.unlink(missing_ok=True)
+        except OSError as fault:
+            self._fault = fault
 
     @property
     def ended(self) -> str:

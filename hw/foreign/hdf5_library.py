@@ -1,18 +1,13 @@
-"""HDF5 files opened, with what goes wrong said in one line, and written to disks that may be full."""
+"""The HDF5 library where it is installed, and files that it writes to disks that may be full."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from importlib import import_module
 from io import FileIO
-from pathlib import Path
 from typing import Any
 
 from hw.common.errors import InvalidSource
-
-DAMAGE = (KeyError, ValueError, TypeError, AttributeError, OSError, RuntimeError, IndexError, MemoryError, OverflowError)
 
 
 def library() -> Any:
@@ -25,22 +20,6 @@ def library() -> Any:
         return import_module("h5py")
     except ImportError as missing:
         raise InvalidSource("HDF5 files need h5py: pip install h5py") from missing
-
-
-@contextmanager
-def opened(path: Path) -> Iterator[Any]:
-    """Open a file for reading. Raises ``InvalidSource``, also of what is damaged inside and found while it is open."""
-    try:
-        file = library().File(path, "r")
-    except (OSError, RuntimeError, ValueError) as fault:
-        raise InvalidSource(f"{path} is no HDF5 file that can be read: is it whole, is it HDF5?") from fault
-    with file:
-        try:
-            yield file
-        except InvalidSource:
-            raise
-        except DAMAGE as fault:
-            raise InvalidSource(f"{path} is damaged: parts of it are missing or cannot be read") from fault
 
 
 class UnfailingFile(FileIO):

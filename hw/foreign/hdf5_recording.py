@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import os
-import tempfile
+import secrets
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
@@ -18,9 +18,11 @@ from typing import Any, Self
 import numpy as np
 
 from hw.common.errors import InvalidSource
+from hw.common.limits import ReadLimits
 from hw.common.samples import Gap, Samples
 from hw.common.transport import Chunk, Header
-from hw.foreign.hdf5_library import UnfailingFile, library, opened
+from hw.foreign.hdf5_file import Hdf5File
+from hw.foreign.hdf5_library import UnfailingFile, library
 from hw.foreign.volts import noted, packed, volts_header
 
 KIND, VERSION = "probe-design samples", 1
@@ -43,10 +45,9 @@ class Hdf5Recorder:
         self.path, self._header = Path(path), header
         if self.path.exists():
             raise FileExistsError(17, os.strerror(17), str(path))
-        handle, draft = tempfile.mkstemp(prefix=f".{self.path.name[:50]}.", dir=self.path.parent)
-        os.close(handle)
-        self._draft, self._gaps, self._overruns = Path(draft), list[Gap](), 0
-        self._disk = UnfailingFile(draft, "w+")
+        name = f".{self.path.name[:50]}.{secrets.token_hex(4)}"
+        self._draft, self._gaps, self._overruns = self.path.with_name(name), list[Gap](), 0
+        self._disk = UnfailingFile(self._draft, "x+")  # with the rights that any new file gets, unlike those of tempfile
         try:
             self._file = library().File(self._disk, "w")
             self._begun()
@@ -133,25 +134,32 @@ class Hdf5Recorder:
 class Hdf5Replay:
     """A recording as HDF5 in place of the device.
 
+    Args:
+        file: a recording of this project (``is_recording``), which ``close`` closes.
+        limits: of memory and time.
+
     Raises:
-        InvalidSource: it cannot be read, or is none of ours.
+        InvalidSource: it is of another version, damaged, or claims more samples than the memory can hold.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        with opened(path) as file:
-            told = {key: _plain(value) for key, value in file.attrs.items()}
-            if told.pop("version", None) != VERSION:
-                raise InvalidSource(f"{path} is not a recording of version {VERSION}, as this program reads")
-            channels = tuple(name for name in ("inner", "outer", "force") if name in file)
-            self._rows = int(file["index"].shape[0])
-            whole = all(_is_whole(file[name], self._rows) for name in ("index", *channels)) and len(channels) > 1
-            self._gaps = [Gap(int(row["first"]), int(row["count"]), row["reason"].decode()) for row in file["gaps"][:]]
-            rate, self._overruns = float(told.pop("rate")), int(told.pop("overruns"))
-        if not whole or not 1e-6 < rate < 1e12:
-            raise InvalidSource(f"{path} is damaged: columns of different lengths, or no rate")
-        told.pop("format")
-        self.header = volts_header(rate, channels, **(told | {"replayed": str(path)}))
+    def __init__(self, file: Hdf5File, limits: ReadLimits) -> None:
+        self._file = file
+        source = dict(file.attributes)
+        if source.pop("version", None) != VERSION:
+            raise InvalidSource(f"{file.path} is not a recording of version {VERSION}, as this program reads")
+        channels = tuple(name for name in ("inner", "outer", "force") if name in file.datasets)
+        columns = [file.datasets.get(name) for name in ("index", *channels)]
+        self._rows = file.datasets["index"].shape[0] if "index" in file.datasets else 0
+        whole = len(channels) > 1 and all(one is not None and one.whole and one.shape == (self._rows,) for one in columns)
+        flags = file.datasets.get("saturated")
+        rate, self._overruns = (source.pop(key, None) for key in ("rate", "overruns"))
+        known = isinstance(rate, float | int) and 1e-6 < rate < 1e12 and isinstance(self._overruns, int)
+        if not whole or not known or flags is None or flags.shape != (self._rows, len(channels)):
+            raise InvalidSource(f"{file.path} is damaged: columns of different lengths, or no rate")
+        limits.check_values(file.path.name, self._rows * (1 + len(channels)))
+        self._gaps = [Gap(*gap) for gap in file.gaps]
+        source.pop("format")
+        self.header = volts_header(float(rate), channels, **(source | {"replayed": str(file.path)}))
         self._chunks = self._made()
 
     def read(self) -> Chunk | None:
@@ -159,34 +167,22 @@ class Hdf5Replay:
         return next(self._chunks, None)
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Close the file."""
+        self._file.close()
 
     def _made(self) -> Iterator[Chunk]:
         overruns, gaps = self._overruns, list(self._gaps)
+        channels = self.header.channels
+        columns = [("index", None), *((name, None) for name in channels), *(("saturated", k) for k in range(len(channels)))]
         for begin in range(0, self._rows, ROWS):
-            part = slice(begin, begin + ROWS)
-            with opened(self._path) as file:
-                index, volts = file["index"][part], np.stack([file[name][part] for name in self.header.channels], axis=1)
-                saturated = file["saturated"][part]
-            mine = tuple(gap for gap in gaps if gap.first <= index[-1])
-            gaps = gaps[len(mine) :]
-            yield Chunk(packed(index, volts, saturated), note=noted(mine, overruns))
+            index, *values = self._file.read(columns, begin, min(begin + ROWS, self._rows))
+            volts, saturated = (np.stack(part, axis=1) for part in (values[: len(channels)], values[len(channels) :]))
+            before = tuple(gap for gap in gaps if gap.first <= index[-1])
+            gaps = gaps[len(before) :]
+            yield Chunk(packed(index, volts, saturated), note=noted(before, overruns))
             overruns = 0
 
 
-def ours(path: Path) -> bool:
-    """Whether an HDF5 file is a recording of this program."""
-    with opened(path) as file:
-        return bool(_plain(file.attrs.get("format")) == KIND)
-
-
-def _is_whole(column: Any, rows: int) -> bool:
-    """Whether a column has its rows, and their bytes are there: what was never written HDF5 fills with zeros, however much."""
-    return bool(column.shape == (rows,) and column.id.get_storage_size() >= rows * column.dtype.itemsize)
-
-
-def _plain(value: Any) -> Any:
-    plain = value.item() if isinstance(value, np.generic) else value
-    if isinstance(plain, bytes):
-        plain = plain.decode("utf-8", "replace")
-    return plain
+def is_recording(file: Hdf5File) -> bool:
+    """Whether an HDF5 file is a recording of this project."""
+    return bool(file.attributes.get("format") == KIND)

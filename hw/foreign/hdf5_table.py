@@ -2,75 +2,53 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 
+from hw.common.limits import ReadLimits
 from hw.common.samples import Floats
-from hw.foreign.hdf5_library import opened
+from hw.foreign.hdf5_file import Hdf5File
 from hw.foreign.table import ColumnTable
 from hw.foreign.units import refusal
 
-UNITS = ("units", "unit", "Units", "Unit")
 RATES = ("rate", "sample_rate", "sampling_rate", "SampleRate", "fs")
-MOST_COLUMNS = 200
-MOST_VALUES = 100_000_000
+MAX_MATRIX_COLUMNS = 16  # a wider matrix is a picture, not channels
 
 
-def read_hdf5(path: Path) -> ColumnTable:
-    """Read an HDF5 file; names of columns are the datasets' paths, ``group/name`` and ``group/name[1]`` for a matrix.
+def table_of(file: Hdf5File, limits: ReadLimits) -> ColumnTable:
+    """Return an HDF5 file as a table, its columns named by the datasets' paths: ``group/name``, ``group/name[1]`` of a matrix.
+
+    Args:
+        file: open until the table was read.
+        limits: of memory and time.
 
     Raises:
-        InvalidSource: it cannot be read, or holds no columns of numbers.
+        InvalidSource: it holds no columns of numbers.
     """
-    with opened(path) as file:
-        columns = _columns(file)
-        rates = [float(value) for key in RATES if (value := _number(file.attrs.get(key))) is not None and value > 0]
+    columns: list[tuple[str, str, int | None, str]] = []
+    for one in file.datasets.values():
+        if len(one.shape) == 1:
+            columns.append((one.path, one.path, None, one.unit))
+        elif one.shape[1] <= MAX_MATRIX_COLUMNS:
+            columns.extend((f"{one.path}[{k + 1}]", one.path, k, one.unit) for k in range(one.shape[1]))
+    name = file.path.name
     if not columns:
-        raise refusal(path.name, "no columns of numbers", "an HDF5 file with datasets of one or two dimensions")
+        raise refusal(name, "no columns of numbers", "an HDF5 file with datasets of one or two dimensions")
 
     def read(wanted: list[int]) -> Floats:
-        with opened(path) as file:
-            if sum(file[columns[k][1]].shape[0] for k in wanted) > MOST_VALUES:  # a few bytes may claim any number
-                raise refusal(path.name, "columns of too many samples", f"{MOST_VALUES} together, a gigabyte")
-            found = [_values(file[columns[k][1]], columns[k][2]) for k in wanted]
-        lengths = {columns[k][0]: len(values) for k, values in zip(wanted, found, strict=True)}
+        lengths = {columns[k][0]: file.datasets[columns[k][1]].shape[0] for k in wanted}
         if len(set(lengths.values())) > 1:
-            raise refusal(path.name, f"columns of {lengths}", "the same number of samples in each")
-        return np.stack(found, axis=1)
+            raise refusal(name, f"columns of {lengths}", "the same number of samples in each")
+        if unwritten := [columns[k][0] for k in wanted if not file.datasets[columns[k][1]].written]:
+            raise refusal(name, f"{unwritten[0]}, which was never written", "columns that hold samples")
+        limits.check_values(name, sum(lengths.values()))  # before any is read: a few bytes may claim any number
+        return np.stack(file.read([columns[k][1:3] for k in wanted]), axis=1).astype(float, copy=False)
 
     names, _, _, units = zip(*columns, strict=True)
-    return ColumnTable(path.name, names, units, read, rates[0] if rates else None, source={"transport": "hdf5"})
+    return ColumnTable(name, names, units, read, _rate(file), source={"transport": "hdf5"})
 
 
-def _columns(file: Any) -> list[tuple[str, str, int | None, str]]:
-    """Name, path and column of what may be samples, with its unit."""
-    found: list[tuple[str, str, int | None, str]] = []
-
-    def look(path: str, node: Any) -> None:
-        if not hasattr(node, "shape") or node.shape is None or node.dtype.kind not in "iuf" or len(found) > MOST_COLUMNS:
-            return
-        unit = next((_word(node.attrs[key]) for key in UNITS if key in node.attrs), "")
-        if len(node.shape) == 1:
-            found.append((path, path, None, unit))
-        elif len(node.shape) == 2 and node.shape[1] <= 16:
-            found.extend((f"{path}[{k + 1}]", path, k, unit) for k in range(node.shape[1]))
-
-    file.visititems(look)
-    return found
-
-
-def _values(dataset: Any, column: int | None) -> Floats:
-    return np.asarray(dataset[:] if column is None else dataset[:, column], dtype=float)
-
-
-def _number(value: Any) -> float | None:
-    try:
-        return None if value is None else float(np.asarray(value).reshape(-1)[0])
-    except (TypeError, ValueError, IndexError):
-        return None
-
-
-def _word(value: Any) -> str:
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+def _rate(file: Hdf5File) -> float | None:
+    """Return the rate in Hz that the file states, or None."""
+    stated = [file.attributes[key] for key in RATES if key in file.attributes]
+    rates = [float(value) for value in stated if not isinstance(value, str) and value > 0]
+    return rates[0] if rates else None

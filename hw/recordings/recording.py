@@ -46,8 +46,9 @@ class Recorder:
         line = json.dumps({"format": KIND, "version": VERSION} | header.as_dict())
         try:
             self._append(line.encode() + b"\n")
-        except OSError:
+        except OSError:  # a disk that is full from the beginning
             self._file.close()
+            Path(path).unlink(missing_ok=True)
             raise
 
     def write(self, chunk: Chunk) -> None:

@@ -25,7 +25,7 @@ from probe_design.built_probe.field_readings import (
 )
 from probe_design.built_probe.film_forces import reading as measured
 from probe_design.cli.arguments import position
-from probe_design.cli.hardware_sources import HardwareSetup
+from probe_design.cli.hardware_sources import HardwareSetup, read_limits
 from probe_design.data.noise import LEAST
 from probe_design.estimation.readings import Reading, one_reading
 
@@ -97,7 +97,7 @@ def _recorded(path: Path, setting: HardwareSetup, sources: Sources) -> dict[str,
     gains = None if setting.calibration is None else setting.calibration.gains().warmed(setting.bench.channels.warming)
     at = None if setting.calibration is None else setting.calibration.frequency
     rate = None if sources.rate is None else read_rate(sources.rate)
-    with Reader.open(f"replay:{path}", rate, ColumnMap.of(sources.columns)) as reader:
+    with Reader.open(f"replay:{path}", rate, ColumnMap.of(sources.columns), read_limits()) as reader:
         samples = reader.collect()
     origin = setting.origin | {"placement": placement_of(samples.source)}
     measurement = measured(samples, setting.bench, at)

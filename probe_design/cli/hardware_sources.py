@@ -12,11 +12,13 @@ from typing import Any
 
 from geometry.common.errors import InputError, Words, one_of
 from geometry.common.files import check_writable_file
+from geometry.common.resources import limits
 from geometry.scenes.probe import LENGTH
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import read_scene
 from geometry.scenes.units import MODULUS
 from geometry.scenes.variables import changed, values
+from hw.common.limits import ReadLimits
 from hw.common.samples import Floats, Samples
 from hw.foreign.columns import ColumnMap
 from hw.foreign.files import HDF5, raw_beside, tells_itself
@@ -127,9 +129,9 @@ class SampleSource:
 
     def _replayed(self, path: Path, rate: float | None, columns: ColumnMap) -> Reader:
         """A recording's reader; beside a device, rate and columns are the device's where the recording tells its own."""
-        if self.more and tells_itself(path):
+        if self.more and tells_itself(path, read_limits()):
             rate, columns = None, AS_IT_IS
-        return Reader.open(f"replay:{path}", rate, columns)
+        return Reader.open(f"replay:{path}", rate, columns, read_limits())
 
     def recorded(self, count: int) -> tuple[Path | None, ...]:
         """Return the recording that stands for each reading: of --replay the first ones; to resume, the last attempt of each."""
@@ -215,6 +217,11 @@ class HardwareSetup:
         scene = by_outer_radius(self.scene)
         new = dict(_change(scene, one) for one in source.built)
         return VirtualBench(self.scene, changed(scene, new), self.bench, seed=source.seed)
+
+
+def read_limits() -> ReadLimits:
+    """Return --memory and --time as limits of reading a recording."""
+    return ReadLimits(limits().memory, limits().seconds)
 
 
 def raw(samples: Samples, recording: Path | None) -> Raw:

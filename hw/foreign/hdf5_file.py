@@ -1,0 +1,161 @@
+"""HDF5 files of unknown origin, read by a process of its own under limits of memory and time: see `hdf5_program`."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.common.errors import InvalidSource
+from hw.common.limits import ReadLimits
+from hw.foreign.hdf5_library import library
+
+PROGRAM = Path(__file__).with_name("hdf5_program.py")
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """A dataset of numbers, as its file describes it; no data was read yet.
+
+    Attributes:
+        path: within the file, ``group/name``.
+        shape: of one or two dimensions.
+        unit: in words; empty where none is stated.
+        whole: whether so many values are stored, unpacked: what was never written HDF5 fills with zeros, however much.
+        written: whether anything is stored.
+    """
+
+    path: str
+    shape: tuple[int, ...]
+    unit: str
+    whole: bool
+    written: bool
+
+
+class Hdf5File:
+    """An HDF5 file; a context manager that ends the process that reads it.
+
+    Args:
+        path: of the file.
+        limits: memory and time that reading may take, all requests together.
+
+    Attributes:
+        attributes: of the file's root: texts and numbers.
+        datasets: by their paths.
+        gaps: (first, count, reason) where it is a recording of this project.
+
+    Raises:
+        InvalidSource: it is no HDF5 file, is damaged, refers to data outside itself, exceeds a limit, or h5py is not installed.
+    """
+
+    def __init__(self, path: Path, limits: ReadLimits) -> None:
+        library()  # says what to install before a process fails for it
+        self.path, self._limits, self._end = path, limits, time.monotonic() + limits.seconds
+        words = [
+            sys.executable,
+            "-P",
+            str(PROGRAM),
+            os.path.abspath(path),
+            str(int(limits.memory)),
+            str(math.ceil(limits.seconds)),
+        ]
+        self._process = subprocess.Popen(
+            words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=_environment()
+        )
+        try:
+            description, _ = self._receive()
+        except BaseException:
+            self.close()
+            raise
+        self.attributes: dict[str, Any] = description["attributes"]
+        self.datasets = {one["path"]: Dataset(**one | {"shape": tuple(one["shape"])}) for one in description["datasets"]}
+        self.gaps = [(int(first), int(count), str(reason)) for first, count, reason in description["gaps"]]
+
+    def read(
+        self, datasets: Sequence[tuple[str, int | None]], begin: int = 0, end: int | None = None
+    ) -> list[NDArray[np.float64 | np.int64 | np.uint8]]:
+        """Return rows ``begin`` to ``end`` of datasets: each a path, and the column of a matrix or None.
+
+        Raises:
+            InvalidSource: they cannot be read within the limits.
+        """
+        request = {"datasets": list(datasets), "begin": begin, "end": end}
+        with suppress(OSError):  # a process that has ended is found out by what it does not answer
+            stdin: IO[bytes] = self._process.stdin  # type: ignore[assignment] # a pipe was asked for
+            stdin.write(json.dumps(request).encode() + b"\n")
+            stdin.flush()
+        return self._receive()[1]
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.kill()
+        with self._process:  # closes its pipes and waits for its end
+            pass
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    def _receive(self) -> tuple[dict[str, Any], list[NDArray[Any]]]:
+        stdout: IO[bytes] = self._process.stdout  # type: ignore[assignment] # a pipe was asked for
+        with self._timed():
+            line = stdout.readline()
+            answer: dict[str, Any] = json.loads(line) if line.endswith(b"\n") else {"refused": self._ending()}
+            if "refused" in answer:
+                raise InvalidSource(f"{self.path} {answer['refused']}")
+            arrays = [_array(stdout, np.dtype(kind), tuple(shape)) for kind, shape in answer.get("arrays", [])]
+        if any(array is None for array in arrays):
+            raise InvalidSource(f"{self.path} {self._ending()}")
+        return answer, [array for array in arrays if array is not None]
+
+    @contextmanager
+    def _timed(self) -> Iterator[None]:
+        """End the process when the time is over, which its pipe then shows."""
+        timer = threading.Timer(max(self._end - time.monotonic(), 0.0), self._process.kill)
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
+
+    def _ending(self) -> str:
+        """Why the process ended without an answer."""
+        self._process.wait()
+        if time.monotonic() >= self._end:
+            return f"takes longer than {self._limits.seconds:g} s to read: --time raises the limit"
+        return "is damaged: the HDF5 library fails on it"
+
+
+def _array(stream: IO[bytes], kind: np.dtype[Any], shape: tuple[int, ...]) -> NDArray[Any] | None:
+    """Read an array's bytes; None where the stream ends before."""
+    array = np.empty(shape, kind)
+    view = array.data.cast("B") if array.size else memoryview(b"")
+    while view:
+        count = stream.readinto(view)  # type: ignore[attr-defined] # of a buffered reader
+        if not count:
+            return None
+        view = view[count:]
+    return array
+
+
+def _environment() -> dict[str, str]:
+    """One thread, the modules of this process, and no plugins that a file may name."""
+    path = os.pathsep.join(os.path.abspath(entry) for entry in sys.path if entry)
+    own = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": path, "HDF5_PLUGIN_PRELOAD": "::"}
+    return {**os.environ, **own, "PYTHONWARNINGS": "ignore"}

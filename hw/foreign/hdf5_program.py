@@ -1,0 +1,149 @@
+"""The program that reads an HDF5 file for `hdf5_file`, in a process of its own: a crash of the library ends only this process.
+
+Run as ``python hdf5_program.py FILE MEMORY SECONDS``. It inspects links and creation properties before it reads any data, and
+refuses what would take data from elsewhere: external links, external storage, virtual datasets. Each line of standard input is
+then a request, and each answer is a line of JSON, followed by the arrays' bytes where it announces some.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import sys
+from contextlib import suppress
+from typing import Any, BinaryIO
+
+import numpy as np
+
+ELSEWHERE = "is in another file: allowed: datasets within the file (h5copy or h5repack writes such a file)"
+MAX_DATASETS = 1000  # of interest in a recording; more are a store of another kind
+
+
+class Refused(Exception):  # noqa: N818 - becomes the text of an InvalidSource in the parent
+    """The file is refused; the text says why."""
+
+
+def main(path: str, memory: int, seconds: int) -> None:
+    """Describe the file, then answer requests until standard input ends."""
+    answer = os.fdopen(os.dup(1), "wb")
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what libraries print stays out of the answers
+    limit_process(memory, seconds)
+    try:
+        import h5py
+
+        try:
+            file = h5py.File(path, "r")
+        except (OSError, RuntimeError, ValueError):
+            raise Refused("is no HDF5 file that can be read: is it whole, is it HDF5?") from None
+        check_links(file, h5py)
+        send(answer, describe(file, memory), [])
+        for line in sys.stdin:
+            send(answer, *read_arrays(file, json.loads(line)))
+    except Refused as refusal:
+        send(answer, {"refused": str(refusal)}, [])
+    except MemoryError:
+        send(answer, {"refused": f"needs more than the {memory / 1e9:g} GB allowed to read it: --memory raises the limit"}, [])
+    except Exception:  # a damaged file makes the library raise anything
+        send(answer, {"refused": "is damaged: parts of it are missing or cannot be read"}, [])
+
+
+def limit_process(memory: int, seconds: int) -> None:
+    """Limit memory, processor time and written bytes, where the operating system can (Linux, macOS in part)."""
+    with suppress(ImportError):
+        import resource
+
+        limits = {"RLIMIT_DATA": memory, "RLIMIT_CPU": seconds, "RLIMIT_FSIZE": 0, "RLIMIT_CORE": 0}
+        for name, value in limits.items():
+            with suppress(AttributeError, OSError, ValueError):
+                resource.setrlimit(getattr(resource, name), (value, value))
+
+
+def check_links(file: Any, h5py: Any) -> None:
+    """Refuse a file that refers to data outside itself. Only hard and soft links are followed by what comes after."""
+
+    def find_elsewhere(name: str, link: Any) -> str | None:  # what is returned ends the visit
+        if isinstance(link, h5py.ExternalLink):
+            return f"is refused: {name!r} {ELSEWHERE}"
+        node = file[name] if isinstance(link, h5py.HardLink) else None
+        if isinstance(node, h5py.Dataset) and (node.is_virtual or node.external):
+            return f"is refused: the data of {name!r} {ELSEWHERE}"
+        return None
+
+    if reason := file.visititems_links(find_elsewhere):
+        raise Refused(reason)
+
+
+def describe(file: Any, memory: int) -> dict[str, Any]:
+    """Return the plain attributes of the file, and its datasets of numbers of one or two dimensions, without their data."""
+    datasets: list[dict[str, Any]] = []
+
+    def add_dataset(path: str, node: Any) -> str | None:  # what is returned ends the visit
+        if not getattr(node, "shape", None) or len(node.shape) > 2 or node.dtype.kind not in "iuf":
+            return None
+        chunk = math.prod(node.chunks or (0,)) * node.dtype.itemsize
+        if 2 * chunk > memory:  # a chunk is read whole, packed and unpacked, however few of its values are wanted
+            return f"is refused: {path!r} is stored in chunks of {chunk / 1e9:.3g} GB: --memory raises the limit"
+        units = [text(node.attrs[key]) for key in ("units", "unit", "Units", "Unit") if key in node.attrs]
+        stored = node.id.get_storage_size()
+        whole = stored >= math.prod(node.shape) * node.dtype.itemsize
+        datasets.append(
+            {"path": path, "shape": node.shape, "unit": units[0] if units else "", "whole": whole, "written": stored > 0}
+        )
+        if len(datasets) > MAX_DATASETS:
+            return f"is refused: more than {MAX_DATASETS} datasets of numbers: allowed: the recording's columns alone"
+        return None
+
+    if reason := file.visititems(add_dataset):
+        raise Refused(reason)
+    attributes = {key: value for key in file.attrs if (value := plain(file.attrs[key])) is not None}
+    return {"attributes": attributes, "datasets": datasets, "gaps": gaps_of(file)}
+
+
+def gaps_of(file: Any) -> list[tuple[int, int, str]]:
+    """Return the gaps (first, count, reason) that a recording of this project lists."""
+    if "gaps" not in file or getattr(file["gaps"].dtype, "names", None) != ("first", "count", "reason"):
+        return []
+    return [(int(row["first"]), int(row["count"]), text(row["reason"])) for row in file["gaps"][:]]
+
+
+def read_arrays(file: Any, request: dict[str, Any]) -> tuple[dict[str, Any], list[Any]]:
+    """Return the values of rows ``begin`` to ``end`` of each (path, column) of ``datasets``."""
+    rows = slice(request["begin"], request["end"])
+    arrays = []
+    for path, column in request["datasets"]:
+        values = file[path][rows] if column is None else file[path][rows, column]
+        kind = {"f": "<f8", "i": "<i8", "u": "<i8"}[values.dtype.kind] if values.dtype != np.uint8 else "u1"
+        with np.errstate(over="ignore"):  # long doubles beyond the range of doubles become infinite, which readers refuse
+            arrays.append(np.ascontiguousarray(values.astype(kind, copy=False)))
+    return {"arrays": [[array.dtype.str, array.shape] for array in arrays]}, arrays
+
+
+def send(answer: BinaryIO, line: dict[str, Any], arrays: list[Any]) -> None:
+    """Write one answer."""
+    answer.write(json.dumps(line).encode() + b"\n")
+    for array in arrays:
+        answer.write(array.data.cast("B") if array.size else b"")
+    answer.flush()
+
+
+def plain(value: Any) -> Any:
+    """Return an attribute as JSON has it; None for arrays, references and numbers that are not finite."""
+    value = value.item() if isinstance(value, np.generic) else value
+    if isinstance(value, bytes | str):
+        return text(value)
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, np.ndarray) and value.size and value.dtype.kind in "iuf":
+        return plain(value.reshape(-1)[0])
+    return value if isinstance(value, int | float) else None
+
+
+def text(value: Any) -> str:
+    """Return text as UTF-8 that JSON can hold."""
+    decoded = value if isinstance(value, bytes) else str(value).encode("utf-8", "replace")
+    return decoded.decode("utf-8", "replace")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]))
