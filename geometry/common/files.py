@@ -44,8 +44,26 @@ def written_together(folder: Path, names: Sequence[str], once: bool = False) -> 
     Raises:
         OSError: a file cannot be written, is missing, or a folder is in its place.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    drafts = Path(tempfile.mkdtemp(prefix=f".{names[0][:50]}.", dir=folder))
+    with _made(folder):
+        drafts = Path(tempfile.mkdtemp(prefix=f".{names[0][:50]}.", dir=folder))
+        yield from _moved_together(drafts, folder, names, once)
+
+
+@contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    """Make a folder, with those above it, for the block; where the block fails, remove again which of them are empty."""
+    new = [one for one in (folder, *folder.parents) if not os.path.lexists(one)]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        yield
+    except BaseException:
+        with unbroken(), suppress(OSError):  # the first that is not empty ends it
+            for one in new:
+                one.rmdir()
+        raise
+
+
+def _moved_together(drafts: Path, folder: Path, names: Sequence[str], once: bool) -> Iterator[Path]:
     try:
         yield drafts
         for name in names:
@@ -75,15 +93,14 @@ def _place(draft: Path, path: Path) -> None:
 
 
 def check_writable(folder: Path, key: str = "output") -> None:
-    """Make sure that files can be written into ``folder``, making it if needed; ``key`` is what names it in messages.
+    """Make sure that files can be written into ``folder``, without making it; ``key`` is what names it in messages.
 
     Raises:
         InputError: it cannot be a folder to write to: a file is in the way, the user has no right to, or the like.
         OSError: it could be, but for a full disk or another failure.
     """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
+        with tempfile.TemporaryFile(dir=_nearest_folder(folder)):
             pass
     except OSError as fault:
         if fault.errno not in _OF_THE_NAME:
@@ -91,8 +108,18 @@ def check_writable(folder: Path, key: str = "output") -> None:
         raise InputError(key, str(folder), f"a folder that files can be written to: {_obstacle(folder, fault)}") from None
 
 
+def _nearest_folder(folder: Path) -> Path:
+    """Return ``folder``, or the nearest above it that is there. Raises ``OSError`` where what is there is no folder."""
+    for place in (folder, *folder.parents):
+        with suppress(FileNotFoundError):
+            os.lstat(place)
+            break
+    os.scandir(place).close()  # a file, or a link to nothing, holds no folders
+    return place
+
+
 def check_writable_file(path: Path, key: str = "output") -> None:
-    """Make sure that a file of that name can be written, making its folder if needed; see ``check_writable``."""
+    """Make sure that a file of that name can be written; see ``check_writable``."""
     if os.path.isdir(path):
         raise InputError(key, str(path), "the name of a file: this is a folder")
     check_writable(path.parent, key)

@@ -88,7 +88,18 @@ def test_a_folder_in_a_file_s_place(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"^plot = .*: allowed: the name of a file: this is a folder$"):
         check_writable_file(tmp_path, "plot")
     check_writable_file(tmp_path / "new" / "a.png", "plot")
-    assert (tmp_path / "new").is_dir()
+    assert not (tmp_path / "new").exists()  # who looks leaves nothing
+
+
+def test_work_that_fails_leaves_no_empty_folders(tmp_path: Path) -> None:
+    def interrupted() -> None:
+        with written_whole(tmp_path / "there" / "new" / "newer" / "a.txt"):
+            raise KeyboardInterrupt
+
+    (tmp_path / "there").mkdir()
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert [path.name for path in tmp_path.rglob("*")] == ["there"]
 
 
 def test_files_that_belong_together_are_all_new_or_all_old(tmp_path: Path) -> None:
