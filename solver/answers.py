@@ -13,6 +13,7 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal, Words
 from geometry.common.resources import Limits, limited, timed
 from geometry.provenance.block import provenance
+from geometry.scenes.fit import doubts
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
 from geometry.scenes.surface_names import check_surface_names
@@ -78,11 +79,17 @@ def evaluate(
             result = _with_loads(result, scene, accuracy) if loads else result
             result = result if frequency is None else with_phase(result, scene, accuracy, frequency)
             told = provenance(scene, evaluator=evaluator, accuracy=accuracy)
+            result = replace(result, warnings=(*doubtful(scene), *result.warnings))
             return replace(result, provenance=told, seconds=result.seconds if named else perf_counter() - start)
         except OutOfReach as fault:
             if fault.stopped or named:
                 raise
             raise Refusal("accuracy", accuracy, reachable(fault, accuracy / fault.accuracy, tell)) from None
+
+
+def doubtful(scene: Scene) -> tuple[Note, ...]:
+    """Return a warning for each number of a scene that is probably a slip."""
+    return tuple(Note("doubt", text) for text in doubts(scene))
 
 
 def _named(scene: Scene, name: str, accuracy: float, tell: Tell | None) -> Result:
@@ -145,6 +152,7 @@ def plan(scene: Scene | Path | str, accuracy: float = 0.01, solid: bool = False,
     with timed():
         check_surface_names(scene)
         planned = run(scene, accuracy, solid, skin=True)
+        planned = replace(planned, warnings=(*doubtful(scene), *planned.warnings))
         return _with_loads(planned, scene, accuracy) if loads else planned
 
 

@@ -101,16 +101,24 @@ def lateral_reach(body: Inclusion) -> float:
     return support((low + high) / 2)
 
 
+def doubts(scene: Scene) -> tuple[str, ...]:
+    """Return what is allowed but probably a slip of a unit or a digit, each in a sentence."""
+    probe = scene.probe
+    if probe.gap <= probe.inner_radius:
+        return ()
+    return (f"probe.gap = {mm(probe.gap)} is wider than probe.inner_radius, {mm(probe.inner_radius)}: is its unit right?",)
+
+
 def _check_probe(scene: Scene) -> None:
-    at, reach, tissue = scene.placement, scene.probe.tube_radius, scene.tissue
+    at, reach, gap, tissue = scene.placement, scene.probe.tube_radius, scene.probe.gap, scene.tissue
     if tissue.shape == "cylinder":
         key = "x" if abs(at.x) >= abs(at.y) else "y"
         _check_stands(
-            "radius", tissue.radius, reach, key=f"placement.{key}", position=getattr(at, key), offset=math.hypot(at.x, at.y)
+            "radius", tissue.radius, reach, gap, key=f"placement.{key}", position=getattr(at, key), offset=math.hypot(at.x, at.y)
         )
     elif tissue.shape == "block":
-        _check_stands("length", tissue.length / 2, reach, key="placement.x", position=at.x, offset=abs(at.x))
-        _check_stands("breadth", tissue.breadth / 2, reach, key="placement.y", position=at.y, offset=abs(at.y))
+        _check_stands("length", tissue.length / 2, reach, gap, key="placement.x", position=at.x, offset=abs(at.x))
+        _check_stands("breadth", tissue.breadth / 2, reach, gap, key="placement.y", position=at.y, offset=abs(at.y))
 
 
 def _check_edges(scene: Scene) -> None:
@@ -140,8 +148,10 @@ def _check_load(scene: Scene) -> None:
         raise InputError("load.indentation", mm(deep), f"less than the tissue's depth of {mm(tissue.depth)}")
 
 
-def _check_stands(size: str, room: float, reach: float, *, key: str, position: float, offset: float) -> None:
+def _check_stands(size: str, room: float, reach: float, gap: float, *, key: str, position: float, offset: float) -> None:
     why = f"the whole probe, of radius {mm(reach)}, has to stand on the tissue"
+    if reaches(gap, room):
+        raise InputError("probe.gap", mm(gap), f"less than {most_mm(room)}: {why}, which reaches {mm(room)} from its middle")
     if reaches(reach, room):
         times = 1 if size == "radius" else 2
         raise InputError(f"tissue.{size}", mm(times * room), f"above {least_mm(times * reach)} ({why})")

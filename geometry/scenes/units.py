@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import re
+from contextlib import suppress
 from dataclasses import dataclass
-from decimal import Decimal
+from decimal import Decimal, InvalidOperation
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -159,6 +160,21 @@ def number(key: str, entry: Any, allowed: str) -> float:
             return float(entry)
     except (TypeError, ValueError, OverflowError):
         pass
+    raise InputError(key, entry, allowed)
+
+
+def fraction(key: str, entry: Any, allowed: str) -> float:
+    """Return a fraction: a number, or a text such as ``"0.02"`` or ``"2 %"``; its range is checked by those who use it.
+
+    Raises:
+        InputError: it is none; ``allowed`` says what is one.
+    """
+    text = entry.strip() if isinstance(entry, str) else entry
+    if not isinstance(text, str) or not text.endswith("%"):
+        return number(key, entry, allowed)
+    with suppress(InputError, InvalidOperation):  # in decimals: "7 %" is the float 0.07, no neighbour of it
+        number(key, text[:-1], allowed)
+        return float(Decimal(text[:-1].strip()) / 100)
     raise InputError(key, entry, allowed)
 
 

@@ -88,7 +88,7 @@ def noise_option(command: F) -> F:
 
 def noise_of(text: str | None) -> float:
     """Read the noise of a ratio; the default where there is none."""
-    return NOISE if text is None else checked_noise(number("noise", text, ALLOWED))
+    return NOISE if text is None else checked_noise(fraction("noise", text, ALLOWED))
 
 
 def limiting(verb: Callable[..., Any]) -> Callable[..., Any]:
@@ -118,11 +118,18 @@ def with_limits(held: Limits, *, time: str | None = None, memory: str | None = N
     return held if memory is None else replace(held, memory=MEMORY.read("memory", memory))
 
 
-def number(key: str, text: str, allowed: str = "a number above 0 and below 1, such as 0.01") -> float:
+def number(key: str, text: str, allowed: str) -> float:
     """Read a number; whether it is in range is for those to say who use it."""
     from geometry.scenes import units
 
     return units.number(key, text, allowed)
+
+
+def fraction(key: str, text: str, allowed: str = "a number above 0 and below 1, such as 0.01 or 1 %") -> float:
+    """Read a fraction such as ``"0.01"`` or ``"1 %"``; whether it is in range is for those to say who use it."""
+    from geometry.scenes import units
+
+    return units.fraction(key, text, allowed)
 
 
 def length(key: str, text: str) -> float:

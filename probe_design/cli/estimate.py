@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from probe_design.cli.arguments import FILE_NAME, limiting, linear_option, noise_option, number
+from probe_design.cli.arguments import FILE_NAME, fraction, limiting, linear_option, noise_option
 from probe_design.cli.output import present
 from probe_design.data.noise import NOISE
 
@@ -99,7 +99,7 @@ def estimate(
         read, readings, notes = field_readings(scene, texts, Sources(bench, calibration, column, rate))
     else:
         readings = _readings(read, file, ratio=ratio, noise=noise, stiffness=stiffness, stiffness_noise=stiffness_noise)
-    reach = None if accuracy is None else number("accuracy", accuracy)
+    reach = None if accuracy is None else fraction("accuracy", accuracy)
     with working(f"estimating {unknown} of {scene}"):
         answer = run(read, readings, unknown, reach, linear=linear, nuisances=roughly, advise=advise)
     answer = replace(answer, warnings=(*notes, *answer.warnings))

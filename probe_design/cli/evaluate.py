@@ -10,12 +10,12 @@ import click
 from probe_design.cli.arguments import (
     FILE_NAME,
     completed,
+    fraction,
     frequency_option,
     limiting,
     linear_option,
     loads_option,
     modulus,
-    number,
 )
 from probe_design.cli.output import check_picture, present
 
@@ -63,7 +63,7 @@ def evaluate(
     from geometry.scenes.scene_file import read_scene
     from probe_design.terminal.console import result_table, saying
 
-    relative = number("accuracy", accuracy)
+    relative = fraction("accuracy", accuracy)
     with saying(f"evaluating {scene}") as tell:
         if vtu is not None or picture is not None:
             from probe_design.solid_output.evaluate_with_files import evaluated
@@ -107,7 +107,7 @@ def curve(
     read = read_scene(scene)
     check_picture(picture)
     with saying(f"curve of {scene}") as tell:
-        answer = run(read, _moduli(low, high, points), number("accuracy", accuracy), tell, linear=linear)
+        answer = run(read, _moduli(low, high, points), fraction("accuracy", accuracy), tell, linear=linear)
     if picture is not None:
         body = read.inclusion[read.target or 0]
         plot(answer, picture, body.youngs_modulus, read.tissue.material_at(body.depth).youngs_modulus)
@@ -146,7 +146,7 @@ def plan(scene: Path, accuracy: str, loads: bool, as_json: bool) -> None:
     from solver import plan as run
 
     with working(f"planning {scene}"):
-        decided = run(read_scene(scene), number("accuracy", accuracy), loads=loads)
+        decided = run(read_scene(scene), fraction("accuracy", accuracy), loads=loads)
     present(decided, plan_table, as_json, lines=plan_lines)
 
 
@@ -176,7 +176,7 @@ def tolerances(
     from probe_design.tolerances.budget import tolerances as run
     from probe_design.tolerances.plot import plot
 
-    read, allowed = read_scene(scene), number("ratio", ratio)
+    read, allowed = read_scene(scene), fraction("ratio", ratio)
     check_picture(picture)
     given, materials = (dict(_named(kind, text) for text in texts) for kind, texts in
                         (("tolerance", tolerance), ("material", material)))  # fmt: skip

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from probe_design.cli.arguments import FILE_NAME, force_option, length, number
+from probe_design.cli.arguments import FILE_NAME, force_option, fraction, length
 from probe_design.cli.output import print_json, tell_assumed
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def export(
 
     drawn = read_scene(scene)
     size = None if step is None else length("step", step)
-    allowed, casting = number("tolerance", tolerance), _casting(shrinkage, draft)
+    allowed, casting = fraction("tolerance", tolerance), _casting(shrinkage, draft)
     with saying("export") as tell:
         from probe_design.workshop.package import export as write
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from probe_design.cli.arguments import FILE_NAME, limiting, linear_option, number
+from probe_design.cli.arguments import FILE_NAME, fraction, limiting, linear_option
 from probe_design.cli.output import print_json, with_provenance
 from probe_design.cli.reference_readings import on_scene, predicting, readings
 
@@ -98,7 +98,7 @@ def read(
     (opener,) = origin.openers(lambda: (on_scene(setting, origin, accuracy),), 1, sys.stderr.isatty())
     with opener() as reader:  # what is not there is missed before anything is computed
         with working("predicting"):
-            predicted = predicting(length)(setting.scene, number("accuracy", accuracy), linear, setting.bench.load.frequency)
+            predicted = predicting(length)(setting.scene, fraction("accuracy", accuracy), linear, setting.bench.load.frequency)
         gains, at = None, None
         if setting.calibration is not None:
             gains = setting.calibration.gains().warmed(setting.bench.channels.warming)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from probe_design.cli.arguments import FILE_NAME, limiting, number
+from probe_design.cli.arguments import FILE_NAME, fraction, limiting
 from probe_design.cli.output import check_picture, present
 
 
@@ -35,7 +35,7 @@ def load(scene: Path, most: str, points: int, accuracy: str, picture: Path | Non
     read = read_scene(scene)
     check_picture(picture)
     with saying(f"pressing {scene}") as tell:
-        found = run(read, force=force, indentation=indentation, points=points, accuracy=number("accuracy", accuracy), tell=tell)
+        found = run(read, force=force, indentation=indentation, points=points, accuracy=fraction("accuracy", accuracy), tell=tell)
     if picture is not None:
         plot(found, picture)
     present(found, load_table, as_json, picture, load_lines)

@@ -8,7 +8,17 @@ from typing import Any, TypeVar
 
 import click
 
-from probe_design.cli.arguments import FILE_NAME, length, limiting, linear_option, noise_of, noise_option, number, position
+from probe_design.cli.arguments import (
+    FILE_NAME,
+    fraction,
+    length,
+    limiting,
+    linear_option,
+    noise_of,
+    noise_option,
+    number,
+    position,
+)
 from probe_design.cli.output import check_picture, present
 from probe_design.data.noise import RESOLVED
 
@@ -65,7 +75,7 @@ def scan(
     line = None if at is None else position("at", at)
     with counting(f"scan of {scene}") as progress:
         positions = np.linspace(first, last, points)
-        answer = run(read, along, positions, line, accuracy=number("accuracy", accuracy), linear=linear, progress=progress)
+        answer = run(read, along, positions, line, accuracy=fraction("accuracy", accuracy), linear=linear, progress=progress)
     if picture is not None:
         plot(answer, read, picture)
     present(answer, scan_table, as_json, picture)
@@ -123,7 +133,7 @@ def detectability(
     positive = "a number above 0"
     limits = Thresholds(noise_of(noise), number("seen", seen, positive), number("resolved", resolved, positive))
     depths, diameters = chosen_sizes(read, points, **sizes)
-    relative = None if accuracy is None else number("accuracy", accuracy)
+    relative = None if accuracy is None else fraction("accuracy", accuracy)
     with counting(f"detectability of {scene}") as progress:
         answer = run(read, depths, diameters, limits, accuracy=relative, linear=linear, progress=progress)
     if picture is not None:

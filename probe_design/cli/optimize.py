@@ -165,7 +165,8 @@ def _optimize_scene(
     from probe_design.optimisation.comparison import levels_table
     from probe_design.optimisation.optimize import optimize as run
     from probe_design.optimisation.report import summary, write_all
-    from probe_design.terminal.console import show, stages
+    from probe_design.terminal.console import show, stages, warn
+    from probe_design.workshop.package import missing_films
 
     asked = _question(start)
     _check(output, asked, force)
@@ -177,6 +178,7 @@ def _optimize_scene(
     else:
         show(levels_table(optimum))
         tell_assumed(optimum.best.scene.probe)
+        warn(missing_films(optimum.best.scene.probe))
         _tell_files(output, files)
     _conclude(optimum.verdict, optimum.status, optimum.remarks)
 

@@ -135,5 +135,3 @@ def tell_assumed(probe: Probe) -> None:
 
     for key, size in assumed_sizes(probe).items():
         message(f"assumed: {key} = {mm(size)}, which the scene does not give")
-    if probe.film is None:
-        message("no films: the scene has no [probe.film]; the base lies on the blocks")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from probe_design.cli.arguments import number
+from probe_design.cli.arguments import fraction
 
 if TYPE_CHECKING:
     from hw.common.samples import Samples
@@ -112,7 +112,7 @@ def _ask_for(reference: Reference, which: str, source: SampleSource) -> None:
 def on_scene(setting: HardwareSetup, source: SampleSource, accuracy: str) -> Any:
     """What a virtual probe sends when the scene is pressed."""
     bench = setting.virtual(source)
-    predicted = predicting(source.length)(bench.scene, number("accuracy", accuracy), True, setting.bench.load.frequency)
+    predicted = predicting(source.length)(bench.scene, fraction("accuracy", accuracy), True, setting.bench.load.frequency)
     return bench.on_scene(predicted)
 
 

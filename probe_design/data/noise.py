@@ -11,7 +11,7 @@ NOISE = 0.05  # the paper's "about 5 %", section 3
 RESOLVED = 0.5  # standard deviation of ln E_object up to which a stiffness counts as told: a factor of 1.65 either way
 LEAST = 1e-6  # no reader is as good; far below it the model's own error is all there is
 LARGEST = 10.0
-ALLOWED = f"a number from {LEAST:g} to {LARGEST:g}: relative, one standard deviation of the ratio, such as {NOISE:g}"
+ALLOWED = f"from {LEAST:g} to {LARGEST:g}: relative, one standard deviation of the ratio, such as {NOISE:g} or {100 * NOISE:g} %"
 
 
 def checked_noise(noise: float, key: str = "noise") -> float:

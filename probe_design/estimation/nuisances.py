@@ -22,7 +22,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, ProbeError, Words, one_of
 from geometry.scenes.scene import Scene
-from geometry.scenes.units import number
+from geometry.scenes.units import fraction
 from geometry.scenes.variables import loss_factors, values
 from probe_design.estimation.model import TargetModel
 from probe_design.estimation.shared_errors import SharedErrors
@@ -55,12 +55,10 @@ def deviation(key: str, value: Any) -> float:
     Raises:
         InputError: it is none.
     """
-    text = value.strip() if isinstance(value, str) else value
-    share = isinstance(text, str) and text.endswith("%")
-    found = number(key, text[:-1].strip() if share else text, ALLOWED) / (100 if share else 1)
-    if not 0 < found <= LARGEST:
+    deviation = fraction(key, value, ALLOWED)
+    if not 0 < deviation <= LARGEST:
         raise InputError(key, value, ALLOWED)
-    return found
+    return deviation
 
 
 def checked(scene: Scene, given: Mapping[str, Any], unknown: str) -> dict[str, float]:

@@ -33,7 +33,7 @@ from geometry.common.text_files import read_text, tables
 from geometry.scenes import fit as placement
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Placement, Scene
-from geometry.scenes.units import Quantity, number
+from geometry.scenes.units import Quantity, fraction, number
 from probe_design.data.noise import ALLOWED, checked_noise
 
 KEYS = ("x", "y", "ratio", "noise", "stiffness", "stiffness_noise", "ratio_phase", "ratio_phase_sd", "blank")
@@ -236,7 +236,7 @@ def _check_place(where: str, scene: Scene, x: float, y: float) -> None:
 
 
 def _noise(key: str, value: Any) -> float:
-    return checked_noise(number(key, value, ALLOWED), key)
+    return checked_noise(fraction(key, value, ALLOWED), key)
 
 
 def _blank(key: str, value: Any) -> bool:

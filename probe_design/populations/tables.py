@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import InputError
 from geometry.scenes.probe import LENGTH, Frozen, Length
 from geometry.scenes.scene import MOST_LAYERS, Force, Indentation
-from geometry.scenes.units import MODULUS, Quantity
+from geometry.scenes.units import MODULUS, Quantity, fraction
 from probe_design.populations.ranges import Range, Ranged
 
 POSITION = Quantity("position", "m", "mm", -10.0, 10.0)
@@ -25,7 +25,15 @@ Lengths = Annotated[Range, Ranged(LENGTH)]
 Moduli = Annotated[Range, Ranged(MODULUS)]
 Places = Annotated[Range, Ranged(POSITION, log=False)]
 Charge = Annotated[float, CHARGE]
-Relative = Annotated[float, Field(ge=0.0, le=LARGEST_NOISE, allow_inf_nan=False)]
+
+
+def _from_percent(entry: Any) -> Any:
+    """Turn "2 %" into 0.02; what is no such text is left to pydantic."""
+    written = isinstance(entry, str) and entry.rstrip().endswith("%")
+    return fraction("noise", entry, "a number or a percentage") if written else entry
+
+
+Relative = Annotated[float, BeforeValidator(_from_percent), Field(ge=0.0, le=LARGEST_NOISE, allow_inf_nan=False)]
 
 
 def _relative(what: str) -> str:

@@ -16,7 +16,7 @@ from geometry.common.text_files import read_tables
 from geometry.scenes.messages import most_telling
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import named_scene
-from geometry.scenes.units import MEMORY, SI, TIME
+from geometry.scenes.units import MEMORY, SI, TIME, fraction
 from probe_design.sweeps.constraints import satisfied
 from probe_design.sweeps.keys import Key, Value, at_path, changed, key
 from probe_design.sweeps.samples import KINDS, DesignSampling, Variable
@@ -147,12 +147,11 @@ def _settings(tables: Mapping[str, Any]) -> tuple[str, float, bool]:
     evaluator, accuracy, linear = tables.get("evaluator", AUTO), tables.get("accuracy", 0.01), tables.get("linear", False)
     if evaluator not in (AUTO, *BUILT):
         raise InputError("evaluator", evaluator, one_of(evaluator, (AUTO, *BUILT)))
-    if isinstance(accuracy, bool) or not isinstance(accuracy, int | float):
-        raise InputError("accuracy", accuracy, "a number above 0 and below 1, such as 0.01")
+    accuracy = fraction("accuracy", accuracy, "a number above 0 and below 1, such as 0.01 or 1 %")
     check_accuracy(accuracy)
     if not isinstance(linear, bool):
         raise InputError("linear", linear, "true or false")
-    return str(evaluator), float(accuracy), linear
+    return str(evaluator), accuracy, linear
 
 
 def _limits(tables: Mapping[str, Any], units_required: bool) -> Limits:

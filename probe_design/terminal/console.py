@@ -212,8 +212,8 @@ def stages() -> Iterator[Any]:
         tasks: dict[str, Any] = {}
 
         def update(stage: str, done: int, total: int) -> None:
-            task = tasks.setdefault(stage, None) or bars.add_task(one_line(stage), total=total)
-            tasks[stage] = task
-            bars.update(task, completed=done)
+            if stage not in tasks:
+                tasks[stage] = bars.add_task(one_line(stage), total=total)
+            bars.update(tasks[stage], completed=done)
 
         yield update

@@ -18,7 +18,7 @@ from geometry.common.errors import InputError, one_of
 from geometry.scenes.catalogue import find_material
 from geometry.scenes.probe import LENGTH
 from geometry.scenes.scene import Scene
-from geometry.scenes.units import number
+from geometry.scenes.units import fraction
 from geometry.scenes.variables import values
 from probe_design.built_probe.bench import Bench, Channels, Workshop
 
@@ -117,10 +117,8 @@ def _read(one: Toleranced, entry: Any) -> float:
         if sd > LARGEST * one.value:
             raise InputError(key, entry, f"a length up to {LARGEST:g} times the drawn one, {one.value:.4g} m")
         return sd
-    text = entry.strip() if isinstance(entry, str) else entry
-    percent = isinstance(text, str) and text.endswith("%")
     allowed, most = (RATIO, 0.1) if one.kind == "poisson_ratio" else (SHARE, LARGEST)
-    sd = number(key, text[:-1].strip() if percent else text, allowed) / (100 if percent else 1)
+    sd = fraction(key, entry, allowed)
     if not 0 <= sd <= most:
         raise InputError(key, entry, allowed)
     return sd if one.kind == "poisson_ratio" else sd * one.value

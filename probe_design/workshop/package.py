@@ -16,7 +16,8 @@ from geometry.common.files import check_writable
 from geometry.provenance.block import provenance
 from geometry.provenance.texts import toml_comment
 from geometry.scenes.base_sizes import assumed_sizes
-from geometry.scenes.probe import mm
+from geometry.scenes.fit import doubts
+from geometry.scenes.probe import Probe, mm
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_toml
 from geometry.workshop.mould_sizes import mould_sizes
@@ -100,8 +101,15 @@ def export(
     text = toml_comment(provenance()) + scene_to_toml(built)
     files |= {**writers(built.probe, edge, budget, casting), SCENE: partial(_write, text)}
     paths = write(built.probe, folder, force, beside=files, edge_radius=edge)
-    remarks = [budget.remark, "" if rounding is None else rounding.remark]
+    remarks = [*doubts(built), *missing_films(built.probe), budget.remark, "" if rounding is None else rounding.remark]
     return Exported(built, paths, rounding, tuple(text for text in remarks if text))
+
+
+def missing_films(probe: Probe) -> tuple[str, ...]:
+    """Return the warning that a probe is built without sensors, where it is."""
+    if probe.film is not None:
+        return ()
+    return ("the probe has no sensors: the scene has no [probe.film], so the base lies on the blocks; add that table",)
 
 
 def _write(text: str, path: Path) -> None:

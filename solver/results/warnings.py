@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Literal
 
-Kind = Literal["null", "accuracy", "sensitivity", "left_out", "linear", "limit", "published", "skin"]
+Kind = Literal["null", "accuracy", "sensitivity", "left_out", "linear", "limit", "published", "skin", "doubt"]
 
 
 class Note(str):
@@ -15,7 +15,7 @@ class Note(str):
         kind: "null", a value is None; "accuracy", a bound is above what was asked for; "sensitivity", the log-sensitivity is
             None or worse than promised; "left_out", a detail counted in the error; "linear", the load is beyond what the linear
             model tells; "limit", what the limits of memory and time forbade; "published", what is wrong in the paper; "skin",
-            what a skin would change of tissue without layers.
+            what a skin would change of tissue without layers; "doubt", a number of the scene that is probably a slip.
     """
 
     __slots__ = ("kind",)

@@ -11,7 +11,7 @@ import pytest
 
 from solver.levels import AUTO, BUILT
 from tests.support.paths import SCENE
-from tests.support.program import refused
+from tests.support.program import refused, run
 
 
 @pytest.mark.parametrize(
@@ -47,6 +47,9 @@ FILES = {  # what is wrong in it, the verb that reads it, and what is meant
     "read ": ("[channels]\ngian = 0.1\n", "did you mean 'gain'?"),
     "estimate": ("ratoi,noise\n0.5,0.01\n", "did you mean 'ratio'?"),
     "evaluate": (SCENE.read_text(encoding="utf-8").replace('"bonded"', '"bondd"'), "did you mean 'bonded'?"),
+    "plan": ('scene = "s.toml"\n[population]\ndepth = ["5 mm", "9 mm"]\n', "use probe-design optimize"),
+    "plan ": ('scene = "s.toml"\n[variables]\n', "use probe-design optimize or probe-design sweep"),
+    "plan  ": (SCENE.read_text(encoding="utf-8").replace('"0.1 mm"', '"0.3 m"'), "probe.gap = 300 mm: allowed: less than 45 mm"),
     "evaluate ": (SCENE.read_text(encoding="utf-8").replace('"cylinder"', '"cylindre"'), "did you mean 'cylinder'?"),
 }
 
@@ -61,8 +64,29 @@ def test_what_was_likely_meant_in_a_file_is_told(verb: str, tmp_path: Path) -> N
         "read": (SCENE, "--virtual", "--bench", file),
         "estimate": (SCENE, "--readings", file),
         "evaluate": (file,),
+        "plan": (file,),
     }
     assert meant in refused(verb.strip(), *words[verb.strip()])
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("evaluate", SCENE, "--evaluator", "closed-form", "--accuracy", "1%"),
+        ("estimate", SCENE, "--ratio", "0.563", "--noise", "2 %"),
+        ("tolerances", SCENE, "--tolerance", "probe.inner.youngs_modulus = 10 %"),
+    ],
+)
+def test_fractions_may_be_percentages(words: tuple[str, ...]) -> None:
+    """As people write them, wherever a fraction is asked for."""
+    assert run(*words, "--json").returncode == 0
+
+
+def test_a_gap_wider_than_the_core_is_doubted(tmp_path: Path) -> None:
+    path = tmp_path / "wide.toml"
+    path.write_text(SCENE.read_text(encoding="utf-8").replace('gap = "0.1 mm"', 'gap = "8 mm"'))
+    for words in (("evaluate", path, "--evaluator", "closed-form"), ("plan", path)):
+        assert "probe.gap = 8 mm is wider than probe.inner_radius, 4 mm: is its unit right?" in run(*words).stderr
 
 
 def completions(*words: str) -> list[str]:

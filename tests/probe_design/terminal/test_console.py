@@ -10,7 +10,8 @@ from rich.console import Console
 from rich.table import Table
 
 from geometry import read_scene
-from probe_design.terminal.console import message, plan_lines, result_table, saying, show
+from probe_design.terminal import console
+from probe_design.terminal.console import message, plan_lines, result_table, saying, show, stages
 from solver import Result, plan
 from solver.results.result import LargestLoad
 from tests.support.paths import SCENE
@@ -25,6 +26,19 @@ def test_a_load_that_is_printed_is_allowed(exact: tuple[float, float]) -> None:
     out = StringIO()
     Console(file=out).print(result_table(Result("closed-form", 0.1, linear_limit_load=limit)))
     assert " 0.0359 " in out.getvalue()
+
+
+def test_each_stage_has_one_row(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first one had two, of which one was never done."""
+    out = StringIO()
+    monkeypatch.setattr(console, "_terminal", lambda: Console(file=out, force_terminal=True, width=80))
+    with stages() as progress:
+        for stage in ("first", "second"):
+            for done in range(3):
+                progress(stage, done, 2)
+    frame = out.getvalue().rpartition("\x1b[1A")[2]  # as it was drawn last
+    assert frame.count("first") == frame.count("second") == 1
+    assert frame.count("2/2") == 2
 
 
 def figures() -> Table:
