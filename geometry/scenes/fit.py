@@ -13,6 +13,7 @@ from geometry.scenes.probe import mm
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from geometry.scenes.probe import Probe
     from geometry.scenes.scene import Inclusion, Scene
 
 Matrix = list[list[float]]
@@ -110,15 +111,27 @@ def doubts(scene: Scene) -> tuple[str, ...]:
 
 
 def _check_probe(scene: Scene) -> None:
-    at, reach, gap, tissue = scene.placement, scene.probe.tube_radius, scene.probe.gap, scene.tissue
+    at, reach, tissue = scene.placement, scene.probe.tube_radius, scene.tissue
     if tissue.shape == "cylinder":
+        _check_gap(scene.probe, tissue.radius)
         key = "x" if abs(at.x) >= abs(at.y) else "y"
         _check_stands(
-            "radius", tissue.radius, reach, gap, key=f"placement.{key}", position=getattr(at, key), offset=math.hypot(at.x, at.y)
+            "radius", tissue.radius, reach, key=f"placement.{key}", position=getattr(at, key), offset=math.hypot(at.x, at.y)
         )
     elif tissue.shape == "block":
-        _check_stands("length", tissue.length / 2, reach, gap, key="placement.x", position=at.x, offset=abs(at.x))
-        _check_stands("breadth", tissue.breadth / 2, reach, gap, key="placement.y", position=at.y, offset=abs(at.y))
+        _check_gap(scene.probe, min(tissue.length, tissue.breadth) / 2)
+        _check_stands("length", tissue.length / 2, reach, key="placement.x", position=at.x, offset=abs(at.x))
+        _check_stands("breadth", tissue.breadth / 2, reach, key="placement.y", position=at.y, offset=abs(at.y))
+
+
+def _check_gap(probe: Probe, room: float) -> None:
+    """Blame the gap for a probe larger than the tissue where it is wider than the core, and with less of it the probe fits."""
+    square = room**2 - probe.tube_radius**2 + probe.hole_radius**2  # of the hole's radius with which the probe just fits
+    if probe.area_ratio is None or not probe.gap > probe.inner_radius or square <= probe.inner_radius**2:
+        return
+    widest = math.sqrt(square) - probe.inner_radius
+    if reaches(probe.gap, widest):
+        raise InputError("probe.gap", mm(probe.gap), f"less than {most_mm(widest)} (the whole probe has to stand on the tissue)")
 
 
 def _check_edges(scene: Scene) -> None:
@@ -148,10 +161,8 @@ def _check_load(scene: Scene) -> None:
         raise InputError("load.indentation", mm(deep), f"less than the tissue's depth of {mm(tissue.depth)}")
 
 
-def _check_stands(size: str, room: float, reach: float, gap: float, *, key: str, position: float, offset: float) -> None:
+def _check_stands(size: str, room: float, reach: float, *, key: str, position: float, offset: float) -> None:
     why = f"the whole probe, of radius {mm(reach)}, has to stand on the tissue"
-    if reaches(gap, room):
-        raise InputError("probe.gap", mm(gap), f"less than {most_mm(room)}: {why}, which reaches {mm(room)} from its middle")
     if reaches(reach, room):
         times = 1 if size == "radius" else 2
         raise InputError(f"tissue.{size}", mm(times * room), f"above {least_mm(times * reach)} ({why})")

@@ -59,6 +59,7 @@ def nothing(data: dict[str, Any]) -> None:
 Case = tuple[Callable[[dict[str, Any]], None], str, str]
 CASES: dict[str, Case] = {  # what is added to the scene, a key, and a value that is refused
     "narrow cylinder": (nothing, "tissue.radius", "1e-3 mm"),
+    "a wide gap": (nothing, "probe.gap", "300 mm"),
     "short block": (block, "tissue.length", "1e-3 mm"),
     "beside a cylinder": (nothing, "placement.x", "199.9999999 mm"),
     "beside a block": (block, "placement.y", "99.9999999 mm"),

@@ -49,7 +49,7 @@ FILES = {  # what is wrong in it, the verb that reads it, and what is meant
     "evaluate": (SCENE.read_text(encoding="utf-8").replace('"bonded"', '"bondd"'), "did you mean 'bonded'?"),
     "plan": ('scene = "s.toml"\n[population]\ndepth = ["5 mm", "9 mm"]\n', "use probe-design optimize"),
     "plan ": ('scene = "s.toml"\n[variables]\n', "use probe-design optimize or probe-design sweep"),
-    "plan  ": (SCENE.read_text(encoding="utf-8").replace('"0.1 mm"', '"0.3 m"'), "probe.gap = 300 mm: allowed: less than 45 mm"),
+    "plan  ": (SCENE.read_text(encoding="utf-8").replace('"0.1 mm"', '"0.3 m"'), "probe.gap = 300 mm: allowed: less than 40."),
     "evaluate ": (SCENE.read_text(encoding="utf-8").replace('"cylinder"', '"cylindre"'), "did you mean 'cylinder'?"),
 }
 
