@@ -35,8 +35,8 @@ DEPENDENCIES = (
     "cadquery",
 )  # for numbers, shapes
 Provenance = dict[str, Any]
-# a path from the root, as a word or behind "-o", "=", "," or a blank: what stands before its last name
-_FROM_ROOT = re.compile(r"(^-[a-zA-Z]|^|(?<=[=,\s]))(?:[A-Za-z]:)?[\\/](?:[^\\/,=]*[\\/])*")
+# a path from the root, as a word or behind "-o", "=", "," or a blank: what stands before its last name, if it has one
+_FROM_ROOT = re.compile(r"(^-[a-zA-Z]|^|(?<=[=,\s]))(?:[A-Za-z]:)?[\\/](?:[^\\/,=]*[\\/])*(?=[^\\/,=\s])")
 
 
 @dataclass(frozen=True)

@@ -74,6 +74,9 @@ def test_a_command_and_its_files_are_told() -> None:
         ("../scene.toml", "../scene.toml"),
         ("2 N/m", "2 N/m"),
         ("tcp://host:8786", "tcp://host:8786"),
+        ("/", "/"),
+        ("-o/", "-o/"),
+        ("/home/somebody/out/", "out/"),
     ],
 )
 def test_paths_of_a_machine_are_left_out(word: str, left: str) -> None:

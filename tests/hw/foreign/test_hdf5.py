@@ -151,6 +151,13 @@ def test_a_full_disk_costs_the_file_not_the_reading_nor_its_raw_data(room: int, 
         assert kept <= len(got(tmp_path / "a.h5.probe")) <= 61_000
 
 
+def test_a_disk_that_is_full_from_the_beginning_leaves_no_empty_recording(tmp_path: Path) -> None:
+    words = [sys.executable, "-c", FULL, str(tmp_path / "a.probe"), "0"]
+    ended = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert "File too large" in ended.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
 KILLED = """
 import sys, time
 from pathlib import Path
