@@ -16,7 +16,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-ELSEWHERE = "is in another file: allowed: datasets within the file (h5copy or h5repack writes such a file)"
+ELSEWHERE = "is not stored in this file: allowed: datasets within it (h5copy or h5repack writes such a file)"
 MAX_DATASETS = 1000  # of interest in a recording; more are a store of another kind
 
 

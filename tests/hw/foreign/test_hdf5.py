@@ -281,7 +281,7 @@ def virtual_inner(source: str) -> Callable[[h5py.File], object]:
 def test_virtual_datasets_are_refused(source: str, tmp_path: Path) -> None:
     """One that names itself took the library down by signal 11; one of another file would copy what the user never named."""
     with_films(tmp_path / "a.h5", virtual_inner(source))
-    with pytest.raises(InvalidSource, match="'inner' is in another file: allowed: datasets within the file"):
+    with pytest.raises(InvalidSource, match="'inner' is not stored in this file: allowed: datasets within it"):
         got(tmp_path / "a.h5", "inner=inner V", "outer=outer V", rate="1 kHz")
 
 
@@ -291,7 +291,7 @@ def test_external_storage_is_refused_before_it_is_opened(tmp_path: Path) -> None
     os.mkfifo(tmp_path / "pipe")
     storage = [(str(tmp_path / "pipe"), 0, 8 * ROWS)]
     with_films(tmp_path / "a.h5", lambda file: file.create_dataset("inner", (ROWS,), "f8", external=storage))
-    with pytest.raises(InvalidSource, match="'inner' is in another file"):
+    with pytest.raises(InvalidSource, match="'inner' is not stored in this file"):
         got(tmp_path / "a.h5", "inner=inner V", "outer=outer V", rate="1 kHz")
 
 
@@ -300,7 +300,7 @@ def test_external_links_are_refused_wherever_they_are(name: str, tmp_path: Path)
     with h5py.File(tmp_path / "other.h5", "w") as file:
         file["inner"] = VOLTS[:, 0]
     with_films(tmp_path / "a.h5", lambda file: file.__setitem__(name, h5py.ExternalLink("other.h5", "/inner")))
-    with pytest.raises(InvalidSource, match=f"'{name}' is in another file"):
+    with pytest.raises(InvalidSource, match=f"'{name}' is not stored in this file"):
         got(tmp_path / "a.h5", "inner=inner V", "outer=outer V", rate="1 kHz")
 
 
