@@ -83,7 +83,8 @@ def read_told(result: Read, noise: float, origin: dict[str, Any], scene: Scene, 
         fingerprint: of the samples.
     """
     beside = {key: origin.get(key) for key in ("placement", "scene_sha256", "calibration_sha256")}
-    return result.as_dict() | {"ratio_noise": noise} | beside | {"probe": probe_numbers(scene), "samples": fingerprint.as_dict()}
+    identity = {"probe": probe_numbers(scene), "fingerprint": fingerprint.as_dict()}
+    return result.as_dict() | {"ratio_noise": noise} | beside | identity
 
 
 def without_prediction(
@@ -117,9 +118,9 @@ def field_reading(told: dict[str, Any], name: str, scene: Scene) -> FieldReading
         InputError: it is none, its ratio is null, or it was read with another probe.
     """
     _check_probe(told, name, scene)
-    fingerprint = Fingerprint.from_dict(told.get("samples"))
+    fingerprint = Fingerprint.from_dict(told.get("fingerprint"))
     if fingerprint is None:
-        raise InputError(f"{name}: samples", Words("missing" if "samples" not in told else "no fingerprint"), AGAIN)
+        raise InputError(f"{name}: fingerprint", Words("missing" if "fingerprint" not in told else "no fingerprint"), AGAIN)
     if "ratio" in told and told["ratio"] is None:
         raise InputError(f"{name}: ratio", Words("null"), "a reading whose outer stress stands out: press harder, or read longer")
     ratio, spread, force = (_number(told, key, name) for key in ("ratio", "ratio_uncertainty", "force"))

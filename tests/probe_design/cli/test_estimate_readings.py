@@ -74,7 +74,7 @@ def test_json_is_the_same_as_its_recording(folder: Path) -> None:
 
 def test_two_readings_with_equal_values_are_two(folder: Path) -> None:
     ended = program.run("read", "scene.toml", "--replay", "a.probe", "--calibration", "probe.toml", "--json", cwd=folder)
-    equal = json.loads((folder / "b.json").read_text()) | {"samples": json.loads(ended.stdout)["samples"]}
+    equal = json.loads((folder / "b.json").read_text()) | {"fingerprint": json.loads(ended.stdout)["fingerprint"]}
     (folder / "equal.json").write_text(json.dumps(equal))
     assert len(told(folder, "--reading", "b.json", "equal.json")["noise"]) == 2
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -44,8 +45,11 @@ def devices(monkeypatch: pytest.MonkeyPatch) -> Devices:
     """One virtual board after the other in place of the probe on USB, and somebody who presses it on what is asked for."""
     real = Reader.open
 
+    connected = itertools.count(0, 100)  # boards that are connected later have other noise
+
     def connect(faults: list[tuple[Fault, ...]]) -> None:
-        boards = iter([virtual(volts(k), 500.0, channels=3, scale=2e-6, faults=one) for k, one in enumerate(faults)])
+        first = next(connected)
+        boards = iter([virtual(volts(first + k), 500.0, channels=3, scale=2e-6, faults=one) for k, one in enumerate(faults)])
         opened: Any = lambda name, *asked: real(next(boards) if name == "usb" else name, *asked)  # noqa: E731
         monkeypatch.setattr(hardware_sources.Reader, "open", opened)
 
