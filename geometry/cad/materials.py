@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
+from geometry.scenes.catalogue import find_material
 from geometry.scenes.probe import Material, Probe
 
+STIFFEST_CAST = 50e6  # Pa: above the hardest castable silicones and polyurethane rubbers, below the softest plastics
+KINDS = {"casting": "elastomer", "machining": "solid material"}  # of a block that has no name, by how it is made
 PVDF_DENSITY = 1780.0
 """kg/m^3, of poled PVDF film: Measurement Specialties, Piezo Film Sensors Technical Manual (1999), p. 3."""
 
@@ -18,11 +22,13 @@ class PartMaterial:
         name: in the catalogue, or of the kind of material.
         properties: what it must have, with units.
         density: in kg/m^3; None where it is not known.
+        process: how the part is made, a name in ``geometry/workshop/processes.toml``.
     """
 
     name: str
     properties: str
     density: float | None = None
+    process: str = "machining"
 
     @property
     def text(self) -> str:
@@ -34,14 +40,15 @@ def part_materials(probe: Probe) -> dict[str, PartMaterial]:
     """Return the materials of a probe's parts by their names, as ``geometry.cad.solids.parts`` has them."""
     base = probe.base
     if base.youngs_modulus is None or base.poisson_ratio is None:
-        stiff = PartMaterial(base.material or "rigid material", "metal or glass-filled polymer, far stiffer than the blocks")
+        kind, properties = "rigid material", "metal or glass-filled polymer, far stiffer than the blocks"
     else:
-        stiff = PartMaterial(base.material or "elastic material", elastic(base.youngs_modulus, base.poisson_ratio))
+        kind, properties = "elastic material", elastic(base.youngs_modulus, base.poisson_ratio)
+    stiff = PartMaterial(base.material or kind, properties, process=_process(base.material, base.youngs_modulus or math.inf))
     films = {}
     if probe.film is not None:
         film = PartMaterial("piezoelectric PVDF film", f"E = {modulus(probe.film.youngs_modulus)}", PVDF_DENSITY)
         films = {"film-inner": film, "film-outer": film}
-    return {"inner": _elastomer(probe.inner), "outer": _elastomer(probe.outer), **films, "base": stiff}
+    return {"inner": _block(probe.inner), "outer": _block(probe.outer), **films, "base": stiff}
 
 
 def elastic(youngs_modulus: float, poisson_ratio: float) -> str:
@@ -55,6 +62,15 @@ def modulus(value: float) -> str:
     return f"{value / size:.4g} {unit}"
 
 
-def _elastomer(material: Material) -> PartMaterial:
+def _block(material: Material) -> PartMaterial:
     loss = f", tan delta {material.loss_factor:g}" if material.loss_factor else ""
-    return PartMaterial(material.material or "elastomer", elastic(material.youngs_modulus, material.poisson_ratio) + loss)
+    properties = elastic(material.youngs_modulus, material.poisson_ratio) + loss
+    process = _process(material.material, material.youngs_modulus)
+    return PartMaterial(material.material or KINDS[process], properties, process=process)
+
+
+def _process(name: str | None, youngs_modulus: float) -> str:
+    """How a part is made: as the catalogue has it, or by its modulus (Pa) alone."""
+    if name is not None:
+        return find_material(name).process
+    return "casting" if youngs_modulus < STIFFEST_CAST else "machining"

@@ -72,6 +72,7 @@ class CatalogueMaterial:
         log_sd: standard deviation of its natural logarithm: its tolerance until the part itself is measured.
         tolerance: where ``log_sd`` comes from.
         published: the values that it rests on; of a recipe, without thinner or at the ratio.
+        process: how parts of it are made, a name in ``geometry/workshop/processes.toml``.
         numbers: the other keys of its table: ``poisson_ratio``, or of a film ``thickness``, ``d31`` and ``d33``.
         recipe: what its recipe may be, in words; empty where it has none.
     """
@@ -84,6 +85,7 @@ class CatalogueMaterial:
     tolerance: str
     published: tuple[PublishedModulus, ...]
     numbers: dict[str, Number]
+    process: str
     recipe: str = ""
 
     @property
@@ -270,7 +272,8 @@ def _made(
     value, log_sd, tolerance = modulus
     numbers = {key: Number(**entry[key]) for key in ("poisson_ratio", *FILM_KEYS) if key in entry}
     rounded = float(f"{value:.{DIGITS}g}")
-    return CatalogueMaterial(name, entry["kind"], entry["about"], rounded, log_sd, tolerance, published, numbers, recipe)
+    process = entry["process"]
+    return CatalogueMaterial(name, entry["kind"], entry["about"], rounded, log_sd, tolerance, published, numbers, process, recipe)
 
 
 def _middle(entry: dict[str, Any], published: tuple[PublishedModulus, ...]) -> tuple[float, float, str]:

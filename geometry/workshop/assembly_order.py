@@ -3,37 +3,42 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from geometry.cad.drawing import number
 from geometry.cad.stamp import Stamp
 from geometry.provenance.texts import markdown_comment
 from geometry.scenes.base_sizes import assumed_sizes
 from geometry.scenes.probe import Probe, mm
+from geometry.workshop.casting_notes import gap_deviation
 from geometry.workshop.film_pattern import FilmPattern
+from geometry.workshop.lists import together
 from geometry.workshop.mould_sizes import DRAFT, MouldSizes, cavity_volume
 from geometry.workshop.tolerance import Budget, tolerance, written
 
+SHOWN = 4  # parts of the ratio's scatter that are named
+GAP_AT_RISK = 0.5  # of the gap: deviations from there on are told
 SMALL_HOLE = 0.3  # mm: diameter of the smallest hole that is drilled as a matter of course
 
 
 def assembly_order(
-    probe: Probe, stamp: Stamp, patterns: Sequence[FilmPattern], moulds: Sequence[MouldSizes], *, budget: Budget, together: float
-) -> str:
+    probe: Probe, stamp: Stamp, patterns: Sequence[FilmPattern], moulds: Sequence[MouldSizes],
+    *, budget: Budget, scatter: Mapping[str, float],
+) -> str:  # fmt: skip
     """Return the page.
 
     Args:
         probe: what is built.
         stamp: the design's.
         patterns: of the films.
-        moulds: of the blocks.
+        moulds: of the blocks that are cast.
         budget: see ``geometry.workshop.tolerance.Budget``.
-        together: what all tolerances together change of the ratio, in percent; see ``geometry.workshop.lists.together``.
+        scatter: what scatters the ratio, see ``geometry.workshop.lists.scatter_of_ratio``.
     """
-    steps = [*_casting(moulds), *_bonding(probe, patterns), *_gap(probe, budget), _measuring()]
+    steps = [*_casting(moulds), *_bonding(probe, patterns), _gap(probe, moulds, budget), *_measuring(moulds)]
     lines = [f"{count}. {text}" for count, text in enumerate(steps, start=1)]
     head = ["# Assembly and bonding", "", f"Millimetres. {stamp.text}", ""]
-    return "\n".join([*head, *lines, "", *_remarks(probe, moulds, budget, together), "", markdown_comment(stamp.provenance)])
+    return "\n".join([*head, *lines, "", *_remarks(probe, moulds, budget, scatter), "", markdown_comment(stamp.provenance)])
 
 
 def _casting(moulds: Sequence[MouldSizes]) -> list[str]:
@@ -83,27 +88,56 @@ def _blocks(onto: str, probe: Probe) -> str:
     return f"Bond the inner block to the {onto}{layer}, concentric with the base, then the outer block{groove}."
 
 
-def _gap(probe: Probe, budget: Budget) -> list[str]:
+def _gap(probe: Probe, moulds: Sequence[MouldSizes], budget: Budget) -> str:
     gap = 1e3 * probe.gap
-    deviation = written(tolerance(gap, budget.bound("gap")).deviation)
-    return [
+    held = (
         f"Hold the gap while the adhesive cures: three shims of {number(gap)} mm, 120\u00b0 apart, from the tissue end between "
-        f"the blocks; the gap is {number(gap)} \u00b1{deviation} mm all round. Draw them out along the axis."
-    ]
+        "the blocks; "
+    )
+    if moulds:
+        return (
+            f"{held}they centre the inner block. The gap itself follows from both blocks' walls: {number(gap)} mm, "
+            f"\u00b1{written(gap_deviation(probe, moulds))} mm by their tolerances. Draw the shims out along the axis."
+        )
+    deviation = written(tolerance(gap, budget.bound("gap")).deviation)
+    return f"{held}the gap is {number(gap)} \u00b1{deviation} mm all round. Draw them out along the axis."
 
 
-def _measuring() -> str:
-    return (
-        "Measure inner and outer diameters, heights and the gap against the drawings; both lower faces in one plane. "
+def _measuring(moulds: Sequence[MouldSizes]) -> list[str]:
+    steps = []
+    if moulds:
+        names = " and ".join(one.name for one in moulds)
+        steps.append(
+            f"Measure the moulds of the {names} block, as their drawings say, not the soft blocks. From each pour cast a "
+            "cylinder as well, test it in compression (ISO 7743), and write its modulus into the scene."
+        )
+    hard = "" if len(moulds) == 2 else "the block's and "
+    steps.append(
+        f"Measure {hard}the base's sizes against the drawings, and the gap with feeler gauges; both lower faces in one plane. "
         "Then calibrate: `probe-design calibrate`, `probe-design check`."
     )
+    return steps
 
 
-def _remarks(probe: Probe, moulds: Sequence[MouldSizes], budget: Budget, together: float) -> list[str]:
-    said = []
-    if budget.sensitivities:
+def scatter_text(scatter: Mapping[str, float], budget: Budget) -> str:
+    """Say how far probes built to the drawings scatter, and what dominates; nothing where that is not known."""
+    if not budget.sensitivities:
+        return ""
+    parts = ", ".join(f"{name} {100 * one:.2g} %" for name, one in list(scatter.items())[:SHOWN])
+    total = together(scatter)
+    asked = f"asked for: {budget.percent:g} %"
+    more = "" if total <= budget.percent else ": what dominates has to be measured, or calibrated, since no drawing holds it"
+    said = f"Probes built to these drawings scatter in the ratio by {total:.3g} % (1 sd, before calibration; {asked})"
+    return f"{said}: {parts}, ...{more}"
+
+
+def _remarks(probe: Probe, moulds: Sequence[MouldSizes], budget: Budget, scatter: Mapping[str, float]) -> list[str]:
+    said = [f"{scatter_text(scatter, budget)} (`tolerances.csv`)."] if budget.sensitivities else []
+    deviation = gap_deviation(probe, moulds)
+    if moulds and deviation >= GAP_AT_RISK * 1e3 * probe.gap:
         said.append(
-            f"All tolerances together change the ratio by {together:.2g} % (`tolerances.csv`; asked for: {budget.percent:g} %)."
+            f"The gap of {mm(probe.gap)} is within reach of the castings' tolerances (\u00b1{written(deviation)} mm): measure "
+            "both moulds before casting, so that it stays open."
         )
     if budget.remark:
         said.append(budget.remark)

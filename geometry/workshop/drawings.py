@@ -7,9 +7,10 @@ from collections.abc import Iterator, Sequence
 from geometry.cad.drawing import number
 from geometry.cad.stamp import Stamp
 from geometry.workshop.parts import SEAT, TITLES, Measure, PartView
+from geometry.workshop.processes import find_process
 from geometry.workshop.sheet import ARROW, LEVEL, SIZES, DrawingSheet, Point, View, bounds, room
 from geometry.workshop.title_block import HEIGHT, NOTE, Title, frame, notes, title_block
-from geometry.workshop.tolerance import Budget, tolerance, written
+from geometry.workshop.tolerance import MACHINING, Budget, tolerance, written
 
 FIRST = 11.0  # mm of paper from a view to its first dimension line: symbols of roughness stand there
 ITEM = 7.0  # between the numbers of two items
@@ -28,26 +29,27 @@ def draw(part: PartView, stamp: Stamp, budget: Budget, extra: tuple[str, ...] = 
         extra: notes beside those on assumed sizes.
     """
     said = [*extra, *_assumptions(part)]
-    texts = {measure: label(measure, budget) for measure in part.measures}
-    sheet = _sheet(part, list(texts.values()), len(said))
     material = stamp.materials.get(part.name)
+    process = MACHINING if material is None else material.process
+    texts = {measure: label(measure, part.name, process, budget) for measure in part.measures}
+    sheet = _sheet(part, list(texts.values()), len(said))
     frame(sheet)
-    title_block(sheet, Title(TITLES[part.name], part.name, "see the parts list" if material is None else material.text, stamp))
+    told = "see the parts list" if material is None else material.text
+    made = None if material is None else find_process(process)
+    title_block(sheet, Title(TITLES[part.name], part.name, told, stamp, made))
     notes(sheet, said, sheet.frame[1] + HEIGHT + 3)
-    _views(sheet, part, texts)
+    _views(sheet, part, texts, process)
     return sheet
 
 
-def label(measure: Measure, budget: Budget) -> str:
+def label(measure: Measure, part: str, process: str, budget: Budget) -> str:
     """Write a dimension: its number, its deviation where the drawing has to tell it, a star where it is assumed.
 
     One that others give stands in parentheses.
     """
     if measure.auxiliary:
         return f"({measure.prefix}{number(measure.size)})"
-    factor = 2 if measure.prefix else 1
-    bound = budget.bound(measure.name)
-    held = tolerance(measure.size, None if bound is None else factor * bound)
+    held = measure.held(part, process, budget)
     star = "*" if measure.assumed else ""
     return f"{measure.prefix}{number(measure.size)}{star}" + (
         f" \N{PLUS-MINUS SIGN}{written(held.deviation)}" if held.told else ""
@@ -90,14 +92,14 @@ def _overhead(texts: list[str]) -> float:
     return max(room(text) for text in texts) + 3 * ARROW + 2
 
 
-def _views(sheet: DrawingSheet, part: PartView, texts: dict[Measure, str]) -> None:
+def _views(sheet: DrawingSheet, part: PartView, texts: dict[Measure, str], process: str) -> None:
     left, _, right, top = sheet.frame
     unit = sheet.unit
     _, low, _, high = bounds(loop for loop, _ in part.cut)
     middle = (left + right) / 2
     front = sheet.view(middle, top - _overhead(list(texts.values())) - high * sheet.scale)
-    _front(front, part)
-    _dimensions(front, part, texts)
+    _front(front, part, process)
+    _dimensions(front, part, texts, process)
     plan = sheet.view(middle, front.y / unit - _below(part) - BETWEEN + (low - part.reach) * sheet.scale)
     _plan(plan, part)
     for level, measure in enumerate(one for one in part.measures if one.place == "plan"):
@@ -105,7 +107,7 @@ def _views(sheet: DrawingSheet, part: PartView, texts: dict[Measure, str]) -> No
         plan.dimension(measure.start, measure.end, texts[measure], at=at, upright=True)
 
 
-def _front(view: View, part: PartView) -> None:
+def _front(view: View, part: PartView, process: str) -> None:
     unit = view.sheet.unit
     _, low, _, high = bounds(loop for loop, _ in part.cut)
     for loop, angle in part.cut:
@@ -113,7 +115,7 @@ def _front(view: View, part: PartView) -> None:
     for start, end in part.seen:
         view.line(start, end)
     view.line((0, low - 3 * unit), (0, high + 3 * unit), "AXIS")
-    for x, z, up in part.seats:
+    for x, z, up in part.seats if process == MACHINING else ():  # of others the title block says how their faces are made
         view.roughness((x, z), SEAT, up)
     for item, (tip, z) in enumerate(zip(part.items, _beside(part.items, low, ITEM * unit), strict=True), start=1):
         view.item(tip, (part.reach + FIRST * unit, z), str(item))
@@ -140,7 +142,7 @@ def _plan(view: View, part: PartView) -> None:
     view.cross(2 * part.reach, 2 * part.reach)
 
 
-def _dimensions(view: View, part: PartView, texts: dict[Measure, str]) -> None:
+def _dimensions(view: View, part: PartView, texts: dict[Measure, str], process: str) -> None:
     unit = view.sheet.unit
     low_x, low, high_x, high = bounds(loop for loop, _ in part.cut)
     starts: dict[str, float] = {"below": low, "left": low_x, "right": high_x}
@@ -152,6 +154,6 @@ def _dimensions(view: View, part: PartView, texts: dict[Measure, str]) -> None:
             view.dimension(measure.start, measure.end, texts[measure], at=at, upright=upright, clear=high if upright else high_x)
     if part.edge is not None:
         radius, centre = part.edge
-        held = tolerance(radius, radius=True)
+        held = tolerance(radius, radius=True, process=process)
         text = f"R{number(radius)}" + (f" \N{PLUS-MINUS SIGN}{written(held.deviation)}" if held.told else "")
         view.radius(centre, radius, -45, text, (high_x + (4 + room(text) / 2) * unit, low - 7.0 * unit))

@@ -5,7 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 from geometry.cad.drawing import number
 from geometry.cad.materials import PartMaterial
@@ -13,11 +14,11 @@ from geometry.cad.parts_check import expected_bodies
 from geometry.cad.stamp import Stamp
 from geometry.scenes.probe import Probe
 from geometry.workshop.mould_sizes import TOOL, MouldSizes, cavity_volume, holes_volume, volumes
-from geometry.workshop.parts import PartView
-from geometry.workshop.tolerance import Budget, Tolerance, tolerance, written
+from geometry.workshop.parts import BOUND, TITLES, Measure, PartView
+from geometry.workshop.tolerance import MACHINING, RECTANGULAR, Budget, Tolerance, written
 
 BILL = ("part", "quantity", "material", "properties", "volume_mm3", "mass_g", "source_file")
-TABLE = ("dimension", "kind", "drawing", "nominal_mm", "tolerance_mm", "from", "log_sensitivity", "ratio_change_percent")
+TABLE = ("quantity", "kind", "drawing", "nominal", "deviation", "from", "wanted", "log_sensitivity", "ratio_percent")
 
 
 def bill_of_materials(probe: Probe, stamp: Stamp, moulds: Sequence[MouldSizes], edge_radius: float = 0.0) -> str:
@@ -60,52 +61,82 @@ def _adhesive(probe: Probe) -> tuple[str, str, str, str]:
     )
 
 
-def held(views: Iterable[PartView], budget: Budget) -> dict[str, tuple[str, float, Tolerance]]:
-    """Return by the name of each dimension where it is drawn, its size as drawn (a diameter, of a radius) and how it is held.
+@dataclass(frozen=True)
+class HeldDimension:
+    """A dimension as a drawing holds it.
 
-    Those that others give are not held for themselves.
+    Attributes:
+        measure: what is drawn.
+        part: on whose drawing.
+        held: its deviation.
+        slope: d ln ratio / d ln size; None where the ratio does not depend on it, or that is not known.
+        wanted: deviation in mm that the ratio wants; None likewise.
     """
-    found: dict[str, tuple[str, float, Tolerance]] = {}
+
+    measure: Measure
+    part: str
+    held: Tolerance
+    slope: float | None
+    wanted: float | None
+
+    @property
+    def ratio(self) -> float | None:
+        """Standard deviation that it gives the ratio, relative."""
+        return None if self.slope is None else abs(self.slope) * self.held.deviation / RECTANGULAR / self.held.size
+
+
+def held_dimensions(views: Iterable[PartView], materials: Mapping[str, PartMaterial], budget: Budget) -> list[HeldDimension]:
+    """Return the dimensions of all drawings; those that others give are not held for themselves."""
+    found = []
     for view in views:
+        process = materials[view.name].process if view.name in materials else MACHINING
         for measure in (one for one in view.measures if not one.auxiliary):
-            bound = budget.bound(measure.name)
-            factor = 2 if measure.prefix else 1
-            one = tolerance(measure.size, None if bound is None else factor * bound)
-            place, *_ = found.get(measure.name, ("",))
-            found[measure.name] = (f"{place} {view.name}".strip(), measure.size, one)
+            known = view.name in BOUND
+            bound = budget.bound(measure.name) if known else None
+            wanted = None if bound is None else (2 if measure.prefix else 1) * bound
+            slope = budget.sensitivities.get(measure.name) if known else None
+            found.append(HeldDimension(measure, view.name, measure.held(view.name, process, budget), slope, wanted))
     return found
 
 
-def tolerances(views: Iterable[PartView], budget: Budget) -> str:
-    """Return the table as CSV, a row for each dimension; what the ratio changes where its sensitivity is known."""
-    rows = []
-    for name, (place, size, one) in held(views, budget).items():
-        slope = budget.sensitivities.get(name)
-        change = "" if slope is None else f"{100 * abs(slope) * one.deviation / size:.3g}"
-        deviation, kind = written(one.deviation), "diameter" if name.endswith("_radius") else "length"
-        rows.append(
-            (
-                name.replace("_radius", "_diameter"),
-                kind,
-                place,
-                number(size),
-                deviation,
-                one.source,
-                "" if slope is None else f"{slope:.4g}",
-                change,
-            )
-        )
+def tolerances(dimensions: Iterable[HeldDimension], budget: Budget) -> str:
+    """Return the table as CSV: dimensions in mm, with deviations either way; what no drawing holds, with standard deviations.
+
+    ``ratio_percent`` is the standard deviation that each gives the ratio.
+    """
+    rows = [_row(one) for one in dimensions]
+    rows += [
+        (one.name, "standard deviation", "", one.nominal, f"{100 * one.sd:.3g} %", one.source, "", "", f"{100 * one.ratio:.3g}")
+        for one in budget.scatter
+    ]
     return _csv(TABLE, rows)
 
 
-def together(views: Iterable[PartView], budget: Budget) -> float:
-    """Return what all deviations together change of the ratio, in percent: the root of the sum of their squares.
+def _row(one: HeldDimension) -> tuple[str, ...]:
+    name, kind = one.measure.name.replace("_radius", "_diameter"), "diameter" if one.measure.prefix else "length"
+    slope, ratio = ("" if one.slope is None else f"{one.slope:.4g}"), ("" if one.ratio is None else f"{100 * one.ratio:.3g}")
+    wanted = "" if one.wanted is None else written(one.wanted)
+    return name, kind, one.part, number(one.measure.size), written(one.held.deviation), one.held.source, wanted, slope, ratio
 
-    The gap is not counted beside the two radii that it lies between.
+
+def scatter_of_ratio(dimensions: Iterable[HeldDimension], budget: Budget) -> dict[str, float]:
+    """Return the standard deviation that each dimension, modulus and gain gives the ratio, relative, the largest first.
+
+    Independent of each other: together they make the root of the sum of squares. The gap is not counted beside both radii.
     """
-    found = {name: one for name, one in held(views, budget).items() if name != "gap"}
-    shares = (budget.sensitivities.get(name, 0.0) * one.deviation / size for name, (_, size, one) in found.items())
-    return 100 * math.sqrt(sum(share**2 for share in shares))
+    parts = {_words(one): one.ratio for one in dimensions if one.ratio is not None and one.measure.name != "gap"}
+    parts |= {one.words: one.ratio for one in budget.scatter}
+    return dict(sorted(parts.items(), key=lambda entry: -entry[1]))
+
+
+def _words(one: HeldDimension) -> str:
+    name = one.measure.name.removeprefix(f"{one.part}_").replace("radius", "diameter").replace("_", " ")
+    return f"{TITLES[one.part].lower()}'s {name}"
+
+
+def together(scatter: Mapping[str, float]) -> float:
+    """Return what all parts of a scatter make together, in percent of the ratio."""
+    return 100 * math.hypot(*scatter.values())
 
 
 def _csv(heading: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

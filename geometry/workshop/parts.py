@@ -8,13 +8,16 @@ from dataclasses import dataclass
 from typing import Literal
 
 from geometry.cad import solids
-from geometry.cad.materials import PartMaterial
+from geometry.cad.materials import PartMaterial, part_materials
 from geometry.scenes.base_sizes import assumed_sizes, base_sizes
 from geometry.scenes.probe import Probe
 from geometry.workshop.outlines import base_section, block, box, disc, open_ring
 from geometry.workshop.sheet import Loop, Point
+from geometry.workshop.tolerance import MACHINING, Budget, Tolerance, tolerance
 
 Place = Literal["below", "left", "right", "plan"]
+BOUND = ("inner", "outer", "assembly")  # drawings whose dimensions move the ratio
+CLOSURE = ("inner_height", "outer_height")  # of a casting: from the cavity's floor to the lid
 SEAT = "Ra 0.8"  # of faces that a film is bonded to: peaks far below the film and its adhesive
 TITLES = {
     "inner": "Inner block",
@@ -52,6 +55,13 @@ class Measure:
         """The distance in mm."""
         along = 0 if self.place == "below" else 1
         return abs(self.end[along] - self.start[along])
+
+    def held(self, part: str, process: str, budget: Budget) -> Tolerance:
+        """Return how the dimension is held on the drawing of a part, mm; the ratio binds the blocks and their gap alone."""
+        bound = budget.bound(self.name) if part in BOUND else None
+        factor = 2 if self.prefix else 1
+        closure = self.name in CLOSURE
+        return tolerance(self.size, None if bound is None else factor * bound, process=process, closure=closure)
 
 
 @dataclass(frozen=True)
@@ -251,7 +261,9 @@ def assembly_view(probe: Probe, edge_radius: float = 0.0) -> PartView:
     heights.append(Measure("total_height", (-one.ro, 0), (-rf, top), "left", auxiliary=True))
     widths = [diameter("outer_radius", one.ro, one.edge, auxiliary=True)]
     widths += [diameter("flange_radius", rf, top, auxiliary=True)] if rf > one.ro else []
-    gap = Measure("gap", (one.r2, one.edge), (one.ri, one.edge), "below")
+    # the gap of blocks of which one is cast follows from both castings, and is no dimension of its own
+    cast = any(part_materials(probe)[block].process != MACHINING for block in ("inner", "outer"))
+    gap = Measure("gap", (one.r2, one.edge), (one.ri, one.edge), "below", auxiliary=cast)
     return PartView(
         "assembly",
         cut=tuple((loop, ANGLES[name]) for name, view in alone.items() for loop, _ in view.cut),

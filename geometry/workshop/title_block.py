@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from geometry.cad.stamp import Stamp
+from geometry.workshop.processes import Process
 from geometry.workshop.sheet import PER_LETTER, DrawingSheet, View, room
-from geometry.workshop.tolerance import GENERAL
 
 WIDTH, ROW, ROWS = 180.0, 6.5, 6  # mm of paper
 HEIGHT = ROW * ROWS + 3.5  # the first row is higher
 LABEL, FIGURES = 1.8, 2.2  # heights of letters
+PARTS = "see the parts' drawings"
 NOTE = 4.0  # between two lines of notes
 
 
@@ -23,12 +24,14 @@ class Title:
         file: name of the drawing's files without their ending.
         material: of the part.
         stamp: the design's.
+        process: by which it is made; None of an assembly, whose parts have one each.
     """
 
     name: str
     file: str
     material: str
     stamp: Stamp
+    process: Process | None
 
 
 def scale_text(scale: float) -> str:
@@ -46,15 +49,17 @@ def title_block(sheet: DrawingSheet, title: Title) -> None:
     """Draw the title block at the lower right corner of the frame."""
     _, bottom, right, _ = sheet.frame
     left, top = right - WIDTH, bottom + HEIGHT
+    made = title.process
+    general, roughness, bonded = (made.general, made.roughness, made.bonded) if made else (PARTS, PARTS, PARTS)
     sheet.line((left, bottom), (left, top), (right, top))
     sheet.text(left + 3, top - 7.2, title.name, 4.5)
     sheet.text(right - 3, top - 7.2, title.file, 3.0, "RIGHT")
     rows: list[list[tuple[str, str, float]]] = [
         [("Material", title.material, WIDTH)],
         [("Scale", scale_text(sheet.scale), 45), ("Sheet", sheet.size, 45), ("Units", "mm", 45), ("Projection", "", 45)],
-        [("General tolerances", GENERAL, 90), ("Roughness, unless indicated", "Ra 3.2", 90)],
+        [("General tolerances", general, 90), ("Roughness, unless indicated", roughness, 90)],
         [("Design", title.stamp.design, WIDTH)],
-        [("Program", title.stamp.program, 90), ("Bonded faces", "Ra 0.8, free of release agent", 90)],
+        [("Program", title.stamp.program, 90), ("Bonded faces", bonded, 90)],
     ]
     for number, row in enumerate(rows):
         high = top - 10.0 - number * ROW

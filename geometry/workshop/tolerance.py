@@ -1,4 +1,4 @@
-"""How tightly a dimension is held: ISO 2768-1, class m, unless what it does to the ratio wants it tighter."""
+"""How tightly a dimension is held: as its process holds it, or tighter where the ratio wants it and the process can."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-GENERAL = "ISO 2768-m"
-# ISO 2768-1:1989, table 1, class m: sizes up to, and the deviation, in mm; table 2 for radii and chamfers
-LENGTHS = ((6.0, 0.1), (30.0, 0.2), (120.0, 0.3), (400.0, 0.5), (1000.0, 0.8), (2000.0, 1.2), (4000.0, 2.0))
+from geometry.workshop.processes import Process, find_process
+
+MACHINING, CASTING = "machining", "casting"
+# ISO 2768-1:1989, table 2, class m, for radii and chamfers that are machined: sizes up to, and the deviation, in mm
 RADII = ((3.0, 0.2), (6.0, 0.5), (math.inf, 1.0))
-SMALLEST = 0.5  # mm: below it the standard wants a deviation beside each size
-OF_SMALL = 0.1  # of a size that is too small for the standard, or for its deviation: what it is given here
+OF_SMALL = 0.1  # of a machined size that is too small for the standard, or for its deviation: what it is given here
+OF_ANY = 0.5  # of a size of any other process: no deviation takes more
+RECTANGULAR = math.sqrt(3)
+"""Deviation either way over standard deviation, anything within it being as likely (JCGM 100:2008, 4.3.7)."""
 
 
 @dataclass(frozen=True)
@@ -32,49 +35,92 @@ class Tolerance:
 
 
 @dataclass(frozen=True)
-class Budget:
-    """What the ratio of the two stresses leaves the dimensions.
+class Scatter:
+    """What scatters the ratio beside dimensions: a modulus, a Poisson's ratio or a film's gain.
 
     Attributes:
-        percent: that all dimensions together may change of the ratio.
-        deviations: by the name of a dimension the deviation in mm of it, of a radius where that is drawn as a diameter.
+        name: key of the scene file, or of a film's gain.
+        words: the same in words.
+        nominal: with its unit.
+        sd: its standard deviation relative to the nominal value.
+        ratio: standard deviation that it gives the ratio, relative.
+        source: of ``sd``.
+    """
+
+    name: str
+    words: str
+    nominal: str
+    sd: float
+    ratio: float
+    source: str
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What the ratio of the two stresses leaves the dimensions, and what else scatters it.
+
+    Attributes:
+        percent: that dimensions, moduli and gains together may change of the ratio, a standard deviation.
+        deviations: by the name of a block's dimension the deviation in mm that would do, of a radius where that is drawn as a
+            diameter.
         sensitivities: likewise d ln ratio / d ln size.
+        scatter: of all that no drawing holds.
         remark: why there are none.
     """
 
     percent: float = 0.0
     deviations: Mapping[str, float] = field(default_factory=dict)
     sensitivities: Mapping[str, float] = field(default_factory=dict)
+    scatter: tuple[Scatter, ...] = ()
     remark: str = ""
 
     def bound(self, name: str) -> float | None:
         """Return the deviation of a dimension in mm, None where the ratio binds it not."""
         return self.deviations.get(name)
 
+    def modulus_of(self, block: str) -> Scatter | None:
+        """Return how well the modulus of a block is known; None where that is not known."""
+        return next((one for one in self.scatter if one.name == f"probe.{block}.youngs_modulus"), None)
+
 
 UNBOUND = Budget()
 
 
-def general(size: float, radius: bool = False) -> float | None:
-    """Return the deviation of a size in mm, or of a radius, by ISO 2768-m; None where the standard has none."""
-    if size < SMALLEST:
-        return None
-    return next((deviation for most, deviation in (RADII if radius else LENGTHS) if size <= most), None)
+def tolerance(
+    size: float, bound: float | None = None, radius: bool = False, *, process: str = MACHINING, closure: bool = False
+) -> Tolerance:
+    """Return the deviation of a size, all in mm: the process's, or ``bound`` where that is tighter and the process can.
 
+    A machined size for which the standard has no deviation, or one of more than a tenth of it, gets a tenth. Castings and prints
+    have their process's deviation beside each size: no bound makes them more exact.
 
-def tolerance(size: float, bound: float | None = None, radius: bool = False) -> Tolerance:
-    """Return the tighter of the standard's deviation and ``bound``, both in mm.
-
-    A size for which the standard has none, or one of more than a tenth of it, gets a tenth.
+    Args:
+        size: of the dimension.
+        bound: what the ratio leaves it.
+        radius: whether it is the radius of an edge.
+        process: by which the part is made.
+        closure: whether the size lies across the parting plane of a mould.
     """
-    usual = general(size, radius)
+    made = find_process(process)
+    if process != MACHINING:
+        usual = made.deviation(size, closure)
+        return Tolerance(size, min(OF_ANY * size, usual or math.inf), made.general, told=True)
+    usual, source, told = _machined(made, size, radius)
+    if bound is None or bound >= usual:
+        return Tolerance(size, usual, source, told)
+    finest = made.tightest(size)
+    if finest is not None and bound < min(finest, usual):
+        return Tolerance(size, min(finest, usual), made.finest_source, told=True)
+    return Tolerance(size, bound, "the ratio", told=True)
+
+
+def _machined(made: Process, size: float, radius: bool) -> tuple[float, str, bool]:
+    usual = made.deviation(size)
+    if radius and usual is not None:
+        usual = next(deviation for most, deviation in RADII if size <= most)
     if usual is None or usual > OF_SMALL * size:
-        usual, source, told = OF_SMALL * size, f"{100 * OF_SMALL:g} % of the size", True
-    else:
-        source, told = GENERAL, False
-    if bound is not None and bound < usual:
-        return Tolerance(size, bound, "the ratio", True)
-    return Tolerance(size, usual, source, told)
+        return OF_SMALL * size, f"{100 * OF_SMALL:g} % of the size", True
+    return usual, made.general, False
 
 
 def written(deviation: float) -> str:

@@ -142,7 +142,7 @@ def tolerances(
     Args:
         scene: of a kind that ``axisymmetric`` or ``equivalent-inclusion`` takes.
         ratio: standard deviation of ln ratio that is allowed, 0.01 for 1 %.
-        bench: whose ``[workshop]`` and ``[channels]`` hold; left out: their defaults.
+        bench: see ``probe_design.tolerances.variables.toleranced``.
         materials: of the blocks "inner" and "outer", by names of the catalogue: how well their moduli are known.
         given: standard deviations by names, see ``probe_design.tolerances.variables.toleranced``.
         samples: a power of 2 from 64 to 65536; see ``sampled``.
@@ -154,7 +154,7 @@ def tolerances(
     """
     start = perf_counter()
     _check(ratio, samples)
-    scene = by_outer_radius(scene)
+    scene = by_heights(by_outer_radius(scene))
     variables, level = toleranced(scene, bench, materials, given), level_of(scene)
     told = with_warning(evaluator(level).evaluate(scene, ACCURACY), scene, LINEAR)
     if told.ratio is None or told.ratio <= 0 or told.error_estimate is None:
@@ -172,6 +172,15 @@ def tolerances(
         level, perf_counter() - start, ratio, {key: getattr(told, key) for key in ("ratio", "stiffness", "log_sensitivity")},
         _scatter(moved, drawn, told), _lines(variables, slope, drawn, ratio), 0 if drawn is None else drawn.designs, tuple(notes),
     )  # fmt: skip
+
+
+def by_heights(scene: Scene) -> Scene:
+    """Return the scene with a height of each block, which are made each by itself; an elastic base lies on both and has one."""
+    height = scene.probe.height
+    if height is None or not scene.probe.base.rigid:
+        return scene
+    probe = scene.probe.model_dump(exclude_unset=True, exclude={"height"}) | {"inner_height": height, "outer_height": height}
+    return Scene.model_validate(scene.model_dump(exclude_unset=True) | {"probe": probe})
 
 
 def held(sds: Floats, contributions: Floats, allowed: float) -> Floats:

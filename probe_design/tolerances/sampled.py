@@ -123,11 +123,22 @@ def _outputs(scene: Scene, variables: Sequence[Toleranced]) -> Callable[[Any], A
                 gains[GAINS.index(one.name)] = np.log(one.drawn(row))
             for key in PARAMETERS.get(one.name, ()):
                 columns[PROBE.index(key)] = one.drawn(row)
+        radius, gap = PROBE.index("inner_radius"), PROBE.index("gap")
+        columns[gap] = stay_open((columns[gap] - columns[radius] + nominal[radius]) / nominal[gap]) * nominal[gap]
         with np.errstate(all="ignore"):  # designs that the formulas cannot answer are NaN
             matrix, slope = forces(shape, columns)
             return _read(matrix, slope, columns, gains)
 
     return outputs
+
+
+def stay_open(gap: Any) -> Any:
+    """Return gaps over the drawn one that stay above 0, of any shape, real or complex: g from 1 on, e^(g - 1) below.
+
+    The hole stays where the inner block's radius is off, eq. TO.6, so that the blocks of some draws would overlap.
+    """
+    below = np.where(np.real(gap) < 1.0, gap, 1.0)
+    return np.where(np.real(gap) < 1.0, np.exp(below - 1.0), gap)
 
 
 def _read(matrix: Any, slope: Any, columns: Any, gains: Any) -> Any:

@@ -3,6 +3,11 @@
 Gains g_i multiply what is read: with F_i the films' forces and A_i areas, built or drawn,
 
     ln ratio = ln(g_1 F_1 A_2 / (g_2 F_2 A_1)),   ln stiffness = ln(g_1 F_1 + g_2 F_2) - ln indentation.   (TO.3)
+
+A scene has radii and the gap; a workshop makes three radii: the inner block's, the hole's and the outer one. With S = dy/dx of
+the scene's numbers, derivatives by the inner block's radius r_2 while the hole's r_h stays, and by r_h while r_2 stays, are
+
+    dy/dr_2 = S_radius - S_gap,   dy/dr_h = S_gap.   (TO.6)
 """
 
 from __future__ import annotations
@@ -16,7 +21,7 @@ from threadpoolctl import threadpool_limits
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal
 from geometry.scenes.scene import Scene
-from probe_design.tolerances.variables import GAINS, Toleranced
+from probe_design.tolerances.variables import GAINS, GAP, RADIUS, Toleranced
 from solver.axisymmetric.gradients import Gradients, gradients
 from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.sections import sections
@@ -37,7 +42,7 @@ def level_of(scene: Scene) -> str:
 
 
 def slopes(scene: Scene, variables: Sequence[Toleranced], accuracy: float) -> Floats:
-    """Return dy / dx of ``sampled.OUTPUTS`` by variables, per SI unit, shape (4, v).
+    """Return dy / dx of ``sampled.OUTPUTS`` by variables, per SI unit, shape (4, v); of the inner radius and the gap by eq. TO.6.
 
     Beside the axis what surface and blocks send back of a tumour's field is left out: slopes of the log-sensitivity are then good
     to some tenth where the cover is half a diameter.
@@ -45,13 +50,19 @@ def slopes(scene: Scene, variables: Sequence[Toleranced], accuracy: float) -> Fl
     Raises:
         Refusal: see ``level_of``; or a block's height cannot be moved alone, as an elastic base lies on both films.
     """
-    names = tuple(one.name for one in variables if one.kind != "gain")
+    names = tuple(dict.fromkeys([*(one.name for one in variables if one.kind != "gain"), GAP]))
     found = _gradients(scene, names, accuracy)
     inner = found.values["stress_inner"][0] * scene.probe.inner_area
     outer = found.values["stress_outer"][0] * scene.probe.outer_area
     shares = np.array([inner, outer]) / (inner + outer)
-    columns = [_of_gain(one, shares) if one.kind == "gain" else _of_number(scene, one, found) for one in variables]
+    columns = [_of_gain(one, shares) if one.kind == "gain" else _of_length(scene, one.name, found) for one in variables]
     return np.array(columns).T
+
+
+def _of_length(scene: Scene, name: str, found: Gradients) -> Floats:
+    """Derivatives of ``OUTPUTS`` by a number of the scene as a workshop makes it, SI: eq. TO.6."""
+    own = _of_number(scene, name, found)
+    return own - _of_number(scene, GAP, found) if name == RADIUS else own
 
 
 def _gradients(scene: Scene, names: tuple[str, ...], accuracy: float) -> Gradients:
@@ -65,14 +76,14 @@ def _gradients(scene: Scene, names: tuple[str, ...], accuracy: float) -> Gradien
     return found
 
 
-def _of_number(scene: Scene, one: Toleranced, found: Gradients) -> Floats:
+def _of_number(scene: Scene, name: str, found: Gradients) -> Floats:
     """Derivatives of ``OUTPUTS`` by a number of the scene, SI."""
-    place = found.variables.index(one.name)
-    by = {name: float(part[0, place]) for name, part in found.derivatives.items()}
-    value = {name: float(part[0]) for name, part in found.values.items()}
+    place = found.variables.index(name)
+    by = {output: float(part[0, place]) for output, part in found.derivatives.items()}
+    value = {output: float(part[0]) for output, part in found.values.items()}
     ratio = by["ratio"] / value["ratio"]
     return np.array(
-        [ratio, ratio + _by_areas(scene, one.name), by["stiffness"] / value["stiffness"], by["log_sensitivity"]], dtype=float
+        [ratio, ratio + _by_areas(scene, name), by["stiffness"] / value["stiffness"], by["log_sensitivity"]], dtype=float
     )
 
 

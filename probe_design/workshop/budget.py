@@ -1,35 +1,26 @@
-"""What the ratio leaves each dimension of a drawing, from the uncertainty budget of the probe as built.
-
-The budget holds radii and gap; a workshop holds radii: the inner block's and the hole's, whose difference the gap is. With
-S = d ln ratio / dx at a fixed gap or radius, what turns with each of them while the other stays is
-
-    S_hole = S_gap,   S_inner = S_radius - S_gap.   (WO.1)
-
-A deviation allowed either way, anything within it being as likely, is sqrt(3) standard deviations (JCGM 100:2008, 4.3.7).
-"""
+"""What the ratio leaves each dimension of a drawing, and what else scatters it: the uncertainty budget in a workshop's words."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
+from geometry.cad.materials import modulus
 from geometry.common.errors import InputError
 from geometry.scenes.probe import Probe
 from geometry.scenes.scene import Scene
-from geometry.workshop.tolerance import Budget
+from geometry.workshop.tolerance import RECTANGULAR, Budget, Scatter
 from probe_design.tolerances.budget import BudgetLine, tolerances
 
-RECTANGULAR = math.sqrt(3)
 MM = 1e3
 SAMPLES = 64  # the least: of the budget only the first order is used here
 SHARP = "What the ratio leaves the dimensions is of the probe with sharp lower edges: no level differentiates round ones."
-SAME = {
+DIMENSIONS = {
+    "probe.inner_radius": ("inner_radius",),
+    "probe.gap": ("gap", "hole_radius"),
     "probe.outer_radius": ("outer_radius",),
     "probe.inner_height": ("inner_height",),
     "probe.outer_height": ("outer_height",),
-    "probe.groove.width": ("groove_width",),
-    "probe.groove.depth": ("groove_depth",),
-    "probe.gap": ("gap", "hole_radius"),
+    "probe.height": ("inner_height", "outer_height"),
 }
 """Dimensions of the drawings, by the scene's key whose tolerance and derivative are theirs."""
 
@@ -51,11 +42,10 @@ def ratio_budget(scene: Scene, tolerance: float) -> Budget:
     edge = scene.contact.edge_radius
     sharp = scene.model_copy(update={"contact": scene.contact.model_copy(update={"edge_radius": 0.0})}) if edge else scene
     try:
-        lines = tolerances(_by_heights(sharp), tolerance, samples=SAMPLES).lines
+        lines = tolerances(sharp, tolerance, samples=SAMPLES).lines
     except InputError as fault:  # of a kind that no level differentiates, or read by one film alone
         return Budget(100 * tolerance, remark=f"No dimension is bound by the ratio: {fault}")
-    found = of_lines(scene.probe, {line.name: line for line in lines}, tolerance)
-    return replace(found, remark=SHARP) if edge else found
+    return from_lines(scene.probe, lines, tolerance, SHARP if edge else "")
 
 
 def check_tolerance(tolerance: float) -> None:
@@ -64,25 +54,38 @@ def check_tolerance(tolerance: float) -> None:
         raise InputError("tolerance", tolerance, "a number above 0 and below 1, such as 0.01")
 
 
-def _by_heights(scene: Scene) -> Scene:
-    """Return the scene with a height of each block, which are two dimensions; an elastic base lies on both and has one."""
-    height = scene.probe.height
-    if height is None or not scene.probe.base.rigid:
-        return scene
-    probe = scene.probe.model_dump(exclude_unset=True, exclude={"height"}) | {"inner_height": height, "outer_height": height}
-    return Scene.model_validate(scene.model_dump(exclude_unset=True) | {"probe": probe})
+def from_lines(probe: Probe, lines: tuple[BudgetLine, ...], tolerance: float, remark: str = "") -> Budget:
+    """Return the budget of the drawings from the lines of an uncertainty budget.
+
+    A deviation allowed either way, anything within it being as likely, is sqrt(3) standard deviations (JCGM 100:2008, 4.3.7).
+    """
+    drawn = {name: line for line in lines for name in DIMENSIONS.get(line.name, ())}
+    sizes = {"hole_radius": probe.hole_radius, "gap": probe.gap}
+    deviations = {name: RECTANGULAR * line.held * MM for name, line in drawn.items() if line.held is not None}
+    slopes = {
+        name: line.outputs["ln_ratio"].derivative
+        * sizes.get(name, line.value)
+        / (math.sqrt(2) if line.name == "probe.height" else 1)
+        for name, line in drawn.items()
+    }
+    others = tuple(_scatter(line) for line in lines if line.name not in DIMENSIONS)
+    return Budget(100 * tolerance, deviations, slopes, others, remark)
 
 
-def of_lines(probe: Probe, lines: dict[str, BudgetLine], tolerance: float) -> Budget:
-    """Return the budget of the drawings' dimensions from the lines of a budget, by their names; see eq. WO.1."""
-    slopes = {name: line.outputs["ln_ratio"].derivative for name, line in lines.items()}
-    sizes = {"inner_radius": probe.inner_radius, "hole_radius": probe.hole_radius, "outer_radius": probe.tube_radius}
-    there = {name: key for key, names in SAME.items() if key in lines for name in names}
-    found = {name: (lines[key].held, slopes[key]) for name, key in there.items()}
-    radius = lines["probe.inner_radius"]
-    alone = slopes["probe.inner_radius"] - slopes["probe.gap"]
-    if radius.held is not None and alone:
-        found["inner_radius"] = radius.held * abs(slopes["probe.inner_radius"] / alone), alone
-    deviations = {name: RECTANGULAR * sd * MM for name, (sd, _) in found.items() if sd is not None}
-    values = {name: sizes[name] if name in sizes else lines[there[name]].value for name in found}
-    return Budget(100 * tolerance, deviations, {name: slope * values[name] for name, (_, slope) in found.items()})
+def _words(name: str) -> str:
+    """Write ``probe.outer.youngs_modulus`` as "outer block's modulus"."""
+    _, part, number = name.split(".")
+    what = {"youngs_modulus": "modulus", "poisson_ratio": "Poisson's ratio"}.get(number, number)
+    return f"{part} {'film' if name.startswith('film') else 'block'}'s {what}"
+
+
+def _scatter(line: BudgetLine) -> Scatter:
+    nominal = modulus(line.value) if line.kind == "modulus" else f"{line.value:.4g}"
+    return Scatter(
+        line.name,
+        _words(line.name),
+        nominal,
+        line.sd / line.value if line.value else 0.0,
+        line.outputs["ln_ratio"].contribution,
+        line.source,
+    )

@@ -176,6 +176,8 @@ ALLOWED: dict[str, set[str]] = {
         *ANSWERS,
     },
     "probe_design.tolerances": {
+        "geometry.cad.materials",  # how each block is made
+        "geometry.workshop.tolerance",  # and how exactly
         "probe_design.built_probe",  # the bench's tolerances, the probe as a workshop measures it
         "probe_design.data",
         "probe_design.pictures",

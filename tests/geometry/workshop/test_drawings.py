@@ -14,10 +14,10 @@ from pypdf import PdfReader
 
 from geometry.cad.record import design_of
 from geometry.cad.stamp import stamp_of
-from geometry.scenes.probe import Base, Film, Probe
+from geometry.scenes.probe import Base, Film, Material, Probe
 from geometry.workshop import drawings, pdf
 from geometry.workshop.parts import assembly_view, part_views, parts_list
-from geometry.workshop.tolerance import UNBOUND
+from geometry.workshop.tolerance import UNBOUND, Budget
 from tests.support.parts import make
 from tests.support.workshop import EDGE, distance, entities, probe
 
@@ -32,13 +32,25 @@ SIZES = {  # of each drawing's dimensions, from the scene by hand, mm
     "assembly": [0.1, 2 * OUTER, 18, 5, 5 + 0.11 + 2 + 3],
 }
 TEXTS = {  # what stands at them
-    "inner": ["\u00d810 \u00b10.04", "5", "R0.2 \u00b10.02"],
-    "outer": ["\u00d810.2", f"\u00d8{2 * OUTER:.4f}", "5", "1", "2", "R0.2 \u00b10.02"],
-    "film-inner": ["\u00d810 \u00b10.04", "0.11 \u00b10.011"],
+    # castings: ISO 3302-1, table 1, class M2, of fixed sizes, and of heights as closure sizes
+    "inner": ["\u00d810 \u00b10.2", "5 \u00b10.2", "R0.2 \u00b10.1"],
+    "outer": [
+        "\u00d810.2 \u00b10.2",
+        f"\u00d8{2 * OUTER:.4f} \u00b10.2",
+        "5 \u00b10.2",
+        "1 \u00b10.1",
+        "2 \u00b10.1",
+        "R0.2 \u00b10.1",
+    ],
+    "film-inner": ["\u00d810", "0.11 \u00b10.011"],
     "film-outer": ["\u00d810.2", f"\u00d8{2 * OUTER:.4f}", "0.11 \u00b10.011", "2"],
     "base": [f"\u00d8{2 * OUTER:.4f}", "\u00d818", "3", "2", "(5)"],  # the whole follows from its steps, ISO 129-1
-    "assembly": ["0.1 \u00b10.01", f"(\u00d8{2 * OUTER:.4f})", "(\u00d818)", "(5)", "(10.11)"],  # the parts' drawings give them
+    "assembly": ["(0.1)", f"(\u00d8{2 * OUTER:.4f})", "(\u00d818)", "(5)", "(10.11)"],  # the parts' drawings give them
 }
+
+
+GENERAL = {"inner": "ISO 3302-1 M2", "outer": "ISO 3302-1 M2", "assembly": "see the parts' drawings"}
+HARD = Material(youngs_modulus=3e9, poisson_ratio=0.35)
 
 
 def dimensions(path: Path) -> list[dict[str, Any]]:
@@ -61,7 +73,13 @@ def test_pdf_holds_the_same_sizes_and_the_title_block(package: Path, name: str) 
     page = PdfReader(package / f"{name}.pdf").pages[0].extract_text()
     assert [text for text in TEXTS[name] if text not in page.splitlines()] == []
     design, program = design_of(probe(), EDGE), stamp_of(probe()).program
-    for told in (f"Design {design}\n", f"Program {program} ", "Units mm", "General tolerances ISO 2768-m", f" {name}\n"):
+    for told in (
+        f"Design {design}\n",
+        f"Program {program} ",
+        "Units mm",
+        f"General tolerances {GENERAL.get(name, 'ISO 2768-m')}",
+        f" {name}\n",
+    ):
         assert told in page, told
     assert re.search(r"Scale \d+:1 Sheet A4", page)
 
@@ -87,8 +105,37 @@ def test_dxf_declares_millimetres_and_layers(package: Path) -> None:
 
 
 def test_the_seat_of_a_film_has_its_roughness(package: Path) -> None:
-    for name, symbols in {"inner": 1, "outer": 1, "base": 1, "film-inner": 0}.items():
+    for name, symbols in {"inner": 0, "outer": 0, "base": 1, "film-inner": 0}.items():  # no symbol of machining on a casting
         assert [one["text"] for one in entities(package / f"{name}.dxf", "TEXT")].count("Ra 0.8") == symbols
+
+
+def texts(sheet: Any) -> list[str]:
+    return [one.dxf.text for kind in ("DIMENSION", "TEXT") for one in sheet.model.query(kind)]
+
+
+def test_a_casting_says_what_is_measured_and_how(package: Path) -> None:
+    """The mould's cavity, larger by the shrinkage of 0.1 %, to half of IT7; the modulus by a specimen; no soft block."""
+    page = PdfReader(package / "outer.pdf").pages[0].extract_text()
+    cavity = [2 * OUTER / (1 - 1e-3), 10.2 / (1 - 1e-3), 5 / (1 - 1e-3)]
+    told = [float(size) for size in re.findall(r"(?:cavity \u00d8|pin \u00d8|height) ([\d.]+) \u00b1", page)]
+    assert told == pytest.approx(cavity, abs=1e-4)
+    assert "Measure the mould, not the soft block" in page
+    assert "test a cylinder cast of the same pour in compression (ISO 7743)" in page
+    assert "Ra 3.2" not in page
+
+
+@pytest.mark.parametrize(
+    ("bound", "wanted"), [(0.02, "\u00d810 \u00b10.04"), (0.001, "\u00d810 \u00b10.0075"), (0.5, "\u00d810")]
+)
+def test_a_hard_block_keeps_machining_s_tolerances(bound: float, wanted: str) -> None:
+    """The ratio's where it is tighter, half of IT7 (ISO 286-1: 15 um of 10 mm) at the tightest, else ISO 2768-m in the title."""
+    one = make(inner=HARD, outer=HARD)
+    said = texts(drawings.draw(part_views(one)["inner"], stamp_of(one), Budget(1.0, {"inner_radius": bound})))
+    assert wanted in said
+    assert {"ISO 2768-m", "Ra 3.2", "Ra 0.8"} <= set(said)
+    assert not any("mould" in text for text in said)
+    soft = texts(drawings.draw(part_views(make())["inner"], stamp_of(make()), Budget(1.0, {"inner_radius": bound})))
+    assert "\u00d810 \u00b10.2" in soft  # no bound makes a casting more exact
 
 
 def test_what_is_assumed_has_a_star() -> None:

@@ -9,11 +9,13 @@ from pathlib import Path
 import pytest
 from pypdf import PdfReader
 
+from geometry.scenes.catalogue import find_material, materials
 from geometry.scenes.probe import Base, Film, Material
 from geometry.workshop.package import Casting, writers
+from geometry.workshop.processes import find_process
 from geometry.workshop.tolerance import tolerance, written
 from tests.support.parts import make
-from tests.support.workshop import EDGE, probe
+from tests.support.workshop import BUDGET, EDGE, probe
 
 EDGE_MM = 1e3 * EDGE
 
@@ -21,6 +23,12 @@ EDGE_MM = 1e3 * EDGE
 def rows(path: Path, key: str) -> dict[str, dict[str, str]]:
     with path.open(encoding="utf-8") as file:
         return {row[key]: row for row in csv.DictReader(file)}
+
+
+def held(path: Path) -> dict[str, dict[str, str]]:
+    """Rows of ``tolerances.csv`` by drawing and quantity."""
+    with path.open(encoding="utf-8") as file:
+        return {f"{row['drawing']} {row['quantity']}": row for row in csv.DictReader(file)}
 
 
 def text(name: str, folder: Path, **options: object) -> str:
@@ -73,21 +81,37 @@ def test_adhesive_is_counted(tmp_path: Path) -> None:
 
 
 def test_tolerances(package: Path) -> None:
-    table = rows(package / "tolerances.csv", "dimension")
-    inner, height = table["inner_diameter"], table["outer_height"]
-    assert (inner["nominal_mm"], inner["tolerance_mm"], inner["from"]) == ("10", "0.04", "the ratio")
-    assert float(inner["ratio_change_percent"]) == pytest.approx(100 * 0.6 * 0.04 / 10)
-    assert (height["tolerance_mm"], height["from"]) == ("0.1", "ISO 2768-m")  # tighter than the ratio wants it
-    assert float(height["ratio_change_percent"]) == pytest.approx(100 * 0.05 * 0.1 / 5)
-    assert (table["gap"]["tolerance_mm"], table["gap"]["drawing"]) == ("0.01", "assembly")
+    """Castings by ISO 3302-1 M2, whatever the ratio wants; a deviation is sqrt(3) standard deviations."""
+    table = held(package / "tolerances.csv")
+    inner, height = table["inner inner_diameter"], table["outer outer_height"]
+    assert (inner["nominal"], inner["deviation"], inner["from"], inner["wanted"]) == ("10", "0.2", "ISO 3302-1 M2", "0.04")
+    assert float(inner["ratio_percent"]) == pytest.approx(100 * 0.6 * 0.2 / 10 / math.sqrt(3), rel=2e-3)
+    assert (height["deviation"], height["from"]) == ("0.2", "ISO 3302-1 M2")  # tighter than the ratio wants it
+    assert float(height["ratio_percent"]) == pytest.approx(100 * 0.05 * 0.2 / 5 / math.sqrt(3), rel=2e-3)
+    assert table["film-inner inner_diameter"]["from"] == "ISO 2768-m"
+    assert "assembly gap" not in table  # it follows from both castings
+
+
+def test_tolerances_of_machined_blocks(tmp_path: Path) -> None:
+    hard = Material(youngs_modulus=3e9, poisson_ratio=0.35)
+    made = writers(make(inner=hard, outer=hard), budget=BUDGET)
+    made["tolerances.csv"](tmp_path / "tolerances.csv")
+    table = held(tmp_path / "tolerances.csv")
+    found = {name: (row["deviation"], row["from"]) for name, row in table.items()}
+    assert found["inner inner_diameter"] == ("0.04", "the ratio")
+    assert found["outer outer_height"] == ("0.1", "ISO 2768-m")
+    assert found["assembly gap"] == ("0.01", "10 % of the size")
+    assert not [name for name in made if "mould" in name]  # nothing is cast
 
 
 def test_the_order_of_assembly_tells_the_shim(package: Path) -> None:
     page = (package / "assembly.md").read_text(encoding="utf-8")
     assert "three shims of 0.1 mm" in page
-    assert "the gap is 0.1 \u00b10.01 mm" in page
-    total = 100 * math.hypot(0.6 * 0.04 / 10, 0.05 * 0.1 / 5)
-    assert f"change the ratio by {total:.2g} %" in page
+    assert f"0.1 mm, \u00b1{math.sqrt(2) * 0.2 / 2:.2f} mm by their tolerances" in page  # both walls' deviations
+    assert "is within reach of the castings' tolerances" in page
+    total = 100 * math.hypot(0.6 * 0.2 / 10, 0.05 * 0.2 / 5) / math.sqrt(3)
+    assert f"scatter in the ratio by {total:.3g} % (1 sd" in page
+    assert "inner block's diameter 0.69 %" in page
     steps = [line for line in page.splitlines() if line[:1].isdigit()]
     assert [int(line.split(".")[0]) for line in steps] == list(range(1, len(steps) + 1))
 
@@ -119,6 +143,7 @@ def test_casting_is_handed_on(tmp_path: Path) -> None:
         (0.6, None, False, (0.06, True)),
         (5.0, None, True, (0.5, False)),
         (10.0, 0.03, False, (0.03, True)),
+        (10.0, 0.001, False, (0.0075, True)),  # half of IT7, ISO 286-1
         (10.0, 0.3, False, (0.2, False)),
         (5000.0, None, False, (500.0, True)),
     ],
@@ -126,6 +151,35 @@ def test_casting_is_handed_on(tmp_path: Path) -> None:
 def test_general_tolerances(size: float, bound: float | None, radius: bool, wanted: tuple[float, bool]) -> None:
     found = tolerance(size, bound, radius)
     assert (found.deviation, found.told) == (pytest.approx(wanted[0]), wanted[1])
+
+
+@pytest.mark.parametrize(
+    ("process", "size", "closure", "wanted"),  # ISO 3302-1, table 1, class M2; 1 % or 0.5 mm; 0.5 % or 0.16 mm
+    [
+        ("casting", 4.0, False, 0.10),
+        ("casting", 4.0, True, 0.15),
+        ("casting", 6.3, False, 0.15),
+        ("casting", 6.3, True, 0.20),
+        ("casting", 10.1, False, 0.20),
+        ("casting", 10.1, True, 0.25),
+        ("casting", 30.0, False, 0.35),
+        ("casting", 200.0, True, 1.4),
+        ("filament-printing", 10.0, False, 0.5),
+        ("filament-printing", 100.0, False, 1.0),
+        ("resin-printing", 10.0, False, 0.16),
+        ("resin-printing", 100.0, False, 0.5),
+    ],
+)
+def test_tolerances_of_processes(process: str, size: float, closure: bool, wanted: float) -> None:
+    for bound in (None, 1e-3):
+        found = tolerance(size, bound, process=process, closure=closure)
+        assert (found.deviation, found.told) == (pytest.approx(wanted), True)
+
+
+def test_every_material_has_a_process() -> None:
+    for one in materials().values():
+        assert find_process(one.process).source
+    assert find_material("pla-printed").process == "filament-printing"
 
 
 @pytest.mark.parametrize(

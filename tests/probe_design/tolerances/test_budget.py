@@ -14,11 +14,11 @@ import pytest
 from geometry.common.errors import InputError, Refusal
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import read_scene
-from geometry.scenes.variables import changed
+from geometry.scenes.variables import changed, values
 from probe_design.built_probe.bench import Workshop, builtin_bench
 from probe_design.built_probe.block_predictions import by_outer_radius
-from probe_design.tolerances.budget import ToleranceBudget, held, tolerances
-from probe_design.tolerances.sampled import OUTPUTS, sampled
+from probe_design.tolerances.budget import ToleranceBudget, by_heights, held, tolerances
+from probe_design.tolerances.sampled import OUTPUTS, sampled, stay_open
 from probe_design.tolerances.slopes import slopes
 from probe_design.tolerances.variables import GAINS, toleranced
 from solver import evaluate
@@ -43,6 +43,12 @@ def outputs(scene: Scene, drawn: Scene, level: str = "axisymmetric", accuracy: f
     return np.array([math.log(told.ratio), math.log(told.ratio) + areas, math.log(told.stiffness), told.log_sensitivity])
 
 
+def built_off(scene: Scene, name: str, step: float) -> dict[str, float]:
+    """What a workshop that is off by a step makes of one number: the hole stays where the inner block's radius is off."""
+    new = {name: values(scene)[name] + step}
+    return new | ({"probe.gap": scene.probe.gap - step} if name == "probe.inner_radius" else {})
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("x", [0.0, 4e-3])  # by axisymmetric, and by equivalent-inclusion
 def test_slopes_are_those_of_answers(x: float) -> None:
@@ -54,8 +60,8 @@ def test_slopes_are_those_of_answers(x: float) -> None:
     variables = [one for one in toleranced(scene) if (one.name in some if x else one.kind != "gain")]
     found = slopes(scene, variables, 1e-3)
     for one, slope in zip(variables, found.T, strict=True):
-        step = 0.01 * one.value
-        above, below = (outputs(changed(scene, {one.name: one.value + s}), scene, level, 1e-3) for s in (step, -step))
+        step = (0.002 if one.name == "probe.inner_radius" else 0.01) * one.value  # of which a gap of 0.1 mm takes 8 um
+        above, below = (outputs(changed(scene, built_off(scene, one.name, s)), scene, level, 1e-3) for s in (step, -step))
         wanted = (above - below) / (2 * step)
         assert slope[:3] == pytest.approx(wanted[:3], rel=0.03, abs=3e-3 / one.value), one.name
         share = 0.1 if x else 0.03  # beside the axis the log-sensitivity's slope leaves reflections out
@@ -93,8 +99,8 @@ def test_small_tolerances_make_samples_linear() -> None:
 
 def test_a_lognormal_modulus_of_which_the_ratio_is_a_power_scatters_as_its_logarithm() -> None:
     """With gains alone ln ratio is linear in the normal variables: sd^2 = s_1^2 + s_2^2, shares by their squares."""
-    given: dict[str, object] = {one.name: 0.0 for one in toleranced(by_outer_radius(SCENE))}
-    found = tolerances(SCENE, samples=256, given=given | {GAINS[0]: "40 %", GAINS[1]: 0.3})
+    given: dict[str, object] = {one.name: 0.0 for one in toleranced(by_heights(by_outer_radius(SCENE)))}
+    found = tolerances(SCENE, samples=1024, given=given | {GAINS[0]: "40 %", GAINS[1]: 0.3})
     ratio = found.outputs["ln_ratio"]
     assert ratio.sd == pytest.approx(0.5)
     assert ratio.sampled == pytest.approx(0.5, abs=0.02)
@@ -104,8 +110,8 @@ def test_a_lognormal_modulus_of_which_the_ratio_is_a_power_scatters_as_its_logar
 
 
 def test_few_samples_scatter_no_more_than_stated() -> None:
-    """With the bench's tolerances ln ratio is all but linear in normal numbers, so that first order is its scatter."""
-    scatter = tolerances(SCENE, samples=64).outputs["ln_ratio"]
+    """With the built-in bench's tolerances ln ratio is all but linear in normal numbers, so that first order is its scatter."""
+    scatter = tolerances(SCENE, samples=64, bench=builtin_bench()).outputs["ln_ratio"]
     assert scatter.sampled is not None
     assert scatter.sampled_error is not None
     assert abs(scatter.sampled - scatter.sd) < 2 * scatter.sampled_error
@@ -139,6 +145,9 @@ def test_samples_of_the_closed_form_tell_how_far_finite_elements_bend() -> None:
     variables = [one for one in toleranced(scene, given=given) if one.name in given and one.kind != "gain"]
     eta = np.random.default_rng(3).normal(size=(24, len(variables)))
     built = [{one.name: float(one.drawn(e)) for one, e in zip(variables, row, strict=True)} for row in eta]
+    for new in built:  # the hole stays, and no gap closes
+        off = new["probe.inner_radius"] - scene.probe.inner_radius
+        new["probe.gap"] = float(stay_open((new["probe.gap"] - off) / scene.probe.gap)) * scene.probe.gap
     told = np.array([outputs(changed(scene, new), scene, accuracy=1e-3) for new in built])
     line = (eta * [one.sd for one in variables]) @ slopes(scene, variables, 1e-3).T
     for k, name in enumerate(OUTPUTS):
@@ -169,6 +178,24 @@ def test_tolerances_are_the_bench_s() -> None:
     lines = {one.name: one.sd for one in toleranced(by_outer_radius(SCENE), bench)}
     assert lines["probe.gap"] == 5e-6
     assert lines[GAINS[0]] == builtin_bench().channels.gain
+
+
+def test_without_a_bench_tolerances_are_the_process_s_and_the_catalogue_s() -> None:
+    """ISO 3302-1 M2 of cast blocks: 0.2 mm of 8 and 8.2 mm, 0.15 mm of 3 mm across the parting plane; ISO 2768-m of hard ones."""
+    tables = SCENE.model_dump(exclude_unset=True)
+    tables["probe"]["outer"] = {"material": "dragon-skin-30"}
+    named = by_heights(by_outer_radius(Scene.model_validate(tables)))
+    sds = {one.name: one.sd for one in toleranced(named)}
+    root = math.sqrt(3)
+    lengths = ("probe.inner_radius", "probe.gap", "probe.outer_height")
+    assert [sds[name] for name in lengths] == pytest.approx([0.1e-3 / root, 0.1e-3 / root, 0.15e-3 / root])
+    assert sds["probe.outer.youngs_modulus"] == pytest.approx(0.554 * 668e3, rel=2e-3)  # eq. SC.3
+    assert sds["probe.inner.youngs_modulus"] == pytest.approx(0.02 * 1e6)  # no name: taken as measured
+    tables["probe"]["outer"]["youngs_modulus"], tables["probe"]["inner"]["youngs_modulus"] = 610e3, 3e9
+    measured = {one.name: one.sd for one in toleranced(by_heights(by_outer_radius(Scene.model_validate(tables))))}
+    assert measured["probe.outer.youngs_modulus"] == pytest.approx(0.02 * 610e3)
+    assert measured["probe.inner_radius"] == pytest.approx(0.2e-3 / 2 / root)
+    assert measured["probe.inner_height"] == pytest.approx(0.1e-3 / root)
 
 
 @pytest.mark.parametrize(

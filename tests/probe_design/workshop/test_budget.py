@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import csv
 import math
 
 import pytest
 
 from geometry.common.errors import InputError
+from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import read_scene
+from geometry.workshop.package import writers
 from geometry.workshop.tolerance import Budget
+from probe_design.tolerances.budget import tolerances
 from probe_design.workshop.budget import ratio_budget
 from solver import evaluate
 from tests.support import paths
@@ -63,6 +67,21 @@ def test_round_edges_are_told_and_bound_as_sharp_ones(budget: Budget) -> None:
     told = ratio_budget(round_edges, 0.01)
     assert told.deviations == pytest.approx(budget.deviations, rel=1e-9)
     assert "sharp lower edges" in told.remark
+
+
+def test_the_drawings_and_the_uncertainty_budget_agree(tmp_path: Path) -> None:
+    """One computation: what the parts' drawings make of the ratio is what `tolerances` says, moduli and gains included."""
+    tables = SCENE.model_dump(exclude_unset=True)
+    tables["probe"]["outer"] = {"material": "ecoflex-00-50"}
+    named = Scene.model_validate(tables)
+    told, found = ratio_budget(named, 0.01), tolerances(named, samples=64)
+    writers(named.probe, 0.0, told)["tolerances.csv"](tmp_path / "tolerances.csv")
+    with (tmp_path / "tolerances.csv").open(encoding="utf-8") as file:
+        parts = {row["quantity"]: float(row["ratio_percent"]) for row in csv.DictReader(file) if row["ratio_percent"]}
+    assert math.hypot(*parts.values()) == pytest.approx(100 * found.outputs["ln_ratio"].sd, rel=5e-3)  # three digits
+    largest = found.lines[0]
+    assert largest.name == max(parts, key=parts.__getitem__) == "probe.outer.youngs_modulus"
+    assert parts[largest.name] == pytest.approx(100 * largest.outputs["ln_ratio"].contribution, rel=5e-3)
 
 
 @pytest.mark.parametrize("share", [0.0, 1.0, -1.0, math.nan])
