@@ -155,7 +155,7 @@ def plan(scene: Path, accuracy: str, loads: bool, as_json: bool) -> None:
 @click.option("--ratio", default="0.01", show_default=True, help="Standard deviation of the ratio that is allowed, relative.")
 @click.option("--tolerance", multiple=True, help='A standard deviation: "probe.gap = 10 um", 5 % of a modulus or gain.')
 @click.option("--material", multiple=True, help="What a block is made of, inner=dragon-skin-30: how well its modulus is known.")
-@click.option("--bench", type=FILE_NAME, help="TOML file whose [workshop] and [channels] hold in place of the built-in bench's.")
+@click.option("--bench", type=FILE_NAME, help="TOML file whose [workshop] and [channels] hold instead.")
 @click.option("--samples", default=1024, show_default=True, type=int, help="Of the Sobol indices: a power of 2.")
 @click.option("--plot", "picture", type=FILE_NAME, help="Draw the budget to this .png, .svg or .pdf file.")
 @limiting
@@ -166,8 +166,8 @@ def tolerances(
 ) -> None:  # fmt: skip
     """Say how far SCENE's probe as built may read off, by what, and what must be held how tightly for --ratio.
 
-    Radii, gap, heights, moduli and Poisson's ratios of the blocks and the films' gains are off by what the bench file says, or
-    --tolerance and --material. To first order by exact derivatives; beside it samples and Sobol indices by the closed form.
+    Radii and heights are off by what casting or machining keeps, moduli by what the catalogue says of a named material, gains by
+    5 %; or by --bench, --tolerance and --material. To first order by exact derivatives; beside it samples by the closed form.
     """
     from geometry.scenes.scene_file import read_scene
     from probe_design.built_probe.bench import read_bench

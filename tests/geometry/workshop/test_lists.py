@@ -85,9 +85,9 @@ def test_tolerances(package: Path) -> None:
     table = held(package / "tolerances.csv")
     inner, height = table["inner inner_diameter"], table["outer outer_height"]
     assert (inner["nominal"], inner["deviation"], inner["from"], inner["wanted"]) == ("10", "0.2", "ISO 3302-1 M2", "0.04")
-    assert float(inner["ratio_percent"]) == pytest.approx(100 * 0.6 * 0.2 / 10 / math.sqrt(3), rel=2e-3)
+    assert float(inner["ratio_percent"]) == pytest.approx(100 * 0.6 * 0.2 / 10 / math.sqrt(3), rel=5e-3)
     assert (height["deviation"], height["from"]) == ("0.2", "ISO 3302-1 M2")  # tighter than the ratio wants it
-    assert float(height["ratio_percent"]) == pytest.approx(100 * 0.05 * 0.2 / 5 / math.sqrt(3), rel=2e-3)
+    assert float(height["ratio_percent"]) == pytest.approx(100 * 0.05 * 0.2 / 5 / math.sqrt(3), rel=5e-3)
     assert table["film-inner inner_diameter"]["from"] == "ISO 2768-m"
     assert "assembly gap" not in table  # it follows from both castings
 
