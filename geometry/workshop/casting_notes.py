@@ -49,7 +49,7 @@ def _of_mould(size: float) -> float:
 
 def _known(block: str, budget: Budget) -> str:
     known = budget.modulus_of(block)
-    return "" if known is None else f"{known.nominal}, known to {100 * known.sd:.2g} % (1 sd); "
+    return "" if known is None else f"{known.nominal} \N{PLUS-MINUS SIGN}{100 * known.sd:.2g} % (1 sd); "
 
 
 def gap_deviation(probe: Probe, moulds: Sequence[MouldSizes]) -> float:
