@@ -1,20 +1,27 @@
 """What a bench does wrong in a calibration, and what then comes of a reading: `nice python -m benchmarks.built_probe.careless`.
 
-Calibrations of the virtual probe as drawn under 10 mN, each with one fault: pin or ring that touch the other block, a force
-channel with play, a filter, a delay. A row counts how many of them were refused or warned of; of those that were not refused, the
-largest error of a gain or cross-talk, and the root mean square error of the ratio that is then read on the scene, both over
-their stated standard deviations; and the ratio's standard deviation. ``--leak 0`` takes pin and ring as perfect.
+Each draw is another probe on another bench: gains, cross-talk, amplifiers, force sensor, leaks, blocks, and by the predictions'
+derivatives the probe's dimensions are off by their tolerances. It is read under 10 mN with noise, hum and drift, calibrated,
+and the gains then serve a reading on the scene without noise. A row is one fault, in all draws. It counts
+
+* refused calibrations; those with a warning that a film lags; those with a warning about the fault;
+* of the others, how many per cent of the true gains, of the ratios and of the films' sums of forces lie within 1.96 of their
+  stated standard deviations: 95 is stated;
+* the mean stated standard deviations of ratio and sum, %.
+
+``--weight 0.01`` adds a weight to the bench: a pin reading whose load is known to 1 %.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.signal import lfilter
 
+from benchmarks.built_probe.counts import share
 from geometry import Scene, read_scene
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
@@ -27,30 +34,46 @@ from probe_design.built_probe.gain_matrix import Gains
 from probe_design.built_probe.virtual_probe import RATE, Built, signals
 
 SCENE = "examples/scene.toml"
-LOAD, SECONDS = 10e-3, 10.0  # N, s
+LOAD, SECONDS = 10e-3, 5.0  # N, s
 RATIO = 0.676  # force on the inner film over that on the outer, of the reading on the scene
+HALF_WIDTH = 1.96  # standard deviations of an interval of 95 %
 
 Change = Callable[[Floats], Floats]
 
 
 @dataclass(frozen=True)
-class Carelessness:
-    """One fault: what share of its load pin and ring put on the other block, and what becomes of the force channel's volts."""
+class BenchFault:
+    """One fault of a bench.
 
-    pin: float = 0.0
-    ring: float = 0.0
-    force: Change | None = None
+    Attributes:
+        pin, ring: share of its load that goes to the other block, in place of a drawn one.
+        sensor: factor on the force sensor's sensitivity.
+        clock: true over stated sampling rate.
+        channels: what becomes of a channel's volts, by its column.
+        frequency: nominal frequency of the load, Hz; None: the bench's.
+        word: that a warning about it holds.
+    """
+
+    pin: float | None = None
+    ring: float | None = None
+    sensor: float = 1.0
+    clock: float = 1.0
+    channels: dict[int, Change] = field(default_factory=dict)
+    frequency: float | None = None
+    word: str = "nothing"
 
 
 @dataclass(frozen=True)
-class CarelessOutcome:
-    """What came of one calibration: refused or warned of, the gains' errors and the ratio's over their standard deviations."""
+class CalibrationOutcome:
+    """What came of one calibration: refused or warned of; by how many standard deviations gains, ratio and sum are off."""
 
     refused: str = ""
+    lags: bool = False
     warned: bool = False
-    gains: float = 0.0
+    gains: Floats = field(default_factory=lambda: np.zeros(4))
     ratio: float = 0.0
-    stated: float = 0.0
+    total: float = 0.0
+    stated: tuple[float, float] = (0.0, 0.0)
 
 
 def played(half_width: float) -> Change:
@@ -72,91 +95,169 @@ def filtered(seconds: float) -> Change:
     return lambda volts: np.asarray(lfilter([1 - keep], [1, -keep], volts, zi=[keep * volts[0]])[0])
 
 
-CARELESS = {
-    "none": Carelessness(),
-    "ring leaks 1 %": Carelessness(ring=0.01),
-    "ring leaks 3 %": Carelessness(ring=0.03),
-    "pin leaks 1 %": Carelessness(pin=0.01),
-    "pin leaks 3 %": Carelessness(pin=0.03),
-    "force channel with play of 1 %": Carelessness(force=played(0.01)),
-    "with play of 2 %": Carelessness(force=played(0.02)),
-    "with play of 5 %": Carelessness(force=played(0.05)),
-    "filtered by 2 ms": Carelessness(force=filtered(0.002)),
-    "filtered by 5 ms": Carelessness(force=filtered(0.005)),
-    "filtered by 10 ms": Carelessness(force=filtered(0.01)),
-    "one sample late": Carelessness(force=lambda volts: np.roll(volts, 1)),
+def late(rows: int) -> Change:
+    """Return a delay by so many samples."""
+    return lambda volts: np.roll(volts, rows)
+
+
+FAULTS = {
+    "none": BenchFault(),
+    "inner film late by 0.1 rad": BenchFault(channels={0: late(3)}, word="inner film lags"),
+    "outer film late by 0.1 rad": BenchFault(channels={1: late(3)}, word="outer film lags"),
+    "outer film filtered by 2 ms": BenchFault(channels={1: filtered(0.002)}, word="outer film lags"),
+    "force sensor 10 % high": BenchFault(sensor=1.1, word="force channel"),
+    "force sensor 10 % low": BenchFault(sensor=0.9, word="force channel"),
+    "force sensor 3 % high": BenchFault(sensor=1.03, word="force channel"),
+    "pin leaks 1 %": BenchFault(pin=0.01, word="pin"),
+    "ring leaks 1 %": BenchFault(ring=0.01, word="ring"),
+    "both leak 1 %": BenchFault(pin=0.01, ring=0.01, word="touch"),
+    "pin leaks 3 %": BenchFault(pin=0.03, word="pin"),
+    "ring leaks 3 %": BenchFault(ring=0.03, word="ring"),
+    "rate 0.5 % high": BenchFault(clock=0.995, word="sampling rate"),
+    "rate 3 % low": BenchFault(clock=1.03, word="sampling rate"),
+    "rate 10 % high": BenchFault(clock=1 / 1.1, word="sampling rate"),
+    "rate 0.1 % high": BenchFault(clock=0.999, word="sampling rate"),
+    "load of 0.5 Hz, rate 3 % low": BenchFault(clock=1.03, frequency=0.5, word="sampling rate"),
+    "load of 0.5 Hz, rate 10 % high": BenchFault(clock=1 / 1.1, frequency=0.5, word="sampling rate"),
+    "force channel with play of 1 %": BenchFault(channels={2: played(0.01)}, word="force channel lags"),
+    "with play of 2 %": BenchFault(channels={2: played(0.02)}, word="force channel lags"),
+    "with play of 5 %": BenchFault(channels={2: played(0.05)}, word="force channel lags"),
+    "filtered by 2 ms": BenchFault(channels={2: filtered(0.002)}, word="force channel lags"),
+    "filtered by 5 ms": BenchFault(channels={2: filtered(0.005)}, word="force channel lags"),
+    "filtered by 10 ms": BenchFault(channels={2: filtered(0.01)}, word="force channel lags"),
+    "one sample late": BenchFault(channels={2: late(1)}, word="force channel lags"),
 }
 
 
-def read_carelessly(fault: Carelessness, scene: Scene, bench: Bench, shares: Shares, seed: int) -> list[Samples]:
-    """Return one reading on each reference."""
-    parts = inner_shares(shares.log_ratios, bench.reference)
-    parts = parts + [{"inner": -fault.pin, "outer": fault.ring}.get(one.on, 0.0) for one in bench.reference]
-    times, found = np.arange(round(SECONDS * RATE)) / RATE, []
-    for k, part in enumerate(parts):
-        volts = signals(Built(), bench, scene, LOAD * np.array([part, 1 - part]), [seed, k])(times)
-        if fault.force is not None:
-            volts[:, 2] = fault.force(volts[:, 2])
-        none = np.zeros(volts.shape, bool)
-        names = ("inner", "outer", "force")
-        found.append(Samples(RATE, names, np.arange(len(times)), volts, saturated=none, gaps=(), overruns=0, source={}))
-    return found
+@dataclass(frozen=True)
+class DrawnBench:
+    """A probe and its bench as they are, which nobody knows: channels, and the inner film's share of each reference's load."""
+
+    built: Built
+    shares: Floats
+
+    @classmethod
+    def draw(cls, fault: BenchFault, bench: Bench, shares: Shares, seed: int) -> DrawnBench:
+        """Draw all that chance decides, each thing by the bench's tolerance of it."""
+        random = np.random.default_rng(seed)
+        channels, amplifier = bench.channels, bench.amplifier
+        spread = np.array([[channels.gain, channels.cross_talk], [channels.cross_talk, channels.gain]])
+        films = np.eye(2) + spread * random.standard_normal((2, 2))
+        parts = 1 + np.array([amplifier.resistance_tolerance, amplifier.capacitance_tolerance]) * random.standard_normal((2, 2))
+        tolerance = 0.0 if bench.force is None else bench.force.tolerance
+        built = Built(
+            gains=((films[0, 0], films[0, 1]), (films[1, 0], films[1, 1])),
+            resistance=(parts[0, 0], parts[1, 0]),
+            capacitance=(parts[0, 1], parts[1, 1]),
+            force=fault.sensor * (1 + tolerance * random.standard_normal()),
+            frequency=1 + 2e-4 * random.standard_normal(),
+            hum=0.0 if fault.clock != 1.0 else Built.hum,  # whose frequency would tell the rate
+        )
+        moduli = [one.tolerance * share.by_modulus for one, share in zip(bench.blocks, shares.blocks, strict=True)]
+        logs = shares.log_ratios + moduli * random.standard_normal(len(moduli))
+        logs = logs + shares.slopes @ (shares.tolerances(bench.workshop) * random.standard_normal(len(shares.variables)))
+        leaks = {"inner": fault.pin, "outer": fault.ring}
+        parts_of_load = inner_shares(logs, bench.reference)
+        for k, one in enumerate(bench.reference):
+            drawn, leak = one.strays * abs(random.standard_normal()), leaks.get(one.on)
+            parts_of_load[k] += {"inner": -1.0, "outer": 1.0}.get(one.on, 0.0) * (drawn if leak is None else leak)
+        return cls(built, parts_of_load)
+
+    def read(self, fault: BenchFault, scene: Scene, bench: Bench, seed: int) -> list[Samples]:
+        """Return one reading on each reference."""
+        names, found = ("inner", "outer", "force"), []
+        rows = np.arange(round(max(SECONDS, 25 / bench.load.frequency) * RATE))
+        for k, (part, one) in enumerate(zip(self.shares, bench.reference, strict=True)):
+            load = one.known_force or LOAD
+            volts = signals(self.built, bench, scene, load * np.array([part, 1 - part]), [seed, k])(rows / RATE / fault.clock)
+            for column, change in fault.channels.items():
+                volts[:, column] = change(volts[:, column])
+            none = np.zeros(volts.shape, bool)
+            found.append(Samples(RATE, names, rows, volts, saturated=none, gaps=(), overruns=0, source={}))
+        return found
+
+    def matrix(self, bench: Bench) -> Floats:
+        """Return the true M, amplifiers included, shape (2, 2)."""
+        nominal, frequency = bench.amplifier.of_films(), self.built.frequency * bench.load.frequency
+        pairs = zip(self.built.amplifiers(nominal), nominal, strict=True)
+        return np.array([[abs(one.response(frequency) / drawn.response(frequency))] for one, drawn in pairs]) * self.built.gains
 
 
-def outcome(fault: Carelessness, scene: Scene, bench: Bench, shares: Shares, seed: int) -> CarelessOutcome:
+def outcome(fault: BenchFault, scene: Scene, bench: Bench, shares: Shares, seed: int) -> CalibrationOutcome:
     """Calibrate with a fault, then read the scene without noise."""
+    drawn = DrawnBench.draw(fault, bench, shares, seed)
     try:
-        found = calibrate(scene, bench, read_carelessly(fault, scene, bench, shares, seed), shares)
+        found = calibrate(scene, bench, drawn.read(fault, scene, bench, seed), shares)
     except (HardwareError, InputError) as why:
-        return CarelessOutcome(refused=str(why))
-    truth = _matrix(bench)
-    gains = (found.gains.matrix - truth).ravel() / np.sqrt(np.diag(found.gains.covariance))
-    off, spread = _ratio(found.gains, truth)
-    return CarelessOutcome(warned=bool(found.warnings), gains=float(np.abs(gains).max()), ratio=off / spread, stated=spread)
+        return CalibrationOutcome(refused=str(why))
+    truth = drawn.matrix(bench)
+    return CalibrationOutcome(
+        "",
+        any("film lags" in one for one in found.warnings),
+        any(fault.word in one for one in found.warnings),
+        (found.gains.matrix - truth).ravel() / np.sqrt(np.diag(found.gains.covariance)),
+        *_reading_errors(found.gains, truth),
+    )
 
 
-def _matrix(bench: Bench) -> Floats:
-    """The true M, amplifiers included."""
-    nominal, frequency = bench.amplifier.of_films(), Built().frequency * bench.load.frequency
-    pairs = zip(Built().amplifiers(nominal), nominal, strict=True)
-    return np.array([[abs(one.response(frequency) / drawn.response(frequency))] for one, drawn in pairs]) * Built().gains
+def _reading_errors(gains: Gains, truth: Floats) -> tuple[float, float, tuple[float, float]]:
+    """Errors of ln of ratio and sum on the scene over their standard deviations, and these."""
+    forces = LOAD * np.array([RATIO, 1.0]) / (1 + RATIO)
+    films = truth @ forces
+    found = gains.forces(films)
+    covariance = gains.forces_covariance(films, np.zeros((2, 2)))
+    slopes = np.array([[1.0, -1.0] / found, np.ones(2) / found.sum()])
+    ratio, total = np.sqrt(np.einsum("ka,ab,kb->k", slopes, covariance, slopes)).tolist()
+    off = np.log(found[0] / found[1] / RATIO), np.log(found.sum() / LOAD)
+    return float(off[0]) / ratio, float(off[1]) / total, (ratio, total)
 
 
-def _ratio(gains: Gains, truth: Floats) -> tuple[float, float]:
-    """By how much ln of the ratio on the scene is off, and its stated standard deviation."""
-    films = truth @ (LOAD * np.array([RATIO, 1.0]) / (1 + RATIO))
-    forces = gains.forces(films)
-    slopes = np.array([1.0, -1.0]) / forces
-    spread = np.sqrt(slopes @ gains.forces_covariance(films, np.zeros((2, 2))) @ slopes)
-    return float(np.log(forces[0] / forces[1] / RATIO)), float(spread)
+def row(name: str, outcomes: list[CalibrationOutcome]) -> str:
+    """Return a fault's line of the table."""
+    read = [one for one in outcomes if not one.refused]
+    counts = f"| {name} | {len(outcomes) - len(read)} | {sum(one.lags for one in read)} | {sum(one.warned for one in read)} |"
+    if not read:
+        return f"{counts} - | - | - | - | - |  {outcomes[-1].refused[:90]}"
+    within = [np.mean(np.abs([getattr(one, key) for one in read]) < HALF_WIDTH) for key in ("gains", "ratio", "total")]
+    stated = 100 * np.mean([one.stated for one in read], axis=0)
+    return counts + "".join(f" {100 * one:.0f} |" for one in within) + "".join(f" {one:.2f} |" for one in stated)
 
 
-def row(name: str, outcomes: list[CarelessOutcome]) -> str:
-    """Return a fault's line."""
-    told = [one for one in outcomes if not one.refused]
-    counts = f"{name:32} {len(outcomes) - len(told):7d} {sum(one.warned for one in told):6d}"
-    if not told:
-        return f"{counts} {'-':>9} {'-':>9} {'-':>9}  {outcomes[-1].refused[:90]}"
-    rms, stated = np.sqrt(np.mean([one.ratio**2 for one in told])), 100 * np.mean([one.stated for one in told])
-    return f"{counts} {max(one.gains for one in told):9.2f} {rms:9.2f} {stated:7.2f} %"
+def bench_asked(weight: float | None, leak: float | None) -> Bench:
+    """Return the built-in bench, its pin's load known or its leaks others where that is asked for."""
+    bench = builtin_bench()
+    references = list(bench.reference)
+    if leak is not None:
+        references = [one if one.on == "tissue" else one.model_copy(update={"leak": leak}) for one in references]
+    if weight is not None:
+        references[0] = references[0].model_copy(update={"known_force": LOAD, "known_force_tolerance": weight})
+    return bench.model_copy(update={"reference": tuple(references)})
 
 
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--draws", type=int, default=10)
+    parser.add_argument("--draws", type=int, default=20)
+    parser.add_argument("--weight", type=float, help="relative tolerance of a known load on the pin")
     parser.add_argument("--leak", type=float, help="of pin and ring, in place of the bench's")
-    parser.add_argument("--only", default="", help="faults whose names hold this")
+    parser.add_argument("--only", default="", help="faults whose names hold this; several, parted by commas")
     asked = parser.parse_args()
-    scene, bench = by_outer_radius(read_scene(SCENE)), builtin_bench()
-    if asked.leak is not None:
-        kept = [one if one.on == "tissue" else one.model_copy(update={"leak": asked.leak}) for one in bench.reference]
-        bench = bench.model_copy(update={"reference": tuple(kept)})
+    scene, bench = by_outer_radius(read_scene(SCENE)), bench_asked(asked.weight, asked.leak)
     shares = predicted(scene, bench.reference)
-    print(f"{'':32} refused warned  gain, z  ratio, z ratio, sd")
-    for name, fault in CARELESS.items():
-        if asked.only in name:
-            print(row(name, [outcome(fault, scene, bench, shares, seed) for seed in range(asked.draws)]), flush=True)
+    shares = replace(shares, blocks=tuple(replace(one, rule=None) for one in shares.blocks))
+    print(
+        f"{asked.draws} draws\n\n| fault | refused | film lags | told | gains, % | ratio, % | sum, % | sd ratio, % | sd sum, % |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|")
+    for name, fault in FAULTS.items():
+        if any(one in name for one in asked.only.split(",")):
+            load = bench.load if fault.frequency is None else bench.load.model_copy(update={"frequency": fault.frequency})
+            under = bench.model_copy(update={"load": load})
+            outcomes = [outcome(fault, scene, under, shares, seed) for seed in range(asked.draws)]
+            print(row(name, outcomes), flush=True)
+            if name == "none":
+                false = sum(one.lags for one in outcomes if not one.refused)
+                print(f"| false lag warnings: {share(false, len(outcomes))} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ from geometry import Scene, read_scene
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from geometry.scenes.variables import changed, values
-from probe_design.built_probe.bench import Bench, Reference, builtin_bench
+from probe_design.built_probe.bench import Bench, Reference, builtin_bench, read_bench
 from probe_design.built_probe.block_predictions import Shares, by_outer_radius, inner_shares, log_ratios, predicted
 from probe_design.built_probe.gain_matrix import PER_KELVIN, Gains, Observed
 from probe_design.built_probe.trusted_gains import trusted
@@ -75,9 +75,9 @@ class Study:
     shares: Shares
 
     @classmethod
-    def of(cls, block_tolerance: float | None) -> Study:
-        """Return the built-in bench's, its blocks known to ``block_tolerance``."""
-        scene, bench = by_outer_radius(read_scene(SCENE)), builtin_bench()
+    def of(cls, bench: Bench, block_tolerance: float | None) -> Study:
+        """Return a bench's, its blocks known to ``block_tolerance``."""
+        scene = by_outer_radius(read_scene(SCENE))
         if block_tolerance is not None:
             blocks = [
                 one if one.on != "tissue" else one.model_copy(update={"tolerance": block_tolerance}) for one in bench.reference
@@ -168,9 +168,11 @@ def main() -> None:
     parser.add_argument("--out", type=int, default=100)
     parser.add_argument("--explain", type=int, default=0)
     parser.add_argument("--block-tolerance", type=float)
+    parser.add_argument("--bench", type=Path)
     parser.add_argument("--solved", type=Path)
     asked = parser.parse_args()
-    study, solved = Study.of(asked.block_tolerance), SolvedProbes(asked.solved, asked.block_tolerance)
+    bench = builtin_bench() if asked.bench is None else read_bench(asked.bench)
+    study, solved = Study.of(bench, asked.block_tolerance), SolvedProbes(asked.solved, asked.block_tolerance)
     print_within(list(studied(study, asked.within, (None,), solved)))
     print_out(list(studied(study, asked.out, study.names, solved, asked.explain)))
 

@@ -7,6 +7,7 @@ counter; if not, another stream is begun and the gap's length is unknown.
 from __future__ import annotations
 
 import errno
+import os
 import random
 import struct
 import time
@@ -115,7 +116,8 @@ class SerialTransport:
         if not SMALLEST <= size <= LARGEST:
             raise ProtocolError(f"serial:{self._name} states frames of {size} bytes: allowed: {SMALLEST} to {LARGEST}")
         source: dict[str, Any] = {
-            "transport": "serial", "serial": self._name, "firmware": info.firmware, "started": now(), "scale": list(info.scale),
+            "transport": "serial", "serial": _serial_number(self._name), "port": self._name, "firmware": info.firmware,
+            "started": now(), "scale": list(info.scale),
         }  # fmt: skip
         channels = CHANNELS[: info.channels]
         return Header("frames", info.rate, channels, scale=info.scale, size=size, stream=self._stream, source=source)
@@ -184,3 +186,12 @@ class SerialTransport:
             self._port.close()
             return False
         return True
+
+
+def _serial_number(port: str) -> str:
+    """Return the serial number of the USB board behind a port, "" where the system knows none."""
+    with suppress(Exception):  # whatever a system's list of ports may hold
+        for one in import_module("serial.tools.list_ports").comports():
+            if os.path.realpath(one.device) == os.path.realpath(port):
+                return str(one.serial_number or "")
+    return ""

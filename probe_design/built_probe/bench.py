@@ -27,20 +27,23 @@ Warming = Annotated[float, Quantity("temperature change", "K", "K", 1e-6, 100.0)
 Share = Annotated[float, Field(ge=0.0, le=1.0, description="a number from 0 to 1, such as 0.02")]
 Skew = Annotated[float, Quantity("time", "s", "us", -1.0, 1.0)]
 SkewTolerance = Annotated[float, Quantity("time", "s", "us", 0.0, 1.0)]
+KnownForce = Annotated[float, Quantity("force", "N", "mN", 1e-9, 1e6)]
 On = Literal["tissue", "inner", "outer"]
-LEAK = 0.002  # of a pin's or a ring's load on the other block
+LEAK = 0.007  # of a pin's or a ring's load on the other block: 1 %, which happens, lies within 95 % (docs/hardware.md)
 
 
 class Shaker(Frozen):
     """The sinusoidal load.
 
     Attributes:
-        frequency: about; the fit corrects it.
+        frequency: of the drive; the fit corrects it.
+        frequency_tolerance: relative standard deviation of the drive's frequency: what differs by more is told as a wrong rate.
         least_cycles: periods that a reading used for calibrating holds.
         most_warming: temperature change of a film over such a reading.
     """
 
     frequency: Frequency = 5.0
+    frequency_tolerance: Share = 0.001
     least_cycles: Annotated[float, Field(ge=3.0, le=1e6, description="a number from 3 to 1e6")] = 20.0
     most_warming: Warming = 0.1
 
@@ -92,12 +95,14 @@ class ReferenceForce(Frozen):
 
     Attributes:
         sensitivity: V/N.
-        tolerance: its relative standard deviation.
+        tolerance: its relative standard deviation by its maker.
+        verified: whether a known load has confirmed it; if not, and none is among the references, its scale counts as unknown.
         delay: of the channel behind the inner film's by a digital filter, below 0 where it is sampled later than that; corrected.
     """
 
     sensitivity: Sensitivity
     tolerance: Share = 0.005
+    verified: bool = False
     delay: Skew = 0.0
 
 
@@ -131,13 +136,19 @@ class Reference(Frozen):
             touches the inner block alone; ``outer``, a ring that touches the outer block alone.
         youngs_modulus: of the tissue.
         tolerance: its relative standard deviation.
-        leak: of a pin or ring, the standard deviation of the share of its load that the other block takes; ``LEAK`` if not told.
+        leak: of a pin or ring, the standard deviation of the share of its load that the other block takes; if not told,
+            ``LEAK``, or what it shows in the other film's channel where that is more.
+        known_force: amplitude of the load, N, where it is known by itself: of a mass that is shaken, or of a spring of known
+            stiffness.
+        known_force_tolerance: its relative standard deviation.
     """
 
     on: On = "tissue"
     youngs_modulus: Modulus | None = None
     tolerance: Share = 0.01
     leak: Share | None = None
+    known_force: KnownForce | None = None
+    known_force_tolerance: Annotated[float, Field(ge=1e-6, le=1.0, description="a number from 1e-6 to 1, such as 0.01")] = 0.01
 
     @model_validator(mode="after")
     def _modulus_of_tissue(self) -> Self:
@@ -157,7 +168,8 @@ class Reference(Frozen):
     def name(self) -> str:
         """For tables and messages."""
         if self.youngs_modulus is None:
-            return {"inner": "pin on the inner block", "outer": "ring on the outer block"}[self.on]
+            known = "" if self.known_force is None else f", {1e3 * self.known_force:.4g} mN"
+            return {"inner": "pin on the inner block", "outer": "ring on the outer block"}[self.on] + known
         return f"block of {self.youngs_modulus / 1e3:.6g} kPa"
 
 

@@ -14,6 +14,10 @@ from hw.common.errors import HardwareError
 from hw.common.samples import Samples
 from hw.signal.measure import Measurement
 from hw.signal.waveform import Flawed
+from probe_design.bench_doubts.film_lag import lag_warnings
+from probe_design.bench_doubts.force_scale import scale_warnings
+from probe_design.bench_doubts.load_checks import check_reference_loads
+from probe_design.bench_doubts.sampling_rate import gains_with_rate_doubt
 from probe_design.built_probe.bench import Bench, Reference
 from probe_design.built_probe.block_predictions import Shares, predicted
 from probe_design.built_probe.film_forces import observed, strict_reading
@@ -21,7 +25,6 @@ from probe_design.built_probe.gain_matrix import Gains, Observed
 from probe_design.built_probe.trusted_gains import trusted
 
 SAME = 0.01  # relative, by which the loads' frequencies may differ
-MOST_LAG = 0.02  # rad, between the films, from which a warning tells it
 
 
 @dataclass(frozen=True)
@@ -80,8 +83,14 @@ def calibrated(
     _check_count(measurements, bench)
     observations = tuple(observed(one, reference, scene) for one, reference in zip(measurements, bench.reference, strict=True))
     predictions = predicted(scene, bench.reference) if shares is None else shares
+    of_loads = check_reference_loads(observations, predictions, scene)
     predictions = predictions.under([one.load for one in observations], bench.reference, linear)
-    gains, notes = trusted(observations, predictions, bench)
+    lags = lag_warnings(measurements, bench.reference, bench)
+    try:
+        gains, notes = trusted(observations, predictions, bench)
+    except InputError as fault:  # a film that lags is worth knowing of where readings contradict each other
+        raise InputError(fault.key, fault.value, "; ".join([fault.allowed, *lags])) from None
+    gains = gains_with_rate_doubt(gains, measurements, bench)
     offsets = np.array([one.fit.offsets[:2] for one in measurements])
     spread = offsets.std(axis=0, ddof=1) / np.sqrt(len(offsets)) if len(offsets) > 1 else measurements[0].fit.offsets_sd[:2]
     return Calibration(
@@ -93,7 +102,7 @@ def calibrated(
         offsets=offsets.mean(axis=0),
         offsets_sd=spread,
         readings=observations,
-        warnings=(*notes, *_warnings(measurements, gains), *waveform_warnings(measurements, bench.reference)),
+        warnings=(*notes, *_warnings(gains, bench), *of_loads, *waveform_warnings(measurements, bench.reference), *lags),
     )
 
 
@@ -129,14 +138,11 @@ def _frequency(measurements: Sequence[Measurement]) -> float:
     return mean
 
 
-def _warnings(measurements: Sequence[Measurement], gains: Gains) -> list[str]:
-    warnings = []
+def _warnings(gains: Gains, bench: Bench) -> list[str]:
+    warnings = scale_warnings(gains.force_scale, bench)
     if not gains.absolute:
         warnings.append("no force channel: the ratio is calibrated, the stresses' common factor is not")
     for measured, entry in zip(gains.cross_talk_resolved, ("inner from outer", "outer from inner"), strict=True):
         if not measured:
             warnings.append(f"cross-talk {entry}: the readings hardly tell it; what the bench assumes stands")
-    lags = [abs(one.lag[0]) - 3 * one.lag[1] for one in measurements]
-    if max(lags) > MOST_LAG:
-        warnings.append(f"the films differ by {max(lags):.2g} rad or more in phase: tissue that flows, or an amplifier")
     return warnings

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -21,6 +21,8 @@ from geometry.provenance.texts import toml_comment
 from geometry.scenes.probe import Frozen
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_from_dict, scene_to_dict
+from probe_design.bench_doubts.force_scale import ForceScale
+from probe_design.bench_doubts.serial_numbers import LONGEST
 from probe_design.built_probe.bench import Bench, bench_from_dict, first_fault
 from probe_design.built_probe.calibration import Calibration
 from probe_design.built_probe.gain_matrix import ENTRIES, Gains
@@ -60,6 +62,15 @@ class ReadingRecord(Frozen):
     file: str = ""
 
 
+class ForceScaleRecord(Frozen):
+    """What was found of the force channel; see ``force_scale.ForceScale``."""
+
+    factor: float = Field(default=1.0, ge=1e-3, le=1e3)
+    sd: float = Field(default=0.0, ge=0.0, le=1e3)
+    entries: Listed[tuple[Finite, Finite, Finite, Finite]] = (0.0, 0.0, 0.0, 0.0)
+    confirmed: bool = True
+
+
 class CalibrationRecord(Frozen):
     """The file's tables as they stand there; ``gains()``, ``scene_read()`` and ``bench_read()`` give them their meaning."""
 
@@ -68,6 +79,7 @@ class CalibrationRecord(Frozen):
     software: str
     date: str
     device: str
+    serial: str = Field(default="", max_length=LONGEST)
     frequency: float = Field(ge=1e-6, le=1e12)
     absolute: bool
     entries: Listed[tuple[str, ...]]
@@ -83,6 +95,7 @@ class CalibrationRecord(Frozen):
     workshop: Row
     warnings: Listed[tuple[str, ...]]
     reading: Listed[tuple[ReadingRecord, ...]]
+    force_scale: ForceScaleRecord = ForceScaleRecord()
     scene: dict[str, Any]
     bench: dict[str, Any]
 
@@ -93,7 +106,8 @@ class CalibrationRecord(Frozen):
         v = len(self.variables)
         if shapes != ((2, 2), (4, 4), (4, v), (v,)) or abs(np.linalg.det(gains.matrix)) < 1e-6:
             raise InputError("matrix", Words("of a shape its covariance or slopes do not fit"), "what calibrate has written")
-        if np.linalg.eigvalsh(gains.covariance).min() < -1e-12 * max(np.trace(gains.covariance), 1e-12):
+        beside = gains.covariance - gains.force_scale.covariance
+        if np.linalg.eigvalsh(beside).min() < -1e-9 * max(np.trace(gains.covariance), 1e-12):
             raise InputError("covariance", Words("no covariance"), "what calibrate has written")
         return self
 
@@ -108,6 +122,7 @@ class CalibrationRecord(Frozen):
             cross_talk_resolved=self.cross_talk_resolved,
             chi_square=self.chi_square,
             freedom=self.degrees_of_freedom,
+            force_scale=ForceScale(**self.force_scale.model_dump() | {"entries": np.array(self.force_scale.entries)}),
         )
 
     def scene_read(self) -> Scene:
@@ -119,8 +134,15 @@ class CalibrationRecord(Frozen):
         return bench_from_dict(self.bench)
 
 
-def record(calibration: Calibration, raw: Sequence[Raw], device: str) -> CalibrationRecord:
-    """Return the record of a calibration; ``raw`` in the order of its readings."""
+def record(calibration: Calibration, raw: Sequence[Raw], device: str, serial: str | None = None) -> CalibrationRecord:
+    """Return the record of a calibration.
+
+    Args:
+        calibration: what was found.
+        raw: where its readings are, in their order.
+        device: that was read, in words.
+        serial: number of its board, where all readings tell the same one.
+    """
     gains = calibration.gains
     readings = tuple(
         ReadingRecord(
@@ -129,16 +151,19 @@ def record(calibration: Calibration, raw: Sequence[Raw], device: str) -> Calibra
         )
         for one, data in zip(calibration.readings, raw, strict=True)
     )  # fmt: skip
+    scale = ForceScaleRecord.model_validate(asdict(gains.force_scale) | {"entries": gains.force_scale.entries.tolist()})
     tables: dict[str, Any] = {name: getattr(gains, name).tolist() for name in ("matrix", "covariance", "slopes", "workshop")}
     return CalibrationRecord.model_validate(
         tables
         | {
             "format": FORMAT, "version": VERSION, "software": f"probe-design {version('probe-design')}",
-            "date": datetime.now(UTC).isoformat(timespec="seconds"), "device": device, "frequency": calibration.frequency,
+            "date": datetime.now(UTC).isoformat(timespec="seconds"), "device": device,
+            "serial": serial or "", "frequency": calibration.frequency,
             "absolute": gains.absolute, "entries": ENTRIES, "cross_talk_resolved": gains.cross_talk_resolved,
             "offsets": tuple(calibration.offsets.tolist()), "offsets_sd": tuple(calibration.offsets_sd.tolist()),
             "chi_square": gains.chi_square, "degrees_of_freedom": gains.freedom, "variables": calibration.variables,
-            "warnings": calibration.warnings, "reading": readings, "scene": scene_to_dict(calibration.scene),
+            "warnings": calibration.warnings, "reading": readings, "force_scale": scale,
+            "scene": scene_to_dict(calibration.scene),
             "bench": calibration.bench.model_dump(mode="json", exclude_none=True),
         }
     )  # fmt: skip

@@ -78,11 +78,11 @@ def read_told(result: Read, noise: float, origin: dict[str, Any], scene: Scene, 
     Args:
         result: the reading.
         noise: of its ratio, relative.
-        origin: its placement, scene and calibration.
+        origin: its placement, scene, calibration and board.
         scene: for the probe that was read.
         fingerprint: of the samples.
     """
-    beside = {key: origin.get(key) for key in ("placement", "scene_sha256", "calibration_sha256")}
+    beside = {key: origin.get(key) for key in ("placement", "scene_sha256", "calibration_sha256", "serial")}
     identity = {"probe": probe_numbers(scene), "fingerprint": fingerprint.as_dict()}
     return result.as_dict() | {"ratio_noise": noise} | beside | identity
 

@@ -12,8 +12,9 @@ from hw.common.samples import Samples
 from hw.signal.measure import FILMS, Measurement, checked, measure, measured
 from hw.signal.running import RunningFit
 from hw.signal.waveform import Flawed
+from probe_design.bench_doubts.force_lag import with_force_lag
+from probe_design.bench_doubts.sampling_rate import with_rate_doubt
 from probe_design.built_probe.bench import Bench, Reference
-from probe_design.built_probe.force_lag import with_force_lag
 from probe_design.built_probe.gain_matrix import Observed
 from probe_design.built_probe.own_amplifiers import with_own_amplifiers
 from probe_design.built_probe.virtual_probe import charge_per_force
@@ -25,14 +26,20 @@ def reading(samples: Samples, bench: Bench, calibrated_at: float | None = None) 
     """Return a reading, gaps and saturation noted and left out. Raises ``HardwareError``."""
     sensitivity = None if bench.force is None else bench.force.sensitivity
     measurement = measure(samples, bench.amplifier.built(), bench.load.frequency, sensitivity, calibrated_at)
-    return with_force_lag(with_own_amplifiers(measurement, bench.amplifier, calibrated_at), bench)
+    return _corrected(measurement, bench, calibrated_at)
 
 
 def running_reading(running: RunningFit, bench: Bench, calibrated_at: float | None = None) -> Measurement:
     """Return a reading that was fitted as it came, likewise. Raises ``HardwareError``."""
     sensitivity = None if bench.force is None else bench.force.sensitivity
     measurement = measured(running.fit(), running.losses, bench.amplifier.built(), sensitivity, calibrated_at)
-    return with_force_lag(with_own_amplifiers(measurement, bench.amplifier, calibrated_at), bench)
+    return _corrected(measurement, bench, calibrated_at)
+
+
+def _corrected(measurement: Measurement, bench: Bench, calibrated_at: float | None) -> Measurement:
+    """Return a reading with each film's own amplifier divided out, and what lag and rate leave in doubt."""
+    behind_own = with_own_amplifiers(measurement, bench.amplifier, calibrated_at)
+    return with_rate_doubt(with_force_lag(behind_own, bench), bench, calibrated_at)
 
 
 def strict_reading(samples: Samples, bench: Bench, scene: Scene) -> Measurement:

@@ -6,13 +6,14 @@ but for the share that leaks to the other block; ln(s / (1 - s)) = lambda_k is p
 the solver, the block's modulus and the workshop leave. M, F_k, lambda_k and the leaks follow together from least squares (BP.2),
 each datum and each prediction with its covariance. A leak cannot be told from cross-talk but by what the blocks add.
 
-Without a reference force all F_k are free and M is told up to a common factor only.
+The force channel shows k F_k, k of eq. BP.9. Without it, and without a reference of known load, all F_k are free and M is told up
+to a common factor only.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -21,6 +22,7 @@ from scipy.special import chdtrc
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
 from hw.common.samples import Ints
+from probe_design.bench_doubts.force_scale import ForceScale, mean_gain_sd, prior_sd
 from probe_design.built_probe.bench import Bench, Reference
 from probe_design.built_probe.block_predictions import Shares, inner_shares
 
@@ -70,6 +72,7 @@ class Gains:
         cross_talk_resolved: whether the readings have told each cross-talk, or what was assumed of it stands.
         chi_square: of the fit.
         freedom: its degrees of freedom.
+        force_scale: what was found of the force channel, whose part ``covariance`` counts.
     """
 
     matrix: Floats
@@ -80,6 +83,7 @@ class Gains:
     cross_talk_resolved: tuple[bool, bool]
     chi_square: float = 0.0
     freedom: int = 0
+    force_scale: ForceScale = field(default_factory=ForceScale)
 
     @classmethod
     def nominal(cls, bench: Bench) -> Gains:
@@ -138,26 +142,25 @@ def estimated(observed: Sequence[Observed], shares: Shares, bench: Bench) -> Gai
     from scipy.optimize import least_squares  # 15 MB that a logger of hours, who knows the gains, need not hold
 
     problem = _Problem(tuple(observed), shares, bench)
-    if problem.data <= len(problem.start()):
+    if problem.read_data <= len(problem.start()):
         raise _unresolved(np.inf)
     most = STEPS * (len(problem.start()) + 1)  # of readings that contradict each other it may wander
     solved = least_squares(problem.residuals, problem.start(), method="lm", x_scale="jac", xtol=1e-12, ftol=1e-12, max_nfev=most)
-    entries = problem.entries
     information = solved.jac.T @ solved.jac
     scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
     if np.linalg.cond(information / np.outer(scale, scale)) > 1e14:
         raise _unresolved(np.inf)
     whole = np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale)
-    matrix = problem.matrix(solved.x)
-    covariance, slopes = np.zeros((4, 4)), np.zeros((4, len(shares.variables)))
-    covariance[np.ix_(entries, entries)] = whole[: len(entries), : len(entries)]
-    slopes[entries] = (whole @ solved.jac.T @ problem.shift(shares.slopes))[: len(entries)]
+    matrix, by_unknowns = problem.matrix(solved.x), problem.matrix_derivatives(solved.x)
+    covariance = by_unknowns @ whole @ by_unknowns.T
+    slopes = by_unknowns @ whole @ solved.jac.T @ problem.shift(shares.slopes)
     spread = np.sqrt(np.diag(covariance))
     if max(spread[[0, 3]] / np.abs(np.diag(matrix))) > LEAST_TOLD:
         raise _unresolved(max(spread[[0, 3]]))
     if not problem.absolute:  # the common factor is what it was before
         covariance += bench.channels.gain**2 * np.outer(matrix.ravel(), matrix.ravel())
     inner_resolved, outer_resolved = (bool(spread[k] < PRIOR_ONLY * bench.channels.cross_talk) for k in (1, 2))
+    assumed = problem.mean_gain(solved.x)  # nothing that was read: gains far from nominal are refused elsewhere
     return Gains(
         matrix=matrix,
         covariance=covariance,
@@ -165,8 +168,9 @@ def estimated(observed: Sequence[Observed], shares: Shares, bench: Bench) -> Gai
         workshop=shares.tolerances(bench.workshop),
         absolute=problem.absolute,
         cross_talk_resolved=(inner_resolved, outer_resolved),
-        chi_square=float(2 * solved.cost),
-        freedom=problem.data - len(solved.x),
+        chi_square=float(2 * solved.cost - assumed @ assumed),
+        freedom=problem.read_data - len(solved.x),
+        force_scale=problem.force_scale(solved.x, by_unknowns, whole),
     )
 
 
@@ -178,53 +182,98 @@ def _unresolved(spread: float) -> InputError:
 
 @dataclass(frozen=True)
 class _Problem:
-    """Residuals of eq. BP.2, each over its standard deviation. Unknowns: entries of M, ln F_k, lambda_k, leaks, force error."""
+    """Residuals of eq. BP.2, each over its standard deviation.
+
+    Unknowns: entries of M / k, ln(k F_k), lambda_k, leaks and, with a force channel, ln k over its standard deviation. So k, of
+    which the readings say little, bends no other residual; without a force channel it is 1.
+    """
 
     observed: tuple[Observed, ...]
     shares: Shares
     bench: Bench
 
     @property
-    def absolute(self) -> bool:
+    def sensed(self) -> bool:
+        """Whether the force channel shows each load."""
         return all(one.force is not None for one in self.observed)
+
+    @property
+    def absolute(self) -> bool:
+        return self.sensed or any(one.reference.known_force is not None for one in self.observed)
 
     @property
     def entries(self) -> Ints:
         return np.arange(4) if self.absolute else FACTOR
 
     @property
-    def data(self) -> int:
-        """How many residuals there are."""
-        return len(self.residuals(self.start()))
+    def read_data(self) -> int:
+        """How many residuals there are of readings and what is known of them, not of nominal gains."""
+        return len(self.residuals(self.start())) - len(self.mean_gain(self.start()))
 
     def start(self) -> Floats:
         loads = [one.load for one in self.observed]
         entries = np.array([1.0, 0.0, 0.0, 1.0])[self.entries]
         leaks = np.zeros(self._leaks.shape[1])
-        return np.concatenate([entries, np.log(loads), self.shares.log_ratios, leaks, [0.0] * self.absolute])
+        return np.concatenate([entries, np.log(loads), self.shares.log_ratios, leaks, [0.0] * self.sensed])
 
     def matrix(self, unknowns: Floats) -> Floats:
+        """Return M, shape (2, 2)."""
+        return np.asarray(np.exp(self._log_scale(unknowns)) * self._scaled_matrix(unknowns))
+
+    def matrix_derivatives(self, unknowns: Floats) -> Floats:
+        """Return the derivatives of M's entries by the unknowns, shape (4, unknowns)."""
+        out = np.zeros((4, len(unknowns)))
+        out[self.entries, np.arange(len(self.entries))] = np.exp(self._log_scale(unknowns))
+        if self.sensed:
+            out[:, -1] = prior_sd(self.bench, self._doubt) * self.matrix(unknowns).ravel()
+        return out
+
+    def _scaled_matrix(self, unknowns: Floats) -> Floats:
+        """M / k."""
         entries = np.array([0.0, 0.0, 0.0, 1.0])
         entries[self.entries] = unknowns[: len(self.entries)]
         return entries.reshape(2, 2)
 
+    def _log_scale(self, unknowns: Floats) -> float:
+        """Return ln k."""
+        return prior_sd(self.bench, self._doubt) * float(unknowns[-1]) if self.sensed else 0.0
+
     def residuals(self, unknowns: Floats) -> Floats:
-        matrix, rest = self.matrix(unknowns), unknowns[len(self.entries) :]
+        matrix, rest = self._scaled_matrix(unknowns), unknowns[len(self.entries) :]
         count, blocks = len(self.observed), len(self.shares.blocks)
         loads, lambdas = np.exp(rest[:count]), rest[count : count + blocks]
         leaks = rest[count + blocks :][: self._leaks.shape[1]]
         shown = self._shares(lambdas, leaks) * loads[:, None] @ matrix.T
         films = [white @ (one.films - y) for white, one, y in zip(self._whitening, self.observed, shown, strict=True)]
-        tight = max(self.bench.channels.cross_talk, 1e-9)
-        parts = [*films, self._predicted(lambdas - self.shares.log_ratios), leaks, np.array([matrix[0, 1], matrix[1, 0]]) / tight]
-        if self.absolute:
-            parts += [self._forces(loads, rest[-1]), rest[-1:]]
+        cross_talk = matrix[[0, 1], [1, 0]] / max(self.bench.channels.cross_talk, 1e-9)
+        parts = [*films, self._predicted(lambdas - self.shares.log_ratios), leaks, cross_talk]
+        parts += [self.mean_gain(unknowns), self._known(loads, self._log_scale(unknowns))]
+        if self.sensed:
+            parts += [self._forces(loads), rest[-1:]]
         return np.concatenate(parts)
+
+    def mean_gain(self, unknowns: Floats) -> Floats:
+        """Return by how many standard deviations the mean gain is off 1, (1,), where nothing else tells k; else (0,)."""
+        if not self.sensed or self._confirmed:
+            return np.zeros(0)
+        return np.array([(np.trace(self.matrix(unknowns)) / 2 - 1) / mean_gain_sd(self.bench)])
+
+    @property
+    def _confirmed(self) -> bool:
+        return (self.bench.force is not None and self.bench.force.verified) or bool(self._known_forces)
+
+    def force_scale(self, unknowns: Floats, by_unknowns: Floats, covariance: Floats) -> ForceScale:
+        """Return what was found of the force channel."""
+        if not self.sensed:
+            return ForceScale()
+        sd, spread = prior_sd(self.bench, self._doubt), float(np.sqrt(covariance[-1, -1]))
+        entries = by_unknowns @ covariance[:, -1] / spread
+        return ForceScale(float(np.exp(self._log_scale(unknowns))), sd * spread, entries, self._confirmed)
 
     def shift(self, slopes: Floats) -> Floats:
         """By how much minus the residuals move with the design's variables, shape (residuals, v)."""
         before = 2 * len(self.observed)
-        out = np.zeros((self.data, slopes.shape[1]))
+        out = np.zeros((len(self.residuals(self.start())), slopes.shape[1]))
         if len(slopes):
             out[before : before + len(slopes)] = np.linalg.solve(self._root, slopes)
         return out
@@ -240,13 +289,23 @@ class _Problem:
         added = [(-1.0 if one.reference.on == "inner" else 1.0) * one.reference.strays for one in self.observed]
         return np.diag(added)[:, [one.reference.on != "tissue" for one in self.observed]]
 
-    def _forces(self, loads: Floats, error: float) -> Floats:
-        """The force channel's tolerance is one unknown, of unit variance."""
-        assert self.bench.force is not None
-        tolerance = np.hypot(self.bench.force.tolerance, max(one.force_doubt for one in self.observed))
+    def _forces(self, loads: Floats) -> Floats:
         read = np.array([one.force for one in self.observed], dtype=float)
         spread = np.array([one.force_sd for one in self.observed], dtype=float)
-        return np.asarray((read - loads * (1 + tolerance * error)) / spread)
+        return np.asarray((read - loads) / spread)
+
+    @property
+    def _doubt(self) -> float:
+        return max(one.force_doubt for one in self.observed)
+
+    @cached_property
+    def _known_forces(self) -> list[tuple[int, float, float]]:
+        """Which readings' loads are known: number, ln of the load and standard deviation."""
+        pairs = enumerate(one.reference for one in self.observed)
+        return [(k, float(np.log(one.known_force)), one.known_force_tolerance) for k, one in pairs if one.known_force is not None]
+
+    def _known(self, loads: Floats, log_scale: float) -> Floats:
+        return np.array([(np.log(loads[k]) - log_scale - log) / spread for k, log, spread in self._known_forces])
 
     def _predicted(self, off: Floats) -> Floats:
         return np.asarray(np.linalg.solve(self._root, off), dtype=float) if len(off) else off

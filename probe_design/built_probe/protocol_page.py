@@ -17,6 +17,7 @@ from geometry.cad.solids import COLOURS
 from geometry.provenance.texts import picture_metadata
 from geometry.scenes.probe import Probe, mm
 from geometry.scenes.scene import Scene
+from probe_design.bench_doubts.load_checks import SAFE_SHARE
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import LINEAR, inner_shares, predicted
 from probe_design.built_probe.virtual_probe import charge_per_force
@@ -24,7 +25,6 @@ from solver.planning.load_check import largest
 
 NAME = "calibration.pdf"
 SHEET = (8.27, 11.69)  # inches: A4
-SAFE = 0.8  # of the largest load that linear elasticity allows on the softest block
 MOST_ROWS = 20  # references that the page has room for
 
 
@@ -46,12 +46,13 @@ def expectations(scene: Scene, bench: Bench) -> tuple[ExpectedSignal, ...]:
     """
     shares = predicted(scene, bench.reference)
     limits = [largest(one.rule, LINEAR, promise=False).force for one in shares.blocks if one.rule is not None]
-    load = min([SAFE * one for one in limits] + ([] if scene.load.force is None else [scene.load.force]), default=0.01)
+    load = min([SAFE_SHARE * one for one in limits] + ([] if scene.load.force is None else [scene.load.force]), default=0.01)
     volts = abs(charge_per_force(scene) * bench.amplifier.built().response(bench.load.frequency))
     parts = inner_shares(shares.log_ratios, bench.reference).tolist()
+    loads = [one.known_force or load for one in bench.reference]
     return tuple(
-        ExpectedSignal(one.name, load, part, (load * volts * part, load * volts * (1 - part)))
-        for one, part in zip(bench.reference, parts, strict=True)
+        ExpectedSignal(one.name, force, part, (force * volts * part, force * volts * (1 - part)))
+        for one, force, part in zip(bench.reference, loads, parts, strict=True)
     )
 
 

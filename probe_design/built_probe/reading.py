@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
 from hw.signal.measure import FILMS, Measurement, carried
 from hw.signal.waveform import Flawed
+from probe_design.bench_doubts.load_checks import check_films, check_scene_load
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.film_forces import newtons
 from probe_design.built_probe.gain_matrix import Gains
@@ -24,9 +25,8 @@ from solver.planning.load_check import check_load, exact, load_rule, with_load
 from solver.results.result import Result
 
 SHOWS = 3.0  # standard deviations, which a film's force on tissue exceeds
-CONTRADICTS = 5.0  # standard deviations between the films' sum and the force channel, or between a ratio and its prediction
-DOUBTFUL = 3.0  # likewise, from which a warning tells it
-ANOTHER = 5.0  # times the scene's load, or a fifth of it: a load that may be told in a wrong unit
+CONTRADICTS = 5.0  # standard deviations between a ratio and its prediction
+NEARER = 5.0  # times as near its prediction, in ln: what an exchange of channels makes of a ratio
 
 
 @dataclass(frozen=True)
@@ -118,20 +118,26 @@ def read(measurement: Measurement, scene: Scene, bench: Bench, predicted: Result
 
     Raises:
         Flawed: a film that is dead or reversed, or films that contradict the force channel.
+        InputError: a load 30 times as large as the scene's, or a 30th of it: a wrong unit, see ``load_checks``.
     """
     effective = Gains.nominal(bench) if gains is None else gains
     films, noise = newtons(measurement, scene, tolerance=True)
     forces, covariance = effective.forces(films), effective.forces_covariance(films, noise)
     _check_films(forces, covariance)
-    of_force = _check_force(float(forces.sum()), float(covariance.sum()), measurement, bench)
+    scale = effective.force_scale
+    beside = covariance if measurement.force is None else _beside_force(films, noise, effective)
+    of_load = check_films((float(forces.sum()), _sum_sd(beside)), measurement, bench, scale)
+    of_load += check_scene_load((float(forces.sum()), _sum_sd(covariance)), measurement, scene, predicted, scale)
     areas = np.array([scene.probe.inner_area, scene.probe.outer_area])
     stress, spread = forces / areas, np.sqrt(np.diag(covariance)) / areas
     ratio, ratio_sd = _ratio(forces, covariance, float(areas[1] / areas[0]))
     relative = None if predicted.error_estimate is None else SPREAD * predicted.error_estimate
-    at_load, at_load_sd = _at_load(measurement, scene, bench, predicted, relative)
+    of_scale = 0.0 if gains is not None or bench.force is None or bench.force.verified else _sum_sd(beside) / abs(forces.sum())
+    at_load, at_load_sd = _at_load(measurement, scene, bench, predicted, relative, factor=scale.factor, of_scale=of_scale)
+    beside_sd = np.sqrt(np.maximum(np.diag(beside), 0.0)) / areas
     predicted_ratio_sd = None if predicted.ratio is None or relative is None else abs(predicted.ratio) * relative
     z_ratio = _z(ratio, ratio_sd, predicted.ratio, predicted_ratio_sd)
-    surprising = [*of_force, *_other_load(measurement, scene), *_exchanged(films, effective, predicted.ratio, z_ratio, areas)]
+    surprising = [*of_load, *_exchanged(films, effective, predicted.ratio, z_ratio, areas)]
     phase, phase_sd = ratio_phase(measurement, bench, effective)
     z_phase, of_phase = surprises(phase, phase_sd, predicted)
     return Read(
@@ -142,16 +148,16 @@ def read(measurement: Measurement, scene: Scene, bench: Bench, predicted: Result
         stress_outer=float(stress[1]),
         stress_outer_uncertainty=float(spread[1]),
         force=float(forces.sum()),
-        force_uncertainty=float(np.sqrt(covariance.sum())),
-        reference_force=measurement.force,
+        force_uncertainty=_sum_sd(covariance),
+        reference_force=None if measurement.force is None else measurement.force / scale.factor,
         evaluator=predicted.evaluator,
         predicted_ratio=predicted.ratio,
         predicted_ratio_uncertainty=predicted_ratio_sd,
         predicted_stress_inner=at_load[0],
         predicted_stress_outer=at_load[1],
         z_ratio=z_ratio,
-        z_stress_inner=_z(float(stress[0]), float(spread[0]), at_load[0], at_load_sd[0]),
-        z_stress_outer=_z(float(stress[1]), float(spread[1]), at_load[1], at_load_sd[1]),
+        z_stress_inner=_z(float(stress[0]), float(beside_sd[0]), at_load[0], at_load_sd[0]),
+        z_stress_outer=_z(float(stress[1]), float(beside_sd[1]), at_load[1], at_load_sd[1]),
         frequency=measurement.fit.frequency,
         cycles=measurement.fit.cycles,
         ratio_phase=phase,
@@ -179,28 +185,14 @@ def _check_films(forces: Floats, covariance: Floats) -> None:
         raise Flawed(f"{shown}: is it dead, its cable off, or the load too small?")
 
 
-def _check_force(total: float, variance: float, measurement: Measurement, bench: Bench) -> list[str]:
-    """What both films feel together is what the force channel shows: nothing else carries load. Doubtful is warned of."""
-    if measurement.force is None or measurement.force_sd is None or bench.force is None:
-        return []
-    tolerance = math.hypot(bench.force.tolerance, measurement.force_doubt)
-    spread = math.sqrt(variance + measurement.force_sd**2 + (tolerance * measurement.force) ** 2)
-    apart = abs(total - measurement.force) / spread
-    words = (
-        f"both films show {total:.4g} N, the force channel {measurement.force:.4g} N, {apart:.2g} standard deviations "
-        "apart: a film, amplifier or force sensor is not what bench and calibration say"
-    )
-    if apart > CONTRADICTS:
-        raise Flawed(words)
-    return [words] if apart > DOUBTFUL else []
+def _beside_force(films: Floats, noise: Floats, gains: Gains) -> Floats:
+    """Covariance of the films' forces without what they share with the force channel that calibrated them."""
+    return replace(gains, covariance=gains.covariance - gains.force_scale.covariance).forces_covariance(films, noise)
 
 
-def _other_load(measurement: Measurement, scene: Scene) -> list[str]:
-    """A force that is far from the scene's: prediction and reading still compare, but units may be wrong."""
-    known, read = scene.load.force, measurement.force
-    if not known or not read or 1 / ANOTHER <= read / known <= ANOTHER:
-        return []
-    return [f"the load is {read:.3g} N by the force channel, {known:.3g} N in the scene: are units and sensitivity right?"]
+def _sum_sd(covariance: Floats) -> float:
+    """Standard deviation of both films' sum."""
+    return math.sqrt(max(float(covariance.sum()), 0.0))
 
 
 def _exchanged(films: Floats, gains: Gains, predicted: float | None, z: float | None, areas: Floats) -> list[str]:
@@ -209,7 +201,7 @@ def _exchanged(films: Floats, gains: Gains, predicted: float | None, z: float | 
         return []
     forces = [gains.forces(one) / areas for one in (films, films[::-1])]
     off, turned = (abs(float(np.log(abs(one[0] / one[1] / predicted)))) for one in forces)
-    if turned > off / ANOTHER:
+    if turned > off / NEARER:
         return []
     return [
         f"the ratio is {abs(z):.2g} standard deviations off what is predicted, and near it with the films' channels exchanged"
@@ -223,15 +215,25 @@ def _z(read: float | None, spread: float | None, predicted: float | None, predic
 
 
 def _at_load(
-    measurement: Measurement, scene: Scene, bench: Bench, predicted: Result, relative: float | None
+    measurement: Measurement,
+    scene: Scene,
+    bench: Bench,
+    predicted: Result,
+    relative: float | None,
+    *,
+    factor: float,
+    of_scale: float,
 ) -> tuple[tuple[float | None, ...], tuple[float | None, ...]]:
-    """Both stresses that are predicted at the load, and their standard deviations."""
+    """Both stresses that are predicted at the load, and their standard deviations.
+
+    ``factor`` is what the force channel shows over the true force, ``of_scale`` what is not known of that, relative.
+    """
     if predicted.stress_inner is None or predicted.stress_outer is None or relative is None:
         return (None, None), (None, None)
     stress = np.array([predicted.stress_inner, predicted.stress_outer])
     if measurement.force is not None and bench.force is not None:
-        stress = stress * measurement.force / float(stress @ [scene.probe.inner_area, scene.probe.outer_area])
-        relative = math.hypot(relative, bench.force.tolerance, measurement.force_doubt)
+        stress = stress * measurement.force / factor / float(stress @ [scene.probe.inner_area, scene.probe.outer_area])
+        relative = math.hypot(relative, bench.force.tolerance, measurement.force_doubt, of_scale)
     return tuple(stress.tolist()), tuple((np.abs(stress) * relative).tolist())
 
 

@@ -133,11 +133,12 @@ class VirtualBench:
         return self._signals(forces, 0, *np.array([x, y], dtype=np.float32).view(np.uint32).tolist())  # other noise elsewhere
 
     def on_references(self, load: float, run: int = 0) -> tuple[Callable[[Floats], Floats], ...]:
-        """Signals on each of the bench's references under a load of that amplitude, N; noise differs from run to run."""
+        """Signals on each of the bench's references under that load, N, or its known one; noise differs from run to run."""
         random = np.random.default_rng(self.seed)
         delivered = [as_delivered(one, random) for one in self.bench.reference]
         shares = inner_shares(log_ratios(self.scene, delivered), delivered)
-        forces = load * np.stack([shares, 1 - shares], axis=1)
+        loads = np.array([one.known_force or load for one in delivered])
+        forces = loads[:, None] * np.stack([shares, 1 - shares], axis=1)
         return tuple(self._signals(one, 1 + run * len(forces) + k) for k, one in enumerate(forces))
 
     def _signals(self, forces: Floats | Complexes, *run: int) -> Callable[[Floats], Floats]:

@@ -20,6 +20,8 @@ linear_option = click.option(
     "--linear", is_flag=True, help="Answer loads beyond linear elasticity too, what is known of the effect counted in the error."
 )
 """Of the verbs that refuse such loads without it."""
+any_probe_option = click.option("--any-probe", is_flag=True, help="Take readings and calibrations of other serial numbers, too.")
+"""Of the verbs that read the built probe."""
 loads_option = click.option(
     "--loads", is_flag=True, help="Tell by level contact at which load the gap closes and linear theory ends; some seconds more."
 )

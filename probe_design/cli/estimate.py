@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from probe_design.cli.arguments import FILE_NAME, fraction, limiting, linear_option, noise_option
+from probe_design.cli.arguments import FILE_NAME, any_probe_option, fraction, limiting, linear_option, noise_option
 from probe_design.cli.output import present
 from probe_design.data.noise import NOISE
 
@@ -46,12 +46,14 @@ if TYPE_CHECKING:
 @click.option("--next", "advise", is_flag=True, help="Say which reading would narrow the interval most, and to what.")
 @click.option("--accuracy", help="Relative error that the model's ratio may have.  [default: 1/4 of --noise, at most 0.01]")
 @linear_option
+@any_probe_option
 @limiting
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def estimate(
     scene: Path, ratio: str | None, noise: str | None, stiffness: str | None, stiffness_noise: str | None, file: Path | None,
     unknown: str, nuisance: tuple[str, ...], accuracy: str | None, linear: bool, as_json: bool, reading: tuple[str, ...],
     more: tuple[str, ...], calibration: Path | None, bench: Path | None, column: tuple[str, ...], rate: str | None, advise: bool,
+    any_probe: bool,
 ) -> None:  # fmt: skip
     """Say what was pressed on: E_object, diameter or depth of SCENE's target, or a layer of its tissue, with its 95 % interval.
 
@@ -96,7 +98,7 @@ def estimate(
         _check_alone(
             {"ratio": ratio, "readings": file, "noise": noise, "stiffness": stiffness, "stiffness-noise": stiffness_noise}
         )
-        read, readings, notes = field_readings(scene, texts, Sources(bench, calibration, column, rate))
+        read, readings, notes = field_readings(scene, texts, Sources(bench, calibration, column, rate, any_probe))
     else:
         readings = _readings(read, file, ratio=ratio, noise=noise, stiffness=stiffness, stiffness_noise=stiffness_noise)
     reach = None if accuracy is None else fraction("accuracy", accuracy)

@@ -14,6 +14,8 @@ from hw.foreign.columns import ColumnMap
 from hw.foreign.units import read_rate
 from hw.reader import Reader
 from hw.signal.fingerprint import Fingerprint
+from probe_design.bench_doubts.load_checks import check_expected, expected_load
+from probe_design.bench_doubts.serial_numbers import board_serial, check_serials, clean_serial
 from probe_design.built_probe.field_readings import (
     FieldReading,
     check_different,
@@ -42,6 +44,7 @@ class Sources:
     calibration: Path | None = None
     columns: tuple[str, ...] = ()
     rate: str | None = None
+    any_probe: bool = False
 
 
 def field_readings(scene: Path, texts: tuple[str, ...], sources: Sources) -> tuple[Scene, tuple[Reading, ...], list[str]]:
@@ -59,14 +62,20 @@ def field_readings(scene: Path, texts: tuple[str, ...], sources: Sources) -> tup
     setting = HardwareSetup.of(scene, sources.bench, sources.calibration)
     split = [_split(text) for text in texts]
     _check_there([path for path, _ in split])
-    found, warnings = [], []
+    found, warnings, boards = [], [], dict[str, str | None]()
     for path, _ in split:
         told = read_result(path)
         if told is None:
             told = _recorded(path, setting, sources)
+            boards |= setting.boards({})
+        boards[str(path)] = clean_serial(told.get("serial"))
         found.append(field_reading(told, path.name, setting.scene))
+        expected = expected_load(setting.scene)
+        if expected is not None:  # a recording's is checked as it is read, what was printed before is not
+            check_expected(abs(found[-1].force), 0.0, expected, expected, f"{path.name} shows")
         warnings += [f"{path.name}: {text}" for text in told.get("warnings", []) if isinstance(text, str)]
     check_different("reading", [(str(path), one.fingerprint) for (path, _), one in zip(split, found, strict=True)])
+    warnings += check_serials(boards, sources.any_probe)
     pairs = zip(found, spreads(found), split, strict=True)
     readings = tuple(_reading(setting.scene, one, spread, place) for one, spread, (_, place) in pairs)
     return _loaded(setting.scene, found, warnings), readings, warnings
@@ -99,7 +108,7 @@ def _recorded(path: Path, setting: HardwareSetup, sources: Sources) -> dict[str,
     rate = None if sources.rate is None else read_rate(sources.rate)
     with Reader.open(f"replay:{path}", rate, ColumnMap.of(sources.columns), read_limits()) as reader:
         samples = reader.collect()
-    origin = setting.origin | {"placement": placement_of(samples.source)}
+    origin = setting.origin | {"placement": placement_of(samples.source), "serial": board_serial(samples.source)}
     measurement = measured(samples, setting.bench, at)
     return without_prediction(measurement, setting.scene, setting.bench, gains, origin, Fingerprint.from_samples(samples))
 

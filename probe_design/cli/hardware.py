@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from probe_design.cli.arguments import FILE_NAME, fraction, limiting, linear_option
+from probe_design.cli.arguments import FILE_NAME, any_probe_option, fraction, limiting, linear_option
 from probe_design.cli.output import print_json, with_provenance
 from probe_design.cli.reference_readings import on_scene, predicting, readings
 
@@ -65,6 +66,7 @@ def _with_source(verb: Verb, resumes: bool = False) -> Verb:
 
 @click.command()
 @_with_source
+@any_probe_option
 @click.option("--calibration", type=FILE_NAME, help="What calibrate has written.")
 @click.option("--accuracy", default="0.01", show_default=True, help="Relative error that the prediction may have.")
 def read(
@@ -84,6 +86,7 @@ def read(
     """  # noqa: D301
     from hw.signal.running import RunningFit
     from hw.signal.sine_fit import check_rate
+    from probe_design.bench_doubts.serial_numbers import board_serial, check_serials
     from probe_design.built_probe.acquisition import collected
     from probe_design.built_probe.field_readings import noise_of, placement_of, read_told
     from probe_design.built_probe.film_forces import reading, running_reading
@@ -96,7 +99,9 @@ def read(
     origin, setting = SampleSource(**source), HardwareSetup.of(scene, bench, calibration)
     length, (recording,) = origin.length, origin.recordings(1)
     (opener,) = origin.openers(lambda: (on_scene(setting, origin, accuracy),), 1, sys.stderr.isatty())
-    with opener() as reader:  # what is not there is missed before anything is computed
+    with opener() as reader:  # what is not there, or another probe's, is missed before anything is computed
+        serial = board_serial(reader.header.source)
+        of_boards = check_serials(setting.boards({"the reading": serial}), origin.any_probe)
         with working("predicting"):
             predicted = predicting(length)(setting.scene, fraction("accuracy", accuracy), linear, setting.bench.load.frequency)
         gains, at = None, None
@@ -115,12 +120,12 @@ def read(
     measurement = running_reading(running, setting.bench, at)
     result = judge(measurement)
     if as_json:
-        known = setting.origin | {"placement": placement_of(reader.header.source)}
+        known = setting.origin | {"placement": placement_of(reader.header.source), "serial": serial}
         noise = noise_of(measurement, setting.scene, setting.bench, gains)
         print_json(read_told(result, noise, known, setting.scene, running.fingerprint))
     else:
         show(read_table(result))
-    warn(result.warnings + tuple(note for note in predicted.warnings if note.kind in ("linear", "null")))
+    warn((*result.warnings, *of_boards, *(note for note in predicted.warnings if note.kind in ("linear", "null"))))
     _tell_written(recording)
 
 
@@ -129,6 +134,7 @@ WAIT = click.option("--wait", help="Seconds to change each reference in, without
 
 @click.command()
 @partial(_with_source, resumes=True)
+@any_probe_option
 @WAIT
 @click.option("-o", "--output", type=FILE_NAME, required=True, help="New file for the calibration record.")
 def calibrate(scene: Path | None, bench: Path | None, output: Path, linear: bool, as_json: bool, **source: Any) -> None:
@@ -142,6 +148,7 @@ def calibrate(scene: Path | None, bench: Path | None, output: Path, linear: bool
     probe-design calibrate scene.toml --record run.probe -o probe.toml
     """  # noqa: D301
     from geometry.common.files import check_writable_file
+    from probe_design.bench_doubts.serial_numbers import check_serials, common_serial
     from probe_design.built_probe.calibration import calibrated
     from probe_design.built_probe.calibration_record import check_free, record, write_record
     from probe_design.cli.hardware_sources import HardwareSetup, SampleSource, described, raw
@@ -154,7 +161,11 @@ def calibrate(scene: Path | None, bench: Path | None, output: Path, linear: bool
     read = readings(setting, origin, setting.bench.reference, run=0)
     with working("calibrating"):
         calibration = calibrated(setting.scene, setting.bench, [one.measurement for one in read], linear=linear)
-    recorded = record(calibration, [raw(one.samples, one.file) for one in read], described(read[0].samples))
+    boards = {one.name: one.board for one in read}
+    of_boards = check_serials(boards, origin.any_probe)
+    calibration = replace(calibration, warnings=(*calibration.warnings, *of_boards))
+    raws = [raw(one.samples, one.file) for one in read]
+    recorded = record(calibration, raws, described(read[0].samples), common_serial(boards))
     write_record(output, recorded)
     if as_json:
         print_json(recorded.model_dump(mode="json"))
@@ -166,6 +177,7 @@ def calibrate(scene: Path | None, bench: Path | None, output: Path, linear: bool
 
 @click.command()
 @partial(_with_source, resumes=True)
+@any_probe_option
 @WAIT
 @click.option("--calibration", type=FILE_NAME, help="What calibrate has written.")
 @click.option("-o", "--output", type=FILE_NAME, help="New file for the result, as JSON.")
@@ -186,7 +198,7 @@ def check(
     import json
 
     from geometry.common.files import check_writable_file, write_text
-    from probe_design.built_probe.calibration import waveform_warnings
+    from probe_design.bench_doubts.serial_numbers import check_serials, common_serial
     from probe_design.built_probe.calibration_record import check_free
     from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
     from probe_design.probe_check.check import checked
@@ -199,11 +211,15 @@ def check(
         check_writable_file(output)
     if report is not None:
         check_writable_file(report, "report")
-    read = [one.measurement for one in readings(setting, origin, setting.bench.blocks, run=1)]
+    pressed = readings(setting, origin, setting.bench.blocks, run=1)
+    boards = {one.name: one.board for one in pressed}
+    of_boards = check_serials(setting.boards(boards), origin.any_probe)
+    read = [one.measurement for one in pressed]
     record = setting.calibration
     gains, variables = (None, ()) if record is None else (record.gains(), record.variables)
     with saying("checking") as tell:
         result = checked(setting.scene, setting.bench, read, gains, variables=variables, linear=linear, tell=tell)
+    result = replace(result, serial=common_serial(boards), warnings=(*result.warnings, *of_boards))
     told, page = with_provenance(result.as_dict()), ""
     if report is not None:
         from probe_design.terminal.check_report import check_report
@@ -224,7 +240,7 @@ def check(
             show(pairs_table(result))
         show(coverage_table(result))
         print("\n".join(sentences(result)))
-    warn(waveform_warnings(read, setting.bench.blocks))
+    warn(result.warnings)
     if record is None:
         warn(["not calibrated: nominal gains, with the bench's tolerances"])
     if result.failed:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -57,6 +57,7 @@ class SampleSource:
     wait: str | None = None
     column: tuple[str, ...] = ()
     rate: str | None = None
+    any_probe: bool = False
 
     def __post_init__(self) -> None:
         if self.virtual and self.device is not None:
@@ -204,6 +205,11 @@ class HardwareSetup:
         if known_bench is not None and known_bench.amplifier != setting.bench.amplifier:
             raise InputError("calibration", str(calibration), "one with this bench's amplifier")
         return setting
+
+    def boards(self, readings: Mapping[str, str | None]) -> dict[str, str | None]:
+        """Return the serial numbers of the calibration, where there is one, and of readings, by their names."""
+        known = {} if self.calibration is None else {"the calibration": self.calibration.serial or None}
+        return known | dict(readings)
 
     def described_by(self, reader: Reader) -> Reader:
         """Return a reader whose recording tells scene, calibration and place, unless what it replays has told them."""

@@ -19,11 +19,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ReferenceReading:
-    """A good reading on a reference: its samples, what they come to, and the file of its raw data or None."""
+    """A good reading: its samples, what they come to, the file of its raw data or None, and the reference's name."""
 
     samples: Samples
     measurement: Measurement
     file: Path | None
+    name: str
+
+    @property
+    def board(self) -> str | None:
+        """The serial number of the board that was read, where it is known."""
+        from probe_design.bench_doubts.serial_numbers import board_serial
+
+        return board_serial(self.samples.source)
 
 
 def readings(
@@ -58,6 +66,7 @@ def _reading(
     """One good reading on a reference: a live one that is flawed is read again, a recorded one refused by name."""
     from hw.common.errors import HardwareError, InvalidSource
     from hw.signal.waveform import Flawed
+    from probe_design.bench_doubts.serial_numbers import board_serial, check_serials
     from probe_design.built_probe.film_forces import strict_reading
     from probe_design.cli.hardware_sources import ATTEMPTS
     from probe_design.terminal.console import message
@@ -70,6 +79,7 @@ def _reading(
             _ask_for(reference, f"{which[0] + 1} of {which[1]}", source)
         try:
             with opener() as reader:
+                check_serials(setting.boards({reference.name: board_serial(reader.header.source)}), source.any_probe)
                 length = source.length if recorded is None or source.seconds is not None else None
                 written = file if recorded is None else source.copied(*which)
                 samples = setting.described_by(reader).collect(length, written).whole()
@@ -83,7 +93,7 @@ def _reading(
             message(f"{flaw}; it is read again")
             opener, recorded = source.device_opener(), None
             continue
-        return ReferenceReading(samples, measurement, file)
+        return ReferenceReading(samples, measurement, file, reference.name)
     raise Flawed(f"{reference.name}: {ATTEMPTS} attempts are recorded, none of which can be used: record under another name")
 
 

@@ -8,7 +8,7 @@ d^T C^-1 d is a chi-square (PC.1). What would explain a deviation is for ``probe
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,8 +18,11 @@ from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
 from hw.common.samples import Samples
 from hw.signal.measure import Measurement
+from probe_design.bench_doubts.film_lag import lag_warnings
+from probe_design.bench_doubts.load_checks import check_reference_loads
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import Shares, inner_shares, predicted
+from probe_design.built_probe.calibration import waveform_warnings
 from probe_design.built_probe.exchanges import Misplacement, check_films, explaining, share_doubt
 from probe_design.built_probe.film_forces import newtons, observed, strict_reading
 from probe_design.built_probe.gain_matrix import Gains
@@ -65,6 +68,8 @@ class Check:
         tested: the variables that this check would find off by five tolerances, each with how far off it is found.
         untested: those that it would not, each with the reason.
         cancelling: pairs that it would not find off together, though it would each.
+        warnings: of the readings, one line each.
+        serial: number of the board that was read, where all readings tell the same one.
     """
 
     verdict: str
@@ -84,6 +89,8 @@ class Check:
     tested: tuple[VariableCoverage, ...]
     untested: tuple[VariableCoverage, ...]
     cancelling: tuple[CancellingPair, ...]
+    warnings: tuple[str, ...] = ()
+    serial: str | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design check``."""
@@ -136,15 +143,18 @@ def checked(
     _check_count(measurements, bench)
     predictions = predicted(scene, bench.reference) if shares is None else shares
     effective = Gains.nominal(bench) if gains is None else gains.warmed(bench.channels.warming)
-    loads = [observed(one, block, scene).load for one, block in zip(measurements, bench.blocks, strict=True)]
-    predictions = predictions.under(loads, bench.blocks, linear)
+    seen = [observed(one, block, scene) for one, block in zip(measurements, bench.blocks, strict=True)]
+    of_signals = (*waveform_warnings(measurements, bench.blocks), *lag_warnings(measurements, bench.blocks, bench))
+    warnings = (*check_reference_loads(seen, predictions, scene), *of_signals)
+    predictions = predictions.under([one.load for one in seen], bench.blocks, linear)
     films = [newtons(one, scene, tolerance=gains is None) for one in measurements]
     known = Comparison(bench, effective, tuple(variables), predictions)
     deviation, exchanges = known.deviation(films), known.exchanges(films)
     tolerances = dict(zip(predictions.variables, predictions.tolerances(bench.workshop).tolist(), strict=True))
     tested, names = coverage(deviation, tolerances), [one.told(bench.blocks) for one in exchanges]
     verdict = judged(scene, bench, deviation, predictions, names, tested=tested, tell=tell)
-    return _told(verdict, deviation, _blocks(scene, bench, deviation), tested, calibrated=gains is not None)
+    found = _told(verdict, deviation, _blocks(scene, bench, deviation), tested, calibrated=gains is not None)
+    return replace(found, warnings=warnings)
 
 
 def _check_count(readings: Sequence[Samples] | Sequence[Measurement], bench: Bench) -> None:

@@ -130,14 +130,14 @@ def test_coverage_of_the_gains(force: bool, blocks_alone: bool) -> None:
 
 
 def _observed(matrix: Floats, references: tuple[Reference, ...], force: bool, random: np.random.Generator) -> list[Observed]:
-    """Readings of a probe off its drawing by the workshop's tolerances, on blocks off by theirs."""
+    """Readings of a probe and blocks off by their tolerances, with a force sensor of any scale."""
     known, noise = shares(), 2e-5
     design = known.slopes @ (known.tolerances(BENCH.workshop) * random.standard_normal(len(known.variables)))
     own = [share.variance(block) ** 0.5 for share, block in zip(known.blocks, BENCH.blocks, strict=True)]
     logs = known.log_ratios + design + own * random.standard_normal(len(own))
-    sensor = 1 + 0.005 * random.standard_normal()
+    sensor = np.exp(0.05 * random.standard_normal())
     bench = BENCH.model_copy(update={"reference": references})
-    leaks = [0.002 * random.standard_normal() * (one.on != "tissue") for one in references]
+    leaks = [one.strays * random.standard_normal() for one in references]
     pressed = [film + LOAD * leak * np.array([1, -1]) for leak, film in zip(leaks, films(logs, bench), strict=True)]
     return [
         Observed(

@@ -46,9 +46,8 @@ def off(gains: Gains) -> Floats:
 @pytest.mark.parametrize(("pin", "ring"), [(0.01, 0.0), (0.0, 0.01), (0.03, 0.0), (0.0, 0.03), (0.03, 0.03), (0.0, 0.0)])
 def test_a_leak_lies_within_what_is_stated(pin: float, ring: float) -> None:
     gains, notes = leaking(pin, ring)
-    assert abs(off(gains)[0]) < 3
-    assert np.abs(off(gains)).max() < 4.5  # cross-talk where a leak of five times what is stated does not show yet
-    assert len(notes) == (pin > 0.02) + (ring > 0)
+    assert np.abs(off(gains)).max() < 1.96
+    assert len(notes) == (pin > 0.02) + (ring > 0.02)
     assert all("does it touch both blocks?" in one for one in notes)
 
 
@@ -68,4 +67,4 @@ def test_leaks_belong_to_pins_and_rings() -> None:
     told = {"reference": [{"youngs_modulus": "3 kPa", "leak": 0.01}]}
     with pytest.raises(InputError, match="given for a pin or a ring"):
         bench_from_dict(told)
-    assert [one.strays for one in BENCH.reference] == [0.002, 0.002, 0, 0, 0, 0, 0]
+    assert [one.strays for one in BENCH.reference] == [0.007, 0.007, 0, 0, 0, 0, 0]

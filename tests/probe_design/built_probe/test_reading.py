@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from geometry.common.arrays import Floats
+from geometry.common.errors import InputError
+from geometry.scenes.scene import Load
 from hw.signal.measure import Measurement
 from hw.signal.waveform import Flawed
 from probe_design.built_probe.bench import Reference
@@ -58,10 +60,11 @@ def test_stresses_are_forces_over_nominal_areas(forces: Floats) -> None:
 
 
 def test_prediction_is_scaled_to_the_force_that_was_read(forces: Floats) -> None:
-    found = read(measured(3 * forces), scene(), BENCH, told(0.6))
+    pressed = scene().model_copy(update={"load": Load(force=3 * LOAD)})
+    found = read(measured(3 * forces), pressed, BENCH, told(0.6))
     assert found.predicted_stress_inner == pytest.approx(3 * (told(0.6).stress_inner or 0.0), rel=2e-3)
     without = BENCH.model_copy(update={"force": None})
-    alone = read(replace(measured(3 * forces), force=None), scene(), without, told(0.6))
+    alone = read(replace(measured(3 * forces), force=None), pressed, without, told(0.6))
     assert alone.predicted_stress_inner == told(0.6).stress_inner
     assert alone.reference_force is None
 
@@ -149,15 +152,55 @@ def test_what_nearly_contradicts_the_force_channel_is_told(forces: Floats) -> No
     assert any("standard deviations apart" in one for one in found.warnings)
 
 
-def test_loads_in_a_wrong_unit_are_told(forces: Floats) -> None:
-    """Millivolts that are read as volts: films and force agree with each other, and not with the scene's load."""
-    assert not any("units" in one for one in _at_force(forces, 1.0).warnings)
-    assert any("units" in one for one in _at_force(forces, 1e3).warnings)
+@pytest.mark.parametrize("force", [True, False])
+@pytest.mark.parametrize(("factor", "slip"), [(1e3, "millivolts taken as volts"), (1e-3, "volts taken as millivolts"), (50, "")])
+def test_a_load_that_nobody_presses_is_refused(forces: Floats, force: bool, factor: float, slip: str) -> None:
+    """Films and force channel agree with each other, or there is none: only the scene's load shows the unit."""
+    with pytest.raises(InputError, match=rf"load read = .* times|1/.* of.*{slip}"):
+        _at_force(forces, factor, force)
 
 
-def _at_force(forces: Floats, times: float) -> Read:
-    pressed = scene().model_copy(update={"load": scene().load.model_copy(update={"force": LOAD})})
-    return read(measured(times * forces), pressed, BENCH, told(0.6))
+@pytest.mark.parametrize("force", [True, False])
+@pytest.mark.parametrize(("factor", "words"), [(10.0, "10:1 probe factor"), (0.1, "1:10 probe factor"), (3.0, "3 times")])
+def test_a_doubtful_load_is_told(forces: Floats, force: bool, factor: float, words: str) -> None:
+    assert any(words in one for one in _at_force(forces, factor, force).warnings)
+
+
+@pytest.mark.parametrize("force", [True, False])
+@pytest.mark.parametrize("factor", [0.6, 1.0, 1.7])
+def test_a_load_of_about_the_scene_s_is_not_remarked_on(forces: Floats, force: bool, factor: float) -> None:
+    assert not any("to be pressed" in one for one in _at_force(forces, factor, force).warnings)
+
+
+@pytest.mark.parametrize("force", [True, False])
+def test_a_prescribed_indentation_tells_the_load_by_the_stiffness(forces: Floats, force: bool) -> None:
+    with pytest.raises(InputError, match="millivolts"):
+        _at_force(forces, 1e3, force, Load(indentation=1e-4), replace(told(0.6), stiffness=LOAD / 1e-4))
+
+
+def test_no_load_at_all_is_held_against_the_tissue_s_depth(forces: Floats) -> None:
+    """k d with k = 100 N/m and d = 30 mm: 3 N would press the probe through it, whatever the scene's load is."""
+    unloaded, soft = Load(force=0.0), replace(told(0.6), stiffness=100.0)
+    assert not any("to be pressed" in one for one in _at_force(forces, 1.0, False, unloaded, soft).warnings)
+    with pytest.raises(InputError, match="through the tissue"):
+        _at_force(forces, 1e3, False, unloaded, soft)
+
+
+def test_films_of_another_unit_than_the_force_channel_are_told(forces: Floats) -> None:
+    pressed = scene().model_copy(update={"load": Load(force=LOAD)})
+    found = measured(forces)
+    with pytest.raises(InputError, match="millivolts taken as volts"):
+        read(replace(found, charges=1e3 * found.charges), pressed, BENCH, told(0.6))
+
+
+def _at_force(forces: Floats, factor: float, force: bool, load: Load | None = None, predicted: Result | None = None) -> Read:
+    """Read a slip of units by ``factor``, with the force channel or without, on a scene of LOAD unless it has another."""
+    pressed = scene().model_copy(update={"load": load or Load(force=LOAD)})
+    bench = BENCH if force else BENCH.model_copy(update={"force": None})
+    one = measured(forces)
+    scaled = {"charges": factor * one.charges} | {name: factor**2 * getattr(one, name) for name in ("covariance", "tolerance")}
+    shown = {"force": factor * (one.force or 0.0) if force else None}
+    return read(replace(one, **scaled, **shown), pressed, bench, predicted or told(0.6))
 
 
 def test_exchanged_channels_are_told_where_the_prediction_shows_them(forces: Floats) -> None:

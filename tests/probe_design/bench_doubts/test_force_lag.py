@@ -13,8 +13,8 @@ from geometry.common.arrays import Floats
 from hw.common.samples import Samples
 from hw.signal.measure import Measurement
 from hw.signal.waveform import Flawed
+from probe_design.bench_doubts.force_lag import force_lag, loss
 from probe_design.built_probe.film_forces import observed, reading
-from probe_design.built_probe.force_lag import force_lag, loss
 from probe_design.built_probe.gain_matrix import estimated
 from probe_design.built_probe.virtual_probe import Built, signals
 from tests.support.hw.benches import BENCH, films, sampled, scene, shares
@@ -125,7 +125,9 @@ def test_a_filter_of_10_ms_is_refused_and_a_known_delay_corrected() -> None:
 
 def test_doubt_of_all_readings_alike_does_not_average_out() -> None:
     seen = [observed(reading(pressed(k), BENCH), one, scene()) for k, one in enumerate(BENCH.reference)]
-    good = estimated(seen, shares(), BENCH)
-    lagging = estimated([replace(one, force_doubt=0.04) for one in seen], shares(), BENCH)
+    assert BENCH.force
+    bench = BENCH.model_copy(update={"force": BENCH.force.model_copy(update={"verified": True})})
+    good = estimated(seen, shares(), bench)
+    lagging = estimated([replace(one, force_doubt=0.04) for one in seen], shares(), bench)
     widened = np.sqrt(np.diag(lagging.covariance)[[0, 3]] - np.diag(good.covariance)[[0, 3]])
     assert widened == pytest.approx(0.04 * np.diag(good.matrix), rel=0.05)

@@ -1,0 +1,172 @@
+"""Is the load that was read one that was pressed? The films' sum against the force channel and against the scene's load.
+
+A unit that is taken for another one (millivolts for volts, a feedback capacitance in nF for pF, d33 of another film) moves both
+films alike: their ratio looks right, and nothing but the size of the load shows it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from geometry.common.errors import InputError, Words
+from geometry.scenes.scene import Scene
+from hw.signal.measure import Measurement
+from hw.signal.waveform import Flawed
+from probe_design.bench_doubts.force_scale import ForceScale
+from probe_design.built_probe.bench import Bench
+from probe_design.built_probe.block_predictions import LINEAR, Shares
+from probe_design.built_probe.gain_matrix import Observed
+from solver.planning.load_check import largest
+from solver.results.result import Result
+
+IMPLAUSIBLE_FACTOR = 30.0  # between load read and expected, either way: no hand is off by so much, most slips of units are
+DOUBTFUL_FACTOR = 2.0  # likewise, beyond what the reading's own uncertainty allows: from here on a warning tells it
+SIGNIFICANT_SD = 3.0
+SAFE_SHARE = 0.8  # of the largest load that linear elasticity allows on the softest block, which the printed protocol asks for
+CONTRADICTION_SD = 5.0  # between the films' sum and the force channel
+NEAR_DECADE = 0.25  # decades, within which a factor is taken for a power of ten
+SLIPS = {
+    3: "millivolts taken as volts? Give the columns' unit: --column 'inner=NAME mV'",
+    -3: "volts taken as millivolts? Give the columns' unit: --column 'inner=NAME V'",
+    1: "a 10:1 probe factor of the oscilloscope, or a feedback capacitor of a tenth of what the bench says?",
+    -1: "a 1:10 probe factor of the oscilloscope, or a feedback capacitor ten times what the bench says?",
+}
+
+
+def check_expected(load: float, spread: float, low: float, high: float, source: str) -> list[str]:
+    """Compare a load with what was to be pressed; return a warning where it is doubtful.
+
+    Args:
+        load: as read, N.
+        spread: its relative standard deviation.
+        low: the least that it should be, N, above 0.
+        high: the most, N.
+        source: what showed it, for messages: "both films show", with the reading's name where there are several.
+
+    Raises:
+        InputError: it is 30 times too large or too small.
+    """
+    nearest = min(max(load, low), high)
+    factor = load / nearest
+    if not 1 / IMPLAUSIBLE_FACTOR < factor < IMPLAUSIBLE_FACTOR:
+        raise InputError("load read", Words(_words(load, nearest, source)), f"1/30 to 30 times that. {remedy(factor)}")
+    if DOUBTFUL_FACTOR * math.exp(SIGNIFICANT_SD * min(spread, 1.0)) < max(factor, 1 / factor):
+        return [f"{_words(load, nearest, source)}. {remedy(factor)}"]
+    return []
+
+
+def remedy(factor: float) -> str:
+    """Return what may be wrong where films show ``factor`` times what they should, and what to do."""
+    decade = math.log10(factor) if 0 < factor < math.inf else math.inf
+    near = round(decade) if abs(decade) < 20 else 0
+    likely = SLIPS.get(near, "") if abs(decade - near) < NEAR_DECADE else ""
+    where = "units of the columns, the bench's [force] sensitivity and [amplifier] capacitance, d31 to d33 of [probe.film]"
+    return f"{likely}{' ' if likely else ''}Check the {where}, or write the load that was pressed into [load] of the scene"
+
+
+def check_scene_load(
+    total: tuple[float, float], measurement: Measurement, scene: Scene, predicted: Result, scale: ForceScale
+) -> list[str]:
+    """Compare the load of a reading with the scene's, by the force channel or else by the films' sum.
+
+    Args:
+        total: sum of both films' forces and its standard deviation, N.
+        measurement: for the force channel.
+        scene: for its load.
+        predicted: for the stiffness, where the scene has an indentation.
+        scale: what a calibration found of the force channel.
+
+    Raises:
+        InputError: the load is 30 times too large or too small, or the scene has none and it would go through the tissue.
+    """
+    load, spread = (total[0], total[1] / max(abs(total[0]), 1e-300))
+    source = "both films show"
+    if measurement.force is not None:
+        load, spread, source = measurement.force / scale.factor, 0.0, "the force channel shows"
+    expected = expected_load(scene, predicted)
+    if expected is None:
+        _check_depth(load, scene, predicted, source)
+        return []
+    return check_expected(load, spread, expected, expected, source)
+
+
+def check_reference_loads(observed: Sequence[Observed], shares: Shares, scene: Scene) -> list[str]:
+    """Compare the loads on references with what is to be pressed on them: the scene's load, or less where a block allows less.
+
+    Args:
+        observed: readings on references.
+        shares: predictions for the tissue among them, for the loads that these allow.
+        scene: for its load.
+
+    Raises:
+        InputError: a load is 30 times too large or too small.
+    """
+    limits = [largest(one.rule, LINEAR, promise=False).force for one in shares.blocks if one.rule is not None]
+    high = expected_load(scene) or max(limits, default=None)
+    if high is None:
+        return []
+    low = min([high, *(SAFE_SHARE * one for one in limits)])
+    doubtful = {one.reference.name: found for one in observed if (found := _check_reference(one, low, high))}
+    return [f"{', '.join(doubtful)}: {next(iter(doubtful.values()))}"] if doubtful else []
+
+
+def _check_reference(one: Observed, low: float, high: float) -> str:
+    """Return a warning, or nothing; a refusal names the reference. What contradicts the force channel is left to the fit."""
+    if one.force is not None and not 1 / DOUBTFUL_FACTOR < one.films.sum() / max(one.force, 1e-300) < DOUBTFUL_FACTOR:
+        return ""
+    known = one.reference.known_force
+    bounds = (low, high) if known is None else (known, known)
+    source = "both films show" if one.force is None else "the force channel shows"
+    try:
+        return "".join(check_expected(one.load, 0.0, *bounds, source))
+    except InputError as fault:
+        raise InputError(f"{one.reference.name}: {fault.key}", fault.value, fault.allowed) from None
+
+
+def expected_load(scene: Scene, predicted: Result | None = None) -> float | None:
+    """Return the amplitude of the scene's load, N; None where it is 0, or an indentation of unknown stiffness."""
+    force, indentation = scene.load.force, scene.load.indentation
+    if force is None and predicted is not None and predicted.stiffness is not None and indentation is not None:
+        force = predicted.stiffness * indentation
+    return force or None
+
+
+def check_films(total: tuple[float, float], measurement: Measurement, bench: Bench, scale: ForceScale) -> list[str]:
+    """Compare both films' sum with the force channel: nothing else carries load. What is doubtful is warned of.
+
+    ``total`` is the sum and its standard deviation, N, without what a calibration by the same force channel shares with it.
+
+    Raises:
+        Flawed: they are five standard deviations apart.
+        InputError: one is 30 times the other.
+    """
+    if measurement.force is None or measurement.force_sd is None or bench.force is None:
+        return []
+    force = measurement.force / scale.factor
+    tolerance = math.hypot(bench.force.tolerance, measurement.force_doubt)
+    apart = abs(total[0] - force) / math.hypot(total[1], measurement.force_sd, tolerance * force)
+    words = f"both films show {total[0]:.4g} N, the force channel {force:.4g} N, {apart:.2g} standard deviations apart"
+    factor = total[0] / force if force > 0 else math.inf
+    if factor > IMPLAUSIBLE_FACTOR or 0 < factor < 1 / IMPLAUSIBLE_FACTOR:
+        raise InputError("load read", Words(words), f"films and force channel that agree. {remedy(factor)}")
+    words = f"{words}: a film, amplifier or force sensor is not what bench and calibration say"
+    if apart > CONTRADICTION_SD:
+        raise Flawed(words)
+    return [words] if apart > SIGNIFICANT_SD else []
+
+
+def _check_depth(load: float, scene: Scene, predicted: Result, source: str) -> None:
+    """Refuse a load that would press the probe through the tissue."""
+    depth, stiffness = getattr(scene.tissue, "depth", None), predicted.stiffness  # a half-space has no depth
+    if depth is None or not stiffness or load < stiffness * depth:
+        return
+    most = stiffness * depth
+    allowed = f"up to {most:.3g} N, which would press the probe through the tissue. {remedy(load / most)}"
+    raise InputError("load read", Words(f"{source} {load:.3g} N"), allowed)
+
+
+def _words(load: float, expected: float, source: str) -> str:
+    times = load / expected
+    size = f"{times:.3g} times" if times > 1 else f"1/{1 / times:.3g} of" if times > 0 else "not"
+    return f"{source} {load:.3g} N, {size} the load of {expected:.3g} N that was to be pressed"

@@ -1,0 +1,77 @@
+"""A sampling rate that is wrong: seen by the drive's frequency, and counted as far as nobody knows better.
+
+A rate that is off by delta makes all frequencies off by as much, and the charge amplifiers are divided out at the wrong one:
+
+    d ln H = d ln f / (1 + j w tau)                                                                       (BP.10)
+
+of eq. SI.1, the same delta in both films and in all readings. delta is as large as the drive's tolerance, or as what the load's
+frequency is off the bench's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from geometry.common.arrays import Floats
+from hw.common.samples import Complexes
+from hw.signal.measure import Measurement
+from probe_design.built_probe.bench import Bench
+from probe_design.built_probe.gain_matrix import Gains
+
+SIGNIFICANT_SD = 3.0
+
+
+def with_rate_doubt(measurement: Measurement, bench: Bench, calibrated_at: float | None = None) -> Measurement:
+    """Return a reading that counts what a wrong rate does to its charges, with a warning where the drive's frequency shows one.
+
+    Args:
+        measurement: each film's own amplifier divided out.
+        bench: for the drive's frequency and the amplifiers.
+        calibrated_at: of the gains, Hz, with the same rate: what these have absorbed does not count again.
+    """
+    change = _change(bench, measurement.fit.frequency)
+    if calibrated_at is not None:
+        change = change - _change(bench, calibrated_at)
+    moved = measurement.charges * change * rate_doubt(measurement, bench)
+    parts = np.stack([moved.real, moved.imag], axis=1).ravel()
+    tolerance = measurement.tolerance + np.outer(parts, parts)
+    return replace(measurement, tolerance=tolerance, warnings=measurement.warnings + _warnings(measurement, bench))
+
+
+def gains_with_rate_doubt(gains: Gains, measurements: Sequence[Measurement], bench: Bench) -> Gains:
+    """Return gains whose covariance counts that the amplifiers were divided out at a wrong frequency in all readings alike."""
+    doubt = max(rate_doubt(one, bench) for one in measurements)
+    frequency = float(np.mean([one.fit.frequency for one in measurements]))
+    moved = (_change(bench, frequency).real[:, None] * gains.matrix).ravel() * doubt
+    return replace(gains, covariance=gains.covariance + np.outer(moved, moved))
+
+
+def rate_doubt(measurement: Measurement, bench: Bench) -> float:
+    """Return by how much the rate may be off, relative: a standard deviation."""
+    return max(bench.load.frequency_tolerance, abs(_off(measurement, bench)))
+
+
+def _off(measurement: Measurement, bench: Bench) -> float:
+    return measurement.fit.frequency / bench.load.frequency - 1
+
+
+def _change(bench: Bench, frequency: float) -> Complexes:
+    """Return d ln H / d ln f of both films' amplifiers, eq. BP.10, shape (2,)."""
+    taus: Floats = np.array([one.time_constant for one in bench.amplifier.of_films()])
+    return np.asarray(1 / (1 + 2j * math.pi * frequency * taus))
+
+
+def _warnings(measurement: Measurement, bench: Bench) -> tuple[str, ...]:
+    off, fit = _off(measurement, bench), measurement.fit
+    if abs(off) <= SIGNIFICANT_SD * math.hypot(bench.load.frequency_tolerance, fit.frequency_sd / fit.frequency):
+        return ()
+    side = "above" if off > 0 else "below"
+    words = f"the load reads {100 * abs(off):.2g} % {side} the {bench.load.frequency:g} Hz of the bench"
+    return (
+        f"{words}: the sampling rate or the unit of the times is off as much, or load.frequency of the bench is not the drive's; "
+        "counted in the uncertainties",
+    )
