@@ -14,14 +14,14 @@ from hw.common.errors import HardwareError
 from hw.common.samples import Samples
 from hw.signal.measure import Measurement
 from hw.signal.waveform import Flawed
-from probe_design.bench_doubts.film_lag import lag_warnings
-from probe_design.bench_doubts.force_scale import scale_warnings
-from probe_design.bench_doubts.load_checks import check_reference_loads
-from probe_design.bench_doubts.sampling_rate import gains_with_rate_doubt
+from probe_design.built_probe.amplifier_responses import gains_with_rate_doubt
 from probe_design.built_probe.bench import Bench, Reference
 from probe_design.built_probe.block_predictions import Shares, predicted
 from probe_design.built_probe.film_forces import observed, strict_reading
+from probe_design.built_probe.force_scale import scale_warnings
 from probe_design.built_probe.gain_matrix import Gains, Observed
+from probe_design.built_probe.load_checks import check_reference_loads
+from probe_design.built_probe.phase_lags import lag_warnings
 from probe_design.built_probe.trusted_gains import trusted
 
 SAME = 0.01  # relative, by which the loads' frequencies may differ

@@ -21,11 +21,11 @@ from geometry.provenance.texts import toml_comment
 from geometry.scenes.probe import Frozen
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_from_dict, scene_to_dict
-from probe_design.bench_doubts.force_scale import ForceScale
-from probe_design.bench_doubts.serial_numbers import LONGEST
 from probe_design.built_probe.bench import Bench, bench_from_dict, first_fault
 from probe_design.built_probe.calibration import Calibration
+from probe_design.built_probe.force_scale import ForceScale
 from probe_design.built_probe.gain_matrix import ENTRIES, Gains
+from probe_design.built_probe.probe_identity import LONGEST
 
 FORMAT: Literal["probe-design calibration"] = "probe-design calibration"
 VERSION: Literal[1] = 1

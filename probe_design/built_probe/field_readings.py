@@ -88,7 +88,7 @@ def read_told(result: Read, noise: float, origin: dict[str, Any], scene: Scene, 
 
 
 def without_prediction(
-    measurement: Measurement, scene: Scene, bench: Bench, gains: Gains | None, origin: dict[str, Any], fingerprint: Fingerprint
+    measurement: Measurement, scene: Scene, bench: Bench, gains: Gains | None, *, origin: dict[str, Any], fingerprint: Fingerprint
 ) -> dict[str, Any]:
     """Return the JSON object of `read` for a reading that nothing is compared with."""
     result = read(measurement, scene, bench, Result("none", 0.0), gains)

@@ -12,11 +12,10 @@ from hw.common.samples import Samples
 from hw.signal.measure import FILMS, Measurement, checked, measure, measured
 from hw.signal.running import RunningFit
 from hw.signal.waveform import Flawed
-from probe_design.bench_doubts.force_lag import with_force_lag
-from probe_design.bench_doubts.sampling_rate import with_rate_doubt
+from probe_design.built_probe.amplifier_responses import with_own_amplifiers, with_rate_doubt
 from probe_design.built_probe.bench import Bench, Reference
 from probe_design.built_probe.gain_matrix import Observed
-from probe_design.built_probe.own_amplifiers import with_own_amplifiers
+from probe_design.built_probe.phase_lags import with_force_lag
 from probe_design.built_probe.virtual_probe import charge_per_force
 
 PYROELECTRIC = 30e-6  # C / (m^2 K), PHYSICS.md section 6: of PVDF

@@ -22,9 +22,9 @@ from scipy.special import chdtrc
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
 from hw.common.samples import Ints
-from probe_design.bench_doubts.force_scale import ForceScale, mean_gain_sd, prior_sd
 from probe_design.built_probe.bench import Bench, Reference
 from probe_design.built_probe.block_predictions import Shares, inner_shares
+from probe_design.built_probe.force_scale import ForceScale, mean_gain_sd, prior_sd
 
 ENTRIES = ("inner gain", "inner from outer", "outer from inner", "outer gain")
 FACTOR = np.array([0, 1, 2])  # entries that are free where the outer gain is the unit

@@ -1,16 +1,25 @@
-"""What makes two scenes' probes one design: the numbers that a calibration, and a ratio that was read, rest on."""
+"""Which probe was it? Its drawing's numbers, on which a calibration and a ratio rest, and the serial number of its board.
+
+Two probes of one drawing differ in their gains by 5 % or more, so that one's calibration is wrong for the other. A board has a
+serial number; an oscilloscope has its own, which says nothing of the probe before it, and files of other programs have none.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
+from geometry.common.errors import InputError, Words
 from geometry.scenes.scene import Scene
 from geometry.scenes.variables import values
 from probe_design.built_probe.block_predictions import by_outer_radius
 
 CHARGE = "probe.film charge per force"
 SAME = 1e-9  # relative, within which two numbers are the same
+NO_BOARDS = ("visa",)  # transports whose serial number is not a probe's
+LONGEST = 100  # characters
+SHOWN = 3  # names in a message
 
 
 def probe_numbers(scene: Scene) -> dict[str, float]:
@@ -34,3 +43,54 @@ def probe_difference(numbers: Mapping[str, float], scene: Scene) -> str | None:
         if not math.isclose(numbers[key], own, rel_tol=SAME):
             return f"{key} is {numbers[key]:.6g} there and {own:.6g} in the scene, SI units"
     return None if numbers.keys() == wanted.keys() else "it has parts there that the scene's has not"
+
+
+def board_serial(source: Mapping[str, Any]) -> str | None:
+    """Return the serial number of the board that a source of samples tells, or None where nobody knows."""
+    transport, serial = source.get("transport"), source.get("serial")
+    if transport in NO_BOARDS or (transport == "serial" and "port" not in source):  # before ports were kept apart
+        return None
+    return clean_serial(serial)
+
+
+def clean_serial(serial: Any) -> str | None:
+    """Return a serial number as it is compared: printable, without blanks around it; None where it is none."""
+    text = serial.strip() if isinstance(serial, str) else ""
+    return text if text.isprintable() and 0 < len(text) <= LONGEST else None
+
+
+def check_serials(boards: Mapping[str, str | None], any_probe: bool) -> list[str]:
+    """Compare what is to be of one probe; return a warning where nobody knows, or where a difference is allowed.
+
+    Args:
+        boards: serial numbers by what has them, such as "calibration probe.toml"; None where one is not known.
+        any_probe: whether different ones are allowed.
+
+    Raises:
+        InputError: they differ.
+    """
+    by_serial: dict[str, list[str]] = {}
+    for name, serial in boards.items():
+        if serial is not None:
+            by_serial.setdefault(serial, []).append(name)
+    if len(by_serial) > 1:
+        different = "; ".join(f"{serial} of {_listed(names)}" for serial, names in by_serial.items())
+        if not any_probe:
+            allowed = "one probe's: give each probe its own calibration, or take them as one with --any-probe"
+            raise InputError("serial number", Words(different), allowed)
+        return [f"serial numbers differ, as --any-probe allows: {different}"]
+    unknown = [name for name, serial in boards.items() if serial is None]
+    if not unknown or len(boards) < 2:
+        return []
+    return [f"no serial number of {_listed(unknown)}: nothing shows that it is the same probe's as the rest"]
+
+
+def common_serial(boards: Mapping[str, str | None]) -> str | None:
+    """Return the serial number that all of several readings have; None where one is not known, or they differ."""
+    numbers = set(boards.values())
+    return numbers.pop() if len(numbers) == 1 else None
+
+
+def _listed(names: list[str]) -> str:
+    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+    return ", ".join(names[:SHOWN]) + more

@@ -12,10 +12,10 @@ from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
 from hw.signal.measure import FILMS, Measurement, carried
 from hw.signal.waveform import Flawed
-from probe_design.bench_doubts.load_checks import check_films, check_scene_load
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.film_forces import newtons
 from probe_design.built_probe.gain_matrix import Gains
+from probe_design.built_probe.load_checks import check_films, check_scene_load
 from probe_design.built_probe.ratio_phase import SPREAD, phased, ratio_phase, surprises
 from solver.answers import evaluate
 from solver.axisymmetric.level import Axisymmetric

@@ -9,11 +9,11 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
-from probe_design.bench_doubts.load_checks import remedy
 from probe_design.built_probe.bench import Bench, Reference
 from probe_design.built_probe.block_predictions import Shares, inner_shares
 from probe_design.built_probe.exchanges import FAR, READ_AGAIN, Misplacement, check_films, explaining, share_doubt
 from probe_design.built_probe.gain_matrix import Gains, Observed, estimated
+from probe_design.built_probe.load_checks import remedy
 
 UNLIKELY = 0.001  # p-value below which the readings contradict each other
 ANYTHING = 10.0  # bound on ln(F_inner / F_outer) of a block of which nothing is assumed

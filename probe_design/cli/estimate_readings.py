@@ -14,8 +14,6 @@ from hw.foreign.columns import ColumnMap
 from hw.foreign.units import read_rate
 from hw.reader import Reader
 from hw.signal.fingerprint import Fingerprint
-from probe_design.bench_doubts.load_checks import check_expected, expected_load
-from probe_design.bench_doubts.serial_numbers import board_serial, check_serials, clean_serial
 from probe_design.built_probe.field_readings import (
     FieldReading,
     check_different,
@@ -26,6 +24,8 @@ from probe_design.built_probe.field_readings import (
     without_prediction,
 )
 from probe_design.built_probe.film_forces import reading as measured
+from probe_design.built_probe.load_checks import check_expected, expected_load
+from probe_design.built_probe.probe_identity import board_serial, check_serials, clean_serial
 from probe_design.cli.arguments import position
 from probe_design.cli.hardware_sources import HardwareSetup, read_limits
 from probe_design.data.noise import LEAST
@@ -110,7 +110,9 @@ def _recorded(path: Path, setting: HardwareSetup, sources: Sources) -> dict[str,
         samples = reader.collect()
     origin = setting.origin | {"placement": placement_of(samples.source), "serial": board_serial(samples.source)}
     measurement = measured(samples, setting.bench, at)
-    return without_prediction(measurement, setting.scene, setting.bench, gains, origin, Fingerprint.from_samples(samples))
+    return without_prediction(
+        measurement, setting.scene, setting.bench, gains, origin=origin, fingerprint=Fingerprint.from_samples(samples)
+    )
 
 
 def _reading(scene: Scene, found: FieldReading, spread: float, place: dict[str, str]) -> Reading:

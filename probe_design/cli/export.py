@@ -77,7 +77,7 @@ def _to_calibrate(fixture: bool, bench: Path | None, name: str, scene: Scene) ->
     if not fixture:
         return {}
     from probe_design.built_probe.bench import builtin_bench, read_bench
-    from probe_design.built_probe.protocol_page import writers
+    from probe_design.measuring.protocol_page import writers
 
     return writers(scene, builtin_bench() if bench is None else read_bench(bench), name)
 

@@ -86,12 +86,12 @@ def read(
     """  # noqa: D301
     from hw.signal.running import RunningFit
     from hw.signal.sine_fit import check_rate
-    from probe_design.bench_doubts.serial_numbers import board_serial, check_serials
-    from probe_design.built_probe.acquisition import collected
     from probe_design.built_probe.field_readings import noise_of, placement_of, read_told
     from probe_design.built_probe.film_forces import reading, running_reading
+    from probe_design.built_probe.probe_identity import board_serial, check_serials
     from probe_design.built_probe.reading import read as judged
     from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
+    from probe_design.measuring.acquisition import collected
     from probe_design.terminal.console import show, warn, working
     from probe_design.terminal.hardware_tables import read_table
     from probe_design.terminal.live import followed, following
@@ -148,9 +148,9 @@ def calibrate(scene: Path | None, bench: Path | None, output: Path, linear: bool
     probe-design calibrate scene.toml --record run.probe -o probe.toml
     """  # noqa: D301
     from geometry.common.files import check_writable_file
-    from probe_design.bench_doubts.serial_numbers import check_serials, common_serial
     from probe_design.built_probe.calibration import calibrated
     from probe_design.built_probe.calibration_record import check_free, record, write_record
+    from probe_design.built_probe.probe_identity import check_serials, common_serial
     from probe_design.cli.hardware_sources import HardwareSetup, SampleSource, described, raw
     from probe_design.terminal.console import message, show, warn, working
     from probe_design.terminal.hardware_tables import calibration_table
@@ -198,8 +198,8 @@ def check(
     import json
 
     from geometry.common.files import check_writable_file, write_text
-    from probe_design.bench_doubts.serial_numbers import check_serials, common_serial
     from probe_design.built_probe.calibration_record import check_free
+    from probe_design.built_probe.probe_identity import check_serials, common_serial
     from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
     from probe_design.probe_check.check import checked
     from probe_design.terminal.console import saying, show, warn

@@ -29,7 +29,7 @@ class ReferenceReading:
     @property
     def board(self) -> str | None:
         """The serial number of the board that was read, where it is known."""
-        from probe_design.bench_doubts.serial_numbers import board_serial
+        from probe_design.built_probe.probe_identity import board_serial
 
         return board_serial(self.samples.source)
 
@@ -66,8 +66,8 @@ def _reading(
     """One good reading on a reference: a live one that is flawed is read again, a recorded one refused by name."""
     from hw.common.errors import HardwareError, InvalidSource
     from hw.signal.waveform import Flawed
-    from probe_design.bench_doubts.serial_numbers import board_serial, check_serials
     from probe_design.built_probe.film_forces import strict_reading
+    from probe_design.built_probe.probe_identity import board_serial, check_serials
     from probe_design.cli.hardware_sources import ATTEMPTS
     from probe_design.terminal.console import message
 
@@ -128,7 +128,8 @@ def on_scene(setting: HardwareSetup, source: SampleSource, accuracy: str) -> Any
 
 def predicting(length: float | None) -> Callable[..., Any]:
     """Return what predicts a scene for a reading of so many seconds: apart where it is to leave no memory held."""
-    from probe_design.built_probe import prediction_apart, reading
+    from probe_design.built_probe import reading
+    from probe_design.measuring import prediction_apart
 
     apart = length is not None and length >= prediction_apart.LONG
     return prediction_apart.prediction_apart if apart else reading.prediction

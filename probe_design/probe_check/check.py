@@ -18,14 +18,14 @@ from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
 from hw.common.samples import Samples
 from hw.signal.measure import Measurement
-from probe_design.bench_doubts.film_lag import lag_warnings
-from probe_design.bench_doubts.load_checks import check_reference_loads
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import Shares, inner_shares, predicted
 from probe_design.built_probe.calibration import waveform_warnings
 from probe_design.built_probe.exchanges import Misplacement, check_films, explaining, share_doubt
 from probe_design.built_probe.film_forces import newtons, observed, strict_reading
 from probe_design.built_probe.gain_matrix import Gains
+from probe_design.built_probe.load_checks import check_reference_loads
+from probe_design.built_probe.phase_lags import lag_warnings
 from probe_design.probe_check.coverage import VariableCoverage, coverage
 from probe_design.probe_check.deviation import LEVEL, CancellingPair, Deviation, cancelling
 from probe_design.probe_check.explanations import Explanation, VariablePair

@@ -12,8 +12,8 @@ from rich.table import Table
 from rich.text import Text
 
 from hw.common.samples import Samples
-from probe_design.built_probe.acquisition import window
 from probe_design.built_probe.reading import Read
+from probe_design.measuring.acquisition import window
 from probe_design.terminal.braille_chart import chart
 from probe_design.terminal.console import message, rich_console
 

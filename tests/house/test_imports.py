@@ -197,10 +197,18 @@ ALLOWED: dict[str, set[str]] = {
     },
     "probe_design.sweeps": {"probe_design.reports", "solver.closed_form", "solver.linalg", "solver.planning", *ANSWERS},
     "probe_design.built_probe": {
-        "geometry.cad",  # the fixture's sizes and the probe's outlines, on the page to print
         "solver.axisymmetric",
         "solver.equivalent_inclusion",
         "solver.phase",
+        "solver.planning",
+        "hw",
+        "hw.common",
+        "hw.signal",
+        *ANSWERS,
+    },
+    "probe_design.measuring": {
+        "probe_design.built_probe",
+        "geometry.cad",  # the fixture's sizes and the probe's outlines, on the page to print
         "solver.planning",
         "hw",
         "hw.common",
@@ -220,6 +228,7 @@ ALLOWED: dict[str, set[str]] = {
     "probe_design.workshop": {"probe_design.tolerances", "geometry.cad", "geometry.workshop", *ANSWERS},
     # terminal shows what they found, cli asks them for it; the face offers from Python what can be asked
     "probe_design.terminal": {
+        "probe_design.measuring",
         "probe_design.built_probe",
         "probe_design.data",
         "probe_design.doctor",
@@ -244,6 +253,7 @@ ALLOWED: dict[str, set[str]] = {
         "probe_design.doctor",
         "probe_design.estimation",
         "probe_design.maps",
+        "probe_design.measuring",
         "probe_design.optimisation",
         "probe_design.pictures",
         "probe_design.populations",

@@ -18,10 +18,10 @@ from hw.signal.running import RunningFit
 from hw.signal.stretches import sine_fit
 from hw.simulation.firmware import Fault
 from hw.simulation.virtual import virtual
-from probe_design.built_probe.acquisition import collected, window
 from probe_design.built_probe.calibration import calibrate
 from probe_design.built_probe.film_forces import reading
 from probe_design.built_probe.virtual_probe import Built, signals
+from probe_design.measuring.acquisition import collected, window
 from probe_design.terminal.braille_chart import BLANK, chart
 from probe_design.terminal.live import following
 from tests.support.hw.benches import BENCH, films, sampled, scene, shares

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from geometry import InputError
-from probe_design.bench_doubts.serial_numbers import board_serial, check_serials, common_serial
+from probe_design.built_probe.probe_identity import board_serial, check_serials, common_serial
 
 
 @pytest.mark.parametrize(

@@ -13,9 +13,9 @@ from geometry.common.errors import InputError, Words
 from geometry.scenes.scene import Scene
 from hw.signal.measure import Measurement
 from hw.signal.waveform import Flawed
-from probe_design.bench_doubts.force_scale import ForceScale
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import LINEAR, Shares
+from probe_design.built_probe.force_scale import ForceScale
 from probe_design.built_probe.gain_matrix import Observed
 from solver.planning.load_check import largest
 from solver.results.result import Result

@@ -1,4 +1,4 @@
-"""The force channel's phase beside the films': both feel one load, so that what lags is the channel, and loses amplitude too.
+"""Phases of force channel and films: all feel one load, so that what lags on what is elastic is a channel, and loses amplitude.
 
 With the films' charges q, their amplifiers divided out, and the force channel F, delayed by d, the lag at the frequency f is
 
@@ -12,25 +12,34 @@ function [1] phi = 4 r / (pi A) and the loss is 16 / (3 pi) (r / A)^(3/2), both 
 
 which no other lag of this list exceeds up to 1 rad, and which counts for all.
 
+Between the films: what is elastic turns neither, so that on tissue a lag is tissue that flows or a fault.
+With both charges q, their amplifiers divided out, and the outer channel sampled later than the inner by s, the inner leads by
+
+    phi = arg(q_inner / q_outer) + 2 pi f s                                                                (BP.8)
+
+On a pin or a ring the film that is not pressed shows cross-talk, which may have either sign, and whose phase is no lag.
+
 [1] A. Gelb, W. E. Vander Velde, Multiple-Input Describing Functions and Nonlinear System Design (1968), appendix B.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from hw.common.samples import Complexes, Floats
 from hw.signal.amplifier import of_parts
-from hw.signal.measure import Measurement, carried
+from hw.signal.measure import FILMS, Measurement, carried
 from hw.signal.waveform import Flawed
-from probe_design.built_probe.bench import Bench
+from probe_design.built_probe.bench import Bench, Reference
 
-SEEN = 3.0  # standard deviations of a lag; of one that is not seen the loss is below the noise of the amplitudes
-TOLD = 1e-3  # loss from which a warning tells it
-MOST = 0.2  # rad, beyond which the channel is not used: the loss would be a tenth
+SEEN_SD = 3.0  # standard deviations of a lag; of one that is not seen the loss is below the noise of the amplitudes
+MIN_LOSS = 1e-3  # loss from which a warning tells it
+MAX_FORCE_LAG_RAD = 0.2  # rad, beyond which the channel is not used: the loss would be a tenth
+MAX_FILM_LAG_RAD = 0.02  # beyond three standard deviations a warning reports it: a film loses 2e-4 of its amplitude by that
 
 
 def with_force_lag(measurement: Measurement, bench: Bench) -> Measurement:
@@ -46,14 +55,14 @@ def with_force_lag(measurement: Measurement, bench: Bench) -> Measurement:
     if measurement.force is None or bench.force is None:
         return measurement
     lag, spread = force_lag(measurement, bench)
-    if abs(lag) <= SEEN * spread:
+    if abs(lag) <= SEEN_SD * spread:
         return measurement
     words = f"the force channel {'lags' if lag > 0 else 'leads'} the films by {abs(lag):.2g} rad"
-    if abs(lag) > MOST:
+    if abs(lag) > MAX_FORCE_LAG_RAD:
         raise Flawed(f"{words}: a filter, play or friction before the sensor, or amplifiers that are not the bench's")
     doubt = loss(lag)
     told = (f"{words}: its amplitude may be off by {100 * doubt:.2g} %, which is counted; a delay that is known stands in "
-            "force.delay of the bench",) if doubt > TOLD else ()  # fmt: skip
+            "force.delay of the bench",) if doubt > MIN_LOSS else ()  # fmt: skip
     return replace(measurement, force_doubt=doubt, warnings=measurement.warnings + told)
 
 
@@ -83,3 +92,45 @@ def _phase_variance(values: Complexes, covariance: Floats) -> float:
 
 def _phase(parts: Floats) -> Floats:
     return np.array([math.atan2(parts[1::2].sum(), parts[0::2].sum())])
+
+
+def lag_warnings(measurements: Sequence[Measurement], references: Sequence[Reference], bench: Bench) -> list[str]:
+    """Return a warning for each film that lags on tissue, with the references on which it does.
+
+    Args:
+        measurements: one for each reference, each film's own amplifier divided out.
+        references: what was pressed on.
+        bench: for the channels' sampling, and whether the force channel counts.
+    """
+    lags: dict[str, list[tuple[str, float]]] = {}
+    for measurement, reference in zip(measurements, references, strict=True):
+        if reference.on != "tissue":
+            continue
+        lag, spread = film_lag(measurement, bench)
+        if abs(lag) - SEEN_SD * spread > MAX_FILM_LAG_RAD:
+            lags.setdefault(_late_film(measurement, bench, lag), []).append((reference.name, abs(lag)))
+    return [
+        f"{', '.join(name for name, _ in found)}: {fault} by up to {max(lag for _, lag in found):.2g} rad: tissue that flows, "
+        "or that film's amplifier, filter or cable; the gains are of the parts in phase with the load"
+        for fault, found in lags.items()
+    ]
+
+
+def film_lag(measurement: Measurement, bench: Bench) -> tuple[float, float]:
+    """Return by how much the inner film leads the outer one, eq. BP.8, and its standard deviation, both in rad."""
+    lag, spread = measurement.lag
+    turn = 2 * math.pi * measurement.fit.frequency
+    return lag + turn * bench.sampling.skew, math.hypot(spread, turn * bench.sampling.skew_tolerance)
+
+
+def _late_film(measurement: Measurement, bench: Bench, lag: float) -> str:
+    """Say which film lags; the force channel, where there is one, decides which of both is out of phase."""
+    late, early = reversed(FILMS) if lag > 0 else FILMS
+    words = f"the {late} film lags the {early} film"
+    if measurement.force is None or bench.force is None:
+        return words
+    turn = 2 * math.pi * measurement.fit.frequency
+    force = measurement.fit.amplitudes[2] * np.exp(1j * turn * bench.force.delay)
+    charges = measurement.charges * np.exp([0.0, -1j * turn * bench.sampling.skew])
+    off = [abs(math.remainder(float(np.angle(one * np.conj(force))), math.pi)) for one in charges]  # a sensor may be reversed
+    return f"{words} (the {FILMS[int(np.argmax(off))]} film is out of phase with the force channel)"

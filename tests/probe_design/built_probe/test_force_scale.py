@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from geometry.common.arrays import Floats
-from probe_design.bench_doubts.force_scale import mean_gain_sd, scale_warnings
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.film_forces import reading
+from probe_design.built_probe.force_scale import mean_gain_sd, scale_warnings
 from probe_design.built_probe.gain_matrix import Gains, Observed, estimated
 from probe_design.built_probe.reading import read
 from probe_design.built_probe.virtual_probe import Built, signals

@@ -11,9 +11,9 @@ import pytest
 
 from geometry.common.child_process import Failure
 from geometry.common.errors import Refusal
-from probe_design.built_probe import prediction_apart
 from probe_design.built_probe.reading import prediction
 from probe_design.cli.reference_readings import predicting
+from probe_design.measuring import prediction_apart
 from tests.support.hw.benches import scene
 
 

@@ -17,9 +17,9 @@ from geometry.cad.solids import COLOURS
 from geometry.provenance.texts import picture_metadata
 from geometry.scenes.probe import Probe, mm
 from geometry.scenes.scene import Scene
-from probe_design.bench_doubts.load_checks import SAFE_SHARE
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import LINEAR, inner_shares, predicted
+from probe_design.built_probe.load_checks import SAFE_SHARE
 from probe_design.built_probe.virtual_probe import charge_per_force
 from solver.planning.load_check import largest
 

@@ -1,4 +1,4 @@
-"""A sampling rate that is wrong: seen by the drive's frequency, and counted as far as nobody knows better.
+"""The charge amplifiers divided out: each film's own, and at a frequency that a wrong sampling rate may have made wrong.
 
 A rate that is off by delta makes all frequencies off by as much, and the charge amplifiers are divided out at the wrong one:
 
@@ -18,11 +18,37 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from hw.common.samples import Complexes
+from hw.signal.amplifier import multiplied, of_parts
 from hw.signal.measure import Measurement
-from probe_design.built_probe.bench import Bench
+from probe_design.built_probe.bench import Amplifier, Bench
 from probe_design.built_probe.gain_matrix import Gains
 
 SIGNIFICANT_SD = 3.0
+
+
+def with_own_amplifiers(measurement: Measurement, amplifier: Amplifier, calibrated_at: float | None = None) -> Measurement:
+    """Return a measurement whose charges are those behind each film's own amplifier.
+
+    Args:
+        measurement: with the common amplifier divided out.
+        amplifier: of the bench.
+        calibrated_at: frequency at which gains were calibrated, Hz.
+
+    Raises:
+        TooSlow: the load lies far below a corner.
+    """
+    common, films, frequency = amplifier.built(), amplifier.of_films(), measurement.fit.frequency
+    if films == (common, common):
+        return measurement
+    factors = np.array([common.response(frequency) / one.response(frequency) for one in films])
+    charges = measurement.charges * factors
+    turn = multiplied(factors)
+    return replace(
+        measurement,
+        charges=charges,
+        covariance=np.asarray(turn @ measurement.covariance @ turn.T),
+        tolerance=of_parts(charges, films, frequency, calibrated_at),
+    )
 
 
 def with_rate_doubt(measurement: Measurement, bench: Bench, calibrated_at: float | None = None) -> Measurement:

@@ -13,9 +13,9 @@ from geometry.common.arrays import Floats
 from hw.common.samples import Samples
 from hw.signal.measure import Measurement
 from hw.signal.waveform import Flawed
-from probe_design.bench_doubts.force_lag import force_lag, loss
 from probe_design.built_probe.film_forces import observed, reading
 from probe_design.built_probe.gain_matrix import estimated
+from probe_design.built_probe.phase_lags import force_lag, loss
 from probe_design.built_probe.virtual_probe import Built, signals
 from tests.support.hw.benches import BENCH, films, sampled, scene, shares
 
