@@ -60,7 +60,7 @@ class BenchFault:
     clock: float = 1.0
     channels: dict[int, Change] = field(default_factory=dict)
     frequency: float | None = None
-    word: str = "nothing"
+    word: str = "film lags"
 
 
 @dataclass(frozen=True)
@@ -108,11 +108,11 @@ FAULTS = {
     "force sensor 10 % high": BenchFault(sensor=1.1, word="force channel"),
     "force sensor 10 % low": BenchFault(sensor=0.9, word="force channel"),
     "force sensor 3 % high": BenchFault(sensor=1.03, word="force channel"),
-    "pin leaks 1 %": BenchFault(pin=0.01, word="pin"),
-    "ring leaks 1 %": BenchFault(ring=0.01, word="ring"),
-    "both leak 1 %": BenchFault(pin=0.01, ring=0.01, word="touch"),
-    "pin leaks 3 %": BenchFault(pin=0.03, word="pin"),
-    "ring leaks 3 %": BenchFault(ring=0.03, word="ring"),
+    "pin leaks 1 %": BenchFault(pin=0.01, word="does it touch"),
+    "ring leaks 1 %": BenchFault(ring=0.01, word="does it touch"),
+    "both leak 1 %": BenchFault(pin=0.01, ring=0.01, word="does it touch"),
+    "pin leaks 3 %": BenchFault(pin=0.03, word="does it touch"),
+    "ring leaks 3 %": BenchFault(ring=0.03, word="does it touch"),
     "rate 0.5 % high": BenchFault(clock=0.995, word="sampling rate"),
     "rate 3 % low": BenchFault(clock=1.03, word="sampling rate"),
     "rate 10 % high": BenchFault(clock=1 / 1.1, word="sampling rate"),

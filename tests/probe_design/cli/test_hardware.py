@@ -14,6 +14,8 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import h5py
+import numpy as np
 import pytest
 
 from probe_design.built_probe.virtual_probe import Built
@@ -52,6 +54,9 @@ def documented(command: str) -> list[float]:
     return numbers(shown.split("```")[0])
 
 
+VERIFIED = SCENE.parent / "verified-bench.toml"
+
+
 def numbers(table: str) -> list[float]:
     rows = [line for line in table.splitlines() if line.startswith("│")]
     return [
@@ -67,9 +72,90 @@ def numbers(table: str) -> list[float]:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """With a calibration of the virtual probe and its recordings."""
     place = tmp_path_factory.mktemp("bench")
-    ended = run("calibrate", SCENE, "--virtual", "--record", place / "run.probe", "-o", place / "probe.toml")
-    assert numbers(ended.stdout) == pytest.approx(documented("calibrate"), rel=0.02)
+    ended = run("calibrate", SCENE, "--virtual", "--bench", VERIFIED, "--record", place / "run.probe", "-o", place / "probe.toml")
+    assert numbers(ended.stdout) == pytest.approx(documented("calibrate examples/scene.toml --virtual --bench"), rel=0.02)
     return place
+
+
+def test_what_nobody_has_verified_is_counted_and_told(tmp_path: Path) -> None:
+    """The built-in bench: a force sensor that no known load has confirmed, pin and ring that nobody has looked at."""
+    ended = run("calibrate", SCENE, "--virtual", "-o", tmp_path / "probe.toml")
+    assert numbers(ended.stdout) == pytest.approx(documented("calibrate examples/scene.toml --virtual -o"), rel=0.02)
+    assert "nothing confirms the force channel's scale" in ended.stderr
+    assert "nobody says what share of their load pin" in ended.stderr
+    spread = tomllib.loads((tmp_path / "probe.toml").read_text())["covariance"][0][0] ** 0.5
+    assert 0.03 < spread < 0.05
+
+
+@pytest.fixture(scope="module")
+def other(folder: Path) -> Path:
+    """The calibration of another board of the same drawing."""
+    text = (folder / "probe.toml").read_text()
+    assert '\nserial = "VIRTUAL"\n' in text
+    (folder / "other.toml").write_text(text.replace('\nserial = "VIRTUAL"\n', '\nserial = "A17"\n'))
+    return folder / "other.toml"
+
+
+@pytest.mark.parametrize("verb", ["read", "check", "estimate"])
+def test_a_calibration_of_another_board_is_refused(folder: Path, other: Path, verb: str) -> None:
+    """Two probes of one drawing: a ratio of 0.70 +- 0.01 was read for 0.56."""
+    source = ("--reading", folder / "run-3.probe") if verb == "estimate" else ("--virtual",)
+    message = refused(verb, SCENE, *source, "--calibration", other)
+    assert "serial number = A17 of the calibration; VIRTUAL of" in message
+    assert "--any-probe" in message
+
+
+def test_readings_of_another_board_are_taken_where_that_is_asked_for(folder: Path, other: Path) -> None:
+    found = run("read", SCENE, "--virtual", "--seconds", "4", "--calibration", other, "--any-probe")
+    assert "serial numbers differ, as --any-probe allows" in found.stderr
+
+
+def test_a_reading_tells_its_board_and_one_of_another_is_refused_beside_it(folder: Path, tmp_path: Path) -> None:
+    found = told("read", SCENE, "--virtual", "--seconds", "4")
+    assert found["serial"] == "VIRTUAL"
+    (tmp_path / "one.json").write_text(json.dumps(found | {"serial": "B2"}))
+    words = ("--reading", tmp_path / "one.json", "--reading", folder / "run-3.probe", "--calibration", folder / "probe.toml")
+    assert "serial number = B2 of" in refused("estimate", SCENE, *words)
+
+
+def test_a_calibration_takes_readings_of_one_board(folder: Path, tmp_path: Path) -> None:
+    recordings = [(folder / f"run-{k + 1}.probe").read_bytes() for k in range(7)]
+    recordings[3] = recordings[3].replace(b'"serial": "VIRTUAL"', b'"serial": "A170000"', 1)
+    paths = [tmp_path / f"{k}.probe" for k in range(7)]
+    for path, content in zip(paths, recordings, strict=True):
+        path.write_bytes(content)
+    message = refused("calibrate", SCENE, *(word for path in paths for word in ("--replay", path)), "-o", tmp_path / "new.toml")
+    assert "A170000 of block of 6 kPa" in message
+    assert not (tmp_path / "new.toml").exists()
+
+
+def test_a_board_that_nobody_knows_is_warned_of(folder: Path, tmp_path: Path) -> None:
+    """What a spreadsheet has recorded tells no serial number."""
+    run("read", SCENE, "--virtual", "--seconds", "4", "--record", tmp_path / "one.h5")
+    table = tmp_path / "one.csv"
+    with h5py.File(tmp_path / "one.h5") as file:
+        columns = [file[name][:] for name in ("time", "inner", "outer", "force")]
+    np.savetxt(table, np.stack(columns, axis=1), delimiter=",", header="time (s),inner (V),outer (V),force (V)", comments="")
+    ended = run("read", SCENE, "--replay", table, "--calibration", folder / "probe.toml")
+    assert "no serial number of the reading" in ended.stderr
+
+
+@pytest.mark.parametrize("kind", ["csv", "h5"])
+def test_millivolts_taken_as_volts_are_refused_without_a_force_channel(kind: str, tmp_path: Path) -> None:
+    """Stresses came out a thousand times too large, exit code 0."""
+    run("read", SCENE, "--virtual", "--seconds", "4", "--record", tmp_path / "one.h5")
+    with h5py.File(tmp_path / "one.h5") as file:
+        columns = {name: file[name][:] * (1.0 if name == "time" else 1e3) for name in ("time", "inner", "outer")}
+    path = tmp_path / f"millivolts.{kind}"
+    if kind == "csv":
+        header = "time (s),inner (V),outer (V)"
+        np.savetxt(path, np.stack(list(columns.values()), axis=1), delimiter=",", header=header, comments="")
+    else:
+        with h5py.File(path, "w") as file:
+            for name, values in columns.items():
+                file.create_dataset(name, data=values).attrs["units"] = "s" if name == "time" else "V"
+    for verb, option in (("read", "--replay"), ("estimate", "--reading")):
+        assert "millivolts taken as volts" in refused(verb, SCENE, option, path)
 
 
 def test_calibrate_finds_the_true_gains_and_records_where_from(folder: Path) -> None:
@@ -90,7 +176,7 @@ def test_calibrate_finds_the_true_gains_and_records_where_from(folder: Path) -> 
 
 def test_calibrate_again_from_the_recordings(folder: Path) -> None:
     replays = [word for k in range(7) for word in ("--replay", folder / f"run-{k + 1}.probe")]
-    run("calibrate", SCENE, *replays, "--seconds", "10", "-o", folder / "again.toml")
+    run("calibrate", SCENE, *replays, "--bench", VERIFIED, "--seconds", "10", "-o", folder / "again.toml")
     first, again = (tomllib.loads((folder / name).read_text()) for name in ("probe.toml", "again.toml"))
     assert again["matrix"] == first["matrix"]
     assert again["reading"] == first["reading"]
@@ -168,7 +254,7 @@ def test_check_fails_a_probe_off_its_drawing_and_says_why(folder: Path) -> None:
     assert "outer.youngs_modulus" in ended.stdout
     assert "out of workshop tolerance: probe.outer.youngs_modulus, or reference.youngs_modulus, or " in ended.stdout
     assert numbers(ended.stdout) == pytest.approx(
-        documented("check --virtual --calibration probe.toml --built"), rel=0.05, abs=0.01
+        documented("check --virtual --calibration verified.toml --built"), rel=0.05, abs=0.01
     )
     found = json.loads((folder / "failed.json").read_text())
     assert (found["passed"], found["failed"]) == (False, True)
