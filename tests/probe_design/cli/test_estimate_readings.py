@@ -15,13 +15,16 @@ from tests.support import program
 from tests.support.paths import SCENE
 
 
+VERIFIED = str(SCENE.parent / "verified-bench.toml")
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """With a soft scene, a calibration and two readings, the second one as JSON too."""
     place = tmp_path_factory.mktemp("field")
     (place / "scene.toml").write_text(SCENE.read_text().replace('force = "10 mN"', 'force = "5 mN"'))
     for words in (
-        ("calibrate", "scene.toml", "--virtual", "--seconds", "5", "-o", "probe.toml"),
+        ("calibrate", "scene.toml", "--virtual", "--bench", VERIFIED, "--seconds", "5", "-o", "probe.toml"),
         ("read", "scene.toml", "--virtual", "--calibration", "probe.toml", "--seed", "1", "--record", "a.probe"),
         ("read", "scene.toml", "--virtual", "--calibration", "probe.toml", "--seed", "2", "--record", "b.h5", "--json"),
     ):
