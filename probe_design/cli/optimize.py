@@ -47,10 +47,11 @@ def optimize(
     """Find a better probe: for a DESIGN file's tumours, or for the one of a SCENE; judge it by finite elements, export it.
 
     A DESIGN file (--template prints one) says which tumours in which tissue are looked for, how they are read, with which
-    noise, within which limits, and what may vary: dimensions, moduli, materials from the shelf. The probe that finds most of
-    them, or tells most, is searched by formulas, polished and judged by finite elements on tumours that the search has not
-    seen. Without any file a built-in one is answered: the paper's probe as the start. A gain counts where it is beyond twice
-    its error. Exit code 1 if none does.
+    noise, within which limits, and what may vary: dimensions, moduli, materials from the shelf. The probe that detects most of
+    them, or resolves most, is searched by formulas, refined and verified by finite elements on tumours that were not used in
+    the search. Without any file a built-in one is used: the paper's probe as the start. Every result states what the ratio
+    alone, the stiffness alone and both detect. A gain counts where it is beyond twice its error. If none does, the start is
+    exported, and the exit code is 1.
 
     For a SCENE the standard deviation of ln E_object of its one tumour is improved. The search varies inner radius, A2/A1,
     gap, height and both moduli by formulas; the ten best designs are judged by finite elements, the best three of them
@@ -147,6 +148,7 @@ def _optimize_population(
     else:
         show(table(optimum, maps))
         message(f"search: {optimum.how}")
+        message(f"error of the detection: {optimum.best.judgement.error_note}")
         _tell_files(output, files)
     _conclude(optimum.verdict, optimum.status, optimum.warnings)
 

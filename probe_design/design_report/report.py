@@ -64,7 +64,7 @@ def write_all(
 
     scene = optimum.scene
     probe, edge = scene.probe, scene.contact.edge_radius
-    raised = levers(optimum.found.scene, optimum.design)
+    raised = levers(scene, optimum.design)
     maximise = optimum.design.objective.maximise
     pictures: dict[str, Callable[[Path], object]] = {
         "drawing.png": lambda path: draw(probe, path, edge),
@@ -135,7 +135,7 @@ def page(
     limits = [(one.name, f"{one.value:.4g}", "yes" if one.active else "no") for one in optimum.limits]
     sections = (
         Chapter("Start and optimum", (_table(("quantity", *columns(optimum)), rows(optimum, maps)), *map(Text, _notes(optimum)))),
-        Chapter("Which tumours are found and told", parts["maps.png"]),
+        Chapter("Which tumours are detected and resolved", parts["maps.png"]),
         Chapter("What would help most", parts["levers.png"]),
         *((Chapter("What more would cost", parts[FRONT]),) if parts[FRONT] else ()),
         Chapter("Limits", (_table(("limit", "value, SI", "active"), limits),)),
@@ -149,23 +149,25 @@ def page(
         asked(optimum.scene, "The scene of the design"),
         Chapter("What was asked", (Code(question(optimum.design)),)),
     )
-    return html(title="Probe design", headline=f"{verdict[0].upper()}{verdict[1:]}.", sections=sections, answer=answer)
+    headline, good = f"{verdict[0].upper()}{verdict[1:]}.", optimum.status == "improved"
+    return html(title="Probe design", headline=headline, sections=sections, answer=answer, good=good)
 
 
 def _notes(optimum: PopulationOptimum) -> tuple[str, ...]:
     """What the numbers of the comparison mean."""
     single = (f"No design for one tumour: {optimum.why_no_single}.",) if optimum.why_no_single else ()
     return (
-        f"{caption(optimum)}. The errors are those of the sample of tumours and of the draws, and on top what the level may be "
-        "off; a gain counts only where it is beyond twice its own error, for which the same tumours are read with both probes. "
-        f"{optimum.best.judgement.evaluator} judged, with reflections, on tumours that the search has not seen, under one force "
-        f"for all of them. The search went by formulas: {optimum.how}.",
+        f"{caption(optimum)}. The sampling error is one standard error, of the tumours drawn and of the draws of noise; the "
+        "model error is a bound on what the evaluator's own errors change. Of the recommended design "
+        f"{optimum.best.judgement.error_note}. A gain counts only where it is beyond twice its own error, for which the same "
+        f"tumours are read with both probes, under one force for all of them. The search went by formulas: {optimum.how}.",
         *single,
     )
 
 
 def _built(optimum: PopulationOptimum) -> list[tuple[str, ...]]:
-    names = ("start", *(f"design {k + 1}" for k in range(len(optimum.robust))))
+    names = ["start", *(f"design {k + 1}" for k in range(len(optimum.robust)))]
+    names[optimum.status == "improved"] += ", recommended"
     return [
         (name, *(f"{value:.3g}" for value in (one.nominal, one.expected, one.low, one.high)))
         for name, one in zip(names, optimum.robust, strict=False)

@@ -8,7 +8,8 @@ from geometry.scenes.scene import Scene
 from probe_design.design_search.choices import Progress
 from probe_design.design_search.loads import PressedDesign, PressingRule
 from probe_design.populations.design_file import Design
-from probe_design.populations.judge import Judgement, judged
+from probe_design.populations.judge import judged
+from probe_design.populations.judgement import Judgement
 
 
 @dataclass(frozen=True)

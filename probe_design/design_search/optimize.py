@@ -67,13 +67,14 @@ def optimize(design: Design, progress: Progress | None = None) -> PopulationOpti
     finalists = _finalists(steered, design, found, chosen, tell)
     searched = perf_counter()
     single, why = _single(design, steered, found, tell)
-    judged = sorted(_judged(steered, design, finalists, tell), key=lambda pair: -_rank(design, *pair))
+    pairs = [*_judged(steered, design, finalists, tell), *([] if single is None else [single])]
+    judged = sorted(pairs, key=lambda pair: -_rank(design, *pair))
     end = perf_counter()
     return PopulationOptimum(
         design=design,
         room=found,
         start=start,
-        single=single,
+        single=None if single is None else single[0],
         finalists=tuple(one for one, _ in judged),
         robust=(robustness(steered, design, design.scene, ()), *(robust for _, robust in judged)),
         how=chosen.how,
@@ -133,8 +134,13 @@ def _judged(
             yield judged, one.robust
 
 
-def _single(design: Design, steered: SteeredDesigns, found: Room, tell: Progress) -> tuple[JudgedDesign | None, str]:
-    """What one is led to by one tumour in the middle of the population and one reading over it; or why by nothing."""
+def _single(
+    design: Design, steered: SteeredDesigns, found: Room, tell: Progress
+) -> tuple[tuple[JudgedDesign, Robustness] | None, str]:
+    """What one is led to by one tumour in the middle of the population and one reading over it; or why by nothing.
+
+    It is a candidate like those of the search: where it is verified to be the best, it is recommended.
+    """
     stage = "designing for one tumour"
     try:
         scene = middle_scene(design)
@@ -144,7 +150,12 @@ def _single(design: Design, steered: SteeredDesigns, found: Room, tell: Progress
         made = None if designs is None else _nearest_scene(found, designs)
         if made is None:
             return None, "no variable left to choose" if designs is None else "no design for one tumour within the limits"
-        return judge(design, steered.rule, made, progress=partial(tell, "judging the design for one tumour")), ""
+        scene, chosen = made
+        advance = partial(tell, "judging the design for one tumour")
+        judged = judge(
+            design, steered.rule, scene, progress=advance, combination=chosen.told, materials=chosen.materials
+        )  # fmt: skip
+        return (judged, robustness(steered, design, scene, chosen.materials)), ""
     except (Refusal, InputError) as fault:
         return None, str(fault)
 
@@ -156,7 +167,7 @@ def _widened(space: Space) -> Space:
     return replace(space, low=low, high=high)
 
 
-def _nearest_scene(found: Room, designs: np.ndarray) -> Scene | None:
+def _nearest_scene(found: Room, designs: np.ndarray) -> tuple[Scene, Combination] | None:
     seventh = slice(len(designs), len(found.space.low))
     for six in designs.T:
         one = np.append(six, np.clip(outer_height(six), found.space.low[seventh], found.space.high[seventh]))
@@ -165,7 +176,7 @@ def _nearest_scene(found: Room, designs: np.ndarray) -> Scene | None:
         held[list(nearest.pinned)] = list(nearest.pinned.values())
         scene = found.scene_of(held, nearest)
         if scene is not None and admitted(found, scene):
-            return scene
+            return scene, nearest
     return None
 
 

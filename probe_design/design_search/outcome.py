@@ -11,8 +11,9 @@ from probe_design.design_search.judging import JudgedDesign
 from probe_design.design_search.room import Room
 from probe_design.design_search.workshop import Robustness
 from probe_design.optimisation.design_space import CLOSE, Limit
+from probe_design.optimisation.optimum import NO_GAIN
 from probe_design.populations.design_file import Design
-from probe_design.populations.judge import Judgement
+from probe_design.populations.judgement import Judgement
 
 SURE = 2.0  # times the combined error of judge and sample: a gain beyond it counts
 LINEAR = ("linearity", "gap_closure")  # limits of the force that are linear elasticity's
@@ -51,7 +52,7 @@ class PopulationOptimum:
 
     @property
     def found(self) -> JudgedDesign:
-        """The best design found, whether it counts or not; the start where there is none."""
+        """The best design tried, whether it is verified to be better than the start or not; the start where there is none."""
         return self.finalists[0] if self.finalists else self.start
 
     @property
@@ -61,13 +62,13 @@ class PopulationOptimum:
 
     @property
     def status(self) -> Literal["improved", "no-gain"]:
-        """``improved`` where the gain is beyond twice its error."""
+        """``improved`` where the gain is verified: beyond twice its error."""
         gain, error = self.gain
         return "improved" if gain > SURE * error and gain > 0 else "no-gain"
 
     @property
     def best(self) -> JudgedDesign:
-        """The design to build: the start where no gain counts."""
+        """The recommended design, of which everything speaks that is written: the start where no gain is verified."""
         return self.found if self.status == "improved" else self.start
 
     @property
@@ -77,8 +78,8 @@ class PopulationOptimum:
 
     @property
     def limits(self) -> tuple[Limit, ...]:
-        """All limits and which of them the design found lies on."""
-        scene, pressed = self.found.scene, self.found.pressed
+        """All limits and which of them the recommended design lies on."""
+        scene, pressed = self.best.scene, self.best.pressed
         rows = [_renamed(one) for one in self.room.space.limits(scene) if not (self.room.shelf and "modulus" in one.name)]
         given = self.design.limits
         rows += [Limit(name, _value(given, name, pressed.allowed[name]), pressed.by == name) for name in pressed.allowed]
@@ -97,11 +98,19 @@ class PopulationOptimum:
             told[f"the start's outer radius of {start * 1e3:.4g} mm is above the limit of {limit * 1e3:.4g} mm"] = None
         for text in self._force_unused():
             told[text] = None
-        if (hardly := hardly_found(self.found.judgement)) is not None:
+        if (hardly := hardly_detected(self.best.judgement)) is not None:
             told[hardly] = None
+        told |= dict.fromkeys(self._not_judged())
         if self.why_no_single:
             told[f"no design for one tumour to compare with: {self.why_no_single}"] = None
         return tuple(told)
+
+    def _not_judged(self) -> Iterator[str]:
+        """Name what no line can be printed for, as the noise of a channel is none."""
+        missing = [name for name, one in self.best.judgement.by_observable.items() if one is None]
+        if missing:
+            named = " and ".join(missing)
+            yield f"nothing is said of {named}: [noise] gives a channel that is not read less noise than any reader has"
 
     def _force_unused(self) -> Iterator[str]:
         """Say where linear elasticity ends before the force that is allowed: ``contact`` takes no tumours beside the axis."""
@@ -118,13 +127,13 @@ class PopulationOptimum:
     def verdict(self) -> str:
         """What was found, in one sentence."""
         kind, (gain, error) = self.design.objective.maximise, self.gain
-        start, found = (f"{_told(*one.value(self.design))}" for one in (self.start, self.found))
-        change = f"a gain of {gain:.3g}, of which {SURE:g} errors are {SURE * error:.2g}"
+        start, found = (_told(*one.value(self.design)) for one in (self.start, self.found))
+        change = f"a gain of {gain:.3g}; twice its error is {SURE * error:.2g}"
         if self.status == "improved":
-            return f"improved: {kind} {found} in place of {start}, {change}"
+            return f"improved: {kind} {found} of the recommended design, {start} of the start, {change}"
         if not self.finalists:
-            return f"no gain: no other design within the limits could be judged; the start's {kind} is {start}"
-        return f"no gain that counts: {kind} {found} at best, the start's {start}, {change}"
+            return f"{NO_GAIN}; no other design within the limits could be verified, {kind} of the start is {start}"
+        return f"{NO_GAIN}; {kind} {found} of the best design tried, {start} of the start, {change}"
 
     def summary(self, files: list[str]) -> dict[str, Any]:
         """Return the JSON object of ``probe-design optimize DESIGN``."""
@@ -144,6 +153,7 @@ class PopulationOptimum:
             "gain_error": error,
             "evaluator": self.best.judgement.evaluator,
             "status": self.status,
+            "recommended": "start" if self.best is self.start else "optimum",
             "verdict": self.verdict,
             "population": {name: None if one is None else one.judgement.as_dict() for name, one in named.items()},
             "single_reason": self.why_no_single or None,
@@ -159,14 +169,17 @@ class PopulationOptimum:
         }
 
 
-def hardly_found(judgement: Judgement) -> str | None:
-    """Return what has to be said where hardly more tumours are found than by false alarms, or None."""
+def hardly_detected(judgement: Judgement) -> str | None:
+    """Return what has to be said where hardly more tumours are detected than by false alarms, or None."""
     sure = judgement.detection - SURE * judgement.detection_error
     if sure > judgement.false_alarm:
         return None
-    told = f"{100 * judgement.detection:.3g} +- {100 * judgement.detection_error:.2g} of 100"
-    alarms = f"{100 * judgement.false_alarm:g} of 100 tumours"
-    return f"the design found finds {told}, no more than may be by false alarms alone, {alarms}; the levers say what would help"
+    told = f"{100 * judgement.detection:.3g} ± {100 * judgement.detection_error:.2g} of 100 tumours"
+    alarms = f"{100 * judgement.false_alarm:g} of 100"
+    return (
+        f"the recommended design detects {told}, no more than false alarms alone may, {alarms}; "
+        "the report's 'What would help most' says what to change"
+    )
 
 
 def _pressing(one: JudgedDesign) -> dict[str, Any]:
@@ -178,7 +191,7 @@ def _pressing(one: JudgedDesign) -> dict[str, Any]:
 
 
 def _told(value: float, error: float) -> str:
-    return f"{value:.3f} (error {error:.2g})"
+    return f"{value:.3f} ± {error:.2g}"
 
 
 def _renamed(limit: Limit) -> Limit:

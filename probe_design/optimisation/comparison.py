@@ -18,8 +18,8 @@ MILLI, KILO = 1e-3, 1e3
 
 
 def level_rows(optimum: Optimum) -> list[Row]:
-    """Return the comparison: quantity, start, the design found, limits of the quantity."""
-    start, best, limits = optimum.baseline, optimum.found, optimum.limits
+    """Return the comparison: quantity, two designs of which the second is recommended, limits of the quantity."""
+    (start, best), limits = _compared(optimum), optimum.limits
     rows = [
         (name, one, other, _limits(limits, variable))
         for (name, one, variable), (_, other, _) in zip(_design(start), _design(best), strict=True)
@@ -35,7 +35,8 @@ def level_rows(optimum: Optimum) -> list[Row]:
 
 def levels_table(optimum: Optimum) -> Table:
     """Return the comparison as a table for the terminal."""
-    table = Table(title=f"optimize: {optimum.status}", caption=f"{noise_line(optimum)}; *: the limit is active")
+    title = "improved" if optimum.winner else "no gain, the start is exported"
+    table = Table(title=f"optimize: {title}", caption=f"{noise_line(optimum)}; *: the limit is active")
     for heading in headings(optimum):
         table.add_column(heading, justify="left" if heading == "quantity" else "right")
     for row in level_rows(optimum):
@@ -45,7 +46,13 @@ def levels_table(optimum: Optimum) -> Table:
 
 def headings(optimum: Optimum) -> Row:
     """Return the comparison's headings."""
-    return ("quantity", "start", "optimum" if optimum.winner else "found, no gain", "limits")
+    first, second = ("start", "recommended") if optimum.winner else ("best tried, no gain", "start, recommended")
+    return ("quantity", first, second, "limits")
+
+
+def _compared(optimum: Optimum) -> tuple[Candidate, Candidate]:
+    """The start and what it is compared with, the recommended one last."""
+    return (optimum.baseline, optimum.best) if optimum.winner else (optimum.found, optimum.baseline)
 
 
 def noise_line(optimum: Optimum) -> str:

@@ -13,6 +13,8 @@ from probe_design.optimisation.design_space import Limit, Space
 from probe_design.optimisation.objective import Noise
 from solver.results.notebook import html_table
 
+NO_GAIN = "no gain: no design better than the start was verified: the start is exported"
+
 
 @dataclass(frozen=True)
 class Optimum:
@@ -44,12 +46,12 @@ class Optimum:
 
     @property
     def best(self) -> Candidate:
-        """The design to build: the start itself where nothing beats it."""
+        """The recommended design, of which everything speaks that is written: the start itself where nothing beats it."""
         return self.winner or self.baseline
 
     @property
     def found(self) -> Candidate:
-        """The best design that was found, whether it counts or not; the start itself where there is none."""
+        """The best design tried, whether it is verified to beat the start or not; the start itself where there is none."""
         return self.winner or next(iter(self.candidates), self.baseline)
 
     @property
@@ -59,22 +61,22 @@ class Optimum:
 
     @property
     def limits(self) -> tuple[Limit, ...]:
-        """All limits of the designs, and which of them the one that was found lies on."""
-        return self.room.limits(self.found.scene)
+        """All limits of the designs, and which of them the recommended one lies on."""
+        return self.room.limits(self.best.scene)
 
     @property
     def verdict(self) -> str:
         """What was found, and why it counts or does not, in one sentence."""
         found, start, by = _told(self.found), f"the start's {_told(self.baseline)}", f"by {' and '.join(self.evaluators)}"
         if self.winner is not None:
-            return f"improved: standard deviation of ln E_object {found} in place of {start}, {by}"
+            return f"improved: standard deviation of ln E_object {found} of the recommended design in place of {start}, {by}"
         less = 1 - self.found.judged_objective / self.baseline.judged_objective
         if not less > 0:
-            best = f": the best has {found}" if self.candidates else ""
+            best = f": the best tried has {found}" if self.candidates else ""
             none = f"none of {len(self.candidates)} designs has a standard deviation of ln E_object"
-            return f"no gain: {none} below {start}, {by}{best}"
+            return f"{NO_GAIN}; {none} below {start}, {by}{best}"
         return (
-            f"no gain that counts: the best design's standard deviation of ln E_object is {found}, {100 * less:.2g} % less than "
+            f"{NO_GAIN}; the standard deviation of ln E_object of the best design tried is {found}, {100 * less:.2g} % less than "
             f"{start}, {by}, which its errors may feign"
         )
 
@@ -87,7 +89,8 @@ class Optimum:
     @property
     def remarks(self) -> Iterator[str]:
         """What else one has to know of the search."""
-        for name, one in (("the design", self.found), ("the start", self.baseline)):
+        recommended = () if self.winner is None else (("the recommended design", self.winner),)
+        for name, one in (*recommended, ("the start", self.baseline)):
             if one.less_pressed is not None:
                 yield f"{name} {_under_more(one, one.less_pressed)}"
         refused = self.baseline.refused or self.best.refused

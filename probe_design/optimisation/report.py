@@ -82,6 +82,7 @@ def summary(optimum: Optimum, files: Sequence[Path]) -> dict[str, Any]:
         "baseline_evaluator": start.judged.evaluator,
         "linear_evaluator": optimum.judge,
         "status": optimum.status,
+        "recommended": "start" if optimum.winner is None else "optimum",
         "verdict": optimum.verdict,
         "remarks": list(optimum.remarks),
         "limits": [asdict(limit) for limit in optimum.limits],
@@ -155,7 +156,8 @@ def page(optimum: Optimum, files: Sequence[str], answer: dict[str, Any], drawing
         asked(best, "The scene of the design"),
     )
     verdict = optimum.verdict
-    return html(title="Probe design", headline=f"{verdict[0].upper()}{verdict[1:]}.", sections=sections, answer=answer)
+    headline, good = f"{verdict[0].upper()}{verdict[1:]}.", optimum.winner is not None
+    return html(title="Probe design", headline=headline, sections=sections, answer=answer, good=good)
 
 
 def _notes(optimum: Optimum) -> tuple[str, ...]:

@@ -137,7 +137,7 @@ class ClosedFormScan:
             if not is_of_tumour(name):
                 blank_by[name] = less
         c = self.protocol.channels
-        return ScanReadings(signal, np.zeros_like(signal), self.draw.tissue, blank, over, np.zeros((len(blank), c)), by, blank_by)
+        return ScanReadings(signal, {}, self.draw.tissue, blank, over, np.zeros((len(blank), c)), by, blank_by)
 
     def _slopes(self, probe: Floats, name: str) -> tuple[Floats, Floats]:
         """Derivatives of the signals (n, m) and, by the tissue's numbers, of what is read without tumours (t, c)."""

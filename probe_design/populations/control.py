@@ -24,7 +24,9 @@ from probe_design.populations.detection import Detector
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from probe_design.populations.tables import Objective, Protocol
 
-MANY, TISSUES, FEW_SCANS = 256, 32, 64  # tumours of which the formulas are asked beside a judge, their tissues, scans over each
+MANY, MOST = 256, 4096  # tumours of which the formulas are asked beside a judge, at least and at most
+TIMES = 6  # as many as the judged ones, so that more of these make both parts' errors smaller
+TISSUES, FEW_SCANS = 32, 64  # their tissues, scans over each
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,7 @@ class ControlSignals:
 
     Attributes:
         own: of the n judged tumours, shape (n, m).
-        many: of ``MANY`` others, which are neither the judge's, nor the detector's, nor a search's, shape (N, m).
+        many: of ``MANY`` others or more, which are neither the judge's, nor the detector's, nor a search's, shape (N, m).
         tissue: numbers of the tissues of these, shape (N,).
     """
 
@@ -63,9 +65,14 @@ class ControlSignals:
     @classmethod
     def of(cls, scene: Scene, protocol: Protocol, population: ScenePopulation, draw: TumourDraw) -> ControlSignals:
         """Ask the formulas; raises ``Refusal`` where they break down for the scene's probe."""
-        others = replace(population, seed=population.seed + 2).drawn(MANY, unseen=True, tissues=TISSUES)
+        count = min(max(MANY, TIMES * len(draw)), MOST)
+        others = replace(population, seed=population.seed + 2).drawn(count, unseen=True, tissues=TISSUES)
         own, many = (ClosedFormScan.of(one, protocol).readings(scene).signal for one in (draw, others))
         return cls(own, many, others.tissue)
+
+    def part(self, columns: Ints) -> ControlSignals:
+        """Return some of the readings, by number."""
+        return ControlSignals(self.own[:, columns], self.many[:, columns], self.tissue)
 
     def found(self, detector: Detector, seed: int) -> ControlVariate:
         """Return how often a detector finds them, under the draws that the judged tumours are found under."""

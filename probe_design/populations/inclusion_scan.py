@@ -1,9 +1,10 @@
-"""Readings over a population by the equivalent-inclusion level, with what surface, blocks and floor send back: what a judge asks.
+"""Readings over a population by equivalent-inclusion, with what surface, blocks and floor send back, to verify designs by.
 
-The probe is solved once on each tissue. All tumours are answered to first order at once, and those of which that is not good to a
-share of the readings' noise once more with reflections. Derivatives by the tissue's numbers are differences of the first order on
-one mesh that moves with them. Signals s do not change where all moduli grow alike, in either answer, so that what reflections
-add to all slopes by them is 0 together; blocks and other layers, which meet in the first order already, have hardly any of it:
+The probe is solved once on each tissue. All tumours are computed to first order at once, and as many of them as there is time
+for once more with reflections: the first of each tissue, so that they are as good a sample as all of them, and the same ones
+where more are drawn. Derivatives by the tissue's numbers are differences of the first order on one mesh that moves with them.
+Signals s do not change where all moduli grow alike, in either result, so that what reflections add to all slopes by them is 0
+together; blocks and other layers, which meet in the first order already, have hardly any of it:
 
     ds/d ln E_host = first order - (ds/d ln E_object - first order of that)                           (PO.9)
 """
@@ -17,15 +18,15 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from geometry.common.arrays import Floats, Ints
+from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import Refusal, Words
 from geometry.scenes.scene import Placement, Scene
 from geometry.scenes.variables import values
 from probe_design.maps.scan_line import ScanLine
-from probe_design.maps.sphere_effects import CHANGES
 from probe_design.populations.noise import reading_deviations
 from probe_design.populations.population import ScenePopulation, TumourDraw, host_modulus, is_of_tumour, scene_key
 from probe_design.populations.readings import ScanReadings, logarithms
+from probe_design.populations.scan_errors import CAUSES, LOAD, film_errors
 from probe_design.populations.tables import NoiseModel, Protocol
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed, in_other_tissue
@@ -35,8 +36,9 @@ from solver.planning.load_check import LoadChanges, check_load, load_rule
 
 Progress = Callable[[int, int], None]
 ACCURACY = 0.01  # of the probe without tumours: it cancels in what tumours change, but for its share of that
-SHARE = 0.15  # of a reading's noise: bounds on what reflections change that are left out, and counted in the errors
-MOST, MOST_LAYERED = 400, 80  # readings with reflections, of one material and of layers, where each takes half a second
+SHARE = 0.03  # of a reading's noise: bounds on what reflections change that are left out, and counted in the errors
+READINGS, LAYERED_READINGS = 400, 160  # with reflections, of one material and of layers: some 10 and 50 ms each
+MIN_REFLECTED = 16  # tumours with reflections at least, however many positions: their mean is a sample's
 STEP = 0.002  # of logarithms of the tissue's numbers
 LARGEST_CHANGE = 0.5  # of the ratio by the load: what is far beyond it is refused anyway
 OF_TARGET = {"depth": "depth", "diameter": "diameter", "object": "youngs_modulus", "x": "offset"}
@@ -91,19 +93,16 @@ class InclusionScan:
     def _along(self) -> Floats:
         return np.asarray(self.draw.x[self.members, None] - self.protocol.places)
 
-    def answered(self, tumours: Tumours, tolerance: Floats) -> tuple[Readings, Readings]:
-        """Return readings to first order, and those in which no reflection is left out that matters.
+    def answered(self, tumours: Tumours, tolerance: Floats, within: Bools) -> tuple[Readings, Readings]:
+        """Return readings to first order, and those of some tumours in which no reflection is left out that matters.
 
-        That is one that may change a signal by more than ``tolerance``, shape (c,). Beyond so many as there is time for, those
-        that may change most are made; what is left out counts in ``errors``.
+        That is one that may change a signal by more than ``tolerance``, shape (2,); ``within``: which may be reflected, (u,).
         """
         first = readings(self.base, tumours, 0, True, reflect=False)
         answers = deepcopy(first)
         own = np.maximum(answers.bound - self.base.films.bound.totals, 0.0)
         left_out = np.stack([(own / np.abs(answers.totals)).sum(axis=1), own.sum(axis=1) / answers.stiffness], axis=1)
-        worst = (left_out[:, : len(tolerance)] / tolerance).max(axis=1)
-        most = (MOST_LAYERED if self.base.strata.interfaces else MOST) // len(self.draw.tissues)
-        chosen = np.sort(np.array([k for k in np.argsort(-worst)[:most].tolist() if worst[k] > 1], dtype=int))
+        chosen = np.flatnonzero(within & np.any(left_out > tolerance, axis=1))
         if not len(chosen):
             return first, first
         better = readings(self.base, tumours.of_index(chosen), 0, True, reflect=True)
@@ -114,13 +113,6 @@ class InclusionScan:
             slopes[chosen] = better.by[key]
         return first, answers
 
-    def errors(self, answers: Readings) -> Floats:
-        """Bounds on what the logarithms of both totals are off beyond what they are without the tumour, shape (u, 2)."""
-        films, totals = self.base.films, np.abs(answers.totals)
-        own = np.maximum(answers.bound - films.bound.totals, 0.0) / totals
-        effect = np.abs(answers.totals - films.totals) / totals
-        return np.asarray(-np.log1p(-np.minimum(own + CHANGES * films.relative_errors * effect, 0.999999)))
-
     def slopes(self, answers: Readings, where: Ints, name: str) -> Floats:
         """Derivatives of the signals by a number of the tumours, shape (k, m)."""
         by = answers.by[OF_TARGET[name]].sum(axis=2)
@@ -129,6 +121,11 @@ class InclusionScan:
             toward = self._along / np.maximum(np.hypot(self._along, self.draw.beside), 1e-300)
             return np.concatenate([part[where] * toward for part in parts[: self.protocol.channels]], axis=1)
         return np.concatenate([part[where] for part in parts[: self.protocol.channels]], axis=1)
+
+    def reflected(self, count: int) -> Ints:
+        """Return the numbers of the tumours in this tissue that get reflections, ``count`` of all tissues' being allowed."""
+        t, k = len(self.draw.tissues), len(self.members)
+        return self.members[: max(min(k, -(-MIN_REFLECTED // t)), count // t)]
 
     def by_tissue(self, tumours: Tumours, where: Ints, name: str) -> tuple[Floats, Floats]:
         """Derivatives by a number of the tissue, of the signals (k, m) and of what is read without tumours (c,)."""
@@ -145,6 +142,21 @@ class InclusionScan:
         return np.asarray(logarithms(totals, self.protocol.stiffness))
 
 
+@dataclass(frozen=True)
+class InclusionReadings:
+    """Readings over n tumours, of which r have reflections.
+
+    Attributes:
+        best: of each tumour the best that is computed.
+        first: to first order, of all.
+        reflected: numbers of those with reflections, shape (r,), each tissue's in its order.
+    """
+
+    best: ScanReadings
+    first: ScanReadings
+    reflected: Ints
+
+
 def inclusion_readings(
     draw: TumourDraw,
     protocol: Protocol,
@@ -152,7 +164,7 @@ def inclusion_readings(
     *,
     noise: NoiseModel,
     progress: Progress | None = None,
-) -> ScanReadings:
+) -> InclusionReadings:
     """Return readings over a population, see ``ScanReadings``.
 
     Args:
@@ -167,46 +179,64 @@ def inclusion_readings(
         Refusal: the level cannot take the scene, or nothing is known of its load in linear elasticity.
     """
     ScanLine(draw.scene, "x", draw.scene.placement.y, ACCURACY).check(protocol.places)
-    n, c, t = len(draw), protocol.channels, len(draw.tissues)
-    m = c * len(protocol.positions)
-    found = ScanReadings(
-        np.zeros((n, m)), np.zeros((n, m)), draw.tissue, np.zeros((t, 2)), np.zeros((m // c, 2)), np.zeros((t, c)),
-        {name: np.zeros((n, m)) for name in names}, {name: np.zeros((t, c)) for name in names if not is_of_tumour(name)},
-    )  # fmt: skip
+    best, first = (_empty(draw, protocol, names) for _ in range(2))
+    allowed = (LAYERED_READINGS if draw.scene.tissue.layer else READINGS) // len(protocol.positions)
+    reflected, t = [], len(draw.tissues)
     for number in range(t):
-        _fill(found, InclusionScan.of(draw, protocol, number), noise)
+        scan = InclusionScan.of(draw, protocol, number)
+        reflected.append(scan.reflected(allowed))
+        _fill(best, first, scan, noise, reflected[-1])
         if progress is not None:
             progress(number + 1, t)
-    found.over[:] = np.exp(found.over / n)
-    return found
+    for one in (best, first):
+        one.over[:] = np.exp(one.over / len(draw))
+    return InclusionReadings(best, first, np.concatenate(reflected))
 
 
-def _fill(found: ScanReadings, scan: InclusionScan, noise: NoiseModel) -> None:
+def _empty(draw: TumourDraw, protocol: Protocol, names: tuple[str, ...]) -> ScanReadings:
+    n, c, t, p = len(draw), protocol.channels, len(draw.tissues), len(protocol.positions)
+    return ScanReadings(
+        np.zeros((n, p * c)), {cause: np.zeros((n, p * c)) for cause in CAUSES}, draw.tissue,
+        np.zeros((t, 2)), np.zeros((p, 2)), np.zeros((t, c)),
+        {name: np.zeros((n, p * c)) for name in names}, {name: np.zeros((t, c)) for name in names if not is_of_tumour(name)},
+    )  # fmt: skip
+
+
+def _fill(best: ScanReadings, first: ScanReadings, scan: InclusionScan, noise: NoiseModel, reflected: Ints) -> None:
     """Put the readings of one tissue where they belong."""
     which, offset, where = scan.distinct()
-    tumours, rows, number = scan.tumours(which, offset), scan.members, scan.number
+    tumours, number = scan.tumours(which, offset), scan.number
     films, scene = scan.base.films, scan.draw.tissues[number]
     check_pressed(films.totals, scene)
-    first, answers = scan.answered(tumours, SHARE * reading_deviations(noise, scan.protocol, scene, films.totals))
-    check_pressed(answers.totals, scene)
+    tolerance = SHARE * reading_deviations(noise, scan.protocol, scene, films.totals)
+    both = scan.answered(tumours, tolerance, np.isin(which, reflected))
+    added = scan.slopes(both[1], where, "object") - scan.slopes(both[0], where, "object")
+    by_tissue = {name: scan.by_tissue(tumours, where, name) for name in best.by if not is_of_tumour(name)}
+    for into, answers in ((first, both[0]), (best, both[1])):
+        check_pressed(answers.totals, scene)
+        _put(into, scan, answers, where, scene)
+        for name, (slopes, blank) in by_tissue.items():
+            hosted = np.array([host_modulus(scan.draw, one) == name for one in scan.members.tolist()])
+            into.by[name][scan.members] = slopes - (hosted[:, None] * added if into is best else 0.0)
+            into.blank_by[name][number] = blank
+
+
+def _put(into: ScanReadings, scan: InclusionScan, answers: Readings, where: Ints, scene: Scene) -> None:
+    """Put the signals of one tissue, their errors and their derivatives by the tumours' numbers where they belong."""
+    films, rows, number, channels = scan.base.films, scan.members, scan.number, range(into.channels)
     blank = scan._logs(films.totals[None])
-    found.over[:] += np.log(answers.totals[where]).sum(axis=0)  # of the logarithms; ``inclusion_readings`` takes their mean
-    found.signal[rows] = scan._logs(answers.totals[where]) - np.repeat(blank, len(scan.protocol.positions))
-    errors = scan.errors(answers)
-    stated = np.stack([errors.sum(axis=1), errors.max(axis=1)], axis=1)[:, : found.channels]
-    found.error[rows] = np.concatenate([stated[where, k] for k in range(found.channels)], axis=1)
-    by_load = np.tile(_by_load(scene, answers)[where], (1, found.channels))
-    found.error[rows] += by_load * np.abs(found.signal[rows])
-    found.blank[number] = films.totals
-    found.blank_error[number] = [films.bound.log_ratio, films.relative_errors.max()][: found.channels]
-    added = scan.slopes(answers, where, "object") - scan.slopes(first, where, "object")
-    for name in found.by:
+    into.over[:] += np.log(answers.totals[where]).sum(axis=0)  # of the logarithms; ``inclusion_readings`` takes their mean
+    into.signal[rows] = scan._logs(answers.totals[where]) - np.repeat(blank, len(scan.protocol.positions))
+    for cause, errors in film_errors(scan.base, answers).items():
+        stated = np.stack([errors.sum(axis=1), errors.max(axis=1)], axis=1)
+        into.errors[cause][rows] = np.concatenate([stated[where, k] for k in channels], axis=1)
+    by_load = np.tile(_by_load(scene, answers)[where], (1, into.channels))
+    into.errors[LOAD][rows] = by_load * np.abs(into.signal[rows])
+    into.blank[number] = films.totals
+    into.blank_error[number] = [films.bound.log_ratio, films.relative_errors.max()][: into.channels]
+    for name in into.by:
         if is_of_tumour(name):
-            found.by[name][rows] = scan.slopes(answers, where, name)
-        else:
-            found.by[name][rows], found.blank_by[name][number] = scan.by_tissue(tumours, where, name)
-            hosted = np.array([host_modulus(scan.draw, one) == name for one in rows.tolist()])
-            found.by[name][rows] -= hosted[:, None] * added
+            into.by[name][rows] = scan.slopes(answers, where, name)
 
 
 def check_pressed(totals: Floats, scene: Scene) -> None:

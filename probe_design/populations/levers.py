@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from geometry.scenes.scene import Scene
 from probe_design.populations.design_file import Design
-from probe_design.populations.judge import Examination, Judgement, Progress, examined
+from probe_design.populations.examination import Examination
+from probe_design.populations.judge import Progress, examined
+from probe_design.populations.judgement import Judgement
 from probe_design.populations.tables import MOST_POSITIONS
 
 NOISES = ("white", "gain", "stiffness_white", "stiffness_gain", "charge", "tilt")
@@ -53,7 +55,7 @@ def levers(scene: Scene, design: Design, *, unseen: bool = False, progress: Prog
     for number, (name, other) in enumerate(asked):
         if progress is not None:
             progress(number, len(asked))
-        again = examined(scene, other, unseen=True) if unseen and other.protocol != design.protocol else scan
+        again = examined(scene, other, unseen=True) if unseen and other.protocol.positions != design.protocol.positions else scan
         better = (again if unseen else _under(scan, whole, other)).judgement(other)
         found.append(Lever(name, _value(better, design), *better.gain_over(start, design.objective)))
     if progress is not None:
@@ -62,19 +64,14 @@ def levers(scene: Scene, design: Design, *, unseen: bool = False, progress: Prog
 
 
 def _widest(design: Design, asked: list[Design]) -> Design:
-    """The design file with every position that is asked for, and the stiffness: the formulas answer all levers at once."""
-    positions = max((one.protocol.positions for one in (design, *asked)), key=len)
-    return _with(design, "protocol", positions=positions, stiffness=True)
+    """The design file with every position that is asked for: the formulas compute all changes at once."""
+    return _with(design, "protocol", positions=max((one.protocol.positions for one in (design, *asked)), key=len))
 
 
 def _under(scan: Examination, whole: Design, design: Design) -> Examination:
-    """What of a scan is read under another protocol."""
-    if design.protocol == whole.protocol:
-        return scan
+    """What of a scan is read at another protocol's positions."""
     apart = np.abs(design.protocol.places[:, None] - whole.protocol.places)
-    kept, channels = apart.argmin(axis=1), design.protocol.channels
-    every = (np.arange(channels)[:, None] * len(whole.protocol.positions) + kept).ravel()
-    return replace(scan, readings=scan.readings.part(kept, channels), reference=scan.reference[:, every])
+    return scan.part(apart.argmin(axis=1), "both")
 
 
 def _value(judgement: Judgement, design: Design) -> float:

@@ -31,7 +31,9 @@ from geometry.common.errors import InputError
 from geometry.scenes.probe import Film
 from geometry.scenes.scene import Scene
 from probe_design.data.noise import LEAST
-from probe_design.populations.tables import NoiseModel, Protocol
+from probe_design.populations.tables import CHANNELS, NoiseModel, Observable, Protocol
+
+WHITE = ("white", "stiffness_white")  # keys of [noise] of both channels
 
 
 def covariance(
@@ -42,6 +44,7 @@ def covariance(
     *,
     tissue: Floats | None = None,
     over: Floats | None = None,
+    observable: Observable | None = None,
 ) -> Floats:
     """Return C of eq. PO.2, PO.3.
 
@@ -52,6 +55,7 @@ def covariance(
         blank: force on each film per unit of indentation without tumours, N/m, shape (2,).
         over: the same at each position over tumours, shape (p, 2), as charges depend on it; left out: that without.
         tissue: s_j t_j of eq. PO.3, shape (m, q); left out where the tissue is no nuisance. With a blank it does not count.
+        observable: which channels are read; left out: the protocol's.
 
     Returns:
         shape (m, m), in the order of ``readings.logarithms``.
@@ -61,46 +65,57 @@ def covariance(
     """
     p = len(protocol.positions)
     places = np.vstack([blank, np.tile(blank, (p, 1)) if over is None else over])
-    own, together = _variances(noise, protocol, scene, places), _common(noise, protocol, blank)
+    channels = CHANNELS[observable or protocol.observable]
+    own, together = _variances(noise, channels, scene, places), _common(noise, channels, blank)
     shared = own[:, 0] if protocol.blank else together
     C = np.diag(own[:, 1:].ravel()) + np.kron(np.diag(shared), np.ones((p, p)))
     return C if tissue is None or protocol.blank else C + tissue @ tissue.T
 
 
-def covariance_of_all(noise: NoiseModel, protocol: Protocol, scene: Scene, blank: Floats, over: Floats) -> Floats:
+def covariance_of_all(
+    noise: NoiseModel, protocol: Protocol, scene: Scene, blank: Floats, over: Floats, observable: Observable | None = None
+) -> Floats:
     """Return C of eq. PO.8, arguments and refusals as of ``covariance``.
 
     Returns:
         in the order of ``readings.logarithms``, then, where there is one, the blank's channels; shape (m, m) or (m + c, m + c).
     """
-    own, common = _variances(noise, protocol, scene, np.vstack([blank, over])), _common(noise, protocol, blank)
-    channels, p = np.eye(len(own)), len(over)
+    channels = CHANNELS[observable or protocol.observable]
+    own, common = _variances(noise, channels, scene, np.vstack([blank, over])), _common(noise, channels, blank)
+    each, p = np.eye(len(own)), len(over)
     variances = np.concatenate([own[:, 1:].ravel(), own[:, 0]])
-    u = np.concatenate([np.repeat(channels, p, axis=0), channels])
+    u = np.concatenate([np.repeat(each, p, axis=0), each])
     kept = len(variances) if protocol.blank else len(own) * p
     return np.asarray((np.diag(variances) + u @ np.diag(common) @ u.T)[:kept, :kept])
 
 
 def reading_deviations(noise: NoiseModel, protocol: Protocol, scene: Scene, blank: Floats) -> Floats:
-    """Return the standard deviation of one reading of each channel by itself, less the blank's where there is one, (c,)."""
-    return np.asarray(np.sqrt((1 + protocol.blank) * _variances(noise, protocol, scene, blank[None])[:, 0]))
+    """Return the standard deviations of one reading of ratio and stiffness, with the blank's where there is one, shape (2,)."""
+    own = np.maximum(_both_variances(noise, scene, blank[None])[:, 0], LEAST**2)
+    return np.asarray(np.sqrt((1 + protocol.blank) * own))
 
 
-def _variances(noise: NoiseModel, protocol: Protocol, scene: Scene, places: Floats) -> Floats:
-    """w_c^2 of each channel where the films feel such forces, shape (k, 2): (c, k)."""
-    charges = film_charges(scene, places) if noise.charge else np.ones(places.shape)
-    ratio = noise.white**2 + noise.tilt**2 + ((noise.charge / charges) ** 2).sum(axis=1)
-    own = np.stack([ratio, np.full_like(ratio, noise.stiffness_white**2)])[: protocol.channels]
-    for key, variance in zip(("white", "stiffness_white"), own.min(axis=1).tolist(), strict=False):
+def _variances(noise: NoiseModel, channels: tuple[int, ...], scene: Scene, places: Floats) -> Floats:
+    """w_c^2 of some channels where the films feel such forces, shape (k, 2): (c, k)."""
+    own = _both_variances(noise, scene, places)
+    for channel in channels:
+        variance = float(own[channel].min())
         if not variance >= LEAST**2:
             least = f"{LEAST:g} or more: far below it the model's own error is all there is"
-            raise InputError(f"noise.{key}", math.sqrt(variance), least)
-    return np.asarray(own)
+            raise InputError(f"noise.{WHITE[channel]}", math.sqrt(variance), least)
+    return own[list(channels)]
 
 
-def _common(noise: NoiseModel, protocol: Protocol, blank: Floats) -> Floats:
-    """g_c^2 of each channel, (c,)."""
-    return np.array([_ratio_gain(noise, blank), noise.stiffness_gain**2])[: protocol.channels]
+def _both_variances(noise: NoiseModel, scene: Scene, places: Floats) -> Floats:
+    """w_c^2 of the ratio and of the stiffness, (2, k)."""
+    charges = film_charges(scene, places) if noise.charge else np.ones(places.shape)
+    ratio = noise.white**2 + noise.tilt**2 + ((noise.charge / charges) ** 2).sum(axis=1)
+    return np.stack([ratio, np.full_like(ratio, noise.stiffness_white**2)])
+
+
+def _common(noise: NoiseModel, channels: tuple[int, ...], blank: Floats) -> Floats:
+    """g_c^2 of some channels, (c,)."""
+    return np.array([_ratio_gain(noise, blank), noise.stiffness_gain**2])[list(channels)]
 
 
 def film_charges(scene: Scene, places: Floats) -> Floats:

@@ -10,6 +10,7 @@ and the signal of a tumour is by how much they are more than in its own tissue w
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -24,7 +25,7 @@ class ScanReadings:
 
     Attributes:
         signal: eq. PO.1 with less without the tumour, shape (n, m).
-        error: bound on what the level is off in it, shape (n, m); 0 where none is told.
+        errors: bounds on what the evaluator is off in it, by cause, see ``scan_errors.CAUSES``, shape (n, m); or none.
         tissue: number of each tumour's tissue, shape (n,).
         blank: film forces per unit of indentation without tumours, N/m, shape (t, 2).
         over: the same over the tumours at each position, in their geometric mean, shape (p, 2).
@@ -35,7 +36,7 @@ class ScanReadings:
     """
 
     signal: Floats
-    error: Floats
+    errors: dict[str, Floats]
     tissue: Ints
     blank: Floats
     over: Floats
@@ -53,17 +54,26 @@ class ScanReadings:
         """How many readings at each."""
         return int(self.blank_error.shape[1])
 
-    def part(self, positions: Ints, channels: int) -> ScanReadings:
-        """Return those at some positions, by number, shape (p,), of the first channels."""
-        kept = (np.arange(channels)[:, None] * self.positions + positions).ravel()
+    @property
+    def error(self) -> Floats:
+        """Bound on what the evaluator is off in ``signal``, all causes together, shape (n, m)."""
+        return np.asarray(sum(self.errors.values(), np.zeros_like(self.signal)))
+
+    def columns(self, positions: Ints, channels: Sequence[int]) -> Ints:
+        """Return where the readings at some positions, by number, of some channels stand among the m."""
+        return np.asarray((np.asarray(channels)[:, None] * self.positions + positions).ravel())
+
+    def part(self, positions: Ints, channels: Sequence[int]) -> ScanReadings:
+        """Return those at some positions, by number, shape (p,), of some channels."""
+        kept, chosen = self.columns(positions, channels), list(channels)
         return replace(
             self,
             signal=self.signal[:, kept],
-            error=self.error[:, kept],
+            errors={cause: error[:, kept] for cause, error in self.errors.items()},
             over=self.over[positions],
-            blank_error=self.blank_error[:, :channels],
+            blank_error=self.blank_error[:, chosen],
             by={name: slopes[:, kept] for name, slopes in self.by.items()},
-            blank_by={name: slopes[:, :channels] for name, slopes in self.blank_by.items()},
+            blank_by={name: slopes[:, chosen] for name, slopes in self.blank_by.items()},
         )
 
     def on_scan(self, values: Floats) -> Floats:

@@ -25,6 +25,8 @@ Lengths = Annotated[Range, Ranged(LENGTH)]
 Moduli = Annotated[Range, Ranged(MODULUS)]
 Places = Annotated[Range, Ranged(POSITION, log=False)]
 Charge = Annotated[float, CHARGE]
+Observable = Literal["ratio", "stiffness", "both"]
+CHANNELS: dict[Observable, tuple[int, ...]] = {"ratio": (0,), "stiffness": (1,), "both": (0, 1)}  # of what a scan can read
 
 
 def _from_percent(entry: Any) -> Any:
@@ -116,7 +118,11 @@ class Protocol(Frozen):
             examples=[["-16 mm", "16 mm", 9]],
         )
     )
-    stiffness: bool = Field(default=True, description="whether force over indentation is read beside the ratio: true or false")
+    stiffness: bool = Field(
+        default=False,
+        description="whether force over indentation is read beside the ratio and the probe designed for both: true or false; "
+        "every result states what the ratio alone, the stiffness alone and both detect",
+    )
     blank: bool = Field(
         default=True,
         description="whether a tumour-free place of the tissue is read too, from which all readings are counted: true or false",
@@ -136,9 +142,19 @@ class Protocol(Frozen):
         return np.array(self.positions)
 
     @property
+    def observable(self) -> Observable:
+        """What the probe is designed for."""
+        return "both" if self.stiffness else "ratio"
+
+    @property
+    def of_both(self) -> Protocol:
+        """The same with both channels read."""
+        return self.model_copy(update={"stiffness": True})
+
+    @property
     def channels(self) -> int:
         """Readings at each position: ln ratio, and ln stiffness where it is read."""
-        return 2 if self.stiffness else 1
+        return len(CHANNELS[self.observable])
 
 
 class NoiseModel(Frozen):
@@ -146,7 +162,7 @@ class NoiseModel(Frozen):
 
     white: Relative = Field(default=0.01, description=_relative("of each reading of the ratio by itself"))
     gain: Relative = Field(default=0.05, description=_relative("of each channel's gain, common to a scan"))
-    stiffness_white: Relative = Field(default=0.01, description=_relative("of each reading of the stiffness"))
+    stiffness_white: Relative = Field(default=0.03, description=_relative("of each reading of the stiffness"))
     stiffness_gain: Relative = Field(default=0.05, description=_relative("of all stiffnesses of a scan together"))
     charge: Charge = Field(
         default=0.01e-12,

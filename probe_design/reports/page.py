@@ -124,7 +124,7 @@ class Chapter:
     parts: tuple[Part, ...]
 
 
-def page(title: str, headline: str, sections: Sequence[Chapter], answer: dict[str, Any]) -> str:
+def page(title: str, headline: str, sections: Sequence[Chapter], answer: dict[str, Any], *, good: bool = True) -> str:
     """Return the report as HTML.
 
     Args:
@@ -132,11 +132,13 @@ def page(title: str, headline: str, sections: Sequence[Chapter], answer: dict[st
         headline: the answer in a sentence.
         sections: in their order.
         answer: the JSON object that the verb prints, with its ``provenance``, which closes the page as a table.
+        good: whether the headline is what one hoped for: its banner is green, and amber otherwise.
     """
     block = answer["provenance"]
     text: str = _template().render(
         title=title,
         headline=headline,
+        good=good,
         sections=[*sections, Chapter("Where this comes from", (_origin(block),))],
         answer=html_script("answer", answer),
         script=resources.files("probe_design.data").joinpath("report.js").read_text(encoding="utf-8"),

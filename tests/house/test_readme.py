@@ -76,7 +76,7 @@ def test_printed_optimum_is_what_the_command_prints(folder: Path) -> None:
     words = [sys.executable, "-m", "probe_design", *shlex.split(BUILTIN)[1:]]
     printed = subprocess.run(words, cwd=folder, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=250).stdout
     shown = next(block for block in blocks("console") if BUILTIN in block)
-    for row in ("tumours found, of 100", "force, N", "outer radius, mm"):
+    for row in ("detected of 100, ratio alone", "detected of 100, both", "force, N", "outer radius, mm"):
         found, told = (numbers(text, row) for text in (printed, shown))
         assert len(found) == 3
         assert found == pytest.approx(told, rel=0.02)  # IPOPT may stop elsewhere on another machine
@@ -84,7 +84,7 @@ def test_printed_optimum_is_what_the_command_prints(folder: Path) -> None:
 
 def numbers(table: str, row: str) -> list[float]:
     line = next(line for line in table.splitlines() if row in line)
-    return [float(cell) for cell in re.findall(r"[│|]\s+([0-9.e+-]+)(?: \+- [0-9.e+-]+)?\s+(?=[│|])", line)]
+    return [float(cell) for cell in re.findall(r"[│|]\s+([0-9.e+-]+)(?: ± [0-9.e+-]+)?\s+(?=[│|])", line)]
 
 
 @pytest.mark.parametrize(

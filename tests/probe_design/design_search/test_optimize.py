@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import pytest
 
 from geometry import read_scene
-from probe_design.design_search.outcome import hardly_found
+from probe_design.design_search.outcome import hardly_detected
 from probe_design.design_search.question import builtin_design
 from probe_design.design_search.template import whole_template
 from probe_design.populations.design_file import Design, design_from_dict, read_design
@@ -93,7 +93,7 @@ def test_careless_questions_are_one_line_and_exit_2(
 
 @pytest.mark.parametrize(("detection", "error", "said"), [(0.05, 0.01, True), (0.09, 0.03, True), (0.12, 0.03, False)])
 def test_a_population_that_no_design_sees_is_told_so(detection: float, error: float, said: bool) -> None:
-    told = hardly_found(SimpleNamespace(detection=detection, detection_error=error, false_alarm=0.05))  # type: ignore[arg-type]
+    told = hardly_detected(SimpleNamespace(detection=detection, detection_error=error, false_alarm=0.05))  # type: ignore[arg-type]
     assert (told is not None) == said
     assert told is None or "false alarms" in told
 

@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 
 from geometry import Load, Refusal, Scene, read_scene
+from geometry.scenes.probe import Probe
 from probe_design.optimisation.candidate import FINER, Candidate, candidate, merged
+from probe_design.optimisation.comparison import headings, level_rows
 from probe_design.optimisation.design_space import space, variables
 from probe_design.optimisation.global_search import search
 from probe_design.optimisation.objective import Noise
 from probe_design.optimisation.optimum import Optimum
+from probe_design.optimisation.report import page, summary
 from tests.support.paths import EXAMPLES, SCENE
 from tests.support.scenes import nodule
 
@@ -36,7 +39,13 @@ def test_a_gain_counts_beyond_the_errors_of_both() -> None:
     hidden = found(judged(0.98, 0.04))
     assert hidden.status == "no-gain"
     assert hidden.best is start
-    for words in ("no gain that counts", "0.98", "2 % less", "0.942 to 1.02", "errors may feign"):
+    for words in (
+        "no design better than the start was verified: the start is exported",
+        "0.98",
+        "2 % less",
+        "0.942 to 1.02",
+        "errors may feign",
+    ):
         assert words in hidden.verdict
     worse = found(judged(1.02, 0.04))
     assert "none of 1 designs" in worse.verdict
@@ -104,3 +113,22 @@ def test_a_design_is_written_with_the_load_that_it_bears() -> None:
     assert force == pytest.approx(one.pressing.force)
     assert one.scene.load.force == 1.0
     assert np.all(variables(one.pressed) == variables(scene))
+
+
+def test_where_nothing_is_verified_the_recommended_design_is_the_start_everywhere() -> None:
+    """Table, limits, remarks and page once spoke of the best tried, while the start was what was written."""
+    room, start = space(read_scene(SCENE)), judged(1.0, 0.04)
+    tried = replace(judged(0.98, 0.04), scene=start.scene.model_copy(update={"probe": _widest(start.scene, room.outer_radius)}))
+    found = Optimum("axisymmetric", room, NOISE, start, (tried,))
+    assert headings(found)[1:3] == ("best tried, no gain", "start, recommended")
+    radii = next(row for row in level_rows(found) if row[0] == "outer radius, mm")
+    assert radii[1:3] == (f"{1e3 * room.outer_radius:.4g}", f"{1e3 * start.scene.probe.tube_radius:.4g}")
+    assert not next(one.active for one in found.limits if one.name == "largest outer_radius")
+    answer = summary(found, ())
+    assert answer["recommended"] == "start"
+    assert answer["design"]["probe"]["inner_radius"] == f"{1e3 * start.scene.probe.inner_radius:.12g} mm"
+    assert 'class="headline none"' in page(found, (), answer)
+
+
+def _widest(scene: Scene, radius: float) -> Probe:
+    return scene.probe.model_copy(update={"outer_radius": radius, "area_ratio": None})

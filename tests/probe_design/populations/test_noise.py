@@ -49,7 +49,9 @@ def test_charge_noise_is_that_of_the_films_forces() -> None:
 def test_tissue_counts_without_a_blank_alone() -> None:
     scene, shift = example_design().scene, np.ones((18, 1))
     for blank in (True, False):
-        plain, more = (covariance(QUIET, Protocol(blank=blank), scene, BLANK, tissue=tissue) for tissue in (None, shift))
+        plain, more = (
+            covariance(QUIET, Protocol(blank=blank, stiffness=True), scene, BLANK, tissue=tissue) for tissue in (None, shift)
+        )
         assert np.allclose(more - plain, 0.0 if blank else 1.0)
 
 
@@ -65,13 +67,13 @@ def test_tissue_counts_without_a_blank_alone() -> None:
 def test_readings_without_noise_or_charge_are_refused(noise: NoiseModel, load: Load, key: str) -> None:
     scene = example_design().scene.model_copy(update={"load": load})
     with pytest.raises(InputError) as fault:
-        covariance(noise, Protocol(), scene, BLANK)
+        covariance(noise, Protocol(stiffness=True), scene, BLANK)
     assert fault.value.key == key
 
 
 def test_all_readings_taken_from_the_blank_are_the_differences() -> None:
     """Eq. PO.2 from eq. PO.8: each reading less the blank's of its channel, whatever the gains."""
-    protocol, scene = Protocol(), example_design().scene
+    protocol, scene = Protocol(stiffness=True), example_design().scene
     over = np.tile(BLANK, (9, 1)) * np.linspace(0.9, 1.1, 18).reshape(9, 2)
     noise = QUIET.model_copy(update={"charge": 1e-14})
     less = np.hstack([np.eye(18), -np.kron(np.eye(2), np.ones((9, 1)))])

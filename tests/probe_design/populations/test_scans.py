@@ -56,7 +56,7 @@ def test_formulas_on_arrays_are_those_of_single_scenes() -> None:
 @pytest.mark.slow
 def test_the_judge_s_readings_are_those_of_single_scenes() -> None:
     draw = POPULATION.drawn(2)
-    readings = inclusion_readings(draw, DESIGN.protocol, noise=FINE)
+    readings = inclusion_readings(draw, DESIGN.protocol, noise=FINE).best
     for number in range(len(draw)):
         off = np.abs(readings.signal[number] - single(draw, number, "equivalent-inclusion"))
         assert np.all(off <= readings.error[number])
@@ -66,7 +66,7 @@ def test_the_judge_s_readings_are_those_of_single_scenes() -> None:
 def test_levels_agree_and_so_do_their_derivatives() -> None:
     draw, names = POPULATION.drawn(2), (*FIELDS, "tissue")
     formulas = ClosedFormScan.of(draw, DESIGN.protocol).readings(DESIGN.scene, names)
-    elements = inclusion_readings(draw, DESIGN.protocol, names, noise=FINE)
+    elements = inclusion_readings(draw, DESIGN.protocol, names, noise=FINE).best
     assert np.abs(formulas.signal - elements.signal).max() < 0.05 * np.abs(elements.signal).max()
     for name in names:
         assert np.abs(formulas.by[name] - elements.by[name]).max() < 0.15 * np.abs(elements.by[name]).max(), name
@@ -117,7 +117,7 @@ def test_where_all_moduli_grow_alike_no_signal_changes(skin: bool) -> None:
     one = [np.array([value]) for value in (6e-3, 9.8e-3, 60e3, 0.0)]
     draw = TumourDraw(scene, *one, poisson_ratio=0.45, tissue=np.zeros(1, dtype=int), tissues=(scene,))
     names = ("object", "tissue", *(["layer_0_modulus"] if skin else []))
-    by = inclusion_readings(draw, DESIGN.protocol, names, noise=FINE).by
+    by = inclusion_readings(draw, DESIGN.protocol, names, noise=FINE).best.by
     whole, own = sum(by.values()), np.abs(by["object"]).max()
     assert np.abs(whole).max() < 0.02 * own
     assert np.abs(by["tissue"]).max() > 0.9 * own
@@ -128,6 +128,6 @@ def test_the_same_tumour_read_from_both_sides_is_the_same() -> None:
     draw = ScenePopulation.of(design.scene, design.population).drawn()
     for read in (
         ClosedFormScan.of(draw, design.protocol).readings(design.scene),
-        inclusion_readings(draw, design.protocol, noise=FINE),
+        inclusion_readings(draw, design.protocol, noise=FINE).best,
     ):
         assert read.signal[0, :3] == pytest.approx(read.signal[0, 2::-1], rel=1e-12)

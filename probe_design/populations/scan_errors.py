@@ -1,0 +1,83 @@
+"""How far the evaluator of a population may be off in what a tumour changes of a reading, by cause.
+
+With F_i the force on film i over the tumour and without it, dF_i their difference, b_i the bound on what reflections and meshes
+leave open of dF_i, e_i the relative bound on F_i without the tumour but for the groove's part, and r_i eq. PO.14 for the groove,
+which is left out,
+
+    |error of ln(F_i / F_i without)| <= -ln(1 - b_i / F_i - 2 (e_i + r_i) |dF_i| / F_i)                (PO.12)
+
+as dF_i grows by at most twice, F_i by once, what the base states do. What the groove takes of a film's force it takes with and
+without the tumour: that cancels in a reading against a baseline reading but for where the tumour lies. Finite strain under the
+load changes a signal as it changes the log-sensitivity, eq. PL.2.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from geometry.common.arrays import Floats
+from geometry.scenes.scene import Scene
+from probe_design.maps.sphere_effects import CHANGES
+from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
+from solver.equivalent_inclusion.readings import Readings
+from solver.results.detail_compliance import details
+
+TUMOURS, BASE, GROOVE_CUT, LOAD = "reflections and meshes", "base states", "groove", "load"
+CAUSES = {  # of the model's error: what each is, and what would reduce it
+    TUMOURS: ("what the meshes and the reflections of equivalent-inclusion leave open", "deeper tumours"),
+    BASE: (
+        "what the meshes, the tissue's far edges and details other than the groove leave open",
+        "a scan nearer the tissue's middle",
+    ),
+    GROOVE_CUT: ("the groove, which equivalent-inclusion leaves out", "a smaller groove"),
+    LOAD: ("finite strain under the load, which linear elasticity leaves out", "a smaller force"),
+}
+MOST = 0.999999  # of a total that may be open
+BRIDGED = 2.0  # of eq. PO.14
+GROOVE = 2.0  # times that without a tumour: ``python -m benchmarks.populations.groove`` needs NNN at most
+
+
+def groove_share(scene: Scene, forces: Floats) -> Floats:
+    """Return r_i of eq. PO.12: by what fraction the groove may change each film's force, shape (2,).
+
+    Beside the compliance that it adds, eq. RE.5, the outer film loses what the floor under the groove, as it bends, does not
+    carry: a fraction f of its area, a strip of width w, thickness t and modulus E on tissue of modulus E_t,
+
+        2 f eta / (1 + eta),   eta = E_t / E (5 / 32 (w / t)^3 + 0.45 w / t)                            (PO.14)
+
+    by the deflections of a strip held at its ends by bending and by shear, times the pressure by which the tissue gives way; or
+    eq. RE.6 where that is less.
+
+    Args:
+        scene: its probe may have a groove.
+        forces: F_ij on film i per unit displacement of base j, N/m, shape (2, 2).
+    """
+    probe, totals = scene.probe, forces.sum(axis=1)
+    detail = next((one for one in details(probe) if one.name == "groove"), None)
+    if detail is None or probe.groove is None:
+        return np.zeros(2)
+    slender = probe.groove.width / (probe.tube_height - probe.groove.depth)
+    stiffest = max(one.youngs_modulus for one in (scene.tissue, *scene.tissue.layer))
+    give = stiffest / probe.outer.youngs_modulus * (5 / 32 * slender**3 + 0.45 * slender)
+    lost = min(detail.lost, BRIDGED * probe.groove_footprint / probe.outer_area * give / (1 + give))
+    return np.asarray(np.abs(forces @ detail.compliance @ totals / totals) + lost)
+
+
+def _whole_groove(scene: Scene, forces: Floats) -> Floats:
+    """What the bounds of the base states' totals hold of the groove, N/m, shape (2,)."""
+    return np.asarray(sum((one.bound(forces).totals for one in details(scene.probe) if one.name == "groove"), np.zeros(2)))
+
+
+def film_errors(base: Undisturbed, answers: Readings) -> dict[str, Floats]:
+    """Return eq. PO.12 of both films by cause, but for the load, shape (u, 2) each."""
+    films, totals = base.films, np.abs(answers.totals)
+    effect = np.abs(answers.totals - films.totals) / totals
+    others = np.maximum(films.bound.totals - _whole_groove(base.scene, films.forces), 0.0) / np.abs(films.totals)
+    parts = {
+        TUMOURS: np.maximum(answers.bound - films.bound.totals, 0.0) / totals,
+        BASE: CHANGES * others * effect,
+        GROOVE_CUT: GROOVE * groove_share(base.scene, films.forces) * effect,
+    }
+    whole = np.asarray(sum(parts.values()))
+    stretched = -np.log1p(-np.minimum(whole, MOST)) / np.maximum(whole, 1e-300)
+    return {cause: part * stretched for cause, part in parts.items()}
