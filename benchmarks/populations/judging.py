@@ -15,13 +15,13 @@ import numpy as np
 
 from benchmarks.populations.cases import CASES, case
 from geometry.common.arrays import Floats, Ints
+from probe_design.design_report.judgement_pictures import plot_judgements, plot_levers
+from probe_design.design_report.levers import levers
 from probe_design.populations.design_file import Design
 from probe_design.populations.detection import Detector, log_likelihood_ratio, whitened
 from probe_design.populations.examination import Examination
 from probe_design.populations.judge import examined, scored
-from probe_design.populations.levers import levers
 from probe_design.populations.noise import covariance, film_charges
-from probe_design.populations.pictures import plot_judgements, plot_levers
 
 
 def simulated(scan: Examination, design: Design, scans: int) -> tuple[Floats, Ints]:

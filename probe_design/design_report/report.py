@@ -13,13 +13,13 @@ from geometry.provenance.block import Provenance, provenance
 from geometry.provenance.texts import toml_comment
 from geometry.scenes.scene_file import scene_to_toml
 from probe_design.design_report.depth_map import DepthMap, depth_map
+from probe_design.design_report.judgement_pictures import plot_levers
+from probe_design.design_report.levers import Lever, levers
 from probe_design.design_report.pictures import draw_front, draw_maps
 from probe_design.design_report.table import caption, columns, rows
 from probe_design.design_search.outcome import PopulationOptimum
 from probe_design.design_search.pareto import Front
 from probe_design.populations.design_file import Design
-from probe_design.populations.levers import Lever, levers
-from probe_design.populations.pictures import plot_levers
 from probe_design.reports.page import Chapter, Code, Items, PageTable, Picture, Text
 from probe_design.reports.page import page as html
 from probe_design.reports.scene_sections import asked, scene_sections

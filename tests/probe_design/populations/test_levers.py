@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from geometry.common.errors import InputError
+from probe_design.design_report.judgement_pictures import plot_judgements, plot_levers
+from probe_design.design_report.levers import Lever, levers
 from probe_design.populations.design_file import Design
 from probe_design.populations.judge import scored
-from probe_design.populations.levers import Lever, levers
-from probe_design.populations.pictures import plot_judgements, plot_levers
 from tests.support.designs import SUPERFICIAL, example_design
 
 NOISE = {"white": 0.05, "stiffness_white": 0.05}

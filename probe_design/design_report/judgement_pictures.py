@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 
 from geometry.common.arrays import Floats
 from probe_design.data.noise import RESOLVED
+from probe_design.design_report.levers import Lever
 from probe_design.pictures.formats import check_format, save
 from probe_design.populations.judgement import Judgement
-from probe_design.populations.levers import Lever
 
 LEAST_SD, MOST_SD = 0.05, 5.0  # of ln contrast: what the colours tell apart
 SIZE = 60.0  # of marks, points^2
