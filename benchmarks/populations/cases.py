@@ -20,8 +20,9 @@ CASES: dict[str, dict[str, Any]] = {
 
 
 def case(name: str, **tables: Any) -> Design:
-    """Return one of the three as a design file."""
+    """Return one of the three as a design file; ratio and stiffness are both read unless ``protocol`` says otherwise."""
     scene = scene_to_dict(read_scene("examples/scene.toml"))
     if "layer" in CASES[name]:
         scene["tissue"]["layer"] = [SKIN]
-    return design_from_dict({"scene": scene, "population": CASES[name], **tables}, ".", True)
+    protocol = {"protocol": {"stiffness": True}}
+    return design_from_dict({"scene": scene, "population": CASES[name], **protocol, **tables}, ".", True)
