@@ -35,4 +35,9 @@ class Clock:
         rate = (now[1] - self._first[1]) / passed
         if abs(rate / self._rate - 1) < OFF + LATE / passed:
             return None
-        return f"time stamps tell {rate:.4g} samples a second, not the stated {self._rate:.6g}: frequencies are off as much"
+        return different_rates(rate, self._rate)
+
+
+def different_rates(timed: float, stated: float) -> str:
+    """Return in words that time stamps tell another rate, Hz, than the stated one."""
+    return f"time stamps tell {timed:.4g} samples a second, not the stated {stated:.6g}: frequencies are off as much"

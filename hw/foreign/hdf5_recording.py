@@ -8,6 +8,7 @@ and what is known of the source: ``started``, ``serial``, ``firmware``, ``scene_
 from __future__ import annotations
 
 import json
+import math
 import os
 import secrets
 from collections.abc import Iterator
@@ -16,7 +17,9 @@ from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
+from hw.common.clock import different_rates
 from hw.common.errors import InvalidSource
 from hw.common.limits import ReadLimits
 from hw.common.samples import Gap, Samples
@@ -27,6 +30,7 @@ from hw.foreign.volts import noted, packed, volts_header
 
 KIND, VERSION = "probe-design samples", 1
 ROWS = 1 << 15  # in a chunk
+RATES_APART = 1e-4  # relative, between the rate and that of the times: rounded times of a second differ by less
 
 
 class Hdf5Recorder:
@@ -157,6 +161,9 @@ class Hdf5Replay:
         if not whole or not known or flags is None or flags.shape != (self._rows, len(channels)):
             raise InvalidSource(f"{file.path} is damaged: columns of different lengths, or no rate")
         limits.check_values(file.path.name, self._rows * (1 + len(channels)))
+        times = file.datasets.get("time")
+        self._timed = times is not None and times.whole and times.shape == (self._rows,)
+        self._first: tuple[float, float] | None = None  # index and time, s
         self._gaps = [Gap(*gap) for gap in file.gaps]
         source.pop("format")
         self.header = volts_header(float(rate), channels, **(source | {"replayed": str(file.path)}))
@@ -174,13 +181,23 @@ class Hdf5Replay:
         overruns, gaps = self._overruns, list(self._gaps)
         channels = self.header.channels
         columns = [("index", None), *((name, None) for name in channels), *(("saturated", k) for k in range(len(channels)))]
+        columns += [("time", None)] if self._timed else []
         for begin in range(0, self._rows, ROWS):
             index, *values = self._file.read(columns, begin, min(begin + ROWS, self._rows))
+            if self._timed:
+                self._compare(index, values.pop())
             volts, saturated = (np.stack(part, axis=1) for part in (values[: len(channels)], values[len(channels) :]))
             before = tuple(gap for gap in gaps if gap.first <= index[-1])
             gaps = gaps[len(before) :]
             yield Chunk(packed(index, volts, saturated), note=noted(before, overruns))
             overruns = 0
+
+    def _compare(self, index: NDArray[Any], times: NDArray[Any]) -> None:
+        """Note where the file's own times contradict its rate; what has no times of use is not compared."""
+        self._first = self._first or (float(index[0]), float(times[0]))
+        rows, seconds = float(index[-1]) - self._first[0], float(times[-1]) - self._first[1]
+        if rows > 0 and 0 < seconds < math.inf and abs(rows / seconds / self.header.rate - 1) > RATES_APART:
+            self.header.source["clock"] = different_rates(rows / seconds, self.header.rate)
 
 
 def is_recording(file: Hdf5File) -> bool:

@@ -20,7 +20,7 @@ from probe_design.built_probe.block_predictions import Shares, predicted
 from probe_design.built_probe.film_forces import observed, strict_reading
 from probe_design.built_probe.force_scale import scale_warnings
 from probe_design.built_probe.gain_matrix import Gains, Observed
-from probe_design.built_probe.load_checks import check_reference_loads
+from probe_design.built_probe.load_checks import check_reference_loads, within_limits
 from probe_design.built_probe.phase_lags import lag_warnings
 from probe_design.built_probe.trusted_gains import trusted
 
@@ -84,7 +84,7 @@ def calibrated(
     observations = tuple(observed(one, reference, scene) for one, reference in zip(measurements, bench.reference, strict=True))
     predictions = predicted(scene, bench.reference) if shares is None else shares
     of_loads = check_reference_loads(observations, predictions, scene)
-    predictions = predictions.under([one.load for one in observations], bench.reference, linear)
+    predictions = within_limits(predictions, observations, of_loads, linear)
     lags = lag_warnings(measurements, bench.reference, bench)
     try:
         gains, notes = trusted(observations, predictions, bench)

@@ -15,6 +15,7 @@ from hw.signal.waveform import Flawed
 from probe_design.built_probe.amplifier_responses import with_own_amplifiers, with_rate_doubt
 from probe_design.built_probe.bench import Bench, Reference
 from probe_design.built_probe.gain_matrix import Observed
+from probe_design.built_probe.load_checks import check_pressed
 from probe_design.built_probe.phase_lags import with_force_lag
 from probe_design.built_probe.virtual_probe import charge_per_force
 
@@ -46,14 +47,16 @@ def strict_reading(samples: Samples, bench: Bench, scene: Scene) -> Measurement:
 
     Raises:
         HardwareError: gaps, saturation, too few cycles, no load, or a temperature that drifts.
+        InputError: a load that is 30 times what is pressed.
     """
     measurement = checked(reading(samples.whole(), bench), bench.load.least_cycles)
+    check_pressed(float(newtons(measurement, scene)[0].sum()), scene, bench)
     warmed = warming(measurement, bench, scene.probe)
     worst = int(np.argmax(warmed))
     if warmed[worst] > bench.load.most_warming:
-        newtons = warmed[worst] * newtons_per_kelvin(scene)[worst]
+        worth = warmed[worst] * newtons_per_kelvin(scene)[worst]
         raise Flawed(
-            f"film {FILMS[worst]} warmed by up to {warmed[worst]:.2g} K during the reading, worth {newtons:.2g} N; at most "
+            f"film {FILMS[worst]} warmed by up to {warmed[worst]:.2g} K during the reading, worth {worth:.2g} N; at most "
             f"{bench.load.most_warming:g} K is allowed: wait until the temperature is steady, or null the amplifier's offset"
         )
     return measurement

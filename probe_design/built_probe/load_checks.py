@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from geometry.common.errors import InputError, Words
+from geometry.common.errors import InputError, Refusal, Words
 from geometry.scenes.scene import Scene
 from hw.signal.measure import Measurement
 from hw.signal.waveform import Flawed
@@ -27,10 +27,10 @@ SAFE_SHARE = 0.8  # of the largest load that linear elasticity allows on the sof
 CONTRADICTION_SD = 5.0  # between the films' sum and the force channel
 NEAR_DECADE = 0.25  # decades, within which a factor is taken for a power of ten
 SLIPS = {
-    3: "millivolts taken as volts? Give the columns' unit: --column 'inner=NAME mV'",
-    -3: "volts taken as millivolts? Give the columns' unit: --column 'inner=NAME V'",
-    1: "a 10:1 probe factor of the oscilloscope, or a feedback capacitor of a tenth of what the bench says?",
-    -1: "a 1:10 probe factor of the oscilloscope, or a feedback capacitor ten times what the bench says?",
+    3: "Are millivolts taken as volts? Give the columns' unit, --column 'inner=NAME mV'.",
+    -3: "Are volts taken as millivolts? Give the columns' unit, --column 'inner=NAME V'.",
+    1: "Is there a 10:1 probe factor of the oscilloscope, or a feedback capacitor of a tenth of what the bench says?",
+    -1: "Is there a 1:10 probe factor of the oscilloscope, or a feedback capacitor ten times what the bench says?",
 }
 
 
@@ -122,6 +122,36 @@ def _check_reference(one: Observed, low: float, high: float) -> str:
         return "".join(check_expected(one.load, 0.0, *bounds, source))
     except InputError as fault:
         raise InputError(f"{one.reference.name}: {fault.key}", fault.value, fault.allowed) from None
+
+
+def check_pressed(load: float, scene: Scene, bench: Bench) -> None:
+    """Refuse a load, N, that is 30 times what is pressed on any reference: a wrong unit is told before what follows from it.
+
+    Raises:
+        InputError: it is.
+    """
+    expected = expected_load(scene)
+    if expected is not None:
+        most = max([expected, *(one.known_force or 0.0 for one in bench.reference)])
+        check_expected(load, 0.0, min(load, most), most, "both films show")
+
+
+def within_limits(shares: Shares, observed: Sequence[Observed], doubts: Sequence[str], linear: bool) -> Shares:
+    """Return the predictions under the loads that were read; where these are too large, what may be wrong with them is told, too.
+
+    Args:
+        shares: predictions for the tissue among the references.
+        observed: readings on references.
+        doubts: what ``check_reference_loads`` found.
+        linear: see ``Shares.under``.
+
+    Raises:
+        Refusal: a load is beyond what linear elasticity allows.
+    """
+    try:
+        return shares.under([one.load for one in observed], [one.reference for one in observed], linear)
+    except Refusal as fault:
+        raise Refusal(fault.key, fault.value, "; ".join([fault.allowed, *doubts])) from None
 
 
 def expected_load(scene: Scene, predicted: Result | None = None) -> float | None:

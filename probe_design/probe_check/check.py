@@ -24,7 +24,7 @@ from probe_design.built_probe.calibration import waveform_warnings
 from probe_design.built_probe.exchanges import Misplacement, check_films, explaining, share_doubt
 from probe_design.built_probe.film_forces import newtons, observed, strict_reading
 from probe_design.built_probe.gain_matrix import Gains
-from probe_design.built_probe.load_checks import check_reference_loads
+from probe_design.built_probe.load_checks import check_reference_loads, within_limits
 from probe_design.built_probe.phase_lags import lag_warnings
 from probe_design.probe_check.coverage import VariableCoverage, coverage
 from probe_design.probe_check.deviation import LEVEL, CancellingPair, Deviation, cancelling
@@ -145,8 +145,8 @@ def checked(
     effective = Gains.nominal(bench) if gains is None else gains.warmed(bench.channels.warming)
     seen = [observed(one, block, scene) for one, block in zip(measurements, bench.blocks, strict=True)]
     of_signals = (*waveform_warnings(measurements, bench.blocks), *lag_warnings(measurements, bench.blocks, bench))
-    warnings = (*check_reference_loads(seen, predictions, scene), *of_signals)
-    predictions = predictions.under([one.load for one in seen], bench.blocks, linear)
+    of_loads = check_reference_loads(seen, predictions, scene)
+    predictions = within_limits(predictions, seen, of_loads, linear)
     films = [newtons(one, scene, tolerance=gains is None) for one in measurements]
     known = Comparison(bench, effective, tuple(variables), predictions)
     deviation, exchanges = known.deviation(films), known.exchanges(films)
@@ -154,7 +154,7 @@ def checked(
     tested, names = coverage(deviation, tolerances), [one.told(bench.blocks) for one in exchanges]
     verdict = judged(scene, bench, deviation, predictions, names, tested=tested, tell=tell)
     found = _told(verdict, deviation, _blocks(scene, bench, deviation), tested, calibrated=gains is not None)
-    return replace(found, warnings=warnings)
+    return replace(found, warnings=(*of_loads, *of_signals))
 
 
 def _check_count(readings: Sequence[Samples] | Sequence[Measurement], bench: Bench) -> None:

@@ -86,6 +86,18 @@ def test_what_was_told_of_the_clock_stands(tmp_path: Path) -> None:
     assert got(tmp_path / "a.h5").notes == ("time stamps tell another rate",)
 
 
+@pytest.mark.parametrize("factor", [0.9, 0.995, 1.005, 1.1])
+def test_a_rate_that_the_file_s_own_times_contradict_is_told(factor: float, tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    with Reader.open(probe()) as reader:
+        rate = reader.header.rate
+        reader.collect(2.0, path)
+    assert "clock" not in got(path).source
+    with h5py.File(path, "r+") as file:
+        file.attrs["rate"] = factor * rate
+    assert f"not the stated {factor * rate:.6g}" in got(path).source["clock"]
+
+
 def samples() -> Samples:
     index = np.arange(ROWS)
     return Samples(RATE, ("inner", "outer"), index, VOLTS, np.zeros((ROWS, 2), bool), (), 0, {"transport": "here"})

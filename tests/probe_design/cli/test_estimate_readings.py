@@ -14,7 +14,6 @@ import pytest
 from tests.support import program
 from tests.support.paths import SCENE
 
-
 VERIFIED = str(SCENE.parent / "verified-bench.toml")
 
 
