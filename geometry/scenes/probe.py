@@ -61,6 +61,12 @@ class Material(Frozen):
         """The catalogue's entry that the material is named after, None where it has numbers alone."""
         return None if self.material is None else find_material(self.material)
 
+    @property
+    def unmeasured(self) -> CatalogueMaterial | None:
+        """The catalogue's entry where the modulus is the catalogue's too, None where it was measured or there is no name."""
+        entry = self.tabulated
+        return entry if entry is not None and entry.is_tabulated(self.youngs_modulus) else None
+
 
 class Base(Frozen):
     """The base that both blocks hang under: a step as wide as the probe below a wider flange.

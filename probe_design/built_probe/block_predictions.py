@@ -6,8 +6,8 @@ Only ln rho counts, rho = F_inner / F_outer: the sum of both forces is the load'
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.special import expit
@@ -80,11 +80,13 @@ class Shares:
         variables: keys of ``geometry.scenes.variables.values``, the design's, and MODULI: v of them.
         nominal: their values, SI, shape (v,); of MODULI 1.
         blocks: one for each.
+        unmeasured: standard deviations of ln E by variable, of moduli that are the catalogue's and were not measured.
     """
 
     variables: tuple[str, ...]
     nominal: Floats
     blocks: tuple[Share, ...]
+    unmeasured: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def log_ratios(self) -> Floats:
@@ -102,8 +104,10 @@ class Shares:
         return replace(self, blocks=tuple(share.under(*block, linear) for share, block in zip(self.blocks, blocks, strict=True)))
 
     def tolerances(self, workshop: Workshop) -> Floats:
-        """Standard deviations of the variables, SI, shape (v,)."""
-        return np.array([_tolerance(name, value, workshop) for name, value in zip(self.variables, self.nominal, strict=True)])
+        """Standard deviations of the variables, SI, shape (v,); the catalogue's of moduli that nobody has measured."""
+        known = {name: sd * self.nominal[self.variables.index(name)] for name, sd in self.unmeasured.items()}
+        held = zip(self.variables, self.nominal, strict=True)
+        return np.array([known.get(name, _tolerance(name, value, workshop)) for name, value in held])
 
 
 def predicted(scene: Scene, references: Sequence[Reference]) -> Shares:
@@ -120,7 +124,9 @@ def predicted(scene: Scene, references: Sequence[Reference]) -> Shares:
     names = tuple(key for key in values(by_radius) if key.startswith("probe."))
     blocks = tuple(_share(on_block(by_radius, one), names) for one in references if one.on == "tissue")
     nominal = values(by_radius)
-    return Shares((*names, MODULI), np.array([*(nominal[name] for name in names), 1.0]), blocks)
+    bodies = {"probe.inner.youngs_modulus": scene.probe.inner, "probe.outer.youngs_modulus": scene.probe.outer}
+    unmeasured = {name: body.unmeasured.log_sd for name, body in bodies.items() if body.unmeasured is not None}
+    return Shares((*names, MODULI), np.array([*(nominal[name] for name in names), 1.0]), blocks, unmeasured)
 
 
 def log_ratios(scene: Scene, references: Sequence[Reference]) -> Floats:

@@ -100,9 +100,8 @@ def toleranced(
 
 def tabulated(scene: Scene) -> dict[str, str]:
     """Return the names of the blocks' materials whose moduli are the catalogue's, and so not measured, by block."""
-    blocks = {"inner": scene.probe.inner, "outer": scene.probe.outer}
-    found = {block: (body.tabulated, body.youngs_modulus) for block, body in blocks.items()}
-    return {block: one.name for block, (one, modulus) in found.items() if one is not None and one.is_tabulated(modulus)}
+    blocks = {"inner": scene.probe.inner.unmeasured, "outer": scene.probe.outer.unmeasured}
+    return {block: one.name for block, one in blocks.items() if one is not None}
 
 
 def _of_process(scene: Scene, one: Toleranced) -> Toleranced:
