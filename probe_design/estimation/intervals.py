@@ -4,13 +4,18 @@ k measured logarithms y_i are the model's m_i(u), u a coordinate of the unknown 
 standard deviation s_i:
 
     chi2(u) = sum_i ((y_i - m_i(u)) / s_i)^2                                                       (ES.3)
-    {u : chi2(u) - floor <= q},   q = 3.841, the 95 % quantile of chi-square with one degree        (ES.4)
+    {u : chi2(u) - least <= q(u)},   least = the chi2 of the best fit                              (ES.4)
 
-With one datum floor = 0, so that eq. ES.4 is the exact inversion |y - m(u)| <= 1.96 s: it covers the truth in 95 % of all cases
-whatever m is, is open where m saturates, and empty where nothing explains the reading. With several, floor is the least chi2 of
-the curve m(u) *prolonged beyond its ends along its tangents*. It is Wilks' profile likelihood (Ann. Math. Statist. 9 (1938) 60)
-where the best fit is inside; at an end, such as a body stiffer than can be told, the curve's own minimum would cover 97.5 %
-instead of 95.
+These are likelihood-ratio intervals in the manner of Feldman and Cousins (Phys. Rev. D 57 (1998) 3873): q(u) is the 95 % quantile
+of the left side where u is the truth. Where the curve m(u) / s goes on far to both sides of u that is 3.841, the quantile of
+chi-square with one degree. Where it ends A standard deviations below and B above, measured along its tangent at u, as it does
+where a body stiffer than can be told saturates the ratio, the left side of a straight line is with z normal
+
+    z^2 for -A <= z <= B,   B (2 z - B) above,   A (2 |z| - A) below                               (ES.4a)
+
+whose quantile is 2.706 at an end: the interval is never empty, and covers 95 % there, too. Readings beyond an end, where the
+curve prolonged along its tangent is nearer by more than noise explains in 1 % of all cases, leave no value: scene or noise are
+not as stated.
 
 Where numbers of the scene are known only roughly eq. ES.8 of ``shared_errors.py`` stands for eq. ES.3, and its products for those
 of slopes.
@@ -36,11 +41,14 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2, norm
 
-from geometry.common.arrays import Floats
+from geometry.common.arrays import Bools, Floats
 from probe_design.estimation.profile import Track
 from probe_design.estimation.shared_errors import SharedErrors
 
 LEVEL = 0.95
+UNEXPLAINED = float(chi2.ppf(0.99, 1))  # of chi2 above the prolonged curve's, from which no value explains the readings
+HALVINGS = 50  # of the search for a quantile
+EVERY = 10  # points of the runs at which q of eq. ES.4 is found
 QUANTILE = float(chi2.ppf(LEVEL, 1))
 TOLERATED = 1 / 3  # eq. ES.5 below which the model's error is left out of the interval
 STEPS = 6  # of Gauss and Newton
@@ -108,7 +116,7 @@ class Likelihood:
         return best, least
 
     def floor(self, y: Floats) -> Floats:
-        """Return the floor of eq. ES.4 for s sets of measured values, (s, k), shape (s,)."""
+        """Return the least chi-square of the curve prolonged along its tangents for s sets of values, (s, k), shape (s,)."""
         if y.shape[1] == 1:
             return np.zeros(len(y))
         least = self.best(y)[1]
@@ -133,16 +141,37 @@ class Likelihood:
         t = (np.abs(tangent) * relative).sum(axis=1) / np.where(size > 0, size, 1.0)
         return np.asarray(np.interp(u, self.track.x, np.where(size > 0, t, np.linalg.norm(relative, axis=1))))
 
+    def limit(self, u: Floats) -> Floats:
+        """Return q of eq. ES.4 at u of shape (s,)."""
+        return np.asarray(np.interp(u, *self._limits))
+
+    @cached_property
+    def _limits(self) -> tuple[Floats, Floats]:
+        """Some points of the runs, and q there."""
+        points = np.concatenate([np.append(run[:-1:EVERY], run[-1]) for run in self.track.runs])
+        value, slope = self.at(points)
+        tangent = self._shared(points).decorrelated(slope)
+        size = np.sqrt((slope * tangent).sum(axis=1))
+        along = np.einsum("uk,vuk->vu", tangent, value[:, None] - value) / np.where(size > 0, size, 1.0)
+        below, above = (np.where(size > 0, one, np.inf) for one in (-along.min(axis=0), along.max(axis=0)))
+        return points, threshold_near_ends(self.shift(points), below, above)
+
+    def unexplained(self, y: Floats) -> Bools:
+        """Return of s sets of measured values, (s, k), whether no value explains them, shape (s,)."""
+        return np.asarray(self.best(y)[1] - self.floor(y) > UNEXPLAINED)
+
     def spoiled(self, u: float) -> float:
         """Return the root of the noncentrality of the misfit at u that the model's error may cause."""
         return float(np.interp(u, self.track.x, np.linalg.norm(self.track.predicted.bound / self.noise, axis=1)))
 
     def pieces(self, y: Floats) -> list[Piece]:
         """Return the set of eq. ES.4 for measured values of shape (k,)."""
-        floor, best = float(self.floor(y[None])[0]), float(self.best(y[None])[0][0])
+        if self.unexplained(y[None])[0]:
+            return []
+        best, least = (float(part[0]) for part in self.best(y[None]))
 
         def beyond(u: Floats) -> Floats:
-            return self.chi_square(u, y) - floor - threshold(self.shift(u))
+            return self.chi_square(u, y) - least - self.limit(u)
 
         pieces = []
         for run in self.track.runs:
@@ -159,12 +188,31 @@ class Likelihood:
 
 
 def threshold(shift: Floats) -> Floats:
-    """Return q of eq. ES.4 where the model's error is at most eq. ES.5."""
+    """Return q of eq. ES.4 far from the curve's ends, where the model's error is at most eq. ES.5."""
     t = np.asarray(shift, dtype=float)
     out, far = np.full(t.shape, QUANTILE), t > 4
     between = (t > TOLERATED) & ~far
     out[far], out[between] = (t[far] + norm.ppf(LEVEL)) ** 2, ncx2.ppf(LEVEL, 1, t[between] ** 2)
     return out
+
+
+def threshold_near_ends(shift: Floats, below: Floats, above: Floats) -> Floats:
+    """Return q of eq. ES.4 where the curve ends A = ``below`` and B = ``above`` standard deviations away, eq. ES.4a."""
+    t = np.where(shift > TOLERATED, shift, 0.0)
+    low, high = np.zeros(t.shape), threshold(shift)
+    for _ in range(HALVINGS):
+        q = (low + high) / 2
+        down, up = _reach(q, below), _reach(q, above)
+        covered = np.minimum(norm.cdf(up - t) - norm.cdf(-down - t), norm.cdf(up + t) - norm.cdf(-down + t))
+        low, high = np.where(covered < LEVEL, q, low), np.where(covered < LEVEL, high, q)
+    return np.asarray(high)
+
+
+def _reach(q: Floats, end: Floats) -> Floats:
+    """Return |z| at which eq. ES.4a is q, where the curve ends so many standard deviations away."""
+    root = np.sqrt(q)
+    safe = np.clip(end, 1e-9, 1e9)
+    return np.where(root <= end, root, (q / safe + safe) / 2)
 
 
 def p_value(least: float, data: int, shift: float) -> float:
@@ -199,21 +247,23 @@ def hulls(fit: Likelihood, y: Floats) -> list[tuple[float | None, float | None]]
     Points of the runs and the best fit say between which two an end lies; there it is sought for all sets at once. Between points
     q is a straight line.
     """
-    floor, best = fit.floor(y), fit.best(y)[0]
+    best, least = fit.best(y)
     points, ends = np.concatenate(fit.track.runs), np.full((2, len(y), 2), np.nan)
-    q = threshold(fit.shift(points))
+    q, open_ends = fit.limit(points), fit.unexplained(y)
     for k, (one, at) in enumerate(zip(y, best, strict=True)):
+        if open_ends[k]:
+            continue
         u = np.insert(points, np.searchsorted(points, at), at)
-        inside = np.flatnonzero(fit.chi_square(u, one) - floor[k] - np.interp(u, points, q) <= 0)
+        inside = np.flatnonzero(fit.chi_square(u, one) - least[k] - np.interp(u, points, q) <= 0)
         if len(inside) and inside[0] > 0:
             ends[0, k] = u[inside[0]], u[inside[0] - 1]
         if len(inside) and inside[-1] < len(u) - 1:
             ends[1, k] = u[inside[-1]], u[inside[-1] + 1]
-    found = [_crossings(fit, y, lambda u: np.interp(u, points, q), floor, of) for of in ends]
+    found = [_crossings(fit, y, least, of) for of in ends]
     return [tuple(None if np.isnan(end) else float(end) for end in pair) for pair in zip(*found, strict=True)]  # type: ignore[misc]
 
 
-def _crossings(fit: Likelihood, y: Floats, q: Callable[[Floats], Floats], floor: Floats, between: Floats) -> Floats:
+def _crossings(fit: Likelihood, y: Floats, least: Floats, between: Floats) -> Floats:
     """The unknown's values where sets of data (s, k) end, by the Illinois method between an inner and an outer point, (s, 2)."""
     found = np.full(len(y), np.nan)
     some = np.flatnonzero(np.isfinite(between[:, 0]))
@@ -221,7 +271,7 @@ def _crossings(fit: Likelihood, y: Floats, q: Callable[[Floats], Floats], floor:
         return found
 
     def beyond(u: Floats) -> Floats:  # of roots, which a straight line follows better than a parabola
-        return np.asarray(np.sqrt(np.maximum(fit.chi_square(u, y[some]) - floor[some], 0.0)) - np.sqrt(q(u)))
+        return np.asarray(np.sqrt(np.maximum(fit.chi_square(u, y[some]) - least[some], 0.0)) - np.sqrt(fit.limit(u)))
 
     a, b = between[some].T
     at, low, high, side = a, np.minimum(beyond(a), -1e-300), np.maximum(beyond(b), 1e-300), np.zeros(len(a))

@@ -147,9 +147,9 @@ def _with_sizes(track: Track, which: Sequence[int], sds: Sequence[float]) -> Tra
     """Predictions with a column more for each nuisance that is had from elsewhere: sd times eta, whatever the unknown."""
     assert track.spread is not None
     more, errors, data = len(which), track.spread.errors, track.model.data
-    line = np.zeros((len(errors.line), more, errors.line.shape[2]))
-    line[:, np.arange(more), which] = sds
-    spread = Spread(track.spread.x, SharedErrors(_beside(errors.line, line), _beside(errors.bend, np.zeros_like(line))))
+    wider = errors.mapped(lambda part: np.concatenate([part, np.zeros((len(part), more, part.shape[2]))], axis=1))
+    wider.line[:, np.arange(-more, 0), which] = sds
+    spread = Spread(track.spread.x, wider)
     none = np.zeros((len(track.x), more))
     parts = {key: np.hstack([getattr(track.predicted, key), none]) for key in ("value", "by_modulus", "by_diameter", "bound")}
     none_of = np.zeros(more, dtype=bool)
@@ -163,17 +163,13 @@ def _with_sizes(track: Track, which: Sequence[int], sds: Sequence[float]) -> Tra
     )
 
 
-def _beside(one: Floats, other: Floats) -> Floats:
-    return np.concatenate([one, other], axis=1)
-
-
 def _some(track: Track, which: Ints, finer: int = FINER) -> Likelihood:
     """The likelihood of some of the data, at so many points from node to node."""
     told: Predicted = track.predicted
     parts = {key: getattr(told, key)[:, which] for key in ("value", "by_modulus", "by_diameter", "bound")}
     spread = track.spread
     if spread is not None:
-        spread = Spread(spread.x, SharedErrors(spread.errors.line[:, which], spread.errors.bend[:, which]))
+        spread = Spread(spread.x, spread.errors.mapped(lambda part: part[:, which]))
     narrowed = replace(track, predicted=replace(told, **parts), slope=track.slope[:, which], spread=spread, finer=finer)
     return Likelihood(narrowed, track.model.data.noise[which])
 
@@ -204,10 +200,10 @@ class _Draws:
         normal = norm.ppf(np.clip(chance[:, 1:], 1e-9, 1 - 1e-9))
         truth = _truths(fit, here, chance[:, 0])
         shared, value = track.shared(truth), track.at(truth)[0]
-        line, bend = (np.broadcast_to(part, (DRAWS, k, nuisances)) for part in (shared.line, shared.bend))
-        own = SharedErrors(line[:, present], bend[:, present]).over(data.noise[present])
+        shared = shared.mapped(lambda part: np.broadcast_to(part, (DRAWS, k, part.shape[-1])))
+        own = shared.mapped(lambda part: part[:, present]).over(data.noise[present])
         eta = _nuisances(own, (here - value[:, present]) / data.noise[present], normal[:, :nuisances])
-        middle = value + (line @ eta[..., None])[..., 0] + (bend @ (eta**2)[..., None])[..., 0]
+        middle = value + shared.at(eta)
         alike, apart = middle.copy(), middle + data.noise * np.random.default_rng(seed).normal(size=middle.shape)
         for columns_of_one in columns:
             noise = normal[:, nuisances : nuisances + len(columns_of_one)]

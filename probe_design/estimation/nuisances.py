@@ -1,33 +1,40 @@
 """Numbers of the scene that are known only roughly, such as a skin's thickness: what they add to the readings' errors.
 
-The logarithm of such a number theta_j is normal about the scene's with standard deviation t_j. Where it is eta_j of them off, the
-predictions m(u, theta) are parabolas through three scenes,
+The logarithm of such a number theta_j is normal about the scene's with standard deviation t_j. With the numbers eta_j of these
+off, the data are
 
-    y = m(u) + J(u) eta + C(u) eta^2 + noise,   J_j = (m(u, theta_j e^t_j) - m(u, theta_j e^-t_j)) / 2,
-    C_j = (m(u, theta_j e^t_j) + m(u, theta_j e^-t_j)) / 2 - m(u)                                       (ES.7)
+    y = m(u) + d(u, eta) + noise,   d = J(u) eta + C(u) eta^2 + (cubes and fourth powers) + (products of two numbers)   (ES.7)
 
-so that readings at several places, a tumour-free spot among them, share errors: ``shared_errors.py``. What two of these numbers
-do together beyond the sum of both is left out.
+d is the polynomial through what the model predicts with one number 1 and 2 standard deviations off on either side, and with each
+two of them ``CORNER`` off at once, where it takes eta_i eta_j, eta_i^2 eta_j, eta_i eta_j^2 and eta_i^2 eta_j^2. Where the scene
+does not allow 2 standard deviations it goes through 1. So readings at several places, a tumour-free spot among them, share
+errors: ``shared_errors.py``. What three of these numbers do together beyond that is left out.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
+from itertools import combinations, product
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, ProbeError, Words, one_of
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import fraction
 from geometry.scenes.variables import loss_factors, values
-from probe_design.estimation.model import TargetModel
+from probe_design.estimation.model import OF_TARGET, TargetModel
+from probe_design.estimation.predicted import Predicted
 from probe_design.estimation.shared_errors import SharedErrors
 
 LARGEST = 1.0  # standard deviation of a logarithm: a straight line says nothing of more
+FAR, CORNER = 2.0, 1.5  # standard deviations at which eq. ES.7 is held to the model, beside 1
 ALLOWED = f"a relative standard deviation above 0 and up to {LARGEST:g}, such as 0.2 or 20 %"
 
 
@@ -36,7 +43,7 @@ class Spread:
     """What nuisances add along an unknown.
 
     Attributes:
-        x: coordinates of the unknown, increasing, shape (n,); between them lie straight lines.
+        x: coordinates of the unknown, increasing, shape (n,); between more than three lies a cubic spline, else straight lines.
         errors: eq. ES.7 there, shapes (n, k, q).
     """
 
@@ -45,8 +52,13 @@ class Spread:
 
     def at(self, x: Floats) -> SharedErrors:
         """Return eq. ES.7 at points of shape (s,): shapes (s, k, q)."""
-        weights = np.stack([np.interp(x, self.x, row) for row in np.eye(len(self.x))], axis=1)
-        return SharedErrors(*(np.tensordot(weights, part, axes=1) for part in (self.errors.line, self.errors.bend)))
+        inside = np.clip(x, self.x[0], self.x[-1])
+        unit = np.eye(len(self.x))
+        if len(self.x) > 3:
+            weights = CubicSpline(self.x, unit)(inside)
+        else:
+            weights = np.stack([np.interp(inside, self.x, row) for row in unit], axis=1)
+        return self.errors.mapped(lambda part: np.tensordot(weights, part, axes=1))
 
 
 def deviation(key: str, value: Any) -> float:
@@ -76,29 +88,94 @@ def checked(scene: Scene, given: Mapping[str, Any], unknown: str) -> dict[str, f
     return {name: deviation(f"nuisance.{name}", value) for name, value in given.items()}
 
 
-def spread(model: TargetModel, nuisances: Mapping[str, float], x: Floats, target: dict[str, Floats]) -> Spread:
-    """Return what nuisances add to predictions of a model for targets whose coordinates along the unknown are x.
+def spread(
+    model: TargetModel, nuisances: Mapping[str, float], x: Floats, at: dict[str, Floats], middle: Predicted | None = None
+) -> Spread:
+    """Return what nuisances add to predictions of a model along an unknown.
+
+    Args:
+        model: see ``TargetModel``.
+        nuisances: standard deviations of logarithms by name.
+        x: coordinates of the unknown, shape (n,).
+        at: the unknown's name and its values there, SI.
+        middle: predictions there, where they are known.
 
     Raises:
         InputError: one standard deviation off there is no such scene, or the model cannot tell what is read.
     """
-    middle = model.predict(target)
-    line, bend = [], []
-    for name, sd in nuisances.items():
-        above, below = (_varied(model, name, sd * sign).predict(target) for sign in (1.0, -1.0))
-        alike = (above.agrees == middle.agrees) & (below.agrees == middle.agrees)  # or logarithms are of ratios of either sign
-        if not (above.resolved & below.resolved & alike).all():
-            raise InputError(f"nuisance.{name}", sd, "a smaller one: the model cannot tell what is read where it is so far off")
-        line.append((above.value - below.value) / 2)
-        bend.append((above.value + below.value) / 2 - middle.value)
-    return Spread(x, SharedErrors(np.stack(line, axis=-1), np.stack(bend, axis=-1)))
+    middle = _predict(model, at) if middle is None else middle
+    moved = partial(_moved, model, nuisances, at, middle)
+    units = np.eye(len(nuisances))
+    axes = [_axis(moved, unit) for unit in units]
+    terms = {_powers(power * unit): axis[power - 1] for unit, axis in zip(units, axes, strict=True) for power in (3, 4)}
+    for i, j in combinations(range(len(nuisances)), 2):
+        terms |= _products(moved, (units[i], units[j]), (axes[i], axes[j]))
+    line, bend = (np.stack([axis[k] for axis in axes], axis=-1) for k in (0, 1))
+    return Spread(x, SharedErrors(line, bend, np.stack(list(terms.values()), axis=-1), tuple(terms)))
 
 
-def _varied(model: TargetModel, name: str, logarithm: float) -> TargetModel:
-    """The model of a scene with one number larger or smaller."""
-    value = (values(model.scene) | loss_factors(model.scene))[name] * math.exp(logarithm)
+def _axis(moved: Callable[[Floats], Floats], unit: Floats) -> list[Floats]:
+    """Return coefficients of the four powers of one number."""
+    above, below = moved(unit), moved(-unit)
+    odd, even = (above - below) / 2, (above + below) / 2
     try:
-        return model.changed({name: value})
+        above, below = moved(FAR * unit), moved(-FAR * unit)
+    except InputError:
+        return [odd, even, np.zeros_like(odd), np.zeros_like(odd)]
+    cube = ((above - below) / 2 - FAR * odd) / (FAR**3 - FAR)
+    fourth = ((above + below) / 2 - FAR**2 * even) / (FAR**4 - FAR**2)
+    return [odd - cube, even - fourth, cube, fourth]
+
+
+def _products(
+    moved: Callable[[Floats], Floats], units: tuple[Floats, Floats], axes: tuple[list[Floats], list[Floats]]
+) -> dict[tuple[int, ...], Floats]:
+    """Return coefficients of products of powers of two numbers; none where the scene does not allow both to be off at once."""
+    for corner in (CORNER, 1.0):
+        rest = {}
+        try:
+            for signs in product((1, -1), repeat=2):
+                rest[signs] = moved(corner * (signs[0] * units[0] + signs[1] * units[1]))
+        except InputError:
+            continue
+        for signs in rest:
+            for sign, axis in zip(signs, axes, strict=True):
+                rest[signs] = rest[signs] - sum(part * (sign * corner) ** (k + 1) for k, part in enumerate(axis))
+        return {
+            _powers(i * units[0] + j * units[1]): np.asarray(sum(a**i * b**j * one for (a, b), one in rest.items()))
+            / (4 * corner ** (i + j))
+            for i, j in product((1, 2), repeat=2)
+        }
+    return {}
+
+
+def _powers(of: Floats) -> tuple[int, ...]:
+    return tuple(int(power) for power in of)
+
+
+def _moved(model: TargetModel, nuisances: Mapping[str, float], at: dict[str, Floats], middle: Predicted, eta: Floats) -> Floats:
+    """Return by how much predictions change with numbers off by eta of their standard deviations, shape (n, k).
+
+    Raises:
+        InputError: there is no such scene, or the model cannot tell what is read there.
+    """
+    told = values(model.scene) | loss_factors(model.scene)
+    off = {name: (sd, step) for (name, sd), step in zip(nuisances.items(), eta, strict=True) if step}
+    new = {name: told[name] * math.exp(sd * step) for name, (sd, step) in off.items()}
+    name, (sd, _) = next(iter(off.items()))
+    try:
+        found = _predict(model, at, new)
     except (ProbeError, ValueError) as fault:
-        why = f"one that leaves {name} = {value:.4g} possible ({fault})"
-        raise InputError(f"nuisance.{name}", Words(f"{abs(logarithm):g}"), why) from None
+        why = f"one that leaves {name} = {new[name]:.4g} possible ({fault})"
+        raise InputError(f"nuisance.{name}", Words(f"{sd:g}"), why) from None
+    if not (found.resolved & (found.agrees == middle.agrees)).all():  # or logarithms are of ratios of either sign
+        raise InputError(f"nuisance.{name}", sd, "a smaller one: the model cannot tell what is read where it is so far off")
+    return np.asarray(found.value - middle.value)
+
+
+def _predict(model: TargetModel, at: dict[str, Floats], new: Mapping[str, float] = MappingProxyType({})) -> Predicted:
+    """Predict along an unknown of the target, or of the tissue, in a scene with other numbers."""
+    ((unknown, along),) = at.items()
+    if unknown in OF_TARGET:
+        return (model.changed(new) if new else model).predict(at)
+    return Predicted.joined([model.changed({unknown: float(value)} | dict(new)).predict({}) for value in along])

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from geometry.common.arrays import Bools, Floats
+from geometry.common.arrays import Bools, Floats, Ints
 from probe_design.estimation.readings import Measurements
 from solver.equivalent_inclusion.readings import Readings
 
@@ -44,6 +44,10 @@ class Predicted:
         """Return predictions that are still to be made, or that nobody can make."""
         none = [np.zeros((n, k)) for _ in range(4)]
         return cls(none[0], none[1], none[2], none[3], resolved=np.full(n, resolved), agrees=np.ones(n, dtype=bool))
+
+    def rows(self, which: Ints) -> Predicted:
+        """Return the predictions for some of the bodies."""
+        return Predicted(*(getattr(self, field.name)[which] for field in fields(self)))
 
     @classmethod
     def joined(cls, parts: Sequence[Predicted]) -> Predicted:

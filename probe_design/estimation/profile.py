@@ -20,7 +20,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from geometry.common.arrays import Bools, Floats, Ints
-from geometry.common.errors import ProbeError
+from geometry.common.errors import InputError, ProbeError
 from probe_design.estimation.model import OF_TARGET, TargetModel
 from probe_design.estimation.nuisances import Spread, spread
 from probe_design.estimation.predicted import Predicted
@@ -34,6 +34,7 @@ STIFF = 5  # nodes from contrast 1 to the largest
 SIZES = (0.01, 0.14, 0.26, 0.36, 0.45, 0.53, 0.6, 0.67, 0.74, 0.8, 0.86, 0.91, 0.96, 1.0)
 DEPTHS = 20
 TISSUES = 17  # nodes along a number of the tissue
+SPREADS, ROUGH = 6, 5  # nodes at which nuisances are varied, along the target's numbers and the tissue's
 FINER = 100  # points a step between nodes
 
 
@@ -86,17 +87,26 @@ class Track:
     def with_spread(self, nuisances: Mapping[str, float]) -> Track:
         """Return the same with what numbers of the scene add that are known only roughly, by name.
 
-        Along the target's numbers it is found at three nodes, as it changes slowly; along the tissue's at the scene's own value.
+        It is found at some of the nodes, as it changes slowly; along a number of the tissue at the scene's own value alone where
+        the others allow no such nuisances.
         """
         if not nuisances or not self.runs:
             return self
         usable = np.flatnonzero(self.predicted.usable)
-        nodes = np.unique(usable[[0, len(usable) // 2, -1]])
-        if self.unknown in OF_TARGET:
-            found = spread(self.model, nuisances, self.x[nodes], {self.unknown: self.values(self.x[nodes])})
-        else:
-            found = spread(self.model, nuisances, self.x[:1], {})
-        return replace(self, spread=found)
+        nodes = np.unique(
+            usable[np.linspace(0, len(usable) - 1, SPREADS if self.unknown in OF_TARGET else ROUGH).round().astype(int)]
+        )
+        try:
+            return replace(self, spread=self._spread(nuisances, nodes))
+        except InputError:
+            own = len(self.x) // 2  # the range is about the scene's own value
+            if self.unknown in OF_TARGET or own not in usable:
+                raise
+            return replace(self, spread=self._spread(nuisances, np.array([own])))
+
+    def _spread(self, nuisances: Mapping[str, float], nodes: Ints) -> Spread:
+        x = self.x[nodes]
+        return spread(self.model, nuisances, x, {self.unknown: self.values(x)}, self.predicted.rows(nodes))
 
     def exact(self) -> Track:
         """Return the same for a model without error."""

@@ -84,8 +84,7 @@ class Findings:
         """What the data share at the best fit, shapes (k, q); None where all is known."""
         if self.track.spread is None or self.best is None:
             return None
-        found = self.track.spread.at(np.array([self.best]))
-        return SharedErrors(found.line[0], found.bend[0])
+        return self.track.spread.at(np.array([self.best])).mapped(lambda part: part[0])
 
     @property
     def values(self) -> Floats:

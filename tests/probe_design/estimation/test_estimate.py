@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import norm
+from scipy.stats import binomtest, norm
 
 from geometry import Load, Scene, read_scene
 from geometry.common.errors import InputError, Refusal
@@ -87,11 +87,12 @@ def test_coverage(truth: Scene, unknown: str, noise: float, places: tuple[float,
     here = coordinate(along.model, unknown, np.array([value_of(truth, unknown)]))
     mean = along.model.predict({unknown: along.values(here)}).value
     y = mean + noise * np.random.default_rng(7).normal(size=(SIMULATIONS, mean.shape[1]))
-    covered = fit.chi_square(here, y) - fit.floor(y) <= QUANTILE
-    assert 0.93 < covered.mean() < 0.97
+    covered = fit.unexplained(y) | (fit.chi_square(here, y) - fit.best(y)[1] <= fit.limit(here))  # no interval is an open one
+    assert binomtest(int(covered.sum()), SIMULATIONS, 0.95).pvalue > 0.001
     value = value_of(truth, unknown)
     for one, yes in zip(y[:30], covered, strict=False):  # the intervals are the set of values that the test does not reject
-        assert yes == any(piece.low <= value <= piece.high for piece in fit.pieces(one))
+        pieces = fit.pieces(one)
+        assert yes == (not pieces or any(piece.low <= value <= piece.high for piece in pieces))
 
 
 def test_an_error_within_its_bound_costs_no_more_coverage_than_stated() -> None:

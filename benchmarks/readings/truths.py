@@ -1,0 +1,205 @@
+"""Readings as another evaluator computes them: smooth functions of the unknown and of what is known roughly.
+
+The evaluator computes all readings at the Chebyshev points of a box, whose coordinates are the logarithm of the unknown and the
+nuisances in standard deviations. Between these points stands the polynomial through them; ``defect`` holds it to the evaluator at
+drawn points.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import reduce
+from itertools import product
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from geometry.common.arrays import Floats
+from geometry.scenes.scene import Placement, Scene
+from geometry.scenes.variables import changed, values
+from solver import evaluator
+
+REACH_SD = 3.0  # of a nuisance: beyond it lie 0.3 % of the draws, which are drawn again
+OF_TARGET, MODULUS = ("youngs_modulus", "diameter", "depth"), "inclusion.youngs_modulus"
+
+
+@dataclass(frozen=True)
+class Press:
+    """One press of the probe.
+
+    Attributes:
+        x: of its axis, m.
+        blank: whether there is no tumour.
+        stiff: whether its stiffness is read, too.
+    """
+
+    x: float = 0.0
+    blank: bool = False
+    stiff: bool = False
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is simulated, and what is asked about it.
+
+    Attributes:
+        kind: of the four kinds of the table.
+        name: of the case.
+        scene: with the nuisances' priors in its numbers.
+        unknown: as in ``probe_design.estimate``.
+        low, high: between which the unknown is drawn, evenly in its logarithm, SI.
+        noise: relative standard deviation of ratios.
+        stiffness_noise: of stiffnesses.
+        presses: of one set of readings.
+        nuisances: relative standard deviations by name.
+        evaluator: of the truth.
+        accuracy: asked of it.
+        nodes: along the unknown, and along each nuisance.
+        partner: a second number of the target that is drawn, and not told to the estimate: name, low, high and nodes.
+    """
+
+    kind: str
+    name: str
+    scene: Scene
+    unknown: str
+    low: float
+    high: float
+    noise: float
+    presses: tuple[Press, ...] = (Press(),)
+    stiffness_noise: float = 0.02
+    nuisances: dict[str, float] = field(default_factory=dict)
+    evaluator: str = "axisymmetric"
+    accuracy: float = 3e-4
+    nodes: tuple[int, int] = (24, 8)
+    partner: tuple[str, float, float, int] | None = None
+
+    @property
+    def drawn(self) -> list[str]:
+        """Keys of the scene's numbers that are drawn evenly."""
+        names = [self.unknown] + ([] if self.partner is None else [self.partner[0]])
+        return [f"inclusion.{name}" if name in OF_TARGET else name for name in names]
+
+    @property
+    def box(self) -> list[tuple[float, float, int]]:
+        """Lower end, upper end and number of points of each coordinate."""
+        box = [(math.log(self.low), math.log(self.high), self.nodes[0])]
+        if self.partner is not None:
+            box.append((math.log(self.partner[1]), math.log(self.partner[2]), self.partner[3]))
+        return box + [(-REACH_SD, REACH_SD, self.nodes[1])] * len(self.nuisances)
+
+    @property
+    def modulus_axis(self) -> int | None:
+        """Which coordinate is the target's modulus: one solution serves all of its values."""
+        return self.drawn.index(MODULUS) if MODULUS in self.drawn else None
+
+    @property
+    def noises(self) -> Floats:
+        """Standard deviations of the readings, shape (k,)."""
+        return np.array([self.noise] * len(self.presses) + [self.stiffness_noise] * sum(press.stiff for press in self.presses))
+
+    def scene_at(self, point: Sequence[float]) -> Scene:
+        """Return the scene at a point of the box."""
+        told, keys = values(self.scene), self.drawn
+        new = {key: math.exp(value) for key, value in zip(keys, point, strict=False)}
+        priors = self.nuisances.items()
+        new |= {name: told[name] * math.exp(sd * eta) for (name, sd), eta in zip(priors, point[len(keys) :], strict=True)}
+        return changed(self.scene, new)
+
+    def readings(self, point: Sequence[float], moduli: Floats | None = None) -> Floats:
+        """Return ln ratio of each press, then ln stiffness of those whose stiffness is read, shape (n, k).
+
+        Args:
+            point: of the box.
+            moduli: n of the target, in place of the point's; left out: the scene's own, n = 1.
+        """
+        scene, found = self.scene_at(point), dict[tuple[float, bool], Floats]()
+        for press in self.presses:
+            key = (abs(press.x), press.blank)  # one body on the tissue's axis looks the same from both sides
+            if key not in found:
+                there = scene.model_copy(update={"placement": Placement(x=abs(press.x))})
+                found[key] = self._answers(there, press.blank, moduli)
+        pairs = [found[abs(press.x), press.blank] for press in self.presses]
+        stiff = [pair[1] for pair, press in zip(pairs, self.presses, strict=True) if press.stiff]
+        n = 1 if moduli is None else len(moduli)
+        return np.stack([np.broadcast_to(row, n) for row in [pair[0] for pair in pairs] + stiff], axis=1)
+
+    def _answers(self, scene: Scene, blank: bool, moduli: Floats | None) -> Floats:
+        """Return ln ratio and ln stiffness, shape (2, n)."""
+        level = evaluator(self.evaluator)
+        if moduli is not None and not blank:
+            curve = level.curve(scene, moduli, self.accuracy)
+            return np.asarray(np.log(np.array([curve.ratio, curve.stiffness], dtype=float)))
+        answer = level.evaluate(scene.model_copy(update={"inclusion": ()}) if blank else scene, self.accuracy)
+        return np.asarray(np.log(np.array([[answer.ratio], [answer.stiffness]], dtype=float)))
+
+
+@dataclass(frozen=True)
+class Truth:
+    """All readings of a case as a polynomial on its box.
+
+    Attributes:
+        case: which.
+        coefficients: of products of Chebyshev polynomials, one axis for each coordinate and the last for the readings.
+    """
+
+    case: Case
+    coefficients: Floats
+
+    @classmethod
+    def of(cls, case: Case, tell: Callable[[str], None] = lambda text: None) -> Truth:
+        """Compute the readings at the points."""
+        axes = [chebyshev.chebpts1(count) for _, _, count in case.box]
+        along = case.modulus_axis
+        outer = [axis if k != along else np.array([0.0]) for k, axis in enumerate(axes)]
+        points = [_within(case.box, point) for point in product(*outer)]
+        moduli = None if along is None else np.exp([_within(case.box[along : along + 1], [share])[0] for share in axes[along]])
+        rows = []
+        for k, point in enumerate(points):
+            rows.append(case.readings(point, moduli))
+            tell(f"{case.name}: {k + 1} of {len(points)} points")
+        table = np.array(rows).reshape(*(len(axis) for axis in outer), *rows[0].shape)
+        table = table[..., 0, :] if along is None else np.moveaxis(table, -2, along).squeeze(along + 1)
+        for axis, where in enumerate(axes):
+            inverse = np.linalg.inv(chebyshev.chebvander(where, len(where) - 1))
+            table = np.moveaxis(np.tensordot(inverse, table, axes=(1, axis)), 0, axis)
+        return cls(case, table)
+
+    def at(self, points: Floats) -> Floats:
+        """Return the readings at points of shape (s, coordinates), shape (s, k)."""
+        rows = [
+            chebyshev.chebvander((2 * column - low - high) / (high - low), count - 1)
+            for column, (low, high, count) in zip(points.T, self.case.box, strict=True)
+        ]
+
+        def contract(left: Floats, row: Floats) -> Floats:
+            return np.asarray(np.einsum("sa,sa...->s...", row, left))
+
+        first = np.tensordot(rows[0], self.coefficients, axes=1)
+        return np.asarray(reduce(contract, rows[1:], first))
+
+    def defect(self, draws: int, random: np.random.Generator) -> Floats:
+        """Return the largest errors of ln ratios and ln stiffnesses at drawn points, shape (k,)."""
+        points = self.drawn(draws, random)
+        real = np.concatenate([self.case.readings(point) for point in points])
+        return np.asarray(np.abs(self.at(points) - real).max(axis=0))
+
+    def drawn(self, draws: int, random: np.random.Generator) -> Floats:
+        """Draw points of the box: evenly in logarithms, nuisances from their priors."""
+        return np.array([[_drawn(one, k, self, random) for k, one in enumerate(self.case.box)] for _ in range(draws)])
+
+
+def _drawn(box: tuple[float, float, int], coordinate: int, truth: Truth, random: np.random.Generator) -> float:
+    if coordinate < len(truth.case.box) - len(truth.case.nuisances):
+        return float(random.uniform(box[0], box[1]))
+    return next(value for value in _normal(random) if abs(value) < REACH_SD)
+
+
+def _normal(random: np.random.Generator) -> Iterator[float]:
+    while True:
+        yield float(random.normal())
+
+
+def _within(box: Sequence[tuple[float, float, int]], point: Sequence[float]) -> tuple[float, ...]:
+    return tuple((low + high + share * (high - low)) / 2 for share, (low, high, _) in zip(point, box, strict=True))
