@@ -35,8 +35,6 @@ def cases() -> tuple[Case, ...]:
         Case(two, "depth and tissue, 1 %", plain, "youngs_modulus", 0.6e3, 600e3, 0.01, blank, nodes=(24, 6),
              nuisances={"inclusion.depth": 0.1, tissue: 0.2}),
         Case(scan, "depth, 2 %", plain, "depth", 5.5e-3, 22e-3, 0.02, SCAN, evaluator="solid", accuracy=0.005, nodes=(9, 0)),
-        Case(scan, "depth, modulus unknown, 2 %", plain, "depth", 5.5e-3, 16e-3, 0.02, SCAN, evaluator="solid", accuracy=0.005,
-             nodes=(7, 0), partner=("youngs_modulus", 15e3, 120e3, 4)),
         Case(layers, "skin's thickness, 2 %", skin, thickness, 0.3e-3, 4.5e-3, 0.02, (Press(blank=True),), nodes=(20, 0)),
         Case(layers, "skin's modulus, with stiffness, 2 %", skin, "tissue.layer[0].youngs_modulus", 10e3, 400e3, 0.02,
              (Press(blank=True, stiff=True),), nodes=(20, 0)),

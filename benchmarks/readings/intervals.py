@@ -1,7 +1,8 @@
 """How often the 95 % intervals of `estimate` cover the truth: `nice python -m benchmarks.readings.intervals [--draws N]`.
 
 Readings are another evaluator's (``truths.py``) with noise as it is stated. The unknown is drawn evenly in its logarithm from a
-broad range, nuisances are drawn from their priors. Every reading goes through ``probe_design.estimate``; intervals that are open
+broad range, nuisances are drawn from their priors. The intervals are those of ``estimate``, found for all readings of a case at
+once (``intervals.hulls``); the first of each case go through ``estimate`` itself, and must come out alike. Ends that are open
 count as they are printed. p is of the exact two-sided binomial test that 95 % are covered.
 """
 
@@ -10,11 +11,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
-from typing import Any
-from unittest.mock import patch
+from dataclasses import dataclass
 from zlib import crc32
 
 import numpy as np
@@ -23,15 +20,15 @@ from scipy.stats import binomtest
 from benchmarks.readings.cases import cases
 from benchmarks.readings.truths import Case, Truth
 from geometry.common.arrays import Floats
-from probe_design.estimation import estimate as command
-from probe_design.estimation.answer import Estimate
-from probe_design.estimation.estimate import estimate
+from probe_design.estimation.estimate import accuracy_for, estimate
+from probe_design.estimation.intervals import Likelihood, hulls
 from probe_design.estimation.model import TargetModel
 from probe_design.estimation.profile import Track
-from probe_design.estimation.readings import Reading
+from probe_design.estimation.readings import Measurements, Reading
 from probe_design.estimation.strength import Interval
 
 CHECKED = 4  # points at which the truth is computed anew
+ASKED = 5  # readings of each case that `estimate` itself is given
 COLUMNS = ("kind", "case", "truth by", "covered", "share", "p", "below", "above", "bounded", "unexplained", "interpolation, sd")
 
 
@@ -72,43 +69,11 @@ def row_of(truth: Truth, out: Outcome, defect: float) -> str:
     return f"| {' | '.join(map(str, cells))} |"
 
 
-@contextmanager
-def lean(case: Case) -> Iterator[None]:
-    """Let `estimate` predict once for all readings of a case, and leave out what has no part in the interval.
-
-    Predictions depend on places, noise and signs, not on values. Left out are warnings and, where it is not asked about, the
-    joint fit of depth and strength.
-    """
-    known: dict[tuple[Any, ...], Track] = {}
-    original, with_spread = Track.of.__func__, Track.with_spread  # type: ignore[attr-defined]
-
-    def key(model: TargetModel) -> tuple[Any, ...]:
-        data = model.data
-        parts = (data.places, data.place, data.is_stiffness, data.is_phase, data.is_blank, data.sign, data.noise)
-        return (model.scene, model.accuracy, *(part.tobytes() for part in parts))
-
-    def of(cls: type[Track], model: TargetModel, unknown: str) -> Track:
-        at = (key(model), unknown)
-        if at not in known:
-            known[at] = original(cls, model, unknown)
-        return replace(known[at], model=model)
-
-    def spread(self: Track, nuisances: Mapping[str, float]) -> Track:
-        at = (key(self.model), self.unknown, tuple(nuisances.items()))
-        if at not in known:
-            known[at] = with_spread(self, nuisances)
-        return replace(known[at], model=self.model)
-
-    with ExitStack() as stack:
-        for where, name, new in ((Track, "of", classmethod(of)), (Track, "with_spread", spread), (command, "warnings", _none)):
-            stack.enter_context(patch.object(where, name, new))
-        if case.partner is None:
-            stack.enter_context(patch.object(command, "_together", lambda findings: None))
-        yield
-
-
-def _none(*arguments: Any) -> tuple[str, ...]:
-    return ()
+def fitted(case: Case, row: Floats) -> Likelihood:
+    """Return what `estimate` holds readings against: predictions depend on places, noise and signs, not on values."""
+    data = Measurements.of(readings(case, row))
+    model = TargetModel(case.scene, data, accuracy_for(None, data))
+    return Likelihood(Track.of(model, case.unknown).with_spread(case.nuisances), data.noise)
 
 
 def readings(case: Case, row: Floats) -> tuple[Reading, ...]:
@@ -137,33 +102,34 @@ def simulated(truth: Truth, draws: int, seed: int) -> tuple[Floats, Floats]:
     return points, exact + np.log1p(case.noises * random.normal(size=exact.shape))
 
 
-def interval(case: Case, found: Estimate) -> Interval:
-    """Return the interval that is asked about."""
-    return found.depth_interval if case.partner is not None and found.depth_interval is not None else found.interval
+def outcome(truth: Truth, draws: int, seed: int) -> Outcome:
+    """Return what comes of a case.
 
-
-def outcome(truth: Truth, draws: int, seed: int, tell: Callable[[str], None] = lambda text: None) -> Outcome:
-    """Return what comes of a case."""
+    Raises:
+        RuntimeError: ``estimate`` itself gives another interval for one of the first readings.
+    """
     case = truth.case
     points, rows = simulated(truth, draws, seed)
-    below = above = bounded = unexplained = 0
-    unknown = case.unknown if case.partner is None else case.partner[0]
-    with lean(case):
-        for k, (point, row) in enumerate(zip(points, rows, strict=True)):
-            found = estimate(case.scene, readings(case, row), unknown, nuisances=case.nuisances)
-            (low, high), value = interval(case, found), math.exp(point[0])
-            below += high is not None and high < value
-            above += low is not None and low > value
-            bounded += low is not None and high is not None
-            unexplained += found.interval == (None, None) and "explain" in str(found.reason) and "any" not in str(found.reason)
-            tell(f"{case.name}: {k + 1} of {draws} readings, {below + above} missed")
-    return Outcome(below, above, bounded, unexplained, draws)
+    fit, values = fitted(case, rows[0]), np.exp(points[:, 0])
+    found = hulls(fit, rows)
+    for row, interval in zip(rows[:ASKED], found, strict=False):
+        own = estimate(case.scene, readings(case, row), case.unknown, nuisances=case.nuisances).interval
+        if not np.allclose(_numbers(own), _numbers(interval), rtol=1e-3):
+            raise RuntimeError(f"{case.name}: estimate says {own}, the benchmark {interval}")
+    low, high = np.array([_numbers(one) for one in found]).T
+    bounded = int((np.isfinite(high) & (low > 0)).sum())
+    return Outcome(int((high < values).sum()), int((low > values).sum()), bounded, int(fit.unexplained(rows).sum()), draws)
+
+
+def _numbers(interval: Interval) -> tuple[float, float]:
+    low, high = interval
+    return low or 0.0, np.inf if high is None else high
 
 
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--draws", type=int, default=1000)
+    parser.add_argument("--draws", type=int, default=2000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", default="", help="cases whose kind or name hold this")
     given = parser.parse_args()
@@ -177,7 +143,7 @@ def main() -> None:
         if given.only in f"{case.kind}: {case.name}":
             truth = Truth.of(case, tell)
             defect = (truth.defect(CHECKED, np.random.default_rng([given.seed, 36])) / case.noises).max()
-            print(row_of(truth, outcome(truth, given.draws, given.seed, tell), float(defect)), flush=True)
+            print(row_of(truth, outcome(truth, given.draws, given.seed), float(defect)), flush=True)
 
 
 if __name__ == "__main__":

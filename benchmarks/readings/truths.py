@@ -8,7 +8,7 @@ drawn points.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import reduce
 from itertools import product
@@ -19,10 +19,10 @@ from numpy.polynomial import chebyshev
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Placement, Scene
 from geometry.scenes.variables import changed, values
+from probe_design.estimation.model import OF_TARGET
 from solver import evaluator
 
 REACH_SD = 3.0  # of a nuisance: beyond it lie 0.3 % of the draws, which are drawn again
-OF_TARGET, MODULUS = ("youngs_modulus", "diameter", "depth"), "inclusion.youngs_modulus"
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,6 @@ class Case:
         evaluator: of the truth.
         accuracy: asked of it.
         nodes: along the unknown, and along each nuisance.
-        partner: a second number of the target that is drawn, and not told to the estimate: name, low, high and nodes.
     """
 
     kind: str
@@ -73,26 +72,17 @@ class Case:
     evaluator: str = "axisymmetric"
     accuracy: float = 3e-4
     nodes: tuple[int, int] = (24, 8)
-    partner: tuple[str, float, float, int] | None = None
 
     @property
-    def drawn(self) -> list[str]:
-        """Keys of the scene's numbers that are drawn evenly."""
-        names = [self.unknown] + ([] if self.partner is None else [self.partner[0]])
-        return [f"inclusion.{name}" if name in OF_TARGET else name for name in names]
+    def key(self) -> str:
+        """Of the unknown among the scene's numbers."""
+        return f"inclusion.{self.unknown}" if self.unknown in OF_TARGET else self.unknown
 
     @property
     def box(self) -> list[tuple[float, float, int]]:
         """Lower end, upper end and number of points of each coordinate."""
-        box = [(math.log(self.low), math.log(self.high), self.nodes[0])]
-        if self.partner is not None:
-            box.append((math.log(self.partner[1]), math.log(self.partner[2]), self.partner[3]))
-        return box + [(-REACH_SD, REACH_SD, self.nodes[1])] * len(self.nuisances)
-
-    @property
-    def modulus_axis(self) -> int | None:
-        """Which coordinate is the target's modulus: one solution serves all of its values."""
-        return self.drawn.index(MODULUS) if MODULUS in self.drawn else None
+        nuisances = [(-REACH_SD, REACH_SD, self.nodes[1])] * len(self.nuisances)
+        return [(math.log(self.low), math.log(self.high), self.nodes[0]), *nuisances]
 
     @property
     def noises(self) -> Floats:
@@ -101,11 +91,9 @@ class Case:
 
     def scene_at(self, point: Sequence[float]) -> Scene:
         """Return the scene at a point of the box."""
-        told, keys = values(self.scene), self.drawn
-        new = {key: math.exp(value) for key, value in zip(keys, point, strict=False)}
-        priors = self.nuisances.items()
-        new |= {name: told[name] * math.exp(sd * eta) for (name, sd), eta in zip(priors, point[len(keys) :], strict=True)}
-        return changed(self.scene, new)
+        told, priors = values(self.scene), self.nuisances.items()
+        new = {name: told[name] * math.exp(sd * eta) for (name, sd), eta in zip(priors, point[1:], strict=True)}
+        return changed(self.scene, new | {self.key: math.exp(point[0])})
 
     def readings(self, point: Sequence[float], moduli: Floats | None = None) -> Floats:
         """Return ln ratio of each press, then ln stiffness of those whose stiffness is read, shape (n, k).
@@ -151,16 +139,17 @@ class Truth:
     def of(cls, case: Case, tell: Callable[[str], None] = lambda text: None) -> Truth:
         """Compute the readings at the points."""
         axes = [chebyshev.chebpts1(count) for _, _, count in case.box]
-        along = case.modulus_axis
-        outer = [axis if k != along else np.array([0.0]) for k, axis in enumerate(axes)]
-        points = [_within(case.box, point) for point in product(*outer)]
-        moduli = None if along is None else np.exp([_within(case.box[along : along + 1], [share])[0] for share in axes[along]])
+        by_curve = case.unknown == "youngs_modulus"  # one solution serves all moduli
+        first = [np.zeros(1)] if by_curve else [axes[0]]
+        points = [_within(case.box, point) for point in product(*first, *axes[1:])]
+        moduli = np.exp([_within(case.box[:1], [share])[0] for share in axes[0]]) if by_curve else None
         rows = []
         for k, point in enumerate(points):
             rows.append(case.readings(point, moduli))
             tell(f"{case.name}: {k + 1} of {len(points)} points")
-        table = np.array(rows).reshape(*(len(axis) for axis in outer), *rows[0].shape)
-        table = table[..., 0, :] if along is None else np.moveaxis(table, -2, along).squeeze(along + 1)
+        others = [len(axis) for axis in axes[1:]]
+        table = np.array(rows).reshape(-1, *others, *rows[0].shape)
+        table = np.moveaxis(table[0], -2, 0) if by_curve else table[..., 0, :]
         for axis, where in enumerate(axes):
             inverse = np.linalg.inv(chebyshev.chebvander(where, len(where) - 1))
             table = np.moveaxis(np.tensordot(inverse, table, axes=(1, axis)), 0, axis)
@@ -186,19 +175,16 @@ class Truth:
         return np.asarray(np.abs(self.at(points) - real).max(axis=0))
 
     def drawn(self, draws: int, random: np.random.Generator) -> Floats:
-        """Draw points of the box: evenly in logarithms, nuisances from their priors."""
-        return np.array([[_drawn(one, k, self, random) for k, one in enumerate(self.case.box)] for _ in range(draws)])
+        """Draw points of the box, shape (draws, coordinates): the unknown evenly, nuisances from their priors."""
+        (low, high, _), *others = self.case.box
+        normal = np.stack([_normal(draws, random) for _ in others], axis=1) if others else np.empty((draws, 0))
+        return np.column_stack([random.uniform(low, high, draws), normal])
 
 
-def _drawn(box: tuple[float, float, int], coordinate: int, truth: Truth, random: np.random.Generator) -> float:
-    if coordinate < len(truth.case.box) - len(truth.case.nuisances):
-        return float(random.uniform(box[0], box[1]))
-    return next(value for value in _normal(random) if abs(value) < REACH_SD)
-
-
-def _normal(random: np.random.Generator) -> Iterator[float]:
-    while True:
-        yield float(random.normal())
+def _normal(draws: int, random: np.random.Generator) -> Floats:
+    """Draw normal numbers within REACH_SD."""
+    found = random.normal(size=2 * draws + 100)
+    return np.asarray(found[np.abs(found) < REACH_SD][:draws])
 
 
 def _within(box: Sequence[tuple[float, float, int]], point: Sequence[float]) -> tuple[float, ...]:

@@ -74,7 +74,7 @@ def estimate(
     data, notes = usable(scene, Measurements.of(readings))
     if unknown in OF_TARGET and data.is_blank.all():
         raise InputError("reading.blank", Words("true in every reading"), f"one over the inclusion whose {unknown} is asked")
-    model = TargetModel(scene, data, _accuracy(accuracy, data))
+    model = TargetModel(scene, data, accuracy_for(accuracy, data))
     useless = data.is_stiffness & (model.stiffness_error > data.noise)
     if useless.any():
         limit = f"the model's stiffness is good to {model.stiffness_error:.2g} only"
@@ -103,7 +103,8 @@ def _advised(found: Estimate, model: TargetModel, nuisances: Mapping[str, float]
     return replace(found, next=advice, seconds=found.seconds + perf_counter() - start)
 
 
-def _accuracy(asked: float | None, data: Measurements) -> float:
+def accuracy_for(asked: float | None, data: Measurements) -> float:
+    """Return the accuracy of the evaluator: what is asked for, else a quarter of the ratios' least noise, within limits."""
     least = float(data.noise[data.is_ratio].min())
     accuracy = float(np.clip(least / 4, FINEST, COARSEST)) if asked is None else asked
     if not 0 < accuracy < 1:
