@@ -66,4 +66,4 @@ def test_numbers_known_roughly_act_together(eta: tuple[float, float]) -> None:
     model: Any = Bent(read_scene(SCENE))
     found = spread(model, {TISSUE: 0.3, BLOCK: 0.3}, np.zeros(1), {"youngs_modulus": np.array([1e4])})
     exact = np.log(1 + np.exp(0.6 * eta[0] + 0.3 * eta[1])) - np.log(2)
-    assert found.errors.at(np.array(eta))[0, 0] == pytest.approx(exact, abs=0.01)  # without products of both: up to 0.18 off
+    assert found.errors.at(np.array(eta))[0, 0] == pytest.approx(exact, abs=0.03)  # without products of both: up to 0.18 off
