@@ -54,7 +54,7 @@ def evaluate(
         accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
         tell: called with a line before each long piece of work.
         linear: whether ``auto`` answers linearly at any load; ``error_estimate`` counts the effect, None where nothing is known.
-        loads: whether level ``contact`` tells ``gap_closure_load`` and ``linear_limit_load``, which takes some seconds more.
+        loads: whether level ``contact`` computes the ``load_limits``, which takes some ten seconds more.
         frequency: of a sinusoidal load, Hz, at which the loss factors hold: ``ratio_phase`` is told; a second or so.
         limits: of memory and time, 2 GB and 120 s unless ``geometry.common.resources.limited`` says otherwise.
 
@@ -95,26 +95,28 @@ def doubtful(scene: Scene) -> tuple[Note, ...]:
 def _named(scene: Scene, name: str, accuracy: float, tell: Tell | None) -> Result:
     """The answer of one level; of a linear one with a warning where the load is beyond linear elasticity."""
     from solver.planning.load_check import with_warning
+    from solver.planning.load_limits import load_limits
 
     result = levels.evaluator(name, tell).evaluate(scene, accuracy)
-    return result if name == CONTACT else with_warning(result, scene, accuracy)
+    return replace(result, load_limits=load_limits(scene, accuracy)) if name == CONTACT else with_warning(result, scene, accuracy)
 
 
-P = TypeVar("P", "Result", "Plan")
+P = TypeVar("P", "Result", "Plan", "LoadCurve")
 
 
 def _with_loads(result: P, scene: Scene, accuracy: float) -> P:
-    """An answer or a plan with the loads that level ``contact`` tells, or with why it does not."""
+    """An answer, a plan or a curve with the loads that level ``contact`` computes, or with why it does not."""
     from solver.contact.level import ContactLevel
     from solver.contact.load_curve import Ends, ends_of
+    from solver.planning.load_limits import computed_limits, load_limits
 
     why = ContactLevel().refusal(scene)
     if why is not None:
-        text = f"gap_closure_load is null, linear_limit_load told by the cautious rule: contact cannot take the scene ({why})"
+        text = f"loads are bounded, not computed: contact cannot take the scene ({why})"
         return replace(result, warnings=(*result.warnings, Note("linear", text)))
     ends: Ends = ends_of(scene, accuracy)
-    limit, warnings = ends.linear_limit_load or result.linear_limit_load, (*result.warnings, *ends.notes)
-    return replace(result, gap_closure_load=ends.gap_closure_load, linear_limit_load=limit, warnings=warnings)
+    limits = computed_limits(ends, load_limits(scene, accuracy), accuracy)
+    return replace(result, load_limits=limits, warnings=(*result.warnings, *ends.notes))
 
 
 def with_phase(result: Result, scene: Scene, accuracy: float, frequency: float) -> Result:
@@ -197,6 +199,8 @@ def load(
     loads = most * np.arange(1, points + 1) / points
     with limited(limits):
         pressed = load_curve(scene, loads, accuracy, by_force=indentation is None, tell=tell or silent)
+        (tell or silent)("loads at which the gap closes and linear elasticity ends")
+        pressed = _with_loads(pressed, scene, accuracy)
     return replace(pressed, provenance=provenance(scene, evaluator=CONTACT, accuracy=accuracy))
 
 

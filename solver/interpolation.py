@@ -11,7 +11,7 @@ from geometry.common.errors import ProbeError
 from geometry.common.resources import timed
 from geometry.scenes.scene import Scene
 from solver.families import Family
-from solver.planning.load_check import rule_numbers
+from solver.planning.load_limits import rule_numbers
 from solver.planning.loads import LoadRule
 from solver.results.evaluator import Answer, FilmLevel
 from solver.results.film_forces import Bound, FilmForces, shortfalls

@@ -24,7 +24,7 @@ from solver.results.kinds import is_round
 from solver.results.result import Result
 
 TOGETHER = ("closed-form", "axisymmetric")  # levels that answer many scenes faster than one by one
-AXISYMMETRIC = "axisymmetric"
+AXISYMMETRIC, FORMULAS = "axisymmetric", "closed-form"
 T = TypeVar("T")
 Answered = Result | ProbeError
 
@@ -118,9 +118,9 @@ def _told(scene: Scene, answer: Answered, asked: _Question) -> Answered:
 
 def _named(scenes: Sequence[Scene], asked: _Question) -> list[Answered]:
     """Answers of a level that answers together, with warnings of loads beyond linear elasticity."""
-    from solver.planning.load_check import with_warning
+    from solver.planning.load_check import rule_by_formulas, with_warning
 
-    level = levels.evaluator(asked.evaluator, asked.tell)
+    level, formulas = levels.evaluator(asked.evaluator, asked.tell), asked.evaluator == FORMULAS
     assert isinstance(level, FilmLevel)
     found = _smooth(scenes, asked, level) if asked.evaluator == AXISYMMETRIC else {}
     rest = [place for place in range(len(scenes)) if place not in found]
@@ -128,6 +128,8 @@ def _named(scenes: Sequence[Scene], asked: _Question) -> list[Answered]:
 
     def warned(result: Result, scene: Scene) -> Result:
         with timed():
+            if formulas and result.stiffness is not None:  # of thousands: no mesh for each
+                return with_warning(result, scene, asked.accuracy, rule_by_formulas(scene, result), "formulas")
             return with_warning(result, scene, asked.accuracy)
 
     for place, one in zip(rest, results, strict=True):
@@ -138,7 +140,7 @@ def _named(scenes: Sequence[Scene], asked: _Question) -> list[Answered]:
 def _smooth(scenes: Sequence[Scene], asked: _Question, level: FilmLevel) -> dict[int, Answered]:
     """Answers to scenes that differ in one number, by their places: some found, the others interpolated where that is allowed."""
     from solver.interpolation import interpolated
-    from solver.planning.load_check import with_warning
+    from solver.planning.load_check import rule_of_answer, with_warning
 
     found: dict[int, Answered] = {}
     for family in families(scenes, smooth_kinds):
@@ -150,7 +152,8 @@ def _smooth(scenes: Sequence[Scene], asked: _Question, level: FilmLevel) -> dict
                 with timed():
                     result = _caught(partial(pair[0].result, AXISYMMETRIC, scene, share))
                     if isinstance(result, Result):
-                        result = with_warning(result, scene, asked.accuracy, pair[1])
+                        rule = None if pair[1] is None else rule_of_answer(pair[1], result)
+                        result = with_warning(result, scene, asked.accuracy, rule)
                     found[place] = result
     return found
 

@@ -28,7 +28,7 @@ from solver.families import NO_FAMILY, families, leaves
 from solver.interpolation import interpolated
 from solver.linalg.workspace import current
 from solver.many import smooth_kinds
-from solver.planning.load_check import load_rule
+from solver.planning.load_limits import load_rule
 from solver.planning.loads import LoadRule
 from solver.results.evaluator import Answer
 from solver.results.film_forces import FilmForces

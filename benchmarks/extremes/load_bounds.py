@@ -27,7 +27,7 @@ from geometry.scenes.scene_file import scene_from_dict
 from solver.contact.level import ContactLevel
 from solver.contact.limits import gap_closure_load
 from solver.contact.loaded import LoadedScene
-from solver.planning.load_check import load_rule, rule_numbers
+from solver.planning.load_limits import load_rule, rule_numbers
 from solver.planning.loads import LoadRule, least_closure, log_sensitivity_change, ratio_change, sensitivity_size
 
 SHARES, LIGHT = (0.1, 0.3, 1.0), (0.15,)  # of the largest load of which the rule says anything

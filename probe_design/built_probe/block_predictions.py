@@ -22,7 +22,8 @@ from solver.axisymmetric.converged_forces import Converged
 from solver.axisymmetric.gradients import gradients
 from solver.axisymmetric.level import Axisymmetric
 from solver.planning.coarse_model import CoarseModel
-from solver.planning.load_check import REMEDY, largest, why
+from solver.planning.load_check import REMEDY, why
+from solver.planning.load_limits import largest
 from solver.planning.loads import LoadRule
 from solver.results.film_forces import outputs
 

@@ -21,7 +21,8 @@ from solver.answers import evaluate
 from solver.axisymmetric.level import Axisymmetric
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.levels import AUTO
-from solver.planning.load_check import check_load, exact, load_rule, with_load
+from solver.planning.load_check import check_load, with_load
+from solver.planning.load_limits import load_rule
 from solver.results.result import Result
 
 SHOWS = 3.0  # standard deviations, which a film's force on tissue exceeds
@@ -102,7 +103,7 @@ def prediction(scene: Scene, accuracy: float, linear: bool = False, frequency: f
         return phased(evaluate(scene, AUTO, accuracy, linear=linear), scene, accuracy, frequency)
     result, rule = level.evaluate(scene, accuracy), load_rule(scene)
     if not linear:
-        check_load(scene, exact(rule, result), accuracy, promise=False)
+        check_load(scene, rule, accuracy, promise=False)
     return phased(with_load(result, scene, rule, accuracy, promise=False), scene, accuracy, frequency)
 
 

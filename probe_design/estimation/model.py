@@ -23,7 +23,8 @@ from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import Readings, readings
 from solver.inclusions.tumours import Tumours
 from solver.phase.losses import spread
-from solver.planning.load_check import LoadChanges, load_rule
+from solver.planning.load_check import LoadChanges
+from solver.planning.load_limits import load_rule
 from solver.planning.loads import LoadRule
 
 CLEAR = 0.995  # of the room that a body may fill: what touches the surface has no model

@@ -22,7 +22,9 @@ from probe_design.maps.target_grid import Spheres, check_spheres, target_of
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import readings
-from solver.planning.load_check import DOUBT, LoadChanges, budget, check_load, load_notes, load_rule
+from solver.planning.load_check import LoadChanges, budget, check_known, check_load, load_notes
+from solver.planning.load_limits import limits_of, load_rule
+from solver.results.load_limits import LoadLimits, limits_dict
 from solver.results.notebook import Notebook
 from solver.results.result import Decision
 
@@ -48,7 +50,7 @@ class Detectability(Notebook):
         above_error: whether the change is above its error bound; where it is not there may still be a verdict: not seen.
         noise, seen_threshold, resolved_threshold: of the verdicts, the second on |change|.
         ratio_without: R_0, with the other inclusions in place.
-        evaluator, seconds, plan, warnings: see ``solver.results.result.Result``.
+        evaluator, seconds, load_limits, plan, warnings: see ``solver.results.result.Result``.
         scene: that was asked about.
         provenance: see ``geometry.provenance.block``.
     """
@@ -68,6 +70,7 @@ class Detectability(Notebook):
     ratio_without: float | None
     evaluator: str
     seconds: float
+    load_limits: LoadLimits | None = None
     plan: tuple[Decision, ...] = ()
     warnings: tuple[str, ...] = ()
     scene: Scene | None = field(default=None, compare=False, repr=False)
@@ -75,7 +78,7 @@ class Detectability(Notebook):
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design detectability``."""
-        return asdict(replace(self, scene=None), dict_factory=without_scene)
+        return asdict(replace(self, scene=None), dict_factory=without_scene) | limits_dict(self.load_limits)
 
     def plot(self) -> Figure:
         """Draw what ``probe-design detectability --plot`` draws; returns the figure, whose ``savefig`` writes it.
@@ -115,7 +118,8 @@ def detectability(
     check_spheres(scene, "detectability")
     rule = load_rule(scene)
     if not linear:
-        check_load(scene, rule, accuracy, True, DOUBT)
+        check_load(scene, rule, accuracy, True)
+    check_known(scene, rule)
     base = EquivalentInclusion().prepared(scene, budget(rule, rule.force(scene), accuracy, True))
     spheres = Spheres(scene, depths, diameters, base.field.states.model.section.tissue_radius)
     tumours, index, alone = spheres.tumours, scene.target or 0, readings(base, spheres.without)
@@ -139,6 +143,7 @@ def detectability(
         ratio_without=float(alone.ratio[0]) if alone.resolved[0] else None,
         evaluator=EquivalentInclusion().name,
         seconds=perf_counter() - start,
+        load_limits=limits_of(rule, accuracy, promise=True),
         plan=(*base.plan, _reflections(base, len(unsure), len(effects.change))),
         warnings=(*base.notes, *_warnings(effects, limits), *load_notes(scene, load.weakest, accuracy, True)),
         scene=scene,

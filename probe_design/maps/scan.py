@@ -18,8 +18,10 @@ from probe_design.maps.target_grid import check_spheres
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
 from solver.equivalent_inclusion.readings import Readings, readings
-from solver.planning.load_check import DOUBT, LoadChanges, budget, check_load, load_notes, load_rule
+from solver.planning.load_check import LoadChanges, budget, check_load, load_notes
+from solver.planning.load_limits import limits_of, load_rule
 from solver.results.film_forces import ratio
+from solver.results.load_limits import LoadLimits, limits_dict
 from solver.results.notebook import Notebook
 from solver.results.result import Decision
 
@@ -40,7 +42,7 @@ class Scan(Notebook):
         position: of the probe's axis along the line, m.
         ratio, stiffness, stress_inner, stress_outer, log_sensitivity, error_estimate: see ``Result``, one per position.
         ratio_without: the ratio that there would be without any inclusion.
-        evaluator, seconds, plan, warnings: see ``Result``.
+        evaluator, seconds, load_limits, plan, warnings: see ``Result``.
         scene: that was asked about.
         provenance: see ``geometry.provenance.block``.
     """
@@ -58,6 +60,7 @@ class Scan(Notebook):
     ratio_without: float | None
     evaluator: str
     seconds: float
+    load_limits: LoadLimits | None = None
     plan: tuple[Decision, ...] = ()
     warnings: tuple[str, ...] = ()
     scene: Scene | None = field(default=None, compare=False, repr=False)
@@ -65,7 +68,7 @@ class Scan(Notebook):
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design scan``."""
-        return asdict(replace(self, scene=None), dict_factory=without_scene)
+        return asdict(replace(self, scene=None), dict_factory=without_scene) | limits_dict(self.load_limits)
 
     def plot(self) -> Figure:
         """Draw what ``probe-design scan --plot`` draws; returns the figure, whose ``savefig`` writes it.
@@ -108,7 +111,7 @@ def scan(
     positions = np.asarray(positions, dtype=float)
     line.check(positions)
     if not linear:
-        check_load(scene, rule, accuracy, promise, DOUBT)
+        check_load(scene, rule, accuracy, promise)
     base = line.prepared(float(np.abs(positions).min()))  # serves all positions: only the bounds are others elsewhere
     tumours = line.tumours(positions)
     plain = readings(base, tumours, scene.target or 0, progress=progress, sensitive=scene.target is not None)
@@ -133,6 +136,7 @@ def scan(
         ratio_without=ratio(scene, base.films)["ratio"],
         evaluator=EquivalentInclusion().name,
         seconds=perf_counter() - start,
+        load_limits=limits_of(rule, accuracy, promise),
         plan=(*far.plan, *reflections(base, answers)),
         warnings=(
             *dict.fromkeys(_warnings(scene, far, answers, outside)),

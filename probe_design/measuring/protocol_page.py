@@ -21,7 +21,7 @@ from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import LINEAR, inner_shares, predicted
 from probe_design.built_probe.load_checks import SAFE_SHARE
 from probe_design.built_probe.virtual_probe import charge_per_force
-from solver.planning.load_check import largest
+from solver.planning.load_limits import largest
 
 NAME = "calibration.pdf"
 SHEET = (8.27, 11.69)  # inches: A4

@@ -100,9 +100,10 @@ def candidate(
         Refusal: the judge cannot take the scene.
     """
     start, rough = perf_counter(), CoarseModel.of(scene)
+    rule = rough.rule(scene)
     answer = answered(scene, judge, accuracy)
     films = answer.films[0]
-    pressed = pressing(scene, films.totals, rough.closure)
+    pressed = pressing(scene, float(films.totals.sum()), rule)
     least, most = ends_of(films, noise, pressed)
     candidate = Candidate(
         scene=scene,
@@ -117,7 +118,7 @@ def candidate(
     if isinstance(found, InputError):
         return replace(candidate, refused=found.allowed)
     films = found.films[0]
-    pressed = pressing(scene, films.totals, rough.closure)
+    pressed = pressing(scene, float(films.totals.sum()), rule)
     searched = found.result("closed-form", _under(scene, pressed), 0.0)
     return replace(candidate, searched=searched, searched_objective=objective_of(films, noise, pressed.force))
 

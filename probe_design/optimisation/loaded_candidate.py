@@ -26,7 +26,7 @@ from solver.contact.limits import TOUCHED, closed, gap_closure_load
 from solver.contact.loaded import LoadedScene
 from solver.contact.path import Path
 from solver.contact.pressed import Loaded, Pressed, StoppedError
-from solver.results.result import LargestLoad
+from solver.results.load_limits import LargestLoad
 
 STEPS = (0.1, 0.2, 0.3, 0.4, 0.5)  # outer radii deep: the last is what level ``contact`` is held to reach
 KEPT = 0.9  # of the load at which the gap closes, or beyond which no step converges: a workshop's gap is not exact

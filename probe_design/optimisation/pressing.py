@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Load, Scene
 from solver.planning.loads import CLOSING, LoadRule, largest_x
@@ -46,22 +45,21 @@ class Pressing:
     by: str
 
 
-def pressing(scene: Scene, totals: Floats, closure: float) -> Pressing:
-    """Return how a scene's probe is pressed.
+def pressing(scene: Scene, stiffness: float, rule: LoadRule) -> Pressing:
+    """Return how a scene's probe is pressed: at most as every command says that the ratio holds within ``RATIO``.
 
     Args:
         scene: with a load above 0.
-        totals: force on each film per unit indentation, N/m, shape (2,).
-        closure: force that closes the gap in linear elasticity, N; see ``CoarseModel.closure``.
+        stiffness: force per indentation that an evaluator finds, N/m.
+        rule: of the scene, see ``solver.planning.load_limits``.
     """
-    rule = LoadRule.of(scene, totals, closure)
     largest, load, by = rule.largest(RATIO, promise=False), scene.load, SCENE
-    if largest.force < asked(scene.load, rule.stiffness):
+    if largest.force < rule.force(scene):
         by = BY[largest.by]
         allowed = rounded_down(largest.force if load.indentation is None else largest.indentation)
         load = Load(force=allowed) if load.indentation is None else Load(indentation=allowed)
     force = asked(load, rule.stiffness)
-    return Pressing(load, force, rule.x(force), rule.ratio_change(force), by)
+    return Pressing(load, float(asked(load, stiffness)), rule.x(force), rule.ratio_change(force), by)
 
 
 def rounded_down(value: float) -> float:

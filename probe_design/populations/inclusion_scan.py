@@ -32,7 +32,8 @@ from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed, in_other_tissue
 from solver.equivalent_inclusion.readings import Readings, readings
 from solver.inclusions.tumours import Tumours
-from solver.planning.load_check import LoadChanges, check_load, load_rule
+from solver.planning.load_check import LoadChanges, check_load
+from solver.planning.load_limits import load_rule
 
 Progress = Callable[[int, int], None]
 ACCURACY = 0.01  # of the probe without tumours: it cancels in what tumours change, but for its share of that

@@ -52,10 +52,10 @@ def result_table(result: Result) -> Table:
     for key, unit in UNITS.items():
         if values[key] is not None:
             table.add_row(key, f"{values[key]:.6g}", unit)
-    if result.linear_limit_load is not None:
-        table.add_row("linear_limit_load", most(result.linear_limit_load.force, 3), "N")
-    if result.gap_closure_load is not None:
-        table.add_row("gap_closure_load", f"{result.gap_closure_load.force:.3g}", "N")
+    for name in ("linear_limit_load", "gap_closure_load"):
+        limit = getattr(result, name)
+        if limit is not None:
+            table.add_row(f"{name} ({limit.how})", most(limit.force, 3), "N")
     return table
 
 
@@ -74,13 +74,8 @@ def plan_table(plan: Plan) -> Table:
 
 
 def plan_lines(plan: Plan) -> list[str]:
-    """Return the reason of each decision, and the largest load that is answered."""
-    load = plan.linear_limit_load
-    force, indentation = most(load.force, 3), most(1e3 * load.indentation, 3)
-    lines = [f"load: linear answers hold up to {force} N, an indentation of {indentation} mm, limited by {load.by}"]
-    if plan.gap_closure_load is not None:
-        lines.append(f"load: the gap closes at {plan.gap_closure_load.force:.3g} N")
-    return [*(f"{one.feature}: {one.reason}" for one in plan.decisions), *lines]
+    """Return the reason of each decision, and up to which load each question is answered."""
+    return [*(f"{one.feature}: {one.reason}" for one in plan.decisions), *(f"load: {line}" for line in plan.load_limits.lines)]
 
 
 def curve_table(curve: Curve) -> Table:

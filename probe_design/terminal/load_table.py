@@ -8,7 +8,6 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from solver.results.load_curve import LoadCurve
-    from solver.results.result import LargestLoad
 
 ROWS = 25  # at most
 
@@ -32,17 +31,8 @@ def load_table(curve: LoadCurve) -> Table:
 
 def load_lines(curve: LoadCurve) -> list[str]:
     """Return what ends on the way, a line each; what does not is a warning."""
-    lines = []
-    if curve.linear_limit_load is not None:
-        within = f"to {curve.accuracy:g} in ratio and {5 * curve.accuracy:g} in log_sensitivity"
-        lines.append(f"linear theory holds up to {_told(curve.linear_limit_load)}, {within}")
-    if curve.gap_closure_load is not None:
-        lines.append(f"the gap closes at {_told(curve.gap_closure_load)}")
+    lines = [] if curve.load_limits is None else list(curve.load_limits.lines)
     if curve.constant_ratio is not None:
         between = f"{curve.constant_ratio.low:.3g} and {curve.constant_ratio.high:.3g} N"
         lines.append(f"the ratio is constant within {curve.constant_ratio.share:g} between {between}")
     return lines
-
-
-def _told(load: LargestLoad) -> str:
-    return f"{load.force:.3g} N, {1e3 * load.indentation:.3g} mm, by {load.by}"

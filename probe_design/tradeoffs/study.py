@@ -18,7 +18,8 @@ from geometry.scenes.scene_file import scene_to_dict
 from probe_design.tradeoffs.rows import Row, Setting, cheapest, distinct, judged, pareto
 from probe_design.tradeoffs.timing import first, no_kept_meshes, timed
 from solver.levels import BUILT
-from solver.planning.load_check import check_load, load_notes, load_rule
+from solver.planning.load_check import check_load, load_notes
+from solver.planning.load_limits import load_rule
 
 SETTINGS = (
     Setting("closed-form", None),

@@ -9,7 +9,7 @@ import numpy as np
 
 from solver.contact.path import DEEPEST, Path
 from solver.contact.pressed import Pressed
-from solver.results.result import LargestLoad
+from solver.results.load_limits import LargestLoad
 
 NEAR = 0.01  # relative width of the bracket that a limit is told by
 TRIES = 8
@@ -43,35 +43,29 @@ def _touching(path: Path, point: Pressed) -> bool:
     return point.walls <= TOUCHED * path.points[0].walls
 
 
-def linear_limit_load(
-    path: Path, ratio: Callable[[Pressed], float], sensitivity: Callable[[Pressed], float], accuracy: float
-) -> LargestLoad | None:
-    """Return the load at which ratio, or log-sensitivity, is off its linear value by the accuracy, or five times that, relative.
+def change_load(path: Path, value: Callable[[Pressed], float], allowed: float, by: str) -> LargestLoad | None:
+    """Return the load at which a value is off the one at rest by as much as is allowed, relative.
 
     Args:
         path: pressed as far as is wanted.
-        ratio: of a point.
-        sensitivity: likewise; 0 without a target.
-        accuracy: relative.
+        value: of a point; the load does not matter where it is 0 at rest.
+        allowed: above 0.
+        by: what is said to set the load.
 
     Returns:
-        None where neither happens on the path.
+        None where that does not happen on the path.
 
     Raises:
         StoppedError, LimitReached: see ``gap_closure_load``.
     """
-    rest = path.points[0]
-    first, slope = ratio(rest), sensitivity(rest)
-
-    def off(point: Pressed) -> tuple[float, float]:
-        by_sensitivity = abs(sensitivity(point) / slope - 1) / (5 * accuracy) if slope else 0.0
-        return abs(ratio(point) / first - 1) / accuracy, by_sensitivity
-
-    found = _first(path, lambda point: max(off(point)) >= 1, lambda point: 1 - max(off(point)), "ratio")
-    if found is None:
+    rest = value(path.points[0])
+    if rest == 0:
         return None
-    beyond = min((point for point in path.points if max(off(point)) >= 1), key=lambda point: point.indentation)
-    return found if off(beyond)[0] >= off(beyond)[1] else LargestLoad(found.force, found.indentation, "log_sensitivity")
+
+    def left(point: Pressed) -> float:
+        return 1 - abs(value(point) / rest - 1) / allowed
+
+    return _first(path, lambda point: left(point) <= 0, left, by)
 
 
 def _first(path: Path, ended: Callable[[Pressed], bool], left: Callable[[Pressed], float], by: str) -> LargestLoad | None:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from time import perf_counter
 
 import numpy as np
@@ -15,14 +18,17 @@ from geometry.common.resources import LimitReached, timed
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
 from solver.contact.level import ContactLevel
-from solver.contact.limits import closed, gap_closure_load, linear_limit_load
+from solver.contact.limits import change_load, closed, gap_closure_load
 from solver.contact.loaded import LoadedScene
 from solver.contact.path import Path
 from solver.contact.pressed import Loaded, Pressed, StoppedError
 from solver.results.evaluator import Tell, silent
 from solver.results.load_curve import LoadCurve, LoadRange
-from solver.results.result import LargestLoad
+from solver.results.load_limits import LargestLoad
 from solver.results.warnings import Note, null_sensitivity
+
+LEAST_SENSITIVITY = 1e-5  # absolute, that a log-sensitivity is promised to
+BEYOND = 1.2  # times where the coarser mesh says that linear elasticity ends: the finer one says so before
 
 
 def load_curve(scene: Scene, loads: Floats, accuracy: float, *, by_force: bool, tell: Tell = silent) -> LoadCurve:
@@ -54,43 +60,75 @@ def load_curve(scene: Scene, loads: Floats, accuracy: float, *, by_force: bool, 
                 asked = ("force", Words(f"{load:g} N")) if by_force else ("indentation", mm(float(load)))
                 raise level.stopped(asked, fault) from fault
             stopped = str(fault)
-        tell("loads at which the gap closes and linear elasticity ends")
-        found = ends(on, accuracy)
-    return _curve(scene, points, found, stopped=stopped, accuracy=accuracy, seconds=perf_counter() - start)
+    return _curve(scene, points, stopped=stopped, accuracy=accuracy, seconds=perf_counter() - start)
 
 
 @dataclass(frozen=True)
 class Ends:
-    """Loads at which something ends, see ``LoadCurve``, and why one is not told."""
+    """Loads at which something ends, see ``LoadLimits``, and why one is not known."""
 
-    gap_closure_load: LargestLoad | None
-    linear_limit_load: LargestLoad | None
+    ratio: LargestLoad | None
+    log_sensitivity: LargestLoad | None
+    gap_closure: LargestLoad | None
     notes: tuple[Note, ...]
 
 
 def ends_of(scene: Scene, accuracy: float) -> Ends:
-    """Return the loads of a scene that level ``contact`` takes.
+    """Return the loads of a scene that level ``contact`` takes, whatever its own load is.
+
+    They are looked for on the coarser of two meshes; that at which linear elasticity ends first, on the finer one too.
 
     Raises:
         Refusal: see ``load_curve``.
     """
     with timed(), threadpool_limits(1, user_api="blas"):
-        return ends(ContactLevel().pressed(scene, accuracy), accuracy)
+        on = ContactLevel().pressed(scene, accuracy)
+        closure, notes = _closure(on)
+        changes = list(_changes(on, scene, accuracy))
+        found = {one.by: one.on(on.paths[0]) for one in changes}
+        first = min(changes, key=lambda one: getattr(found[one.by], "force", math.inf))
+        found[first.by] = _on_finer(on, first, found[first.by])
+    for one in changes:
+        if found[one.by] is None:
+            reached = f"up to {on.paths[0].last.force:.3g} N, as far as is known"
+            notes.append(Note("linear", f"{one.by} stays within {one.allowed:.2g} of linear elasticity {reached}"))
+    return Ends(found["ratio"], found.get("log_sensitivity"), closure, tuple(notes))
 
 
-def ends(on: LoadedScene, accuracy: float) -> Ends:
-    """Return the loads of a scene: by the finer mesh as far as that was pressed, and beyond it by the coarser."""
-    closure, notes = _closure(on)
-    linear = _linear_limit(on, accuracy)
-    if linear is None:
-        reached = f"{on.paths[0].last.force:.3g} N, as far as is known"
-        notes.append(Note("linear", f"no linear_limit_load was found: linear theory holds to {accuracy:g} up to {reached}"))
-    return Ends(closure, linear, tuple(notes))
+@dataclass(frozen=True)
+class _Change:
+    """What a load may change by so much, relative."""
+
+    by: str
+    value: Callable[[Path, Pressed], float]
+    allowed: float
+
+    def on(self, path: Path) -> LargestLoad | None:
+        """The load on a path at which it has changed by that; None where that does not happen or cannot be narrowed down."""
+        with suppress(SolveError, LimitReached):
+            return change_load(path, partial(self.value, path), self.allowed, self.by)
+        return None
+
+
+def _changes(on: LoadedScene, scene: Scene, accuracy: float) -> Iterator[_Change]:
+    yield _Change("ratio", _ratio, accuracy)
+    fine = on.paths[1]
+    at_rest = abs(on.sensitivity(fine, fine.points[0])) if scene.target is not None else 0.0
+    if at_rest:
+        yield _Change("log_sensitivity", on.sensitivity, max(5 * accuracy, LEAST_SENSITIVITY / at_rest))
+
+
+def _on_finer(on: LoadedScene, change: _Change, coarse: LargestLoad | None) -> LargestLoad | None:
+    """The same load on the finer mesh, pressed somewhat further; that of the coarser one where it shows none."""
+    if coarse is None:
+        return None
+    with suppress(SolveError, LimitReached):
+        on.paths[1].at_indentation(BEYOND * coarse.indentation)
+    return change.on(on.paths[1]) or coarse
 
 
 def _closure(on: LoadedScene) -> tuple[LargestLoad | None, list[Note]]:
-    coarse, fine = on.paths
-    path = fine if closed(fine) else coarse
+    path = on.paths[0]
     why = "as deep as the probe is wide"
     try:
         found = gap_closure_load(path)
@@ -102,25 +140,12 @@ def _closure(on: LoadedScene) -> tuple[LargestLoad | None, list[Note]]:
     return None, [Note("linear", f"gap_closure_load is null: the walls {state}, {why}")]
 
 
-def _linear_limit(on: LoadedScene, accuracy: float) -> LargestLoad | None:
-    for path in on.paths[::-1]:
-
-        def sensitivity(point: Pressed, path: Path = path) -> float:
-            return on.sensitivity(path, point)
-
-        with suppress(SolveError, LimitReached):
-            found = linear_limit_load(path, _ratio, sensitivity, accuracy)
-            if found is not None:
-                return found
-    return None
-
-
-def _ratio(point: Pressed) -> float:
+def _ratio(path: Path, point: Pressed) -> float:
     films = point.films if point.indentation > 0 else point.tangent
     return float(films[0] / films[1])
 
 
-def _curve(scene: Scene, points: list[Loaded], found: Ends, *, stopped: str | None, accuracy: float, seconds: float) -> LoadCurve:
+def _curve(scene: Scene, points: list[Loaded], *, stopped: str | None, accuracy: float, seconds: float) -> LoadCurve:
     probe = scene.probe
     areas = np.array([probe.inner_area, probe.outer_area])
     stiffness = [float(one.films.totals.sum()) for one in points]
@@ -153,12 +178,10 @@ def _curve(scene: Scene, points: list[Loaded], found: Ends, *, stopped: str | No
         contact_radius=column("contact_radius"),
         largest_strain=column("strain"),
         error_estimate=tuple(one.films.ratio_error for one in points),
-        gap_closure_load=found.gap_closure_load,
-        linear_limit_load=found.linear_limit_load,
         constant_ratio=_constant(np.array(force), np.array(ratio), accuracy),
         accuracy=accuracy,
         stopped=stopped,
-        warnings=(*warnings, *found.notes),
+        warnings=tuple(warnings),
     )
 
 

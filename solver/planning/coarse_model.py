@@ -22,6 +22,7 @@ from solver.axisymmetric.sections import sections
 from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
 from solver.planning.gap_profile import GapProfile
 from solver.planning.loads import CANCELLING_WALLS, LoadRule, nearing_at_most
+from solver.planning.tumour_effects import with_tumours
 from solver.results.film_forces import Bound, FilmForces
 from solver.results.result import Effect
 
@@ -115,8 +116,12 @@ class CoarseModel:
         return float(self.forces.sum()) * self.scene.probe.gap / self.approach
 
     def rule(self, scene: Scene) -> LoadRule:
-        """Return the rule for loads on the scene that this was made of; its stiffness is that without tumours."""
-        return LoadRule.of(scene, self.forces.sum(axis=1), self.closure)
+        """Return the rule for loads on a scene with this probe and tissue, whatever tumours it has.
+
+        Raises:
+            InputError, Refusal: see ``TumourEffects.of``.
+        """
+        return with_tumours(LoadRule.of(scene, self.forces.sum(axis=1), self.closure), scene, lambda: self.undisturbed)
 
     @cached_property
     def pulled(self) -> float:

@@ -12,16 +12,15 @@ from geometry.common.errors import Refusal, Words
 from geometry.common.limits import most
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
-from solver.linalg.workspace import kept_table
+from solver.planning.load_limits import LOAD_SHARE, largest, limits_of, load_rule
 from solver.planning.loads import CLOSING, LARGEST_X, SENSITIVITY_GROWTH, LoadRule, least_closure
 from solver.planning.strains import RATIO_CHANGE
+from solver.planning.tumour_effects import adjusted
 from solver.results.film_forces import indented
-from solver.results.result import LargestLoad, Result
+from solver.results.load_limits import Known, LargestLoad
+from solver.results.result import Result
 from solver.results.warnings import Note
 
-FORMULAS = "closed-form"
-LOAD_SHARE = 0.8  # of the accuracy that the load may take; the rest is the level's
-DOUBT = 1.5  # times: what tumours, and the coarsest mesh, may change of the stiffness that a plan knows
 WHY = {
     "ratio": "beyond it finite strain may change ratio and stresses by more than {accuracy:.2g}",
     "log_sensitivity": "beyond it finite strain may change log_sensitivity by more than {promise:.2g} of itself",
@@ -31,48 +30,7 @@ WHY = {
 REMEDY = "or --linear (linear=True)"
 
 
-def load_rule(scene: Scene) -> LoadRule:
-    """Return the rule for loads on a scene; its stiffness is that without tumours, from the coarsest mesh.
-
-    Raises:
-        Refusal: so extreme that not even the coarsest mesh can be solved in double precision.
-    """
-    totals, closure = rule_numbers(scene)
-    return LoadRule.of(scene, totals, closure)
-
-
-def rule_numbers(scene: Scene) -> tuple[Floats, float]:
-    """Return film forces per indentation without tumours, N/m, shape (2,), and the force that closes the gap, N.
-
-    Raises:
-        Refusal: see ``load_rule``.
-    """
-    from solver.planning.coarse_model import without_tumours  # formulas start without finite elements
-
-    return _alone(without_tumours(scene))
-
-
-@kept_table
-def _alone(scene: Scene) -> tuple[Floats, float]:
-    """Film forces per indentation, N/m, shape (2,), and the force that closes the gap, N: kept, as many tumours may follow."""
-    from solver.planning.coarse_model import CoarseModel
-
-    coarse = CoarseModel.of(scene, details=False)
-    return coarse.forces.sum(axis=1), coarse.closure
-
-
-def largest(rule: LoadRule, accuracy: float, promise: bool) -> LargestLoad:
-    """Return the largest load that ``auto`` answers: finite strain may take ``LOAD_SHARE`` of the accuracy.
-
-    Args:
-        rule: of the scene.
-        accuracy: relative, on ratio, stresses and stiffness.
-        promise: whether the log-sensitivity is promised too, to five times that.
-    """
-    return rule.largest(LOAD_SHARE * accuracy, promise)
-
-
-def check_load(scene: Scene, rule: LoadRule, accuracy: float, promise: bool, doubt: float = 1.0) -> None:
+def check_load(scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> None:
     """Raise ``Refusal`` where linear elasticity may not answer at the scene's load.
 
     Args:
@@ -80,14 +38,26 @@ def check_load(scene: Scene, rule: LoadRule, accuracy: float, promise: bool, dou
         rule: with the stiffness that turns force into indentation.
         accuracy: see ``largest``.
         promise: likewise.
-        doubt: factor by which the rule's stiffness may be wrong: only what is beyond the limit by more is refused.
     """
     limit = largest(rule, accuracy, promise)
-    if _within(rule.force(scene) / doubt, limit):
+    if _within(rule.force(scene), limit):
         return
     if limit.force == 0:
         raise Refusal("placement.tilt", Words(f"{math.degrees(scene.placement.tilt):.3g} deg"), f"a smaller one, {REMEDY}")
     raise Refusal(*_load(scene), f"up to {_most(scene, limit)} ({why(limit, accuracy)}), {REMEDY}")
+
+
+def check_known(scene: Scene, rule: LoadRule) -> None:
+    """Raise ``Refusal`` where nothing is known of what the scene's load changes, so that nothing can be said of any answer.
+
+    Args:
+        scene: for its load.
+        rule: of the scene.
+    """
+    if rule.knows(rule.force(scene)):
+        return
+    text = f"up to {_most(scene, rule.largest_open)}, of larger loads nothing is known, with --linear (linear=True) either"
+    raise Refusal(*_load(scene), text)
 
 
 def why(limit: LargestLoad, accuracy: float) -> str:
@@ -96,11 +66,10 @@ def why(limit: LargestLoad, accuracy: float) -> str:
 
 
 def budget(rule: LoadRule, force: float, accuracy: float, promise: bool) -> float:
-    """Return what a force, N, leaves of the accuracy for the level that answers; all of it where the load is refused anyway."""
-    if force > DOUBT * largest(rule, accuracy, promise).force:
+    """Return what a force, N, leaves of the accuracy for the evaluator; all of it where the load is refused anyway."""
+    if force > largest(rule, accuracy, promise).force:
         return accuracy
-    heaviest = DOUBT * force
-    change = max(rule.ratio_change(heaviest), rule.log_sensitivity_change(heaviest) / 5 if promise else 0.0)
+    change = max(rule.ratio_change(force), rule.log_sensitivity_change(force) / 5 if promise else 0.0)
     return (1 + accuracy) / (1 + min(change, LOAD_SHARE * accuracy)) - 1
 
 
@@ -115,14 +84,12 @@ def with_load(result: Result, scene: Scene, rule: LoadRule, accuracy: float, pro
     Args:
         result: an answer to the scene.
         scene: for its load.
-        rule: of the scene; the answer's own stiffness counts.
+        rule: of the scene.
         accuracy: see ``largest``.
         promise: likewise.
     """
-    rule = exact(rule, result)
-    force = rule.force(scene)
-    error = with_error(result.error_estimate, rule.ratio_change(force))
-    result = replace(result, error_estimate=error, linear_limit_load=largest(rule, accuracy, promise))
+    error = with_error(result.error_estimate, rule.ratio_change(rule.force(scene)))
+    result = replace(result, error_estimate=error, load_limits=limits_of(rule, accuracy, promise))
     return _noted(result, load_notes(scene, rule, accuracy, promise))
 
 
@@ -135,7 +102,7 @@ def load_notes(scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> 
     return (Note("linear", f"answered linearly beyond {_most(scene, limit)}: {effect(rule, force, promise)}{null}"),)
 
 
-def with_warning(result: Result, scene: Scene, accuracy: float, rule: LoadRule | None = None) -> Result:
+def with_warning(result: Result, scene: Scene, accuracy: float, rule: LoadRule | None = None, known: Known = "bound") -> Result:
     """Return the answer of an evaluator that was named: its error refers to linear elasticity; beyond the limit it warns.
 
     Args:
@@ -143,16 +110,18 @@ def with_warning(result: Result, scene: Scene, accuracy: float, rule: LoadRule |
         scene: what it answers.
         accuracy: see ``largest``.
         rule: of the scene, where it is known.
+        known: how the rule's numbers are.
     """
     if result.stiffness is None:
         return result
     try:
-        rule = _of_formulas(scene, result) if result.evaluator == FORMULAS else exact(rule or load_rule(scene), result)
+        rule = rule or load_rule(scene)
     except Refusal as fault:
         return replace(result, warnings=(*result.warnings, Note("linear", f"linear_limit_load is null: {fault}")))
     promise = scene.target is not None
-    limit, force = largest(rule, accuracy, promise), rule.force(scene)
-    result = replace(result, linear_limit_load=limit)
+    limits, force = limits_of(rule, accuracy, promise, known), rule.force(scene)
+    result, limit = replace(result, load_limits=limits), limits.linear
+    assert limit is not None  # a rule knows all of them
     if _within(force, limit):
         return result
     at = f"the load is beyond linear_limit_load, {_most(scene, limit)}"
@@ -187,8 +156,9 @@ class LoadChanges:
         known = (x <= LARGEST_X) & (force <= CLOSING * rule.closure)
         slopes = np.expm1(SENSITIVITY_GROWTH * np.minimum(x, LARGEST_X))
         ratio = np.where(known, RATIO_CHANGE * rule.covered * x, np.inf)
-        worst = int(np.argmax(force)) if load.indentation is not None else int(np.argmin(stiffness))
-        return cls(ratio, np.where(known, slopes, np.inf), replace(rule, stiffness=float(stiffness[worst])))
+        every = (rule.stiffness, *stiffness.tolist())
+        weakest = min(every) if load.indentation is None else max(every)
+        return cls(ratio, np.where(known, slopes, np.inf), replace(rule, stiffness=weakest))
 
     @property
     def known(self) -> Bools:
@@ -200,18 +170,21 @@ class LoadChanges:
         return np.asarray((1 + errors) * (1 + self.ratio) - 1)
 
 
-def exact(rule: LoadRule, result: Result) -> LoadRule:
-    """Return the rule with an answer's own stiffness and log-sensitivities."""
-    if result.stiffness is None:
-        return rule
-    return replace(rule, stiffness=result.stiffness, films=result.film_log_sensitivities)
-
-
-def _of_formulas(scene: Scene, result: Result) -> LoadRule:
-    """The rule without a mesh: the gap's closure by its bound."""
+def rule_by_formulas(scene: Scene, result: Result) -> LoadRule:
+    """Return the rule without a mesh, from an answer of formulas: the gap's closure by its bound."""
     inner, outer = (result.ratio or 0.0) * scene.probe.inner_area, scene.probe.outer_area
     totals = (result.stiffness or 0.0) * np.array([inner, outer]) / (inner + outer)
-    return LoadRule.of(scene, totals, least_closure(scene, totals))
+    return adjusted(LoadRule.of(scene, totals, least_closure(scene, totals)), 1.0, _slopes(result))
+
+
+def rule_of_answer(rule: LoadRule, result: Result) -> LoadRule:
+    """Return the rule without tumours as one with those that an answer knows."""
+    times = 1.0 if result.stiffness is None else result.stiffness / rule.stiffness
+    return adjusted(rule, times, _slopes(result))
+
+
+def _slopes(result: Result) -> Floats | None:
+    return None if result.film_log_sensitivities is None else np.array(result.film_log_sensitivities)
 
 
 def effect(rule: LoadRule, force: float, promise: bool) -> str:

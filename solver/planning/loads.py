@@ -20,7 +20,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
 from solver.planning.strains import RATIO_CHANGE, block_strain, cover_factor, most_nearing, slimness, tissue_strain
-from solver.results.result import LargestLoad
+from solver.results.load_limits import LargestLoad
 
 SENSITIVITY_GROWTH = 0.8  # of ln(log-sensitivity) per x
 LARGEST_X = 0.3
@@ -147,10 +147,29 @@ class LoadRule:
             accuracy: relative, on ratio, stresses and stiffness.
             promise: whether the log-sensitivity has to be good to five times that.
         """
-        x, by = largest_x(accuracy, self._promised(accuracy) if promise else None, self.covered)
+        limits = [self.largest_open, self.largest_for_ratio(accuracy)]
+        limits += [self.largest_for_sensitivity(accuracy)] if promise else []
+        return min(limits, key=lambda one: one.force)
+
+    def largest_for_ratio(self, accuracy: float) -> LargestLoad:
+        """Return the largest load that changes ratio, stresses and stiffness by at most an accuracy, relative."""
+        return self._up_to(*largest_x(accuracy, None, self.covered))
+
+    def largest_for_sensitivity(self, accuracy: float) -> LargestLoad:
+        """Return the largest load that changes the log-sensitivity by at most five times an accuracy, relative."""
+        return self._up_to(*largest_x(math.inf, self._promised(accuracy)))
+
+    @property
+    def largest_open(self) -> LargestLoad:
+        """The largest load of which the rule says anything: the gap stays open up to it."""
+        deepest = self._up_to(LARGEST_X, "strain limit")
+        if deepest.force < CLOSING * self.closure:
+            return deepest
+        return LargestLoad(CLOSING * self.closure, CLOSING * self.closure / self.stiffness, "gap closure")
+
+    def _up_to(self, x: float, by: Cause) -> LargestLoad:
+        """The load under which x is that."""
         force = max(0.0, x / self.strain - self.tilted) * self.stiffness
-        if CLOSING * self.closure < force:
-            force, by = CLOSING * self.closure, "gap closure"
         return LargestLoad(force, force / self.stiffness, by)
 
     def _promised(self, accuracy: float) -> float:
@@ -162,8 +181,8 @@ class LoadRule:
 
     @property
     def known(self) -> float:
-        """The largest force of which the rule says anything, N: the gap stays open up to it."""
-        return min(CLOSING * self.closure, max(0.0, LARGEST_X / self.strain - self.tilted) * self.stiffness)
+        """The largest force of which the rule says anything, N."""
+        return self.largest_open.force
 
     def knows(self, force: float) -> bool:
         """Whether the rule says anything of a force, N."""

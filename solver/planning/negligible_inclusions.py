@@ -8,15 +8,14 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Inclusion, Scene
-from solver.equivalent_inclusion.first_order import effects
 from solver.equivalent_inclusion.first_order_bound import first_order_error, first_order_share
 from solver.inclusions.tumours import Tumours
 from solver.planning.coarse_model import CoarseModel
+from solver.planning.tumour_effects import TumourEffects
 from solver.results.result import Decision, Effect
 
 SHARE = 0.1  # of the accuracy that all inclusions left out may take together
 DOUBT = 2.0  # times the bound on a first-order effect: neighbours feel it too
-BURIED = 0.98  # of its depth: the largest radius of the ball that stands for a body of another shape
 
 
 @dataclass(frozen=True)
@@ -82,9 +81,8 @@ def _marked(scene: Scene, k: int) -> Inclusion:
 
 def _effects(scene: Scene, rough: CoarseModel) -> _InclusionEffects:
     base, target = rough.undisturbed, scene.target
-    balls = tuple(_ball(k, body) for k, body in enumerate(scene.inclusion))
-    tumours = base.inside(Tumours.of(scene.model_copy(update={"inclusion": balls})))[0]
-    each = effects(base.energies, base.strata.hosts(tumours.flat().depth), tumours.flat())
+    found = TumourEffects.of(scene, base)
+    tumours, each = found.tumours, found.each
     changes = each.forces
     share = first_order_share(base, tumours)[0]
     doubt = DOUBT * first_order_error(share[:, None], changes[:, None])
@@ -113,21 +111,6 @@ def _on_target(tumours: Tumours, changes: Floats, slopes: Floats, target: int) -
     sizes = np.abs(changes.sum(axis=(1, 2)))
     own = max(float(sizes[target]), float(np.abs(slopes[target].sum())), 1e-300)
     return np.asarray(4 * np.sqrt(sizes / own) * (radius * radius[target]) ** 1.5 / apart**3)
-
-
-def _ball(k: int, body: Inclusion) -> Inclusion:
-    """The ball around an inclusion: a stiffer body changes more if it is larger, a softer one too (Rayleigh)."""
-    if body.diameter is not None:
-        return body
-    if body.diameters is not None:
-        size = max(body.diameters)
-    else:
-        from geometry.tetra.surface_files import read_surface
-
-        assert body.surface is not None
-        sheet = read_surface(body.surface, f"inclusion[{k}].surface", np.zeros(3))
-        size = 2 * float(np.linalg.norm(sheet.points, axis=1).max())
-    return body.model_copy(update={"diameter": min(size, 2 * BURIED * body.depth), "diameters": None, "surface": None})
 
 
 def _decision(scene: Scene, k: int, effects: _InclusionEffects, dropped: bool, accuracy: float) -> Decision:

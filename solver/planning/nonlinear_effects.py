@@ -6,12 +6,14 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 
+from geometry.common.limits import most
 from geometry.scenes.scene import Scene
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.loads import LARGEST_X, LoadRule, log_sensitivity_change, ratio_change
 from solver.results.result import Decision, Effect
 
 NOBODY = "no linear evaluator"
+ALIKE = 1.1  # times the indentation over the outer radius: what strains no more than that needs no words
 
 
 def unmodelled(scene: Scene, rough: CoarseModel, accuracy: float, contact: bool) -> Iterator[Decision]:
@@ -20,21 +22,29 @@ def unmodelled(scene: Scene, rough: CoarseModel, accuracy: float, contact: bool)
     force = rule.force(scene)
     if contact:
         yield from (
-            replace(one, modelled=True, reason=one.reason.replace(NOBODY, "contact")) for one in _strained(rule, force, accuracy)
+            replace(one, modelled=True, reason=one.reason.replace(NOBODY, "contact"))
+            for one in _strained(scene, rule, force, accuracy)
         )
     else:
-        yield from _strained(rule, force, accuracy)
+        yield from _strained(scene, rule, force, accuracy)
     yield _lift_off(scene, rough, force / rule.stiffness, accuracy)
 
 
-def _strained(rule: LoadRule, force: float, accuracy: float) -> Iterator[Decision]:
-    yield _gap_contact(force, rule.known, accuracy)
-    yield _finite_strain(rule.x(force), rule.covered, accuracy)
+def _strained(scene: Scene, rule: LoadRule, force: float, accuracy: float) -> Iterator[Decision]:
+    yield _gap_contact(force, rule, accuracy)
+    yield _finite_strain(_indented(scene, rule, force), rule.x(force), rule.covered, accuracy)
 
 
-def _finite_strain(x: float, covered: float, accuracy: float) -> Decision:
-    """Indentation over outer radius, or what else is strained by as much, and what that may change."""
-    at = f"{NOBODY}: indented by {x:.2g} of the outer radius"
+def _indented(scene: Scene, rule: LoadRule, force: float) -> str:
+    """Say how deep the probe is pressed, and what that counts as where blocks, layers, shallow tissue or a tilt make it worse."""
+    depth, x = force / rule.stiffness, rule.x(force)
+    share = depth / scene.probe.tube_radius
+    at = f"{NOBODY}: indented by {1e3 * depth:.2g} mm, {share:.2g} of the outer radius"
+    return at if x < ALIKE * share else f"{at}, which strains as {x:.2g} of it would under stiff blocks on deep tissue"
+
+
+def _finite_strain(at: str, x: float, covered: float, accuracy: float) -> Decision:
+    """What an indentation may change that strains as x outer radii would."""
     if x > LARGEST_X:
         return _decision("finite strain", math.inf, accuracy, f"{at}; beyond {LARGEST_X:g} nothing is known")
     change, slope = ratio_change(x, covered), log_sensitivity_change(x)
@@ -42,10 +52,10 @@ def _finite_strain(x: float, covered: float, accuracy: float) -> Decision:
     return _decision("finite strain", change, accuracy, f"{at}, which changes {changes}")
 
 
-def _gap_contact(force: float, open_up_to: float, accuracy: float) -> Decision:
+def _gap_contact(force: float, rule: LoadRule, accuracy: float) -> Decision:
     """The gap of every reference is open up to 1/14 of the force that closes it in linear elasticity, or to x = 0.3."""
-    known = f"{NOBODY}: the gap stays open up to {open_up_to:.2g} N at least"
-    if force <= open_up_to:
+    known = f"{NOBODY}: the gap stays open up to {most(rule.largest_open.force, 3)} N at least"
+    if rule.knows(force):
         return _decision("gap contact", 0.0, accuracy, known)
     return _decision("gap contact", math.inf, accuracy, f"{known}; at {force:.2g} N nothing is known")
 

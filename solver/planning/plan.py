@@ -22,13 +22,15 @@ from solver.contact.level import ContactLevel
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.layers import forgotten_skin, layer_decisions
-from solver.planning.load_check import DOUBT, LoadChanges, budget, check_load, exact, largest, load_notes, with_error, with_load
+from solver.planning.load_check import LoadChanges, budget, check_load, load_notes, with_error, with_load
+from solver.planning.load_limits import limits_of
 from solver.planning.loads import LoadRule
 from solver.planning.negligible_inclusions import SHARE, reduced
 from solver.planning.nonlinear_effects import unmodelled
 from solver.results.kinds import needs_solid, unsupported
+from solver.results.load_limits import LargestLoad, LoadLimits, limits_dict
 from solver.results.notebook import Notebook
-from solver.results.result import Curve, Decision, Effect, LargestLoad, Result
+from solver.results.result import Curve, Decision, Effect, Result
 from solver.results.warnings import Note, null_sensitivity
 from solver.solid.domain import domain, reach
 from solver.solid.level import BEST, SolidLevel
@@ -47,9 +49,8 @@ class Plan(Notebook):
         accuracy: what that level is asked for.
         left_out: bound on what the inclusions left out change together of ln(ratio) or of a stress or the stiffness.
         decisions: one for each feature that could be left out.
-        rule: for loads, with the stiffness that the coarsest mesh has without tumours.
-        linear_limit_load: the largest load that ``auto`` answers linearly.
-        gap_closure_load: at which the gap's walls touch, where that is asked for.
+        rule: for loads, see ``CoarseModel.rule``.
+        load_limits: up to which load linear elasticity holds, by the rule or, where loads are asked for, by ``contact``.
         warnings: one line each.
     """
 
@@ -60,9 +61,18 @@ class Plan(Notebook):
     left_out: float
     decisions: tuple[Decision, ...]
     rule: LoadRule
-    linear_limit_load: LargestLoad
-    gap_closure_load: LargestLoad | None = None
+    load_limits: LoadLimits
     warnings: tuple[Note, ...] = ()
+
+    @property
+    def linear_limit_load(self) -> LargestLoad | None:
+        """Up to which linear elasticity holds at the accuracy that was asked for."""
+        return self.load_limits.linear
+
+    @property
+    def gap_closure_load(self) -> LargestLoad | None:
+        """Up to which the gap stays open; None at any load."""
+        return self.load_limits.gap_closure
 
     @property
     def curve_evaluator(self) -> str | None:
@@ -75,8 +85,7 @@ class Plan(Notebook):
             "evaluator": self.evaluator,
             "dimension": self.dimension,
             "plan": [asdict(one) for one in self.decisions],
-            "linear_limit_load": asdict(self.linear_limit_load),
-            "gap_closure_load": None if self.gap_closure_load is None else asdict(self.gap_closure_load),
+            **limits_dict(self.load_limits),
             "warnings": list(self.warnings),
         }
 
@@ -89,24 +98,22 @@ class Plan(Notebook):
             )
 
     def check_load(self, scene: Scene, accuracy: float) -> None:
-        """Raise ``Refusal`` where the load is so far beyond the limit that no linear answer's own stiffness can allow it."""
+        """Raise ``Refusal`` where the load is beyond what ``auto`` answers linearly."""
         if self.evaluator != CONTACT:
-            check_load(scene, self.rule, accuracy, scene.target is not None, DOUBT)
+            check_load(scene, self.rule, accuracy, scene.target is not None)
 
     def completed(self, result: Result, scene: Scene, accuracy: float, linear: bool) -> Result:
         """Return a level's answer to the reduced scene as one to the whole, what load and left-out bodies change in its error.
 
         Raises:
-            Refusal: the load is beyond the limit, unless ``linear``.
+            Refusal: the error is above the accuracy, unless ``linear``.
         """
-        if not linear and self.evaluator != CONTACT:
-            check_load(scene, exact(self.rule, result), accuracy, scene.target is not None)
         result = replace(result, plan=self._with(result.plan), warnings=(*result.warnings, *self.warnings))
         if len(self.scene.inclusion) < len(scene.inclusion):
             result = replace(result, error_estimate=with_error(result.error_estimate, float(np.expm1(self.left_out))))
             result = result if scene.target is not None else _untargeted(result)
         if self.evaluator == CONTACT:
-            result = replace(result, linear_limit_load=self.linear_limit_load)
+            result = replace(result, load_limits=self.load_limits)
         else:
             result = with_load(result, scene, self.rule, accuracy, scene.target is not None)
         if not linear and result.error_estimate is not None and result.error_estimate > accuracy * (1 + 1e-9):
@@ -119,14 +126,15 @@ class Plan(Notebook):
         left = float(np.expm1(self.left_out))
         if self.evaluator == CONTACT:
             errors = tuple(with_error(one, left) for one in curve.error_estimate)
-            return replace(curve, error_estimate=errors, plan=self._with(curve.plan))
+            return replace(curve, error_estimate=errors, plan=self._with(curve.plan), load_limits=self.load_limits)
         changes = LoadChanges.of(scene, self.rule, np.array(curve.stiffness))
         if not linear:
             check_load(scene, changes.weakest, accuracy, True)
         pairs = zip(curve.error_estimate, changes.ratio.tolist(), strict=True)
         errors = tuple(with_error(with_error(one, left), load) for one, load in pairs)
         notes = load_notes(scene, changes.weakest, accuracy, True)
-        return replace(curve, error_estimate=errors, plan=self._with(curve.plan), warnings=(*curve.warnings, *notes))
+        told = replace(curve, error_estimate=errors, plan=self._with(curve.plan), load_limits=self.load_limits)
+        return replace(told, warnings=(*curve.warnings, *notes))
 
     def _with(self, decisions: tuple[Decision, ...]) -> tuple[Decision, ...]:
         """The level's own decisions in the place of what was planned of the same features."""
@@ -163,8 +171,8 @@ def plan(
     rest = budget(rule, rule.force(scene), accuracy, promise)
     asked = rest if len(scene.inclusion) < 2 else float((1 + rest) * np.exp(-SHARE * accuracy) - 1)
     level = SOLID if solid else _level(fewer.scene, rough, asked)
-    limit = largest(rule, accuracy, promise)
-    beyond = level == AXISYMMETRIC and rule.force(scene) > limit.force
+    limits = limits_of(rule, accuracy, promise)
+    beyond = level == AXISYMMETRIC and rule.force(scene) > limits.auto.force
     if not linear and (beyond or unsupported(scene) is not None) and ContactLevel().refusal(fewer.scene) is None:
         level, asked = CONTACT, accuracy if len(scene.inclusion) < 2 else float((1 + accuracy) * np.exp(-SHARE * accuracy) - 1)
     decisions = (
@@ -184,7 +192,7 @@ def plan(
         fewer.left_out,
         decisions,
         rule=rule,
-        linear_limit_load=limit,
+        load_limits=limits,
         warnings=warnings,
     )
 

@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from geometry.provenance.block import Provenance
+from solver.results.load_limits import LargestLoad, LoadLimits, limits_dict
 from solver.results.notebook import Notebook
-from solver.results.result import LargestLoad
 from solver.results.warnings import Note
 
 if TYPE_CHECKING:
@@ -40,9 +40,7 @@ class LoadCurve(Notebook):
         contact_radius: outer radius of what lies on the tissue, m.
         largest_strain: |stretch - 1| of the line element that changes most.
         error_estimate: bound on the relative error of each ratio.
-        gap_closure_load: at which the gap's walls touch; None where they do not as far as is known.
-        linear_limit_load: up to which the ratio is within ``accuracy`` of its linear value, and log-sensitivity within five times
-            that; None where neither ends on the way.
+        load_limits: up to which load linear elasticity holds within ``accuracy`` and the gap stays open, by ``contact``.
         constant_ratio: the widest range of forces in which the ratio stays within ``accuracy``; None with a single point.
         accuracy: as asked for.
         stopped: why the curve ends before the load asked for; None where it does not.
@@ -66,17 +64,26 @@ class LoadCurve(Notebook):
     contact_radius: tuple[float, ...]
     largest_strain: tuple[float, ...]
     error_estimate: tuple[float, ...]
-    gap_closure_load: LargestLoad | None
-    linear_limit_load: LargestLoad | None
     constant_ratio: LoadRange | None
     accuracy: float
     stopped: str | None
+    load_limits: LoadLimits | None = None
     warnings: tuple[Note, ...] = ()
     provenance: Provenance | None = field(default=None, compare=False, repr=False)
 
+    @property
+    def linear_limit_load(self) -> LargestLoad | None:
+        """Up to which linear elasticity holds; None where it does as far as is known."""
+        return None if self.load_limits is None else self.load_limits.linear
+
+    @property
+    def gap_closure_load(self) -> LargestLoad | None:
+        """At which the gap's walls touch; None where they do not as far as is known."""
+        return None if self.load_limits is None else self.load_limits.gap_closure
+
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design load``."""
-        return asdict(self)
+        return asdict(self) | limits_dict(self.load_limits)
 
     def plot(self) -> Figure:
         """Draw ratio, log-sensitivity and the gap's walls against force; returns the figure, whose ``savefig`` writes it."""

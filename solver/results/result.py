@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from geometry.provenance.block import Provenance
+from solver.results.load_limits import LargestLoad, LoadLimits, limits_dict
 from solver.results.notebook import Notebook
 from solver.results.warnings import Note
 
@@ -56,22 +57,6 @@ class Decision:
 
 
 @dataclass(frozen=True)
-class LargestLoad:
-    """The largest load that linear elasticity may answer, see ``solver.planning.loads``.
-
-    Attributes:
-        force: N.
-        indentation: m, at that force.
-        by: what sets it: "ratio" or "log_sensitivity", which finite strain puts beyond the accuracy; "strain limit" or "gap
-            closure", beyond which nothing is known.
-    """
-
-    force: float
-    indentation: float
-    by: str
-
-
-@dataclass(frozen=True)
 class Result(Notebook):
     """What an evaluator says of a scene, at the scene's load; ``None`` where a warning gives the reason.
 
@@ -87,9 +72,8 @@ class Result(Notebook):
         seconds: what the answer cost.
         equivalent_modulus: Pa; of ``published`` alone.
         residual: relative, the largest of the solutions that answer; None where none is solved for.
-        linear_limit_load: the largest that linear levels answer at the accuracy asked for, by a cautious rule or, where loads are
-            asked for, by level ``contact``; None where it is not known.
-        gap_closure_load: at which the gap's walls touch, where loads are asked for; None where they do not.
+        load_limits: up to which load linear elasticity holds, by a cautious rule or, where loads are asked for, by ``contact``;
+            None where it is not known.
         frequency: of a sinusoidal load, Hz, where one was asked for.
         ratio_phase: by how much ``stress_inner`` leads ``stress_outer`` then, rad, by the materials' loss factors.
         ratio_phase_error: bound on its absolute error, rad.
@@ -112,8 +96,7 @@ class Result(Notebook):
     error_estimate: float | None = None
     equivalent_modulus: float | None = None
     residual: float | None = None
-    linear_limit_load: LargestLoad | None = None
-    gap_closure_load: LargestLoad | None = None
+    load_limits: LoadLimits | None = None
     frequency: float | None = None
     ratio_phase: float | None = None
     ratio_phase_error: float | None = None
@@ -122,9 +105,19 @@ class Result(Notebook):
     warnings: tuple[Note, ...] = ()
     provenance: Provenance | None = field(default=None, compare=False, repr=False)
 
+    @property
+    def linear_limit_load(self) -> LargestLoad | None:
+        """Up to which linear elasticity holds at the accuracy that was asked for; None where that is not known."""
+        return None if self.load_limits is None else self.load_limits.linear
+
+    @property
+    def gap_closure_load(self) -> LargestLoad | None:
+        """Up to which the gap stays open; None where that is not known, or at any load."""
+        return None if self.load_limits is None else self.load_limits.gap_closure
+
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design evaluate``."""
-        return asdict(self)
+        return asdict(self) | limits_dict(self.load_limits)
 
 
 @dataclass(frozen=True)
@@ -136,7 +129,7 @@ class Curve(Notebook):
         ratio, log_sensitivity: see ``Result``; None where ``stress_outer`` is below its own error.
         error_estimate: bound on the relative error of each ratio.
         stiffness: force on the base per indentation, N/m.
-        evaluator, seconds, plan, warnings, provenance: see ``Result``.
+        evaluator, seconds, load_limits, plan, warnings, provenance: see ``Result``.
     """
 
     DIMENSIONS = ("youngs_modulus",)
@@ -147,13 +140,14 @@ class Curve(Notebook):
     log_sensitivity: tuple[float | None, ...]
     error_estimate: tuple[float | None, ...]
     stiffness: tuple[float, ...]
+    load_limits: LoadLimits | None = None
     plan: tuple[Decision, ...] = ()
     warnings: tuple[Note, ...] = ()
     provenance: Provenance | None = field(default=None, compare=False, repr=False)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design curve``."""
-        return asdict(self)
+        return asdict(self) | limits_dict(self.load_limits)
 
     def plot(self) -> Figure:
         """Draw ratio and log-sensitivity against Young's modulus; returns the figure, whose ``savefig`` writes it."""

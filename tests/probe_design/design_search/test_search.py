@@ -17,7 +17,7 @@ from probe_design.design_search.room import Room, room
 from probe_design.design_search.steered_population import SteeredDesigns
 from probe_design.optimisation.design_space import variables
 from probe_design.populations.design_file import Design
-from solver.planning.load_check import load_rule
+from solver.planning.load_limits import load_rule
 from tests.support.searches import design
 
 POPULATION = {"depth": [5e-3, 15e-3], "diameter": [5e-3, 12e-3], "object": [2e4, 1e5], "tissue": [4e3, 8e3], "samples": 8}

@@ -13,7 +13,7 @@ from geometry import read_scene
 from probe_design.terminal import console
 from probe_design.terminal.console import message, plan_lines, result_table, saying, show, stages
 from solver import Result, plan
-from solver.results.result import LargestLoad
+from solver.results.load_limits import LargestLoad
 from tests.support.paths import SCENE
 
 

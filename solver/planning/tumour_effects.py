@@ -1,0 +1,107 @@
+"""What a scene's tumours change of the film forces, to first order on the coarsest mesh, and so of the rule for loads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from geometry.common.arrays import Floats
+from geometry.scenes.scene import Inclusion, Scene
+from solver.equivalent_inclusion.first_order import Effects, effects
+from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
+from solver.inclusions.tumours import Tumours
+from solver.planning.loads import LoadRule
+
+BURIED = 0.98  # of its depth: the largest radius of the ball that stands for a body of another shape
+STIFFNESS_MARGIN = 0.99  # of the coarsest mesh's stiffness, which is at most 0.4 % above the true one in 40 drawn scenes
+SENSITIVITY_MARGIN = 0.05  # of the larger film log-sensitivity: by that much less their difference counts, see docs/plan.md
+LEAST_STIFFNESS = 0.1  # of that without tumours: the first order overrates what large soft ones change
+
+
+@dataclass(frozen=True)
+class TumourEffects:
+    """Effects of each tumour of a scene, every one a ball.
+
+    Attributes:
+        tumours: inside the tissue that is modelled.
+        each: of every tumour alone.
+    """
+
+    tumours: Tumours
+    each: Effects
+
+    @classmethod
+    def of(cls, scene: Scene, base: Undisturbed) -> TumourEffects:
+        """Return those of a scene with tumours.
+
+        Raises:
+            InputError: a surface file that cannot be used.
+            Refusal: a tumour larger than the modelled tissue.
+        """
+        balls = tuple(_ball(k, body) for k, body in enumerate(scene.inclusion))
+        tumours = base.inside(Tumours.of(scene.model_copy(update={"inclusion": balls})))[0]
+        return cls(tumours, effects(base.energies, base.strata.hosts(tumours.flat().depth), tumours.flat()))
+
+
+def with_tumours(rule: LoadRule, scene: Scene, base: Callable[[], Undisturbed]) -> LoadRule:
+    """Return the rule of a scene without tumours as one with them.
+
+    Args:
+        rule: with the stiffness without tumours, of the coarsest mesh.
+        scene: with its tumours.
+        base: makes the base states on the coarsest mesh, where there are tumours.
+
+    Raises:
+        InputError, Refusal: see ``TumourEffects.of``.
+    """
+    if not scene.inclusion:
+        return adjusted(rule, 1.0, None)
+    states = base()
+    found, totals = TumourEffects.of(scene, states).each, states.films.totals
+    changed = totals + found.forces.sum(axis=0).sum(axis=1)
+    slopes = None if scene.target is None else found.by_log_modulus[scene.target].sum(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return adjusted(rule, float(changed.sum() / totals.sum()), None if slopes is None else slopes / changed)
+
+
+def adjusted(rule: LoadRule, times: float, slopes: Floats | None) -> LoadRule:
+    """Return the rule for tumours that change the stiffness, so that it holds whatever evaluator answers.
+
+    Softer tumours let a force press deeper, stiffer ones let the gap close at a smaller indentation; how much the film
+    log-sensitivities cancel decides how well the log-sensitivity has to be known.
+
+    Args:
+        rule: with the stiffness without tumours.
+        times: the stiffness with them, over that.
+        slopes: film log-sensitivities, inner and outer, shape (2,); None without a target.
+    """
+    stiffness = STIFFNESS_MARGIN * float(np.clip(times, LEAST_STIFFNESS, 1.0)) * rule.stiffness
+    return replace(rule, stiffness=stiffness, closure=rule.closure / max(1.0, times), films=_cautious(slopes))
+
+
+def _cautious(slopes: Floats | None) -> tuple[float, float] | None:
+    """Film log-sensitivities whose difference is the smallest that it may be; None where they are not known."""
+    if slopes is None or not np.isfinite(slopes).all():
+        return None
+    larger = int(np.argmax(np.abs(slopes)))
+    apart = slopes[0] - slopes[1] if larger == 0 else slopes[1] - slopes[0]
+    least = np.sign(apart) * max(0.0, abs(apart) - SENSITIVITY_MARGIN * abs(slopes[larger]))
+    films = [float(slopes[larger]), float(slopes[larger] - least)]
+    return (films[0], films[1]) if larger == 0 else (films[1], films[0])
+
+
+def _ball(k: int, body: Inclusion) -> Inclusion:
+    """The ball around an inclusion: a stiffer body changes more if it is larger, a softer one too (Rayleigh)."""
+    if body.diameter is not None:
+        return body
+    if body.diameters is not None:
+        size = max(body.diameters)
+    else:
+        from geometry.tetra.surface_files import read_surface
+
+        assert body.surface is not None
+        sheet = read_surface(body.surface, f"inclusion[{k}].surface", np.zeros(3))
+        size = 2 * float(np.linalg.norm(sheet.points, axis=1).max())
+    return body.model_copy(update={"diameter": min(size, 2 * BURIED * body.depth), "diameters": None, "surface": None})
