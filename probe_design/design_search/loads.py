@@ -20,7 +20,7 @@ from probe_design.populations.inclusion_scan import check_pressed
 from probe_design.populations.population import TumourDraw
 from solver.closed_form.bessel import Array
 from solver.planning.coarse_model import CoarseModel
-from solver.planning.loads import CLOSING, largest_x
+from solver.planning.loads import CLOSING, LARGEST_X, largest_x
 from solver.planning.strains import block_strain, cover_factor, most_nearing, slimness, tissue_strain
 
 USUAL_CHARGE = 20e-12  # C/N, of films that a scene does not have
@@ -177,7 +177,7 @@ class PressingRule:
         if limits.tissue_strain is not None:
             allowed["tissue_strain"] = limits.tissue_strain / per_depth * stiffness
         if limits.gap_closure:
-            allowed["gap_closure"] = MARGIN * CLOSING * closure
+            allowed["gap_closure"] = MARGIN * lesser(CLOSING * closure, LARGEST_X / strain * stiffness)
         if limits.charge is not None:
             larger = -lesser(-totals[0], -totals[1]) / stiffness
             allowed["charge"] = limits.charge[1] / (self.charge_per_force * larger)

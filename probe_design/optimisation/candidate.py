@@ -13,9 +13,10 @@ from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
 from probe_design.optimisation.design_space import alike
 from probe_design.optimisation.objective import Noise, objective
-from probe_design.optimisation.pressing import Pressing, pressing
+from probe_design.optimisation.pressing import RATIO, Pressing, pressing
 from solver import Result, evaluator
 from solver.planning.coarse_model import CoarseModel
+from solver.planning.load_limits import limits_of
 from solver.planning.loads import log_sensitivity_change, sensitivity_size
 from solver.results.evaluator import Answer, FilmLevel
 from solver.results.film_forces import FilmForces
@@ -107,7 +108,9 @@ def candidate(
     least, most = ends_of(films, noise, pressed)
     candidate = Candidate(
         scene=scene,
-        judged=answer.result(judge, _under(scene, pressed), perf_counter() - start),
+        judged=replace(
+            answer.result(judge, _under(scene, pressed), perf_counter() - start), load_limits=limits_of(rule, RATIO, promise=True)
+        ),
         pressing=pressed,
         nearing=rough.approach,
         judged_objective=objective_of(films, noise, pressed.force),

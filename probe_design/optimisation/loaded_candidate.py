@@ -195,7 +195,8 @@ def _at(on: LoadedScene, load: Load) -> Loaded:
 def _judged(one: Candidate, noise: Noise, on: LoadedScene, found: Loaded, pressed: Pressing, *, start: float) -> Candidate:
     """The candidate with the objective of what ``contact`` found under its load."""
     scene = one.scene.model_copy(update={"load": pressed.load})
-    result = ContactLevel().answer_of(scene, ACCURACY, on, found).result(CONTACT, scene, perf_counter() - start)
+    answer = ContactLevel().answer_of(scene, ACCURACY, on, found)
+    result = replace(answer.result(CONTACT, scene, perf_counter() - start), load_limits=one.judged.load_limits)
     least, most = ends_of(found.films, noise, pressed)
     value = objective_of(found.films, noise, pressed.force)
     return replace(one, judged=result, pressing=pressed, judged_objective=value, least=least, most=most, linear=one)

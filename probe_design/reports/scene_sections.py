@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 
 from geometry.common.errors import ProbeError
+from geometry.common.limits import most
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_toml
 from geometry.scenes.variables import values
@@ -77,14 +78,19 @@ def _plan(scene: Scene) -> Iterator[Part]:
 
 
 def _loads(scene: Scene) -> Iterator[Part]:
-    from solver import plan
+    from solver.planning.load_limits import load_limits
 
-    limit = plan(scene).linear_limit_load
-    rows = [("linear answers hold to 1 % up to", f"{limit.force:.3g}", f"{1e3 * limit.indentation:.3g}", limit.by)]
+    rows = [
+        (one.question, most(one.force, 3), most(1e3 * one.indentation, 3), one.by, one.how)
+        for one in load_limits(scene, ACCURACY).known
+    ]
     load = scene.load
     force, deep = ("-" if one is None else f"{size * one:.3g}" for one, size in ((load.force, 1.0), (load.indentation, 1e3)))
-    yield PageTable(("load", "force, N", "indentation, mm", "limited by"), (("here", force, deep, "-"), *rows))
-    yield Text("Beyond, level contact presses further: probe-design load draws ratio and walls against force.")
+    yield PageTable(("load", "force, N", "indentation, mm", "limited by", "known"), (("here", force, deep, "-", "-"), *rows))
+    yield Text(
+        "These hold for the tumours of this scene. Beyond, level contact presses further, and computes these loads: "
+        "probe-design load draws ratio and walls against force."
+    )
 
 
 def _curve(scene: Scene) -> Iterator[Part]:

@@ -24,7 +24,7 @@ class LargestLoad:
         by: what sets it: "ratio" or "log_sensitivity", which finite strain puts beyond the accuracy; "strain limit" or "gap
             closure", beyond which nothing is known.
         question: that it answers, in words.
-        known: "bound", by a cautious rule that is never above the truth; "formulas", by that rule without a mesh, lower still; or
+        known: "bound", by a cautious rule that is never above the truth; "formulas", by that rule without a mesh; or
             "contact", computed with finite strain and contact.
     """
 
@@ -84,12 +84,14 @@ class LoadLimits:
         return min(known, key=lambda one: one.force, default=None)
 
     @property
+    def known(self) -> tuple[LargestLoad, ...]:
+        """Those that there are."""
+        return tuple(one for one in (getattr(self, field.name) for field in fields(self)) if one is not None)
+
+    @property
     def lines(self) -> Iterator[str]:
         """Each limit in a sentence."""
-        for field in fields(self):
-            limit = getattr(self, field.name)
-            if limit is not None:
-                yield f"{limit.question}: up to {limit}"
+        return (f"{limit.question}: up to {limit}" for limit in self.known)
 
 
 def limits_dict(limits: LoadLimits | None) -> dict[str, Any]:

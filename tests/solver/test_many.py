@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -95,7 +96,16 @@ def test_formulas_answer_a_mixture_to_the_last_bit() -> None:
             assert str(one) == single
         else:
             assert isinstance(one, Result)
-            assert one.as_dict() | {"seconds": 0.0} == single.as_dict() | {"seconds": 0.0}
+            assert without_limits(one) == without_limits(single)
+            if one.load_limits is not None and single.load_limits is not None:  # of thousands no mesh is made for each
+                assert {limit["known"] for limit in (one.as_dict()["load_limits"] or {}).values() if limit} == {"formulas"}
+                assert one.linear_limit_load.force <= 1.02 * single.linear_limit_load.force  # type: ignore[union-attr]
+
+
+def without_limits(result: Result) -> Result:
+    """What both say but for loads, and for the time that it took."""
+    notes = tuple(note for note in result.warnings if note.kind != "linear")
+    return replace(result, seconds=0.0, load_limits=None, warnings=notes)
 
 
 def test_a_design_s_moduli_and_loads_take_the_factorisations_of_one_curve(monkeypatch: pytest.MonkeyPatch) -> None:

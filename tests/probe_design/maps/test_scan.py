@@ -26,7 +26,7 @@ SCENE = REFERENCE / "solid" / "two-tumours-between.toml"
 KEYS = {
     "along", "at", "position", "ratio", "stiffness", "stress_inner", "stress_outer", "log_sensitivity", "error_estimate",
     "ratio_without", "evaluator", "seconds", "plan", "warnings",
-    "provenance",
+    "linear_limit_load", "gap_closure_load", "load_limits", "provenance",
 }  # fmt: skip
 
 

@@ -21,6 +21,8 @@ from probe_design.optimisation.optimize import optimize
 from probe_design.optimisation.pressing import pressing, pressing_force
 from solver import evaluate
 from solver.planning.coarse_model import CoarseModel
+from solver.planning.load_limits import load_rule
+from solver.planning.loads import LoadRule
 from tests.support.paths import EXAMPLES, REFERENCE, SCENE
 from tests.support.program import run
 
@@ -90,7 +92,7 @@ def test_a_load_beyond_linear_elasticity_is_lowered_to_what_references_allow() -
     found = json.loads((REFERENCE / "contact" / "expected.json").read_text())["example"]
     scene = read_scene(REFERENCE / "contact" / "example.toml").model_copy(update={"load": Load(force=1.0)})
     totals = answered(scene, "axisymmetric").films[0].totals
-    pressed = pressing(scene, totals, CoarseModel.of(scene).closure)
+    pressed = pressing(scene, float(totals.sum()), load_rule(scene))
     assert pressed.by in ("strain", "gap closure")
     assert pressed.load == Load(force=pressed.force)
     below = [row for row in found["rows"] if row["force"] <= 1.4 * pressed.force]  # a little beyond, where the first row is
@@ -106,7 +108,8 @@ def test_search_and_judge_press_alike() -> None:
             asked = scene.model_copy(update={"load": load})
             rough, totals = CoarseModel.of(asked), np.array([3.0, 5.0])
             closure = float(totals.sum()) * scene.probe.gap / rough.approach
-            one = pressing(asked, totals, closure).force
+            rule = LoadRule.of(asked, totals, closure)
+            one = pressing(asked, rule.stiffness, rule).force
             other = pressing_force(asked, variables(asked), scene.probe.tube_radius, totals, rough.approach)
             assert float(other) == pytest.approx(one, rel=0.01)  # loads that the rule sets are rounded down to three digits
 

@@ -13,7 +13,7 @@ from geometry import read_scene
 from probe_design.terminal import console
 from probe_design.terminal.console import message, plan_lines, result_table, saying, show, stages
 from solver import Result, plan
-from solver.results.load_limits import LargestLoad
+from solver.results.load_limits import LargestLoad, LoadLimits
 from tests.support.paths import SCENE
 
 
@@ -21,10 +21,11 @@ from tests.support.paths import SCENE
 def test_a_load_that_is_printed_is_allowed(exact: tuple[float, float]) -> None:
     """To three digits the nearest number may lie above the limit, and would be refused."""
     limit = LargestLoad(*exact, "ratio")
-    said = plan_lines(replace(plan(read_scene(SCENE)), linear_limit_load=limit))[-1]
+    limits = LoadLimits(limit, None, None, limit)
+    said = plan_lines(replace(plan(read_scene(SCENE)), load_limits=limits))[-1]
     assert "up to 0.0359 N, an indentation of 0.237 mm" in said
     out = StringIO()
-    Console(file=out).print(result_table(Result("closed-form", 0.1, linear_limit_load=limit)))
+    Console(file=out).print(result_table(Result("closed-form", 0.1, load_limits=limits)))
     assert " 0.0359 " in out.getvalue()
 
 
