@@ -38,9 +38,9 @@ WORKSHOP = (
     "to 10 % or to its material's own tolerance, one standard deviation each."
 )
 OF_POPULATION = (
-    "linearity and gap_closure are forces, N: up to the first finite strain changes the ratio by at most 1 %, up to the second the "
-    "gap stays open, for every tumour and tissue of the population, both with a margin of a tenth. They are lower than those of the "
-    "one scene below."
+    "linearity and gap_closure are forces, N: up to the first finite strain changes the ratio by at most 1 %, up to the second "
+    "the gap stays open, for every tumour and tissue of the population, both with a margin of a tenth. They are lower than those "
+    "of the one scene below."
 )
 Progress = Callable[[str, int, int], None]
 

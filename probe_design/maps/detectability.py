@@ -183,14 +183,15 @@ def _reflections(base: Undisturbed, count: int, n: int) -> Decision:
 def _warnings(effects: SphereEffects, limits: Thresholds) -> Iterator[str]:
     n = len(effects.change)
     if not n:
-        yield "no sphere of these diameters fits at these depths"
+        yield "no tumour of these diameters fits at these depths"
     unknown = int((~effects.has_ratio).sum())
     if unknown:
-        yield f"all maps are null at {unknown} of {n} spheres that fit: a stress is below its own error"
+        yield f"of {unknown} of {n} tumours nothing is known: under one of the blocks the stress is smaller than its own error"
     hidden = int((effects.has_ratio & ~effects.above_error).sum())
     if hidden:
-        yield f"above_error is false at {hidden} of {n} spheres that fit: the error bound is above the change of the ratio itself"
-    for name, verdict in (("seen", effects.seen(limits)), ("resolved", effects.resolved(limits))):
+        yield f"{hidden} of {n} tumours change the ratio by less than the model's own error: how much is not known"
+    words = ("detected", "resolved in stiffness")
+    for name, verdict in zip(words, (effects.seen(limits), effects.resolved(limits)), strict=True):
         count = int((effects.has_ratio & np.isnan(verdict)).sum())
         if count:
-            yield f"{name} is null at {count} of {n} spheres that fit: the error bound leaves the verdict open"
+            yield f"whether {count} of {n} tumours are {name} stays open: the model's error is larger than what decides it"

@@ -192,29 +192,29 @@ def _warnings(scene: Scene, far: ProbeAlone, answers: Readings, outside: Bools) 
     yield from far.notes
     if scene.target is None:
         how = "several inclusions and none marked target = true" if scene.inclusion else "the scene has no inclusion"
-        yield f"log_sensitivity is null: {how}"
+        yield f"no log-sensitivity is given: {how}"
     elif outside[:, scene.target].any():
         count = int(outside[:, scene.target].sum())
-        yield f"log_sensitivity is null at {count} of {n} positions: the target lies outside the round tissue that is modelled"
+        yield f"no log-sensitivity is given at {count} of {n} positions: the target lies outside the round tissue that is modelled"
     if outside.any():
         count = int(outside.any(axis=1).sum())
-        left = f"left out at {count} of {n} positions, counted in error_estimate"
-        yield f"inclusions outside the round tissue that is modelled are {left}"
+        left = f"left out at {count} of {n} positions, which the error counts"
+        yield f"tumours outside the round tissue that is modelled are {left}"
     if not answers.resolved.all():
         where = f"{int((~answers.resolved).sum())} of {n} positions"
-        yield f"ratio, log_sensitivity and error_estimate are null at {where}: a stress is below its own error"
+        yield f"no ratio is given at {where}: under one of the blocks the stress is smaller than its own error"
     for what, reached in errors(scene, answers).items():
         many = int((reached > far.accuracy).sum())
         if many:
             bound = f"{reached.max():.2g}" if reached.max() < 1 else "1 and more"
-            yield f"error bounds of {what} up to {bound} at {many} of {n} positions, accuracy {far.accuracy:g} asked for"
+            yield f"the error of {what} is up to {bound} at {many} of {n} positions, more than the accuracy {far.accuracy:g}"
     if answers.by and scene.target is not None:
         sensitivity = np.abs(answers.log_sensitivity)
         worse = answers.resolved & (answers.sensitivity_error > np.maximum(5 * far.accuracy * sensitivity, 1e-5))
         if worse.any():
             most = f"{answers.sensitivity_error[worse].max():.1g} (absolute)"
             where = f"{int(worse.sum())} of {n} positions"
-            yield f"error bounds of log_sensitivity up to {most} at {where}, above 5 times the accuracy"
+            yield f"the error of the log-sensitivity is up to {most} at {where}, more than 5 times the accuracy"
 
 
 def errors(scene: Scene, answers: Readings) -> dict[str, Floats]:

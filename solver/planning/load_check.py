@@ -70,7 +70,7 @@ def budget(rule: LoadRule, force: float, accuracy: float, promise: bool) -> floa
     """Return what a force, N, leaves of the accuracy for the evaluator; all of it where the load is refused anyway."""
     if force > largest(rule, accuracy, promise).force:
         return accuracy
-    change = max(rule.ratio_change(force), rule.log_sensitivity_change(force) / 5 if promise else 0.0)
+    change = max(rule.ratio_change(force), accuracy * rule.promise_taken(force, accuracy) if promise else 0.0)
     return (1 + accuracy) / (1 + min(change, LOAD_SHARE * accuracy)) - 1
 
 

@@ -179,6 +179,10 @@ class LoadRule:
         own = abs(self.films[0] - self.films[1])
         return max(5 * accuracy * own, LEAST_SENSITIVITY) / sensitivity_size(self.films)
 
+    def promise_taken(self, force: float, accuracy: float) -> float:
+        """Return which fraction of what the log-sensitivity may be off a force, N, takes at most; infinite where not known."""
+        return log_sensitivity_change(self.x(force)) / self._promised(accuracy) if self.knows(force) else math.inf
+
     @property
     def known(self) -> float:
         """The largest force of which the rule says anything, N."""
