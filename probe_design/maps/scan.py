@@ -195,7 +195,7 @@ def _warnings(scene: Scene, far: ProbeAlone, answers: Readings, outside: Bools) 
         yield f"no log-sensitivity is given: {how}"
     elif outside[:, scene.target].any():
         count = int(outside[:, scene.target].sum())
-        yield f"no log-sensitivity is given at {count} of {n} positions: the target lies outside the round tissue that is modelled"
+        yield f"no log-sensitivity is given at {count} of {n} positions: the target lies outside the modelled round tissue"
     if outside.any():
         count = int(outside.any(axis=1).sum())
         left = f"left out at {count} of {n} positions, which the error counts"

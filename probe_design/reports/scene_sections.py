@@ -78,11 +78,11 @@ def _plan(scene: Scene) -> Iterator[Part]:
 
 
 def _loads(scene: Scene) -> Iterator[Part]:
-    from solver.planning.load_limits import load_limits
+    from solver import plan
 
     rows = [
         (one.question, most(one.force, 3), most(1e3 * one.indentation, 3), one.by, one.how)
-        for one in load_limits(scene, ACCURACY).known
+        for one in plan(scene, ACCURACY).load_limits.known
     ]
     load = scene.load
     force, deep = ("-" if one is None else f"{size * one:.3g}" for one, size in ((load.force, 1.0), (load.indentation, 1e3)))
