@@ -69,8 +69,8 @@ def with_tumours(rule: LoadRule, scene: Scene, base: Callable[[], Undisturbed]) 
 def adjusted(rule: LoadRule, times: float, slopes: Floats | None) -> LoadRule:
     """Return the rule for tumours that change the stiffness, so that it holds whatever evaluator answers.
 
-    Softer tumours let a force press deeper, stiffer ones let the gap close at a smaller indentation; how much the film
-    log-sensitivities cancel decides how well the log-sensitivity has to be known.
+    Softer tumours let a force press deeper; how much the film log-sensitivities cancel decides how well the log-sensitivity has
+    to be known. Stiffer ones count as none: the force that closes the gap hardly depends on them.
 
     Args:
         rule: with the stiffness without tumours.
@@ -78,7 +78,7 @@ def adjusted(rule: LoadRule, times: float, slopes: Floats | None) -> LoadRule:
         slopes: film log-sensitivities, inner and outer, shape (2,); None without a target.
     """
     stiffness = STIFFNESS_MARGIN * float(np.clip(times, LEAST_STIFFNESS, 1.0)) * rule.stiffness
-    return replace(rule, stiffness=stiffness, closure=rule.closure / max(1.0, times), films=_cautious(slopes))
+    return replace(rule, stiffness=stiffness, films=_cautious(slopes))
 
 
 def _cautious(slopes: Floats | None) -> tuple[float, float] | None:
