@@ -17,7 +17,7 @@ from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import LINEAR, Shares
 from probe_design.built_probe.force_scale import ForceScale
 from probe_design.built_probe.gain_matrix import Observed
-from solver.planning.load_check import largest
+from solver.planning.load_limits import largest
 from solver.results.result import Result
 
 IMPLAUSIBLE_FACTOR = 30.0  # between load read and expected, either way: no hand is off by so much, most slips of units are
