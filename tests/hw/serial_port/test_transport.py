@@ -10,6 +10,7 @@ import threading
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -115,6 +116,14 @@ def test_a_board_starts_when_it_is_read() -> None:
         assert made.stream == 0
         next(iter(reader.blocks(1.0)))
         assert made.stream > 0
+
+
+def test_the_serial_number_is_the_board_s_and_not_the_port_s(monkeypatch: pytest.MonkeyPatch) -> None:
+    with board() as made, Reader.open(f"serial:{made.port}") as reader:
+        assert (reader.header.source["serial"], reader.header.source["port"]) == ("", made.port)
+        known = SimpleNamespace(comports=lambda: [SimpleNamespace(device=made.port, serial_number="A17")])
+        monkeypatch.setitem(sys.modules, "serial.tools.list_ports", known)
+        assert transport._serial_number(made.port) == "A17"
 
 
 def test_rate_is_asked_for() -> None:
