@@ -6,7 +6,10 @@ from itertools import pairwise
 from math import ceil
 from typing import Any
 
-from geometry.meridian.grading import folds, smooth_min
+import numpy as np
+
+from geometry.meridian.crossed_sphere import near_poles
+from geometry.meridian.grading import folds, graded, smooth_min
 from geometry.meridian.section import Section
 from geometry.meridian.sphere_box import SPHERE_CELL, Breaks, SphereBox
 
@@ -53,6 +56,25 @@ def tissue_breaks(s: Section, sphere: SphereBox | None, thin: bool = False) -> B
 def block_breaks(s: Section, height: Any) -> Breaks:
     """Heights of a block's lines, graded to both its ends."""
     return Breaks([0 * height, height], [s.corner_size, s.corner_size], [5])
+
+
+def cap_places(s: Section, radii: Breaks) -> tuple[tuple[tuple[int, int], ...], ...]:
+    """``Kind.caps`` of a section whose lengths are floats."""
+    above, across = s.interfaces_apart
+    if not across:
+        return (), ()
+    sines = (s.sphere_depth - np.array(s.interfaces[above : above + across])) / s.sphere_radius
+    upper, lower = near_poles(np.arcsin(sines))
+    rings = s.sphere_radius * np.sqrt(1 - sines**2)
+    places = tuple(_place(ring, radii) for ring in rings)
+    return places[: across - lower - 1 : -1] if lower else (), places[:upper]
+
+
+def _place(radius: float, radii: Breaks) -> tuple[int, int]:
+    """Between which breaks a radius lies, and how many eighths of the cells there are nearer to the axis."""
+    k = min(int(np.searchsorted(radii.places, radius)), len(radii.places) - 1) - 1
+    (low, high), (a, b) = radii.places[k : k + 2], radii.sizes[k : k + 2]
+    return k, int(np.searchsorted(graded(low, high, 16, a, b)[1::2], radius))
 
 
 def cell_counts(breaks: Breaks) -> tuple[int, ...]:

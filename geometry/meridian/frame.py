@@ -12,6 +12,7 @@ import numpy as np
 from geometry.meridian.breaks import (
     THIN,
     block_breaks,
+    cap_places,
     cell_counts,
     cut_ends,
     lean_columns,
@@ -20,6 +21,7 @@ from geometry.meridian.breaks import (
     radial_breaks,
     tissue_breaks,
 )
+from geometry.meridian.crossed_sphere import BoxLines, Cap, CrossedBox, place, spread
 from geometry.meridian.grading import graded, smooth_min
 from geometry.meridian.section import Section
 from geometry.meridian.sphere_box import Breaks, SphereBox
@@ -40,6 +42,8 @@ class Kind:
         lean: whether cells are few where a scan of single counts found that they change nothing: under the tube's wall, across
             the box and below it, round the core; rows under the surface as many as their growth asks for.
         layers: interfaces of the tissue above the sphere, across it and below it.
+        caps: of interfaces that cross the sphere near its lower and its upper pole, each from the pole on, between which breaks of
+            radii they meet it, and how many eighths of the columns there lie nearer to the axis.
         ends: whether cells are cut towards each interface's end at the tissue's side, from the surface downwards.
         thin: whether the tissue above sphere or floor is thin.
         films: layers between block and base: 0, 1 (film) or 2 (film and adhesive).
@@ -60,6 +64,7 @@ class Kind:
     edges: bool = False
     lean: bool = False
     ends: tuple[bool, ...] = ()
+    caps: tuple[tuple[tuple[int, int], ...], ...] = ((), ())
 
 
 @dataclass(frozen=True)
@@ -88,9 +93,7 @@ class MeshLines:
         levels: heights z of the horizontal lines, shape (..., levels).
         outside, inside: where circles cut the rays from sphere to box and from core to sphere, 0 to 1, shape (..., circles).
         centre, sphere: the sphere's height and radius, shape (...,).
-        core: the core is the box shrunk about the sphere's centre by this factor, shape (...,).
-        turn: by how much the ray to the box's point on each radius and level is turned about the sphere's centre on the sphere
-            and within, so that interfaces stay level, shape (..., radii, levels); None where none crosses the sphere.
+        box: the lines of the sphere's box, shape (..., radii, levels).
     """
 
     radii: Any
@@ -99,8 +102,7 @@ class MeshLines:
     inside: Any
     centre: Any
     sphere: Any
-    core: Any
-    turn: Any = None
+    box: BoxLines | None = None
 
 
 class MeshTopology:
@@ -118,6 +120,7 @@ class MeshTopology:
         boss: numbers of the levels of an elastic base between the lower and the higher film.
         base: from there to the top.
         rings: number of rings of cells between sphere and box, and between core and sphere.
+        crossed: lines of the box round a sphere that interfaces cross; None where none does.
     """
 
     def __init__(self, kind: Kind, fineness: MeridianFineness) -> None:
@@ -143,6 +146,7 @@ class MeshTopology:
         top = self._stack(self.row["surface"] + 1)
         self.merged = self._merged()
         self.middles = dict(zip(self.merged, range(top, top + len(self.merged)), strict=True))
+        self.crossed = self._crossed() if kind.layers[1] else None
 
     @property
     def faces(self) -> tuple[tuple[int, int], tuple[int, int]]:
@@ -161,6 +165,25 @@ class MeshTopology:
         if hole - inner != 3 or self.split_gap:  # the box's edge goes down from between the gap's columns
             return {first - 1: wide}
         return {first: [(inner, inner + 1, inner + 2, hole)], first - 1: [(inner - 1, inner, hole, hole + 1), *wide]}
+
+    @property
+    def box_lines(self) -> tuple[int, ...]:
+        """Numbers of the radii in the sphere's box, below rows in which lines end."""
+        ended = {line for groups in self.merged.values() for group in groups for line in group[1:-1]}
+        return tuple(line for line in range(self.column["box"] + 1) if line not in ended)
+
+    def _crossed(self) -> CrossedBox:
+        """Which columns of the box meet the sphere where interfaces do near its poles, and which of these are rays."""
+        above, across, _ = self.kind.layers
+        lines, rows = self.box_lines, self.interfaces[above : above + across]
+        ends, caps = np.cumsum([0, *self.columns]), []
+        for places, sign, name, levels in zip(self.kind.caps, (-1, 1), ("low", "high"), (rows[::-1], rows), strict=True):
+            wanted = [ends[k] + eighths / 8 * self.columns[k] for k, eighths in places]
+            nearest = [int(np.argmin(np.abs(np.array(lines) - one))) for one in wanted]
+            caps.append(Cap(tuple(levels[: len(places)]), spread(nearest, len(lines) - 1), sign, self.row[name]))
+        lower, upper = caps
+        sides = rows[len(upper.rows) : len(rows) - len(lower.rows)]
+        return CrossedBox(lines, tuple(sides[::-1]), (lower, upper))
 
     def _stack(self, first: int) -> int:
         """Number the levels above the surface, from ``first``, and the radii beyond the tissue's; return the next level."""
@@ -216,6 +239,8 @@ def kind(section: Section, lean: bool = False) -> Kind:
     layers = above, across, len(s.interfaces) - above - across
     radii, levels = radial_breaks(s, box, sphere), tissue_breaks(s, sphere, thin)
     columns, rows = cell_counts(radii), cell_counts(levels)
+    caps = cap_places(s, radii)
+    columns = max(columns[0], 1 + 2 * max(map(len, caps))), *columns[1:]
     lean = lean and not s.edge_radius
     if lean and sphere is not None:
         columns, rings = lean_columns(columns, radii, box), lean_rings(rings, sphere.rings()[1])
@@ -234,6 +259,7 @@ def kind(section: Section, lean: bool = False) -> Kind:
         edges=bool(s.edge_radius > 0),
         lean=lean and sphere is not None,
         ends=cut_ends(s, levels, _level_names(layers, sphere is not None)),
+        caps=caps,
     )
 
 
@@ -251,13 +277,11 @@ def frame(section: Section, layout: MeshTopology) -> MeshLines:
         if layout.kind.flange:
             radii.append(graded(s.tube_radius, s.flange_radius, layout.overhang, s.corner_size)[..., 1:])
     levels.append(_middles(levels[0], layout))
-    rays: tuple[Any, ...] = (np.zeros(0), np.zeros(0), 0.0, 0.0, 0.0)
+    rays: tuple[Any, ...] = (np.zeros(0), np.zeros(0), 0.0, 0.0)
     if sphere is not None:
         outside, inside = (_joined(ring, (cells,)) for ring, cells in zip(sphere.rings(), layout.rings, strict=True))
-        edge = radii[0][..., layout.column["box"]]
-        rays = (outside, inside, -sphere.depth, sphere.radius, sphere.core(edge))
-        if layout.kind.layers[1]:
-            rays += (_turns(sphere, layout, radii[0], levels[0]),)
+        centre, radius = -sphere.depth + 0 * sphere.radius, sphere.radius + 0 * sphere.depth
+        rays = (outside, inside, centre, radius, box_lines(layout, radii[0], levels[0], sphere))
     return MeshLines(np.concatenate(radii, axis=-1), np.concatenate(levels, axis=-1), *rays)
 
 
@@ -268,15 +292,16 @@ def _joined(breaks: Breaks, cells: tuple[int, ...]) -> Any:
     return np.concatenate([pieces[0], *(piece[..., 1:] for piece in pieces[1:])], axis=-1)
 
 
-def _turns(sphere: SphereBox, layout: MeshTopology, radii: Any, levels: Any) -> Any:
-    """``MeshLines.turn``: 0 but in the box."""
-    above, across, _ = layout.kind.layers
-    box, rows = layout.column["box"] + 1, slice(layout.row["low"], layout.row["high"] + 1)
-    crossing = [one - rows.start for one in layout.interfaces[above : above + across][::-1]]
-    inside = sphere.turns(radii[..., :box], levels[..., rows], crossing)
-    out = np.zeros((*inside.shape[:-1], levels.shape[-1]), dtype=inside.dtype)
-    out[..., rows] = inside
-    return out
+def box_lines(layout: MeshTopology, radii: Any, levels: Any, sphere: SphereBox) -> BoxLines:
+    """``MeshLines.box``."""
+    if layout.crossed is not None:
+        return place(layout.crossed, radii, levels, -sphere.depth, sphere.radius)
+    columns, rows = slice(layout.column["box"] + 1), slice(layout.row["low"], layout.row["high"] + 1)
+    inside = sphere.core(radii[..., columns], levels[..., rows])
+    core = tuple(np.zeros((*one.shape[:-1], levels.shape[-1]), dtype=one.dtype) for one in inside)
+    for out, one in zip(core, inside, strict=True):
+        out[..., rows] = one
+    return BoxLines(None, None, *core)
 
 
 def _middles(levels: Any, layout: MeshTopology) -> Any:

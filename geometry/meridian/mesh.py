@@ -23,16 +23,19 @@ from typing import Any
 
 import numpy as np
 
-from geometry.common.arrays import Bools, Floats, Ints
+from geometry.common.arrays import Floats, Ints
+from geometry.meridian.crossed_sphere import BoxLines, Cap, CrossedBox, place
 from geometry.meridian.frame import Kind, MeridianFineness, MeshLines, MeshTopology, frame
 from geometry.meridian.section import LAYERS, Body, Section
 
-TENSOR, OUTSIDE, INSIDE, CORE = range(4)
+TENSOR, OUTSIDE, INSIDE, CORE, ARCH, STRIP = range(6)
 GOLDEN = (5**0.5 - 1) / 2
+WIDE = 20.0  # times: radii of the mesh that labels are taken from, whose sphere fits between its levels
 LAYER = 0.15  # ratio of sizes from one layer at a corner to the next
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 SIDES = ((0, 1), (1, 2), (3, 2), (0, 3))  # corners of an element's sides, bottom, right, top and left, as its functions run
 Vertex = tuple[int, int]  # number of the radius, number of the level
+Place = tuple[Vertex, bool] | None  # a corner: lines of the grid, and whether that on the sphere's surface is meant
 Cell = tuple[int, Body, tuple[Vertex, ...], tuple[int, int]]  # shape, body, vertices, circles
 
 
@@ -42,10 +45,11 @@ class Topology:
 
     Attributes:
         layout: numbers of the lines.
-        shape: TENSOR between lines, OUTSIDE or INSIDE the sphere between rays, or in its CORE; shape (n,).
+        shape: TENSOR between lines, OUTSIDE or INSIDE the sphere between rays, in its CORE, or between columns that end on an ARCH of it
+            or on an interface (STRIP), see ``geometry.meridian.crossed_sphere``; shape (n,).
         vertices: radius and level of the cell's corners, counter-clockwise; in a ring, of its side of the box, twice;
             shape (n, 4, 2).
-        circles: the two circles of the cell in a ring, shape (n, 2).
+        circles: the two circles of the cell in a ring, the two levels between which its columns stand, shape (n, 2).
         corners: the element's in the cell's unit square, counter-clockwise, shape (n, 4, 2).
         body: of ``Body``, shape (n,).
         columns: rectangles come first, those between the same two radii one after the other: numbers of the first of each such
@@ -65,7 +69,8 @@ def topology(kind: Kind, fineness: MeridianFineness) -> Topology:
     """Return the elements of every mesh of a kind."""
     layout = MeshTopology(kind, fineness)
     singular = set(_singular(layout))
-    cut = [_layers(cell, singular, fineness.layers) for cell in _cells(layout)]
+    tips = set(layout.crossed.corners if layout.crossed is not None else ())
+    cut = [_layers(cell, layout, singular, tips) for cell in _cells(layout)]
     shape, body, vertices, circles = (np.array(column) for column in zip(*(cell for cell, _ in cut), strict=True))
     repeat = np.array([len(quads) for _, quads in cut])
     corners = np.concatenate([quads for _, quads in cut])
@@ -101,11 +106,18 @@ def labels(mesh: Topology) -> Floats:
     low, high = (line_label(layout.row.get(name, k)) for k, name in enumerate(("low", "high")))
     edge = line_label(layout.column.get("box", 1))
     outside, inside = (np.linspace(0.0, 1.0, rings + 1) for rings in layout.rings)
-    radius = 0.4 * min(edge, high - low)
-    core = 0.4 * radius / np.hypot(edge, high - low)
-    lines = line_label(np.arange(radii)), line_label(np.arange(levels))
-    flat = MeshLines(*lines, outside, inside, (low + high) / 2, radius, core)
-    return np.asarray(np.round(_mapped(flat, mesh, SQUARE), 9)) + 0.0  # + 0.0: no negative zeros
+    lines, scale = (line_label(np.arange(radii)), line_label(np.arange(levels))), 1.0
+    radius, centre = 0.4 * min(edge, high - low), (low + high) / 2
+    if layout.crossed is not None:
+        scale, ends = WIDE, [line_label(next(iter(cap.rows), cap.end - cap.sign)) for cap in layout.crossed.caps]
+        bottom, top = (low + ends[0]) / 2, (high + ends[1]) / 2
+        radius, centre = (top - bottom) / 2, (top + bottom) / 2
+        box = place(layout.crossed, scale * lines[0], lines[1], centre, radius)
+    else:
+        core = 0.4 * radius / np.hypot(edge, high - low)
+        box = BoxLines(None, None, *np.broadcast_arrays(core * lines[0][:, None], core * (lines[1] - centre)))
+    flat = MeshLines(scale * lines[0], lines[1], outside, inside, centre, radius, box)
+    return np.asarray(np.round(_mapped(flat, mesh, SQUARE) / [scale, 1.0], 9)) + 0.0  # + 0.0: no negative zeros
 
 
 def line_label(number: Any) -> Any:
@@ -126,44 +138,59 @@ def _mapped(lines: MeshLines, mesh: Topology, places: Floats) -> Any:
     share = bilinear(np.where(rings[:, None, None], within * [1.0, 0.0], within))
     corners = (along[..., mesh.vertices[..., axis], None] for axis, along in enumerate((lines.radii, lines.levels)))
     r, z = ((share @ along)[..., 0] for along in corners)
-    if np.any(rings):
-        r, z = _around(lines, mesh, share, within[..., 1], (r, z))
+    if lines.box is not None:
+        r, z = _in_box(lines, lines.box, mesh, share, within, (r, z))
     return np.stack([r, z], axis=-1)
 
 
-def _turned(turns: Any, mesh: Topology, share: Floats, boxed: Bools) -> Any:
-    """The turn of each point's ray, shape (..., n, places), 0 outside the box."""
-    out = np.zeros((*turns.shape[:-2], *share.shape[:2]), dtype=turns.dtype)
-    column, row = mesh.vertices[boxed].transpose(2, 0, 1)
-    out[..., boxed, :] = (share[boxed] @ turns[..., column, row][..., None])[..., 0]
-    return out
+def _in_cells(grid: Any, mesh: Topology, share: Floats, chosen: Ints) -> Any:
+    """What is known at the box's points, (..., radii, levels), at points of chosen elements, shape (..., m, places)."""
+    column, row = mesh.vertices[chosen].transpose(2, 0, 1)
+    return (share[chosen] @ grid[..., column, row][..., None])[..., 0]
 
 
-def _around(lines: MeshLines, mesh: Topology, share: Floats, v: Floats, points: tuple[Any, Any]) -> tuple[Any, Any]:
-    """Move points of the box's sides along their rays into the rings, and those of the box's grid into the core."""
-    turn = None if lines.turn is None else _turned(lines.turn, mesh, share, mesh.shape != TENSOR)
-    centre, sphere, core = (np.asarray(x)[..., None, None] for x in (lines.centre, lines.sphere, lines.core))
-    kind = np.result_type(*points, centre, sphere, core, lines.outside, lines.inside, 0.0 if turn is None else turn)
+def _in_box(
+    lines: MeshLines, box: BoxLines, mesh: Topology, share: Floats, within: Floats, points: tuple[Any, Any]
+) -> tuple[Any, Any]:
+    """Move points of the box's sides along their rays into the rings, and those of its grid into the core and onto the terrain."""
+    centre, sphere = (np.asarray(x)[..., None, None] for x in (lines.centre, lines.sphere))
+    kind = np.result_type(*points, centre, sphere, box.core_radii, box.core_heights, lines.outside, lines.inside)
     r, z = (one.astype(kind) for one in points)  # complex if any is
-    out, ins, mid = (np.flatnonzero(mesh.shape == shape) for shape in (OUTSIDE, INSIDE, CORE))
+    out, ins, mid, arch, strip = (np.flatnonzero(mesh.shape == shape) for shape in (OUTSIDE, INSIDE, CORE, ARCH, STRIP))
     for ring, fractions in ((out, lines.outside), (ins, lines.inside)):
-        x, y = r[..., ring, :], z[..., ring, :] - centre
         start, end = (fractions[..., mesh.circles[ring, k], None] for k in (0, 1))
-        t, arc = start + (end - start) * v[ring], sphere / (x**2 + y**2) ** 0.5
-        on_box, turned = (t, arc * (1 - t)) if ring is out else (0 * t, core * (1 - t) + arc * t)
-        a, b = _rotated(x, y, turn, ring)
-        r[..., ring, :], z[..., ring, :] = on_box * x + turned * a, centre + on_box * y + turned * b
-    a, b = _rotated(r[..., mid, :], z[..., mid, :] - centre, turn, mid)
-    r[..., mid, :], z[..., mid, :] = core * a, centre + core * b
+        t = start + (end - start) * within[ring, :, 1]
+        x, y = r[..., ring, :], z[..., ring, :] - centre
+        if box.met is None:
+            arc = sphere / (x**2 + y**2) ** 0.5
+            a, b = arc * x, arc * y
+        else:
+            met = _in_cells(box.met, mesh, share, ring)
+            a, b = sphere * np.cos(met), sphere * np.sin(met)
+        if ring is out:
+            x = x if box.across is None else _in_cells(box.across, mesh, share, ring)
+            r[..., ring, :], z[..., ring, :] = t * x + (1 - t) * a, centre + t * y + (1 - t) * b
+        else:
+            x, y = (_in_cells(one, mesh, share, ring) for one in (box.core_radii, box.core_heights))
+            r[..., ring, :], z[..., ring, :] = (1 - t) * x + t * a, centre + (1 - t) * y + t * b
+    r[..., mid, :] = _in_cells(box.core_radii, mesh, share, mid)
+    z[..., mid, :] = centre + _in_cells(box.core_heights, mesh, share, mid)
+    for chosen in (arch, strip):
+        if len(chosen):
+            (low, high), u = mesh.circles[chosen].T, within[chosen, :, 0]
+            foot, end = (lines.levels[..., rows, None] for rows in (low, high))
+            t = (z[..., chosen, :] - foot) / (end - foot)
+            a, b, met = (_along(grid, mesh, chosen, rows, u) for grid, rows in ((box.across, low), (box.across, high), (box.met, low)))
+            if chosen is arch:
+                a, foot = sphere * np.cos(met), centre + sphere * np.sin(met)
+            r[..., chosen, :], z[..., chosen, :] = (1 - t) * a + t * b, (1 - t) * foot + t * end
     return r, z
 
 
-def _rotated(x: Any, y: Any, turn: Any, chosen: Ints) -> tuple[Any, Any]:
-    """Turn points of the chosen elements about the sphere's centre."""
-    if turn is None:
-        return x, y
-    cos, sin = np.cos(turn[..., chosen, :]), np.sin(turn[..., chosen, :])
-    return cos * x - sin * y, sin * x + cos * y
+def _along(grid: Any, mesh: Topology, chosen: Ints, rows: Ints, u: Floats) -> Any:
+    """What is known at the box's points on one level of each chosen element, at shares u of the way between its columns."""
+    left, right = (grid[..., mesh.vertices[chosen, k, 0], rows, None] for k in (0, 1))
+    return left + u * (right - left)
 
 
 def _cells(layout: MeshTopology) -> Iterator[Cell]:
@@ -198,8 +225,10 @@ def _tissue(layout: MeshTopology) -> Iterator[Cell]:
             if a >= first and not {a, b} & ended:
                 yield from _grid(_layer(layout, top), (a, b), (top - 1, top))
         radii = [line for line in radii if line not in ended]
-    if "box" in layout.column:
-        yield from _sphere(layout, [line for line in radii if line <= layout.column["box"]])
+    if layout.crossed is not None:
+        yield from _crossed_sphere(layout, layout.crossed)
+    elif "box" in layout.column:
+        yield from _sphere(layout, layout.box_lines)
 
 
 def _merging(body: Body, columns: tuple[int, ...], top: int, middle: int) -> Iterator[Cell]:
@@ -231,6 +260,35 @@ def _sphere(layout: MeshTopology, radii: Sequence[int]) -> Iterator[Cell]:
         yield CORE, body, vertices, circles
 
 
+def _crossed_sphere(layout: MeshTopology, box: CrossedBox) -> Iterator[Cell]:
+    """Yield the cells of a box that interfaces cross: likewise, and those between columns."""
+    edge, (lower, upper), lines = box.lines[-1], box.caps, box.lines
+    low, high = lower.last, upper.last
+    sides = [(_layer(layout, high), ((a, high), (b, high)) * 2, k >= max((0, *upper.starts))) for k, (a, b) in enumerate(pairwise(lines))]
+    sides += [(_layer(layout, d), ((edge, d), (edge, c)) * 2, True) for c, d in pairwise(range(low, high + 1))]
+    sides += [
+        (_layer(layout, low + 1), ((b, low), (a, low)) * 2, k >= max((0, *lower.starts))) for k, (a, b) in enumerate(pairwise(lines))
+    ]
+    for shape, count in zip((OUTSIDE, INSIDE), layout.rings, strict=True):
+        for (body, side, free), circle in product(sides, range(count)):
+            if shape == INSIDE or free:
+                yield shape, body if shape == OUTSIDE else Body.INCLUSION, side, (circle, circle + 1)
+    for _, body, vertices, circles in _grid(Body.INCLUSION, lines, box.rows):
+        yield CORE, body, vertices, circles
+    for cap in box.caps:
+        yield from _strips(layout, lines, cap)
+
+
+def _strips(layout: MeshTopology, lines: Sequence[int], cap: Cap) -> Iterator[Cell]:
+    """Yield the cells between a cap's columns: strips from the box's end to the first interface, from there to the next."""
+    firsts, ends = (0, *cap.starts), (cap.end, *cap.rows)
+    for k, (end, foot) in enumerate(pairwise(ends)):
+        for (j, (a, b)), (c, d) in product(enumerate(pairwise(lines)), pairwise(range(min(foot, end), max(foot, end) + 1))):
+            if j >= firsts[k]:
+                shape = ARCH if j < firsts[k + 1] else STRIP
+                yield shape, _layer(layout, d), ((a, c), (b, c), (b, d), (a, d)), (foot, end)
+
+
 def _base(layout: MeshTopology) -> Iterator[Cell]:
     """Yield the cells of an elastic base: boss, step and flange."""
     column, kind, middle = layout.column, layout.kind, len(layout.bridge) // 2
@@ -252,28 +310,57 @@ def interface_ends(mesh: Topology) -> Ints:
     return np.flatnonzero(np.any(at, axis=1))
 
 
-def _singular(layout: MeshTopology) -> Iterator[tuple[int, int]]:
-    """Yield the corners (radius, level) with singular stresses: the blocks', and where the side meets floor and interfaces."""
+def _singular(layout: MeshTopology) -> Iterator[Place]:
+    """Yield the corners with singular stresses: the blocks', and where interfaces meet the sphere, where the side meets floor and interfaces."""
     column, surface = layout.column, layout.row["surface"]
     tops = layout.inner[layout.blocks[0]], layout.outer[layout.blocks[1]]
     for radius, top in zip(("inner", "hole", "tube"), (tops[0], tops[1], tops[1]), strict=True):
-        yield column.get(f"{radius} edge", column[radius]), surface
-        yield column[radius], top
-    yield column["side"], layout.row["floor"]
+        yield (column.get(f"{radius} edge", column[radius]), surface), False
+        yield (column[radius], top), False
+    yield (column["side"], layout.row["floor"]), False
     for level, cut in zip(layout.interfaces, layout.kind.ends, strict=True):
         if cut:
-            yield column["side"], level
+            yield (column["side"], level), False
     if layout.kind.flange:
-        yield column["tube"], layout.base[layout.step]
+        yield (column["tube"], layout.base[layout.step]), False
     if layout.kind.base:
-        yield layout.bridge[len(layout.bridge) // 2], layout.boss[-1]
+        yield (layout.bridge[len(layout.bridge) // 2], layout.boss[-1]), False
+    if layout.crossed is not None:
+        yield from (((column["box"], level), True) for level in layout.crossed.sides)
+        for cap in layout.crossed.caps:
+            for line, level in zip((layout.crossed.lines[k] for k in cap.starts), cap.rows, strict=True):
+                yield (line, cap.last), True
+                yield (line, level), False
 
 
-def _layers(cell: Cell, singular: set[tuple[int, int]], layers: int) -> tuple[Cell, Floats]:
-    """Cut a cell's unit square into geometric layers towards its singular corner, if it has one; shape (elements, 4, 2)."""
-    shape, _, vertices, _ = cell
-    corners = [k for k, vertex in enumerate(vertices) if vertex in singular]
-    if shape != TENSOR or not corners or layers == 0:
+def _places(cell: Cell, rings: int) -> Iterator[Place]:
+    """Name a cell's corners: lines of the grid, or rays that meet the sphere."""
+    shape, _, vertices, circles = cell
+    if shape in (TENSOR, ARCH, STRIP):
+        yield from ((vertex, False) for vertex in vertices)
+    elif shape != CORE:
+        on_sphere = 0 if shape == OUTSIDE else rings
+        for end, circle in zip((0, 1, 1, 0), np.repeat(circles, 2), strict=True):
+            yield (vertices[end], True) if circle == on_sphere else None
+
+
+def _ending(cell: Cell, tips: set[Vertex]) -> int | None:
+    """Whether a cell's left (0) or right (1) side is a point, where an interface begins on the sphere near its pole."""
+    shape, _, vertices, circles = cell
+    if shape in (ARCH, STRIP):
+        return 0 if (vertices[0][0], circles[1]) in tips else None
+    return next((end for end in (0, 1) if vertices[end] in tips), None) if shape == OUTSIDE else None
+
+
+def _layers(cell: Cell, layout: MeshTopology, singular: set[Place], tips: set[Vertex]) -> tuple[Cell, Floats]:
+    """Cut a cell's unit square into geometric layers towards its singular corner or point, if it has one; shape (elements, 4, 2)."""
+    layers, point = layout.fineness.layers, _ending(cell, tips)
+    if point is not None:
+        ends = np.array([0.0, *(LAYER**k for k in range(layers, -1, -1))])
+        pieces = [SQUARE * [high - low, 1.0] + [low, 0.0] for low, high in pairwise(np.sort(np.abs(point - ends)))]
+        return cell, np.stack(pieces)
+    corners = [k for k, place in enumerate(_places(cell, layout.rings[1])) if place in singular]
+    if not corners or layers == 0:
         return cell, SQUARE[None]
     (k,) = corners  # two cells at least lie between any two singular corners
     quads = [LAYER**layers * SQUARE]

@@ -183,6 +183,7 @@ def _ties(mesh: Topology, ends: Floats, interface: Interface, axis: tuple[bool, 
     tops = {layout.inner[-1], layout.outer[-1]} if layout.kind.base is None else {layout.base[-1]}
     edge_levels = [0.0, *(line_label(top) for top in tops)]
     fixed[np.isin(z0, edge_levels) & np.isin(z1, edge_levels) & (z0 == z1)] = True
+    fixed[(r0 == r1) & (z0 == z1) & (degree > 1)] = True  # edges that are points
     shifted = [one & (degree == 1) & (interface != "apart") for one in under]
     return owner, fixed, np.stack(shifted, axis=-1).astype(float)
 

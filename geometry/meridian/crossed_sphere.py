@@ -1,0 +1,225 @@
+r"""The box round a sphere that interfaces of the tissue cross: where its lines and rays lie.
+
+An interface that meets the sphere steeply, on its side, is one of the rays from the sphere's centre to the box's side; rays near it
+are turned about the centre where they meet the sphere, so that it stays level. Near a pole such rays would lie along the
+interface. There the sphere's cap and the interfaces are a terrain, above which columns stand upright: each interface begins on
+the sphere at one column, so that the rows of cells below it end there in a point. The lowest of them is the box's top
+
+        high  +----+----+----+--------+
+              |    |    |    |        |      strips: columns on the cap
+              | __-+-_  |    |        |      or on an interface
+        top   |/   |  \\-P----+--------+ h     P: where it begins
+              |  sphere |\\ w | edge   |      w: cells that end at P
+              |         | \\  |        |
+
+and rays from the centre end on it. Below the lower pole it is the same upside down.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from geometry.common.arrays import Ints
+from geometry.meridian.grading import smooth_min
+from geometry.meridian.sphere_box import CORE_REACH
+
+STEEP, LEVEL = np.pi / 6, np.pi / 3  # angles above the horizon between which an interface may be a ray or a part of the terrain
+
+
+def near_poles(angles: Any) -> tuple[int, int]:
+    """Return how many interfaces are terrain above the upper and below the lower pole, the others are rays.
+
+    Interfaces close to each other are of the same sort: between the two the widest gap is chosen.
+
+    Args:
+        angles: above the horizon at which interfaces meet the sphere, falling, shape (n,).
+    """
+    upper = _near_pole(angles)
+    return upper, _near_pole(-angles[upper:][::-1])
+
+
+def _near_pole(angles: Any) -> int:
+    ends = np.clip(np.concatenate([[np.pi / 2], angles, [-np.pi / 2]]), STEEP, LEVEL)
+    return int(np.argmax(np.round(ends[:-1] - ends[1:], 9)))
+
+
+def spread(wanted: list[int], last: int) -> tuple[int, ...]:
+    """Return rising numbers from 1 to ``last`` - 1 near those wanted, two apart at least: no cell touches two interfaces' beginnings.
+
+    ``last`` is twice their number or more.
+    """
+    out: list[int] = []
+    for k, one in enumerate(wanted):
+        least, most = (out[-1] + 2 if out else 1), last - 1 - 2 * (len(wanted) - 1 - k)
+        out.append(min(max(one, least), most))
+    return tuple(out)
+
+
+@dataclass(frozen=True)
+class Cap:
+    """Interfaces that are terrain at one pole, from the pole on.
+
+    Attributes:
+        rows: numbers of their levels.
+        starts: numbers of the box's columns at which they begin, among ``CrossedBox.lines``.
+        sign: 1 at the upper pole, -1 at the lower.
+        end: the level of the box's end at this pole.
+    """
+
+    rows: tuple[int, ...]
+    starts: tuple[int, ...]
+    sign: int
+    end: int
+
+    @property
+    def last(self) -> int:
+        """The level at which rays end."""
+        return self.rows[-1] if self.rows else self.end
+
+
+@dataclass(frozen=True)
+class CrossedBox:
+    """Numbers of lines.
+
+    Attributes:
+        lines: of the box's radii.
+        sides: of the levels of interfaces that are rays, from below.
+        caps: lower and upper.
+    """
+
+    lines: tuple[int, ...]
+    sides: tuple[int, ...]
+    caps: tuple[Cap, Cap]
+
+    @property
+    def rows(self) -> range:
+        """Levels from where rays end below to where they end above."""
+        low, high = (cap.last for cap in self.caps)
+        return range(low, high + 1)
+
+    @property
+    def corners(self) -> list[tuple[int, int]]:
+        """Lines that meet where an interface does the sphere."""
+        return [(self.lines[start], row) for cap in self.caps for row, start in zip(cap.rows, cap.starts, strict=True)]
+
+
+@dataclass(frozen=True)
+class BoxLines:
+    """Where they lie, all of the shape (..., radii, levels); what is beyond the box's sides counts nothing.
+
+    Attributes:
+        across: radii of the box's points.
+        met: angles above the horizon at which the rays to them, or the columns below or above them, meet the sphere.
+        core_radii, core_heights: of the core's points, above the centre.
+    """
+
+    across: Any
+    met: Any
+    core_radii: Any
+    core_heights: Any
+
+
+def place(box: CrossedBox, radii: Any, levels: Any, centre: Any, radius: Any) -> BoxLines:
+    """Place a box's lines.
+
+    Rays to the box's side do not pass through the sphere: they are turned by s v, |s| < 1, with v = acos(radius / distance), the
+    angle to the tangent (ME.3). s is linear in the ray's angle between interfaces and corners. A corner's ray is not turned where
+    none is, else at most half-way from the next interface to the terrain. On the terrain beyond the sphere the
+    angles on the sphere are linear in those on the terrain.
+
+    Args:
+        box: its numbers.
+        radii: of all radii, shape (..., radii).
+        levels: of all levels, shape (..., levels).
+        centre, radius: the sphere's height and radius, shape (...,).
+    """
+    lines, count = np.array(box.lines), levels.shape[-1]
+    centre, radius = (np.asarray(one)[..., None] for one in (centre, radius))
+    heights, plain = levels - centre, radii[..., lines]
+    kind = np.result_type(plain, heights, radius)
+    across, met, core_radii, core_heights = (np.zeros((*plain.shape, count), dtype=kind) for _ in range(4))
+    across[:] = plain[..., None]
+    edge, rows = plain[..., -1:], np.array(box.rows)
+    along = np.arctan(heights[..., rows] / edge)
+    sides = np.array(box.sides, dtype=np.intp)
+    level = np.arcsin(heights[..., sides] / radius)
+    ends = []
+    for cap, k in zip(box.caps, (0, -1), strict=True):
+        part = slice(cap.last, None) if cap.sign > 0 else slice(None, cap.last + 1)
+        angles, terrain = _cap(cap, plain, heights, radius)
+        across[..., part] = terrain[..., None]
+        across[..., cap.end] = plain
+        pole, beyond = (angles[..., cap.starts[-1]], cap.starts[-1]) if cap.starts else (cap.sign * np.pi / 2, 0)
+        corner = along[..., k]
+        if len(sides):
+            corner = pole - cap.sign * smooth_min(cap.sign * (pole - corner), cap.sign * (pole - level[..., k]) / 2)
+        own = np.pi / 2 * cap.sign - np.arctan(terrain[..., beyond:] / heights[..., [cap.last]])
+        pole = np.asarray(pole)[..., None]
+        angles[..., beyond:] = pole + (own - pole) * (corner[..., None] - pole) / (own[..., -1:] - pole)
+        met[..., part] = angles[..., None]
+        ends.append(corner)
+    met[..., -1, rows] = _sides(along, edge, heights[..., rows], radius, sides - rows[0], [ends[0], level, ends[1]])
+    core = _core(met[..., rows], CORE_REACH * radius)
+    core_radii[..., rows], core_heights[..., rows] = core
+    return BoxLines(*(_scattered(one, lines, kind) for one in (across, met, core_radii, core_heights)))
+
+
+def _scattered(values: Any, lines: Ints, kind: Any) -> Any:
+    """From the box's lines to all radii up to its edge."""
+    out = np.zeros((*values.shape[:-2], lines[-1] + 1, values.shape[-1]), dtype=kind)
+    out[..., lines, :] = values
+    return out
+
+
+def _cap(cap: Cap, radii: Any, heights: Any, radius: Any) -> tuple[Any, Any]:
+    """Angles at which columns meet the sphere up to the last interface's, and radii on the terrain.
+
+    Columns at which interfaces begin stand there; those between are moved in proportion.
+    """
+    starts = (0, *cap.starts, radii.shape[-1] - 1)
+    rings = (radius**2 - heights[..., list(cap.rows)] ** 2) ** 0.5
+    targets = np.concatenate([0 * radius, rings, radii[..., -1:] + 0 * radius], axis=-1)
+    pieces = []
+    for k, (first, last) in enumerate(pairwise(starts)):
+        span = radii[..., first:last]
+        share = (span - span[..., :1]) / (radii[..., [last]] - span[..., :1])
+        pieces.append(targets[..., [k]] + share * (targets[..., [k + 1]] - targets[..., [k]]))
+    terrain = np.concatenate([*pieces, targets[..., -1:]], axis=-1)
+    on_sphere = cap.starts[-1] if cap.starts else 0
+    angles = 0 * terrain
+    angles[..., : on_sphere + 1] = cap.sign * np.arccos(terrain[..., : on_sphere + 1] / radius)
+    return angles, terrain
+
+
+def _sides(along: Any, edge: Any, heights: Any, radius: Any, sides: Ints, met: list[Any]) -> Any:
+    """Angles at which rays to the box's side meet the sphere."""
+    breaks = [0, *sides, along.shape[-1] - 1]
+    ends = np.concatenate([met[0][..., None], met[1], met[2][..., None]], axis=-1)
+    widest = np.arccos(radius / (edge**2 + heights**2) ** 0.5)
+    turned = (ends - along[..., breaks]) / widest[..., breaks]
+    out = along + 0 * widest
+    for k, (first, last) in enumerate(pairwise(breaks)):
+        span = slice(first, last + 1)
+        share = (along[..., span] - along[..., [first]]) / (along[..., [last]] - along[..., [first]])
+        out[..., span] = along[..., span] + widest[..., span] * (turned[..., [k]] + share * (turned[..., [k + 1]] - turned[..., [k]]))
+    return out
+
+
+def _core(met: Any, reach: Any) -> tuple[Any, Any]:
+    """Radii and heights of the core: its corners are on the rays to the box's, its rows level, its sides straight."""
+    side = met[..., -1, :]
+    (low, bottom), (high, top) = ((reach * np.cos(side[..., [k]]), reach * np.sin(side[..., [k]])) for k in (0, -1))
+    slant = (high - low) / (top - bottom)
+    out = (low - slant * bottom) / (np.cos(side) - slant * np.sin(side))
+    z, edge = (out * np.sin(side))[..., None, :], (out * np.cos(side))[..., None, :]
+    up = (z - z[..., :1]) / (z[..., -1:] - z[..., :1])
+    under, over = ((_cot(met[..., k]) / _cot(side[..., [k]]))[..., None] for k in (0, -1))
+    return edge * (under + up * (over - under)), z + 0 * under
+
+
+def _cot(angle: Any) -> Any:
+    return np.cos(angle) / np.sin(angle)
