@@ -20,6 +20,9 @@ LEAST |= {"hole edge": (3, (2, 2)), "tube edge": (2, (1, 1))}
 LEAN = 0.3  # of a cell: columns under the tube's wall on a lean mesh may be short of the usual growth by so much
 SURFACE = 1.15  # cells more than the usual growth asks for in the rows under the surface of a lean mesh, but no more than 4
 SLENDER = 50.0  # tissue beside the blocks over an interval of heights: cells so long are not cut towards an interface's end
+OUTWARDS = 0.9  # of the radius where an interface meets a sphere: columns that begin there come from no nearer to the axis
+FLAT = 0.05  # of a sphere's radius: rings nearer to its axis are at a pole
+CapPlace = tuple[int, int, bool]
 THIN = 12.0  # features of the blocks: under thinner tissue no lines end, for the corners are felt below it
 
 
@@ -58,7 +61,7 @@ def block_breaks(s: Section, height: Any) -> Breaks:
     return Breaks([0 * height, height], [s.corner_size, s.corner_size], [5])
 
 
-def cap_places(s: Section, radii: Breaks) -> tuple[tuple[tuple[int, int], ...], ...]:
+def cap_places(s: Section, radii: Breaks) -> tuple[tuple[CapPlace, ...], ...]:
     """``Kind.caps`` of a section whose lengths are floats."""
     above, across = s.interfaces_apart
     if not across:
@@ -66,8 +69,8 @@ def cap_places(s: Section, radii: Breaks) -> tuple[tuple[tuple[int, int], ...], 
     sines = (s.sphere_depth - np.array(s.interfaces[above : above + across])) / s.sphere_radius
     upper, lower = near_poles(np.arcsin(sines))
     rings = s.sphere_radius * np.sqrt(1 - sines**2)
-    places = tuple(_place(ring, radii) for ring in rings)
-    return places[: across - lower - 1 : -1] if lower else (), places[:upper]
+    places = tuple((*_place(OUTWARDS * ring, radii), bool(ring < FLAT * s.sphere_radius)) for ring in rings)
+    return places[::-1][:lower], places[:upper]
 
 
 def _place(radius: float, radii: Breaks) -> tuple[int, int]:

@@ -27,6 +27,7 @@ from geometry.common.arrays import Ints
 from geometry.meridian.grading import smooth_min
 from geometry.meridian.sphere_box import CORE_REACH
 
+FEW_LAYERS, MANY_LAYERS = 3, 8  # at rings: beside a pole heights there are no more than roundings
 STEEP, LEVEL = np.pi / 6, np.pi / 3  # angles above the horizon between which an interface may be a ray or a part of the terrain
 
 
@@ -66,12 +67,14 @@ class Cap:
     Attributes:
         rows: numbers of their levels.
         starts: numbers of the box's columns at which they begin, among ``CrossedBox.lines``.
+        flat: whether each meets the sphere so near to the pole that little is cut towards it.
         sign: 1 at the upper pole, -1 at the lower.
         end: the level of the box's end at this pole.
     """
 
     rows: tuple[int, ...]
     starts: tuple[int, ...]
+    flat: tuple[bool, ...]
     sign: int
     end: int
 
@@ -102,9 +105,13 @@ class CrossedBox:
         return range(low, high + 1)
 
     @property
-    def corners(self) -> list[tuple[int, int]]:
-        """Lines that meet where an interface does the sphere."""
-        return [(self.lines[start], row) for cap in self.caps for row, start in zip(cap.rows, cap.starts, strict=True)]
+    def tips(self) -> dict[tuple[int, int], int]:
+        """Lines that meet where an interface begins on the sphere near a pole, and how many layers cells there have at most."""
+        return {
+            (self.lines[start], row): FEW_LAYERS if flat else MANY_LAYERS
+            for cap in self.caps
+            for row, start, flat in zip(cap.rows, cap.starts, cap.flat, strict=True)
+        }
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import numpy as np
 
 from geometry.meridian.breaks import (
     THIN,
+    CapPlace,
     block_breaks,
     cap_places,
     cell_counts,
@@ -42,8 +43,8 @@ class Kind:
         lean: whether cells are few where a scan of single counts found that they change nothing: under the tube's wall, across
             the box and below it, round the core; rows under the surface as many as their growth asks for.
         layers: interfaces of the tissue above the sphere, across it and below it.
-        caps: of interfaces that cross the sphere near its lower and its upper pole, each from the pole on, between which breaks of
-            radii they meet it, and how many eighths of the columns there lie nearer to the axis.
+        caps: of interfaces that cross the sphere near its lower and its upper pole, each from the pole on: between which breaks of
+            radii they meet it, how many eighths of the columns there lie nearer to the axis, and whether nearly at the pole.
         ends: whether cells are cut towards each interface's end at the tissue's side, from the surface downwards.
         thin: whether the tissue above sphere or floor is thin.
         films: layers between block and base: 0, 1 (film) or 2 (film and adhesive).
@@ -64,7 +65,7 @@ class Kind:
     edges: bool = False
     lean: bool = False
     ends: tuple[bool, ...] = ()
-    caps: tuple[tuple[tuple[int, int], ...], ...] = ((), ())
+    caps: tuple[tuple[CapPlace, ...], ...] = ((), ())
 
 
 @dataclass(frozen=True)
@@ -178,9 +179,9 @@ class MeshTopology:
         lines, rows = self.box_lines, self.interfaces[above : above + across]
         ends, caps = np.cumsum([0, *self.columns]), []
         for places, sign, name, levels in zip(self.kind.caps, (-1, 1), ("low", "high"), (rows[::-1], rows), strict=True):
-            wanted = [ends[k] + eighths / 8 * self.columns[k] for k, eighths in places]
-            nearest = [int(np.argmin(np.abs(np.array(lines) - one))) for one in wanted]
-            caps.append(Cap(tuple(levels[: len(places)]), spread(nearest, len(lines) - 1), sign, self.row[name]))
+            wanted = [int(np.searchsorted(lines, ends[k] + eighths / 8 * self.columns[k])) for k, eighths, _ in places]
+            starts, flat = spread(wanted, len(lines) - 1), tuple(one for *_, one in places)
+            caps.append(Cap(tuple(levels[: len(places)]), starts, flat, sign, self.row[name]))
         lower, upper = caps
         sides = rows[len(upper.rows) : len(rows) - len(lower.rows)]
         return CrossedBox(lines, tuple(sides[::-1]), (lower, upper))
@@ -240,7 +241,7 @@ def kind(section: Section, lean: bool = False) -> Kind:
     radii, levels = radial_breaks(s, box, sphere), tissue_breaks(s, sphere, thin)
     columns, rows = cell_counts(radii), cell_counts(levels)
     caps = cap_places(s, radii)
-    columns = max(columns[0], 1 + 2 * max(map(len, caps))), *columns[1:]
+    columns = max(columns[0], max(2 + 2 * len(cap) if cap else 0 for cap in caps)), *columns[1:]
     lean = lean and not s.edge_radius
     if lean and sphere is not None:
         columns, rings = lean_columns(columns, radii, box), lean_rings(rings, sphere.rings()[1])

@@ -16,7 +16,7 @@ geometric layers, which their neighbours do not see:
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
 from typing import Any
@@ -68,8 +68,7 @@ class Topology:
 def topology(kind: Kind, fineness: MeridianFineness) -> Topology:
     """Return the elements of every mesh of a kind."""
     layout = MeshTopology(kind, fineness)
-    singular = set(_singular(layout))
-    tips = set(layout.crossed.corners if layout.crossed is not None else ())
+    singular, tips = dict(_singular(layout)), layout.crossed.tips if layout.crossed is not None else {}
     cut = [_layers(cell, layout, singular, tips) for cell in _cells(layout)]
     shape, body, vertices, circles = (np.array(column) for column in zip(*(cell for cell, _ in cut), strict=True))
     repeat = np.array([len(quads) for _, quads in cut])
@@ -310,27 +309,35 @@ def interface_ends(mesh: Topology) -> Ints:
     return np.flatnonzero(np.any(at, axis=1))
 
 
-def _singular(layout: MeshTopology) -> Iterator[Place]:
-    """Yield the corners with singular stresses: the blocks', and where interfaces meet the sphere, where the side meets floor and interfaces."""
+def _singular(layout: MeshTopology) -> Iterator[tuple[Place, int]]:
+    """Yield the corners with singular stresses and how many layers cells have there.
+
+    The blocks' corners, where interfaces meet the sphere, and where the side meets floor and interfaces.
+    """
+    layers = layout.fineness.layers
     column, surface = layout.column, layout.row["surface"]
     tops = layout.inner[layout.blocks[0]], layout.outer[layout.blocks[1]]
     for radius, top in zip(("inner", "hole", "tube"), (tops[0], tops[1], tops[1]), strict=True):
-        yield (column.get(f"{radius} edge", column[radius]), surface), False
-        yield (column[radius], top), False
-    yield (column["side"], layout.row["floor"]), False
+        yield ((column.get(f"{radius} edge", column[radius]), surface), False), layers
+        yield ((column[radius], top), False), layers
+    yield ((column["side"], layout.row["floor"]), False), layers
     for level, cut in zip(layout.interfaces, layout.kind.ends, strict=True):
         if cut:
-            yield (column["side"], level), False
+            yield ((column["side"], level), False), layers
     if layout.kind.flange:
-        yield (column["tube"], layout.base[layout.step]), False
+        yield ((column["tube"], layout.base[layout.step]), False), layers
     if layout.kind.base:
-        yield (layout.bridge[len(layout.bridge) // 2], layout.boss[-1]), False
-    if layout.crossed is not None:
-        yield from (((column["box"], level), True) for level in layout.crossed.sides)
-        for cap in layout.crossed.caps:
-            for line, level in zip((layout.crossed.lines[k] for k in cap.starts), cap.rows, strict=True):
-                yield (line, cap.last), True
-                yield (line, level), False
+        yield ((layout.bridge[len(layout.bridge) // 2], layout.boss[-1]), False), layers
+    if layout.crossed is None:
+        return
+    for level in layout.crossed.sides:
+        yield ((column["box"], level), True), layers
+    for cap in layout.crossed.caps:
+        for start, level in zip(cap.starts, cap.rows, strict=True):
+            line = layout.crossed.lines[start]
+            few = min(layers, layout.crossed.tips[line, level])
+            yield ((line, cap.last), True), few
+            yield ((line, level), False), few
 
 
 def _places(cell: Cell, rings: int) -> Iterator[Place]:
@@ -344,7 +351,7 @@ def _places(cell: Cell, rings: int) -> Iterator[Place]:
             yield (vertices[end], True) if circle == on_sphere else None
 
 
-def _ending(cell: Cell, tips: set[Vertex]) -> int | None:
+def _ending(cell: Cell, tips: Container[Vertex]) -> int | None:
     """Whether a cell's left (0) or right (1) side is a point, where an interface begins on the sphere near its pole."""
     shape, _, vertices, circles = cell
     if shape in (ARCH, STRIP):
@@ -352,17 +359,19 @@ def _ending(cell: Cell, tips: set[Vertex]) -> int | None:
     return next((end for end in (0, 1) if vertices[end] in tips), None) if shape == OUTSIDE else None
 
 
-def _layers(cell: Cell, layout: MeshTopology, singular: set[Place], tips: set[Vertex]) -> tuple[Cell, Floats]:
+def _layers(cell: Cell, layout: MeshTopology, singular: dict[Place, int], tips: dict[Vertex, int]) -> tuple[Cell, Floats]:
     """Cut a cell's unit square into geometric layers towards its singular corner or point, if it has one; shape (elements, 4, 2)."""
-    layers, point = layout.fineness.layers, _ending(cell, tips)
+    point = _ending(cell, tips)
     if point is not None:
-        ends = np.array([0.0, *(LAYER**k for k in range(layers, -1, -1))])
+        _, _, vertices, circles = cell
+        tip = vertices[point] if vertices[point] in tips else (vertices[0][0], circles[1])
+        ends = np.array([0.0, *(LAYER**k for k in range(min(layout.fineness.layers, tips[tip]), -1, -1))])
         pieces = [SQUARE * [high - low, 1.0] + [low, 0.0] for low, high in pairwise(np.sort(np.abs(point - ends)))]
         return cell, np.stack(pieces)
-    corners = [k for k, place in enumerate(_places(cell, layout.rings[1])) if place in singular]
-    if not corners or layers == 0:
+    corners = [(k, singular[place]) for k, place in enumerate(_places(cell, layout.rings[1])) if place in singular]
+    if not corners or not corners[0][1]:
         return cell, SQUARE[None]
-    (k,) = corners  # two cells at least lie between any two singular corners
+    ((k, layers),) = corners  # two cells at least lie between any two singular corners
     quads = [LAYER**layers * SQUARE]
     for layer in range(layers):
         x, y = LAYER**layer, LAYER ** (layer + 1)

@@ -87,8 +87,7 @@ def converged_forces(scene: Scene, accuracy: float, moduli: Floats | None = None
 def _uneven(of: Sections) -> bool:
     """Whether meshes are graded less finely at some corners: those of films and a base, and layers' ends."""
     moduli = [one.youngs_modulus for body, one in of.materials.items() if body in TISSUES]
-    ends = graded_everywhere(of.section) or max(moduli) > STIFF * min(moduli)
-    return of.section.has_details or (ends and bool(of.section.interfaces))
+    return of.section.has_details or bool(of.section.interfaces)
 
 
 def _films(scene: Scene, sample: MeshSample, errors: SampleErrors, changes: Iterable[Change] = ()) -> tuple[FilmForces, ...]:

@@ -42,7 +42,7 @@ from solver.axisymmetric.refinement import SampleErrors
 from solver.axisymmetric.sample import MeshSample
 from solver.linalg.rational_response import RationalResponse
 
-MOST = {4: 2.5, 5: 2.5, 6: 4.0}  # by order: c of eq. AX.10
+MOST = {4: 2.5, 5: 2.5, 6: 4.0, 8: 4.0}  # by order: c of eq. AX.10
 MOST_OF_OWN = {5: 2.2, 6: 2.4}  # likewise, of the state's own part of degree p
 AT_ENDS = 16.0  # c_e at interfaces' ends at the tissue's side
 RATES = {4: 12.0}  # by order: k of eq. AX.11
@@ -55,12 +55,8 @@ SLOPES = 2.0  # times: what the last degree changed of each film's log-sensitivi
 
 
 def graded_everywhere(section: Section) -> bool:
-    """Return whether the mesh has layers of cells at every singular point, which eq. AX.10 needs.
-
-    Interfaces of the tissue may cross the sphere's surface, where none lie.
-    """
-    across = section.interfaces_apart[1]
-    return not (across or section.has_details or np.any(section.edge_radius != 0))
+    """Return whether the mesh has layers of cells at every singular point, which eq. AX.10 needs: not with films or an elastic base."""
+    return not (section.has_details or np.any(section.edge_radius != 0))
 
 
 @dataclass(frozen=True)

@@ -75,7 +75,7 @@ def refine(
             if level != LIGHT:
                 history[level] = found
             solved = [history[one] for one in LEVELS if one in history]
-            own = alone if level.order in ONE_MESH else ()
+            own = alone if level.order in ONE_MESH or margin > 1 else ()
             for bounds in _known(found, solved if margin == 1 or not own else [found], own, margin):
                 finest = found if level == LIGHT else solved[-1]
                 if level == LIGHT and _worst(finest, bounds) > BELIEVED:

@@ -8,16 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import Refusal
-from geometry.common.limits import least_mm
 from geometry.meridian.section import LAYERS, Body, Section
 from geometry.scenes.base_sizes import base_sizes
-from geometry.scenes.probe import Material, mm
+from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
 
 ANGLES = 1440  # directions in which the tissue's sides are looked for
 HALF_SPACE = 1e6  # radius and depth of what stands for a half-space, in sizes of probe and inclusion
-LEAST_CUT, TOUCHING = 0.03, 1e-6  # of the sphere's radius that an interface cuts off, or keeps from it
+LEAST_CUT, TOUCHING = 1e-7, 1e-6  # of the sphere's radius: what an interface cuts off that is nearer to a pole than the second
 FILM_POISSON_RATIO = 0.3  # of films and adhesive, whose lateral stiffness the blocks hardly feel
 
 
@@ -42,12 +40,7 @@ class Sections:
 
 
 def sections(scene: Scene) -> Sections:
-    """Return the sections of a scene on a rigid base without films.
-
-    Raises:
-        Refusal: an interface of the tissue touches the sphere, or cuts next to nothing off it.
-    """
-    _check_interfaces(scene)
+    """Return the sections of a scene on a rigid base without films."""
     probe, tissue, at = scene.probe, scene.tissue, scene.placement
     angle = (np.arange(ANGLES) + 0.5) * 2 * np.pi / ANGLES
     materials: dict[Body, Material] = {Body.TISSUE: tissue, Body.INNER: probe.inner, Body.OUTER: probe.outer}
@@ -70,7 +63,7 @@ def sections(scene: Scene) -> Sections:
     else:
         radius = depth = HALF_SPACE * max(*blocks, sum(sphere), *layers.values())
         outline = np.full(ANGLES, radius)
-    section = Section(*blocks, radius, depth, *sphere, **layers, edge_radius=scene.contact.edge_radius)
+    section = _apart_from_poles(Section(*blocks, radius, depth, *sphere, **layers, edge_radius=scene.contact.edge_radius))
     low, high = float(outline.min()), float(outline.max())
     bracket = (
         ()
@@ -80,15 +73,19 @@ def sections(scene: Scene) -> Sections:
     return Sections(section, bracket, materials, outline)
 
 
-def _check_interfaces(scene: Scene) -> None:
-    """An interface that meets the sphere at a sharp angle leaves a wedge that no mesh fills."""
-    for index, interface in enumerate(scene.tissue.interfaces if scene.inclusion else ()):
-        body = scene.inclusion[0]
-        radius = (body.diameter or 0.0) / 2
-        inside = radius - abs(interface - body.depth)
-        if -TOUCHING * radius <= inside < LEAST_CUT * radius:
-            allowed = f"one that the interface below tissue.layer[{index}], {mm(interface)} deep, stays clear of or cuts by"
-            raise Refusal("inclusion.depth", mm(body.depth), f"{allowed} {least_mm(LEAST_CUT * radius)} or more")
+def _apart_from_poles(section: Section) -> Section:
+    """Move interfaces that touch the sphere a little into it, by less than rounding leaves known of where they are."""
+    if not section.sphere_radius:
+        return section
+    radius, thicknesses, last = section.sphere_radius, {}, 0.0
+    for body, depth in zip(LAYERS, section.interfaces, strict=False):
+        for inwards in (1, -1):
+            pole = section.sphere_depth - inwards * radius
+            moved = pole + inwards * LEAST_CUT * radius
+            if abs(depth - pole) < TOUCHING * radius and moved > last:
+                depth = moved  # noqa: PLW2901
+        thicknesses[body.name.lower()], last = depth - last, depth
+    return replace(section, **thicknesses)
 
 
 def with_details(scene: Scene, plain: Sections) -> Sections:

@@ -1,0 +1,270 @@
+"""Spheres that interfaces of the tissue cross or nearly touch: whether all mesh, and whether bounds hold.
+
+Every drawn scene has one sphere on the axis, one to three interfaces across it, up to two elsewhere, contrasts of layers and sphere
+to 1000 both ways, both contacts. Of every other scene interfaces lie near a pole: by 1e-4 to 0.1 of the radius inside or outside,
+or exactly at it; spheres are up to three times as wide as the probe, layers as thin as a hundredth of the radius.
+
+    python -m benchmarks.extremes.crossed_spheres --scenes 400 --meshes
+    python -m benchmarks.extremes.crossed_spheres --scenes 120 --truths truths.jsonl
+    python -m benchmarks.extremes.crossed_spheres --scenes 120 --ngsolve 10 --truths truths.jsonl
+
+Truth is order 10 with half as many cells again and two layers more at corners than the finest mesh that is asked at; what order 8
+on these cells says otherwise is its uncertainty. Truths are read from a file of an earlier run where one is named.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from threadpoolctl import threadpool_limits
+
+from benchmarks.tables import MeasuredTable
+from geometry import Contact, CylinderTissue, Inclusion, InputError, Load, Material, Probe, Scene
+from geometry.common.errors import Refusal, SolveError
+from geometry.common.resources import Limits, limited
+from geometry.meridian.frame import MeridianFineness, kind
+from geometry.meridian.mesh import nodes, topology
+from geometry.scenes.scene import Layer
+from solver import evaluate
+from solver.axisymmetric.refinement import LEVELS
+from solver.axisymmetric.sample import MeshSample, sample
+from solver.axisymmetric.sections import sections
+from solver.elements.quadrilateral import geometry
+from solver.elements.shape_functions import shapes
+
+TRUE, NEARLY = MeridianFineness(1.5, 6, 10), MeridianFineness(1.5, 6, 8)
+ROOM = Limits(memory=5e9, seconds=600.0)  # of the truth
+ACCURACIES = (1e-2, 1e-3, 1e-4)
+CONTRAST = 1e3
+RATIOS = (0.3, 0.4, 0.45, 0.49, 0.499)  # Poisson's
+POLES, TOUCHES = (1e-4, 0.1), 0.2  # radii between pole and interface; the share of such interfaces that touch it
+THINNEST = 0.01  # radii
+USEFUL = 20.0  # times the true error, or the accuracy: what a bound is at most where that is reached
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Ratio and log-sensitivity, each with what is not known of it, relative and absolute."""
+
+    ratio: float
+    log_sensitivity: float
+    ratio_uncertainty: float
+    sensitivity_uncertainty: float
+
+
+@dataclass(frozen=True)
+class Row:
+    """One scene at one accuracy: errors, bounds, whether a warning says that one is wider than asked."""
+
+    error: float
+    bound: float
+    sensitivity_error: float
+    sensitivity_bound: float
+    reached: bool
+
+
+def draw(seed: int, number: int) -> Scene:
+    """Return one scene, the same for the same seed and number.
+
+    Raises:
+        InputError, ValueError: its parts do not fit.
+    """
+    rng = np.random.default_rng([seed, number, 7])
+
+    def between(low: float, high: float) -> float:
+        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+    def material(about: float, most: float = CONTRAST) -> dict[str, float]:
+        return {"youngs_modulus": about * between(1 / most, most) ** 0.5, "poisson_ratio": float(rng.choice(RATIOS))}
+
+    inner, height = between(1.0, 5.0), between(0.2, 2.0)
+    gap, wall = between(0.01, 0.3) * inner, between(0.1, 1.5) * inner
+    outer = inner + gap + wall
+    radius = between(0.2, 3.0) * outer / 2 if number % 2 else between(0.15, 1.2) * outer
+    top = between(0.05, 1.5) * radius
+    depth = top + 2 * radius + between(0.1, 3.0) * radius
+    centre = top + radius
+    planes = _planes(rng, centre, radius, depth, poles=bool(number % 2))
+    mm = 1e-3
+    layers = tuple(Layer(thickness=float(h) * mm, **material(2e4)) for h in np.diff([0.0, *planes]))
+    probe = Probe(
+        inner_radius=inner * mm,
+        outer_radius=outer * mm,
+        gap=gap * mm,
+        inner_height=height * inner * mm,
+        outer_height=height * inner * mm,
+        inner=Material(youngs_modulus=between(2e4, 2e7), poisson_ratio=float(rng.uniform(0.3, 0.45))),
+        outer=Material(youngs_modulus=between(2e4, 2e7), poisson_ratio=float(rng.uniform(0.3, 0.45))),
+    )
+    tissue = CylinderTissue(
+        shape="cylinder", radius=between(1.5, 6) * max(outer, radius) * mm, depth=depth * mm, layer=layers, **material(2e4)
+    )
+    body = Inclusion(diameter=2 * radius * mm, depth=centre * mm, **material(2e4, CONTRAST**2))
+    contact = Contact(interface=str(rng.choice(["bonded", "frictionless"])))  # type: ignore[arg-type]
+    return Scene(probe=probe, tissue=tissue, inclusion=(body,), contact=contact, load=Load(indentation=1e-6))
+
+
+def _planes(rng: np.random.Generator, centre: float, radius: float, depth: float, *, poles: bool) -> list[float]:
+    """Depths of the interfaces."""
+    across = [centre + radius * float(rng.uniform(-0.97, 0.97)) for _ in range(int(rng.integers(1, 4)))]
+    for k in range(len(across) if poles else 0):
+        off = 0.0 if rng.random() < TOUCHES else float(np.exp(rng.uniform(*np.log(POLES)))) * rng.choice([-1, 1])
+        if k == 0 or rng.random() < 0.5:
+            across[k] = centre + float(rng.choice([-1, 1])) * radius * (1 + off)
+    elsewhere = [float(rng.uniform(0.02, 0.98)) * depth for _ in range(int(rng.integers(0, 3)))]
+    found: list[float] = []
+    for plane in sorted(across + elsewhere):
+        if plane - (found[-1] if found else 0.0) > THINNEST * radius and depth - plane > THINNEST * radius:
+            found.append(plane)
+    return found
+
+
+def drawn(seed: int, count: int) -> Iterator[tuple[str, Scene]]:
+    """Yield the first scenes of a seed whose parts fit and which an interface crosses or touches."""
+    number = 0
+    while count:
+        try:
+            scene = draw(seed, number)
+            radius, at = (scene.inclusion[0].diameter or 0.0) / 2, scene.inclusion[0].depth
+            if any(abs(plane - at) < 1.1 * radius for plane in scene.tissue.interfaces):
+                yield f"seed {seed}, number {number}", scene
+                count -= 1
+        except (InputError, ValueError):
+            pass
+        number += 1
+
+
+def meshes(scene: Scene) -> int:
+    """Return how many of the level's meshes have a cell without area."""
+    section, bad = sections(scene).section, 0
+    for level in LEVELS:
+        functions = shapes(level.order)
+        try:
+            geometry(nodes(section, topology(kind(section, level.lean), level), functions.places), functions)
+        except SolveError:
+            bad += 1
+    return bad
+
+
+def truth(scene: Scene) -> Truth:
+    """Solve on the finest mesh and on one of a lower order.
+
+    Raises:
+        SolveError, LimitReached: it cannot be solved.
+    """
+    of = sections(scene)
+    with limited(ROOM):
+        nearly, true = (sample(of.section, of, scene, level) for level in (NEARLY, TRUE))
+    (a, s), (b, t) = (_values(scene, one) for one in (nearly, true))
+    return Truth(b, t, abs(a / b - 1), abs(s - t))
+
+
+def _values(scene: Scene, found: MeshSample) -> tuple[float, float]:
+    inner, outer = found.totals[0]
+    return float(inner / outer * scene.probe.outer_area / scene.probe.inner_area), float(found.log_sensitivity[0])
+
+
+def compare(scene: Scene, true: Truth, accuracy: float) -> Row | None:
+    """Return errors and bounds, or None where the ratio is not told."""
+    found = evaluate(scene, "axisymmetric", accuracy, linear=True)
+    if found.ratio is None or found.error_estimate is None or found.log_sensitivity is None:
+        return None
+    wide = any("log_sensitivity" in str(line) for line in found.warnings)
+    promised = max(5 * accuracy * abs(found.log_sensitivity), 1e-5)
+    off = abs(found.log_sensitivity - true.log_sensitivity) - true.sensitivity_uncertainty
+    error = abs(found.ratio / true.ratio - 1)
+    return Row(error, found.error_estimate, off, math.inf if wide else promised, found.error_estimate <= accuracy)
+
+
+def by_ngsolve(scene: Scene) -> tuple[float, float, float]:
+    """Return ratio, log-sensitivity and their relative uncertainty by NGSolve."""
+    from benchmarks.references.axisymmetric import reference  # noqa: PLC0415 - not everybody has NGSolve
+
+    found = reference(scene, 1e-6)
+    return found.ratio, found.log_sensitivity or 0.0, found.relative_uncertainty
+
+
+def table(found: dict[float, list[Row]]) -> MeasuredTable:
+    """Return the shares of bounds by accuracy."""
+    columns = (
+        "accuracy",
+        "scenes",
+        "accuracy reached",
+        "bounds broken",
+        "error / bound, times",
+        "median, times",
+        "bounds too wide",
+        "log-sensitivity / promise, times",
+    )
+    printed = MeasuredTable("spheres across interfaces: errors against their bounds", columns)
+    for accuracy, rows in found.items():
+        shares = np.array([row.error / row.bound for row in rows])
+        wide = sum(row.reached and row.bound > max(USEFUL * row.error, accuracy) for row in rows)
+        slopes = max(row.sensitivity_error / row.sensitivity_bound for row in rows)
+        reached, broken = sum(row.reached for row in rows), int((shares > 1).sum())
+        printed.add(
+            f"{accuracy:g}", str(len(rows)), str(reached), str(broken), shares.max(), float(np.median(shares)), str(wide), slopes
+        )
+    return printed
+
+
+def _known(path: Path | None) -> dict[str, Truth]:
+    rows = (json.loads(row) for row in path.read_text().splitlines()) if path and path.exists() else ()
+    return {name: Truth(**one) for name, one in rows}
+
+
+def main() -> None:
+    """Draw, solve, compare."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scenes", type=int, default=120, help="drawn scenes (120)")
+    parser.add_argument("--seed", type=int, default=1, help="of drawn scenes (1)")
+    parser.add_argument("--meshes", action="store_true", help="look at meshes alone, which takes little time")
+    parser.add_argument("--ngsolve", type=int, default=0, help="compare the truths of so many scenes with NGSolve, and nothing else")
+    parser.add_argument("--truths", type=Path, help="file of truths, read and added to")
+    asked = parser.parse_args()
+    scenes = list(drawn(asked.seed, asked.scenes))
+    if asked.meshes:
+        bad = {name: count for name, scene in scenes if (count := meshes(scene))}
+        print(f"{len(scenes)} scenes, {len(LEVELS)} meshes each: {sum(bad.values())} have a cell without area {bad or ''}")
+        return
+    known, found = _known(asked.truths), {accuracy: [] for accuracy in ACCURACIES}  # type: dict[str, Truth], dict[float, list[Row]]
+    with threadpool_limits(1):
+        for name, scene in scenes[: asked.ngsolve or None]:
+            try:
+                if name not in known:
+                    known[name] = truth(scene)
+                    if asked.truths:
+                        with asked.truths.open("a") as kept:
+                            kept.write(json.dumps([name, vars(known[name])]) + "\n")
+                true = known[name]
+                if asked.ngsolve:
+                    ratio, slope, uncertain = by_ngsolve(scene)
+                    print(
+                        f"{name}: ratio {true.ratio / ratio - 1:+.1e} (order 8: {true.ratio_uncertainty:.1e}), "
+                        f"log_sensitivity {true.log_sensitivity - slope:+.1e}, NGSolve's own {uncertain:.1e}",
+                        flush=True,
+                    )
+                    continue
+                for accuracy in ACCURACIES:
+                    row = compare(scene, true, accuracy)
+                    if row is None:
+                        print(f"{name}: no ratio at {accuracy:g}", flush=True)
+                        continue
+                    found[accuracy].append(row)
+                    if row.error > row.bound or row.sensitivity_error > row.sensitivity_bound or not row.reached:
+                        print(f"{name}: at {accuracy:g} {row}, truth known to {true.ratio_uncertainty:.1e}", flush=True)
+            except (SolveError, Refusal) as fault:
+                print(f"{name}: {fault}", flush=True)
+    if not asked.ngsolve:
+        table(found).print(Console(width=150))
+
+
+if __name__ == "__main__":
+    main()
