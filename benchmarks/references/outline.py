@@ -195,9 +195,13 @@ def make_mesh(scene: Scene, refinement: Refinement) -> ngs.Mesh:
 
 
 def meshed(edges: list[Edge], refinement: Refinement) -> ngs.Mesh:
-    """Build the graded, curved mesh with geometric layers at every corner of the probe and of the tissue's bottom."""
+    """Build the graded, curved mesh with geometric layers at every corner of the probe and of the tissue's bottom.
+
+    Likewise where interfaces meet the sphere.
+    """
     geometry = SplineGeometry()
     singular = {p for edge in edges if edge.name in SINGULAR for p in (edge.start, edge.end) if p[0] > 0}
+    singular |= {edge.start for edge in edges if edge.name == "interface" and edge.start[0] > 0}  # on the sphere
     points = {p: None for edge in edges for p in (edge.start, edge.end)}
     index = {p: geometry.AddPoint(*p, hpref=float(p in singular)) for p in points}
     for edge in edges:

@@ -1,7 +1,7 @@
 r"""The box round a sphere that interfaces of the tissue cross: where its lines and rays lie.
 
-An interface that meets the sphere steeply, on its side, is one of the rays from the sphere's centre to the box's side; rays near it
-are turned about the centre where they meet the sphere, so that it stays level. Near a pole such rays would lie along the
+An interface that meets the sphere steeply, on its side, is one of the rays from the sphere's centre to the box's side; rays
+near it are turned about the centre where they meet the sphere, so that it stays level. Near a pole such rays would lie along the
 interface. There the sphere's cap and the interfaces are a terrain, above which columns stand upright: each interface begins on
 the sphere at one column, so that the rows of cells below it end there in a point. The lowest of them is the box's top
 
@@ -49,9 +49,9 @@ def _near_pole(angles: Any) -> int:
 
 
 def spread(wanted: list[int], last: int) -> tuple[int, ...]:
-    """Return rising numbers from 1 to ``last`` - 1 near those wanted, two apart at least: no cell touches two interfaces' beginnings.
+    """Return rising numbers from 1 to ``last`` - 1 near those wanted, two apart at least.
 
-    ``last`` is twice their number or more.
+    No cell touches two interfaces' beginnings then. ``last`` is twice their number or more.
     """
     out: list[int] = []
     for k, one in enumerate(wanted):
@@ -131,7 +131,7 @@ class BoxLines:
 
 
 def place(box: CrossedBox, radii: Any, levels: Any, centre: Any, radius: Any) -> BoxLines:
-    """Place a box's lines.
+    """Return where a box's lines lie.
 
     Rays to the box's side do not pass through the sphere: they are turned by s v, |s| < 1, with v = acos(radius / distance), the
     angle to the tangent (ME.3). s is linear in the ray's angle between interfaces and corners. A corner's ray is not turned where
@@ -142,7 +142,8 @@ def place(box: CrossedBox, radii: Any, levels: Any, centre: Any, radius: Any) ->
         box: its numbers.
         radii: of all radii, shape (..., radii).
         levels: of all levels, shape (..., levels).
-        centre, radius: the sphere's height and radius, shape (...,).
+        centre: the sphere's height, shape (...,).
+        radius: the sphere's, shape (...,).
     """
     lines, count = np.array(box.lines), levels.shape[-1]
     centre, radius = (np.asarray(one)[..., None] for one in (centre, radius))
@@ -212,7 +213,9 @@ def _sides(along: Any, edge: Any, heights: Any, radius: Any, sides: Ints, met: l
     for k, (first, last) in enumerate(pairwise(breaks)):
         span = slice(first, last + 1)
         share = (along[..., span] - along[..., [first]]) / (along[..., [last]] - along[..., [first]])
-        out[..., span] = along[..., span] + widest[..., span] * (turned[..., [k]] + share * (turned[..., [k + 1]] - turned[..., [k]]))
+        out[..., span] = along[..., span] + widest[..., span] * (
+            turned[..., [k]] + share * (turned[..., [k + 1]] - turned[..., [k]])
+        )
     return out
 
 

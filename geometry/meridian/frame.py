@@ -43,8 +43,8 @@ class Kind:
         lean: whether cells are few where a scan of single counts found that they change nothing: under the tube's wall, across
             the box and below it, round the core; rows under the surface as many as their growth asks for.
         layers: interfaces of the tissue above the sphere, across it and below it.
-        caps: of interfaces that cross the sphere near its lower and its upper pole, each from the pole on: between which breaks of
-            radii they meet it, how many eighths of the columns there lie nearer to the axis, and whether nearly at the pole.
+        caps: of interfaces that cross the sphere near its lower and its upper pole, each from the pole on: between which breaks
+            of radii they meet it, how many eighths of the columns there lie nearer to the axis, and whether nearly at the pole.
         ends: whether cells are cut towards each interface's end at the tissue's side, from the surface downwards.
         thin: whether the tissue above sphere or floor is thin.
         films: layers between block and base: 0, 1 (film) or 2 (film and adhesive).

@@ -45,8 +45,8 @@ class Topology:
 
     Attributes:
         layout: numbers of the lines.
-        shape: TENSOR between lines, OUTSIDE or INSIDE the sphere between rays, in its CORE, or between columns that end on an ARCH of it
-            or on an interface (STRIP), see ``geometry.meridian.crossed_sphere``; shape (n,).
+        shape: TENSOR between lines, OUTSIDE or INSIDE the sphere between rays, in its CORE, or between columns on an ARCH
+            of it or an interface (STRIP), see ``geometry.meridian.crossed_sphere``; shape (n,).
         vertices: radius and level of the cell's corners, counter-clockwise; in a ring, of its side of the box, twice;
             shape (n, 4, 2).
         circles: the two circles of the cell in a ring, the two levels between which its columns stand, shape (n, 2).
@@ -151,7 +151,7 @@ def _in_cells(grid: Any, mesh: Topology, share: Floats, chosen: Ints) -> Any:
 def _in_box(
     lines: MeshLines, box: BoxLines, mesh: Topology, share: Floats, within: Floats, points: tuple[Any, Any]
 ) -> tuple[Any, Any]:
-    """Move points of the box's sides along their rays into the rings, and those of its grid into the core and onto the terrain."""
+    """Move points of the box's sides along their rays into the rings, those of its grid into the core and onto the terrain."""
     centre, sphere = (np.asarray(x)[..., None, None] for x in (lines.centre, lines.sphere))
     kind = np.result_type(*points, centre, sphere, box.core_radii, box.core_heights, lines.outside, lines.inside)
     r, z = (one.astype(kind) for one in points)  # complex if any is
@@ -179,7 +179,9 @@ def _in_box(
             (low, high), u = mesh.circles[chosen].T, within[chosen, :, 0]
             foot, end = (lines.levels[..., rows, None] for rows in (low, high))
             t = (z[..., chosen, :] - foot) / (end - foot)
-            a, b, met = (_along(grid, mesh, chosen, rows, u) for grid, rows in ((box.across, low), (box.across, high), (box.met, low)))
+            a, b, met = (
+                _along(grid, mesh, chosen, rows, u) for grid, rows in ((box.across, low), (box.across, high), (box.met, low))
+            )
             if chosen is arch:
                 a, foot = sphere * np.cos(met), centre + sphere * np.sin(met)
             r[..., chosen, :], z[..., chosen, :] = (1 - t) * a + t * b, (1 - t) * foot + t * end
@@ -263,10 +265,14 @@ def _crossed_sphere(layout: MeshTopology, box: CrossedBox) -> Iterator[Cell]:
     """Yield the cells of a box that interfaces cross: likewise, and those between columns."""
     edge, (lower, upper), lines = box.lines[-1], box.caps, box.lines
     low, high = lower.last, upper.last
-    sides = [(_layer(layout, high), ((a, high), (b, high)) * 2, k >= max((0, *upper.starts))) for k, (a, b) in enumerate(pairwise(lines))]
+    sides = [
+        (_layer(layout, high), ((a, high), (b, high)) * 2, k >= max((0, *upper.starts)))
+        for k, (a, b) in enumerate(pairwise(lines))
+    ]
     sides += [(_layer(layout, d), ((edge, d), (edge, c)) * 2, True) for c, d in pairwise(range(low, high + 1))]
     sides += [
-        (_layer(layout, low + 1), ((b, low), (a, low)) * 2, k >= max((0, *lower.starts))) for k, (a, b) in enumerate(pairwise(lines))
+        (_layer(layout, low + 1), ((b, low), (a, low)) * 2, k >= max((0, *lower.starts)))
+        for k, (a, b) in enumerate(pairwise(lines))
     ]
     for shape, count in zip((OUTSIDE, INSIDE), layout.rings, strict=True):
         for (body, side, free), circle in product(sides, range(count)):
@@ -360,7 +366,7 @@ def _ending(cell: Cell, tips: Container[Vertex]) -> int | None:
 
 
 def _layers(cell: Cell, layout: MeshTopology, singular: dict[Place, int], tips: dict[Vertex, int]) -> tuple[Cell, Floats]:
-    """Cut a cell's unit square into geometric layers towards its singular corner or point, if it has one; shape (elements, 4, 2)."""
+    """Cut a cell's unit square into geometric layers towards its singular corner or point, if any; shape (elements, 4, 2)."""
     point = _ending(cell, tips)
     if point is not None:
         _, _, vertices, circles = cell

@@ -9,21 +9,19 @@ from functools import cache, partial
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.meridian.section import TISSUES
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.lower_order import graded_everywhere, near_errors, order_errors, own_errors
 from solver.axisymmetric.omitted_details import IN_PLANE, Change, omitted_changes
-from solver.axisymmetric.refinement import LEVELS, SampleErrors, refine
+from solver.axisymmetric.refinement import CROSSED, LEVELS, ONE_MESH, SampleErrors, refine
 from solver.axisymmetric.sample import MeshSample, sample
-from solver.axisymmetric.sections import Sections, sections, with_details
+from solver.axisymmetric.sections import sections, with_details
 from solver.linalg.workspace import current
 from solver.results.film_forces import Bound, FilmForces, above
 from solver.results.result import Decision
 from solver.results.warnings import Note
 
 NEGLIGIBLE = 0.05  # of the accuracy: films and base that change less are left out
-UNEVEN = 2.0  # times what several meshes tell where they may all miss the same
-STIFF = 1e3  # of the moduli of layers, by which they do where an interface crosses the sphere
+UNEVEN = 2.0  # times what several meshes tell where they may all miss the same: corners of films and a base, layers' ends
 
 
 @dataclass(frozen=True)
@@ -77,17 +75,12 @@ def converged_forces(scene: Scene, accuracy: float, moduli: Floats | None = None
         accuracy,
         good,
         (own_errors, near_errors, order_errors) if graded_everywhere(chosen.section) else (),
-        margin=UNEVEN if _uneven(chosen) else 1.0,
+        margin=UNEVEN if chosen.section.has_details or chosen.section.interfaces else 1.0,
+        told=CROSSED if chosen.section.interfaces_apart[1] else ONE_MESH,
     )
     films = _films(scene, mesh_sample, errors, missing)
     plan = tuple(change.decision(accuracy) for change in changes)
     return Converged(films, mesh_sample, plan, tuple(_notes(scene, films, missing, accuracy, why)), why)
-
-
-def _uneven(of: Sections) -> bool:
-    """Whether meshes are graded less finely at some corners: those of films and a base, and layers' ends."""
-    moduli = [one.youngs_modulus for body, one in of.materials.items() if body in TISSUES]
-    return of.section.has_details or bool(of.section.interfaces)
 
 
 def _films(scene: Scene, sample: MeshSample, errors: SampleErrors, changes: Iterable[Change] = ()) -> tuple[FilmForces, ...]:

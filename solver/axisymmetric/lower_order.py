@@ -55,7 +55,10 @@ SLOPES = 2.0  # times: what the last degree changed of each film's log-sensitivi
 
 
 def graded_everywhere(section: Section) -> bool:
-    """Return whether the mesh has layers of cells at every singular point, which eq. AX.10 needs: not with films or an elastic base."""
+    """Return whether the mesh has layers of cells at every singular point, which eq. AX.10 needs.
+
+    With films, an elastic base or round edges it has not.
+    """
     return not (section.has_details or np.any(section.edge_radius != 0))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -30,6 +30,7 @@ LIGHT = MeridianFineness(0.7, 1, 4, lean=True)  # tried first where none is left
 LIGHT_FOR = 3e-3  # accuracies it is tried for, or above: it seldom does below
 BELIEVED = 0.01  # bounds of its that are believed: where they are wider its changes need not fall yet
 ONE_MESH = (4, 5, 6)  # orders of meshes that do
+CROSSED = (*ONE_MESH, 8)  # likewise where interfaces cross the sphere: what several meshes miss there is in the same cells
 UNSEEN_DROP = 1.5  # by which errors are trusted to fall from one level to the next before it is seen
 LEAST_SHARE = 1.5  # of the last change: the least that the error bound keeps
 GUARD = 0.3  # of the largest change that eq. AX.2 allows
@@ -51,6 +52,7 @@ def refine(
     alone: Sequence[Callable[[MeshSample], SampleErrors | None]] = (),
     *,
     margin: float = 1.0,
+    told: Container[int] = ONE_MESH,
 ) -> tuple[MeshSample, SampleErrors, str | None]:
     """Return the first sample that is good enough with its errors, or that of the finest mesh that could be solved.
 
@@ -60,8 +62,9 @@ def refine(
         solve: solves on a mesh.
         accuracy: relative.
         good: whether a sample with its errors is good enough.
-        alone: what may tell the errors of a sample from its own mesh, of an order in ``ONE_MESH``, the cheapest first.
+        alone: what may tell the errors of a sample from its own mesh, the cheapest first.
         margin: times what several meshes tell of their errors; above 1 that counts where none tells its own alone.
+        told: orders of the meshes that do.
 
     Raises:
         SolveError: not even two meshes could be solved, or one where that is asked.
@@ -75,7 +78,7 @@ def refine(
             if level != LIGHT:
                 history[level] = found
             solved = [history[one] for one in LEVELS if one in history]
-            own = alone if level.order in ONE_MESH or margin > 1 else ()
+            own = alone if level.order in told else ()
             for bounds in _known(found, solved if margin == 1 or not own else [found], own, margin):
                 finest = found if level == LIGHT else solved[-1]
                 if level == LIGHT and _worst(finest, bounds) > BELIEVED:

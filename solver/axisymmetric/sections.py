@@ -83,7 +83,7 @@ def _apart_from_poles(section: Section) -> Section:
             pole = section.sphere_depth - inwards * radius
             moved = pole + inwards * LEAST_CUT * radius
             if abs(depth - pole) < TOUCHING * radius and moved > last:
-                depth = moved  # noqa: PLW2901
+                depth = moved
         thicknesses[body.name.lower()], last = depth - last, depth
     return replace(section, **thicknesses)
 

@@ -154,10 +154,28 @@ def test_layers_that_do_not_fit_are_refused(layers, words):
     assert "\n" not in str(refused.value)
 
 
-@pytest.mark.parametrize("depth", [5.0, 5.05, 12.95, 13.0])
-def test_an_interface_that_hardly_cuts_the_sphere_is_refused(depth):
-    with pytest.raises(Refusal, match=r"inclusion.depth = 9 mm: allowed: .*tissue.layer\[0\].*0.12 mm or more"):
-        Axisymmetric().evaluate(on((depth, 1e4)))
+CROSSED = REFERENCE / "crossed-spheres"
+TRUE_CROSSED = json.loads((CROSSED / "expected.json").read_text())
+
+
+@pytest.mark.parametrize("accuracy", [1e-2, 1e-4])
+@pytest.mark.parametrize("name", TRUE_CROSSED)
+def test_spheres_across_interfaces_against_an_independent_code(name, accuracy):
+    """Interfaces near a pole, several at once, contrasts of a thousand, a sphere wider than the probe: no bound is broken."""
+    expected, found = TRUE_CROSSED[name], Axisymmetric().evaluate(read_scene(CROSSED / f"{name}.toml"), accuracy)
+    assert found.error_estimate <= accuracy
+    uncertain = expected["relative_uncertainty"]
+    assert abs(found.ratio / expected["ratio"] - 1) <= found.error_estimate + uncertain
+    promised = max(5 * accuracy * abs(expected["log_sensitivity"]), 1e-5)
+    assert abs(found.log_sensitivity - expected["log_sensitivity"]) <= promised + uncertain
+
+
+@pytest.mark.parametrize("pole", [5.0, 13.0])
+def test_an_interface_that_touches_the_sphere_lies_between_those_beside_it(pole):
+    """A cut, or a clearance, of a thousandth of the radius changes what it changes by: less than the ratio, and either way alike."""
+    beside, touching, inside = (Axisymmetric().evaluate(on((pole + off, 6e4)), 1e-4).ratio for off in (-0.004, 0.0, 0.004))
+    assert touching == pytest.approx((beside + inside) / 2, rel=2e-4)
+    assert min(beside, inside) - 1e-4 * touching < touching < max(beside, inside) + 1e-4 * touching
 
 
 @pytest.mark.parametrize(
