@@ -113,6 +113,15 @@ class CrossedBox:
             for row, start, flat in zip(cap.rows, cap.starts, cap.flat, strict=True)
         }
 
+    def flat(self, levels: Any) -> tuple[Any, Any, float]:
+        """Return levels from the box's lower end to its upper, heights to draw them at, and the radius of a sphere that fits."""
+        lower, upper = self.caps
+        parts = ((lower.rows, -0.9, -0.4), (self.sides, -0.3, 0.3), (upper.rows[::-1], 0.4, 0.9))
+        knots = levels[[lower.end, *(row for rows, *_ in parts for row in rows), upper.end]]
+        radius = 0.4 * (knots[-1] - knots[0])
+        places = np.concatenate([np.linspace(*ends, len(rows) + 2)[1:-1] for rows, *ends in parts])
+        return knots, np.concatenate([knots[:1], (knots[0] + knots[-1]) / 2 + radius * places, knots[-1:]]), radius
+
 
 @dataclass(frozen=True)
 class BoxLines:

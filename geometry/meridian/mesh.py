@@ -105,18 +105,20 @@ def labels(mesh: Topology) -> Floats:
     low, high = (line_label(layout.row.get(name, k)) for k, name in enumerate(("low", "high")))
     edge = line_label(layout.column.get("box", 1))
     outside, inside = (np.linspace(0.0, 1.0, rings + 1) for rings in layout.rings)
-    lines, scale = (line_label(np.arange(radii)), line_label(np.arange(levels))), 1.0
-    radius, centre = 0.4 * min(edge, high - low), (low + high) / 2
+    lines = line_label(np.arange(radii)), line_label(np.arange(levels))
     if layout.crossed is not None:
-        scale, ends = WIDE, [line_label(next(iter(cap.rows), cap.end - cap.sign)) for cap in layout.crossed.caps]
-        bottom, top = (low + ends[0]) / 2, (high + ends[1]) / 2
-        radius, centre = (top - bottom) / 2, (top + bottom) / 2
-        box = place(layout.crossed, scale * lines[0], lines[1], centre, radius)
+        knots, heights, radius = layout.crossed.flat(lines[1])
+        drawn = np.interp(lines[1], [0.0, *knots, levels], [0.0, *heights, levels])
+        box = place(layout.crossed, WIDE * lines[0], drawn, (low + high) / 2, radius)
+        flat = MeshLines(WIDE * lines[0], drawn, outside, inside, (low + high) / 2, radius, box)
+        r, z = np.moveaxis(_mapped(flat, mesh, SQUARE), -1, 0)
+        found = np.stack([r / WIDE, np.interp(z, [0.0, *heights, levels], [0.0, *knots, levels])], axis=-1)
     else:
+        radius, centre = 0.4 * min(edge, high - low), (low + high) / 2
         core = 0.4 * radius / np.hypot(edge, high - low)
         box = BoxLines(None, None, *np.broadcast_arrays(core * lines[0][:, None], core * (lines[1] - centre)))
-    flat = MeshLines(scale * lines[0], lines[1], outside, inside, centre, radius, box)
-    return np.asarray(np.round(_mapped(flat, mesh, SQUARE) / [scale, 1.0], 9)) + 0.0  # + 0.0: no negative zeros
+        found = _mapped(MeshLines(*lines, outside, inside, centre, radius, box), mesh, SQUARE)
+    return np.asarray(np.round(found, 9)) + 0.0  # + 0.0: no negative zeros
 
 
 def line_label(number: Any) -> Any:

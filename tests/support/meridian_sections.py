@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 from geometry.meridian.frame import MeridianFineness
 from geometry.meridian.frame import kind as kind_of
 from geometry.meridian.mesh import Topology, nodes, topology
-from geometry.meridian.section import Body, Section
+from geometry.meridian.section import LAYERS, TISSUES, Body, Section
 from solver.axisymmetric.sections import HALF_SPACE
 from solver.elements.quadrilateral import Geometry, geometry
 from solver.elements.shape_functions import shapes
@@ -99,6 +100,28 @@ SPECIAL: dict[str, dict[str, float]] = {
     "base twenty lines further": HAIRLINE | {"cover": 0.5},
     "base twenty-one lines further": HAIRLINE | {"cover": 0.1, "below": 1.0},
 }
+# depths of interfaces below the sphere's centre in its radii: on its side, near a pole, several at one, beyond the other
+CROSSED: tuple[tuple[float, ...], ...] = (
+    (0.0,),
+    (-0.99,),
+    (-1 + 1e-7,),
+    (0.9999,),
+    (-0.95, -0.9, -0.8),
+    (-0.5, 0.5),
+    (0.8, 1.0001),
+    (-1.4, -0.83, -0.71, 0.84),
+    (-1.01, -0.7, 0.1, 0.3, 0.99),
+)
+
+
+def crossed_section(depths: tuple[float, ...], **numbers: Any) -> Section:
+    """A section with interfaces at depths below the sphere's centre, in its radii, those that are below the surface."""
+    plain = section(**({"sphere": 0.7, "cover": 0.5} | numbers))
+    planes = (plain.sphere_depth + depth * plain.sphere_radius for depth in depths)
+    heights = np.diff([0.0, *(plane for plane in planes if plane > 0)])
+    return replace(plain, **{body.name.lower(): height for body, height in zip(LAYERS, heights.tolist(), strict=False)})
+
+
 special = pytest.mark.parametrize("case", [pytest.param(case, id=name) for name, case in SPECIAL.items()])
 
 
@@ -129,7 +152,7 @@ def volumes(s: Section) -> dict[Body, float]:
 
 
 def of_probe(mesh: Topology) -> np.ndarray:
-    return (mesh.body != Body.TISSUE) & (mesh.body != Body.INCLUSION)
+    return ~np.isin(mesh.body, (*TISSUES, Body.INCLUSION))
 
 
 def rounding(s: Section) -> float:

@@ -11,7 +11,17 @@ from scipy.spatial import cKDTree
 
 from geometry.meridian.mesh import SQUARE, Topology, labels, nodes
 from geometry.meridian.section import Section
-from tests.support.meridian_sections import few, mesh_of, numbers, of_probe, rounding, section, special
+from tests.support.meridian_sections import (
+    CROSSED,
+    crossed_section,
+    few,
+    mesh_of,
+    numbers,
+    of_probe,
+    rounding,
+    section,
+    special,
+)
 
 
 def corners_of(mesh: Topology) -> np.ndarray:
@@ -42,6 +52,14 @@ def test_sections_with_round_edges_conform(case: dict[str, float]) -> None:
         assert_edges_are_shared(replace(sharp, edge_radius=share * size))
 
 
+@pytest.mark.parametrize("depths", CROSSED)
+@pytest.mark.parametrize(
+    "probe", [{}, {"sphere": 2.0, "cover": 0.05}, {"sphere": 0.2, "gap": 2e-3}], ids=["usual", "wide", "small"]
+)
+def test_sections_with_interfaces_across_the_sphere_conform(depths: tuple[float, ...], probe: dict[str, float]) -> None:
+    assert_edges_are_shared(crossed_section(depths, **probe))
+
+
 @few
 @given(numbers)
 def test_promised_sections_conform(case: dict[str, float]) -> None:
@@ -69,7 +87,7 @@ def assert_edges_are_shared(s: Section) -> None:
     at, corner = nodes(s, mesh, SQUARE), corners_of(mesh)
     ends, sides = (np.stack([x, np.roll(x, -1, axis=1)], axis=2) for x in (corner, at))  # (n, 4, 2), (n, 4, 2, 2)
     told = np.unique(np.sort(ends, axis=2).reshape(-1, 2), axis=0, return_inverse=True, return_counts=True)
-    number, count = told[1].ravel(), told[2]
+    number, count = told[1].ravel(), np.where(told[0][:, 0] == told[0][:, 1], 2, told[2])  # points have any number of cells
     assert spread(along_edges(s, mesh, ends[..., 0] < ends[..., 1]), number) <= rounding(s)
     assert count.max() == 2
     alone = (count[number] == 1).reshape(-1, 4)

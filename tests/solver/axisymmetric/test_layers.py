@@ -172,7 +172,7 @@ def test_spheres_across_interfaces_against_an_independent_code(name, accuracy):
 
 @pytest.mark.parametrize("pole", [5.0, 13.0])
 def test_an_interface_that_touches_the_sphere_lies_between_those_beside_it(pole):
-    """A cut, or a clearance, of a thousandth of the radius changes what it changes by: less than the ratio, and either way alike."""
+    """A thousandth of the radius more or less changes little, and either way alike."""
     beside, touching, inside = (Axisymmetric().evaluate(on((pole + off, 6e4)), 1e-4).ratio for off in (-0.004, 0.0, 0.004))
     assert touching == pytest.approx((beside + inside) / 2, rel=2e-4)
     assert min(beside, inside) - 1e-4 * touching < touching < max(beside, inside) + 1e-4 * touching
