@@ -116,10 +116,12 @@ class CrossedBox:
     def flat(self, levels: Any) -> tuple[Any, Any, float]:
         """Return levels from the box's lower end to its upper, heights to draw them at, and the radius of a sphere that fits."""
         lower, upper = self.caps
-        parts = ((lower.rows, -0.9, -0.4), (self.sides, -0.3, 0.3), (upper.rows[::-1], 0.4, 0.9))
-        knots = levels[[lower.end, *(row for rows, *_ in parts for row in rows), upper.end]]
+        rows, spans = (lower.rows, self.sides, upper.rows[::-1]), ((-0.9, -0.4), (-0.3, 0.3), (0.4, 0.9))
+        knots = levels[[lower.end, *(row for part in rows for row in part), upper.end]]
         radius = 0.4 * (knots[-1] - knots[0])
-        places = np.concatenate([np.linspace(*ends, len(rows) + 2)[1:-1] for rows, *ends in parts])
+        places = np.concatenate(
+            [np.linspace(low, high, len(part) + 2)[1:-1] for part, (low, high) in zip(rows, spans, strict=True)]
+        )
         return knots, np.concatenate([knots[:1], (knots[0] + knots[-1]) / 2 + radius * places, knots[-1:]]), radius
 
 
