@@ -44,8 +44,10 @@ def near_poles(angles: Any) -> tuple[int, int]:
 
 
 def _near_pole(angles: Any) -> int:
-    ends = np.clip(np.concatenate([[np.pi / 2], angles, [-np.pi / 2]]), STEEP, LEVEL)
-    return int(np.argmax(np.round(ends[:-1] - ends[1:], 9)))
+    if not len(angles) or angles[0] < STEEP:  # upright columns are better than turned rays where there is a choice
+        return 0
+    ends = np.clip(np.concatenate([angles, [-np.pi / 2]]), STEEP, LEVEL)
+    return 1 + int(np.argmax(np.round(ends[:-1] - ends[1:], 9)))
 
 
 def spread(wanted: list[int], last: int) -> tuple[int, ...]:
@@ -181,7 +183,9 @@ def place(box: CrossedBox, radii: Any, levels: Any, centre: Any, radius: Any) ->
         angles[..., beyond:] = pole + (own - pole) * (corner[..., None] - pole) / (own[..., -1:] - pole)
         met[..., part] = angles[..., None]
         ends.append(corner)
-    met[..., -1, rows] = _sides(along, edge, heights[..., rows], radius, sides - rows[0], [ends[0], level, ends[1]])
+    widest = np.arccos(radius / (edge**2 + heights[..., rows] ** 2) ** 0.5)
+    level = np.concatenate([ends[0][..., None], level, ends[1][..., None]], axis=-1)
+    met[..., -1, rows] = along + widest * _turned(along, widest, [0, *(sides - rows[0]), len(rows) - 1], level)
     core = _core(met[..., rows], CORE_REACH * radius)
     core_radii[..., rows], core_heights[..., rows] = core
     return BoxLines(*(_scattered(one, lines, kind) for one in (across, met, core_radii, core_heights)))
@@ -214,19 +218,13 @@ def _cap(cap: Cap, radii: Any, heights: Any, radius: Any) -> tuple[Any, Any]:
     return angles, terrain
 
 
-def _sides(along: Any, edge: Any, heights: Any, radius: Any, sides: Ints, met: list[Any]) -> Any:
-    """Angles at which rays to the box's side meet the sphere."""
-    breaks = [0, *sides, along.shape[-1] - 1]
-    ends = np.concatenate([met[0][..., None], met[1], met[2][..., None]], axis=-1)
-    widest = np.arccos(radius / (edge**2 + heights**2) ** 0.5)
-    turned = (ends - along[..., breaks]) / widest[..., breaks]
-    out = along + 0 * widest
+def _turned(along: Any, widest: Any, breaks: list[int], met: Any) -> Any:
+    """Return s of rays to the box's side from what it is at interfaces and corners, whose rays meet the sphere at the angles ``met``."""
+    ends, out = (met - along[..., breaks]) / widest[..., breaks], 0 * along * widest
     for k, (first, last) in enumerate(pairwise(breaks)):
         span = slice(first, last + 1)
         share = (along[..., span] - along[..., [first]]) / (along[..., [last]] - along[..., [first]])
-        out[..., span] = along[..., span] + widest[..., span] * (
-            turned[..., [k]] + share * (turned[..., [k + 1]] - turned[..., [k]])
-        )
+        out[..., span] = ends[..., [k]] + share * (ends[..., [k + 1]] - ends[..., [k]])
     return out
 
 

@@ -140,7 +140,7 @@ def _mapped(lines: MeshLines, mesh: Topology, places: Floats) -> Any:
     corners = (along[..., mesh.vertices[..., axis], None] for axis, along in enumerate((lines.radii, lines.levels)))
     r, z = ((share @ along)[..., 0] for along in corners)
     if lines.box is not None:
-        r, z = _in_box(lines, lines.box, mesh, share, within, (r, z))
+        r, z = _in_box(lines, mesh, share, within, (r, z))
     return np.stack([r, z], axis=-1)
 
 
@@ -150,10 +150,10 @@ def _in_cells(grid: Any, mesh: Topology, share: Floats, chosen: Ints) -> Any:
     return (share[chosen] @ grid[..., column, row][..., None])[..., 0]
 
 
-def _in_box(
-    lines: MeshLines, box: BoxLines, mesh: Topology, share: Floats, within: Floats, points: tuple[Any, Any]
-) -> tuple[Any, Any]:
+def _in_box(lines: MeshLines, mesh: Topology, share: Floats, within: Floats, points: tuple[Any, Any]) -> tuple[Any, Any]:
     """Move points of the box's sides along their rays into the rings, those of its grid into the core and onto the terrain."""
+    box = lines.box
+    assert box is not None
     centre, sphere = (np.asarray(x)[..., None, None] for x in (lines.centre, lines.sphere))
     kind = np.result_type(*points, centre, sphere, box.core_radii, box.core_heights, lines.outside, lines.inside)
     r, z = (one.astype(kind) for one in points)  # complex if any is

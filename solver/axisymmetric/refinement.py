@@ -30,7 +30,7 @@ LIGHT = MeridianFineness(0.7, 1, 4, lean=True)  # tried first where none is left
 LIGHT_FOR = 3e-3  # accuracies it is tried for, or above: it seldom does below
 BELIEVED = 0.01  # bounds of its that are believed: where they are wider its changes need not fall yet
 ONE_MESH = (4, 5, 6)  # orders of meshes that do
-CROSSED = (*ONE_MESH, 8)  # likewise where interfaces cross the sphere: what several meshes miss there is in the same cells
+CROSSED = (5, 6, 8)  # likewise where interfaces cross the sphere: order 4 told half of an error where rays were turned much
 UNSEEN_DROP = 1.5  # by which errors are trusted to fall from one level to the next before it is seen
 LEAST_SHARE = 1.5  # of the last change: the least that the error bound keeps
 GUARD = 0.3  # of the largest change that eq. AX.2 allows
@@ -73,6 +73,8 @@ def refine(
     history: dict[MeridianFineness, MeshSample] = {}
     best: tuple[MeshSample, SampleErrors] | None = None
     for level in _ladder(accuracy, bool(alone), margin == 1):
+        if alone and margin > 1 and level.order < min(told):
+            continue
         try:
             found = solve(level)
             if level != LIGHT:
