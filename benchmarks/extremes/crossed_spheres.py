@@ -8,7 +8,7 @@ outside, or exactly at it; spheres are up to three times as wide as the probe, l
     python -m benchmarks.extremes.crossed_spheres --scenes 60 --seed 1 --truths truths.jsonl
     python -m benchmarks.extremes.crossed_spheres --ngsolve 10 --truths truths.jsonl
 
-Truth is order 9 with half as many cells again and up to four layers more at corners than the meshes that answer at once. Truths are
+Truth is order 9 with half as many cells again and up to three layers more at corners than the meshes that answer. Truths are
 read from a file of an earlier run where one is named.
 """
 

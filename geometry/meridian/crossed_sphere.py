@@ -219,7 +219,7 @@ def _cap(cap: Cap, radii: Any, heights: Any, radius: Any) -> tuple[Any, Any]:
 
 
 def _turned(along: Any, widest: Any, breaks: list[int], met: Any) -> Any:
-    """Return s of rays to the box's side from what it is at interfaces and corners, whose rays meet the sphere at the angles ``met``."""
+    """Return s of rays to the box's side; at interfaces and corners, ``breaks``, they meet the sphere at the angles ``met``."""
     ends, out = (met - along[..., breaks]) / widest[..., breaks], 0 * along * widest
     for k, (first, last) in enumerate(pairwise(breaks)):
         span = slice(first, last + 1)
