@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -52,7 +52,7 @@ def refine(
     alone: Sequence[Callable[[MeshSample], SampleErrors | None]] = (),
     *,
     margin: float = 1.0,
-    told: Container[int] = ONE_MESH,
+    told: Sequence[int] = ONE_MESH,
 ) -> tuple[MeshSample, SampleErrors, str | None]:
     """Return the first sample that is good enough with its errors, or that of the finest mesh that could be solved.
 
