@@ -21,6 +21,7 @@ from probe_design.built_probe.bench import Bench, Reference
 FAR = 4.0  # standard deviations by which a gain may be off what the bench says of the channels
 READ_AGAIN = "put it right, and read again"
 TRIED = 24  # exchanges of two references, the most promising ones
+SHOWS = 3.0  # standard deviations by which a film's charge stands out from its noise
 DEAD = 0.1  # share of what a film should feel below which it feels nothing
 
 Order = tuple[int, ...]
@@ -92,12 +93,13 @@ def share_doubt(bench: Bench) -> float:
     return FAR * (bench.channels.gain + bench.channels.cross_talk)
 
 
-def check_films(films: Floats, expected: Floats) -> None:
-    """Refuse readings of which a film is dead or of reversed polarity.
+def check_films(films: Floats, expected: Floats, deviations: Floats) -> None:
+    """Refuse readings of which a film is dead, of reversed polarity, or below its noise.
 
     Args:
         films: both films' readings, shape (n, 2).
         expected: shares of the load that the inner film should feel, shape (n,).
+        deviations: standard deviations of ``films`` by noise, shape (n, 2).
 
     Raises:
         InputError: names the film, or the polarity.
@@ -107,10 +109,15 @@ def check_films(films: Floats, expected: Floats) -> None:
         what = Words(f"nothing on the {dead} film, whatever is pressed")
         raise InputError("reading", what, f"charge on both films: is a film dead, or its cable off or short? {READ_AGAIN}")
     both = (expected > 0) & (expected < 1)
-    if np.any(films[both].prod(axis=1) < 0):
+    opposite = both & (films.prod(axis=1) < 0)
+    if np.any(opposite & (np.abs(films) > SHOWS * deviations).all(axis=1)):
         raise InputError(
             "reading", Words("charges of opposite sign"), f"one polarity: a film's leads are exchanged; {READ_AGAIN}"
         )
+    if opposite.any():
+        weaker = FILMS[int(np.argmin(np.abs(films[opposite][0])))]
+        what = Words(f"a charge of the {weaker} film below its noise")
+        raise InputError("reading", what, "charges that stand out on both films: press harder, or read longer (--seconds)")
 
 
 def _off(shares: Floats, expected: Floats, exchange: Misplacement) -> float:

@@ -13,6 +13,7 @@ from geometry.scenes.scene import Scene
 from hw.signal.measure import FILMS, Measurement, carried
 from hw.signal.waveform import Flawed
 from probe_design.built_probe.bench import Bench
+from probe_design.built_probe.exchanges import SHOWS
 from probe_design.built_probe.film_forces import newtons
 from probe_design.built_probe.gain_matrix import Gains
 from probe_design.built_probe.load_checks import check_films, check_scene_load
@@ -25,7 +26,6 @@ from solver.planning.load_check import check_load, with_load
 from solver.planning.load_limits import load_rule
 from solver.results.result import Result
 
-SHOWS = 3.0  # standard deviations, which a film's force on tissue exceeds
 CONTRADICTS = 5.0  # standard deviations between a ratio and its prediction
 NEARER = 5.0  # times as near its prediction, in ln: what an exchange of channels makes of a ratio
 

@@ -38,7 +38,7 @@ def trusted(observed: Sequence[Observed], shares: Shares, bench: Bench) -> tuple
             it), the references cannot tell the gains, or a gain is far from what the bench says of its channel.
     """
     films, expected = np.array([one.films for one in observed]), _expected(observed, shares)
-    check_films(films, expected)
+    check_films(films, expected, np.sqrt([np.diag(one.covariance) for one in observed]))
     _check_force(observed, bench)
     observed, straying = _loosened(observed, bench)
     gains, fault = _attempt(observed, shares, bench)

@@ -234,7 +234,9 @@ class Comparison:
             return False
 
     def _pressed(self, films: Films) -> Films:
-        check_films(np.array([self.gains.forces(one) for one, _ in films]), self._expected)
+        forces = np.array([self.gains.forces(one) for one, _ in films])
+        deviations = np.sqrt([np.diag(self.gains.forces_covariance(one, noise)) for one, noise in films])
+        check_films(forces, self._expected, deviations)
         return films
 
     def _workshop(self, bias: dict[str, Floats]) -> dict[str, Floats]:

@@ -15,7 +15,7 @@ from geometry.scenes.variables import changed, values
 from hw.common.samples import Samples
 from probe_design.built_probe.block_predictions import predicted
 from probe_design.built_probe.calibration import Calibration, calibrate
-from probe_design.built_probe.exchanges import dead_film
+from probe_design.built_probe.exchanges import check_films, dead_film
 from probe_design.built_probe.virtual_probe import Built, signals
 from tests.support.hw.benches import BENCH, films, sampled, scene, shares
 from tests.support.slow import slow_unless
@@ -163,3 +163,11 @@ def test_films_that_feel_each_other_s_load_are_not_dead() -> None:
     assert dead_film(right, np.array([1.0, 0.0])) is None
     assert dead_film(right * [0.0, 1.0], np.array([1.0, 0.0])) == "inner"
     assert dead_film(np.array([[0.5, 1e-3]]), np.array([0.4])) == "outer"
+
+
+@pytest.mark.parametrize(("noise", "words"), [(0.001, "opposite sign"), (0.05, "a charge of the outer film below its noise")])
+def test_a_film_below_its_noise_is_not_taken_for_reversed(noise: float, words: str) -> None:
+    """The sign of a charge that does not stand out is chance."""
+    pressed, expected = np.array([[1.0, 0.2], [1.0, -0.01]]), np.array([0.8, 0.99])
+    with pytest.raises(InputError, match=words):
+        check_films(pressed, expected, np.full((2, 2), noise))
