@@ -1,6 +1,6 @@
 """Whether the plan's cheap bounds on loads hold: scenes drawn on the axis, pressed by level contact as far as the rule knows.
 
-    python -m benchmarks.extremes.load_bounds --scenes 60 --seed 0 [--light] [--narrow]
+    python -m benchmarks.extremes.load_bounds --scenes 60 --seed 0 [--light] [--narrow] [--layered]
 
 For each scene: the largest load of which the rule says anything; the largest share of the bounds that ratio, stresses, stiffness
 and log-sensitivity take up to there (1 is all of it; what two meshes differ by is taken off); the load at which the gap closes
@@ -8,6 +8,7 @@ over that up to which the plan, and the bound for formulas (PL.4), say that it s
 0.15 of the largest load has to do, where the shares are about as large, and no gap is closed: some 4 s a scene in place of 15.
 With --narrow gaps are up to a hundred times narrower, blocks up to ten times stiffer and half the tumours softer than tissue,
 where walls may hardly near each other without a tumour; scenes of which little is known, by x or the gap, are passed over.
+With --layered scenes without layers are passed over.
 """
 
 from __future__ import annotations
@@ -187,13 +188,15 @@ def main() -> None:
     parser.add_argument("--light", action="store_true", help="small loads only")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--narrow", action="store_true", help="narrow gaps, stiff blocks, soft tumours")
+    parser.add_argument("--layered", action="store_true", help="layered scenes only")
     options = parser.parse_args()
+    drawn = (narrowed if options.narrow else draws)(options.seed)
+    if options.layered:
+        drawn = (scene for scene in drawn if scene.tissue.layer)
     print("| scene | force, N | x | ratio | stresses | stiffness | log-sensitivity | closure / plan's | / formulas' |")
     print("|---|---|---|---|---|---|---|---|---|")
     audits: list[Audit] = []
-    for number, scene in zip(
-        range(options.first + options.scenes), (narrowed if options.narrow else draws)(options.seed), strict=False
-    ):
+    for number, scene in zip(range(options.first + options.scenes), drawn, strict=False):
         if number < options.first:
             continue
         try:

@@ -21,7 +21,7 @@ from probe_design.populations.population import TumourDraw
 from solver.closed_form.bessel import Array
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.loads import CLOSING, LARGEST_X, largest_x
-from solver.planning.strains import block_strain, cover_factor, most_nearing, slimness, tissue_strain
+from solver.planning.strains import block_strain, both_strains, cover_factor, most_nearing, slimness, tissue_strain
 
 USUAL_CHARGE = 20e-12  # C/N, of films that a scene does not have
 DIGITS = 3  # of a force
@@ -168,16 +168,17 @@ class PressingRule:
         blocks = zip(sizes.heights, totals, sizes.areas, sizes.moduli, strict=True)
         inner, outer = (block_strain(height, total / area / E) for height, total, area, E in blocks)
         outer = outer * slimness(sizes.outer_radius, sizes.outer_radius - sizes.inner_radius - sizes.gap)
-        strain = per_depth - lesser(-inner, -outer)
+        added = -lesser(-inner, -outer)
+        x, strain = both_strains(sizes.outer_radius, tissue.tissue, scene.contact.interface, added, self.covered)
         asked = load.force if load.indentation is None else load.indentation * stiffness
         allowed = {"scene" if limits.force is None else "force": asked if limits.force is None else limits.force}
-        allowed["linearity"] = MARGIN * largest_x(RATIO, promise=None, covered=self.covered)[0] / strain * stiffness
+        allowed["linearity"] = MARGIN * largest_x(RATIO, promise=None)[0] / strain * stiffness
         if limits.indentation is not None:
             allowed["indentation"] = limits.indentation * stiffness
         if limits.tissue_strain is not None:
             allowed["tissue_strain"] = limits.tissue_strain / per_depth * stiffness
         if limits.gap_closure:
-            allowed["gap_closure"] = MARGIN * lesser(CLOSING * closure, LARGEST_X / strain * stiffness)
+            allowed["gap_closure"] = MARGIN * lesser(CLOSING * closure, LARGEST_X / x * stiffness)
         if limits.charge is not None:
             larger = -lesser(-totals[0], -totals[1]) / stiffness
             allowed["charge"] = limits.charge[1] / (self.charge_per_force * larger)

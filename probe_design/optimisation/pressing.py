@@ -16,7 +16,7 @@ import numpy as np
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Load, Scene
 from solver.planning.loads import CLOSING, LoadRule, largest_x
-from solver.planning.strains import block_strain, cover_factor, slimness, tissue_strain
+from solver.planning.strains import block_strain, both_strains, cover_factor, slimness
 
 RATIO = 0.01  # relative change of the ratio by finite strain that is allowed
 DIGITS = 3  # of a load that the rule sets
@@ -95,11 +95,9 @@ def pressing_force(scene: Scene, v: Any, radius: Any, totals: Any, nearing: floa
     areas = (np.pi * v[0] ** 2, np.pi * v[0] ** 2 / v[1])
     inner, outer = (block_strain(v[3], total / area / E) for total, area, E in zip(totals, areas, (v[4], v[5]), strict=True))
     slim = slimness(radius, radius - v[0] - v[2])
-    strain = tissue_strain(radius, scene.tissue) + _greater(inner, slim * outer)
-    force = _lesser(
-        asked(scene.load, stiffness),
-        largest_x(RATIO, promise=None, covered=cover_factor(scene.inclusion))[0] / strain * stiffness,
-    )
+    added = _greater(inner, slim * outer)
+    _, strain = both_strains(radius, scene.tissue, scene.contact.interface, added, cover_factor(scene.inclusion))
+    force = _lesser(asked(scene.load, stiffness), largest_x(RATIO, promise=None)[0] / strain * stiffness)
     return _lesser(force, CLOSING * stiffness * v[2] / nearing) if nearing > 0 else force
 
 

@@ -5,8 +5,9 @@ log-sensitivity by at most exp(0.8 x) - 1, relative (PL.2). The rule is read off
 tests hold it against (``tests/reference/contact``); nothing is known beyond x = 0.3, nor beyond 1/20 of the force that closes
 the gap in linear elasticity, see eq. PL.9: the true closure was found at 1/14 of it in the worst of 235 scenes. Those solutions
 have stiff blocks on deep tissue, so that what else is strained counts as the indentation that would be as bad: shallow tissue by
-PL.5, soft blocks by PL.3. Large inclusions near the surface change ratio, stresses and stiffness more: PL.7. Where a
-log-sensitivity nearly vanishes as those of both films cancel, it counts as larger: PL.8.
+PL.5, layers and faces that slide by PL.6, soft blocks by PL.3. Large inclusions near the surface change ratio, stresses and
+stiffness more: PL.7; so does a film whose pressures nearly cancel: PL.10. Where a log-sensitivity nearly vanishes as those of
+both films cancel, it counts as larger: PL.8.
 """
 
 from __future__ import annotations
@@ -19,7 +20,15 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
-from solver.planning.strains import RATIO_CHANGE, block_strain, cover_factor, most_nearing, slimness, tissue_strain
+from solver.planning.strains import (
+    RATIO_CHANGE,
+    block_strain,
+    both_strains,
+    cancelling_factor,
+    cover_factor,
+    most_nearing,
+    slimness,
+)
 from solver.results.load_limits import LargestLoad
 
 SENSITIVITY_GROWTH = 0.8  # of ln(log-sensitivity) per x
@@ -99,7 +108,7 @@ class LoadRule:
         stiffness: linear, force per indentation, N/m.
         closure: force that closes the gap in linear elasticity, N; see ``CoarseModel.closure``.
         tilted: by how much a tilt lowers one side of the probe, m, which counts as indentation.
-        covered: eq. PL.7.
+        covered: eqs. PL.7 and PL.11, times eq. PL.10.
         films: log-sensitivities of both film forces, where an answer has told them, see ``sensitivity_size``.
     """
 
@@ -128,8 +137,12 @@ class LoadRule:
         outer = block_strain(probe.tube_height, totals[1] / probe.outer_area / probe.outer.youngs_modulus)
         outer *= slimness(probe.tube_radius, probe.tube_radius - probe.hole_radius)
         tilted = probe.tube_radius * math.tan(abs(scene.placement.tilt))
-        strain = float(tissue_strain(probe.tube_radius, scene.tissue) + max(inner, outer))
-        return cls(strain, float(totals.sum()), closure, tilted, cover_factor(scene.inclusion))
+        added, cover = max(inner, outer), cover_factor(scene.inclusion)
+        strain, of_ratio = (
+            float(one) for one in both_strains(probe.tube_radius, scene.tissue, scene.contact.interface, added, cover)
+        )
+        covered = of_ratio / strain * cancelling_factor(totals, (probe.inner_area, probe.outer_area))
+        return cls(strain, float(totals.sum()), closure, tilted, covered)
 
     def force(self, scene: Scene) -> float:
         """Return the force of a scene's load, N."""
