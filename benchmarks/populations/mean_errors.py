@@ -45,9 +45,10 @@ def signals(scene: Scene, design: Design, count: int, rng: np.random.Generator) 
         kept = np.concatenate([kept, drawn[drawn[:, 0] - drawn[:, 1] / 2 >= p.least_cover]])[:count]
     x = rng.uniform(-4e-3, 4e-3, count)
     along = np.abs(x[:, None] - design.protocol.places)
-    columns = [np.repeat(one, along.shape[1])[:, None] for one in kept.T]
+    depth, diameter, modulus = (np.repeat(one, along.shape[1])[:, None] for one in kept.T)
     nu = scene.inclusion[0].poisson_ratio
-    tumours = Tumours(along.reshape(-1, 1), np.zeros((along.size, 1)), *columns, np.full((along.size, 1), nu))
+    nothing = np.zeros((along.size, 1))
+    tumours = Tumours(along.reshape(-1, 1), nothing, depth, diameter, modulus, nothing + nu)
     totals = readings(base, tumours, 0, reflect=True).totals.reshape(*along.shape, 2)
     return np.log(totals[..., 0] / totals[..., 1]) - np.log(base.films.totals[0] / base.films.totals[1]), base.films.totals
 
