@@ -104,14 +104,14 @@ class Examination:
         unknowns, blank = Unknowns.of(self.population, draw), np.exp(np.log(readings.blank).mean(axis=0))
         known = design.noise, protocol, draw.scene, blank
         whole = covariance(*known, tissue=_tissue(unknowns, readings), over=readings.over, observable=observable)
-        own = covariance_of_all(*known, readings.over, observable)
+        own = covariance_of_all(*known, readings.over, observable=observable)
         detector = Detector.trained(self.reference, whole, protocol.false_alarm, seed=seed)
-        values, contrast, modulus = _values(detector, unknowns, readings, own, protocol.blank, seed)
+        values, contrast, modulus = _values(detector, unknowns, readings, own=own, blank=protocol.blank, seed=seed)
         threshold, model, causes = self._model_error(detector, values["detection"], protocol.blank, seed)
         control = None if self.control is None else self.control.found(detector, seed)
         off = dict.fromkeys(values, 0.0)
         if self.first is not None:
-            before = _values(detector, unknowns, self.first, own, protocol.blank, seed)[0]
+            before = _values(detector, unknowns, self.first, own=own, blank=protocol.blank, seed=seed)[0]
             values, off = self._corrected(values, before)
         fraction, some = _share(readings, protocol.blank), self.reflected
         models: dict[Kind, float] = {
@@ -163,7 +163,7 @@ class Examination:
 
 
 def _values(
-    detector: Detector, unknowns: Unknowns, readings: ScanReadings, own: Floats, blank: bool, seed: int
+    detector: Detector, unknowns: Unknowns, readings: ScanReadings, *, own: Floats, blank: bool, seed: int
 ) -> tuple[dict[Kind, Floats], Floats, Floats]:
     """Each tumour's probability of detection, whether it is resolved, its information; standard deviations of both logarithms."""
     J = unknowns.derivatives(readings, blank)

@@ -73,7 +73,7 @@ def covariance(
 
 
 def covariance_of_all(
-    noise: NoiseModel, protocol: Protocol, scene: Scene, blank: Floats, over: Floats, observable: Observable | None = None
+    noise: NoiseModel, protocol: Protocol, scene: Scene, blank: Floats, over: Floats, *, observable: Observable | None = None
 ) -> Floats:
     """Return C of eq. PO.8, arguments and refusals as of ``covariance``.
 
