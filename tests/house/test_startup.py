@@ -13,6 +13,8 @@ SCENE = REFERENCE / "axisymmetric" / "shallow.toml"
 BESIDE = EXAMPLES / "two-tumours.toml"
 OURS = {"geometry", "solver", "probe_design"}
 SCENES = OURS | {"click", "numpy", "pydantic", "pydantic_core", "annotated_types", "typing_extensions", "typing_inspection"}
+# every evaluator's limits of the load come from the coarsest mesh, so that all print the same ones
+ELEMENTS = {"scipy", "threadpoolctl", "pymklpardiso", "charset_normalizer", "cython_runtime"}
 HEAVY = {
     "OCP", "cadquery", "casadi", "dask", "distributed", "matplotlib", "netgen", "pandas", "pint", "pytetwild", "pyvista", "usb",
     "vtk", "xarray",
@@ -46,13 +48,13 @@ def test_help_needs_click_alone(arguments: list[str]) -> None:
 
 
 @pytest.mark.parametrize(("evaluator", "scene"), [("published", SCENE), ("closed-form", SCENE), ("closed-form", BESIDE)])
-def test_formulas_need_numpy_and_pydantic_alone(evaluator: str, scene: object) -> None:
-    assert modules("evaluate", scene, "--evaluator", evaluator, "--json") <= SCENES
+def test_formulas_need_no_more_than_elements_do(evaluator: str, scene: object) -> None:
+    assert modules("evaluate", scene, "--evaluator", evaluator, "--json") <= SCENES | ELEMENTS
 
 
 def test_a_table_needs_rich() -> None:
     found = modules("evaluate", SCENE, "--evaluator", "closed-form")
-    assert found - SCENES - {"rich"} <= {"markdown_it", "mdurl", "pygments"}
+    assert found - SCENES - ELEMENTS - {"rich"} <= {"markdown_it", "mdurl", "pygments"}
 
 
 def test_elements_need_no_cad_no_plots_no_tables() -> None:
