@@ -17,10 +17,10 @@ RATE, RANGE = 1000.0, 5.0  # samples per second and channel; volts at the end of
 
 
 def driver(first: int, count: int) -> np.ndarray:
-    """Return rows of volts, (count, 2), from a sample on: here a load of 5 Hz; with yours, what its read function returns."""
+    """Return rows of volts, (count, 2), from a sample on: here 10 mN at 5 Hz; with yours, what its read function returns."""
     turns = 2 * np.pi * 5.0 * np.arange(first, first + count) / RATE
-    noise = np.random.default_rng(first).normal(0.0, 1e-5, (count, 2))
-    return np.column_stack([0.02 * np.sin(turns), 0.03 * np.sin(turns)]) + noise
+    noise = np.random.default_rng(first).normal(0.0, 1e-7, (count, 2))
+    return np.column_stack([8e-5 * np.sin(turns), 12e-5 * np.sin(turns)]) + noise
 
 
 class DaqTransport:

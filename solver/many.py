@@ -99,9 +99,10 @@ def together(
 ) -> list[Answered | None]:
     """Return what can be answered together, without its provenance, and None for each scene that is to be answered alone."""
     asked = _Question(evaluator, accuracy, tell, linear)
-    if len(scenes) > 1 and evaluator in TOGETHER:
+    several = len(scenes) > 1
+    if evaluator in TOGETHER and (several or evaluator == FORMULAS):  # one of formulas, too: its limits are those of many
         return [*_named(scenes, asked)]
-    return _automatic(scenes, asked) if evaluator == levels.AUTO else [None] * len(scenes)
+    return _automatic(scenes, asked) if several and evaluator == levels.AUTO else [None] * len(scenes)
 
 
 def _checked(scene: Scene | Path | str) -> Scene:

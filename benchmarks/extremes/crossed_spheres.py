@@ -51,7 +51,7 @@ USEFUL = 20.0  # times the true error, or the accuracy: what a bound is at most 
 
 
 @dataclass(frozen=True)
-class Truth:
+class CrossedTruth:
     """What the finest mesh says."""
 
     ratio: float
@@ -152,7 +152,7 @@ def meshes(scene: Scene) -> int:
     return bad
 
 
-def truth(scene: Scene) -> Truth:
+def truth(scene: Scene) -> CrossedTruth:
     """Solve on the finest mesh.
 
     Raises:
@@ -162,14 +162,14 @@ def truth(scene: Scene) -> Truth:
     with limited(ROOM):
         found = sample(of.section, of, scene, TRUE)
     inner, outer = found.totals[0]
-    return Truth(float(inner / outer * _areas(scene)), float(found.log_sensitivity[0]))
+    return CrossedTruth(float(inner / outer * _areas(scene)), float(found.log_sensitivity[0]))
 
 
 def _areas(scene: Scene) -> float:
     return scene.probe.outer_area / scene.probe.inner_area
 
 
-def compare(scene: Scene, true: Truth, accuracy: float) -> BoundCheck:
+def compare(scene: Scene, true: CrossedTruth, accuracy: float) -> BoundCheck:
     """Return errors and bounds."""
     current().begin()  # what earlier scenes needed may go
     found = Axisymmetric().converged(scene, accuracy)
@@ -213,9 +213,9 @@ def table(found: dict[float, list[BoundCheck]]) -> MeasuredTable:
     return printed
 
 
-def _known(path: Path | None) -> dict[str, Truth]:
+def _known(path: Path | None) -> dict[str, CrossedTruth]:
     rows = (json.loads(row) for row in path.read_text().splitlines()) if path and path.exists() else ()
-    return {name: Truth(**one) for name, one in rows}
+    return {name: CrossedTruth(**one) for name, one in rows}
 
 
 def main() -> None:
@@ -234,7 +234,8 @@ def main() -> None:
         bad = {name: count for name, scene in scenes if (count := meshes(scene))}
         print(f"{len(scenes)} scenes, {len(LEVELS)} meshes each: {sum(bad.values())} have a cell without area {bad or ''}")
         return
-    known, found = _known(asked.truths), {accuracy: [] for accuracy in ACCURACIES}  # type: dict[str, Truth], dict[float, list[BoundCheck]]
+    known = _known(asked.truths)
+    found: dict[float, list[BoundCheck]] = {accuracy: [] for accuracy in ACCURACIES}
     with threadpool_limits(1):
         for name, scene in scenes[: asked.ngsolve or None]:
             try:

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from benchmarks.readings.cases import cases
-from benchmarks.readings.truths import Case, Truth
+from benchmarks.readings.truths import ReadingCase, ReadingTruth
 from geometry.common.arrays import Floats
 from probe_design.estimation.estimate import accuracy_for, estimate
 from probe_design.estimation.intervals import Likelihood, hulls
@@ -33,7 +33,7 @@ COLUMNS = ("kind", "case", "truth by", "covered", "share", "p", "below", "above"
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CoverageOutcome:
     """What came of the readings of a case.
 
     Attributes:
@@ -60,7 +60,7 @@ class Outcome:
         return float(binomtest(self.covered, self.count, 0.95).pvalue)
 
 
-def row_of(truth: Truth, out: Outcome, defect: float) -> str:
+def row_of(truth: ReadingTruth, out: CoverageOutcome, defect: float) -> str:
     """Return a line of the table."""
     case, share = truth.case, 100 / out.count
     shares = (f"{share * out.bounded:.0f} %", f"{share * out.unexplained:.1f} %", f"{defect:.1g}")
@@ -69,14 +69,14 @@ def row_of(truth: Truth, out: Outcome, defect: float) -> str:
     return f"| {' | '.join(map(str, cells))} |"
 
 
-def fitted(case: Case, row: Floats) -> Likelihood:
+def fitted(case: ReadingCase, row: Floats) -> Likelihood:
     """Return what `estimate` holds readings against: predictions depend on places, noise and signs, not on values."""
     data = Measurements.of(readings(case, row))
     model = TargetModel(case.scene, data, accuracy_for(None, data))
     return Likelihood(Track.of(model, case.unknown).with_spread(case.nuisances), data.noise)
 
 
-def readings(case: Case, row: Floats) -> tuple[Reading, ...]:
+def readings(case: ReadingCase, row: Floats) -> tuple[Reading, ...]:
     """Return what is read, from ln ratios and, behind them, ln stiffnesses."""
     stiff = iter(row[len(case.presses) :].tolist())
     return tuple(
@@ -93,7 +93,7 @@ def readings(case: Case, row: Floats) -> tuple[Reading, ...]:
     )
 
 
-def simulated(truth: Truth, draws: int, seed: int) -> tuple[Floats, Floats]:
+def simulated(truth: ReadingTruth, draws: int, seed: int) -> tuple[Floats, Floats]:
     """Return points of the box and, of each, readings with noise."""
     case = truth.case
     random = np.random.default_rng([seed, crc32(case.name.encode())])
@@ -102,7 +102,7 @@ def simulated(truth: Truth, draws: int, seed: int) -> tuple[Floats, Floats]:
     return points, exact + np.log1p(case.noises * random.normal(size=exact.shape))
 
 
-def outcome(truth: Truth, draws: int, seed: int) -> Outcome:
+def outcome(truth: ReadingTruth, draws: int, seed: int) -> CoverageOutcome:
     """Return what comes of a case.
 
     Raises:
@@ -118,7 +118,9 @@ def outcome(truth: Truth, draws: int, seed: int) -> Outcome:
             raise RuntimeError(f"{case.name}: estimate says {own}, the benchmark {interval}")
     low, high = np.array([_numbers(one) for one in found]).T
     bounded = int((np.isfinite(high) & (low > 0)).sum())
-    return Outcome(int((high < values).sum()), int((low > values).sum()), bounded, int(fit.unexplained(rows).sum()), draws)
+    return CoverageOutcome(
+        int((high < values).sum()), int((low > values).sum()), bounded, int(fit.unexplained(rows).sum()), draws
+    )
 
 
 def _numbers(interval: Interval) -> tuple[float, float]:
@@ -141,7 +143,7 @@ def main() -> None:
     print(f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|", flush=True)
     for case in cases():
         if given.only in f"{case.kind}: {case.name}":
-            truth = Truth.of(case, tell)
+            truth = ReadingTruth.of(case, tell)
             defect = (truth.defect(CHECKED, np.random.default_rng([given.seed, 36])) / case.noises).max()
             print(row_of(truth, outcome(truth, given.draws, given.seed), float(defect)), flush=True)
 

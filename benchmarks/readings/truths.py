@@ -41,7 +41,7 @@ class Press:
 
 
 @dataclass(frozen=True)
-class Case:
+class ReadingCase:
     """What is simulated, and what is asked about it.
 
     Attributes:
@@ -124,7 +124,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Truth:
+class ReadingTruth:
     """All readings of a case as a polynomial on its box.
 
     Attributes:
@@ -132,11 +132,11 @@ class Truth:
         coefficients: of products of Chebyshev polynomials, one axis for each coordinate and the last for the readings.
     """
 
-    case: Case
+    case: ReadingCase
     coefficients: Floats
 
     @classmethod
-    def of(cls, case: Case, tell: Callable[[str], None] = lambda text: None) -> Truth:
+    def of(cls, case: ReadingCase, tell: Callable[[str], None] = lambda text: None) -> ReadingTruth:
         """Compute the readings at the points."""
         axes = [chebyshev.chebpts1(count) for _, _, count in case.box]
         by_curve = case.unknown == "youngs_modulus"  # one solution serves all moduli

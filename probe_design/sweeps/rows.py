@@ -152,7 +152,7 @@ class Job:
         """Answers to several scenes at once; None where that is not possible for all of them."""
         from solver.many import together
 
-        if len(scenes) < 2:
+        if not scenes:
             return None
         found = _caught(lambda: together(scenes, self.evaluator, self.accuracy, linear=self.linear))
         return None if isinstance(found, Exception) or None in found else [one for one in found if one is not None]

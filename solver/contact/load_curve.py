@@ -96,7 +96,7 @@ def ends_of(scene: Scene, accuracy: float) -> Ends:
 
 
 @dataclass(frozen=True)
-class _Change:
+class _LimitChange:
     """What a load may change by so much, relative."""
 
     by: str
@@ -110,15 +110,15 @@ class _Change:
         return None
 
 
-def _changes(on: LoadedScene, scene: Scene, accuracy: float) -> Iterator[_Change]:
-    yield _Change("ratio", _ratio, accuracy)
+def _changes(on: LoadedScene, scene: Scene, accuracy: float) -> Iterator[_LimitChange]:
+    yield _LimitChange("ratio", _ratio, accuracy)
     fine = on.paths[1]
     at_rest = abs(on.sensitivity(fine, fine.points[0])) if scene.target is not None else 0.0
     if at_rest:
-        yield _Change("log_sensitivity", on.sensitivity, max(5 * accuracy, LEAST_SENSITIVITY / at_rest))
+        yield _LimitChange("log_sensitivity", on.sensitivity, max(5 * accuracy, LEAST_SENSITIVITY / at_rest))
 
 
-def _on_finer(on: LoadedScene, change: _Change, coarse: LargestLoad | None) -> LargestLoad | None:
+def _on_finer(on: LoadedScene, change: _LimitChange, coarse: LargestLoad | None) -> LargestLoad | None:
     """The same load on the finer mesh, pressed somewhat further; that of the coarser one where it shows none."""
     if coarse is None:
         return None

@@ -20,7 +20,7 @@ def test_adapter_records_what_read_reads(tmp_path: Path) -> None:
     assert (ended.returncode, ended.stdout) == (0, "2000 samples, 0 gaps\n"), ended.stderr
     with h5py.File(tmp_path / "run.h5") as file:
         amplitudes = [np.sqrt(2) * np.std(file[name][:]) for name in ("inner", "outer")]
-    np.testing.assert_allclose(amplitudes, [0.02, 0.03], rtol=1e-3)
+    np.testing.assert_allclose(amplitudes, [8e-5, 12e-5], rtol=1e-3)
     ended = program.run("read", SCENE, "--replay", tmp_path / "run.h5", "--json")
     assert ended.returncode == 0, ended.stderr
     found = json.loads(ended.stdout)
